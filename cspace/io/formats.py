@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import FileError, InputError
+from cspace.errors import InputError
 from cspace.io.input import decoding, existing, suffix_of
 from cspace.io.ply import read_ply_header
 
@@ -67,12 +67,8 @@ def read_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
     Raises FileError if the file is missing, is no such file, is truncated, or holds Python objects.
     """
     file = existing(path, _KIND)
-
-    def refusal(reason: str) -> FileError:
-        rule = "it must hold one array, boolean for cells or floating-point for points"
-        return FileError(str(file), f"cannot be read: {reason}", rule, "write it with numpy.save")
-
-    with decoding(file, _KIND, refusal), np.errstate(over="raise"):
+    rule = "it must hold one array, boolean for cells or floating-point for points"
+    with decoding(file, _KIND, rule, "write it with numpy.save"), np.errstate(over="raise"):
         return np.lib.format.open_memmap(file, mode="r")
 
 
@@ -99,12 +95,9 @@ def read_zarr_array(path: str | os.PathLike[str]) -> Any:
     """
     import zarr
 
-    def refusal(reason: str) -> FileError:
-        rule = "it must be one array in the Zarr format, of booleans"
-        return FileError(os.fspath(path), f"cannot be read: {reason}", rule, "write it with zarr.save_array")
-
     if not Path(path).is_dir():
         existing(path, "Zarr array")
-        raise refusal("it is not a folder")
-    with decoding(path, "Zarr array", refusal):
+    with decoding(
+        path, "Zarr array", "it must be a folder with one array of booleans", "write it with zarr.save_array"
+    ):
         return zarr.open_array(os.fspath(path), mode="r")

@@ -16,7 +16,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from cspace.io.input import Fault, damaged, read_bytes
+from cspace.io.input import Fault, read_bytes
 from cspace.io.limits import check_bytes
 from cspace.io.plain import check_nesting
 from cspace.io.polygons import Floats, unfolded, unread
@@ -206,7 +206,7 @@ class _Beside(Mapping[str, bytes]):
         folder = self.file.parent
         other = folder / unquote(uri)
         if not other.resolve().is_relative_to(folder.resolve()):
-            raise damaged(self.file, f"has its data in {uri!r:.80}, outside of its folder")
+            raise Fault(f"has its data in {uri!r:.80}, outside of its folder")
         return read_bytes(other, "buffer of glTF")
 
     def __iter__(self) -> Iterator[str]:

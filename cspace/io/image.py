@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import FileError, InputError
+from cspace.errors import InputError
 from cspace.grid import finite
-from cspace.io.input import damaged, decoding, existing, read_bytes
+from cspace.io.input import Fault, decoding, existing, read_bytes
 from cspace.io.limits import check_cells
 
 if TYPE_CHECKING:
@@ -93,13 +93,8 @@ def read_shades(path: str | os.PathLike[str], kind: str) -> Shades:
     from PIL import Image
 
     file = existing(path, kind)
-
-    def refusal(reason: str) -> FileError:
-        rule = f"{kind} is a whole file of {', '.join(FORMATS)}"
-        return FileError(str(file), f"cannot be decoded as an image: {reason}", rule, "save it again")
-
     data = read_bytes(file, kind)
-    with decoding(file, kind, refusal):
+    with decoding(file, kind, f"it is a whole file of {', '.join(FORMATS)}", "save it again"):
         with _PILLOWS_LIMIT:
             limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
             try:
@@ -111,12 +106,12 @@ def read_shades(path: str | os.PathLike[str], kind: str) -> Shades:
             warnings.simplefilter("ignore")  # of metadata that cannot be read, which is not asked for
             check_cells(file, image.size, memory=_BYTES_A_PIXEL)
             if image.format in _PACKED and math.prod(image.size) > _MOST_A_BYTE * len(data):
-                raise damaged(file, f"declares {image.width} x {image.height} pixels, more than its bytes can hold")
+                raise Fault(f"declares {image.width} x {image.height} pixels, more than its bytes can hold")
             image.load()
-            return _shades(image, str(file))
+            return _shades(image)
 
 
-def _shades(image: Image, file: str) -> Shades:
+def _shades(image: Image) -> Shades:
     opaque: NDArray[np.bool_] | bool = True
     levels: NDArray[Any] | None = None
     most = 255
@@ -135,8 +130,7 @@ def _shades(image: Image, file: str) -> Shades:
         levels += channels[:, :, 1]
         levels += channels[:, :, 2]
     if levels is None:
-        raise FileError(
-            file,
+        raise Fault(
             f"has image mode {image.mode!r}",
             "pixels must be grey of up to 16 bits without transparency, or colour of 8 bits",
             "convert it, e.g. to an 8-bit grey PNG",

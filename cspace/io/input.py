@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, overload
@@ -33,21 +33,29 @@ def existing(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> Pa
     Raises InputError if ``path`` is not a file name, and FileError if nothing is there, or no plain file, or one that
     is too large (:mod:`cspace.io.limits`).
     """
+    file, what = look_up(path, kind)
+    if not what:
+        raise FileError(str(file), "does not exist", f"{_one(kind)} is to be read", "check the name and the folder")
+    if what != "file":
+        raise FileError(str(file), f"is {what}", f"{_one(kind)} is read from a plain file", "pass the file itself")
+    check_bytes(file, file.stat().st_size, memory=memory)
+    return file
+
+
+def look_up(path: str | os.PathLike[str], kind: str) -> tuple[Path, str]:
+    """A path, and what is there: "file", "a folder", "a device, a pipe or a socket", or nothing, the empty text.
+
+    Raises InputError if ``path`` is not a file name, and FileError if the system refuses to look there.
+    """
     try:
         file = Path(path)
-        there, plain = file.exists(), file.is_file()
-        folder = there and file.is_dir()
+        if file.is_file():
+            return file, "file"
+        return file, "a folder" if file.is_dir() else "a device, a pipe or a socket" if file.exists() else ""
     except (TypeError, ValueError) as error:
         raise not_a_name(path) from error
     except OSError as error:
         raise unreadable(path, kind, error) from error
-    if not there:
-        raise FileError(str(file), "does not exist", f"{_one(kind)} is to be read", "check the name and the folder")
-    if not plain:
-        what = "is a folder" if folder else "is a device, a pipe or a socket"
-        raise FileError(str(file), what, f"{_one(kind)} is read from a plain file", "pass the file itself")
-    check_bytes(file, file.stat().st_size, memory=memory)
-    return file
 
 
 def not_a_name(path: object) -> InputError:
@@ -59,11 +67,6 @@ def unreadable(path: str | os.PathLike[str], kind: str, error: OSError) -> FileE
     """The error for a file that the system refuses to read."""
     fault, rule = f"cannot be read: {error.strerror or error}", f"{_one(kind)} must be readable"
     return FileError(os.fspath(path), fault, rule, "check its permissions")
-
-
-def damaged(path: str | os.PathLike[str], fault: str) -> FileError:
-    """The error for a file that breaks the rules of its format, or is cut short."""
-    return FileError(os.fspath(path), *Fault(fault).parts)
 
 
 class Fault(Exception):  # noqa: N818 - it becomes an error in decoding
@@ -86,12 +89,10 @@ class Fault(Exception):  # noqa: N818 - it becomes an error in decoding
 
 
 @contextmanager
-def decoding(
-    path: str | os.PathLike[str], kind: str, refusal: Callable[[str], FileError] | None = None
-) -> Iterator[None]:
+def decoding(path: str | os.PathLike[str], kind: str, *advice: str) -> Iterator[None]:
     """Turn whatever damage makes the decoders in a block raise into one error for the file.
 
-    ``refusal`` makes the error of the reason in a line; :func:`damaged` does, if it is left out.
+    ``advice`` are the rule and the mend of an error that is no :class:`Fault`; by default those of one.
     """
     try:
         yield
@@ -103,7 +104,7 @@ def decoding(
         raise unreadable(path, kind, error) from error
     except Exception as error:
         reason = f"{type(error).__name__}: {' '.join(str(error).split()):.200}"
-        raise (refusal(reason) if refusal else damaged(path, f"cannot be read as {_one(kind)} ({reason})")) from error
+        raise FileError(os.fspath(path), *Fault(f"cannot be read as {_one(kind)} ({reason})", *advice).parts) from error
 
 
 def suffix_of(path: str | os.PathLike[str], known: Iterable[str], rule: str, argument: str = "path") -> str:
@@ -148,13 +149,13 @@ def read_text(path: str | os.PathLike[str], kind: str, memory: float = 4.0) -> s
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
-def read_columns(text: str, file: str, first: int = 1) -> NDArray[np.float64]:
+def read_columns(text: str, first: int = 1) -> NDArray[np.float64]:
     """Numbers of a text, shape (n, columns), a row for each line that holds some; (0, 0) where there are none.
 
     Columns are separated by commas where the first row has one, else by blanks; ``#`` begins a comment, and ``first``
     is the number of the first line. A text that is cut within its last number cannot be told from a whole one.
 
-    Raises FileError if a line holds something else than numbers, or has more or fewer than the first one; the message
+    Raises Fault if a line holds something else than numbers, or has more or fewer than the first one; the message
     names it.
     """
     row = next((content for line in text.split("\n") if (content := _content(line))), "")
@@ -164,7 +165,7 @@ def read_columns(text: str, file: str, first: int = 1) -> NDArray[np.float64]:
     try:
         return np.loadtxt(io.StringIO(text), dtype=np.float64, comments="#", delimiter=separator, ndmin=2)
     except ValueError as error:
-        raise _fault(text, file, first, separator, len(row.split(separator)), error) from error
+        raise _fault(text, first, separator, len(row.split(separator)), error) from error
 
 
 def _content(line: str) -> str:
@@ -172,8 +173,8 @@ def _content(line: str) -> str:
     return line.partition("#")[0].strip()
 
 
-def _fault(text: str, file: str, first: int, separator: str | None, columns: int, error: ValueError) -> FileError:
-    """The error for the first line that is wrong."""
+def _fault(text: str, first: int, separator: str | None, columns: int, error: ValueError) -> Fault:
+    """What is wrong with the first line that is."""
     for number, line in enumerate(text.split("\n"), start=first):
         parts = _content(line).split(separator) if _content(line) else []
         rule = f"{columns} columns, like the first row"
@@ -183,8 +184,8 @@ def _fault(text: str, file: str, first: int, separator: str | None, columns: int
         except ValueError:
             rule = "numbers alone; a heading needs a '#' before it"
         fault = f"line {number} is {line.strip()[:_SHOWN]!r}"
-        return FileError(file, fault, f"it must hold {rule}", "mend the line, or fetch a truncated file again")
-    return FileError(file, f"cannot be read: {error}", "it must hold columns of numbers", "mend that line")
+        return Fault(fault, f"it must hold {rule}", "mend the line, or fetch a truncated file again")
+    return Fault(f"cannot be read: {error}", "it must hold columns of numbers", "mend that line")
 
 
 def header_lines(content: bytes) -> Iterator[tuple[str, int]]:

@@ -14,8 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import FileError
-from cspace.io.input import damaged, is_count, read_text
+from cspace.io.input import Fault, decoding, is_count, read_text
 from cspace.io.limits import check_cells
 
 PASSABLE: Final = ".GS"
@@ -32,33 +31,34 @@ def read_map(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
     Raises FileError if the file is missing, the header is malformed, a row has the wrong length or another character,
     or rows are missing or left over; the message names the line.
     """
-    lines = _lines(path, "MovingAI map")
-    if lines[:1] != ["type octile"]:
-        raise _fault(path, 1, lines, "'type octile'")
-    sizes: dict[str, int] = {}
-    for number, line in enumerate(lines[1:3], start=2):
-        key, _, value = line.partition(" ")
-        if key not in ("height", "width") or not is_count(value.strip()) or int(value) == 0:
-            raise _fault(path, number, lines, "'height' or 'width' and a whole number above zero")
-        sizes[key] = int(value)
-    if len(sizes) != 2:
-        raise _fault(path, min(len(lines), 2) + 1, lines, "'height' and 'width', once each, in lines 2 and 3")
-    if lines[3:4] != ["map"]:
-        raise _fault(path, 4, lines, "'map'")
-    rows, width, height = lines[4:], sizes["width"], sizes["height"]
-    for number, row in enumerate(rows, start=5):
-        if len(row) != width:
-            raise damaged(path, f"line {number} has {len(row)} characters, and the header says width {width}")
-        wrong = row.translate(_DROP_CELLS)
-        if wrong:
-            fault = f"line {number}, column {row.index(wrong[0]) + 1} is {wrong[0]!r}"
-            rule = f"cells are one of '{PASSABLE}' (passable) or '{BLOCKED}' (blocked)"
-            raise FileError(os.fspath(path), fault, rule, "replace it")
-    if len(rows) != height:
-        raise damaged(path, f"ends at line {len(lines)} with {len(rows)} rows, and the header says height {height}")
-    cells = np.frombuffer("".join(rows).encode("ascii"), dtype=np.uint8).reshape(height, width)
-    blocked = np.isin(cells, np.frombuffer(BLOCKED.encode("ascii"), dtype=np.uint8))
-    return np.ascontiguousarray(blocked[::-1].T)
+    with decoding(path, "MovingAI map"):
+        lines = _lines(path, "MovingAI map")
+        if lines[:1] != ["type octile"]:
+            raise _fault(1, lines, "'type octile'")
+        sizes: dict[str, int] = {}
+        for number, line in enumerate(lines[1:3], start=2):
+            key, _, value = line.partition(" ")
+            if key not in ("height", "width") or not is_count(value.strip()) or int(value) == 0:
+                raise _fault(number, lines, "'height' or 'width' and a whole number above zero")
+            sizes[key] = int(value)
+        if len(sizes) != 2:
+            raise _fault(min(len(lines), 2) + 1, lines, "'height' and 'width', once each, in lines 2 and 3")
+        if lines[3:4] != ["map"]:
+            raise _fault(4, lines, "'map'")
+        rows, width, height = lines[4:], sizes["width"], sizes["height"]
+        for number, row in enumerate(rows, start=5):
+            if len(row) != width:
+                raise Fault(f"line {number} has {len(row)} characters, and the header says width {width}")
+            wrong = row.translate(_DROP_CELLS)
+            if wrong:
+                fault = f"line {number}, column {row.index(wrong[0]) + 1} is {wrong[0]!r}"
+                rule = f"cells are one of '{PASSABLE}' (passable) or '{BLOCKED}' (blocked)"
+                raise Fault(fault, rule, "replace it")
+        if len(rows) != height:
+            raise Fault(f"ends at line {len(lines)} with {len(rows)} rows, and the header says height {height}")
+        cells = np.frombuffer("".join(rows).encode("ascii"), dtype=np.uint8).reshape(height, width)
+        blocked = np.isin(cells, np.frombuffer(BLOCKED.encode("ascii"), dtype=np.uint8))
+        return np.ascontiguousarray(blocked[::-1].T)
 
 
 def read_3dmap(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
@@ -70,35 +70,35 @@ def read_3dmap(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
     Raises FileError if the file is missing, declares too many voxels, or a line is malformed or has a voxel outside the
     map; the message names the line. A file that is cut between two lines cannot be told from a whole one.
     """
-    text = read_text(path, "MovingAI voxel map")
-    first, _, body = text.partition("\n")
-    kind, *counts = first.split() or [""]
-    if kind != "voxel" or len(counts) != 3 or not all(is_count(count) and int(count) > 0 for count in counts):
-        raise _fault(path, 1, [first.rstrip()], "'voxel' and three whole numbers above zero")
-    shape = (int(counts[0]), int(counts[1]), int(counts[2]))
-    check_cells(path, shape)
-    blocked = np.zeros(shape, dtype=np.bool_)
-    if not body.strip():
-        return blocked
-    if _VOXEL_LINES.issuperset(body):
-        with suppress(ValueError):
-            voxels = np.loadtxt(io.StringIO(body), dtype=np.int64, comments=None, ndmin=2)
-            if voxels.shape[1] == 3 and (voxels < shape).all():
-                blocked[tuple(voxels.T)] = True
-                return blocked
-    raise _voxel_fault(path, body, shape)
+    first, _, body = read_text(path, "MovingAI voxel map").partition("\n")
+    with decoding(path, "MovingAI voxel map"):
+        kind, *counts = first.split() or [""]
+        if kind != "voxel" or len(counts) != 3 or not all(is_count(count) and int(count) > 0 for count in counts):
+            raise _fault(1, [first.rstrip()], "'voxel' and three whole numbers above zero")
+        shape = (int(counts[0]), int(counts[1]), int(counts[2]))
+        check_cells(path, shape)
+        blocked = np.zeros(shape, dtype=np.bool_)
+        if not body.strip():
+            return blocked
+        if _VOXEL_LINES.issuperset(body):
+            with suppress(ValueError):
+                voxels = np.loadtxt(io.StringIO(body), dtype=np.int64, comments=None, ndmin=2)
+                if voxels.shape[1] == 3 and (voxels < shape).all():
+                    blocked[tuple(voxels.T)] = True
+                    return blocked
+        raise _voxel_fault(body, shape)
 
 
-def _voxel_fault(path: str | os.PathLike[str], body: str, shape: tuple[int, int, int]) -> FileError:
-    """The error for the first line of a voxel map, below the header, that is not what it should be."""
+def _voxel_fault(body: str, shape: tuple[int, int, int]) -> Fault:
+    """What is wrong with the first line of a voxel map, below the header, that is not what it should be."""
     lines = ["", *(line.strip() for line in body.split("\n"))]
     for number, line in enumerate(lines[1:], start=2):
         tokens = line.split()
         if tokens and not (len(tokens) == 3 and all(map(is_count, tokens))):
-            return _fault(path, number, lines, "'x y z' of a blocked voxel, whole numbers from 0 on")
+            return _fault(number, lines, "'x y z' of a blocked voxel, whole numbers from 0 on")
         if tokens and any(int(token) >= n for token, n in zip(tokens, shape, strict=True)):
-            return _fault(path, number, lines, f"a voxel inside {' x '.join(map(str, shape))}, counted from 0")
-    return damaged(path, "cannot be read as lines of 'x y z'")
+            return _fault(number, lines, f"a voxel inside {' x '.join(map(str, shape))}, counted from 0")
+    return Fault("cannot be read as lines of 'x y z'")
 
 
 def _lines(path: str | os.PathLike[str], kind: str) -> list[str]:
@@ -106,7 +106,7 @@ def _lines(path: str | os.PathLike[str], kind: str) -> list[str]:
     return [line.rstrip() for line in read_text(path, kind).rstrip().split("\n")]
 
 
-def _fault(path: str | os.PathLike[str], number: int, lines: list[str], rule: str) -> FileError:
-    """The error for a line that is not what it should be."""
+def _fault(number: int, lines: list[str], rule: str) -> Fault:
+    """What is wrong with a line that is not what it should be."""
     line = repr(lines[number - 1][:60]) if number <= len(lines) else "missing"
-    return FileError(os.fspath(path), f"line {number} is {line}", f"it must hold {rule}", "mend it or fetch it again")
+    return Fault(f"line {number} is {line}", f"it must hold {rule}", "mend it or fetch it again")

@@ -66,8 +66,8 @@ def read_octomap(path: str | os.PathLike[str], unknown: str = "occupied") -> tup
     grid = Grid((first - _HALF) * header.resolution, header.resolution, across)
     leaves[:, :3] -= first
     unseen, occupied = np.ones(across, dtype=np.bool_), np.zeros(across, dtype=np.bool_)
-    paint_cubes(unseen, np.ascontiguousarray(leaves[:, :4]), False)
-    paint_cubes(occupied, np.ascontiguousarray(leaves[leaves[:, 4] == 1, :4]), True)
+    fill_leaves(unseen, np.ascontiguousarray(leaves[:, :4]), False)
+    fill_leaves(occupied, np.ascontiguousarray(leaves[leaves[:, 4] == 1, :4]), True)
     if unknown == "occupied":
         occupied |= unseen
     return grid, occupied, unseen
@@ -214,10 +214,10 @@ def _lowest(bits: int) -> int:
 
 
 @jit
-def paint_cubes(out: Bools, cubes: Ints, value: bool) -> None:
-    """Set ``out`` to ``value`` in cubes of cells, each given by its first cell and its side, shape (n, 4)."""
-    for n in range(len(cubes)):
-        x, y, z, side = cubes[n]
+def fill_leaves(out: Bools, leaves: Ints, value: bool) -> None:
+    """Set ``out`` to ``value`` in leaves, each a cube of cells given by its first cell and its side, shape (n, 4)."""
+    for n in range(len(leaves)):
+        x, y, z, side = leaves[n]
         for i in range(x, x + side):
             for j in range(y, y + side):
                 for k in range(z, z + side):

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.compiling import jit
-from cspace.errors import FileError
-from cspace.io.input import damaged, header_lines, read_bytes, read_columns
+from cspace.io.input import Fault, header_lines, read_bytes, read_columns
 from cspace.io.limits import check_bytes
 
 Floats = NDArray[np.float64]
@@ -71,21 +70,20 @@ def read_pcd(path: str | os.PathLike[str]) -> Floats:
     any numeric type; others are left. ``VIEWPOINT`` is not applied, as in the Point Cloud Library. An ``ascii`` file
     that is cut within its very last number has all its points, and is not told from a whole one.
     """
-    content, file = read_bytes(path, KIND, memory=12.0), os.fspath(path)
-    header, end = _split(file, content)
-    points = _DECODERS[header.data](file, header, content[end:])
+    content = read_bytes(path, KIND, memory=12.0)
+    header, end = _split(content)
+    points = _DECODERS[header.data](header, content[end:], os.fspath(path))
     return np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
 
 
-def _split(file: str, content: bytes) -> tuple[_Header, int]:
+def _split(content: bytes) -> tuple[_Header, int]:
     """The header, and the byte after it."""
     entries: dict[str, list[str]] = {}
     end = 0
     for number, (line, after) in enumerate(header_lines(content), start=1):
         key, *values = line.partition("#")[0].split() or [""]
         if key and key not in _KEYS:
-            raise FileError(
-                file,
+            raise Fault(
                 f"line {number} is {line[:40]!r}",
                 f"the header of a PCD file has lines of {', '.join(_KEYS)}",
                 "the file is damaged or of another format",
@@ -97,11 +95,11 @@ def _split(file: str, content: bytes) -> tuple[_Header, int]:
             break
     missing = [key for key in ("FIELDS", "SIZE", "TYPE", "DATA") if key not in entries]
     if missing or not ("POINTS" in entries or {"WIDTH", "HEIGHT"} <= entries.keys()):
-        raise damaged(file, f"has no {' and '.join(missing) or 'POINTS'} in its header, which ends with DATA")
-    return _header(file, entries, number), end
+        raise Fault(f"has no {' and '.join(missing) or 'POINTS'} in its header, which ends with DATA")
+    return _header(entries, number), end
 
 
-def _header(file: str, entries: dict[str, list[str]], lines: int) -> _Header:
+def _header(entries: dict[str, list[str]], lines: int) -> _Header:
     """The header, checked."""
     fields = tuple(entries["FIELDS"])
     try:
@@ -110,64 +108,64 @@ def _header(file: str, entries: dict[str, list[str]], lines: int) -> _Header:
         grid = [int(entries[key][0]) for key in ("WIDTH", "HEIGHT") if key in entries]
         points = int(entries["POINTS"][0]) if "POINTS" in entries else math.prod(grid)
     except (ValueError, IndexError) as error:
-        raise damaged(file, f"has a malformed header: {error}; SIZE, COUNT and POINTS hold whole numbers") from error
+        raise Fault(f"has a malformed header: {error}; SIZE, COUNT and POINTS hold whole numbers") from error
     types = list(zip(entries["TYPE"], sizes, strict=False))
     if not (len(fields) == len(sizes) == len(entries["TYPE"]) == len(counts)) or not set(types) <= _TYPES:
         rule = "each field needs a type F, I or U, a size of 1, 2, 4 or 8 bytes and a count"
-        raise damaged(file, f"has fields {fields} of types {types} and counts {counts}; {rule}")
+        raise Fault(f"has fields {fields} of types {types} and counts {counts}; {rule}")
     coordinates = [field for field in fields if field in ("x", "y", "z")]
     if sorted(coordinates) != ["x", "y", "z"] or any(counts[fields.index(axis)] != 1 for axis in "xyz"):
-        raise damaged(file, f"has the fields {' '.join(fields)}; a cloud in space has x, y and z, once each")
+        raise Fault(f"has the fields {' '.join(fields)}; a cloud in space has x, y and z, once each")
     if min(*counts, points, *grid) < 0 or (len(grid) == 2 and math.prod(grid) != points):
         where = " x ".join(map(str, grid))
-        raise damaged(file, f"says {points} points in {where}, with counts {counts}, which do not agree")
+        raise Fault(f"says {points} points in {where}, with counts {counts}, which do not agree")
     length = sum(size * count for size, count in zip(sizes, counts, strict=True))
     if length > _LONGEST:
-        raise damaged(file, f"says {length} bytes for each point, by SIZE and COUNT; at most {_LONGEST} are read")
+        raise Fault(f"says {length} bytes for each point, by SIZE and COUNT; at most {_LONGEST} are read")
     data = " ".join(entries["DATA"])
     if data not in _DECODERS:
-        raise FileError(file, f"says DATA {data!r:.60}", f"it is one of {', '.join(_DECODERS)}", "write the file again")
+        raise Fault(f"says DATA {data!r:.60}", f"it is one of {', '.join(_DECODERS)}", "write the file again")
     dtypes = tuple(np.dtype(f"<{kind.lower()}{size}") for kind, size in types)
     return _Header(fields, dtypes, counts, points, data, lines)
 
 
-def _ascii(file: str, header: _Header, body: bytes) -> Floats:
-    rows = read_columns(body.decode("latin-1"), file, header.lines + 1)
+def _ascii(header: _Header, body: bytes, file: str) -> Floats:
+    rows = read_columns(body.decode("latin-1"), header.lines + 1)
     starts = np.cumsum([0, *header.counts])
     if len(rows) != header.points:
-        raise damaged(file, f"holds {len(rows)} points, and its header says {header.points}")
+        raise Fault(f"holds {len(rows)} points, and its header says {header.points}")
     if len(rows) and rows.shape[1] != starts[-1]:
-        raise damaged(file, f"has {rows.shape[1]} columns, and its header says {starts[-1]}")
+        raise Fault(f"has {rows.shape[1]} columns, and its header says {starts[-1]}")
     return rows[:, starts[header.xyz]] if len(rows) else np.zeros((0, 3))
 
 
-def _binary(file: str, header: _Header, body: bytes) -> Floats:
+def _binary(header: _Header, body: bytes, file: str) -> Floats:
     record = header.record
     if len(body) < header.points * record.itemsize:
-        raise damaged(file, f"holds {len(body) // record.itemsize} points, and its header says {header.points}")
+        raise Fault(f"holds {len(body) // record.itemsize} points, and its header says {header.points}")
     cloud = np.frombuffer(body, dtype=record, count=header.points)
     return np.stack([cloud[str(n)].astype(np.float64) for n in header.xyz], axis=1)
 
 
-def _compressed(file: str, header: _Header, body: bytes) -> Floats:
+def _compressed(header: _Header, body: bytes, file: str) -> Floats:
     """One field after the other, packed by LZF; before them the sizes, packed and unpacked."""
     wanted = header.points * header.record.itemsize
     if header.points == 0:
         return np.zeros((0, 3))
     if len(body) < 8:
-        raise damaged(file, f"holds {len(body)} bytes after its header, and its header says at least 8")
+        raise Fault(f"holds {len(body)} bytes after its header, and its header says at least 8")
     packed, unpacked = (int(size) for size in np.frombuffer(body, dtype="<u4", count=2))
     if len(body) - 8 < packed:
-        raise damaged(file, f"holds {len(body) - 8} bytes of packed points, and its header says {packed}")
+        raise Fault(f"holds {len(body) - 8} bytes of packed points, and its header says {packed}")
     if unpacked != wanted:
         size = f"{header.points} points of {header.record.itemsize} bytes are {wanted}"
-        raise damaged(file, f"says {unpacked} bytes of points; {size}")
+        raise Fault(f"says {unpacked} bytes of points; {size}")
     if wanted > _UNPACKED * packed:
-        raise damaged(file, f"says {packed} packed bytes for {wanted}; one stands for {_UNPACKED} at most")
+        raise Fault(f"says {packed} packed bytes for {wanted}; one stands for {_UNPACKED} at most")
     check_bytes(file, wanted, "unpacks to", memory=4.0)
     plain = np.empty(wanted, dtype=np.uint8)
     if unpack_lzf(np.frombuffer(body, dtype=np.uint8, count=packed, offset=8), plain) != wanted:
-        raise damaged(file, f"does not unpack to the {wanted} bytes that it tells")
+        raise Fault(f"does not unpack to the {wanted} bytes that it tells")
     widths = [header.points * kind.itemsize * n for kind, n in zip(header.types, header.counts, strict=True)]
     starts = np.cumsum([0, *widths])
     columns = [plain[starts[n] : starts[n + 1]].view(header.types[n]) for n in header.xyz]
@@ -214,7 +212,7 @@ def unpack_lzf(packed: NDArray[np.uint8], out: NDArray[np.uint8]) -> int:
     return written
 
 
-_DECODERS: Final[dict[str, Callable[[str, _Header, bytes], Floats]]] = {
+_DECODERS: Final[dict[str, Callable[[_Header, bytes, str], Floats]]] = {
     "ascii": _ascii,
     "binary": _binary,
     "binary_compressed": _compressed,

@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import FileError, GeometryError
-from cspace.io.input import damaged, decoding, existing, header_lines, is_count, numbers_of, read_bytes
+from cspace.errors import GeometryError
+from cspace.io.input import Fault, decoding, existing, header_lines, is_count, numbers_of, read_bytes
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -66,47 +66,43 @@ def read_ply_header(path: str | os.PathLike[str]) -> PlyHeader:
     """
     file = existing(path, KIND)
     with decoding(file, KIND), file.open("rb") as stream:
-        return _header(stream.read(2**16), str(file))
+        return _header(stream.read(2**16))
 
 
 def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Integers, Integers]:
     """Vertices, shape (V, 3), of a PLY file, the corners of its polygons, one after the other, and how many each has.
 
-    Raises FileError if the file is missing, malformed or truncated, holds more or fewer elements than it declares, or
-    is binary and has faces of different numbers of corners, and GeometryError if it has surfaces of another kind.
+    Raises FileError if the file is missing, and Fault if it is malformed or truncated, holds more or fewer elements
+    than it declares, is binary and has faces of different numbers of corners, or has surfaces of another kind.
     """
     from trimesh.exchange.ply import load_ply
 
-    content, file = read_bytes(path, KIND, memory=_MEMORY), os.fspath(path)
-    header = _header(content, file)
+    content = read_bytes(path, KIND, memory=_MEMORY)
+    header = _header(content)
     faces: tuple[Integers, Integers] | None = None
     if header.is_text:
-        content, faces = _counted(content, header, file)
+        content, faces = _counted(content, header)
     if not {"x", "y", "z"} <= {name for name, _ in header.properties["vertex"]}:
-        raise damaged(file, "has vertices without x, y and z")
+        raise Fault("has vertices without x, y and z")
     names = [name for name, is_list in header.properties.get("face", []) if is_list and name in _CORNERS]
     if header.faces and len(names) != 1:
-        raise damaged(file, f"has faces without one list named {' or '.join(_CORNERS)}")
+        raise Fault(f"has faces without one list named {' or '.join(_CORNERS)}")
     if not header.vertices:
         return np.empty((0, 3)), *_NO_FACES
-
-    def refusal(reason: str) -> FileError:
-        return damaged(file, f"cannot be read as a {KIND} with faces of equally many corners ({reason})")
-
-    with decoding(file, KIND, refusal), warnings.catch_warnings():
+    with decoding(path, f"{KIND} with faces of equally many corners"), warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)  # what numpy says of text that is no number
         loaded: Any = load_ply(io.BytesIO(content), skip_materials=True)
         elements = loaded["metadata"]["_ply_raw"]
         vertices = np.column_stack([np.asarray(elements["vertex"]["data"][axis]).reshape(-1) for axis in "xyz"])
         if faces is None:
-            faces = _corners(elements["face"]["data"], names[0], header, file) if header.faces else _NO_FACES
+            faces = _corners(elements["face"]["data"], names[0], header) if header.faces else _NO_FACES
     if len(vertices) != header.vertices or len(faces[1]) != header.faces:
         counts = f"{len(vertices)} and {len(faces[1])} were read"
-        raise damaged(file, f"declares {header.vertices} vertices and {header.faces} faces, and {counts}")
+        raise Fault(f"declares {header.vertices} vertices and {header.faces} faces, and {counts}")
     return vertices.astype(np.float64), *faces
 
 
-def _counted(content: bytes, header: PlyHeader, file: str) -> tuple[bytes, tuple[Integers, Integers]]:
+def _counted(content: bytes, header: PlyHeader) -> tuple[bytes, tuple[Integers, Integers]]:
     """A text without its blank lines, each of the others held to the properties of its element; and the faces.
 
     trimesh takes blank lines for elements, passes over lines and words too many, and tells the length of all lists by
@@ -114,7 +110,7 @@ def _counted(content: bytes, header: PlyHeader, file: str) -> tuple[bytes, tuple
     """
     rows = [tokens for line in content[header.end :].splitlines() if (tokens := line.split())]
     if len(rows) != sum(header.counts.values()):
-        raise damaged(file, f"declares {sum(header.counts.values())} elements and has {len(rows)} lines of them")
+        raise Fault(f"declares {sum(header.counts.values())} elements and has {len(rows)} lines of them")
     corners: list[bytes] = []
     sizes: list[int] = []
     first = 0
@@ -130,15 +126,15 @@ def _counted(content: bytes, header: PlyHeader, file: str) -> tuple[bytes, tuple
                         corners += tokens[at + 1 : at + 1 + sizes[-1]]
                     at += 1 + int(tokens[at]) if is_list else 1
                 if at != len(tokens):
-                    raise damaged(file, f"has a {element} of {len(tokens)} words, and declares {at}")
+                    raise Fault(f"has a {element} of {len(tokens)} words, and declares {at}")
             first += count
         faces = numbers_of(corners, int), np.array(sizes, dtype=np.int64)
     except (IndexError, ValueError, OverflowError) as error:
-        raise damaged(file, f"has elements that are not as declared ({error})") from error
+        raise Fault(f"has elements that are not as declared ({error})") from error
     return content[: header.end] + b"\n".join(map(b" ".join, rows)), faces
 
 
-def _header(content: bytes, file: str) -> PlyHeader:
+def _header(content: bytes) -> PlyHeader:
     counts: dict[str, int] = {}
     properties: dict[str, list[tuple[str, bool]]] = {}
     form, name = "", ""
@@ -157,28 +153,27 @@ def _header(content: bytes, file: str) -> PlyHeader:
             known = ("face", "range_grid")
             strange = [e for e in counts if e not in known and counts[e] and any(listed for _, listed in properties[e])]
             if strange:
-                raise GeometryError(
-                    file,
+                raise Fault(
                     f"has elements {', '.join(strange)} with lists, which may be surfaces",
                     "they would be lost, since only 'face' is read",
                     "write it with faces, e.g. by MeshLab",
+                    kind=GeometryError,
                 )
             return PlyHeader(form == "ascii", counts, properties, after)
         elif number and tokens[:1] not in (["comment"], ["obj_info"], []):
             break
-    raise FileError(
-        file,
+    raise Fault(
         "has no whole PLY header",
         "it goes from 'ply' and 'format' to 'end_header' and tells 'element vertex' once",
         "the file is truncated or of another format, fetch it again",
     )
 
 
-def _corners(data: Any, name: str, header: PlyHeader, file: str) -> tuple[Integers, Integers]:
+def _corners(data: Any, name: str, header: PlyHeader) -> tuple[Integers, Integers]:
     """The faces of a binary file, all of equally many corners: trimesh tells the length by the first one."""
     counts, corners = data[name]["f0"], data[name]["f1"]
     size = corners.shape[1] if corners.ndim == 2 else 1
     lists = [data[other]["f0"] for other, is_list in header.properties["face"] if is_list]
     if any((lengths != lengths[0]).any() for lengths in lists):
-        raise damaged(file, "has faces of different numbers of corners; write it as text, or with triangles alone")
+        raise Fault("has faces of different numbers of corners; write it as text, or with triangles alone")
     return np.asarray(corners, dtype=np.int64).reshape(-1), np.full(len(counts), size)

@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import FileError, GeometryError
+from cspace.errors import GeometryError
 from cspace.io.formats import read_npy
-from cspace.io.input import read_columns, read_text, suffix_of
+from cspace.io.input import Fault, decoding, read_columns, read_text, suffix_of
 from cspace.io.pcd import read_pcd
 from cspace.io.ply import read_ply
 
@@ -30,39 +30,35 @@ def read_points(path: Named) -> Floats:
     Raises GeometryError if there is no point, or a point is not finite: many sensors write NaN where they saw
     nothing, which is neither free nor occupied. Or if a ``.ply`` has surfaces that are no faces.
     """
-    points = READERS[suffix_of(path, READERS, "the suffix says how a cloud is written", "points")](path)
-    file = os.fspath(path)
-    if not len(points):
-        raise GeometryError(file, "holds no point", "a cloud needs one at least", "check how it was written")
-    broken = int((~np.isfinite(points).all(axis=1)).sum())
-    if broken:
-        raise GeometryError(
-            file,
-            f"holds {broken} points of {len(points)} that are not finite",
-            "where the sensor saw nothing is neither free nor occupied",
-            "drop them before the file is written: points[np.isfinite(points).all(axis=1)]",
-        )
+    read = READERS[suffix_of(path, READERS, "the suffix says how a cloud is written", "points")]
+    with decoding(path, "point cloud"):
+        points = read(path)
+        if not len(points):
+            mend = "check how it was written"
+            raise Fault("holds no point", "a cloud needs one at least", mend, kind=GeometryError)
+        broken = int((~np.isfinite(points).all(axis=1)).sum())
+        if broken:
+            raise Fault(
+                f"holds {broken} points of {len(points)} that are not finite",
+                "where the sensor saw nothing is neither free nor occupied",
+                "drop them before the file is written: points[np.isfinite(points).all(axis=1)]",
+                kind=GeometryError,
+            )
     return points
 
 
 def _read_npy(path: Named) -> Floats:
     array = read_npy(path)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
-        raise FileError(
-            os.fspath(path),
-            f"holds shape {array.shape} and type {array.dtype}",
-            "a cloud is one array of numbers of shape (n, 3)",
-            "save such a one",
-        )
+        rule = "a cloud is one array of numbers of shape (n, 3)"
+        raise Fault(f"holds shape {array.shape} and type {array.dtype}", rule, "save such a one")
     return np.array(array, dtype=np.float64)
 
 
 def _read_text(path: Named) -> Floats:
-    rows = read_columns(read_text(path, "point cloud", memory=12.0), os.fspath(path))
+    rows = read_columns(read_text(path, "point cloud", memory=12.0))
     if len(rows) and rows.shape[1] < 3:
-        raise FileError(
-            os.fspath(path), f"has {rows.shape[1]} columns", "points have x, y and z", "write three for each"
-        )
+        raise Fault(f"has {rows.shape[1]} columns", "points have x, y and z", "write three for each")
     return np.ascontiguousarray(rows[:, :3]) if len(rows) else np.zeros((0, 3))
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.endless import map_of
 from cspace.errors import FileError
-from cspace.io.input import not_a_name, unreadable
+from cspace.io.input import look_up
 from cspace.io.record import grid_of, shapes_from, unusable
 from cspace.io.store import read_npz, read_parts, read_store
 from cspace.map.contents import Contents
@@ -138,16 +137,9 @@ def _restored(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> CSpace:
 
 def _is_folder(path: str | os.PathLike[str]) -> bool:
     """Whether a saved map is a folder, or else an ``.npz`` file."""
-    try:
-        where = Path(path)
-        there, folder = where.exists(), where.is_dir()
-    except (TypeError, ValueError) as error:
-        raise not_a_name(path) from error
-    except OSError as error:
-        raise unreadable(path, "saved map", error) from error
-    rule = "a saved map is a Zarr folder or an .npz file"
-    if not there:
+    (where, what), rule = look_up(path, "saved map"), "a saved map is a Zarr folder or an .npz file"
+    if not what:
         raise FileError(str(where), "does not exist", rule, "check the name")
-    if not folder and where.suffix.lower() != ".npz":
+    if what != "a folder" and where.suffix.lower() != ".npz":
         raise FileError(str(where), "is not a saved map", rule, "build the map first, with cspace.build")
-    return folder
+    return what == "a folder"

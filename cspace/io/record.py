@@ -37,6 +37,10 @@ STACKED: Final = ("state", "overlap", *FIELDS)
 TURNS: Final = (*YawRotations.COORDINATES, *QuaternionRotations.COORDINATES[:1])
 """Arrays that tell of the rotation cells; those of one kind are there where the robot turns."""
 
+_WHOLE: Final = (
+    "a saved map is opened only if it is complete and unchanged",
+    "copy it again from where it is whole, or build it again",
+)
 _REQUIRED: Final = ("state", "outer", "slice_of")
 _KEYS: Final = (
     *("format", "format_version", "library_version", "lower", "spacing", "shape", "outside", "margin", "precision"),
@@ -142,6 +146,16 @@ def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
         power = dim - (name != FIELDS[0])
         about["units"] = "m" if power == 1 else f"m{power}"
     return about
+
+
+def zarr_options(name: str, grid: Grid) -> dict[str, Any]:
+    """What an array of a map is created with in a Zarr group, beside its shape, type and encoding."""
+    return {
+        "fill_value": ARRAYS[name].lost,
+        "attributes": attributes_of(name, grid),
+        "dimension_names": axes_of(name, grid.dim),
+        "config": {"write_empty_chunks": True},
+    }
 
 
 def metadata_of(contents: Contents) -> dict[str, Any]:
@@ -290,17 +304,12 @@ def check_states(state: NDArray[np.uint8], path: str | os.PathLike[str]) -> None
 
 def unusable(path: str | os.PathLike[str], what: str) -> FileError:
     """The error for a saved map that cannot be trusted, and so is not opened at all."""
-    return FileError(
-        str(Path(path)),
-        f"is not a usable map: {what}",
-        "a saved map is opened only if it is complete and unchanged",
-        "copy it again from where it is whole, or build it again",
-    )
+    return FileError(str(Path(path)), f"is not a usable map: {what}", *_WHOLE)
 
 
 def decoding_map(path: str | os.PathLike[str]) -> AbstractContextManager[None]:
-    """Turns whatever a damaged map makes the decoders in a block raise into :func:`unusable`."""
-    return decoding(path, "saved map", lambda reason: unusable(path, f"it cannot be decoded ({reason})"))
+    """Turn whatever a damaged map makes the decoders in a block raise into one error for the map."""
+    return decoding(path, "usable map", *_WHOLE)
 
 
 def digest_of(content: bytes | memoryview) -> str:

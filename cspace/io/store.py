@@ -24,7 +24,6 @@ from cspace.io.output import replacing
 from cspace.io.record import (
     ARRAYS,
     arrays_of,
-    attributes_of,
     axes_of,
     check_kind,
     check_names,
@@ -38,6 +37,7 @@ from cspace.io.record import (
     turns_of,
     unseal,
     unusable,
+    zarr_options,
 )
 from cspace.map.contents import Contents
 from cspace.map.storage import PackedStates
@@ -126,18 +126,10 @@ def _encoded(metadata: dict[str, Any], arrays: Mapping[str, Any]) -> Iterator[tu
 
     group = zarr.create_group(MemoryStore(files), zarr_format=3)
     for name, array in arrays.items():
-        axes = axes_of(name, grid.dim)
-        chunks = _chunks(array.shape, axes)
+        chunks = _chunks(array.shape, axes_of(name, grid.dim))
+        codecs, options = [ZstdCodec(level=3), Crc32cCodec()], zarr_options(name, grid)
         stored = group.create_array(
-            name,
-            shape=array.shape,
-            dtype=array.dtype,
-            chunks=chunks,
-            compressors=[ZstdCodec(level=3), Crc32cCodec()],
-            fill_value=ARRAYS[name].lost,
-            attributes=attributes_of(name, grid),
-            dimension_names=axes,
-            config={"write_empty_chunks": True},
+            name, shape=array.shape, dtype=array.dtype, chunks=chunks, compressors=codecs, **options
         )
         for start in range(0, len(array), chunks[0]):
             stored[start : start + chunks[0]] = array[start : start + chunks[0]]

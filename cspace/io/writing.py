@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
+from cspace.grid import Grid
 from cspace.io.exports import WRITERS, write_border, write_vti
 from cspace.io.input import suffix_of
 from cspace.io.record import AXES, STACKED, TURNS, arrays_of, attributes_of, axes_of, metadata_of
@@ -59,8 +60,14 @@ class _Layers(Mapping[str, NDArray[Any]]):
         return len(self._places)
 
 
-def _ros_map(contents: Contents, cells: Sequence[int], path: Named, overwrite: bool) -> None:
-    write_ros_map(contents.states[int(contents.slice_of[cells[0]])], contents.grid, path, overwrite)
+Write = Callable[[Contents, Sequence[int], Named, bool], None]
+
+
+def _slice(write: Callable[[NDArray[np.uint8], Grid, Named, bool], None]) -> Write:
+    """What writes the slice of one rotation cell by a function of its states."""
+    return lambda contents, cells, path, overwrite: write(
+        contents.states[int(contents.slice_of[cells[0]])], contents.grid, path, overwrite
+    )
 
 
 def _vti(contents: Contents, cells: Sequence[int], path: Named, overwrite: bool) -> None:
@@ -69,14 +76,12 @@ def _vti(contents: Contents, cells: Sequence[int], path: Named, overwrite: bool)
     write_vti(_Layers(contents, cells), contents.grid, path, overwrite, about)
 
 
-def _border(contents: Contents, cells: Sequence[int], path: Named, overwrite: bool) -> None:
-    write_border(contents.states[int(contents.slice_of[cells[0]])], contents.grid, path, overwrite)
-
-
-_SLICES: Final[Mapping[str, tuple[Callable[[Contents, Sequence[int], Named, bool], None], Mapping[int, str]]]] = {
+_SLICES: Final[Mapping[str, tuple[Write, Mapping[int, str]]]] = {
     ".vti": (_vti, {}),
-    **dict.fromkeys((".yaml", ".yml"), (_ros_map, {3: "a ROS map is plane, and the map is one in space"})),
-    **dict.fromkeys(WRITERS, (_border, {2: "a border is a mesh in space, and the map is one of the plane"})),
+    **dict.fromkeys((".yaml", ".yml"), (_slice(write_ros_map), {3: "a ROS map is plane, and the map is one in space"})),
+    **dict.fromkeys(
+        WRITERS, (_slice(write_border), {2: "a border is a mesh in space, and the map is one of the plane"})
+    ),
 }
 """What writes rotation cells of a map, by suffix; and why it does not in one of the dimensions."""
 

@@ -37,8 +37,6 @@ from cspace.io.record import (
     AXES,
     TURNS,
     VERSION,
-    attributes_of,
-    axes_of,
     decoding_map,
     digest_of,
     grid_of,
@@ -46,6 +44,7 @@ from cspace.io.record import (
     shapes_from,
     unseal,
     unusable,
+    zarr_options,
 )
 from cspace.map.storage import PackedStates, Stack
 from cspace.memory import is_packed
@@ -555,17 +554,8 @@ def _write_frame(folder: Path, metadata: Mapping[str, Any], arrays: Mapping[str,
     large |= {} if metadata["same"] else {"inner": (grid.shape, tile)}
     small = {name: (array.shape, array.shape) for name, array in arrays.items()}
     for name, (shape, chunks) in {**large, **small}.items():
-        made = group.create_array(
-            name,
-            shape=shape,
-            dtype=ARRAYS[name].dtype,
-            chunks=chunks,
-            compressors=[_zarr_codec(name)],
-            fill_value=ARRAYS[name].lost,
-            attributes=attributes_of(name, grid),
-            dimension_names=axes_of(name, dim),
-            config={"write_empty_chunks": True},
-        )
+        dtype, codecs, options = ARRAYS[name].dtype, [_zarr_codec(name)], zarr_options(name, grid)
+        made = group.create_array(name, shape=shape, dtype=dtype, chunks=chunks, compressors=codecs, **options)
         if name in arrays:
             made[...] = arrays[name]
     group.create_array(

@@ -302,7 +302,7 @@ def test_a_tree_without_its_line_of_data_is_refused_at_once(tmp_path: Path) -> N
 def test_pictures_are_told_by_their_content(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes) -> None:
     monkeypatch.setattr("subprocess.Popen", None)
     (tmp_path / "a.png").write_bytes(content + bytes(99))
-    refused(tmp_path / "a.png", "cannot be decoded", spacing=0.1)
+    refused(tmp_path / "a.png", "cannot be read as an image", spacing=0.1)
 
 
 def test_a_link_out_of_the_folder_is_told(tmp_path: Path) -> None:

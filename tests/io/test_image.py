@@ -135,7 +135,7 @@ def test_bad_options(image: Path, options: dict[str, Any], message: str) -> None
 )
 def test_damaged_images(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "bad.pgm").write_bytes(content)
-    with pytest.raises(FileError, match=r"bad\.pgm: cannot be decoded"):
+    with pytest.raises(FileError, match=r"bad\.pgm: cannot be read as an image"):
         Workspace.from_image(tmp_path / "bad.pgm", 1.0)
 
 
@@ -145,7 +145,7 @@ def test_truncated_images(tmp_path: Path, suffix: str, part: float) -> None:
     path = tmp_path / f"map.{suffix}"
     Image.fromarray(np.random.default_rng(0).integers(256, size=(64, 64)).astype(np.uint8)).save(path)
     path.write_bytes(path.read_bytes()[: int(part * path.stat().st_size)])
-    with pytest.raises(FileError, match="cannot be decoded"):
+    with pytest.raises(FileError, match="cannot be read as an image"):
         Workspace.from_image(path, 1.0)
 
 

@@ -289,7 +289,7 @@ def test_malformed_yaml(tmp_path: Path, text: str, message: str) -> None:
 def test_an_image_that_cannot_be_decoded(tmp_path: Path) -> None:
     path = _write(tmp_path, [[0]])
     (tmp_path / "map.png").write_bytes(b"\x89PNG nonsense")
-    with pytest.raises(FileError, match=r"map\.png: cannot be decoded"):
+    with pytest.raises(FileError, match=r"map\.png: cannot be read as a ROS map's image"):
         Workspace.from_ros_map(path)
 
 
