@@ -3,7 +3,7 @@ OMPL as it comes, with the map as its validity callback
 =======================================================
 
 To keep your own OMPL script, hand it one function of the map. OMPL then looks at states a step apart; only the map can
-tell of the edges between them.
+prove the edges between them.
 """
 
 import numpy as np

@@ -21,7 +21,7 @@ space = cspace.build(workspace, cspace.Robot.rectangle(0.9, 0.6), rotations=72)
 print(space)
 
 # %%
-# A batch of configurations is asked like one. At which yaws does the robot fit into the middle of the passage?
+# A batch of configurations is looked up like one. At which yaws does the robot fit into the middle of the passage?
 
 yaws = np.arange(0, 180, 5)
 fits = space.is_free([(6.5, 4.3, yaw) for yaw in np.radians(yaws)])

@@ -24,7 +24,7 @@ workspace = cspace.Workspace.from_polygons([shelf, pillar], spacing=0.05, bounds
 space = cspace.build(workspace, cspace.Robot.polygon(cart))
 
 # %%
-# The overlap is a field on the map; what is FREE is still told by the map.
+# The overlap is a field on the map; what is FREE is still what the map says.
 
 balls = [decompose(shape, kind="outer", number=48) for shape in (cart, shapely.union_all([shelf, pillar]))]
 space = space.with_overlap_field(FourierOverlap.of_shapes(*balls, swell=0.3))
@@ -35,17 +35,17 @@ space = space.with_overlap_field(FourierOverlap.of_shapes(*balls, swell=0.3))
 start, goal = (1.0, 4.3), (7.3, 0.6)
 
 
-def tell(plan: planners.Plan, name: str) -> None:
+def report(plan: planners.Plan, name: str) -> None:
     room = f"clearance {plan.clearance:.2f} m, obstacle distance {plan.obstacle_distance:.2f} m"
     print(f"{name:10} {plan.length:6.2f} m, {room}, certified: {plan.certified}")
     save_plot(space, f"keep_away_{name}.png", True, path=plan, title=name)
 
 
 for objective in ("length", "clearance", "overlap"):
-    tell(planners.plan(space, start, goal, planner="RRTstar", objective=objective, time_limit=2, seed=1), objective)
+    report(planners.plan(space, start, goal, planner="RRTstar", objective=objective, time_limit=2, seed=1), objective)
 
 # %%
 # The map's own search needs no time limit: of all paths it takes one whose narrowest place is the widest that there is,
 # and then the shortest.
 
-tell(planners.plan(space, start, goal, planner="Widest"), "widest")
+report(planners.plan(space, start, goal, planner="Widest"), "widest")

@@ -19,8 +19,8 @@ from cspace.demo import demo_workspace
 space = cspace.build(demo_workspace(spacing=0.05), cspace.Robot.disc(0.3))
 
 # %%
-# Vertices are drawn evenly from the FREE cells. The first and the last are the ends; the start that is asked for is in
-# a table, so the nearest FREE configuration is taken.
+# Vertices are drawn evenly from the FREE cells. The first and the last are start and goal; the wanted start
+# is in a table, so the nearest FREE configuration is taken.
 
 start, goal = space.nearest_free((13.2, 3.4)), (1.4, 8.6)
 vertices = np.vstack([start, space.sample_free(800, np.random.default_rng(1)), goal])

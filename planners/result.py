@@ -86,7 +86,7 @@ class Plan:
         Metres that the reference point moves, along curves too; turning on the spot counts nothing. Of an arm, the
         length in its joints, a radian counting as a metre. NaN where not solved.
     turning : float
-        Radians that the robot turns, all turns added up. What planners hold down is the length and half a metre for
+        Radians that the robot turns, all turns added up. Planners minimise the length and half a metre for
         each of these; but along curves the length alone. Zero of an arm, and NaN where not solved.
     path_exists : bool or None
         What the map proves of these ends: a path exists, none does, or None for undecided at this resolution. True is

@@ -42,7 +42,7 @@ print(space.is_free((3.0, 8.0)))
 print(space.is_free([(3.0, 8.0), (8.0, 6.6)]))
 
 # %%
-# An edge is asked as a whole, and not at samples of it. ``clearance`` tells how far the nearest configuration is that
+# An edge is proven as a whole, and not at samples of it. ``clearance`` tells how far the nearest configuration is that
 # is not FREE.
 
 print(space.motion_is_free((3.0, 8.0), (3.0, 6.0)))
