@@ -92,12 +92,11 @@ def build(
         :meth:`cspace.Rotations.quaternions`. FREE and BLOCKED are then proven for every position and every rotation of
         a cell. Slices that a symmetry of the robot repeats are computed and stored once. Of more than 2^29 states, in 8
         slices or more and without overlap counts, each is stored in two bits instead of a byte; look-ups answer alike,
-        and what needs bytes of all of them refuses where they do not fit. If left out, the robot
-        only translates.
+        and what needs bytes of all of them refuses where they do not fit. If left out, the robot only translates.
     inner : bool
         Also prove cells BLOCKED. Without it, every cell that is not FREE is MIXED, at half the work.
     overlap : bool
-        Keep the overlap counts of the outer rasters as :attr:`CSpace.overlaps`.
+        Store the overlap counts of the outer rasters as :attr:`CSpace.overlaps`.
     method : {"auto", "fft", "direct"}
         The engine; the map is the same, cell for cell. "fft" correlates by transforms, "direct" dilates 64 cells at a
         time, and "auto" takes that unless the robot has thousands of rows, or overlap counts are wanted, which only
@@ -151,7 +150,10 @@ def build(
         from cspace.tiles.build import Settings, build_tiles
 
         if overlap:
-            rule, mend = "a store of tiles keeps states alone", "leave it out, and ask windows of the map for overlaps"
+            rule, mend = (
+                "a store of tiles holds states alone",
+                "leave it out, and take overlaps from windows of the map",
+            )
             raise InputError("overlap", "is True, with a store", rule, mend, value=overlap)
         settings: Settings = {
             "rotations": cells,

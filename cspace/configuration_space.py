@@ -1,4 +1,4 @@
-"""ConfigurationSpace: what is told of configurations and motions, be it by a map of cells or by the geometry itself."""
+"""ConfigurationSpace: look-ups of configurations and motions, in a map of cells or by the geometry itself."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ class ConfigurationSpace(ABC):
 
         The page shows obstacles and the robot, of a map the border of the C-obstacle, of an arm what is nearest to
         touching. One sets the start and the goal there, plans and plays the path, and it says what is proven. It is
-        served on this machine alone, unless ``host`` says otherwise, and told on standard output if ``block`` is set.
+        served on this machine alone, unless ``host`` says otherwise, and its address is printed if ``block`` is set.
 
         Parameters
         ----------
@@ -179,7 +179,7 @@ class ConfigurationSpace(ABC):
         path : array-like, shape (n, dof), or Plan, optional
             A path to show.
         start, goal : array-like, shape (dof,), optional
-            Where the two are at first; by default the ends of the path, or FREE configurations far apart.
+            Where the two are at first; by default the endpoints of the path, or FREE configurations far apart.
         host : str
             Address to serve on; by default "127.0.0.1". Who can reach it can plan there, and move the page.
         port : int, optional
@@ -205,15 +205,15 @@ class ConfigurationSpace(ABC):
 
     @abstractmethod
     def _classify(self) -> Ask:
-        """What tells the states of configurations."""
+        """The kernel of states."""
 
     @abstractmethod
     def _frees(self, exact: bool) -> Ask:
-        """What tells whether configurations are free."""
+        """The kernel of whether configurations are free."""
 
     @abstractmethod
     def _edges(self, number: int, exact: bool) -> Ask:
-        """What tells whether edges are free, of which there are some ``number`` to come."""
+        """The kernel of whether edges are free, chosen for a ``number`` of them."""
 
     @abstractmethod
     def _checked(self, q: ArrayLike, name: str) -> Floats:
@@ -230,7 +230,7 @@ class ConfigurationSpace(ABC):
     def _legs(self, q0: Floats, q1: Floats) -> list[Leg]:
         """The parts of the space, in memory, that a path from a configuration to another leads through, in turn.
 
-        Each is told with the configurations between which it leads through that part; the last one is the first one of
+        Each is given by the configurations between which it leads through that part; the last one is the first one of
         the next. None, where a map is in parts and FREE cells do not join the two.
         """
         return [(lambda: self, q0, q1)]

@@ -569,7 +569,7 @@ class CSpace(ConfigurationMap):
         of the ``planners`` package) answer for the new workspace from then on.
 
         The :class:`Workspace` that was passed to the build, and other maps of it, stay as they are: the first update
-        copies its cells, once. Then :attr:`workspace` shows the current ones, which are the obstacles from then on;
+        copies its cells. Then :attr:`workspace` shows the current ones, which are the obstacles from then on;
         its ``shapes`` are None, and look-ups with ``exact=True`` use the outer cells instead. What :meth:`place` has
         placed stays on top. An overlap field belongs to the obstacles as they were, and is dropped. A map built without
         ``inner`` gets no BLOCKED cells; one from a file, if it has none where there could be one.
@@ -670,7 +670,7 @@ class CSpace(ConfigurationMap):
         ['people']
         """
         if not isinstance(name, str) or not name:
-            rule = "a text that is not empty tells obstacles apart"
+            rule = "it must be a text that is not empty"
             raise InputError("name", f"is {name!r}", rule, 'pass e.g. "cart"', value=name)
         self._check_whole()
         shape = shape_of(obstacle, radius)

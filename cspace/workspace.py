@@ -65,10 +65,10 @@ class Workspace:
     source : str
         What it was read from.
     unknown : ndarray of bool, shape grid.shape, or None
-        Cells of a sensor map that nothing is known of, which count as free or as occupied as ``outer`` says; pictures
+        Unknown cells of a sensor map, which count as free or as occupied by ``outer``; pictures
         draw them apart. None where there are none.
     shapes : tuple or None
-        The obstacles themselves, metres, also where they reach beyond the grid. None for a map that is itself a grid,
+        The obstacles themselves, metres, also where they reach out of the grid. None for a map that is itself a grid,
         whose outer cells are the obstacles. Exact look-ups ask them.
     live : bool
         Whether it belongs to a map that is updated, which writes into its cells; other maps of it take a copy.
@@ -219,7 +219,7 @@ class Workspace:
         """A ROS map: a YAML file and the PGM or PNG image beside it.
 
         Modes, thresholds, ``negate`` and the origin with its yaw are honoured as
-        :func:`cspace.io.rosmap.read_ros_map` tells.
+        :func:`cspace.io.rosmap.read_ros_map` says.
 
         Parameters
         ----------
@@ -350,7 +350,7 @@ class Workspace:
     ) -> Workspace:
         """The cells of a shape, on the grid of a box, shape (2, dim), or else of its own bounds.
 
-        Where ``kind`` names the shape, a warning tells if the units of the points that it was made of, or else of its
+        Where ``kind`` names the shape, a warning says if the units of the points that it was made of, or else of its
         corners, can hardly be metres. ``cost`` is in bytes a cell.
         """
         corners = np.stack(shape.bounds)
@@ -401,7 +401,7 @@ class Workspace:
         bounds : array-like, shape (4,), optional
             ``xmin, ymin, xmax, ymax`` of the map, in metres; the bounding box of the obstacles if left out. The grid
             begins at the lower corner and has as many cells as reach the upper one, less a strip of up to 1e-9 cells
-            from rounding. **What lies beyond it is clipped.**
+            from rounding. **What lies outside it is clipped.**
         lazy : bool
             Cut them into cells where these are asked for, and not now: see :class:`cspace.workspace.LazyWorkspace`.
 
@@ -444,7 +444,7 @@ class Workspace:
             Side of a cell, in metres.
         bounds : array-like, shape (6,), optional
             ``xmin, ymin, zmin, xmax, ymax, zmax`` of the map, in metres; the bounding box of the mesh if left out, as
-            for :meth:`from_polygons`. **What lies beyond it is clipped.**
+            for :meth:`from_polygons`. **What lies outside it is clipped.**
         solid : {"auto", "surface", "fill"}
             What has an inside: "auto", the closed parts of the mesh, with a warning if there are others; "surface",
             nothing; "fill", whatever the surface encloses at this spacing.
@@ -491,7 +491,7 @@ class Workspace:
         spacing : float
             Side of a cell, in metres; needed.
         bounds : array-like, shape (4,) or (6,), optional
-            Lower, then upper corner of the map; the bounding box of the balls if left out. **What lies beyond it is
+            Lower, then upper corner of the map; the bounding box of the balls if left out. **What lies outside it is
             clipped.**
 
         Raises
@@ -595,10 +595,10 @@ class Workspace:
 
 
 class LazyWorkspace(Workspace):
-    """A workspace whose cells stay where they are, and are read, or made, where they are asked for.
+    """A workspace whose cells are read, or made, part by part at need.
 
-    :func:`cspace.build` with a ``store`` reads a tile at a time. All else reads the whole, once, where it fits into
-    memory, and goes on as with any other workspace.
+    :func:`cspace.build` with a ``store`` reads a tile at a time. All else reads the whole into memory, where it fits,
+    at its first use.
 
     Parameters
     ----------

@@ -281,7 +281,7 @@ def test_what_shapes_stand_for() -> None:
         (None, CART, None, "not empty"),
         ("cart", None, None, "a mesh is needed"),
         ("cart", 5, None, "a mesh is needed"),
-        ("cart", BLOCK, None, "how large they are"),
+        ("cart", BLOCK, None, "their size must be given"),
         ("cart", shapely.Polygon(), None, "is empty"),
         ("cart", shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), None, "not simple|crosses|valid"),
         ("cart", [(0.0, 0.0), (1.0, 1.0)], None, "at least 3"),

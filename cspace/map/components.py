@@ -292,7 +292,7 @@ class Faces(NamedTuple):
     Attributes
     ----------
     rows : ndarray of int32, shape (n, 4)
-        Layer, other layer, which of :attr:`Turns.ends` is meant, or STRUCK, and number of pairs.
+        Layer, other layer, which of :attr:`Turns.bounds` is meant, or STRUCK, and number of pairs.
     pairs : ndarray of int32
         Those of the faces, one after the other, ``component * MOST + other component``.
     """

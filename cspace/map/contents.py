@@ -105,7 +105,7 @@ class Contents:
         return (*self.rotations.leading(n), *self.grid.shape)
 
     def copy(self) -> Contents:
-        """The same in arrays of its own, but for what nobody writes to."""
+        """A copy in arrays of its own, but for those that are never written."""
         return replace(
             self,
             workspace=replace(self.workspace, live=False),

@@ -230,16 +230,16 @@ def cube_path(states: Stack, slice_of: Ints, neighbors: Ints, start: Ints, goal:
 
 
 def pulled_straight(points: Floats, dim: int, check: Check, step: float) -> Floats:
-    """A shorter path with the same ends, by leaving out points between which the straight edge is free.
+    """A shorter path with the same endpoints, by leaving out points between which the straight edge is free.
 
-    ``points``, shape (n, dof), are a path, each edge of which is free, as ``check`` tells of the numbers of two
+    ``points``, shape (n, dof), are a path, each edge of which is free by ``check``, of the numbers of two
     configurations; the first ``dim`` of these are a position. On long edges points are put, ``step`` metres apart,
     before they are pulled a second time.
     """
     dof = points.shape[1]
 
     def backwards(*q: float) -> bool:
-        return check(*q[dof:], *q[:dof])  # every edge is asked for in the direction in which it is driven
+        return check(*q[dof:], *q[:dof])  # every edge is checked in the direction in which it is driven
 
     path = points
     for number in range(ROUNDS):

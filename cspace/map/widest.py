@@ -686,10 +686,10 @@ def chain_of(
     that is above all of this one. ``came`` has a bit for each move that led there as soon, or turn that leads back.
     What waits lies in lists by its cost, of :data:`LISTS` to a cell; a cell that is reached anew, sooner, waits again,
     and so does one that is reached as soon by another move, after which others are tried. The search ends when all is
-    done that could be cheaper than what has come to the goal: of equal ones, one is enough. So of ways of one cost,
-    that with the longest moves first and turns last will do: what another way than over a cell does as well is not
+    done that could be cheaper than what has come to the goal: of equal ones, one is enough. So of chains of one cost,
+    that with the longest moves first and turns last will do: what another chain than over a cell does as well is not
     tried from there, where all around is wide, as by D. Harabor and A. Grastien, "Online graph pruning for pathfinding
-    on grid maps", 2011. Moves and turns add up, so that the shortest way without turns and the turns to the goal's
+    on grid maps", 2011. Moves and turns add up, so that the shortest chain without turns and the turns to the goal's
     rotation are a bound of what is still to come.
     """
     _, nx, ny, nz = graph.levels.shape
@@ -714,7 +714,7 @@ def chain_of(
             continue
         heads[bucket] = after[entry]
         cell, by = np.int64(cells[entry]), np.int64(arrivals[entry])
-        # A cell that was reached sooner has forgotten the later ways.
+        # A cell that was reached sooner by now drops the moves of later chains.
         late = by != NO_WAY and not came[cell] & np.uint32(1) << np.uint32(by)
         if late or estimates[entry] > best + LATE:
             continue
@@ -787,7 +787,7 @@ def _doubled(array: Numbers) -> Numbers:
 
 @jit
 def _back(graph: Graph, moves: Moves, start: int, goal: int, came: Cells) -> Ints:
-    """The cells from one to another, by the ways that each was reached."""
+    """The cells from one to another, by the moves that each was reached by."""
     _, nx, ny, nz = graph.levels.shape
     straight, cell, length = len(moves.steps), goal, 1
     path = np.empty(256, np.int64)
@@ -847,7 +847,7 @@ def widest_path(
 ) -> Floats:
     """Waypoints of the widest path between two configurations, each given with its cell, shape (n, dof).
 
-    Of length 0 where there is none, or an edge of it is not proven free, as ``check`` tells. If not ``straight``, they
+    Of length 0 where there is none, or ``check`` does not prove an edge of it free. If not ``straight``, they
     are all the middles of cells that it passes. Along axes that close, rows count whole turns.
     """
     shape, graph = (rotations.count, *grid.shape), widest.graph

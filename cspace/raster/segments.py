@@ -48,7 +48,7 @@ Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
 OBSTACLE: Final = ("an obstacle", "the map's corner", "clip the obstacles to the map, or check their units (metres)")
-"""What is said of obstacles that reach too far."""
+"""Subject and mend of the error about obstacles that reach too far."""
 
 
 def outline_rasters(

@@ -79,7 +79,7 @@ def shape_of(source: ShapeLike, radius: ArrayLike | None = None) -> Shape:
         return Mesh.of(source) if solid else Polygons(read_shapes(source))
     if getattr(source, "dtype", None) == np.bool_:
         mend = "pass cspace.shapes.Voxels.of(cells, spacing), in metres"
-        raise InputError("shape", "is an array of cells", "it must be told how large they are", mend)
+        raise InputError("shape", "is an array of cells", "their size must be given", mend)
     several = isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim > 0)
     first = next(iter(given), {}) if several else given
     if isinstance(first, shapely.Geometry | Mapping):

@@ -1,4 +1,4 @@
-"""Bodies: the parts of a mesh that hang together, and how their triangles wind round what they enclose."""
+"""Bodies: the connected parts of a mesh, and how their triangles wind round what they enclose."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NOUGHT: Final = 2.0**-30
 
 
 class Body(NamedTuple):
-    """Triangles that hang together through shared edges.
+    """Triangles that are connected through shared edges.
 
     Attributes
     ----------
@@ -45,8 +45,8 @@ def find_bodies(vertices: Floats, faces: Integers) -> tuple[Body, ...]:
     and the two halves of it that belong to others.
 
     Triangles are joined first through edges at which no more than two of them meet: what closes that way is a body,
-    also where it touches other bodies along edges, or something open hangs on it. What that does not close is joined
-    through all edges.
+    also where it touches other bodies along edges, or something open is joined to it. What that does not close is
+    joined through all edges.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def _bodies_among(triangles: Floats, corners: Integers, most: int) -> list[Body]
     Each is read by the first of these rules that closes it:
 
     1. of several equal triangles one counts, in its own direction;
-    2. all count as they were given, so that a wall given once for each of the two parts beside it cancels;
+    2. all count as they were given, so that a wall given for each of the two parts beside it cancels;
     3. of several equal triangles one counts, exactly two meet at each edge, and some are turned over, from neighbour to
        neighbour, until all directions agree; a surface on which that fails, like Klein's bottle, is open.
 

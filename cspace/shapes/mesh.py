@@ -79,7 +79,7 @@ class Mesh(Shape):
 
     * ``"auto"``: wherever the winding number of all closed bodies together is not zero.
 
-      A body is a set of triangles that hang together through shared edges. It is closed if its triangles run along each
+      A body is a set of triangles that are connected through shared edges. It is closed if its triangles run along each
       edge as often one way as the other. Exact copies of triangles are dropped first, or cancel where they are a wall
       between two parts, and single triangles that are turned over are turned back. What does not close that way (holes,
       Moebius strips, more than two triangles at an edge and no consistent winding) is a surface without an inside, and
@@ -209,7 +209,7 @@ class Mesh(Shape):
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
-        """The parts that hang together through shared edges."""
+        """The parts that are connected through shared edges."""
         return find_bodies(self.vertices, self.faces)
 
     @property

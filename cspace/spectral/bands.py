@@ -33,7 +33,7 @@ Ints = NDArray[np.int64]
 Table = Callable[[Floats], tuple[Floats, float]]
 
 UNIT: Final = 2.0**-52  # relative rounding error of one operation, doubled
-TOP: Final = 32.0  # highest frequency that is thought of, in cycles per radius of the smallest ball
+TOP: Final = 32.0  # highest frequency that is considered, in cycles per radius of the smallest ball
 ROOM: Final = 1.0 + 2.0**-30  # for the rounding of the bounds themselves
 SAMPLES: Final = 4096  # of a bump's energy, from which the band is chosen
 NODES: Final = 64  # distances in a table of pairs of two radii

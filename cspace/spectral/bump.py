@@ -36,7 +36,7 @@ PAIR_TOLERANCE: Final = 1e-9  # relative error of a pair's integral
 
 FLOOR: Final = 1e-60
 """Part of the smaller ball's ``radius^dim`` below which the integral of a pair is known to that part of it only: there
-the result hangs on the last bits of the radii."""
+the result depends on the last bits of the radii."""
 
 TWO_RULES: Final = (26, 32)
 """Of nodes; what two rules differ by bounds the error of the finer one, which is far less."""
@@ -116,7 +116,7 @@ class Bump:
         return radial_transform(self.values, k, dim)
 
     def table(self, dim: int, most: float, tolerance: float = 1e-12) -> Callable[[Floats], Floats]:
-        """The same spectrum for many frequencies, computed once at some, and interpolated: a function of ``k``.
+        """The same spectrum for many frequencies, computed at some of them, and interpolated: a function of ``k``.
 
         The tolerance, from 1e-13 to 0.1, is relative to the value at 0. Raises InputError where a value is not usable,
         then, and when the function is called above ``most``.

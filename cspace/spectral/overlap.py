@@ -80,7 +80,7 @@ class Separation:
 
 
 class FourierOverlap:
-    """The overlap of a ball set A, placed anywhere, with a ball set B; made once, and evaluated many times.
+    """The overlap of a ball set A, placed anywhere, with a ball set B, for many placements.
 
     With the descriptors ``f(x) = sum over balls of psi((x - center) / radius)`` and A moved by t, the two overlap by
 
@@ -141,7 +141,7 @@ class FourierOverlap:
         check_dims("b", second.dim, first.dim)
         self.threshold = not_negative(threshold, "threshold", "pass square or cubic metres")
         self._accuracy = accuracy
-        self._swell = 0.0  # by how much the balls are grown beyond those whose shapes the verdicts are about
+        self._swell = 0.0  # by how much the balls are larger than those that the verdicts are about
         self._inner: FourierOverlap | None = None  # that of the inner balls, where there are any
         self._b, self._unturned, self._turn = second, first, np.eye(first.dim)
         self._pivot, self._middle_b = first.middle, second.middle
