@@ -23,6 +23,7 @@ from cspace import FREE, MIXED, Grid, Workspace
 from cspace.endless import EndlessCSpace, map_of
 from cspace.errors import InputError
 from cspace.map.contents import Contents
+from cspace.plot import save_plot
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Point
@@ -347,9 +348,13 @@ def test_copies_and_files_and_what_there_is_not(tmp_path: Path) -> None:
             call()
     assert space.is_free(left, exact=True)
     assert not space.motion_is_free((-1.5, 0.1), (0.0, 0.1), exact=True)
-    figure = space.plot(path=space.free_path(left, right))
-    assert figure.get_xlim()[0] < -math.pi + 1e-9
+    path = space.free_path(left, right)
+    axes = space.plot(path=path)
+    assert axes.get_xlim()[0] < -math.pi + 1e-9
+    axes.figure.savefig(tmp_path / "own.png", dpi=50)
     plt.close("all")
+    save_plot(space, tmp_path / "map.png", dpi=50, path=path)
+    assert (tmp_path / "map.png").read_bytes() == (tmp_path / "own.png").read_bytes()
 
 
 def across() -> tuple[EndlessCSpace, tuple[float, float], tuple[float, float]]:

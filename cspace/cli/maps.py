@@ -208,7 +208,7 @@ def picture(
     clock = Clock()
     with clock.step("read"):
         points = None if path is None else read_path(path, axes)
-        space = open_map(file)._drawn()
+        space = open_map(file)
     with clock.step("draw"):
         options |= given(view=view, path=points, **marks)
         save_plot(space, output, overwrite, dpi=dpi, robot_every=robot_every, **options)

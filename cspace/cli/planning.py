@@ -100,8 +100,8 @@ def plan(
             _write(planned, output or [], overwrite)
     if picture:
         with clock.step("draw"):
-            drawn, path = space._drawn(), planned if planned.solved else None
-            save_plot(drawn, picture, overwrite, path=path, start=endpoints[0], goal=endpoints[1])
+            path = planned if planned.solved else None
+            save_plot(space, picture, overwrite, path=path, start=endpoints[0], goal=endpoints[1])
     if animate and planned.solved:
         with clock.step("animate") as progress:
             save_animation(space._drawn(), planned.path, animate, overwrite, progress=progress)

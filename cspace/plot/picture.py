@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -245,8 +245,14 @@ def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -
     return kind
 
 
+class Drawable(Protocol):
+    """What draws itself: a map, be it in memory, in a store, or one that closes in a circle."""
+
+    def plot(self, **options: Unpack[PlotOptions]) -> Axes: ...
+
+
 def save_plot(
-    space: MapLike,
+    space: Drawable,
     file: str | os.PathLike[str],
     overwrite: bool = False,
     *,
@@ -257,7 +263,7 @@ def save_plot(
 
     Parameters
     ----------
-    space : CSpace
+    space : CSpace or TiledCSpace
         The map.
     file : path-like
         A name that ends in .png, .pdf, .svg or .jpg.
@@ -290,7 +296,7 @@ def save_plot(
     if "ax" in options:
         rule = "save_plot draws a figure of its own"
         raise InputError("ax", "is given", rule, "use plot and ax.figure.savefig instead")
-    return save_figure(lambda: plot(space, **options).figure, file, overwrite, dpi)
+    return save_figure(lambda: space.plot(**options).figure, file, overwrite, dpi)
 
 
 def save_figure(draw: Callable[[], Any], file: str | os.PathLike[str], overwrite: bool, dpi: float) -> Path:

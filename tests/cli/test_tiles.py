@@ -40,7 +40,7 @@ def test_from_city_to_path(city):
     plan_printed = json.loads(run(*plan, "--picture", str(folder / f"{record.parent.name}.png"), "--overwrite").stdout)
     assert plan_printed["certified"] is True
     run("plot", str(out), "-o", str(folder / "map.png"), "--overwrite")
-    save_plot(cspace.open(out).overview(), folder / "own.png", overwrite=True)
+    save_plot(cspace.open(out), folder / "own.png", overwrite=True)
     assert (folder / "map.png").read_bytes() == (folder / "own.png").read_bytes()
     run("export", str(out), str(folder / "part.zarr"), "--window", "1,1,4,3")
     part = cspace.open(folder / "part.zarr")
