@@ -56,7 +56,8 @@ def dilate_block(bits: Words, start: int, runs: Ints, spare: Words, more: Words,
         return False
     for k in range(size):
         result[k] = 0
-    length, now, then = 1, spare, more
+    length: int = np.int64(1)  # type: ignore[assignment]  # of one type for the compiler from the start
+    now, then = spare, more
     for number in range(0, len(runs), 4):
         while length < runs[number, 0]:
             # A bit stands for as many cells from its own on as ``length``.

@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Point = tuple[float, float]
+Box = tuple[float, float, float, float]
+"""Left, low, right, high."""
 
 
 class Outline(NamedTuple):
@@ -96,7 +98,8 @@ class Placed(NamedTuple):
 def place(outline: Outline, rows: Floats, x: float, y: float, yaw: float, along: Point) -> Placed:
     """The robot at a configuration and all along a vector; ``rows`` is room for its segments."""
     cosine, sine, (vx, vy) = math.cos(yaw), math.sin(yaw), along
-    left, low, right, high = math.inf, math.inf, -math.inf, -math.inf
+    left = low = math.inf
+    right = high = -math.inf
     for k in range(len(rows)):
         segment, row, radius = outline.segments[k], rows[k], outline.radii[k]
         for end in range(0, 4, 2):
@@ -104,7 +107,8 @@ def place(outline: Outline, rows: Floats, x: float, y: float, yaw: float, along:
             row[end], row[end + 1] = x + cosine * u - sine * v, y + sine * u + cosine * v
         row[4], row[6] = min(row[0], row[2]) - radius + min(vx, 0.0), max(row[0], row[2]) + radius + max(vx, 0.0)
         row[5], row[7] = min(row[1], row[3]) - radius + min(vy, 0.0), max(row[1], row[3]) + radius + max(vy, 0.0)
-        left, low, right, high = min(left, row[4]), min(low, row[5]), max(right, row[6]), max(high, row[7])
+        left, low = min(left, row[4]), min(low, row[5])
+        right, high = max(right, row[6]), max(high, row[7])
     return Placed(rows, left, low, right, high, x, y, cosine, sine, along)
 
 
@@ -118,7 +122,8 @@ def gap(border: Border, outline: Outline, placed: Placed, least: float, reach: f
     rows = placed.rows
     if border.walled:
         (left, low), (right, high) = border.lower, border.upper
-        best = min(best, placed.left - left, placed.low - low, right - placed.right, high - placed.high)
+        best = min(best, min(placed.left - left, placed.low - low))
+        best = min(best, min(right - placed.right, high - placed.high))
         if best <= least:
             return best
     first_x, first_y, last_x, last_y = _bins(border, placed, best + border.widest)
@@ -129,13 +134,13 @@ def gap(border: Border, outline: Outline, placed: Placed, least: float, reach: f
         for e in range(border.starts[i * border.rows + first_y], border.starts[i * border.rows + last_y + 1]):
             segment, radius = border.segments[e], border.radii[e]
             c, d = (segment[0], segment[1]), (segment[2], segment[3])
-            low_x, low_y, high_x, high_y = min(c[0], d[0]), min(c[1], d[1]), max(c[0], d[0]), max(c[1], d[1])
+            box = min(c[0], d[0]), min(c[1], d[1]), max(c[0], d[0]), max(c[1], d[1])
             enough = best + radius
-            if max(low_x - placed.right, placed.left - high_x, low_y - placed.high, placed.low - high_y) >= enough:
+            if _along_axes(box, (placed.left, placed.low, placed.right, placed.high)) >= enough:
                 continue
             for k in range(len(rows)):
                 row = rows[k]
-                if max(low_x - row[6], row[4] - high_x, low_y - row[7], row[5] - high_y) >= enough:
+                if _along_axes(box, (row[4], row[5], row[6], row[7])) >= enough:
                     continue
                 apart = _swept_distance((row[0], row[1]), (row[2], row[3]), placed.along, c, d)
                 apart -= outline.radii[k] + radius
@@ -144,6 +149,12 @@ def gap(border: Border, outline: Outline, placed: Placed, least: float, reach: f
                     if best <= least:
                         return best
     return best
+
+
+@inner
+def _along_axes(one: Box, other: Box) -> float:
+    """By how much two boxes are apart along an axis, the one where it is most."""
+    return max(max(one[0] - other[2], other[0] - one[2]), max(one[1] - other[3], other[1] - one[3]))
 
 
 @inner
@@ -192,16 +203,20 @@ def segment_distance(a: Point, b: Point, c: Point, d: Point) -> float:
 def _swept_distance(a: Point, b: Point, along: Point, c: Point, d: Point) -> float:
     """Distance between a segment from a to b that moves along a vector, and one from c to d that stays."""
     vx, vy = along
+    nearest: float = segment_distance(a, b, c, d)
     if vx == 0.0 and vy == 0.0:
-        return float(segment_distance(a, b, c, d))
+        return nearest
     # The moving one sweeps a parallelogram, which the other comes near at a side, or lies in.
-    ux, uy, px, py = b[0] - a[0], b[1] - a[1], c[0] - a[0], c[1] - a[1]
+    ux, uy = b[0] - a[0], b[1] - a[1]
+    px, py = c[0] - a[0], c[1] - a[1]
     area = ux * vy - uy * vx
-    if area != 0.0 and 0.0 <= (px * vy - py * vx) / area <= 1.0 and 0.0 <= (ux * py - uy * px) / area <= 1.0:
+    s, t = (px * vy - py * vx) / area, (ux * py - uy * px) / area
+    if min(s, t) >= 0.0 and max(s, t) <= 1.0 and area != 0.0:
         return 0.0
     e, f = (a[0] + vx, a[1] + vy), (b[0] + vx, b[1] + vy)
-    nearest = min(segment_distance(a, b, c, d), segment_distance(e, f, c, d))
-    return float(min(nearest, min(segment_distance(a, e, c, d), segment_distance(b, f, c, d))))
+    for p, q in ((e, f), (a, e), (b, f)):
+        nearest = min(nearest, segment_distance(p, q, c, d))
+    return nearest
 
 
 @inner

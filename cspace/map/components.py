@@ -218,7 +218,8 @@ def join_rows(labels: Labels, row: int, other: int, ahead: int, parent: Nodes, p
     Those that were apart are added to ``pairs``, of which there are so many; how many there are then.
     """
     runs, bounds, offset, reach = labels.runs, labels.bounds, len(parent) - MOST, min(ahead, 1)
-    n, stop, m, other_stop = bounds[row], bounds[row + 1], bounds[other], bounds[other + 1]
+    n, m = np.int64(bounds[row]), np.int64(bounds[other])  # numbers of one type for the compiler from the start
+    stop, other_stop = bounds[row + 1], bounds[other + 1]
     while n < stop and m < other_stop:
         one, two = runs[n], runs[m]
         first, last = ahead + ((two >> 6) & 63), ahead + (two & 63)
@@ -245,7 +246,7 @@ def label_blocks(blocks: Blocks, segments: Ints, labels: Labels, words: Words, r
     zero: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
     n = stop = layer = zero
     while n < len(segments):
-        follow = 1
+        follow = zero + 1
         while n + follow < len(segments) and segments[n + follow] == segments[n] + follow:
             if segments[n + follow] % blocks.shape[2] == 0:
                 break
@@ -405,7 +406,8 @@ def look_up(blocks: Blocks, joined: Joined, cells: Ints, components: Ints) -> in
     place, and those without a component -1.
     """
     _, nx, ny, nz = blocks.grid
-    asked, solid = 0, cells.shape[1] == 4
+    asked: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
+    solid = cells.shape[1] == 4
     for n in range(len(cells)):
         start, s = joined.starts[cells[n, 0]], joined.slices[cells[n, 0]]
         x, y, z = cells[n, 1] if solid else 0, cells[n, -2], cells[n, -1]

@@ -99,7 +99,7 @@ def between(first: float, second: float, t: float) -> float:
 @inner(forceinline=True)
 def segment_is_free(map_: Map, blocks: Words, number: int, first: Numbers, last: Numbers) -> bool:
     """The same of a segment in one slice, by the positions of its endpoints."""
-    dim, inside, total = len(map_.lower), True, 0.0
+    dim, inside, total = len(map_.lower), np.bool_(True), 0.0
     p, q = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)
     for axis in range(dim):
         lower, upper, a, b = map_.lower[axis], map_.upper[axis], first[axis], last[axis]

@@ -95,7 +95,7 @@ def cell_at(value: float, lower: float, spacing: float, upper: float, n: int) ->
 @inner
 def cell_of(map_: Map, q: Numbers) -> tuple[bool, Cell]:
     """Whether a configuration lies in the grid, and its cell ``(slice, x, y)`` or ``(slice, x, y, z)``."""
-    inside = True
+    inside: bool = np.bool_(True)  # type: ignore[assignment]  # of one type for the compiler from the start
     cell: Cell = replaced(map_.states.shape, 0, turning.slice_at(map_.rotations, q))
     for axis in range(len(map_.lower)):
         n = map_.states.shape[axis + 1]
@@ -120,7 +120,8 @@ def state_at(map_: Map, q: Numbers) -> int:
     inside, cell = cell_of(map_, q)
     if inside:
         return state_in(map_.cells, number_of(map_, cell))
-    boxed, finite, dim = True, True, len(map_.lower)
+    dim, boxed = len(map_.lower), np.bool_(True)
+    finite = boxed
     for axis in range(dim):
         boxed &= (map_.exterior[cell[0], axis] <= cell[axis + 1]) & (
             cell[axis + 1] <= map_.exterior[cell[0], axis + dim]
@@ -273,7 +274,8 @@ class Slice(NamedTuple):
 @inner(forceinline=True)
 def slice_number(map_: Map, number: int) -> Slice:
     """A slice by its number, as if all were FREE outside the grid."""
-    dim, size, one = len(map_.lower), 1, int(np.int64(1))  # of which numba does not know the value
+    dim, one = len(map_.lower), int(np.int64(1))  # of which numba does not know the value
+    size = one
     shape = (one, one, one)
     for axis in range(dim):
         size *= map_.states.shape[axis + 1]
@@ -284,7 +286,7 @@ def slice_number(map_: Map, number: int) -> Slice:
 @inner
 def with_exterior(map_: Map, part: Slice, number: int) -> Slice:
     """The same with the box of cells outside the grid that are MIXED; all else there must be FREE."""
-    dim, low, high = len(map_.lower), (0, 0, 0), (0, 0, 0)
+    dim, low, high = len(map_.lower), part.low, part.low
     for axis in range(dim):
         low = replaced(low, 3 - dim + axis, map_.exterior[number, axis])
         high = replaced(high, 3 - dim + axis, map_.exterior[number, axis + dim])

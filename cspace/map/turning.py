@@ -133,7 +133,7 @@ def _one_slice_among(rotations: OneCell, slices: Ints, k: int) -> int:
 
 
 def _one_first_piece(rotations: OneCell, q0: Numbers, q1: Numbers) -> bool:
-    return True
+    return np.bool_(True)  # type: ignore[return-value]  # of one type for the compiler from the start
 
 
 def _one_next_piece(rotations: OneCell, cursor: bool) -> tuple[bool, int, float, float, bool]:

@@ -177,25 +177,22 @@ def mark_touched(out: Bools, segments: Floats, radii: Floats, b0: float, b1: flo
     """
     nx, ny = out.shape
     for e in range(segments.shape[0]):
-        px, py, qx, qy = segments[e, 0], segments[e, 1], segments[e, 2], segments[e, 3]
+        px, py = segments[e, 0], segments[e, 1]
+        qx, qy = segments[e, 2], segments[e, 3]
         radius = radii[e] + slack if radii[e] > 0.0 else 0.0
-        ox, oy = 0.0, 0.0
         length = math.hypot(qx - px, qy - py)
-        if radius > 0.0 and length > 0.0:
-            ox = -(qy - py) / length * radius
-            oy = (qx - px) / length * radius
+        ox, oy = 0.0, 0.0
+        if length > 0.0:
+            ox, oy = (py - qy) / length * radius, (qx - px) / length * radius
         first = max(0, math.ceil(min(px, qx) - radius - slack - b1))
         last = min(nx - 1, math.floor(max(px, qx) + radius + slack - b0))
         for i in range(first, last + 1):
             x0 = i + b0 - slack
             x1 = i + b1 + slack
-            low, high = _segment_over_slab(px, py, qx, qy, x0, x1)
+            low, high = _segment_over_slab(px + ox, py + oy, qx + ox, qy + oy, x0, x1)
             if radius > 0.0:
-                for side in (-1.0, 1.0):
-                    ax, ay = px + side * ox, py + side * oy
-                    bx, by = qx + side * ox, qy + side * oy
-                    lo, hi = _segment_over_slab(ax, ay, bx, by, x0, x1)
-                    low, high = min(low, lo), max(high, hi)
+                lo, hi = _segment_over_slab(px - ox, py - oy, qx - ox, qy - oy, x0, x1)
+                low, high = min(low, lo), max(high, hi)
                 lo, hi = _disc_over_slab(px, py, radius, x0, x1)
                 low, high = min(low, lo), max(high, hi)
                 lo, hi = _disc_over_slab(qx, qy, radius, x0, x1)
@@ -216,11 +213,13 @@ def mark_inside(out: Bools, segments: Floats, c: float) -> None:
     """
     nx, ny = out.shape
     for e in range(segments.shape[0]):
-        px, py, qx, qy = segments[e, 0], segments[e, 1], segments[e, 2], segments[e, 3]
+        px, py = segments[e, 0], segments[e, 1]
+        qx, qy = segments[e, 2], segments[e, 3]
         if px == qx:
             continue
         if px > qx:
-            px, py, qx, qy = qx, qy, px, py
+            px, qx = qx, px
+            py, qy = qy, py
         # The column x = i + c is crossed where px <= x < qx: a vertex counts for one of its two edges.
         first = max(0, math.ceil(px - c))
         last = min(nx - 1, math.ceil(qx - c) - 1)
@@ -231,7 +230,7 @@ def mark_inside(out: Bools, segments: Floats, c: float) -> None:
                 j = max(j, 0)
                 out[i, j] = not out[i, j]
     for i in range(nx):
-        inside = False
+        inside: bool = np.bool_(False)  # type: ignore[assignment]  # of one type for the compiler from the start
         for j in range(ny):
             inside ^= out[i, j]
             out[i, j] = inside
