@@ -1015,12 +1015,12 @@ class CSpace(ConfigurationMap):
 
     def _edges(self, number: int, exact: bool) -> Ask:
         """As everywhere; many edges are worth marks of blocks."""
-        from cspace.map.edges import NO_BLOCKS, edges_are_free
+        from cspace.map.edges import edges_are_free
         from cspace.map.mip import CELLS_AN_EDGE
 
         if exact:
             return in_pieces(self._exact.edges, EDGES_A_THREAD)
-        blocks = NO_BLOCKS
+        blocks = None
         if self._mip.made is not None or number * CELLS_AN_EDGE >= self._seen.size:
             blocks = self._marks(cells=False).blocks
         return in_pieces(partial(edges_are_free, self.record, blocks), EDGES_A_THREAD)

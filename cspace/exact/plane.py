@@ -16,7 +16,7 @@ from cspace.exact.boundaries import Problem, anchors_of, joined, obstacle_border
 from cspace.exact.segments import Border, Outline, Scene, gap, is_nested, place
 from cspace.grid import MAX_COORDINATE
 from cspace.map import turning
-from cspace.map.edges import NO_BLOCKS, along, edge_is_free
+from cspace.map.edges import along, edge_is_free
 from cspace.map.points import Numbers, configuration, halves, state_at
 from cspace.map.record import Map
 from cspace.shapes import Pieces, Shape
@@ -107,7 +107,7 @@ def arc_is_clear(world: World, rows: Floats, q0: Numbers, q1: Numbers, arc: int)
         if state == FREE:
             # Walks grow as long as they succeed, so that a long edge through FREE cells is few calls.
             stop = min(max(at, proven + walk), 1.0)
-            if edge_is_free(space, NO_BLOCKS, along(space, q0, q1, arc, proven), along(space, q0, q1, arc, stop)):
+            if edge_is_free(space, None, along(space, q0, q1, arc, proven), along(space, q0, q1, arc, stop)):
                 if stop == 1.0:
                     return True
                 proven, leap, walk = stop, 0.0, 2.0 * walk

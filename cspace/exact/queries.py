@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cspace.exact.boundaries import Problem, Proofs
 from cspace.map.batches import own
-from cspace.map.edges import NO_BLOCKS, edges_are_free
+from cspace.map.edges import edges_are_free
 from cspace.map.points import classify
 from cspace.states import FREE, MIXED
 from cspace.workspace import Workspace
@@ -61,7 +61,7 @@ class Exact:
     def edges(self, q0: Floats, q1: Floats, out: Bools) -> int:
         """Kernel of edges, shapes (n, dof), along the shorter arc: whether they are free."""
         proofs = self._made()
-        bad = edges_are_free(self._problem.map, NO_BLOCKS, q0, q1, out)
+        bad = edges_are_free(self._problem.map, None, q0, q1, out)
         if bad < 0:
             _prove(proofs, np.flatnonzero(~out), q0, q1, out)
         return bad

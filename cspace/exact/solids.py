@@ -16,7 +16,7 @@ from cspace.exact.boundaries import Problem, anchors_of, joined, obstacle_border
 from cspace.exact.triangles import DEPTH, Motion, Node, Trees, dot, minus, placed, share_apart, trees_of
 from cspace.grid import MAX_COORDINATE
 from cspace.map import turning
-from cspace.map.edges import NO_BLOCKS, along, edge_is_free
+from cspace.map.edges import along, edge_is_free
 from cspace.map.points import Numbers, configuration, halves, state_at
 from cspace.map.record import Map
 from cspace.map.turning import Matrix, Row
@@ -254,7 +254,7 @@ def arc_state(world: World, q0: Numbers, q1: Numbers, arc: int, work: Work) -> i
         if (
             jump == 0.0
             and 0.0 < last - first < 1.0
-            and edge_is_free(map_, NO_BLOCKS, along(map_, q0, q1, arc, first), along(map_, q0, q1, arc, last))
+            and edge_is_free(map_, None, along(map_, q0, q1, arc, first), along(map_, q0, q1, arc, last))
         ):
             continue
         q = along(map_, q0, q1, arc, middle)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Final, TypeVar
 
 from cspace.compiling import entry, reader
-from cspace.map.edges import NO_BLOCKS, edge_is_free
+from cspace.map.edges import edge_is_free
 from cspace.map.points import state_at
 from cspace.map.record import Map
 from cspace.orientation import TURN
@@ -77,17 +77,17 @@ def _point_7(map_: Map, a: float, b: float, c: float, d: float, e: float, f: flo
 
 @reader
 def _edge_2(map_: Map, a: float, b: float, c: float, d: float) -> bool:
-    return edge_is_free(map_, NO_BLOCKS, (a, b), (c, d))
+    return edge_is_free(map_, None, (a, b), (c, d))
 
 
 @reader
 def _edge_3(map_: Map, a: float, b: float, c: float, d: float, e: float, f: float) -> bool:
-    return edge_is_free(map_, NO_BLOCKS, (a, b, c), (d, e, f))
+    return edge_is_free(map_, None, (a, b, c), (d, e, f))
 
 
 @reader
 def _edge_4(map_: Map, a: float, b: float, c: float, d: float, e: float, f: float, g: float, h: float) -> bool:
-    return edge_is_free(map_, NO_BLOCKS, (a, b, c, d), (e, f, g, h))
+    return edge_is_free(map_, None, (a, b, c, d), (e, f, g, h))
 
 
 @reader
@@ -108,7 +108,7 @@ def _edge_7(
     m: float,
     n: float,
 ) -> bool:
-    return edge_is_free(map_, NO_BLOCKS, (a, b, c, d, e, f, g), (h, i, j, k, l, m, n))
+    return edge_is_free(map_, None, (a, b, c, d, e, f, g), (h, i, j, k, l, m, n))
 
 
 _POINTS: Final = {2: _point_2, 3: _point_3, 4: _point_4, 7: _point_7}

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.compiling import inner, reader
-from cspace.map.storage import Cells, Stack, cells_of, expect, row_in, state_in, zeros_below
+from cspace.map.storage import Cells, Stack, bits_from, cells_of, expect, row_in, state_in, zeros_below
 from cspace.threads import cores, in_threads
 
 Ints = NDArray[np.int64]
@@ -195,7 +195,7 @@ def pack(blocks: Blocks, segment: int, words: Words) -> None:
     (_, nx, ny, nz), (deep, wide, long), (layers, rows, columns) = blocks.grid, blocks.shifts, blocks.shape
     first_x, first_y = segment // (columns * rows) % layers << deep, segment // columns % rows << wide
     s, z = segment // (columns * rows * layers), segment % columns << long
-    whole, rim = _ONES >> np.uint64(64 - (1 << long)), _ONES if blocks.rim_is_open[s] else np.uint64(0)
+    rim = _ONES >> np.uint64(64 - (1 << long)) if blocks.rim_is_open[s] else np.uint64(0)
     for row in range(-AHEAD, words.shape[2]):
         x, y = first_x + ((row + AHEAD) >> wide), first_y + ((row + AHEAD) & ((1 << wide) - 1))
         for n in range(len(words) + 1):
@@ -203,12 +203,12 @@ def pack(blocks: Blocks, segment: int, words: Words) -> None:
         if row < 0:
             continue
         x, y = first_x + (row >> wide), first_y + (row & ((1 << wide) - 1))
+        stop = nz if (x < nx) & (y < ny) else 0
         for n in range(len(words)):
             first = z + (n << long)
-            count = max(0, min(1 << long, nz - first)) if x < nx and y < ny else 0
+            count = max(0, min(1 << long, stop - first))
             taken, blocked = row_in(blocks.cells, ((s * nx + x) * ny + y) * nz + first, count)
-            outside = rim & (whole << np.uint64(count)) if count < 64 else np.uint64(0)
-            words[n, 0, row], words[n, 1, row] = ~taken, ~blocked | (outside & whole)
+            words[n, 0, row], words[n, 1, row] = ~taken, ~blocked | (rim & bits_from(count))
 
 
 @inner
@@ -246,10 +246,8 @@ def label_blocks(blocks: Blocks, segments: Ints, labels: Labels, words: Words, r
     zero: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
     n = stop = layer = zero
     while n < len(segments):
-        follow = zero + 1
-        while n + follow < len(segments) and segments[n + follow] == segments[n] + follow:
-            if segments[n + follow] % blocks.shape[2] == 0:
-                break
+        follow, most = zero + 1, min(len(segments) - n, blocks.shape[2] - segments[n] % blocks.shape[2])
+        while follow < most and segments[n + follow] == segments[n] + follow:
             follow += 1
         pack(blocks, segments[n], words[:follow])
         for k in range(kinds * follow):
@@ -325,23 +323,16 @@ def meet_blocks(
         for node in range(MOST, MOST + counts[theirs]):
             parent[node] = node
         begin, most = n_pairs, n_pairs + counts[ours] + counts[theirs] - 1
-        for row in range(rows):
-            # The rows where the two touch: the last ones and the first, or, beside each other or in two slices, all.
-            other = row
-            if axis == 0:
-                other -= rows - wide
-            elif axis == 1:
-                other -= wide - 1 if row % wide == wide - 1 else rows
-            if other < 0:
-                continue
+        # The rows where the two touch: the last ones and the first, or, beside each other or in two slices, all.
+        skipped = rows - wide if axis == 0 else (wide - 1 if axis == 1 else 0)
+        for row in range(skipped, rows, wide if axis == 1 else 1):
             if n_pairs == most:
                 break  # all are joined
-            own, other = ours * rows + row, theirs * rows + other
+            own, other = ours * rows + row, theirs * rows + row - skipped
             n_pairs = join_rows(labels, own, other, long if axis == 2 else 0, parent, faces.pairs, n_pairs)
         if n_pairs > begin:
-            for k in range(3):
-                faces.rows[n_faces, k] = beside[k, n]
-            faces.rows[n_faces, 3] = n_pairs - begin
+            faces.rows[n_faces, 0], faces.rows[n_faces, 1] = beside[0, n], beside[1, n]
+            faces.rows[n_faces, 2], faces.rows[n_faces, 3] = beside[2, n], n_pairs - begin
             n_faces += 1
     return n_faces, n_pairs
 
@@ -405,21 +396,20 @@ def look_up(blocks: Blocks, joined: Joined, cells: Ints, components: Ints) -> in
     States decide where all components of a block are one over the whole map; cells of other blocks get ASK less their
     place, and those without a component -1.
     """
-    _, nx, ny, nz = blocks.grid
+    (_, nx, ny, nz), (deep, wide, long), (layers, rows, columns) = blocks.grid, blocks.shifts, blocks.shape
     asked: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
     solid = cells.shape[1] == 4
     for n in range(len(cells)):
-        start, s = joined.starts[cells[n, 0]], joined.slices[cells[n, 0]]
-        x, y, z = cells[n, 1] if solid else 0, cells[n, -2], cells[n, -1]
-        inside = 0 <= x < nx and 0 <= y < ny and 0 <= z < nz
-        state = 1
+        rotation, x, y, z = cells[n, 0], cells[n, 1], cells[n, -2], cells[n, -1]
+        if not solid:
+            x = 0
+        start, s = joined.starts[rotation], joined.slices[rotation]
+        state, inside = 1, (x >= 0) & (x < nx) & (y >= 0) & (y < ny) & (z >= 0) & (z < nz)
         if inside:
             state = state_in(blocks.cells, ((s * nx + x) * ny + y) * nz + z)
         else:
             x, y, z = nx if solid else 0, ny, nz
-        i, j, k = x >> blocks.shifts[0], y >> blocks.shifts[1], z >> blocks.shifts[2]
-        segment = ((s * blocks.shape[0] + i) * blocks.shape[1] + j) * blocks.shape[2] + k
-        x, y, z = x - (i << blocks.shifts[0]), y - (j << blocks.shifts[1]), z - (k << blocks.shifts[2])
+        segment = ((s * layers + (x >> deep)) * rows + (y >> wide)) * columns + (z >> long)
         for kind in range(KINDS):
             components[kind, n] = -1
             # FREE, MIXED and BLOCKED count up.
@@ -427,11 +417,12 @@ def look_up(blocks: Blocks, joined: Joined, cells: Ints, components: Ints) -> in
                 continue
             layer = KINDS * segment + kind
             first, stop = start + joined.base[layer], start + joined.base[layer + 1]
-            for node in range(first, stop):
-                if node == first:
-                    components[kind, n] = joined.roots[first]
-                elif joined.roots[node] != joined.roots[first]:
-                    components[kind, n] = ASK - ((segment << 12) | (((x << blocks.shifts[1]) + y) << 6) | z)
+            if first < stop:
+                components[kind, n] = joined.roots[first]
+            for node in range(first + 1, stop):
+                if joined.roots[node] != components[kind, n]:
+                    row = ((x & ((1 << deep) - 1)) << wide) | (y & ((1 << wide) - 1))
+                    components[kind, n] = ASK - ((segment << 12) | (row << 6) | (z & ((1 << long) - 1)))
                     asked += 1
                     break
     return asked

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from cspace.compiling import inner, reader
 from cspace.grid import SLACK
 from cspace.map import turning
-from cspace.map.mip import NO_BLOCKS as NO_BLOCKS
 from cspace.map.mip import ONE, SHIFT, SIDE
 from cspace.map.points import (
     MAX_PLACE,
@@ -46,7 +45,7 @@ UPRIGHT = 2.0**-500
 
 
 @reader
-def edges_are_free(map_: Map, blocks: Words, first: Floats, second: Floats, out: NDArray[np.bool_]) -> int:
+def edges_are_free(map_: Map, blocks: Words | None, first: Floats, second: Floats, out: NDArray[np.bool_]) -> int:
     """``edge_is_free`` of edges, shapes (n, dof); the index of the first edge that is not usable, or -1."""
     for k in range(first.shape[0]):
         q0, q1 = configuration(map_, first, k), configuration(map_, second, k)
@@ -57,11 +56,11 @@ def edges_are_free(map_: Map, blocks: Words, first: Floats, second: Floats, out:
 
 
 @inner(forceinline=True)
-def edge_is_free(map_: Map, blocks: Words, q0: Numbers, q1: Numbers) -> bool:
+def edge_is_free(map_: Map, blocks: Words | None, q0: Numbers, q1: Numbers) -> bool:
     """Whether every closed cell within SLACK of an edge is FREE.
 
     Along an edge the position goes straight, and the rotation the shortest way. ``blocks`` are those of
-    :class:`cspace.map.mip.Marks`, or NO_BLOCKS.
+    :class:`cspace.map.mip.Marks`, or None, so that no walk among them is compiled.
     """
     cursor = turning.first_piece(map_.rotations, q0, q1)
     while True:
@@ -97,9 +96,10 @@ def between(first: float, second: float, t: float) -> float:
 
 
 @inner(forceinline=True)
-def segment_is_free(map_: Map, blocks: Words, number: int, first: Numbers, last: Numbers) -> bool:
+def segment_is_free(map_: Map, blocks: Words | None, number: int, first: Numbers, last: Numbers) -> bool:
     """The same of a segment in one slice, by the positions of its endpoints."""
-    dim, inside, total = len(map_.lower), np.bool_(True), 0.0
+    inside: bool = np.bool_(True)  # type: ignore[assignment]  # of one type for the compiler from the start
+    dim, total = len(map_.lower), 0.0
     p, q = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)
     for axis in range(dim):
         lower, upper, a, b = map_.lower[axis], map_.upper[axis], first[axis], last[axis]
@@ -121,12 +121,11 @@ def segment_is_free(map_: Map, blocks: Words, number: int, first: Numbers, last:
         for axis in range(3):
             low = replaced(low, axis, min(part.low[axis], 0))
             high = replaced(high, axis, max(part.high[axis], high[axis]))
-        return slabs_are_free(part, p, q, low, high)
-    if part.shape[0] > 1 and not probes_are_free(part, p, q):
+    elif part.shape[0] > 1 and not probes_are_free(part, p, q):
         return False
-    if blocks.size == 0:
-        return slabs_are_free(part, p, q, low, high)
-    return blocks_are_free(part, blocks, number, p, q)
+    elif blocks is not None:
+        return blocks_are_free(part, blocks, number, p, q)
+    return slabs_are_free(part, p, q, low, high)
 
 
 @inner

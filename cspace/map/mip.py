@@ -48,10 +48,6 @@ MOST_NOTED: Final = 32
 """Changes that are noted one by one; of more, the box around all is."""
 
 
-NO_BLOCKS: Final = read_only(np.zeros((0,) * 5, dtype=np.uint64))
-"""For :attr:`SpaceMarks.blocks`, where there are none."""
-
-
 class SpaceMarks(NamedTuple):
     """What is not FREE in space, at three scales, as compiled code takes it; not to be written.
 

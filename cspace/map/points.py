@@ -120,8 +120,8 @@ def state_at(map_: Map, q: Numbers) -> int:
     inside, cell = cell_of(map_, q)
     if inside:
         return state_in(map_.cells, number_of(map_, cell))
-    dim, boxed = len(map_.lower), np.bool_(True)
-    finite = boxed
+    boxed: bool = np.bool_(True)  # type: ignore[assignment]  # of one type for the compiler from the start
+    dim, finite = len(map_.lower), boxed
     for axis in range(dim):
         boxed &= (map_.exterior[cell[0], axis] <= cell[axis + 1]) & (
             cell[axis + 1] <= map_.exterior[cell[0], axis + dim]

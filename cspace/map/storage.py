@@ -30,7 +30,7 @@ Halves = tuple[np.uint64, np.uint64]
 SPARE: Final = 16
 """Bytes behind the last cell, so that a word may be read from any cell on."""
 
-_ONE, _ONES, _GATHER = np.uint64(1), np.uint64(0x0101010101010101), np.uint64(0x0102040810204080)
+_ONE, _ONES = np.uint64(1), np.uint64(0x0101010101010101)
 _TWO, _THREE = np.uint64(2), np.uint64(3)
 _EVEN = np.uint64(0x5555555555555555)
 
@@ -204,27 +204,27 @@ def flipped(word: np.uint64) -> np.uint64:
     return word
 
 
+@inner(forceinline=True)
+def bits_from(number: int) -> np.uint64:
+    """The bits of a word from a number on, which may be 64."""
+    return ~np.uint64(0) << np.uint64(number) if number < 64 else np.uint64(0)
+
+
 def _row_of_bytes(cells: Bytes, number: int, count: int) -> Halves:
     taken, blocked = np.uint64(0), np.uint64(0)
-    if count == 64:  # for which the compiler takes all bytes at once
+    if number + 64 <= cells.size:  # the compiler takes all bytes at once
         for k in range(8):
             word = load(cells, number + 8 * k)
             above = word >> _ONE  # BLOCKED has the second bit, and MIXED the first
             taken |= ((word | above) & _ONES) << np.uint64(k)
             blocked |= (above & _ONES) << np.uint64(k)
-        return flipped(taken), flipped(blocked)
-    for first in range(0, count, 8):
-        word, place = np.uint64(0), np.uint64(first)
-        if first + 8 <= count:
-            word = load(cells, number + first)
-        else:
-            for k in range(first, count):
-                word |= np.uint64(cells[np.uint64(number + k)]) << np.uint64(8 * (k - first))
-        above = word >> _ONE  # BLOCKED has the second bit, and MIXED the first
-        taken |= ((((word | above) & _ONES) * _GATHER) >> np.uint64(56)) << place
-        blocked |= (((above & _ONES) * _GATHER) >> np.uint64(56)) << place
-    padding = ~np.uint64(0) << np.uint64(count) if count < 64 else np.uint64(0)
-    return taken | padding, blocked | padding
+        taken, blocked = flipped(taken), flipped(blocked)
+    else:
+        for k in range(count):
+            state, place = np.uint64(cells[number + k]), np.uint64(k)
+            taken |= ((state | (state >> _ONE)) & _ONE) << place
+            blocked |= (state >> _ONE) << place
+    return taken | bits_from(count), blocked | bits_from(count)
 
 
 def _row_of_bits(cells: TwoBits, number: int, count: int) -> Halves:
@@ -234,8 +234,7 @@ def _row_of_bits(cells: TwoBits, number: int, count: int) -> Halves:
         word &= np.uint64(0xFFFFFFFF)
         taken |= gathered(word | (word >> _ONE)) << place
         blocked |= gathered(word >> _ONE) << place
-    padding = ~np.uint64(0) << np.uint64(count) if count < 64 else np.uint64(0)
-    return taken | padding, blocked | padding
+    return taken | bits_from(count), blocked | bits_from(count)
 
 
 by_kind(state_in, {np.ndarray: _byte_in, TwoBits: _bits_in, TileCells: _tiled_in})

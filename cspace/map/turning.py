@@ -117,7 +117,7 @@ def _one_origin(rotations: OneCell) -> tuple[()]:
 
 
 def _one_is_usable(rotations: OneCell, q: Numbers) -> bool:
-    return True
+    return np.bool_(True)  # type: ignore[return-value]  # of one type for the compiler from the start
 
 
 def _one_slice_at(rotations: OneCell, q: Numbers) -> int:

@@ -350,13 +350,13 @@ class TiledCSpace(ConfigurationMap):
         return -1
 
     def _edges(self, number: int, exact: bool) -> Ask:
-        from cspace.map.edges import NO_BLOCKS, edges_are_free
+        from cspace.map.edges import edges_are_free
 
         if exact:
             raise self._elsewhere("exact")
 
         def kernel(map_: Map, first: Floats, last: Floats, out: Bools) -> int:
-            return edges_are_free(map_, NO_BLOCKS, first, last, out)
+            return edges_are_free(map_, None, first, last, out)
 
         return partial(self._query, kernel, True, EDGES_A_THREAD)
 
