@@ -39,7 +39,6 @@ from cspace.raster.triangles import THIN, point_triangle
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Simplex = tuple[Row, Row, Row]
 
 TILE: Final = 16
 """Triangles that lie together and are tested as one hull, at most."""
