@@ -44,7 +44,7 @@ def load_gltf(file: Path) -> tuple[Any, int]:
 
     data = read_bytes(file, _KIND, memory=4.0)
     is_binary = file.suffix.lower() == ".glb"
-    header = _header(_json_of(data) if is_binary else data, file)
+    header = _header(_json_of(data) if is_binary else data)
     parts = [[_triangles(part, header) for part in mesh["primitives"]] for mesh in header.get("meshes", [])]
     sizes = [
         sum(unfolded(header["accessors"][part["attributes"]["POSITION"]]["count"], faces) for part, faces in pairs)
@@ -180,10 +180,10 @@ def _json_of(data: bytes) -> bytes:
     return data[20 : 20 + int.from_bytes(data[12:16], "little")]
 
 
-def _header(data: bytes, file: Path) -> dict[str, Any]:
+def _header(data: bytes) -> dict[str, Any]:
     try:
         text = data.decode("utf-8-sig")
-        check_nesting(text, str(file), "[{", "]}")
+        check_nesting(text, "[{", "]}")
         header = json.loads(text)
     except ValueError as error:
         raise Fault(f"has a header that is no JSON ({error})") from error

@@ -96,7 +96,7 @@ def decoding(path: str | os.PathLike[str], kind: str, *advice: str) -> Iterator[
     """
     try:
         yield
-    except (CspaceError, MemoryError):
+    except (CspaceError, MemoryError, UserWarning):  # a warning of ours may be an error to its caller
         raise
     except Fault as fault:
         raise fault.kind(os.fspath(path), *fault.parts, value=fault.value) from fault

@@ -82,15 +82,13 @@ def _stl(file: Path) -> Surface:
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)  # what numpy says of text that is no number
         loaded = trimesh.load(io.BytesIO(data), file_type="stl", process=False)
-    if declared == 0:
-        return np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
-    return _counted(loaded, declared, file)
+    return _counted(loaded, declared, file) if declared else joined([])
 
 
 def _gltf(file: Path) -> Surface:
     """Triangles of a glTF scene, each mesh where its nodes put it."""
     scene, declared = load_gltf(file)
-    return _counted(scene, declared, file) if declared else (np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
+    return _counted(scene, declared, file) if declared else joined([])
 
 
 def _stl_text(data: bytes) -> tuple[bytes, int]:

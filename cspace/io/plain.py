@@ -16,8 +16,7 @@ from xml.parsers.expat import ExpatError, ParserCreate
 
 import numpy as np
 
-from cspace.errors import FileError
-from cspace.io.input import Fault, read_text
+from cspace.io.input import Fault, decoding, read_text
 from cspace.io.limits import check_memory
 
 DEEPEST: Final = 64
@@ -48,33 +47,29 @@ def read_yaml(path: str | os.PathLike[str], kind: str) -> Any:
     """
     import yaml
 
-    text, file = read_text(path, kind, memory=40.0), os.fspath(path)
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    text, loader = read_text(path, kind, memory=40.0), getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     # Lists and tables that are open, each with the key that waits for its value; the first holds the document.
     open_values: list[Any] = [[]]
     keys: list[Any] = [None]
-    try:
+    with decoding(path, "YAML file", f"a {kind} is one", "mend that line"):
         for event in yaml.parse(text, Loader=loader):
             if isinstance(event, yaml.NodeEvent):
                 if isinstance(event, yaml.AliasEvent) or event.anchor or getattr(event, "tag", None) not in (None, "!"):
-                    raise _not_plain(file, event, "an anchor, alias or tag")
+                    raise _not_plain(event, "an anchor, alias or tag")
                 if isinstance(event, yaml.ScalarEvent):
-                    _put(open_values[-1], keys, _scalar(event), file, event)
+                    _put(open_values[-1], keys, _scalar(event), event)
                 else:
                     if len(open_values) > DEEPEST:
-                        raise _not_plain(file, event, f"more than {DEEPEST} levels of lists and tables")
+                        raise _not_plain(event, f"more than {DEEPEST} levels of lists and tables")
                     value: Any = {} if isinstance(event, yaml.MappingStartEvent) else []
-                    _put(open_values[-1], keys, value, file, event)
+                    _put(open_values[-1], keys, value, event)
                     open_values.append(value)
                     keys.append(None)
             elif isinstance(event, yaml.CollectionEndEvent):
                 open_values.pop()
                 keys.pop()
-    except yaml.YAMLError as error:
-        reason = " ".join(str(error).split())
-        raise FileError(file, f"is not YAML: {reason}", f"{kind} is a YAML file", "mend that line") from error
-    if len(open_values[0]) > 1:
-        raise FileError(file, f"holds {len(open_values[0])} documents", "it must hold one", "remove the others")
+        if len(open_values[0]) > 1:
+            raise Fault(f"holds {len(open_values[0])} documents", "it must hold one", "remove the others")
     return open_values[0][0] if open_values[0] else None
 
 
@@ -84,14 +79,12 @@ def read_json(path: str | os.PathLike[str], kind: str, each_list: float = 0.0) -
     ``each_list`` bytes are what the caller takes for each list of the file, beside what the value itself takes. Raises
     FileError if the file is missing, is not JSON, is nested too deeply, or does not fit into memory.
     """
-    text, file = read_text(path, kind, memory=20.0), os.fspath(path)
-    check_nesting(text, file, "[{", "]}")
-    lists = text.count("[")
-    check_memory(file, f"holds {lists:,} lists", each_list * lists + 20.0 * len(text))
-    try:
+    text = read_text(path, kind, memory=20.0)
+    with decoding(path, "JSON file", f"a {kind} is one", "mend that place"):
+        check_nesting(text, "[{", "]}")
+        lists = text.count("[")
+        check_memory(path, f"holds {lists:,} lists", each_list * lists + 20.0 * len(text))
         return json.loads(text, parse_int=_integer)
-    except (ValueError, RecursionError) as error:
-        raise FileError(file, f"is not JSON: {error}", f"{kind} is a JSON file", "mend that place") from error
 
 
 def parse_xml(data: bytes) -> Element:
@@ -123,10 +116,10 @@ def parse_xml(data: bytes) -> Element:
         raise Fault(f"is no XML ({error})") from error
 
 
-def check_nesting(text: str, file: str, opening: str, closing: str) -> None:
+def check_nesting(text: str, opening: str, closing: str) -> None:
     """Refuse brackets within brackets before anything recurses into them.
 
-    Raises FileError if there are more than :data:`DEEPEST` levels.
+    Raises Fault if there are more than :data:`DEEPEST` levels.
     """
     steps = np.zeros(256, dtype=np.int32)
     steps[[ord(letter) for letter in opening]] = 1
@@ -137,12 +130,10 @@ def check_nesting(text: str, file: str, opening: str, closing: str) -> None:
         levels = level + np.cumsum(steps[letters])
         level = int(levels[-1])
         if levels.max() > DEEPEST:
-            raise FileError(
-                file, f"has more than {DEEPEST} brackets within each other", "it is malformed", "write it flatter"
-            )
+            raise Fault(f"has more than {DEEPEST} brackets within each other", "it is malformed", "write it flatter")
 
 
-def _put(place: Any, keys: list[Any], value: Any, file: str, event: Any) -> None:
+def _put(place: Any, keys: list[Any], value: Any, event: Any) -> None:
     """Add a value to the list or table that is open, or keep it as the key of the next one."""
     if isinstance(place, list):
         place.append(value)
@@ -150,7 +141,7 @@ def _put(place: Any, keys: list[Any], value: Any, file: str, event: Any) -> None
         place[keys[-1]] = value
         keys[-1] = None
     elif not isinstance(value, str) or value in place:
-        raise _not_plain(file, event, f"the key {str(value)[:40]!r}, which is no text, or there twice,")
+        raise _not_plain(event, f"the key {str(value)[:40]!r}, which is no text, or there twice,")
     else:
         keys[-1] = value
 
@@ -175,10 +166,6 @@ def _integer(word: str) -> int | float:
     return int(word) if len(word) < 19 else float(word)
 
 
-def _not_plain(file: str, event: Any, what: str) -> FileError:
-    return FileError(
-        file,
-        f"has {what} in line {event.start_mark.line + 1}",
-        "plain text, numbers, lists and tables are read",
-        "mend that line",
-    )
+def _not_plain(event: Any, what: str) -> Fault:
+    fault, rule = f"has {what} in line {event.start_mark.line + 1}", "plain text, numbers, lists and tables are read"
+    return Fault(fault, rule, "mend that line")

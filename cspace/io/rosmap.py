@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.errors import FileError, InputError
 from cspace.grid import SLACK, Grid, check_word
 from cspace.io.image import Shades, read_shades
-from cspace.io.input import UNKNOWNS, suffix_of
+from cspace.io.input import UNKNOWNS, Fault, decoding, suffix_of
 from cspace.io.limits import check_cells
 from cspace.io.output import replacing
 from cspace.io.plain import read_yaml
@@ -81,7 +81,8 @@ def read_ros_map(path: str | os.PathLike[str], unknown: str = "occupied") -> tup
         If the YAML or its image is missing or malformed; the message names the key and its value.
     """
     check_word(unknown, "unknown", UNKNOWNS)
-    header = _read_header(path)
+    with decoding(path, "ROS map"):
+        header = _read_header(path)
     free, occupied = MODES[header.mode](header, read_shades(header.image, "ROS map's image"))
     try:
         return on_grid(header.frame, free, occupied, unknown)
@@ -177,38 +178,36 @@ class _Header:
 def _read_header(path: str | os.PathLike[str]) -> _Header:
     document = read_yaml(path, "ROS map")
     if not isinstance(document, dict):
-        raise _fault(path, f"holds {type(document).__name__}", "keys and values", "write e.g. 'resolution: 0.05'")
+        raise _fault(f"holds {type(document).__name__}", "keys and values", "write e.g. 'resolution: 0.05'")
     missing = [key for key in _KEYS if key not in document]
     if missing:
         beside = ", ".join(document) or "nothing"
-        raise _fault(path, f"{missing[0]} is missing", f"there, beside {beside:.200}", f"add '{missing[0]}:'")
+        raise _fault(f"{missing[0]} is missing", f"there, beside {beside:.200}", f"add '{missing[0]}:'")
     image, mode, negate = document["image"], document.get("mode", "trinary"), document["negate"]
     if not isinstance(image, str) or not image or "\0" in image:
-        raise _fault(path, f"image is {image!r:.60}", "the name of the image", "write e.g. 'image: map.pgm'")
+        raise _fault(f"image is {image!r:.60}", "the name of the image", "write e.g. 'image: map.pgm'")
     if not isinstance(mode, str) or mode not in MODES:
-        raise _fault(path, f"mode is {mode!r:.60}", f"one of {', '.join(MODES)}", "correct it")
-    resolution = _number(document["resolution"], "resolution", path)
+        raise _fault(f"mode is {mode!r:.60}", f"one of {', '.join(MODES)}", "correct it")
+    resolution = _number(document["resolution"], "resolution")
     if not 1.0 / _FAR <= resolution <= _FAR:
         rule = f"metres per cell, above zero, from {1.0 / _FAR:g} to {_FAR:g}"
-        raise _fault(path, f"resolution is {resolution}", rule, "write e.g. 'resolution: 0.05'")
+        raise _fault(f"resolution is {resolution}", rule, "write e.g. 'resolution: 0.05'")
     origin = document["origin"]
     if not isinstance(origin, list) or len(origin) != 3:
-        raise _fault(path, f"origin is {origin!r:.60}", "x, y and yaw", "write e.g. 'origin: [0.0, 0.0, 0.0]'")
-    x, y, yaw = (_number(value, f"origin[{i}]", path) for i, value in enumerate(origin))
+        raise _fault(f"origin is {origin!r:.60}", "x, y and yaw", "write e.g. 'origin: [0.0, 0.0, 0.0]'")
+    x, y, yaw = (_number(value, f"origin[{i}]") for i, value in enumerate(origin))
     if max(abs(x), abs(y)) > _FAR:
-        raise _fault(path, f"origin is {origin!r:.60}", f"metres, at most {_FAR:g}", "check its units")
+        raise _fault(f"origin is {origin!r:.60}", f"metres, at most {_FAR:g}", "check its units")
     if isinstance(negate, list | dict) or negate not in (0, 1):
-        raise _fault(path, f"negate is {negate!r:.60}", "0 or 1", "write 'negate: 0' where dark pixels are obstacles")
+        raise _fault(f"negate is {negate!r:.60}", "0 or 1", "write 'negate: 0' where dark pixels are obstacles")
     if negate and mode == "raw":
-        raise _fault(path, "negate is 1 in raw mode", "0 there: ROS 1 and ROS 2 disagree on what it does", "remove it")
-    occupied, free = (_number(document[key], key, path) for key in ("occupied_thresh", "free_thresh"))
+        raise _fault("negate is 1 in raw mode", "0 there: ROS 1 and ROS 2 disagree on what it does", "remove it")
+    occupied, free = (_number(document[key], key) for key in ("occupied_thresh", "free_thresh"))
     for key, value in (("occupied_thresh", occupied), ("free_thresh", free)):
         if not 0.0 <= value <= 1.0:
-            raise _fault(path, f"{key} is {value}", "between 0 and 1", "correct it")
+            raise _fault(f"{key} is {value}", "between 0 and 1", "correct it")
     if free >= occupied:
-        raise _fault(
-            path, f"free_thresh is {free} and occupied_thresh is {occupied}", "free below occupied", "exchange them"
-        )
+        raise _fault(f"free_thresh is {free} and occupied_thresh is {occupied}", "free below occupied", "exchange them")
     frame = Frame(os.fspath(path), resolution, (x, y), yaw)
     return _Header(frame, _beside(path, image), mode, bool(negate), occupied, free)
 
@@ -220,27 +219,26 @@ def _beside(path: str | os.PathLike[str], image: str) -> Path:
     try:
         outside = not file.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError, ValueError) as error:
-        raise _fault(
-            path, f"image is {image!r:.60}, which cannot be looked up", "the name of a file", "correct it"
-        ) from (error)
+        fault = f"image is {image!r:.60}, which cannot be looked up"
+        raise _fault(fault, "the name of a file", "correct it") from error
     if outside:
         warnings.warn(f"{os.fspath(path)}: image is {image!r}, which lies outside of its folder", stacklevel=2)
     return file
 
 
-def _number(value: Any, key: str, path: str | os.PathLike[str]) -> float:
+def _number(value: Any, key: str) -> float:
     """A finite number."""
     try:
         number = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError):
         number = math.nan
     if not math.isfinite(number):
-        raise _fault(path, f"{key} is {value!r:.60}", "a finite number", "correct it")
+        raise _fault(f"{key} is {value!r:.60}", "a finite number", "correct it")
     return number
 
 
-def _fault(path: str | os.PathLike[str], fault: str, rule: str, mend: str) -> FileError:
-    return FileError(os.fspath(path), fault, f"in a ROS map it must be {rule}", mend)
+def _fault(fault: str, rule: str, mend: str) -> Fault:
+    return Fault(fault, f"in a ROS map it must be {rule}", mend)
 
 
 def _trinary(header: _Header, image: Shades) -> tuple[Bools, Bools]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cspace.errors import FileError, GeometryError, InputError
-from cspace.io.input import read_text
+from cspace.io.input import decoding, read_text
 from cspace.io.limits import check_memory
 from cspace.io.plain import check_nesting, read_json
 
@@ -121,8 +121,9 @@ def _from_wkt(text: str, name: str) -> BaseGeometry:
 
     if "\0" in text:  # where the parser would stop without a word
         raise GeometryError(name, "is not WKT: it holds a NUL character", "it must be text", f"mend {text[:60]!r}")
-    check_nesting(text, name, "(", ")")
     try:
+        with decoding(name, "WKT geometry"):
+            check_nesting(text, "(", ")")
         with np.errstate(invalid="ignore"):  # NaN is refused by name later
             return shapely.from_wkt(text)
     except (shapely.errors.ShapelyError, NotImplementedError, ValueError) as error:

@@ -276,7 +276,7 @@ def test_bad_headers(tmp_path: Path, changes: dict[str, Any], message: str) -> N
         ("", "holds NoneType"),
         ("just words", "holds str"),
         ("- image\n- resolution", "holds list"),
-        ("image: [map.png\nresolution: 1", "is not YAML: .*line 2"),
+        ("image: [map.png\nresolution: 1", "as a YAML file .*line 2"),
         ("{}", "image is missing"),
     ],
 )

@@ -227,9 +227,9 @@ def test_sources_of_another_kind(source: Any) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "error", "message"),
     [
-        ("a.geojson", "{", FileError, r"a\.geojson: is not JSON: .*line 1"),
+        ("a.geojson", "{", FileError, r"a\.geojson: cannot be read as a JSON file .*line 1"),
         ("a.json", "[1, 2]", FileError, "holds a JSON list"),
-        ("a.json", "", FileError, "is not JSON"),
+        ("a.json", "", FileError, "as a JSON file"),
         ("a.json", '{"type": "Point", "coordinates": [NaN, 1]}', GeometryError, r"a\.json has a vertex at \(nan"),
         ("a.wkt", "", FileError, r"a\.wkt: begins with ''"),
         ("a.wkt", "POINT (1 2)\nCIRCLE (1 2)", GeometryError, "is not WKT"),

@@ -50,7 +50,7 @@ def test_files_are_not_replaced_unasked(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{", "is not"),
+        ("{", "cannot be read"),
         ("[1]", "holds no balls"),
         ('{"format": "other"}', "holds no balls"),
         ('{"format": "cspace-spheres", "version": 7}', "version 7"),
