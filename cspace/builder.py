@@ -99,7 +99,7 @@ def build(
         Store the overlap counts of the outer rasters as :attr:`CSpace.overlaps`.
     method : {"auto", "fft", "direct"}
         The engine; the map is the same, cell for cell. "fft" correlates by transforms, "direct" dilates 64 cells at a
-        time, and "auto" takes that unless the robot has thousands of rows, or overlap counts are wanted, which only
+        time, and "auto" takes that unless the robot has very many rows, or overlap counts are wanted, which only
         the transforms give.
     outside : {"blocked", "free"}
         Whether what lies outside the workspace's bounds is obstacle or free.

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from cspace.engines import dilation, fft
 from cspace.raster.raster import Raster
 
-ROWS: Final = 4_000
-"""Rows of consecutive offsets, in the mean over a robot's rasters, from which on transforms are the quicker engine.
+ROWS: Final = {2: 30, 3: 280}
+"""Rows of consecutive offsets, in the plane and in space, for each cell that a robot is across, from which on transforms
+are the quicker engine.
 
-Measured once, on two cores: engines break even at some 3,500 rows in the plane and 8,000 in space."""
+Measured once, on two cores: robots of 40 to 400 cells break even at 23 to 50 in the plane, and at 280 to 350 in space."""
 
 
 class Engine(Protocol):
@@ -74,12 +75,12 @@ METHODS: Final = (*ENGINES, "auto")
 
 
 def choose(rasters: Sequence[Raster], *, counts: bool = False) -> str:
-    """The engine to take for a robot's rasters: dilation, unless overlaps are counted or it has thousands of rows."""
+    """The engine to take for a robot's rasters: dilation, unless overlaps are counted or it has very many rows."""
     if counts:
         return "fft"
-    sample = rasters[:: max(1, len(rasters) // 8)]  # turned robots are much alike
-    rows = sum(_rows(raster.cells) for raster in sample)
-    return "direct" if rows <= ROWS * len(sample) else "fft"
+    sample = [raster.cells for raster in rasters[:: max(1, len(rasters) // 8)]]  # turned robots are much alike
+    most = sum(ROWS[cells.ndim] * max(cells.shape) for cells in sample)
+    return "direct" if sum(map(_rows, sample)) <= most else "fft"
 
 
 def _rows(cells: NDArray[np.bool_]) -> int:

@@ -116,7 +116,8 @@ def test_an_error_in_the_progress_callback_stops_the_run(engine):
 def test_dilation_is_taken_but_for_counts_and_robots_of_very_many_rows():
     block = Raster.trimmed(np.ones((300, 300), bool), (0, 0))
     sieve = Raster.trimmed(np.indices((301, 301))[1] % 6 == 0, (0, 0))
-    assert sieve.count > ROWS
-    assert choose([block]) == "direct" and choose([sieve]) == "fft"
+    ball = Raster.trimmed(np.linalg.norm(np.indices((91, 91, 91)) - 45.0, axis=0) < 45.5, (0, 0, 0))
+    assert sieve.count > 301 * ROWS[2] and np.count_nonzero(ball.cells.any(axis=2)) > 6000
+    assert choose([block]) == choose([ball]) == "direct" and choose([sieve]) == "fft"
     assert choose([block], counts=True) == "fft" and ENGINES["fft"].COUNTS and not ENGINES["direct"].COUNTS
     assert choose([block] * 30 + [sieve]) == "direct"
