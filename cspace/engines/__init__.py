@@ -16,10 +16,10 @@ from cspace.engines import dilation, fft
 from cspace.raster.raster import Raster
 
 ROWS: Final = {2: 30, 3: 280}
-"""Rows of consecutive offsets, in the plane and in space, for each cell that a robot is across, from which on transforms
-are the quicker engine.
+"""Rows of consecutive offsets, in the plane and in space, for each cell that a robot is across, from which on
+transforms are the quicker engine.
 
-Measured once, on two cores: robots of 40 to 400 cells break even at 23 to 50 in the plane, and at 280 to 350 in space."""
+Measured once, on two cores: robots 40 to 400 cells across break even at 23 to 50 in the plane, 280 to 350 in space."""
 
 
 class Engine(Protocol):
