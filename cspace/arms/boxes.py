@@ -27,13 +27,14 @@ from cspace.arms.hulls import least_spare
 from cspace.arms.proofs import Scene, Solids, Work, least_of, nests, row_of, seen
 from cspace.compiling import inner, jit
 from cspace.exact import ADVANCE
-from cspace.exact.triangles import box_of, cross, dot, minus
+from cspace.exact.triangles import box_of
 from cspace.grid import SLACK
 from cspace.map.points import replaced
 from cspace.map.turning import Row
 from cspace.raster.triangles import THIN, point_triangle
 from cspace.raster.winding import turn_above
 from cspace.states import BLOCKED, FREE, MIXED
+from cspace.vectors import cross, dot, minus
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 
 from cspace.arms.hulls import Flight
 from cspace.compiling import inner, jit
-from cspace.exact.triangles import cross, dot
 from cspace.map.turning import Row
+from cspace.vectors import cross, dot
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -33,9 +33,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.compiling import inner, jit
-from cspace.exact.triangles import bounds_of_rows, boxes_of, cross, dot, minus, most
+from cspace.exact.triangles import bounds_of_rows, boxes_of, most
 from cspace.map.turning import Matrix, Row
 from cspace.raster.triangles import THIN, point_triangle
+from cspace.vectors import cross, dot, minus
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cspace.compiling import inner, jit, row_entry
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.boundaries import Problem, anchors_of, joined, obstacle_border, parts_of
-from cspace.exact.triangles import DEPTH, Motion, Node, Trees, dot, minus, placed, share_apart, trees_of
+from cspace.exact.triangles import DEPTH, Motion, Node, Trees, placed, share_apart, trees_of
 from cspace.grid import MAX_COORDINATE
 from cspace.map import turning
 from cspace.map.edges import along, edge_is_free
@@ -24,6 +24,7 @@ from cspace.rotations import YawCells
 from cspace.shapes import Box, Pieces
 from cspace.states import BLOCKED, FREE, MIXED
 from cspace.threads import in_chunks
+from cspace.vectors import dot, minus
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

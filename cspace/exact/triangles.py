@@ -37,6 +37,7 @@ from numpy.typing import NDArray
 from cspace.compiling import inner
 from cspace.map.turning import Matrix, Row
 from cspace.shapes import Pieces
+from cspace.vectors import cross, dot, minus, nearest_of_triangle
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -374,34 +375,6 @@ def nearest_of_box(p: Row, box: Box, part: float) -> Row:
 
 
 @inner
-def nearest_of_triangle(p: Row, a1: Row, a2: Row) -> Row:
-    """The point of a triangle with one corner in the origin that is nearest to p, as well as rounding allows.
-
-    C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
-    """
-    b, c = minus(p, a1), minus(p, a2)
-    d1, d2, d3, d4, d5, d6 = dot(a1, p), dot(a2, p), dot(a1, b), dot(a2, b), dot(a1, c), dot(a2, c)
-    if d1 <= 0.0 and d2 <= 0.0:
-        return 0.0, 0.0, 0.0
-    if d3 >= 0.0 and d4 <= d3:
-        return a1
-    if d6 >= 0.0 and d5 <= d6:
-        return a2
-    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
-    s, t = 0.0, 0.0
-    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        s = d1 / (d1 - d3)
-    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        t = d2 / (d2 - d6)
-    elif va <= 0.0 and d4 >= d3 and d5 >= d6:
-        t = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-        s = 1.0 - t
-    else:
-        s, t = vb / (va + vb + vc), vc / (va + vb + vc)
-    return s * a1[0] + t * a2[0], s * a1[1] + t * a2[1], s * a1[2] + t * a2[2]
-
-
-@inner
 def way_between(p: Row, u: Row, q: Row, v: Row) -> Row:
     """The shortest way between two segments, from p along u and from q along v, as well as rounding lets it be found.
 
@@ -428,18 +401,3 @@ def placed(motion: Motion, p: Row) -> Row:
         motion.place[1] + (yx * p[0] + yy * p[1] + yz * p[2]),
         motion.place[2] + (zx * p[0] + zy * p[1] + zz * p[2]),
     )
-
-
-@inner(forceinline=True)
-def minus(a: Row, b: Row) -> Row:
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@inner(forceinline=True)
-def dot(a: Row, b: Row) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inner(forceinline=True)
-def cross(a: Row, b: Row) -> Row:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

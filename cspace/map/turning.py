@@ -25,11 +25,11 @@ from cspace.rotations import (
     QuaternionCells,
     YawCells,
 )
+from cspace.vectors import Row as Row
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Numbers = tuple[float, ...]
-Row = tuple[float, float, float]
 Matrix = tuple[Row, Row, Row]
 Cursor = Any
 """Where a walk over rotation cells is: numbers that only the kind itself reads."""

@@ -49,6 +49,7 @@ from numpy.typing import NDArray
 from cspace.compiling import inner, jit
 from cspace.grid import SLACK
 from cspace.threads import in_chunks
+from cspace.vectors import nearest_of_triangle
 
 Bools = NDArray[np.bool_]
 Octets = NDArray[np.uint8]
@@ -390,48 +391,17 @@ def _box_triangle(triangle: Floats, center: Floats, half: float) -> float:
 
 
 @inner
-def _nearest(x: float, y: float, z: float, triangle: Floats) -> tuple[float, float, float]:
-    """The point of a triangle that is nearest to another one (Ericson, Real-Time Collision Detection, 2005)."""
-    a, b, c = triangle[0], triangle[1], triangle[2]
-    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    ua = ux * (x - a[0]) + uy * (y - a[1]) + uz * (z - a[2])
-    va = vx * (x - a[0]) + vy * (y - a[1]) + vz * (z - a[2])
-    ub = ux * (x - b[0]) + uy * (y - b[1]) + uz * (z - b[2])
-    vb = vx * (x - b[0]) + vy * (y - b[1]) + vz * (z - b[2])
-    uc = ux * (x - c[0]) + uy * (y - c[1]) + uz * (z - c[2])
-    vc = vx * (x - c[0]) + vy * (y - c[1]) + vz * (z - c[2])
-    # How much of u and of v leads there from a.
-    share, other = 0.0, 0.0
-    at_c, at_b, at_a = ua * vb - ub * va, uc * va - ua * vc, ub * vc - uc * vb
-    if ua <= 0.0 and va <= 0.0:
-        pass
-    elif ub >= 0.0 and vb <= ub:
-        share = 1.0
-    elif vc >= 0.0 and uc <= vc:
-        other = 1.0
-    elif at_c <= 0.0 and ua >= 0.0 and ub <= 0.0:
-        share = ua / (ua - ub) if ua > ub else 0.0
-    elif at_b <= 0.0 and va >= 0.0 and vc <= 0.0:
-        other = va / (va - vc) if va > vc else 0.0
-    elif at_a <= 0.0 and vb >= ub and uc >= vc:
-        whole = (vb - ub) + (uc - vc)
-        other = (vb - ub) / whole if whole > 0.0 else 0.0
-        share = 1.0 - other
-    else:
-        whole = at_a + at_b + at_c
-        share, other = (at_b / whole, at_c / whole) if whole > 0.0 else (0.0, 0.0)
-    return a[0] + share * ux + other * vx, a[1] + share * uy + other * vy, a[2] + share * uz + other * vz
-
-
-@inner
 def _is_near(triangle: Floats, center: Floats, half: float, most: float, slack: float) -> bool:
     """Whether a triangle comes within a distance of a cube that it does not meet; or perhaps within ``slack`` more."""
     cx, cy, cz = center
     x, y, z = cx, cy, cz
+    ax, ay, az = triangle[0]
+    u = triangle[1, 0] - ax, triangle[1, 1] - ay, triangle[1, 2] - az
+    v = triangle[2, 0] - ax, triangle[2, 1] - ay, triangle[2, 2] - az
     for _ in range(_TRIES):
         # From the point of the cube to the triangle's nearest, and from there to that of the cube.
-        px, py, pz = _nearest(x, y, z, triangle)
+        px, py, pz = nearest_of_triangle((x - ax, y - ay, z - az), u, v)
+        px, py, pz = px + ax, py + ay, pz + az
         x = min(max(px, cx - half), cx + half)
         y = min(max(py, cy - half), cy + half)
         z = min(max(pz, cz - half), cz + half)
