@@ -1,5 +1,6 @@
 """Slow, plain implementations of the definitions, sharing no code with the library; in the plane they are exact."""
 
+import math
 from fractions import Fraction
 from itertools import product
 
@@ -36,6 +37,12 @@ def square_distance_to_box(segment, box):
     return min(candidates)
 
 
+def is_beyond(segment, box, margin):
+    """Whether all of a segment is to one side of a box, farther than a margin."""
+    sides = zip(*segment, box[:2], box[2:], strict=True)
+    return any(max(p, q) < low - margin or min(p, q) > high + margin for p, q, low, high in sides)
+
+
 def square_distance_to_segment(point, segment):
     (px, py), (qx, qy) = segment
     dx, dy = qx - px, qy - py
@@ -46,7 +53,7 @@ def square_distance_to_segment(point, segment):
 
 
 def on_border(point, segments):
-    return any(square_distance_to_segment(point, segment) == 0 for segment in segments)
+    return any(segment_meets_block(*segment, point, point) for segment in segments)
 
 
 def encloses(point, segments):
@@ -72,7 +79,8 @@ def polygon_outer_offsets(vertices, spacing, margins, reach):
         box = (h * (m[0] - 1), h * (m[1] - 1), h * (m[0] + 1), h * (m[1] + 1))
         square = 0
         if not encloses((h * m[0], h * m[1]), segments):
-            square = min(square_distance_to_box(segment, box) for segment in segments)
+            near = (segment for segment in segments if not is_beyond(segment, box, max(map(Fraction, margins))))
+            square = min((square_distance_to_box(segment, box) for segment in near), default=math.inf)
         for offsets, margin in zip(offsets_by_margin, map(Fraction, margins), strict=True):
             if square <= margin * margin:
                 offsets.add(m)

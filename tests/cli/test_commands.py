@@ -7,6 +7,7 @@ import math
 import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -332,7 +333,8 @@ def test_options_go_to_the_planner(room: Path, monkeypatch: pytest.MonkeyPatch) 
         assert (heard["start"], heard["goal"]) == ((-0.5, -0.25), (0.5, -0.5))
 
 
-def test_car_paths_are_drawn(room: Path) -> None:
+def test_car_paths_are_drawn(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cspace.plot.animate", partial(animate, seconds=0.5))
     printed = document(
         *("plan", "turning.npz", "--start", "0.35,0.55,0", "--goal", "0.95,0.6,0.1", "--seed", 1, "--time-limit", 5),
         *("--curve", "reeds-shepp", "--turning-radius", 0.2, "-o", "path.csv", "--animate", "path.gif"),
@@ -344,7 +346,7 @@ def test_car_paths_are_drawn(room: Path) -> None:
     space, rows = cspace.open("turning.npz"), np.loadtxt("path.csv", delimiter=",", skiprows=1)
     save_plot(space, "own.png", path=rows[:, :3], dpi=50)
     assert Path("path.png").read_bytes() == Path("own.png").read_bytes()
-    animate(space, rows[:, :3], "own.gif")
+    animate(space, rows[:, :3], "own.gif", seconds=0.5)
     assert Path("path.gif").read_bytes() == Path("own.gif").read_bytes()
 
 
@@ -454,7 +456,7 @@ def test_ctrl_c_while_planning(room: Path) -> None:
         "signal.signal(signal.SIGINT, signal.default_int_handler)  # a parent in the background may ignore it\n"
         "search = planners.plan\n"
         "def plan(*arguments, **options):\n"
-        "    threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
+        "    threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
         "    return search(*arguments, **options)\n"
         "planners.plan = plan\n"
         "sys.argv[0] = 'cspace'\n"

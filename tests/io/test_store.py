@@ -68,7 +68,7 @@ def built(draw: st.DrawFn) -> cspace.CSpace:
 
 
 @given(space=built(), suffix=st.sampled_from(SUFFIXES))
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_a_map_comes_back_as_it_was(space: cspace.CSpace, suffix: str) -> None:
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"map{suffix}"

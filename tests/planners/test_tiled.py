@@ -80,7 +80,7 @@ def test_what_is_refused(tmp_path):
     [
         {"drive": "reeds-shepp", "turning_radius": 0.3},
         {"drive": "differential"},
-        {"objective": "clearance", "planner": "RRTstar", "time_limit": 0.3},
+        {"objective": "clearance", "planner": "RRTstar", "time_limit": 0.1},
         {"planner": "RRTConnect"},
     ],
     ids=["reeds-shepp", "differential", "clearance", "planner"],

@@ -14,10 +14,10 @@ POINT = (1.75, 2.0, 1.1)
 
 
 def room(rotations: int | Rotations) -> CSpace:
-    occupied = np.zeros((40, 40, 25), bool)
-    occupied[20:22] = True
-    occupied[20:22, 16:24, 6:16] = False
-    return build(Workspace.from_array(occupied, 0.1), Robot.box((1.0, 0.3, 0.2)), rotations=rotations)
+    occupied = np.zeros((20, 20, 12), bool)
+    occupied[10] = True
+    occupied[10, 8:12, 3:8] = False
+    return build(Workspace.from_array(occupied, 0.2), Robot.box((1.0, 0.3, 0.2)), rotations=rotations)
 
 
 def color_at(space: CSpace, *rotation: float) -> tuple[int, ...]:
