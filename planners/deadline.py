@@ -76,7 +76,7 @@ class _Watch:
         self._wakes = math.inf
 
     def add(self, at: float, owner: object, call: Callable[[], None]) -> None:
-        """Call a function at a time, as :func:`time.perf_counter` tells it, unless its owner is forgotten before."""
+        """Call a function at a time, in seconds of :func:`time.perf_counter`, unless its owner is forgotten before."""
         with self._changed:
             self._calls.append((at, owner, call))
             if self._thread is None or not self._thread.is_alive():

@@ -365,7 +365,7 @@ class _Assembly:
         )
 
     def _default_allowed(self, arm: Arm) -> dict[Names, str]:
-        """Pairs that may touch, where no SRDF tells: neighbours, links of one body, and those that always touch."""
+        """Pairs that may touch, where there is no SRDF: neighbours, links of one body, and those that always touch."""
         allowed = {
             pair_of(one.name, other.name): "one body"
             for one, other in combinations(arm.links, 2)

@@ -1,4 +1,4 @@
-"""How often pairs of an arm's links touch, by random configurations: that tells what was meant, and proves nothing."""
+"""How often pairs of an arm's links touch, at random configurations: a hint at what was meant, and no proof."""
 
 from __future__ import annotations
 

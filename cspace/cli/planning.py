@@ -198,7 +198,7 @@ def _describe(plan: Plan) -> dict[str, Any]:
 
 
 def _steps(plan: Plan) -> dict[str, float]:
-    """Seconds of a plan: what the map makes and compiles first is told apart from the search."""
+    """Seconds of a plan: what the map makes and compiles first is listed apart from the search."""
     times = plan.times
     return {"set_up": times.setup, "plan": times.planning + times.simplification, "check": times.checking}
 

@@ -1,4 +1,4 @@
-"""Which constructor of a workspace a file goes to, by its suffix; and arrays, of numpy and of Zarr, whose type tells.
+"""Which constructor of a workspace a file goes to, by its suffix; and arrays, of numpy and of Zarr, whose type decides.
 
 Of arrays nothing is read before it is used.
 """

@@ -1,4 +1,4 @@
-"""Robots as Nav2 is told of them: footprints as text, and the YAML files of its parameters."""
+"""Robots as Nav2 describes them: footprints as text, and the YAML files of its parameters."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Base(NamedTuple):
 
 
 def corners_of(footprint: str | ArrayLike, name: str = "footprint") -> Floats:
-    """The corners that a footprint tells, shape (n, 2), metres.
+    """The corners of a footprint, shape (n, 2), metres.
 
     A text is Nav2's, ``"[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"``. Raises GeometryError if it is not a
     list of three points or more, and InputError, with its ``name``, if a number is not finite.
@@ -61,7 +61,7 @@ def read_nav2(path: str | os.PathLike[str], costmap: str | None = None) -> Base:
     the global costmap in a file of Nav2, or the top of a ``costmap_common_params.yaml`` of ROS 1. Where the costmaps of
     a file differ in it, one has to be named, such as "local_costmap".
 
-    Raises FileError if the file is missing or malformed, tells of no robot, or of several, or not of that costmap.
+    Raises FileError if the file is missing or malformed, describes no robot, or several, or not that costmap.
     """
     file = os.fspath(path)
     tables = dict(_tables(read_yaml(path, "file of Nav2's parameters"), ()))

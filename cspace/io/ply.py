@@ -29,7 +29,7 @@ _MEMORY: Final = 8.0
 
 @dataclass(frozen=True, slots=True)
 class PlyHeader:
-    """What the header of a PLY file tells.
+    """The header of a PLY file.
 
     Attributes
     ----------
@@ -170,7 +170,7 @@ def _header(content: bytes) -> PlyHeader:
 
 
 def _corners(data: Any, name: str, header: PlyHeader) -> tuple[Integers, Integers]:
-    """The faces of a binary file, all of equally many corners: trimesh tells the length by the first one."""
+    """The faces of a binary file, all of equally many corners: trimesh takes the length of the first one for all."""
     counts, corners = data[name]["f0"], data[name]["f1"]
     size = corners.shape[1] if corners.ndim == 2 else 1
     lists = [data[other]["f0"] for other, is_list in header.properties["face"] if is_list]

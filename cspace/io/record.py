@@ -130,7 +130,7 @@ def axes_of(name: str, dim: int) -> tuple[str, ...]:
 
 
 def grid_of(metadata: Mapping[str, Any]) -> Grid:
-    """The grid of a map, from its metadata; of one that tells no units, metres."""
+    """The grid of a map, from its metadata; without units, in metres."""
     shape = tuple(metadata["shape"])
     axes, units = metadata.get("axes", "").split()[: len(shape)], metadata.get("units", "").split()
     return Grid(metadata["lower"], metadata["spacing"], shape, axes or None, units or None)

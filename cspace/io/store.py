@@ -55,7 +55,7 @@ _CODECS: Final = {"bytes", "zstd", "crc32c"}
 """What a chunk may be encoded with; others may do more than decode."""
 
 _NUMBERS: Final = ("lower", "spacing")
-"""Members that repeat what the metadata tell, for those who read the file without this library."""
+"""Members that repeat the metadata, for those who read the file without this library."""
 
 _LONGEST: Final = 2**28
 """Bytes of the metadata, at most."""
@@ -90,7 +90,7 @@ def read_store(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, 
 def read_parts(
     path: str | os.PathLike[str], number: int | None = None
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Metadata and what tells of the rotation cells; or, with ``number``, that slice of the states, and nothing else.
+    """Metadata and the arrays of the rotation cells; or, with ``number``, that slice of the states, and nothing else.
 
     What is read is checked as :func:`read_store` does; damage elsewhere goes unnoticed.
 

@@ -122,7 +122,7 @@ class Figurine:
         return rings(shapely.union_all(triangles[shapely.area(triangles) > 0.0], grid_size=1e-9 * self.size))
 
     def noses(self, q: Floats) -> list[Floats]:
-        """The nose at a configuration, where it tells a heading and the robot has one."""
+        """The nose at a configuration that has a heading; none of a robot without one."""
         return [self.placed(self.nose, q)] if len(self.nose) and self.rotations.heading(q) is not None else []
 
     def travelled(self, points: Floats) -> Floats:

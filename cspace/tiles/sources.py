@@ -192,7 +192,7 @@ def _watched(file: Path) -> Iterable[Path]:
 
 
 class Drawn:
-    """Obstacles that are cut into cells a box at a time; their index tells which ones are near it."""
+    """Obstacles that are cut into cells a box at a time; an index finds those near it."""
 
     same: Final = False
 

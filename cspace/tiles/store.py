@@ -346,7 +346,7 @@ class Store:
         return outer, inner
 
     def states_in(self, box: Box, known: Known | None = None, table: NDArray[np.int64] | None = None) -> Stack:
-        """States of all slices in a box; where it reaches beyond the map, ``table`` tells as that of an Exterior."""
+        """States of all slices in a box; where it reaches beyond the map, those of ``table``, as of an Exterior."""
         shape = tuple(part.stop - part.start for part in box)
         packed = PackedStates((self.slices, *shape)) if is_packed(shape, self.slices) else None
         states = np.empty((0 if packed else self.slices, *shape), dtype=np.uint8)
@@ -541,7 +541,7 @@ def _write(file: Path, content: bytes) -> None:
 
 
 def _write_frame(folder: Path, metadata: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-    """All of a store but what is done of its tiles; ``arrays`` are the small ones that are told from the beginning."""
+    """All of a store but what is done of its tiles; ``arrays`` are the small ones, which are written at once."""
     import zarr
 
     grid = grid_of(metadata)

@@ -21,7 +21,7 @@ PORT: Final = 8080
 _TRIED: Final = 100
 _TAKEN: Final = (errno.EADDRINUSE, errno.EACCES)
 _FOREIGN: Final = 1008
-"""What a browser is told that another page sent (RFC 6455: policy violation)."""
+"""Status with which the connection of a foreign page is closed (RFC 6455: policy violation)."""
 
 
 def serve(host: str, port: int | None) -> ViserServer:

@@ -25,16 +25,16 @@ DRIVES = ("differential", "differential-reverse")
 def turns(first: np.ndarray, last: np.ndarray, drive: str) -> np.ndarray:
     """Yaw at which robots go from one place to another, and by how much they turn before and after, shape (3, ...).
 
-    Of the ways, the one with least turning. Written down without the planners' own arithmetic.
+    Of several, the one with least turning. Written down without the planners' own arithmetic.
     """
     way = (last - first)[..., 0] + 1j * (last - first)[..., 1]
     begin, end = np.exp(1j * first[..., 2]), np.exp(1j * last[..., 2])
-    ways = []
+    candidates = []
     for sign in (1.0, -1.0) if drive == "differential-reverse" else (1.0,):
         heading = np.where(way == 0.0, begin, sign * way)
-        ways.append(np.stack([np.angle(heading), np.angle(heading / begin), np.angle(end / heading)]))
-    least = [np.abs(way[1:]).sum(axis=0) for way in ways]
-    return np.where(least[-1] < least[0] - 1e-12, ways[-1], ways[0])
+        candidates.append(np.stack([np.angle(heading), np.angle(heading / begin), np.angle(end / heading)]))
+    least = [np.abs(way[1:]).sum(axis=0) for way in candidates]
+    return np.where(least[-1] < least[0] - 1e-12, candidates[-1], candidates[0])
 
 
 def driven(first: np.ndarray, last: np.ndarray, drive: str, each: int = 60) -> np.ndarray:
