@@ -7,12 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Bytes, Ints, Words
 from cspace.compiling import jit, reader
 from cspace.engines.packed import dilate_block
-
-Bytes = NDArray[np.uint8]
-Ints = NDArray[np.int64]
-Words = NDArray[np.uint64]
 
 LOOKED, CHANGED, COUNT = 0, 6, 12
 """Where a row of what :func:`renew_states` gives for a slice has its boxes, first cells and then last ones, and the
@@ -43,7 +40,7 @@ class Robots(NamedTuple):
     stops: Ints
     fours: Ints
     fours_stops: Ints
-    fixed: NDArray[np.bool_]
+    fixed: Bools
 
     def of(self, start: int, stop: int) -> Robots:
         """Those of some slices, from ``start`` to before ``stop``."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.arrays import Floats, Ints
 from cspace.configuration_space import ConfigurationSpace
 from cspace.grid import Grid
 from cspace.map.batches import Ask, Many, One, answer, as_points, in_pieces
@@ -26,9 +27,6 @@ if TYPE_CHECKING:
     from cspace.view.level_of_detail import Cells
     from cspace.view.viewer import MakeCanvas
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 Result = TypeVar("Result")
 
 _ANSWERS = np.array([None, True, False], dtype=object)

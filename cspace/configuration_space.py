@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.arrays import Bools, Floats
 from cspace.errors import InputError
 from cspace.map.batches import Ask, Many, One, answer, answer_edges, answer_pairs, as_pairs
 
 if TYPE_CHECKING:
     from cspace.view.viewer import MakeCanvas, Viewer, ViewOptions
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Leg = tuple[Callable[[], "ConfigurationSpace"], Floats, Floats]
 """What opens a part of a space in memory, and two configurations in it."""
 

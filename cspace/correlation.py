@@ -9,11 +9,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Bools
 from cspace.engines import ENGINES, Engine, choose
 from cspace.map.slices import Pair
 from cspace.raster.raster import Raster
 
-Bools = NDArray[np.bool_]
 Progress = Callable[[int, int], None]
 Sides = Sequence[Sequence[Raster]]
 """The outer rasters of slices, and, where BLOCKED is to be proven, the inner ones."""

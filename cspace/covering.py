@@ -7,13 +7,12 @@ from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cspace.arrays import Bools, Floats
 from cspace.errors import InputError
 from cspace.grid import SLACK, Grid, finite, unmasked
 from cspace.memory import Planned, check_memory
-
-Floats = NDArray[np.float64]
 
 _SLIVER: Final = 1e-9
 """Part of a cell that the upper bound may be off by rounding; far below the slack of an outer raster, so that an
@@ -89,7 +88,7 @@ def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> 
         )
 
 
-def warn_of_nothing(outer: NDArray[np.bool_], grid: Grid, corners: Floats) -> None:
+def warn_of_nothing(outer: Bools, grid: Grid, corners: Floats) -> None:
     """Warn where no obstacle, of a box, shape (2, d), metres, lies in the bounds of a map: no ``outer`` cell is set."""
     if not outer.any():
         warnings.warn(
@@ -114,7 +113,7 @@ def check_dims(array: Any, name: str) -> None:
         raise InputError(name, f"has the dimensions {tuple(dims)}", rule, mend)
 
 
-def check_cells(values: ArrayLike, name: str) -> NDArray[np.bool_]:
+def check_cells(values: ArrayLike, name: str) -> Bools:
     """A read-only copy of a boolean array of two or three axes."""
     check_dims(values, name)
     unmasked(values, name)

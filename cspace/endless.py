@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
+from cspace.arrays import Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.map.batches import Ask, as_points
@@ -40,8 +41,6 @@ if TYPE_CHECKING:
     from cspace.spectral import FourierOverlap
     from cspace.update import Change
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 MOST: Final = 256.0
 """Largest angle, in radians, that is wrapped: what rounding does to more turns could reach a cell's slack."""

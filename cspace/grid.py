@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
 
 SLACK: Final = 2.0**-26
@@ -23,7 +24,7 @@ MAX_COORDINATE: Final = 2.0**22
 FLOATS: Final = "pass floats, in metres or radians; of a scipy Rotation, those of as_quat()"
 
 
-def finite(values: ArrayLike, name: str) -> NDArray[np.float64]:
+def finite(values: ArrayLike, name: str) -> Floats:
     """``values`` as a float64 array.
 
     Raises InputError if a value is not a real number, is NaN or is infinite.
@@ -113,7 +114,7 @@ def check_word(value: Any, name: str, choices: Sequence[Any], mend: str = "pass 
         raise InputError(name, f"is {value!r}", f"it must be {', '.join(most)} or {last}", mend, value=value)
 
 
-def points_of(values: ArrayLike, name: str, dim: int) -> NDArray[np.float64]:
+def points_of(values: ArrayLike, name: str, dim: int) -> Floats:
     """``values`` as float64 numbers, shape (..., dim).
 
     Raises InputError if the last axis is not ``dim`` long, or a value is not finite.
@@ -233,7 +234,7 @@ class Grid:
         """Upper corner, in metres."""
         return tuple(low + self.spacing * n for low, n in zip(self.lower, self.shape, strict=True))
 
-    def coordinates(self, points: ArrayLike, name: str = "points") -> NDArray[np.float64]:
+    def coordinates(self, points: ArrayLike, name: str = "points") -> Floats:
         """Points as an array of float64, shape (..., d), metres.
 
         Raises
@@ -243,7 +244,7 @@ class Grid:
         """
         return points_of(points, name, self.dim)
 
-    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+    def contains(self, points: ArrayLike) -> Bools:
         """Whether points lie in the closed box of the grid.
 
         Parameters
@@ -258,7 +259,7 @@ class Grid:
         inside = (array >= self.lower) & (array <= self.upper)
         return np.asarray(inside.all(axis=-1))
 
-    def cell_of(self, points: ArrayLike) -> NDArray[np.int64]:
+    def cell_of(self, points: ArrayLike) -> Ints:
         """Cells that hold points; outside the grid, the cell that an endless grid would have there.
 
         A point on a border belongs to the cell above it, except on the grid's own upper border, which belongs to the
@@ -278,7 +279,7 @@ class Grid:
         # Beyond 2^62 cells an int64 would wrap around; far outside is far outside.
         return np.minimum(np.maximum(cells, -(2.0**62)), 2.0**62).astype(np.int64)
 
-    def center_of(self, cells: ArrayLike) -> NDArray[np.float64]:
+    def center_of(self, cells: ArrayLike) -> Floats:
         """Middle points of cells.
 
         Parameters
@@ -292,6 +293,6 @@ class Grid:
         """
         return np.asarray(self.lower + self.spacing * (np.asarray(cells) + 0.5))
 
-    def centers(self, axis: int) -> NDArray[np.float64]:
+    def centers(self, axis: int) -> Floats:
         """Coordinates of the cells' middle points along one axis, in metres, shape (shape[axis],)."""
         return np.asarray(self.lower[axis] + self.spacing * (np.arange(self.shape[axis]) + 0.5))

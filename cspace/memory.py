@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Floats
 from cspace.errors import InputError
 from cspace.grid import MAX_COORDINATE, Grid
 from cspace.threads import cores
@@ -90,8 +90,8 @@ class Planned(NamedTuple):
 
     shape: Sequence[int]
     spacing: float
-    lower: Sequence[float] | NDArray[np.float64]
-    upper: Sequence[float] | NDArray[np.float64]
+    lower: Sequence[float] | Floats
+    upper: Sequence[float] | Floats
     unit: str = "m"
 
 
@@ -136,7 +136,7 @@ def check_memory(
     )
 
 
-def fitting_spacing(corners: NDArray[np.float64], spacing: float, bytes_a_cell: float, free: float) -> float | None:
+def fitting_spacing(corners: Floats, spacing: float, bytes_a_cell: float, free: float) -> float | None:
     """The least spacing, to two digits, from ``spacing`` on, at which a grid over a box fits into memory.
 
     The corners of the box have the shape (2, d), metres. None where not even a grid of one cell fits; the grid also

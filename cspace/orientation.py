@@ -12,12 +12,11 @@ from collections.abc import Iterator, Sequence
 from typing import ClassVar, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cspace.arrays import Floats
 from cspace.errors import InputError
 from cspace.grid import finite
-
-Floats = NDArray[np.float64]
 
 TURN: Final = 2.0 * math.pi
 

@@ -8,13 +8,11 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Ints
 from cspace.grid import Grid
 from cspace.shapes import Shape, Voxels
 
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 Box = tuple[Ints, Ints]
 """First cell, and the one after the last; with no cell in between where an obstacle lies outside the grid."""
 

@@ -17,15 +17,13 @@ from typing import Any, ClassVar, Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.arrays import Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import finite, whole
 from cspace.orientation import MAX_YAW as MAX_YAW
 from cspace.orientation import NORM_SLACK as NORM_SLACK
 from cspace.orientation import TURN as TURN
 from cspace.orientation import Orientation, Quaternion, Unturned, Yaw, product_of
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 PAIRS: Final = 2**20
 """Rotations and cells that are compared together."""
@@ -61,18 +59,18 @@ class Turn:
         Whether all rotations of the cell are about the z axis; then points on it stay where they are.
     """
 
-    matrix: NDArray[np.float64] | None = None
+    matrix: Floats | None = None
     covering_angle: float = 0.0
     about_z: bool = False
 
-    def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def apply(self, points: Floats) -> Floats:
         """Points, shape (..., d), turned about the origin by the representative rotation; equal ones stay so."""
         if self.matrix is None:
             return points
         # A product of matrices may round the same point differently in another row.
         return sum((points[..., k, None] * column for k, column in enumerate(self.matrix.T)), start=np.zeros(()))
 
-    def displacement(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def displacement(self, points: Floats) -> Floats:
         """How far each of some points, shape (..., d), can come from its place within the cell, shape (...)."""
         lever = np.linalg.norm(points[..., :2] if self.about_z else points, axis=-1)
         return np.asarray(2.0 * math.sin(min(self.covering_angle, math.pi) / 2.0) * lever)
@@ -479,20 +477,20 @@ class YawRotations(Yaw, Rotations):
         return len(self.borders) - 1
 
     @property
-    def representatives(self) -> NDArray[np.float64]:
+    def representatives(self) -> Floats:
         """Middle yaw of each cell, shape (n,)."""
         edges = np.asarray(self.borders)
         return np.asarray((edges[:-1] + edges[1:]) / 2)
 
     @property
-    def covering_angles(self) -> NDArray[np.float64]:
+    def covering_angles(self) -> Floats:
         return np.asarray(np.diff(self.borders) / 2 + YAW_SLACK)
 
     def is_uniform(self) -> bool:
         """Whether all cells are equally wide, but for rounding."""
         return bool(np.ptp(np.diff(self.borders)) < YAW_SLACK / self.count)
 
-    def cell_of(self, yaw: ArrayLike) -> NDArray[np.int64]:
+    def cell_of(self, yaw: ArrayLike) -> Ints:
         """Cells that hold yaw angles, radians, of any shape; a border belongs to the cell above it."""
         angles = finite(yaw, "yaw")
         if (np.abs(angles) > MAX_YAW).any():

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack, over
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.arrays import Bools, Floats, Ints, States
 from cspace.configuration_map import ConfigurationMap, Result
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid, not_negative, whole
@@ -44,10 +45,6 @@ if TYPE_CHECKING:
     from cspace.update import Change, Update, Updater
     from cspace.view.level_of_detail import Cells
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-States = NDArray[np.uint8]
-Bools = NDArray[np.bool_]
 Message = TypeVar("Message")
 
 

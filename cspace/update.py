@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cspace.arrays import Bools, Bytes, Ints
 from cspace.changes import (
     CHANGED,
     COUNT,
@@ -35,9 +36,6 @@ from cspace.raster.raster import Raster
 from cspace.shapes import Shape
 from cspace.states import BLOCKED
 from cspace.workspace import Workspace
-
-Bytes = NDArray[np.uint8]
-Ints = NDArray[np.int64]
 
 BATCH: Final = 64
 """Slices of states in two bits that are made bytes together."""
@@ -92,9 +90,9 @@ class Patch:
     """
 
     lower: tuple[int, ...]
-    outer: NDArray[np.bool_]
-    inner: NDArray[np.bool_]
-    unknown: NDArray[np.bool_] | bool = False
+    outer: Bools
+    inner: Bools
+    unknown: Bools | bool = False
 
     @property
     def window(self) -> tuple[slice, ...]:
@@ -133,7 +131,7 @@ class Patch:
         return cls(first, outer, within)
 
 
-def _cells(values: ArrayLike, name: str) -> NDArray[np.bool_]:
+def _cells(values: ArrayLike, name: str) -> Bools:
     """A copy in one piece, of zeros and ones, that may be written."""
     if type(values) is np.ndarray and values.dtype == np.bool_ and values.size and values.ndim in (2, 3):
         return np.not_equal(values, 0, order="C")  # a boolean array may hold other bytes than 0 and 1
@@ -400,7 +398,7 @@ def _still(workspace: Workspace) -> Scene:
 def _writable(workspace: Workspace, shape: tuple[int, ...]) -> tuple[Bytes, Bytes]:
     """Views of a workspace's outer and inner cells that may be written; they themselves stay read-only."""
 
-    def view(cells: NDArray[np.bool_]) -> Bytes:
+    def view(cells: Bools) -> Bytes:
         cells.setflags(write=True)
         written = cells.view(np.uint8).reshape(shape)
         cells.setflags(write=False)

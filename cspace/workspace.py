@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias, TypedDict, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cspace.arrays import Bools, Floats
 from cspace.covering import check_bounds, check_cells, covering_grid, warn_of_nothing, warn_of_units
 from cspace.errors import InputError
 from cspace.grid import Grid, finite, positive
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from cspace.shapes.mesh import MeshLike, Solid
     from cspace.tiles.sources import Source
 
-Floats = NDArray[np.float64]
 _IN_TILES = "build its map tile by tile, with cspace.build(..., store='map.zarr')"
 Named: TypeAlias = "str | os.PathLike[str]"
 Geometries: TypeAlias = "BaseGeometry | Mapping[str, object] | Named | Iterable[Geometries]"
@@ -87,10 +87,10 @@ class Workspace:
     """
 
     grid: Grid
-    outer: NDArray[np.bool_] = field(repr=False)
-    inner: NDArray[np.bool_] = field(repr=False)
+    outer: Bools = field(repr=False)
+    inner: Bools = field(repr=False)
     source: str = "array"
-    unknown: NDArray[np.bool_] | None = field(default=None, repr=False)
+    unknown: Bools | None = field(default=None, repr=False)
     shapes: tuple[Shape, ...] | None = field(default=None, repr=False)
     live: bool = field(default=False, repr=False)
 
@@ -622,18 +622,18 @@ class LazyWorkspace(Workspace):
         return self._cells  # type: ignore[no-any-return, attr-defined]
 
     @property
-    def outer(self) -> NDArray[np.bool_]:
+    def outer(self) -> Bools:
         return self._read()[0]
 
     @property
-    def inner(self) -> NDArray[np.bool_]:
+    def inner(self) -> Bools:
         return self._read()[1]
 
     def in_memory(self) -> Workspace:
         return Workspace(self.grid, self.outer, self.inner, source=self.source, shapes=self.shapes)
 
-    def _read(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        whole: list[tuple[NDArray[np.bool_], NDArray[np.bool_]]] = self._whole  # type: ignore[attr-defined]
+    def _read(self) -> tuple[Bools, Bools]:
+        whole: list[tuple[Bools, Bools]] = self._whole  # type: ignore[attr-defined]
         if not whole:
             grid = self.grid
             check_memory(WORKSPACE_BYTES * grid.size, "the workspace", grid, mend=_IN_TILES)

@@ -12,8 +12,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Floats, Ints
 from cspace.compiling import entry, inner, jit
 from cspace.map.points import around_is_free
 from cspace.map.record import Map
@@ -22,8 +22,6 @@ from cspace.space import CSpace
 from cspace.states import MIXED
 from planners.integrals import LONGEST_TURN, Field, Law, metre_cost
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Pose = tuple[float, float, float]
 Turns = tuple[int, int, int, int, int]
 Lengths = tuple[float, float, float, float, float]

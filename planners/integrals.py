@@ -6,11 +6,10 @@ import math
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
-import numpy as np
 from numba import types
 from numba.extending import overload
-from numpy.typing import NDArray
 
+from cspace.arrays import Floats
 from cspace.compiling import entry, jit
 from cspace.map import turning
 from cspace.map.clearance import clearance_at
@@ -21,7 +20,7 @@ from cspace.map.record import Map
 from cspace.space import CSpace
 from cspace.spectral.field import field_at
 
-Field = Marks | NDArray[np.float64] | None
+Field = Marks | Floats | None
 """What has a value at each configuration: the clearance, by the marks of a map; an array of cells; or nothing."""
 
 LONGEST_TURN: Final = math.radians(5.0)

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from ompl import base as ob
 
 from cspace.arms.space import ArmSpace
+from cspace.arrays import Floats, Ints
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import finite, positive
 from cspace.map.callbacks import brought
@@ -32,7 +33,7 @@ from cspace.rotations import YAW_SLACK
 from cspace.space import CSpace
 from cspace.states import BLOCKED, FREE, NAMES
 from planners.catalogue import BIRRT, CUBES, OWN, WIDEST, planner_named
-from planners.states import TURN_WEIGHT, Configuration, Floats, check_space, kind_of
+from planners.states import TURN_WEIGHT, Configuration, check_space, kind_of
 
 if TYPE_CHECKING:
     from planners.integrals import Field, Law
@@ -385,7 +386,7 @@ class StraightEdges(EdgesOnMap):
         rows[number == 0] = path[:-1]
         return np.concatenate([rows, path[-1:]]), None
 
-    def _measured(self, path: Floats, step: float, turn: float) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
+    def _measured(self, path: Floats, step: float, turn: float) -> tuple[Floats, Floats, Floats, Ints]:
         """Displacement along each edge, its metres and radians, and the number of pieces that it is cut into."""
         steps, lengths, turns = self._moved(path[:-1], path[1:])
         counts = np.maximum(np.ceil(np.maximum(lengths / step, turns / turn)), 1.0).astype(np.int64)
@@ -743,7 +744,7 @@ def text(point: Iterable[float]) -> str:
     return "(" + ", ".join(f"{x:.6g}" for x in point) + ")"
 
 
-def _numbered(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _numbered(counts: Ints) -> tuple[Ints, Ints]:
     """For ``counts[k]`` pieces of each edge k: the edge of each piece, and the piece's number on it."""
     edge = np.repeat(np.arange(len(counts)), counts)
     return edge, np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)

@@ -18,6 +18,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Floats, Ints
 from cspace.configuration_space import ConfigurationSpace
 from cspace.map.chain import open_chain
 from cspace.map.points import FEW
@@ -26,9 +27,9 @@ from cspace.space import CSpace
 from cspace.states import FREE
 from planners.local_planner import LocalPlanner
 from planners.search import Search, SearchResult
-from planners.states import Configuration, Floats
+from planners.states import Configuration
 
-Cells = NDArray[np.int64]
+Cells = Ints
 
 THROUGH: Final = "through undecided passages"
 
@@ -152,7 +153,7 @@ class Passages:
         chain: Cells,
         start: Configuration,
         goal: Configuration,
-        closed: NDArray[np.bool_],
+        closed: Bools,
         rng: np.random.Generator,
     ) -> Floats | None:
         """A path along a chain; None where it breaks off, with the cells that stopped it closed."""
@@ -180,7 +181,7 @@ class Passages:
         return result.path if len(result.path) else None
 
     def _cross(
-        self, cells: Cells, begin: Floats, end: Floats, closed: NDArray[np.bool_], rng: np.random.Generator
+        self, cells: Cells, begin: Floats, end: Floats, closed: Bools, rng: np.random.Generator
     ) -> Floats | None:
         """A path through a chain of cells, joined by exact edges; None, and cells closed, where it breaks off."""
         layers, parents = [begin[None]], [np.zeros(1, dtype=np.int64)]
@@ -210,7 +211,7 @@ class Passages:
             free = np.concatenate([free, part[np.asarray(self.edges.space.is_free(part, exact=True))]])
         return free[:FREE_DRAWS]
 
-    def _joined(self, firsts: Floats, lasts: Floats) -> NDArray[np.bool_]:
+    def _joined(self, firsts: Floats, lasts: Floats) -> Bools:
         """Which of some configurations exact edges join to which others; none where time is over."""
         joined = np.zeros((len(firsts), len(lasts)), dtype=np.bool_)
         for row, first in zip(joined, firsts, strict=True):

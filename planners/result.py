@@ -14,12 +14,12 @@ from typing import IO, TYPE_CHECKING, Any, Unpack, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Floats
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
 from cspace.io.output import replacing
 from cspace.space import CSpace
 from planners.local_planner import CURVES, HOLONOMIC, LocalPlanner, local_planner
-from planners.states import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

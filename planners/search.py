@@ -16,12 +16,13 @@ from ompl import util as ou
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from cspace.arrays import Floats
 from planners.catalogue import ASK_BOTH_WAYS, IGNORE_OBJECTIVES, SECOND_THREAD, make_planner, planner_named
 from planners.deadline import GRACE, Callbacks, Deadline, OutOfTime
 from planners.local_planner import LocalPlanner
 from planners.objectives import WeightedLength
 from planners.setup import MakeObjective, narrow, set_up
-from planners.states import Configuration, Floats, StateKind, kind_of
+from planners.states import Configuration, StateKind, kind_of
 
 _ORDINARY: Final = ("Timeout", "Exact solution", "Approximate solution", "Unknown status")
 """What OMPL's planners report where nothing is wrong."""

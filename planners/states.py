@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from typing import Final, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from ompl import base as ob
 
+from cspace.arrays import Floats
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
 from cspace.orientation import shorter
 
-Floats = NDArray[np.float64]
 Configuration = tuple[float, ...]
 T = TypeVar("T")
 

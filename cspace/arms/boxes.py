@@ -20,11 +20,11 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cspace.arms.chain import SLIDES, TURNS, flight_of, place
 from cspace.arms.hulls import least_spare
 from cspace.arms.proofs import Scene, Solids, Work, least_of, nests, row_of, seen
+from cspace.arrays import Floats, Ints, States
 from cspace.compiling import inner, jit
 from cspace.exact import ADVANCE
 from cspace.exact.triangles import box_of
@@ -35,10 +35,6 @@ from cspace.raster.triangles import THIN, point_triangle
 from cspace.raster.winding import turn_above
 from cspace.states import BLOCKED, FREE, MIXED
 from cspace.vectors import cross, dot, minus
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-States = NDArray[np.uint8]
 
 _WAITING: Final = 96
 """Blocks that wait at a time, at most: one for each halving of three axes of 2^31 cells, and some."""

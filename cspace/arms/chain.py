@@ -25,16 +25,12 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cspace.arms.hulls import Flight
+from cspace.arrays import Bools, Floats, Ints
 from cspace.compiling import inner, jit
 from cspace.map.turning import Row
 from cspace.vectors import cross, dot
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 MOST_BODIES: Final = 64
 

@@ -30,16 +30,13 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Floats, Ints
 from cspace.compiling import inner, jit
 from cspace.exact.triangles import bounds_of_rows, boxes_of, most
 from cspace.map.turning import Matrix, Row
 from cspace.raster.triangles import THIN, point_triangle
 from cspace.vectors import cross, dot, minus
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 TILE: Final = 16
 """Triangles that lie together and are tested as one hull, at most."""

@@ -19,6 +19,7 @@ from cspace.arms.chain import SLIDES, STILL, TURNS
 from cspace.arms.joint_proofs import JointProofs
 from cspace.arms.proofs import Scene, Solids, are_free, work_of
 from cspace.arms.space import ArmSpace
+from cspace.arrays import Bools, Floats, Ints
 from cspace.correlation import Progress
 from cspace.endless import map_of
 from cspace.errors import ConfigurationError, InputError
@@ -33,10 +34,6 @@ from cspace.space import CSpace
 from cspace.states import BLOCKED, FREE, MIXED
 from cspace.threads import cores, in_threads
 from cspace.workspace import Workspace
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 _BYTES: Final = 3
 """For each cell: its state, and whether it meets an obstacle or lies in one."""

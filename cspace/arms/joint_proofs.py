@@ -5,15 +5,11 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cspace.arms.proofs import Scene, are_free
+from cspace.arrays import Bools, Floats, Ints
 from cspace.exact.boundaries import Problem, Proofs
 from cspace.exact.queries import proofs_by_borders
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class JointProofs:

@@ -11,16 +11,16 @@ from itertools import combinations
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cspace.arms.chain import MOST_BODIES, SLIDES, STILL, TURNS, Chain, place_bodies
 from cspace.arms.pairs import LOOKS, always_touch, apart, random_points
 from cspace.arms.solids import Solid, placed_shared, scene_of
+from cspace.arrays import Floats
 from cspace.errors import InputError
 from cspace.grid import finite
 from cspace.shapes import Shape
 
-Floats = NDArray[np.float64]
 Names = tuple[str, str]
 """Of two links, in order."""
 

@@ -7,16 +7,14 @@ from functools import singledispatch
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cspace.arms.model import rigid
 from cspace.arms.solids import Placed
+from cspace.arrays import Floats
 from cspace.errors import InputError
 from cspace.memory import check_memory
 from cspace.shapes import Bracketed, Shape, Voxels
 from cspace.workspace import Workspace
-
-Floats = NDArray[np.float64]
 
 _CELL_BYTES: Final = 4
 """For each cell of a workspace, while its cells become boxes."""

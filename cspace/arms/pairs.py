@@ -5,12 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cspace.arms.proofs import Scene, are_free
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from cspace.arrays import Bools, Floats
 
 LOOKS: Final = 1000
 """Random configurations after which a pair is said to touch never, or always."""

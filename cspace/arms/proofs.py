@@ -16,20 +16,16 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cspace.arms.chain import Chain, bounds_of, flight_of, place
 from cspace.arms.hulls import CACHED, Hulls, least_spare
+from cspace.arrays import Bools, Floats, Ints
 from cspace.compiling import inner, jit
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.triangles import DEPTH, Trees, crosses, pierces
 from cspace.map.turning import Row
 from cspace.raster.triangles import point_triangle
 from cspace.raster.winding import turn_above
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 WAITING: Final = 1024
 """Parts of a motion that wait at a time, at most."""

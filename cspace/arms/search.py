@@ -9,13 +9,10 @@ import time
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cspace.arms.proofs import Scene, Work, motion_is_free, point_is_free, work_of
+from cspace.arrays import Floats, Ints
 from cspace.compiling import inner, jit
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 STRIDE: Final = 1.0
 """Longest motion that a tree grows by, radians or metres."""

@@ -11,19 +11,15 @@ from typing import ClassVar, Final, NamedTuple
 from weakref import WeakValueDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cspace.arms.chain import Chain
 from cspace.arms.hulls import Hulls, forest_of, hulls_of
 from cspace.arms.proofs import Scene, Solids
+from cspace.arrays import Floats, Ints
 from cspace.exact import ROUNDING
 from cspace.exact.boundaries import anchors_of, joined
 from cspace.exact.triangles import Trees, box_rows, together, tree_of_rows, triangle_rows
 from cspace.shapes import Mesh, Pieces, Shape
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
 
 PROBES: Final = 60
 """About how many corners of each part, and points within, are looked for in others, to prove that they collide."""

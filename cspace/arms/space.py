@@ -10,7 +10,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import nnls
 
 from cspace.arms.chain import STILL, TURNS, place_bodies
@@ -20,6 +20,7 @@ from cspace.arms.obstacles import named_obstacles, placed_obstacle
 from cspace.arms.pairs import LOOKS, always_touch, random_points
 from cspace.arms.proofs import Scene, are_blocked, are_free, distances, motions_are_free, work_of
 from cspace.arms.solids import Placed, Solid, Still, scene_of, scene_within
+from cspace.arrays import Bools, Floats, Ints, States
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import finite, positive
@@ -35,9 +36,6 @@ if TYPE_CHECKING:
     from cspace.plot.arms import ArmPlotOptions
     from cspace.view.viewer import MakeCanvas
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-States = NDArray[np.uint8]
 
 THREAD: Final = 20
 """Motions below which a second thread costs more than it saves."""
@@ -123,7 +121,7 @@ class ArmSpace(ConfigurationSpace):
             self._refuse_fixed(np.array([pair]))
         self._refuse_always()
 
-    def _refuse_fixed(self, pair: NDArray[np.int64]) -> None:
+    def _refuse_fixed(self, pair: Ints) -> None:
         """Refuse an obstacle that a link touches which no joint moves."""
         scene, q = self._scene._replace(pairs=pair), np.zeros((1, self.arm.dof))
         if not are_free(scene, q, q)[0]:
@@ -148,7 +146,7 @@ class ArmSpace(ConfigurationSpace):
                 f"mend the robot or its SRDF, move the obstacle, or pass allowed=[({link!r}, {other!r})]",
             )
 
-    def _always_touch(self, pairs: NDArray[np.int64]) -> Iterator[tuple[str, str]]:
+    def _always_touch(self, pairs: Ints) -> Iterator[tuple[str, str]]:
         """Names of the two solids of each pair that is apart at none of some random configurations."""
         scene, points = self._scene._replace(pairs=pairs), random_points(self.arm.ranges(), LOOKS)
         for pair in pairs[always_touch(scene, points)]:
@@ -295,7 +293,7 @@ class ArmSpace(ConfigurationSpace):
             radii.append([radius])
         return Contact(names[0], names[1], float(out[0]), _nearest(hulls[0], hulls[1], radii))
 
-    def _distances(self, scene: Scene, points: Floats) -> tuple[Floats, NDArray[np.int64]]:
+    def _distances(self, scene: Scene, points: Floats) -> tuple[Floats, Ints]:
         rows = own(points)
         out, nearest = np.empty(len(rows)), np.zeros((len(rows), 3), dtype=np.int64)
 

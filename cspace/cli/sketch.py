@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
+
+from cspace.arrays import Floats
 
 if TYPE_CHECKING:
     from cspace.robot import Robot
@@ -36,7 +37,7 @@ def sketch(robot: Robot) -> str:
     return "\n".join(line for view in views for line in _drawn(*view(robot), blocks))
 
 
-Rings = Sequence[tuple[NDArray[np.float64], int]]
+Rings = Sequence[tuple[Floats, int]]
 """Closed lines, shape (n, 2), metres, each with the value of its inside: 1, or 0 for a hole."""
 
 
@@ -82,7 +83,7 @@ def _drawn(caption: str, rings: Rings, blocks: str) -> list[str]:
 class _Frame:
     """Square pixels over a box, and over the reference point where it lies near."""
 
-    def __init__(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> None:
+    def __init__(self, lower: Floats, upper: Floats) -> None:
         size = float((upper - lower).max())
         near = bool((np.maximum(lower, -upper) <= _NEAR * size).all())
         if near:

@@ -12,6 +12,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Bools
 from cspace.engines import dilation, fft
 from cspace.raster.raster import Raster
 
@@ -30,7 +31,7 @@ class Engine(Protocol):
 
     def collide(
         self,
-        occupied: NDArray[np.bool_],
+        occupied: Bools,
         rasters: Sequence[Raster],
         out: Sequence[NDArray[Any]],
         *,
@@ -83,6 +84,6 @@ def choose(rasters: Sequence[Raster], *, counts: bool = False) -> str:
     return "direct" if sum(map(_rows, sample)) <= most else "fft"
 
 
-def _rows(cells: NDArray[np.bool_]) -> int:
+def _rows(cells: Bools) -> int:
     """Number of runs of set entries along the last axis."""
     return int(np.count_nonzero(cells[..., :1]) + np.count_nonzero(cells[..., 1:] > cells[..., :-1]))

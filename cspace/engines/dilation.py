@@ -17,12 +17,11 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Ints
 from cspace.engines.packed import Packed, Scratch, settle_block
 from cspace.raster.raster import Raster, runs_of
 from cspace.threads import cores, in_threads
 
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 Cells = NDArray[np.uint8]
 Task: TypeAlias = tuple[Ints, Cells, tuple[int, int]]
 

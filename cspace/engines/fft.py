@@ -20,12 +20,12 @@ import numpy as np
 import scipy  # its parts are read when they are first used
 from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Ints
 from cspace.engines.lines import add_lines, count_lines, mark_digit, place_lines, round_sums
 from cspace.engines.tiles import Tiling, choose_tiling
 from cspace.raster.raster import Raster
 from cspace.threads import cores, in_threads
 
-Bools = NDArray[np.bool_]
 Corner = tuple[int, ...]
 Item = TypeVar("Item")
 
@@ -150,8 +150,8 @@ class Tile:
     """Where a tile's results begin, its first cell with three coordinates, and how many obstacles its lines have."""
 
     corner: Corner
-    first: NDArray[np.int64]
-    counts: NDArray[np.int64]
+    first: Ints
+    counts: Ints
 
 
 Member = tuple[Part, NDArray[Any]]

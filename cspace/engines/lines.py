@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Floats, Ints
 from cspace.compiling import jit
 
 NEAREST = 1.5 * 2.0**52
@@ -14,9 +15,7 @@ NEAREST = 1.5 * 2.0**52
 
 
 @jit
-def count_lines(
-    occupied: NDArray[np.uint8], first: NDArray[np.int64], length: int, outside: bool, counts: NDArray[np.int64]
-) -> int:
+def count_lines(occupied: NDArray[np.uint8], first: Ints, length: int, outside: bool, counts: Ints) -> int:
     """Obstacle cells of each line along the last axis of a tile whose first cell is given, and of the whole tile.
 
     Arrays of cells have three axes; those of the plane are one layer. ``counts`` has a number for each line.
@@ -43,10 +42,10 @@ def count_lines(
 @jit
 def add_lines(
     occupied: NDArray[np.uint8],
-    first: NDArray[np.int64],
+    first: Ints,
     outside: bool,
     scale: float,
-    mixed: NDArray[np.bool_],
+    mixed: Bools,
     lines: NDArray[np.floating],
 ) -> None:
     """Add W - 1/2, times a scale, to those lines of a tile that are ``mixed``, not constant; in their order.
@@ -82,7 +81,7 @@ def add_lines(
 
 
 @jit
-def place_lines(mixed: NDArray[np.bool_], levels: NDArray[np.float64], lines: NDArray[Any]) -> NDArray[Any]:
+def place_lines(mixed: Bools, levels: Floats, lines: NDArray[Any]) -> NDArray[Any]:
     """Spectra of all lines: those of the lines that are not constant, in order, and from the sums of the others."""
     spectrum = np.empty((*mixed.shape, lines.shape[1]), lines.dtype)
     number = 0
@@ -98,7 +97,7 @@ def place_lines(mixed: NDArray[np.bool_], levels: NDArray[np.float64], lines: ND
 
 
 @jit
-def round_sums(sums: NDArray[np.float64], missing: float) -> None:
+def round_sums(sums: Floats, missing: float) -> None:
     """Add to sums what they miss, and put the nearest whole numbers into the low bits of the results."""
     flat = sums.ravel()
     for k in range(flat.size):
@@ -107,13 +106,13 @@ def round_sums(sums: NDArray[np.float64], missing: float) -> None:
 
 @jit
 def mark_digit(
-    whole: NDArray[np.int64],
+    whole: Ints,
     mask: int,
     always: bool,
     add: bool,
     out: NDArray[np.uint8],
-    corner: NDArray[np.int64],
-    shape: NDArray[np.int64],
+    corner: Ints,
+    shape: Ints,
 ) -> None:
     """Whether bits of the first whole numbers, as many as ``shape``, are set, written or added to ``out`` at a corner.
 

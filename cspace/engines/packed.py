@@ -7,12 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Bytes, Ints, Words
 from cspace.compiling import inner, reader
 from cspace.unaligned import load, store
-
-Octets = NDArray[np.uint8]
-Words = NDArray[np.uint64]
-Ints = NDArray[np.int64]
 
 
 class Packed(NamedTuple):
@@ -29,7 +26,7 @@ class Scratch(NamedTuple):
     now: Words
     then: Words
     result: Words
-    octets: Octets  # of the result
+    octets: Bytes  # of the result
 
 
 _REPEAT = np.uint64(0x0101010101010101)
@@ -99,7 +96,7 @@ def _unite(now: Words, runs: Ints, result: Words) -> None:
 
 
 @inner
-def unpack(octets: Octets, packed: Packed, part: tuple[int, int], any_set: bool, add: bool, out: Octets) -> None:
+def unpack(octets: Bytes, packed: Packed, part: tuple[int, int], any_set: bool, add: bool, out: Bytes) -> None:
     """Write rows of bits into ``out``, shape (layers, rows, cells), or add them.
 
     ``octets`` holds rows as ``packed`` has them, from the first of a part to before its last; those past the rows of

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Floats, Ints
 from cspace.exact import ROUNDING
 from cspace.grid import Grid
 from cspace.map.record import Map
@@ -17,9 +17,6 @@ from cspace.rotations import Rotations
 from cspace.shapes import Pieces, Shape
 from cspace.shapes.bodies import least_joined
 from cspace.workspace import Workspace
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 CUT_ERROR: Final = 2.0**-48
 """Rounding of a border that is cut, relative to its coordinates."""
@@ -133,7 +130,7 @@ def clipped(border: Pieces, grid: Grid) -> Pieces:
     return _bare(simplices)
 
 
-def parts_of(border: Pieces) -> tuple[Floats, NDArray[np.int64]]:
+def parts_of(border: Pieces) -> tuple[Floats, Ints]:
     """Corners of a border, shape (n, d), connected part by connected part, and where each part begins."""
     corners, dim = border.simplices.shape[1:]
     points, which = np.unique(border.simplices.reshape(-1, dim), axis=0, return_inverse=True)

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Floats
 from cspace.compiling import inner, jit, reader, row_entry
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.boundaries import Problem, anchors_of, joined, obstacle_border
@@ -21,9 +21,6 @@ from cspace.map.points import Numbers, configuration, halves, state_at
 from cspace.map.record import Map
 from cspace.shapes import Pieces, Shape
 from cspace.states import BLOCKED, FREE
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 BIN: Final = 4
 """Side of a bin of border segments, in cells."""

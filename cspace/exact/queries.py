@@ -7,18 +7,14 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Floats, Ints
 from cspace.exact.boundaries import Problem, Proofs
 from cspace.map.batches import own
 from cspace.map.edges import edges_are_free
 from cspace.map.points import classify
 from cspace.states import FREE, MIXED
 from cspace.workspace import Workspace
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 
 def _in_plane(problem: Problem) -> Proofs:

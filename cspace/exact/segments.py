@@ -9,14 +9,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from cspace.arrays import Bools, Floats, Ints
 from cspace.compiling import inner
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 Point = tuple[float, float]
 Box = tuple[float, float, float, float]
 """Left, low, right, high."""

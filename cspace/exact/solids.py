@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Floats, Ints, States
 from cspace.compiling import inner, jit, row_entry
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.boundaries import Problem, anchors_of, joined, obstacle_border, parts_of
@@ -25,11 +25,6 @@ from cspace.shapes import Box, Pieces
 from cspace.states import BLOCKED, FREE, MIXED
 from cspace.threads import in_chunks
 from cspace.vectors import dot, minus
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
-States = NDArray[np.uint8]
 
 SLIDE: Final = 2.0
 """Longest part of an edge that one distance is to prove, in cells: longer ones take a search far and wide."""

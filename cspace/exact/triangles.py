@@ -32,15 +32,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Floats, Ints
 from cspace.compiling import inner
 from cspace.map.turning import Matrix, Row
 from cspace.shapes import Pieces
 from cspace.vectors import cross, dot, minus, nearest_of_triangle
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Corners = tuple[Row, Row, Row]
 Box = tuple[Row, Row, Row, Row]
 """The middle of a box and its half axes."""

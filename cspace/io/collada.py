@@ -10,10 +10,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from cspace.arrays import Floats, Ints
 from cspace.io.input import Fault, read_bytes
 from cspace.io.limits import check_bytes
 from cspace.io.plain import parse_xml
-from cspace.io.polygons import Floats, Integers, Surface, joined, placed, triangulated, unfolded, unread
+from cspace.io.polygons import Surface, joined, placed, triangulated, unfolded, unread
 
 Named = dict[str, Element | None]
 """Elements by their ids; none where two have one."""
@@ -177,7 +178,7 @@ def _inputs(element: Element, semantic: str) -> list[Element]:
     return [given for given in element.findall("input") if given.get("semantic") == semantic]
 
 
-def _corners(p: Element, part: Element) -> Integers:
+def _corners(p: Element, part: Element) -> Ints:
     """Vertex numbers of a list, in which other numbers stand between them."""
     stride = 1 + max((int(given.get("offset", "0")) for given in part.findall("input")), default=0)
     given = _inputs(part, "VERTEX")
@@ -221,7 +222,7 @@ def _source(given: Element, named: Named) -> Element:
     return source
 
 
-def _integers(element: Element) -> Integers:
+def _integers(element: Element) -> Ints:
     try:
         return np.array((element.text or "").split(), dtype=np.int64)
     except ValueError as error:

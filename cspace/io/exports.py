@@ -16,15 +16,13 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.io.output import replacing
 from cspace.memory import check_memory
 from cspace.raster.bitmaps import cell_squares
 from cspace.states import FREE
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _BYTES: Final = 160
 """For each square of the border: its corners, its triangles, and its share of the vertices."""

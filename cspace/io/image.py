@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Floats
 from cspace.errors import InputError
 from cspace.grid import finite
 from cspace.io.input import Fault, decoding, existing, read_bytes
@@ -54,14 +55,14 @@ class Shades:
 
     levels: NDArray[np.unsignedinteger[Any]]
     most: int
-    opaque: NDArray[np.bool_] | bool
+    opaque: Bools | bool
 
-    def where(self, test: Callable[[NDArray[np.float64]], NDArray[np.bool_]]) -> NDArray[np.bool_]:
+    def where(self, test: Callable[[Floats], Bools]) -> Bools:
         """Pixels whose shade, from 0 (black) to 1 (white), passes a test of shades."""
         return np.asarray(test(np.arange(self.most + 1) / float(self.most))[self.levels])
 
 
-def read_image(path: str | os.PathLike[str], threshold: float = 0.5, dark: str = "occupied") -> NDArray[np.bool_]:
+def read_image(path: str | os.PathLike[str], threshold: float = 0.5, dark: str = "occupied") -> Bools:
     """Occupied cells of an image, one cell for each pixel, shape (nx, ny).
 
     It is a PNG, PGM, PPM, PBM, BMP, JPEG or TIFF, told by its content. Its first row is the top of the map. Pixels
@@ -112,7 +113,7 @@ def read_shades(path: str | os.PathLike[str], kind: str) -> Shades:
 
 
 def _shades(image: Image) -> Shades:
-    opaque: NDArray[np.bool_] | bool = True
+    opaque: Bools | bool = True
     levels: NDArray[Any] | None = None
     most = 255
     if image.mode in ("1", "L") and not image.has_transparency_data:

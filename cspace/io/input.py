@@ -12,6 +12,7 @@ from typing import Any, Final, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Floats, Ints
 from cspace.errors import CspaceError, FileError, InputError
 from cspace.io.limits import check_bytes
 
@@ -149,7 +150,7 @@ def read_text(path: str | os.PathLike[str], kind: str, memory: float = 4.0) -> s
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
-def read_columns(text: str, first: int = 1) -> NDArray[np.float64]:
+def read_columns(text: str, first: int = 1) -> Floats:
     """Numbers of a text, shape (n, columns), a row for each line that holds some; (0, 0) where there are none.
 
     Columns are separated by commas where the first row has one, else by blanks; ``#`` begins a comment, and ``first``
@@ -199,9 +200,9 @@ def header_lines(content: bytes) -> Iterator[tuple[str, int]]:
 
 
 @overload
-def numbers_of(tokens: Sequence[bytes], kind: type[int]) -> NDArray[np.int64]: ...
+def numbers_of(tokens: Sequence[bytes], kind: type[int]) -> Ints: ...
 @overload
-def numbers_of(tokens: Sequence[bytes], kind: type[float]) -> NDArray[np.float64]: ...
+def numbers_of(tokens: Sequence[bytes], kind: type[float]) -> Floats: ...
 def numbers_of(tokens: Sequence[bytes], kind: type[int] | type[float]) -> NDArray[Any]:
     """Tokens as numbers, shape (n,).
 

@@ -19,15 +19,15 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Floats, Ints
 from cspace.errors import GeometryError, InputError
 from cspace.grid import finite
 from cspace.io.collada import read_collada
 from cspace.io.gltf import load_gltf
 from cspace.io.input import Fault, decoding, existing, read_bytes, suffix_of
 from cspace.io.ply import read_ply
-from cspace.io.polygons import Floats, Integers, Surface, joined, placed, read_obj, read_off, triangulated
+from cspace.io.polygons import Surface, joined, placed, read_obj, read_off, triangulated
 
 # What trimesh logs of a bad file is said by the one error that is raised for it.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
@@ -41,7 +41,7 @@ _FACET: Final = re.compile(rb"\bfacet normal \S+ \S+ \S+ outer loop(?: vertex \S
 _SOLIDS: Final = re.compile(rb"^[ \t]*(end)?solid\b[^\n]*", re.MULTILINE)
 
 
-def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Integers]:
+def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Ints]:
     """Vertices, shape (V, 3), metres, and triangles, shape (F, 3), of a file; its suffix says how it is read.
 
     The parts of a scene are put where its transforms say, and joined. Coordinates are metres: those of ``.glb`` and
@@ -141,7 +141,7 @@ SUFFIXES: Final = tuple(_READERS)
 """Formats that are read."""
 
 
-def flattened(shape: Any, name: str) -> tuple[Floats, Integers]:
+def flattened(shape: Any, name: str) -> tuple[Floats, Ints]:
     """Vertices and faces of a trimesh.Trimesh or trimesh.Scene, whose parts are placed and joined.
 
     Raises InputError if it is something else, or a coordinate is not finite, and GeometryError if there are no
@@ -179,7 +179,7 @@ def flattened(shape: Any, name: str) -> tuple[Floats, Integers]:
     return joined(surfaces)
 
 
-def _placed(scene: Any) -> list[tuple[NDArray[np.float64], str]]:
+def _placed(scene: Any) -> list[tuple[Floats, str]]:
     """Transform and name of each part of a scene, once for each place where it stands."""
     return [scene.graph[node] for node in scene.graph.nodes_geometry]
 

@@ -14,14 +14,13 @@ from typing import Any, Final, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import Grid, check_word, finite, not_negative, positive
 from cspace.io.input import UNKNOWNS
 from cspace.io.rosmap import Frame, on_grid
 from cspace.states import BLOCKED, FREE, MIXED
 
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 Message = TypeVar("Message")
 
 LETHAL, INSCRIBED, NO_INFORMATION = 254, 253, 255
@@ -210,7 +209,7 @@ def _size(msg: object, name: str) -> int:
     return int(value)
 
 
-def _values(data: ArrayLike) -> NDArray[np.int64] | NDArray[np.int8]:
+def _values(data: ArrayLike) -> Ints | NDArray[np.int8]:
     """The data of a message, whatever holds its whole numbers."""
     try:
         values = np.asarray(data)

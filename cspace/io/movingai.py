@@ -12,8 +12,8 @@ from contextlib import suppress
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools
 from cspace.io.input import Fault, decoding, is_count, read_text
 from cspace.io.limits import check_cells
 
@@ -23,7 +23,7 @@ _VOXEL_LINES: Final = frozenset("0123456789 \t\n")
 _DROP_CELLS: Final = str.maketrans("", "", PASSABLE + BLOCKED)
 
 
-def read_map(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
+def read_map(path: str | os.PathLike[str]) -> Bools:
     """Blocked cells of a ``.map`` file, shape (width, height).
 
     ``.``, ``G`` and ``S`` are passable; ``@``, ``O``, ``T`` and ``W`` are blocked. The first row is the top.
@@ -61,7 +61,7 @@ def read_map(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
         return np.ascontiguousarray(blocked[::-1].T)
 
 
-def read_3dmap(path: str | os.PathLike[str]) -> NDArray[np.bool_]:
+def read_3dmap(path: str | os.PathLike[str]) -> Bools:
     """Blocked voxels of a ``.3dmap`` file, shape (nx, ny, nz).
 
     The first line is ``voxel`` and the numbers of voxels along x, y and z; each other line is ``x y z`` of a blocked

@@ -8,14 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cspace.arrays import Floats
 from cspace.errors import FileError, GeometryError
 from cspace.grid import finite, not_negative, positive
 from cspace.io.plain import read_yaml
-
-Floats = NDArray[np.float64]
 
 PADDING: Final = 0.01
 """Metres of ``footprint_padding`` where a file does not say."""

@@ -8,16 +8,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Bytes, Ints
 from cspace.compiling import jit
 from cspace.grid import Grid, check_word
 from cspace.io.input import UNKNOWNS, Fault, decoding, header_lines, read_bytes
 from cspace.io.limits import check_cells
-
-Bools = NDArray[np.bool_]
-Bytes = NDArray[np.uint8]
-Ints = NDArray[np.int64]
 
 KIND: Final = "OctoMap"
 
@@ -111,7 +107,7 @@ def _header(entries: dict[str, str], binary: bool) -> _Header:
     return _Header(binary, tree, count, side)
 
 
-def _leaves(header: _Header, data: bytes) -> NDArray[np.int64]:
+def _leaves(header: _Header, data: bytes) -> Ints:
     """First cell, side in cells, and whether occupied, of each leaf, shape (n, 5)."""
     values = np.empty(0, dtype=np.float32)
     if header.binary:

@@ -11,11 +11,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Floats
 from cspace.compiling import jit
 from cspace.io.input import Fault, header_lines, read_bytes, read_columns
 from cspace.io.limits import check_bytes
-
-Floats = NDArray[np.float64]
 
 KIND: Final = "PCD file"
 

@@ -9,13 +9,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Floats, Ints
 from cspace.errors import GeometryError
 from cspace.io.input import Fault, decoding, existing, header_lines, is_count, numbers_of, read_bytes
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 KIND: Final = "PLY file"
 
@@ -69,7 +66,7 @@ def read_ply_header(path: str | os.PathLike[str]) -> PlyHeader:
         return _header(stream.read(2**16))
 
 
-def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Integers, Integers]:
+def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Ints, Ints]:
     """Vertices, shape (V, 3), of a PLY file, the corners of its polygons, one after the other, and how many each has.
 
     Raises FileError if the file is missing, and Fault if it is malformed or truncated, holds more or fewer elements
@@ -79,7 +76,7 @@ def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Integers, Integers]:
 
     content = read_bytes(path, KIND, memory=_MEMORY)
     header = _header(content)
-    faces: tuple[Integers, Integers] | None = None
+    faces: tuple[Ints, Ints] | None = None
     if header.is_text:
         content, faces = _counted(content, header)
     if not {"x", "y", "z"} <= {name for name, _ in header.properties["vertex"]}:
@@ -102,7 +99,7 @@ def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Integers, Integers]:
     return vertices.astype(np.float64), *faces
 
 
-def _counted(content: bytes, header: PlyHeader) -> tuple[bytes, tuple[Integers, Integers]]:
+def _counted(content: bytes, header: PlyHeader) -> tuple[bytes, tuple[Ints, Ints]]:
     """A text without its blank lines, each of the others held to the properties of its element; and the faces.
 
     trimesh takes blank lines for elements, passes over lines and words too many, and tells the length of all lists by
@@ -169,7 +166,7 @@ def _header(content: bytes) -> PlyHeader:
     )
 
 
-def _corners(data: Any, name: str, header: PlyHeader) -> tuple[Integers, Integers]:
+def _corners(data: Any, name: str, header: PlyHeader) -> tuple[Ints, Ints]:
     """The faces of a binary file, all of equally many corners: trimesh takes the length of the first one for all."""
     counts, corners = data[name]["f0"], data[name]["f1"]
     size = corners.shape[1] if corners.ndim == 2 else 1

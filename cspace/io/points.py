@@ -7,15 +7,14 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Floats
 from cspace.errors import GeometryError
 from cspace.io.formats import read_npy
 from cspace.io.input import Fault, decoding, read_columns, read_text, suffix_of
 from cspace.io.pcd import read_pcd
 from cspace.io.ply import read_ply
 
-Floats = NDArray[np.float64]
 Named = str | os.PathLike[str]
 
 

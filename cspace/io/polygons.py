@@ -11,14 +11,12 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import GeometryError
 from cspace.io.input import Fault, numbers_of, read_bytes
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Surface = tuple[Floats, Integers]
+Surface = tuple[Floats, Ints]
 """Vertices, shape (V, 3), and the three vertex numbers of each triangle, shape (F, 3)."""
 
 FLAT: Final = 1e-4
@@ -64,7 +62,7 @@ def joined(parts: Sequence[Surface]) -> Surface:
     return vertices, np.concatenate([np.empty((0, 3), dtype=np.int64), *faces])
 
 
-def triangulated(vertices: Floats, corners: Integers, sizes: Integers) -> Integers:
+def triangulated(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
     """Triangles of polygons, shape (sum of (sizes - 2), 3), whose corners are vertex numbers, polygon after polygon.
 
     Each polygon becomes a fan around one of its corners, the first one if that does. A polygon that is not flat has no
@@ -89,7 +87,7 @@ def triangulated(vertices: Floats, corners: Integers, sizes: Integers) -> Intege
     return np.concatenate(faces)
 
 
-def _fans(vertices: Floats, polygons: Integers) -> Integers:
+def _fans(vertices: Floats, polygons: Ints) -> Ints:
     """Triangles of polygons with as many corners each, shape (P, n), n > 3."""
     points = vertices[polygons]
     # A value that is not finite is refused later, by name.
@@ -121,7 +119,7 @@ def _fans(vertices: Floats, polygons: Integers) -> Integers:
     return np.asarray(fans.reshape(-1, 3))
 
 
-def _planes(points: Floats, size: Floats, slack: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+def _planes(points: Floats, size: Floats, slack: Floats) -> tuple[Floats, Bools]:
     """Unit normals of polygons around their centres, and which are flat; those without an area need lie on a line."""
     total = np.cross(points, np.roll(points, -1, axis=1)).sum(axis=1)
     length = np.linalg.norm(total, axis=1)
@@ -136,7 +134,7 @@ def _planes(points: Floats, size: Floats, slack: Floats) -> tuple[Floats, NDArra
     return normal, flat
 
 
-def _refused(polygon: Integers, what: str) -> Fault:
+def _refused(polygon: Ints, what: str) -> Fault:
     shown = ", ".join(map(str, polygon[:8].tolist())) + (", ..." if len(polygon) > 8 else "")
     fault = f"has a face of {len(polygon)} corners (vertices {shown}, counted from 0) that {what}"
     rule = "more than three corners must lie flat, and one of them must see the whole face"
@@ -211,7 +209,7 @@ def _vertices(points: list[list[bytes]]) -> Floats:
     return numbers_of([word for point in points for word in point[:3]], float).reshape(-1, 3)
 
 
-def _numbers(corners: list[bytes], before: Integers) -> Integers:
+def _numbers(corners: list[bytes], before: Ints) -> Ints:
     """Vertex numbers, counted from 0: in the file from 1, or, where negative, back from the last one before."""
     try:
         numbers = numbers_of([corner.partition(b"/")[0] for corner in corners], int)

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cspace.arrays import Bools, Floats
 from cspace.errors import FileError, InputError
 from cspace.grid import SLACK, Grid, check_word
 from cspace.io.image import Shades, read_shades
@@ -21,9 +22,6 @@ from cspace.io.limits import check_cells
 from cspace.io.output import replacing
 from cspace.io.plain import read_yaml
 from cspace.states import BLOCKED, FREE, MIXED
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 SUFFIXES: Final = (".yaml", ".yml")
 QUARTERS: Final = ((1, 0), (0, 1), (-1, 0), (0, -1))

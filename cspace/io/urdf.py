@@ -16,8 +16,8 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Floats
 from cspace.errors import FileError, InputError, optional
 from cspace.grid import finite, positive
 from cspace.io.input import Fault, decoding, read_bytes
@@ -109,7 +109,7 @@ def load_urdf(path: str | os.PathLike[str]) -> URDF:
         return yourdfpy.URDF.load(plain, load_meshes=False, build_collision_scene_graph=False)
 
 
-def shapes_of(urdf: URDF, link: str, path: str | os.PathLike[str]) -> Iterator[tuple[Shape, NDArray[np.float64]]]:
+def shapes_of(urdf: URDF, link: str, path: str | os.PathLike[str]) -> Iterator[tuple[Shape, Floats]]:
     """The shapes of a link's collision geometry, and from the frame of each to that of the link, shape (4, 4).
 
     Raises FileError if a mesh is missing or malformed, and InputError if a size is not above zero.

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from cspace.arrays import Ints
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.io.input import decoding, read_text
 from cspace.io.limits import check_memory
 from cspace.io.plain import check_nesting, read_json
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
     from shapely.geometry.base import BaseGeometry
 
 SUFFIXES: Final = (".geojson", ".json", ".wkt")
@@ -178,7 +178,7 @@ def _parts(shape: BaseGeometry) -> list[BaseGeometry]:
     return list(parts)
 
 
-def _check(names: list[str], lasts: NDArray[np.int64], shapes: list[BaseGeometry]) -> None:
+def _check(names: list[str], lasts: Ints, shapes: list[BaseGeometry]) -> None:
     """Raise GeometryError for the first shape that breaks a rule."""
     import shapely
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.arrays import Ints
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.io.exports import WRITERS, write_border, write_vti
@@ -230,7 +231,7 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     return dataset.rename(dict(zip(AXES, contents.grid.axes, strict=False)))
 
 
-def _by_rotation(stack: NDArray[Any], slice_of: NDArray[np.int64]) -> NDArray[Any]:
+def _by_rotation(stack: NDArray[Any], slice_of: Ints) -> NDArray[Any]:
     """A slice for each rotation cell, copied only where some, but not all, share one."""
     if len(stack) == len(slice_of):
         return stack

@@ -9,12 +9,12 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import FLOATS, unmasked
 from cspace.rotations import MAX_YAW
 from cspace.threads import LEAST, in_chunks
 
-Floats = NDArray[np.float64]
 Kernel = Callable[..., int]
 """``kernel(*rows, out)`` fills ``out``, shape (n,), for rows of shape (n, d), and gives the index of the first one that
 is not usable, or -1."""
@@ -69,7 +69,7 @@ def answer(
     return out.reshape(points.shape[:-1]) if points.ndim > 1 else scalar(out[0])
 
 
-def answer_edges(q0: ArrayLike, q1: ArrayLike, dof: int, ask_for: Callable[[int], Ask]) -> bool | NDArray[np.bool_]:
+def answer_edges(q0: ArrayLike, q1: ArrayLike, dof: int, ask_for: Callable[[int], Ask]) -> bool | Bools:
     """True or False for straight edges; as :func:`answer`, with two batches that broadcast.
 
     ``ask_for(n)`` answers for n edges.
@@ -91,7 +91,7 @@ def answer_edges(q0: ArrayLike, q1: ArrayLike, dof: int, ask_for: Callable[[int]
     return out.reshape(shape[:-1]) if len(shape) > 1 else bool(out[0])
 
 
-def answer_pairs(vertices: Floats, pairs: NDArray[np.int64], ask: Ask) -> NDArray[np.bool_]:
+def answer_pairs(vertices: Floats, pairs: Ints, ask: Ask) -> Bools:
     """True or False for each edge, shape (m, 2), between vertices, shape (n, d); all must be finite and in range."""
     out = np.empty(len(pairs), dtype=np.bool_)
     ask([_Chosen(vertices, pairs[:, 0]), _Chosen(vertices, pairs[:, 1])], out)
@@ -101,7 +101,7 @@ def answer_pairs(vertices: Floats, pairs: NDArray[np.int64], ask: Ask) -> NDArra
 class _Chosen:
     """Rows of an array by their indices; a slice of them is copied when it is read."""
 
-    def __init__(self, rows: Floats, numbers: NDArray[np.int64]) -> None:
+    def __init__(self, rows: Floats, numbers: Ints) -> None:
         self._rows, self._numbers = rows, numbers
 
     def __getitem__(self, part: slice) -> Floats:
@@ -172,7 +172,7 @@ def _not_usable(values: NDArray[Any], name: str, index: int) -> InputError:
     return InputError(name, f"number {index} is {numbers}", rule, mend, value=numbers)
 
 
-def as_pairs(edges: ArrayLike, vertices: Floats) -> NDArray[np.int64]:
+def as_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
     """Edges as pairs of indices of vertices, checked."""
     unmasked(edges, "edges")
     try:

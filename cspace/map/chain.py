@@ -6,8 +6,9 @@ import math
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cspace.arrays import Bools, Bytes, Floats, Ints
 from cspace.compiling import jit
 from cspace.errors import InputError
 from cspace.grid import Grid
@@ -15,9 +16,6 @@ from cspace.map.record import Map
 from cspace.map.storage import Cells, Stack, cells_of, check_bytes, state_in
 from cspace.rotations import Rotations
 from cspace.states import BLOCKED, FREE, MIXED
-
-Bytes = NDArray[np.uint8]
-Ints = NDArray[np.int64]
 
 START, CLOSED = 254, 255
 """How a cell was reached: not at all, if 0; by the steps from 1 to 6, down and up along x, y and z; from 7 on, out of
@@ -84,9 +82,7 @@ def trace_chain(cells: Cells, slice_of: Ints, neighbors: Ints, start: Ints, goal
     return False
 
 
-def chain(
-    states: Stack, slice_of: Ints, neighbors: Ints, closed: NDArray[np.bool_] | None, start: Ints, goal: Ints
-) -> Ints:
+def chain(states: Stack, slice_of: Ints, neighbors: Ints, closed: Bools | None, start: Ints, goal: Ints) -> Ints:
     """A chain of cells that are not BLOCKED, each sharing a side with the next, with the fewest MIXED ones.
 
     Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)`` in the grid, and the chain has the shape (n, 1 + d), from
@@ -124,11 +120,11 @@ class Space(Protocol):
     @property
     def record(self) -> Map: ...
     def classify(self, q: Any) -> Any: ...
-    def _checked(self, q: ArrayLike, name: str) -> NDArray[np.float64]: ...
-    def _cells_of(self, points: NDArray[np.float64]) -> Ints: ...
+    def _checked(self, q: ArrayLike, name: str) -> Floats: ...
+    def _cells_of(self, points: Floats) -> Ints: ...
 
 
-def open_chain(space: Space, q0: ArrayLike, q1: ArrayLike, closed: NDArray[np.bool_] | None = None) -> Ints:
+def open_chain(space: Space, q0: ArrayLike, q1: ArrayLike, closed: Bools | None = None) -> Ints:
     """A chain of FREE and MIXED cells between two configurations, with as few MIXED ones as can be.
 
     Where :meth:`cspace.CSpace.path_exists` is None, this is where a path has to be looked for with ``exact=True``.

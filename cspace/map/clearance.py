@@ -12,8 +12,8 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Floats, Words
 from cspace.compiling import by_kind, entry, inner, reader
 from cspace.grid import SLACK
 from cspace.map import turning
@@ -23,8 +23,6 @@ from cspace.map.record import Map
 from cspace.map.storage import zeros_above, zeros_below
 from cspace.states import FREE
 
-Floats = NDArray[np.float64]
-Words = NDArray[np.uint64]
 Place = tuple[float, float, float]
 
 ALL, LAST, ONE, EIGHT, SEVEN = np.uint64(255), np.uint64(63), np.uint64(1), np.uint64(8), np.uint64(7)

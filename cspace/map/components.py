@@ -9,13 +9,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Ints, Words
 from cspace.compiling import inner, reader
 from cspace.map.storage import Cells, Stack, bits_from, cells_of, expect, row_in, state_in, zeros_below
 from cspace.threads import cores, in_threads
 
-Ints = NDArray[np.int64]
 Nodes = NDArray[np.int32]
-Words = NDArray[np.uint64]
 
 SHIFTS: Final = {2: (0, 6, 6), 3: (3, 3, 6)}
 """Cells of a block along each axis, as powers of two, by dimension: 64 rows of 64 cells. A plane has one layer."""
@@ -77,7 +76,7 @@ class Blocks(NamedTuple):
     grid: tuple[int, int, int, int]
     shifts: tuple[int, int, int]
     shape: tuple[int, int, int]
-    rim_is_open: NDArray[np.bool_]
+    rim_is_open: Bools
 
 
 class Labels(NamedTuple):
@@ -356,9 +355,7 @@ def drop_struck(faces: Faces) -> tuple[int, int]:
 
 
 @reader
-def join_nodes(
-    roots: Nodes, base: Nodes, faces: Faces, fresh: int, changed: NDArray[np.bool_], starts: Ints, bounds: Ints
-) -> int:
+def join_nodes(roots: Nodes, base: Nodes, faces: Faces, fresh: int, changed: Bools, starts: Ints, bounds: Ints) -> int:
     """Join the nodes of components that meet: each becomes the lowest one of those that it is joined to.
 
     ``roots`` are all nodes, in order, for union-find; ``base`` is as in :class:`Joined`. Faces of blocks that have
@@ -470,7 +467,7 @@ class Components:
     configuration outside the grid is not BLOCKED.
     """
 
-    def __init__(self, states: Stack, slice_of: Ints, neighbors: Ints, rim_is_open: NDArray[np.bool_]) -> None:
+    def __init__(self, states: Stack, slice_of: Ints, neighbors: Ints, rim_is_open: Bools) -> None:
         slices, self._dim = len(states), states.ndim - 1
         flat, shifts = (1,) * (3 - self._dim), SHIFTS[self._dim]
         # Each axis has room for the layer beyond; the first one of a plane has none.

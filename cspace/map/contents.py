@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import Grid, check_word, finite
 from cspace.map.exterior import OUTSIDES, UNKNOWN, Exterior
@@ -64,13 +65,13 @@ class Contents:
     workspace: Workspace
     robot: Robot
     rotations: Rotations
-    slice_of: NDArray[np.int64]
+    slice_of: Ints
     states: Stack
     outside: str = "blocked"
     margin: float = 0.0
     precision: str = "integer"
     overlaps: NDArray[np.int32] | None = None
-    fields: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    fields: Mapping[str, Floats] = field(default_factory=dict)
     exterior: Exterior | None = None
     proves_blocked: bool | None = None
     endless: tuple[bool, ...] = ()
@@ -116,9 +117,7 @@ class Contents:
         )
 
 
-def checked_fields(
-    fields: Mapping[str, NDArray[np.float64]], dim: int, shape: tuple[int, ...]
-) -> dict[str, NDArray[np.float64]]:
+def checked_fields(fields: Mapping[str, Floats], dim: int, shape: tuple[int, ...]) -> dict[str, Floats]:
     """The arrays of an overlap field, in the order of :data:`cspace.states.FIELDS`, not to be written.
 
     Raises InputError if one is missing or there are others, or one has another shape or type, or holds what is not

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Floats, Words
 from cspace.compiling import inner, reader
 from cspace.grid import SLACK
 from cspace.map import turning
@@ -31,9 +31,6 @@ from cspace.map.record import Map
 from cspace.map.storage import state_in
 from cspace.states import FREE
 
-Floats = NDArray[np.float64]
-Words = NDArray[np.uint64]
-
 FINEST = 1.0 / 16.0
 """Least distance of points that are looked at before an edge is walked, as a part of the edge."""
 
@@ -45,7 +42,7 @@ UPRIGHT = 2.0**-500
 
 
 @reader
-def edges_are_free(map_: Map, blocks: Words | None, first: Floats, second: Floats, out: NDArray[np.bool_]) -> int:
+def edges_are_free(map_: Map, blocks: Words | None, first: Floats, second: Floats, out: Bools) -> int:
     """``edge_is_free`` of edges, shapes (n, dof); the index of the first edge that is not usable, or -1."""
     for k in range(first.shape[0]):
         q0, q1 = configuration(map_, first, k), configuration(map_, second, k)

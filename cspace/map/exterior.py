@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Ints
 from cspace.raster.raster import Raster
 from cspace.states import BLOCKED, FREE, MIXED
-
-Ints = NDArray[np.int64]
-
 
 OUTSIDES: Final = ("blocked", "free")
 """What lies outside the grid."""
@@ -36,7 +33,7 @@ class Exterior:
     table: Ints
 
     @classmethod
-    def of(cls, occupied: NDArray[np.bool_], rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
+    def of(cls, occupied: Bools, rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
         """What is proven outside the grid, from the outer cells of a workspace and the robot's rasters, of each slice.
 
         ``policy`` is what lies outside the workspace: "blocked", "free" or "unknown".
@@ -68,7 +65,7 @@ class Exterior:
         """First and last cell of each box, shape (slices, 2 d); a view."""
         return self.table[:, :-1]
 
-    def is_all_blocked(self, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    def is_all_blocked(self, shape: tuple[int, ...]) -> Bools:
         """Whether every cell outside a grid of this shape is BLOCKED, for each slice."""
         first, last = self.boxes[:, : len(shape)], self.boxes[:, len(shape) :]
         hidden = (first > last).any(axis=1) | ((first >= 0) & (last < shape)).all(axis=1)

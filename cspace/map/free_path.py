@@ -8,14 +8,12 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Floats, Ints
 from cspace.compiling import inner, jit, reader
 from cspace.map.storage import Cells, Stack, cells_of, state_in
 from cspace.states import FREE
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Check = Callable[..., bool]
 
 LARGEST: Final = 8

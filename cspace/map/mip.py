@@ -9,17 +9,13 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Ints, States, Words
 from cspace.compiling import by_kind, inner, reader
 from cspace.map.derived import Lock
 from cspace.map.storage import Stack, flipped, read_only
 from cspace.states import FREE
 from cspace.threads import in_chunks
-
-States = NDArray[np.uint8]
-Ints = NDArray[np.int64]
-Words = NDArray[np.uint64]
 
 SHIFT: Final = 3
 

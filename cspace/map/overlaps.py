@@ -8,15 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Floats, Ints
 from cspace.compiling import inner, reader
 from cspace.map import turning
 from cspace.map.points import Numbers, cell_of, configuration, is_usable, layered
 from cspace.map.record import Map
 from cspace.raster.raster import Raster, runs_of
 
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
-Floats = NDArray[np.float64]
 Counts = NDArray[np.int16] | NDArray[np.int32]
 
 

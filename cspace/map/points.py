@@ -11,8 +11,8 @@ from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numba.cpython.unsafe.tuple import tuple_setitem
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Floats, Ints, States
 from cspace.compiling import inner, jit, reader
 from cspace.grid import MAX_COORDINATE, SLACK
 from cspace.map import turning
@@ -21,9 +21,6 @@ from cspace.map.storage import Cells, state_in
 from cspace.orientation import TURN
 from cspace.states import FREE, MIXED
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-States = NDArray[np.uint8]
 Numbers = tuple[float, ...]
 Cell = tuple[int, ...]
 Entries = TypeVar("Entries", bound=tuple[float, ...])
@@ -340,7 +337,7 @@ def box_is_free(map_: Map, number: int, q: Numbers, distance: float) -> bool:
 
 
 @reader
-def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out: NDArray[np.bool_]) -> int:
+def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out: Bools) -> int:
     """Whether all is FREE within a distance along each axis and within an angle of configurations.
 
     Gives the index of the first configuration that is not usable, or -1.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Ints
 from cspace.map.storage import Cells
 from cspace.rotations import CompiledRotations
 
@@ -37,9 +37,9 @@ class Map(NamedTuple):
     lower: tuple[float, ...]
     spacing: float
     upper: tuple[float, ...]
-    exterior: NDArray[np.int64]
+    exterior: Ints
 
     @property
-    def slice_of(self) -> NDArray[np.int64]:
+    def slice_of(self) -> Ints:
         """The slice of each rotation cell, shape (rotations,)."""
         return np.asarray(self.rotations.slice_of)

@@ -8,15 +8,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Bytes, Floats, Ints
 from cspace.compiling import inner, jit, reader
 from cspace.grid import Grid
 from cspace.map.storage import Cells, PackedStates, Stack, row_in
 from cspace.rotations import Rotations
 from cspace.states import FREE
 
-Bytes = NDArray[np.uint8]
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Chunks = NDArray[np.int32]
 
 EDGE: Final = 2.0**-20

@@ -17,14 +17,13 @@ from numba.cpython.unsafe.numbers import leading_zeros, trailing_zeros
 from numba.extending import intrinsic
 from numpy.typing import DTypeLike, NDArray
 
+from cspace.arrays import Bytes, Ints
 from cspace.compiling import by_kind, inner, reader
 from cspace.errors import InputError
 from cspace.memory import KEEP, bytes_text, free_bytes
 from cspace.states import FREE
 from cspace.unaligned import load
 
-Bytes = NDArray[np.uint8]
-Ints = NDArray[np.int64]
 Halves = tuple[np.uint64, np.uint64]
 
 SPARE: Final = 16

@@ -11,8 +11,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Floats, Ints
 from cspace.compiling import by_kind, inner
 from cspace.rotations import (
     MAX_YAW,
@@ -27,8 +27,6 @@ from cspace.rotations import (
 )
 from cspace.vectors import Row as Row
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Numbers = tuple[float, ...]
 Matrix = tuple[Row, Row, Row]
 Cursor = Any

@@ -21,6 +21,7 @@ from typing import Any, Final, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Bytes, Floats, Ints
 from cspace.compiling import inner, jit, reader
 from cspace.grid import Grid
 from cspace.map.callbacks import below_half_a_turn, edge_checker
@@ -33,10 +34,6 @@ from cspace.rotations import Rotations
 from cspace.states import FREE, MIXED
 from cspace.threads import cores, in_chunks, in_threads
 
-Bytes = NDArray[np.uint8]
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Numbers = TypeVar("Numbers", bound=NDArray[Any])
 Levels = NDArray[np.uint16]
 Squares = NDArray[np.int32]
@@ -582,7 +579,7 @@ class Widest:
 
 
 @jit
-def flat_distances(graph: Graph, wide: NDArray[np.bool_], goal: int, start: int, flat: Floats, heads: Ints) -> float:
+def flat_distances(graph: Graph, wide: Bools, goal: int, start: int, flat: Floats, heads: Ints) -> float:
     """From places, 1 and the length of the shortest chain to one, over places that are wide at any rotation, in cells.
 
     Cells of one rotation allow no shorter way. Places are looked at that may lie on a chain from ``start`` of at most

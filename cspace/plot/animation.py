@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Floats
 from cspace.errors import InputError
 from cspace.grid import positive
 from cspace.io.output import replacing
 from cspace.plot import artists
-from cspace.plot.route import Floats, HasPath, MapLike, Route
+from cspace.plot.route import HasPath, MapLike, Route
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -6,11 +6,11 @@ import math
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Floats, Ints
 from cspace.io.polygons import joined
 from cspace.plot import artists
-from cspace.plot.route import Floats, Look, polyline, simplified
+from cspace.plot.route import Look, polyline, simplified
 from cspace.plot.surface import (
     MOST,
     SURFACES,
@@ -58,7 +58,7 @@ class Surface(NamedTuple):
     """Triangles: vertices, shape (V, 3), metres, and indices of their corners, shape (F, 3)."""
 
     vertices: Floats
-    faces: NDArray[np.int64]
+    faces: Ints
 
 
 class ArmFigure:

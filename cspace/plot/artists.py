@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Floats
 from cspace.grid import Grid
 from cspace.orientation import Orientation
-from cspace.plot.route import Figurine, Floats, Look, MapLike, Route, WorkspaceLike
+from cspace.plot.route import Figurine, Look, MapLike, Route, WorkspaceLike
 from cspace.states import BLOCKED, FREE, MIXED
 
 if TYPE_CHECKING:

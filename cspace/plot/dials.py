@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from cspace.arrays import Bools, Floats
 from cspace.plot import artists
-from cspace.plot.route import Floats, Look, MapLike, Route, section_point
+from cspace.plot.route import Look, MapLike, Route, section_point
 from cspace.states import MIXED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
 _PIXELS: Final = 360
 """Pixels across a dial."""
@@ -46,7 +46,7 @@ class Dial(NamedTuple):
     """
 
     title: str
-    inside: NDArray[np.bool_]
+    inside: Bools
     rotations: Floats
     marks: tuple[tuple[str, float, float], ...]
 

@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, TypedDict, U
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Floats
 from cspace.errors import InputError
 from cspace.grid import Grid, positive
 from cspace.io.output import replacing
 from cspace.orientation import ROTATION_NAMES, Unturned
 from cspace.plot import artists
 from cspace.plot.dials import draw_dials
-from cspace.plot.route import Figurine, Floats, HasPath, Look, MapLike, Part, Route, WorkspaceLike, section_point
+from cspace.plot.route import Figurine, HasPath, Look, MapLike, Part, Route, WorkspaceLike, section_point
 from cspace.plot.sections import draw_panels, draw_sections
 from cspace.plot.surface import draw_surface
 from cspace.rotations import Rotations

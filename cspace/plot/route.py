@@ -10,13 +10,12 @@ from typing import Any, Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import Grid, finite, positive
 from cspace.orientation import Orientation
 from cspace.rotations import Rotations
 from cspace.shapes.shape import Shape
-
-Floats = NDArray[np.float64]
 
 MANY: Final = 12
 """About how many robots are drawn along a path when the caller does not say."""
@@ -48,9 +47,9 @@ class WorkspaceLike(Protocol):
     """What pictures need of a workspace."""
 
     @property
-    def outer(self) -> NDArray[np.bool_]: ...
+    def outer(self) -> Bools: ...
     @property
-    def unknown(self) -> NDArray[np.bool_] | None: ...
+    def unknown(self) -> Bools | None: ...
 
 
 class HasAxes(Protocol):
@@ -175,8 +174,8 @@ class Part:
 class Ground(NamedTuple):
     """Cells of a workspace, or of a part of one."""
 
-    outer: NDArray[np.bool_]
-    unknown: NDArray[np.bool_] | None
+    outer: Bools
+    unknown: Bools | None
 
 
 class Look(NamedTuple):
@@ -324,7 +323,7 @@ def _solid_parts(shape: Shape) -> tuple[Floats, list[Floats], Floats, Floats]:
 _DRAWN: Final = {2: _plane_parts, 3: _solid_parts}
 
 
-def simplified(vertices: Floats, faces: NDArray[np.int64], most: int = _FACES) -> tuple[Floats, NDArray[np.int64]]:
+def simplified(vertices: Floats, faces: Ints, most: int = _FACES) -> tuple[Floats, Ints]:
     """A surface of at most so many triangles: corners that lie close are joined (Rossignac and Borrel, 1993)."""
     steps = 64
     while len(faces) > most and steps > 1:

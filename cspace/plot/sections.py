@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from cspace.arrays import Floats
 from cspace.errors import InputError
 from cspace.grid import finite
 from cspace.plot import artists
-from cspace.plot.route import Floats, Look, MapLike, Route, section_point, within
+from cspace.plot.route import Look, MapLike, Route, section_point, within
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

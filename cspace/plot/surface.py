@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import Grid, check_word, finite
 from cspace.plot import artists
-from cspace.plot.route import Floats, Look, MapLike, Route, within
+from cspace.plot.route import Look, MapLike, Route, within
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,8 +50,8 @@ class Faces(NamedTuple):
     """
 
     corners: Floats
-    axes: NDArray[np.int64]
-    marked: NDArray[np.bool_]
+    axes: Ints
+    marked: Bools
 
 
 def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
@@ -127,10 +127,10 @@ def dotted(ax: Any, line: Floats, label: str) -> list[Any]:
 
 def border_faces(
     grid: Grid,
-    solid: NDArray[np.bool_],
+    solid: Bools,
     towards: Floats,
     top: float = math.inf,
-    marked: NDArray[np.bool_] | None = None,
+    marked: Bools | None = None,
 ) -> Faces:
     """The faces of solid cells that look at a camera far away, of blocks that are no larger than they must be.
 
@@ -170,14 +170,14 @@ def border_faces(
     return Faces(np.concatenate(corners), np.concatenate(axes), ~np.concatenate([plain[part] for part in seen]))
 
 
-def _peeled(layers: NDArray[np.bool_], towards: float) -> int:
+def _peeled(layers: Bools, towards: float) -> int:
     """How many layers at the camera's end are mostly solid; none where that is half of all or more."""
     shares = layers[:: -1 if towards > 0.0 else 1].mean(axis=(1, 2))
     count = int(np.argmin(shares >= _WALL)) if (shares < _WALL).any() else len(shares)
     return count if towards != 0.0 and 2 * count < len(shares) else 0
 
 
-def _seen(solid: NDArray[np.bool_], axis: int, towards: float) -> NDArray[np.bool_]:
+def _seen(solid: Bools, axis: int, towards: float) -> Bools:
     """Blocks whose face along an axis looks at the camera, with no solid block before it."""
     if towards == 0.0:
         return np.zeros_like(solid)
@@ -187,7 +187,7 @@ def _seen(solid: NDArray[np.bool_], axis: int, towards: float) -> NDArray[np.boo
     return solid & ~ahead
 
 
-def _solid(space: MapLike, surface: str, rotation: Floats | None) -> NDArray[np.bool_]:
+def _solid(space: MapLike, surface: str, rotation: Floats | None) -> Bools:
     """The cells whose border is drawn."""
     if surface == "obstacles":
         return space.workspace.outer

@@ -12,14 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.arrays import Bools, Floats, Ints
 from cspace.grid import SLACK
 
 if TYPE_CHECKING:
     from shapely.geometry import Polygon
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 def polygon_outline(polygon: Polygon) -> Floats:
@@ -92,7 +89,7 @@ def rectangle_triangles(sides: Bools, axis: int, spacing: float, lower: Any) -> 
     return np.asarray(points[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 3))
 
 
-def cell_squares(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Integers, Integers]:
+def cell_squares(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Ints, Ints]:
     """The sides of closed cells that lie on the border of their union, as triangles that share edges whole.
 
     Gives their corners, shape (V, 3), metres, the triangles, shape (F, 3), and for each of these 1 where it faces
@@ -126,7 +123,7 @@ def cell_boxes(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Floats
     return corner + spacing * low[:, first:], corner + spacing * high[:, first:]
 
 
-def rectangles(sides: Bools) -> tuple[Integers, Integers]:
+def rectangles(sides: Bools) -> tuple[Ints, Ints]:
     """Rectangles that cover the set entries of each layer: lattice corners ``(layer, row, column)``, lower and upper.
 
     Runs along a row, and rows with the same run that follow one another taken together.

@@ -36,16 +36,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Floats
 from cspace.compiling import reader
 from cspace.grid import SLACK, Grid, check_reach
 from cspace.raster.raster import Raster, blank
 from cspace.raster.segments import OBSTACLE
 from cspace.threads import in_chunks
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 _COLUMNS_A_THREAD = 100_000
 

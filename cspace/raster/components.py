@@ -11,11 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Ints
 from cspace.compiling import inner, jit
 from cspace.threads import in_chunks
 
-Bools = NDArray[np.bool_]
-Integers = NDArray[np.int64]
 Labels = NDArray[np.int32]
 
 _SLABS_A_THREAD = 32
@@ -37,7 +36,7 @@ class Components(NamedTuple):
     """
 
     shape: tuple[int, int, int]
-    offsets: Integers
+    offsets: Ints
     lows: Labels
     highs: Labels
     labels: Labels
@@ -65,13 +64,13 @@ class Components(NamedTuple):
         number = int(_label_runs(ny, offsets, lows, highs, parents, labels))
         return cls((nx, ny, nz), offsets, lows, highs, labels, number)
 
-    def at(self, boxes: Integers) -> Labels:
+    def at(self, boxes: Ints) -> Labels:
         """The component of untouched boxes, numbered in the order of the array, shape (n,)."""
         column = np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets))
         starts = column * self.shape[2] + self.lows
         return np.asarray(self.labels[np.searchsorted(starts, boxes, side="right") - 1])
 
-    def lengths(self) -> Integers:
+    def lengths(self) -> Ints:
         """How many boxes each component is long, along the axis along which that is most, shape (number,)."""
         column = np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets))
         longest = np.zeros(self.number, dtype=np.int64)
@@ -105,7 +104,7 @@ class Components(NamedTuple):
 
 
 @jit
-def _count_runs(blocked: Bools, counts: Integers, start: int, stop: int) -> None:
+def _count_runs(blocked: Bools, counts: Ints, start: int, stop: int) -> None:
     """Set ``counts[i * ny + j]``, for first indices in ``[start, stop)``, to the number of runs in that column."""
     _, ny, nz = blocked.shape
     for i in range(start, stop):
@@ -119,7 +118,7 @@ def _count_runs(blocked: Bools, counts: Integers, start: int, stop: int) -> None
 
 
 @jit
-def _list_runs(blocked: Bools, offsets: Integers, lows: Labels, highs: Labels, start: int, stop: int) -> None:
+def _list_runs(blocked: Bools, offsets: Ints, lows: Labels, highs: Labels, start: int, stop: int) -> None:
     """Write first and last index of each run, for first indices in ``[start, stop)``, from the column's offset on."""
     _, ny, nz = blocked.shape
     for i in range(start, stop):
@@ -146,7 +145,7 @@ def _root(parents: Labels, run: int) -> int:
 
 
 @inner
-def _join_columns(offsets: Integers, lows: Labels, highs: Labels, parents: Labels, column: int, other: int) -> None:
+def _join_columns(offsets: Ints, lows: Labels, highs: Labels, parents: Labels, column: int, other: int) -> None:
     """Join the runs of two neighbouring columns that overlap."""
     a, b = offsets[column], offsets[other]
     while a < offsets[column + 1] and b < offsets[other + 1]:
@@ -160,7 +159,7 @@ def _join_columns(offsets: Integers, lows: Labels, highs: Labels, parents: Label
 
 
 @jit
-def _label_runs(ny: int, offsets: Integers, lows: Labels, highs: Labels, parents: Labels, labels: Labels) -> int:
+def _label_runs(ny: int, offsets: Ints, lows: Labels, highs: Labels, parents: Labels, labels: Labels) -> int:
     """Number the components of runs that share a side of a cell, by their first runs; how many there are.
 
     ``parents`` is room for work, of the size of ``labels``.

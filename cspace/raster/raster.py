@@ -7,12 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
 from cspace.memory import free_bytes
-
-Ints = NDArray[np.int64]
 
 MAX_CELLS = 2**28
 
@@ -35,11 +33,11 @@ class Raster:
         Offset of ``cells[0, ...]``.
     """
 
-    cells: NDArray[np.bool_]
+    cells: Bools
     lower: tuple[int, ...]
 
     @classmethod
-    def trimmed(cls, cells: NDArray[np.bool_], lower: tuple[int, ...]) -> Raster:
+    def trimmed(cls, cells: Bools, lower: tuple[int, ...]) -> Raster:
         """The set of the True entries of ``cells``, whose first entry is the offset ``lower``."""
         window, left = [], cells
         for _ in range(cells.ndim):
@@ -52,7 +50,7 @@ class Raster:
         tight.setflags(write=False)
         return cls(tight, tuple(low + part.start for low, part in zip(lower, window, strict=True)))
 
-    def turned(self, matrix: NDArray[np.float64]) -> Raster:
+    def turned(self, matrix: Floats) -> Raster:
         """The set turned by a matrix with one 1 or -1 in each row and column: an exact permutation of the lattice."""
         if not self.cells.size:
             return self
@@ -100,7 +98,7 @@ def runs_of(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
     return table, owner
 
 
-def blank(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[NDArray[np.bool_], tuple[int, ...]]:
+def blank(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:
     """An empty bitmap over the lattice points of a box, with two cells to spare, and the offset of its first entry.
 
     Raises InputError if the box holds more cells than a raster may.

@@ -37,15 +37,12 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Floats
 from cspace.compiling import inner, reader
 from cspace.grid import SLACK, Grid, check_reach
 from cspace.raster.raster import Raster, blank
 from cspace.rotations import STILL, Turn
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 OBSTACLE: Final = ("an obstacle", "the map's corner", "clip the obstacles to the map, or check their units (metres)")
 """Subject and mend of the error about obstacles that reach too far."""

@@ -26,8 +26,8 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import SLACK, Grid, check_reach
 from cspace.raster.components import Components
@@ -35,10 +35,6 @@ from cspace.raster.raster import Raster, blank
 from cspace.raster.triangles import mark_touched, mark_within, swept
 from cspace.raster.winding import mark_enclosed
 from cspace.rotations import STILL, Turn
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _MEND: Final = "check its units (metres), {}, or use a larger spacing"
 
@@ -60,8 +56,8 @@ class Shell(NamedTuple):
     """
 
     vertices: Floats
-    faces: Integers
-    turns: Integers
+    faces: Ints
+    turns: Ints
 
 
 class Skin(NamedTuple):
@@ -81,7 +77,7 @@ class Skin(NamedTuple):
     """
 
     vertices: Floats
-    faces: Integers
+    faces: Ints
     shell: Shell | None = None
     fill: bool = False
     source: str = "robot"

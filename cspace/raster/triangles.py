@@ -44,16 +44,12 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Bytes, Floats
 from cspace.compiling import inner, jit
 from cspace.grid import SLACK
 from cspace.threads import in_chunks
 from cspace.vectors import nearest_of_triangle
-
-Bools = NDArray[np.bool_]
-Octets = NDArray[np.uint8]
-Floats = NDArray[np.float64]
 
 THIN: Final = 2.0**-12
 """Height of a triangle over its longest side below which its plane is not used."""
@@ -420,7 +416,7 @@ def _is_near(triangle: Floats, center: Floats, half: float, most: float, slack: 
 
 
 @jit
-def _mark_within(out: Octets, parts: Swept, half: float, radius: float, slack: float, start: int, stop: int) -> None:
+def _mark_within(out: Bytes, parts: Swept, half: float, radius: float, slack: float, start: int, stop: int) -> None:
     """Set ``out[i]`` where the cube ``i + [-half, half]^3`` comes within a radius of where triangles come.
 
     For first indices in ``[start, stop)``; the cubes that meet a triangle must be set already. Most cubes within reach

@@ -15,14 +15,10 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Floats, Ints
 from cspace.compiling import inner, jit
 from cspace.threads import in_chunks
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Integers = NDArray[np.int64]
 
 _MOST_BUCKETS: Final = 1024
 _ENTRIES_A_TRIANGLE: Final = 12
@@ -43,9 +39,9 @@ class Buckets(NamedTuple):
 
     low: Floats
     scale: Floats
-    shape: Integers
-    starts: Integers
-    entries: Integers
+    shape: Ints
+    starts: Ints
+    entries: Ints
 
     @classmethod
     def of(cls, triangles: Floats) -> Buckets:
@@ -72,7 +68,7 @@ class Buckets(NamedTuple):
         starts = np.concatenate([[0], np.cumsum(np.bincount(bucket, minlength=count * count))])
         return cls(low, scale, np.full(2, count, dtype=np.int64), starts, which[np.argsort(bucket, kind="stable")])
 
-    def near(self, lower: Floats, upper: Floats) -> Integers:
+    def near(self, lower: Floats, upper: Floats) -> Ints:
         """Numbers, ascending, of all triangles that meet a box of space, and of some that are near it."""
         corners = ((np.stack([lower, upper])[:, :2] - self.low) * self.scale, 0, self.shape - 1)
         (first, left), (last, right) = np.clip(np.floor(corners[0]), *corners[1:]).astype(np.int64)
@@ -88,11 +84,11 @@ class Winding:
     the last bit. ``turns`` is how often each counts; -1 against its own direction.
     """
 
-    def __init__(self, triangles: Floats, turns: Integers) -> None:
+    def __init__(self, triangles: Floats, turns: Ints) -> None:
         self._triangles, self._turns = np.ascontiguousarray(triangles), turns
         self._buckets = Buckets.of(self._triangles) if len(triangles) else None
 
-    def numbers(self, points: Floats) -> Integers:
+    def numbers(self, points: Floats) -> Ints:
         """Winding numbers of points, shape (n, 3), that are farther from the surfaces than rounding; shape (n,)."""
         points = np.ascontiguousarray(points)
         out = np.zeros(len(points), dtype=np.int64)
@@ -108,7 +104,7 @@ class Winding:
         return out
 
 
-def mark_enclosed(out: Bools, triangles: Floats, turns: Integers) -> None:
+def mark_enclosed(out: Bools, triangles: Floats, turns: Ints) -> None:
     """Set ``out[i]`` where closed surfaces go round the lattice point ``i``: their winding number there is not zero.
 
     The triangles, shape (n, 3, 3), are in cells, as the indices of ``out``, out of which they may reach; as those
@@ -181,7 +177,7 @@ def turn_above(triangle: Floats, x: float, y: float, z: float) -> int:
 
 
 @jit
-def _count(points: Floats, out: Integers, triangles: Floats, turns: Integers, buckets: Buckets) -> None:
+def _count(points: Floats, out: Ints, triangles: Floats, turns: Ints, buckets: Buckets) -> None:
     """Set ``out`` to the winding number of each point."""
     low, scale, shape, starts, entries = buckets
     for p in range(len(points)):
@@ -195,7 +191,7 @@ def _count(points: Floats, out: Integers, triangles: Floats, turns: Integers, bu
 
 
 @jit
-def _mark_enclosed(out: Bools, triangles: Floats, turns: Integers, start: int, stop: int) -> None:
+def _mark_enclosed(out: Bools, triangles: Floats, turns: Ints, start: int, stop: int) -> None:
     """Set ``out[i]`` where surfaces go round the lattice point ``i``, for first indices in ``[start, stop)``.
 
     First the crossings of each column of points are counted, then they are listed: the first point above each.

@@ -5,11 +5,8 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Bools = NDArray[np.bool_]
+from cspace.arrays import Bools, Floats, Ints
 
 _NOUGHT: Final = 2.0**-30
 """Volume, over the sum of the volumes that it is made of, up to which its sign says nothing."""
@@ -31,13 +28,13 @@ class Body(NamedTuple):
         That it winds round, cubic metres: below zero where it faces inward, zero where it is open or cancels out.
     """
 
-    faces: Integers
-    turns: Integers
+    faces: Ints
+    turns: Ints
     closed: bool
     volume: float
 
 
-def find_bodies(vertices: Floats, faces: Integers) -> tuple[Body, ...]:
+def find_bodies(vertices: Floats, faces: Ints) -> tuple[Body, ...]:
     """The bodies of a mesh, in the order of their first triangles.
 
     Coincident vertices (equal to the bit) count as one. A triangle with two equal corners bounds nothing and belongs
@@ -74,7 +71,7 @@ def find_bodies(vertices: Floats, faces: Integers) -> tuple[Body, ...]:
     return tuple(sorted(bodies, key=lambda body: int(body.faces[0])))
 
 
-def merged(vertices: Floats) -> Integers:
+def merged(vertices: Floats) -> Ints:
     """A number for each vertex, the same for coincident ones."""
     order = np.lexsort(vertices.T)
     ordered = vertices[order]
@@ -84,7 +81,7 @@ def merged(vertices: Floats) -> Integers:
     return numbers
 
 
-def least_joined(first: Integers, second: Integers, number: int) -> Integers:
+def least_joined(first: Ints, second: Ints, number: int) -> Ints:
     """The least of all that each of ``range(number)`` is joined to, by pairs and by way of others; shape (number,).
 
     SciPy's graphs are as quick, but to import them takes a fifth of a second and 20 MB.
@@ -101,7 +98,7 @@ def least_joined(first: Integers, second: Integers, number: int) -> Integers:
     return least
 
 
-def _bodies_among(triangles: Floats, corners: Integers, most: int) -> list[Body]:
+def _bodies_among(triangles: Floats, corners: Ints, most: int) -> list[Body]:
     """Bodies that triangles make, joined through edges at which at most so many different ones meet.
 
     Each is read by the first of these rules that closes it:
@@ -142,7 +139,7 @@ def _bodies_among(triangles: Floats, corners: Integers, most: int) -> list[Body]
     return [Body(part, turns[part], bool(closed[b]), float(volume[b])) for b, part in enumerate(parts)]
 
 
-def _outermost_outward(vertices: Floats, faces: Integers, bodies: list[Body]) -> list[Body]:
+def _outermost_outward(vertices: Floats, faces: Ints, bodies: list[Body]) -> list[Body]:
     """Closed bodies, those that face inward turned over unless all of their corners lie in bodies that face outward.
 
     What is turned over could be no cavity, and would cancel whatever it overlaps.
@@ -174,7 +171,7 @@ def _outermost_outward(vertices: Floats, faces: Integers, bodies: list[Body]) ->
     return [body._replace(turns=-body.turns, volume=-body.volume) if over[b] else body for b, body in enumerate(bodies)]
 
 
-def _volumes(triangles: Floats, turns: Integers, body: Integers, number: int) -> Floats:
+def _volumes(triangles: Floats, turns: Ints, body: Ints, number: int) -> Floats:
     """Volume that the triangles of each body wind round, shape (number,); zero within rounding."""
     total = np.stack([np.bincount(body, weights=triangles[:, 0, k], minlength=number) for k in range(3)], axis=-1)
     middle = total / np.maximum(np.bincount(body, minlength=number), 1)[:, None]
@@ -189,7 +186,7 @@ def _volumes(triangles: Floats, turns: Integers, body: Integers, number: int) ->
     return np.where(np.abs(volume) > _NOUGHT * moduli, volume * size**3, 0.0)
 
 
-def _edges(corners: Integers) -> tuple[Integers, Integers]:
+def _edges(corners: Ints) -> tuple[Ints, Ints]:
     """Edge number and direction (1 or -1) of each side of each triangle, both of shape (n, 3)."""
     endpoints = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1)
     key = endpoints.min(axis=-1) * (int(corners.max()) + 1) + endpoints.max(axis=-1)
@@ -197,7 +194,7 @@ def _edges(corners: Integers) -> tuple[Integers, Integers]:
     return edge, np.where(endpoints[..., 0] < endpoints[..., 1], 1, -1)
 
 
-def _repeated(corners: Integers) -> tuple[Bools, Integers, Integers]:
+def _repeated(corners: Ints) -> tuple[Bools, Ints, Ints]:
     """For each triangle, whether it is the first on its three corners, how many such there are, and their sum."""
     a, b, c = corners.T
     inversions = (a > b).astype(np.int64) + (b > c) + (a > c)
@@ -212,7 +209,7 @@ def _repeated(corners: Integers) -> tuple[Bools, Integers, Integers]:
     return first, np.bincount(group)[group], np.bincount(group, weights=sign)[group].astype(np.int64)
 
 
-def _joined(edge: Integers, joining: Bools) -> tuple[Integers, int]:
+def _joined(edge: Ints, joining: Bools) -> tuple[Ints, int]:
     """Number of the body of each triangle, and how many there are, given the edges that join."""
     n = len(edge)
     triangle, side = np.nonzero(joining[edge])
@@ -220,7 +217,7 @@ def _joined(edge: Integers, joining: Bools) -> tuple[Integers, int]:
     return body.astype(np.int64), len(roots)
 
 
-def _balance(edge: Integers, direction: Integers, body: Integers, number: int, chosen: Bools) -> tuple[Bools, Bools]:
+def _balance(edge: Ints, direction: Ints, body: Ints, number: int, chosen: Bools) -> tuple[Bools, Bools]:
     """For each body, whether the chosen triangles run along each edge as often one way as the other; and in twos."""
     # Bodies may touch along an edge: each counts its own triangles there.
     key = np.repeat(body[chosen], 3) * (int(edge.max()) + 1) + edge[chosen].ravel()
@@ -233,7 +230,7 @@ def _balance(edge: Integers, direction: Integers, body: Integers, number: int, c
     return balanced, manifold
 
 
-def _turned_alike(edge: Integers, direction: Integers, body: Integers, number: int) -> tuple[Integers, Bools]:
+def _turned_alike(edge: Ints, direction: Ints, body: Ints, number: int) -> tuple[Ints, Bools]:
     """How triangles that meet in twos must be turned, 1 or -1, to be turned alike; for each body, whether they can."""
     n = len(edge)
     order = np.argsort(np.repeat(body, 3) * (int(edge.max()) + 1) + edge.ravel(), kind="stable").reshape(-1, 2)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import GeometryError, InputError
 from cspace.grid import Grid, finite, points_of, unmasked
 from cspace.raster.raster import Raster
@@ -21,7 +22,7 @@ from cspace.rotations import STILL, Turn
 from cspace.shapes.bodies import Body, find_bodies
 from cspace.shapes.bracketed import Bracketed
 from cspace.shapes.polygon import Polygons
-from cspace.shapes.shape import Bools, Floats, Pieces, Shape, Surface, ordered_rows
+from cspace.shapes.shape import Pieces, Shape, Surface, ordered_rows
 
 if TYPE_CHECKING:
     from cspace.raster.surfaces import Skin
@@ -55,7 +56,7 @@ SMALL: Final = 0.25
 Solid = Literal["auto", "surface", "fill"]
 MeshLike: TypeAlias = "Mesh | TriangleMesh | MeshScene | str | os.PathLike[str] | tuple[ArrayLike, ArrayLike]"
 
-Chosen: TypeAlias = "NDArray[np.int64] | slice"
+Chosen: TypeAlias = "Ints | slice"
 """Numbers of some triangles."""
 
 SOLIDS: Final = ("auto", "surface", "fill")
@@ -112,8 +113,8 @@ class Mesh(Shape):
         If there is no triangle, or one names a vertex that there is not.
     """
 
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int64]
+    vertices: Floats
+    faces: Ints
     solid: Solid = "auto"
     source: str = "mesh"
     _warned: bool = field(default=False, init=False, repr=False)
@@ -196,7 +197,7 @@ class Mesh(Shape):
         return mesh
 
     @property
-    def triangles(self) -> NDArray[np.float64]:
+    def triangles(self) -> Floats:
         """Corners of the triangles, in metres, shape (F, 3, 3)."""
         return np.asarray(self.vertices[self.faces])
 
@@ -412,7 +413,7 @@ class Mesh(Shape):
         return mesh
 
     @cached_property
-    def _turns(self) -> NDArray[np.int64]:
+    def _turns(self) -> Ints:
         """How often each triangle counts as part of what encloses something, shape (F,)."""
         turns = np.zeros(len(self.faces), dtype=np.int64)
         for body in self.bodies:
@@ -428,7 +429,7 @@ class Mesh(Shape):
         return Winding(self.vertices[self.faces[counted]] - self.bounds[0], self._turns[counted])
 
     @property
-    def closed(self) -> tuple[Floats, NDArray[np.int64]]:
+    def closed(self) -> tuple[Floats, Ints]:
         """Triangles that enclose something, metres, shape (n, 3, 3), and how often each counts for winding numbers."""
         counted = np.flatnonzero(self._turns)
         return self.vertices[self.faces[counted]], self._turns[counted]
@@ -464,7 +465,7 @@ class Mesh(Shape):
             )
 
 
-def _merged_faces(points: Floats, faces: NDArray[np.int64]) -> Floats:
+def _merged_faces(points: Floats, faces: Ints) -> Floats:
     """Rows that identify the surface of closed bodies, whatever the diagonals by which flat faces became triangles.
 
     Triangles across an axis that lie in one plane and face the same way are identified by the sides that do not cancel
@@ -498,7 +499,7 @@ def _arrays_of(shape: Any) -> tuple[Any, Any, str]:
     return *flattened(shape, "mesh"), "mesh"
 
 
-def _checked_vertices(values: Any, source: str) -> NDArray[np.float64]:
+def _checked_vertices(values: Any, source: str) -> Floats:
     vertices = finite(values, f"vertices of {source}")
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise GeometryError(

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cspace.arrays import Bools, Floats
 from cspace.errors import GeometryError
 from cspace.grid import Grid, finite, points_of
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
-from cspace.shapes.shape import Bools, Floats, Pieces, Shape
+from cspace.shapes.shape import Pieces, Shape
 
 if TYPE_CHECKING:
     from shapely import STRtree

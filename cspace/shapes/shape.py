@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import GeometryError, InputError
 from cspace.grid import Grid, finite
 from cspace.raster.raster import Raster
@@ -18,9 +19,7 @@ from cspace.rotations import STILL, Turn
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
-Surface = tuple[Floats, NDArray[np.int64]]
+Surface = tuple[Floats, Ints]
 """Vertices, shape (V, 3), metres, and triangles, shape (F, 3), as indices into them."""
 
 
@@ -254,7 +253,7 @@ class Shape(ABC):
         """Plain numbers, strings and lists from which ``cspace.shapes.shape_from_spec`` makes it again."""
 
 
-def ordered_rows(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
+def ordered_rows(rows: NDArray[Any]) -> tuple[NDArray[Any], Ints]:
     """The different rows of an array, shape (n, k), in order, and the number of each one among them, shape (n,)."""
     order = np.lexsort(rows.T[::-1])
     rows = rows[order]

@@ -9,14 +9,15 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cspace.arrays import Bools, Floats
 from cspace.errors import GeometryError, InputError
 from cspace.grid import Grid, points_of, positive, unmasked
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes.polygon import Polygons
-from cspace.shapes.shape import Bools, Boxes, Floats, Pieces, Shape, Surface, check_point, frozen
+from cspace.shapes.shape import Boxes, Pieces, Shape, Surface, check_point, frozen
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -123,7 +124,7 @@ class Voxels(Shape):
     There are two axes or three, and one cell is set at least; metres.
     """
 
-    def __init__(self, occupied: NDArray[np.bool_], side: float, lower: Floats) -> None:
+    def __init__(self, occupied: Bools, side: float, lower: Floats) -> None:
         self.occupied, self.side, self.lower = frozen(occupied), side, frozen(lower)
         self.dim, self.is_boxes = occupied.ndim, occupied.ndim == 3
 

@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Bytes, Floats, Ints
 from cspace.compiling import inner, reader
 from cspace.spectral.bump import (
     FLOOR,
@@ -25,11 +26,7 @@ from cspace.spectral.bump import (
 from cspace.spectral.descriptors import ROUNDING, BallDescriptor
 from cspace.spectral.spectra import ball_spectrum
 
-Bools = NDArray[np.bool_]
-Bytes = NDArray[np.uint8]
 Complexes = NDArray[np.complex128]
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Table = Callable[[Floats], tuple[Floats, float]]
 
 UNIT: Final = 2.0**-52  # relative rounding error of one operation, doubled

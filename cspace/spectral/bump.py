@@ -15,13 +15,13 @@ from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cspace.arrays import Floats
 from cspace.errors import CspaceError, InputError
 from cspace.grid import check_word, not_negative, positive, unmasked
 from cspace.spectral.inputs import check_not_negative, check_tolerance
 
-Floats = NDArray[np.float64]
 Radial = Callable[[Floats], Floats]
 
 VOLUME: Final = {2: math.pi, 3: 4.0 / 3.0 * math.pi}  # of the unit ball

@@ -15,6 +15,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Floats, Ints
 from cspace.compiling import inner, jit, reader
 from cspace.errors import GeometryError, InputError
 from cspace.grid import check_word, positive, whole
@@ -30,9 +31,6 @@ from cspace.spectral.regions import (
     shape_to_balls,
 )
 from cspace.spectral.spheres import KINDS, Bounds, Kind, Spheres
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FINER: Final = (1, 4)  # how much finer a lattice is tried, in cells, if of the balls fewer than USED are taken
 USED: Final = 0.9

@@ -12,8 +12,9 @@ from functools import reduce
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cspace.arrays import Bools, Floats
 from cspace.covering import check_cells
 from cspace.errors import InputError
 from cspace.grid import Grid, check_word, finite
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
 
     from cspace.robot import Robot
 
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 BallsLike: TypeAlias = "BallSet | Robot | tuple[ArrayLike, ArrayLike]"
 """Balls: what has ``centers`` and ``radii``, a robot of balls, or a pair of arrays of these."""

@@ -9,8 +9,9 @@ from functools import partial
 from typing import Any, Final, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cspace.arrays import Floats
 from cspace.compiling import entry, inner, reader
 from cspace.errors import InputError
 from cspace.map import turning
@@ -23,8 +24,6 @@ from cspace.memory import check_memory
 from cspace.spectral.inputs import check_dims
 from cspace.spectral.overlap import FourierOverlap
 from cspace.states import FIELDS
-
-Floats = NDArray[np.float64]
 
 _BATCH: Final = 2**20  # cells whose values are computed together
 

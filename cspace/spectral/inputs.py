@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cspace.arrays import Floats
 from cspace.errors import InputError
 from cspace.grid import finite
 from cspace.shapes.balls import check_balls
-
-Floats = NDArray[np.float64]
 
 LEAST_TOLERANCE: Final = 1e-13  # below this, rounding in float64 leaves nothing to ask for
 

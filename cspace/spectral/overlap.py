@@ -10,8 +10,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Final, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cspace.arrays import Bytes, Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import finite, not_negative, points_of, positive, whole
 from cspace.map.batches import Many, One
@@ -33,9 +34,6 @@ from cspace.spectral.spectra import nufft
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-Bytes = NDArray[np.uint8]
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 MOST: Final = 2**21  # frequencies, opposite ones counted as one, up to which the band is chosen where none is given
 LARGEST: Final = 2**26  # frequencies up to which a band may be given

@@ -9,8 +9,8 @@ from itertools import product
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Floats
 from cspace.compiling import inner, jit
 from cspace.errors import InputError
 from cspace.exact.triangles import trees_of
@@ -19,9 +19,6 @@ from cspace.memory import check_memory
 from cspace.raster.triangles import point_segment, point_triangle
 from cspace.shapes import Balls, Pieces, Polygons, Shape
 from cspace.threads import in_chunks
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 ROUNDING: Final = 2.0**-44
 """Rounding of a distance, in the largest coordinate: some hundred units, of which few are used up."""

@@ -20,6 +20,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.arrays import Floats
 from cspace.errors import InputError, optional
 from cspace.grid import finite
 from cspace.memory import KEEP, bytes_text, cells_of, free_bytes
@@ -36,7 +37,6 @@ from cspace.spectral.bump import (
 from cspace.spectral.inputs import LEAST_TOLERANCE, check_solid_balls, check_tolerance
 from cspace.threads import cores
 
-Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
 LEAST_SPECTRUM_TOLERANCE: Final = 1e-12  # of non-uniform transforms, whose rounding is larger

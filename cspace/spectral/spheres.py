@@ -9,9 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from cspace.arrays import Floats
 from cspace.errors import FileError, InputError
 from cspace.grid import check_word, finite
 from cspace.io.input import suffix_of
@@ -22,7 +20,6 @@ from cspace.spectral.inputs import check_solid_balls
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 Kind = Literal["inner", "outer"]
 
 KINDS: Final = ("inner", "outer")

@@ -13,11 +13,9 @@ from collections.abc import Callable, Iterable
 from math import prod
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bytes
 from cspace.map.storage import ASIDE, MISSING, USED, TileCells, pack, read_only
-
-Bytes = NDArray[np.uint8]
 
 
 class Cache:

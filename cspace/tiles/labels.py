@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Ints
 from cspace.map.components import Components
 from cspace.map.exterior import Exterior
 from cspace.map.storage import read_only_of
@@ -23,7 +24,6 @@ from cspace.tiles.work import Job, run
 if TYPE_CHECKING:
     from distributed import Client
 
-Ints = NDArray[np.int64]
 Labels = NDArray[np.int32]
 
 FREE_ONES, OPEN_ONES = 0, 1

@@ -6,8 +6,8 @@ from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Bytes
 from cspace.grid import Grid
 from cspace.map.contents import Contents
 from cspace.map.exterior import UNKNOWN
@@ -19,8 +19,6 @@ from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
     from distributed import Client
-
-Bytes = NDArray[np.uint8]
 
 
 class Reduced(NamedTuple):
@@ -39,7 +37,7 @@ class Reduced(NamedTuple):
     first: tuple[int, ...]
     least: Bytes
     most: Bytes
-    outer: NDArray[np.bool_]
+    outer: Bools
 
 
 def overview_of(job: Job, most: int, client: Client | None) -> CSpace:

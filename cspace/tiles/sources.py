@@ -12,14 +12,13 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools
 from cspace.covering import check_cells, check_dims
 from cspace.errors import FileError
 from cspace.grid import Grid
 from cspace.shapes import Shape
 
-Bools = NDArray[np.bool_]
 Box = tuple[slice, ...]
 """Cells along each axis."""
 

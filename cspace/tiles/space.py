@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.arrays import Bools, Floats, Ints
 from cspace.configuration_map import ConfigurationMap, Result
 from cspace.configuration_space import Leg
 from cspace.correlation import Progress
@@ -41,9 +42,6 @@ if TYPE_CHECKING:
     from cspace.exact.queries import Exact
     from cspace.view.level_of_detail import Cells
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 AROUND: Final = {2: 1024, 3: 256}
 """Cells along an axis of what is opened around configurations, by the number of axes."""
@@ -92,7 +90,7 @@ class TiledCSpace(ConfigurationMap):
         shape = (store.slices, *store.grid.shape)
         self._cache = Cache(shape, (store.depth, *store.tile), self._limit, self._chunk)
         self._job = Job(store, Held(np.empty(0, np.bool_), np.empty(0, np.bool_)))
-        self._table: NDArray[np.int64] | None = None
+        self._table: Ints | None = None
         self._parts: Joined | None = None
 
     @classmethod
@@ -423,7 +421,7 @@ class TiledCSpace(ConfigurationMap):
         return Map(cells, cells, rotations, grid.lower, grid.spacing, grid.upper, self._exterior)
 
     @property
-    def _exterior(self) -> NDArray[np.int64]:
+    def _exterior(self) -> Ints:
         if self._table is None:
             box = np.array(self._store.metadata["box"])
             self._table = Exterior.around(self.grid.shape, box, self._job.pairs, self.outside).table

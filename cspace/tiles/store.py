@@ -29,6 +29,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Ints
 from cspace.errors import FileError
 from cspace.grid import Grid
 from cspace.io.output import replacing
@@ -119,7 +120,7 @@ class Store:
             return shapes_from({"shapes": _small(self.path, "shapes")})
 
     @cached_property
-    def slice_of(self) -> NDArray[np.int64]:
+    def slice_of(self) -> Ints:
         """The slice of each rotation cell."""
         return self.rotations.slice_of(self.robot.shape)
 
@@ -324,7 +325,7 @@ class Store:
             raise unusable(self.path, f"its tile {index} holds {used.max()}, which is no state")
         return states if used.size == states.size else np.minimum(states, BLOCKED)
 
-    def obstacles(self, index: Index, record: Record) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def obstacles(self, index: Index, record: Record) -> tuple[Bools, Bools]:
         """Outer and inner cells of a tile, cut to the map."""
         own = tuple(slice(0, part.stop - part.start) for part in self.cells(index))
         outer = self.read("outer", index, record.digests[self.layers])[own]
@@ -332,7 +333,7 @@ class Store:
             return outer, outer
         return outer, self.read("inner", index, record.digests[self.layers + 1])[own]
 
-    def obstacles_in(self, box: Box, known: Known | None = None) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def obstacles_in(self, box: Box, known: Known | None = None) -> tuple[Bools, Bools]:
         """Outer and inner cells in a box, which may reach beyond the map; ``known`` may know its tiles already."""
         outside = self.metadata["outside"] == "blocked"
         outer = np.full(tuple(part.stop - part.start for part in box), outside, dtype=np.bool_)
@@ -345,7 +346,7 @@ class Store:
                 inner[here] = own[1][there]
         return outer, inner
 
-    def states_in(self, box: Box, known: Known | None = None, table: NDArray[np.int64] | None = None) -> Stack:
+    def states_in(self, box: Box, known: Known | None = None, table: Ints | None = None) -> Stack:
         """States of all slices in a box; where it reaches beyond the map, those of ``table``, as of an Exterior."""
         shape = tuple(part.stop - part.start for part in box)
         packed = PackedStates((self.slices, *shape)) if is_packed(shape, self.slices) else None
@@ -452,8 +453,8 @@ class Record:
         Of its chunks of states, of the outer cells, and of the inner ones, or again of the outer ones.
     """
 
-    counts: NDArray[np.int64]
-    box: NDArray[np.int64]
+    counts: Ints
+    box: Ints
     digests: tuple[bytes, ...]
 
     @property

@@ -10,8 +10,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Ints
 from cspace.errors import InputError
 from cspace.tiles.sources import Box, shared
 from cspace.tiles.store import Index, Store, aside_name
@@ -20,8 +20,6 @@ from cspace.update import Patch, Update
 
 if TYPE_CHECKING:
     from distributed import Client
-
-Bools = NDArray[np.bool_]
 
 
 class Patched:
@@ -44,7 +42,7 @@ class Patched:
         return str(self._store.metadata["stamp"])
 
 
-def update_store(store: Store, patch: Patch, client: Client | None, reach: NDArray[np.int64]) -> Update:
+def update_store(store: Store, patch: Patch, client: Client | None, reach: Ints) -> Update:
     """Change a store; it is as before until all is made, and then as after.
 
     Raises InputError if inner cells are given for a store that keeps outer ones alone, and FileError if the store
@@ -73,7 +71,7 @@ def update_store(store: Store, patch: Patch, client: Client | None, reach: NDArr
     return Update(int(np.count_nonzero(differ)), tuple(looked[0].tolist()), tuple(looked[1].tolist()), counts)
 
 
-def _remake(job: Job, index: Index, aside: str) -> NDArray[np.int64]:
+def _remake(job: Job, index: Index, aside: str) -> Ints:
     """Make a tile beside the one that is there; how many states of each slice differ."""
     store = job.store
     seen = replace(store, metadata={**store.metadata, "aside": aside})

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Ints
 from cspace.grid import Grid
 from cspace.map.contents import Contents
 from cspace.map.exterior import UNKNOWN
@@ -16,8 +16,6 @@ from cspace.space import CSpace
 from cspace.tiles.sources import Box, box_of
 from cspace.tiles.store import Known, Store
 from cspace.workspace import Workspace
-
-Ints = NDArray[np.int64]
 
 _MEND: Final = "ask for a smaller window"
 

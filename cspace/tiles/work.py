@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Ints
 from cspace.compiling import reader
 from cspace.correlation import Correlation, sides_of
 from cspace.errors import CspaceError, FileError, InputError, optional
@@ -30,8 +31,6 @@ from cspace.version import __version__
 if TYPE_CHECKING:
     from distributed import Client
 
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 Read = Callable[[tuple[slice, ...]], tuple[Bools, Bools]]
 
 _ONES: Final = np.uint64(0x0101010101010101)

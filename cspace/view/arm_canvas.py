@@ -10,11 +10,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cspace.arms.chain import SLIDES
+from cspace.arrays import Floats
 from cspace.errors import ConfigurationError, InputError
 from cspace.orientation import TURN, wrapped
 from cspace.plot.arms import ROOM, ArmFigure, Surface, along_joints
 from cspace.plot.artists import CLASSES, COLLIDES, UNDECIDED
-from cspace.plot.route import Floats
 from cspace.states import BLOCKED, FREE, MIXED
 from cspace.view.canvas import MARKS, Canvas, Dial, as_light, far_apart, state_text
 from cspace.view.scene import KINDS, ROBOT, Solid, rgb

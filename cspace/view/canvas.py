@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Floats
 from cspace.errors import ConfigurationError
 from cspace.plot.artists import GOAL
-from cspace.plot.route import Floats
 from cspace.states import BLOCKED, FREE, MIXED
 from cspace.view.scene import Solid, path_colors, rgb
 

@@ -9,11 +9,11 @@ from functools import cached_property
 from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Floats, Ints
 from cspace.grid import Grid
 from cspace.plot.artists import Classes, classes_of, ground_of, in_blocks
-from cspace.plot.route import Floats, MapLike
+from cspace.plot.route import MapLike
 
 MOST: Final = 2**21
 """Blocks that are drawn at once, at most: of the whole map, and as many of a part of it."""
@@ -37,7 +37,7 @@ class Blocks(NamedTuple):
     """
 
     classes: Classes
-    first: NDArray[np.int64]
+    first: Ints
     side: int
 
 

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from cspace.arrays import Floats
 from cspace.errors import ConfigurationError
 from cspace.plot.artists import CLASSES, COLLIDES, DARK, OBSTACLE, OPEN, UNDECIDED
-from cspace.plot.route import Figurine, Floats
+from cspace.plot.route import Figurine
 from cspace.view.canvas import MARKS, Canvas, Dial, far_apart
 from cspace.view.level_of_detail import Blocks, Cells, Part, part_around
 from cspace.view.poses import Poses

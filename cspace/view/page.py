@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from cspace.arrays import Floats
 from cspace.errors import CspaceError, MissingPackageError
-from cspace.plot.route import Floats
 from cspace.view.canvas import MARKS, Canvas
 from cspace.view.scene import HIGH, LOW
 from cspace.view.worker import Worker

@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from cspace.arrays import Floats
 from cspace.orientation import Orientation
-from cspace.plot.route import Floats
 
 ANGLES: Final = ("roll", "pitch", "yaw")
 """Turns about x, then y, then z, all of which stay where they are."""

@@ -8,9 +8,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Floats, Ints
 from cspace.grid import Grid
 from cspace.plot.artists import CLASSES, COLLIDES, OBSTACLE, PARTLY, PATH, ROBOT_FILL, UNDECIDED, UNSEEN, Classes
-from cspace.plot.route import Floats, RobotLike, rings
+from cspace.plot.route import RobotLike, rings
 from cspace.plot.surface import SURFACES
 from cspace.plot.surface import UNSEEN as DIM
 from cspace.raster.bitmaps import rectangles
@@ -141,7 +142,7 @@ class Stage:
         image = image.repeat(repeat, axis=0).repeat(repeat, axis=1)
         return Section(image, lower, upper, cut if self.has_height else 0.0)
 
-    def _below(self, blocks: Blocks, cut: float) -> tuple[Classes, NDArray[np.int64]]:
+    def _below(self, blocks: Blocks, cut: float) -> tuple[Classes, Ints]:
         """Classes of the blocks that lie below a height, in part at least, one layer or more; and their first cell."""
         classes, first = np.atleast_3d(blocks.classes), np.array([*blocks.first, 0][:3])
         count = (min(cut, self.upper[2]) - self.lower[2]) / self._cell[2] - first[2]
@@ -153,7 +154,7 @@ def _box(part: Part, side: int) -> tuple[slice, ...]:
     return tuple(slice(low // side, -(-high // side)) for low, high in zip(part.first, part.stop, strict=True))
 
 
-def border(solid: NDArray[np.bool_], rim: bool = True, lid: bool = True) -> NDArray[np.int64]:
+def border(solid: Bools, rim: bool = True, lid: bool = True) -> Ints:
     """The border of cells as few rectangles: corners on the lattice of the cells, shape (n, 4, 3).
 
     Counterclockwise where seen from outside. Squares in a row become one rectangle, and rows of the same length one
@@ -166,7 +167,7 @@ def border(solid: NDArray[np.bool_], rim: bool = True, lid: bool = True) -> NDAr
     return np.concatenate([_facing(solid, axis, way, rim and (lid or (axis, way) != (2, 1))) for axis, way in sides])
 
 
-def _facing(solid: NDArray[np.bool_], axis: int, way: int, rim: bool) -> NDArray[np.int64]:
+def _facing(solid: Bools, axis: int, way: int, rim: bool) -> Ints:
     """The rectangles that face down an axis, or up it."""
     one, two = (axis + 1) % 3, (axis + 2) % 3
     cells = solid.transpose(axis, one, two)
@@ -190,11 +191,11 @@ def robot_solid(robot: RobotLike, height: float) -> Solid:
     return Solid(np.asarray(vertices, dtype=np.float32), np.asarray(faces, dtype=np.uint32))
 
 
-def _surface(robot: RobotLike, height: float) -> tuple[Floats, NDArray[np.int64]]:
+def _surface(robot: RobotLike, height: float) -> tuple[Floats, Ints]:
     return robot.shape.surface
 
 
-def _slab(robot: RobotLike, height: float) -> tuple[Floats, NDArray[np.int64]]:
+def _slab(robot: RobotLike, height: float) -> tuple[Floats, Ints]:
     """The outline of a robot in the plane, as high as a wall, with a top and no bottom."""
     import shapely
 

@@ -8,7 +8,8 @@ import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, TypedDict
 
-from cspace.plot.route import Floats, HasAxes, marked, polyline
+from cspace.arrays import Floats
+from cspace.plot.route import HasAxes, marked, polyline
 from cspace.view.server import serve, stop
 
 if TYPE_CHECKING:
