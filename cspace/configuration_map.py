@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import Floats, Ints
 from cspace.configuration_space import ConfigurationSpace
 from cspace.grid import Grid
-from cspace.map.batches import Ask, Many, One, answer, as_points, in_pieces
+from cspace.map.batches import Many, One, Query, answer, as_points, in_pieces
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.states import BLOCKED, FREE
@@ -187,10 +187,10 @@ class ConfigurationMap(ConfigurationSpace):
         """What is drawn of it."""
 
     @abstractmethod
-    def _clearances(self) -> Ask:
+    def _clearances(self) -> Query:
         """The kernel of clearances."""
 
-    def _frees(self, exact: bool) -> Ask:
+    def _frees(self, exact: bool) -> Query:
         return in_pieces(self._exact.points) if exact else partial(_are_free, self._classify())
 
     def _known(self, q0: Floats, q1: Floats) -> bool | None:
@@ -230,7 +230,7 @@ class ConfigurationMap(ConfigurationSpace):
         return np.concatenate([self.rotations.cells_of(points)[..., None], cells], axis=-1)
 
 
-def _are_free(classify: Ask, parts: Sequence[Any], out: NDArray[Any]) -> int:
+def _are_free(classify: Query, parts: Sequence[Any], out: NDArray[Any]) -> int:
     """Fill ``out`` with whether configurations are FREE, by a kernel of states; the index of a bad one, or -1."""
     states = out.view(np.uint8)
     bad = classify(parts, states)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bools, Floats
 from cspace.errors import InputError
-from cspace.map.batches import Ask, Many, One, answer, answer_edges, answer_pairs, as_pairs
+from cspace.map.batches import Many, One, Query, answer, answer_edges, answer_pairs, as_pairs
 
 if TYPE_CHECKING:
     from cspace.view.viewer import MakeCanvas, Viewer, ViewOptions
@@ -203,15 +203,15 @@ class ConfigurationSpace(ABC):
     # ---- what differs ------------------------------------------------------------------------------------------------
 
     @abstractmethod
-    def _classify(self) -> Ask:
+    def _classify(self) -> Query:
         """The kernel of states."""
 
     @abstractmethod
-    def _frees(self, exact: bool) -> Ask:
+    def _frees(self, exact: bool) -> Query:
         """The kernel of whether configurations are free."""
 
     @abstractmethod
-    def _edges(self, number: int, exact: bool) -> Ask:
+    def _edges(self, number: int, exact: bool) -> Query:
         """The kernel of whether edges are free, chosen for a ``number`` of them."""
 
     @abstractmethod

@@ -21,7 +21,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from cspace.arrays import Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import Grid
-from cspace.map.batches import Ask, as_points
+from cspace.map.batches import Query, as_points
 from cspace.map.callbacks import below_half_a_turn, brought
 from cspace.map.contents import Contents
 from cspace.map.derived import Derived
@@ -241,32 +241,32 @@ class EndlessCSpace(CSpace):
             Contents(part, self.robot, Rotations.of(None), self._slice_of, states, prove=self._contents.prove)
         )
 
-    def _brought(self, ask: Ask) -> Ask:
+    def _brought(self, query: Query) -> Query:
         """The same of configurations, or edges, brought into the turn in the middle."""
         circles = self.rotations
 
-        def ask_there(parts: Sequence[Any], out: NDArray[Any]) -> int:
+        def brought_query(parts: Sequence[Any], out: NDArray[Any]) -> int:
             given = [np.asarray(part, dtype=np.float64) for part in parts]
             rows = [circles.canonical(part) for part in given]
             for k in range(1, len(rows)):
                 rows[k] = np.where(self.endless, rows[0] + circles.steps(given[0], given[k]), rows[k])
-            return ask(rows, out)
+            return query(rows, out)
 
-        return ask_there
+        return brought_query
 
-    def _classify(self) -> Ask:
+    def _classify(self) -> Query:
         return self._brought(self._unrolled._classify())
 
-    def _edges(self, number: int, exact: bool) -> Ask:
+    def _edges(self, number: int, exact: bool) -> Query:
         return self._brought(self._unrolled._edges(number, exact))
 
-    def _frees(self, exact: bool) -> Ask:
+    def _frees(self, exact: bool) -> Query:
         return self._brought(self._unrolled._frees(exact))
 
-    def _clearances(self) -> Ask:
+    def _clearances(self) -> Query:
         return self._brought(self._unrolled._clearances())
 
-    def _around_is_free(self, distance: float, angle: float) -> Ask:
+    def _around_is_free(self, distance: float, angle: float) -> Query:
         return self._brought(self._unrolled._around_is_free(distance, angle))
 
     @property

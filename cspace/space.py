@@ -15,7 +15,7 @@ from cspace.arrays import Bools, Floats, Ints, States
 from cspace.configuration_map import ConfigurationMap, Result
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid, not_negative, whole
-from cspace.map.batches import EDGES_A_THREAD, Ask, Many, One, answer, check_rng, in_pieces
+from cspace.map.batches import EDGES_A_THREAD, Many, One, Query, answer, check_rng, in_pieces
 from cspace.map.contents import Contents
 from cspace.map.derived import Derived, Lock
 from cspace.map.exterior import UNKNOWN, Exterior
@@ -118,7 +118,7 @@ class CSpace(ConfigurationMap):
         self._derived_rasters: Derived[list[tuple[Raster, Raster]]] = Derived(self._lock)
         self._derived_exterior: Derived[Exterior] = Derived(self._lock)
         self._derived_map: Derived[Map] = Derived(self._lock)
-        self._derived_classify: Derived[Ask] = Derived(self._lock)
+        self._derived_classify: Derived[Query] = Derived(self._lock)
         self._point_checker: Derived[Callable[..., bool]] = Derived(self._lock)
         self._edge_checker: Derived[Callable[..., bool]] = Derived(self._lock)
         self._mip: Derived[Mip] = Derived(self._lock)
@@ -992,25 +992,25 @@ class CSpace(ConfigurationMap):
 
     # ---- kernels and checks ------------------------------------------------------------------------------------------
 
-    def _clearances(self) -> Ask:
+    def _clearances(self) -> Query:
         from cspace.map.clearance import clearances
 
         return in_pieces(partial(clearances, self.record, self._marks(cells=True)))
 
-    def _classify(self) -> Ask:
+    def _classify(self) -> Query:
         return self._derived_classify.get(self._make_classify)
 
-    def _make_classify(self) -> Ask:
+    def _make_classify(self) -> Query:
         from cspace.map.points import classify
 
         return in_pieces(partial(classify, self.record))
 
-    def _around_is_free(self, distance: float, angle: float) -> Ask:
+    def _around_is_free(self, distance: float, angle: float) -> Query:
         from cspace.map.points import boxes_are_free
 
         return in_pieces(partial(boxes_are_free, self.record, distance, angle))
 
-    def _edges(self, number: int, exact: bool) -> Ask:
+    def _edges(self, number: int, exact: bool) -> Query:
         """As everywhere; many edges are worth marks of blocks."""
         from cspace.map.edges import edges_are_free
         from cspace.map.mip import CELLS_AN_EDGE

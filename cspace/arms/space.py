@@ -24,7 +24,7 @@ from cspace.arrays import Bools, Floats, Ints, States
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import finite, positive
-from cspace.map.batches import Ask, check_rng, own
+from cspace.map.batches import Query, check_rng, own
 from cspace.shapes import Shape
 from cspace.states import BLOCKED, FREE, MIXED
 from cspace.threads import in_chunks
@@ -406,7 +406,7 @@ class ArmSpace(ConfigurationSpace):
         point = f"({', '.join(f'{x:.6g}' for x in q)})"
         return ConfigurationError(name, f"{point} {fault}", "a path starts and ends where it is proven", mend, value=q)
 
-    def _classify(self) -> Ask:
+    def _classify(self) -> Query:
         def query(parts: Sequence[Any], out: States) -> int:
             (rows,) = self._rows(parts, ("q",))
             free = np.empty(len(out), dtype=np.bool_)
@@ -424,14 +424,14 @@ class ArmSpace(ConfigurationSpace):
 
         return query
 
-    def _frees(self, exact: bool) -> Ask:
+    def _frees(self, exact: bool) -> Query:
         def query(parts: Sequence[Any], out: Bools) -> int:
             (rows,) = self._rows(parts, ("q",))
             return self._prove(rows, rows, out)
 
         return query
 
-    def _edges(self, number: int, exact: bool) -> Ask:
+    def _edges(self, number: int, exact: bool) -> Query:
         def query(parts: Sequence[Any], out: Bools) -> int:
             starts, ends = self._rows(parts, ("q0", "q1"))
             return self._prove(starts, ends, out)

@@ -19,8 +19,8 @@ Kernel = Callable[..., int]
 """``kernel(*rows, out)`` fills ``out``, shape (n,), for rows of shape (n, d), and gives the index of the first one that
 is not usable, or -1."""
 
-Ask = Callable[[Sequence[Any], NDArray[Any]], int]
-"""``ask(parts, out)`` does so for a batch of any size and type of numbers."""
+Query = Callable[[Sequence[Any], NDArray[Any]], int]
+"""``query(parts, out)`` does so for a batch of any size and type of numbers."""
 
 D = TypeVar("D", bound=np.generic)
 S = TypeVar("S")
@@ -40,7 +40,7 @@ ROWS: Final = 8_192
 
 
 def answer(
-    q: ArrayLike, dof: int, ask: Ask, dtype: type[D], scalar: Callable[[Any], S], name: str = "q"
+    q: ArrayLike, dof: int, query: Query, dtype: type[D], scalar: Callable[[Any], S], name: str = "q"
 ) -> S | NDArray[D]:
     """The answer for one configuration, or an array of answers for a batch.
 
@@ -49,7 +49,7 @@ def answer(
     q : array-like, shape (d,) or (..., d)
     dof : int
         The length d of a configuration.
-    ask : callable
+    query : callable
         Answers for a batch; :func:`in_pieces` makes one of a kernel.
     dtype : numpy scalar type
         Of the answer to a batch.
@@ -63,16 +63,16 @@ def answer(
     points = _as_rows(q, name, dof)
     flat = points.reshape(-1, dof)
     out = np.empty(len(flat), dtype=dtype)
-    bad = ask([flat], out)
+    bad = query([flat], out)
     if bad >= 0:
         raise _not_usable(flat[bad], name, bad)
     return out.reshape(points.shape[:-1]) if points.ndim > 1 else scalar(out[0])
 
 
-def answer_edges(q0: ArrayLike, q1: ArrayLike, dof: int, ask_for: Callable[[int], Ask]) -> bool | Bools:
+def answer_edges(q0: ArrayLike, q1: ArrayLike, dof: int, query_for: Callable[[int], Query]) -> bool | Bools:
     """True or False for straight edges; as :func:`answer`, with two batches that broadcast.
 
-    ``ask_for(n)`` answers for n edges.
+    ``query_for(n)`` answers for n edges.
     """
     rows0, rows1 = _as_rows(q0, "q0", dof), _as_rows(q1, "q1", dof)
     shape = rows0.shape
@@ -85,16 +85,16 @@ def answer_edges(q0: ArrayLike, q1: ArrayLike, dof: int, ask_for: Callable[[int]
         rows0, rows1 = np.broadcast_to(rows0, shape), np.broadcast_to(rows1, shape)
     first, second = rows0.reshape(-1, dof), rows1.reshape(-1, dof)
     out = np.empty(len(first), dtype=np.bool_)
-    bad = ask_for(len(out))([first, second], out)
+    bad = query_for(len(out))([first, second], out)
     if bad >= 0:
         raise _not_usable(np.concatenate([first[bad], second[bad]]), "edge", bad)
     return out.reshape(shape[:-1]) if len(shape) > 1 else bool(out[0])
 
 
-def answer_pairs(vertices: Floats, pairs: Ints, ask: Ask) -> Bools:
+def answer_pairs(vertices: Floats, pairs: Ints, query: Query) -> Bools:
     """True or False for each edge, shape (m, 2), between vertices, shape (n, d); all must be finite and in range."""
     out = np.empty(len(pairs), dtype=np.bool_)
-    ask([_Chosen(vertices, pairs[:, 0]), _Chosen(vertices, pairs[:, 1])], out)
+    query([_Chosen(vertices, pairs[:, 0]), _Chosen(vertices, pairs[:, 1])], out)
     return out
 
 
@@ -132,8 +132,8 @@ def _as_rows(q: ArrayLike, name: str, dof: int) -> NDArray[Any]:
     return rows
 
 
-def in_pieces(kernel: Kernel, least: int = LEAST) -> Ask:
-    """An :data:`Ask` of a compiled kernel, in threads of at least ``least`` rows each."""
+def in_pieces(kernel: Kernel, least: int = LEAST) -> Query:
+    """An :data:`Query` of a compiled kernel, in threads of at least ``least`` rows each."""
     return partial(_fill, kernel, least)
 
 

@@ -32,7 +32,7 @@ def brought(check: Callable[..., T], endless: Sequence[bool]) -> Callable[..., T
     if not circles:
         return check
 
-    def ask(*numbers: float) -> T:
+    def wrapped(*numbers: float) -> T:
         near = list(numbers)
         for k in circles:
             near[k] = math.remainder(numbers[k], TURN)
@@ -40,7 +40,7 @@ def brought(check: Callable[..., T], endless: Sequence[bool]) -> Callable[..., T
                 near[n] = near[k] + math.remainder(numbers[n] - numbers[k], TURN)
         return check(*near)
 
-    return ask
+    return wrapped
 
 
 def below_half_a_turn(check: Callable[..., bool], endless: Sequence[bool]) -> Callable[..., bool]:

@@ -26,7 +26,7 @@ MOST: Final = 1 << BITS
 KINDS: Final = 2
 """Kind 0 are the FREE cells, and kind 1 those that are not BLOCKED."""
 
-ASK: Final = -2
+UNLABELLED: Final = -2
 """Stands for cells whose component takes the labels of their block; less the number of the block, and of the cell's row
 in it and place in the row, 6 bits each."""
 
@@ -390,8 +390,8 @@ def join_nodes(roots: Nodes, base: Nodes, faces: Faces, fresh: int, changed: Boo
 def look_up(blocks: Blocks, joined: Joined, cells: Ints, components: Ints) -> int:
     """Components of cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``, by their states; how many are left.
 
-    States decide where all components of a block are one over the whole map; cells of other blocks get ASK less their
-    place, and those without a component -1.
+    States decide where all components of a block are one over the whole map; cells of other blocks get UNLABELLED less
+    their place, and those without a component -1.
     """
     (_, nx, ny, nz), (deep, wide, long), (layers, rows, columns) = blocks.grid, blocks.shifts, blocks.shape
     asked: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
@@ -419,7 +419,7 @@ def look_up(blocks: Blocks, joined: Joined, cells: Ints, components: Ints) -> in
             for node in range(first + 1, stop):
                 if joined.roots[node] != components[kind, n]:
                     row = ((x & ((1 << deep) - 1)) << wide) | (y & ((1 << wide) - 1))
-                    components[kind, n] = ASK - ((segment << 12) | (row << 6) | (z & ((1 << long) - 1)))
+                    components[kind, n] = UNLABELLED - ((segment << 12) | (row << 6) | (z & ((1 << long) - 1)))
                     asked += 1
                     break
     return asked
@@ -434,7 +434,7 @@ def look_into(joined: Joined, cells: Ints, places: Nodes, labels: Labels, compon
     rows = (len(labels.bounds) - 1) // len(labels.counts)
     for kind in range(KINDS):
         for n in range(len(cells)):
-            left = ASK - components[kind, n]
+            left = UNLABELLED - components[kind, n]
             segment, row, z = left >> 12, (left >> 6) & 63, left & 63
             if left < 0 or places[segment] < 0:
                 continue
@@ -547,7 +547,7 @@ class Components:
 
     def _ask(self, joined: Joined, cells: Ints, components: Ints) -> None:
         """Look up the cells that are left in the labels of their blocks."""
-        wanted = np.unique((ASK - components[components <= ASK]) >> 12)
+        wanted = np.unique((UNLABELLED - components[components <= UNLABELLED]) >> 12)
         for first in range(0, len(wanted), TASK):
             self._remember(wanted[first : first + TASK])
             look_into(joined, cells, *self._cached, components)

@@ -45,7 +45,7 @@ BLOCK = 1024
 FEW = 32
 """Points up to which each is looked up on its own; what is quicker for more takes a second to compile."""
 
-INSIDE, ASK = 255, 254
+INSIDE, UNSURE = 255, 254
 """Codes of points in the grid, and of those that need a closer look; all others are states."""
 
 
@@ -139,12 +139,11 @@ def scaled(numbers: Floats, lows: Floats, scales: Floats, out: Floats) -> None:
 
 @inner
 def codes_of(map_: Map, places: Floats, slices: Ints, cells: Ints, codes: States) -> int:
-    """Cells of points that are given in cells, and what is to be made of each point.
+    """Cells of points that are given in cells, and a code for each; how many are UNSURE.
 
     A point in the grid gets its cell's number in ``cells`` and the code INSIDE; one that is plainly outside gets its
-    state for a code, where the robot does not turn; and what is left ASK: not usable, or so near the grid's upper
-    border that rounding may decide. There are no branches, so that the loop becomes wide instructions. Gives how many
-    have the code ASK.
+    state for a code, where the robot does not turn; and what is left UNSURE: not usable, or so near the grid's upper
+    border that rounding may decide. There are no branches, so that the loop becomes wide instructions.
     """
     dim, shape = len(map_.lower), map_.states.shape
     dof = dim + len(turning.origin(map_.rotations))
@@ -156,7 +155,7 @@ def codes_of(map_: Map, places: Floats, slices: Ints, cells: Ints, codes: States
         last = replaced(last, axis, float(map_.exterior[0, axis + dim]) + 1.0)
     # Which is known to the compiler: it leaves out the rest.
     exterior, several = np.uint8(map_.exterior[0, 2 * dim]), dof > dim
-    asked = 0
+    left = 0
     for k in range(cells.shape[0]):
         cell = turning.slice_among(map_.rotations, slices, k)
         inside, border, boxed, total = cell >= 0, several | (cell < 0), True, 0.0
@@ -168,11 +167,11 @@ def codes_of(map_: Map, places: Floats, slices: Ints, cells: Ints, codes: States
             total += abs(u)
             cell = cell * shape[axis + 1] + int(np.int64(u))
         cells[k] = cell if inside else 0
-        ask = border | (not (total < FAR))
-        code = INSIDE if inside else (ASK if ask else (MIXED if boxed else exterior))
+        unsure = border | (not (total < FAR))
+        code = INSIDE if inside else (UNSURE if unsure else (MIXED if boxed else exterior))
         codes[k] = code
-        asked += code == ASK
-    return asked
+        left += code == UNSURE
+    return left
 
 
 @inner
@@ -220,12 +219,12 @@ def classify_many(map_: Map, points: Floats, out: States) -> int:
         last = min(first + BLOCK, points.shape[0])
         scaled(numbers[dof * first : dof * last], lows, scales, places)
         turning.slices_at(map_.rotations, points[first:last], places, slices)
-        asked = codes_of(map_, places, slices, cells[: last - first], codes)
+        left = codes_of(map_, places, slices, cells[: last - first], codes)
         read_states(map_.cells, cells[: last - first], codes, out[first:last])
-        if asked == 0:
+        if left == 0:
             continue
         for k in range(first, last):
-            if codes[k - first] == ASK:
+            if codes[k - first] == UNSURE:
                 q = configuration(map_, points, k)
                 if not is_usable(map_, q):
                     return k

@@ -16,7 +16,7 @@ from cspace.configuration_space import Leg
 from cspace.correlation import Progress
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.grid import Grid, whole
-from cspace.map.batches import EDGES_A_THREAD, Ask, Kernel
+from cspace.map.batches import EDGES_A_THREAD, Kernel, Query
 from cspace.map.batches import own as owned
 from cspace.map.derived import Lock
 from cspace.map.exterior import Exterior
@@ -325,12 +325,12 @@ class TiledCSpace(ConfigurationMap):
 
     # ---- who answers -------------------------------------------------------------------------------------------------
 
-    def _classify(self) -> Ask:
+    def _classify(self) -> Query:
         from cspace.map.points import classify_few
 
         return partial(self._query, classify_few, FREE, LEAST)
 
-    def _clearances(self) -> Ask:
+    def _clearances(self) -> Query:
         return self._in_windows
 
     def _in_windows(self, parts: Sequence[Any], out: NDArray[Any]) -> int:
@@ -347,7 +347,7 @@ class TiledCSpace(ConfigurationMap):
             out[own] = np.minimum(part.clearance(rows[own]), near * self.grid.spacing)
         return -1
 
-    def _edges(self, number: int, exact: bool) -> Ask:
+    def _edges(self, number: int, exact: bool) -> Query:
         from cspace.map.edges import edges_are_free
 
         if exact:
