@@ -101,6 +101,7 @@ class Figurine:
         self.reach = float(np.linalg.norm(self.points, axis=1).max())
         whole = np.vstack([self.points, np.zeros(self.dim)])
         self.size = float(np.linalg.norm(np.ptp(whole, axis=0)))
+        self._silhouettes: dict[tuple[float, ...], list[Floats]] = {}  # of rotations and pairs of axes
 
     def placed(self, points: Floats, q: Floats) -> Floats:
         """Points of the robot's frame, shape (..., d), where a configuration brings them."""
@@ -115,6 +116,13 @@ class Figurine:
         """Closed outlines at a configuration as seen in two axes, each of shape (n, 2)."""
         if self.rings:
             return [self.placed(ring, q) for ring in self.rings]
+        place, turn = np.split(q, [self.dim])
+        key = (*turn.tolist(), *pair)
+        if key not in self._silhouettes:
+            self._silhouettes[key] = self._silhouette(np.concatenate([np.zeros_like(place), turn]), pair)
+        return [ring + place[list(pair)] for ring in self._silhouettes[key]]
+
+    def _silhouette(self, q: Floats, pair: Sequence[int]) -> list[Floats]:
         import shapely
 
         triangles = shapely.polygons(self.placed(self.triangles, q)[..., list(pair)])
