@@ -10,26 +10,15 @@ import numpy as np
 
 from cspace.arrays import Bools, Floats, Ints
 from cspace.exact.boundaries import Problem, Proofs
+from cspace.exact.plane import PlaneProofs
+from cspace.exact.solids import SolidProofs
 from cspace.map.batches import own
 from cspace.map.edges import edges_are_free
 from cspace.map.points import classify
 from cspace.states import FREE, MIXED
 from cspace.workspace import Workspace
 
-
-def _in_plane(problem: Problem) -> Proofs:
-    from cspace.exact.plane import PlaneProofs
-
-    return PlaneProofs(problem)
-
-
-def _in_space(problem: Problem) -> Proofs:
-    from cspace.exact.solids import SolidProofs
-
-    return SolidProofs(problem)
-
-
-_PROOFS: Final = {2: _in_plane, 3: _in_space}
+_PROOFS: Final[dict[int, Callable[[Problem], Proofs]]] = {2: PlaneProofs, 3: SolidProofs}
 
 
 def proofs_by_borders(problem: Problem) -> Proofs:
