@@ -138,9 +138,9 @@ class LocalPlanner(ABC):
         names = ("exact", "drive", "turning_radius", "both_ways")
         return {name: getattr(self, name) for name in names}
 
-    @abstractmethod
     def states(self) -> ob.StateSpace:
         """OMPL's state space, without bounds."""
+        return kind_of(self.space).make()
 
     @abstractmethod
     def edge_checker(self) -> Callable[..., bool]:
@@ -352,9 +352,6 @@ class StraightEdges(EdgesOnMap):
     turn_weight = TURN_WEIGHT
     follows_cells = True
 
-    def states(self) -> ob.StateSpace:
-        return kind_of(self.space).make()
-
     def edge_checker(self) -> Callable[..., bool]:
         return self.space.edge_checker(exact=self.exact)
 
@@ -490,9 +487,6 @@ class JointMotions(LocalPlanner):
     own = (BIRRT,)
     quickest = BIRRT
     units = "rad", "m"
-
-    def states(self) -> ob.StateSpace:
-        return kind_of(self.space).make()
 
     def edge_checker(self) -> Callable[..., bool]:
         return brought(self.space.edge_checker(), self.space.endless)
