@@ -6,11 +6,9 @@ import os
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cspace import Workspace
-
-Bools = NDArray[np.bool_]
+from cspace.arrays import Bools
 
 
 def boxes(size: int, density: float, rng: np.random.Generator, dim: int = 2, each: int = 16) -> Bools:

@@ -6,12 +6,10 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.report import Report
 from cspace import CSpace
-
-Floats = NDArray[np.float64]
+from cspace.arrays import Floats
 
 
 def ompl_is_here(report: Report) -> bool:

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from benchmarks import inputs
@@ -23,9 +22,9 @@ from benchmarks.report import Report
 from benchmarks.suites.arm_peers import NO_COAL, Folder, Meshes, Problem, is_here
 from cspace import BLOCKED, FREE, Arm, Robot, build_arm
 from cspace.arms import ArmSpace, Placed
+from cspace.arrays import Floats
 from cspace.errors import ConfigurationError
 
-Floats = NDArray[np.float64]
 Rng = np.random.Generator
 
 ROBOTS = ("panda", "ur5")

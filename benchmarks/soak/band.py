@@ -14,14 +14,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 import cspace
 from benchmarks import inputs
 from benchmarks.report import Report
 from cspace import BLOCKED, MIXED, Robot, Workspace
-
-States = NDArray[np.uint8]
+from cspace.arrays import Bools, Floats, Ints, States
 
 MOST = 3
 GAP = 255
@@ -88,11 +86,11 @@ def width_of(state: States) -> int:
     return int(fewest[fewest < never].max(initial=0))
 
 
-def _diagonals(cells: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
+def _diagonals(cells: Ints) -> Iterator[Ints]:
     return (cells.diagonal(k) for k in range(1 - cells.shape[0], cells.shape[1]))
 
 
-def _occupied(rng: np.random.Generator, turn: int) -> NDArray[np.bool_]:
+def _occupied(rng: np.random.Generator, turn: int) -> Bools:
     """One box, single cells, or many boxes, by turns."""
     if turn % 3 == 0:
         return np.ones(rng.integers(1, 12, 2), dtype=np.bool_)
@@ -118,7 +116,7 @@ def _perhaps_whole(rng: np.random.Generator, length: float) -> float:
     return float(round(length)) if rng.random() < 0.5 else length
 
 
-def _center(rng: np.random.Generator) -> NDArray[np.float64]:
+def _center(rng: np.random.Generator) -> Floats:
     return rng.uniform(-0.5, 0.5, 2) if rng.random() < 0.5 else np.zeros(2)
 
 

@@ -7,17 +7,15 @@ from collections import Counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.report import Report
 from benchmarks.soak.maps import ALONG, Rng, nearly_snapped, not_free_along
 from benchmarks.soak.plane_cases import Case, draw_case
 from benchmarks.soak.tally import Tally
 from cspace import FREE
+from cspace.arrays import Floats
 from planners.car_curves import shortest
 from planners.local_planner import CURVES, CarCurves, local_planner
-
-Floats = NDArray[np.float64]
 
 CANDIDATES = 300
 TAKEN = 40

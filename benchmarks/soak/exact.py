@@ -8,15 +8,13 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.report import Report
 from benchmarks.soak.maps import ALONG, Rng, along, has_geometry, not_free_along, rotations_of, turned
 from benchmarks.soak.plane_cases import draw_case
 from benchmarks.soak.space_cases import draw_solid_case
 from benchmarks.soak.tally import Case, Tally, not_free
-
-Floats = NDArray[np.float64]
+from cspace.arrays import Floats
 
 CANDIDATES = 400
 TAKEN = 40

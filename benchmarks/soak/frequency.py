@@ -11,9 +11,8 @@ from benchmarks.report import Report
 from benchmarks.soak.frequency_cases import Oracle, PairCase, Rng, draw_pair
 from benchmarks.soak.space_pairs import NO_FCL
 from benchmarks.soak.tally import Tally
+from cspace.arrays import Bools, Floats
 from cspace.spectral import FourierOverlap, Verdict
-
-Floats = NDArray[np.float64]
 
 POSES = 4
 """Rotations of each pair."""
@@ -76,7 +75,7 @@ def _check_pose(tally: Tally, case: PairCase, rng: Rng) -> None:
 
 
 def _judge(
-    tally: Tally, case: PairCase, rotation: Floats, ts: Floats, meets: NDArray[np.bool_], verdicts: NDArray[np.uint8]
+    tally: Tally, case: PairCase, rotation: Floats, ts: Floats, meets: Bools, verdicts: NDArray[np.uint8]
 ) -> None:
     q = np.column_stack([ts, np.broadcast_to(rotation, (len(ts), len(rotation)))])
     for verdict, wrong in ((Verdict.MISS, meets), (Verdict.HIT, ~meets)):

@@ -10,18 +10,16 @@ from typing import Any
 import numpy as np
 import shapely
 import trimesh
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from benchmarks.soak.plane_geometry import Shape
 from benchmarks.soak.space_geometry import Blocks, Skin, directions
 from benchmarks.soak.space_pairs import SkinPair
+from cspace.arrays import Bools, Floats
 from cspace.errors import InputError
 from cspace.shapes.mesh import Mesh
 from cspace.spectral import Bump, FourierOverlap, decompose
 
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 Oracle = Callable[[Floats], Bools]
 Rng = np.random.Generator
 

@@ -15,9 +15,8 @@ from scipy.spatial.transform import Rotation
 from benchmarks.report import Report
 from benchmarks.soak.tally import Case, Tally, not_free
 from cspace import BLOCKED, FREE, MIXED, CSpace
+from cspace.arrays import Bools, Floats
 
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 Rng = np.random.Generator
 
 TURN = 2.0 * np.pi

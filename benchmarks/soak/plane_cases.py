@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import cspace
 from benchmarks.soak.plane_geometry import Shape, frame, union_of_cells
 from cspace import CSpace, Grid, Robot, Workspace
+from cspace.arrays import Bools, Floats
 
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 Rng = np.random.Generator
 
 SIZES = ((0.2, 2.0), (2.0, 8.0), (2.0, 8.0), (8.0, 40.0))

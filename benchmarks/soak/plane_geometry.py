@@ -7,12 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cspace import Grid
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
+from cspace.arrays import Bools, Floats
 
 ROUNDING = 1e-9
 """Metres within which the decision between free and collision is left open."""

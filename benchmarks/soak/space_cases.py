@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 import cspace
 from benchmarks.soak.plane_cases import Scale
@@ -17,9 +16,8 @@ from benchmarks.soak.space_pairs import NO_FCL as NO_FCL
 from benchmarks.soak.space_pairs import Pair, Walls, pair
 from benchmarks.soak.space_pairs import fcl_is_here as fcl_is_here
 from cspace import CSpace, Robot, Workspace
+from cspace.arrays import Bools, Floats
 
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 Rng = np.random.Generator
 
 SIZES = ((0.2, 2.0), (2.0, 6.0), (2.0, 6.0), (6.0, 16.0))

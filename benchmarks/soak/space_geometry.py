@@ -11,11 +11,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
+from cspace.arrays import Bools, Floats, Ints
 
 PAIRS = 400_000
 """Pairs of shapes that are looked at in one go."""
@@ -98,7 +96,7 @@ class Skin:
     """
 
     triangles: Floats
-    body: NDArray[np.int64]
+    body: Ints
 
     @property
     def bounds(self) -> Floats:
@@ -167,7 +165,7 @@ class Skin:
 Shape = Blocks | Skin
 
 
-def merged_cells(occupied: Bools) -> NDArray[np.int64]:
+def merged_cells(occupied: Bools) -> Ints:
     """Boxes of cells that make up all occupied ones, as first cells and the cells after the last, shape (n, 2, 3)."""
     steps = np.diff(np.pad(occupied.astype(np.int8), ((0, 0), (0, 0), (1, 1))), axis=2)
     boxes = np.column_stack([np.argwhere(steps > 0), np.argwhere(steps < 0)])
@@ -185,7 +183,7 @@ def merged_cells(occupied: Bools) -> NDArray[np.int64]:
     return boxes.reshape(-1, 2, 3)
 
 
-def chunks(numbers: NDArray[np.int64], each: int) -> list[NDArray[np.int64]]:
+def chunks(numbers: Ints, each: int) -> list[Ints]:
     """Parts of ``numbers`` that make ``PAIRS`` pairs at most, with so many partners each."""
     size = max(1, PAIRS // max(each, 1))
     return [numbers[first : first + size] for first in range(0, len(numbers), size)]

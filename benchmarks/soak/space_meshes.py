@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.soak.plane_cases import Scale
 from benchmarks.soak.space_geometry import SIDES, Blocks, Shape, Skin, directions
+from cspace.arrays import Floats
 from cspace.shapes.mesh import Mesh, Solid
 
-Floats = NDArray[np.float64]
 Rng = np.random.Generator
 
 

@@ -7,12 +7,9 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.soak.space_geometry import Blocks, Shape, Skin, box_gaps, chunks
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
+from cspace.arrays import Bools, Floats, Ints
 
 NO_FCL = "FCL is not installed; pip install python-fcl"
 
@@ -78,7 +75,7 @@ class BlockPair:
             np.minimum.at(gaps, place, self._between(q[place], part, other))
         return np.maximum(gaps, 0.0)
 
-    def _between(self, q: Floats, part: int, other: NDArray[np.int64]) -> Floats:
+    def _between(self, q: Floats, part: int, other: Ints) -> Floats:
         robot, there = self.robot, self.obstacles
         apart = box_gaps(q + robot.low[part], q + robot.high[part], there.low[other], there.high[other])
         return np.asarray(apart - robot.radius[part] - there.radius[other])

@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from benchmarks.report import Report
 from benchmarks.soak.plane_geometry import ROUNDING
 from cspace import BLOCKED, FREE, MIXED, CSpace
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
+from cspace.arrays import Bools, Floats
 
 SHOWN = 20
 

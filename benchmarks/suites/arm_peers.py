@@ -10,14 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from cspace import Arm, Robot, build_arm
 from cspace.arms import ArmSpace, Placed
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from cspace.arrays import Floats
 
 NO_COAL = "pinocchio and coal are not installed; pip install pin"
 NO_VAMP = "VAMP is not installed; pip install vamp-planner"

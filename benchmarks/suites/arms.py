@@ -13,7 +13,6 @@ from functools import partial
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import inputs, motions
 from benchmarks.report import Report
@@ -29,9 +28,8 @@ from benchmarks.suites.arm_peers import (
 )
 from benchmarks.timing import Timing
 from cspace.arms import Arm, ArmSpace
+from cspace.arrays import Floats
 from cspace.errors import ConfigurationError
-
-Floats = NDArray[np.float64]
 
 ROBOTS = {"panda": 0.95, "ur5": 0.9}
 """Arms in the folder of data, and which share of their problems is to be solved."""

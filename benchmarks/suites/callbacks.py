@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import cspace
 from benchmarks import inputs, motions
@@ -13,8 +12,7 @@ from benchmarks.motions import asker, edges_of, ompl_is_here, states_of
 from benchmarks.report import Report
 from benchmarks.timing import interleave
 from cspace import CSpace, Robot, Workspace
-
-Floats = NDArray[np.float64]
+from cspace.arrays import Floats
 
 EDGE = 100
 """Cells across which the edges go."""

@@ -12,9 +12,8 @@ from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.timing import interleave, one_core
 from cspace import BLOCKED, CSpace, Robot, Workspace
+from cspace.arrays import Floats
 from cspace.threads import cores
-
-Floats = NDArray[np.float64]
 
 
 def run(report: Report, seed: int) -> None:

@@ -8,16 +8,14 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import cspace
 from benchmarks import inputs, motions
 from benchmarks.report import Report
 from benchmarks.timing import interleave, one_core
 from cspace import CSpace, Robot, Workspace
+from cspace.arrays import Floats
 from cspace.threads import cores
-
-Floats = NDArray[np.float64]
 
 LENGTH = 50.0
 """Cells across which the edges go."""

@@ -17,6 +17,7 @@ from benchmarks.soak.frequency_cases import POOL, Body, oracle, overlap_of, pool
 from benchmarks.soak.space_pairs import NO_FCL
 from benchmarks.timing import Timing, interleave
 from cspace import Grid
+from cspace.arrays import Bools, Floats, Ints
 from cspace.spectral import (
     BallDescriptor,
     Bump,
@@ -28,10 +29,7 @@ from cspace.spectral import (
     superlevel,
 )
 
-Bools = NDArray[np.bool_]
 Complexes = NDArray[np.complex128]
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 BALLS = 10_000
 FREQUENCIES = {2: 256, 3: 128}

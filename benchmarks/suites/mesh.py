@@ -8,15 +8,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.report import Report
 from benchmarks.timing import Timing, interleave, memory_rise
 from cspace import Workspace
+from cspace.arrays import Bools, Floats, Ints
 from cspace.shapes.mesh import Mesh
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 AROUND = (250, 200)
 """Points along the two circles of a torus; twice as many triangles as points."""
@@ -75,7 +72,7 @@ def _compare(report: Report, name: str, ours: Bools, theirs: Bools) -> None:
     report.note(f"{name}: {ours.sum()} cells are ours; trimesh misses {missed} of them, {missed / ours.sum():.1%}")
 
 
-def _torus(around: int, across: int, rng: np.random.Generator) -> tuple[Floats, NDArray[np.int64]]:
+def _torus(around: int, across: int, rng: np.random.Generator) -> tuple[Floats, Ints]:
     """A torus with bumps, a little smaller than the unit cube."""
     u, v = np.meshgrid(
         np.linspace(0.0, 2.0 * np.pi, around, endpoint=False),
@@ -96,11 +93,11 @@ def _torus(around: int, across: int, rng: np.random.Generator) -> tuple[Floats, 
     return vertices, faces.reshape(-1, 3)
 
 
-def _ours(vertices: Floats, faces: NDArray[np.int64], spacing: float, solid: str) -> Workspace:
+def _ours(vertices: Floats, faces: Ints, spacing: float, solid: str) -> Workspace:
     return Workspace.from_mesh((vertices, faces), spacing, UNIT, solid=solid)  # type: ignore[arg-type]
 
 
-def _trimesh(vertices: Floats, faces: NDArray[np.int64], spacing: float, fill: bool) -> Bools:
+def _trimesh(vertices: Floats, faces: Ints, spacing: float, fill: bool) -> Bools:
     """The cells that trimesh marks, on our grid."""
     import trimesh
 

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 import cspace
 from benchmarks.suites.stamping import stamp
 from cspace import Robot, Workspace
+from cspace.arrays import Bools
 from cspace.engines import METHODS as METHODS
 from cspace.raster.raster import Raster
 
-Bools = NDArray[np.bool_]
 Call = Callable[[], Bools]
 
 NO_OPENCV = "OpenCV's functions are left out: it is not installed; pip install opencv-python-headless"

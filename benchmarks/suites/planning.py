@@ -11,7 +11,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import cspace
 from benchmarks import inputs, motions
@@ -19,8 +18,8 @@ from benchmarks.report import Report
 from benchmarks.suites.planning_peers import LIMIT, Peer, Problem, Query, problems
 from benchmarks.timing import Timing
 from cspace import CSpace
+from cspace.arrays import Floats
 
-Floats = NDArray[np.float64]
 Solver = Callable[[Query, int], tuple[float, Floats | None]]
 
 

@@ -21,9 +21,8 @@ from benchmarks.soak.plane_geometry import union_of_cells
 from benchmarks.soak.space_geometry import Blocks, merged_cells
 from benchmarks.soak.space_pairs import NO_FCL, fcl_is_here, pair
 from cspace import CSpace, Grid, Robot, Workspace
+from cspace.arrays import Bools, Floats
 
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 Query = tuple[Floats, Floats]
 
 LIMIT = 60.0

@@ -17,12 +17,12 @@ from benchmarks.suites.outer_maps import NO_OPENCV, across, convolved, named, ou
 from benchmarks.suites.stamping import border_cells, stamp
 from benchmarks.timing import interleave, memory_rise
 from cspace import Robot, Workspace
+from cspace.arrays import Bools
 from cspace.engines import ENGINES
 from cspace.raster.raster import Raster
 from cspace.rotations import Rotations
 from cspace.threads import cores
 
-Bools = NDArray[np.bool_]
 Goals = Mapping[str, Mapping[str, float]]
 
 SIZES = {"plane": 4096, "turning": 1024, "space": 256}

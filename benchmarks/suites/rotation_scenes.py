@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from benchmarks import inputs
@@ -20,9 +19,7 @@ from benchmarks.report import Report
 from benchmarks.soak.space_geometry import Blocks, Skin, merged_cells
 from benchmarks.suites.planning_peers import BUILDING, DRONE, Query, far_apart, octree, soup
 from cspace import CSpace, Robot, Rotations, Workspace
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
+from cspace.arrays import Floats, Ints
 
 TRIED = 2000
 """Configurations on which FCL's models are timed and the map is compared with FCL."""
@@ -293,7 +290,7 @@ def _mesh(skin: Skin) -> Any:
     return trimesh.Trimesh(skin.triangles.reshape(-1, 3), np.arange(3 * len(skin.triangles)).reshape(-1, 3))
 
 
-def _bodies(vertices: int, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+def _bodies(vertices: int, faces: Ints) -> Ints:
     """The connected part that each triangle belongs to."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

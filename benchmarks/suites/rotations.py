@@ -8,7 +8,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
 import cspace
@@ -21,8 +20,7 @@ from benchmarks.suites.planning_peers import LIMIT
 from benchmarks.suites.rotation_scenes import TRIED, Fcl, Scene
 from benchmarks.timing import Timing, interleave, one_core
 from cspace import BLOCKED, FREE, CSpace
-
-Floats = NDArray[np.float64]
+from cspace.arrays import Floats
 
 SLICES = 6
 """Slices that SciPy convolves."""

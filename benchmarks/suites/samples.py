@@ -16,9 +16,8 @@ from benchmarks.report import Report
 from benchmarks.soak.space_geometry import merged_cells
 from benchmarks.timing import Timing, interleave
 from cspace import Robot, Workspace
+from cspace.arrays import Bools, Floats, Ints
 
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 Checker = Callable[[Floats, float], Bools]
 
 SAMPLE = 4000
@@ -70,7 +69,7 @@ def missing(dim: int) -> list[str]:
     return [name for name, (package, _, dims) in LIBRARIES.items() if dim in dims and not _is_here(package)]
 
 
-def _beside_others(state: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.int64]:
+def _beside_others(state: NDArray[np.uint8], rng: np.random.Generator) -> Ints:
     """Cells whose neighbour along the first axis has another state; none where all are alike."""
     line = rng.integers(0, state.shape[1:], (64, state.ndim - 1))
     columns = np.stack([state[(slice(None), *place)] for place in line])
@@ -87,7 +86,7 @@ def _in_space(occupied: Bools) -> Bools:
 # ---- checkers: boxes of cells, (n, 2, 3), to a function of positions and a radius; trees are made beforehand ---------
 
 
-def _shapely(boxes: NDArray[np.int64]) -> Checker:
+def _shapely(boxes: Ints) -> Checker:
     import shapely
 
     tree = shapely.STRtree(shapely.box(boxes[:, 0, 0], boxes[:, 0, 1], boxes[:, 1, 0], boxes[:, 1, 1]))
@@ -100,7 +99,7 @@ def _shapely(boxes: NDArray[np.int64]) -> Checker:
     return check
 
 
-def _fcl(boxes: NDArray[np.int64]) -> Checker:
+def _fcl(boxes: Ints) -> Checker:
     import fcl
 
     tree = fcl.DynamicAABBTreeCollisionManager()
@@ -124,7 +123,7 @@ def _fcl(boxes: NDArray[np.int64]) -> Checker:
     return check
 
 
-def _coal(boxes: NDArray[np.int64]) -> Checker:
+def _coal(boxes: Ints) -> Checker:
     import coal
 
     tree = coal.DynamicAABBTreeCollisionManager()
@@ -153,12 +152,12 @@ def _coal_hits(tree: Any, obstacles: list[Any], q: Floats, radius: float) -> Boo
     return hit
 
 
-def _sized(boxes: NDArray[np.int64]) -> tuple[list[Any], list[Any]]:
+def _sized(boxes: Ints) -> tuple[list[Any], list[Any]]:
     """Sides and middles."""
     return list((boxes[:, 1] - boxes[:, 0]).astype(np.float64)), list(boxes.mean(axis=1))
 
 
-LIBRARIES: dict[str, tuple[str, Callable[[NDArray[np.int64]], Checker], tuple[int, ...]]] = {
+LIBRARIES: dict[str, tuple[str, Callable[[Ints], Checker], tuple[int, ...]]] = {
     "shapely": ("shapely", _shapely, (2,)),
     "FCL": ("fcl", _fcl, (3,)),
     "coal": ("coal", _coal, (3,)),
@@ -166,7 +165,7 @@ LIBRARIES: dict[str, tuple[str, Callable[[NDArray[np.int64]], Checker], tuple[in
 """Package, checker, and the dimensions that it is asked in."""
 
 
-def _checkers(dim: int) -> list[tuple[str, Callable[[NDArray[np.int64]], Checker]]]:
+def _checkers(dim: int) -> list[tuple[str, Callable[[Ints], Checker]]]:
     return [(name, make) for name, (package, make, dims) in LIBRARIES.items() if dim in dims and _is_here(package)]
 
 

@@ -6,14 +6,11 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cspace.arrays import Bools, Ints
 from cspace.compiling import jit
 from cspace.raster.raster import Raster
 from cspace.threads import cores
-
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 
 @jit

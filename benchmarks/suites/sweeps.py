@@ -9,7 +9,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import inputs
 from benchmarks.report import Report
@@ -17,10 +16,9 @@ from benchmarks.suites import samples
 from benchmarks.suites.outer_maps import METHODS, Peer, across, named, ours, peers
 from benchmarks.timing import Timing, interleave
 from cspace import Robot, Workspace
+from cspace.arrays import Bools
 from cspace.engines import ENGINES, choose
 from cspace.raster.raster import Raster
-
-Bools = NDArray[np.bool_]
 
 DENSITY = 0.06
 """Share of a map that boxes take up."""

@@ -15,7 +15,6 @@ from typing import Any, Final
 
 import numpy as np
 import zarr
-from numpy.typing import NDArray
 
 import cspace
 import planners
@@ -23,6 +22,7 @@ from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.timing import Timing, interleave
 from cspace import Robot, Workspace
+from cspace.arrays import Bools
 
 TILE = 4096
 CHUNK = 1024
@@ -174,7 +174,7 @@ def _city(path: Path, size: int, rng: np.random.Generator) -> Workspace:
     return Workspace.from_array(array, SPACING)
 
 
-def _quarter(side: int, rng: np.random.Generator) -> NDArray[np.bool_]:
+def _quarter(side: int, rng: np.random.Generator) -> Bools:
     cells = np.zeros((side, side), dtype=np.bool_)
     for x in range(0, side, BLOCK):
         for y in range(0, side, BLOCK):
