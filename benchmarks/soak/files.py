@@ -269,6 +269,7 @@ def _parts(path: Path, forged: bool) -> Parts:
 
 
 def _write(path: Path, parts: Parts, part: str, content: bytes) -> None:
+    (path / part).unlink(missing_ok=True)  # disks are slow to write over what is there
     (path / part).write_bytes(content)
 
 
@@ -282,7 +283,7 @@ def _forge_store(path: Path, parts: Parts, part: str, content: bytes) -> None:
         digests = {name: record.digest_of(held) for name, held in now.items()}
         document["attributes"] = _sealed(document["attributes"], digests)
         root = json.dumps(document, indent=2).encode()
-    (path / "zarr.json").write_bytes(root)
+    _write(path, parts, "zarr.json", root)
 
 
 def _forge_archive(path: Path, parts: Parts, part: str, content: bytes) -> None:
@@ -296,6 +297,7 @@ def _forge_archive(path: Path, parts: Parts, part: str, content: bytes) -> None:
         metadata = json.dumps(_sealed(json.loads(metadata), digests)).encode()
     text = io.BytesIO()
     np.save(text, np.array(metadata.decode("latin-1")))
+    path.unlink(missing_ok=True)
     with zipfile.ZipFile(path, "w") as archive:
         for name, held in (now | {"metadata.npy": text.getvalue()}).items():
             archive.writestr(name, held)

@@ -84,6 +84,7 @@ def ply(points, form):
 
 def write(tmp_path, name, content):
     path = tmp_path / name
+    path.unlink(missing_ok=True)  # disks are slow to write over what is there
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     return path
 

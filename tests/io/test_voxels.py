@@ -263,9 +263,9 @@ def test_truncated_octomaps(tmp_path, suffix):
     octomap = pytest.importorskip("octomap")
     tree, whole, part = random_tree(octomap, 5), tmp_path / f"whole.{suffix}", tmp_path / f"part.{suffix}"
     (tree.write if suffix == "ot" else tree.writeBinary)(os.fsencode(whole))
-    content = whole.read_bytes()
-    for length in np.linspace(0, len(content) - 1, 40).astype(int):
-        part.write_bytes(content[:length])
+    part.write_bytes(whole.read_bytes())
+    for length in np.linspace(whole.stat().st_size - 1, 0, 40).astype(int).tolist():
+        os.truncate(part, length)
         with pytest.raises(FileError):
             read_octomap(part)
 
