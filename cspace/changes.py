@@ -167,6 +167,7 @@ def renew_states(map_: Followed, box: Ints) -> Ints:
             row[CHANGED + axis], row[CHANGED + 3 + axis] = part.shape[axis], -1
         if len(far) + len(near) == 0:
             continue
+        # Cell k meets obstacle cells k + m, m an offset: what can change lies in the box less the reach of all offsets.
         low, high = np.full(3, 2**62, np.int64), np.full(3, -(2**62), np.int64)
         _reach(far, low, high)
         _reach(near, low, high)
@@ -178,11 +179,12 @@ def renew_states(map_: Followed, box: Ints) -> Ints:
             continue
         for axis in range(3):
             row[LOOKED + axis], row[LOOKED + 3 + axis] = first[axis], last[axis]
+        # The obstacles that those cells can meet, in rows of bits, so that 64 cells are dilated at a time.
         tall = last[1] - first[1] + 1 + high[1] - low[1]
         wide = (last[2] - first[2] + high[2] - low[2] + 64) // 64
         words = _pack(map_.outer, first + low, last + high, map_.walled, tall, wide)
         hits = _hits(words, far, low, last - first + 1, tall, wide)
-        if not map_.one and len(near) > 0:
+        if not map_.one and len(near) > 0:  # obstacles whose cells met and cells within are not the same
             words = _pack(map_.inner, first + low, last + high, map_.walled, tall, wide)
         deep = _hits(words, near, low, last - first + 1, tall, wide)
         always = _BYTE if map_.far.fixed[s] else np.uint64(0)
@@ -191,6 +193,7 @@ def renew_states(map_: Followed, box: Ints) -> Ints:
             for y in range(first[1], last[1] + 1):
                 at = ((x - first[0]) * tall + y - first[1]) * wide
                 line = part[x, y][first[2] : last[2] + 1]
+                # A state is the sum of two bits. Most cells stay as they are, so that eight are compared in one word.
                 eights = line[: len(line) // 8 * 8].view(np.uint64)
                 for k in range(len(eights)):
                     place, bit = k // 8, np.uint64(8 * (k % 8))
