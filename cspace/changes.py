@@ -269,7 +269,7 @@ def _pack(cells: Bytes, first: Ints, last: Ints, outside: bool, tall: int, wide:
 
     Behind them are as many words as the dilation reads past them, at most.
     """
-    words = np.zeros((last[0] - first[0] + 1) * tall * wide + 2 * wide + 2, np.uint64)
+    words = np.zeros((last[0] - first[0] + 1) * tall * wide + 2 * wide + 3, np.uint64)
     begin, end = max(0, first[2]), min(cells.shape[2], last[2] + 1)
     for x in range(max(0, first[0]), min(cells.shape[0], last[0] + 1)):
         for y in range(max(0, first[1]), min(cells.shape[1], last[1] + 1)):
@@ -297,7 +297,7 @@ def _hits(words: Words, runs: Ints, low: Ints, sizes: Ints, tall: int, wide: int
         bit = ((runs[n, 0] - low[0]) * tall + runs[n, 1] - low[1]) * wide * 64 + runs[n, 2] - low[2]
         table[n, 0], table[n, 1], table[n, 2] = runs[n, 3], bit // 64, bit % 64
         most = max(most, table[n, 1])
-    reach = size + most + runs[-1, 3] // 64 + 2
+    reach = size + most + runs[-1, 3] // 64 + 3
     dilate_block(words, 0, table, np.empty(reach, np.uint64), np.empty(reach, np.uint64), result)
     return result
 

@@ -184,8 +184,8 @@ class Board:
     ) -> None:
         self.results = results
         self.pads, (total, self.rows, self.cells) = padded(occupied.shape, results, rasters)
-        # A block is read past the last run's place, as far as the longest run reaches, and one word more.
-        self.padding = longest // WORD + 2
+        # A block is read past the last run's place, as far as the longest run reaches, and two words more.
+        self.padding = longest // WORD + 3
         words = np.full(total * self.cells // WORD + 2 + self.padding, ~np.uint64(0) if outside else np.uint64(0))
         before, above, left = self.pads.tolist()
         each = max(1, PACKED // self.cells)

@@ -40,8 +40,8 @@ def dilate_block(bits: Words, start: int, runs: Ints, spare: Words, more: Words,
     """Whether some cell of a set lies at each place from word ``start`` on, moved by any offset of a robot's runs.
 
     ``runs`` has a row (length, word, shift) for each run of offsets, by ascending length; their number at each length
-    is a multiple of four. ``spare`` and ``more`` are as long as ``result`` and the reach of all runs. False, and
-    nothing is written, where there is nothing in reach.
+    is a multiple of four. ``spare`` and ``more`` are as long as ``result`` and the reach of all runs, and a word more.
+    False, and nothing is written, where there is nothing in reach.
     """
     size, reach = result.size, spare.size
     any_bit = np.uint64(0)
@@ -75,15 +75,11 @@ def _shifted(words: Words, k: int, shift: np.uint64) -> np.uint64:
 
 @inner
 def _widen(now: Words, step: int, then: Words) -> None:
-    """``then[k] = now[k] | now[k + step]``, bit by bit, with nothing after the end."""
+    """``then[k] = now[k] | now[k + step]``, bit by bit; the last ``step`` bits, and a word, are left out."""
     jump, shift = step // 64, np.uint64(step % 64)
-    inner, ahead = max(0, now.size - jump - 1), now[jump:]
-    for k in range(inner):
+    ahead = now[jump:]
+    for k in range(now.size - jump - 1):
         then[k] = now[k] | _shifted(ahead, k, shift)
-    for k in range(inner, now.size):
-        then[k] = now[k]
-        if k + jump < now.size:
-            then[k] |= now[k + jump] >> shift
 
 
 @inner
