@@ -67,28 +67,32 @@ def dilate_block(bits: Words, start: int, runs: Ints, spare: Words, more: Words,
 
 
 @inner(forceinline=True)
-def _shifted(words: Words, k: int, shift: np.uint64) -> np.uint64:
+def _shifted(words: Words, k: np.uint64, shift: np.uint64) -> np.uint64:
     """The word that begins so many bits after the beginning of word k."""
-    word: np.uint64 = (words[k] >> shift) | ((words[k + 1] << _ONE) << (_LAST - shift))
+    word: np.uint64 = (words[k] >> shift) | ((words[k + _ONE] << _ONE) << (_LAST - shift))
     return word
 
 
 @inner
 def _widen(now: Words, step: int, then: Words) -> None:
     """``then[k] = now[k] | now[k + step]``, bit by bit; the last ``step`` bits, and a word, are left out."""
-    jump, shift = step // 64, np.uint64(step % 64)
-    ahead = now[jump:]
-    for k in range(now.size - jump - 1):
-        then[k] = now[k] | _shifted(ahead, k, shift)
+    jump, shift = np.uint64(step // 64), np.uint64(step % 64)
+    for k in range(now.size - step // 64 - 1):
+        then[k] = now[k] | _shifted(now, jump + np.uint64(k), shift)
 
 
 @inner
 def _unite(now: Words, runs: Ints, result: Words) -> None:
     """Add four runs to a result."""
-    a, b, c, d = now[runs[0, 1] :], now[runs[1, 1] :], now[runs[2, 1] :], now[runs[3, 1] :]
-    s, t, u, v = np.uint64(runs[0, 2]), np.uint64(runs[1, 2]), np.uint64(runs[2, 2]), np.uint64(runs[3, 2])
-    for k in range(result.size):
-        result[k] |= _shifted(a, k, s) | _shifted(b, k, t) | _shifted(c, k, u) | _shifted(d, k, v)
+    a, s = np.uint64(runs[0, 1]), np.uint64(runs[0, 2])
+    b, t = np.uint64(runs[1, 1]), np.uint64(runs[1, 2])
+    c, u = np.uint64(runs[2, 1]), np.uint64(runs[2, 2])
+    d, v = np.uint64(runs[3, 1]), np.uint64(runs[3, 2])
+    for n in range(result.size):
+        k = np.uint64(n)
+        result[n] |= (
+            _shifted(now, a + k, s) | _shifted(now, b + k, t) | _shifted(now, c + k, u) | _shifted(now, d + k, v)
+        )
 
 
 @inner

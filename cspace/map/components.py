@@ -171,7 +171,7 @@ def find(parent: Nodes, node: int) -> int:
     while parent[node] != node:
         parent[node] = parent[parent[node]]
         node = parent[node]
-    return int(node)
+    return node
 
 
 @inner

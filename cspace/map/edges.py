@@ -134,12 +134,13 @@ def probes_are_free(part: Slice, p: Numbers, q: Numbers) -> bool:
     """
     nx, ny, nz = part.shape
     dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-    cells = max(abs(dx), abs(dy), abs(dz))
+    cells = max(max(abs(dx), abs(dy)), abs(dz))
     step = 1.0
     while step >= FINEST and step * cells >= NEAREST:
         t = step
         while t <= 1.0:
-            i, j, k = min(int(p[0] + t * dx), nx - 1), min(int(p[1] + t * dy), ny - 1), min(int(p[2] + t * dz), nz - 1)
+            i, j = min(math.floor(p[0] + t * dx), nx - 1), min(math.floor(p[1] + t * dy), ny - 1)
+            k = min(math.floor(p[2] + t * dz), nz - 1)
             if state_in(part.cells, part.start + (i * ny + j) * nz + k) != FREE:
                 return False
             t += 2.0 * step

@@ -81,22 +81,18 @@ def is_usable(map_: Map, q: Numbers) -> bool:
 
 
 @inner
-def cell_at(value: float, lower: float, spacing: float, upper: float, n: int) -> int:
-    """Cell of a coordinate, as ``Grid.cell_of`` defines it."""
-    i = math.floor(min(max((value - lower) / spacing, -FAR), FAR))
-    if i == n and value <= upper:
-        i = n - 1
-    return i
-
-
-@inner
 def cell_of(map_: Map, q: Numbers) -> tuple[bool, Cell]:
-    """Whether a configuration lies in the grid, and its cell ``(slice, x, y)`` or ``(slice, x, y, z)``."""
+    """Whether a configuration lies in the grid, and its cell ``(slice, x, y)`` or ``(slice, x, y, z)``.
+
+    The cell along an axis is that of ``Grid.cell_of``.
+    """
     inside: bool = np.bool_(True)  # type: ignore[assignment]  # of one type for the compiler from the start
     cell: Cell = replaced(map_.states.shape, 0, turning.slice_at(map_.rotations, q))
     for axis in range(len(map_.lower)):
         n = map_.states.shape[axis + 1]
-        i = cell_at(q[axis], map_.lower[axis], map_.spacing, map_.upper[axis], n)
+        i = math.floor(min(max((q[axis] - map_.lower[axis]) / map_.spacing, -FAR), FAR))
+        if i == n and q[axis] <= map_.upper[axis]:
+            i = n - 1
         inside &= (i >= 0) & (i < n)
         cell = replaced(cell, axis + 1, i)
     return inside, cell
@@ -270,8 +266,8 @@ class Slice(NamedTuple):
 @inner(forceinline=True)
 def slice_number(map_: Map, number: int) -> Slice:
     """A slice by its number, as if all were FREE outside the grid."""
-    dim, one = len(map_.lower), int(np.int64(1))  # of which numba does not know the value
-    size = one
+    one: int = np.int64(1)  # type: ignore[assignment]  # of one type for the compiler from the start
+    dim, size = len(map_.lower), one
     shape = (one, one, one)
     for axis in range(dim):
         size *= map_.states.shape[axis + 1]

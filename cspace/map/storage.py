@@ -160,7 +160,8 @@ def _bits_soon(cells: TwoBits, number: int) -> None:
 
 
 def _byte_in(cells: Bytes, number: int) -> int:
-    return int(cells[np.uint64(number)])
+    state: int = cells[np.uint64(number)]
+    return state
 
 
 def _bits_in(cells: TwoBits, number: int) -> int:

@@ -157,7 +157,7 @@ def _segment_over_slab(px: float, py: float, qx: float, qy: float, x0: float, x1
 @inner
 def _disc_over_slab(cx: float, cy: float, radius: float, x0: float, x1: float) -> tuple[float, float]:
     """y-interval of a disc over the slab ``x0 <= x <= x1``; (inf, -inf) where they do not meet."""
-    dx = max(0.0, x0 - cx, cx - x1)
+    dx = max(max(0.0, x0 - cx), cx - x1)
     if dx > radius:
         return math.inf, -math.inf
     half = math.sqrt(radius * radius - dx * dx)
@@ -179,7 +179,7 @@ def mark_touched(out: Bools, segments: Floats, radii: Floats, b0: float, b1: flo
         radius = radii[e] + slack if radii[e] > 0.0 else 0.0
         length = math.hypot(qx - px, qy - py)
         ox, oy = 0.0, 0.0
-        if length > 0.0:
+        if radius > 0.0 and length > 0.0:
             ox, oy = (py - qy) / length * radius, (qx - px) / length * radius
         first = max(0, math.ceil(min(px, qx) - radius - slack - b1))
         last = min(nx - 1, math.floor(max(px, qx) + radius + slack - b0))
