@@ -317,10 +317,8 @@ def meet_blocks(
         axis, ours, theirs = beside[3, n], beside[4, n], beside[5, n]
         if counts[ours] == 0 or counts[theirs] == 0:
             continue
-        for node in range(counts[ours]):
-            parent[node] = node
-        for node in range(MOST, MOST + counts[theirs]):
-            parent[node] = node
+        for node in range(max(counts[ours], counts[theirs])):
+            parent[node], parent[MOST + node] = node, MOST + node
         begin, most = n_pairs, n_pairs + counts[ours] + counts[theirs] - 1
         # The rows where the two touch: the last ones and the first, or, beside each other or in two slices, all.
         skipped = rows - wide if axis == 0 else (wide - 1 if axis == 1 else 0)
