@@ -9,3 +9,6 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 States = NDArray[np.uint8]
 Words = NDArray[np.uint64]
+
+Surface = tuple[Floats, Ints]
+"""Triangles: vertices, shape (V, 3), metres, and the numbers of their corners among these, shape (F, 3)."""

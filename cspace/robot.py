@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cspace.arrays import Surface
 from cspace.errors import FileError, InputError
 from cspace.grid import check_reach, not_negative, positive
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes import Balls, Box, Bracketed, Mesh, Polygons, Shape, Voxels, shape_from_spec
 from cspace.shapes.bracketed import Pair, capsule, cylinder
-from cspace.shapes.shape import Surface, check_point
+from cspace.shapes.shape import check_point
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

@@ -10,11 +10,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from cspace.arrays import Floats, Ints
+from cspace.arrays import Floats, Ints, Surface
 from cspace.io.input import Fault, read_bytes
 from cspace.io.limits import check_bytes
 from cspace.io.plain import parse_xml
-from cspace.io.polygons import Surface, joined, placed, triangulated, unfolded, unread
+from cspace.io.polygons import joined, placed, triangulated, unfolded, unread
 
 Named = dict[str, Element | None]
 """Elements by their ids; none where two have one."""

@@ -20,14 +20,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from cspace.arrays import Floats, Ints
+from cspace.arrays import Floats, Ints, Surface
 from cspace.errors import GeometryError, InputError
 from cspace.grid import finite
 from cspace.io.collada import read_collada
 from cspace.io.gltf import load_gltf
 from cspace.io.input import Fault, decoding, existing, read_bytes, suffix_of
 from cspace.io.ply import read_ply
-from cspace.io.polygons import Surface, joined, placed, read_obj, read_off, triangulated
+from cspace.io.polygons import joined, placed, read_obj, read_off, triangulated
 
 # What trimesh logs of a bad file is said by the one error that is raised for it.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())

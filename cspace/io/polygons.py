@@ -12,12 +12,9 @@ from typing import Final
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats, Ints
+from cspace.arrays import Bools, Floats, Ints, Surface
 from cspace.errors import GeometryError
 from cspace.io.input import Fault, numbers_of, read_bytes
-
-Surface = tuple[Floats, Ints]
-"""Vertices, shape (V, 3), and the three vertex numbers of each triangle, shape (F, 3)."""
 
 FLAT: Final = 1e-4
 """How far the corners of a flat polygon may be out of its plane, as a part of its size."""

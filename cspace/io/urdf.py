@@ -17,13 +17,13 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from cspace.arrays import Floats
+from cspace.arrays import Floats, Surface
 from cspace.errors import FileError, InputError, optional
 from cspace.grid import finite, positive
 from cspace.io.input import Fault, decoding, read_bytes
 from cspace.io.meshes import read_mesh
 from cspace.io.plain import parse_xml
-from cspace.io.polygons import Surface, joined, placed
+from cspace.io.polygons import joined, placed
 from cspace.shapes import Box, Mesh, Shape
 from cspace.shapes.bracketed import Bracketed, Pair, capsule, cylinder
 from cspace.shapes.shape import check_point

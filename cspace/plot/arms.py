@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypedDict
+from typing import TYPE_CHECKING, Any, Final, TypedDict
 
 import numpy as np
 
-from cspace.arrays import Floats, Ints
-from cspace.io.polygons import joined
+from cspace.arrays import Floats, Surface
+from cspace.io.polygons import joined, placed
 from cspace.plot import artists
 from cspace.plot.route import Look, polyline, simplified
 from cspace.plot.surface import (
@@ -54,13 +54,6 @@ class ArmPlotOptions(TypedDict, total=False):
     title: str
 
 
-class Surface(NamedTuple):
-    """Triangles: vertices, shape (V, 3), metres, and indices of their corners, shape (F, 3)."""
-
-    vertices: Floats
-    faces: Ints
-
-
 class ArmFigure:
     """An arm among obstacles, as surfaces.
 
@@ -80,26 +73,20 @@ class ArmFigure:
         self._arm = arm = space.arm
         self.links = {}
         for link in arm.links:
-            whole = Surface(
-                *joined([(part.moved(part.shape.surface[0]), part.shape.surface[1]) for part in link.parts])
-            )
             back = np.linalg.inv(arm.frames.get(link.name, np.eye(4)))
-            self.links[link.name] = whole._replace(vertices=moved(whole.vertices, back))
-        self.obstacles = {
-            name: Surface(each.moved(each.shape.surface[0]), each.shape.surface[1])
-            for name, each in space.obstacles.items()
-        }
+            self.links[link.name] = joined([placed(part.shape.surface, back @ part.pose) for part in link.parts])
+        self.obstacles = {name: placed(each.shape.surface, each.pose) for name, each in space.obstacles.items()}
         self.moving = [link.name for link in arm.links if link.body]
         depth = [0]
         for parent in arm.chain.parents[1:].tolist():
             depth.append(depth[parent] + 1)
         self.tip = max(arm.links, key=lambda link: depth[link.body]).name
-        self._middle = np.mean(self.links[self.tip].vertices, axis=0)
+        self._middle = np.append(self.links[self.tip][0].mean(axis=0), 1.0)
 
     def front(self, low: Floats, high: Floats) -> float:
         """From where to look at what lies in a box, radians about z: before the obstacles, and a little aside."""
         room = ROOM * float(np.max(high - low))
-        near = [np.clip(each.vertices, low - room, high + room).mean(axis=0) for each in self.obstacles.values()]
+        near = [points.clip(low - room, high + room).mean(axis=0) for points, _ in self.obstacles.values()]
         behind = np.mean(near, axis=0) - (low + high) / 2 if near else np.zeros(3)
         if np.hypot(*behind[:2]) < 0.2 * room:
             return -_ASIDE
@@ -108,16 +95,11 @@ class ArmFigure:
     def placed(self, q: Floats) -> dict[str, Surface]:
         """The surfaces of the links at a configuration, shape (dof,), by name."""
         poses = self._arm.poses(q)
-        return {name: each._replace(vertices=moved(each.vertices, poses[name])) for name, each in self.links.items()}
+        return {name: placed(surface, poses[name]) for name, surface in self.links.items()}
 
     def tips(self, points: Floats) -> Floats:
         """Where the middle of the :attr:`tip` is at configurations, shape (n, 3)."""
-        return np.stack([moved(self._middle, self._arm.poses(q)[self.tip]) for q in points])
-
-
-def moved(points: Floats, pose: Floats) -> Floats:
-    """Points, shape (..., 3), where a pose, shape (4, 4), takes them."""
-    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
+        return np.stack([self._arm.poses(q)[self.tip][:3] @ self._middle for q in points])
 
 
 def along_joints(points: Floats, shares: Floats) -> Floats:
@@ -143,14 +125,14 @@ def draw_arm(
     ghosts = along_joints(points, np.linspace(0.0, 1.0, GHOSTS + 1)[:-1]) if len(points) > 1 else points[:0]
     links = [(PALE, placed[name]) for placed in map(figure.placed, ghosts) for name in figure.moving]
     links += [(artists.ROBOT_FILL, link) for link in figure.placed(stand).values()]
-    corners = np.concatenate([link.vertices for _, link in links])
+    corners = np.concatenate([vertices for _, (vertices, _) in links])
     low, high = corners.min(axis=0), corners.max(axis=0)
     room = ROOM * float(np.max(high - low))
     azimuth = math.degrees(figure.front(low, high))
     drawn, angles = axes_in_space(look._replace(camera=(_RISE, azimuth) if camera is None else camera))
     blocks = [(SURFACES["obstacles"][1], _within(each, low - room, high + room)) for each in figure.obstacles.values()]
-    blocks = [(color, each) for color, each in blocks if len(each.faces)]
-    corners = np.concatenate([corners, *(each.vertices[each.faces].reshape(-1, 3) for _, each in blocks)])
+    blocks = [(color, each) for color, each in blocks if len(each[1])]
+    corners = np.concatenate([corners, *(vertices[faces].reshape(-1, 3) for _, (vertices, faces) in blocks)])
     box = np.stack([corners.min(axis=0), corners.max(axis=0)])
     towards = direction_of(angles)
     polygons = [_polygons(each, _FINE * float(np.ptp(box, axis=0).max())) for _, each in (*links, *blocks)]
@@ -177,16 +159,16 @@ def _within(surface: Surface, low: Floats, high: Floats) -> Surface:
     """The part of a surface in a box, cut off where it leaves it."""
     import trimesh
 
-    mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
+    mesh = trimesh.Trimesh(*surface, process=False)
     for axis in range(3):
         for way, end in ((1.0, low), (-1.0, high)):
             mesh = mesh.slice_plane(end, way * np.eye(3)[axis]) if len(mesh.faces) else mesh
-    return Surface(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
 
 
 def _polygons(surface: Surface, longest: float) -> Floats:
     """The triangles of a surface, none larger than that, each with its last corner twice, shape (n, 4, 3)."""
     from trimesh.remesh import subdivide_to_size
 
-    vertices, faces = subdivide_to_size(*simplified(surface.vertices, surface.faces, MOST), longest)  # type: ignore[no-untyped-call]
+    vertices, faces = subdivide_to_size(*simplified(*surface, MOST), longest)  # type: ignore[no-untyped-call]
     return np.asarray(vertices[faces][:, [0, 1, 2, 2]])

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Floats
+from cspace.arrays import Bools, Floats, Surface
 from cspace.grid import Grid
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
-from cspace.shapes.shape import Pieces, Shape, Surface
+from cspace.shapes.shape import Pieces, Shape
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

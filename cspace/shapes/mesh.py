@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Bools, Floats, Ints
+from cspace.arrays import Bools, Floats, Ints, Surface
 from cspace.errors import GeometryError, InputError
 from cspace.grid import Grid, finite, points_of, unmasked
 from cspace.raster.raster import Raster
@@ -22,7 +22,7 @@ from cspace.rotations import STILL, Turn
 from cspace.shapes.bodies import Body, find_bodies
 from cspace.shapes.bracketed import Bracketed
 from cspace.shapes.polygon import Polygons
-from cspace.shapes.shape import Pieces, Shape, Surface, ordered_rows
+from cspace.shapes.shape import Pieces, Shape, ordered_rows
 
 if TYPE_CHECKING:
     from cspace.raster.surfaces import Skin

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Bools, Floats, Ints
+from cspace.arrays import Bools, Floats, Ints, Surface
 from cspace.errors import GeometryError, InputError
 from cspace.grid import Grid, finite
 from cspace.raster.raster import Raster
@@ -18,9 +18,6 @@ from cspace.rotations import STILL, Turn
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
-
-Surface = tuple[Floats, Ints]
-"""Vertices, shape (V, 3), metres, and triangles, shape (F, 3), as indices into them."""
 
 
 class Pieces(NamedTuple):

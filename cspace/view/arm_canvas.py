@@ -13,11 +13,11 @@ from cspace.arms.chain import SLIDES
 from cspace.arrays import Floats
 from cspace.errors import ConfigurationError, InputError
 from cspace.orientation import TURN, wrapped
-from cspace.plot.arms import ROOM, ArmFigure, Surface, along_joints
+from cspace.plot.arms import ROOM, ArmFigure, along_joints
 from cspace.plot.artists import CLASSES, COLLIDES, UNDECIDED
 from cspace.states import BLOCKED, FREE, MIXED
 from cspace.view.canvas import MARKS, Canvas, Dial, as_light, far_apart, state_text
-from cspace.view.scene import KINDS, ROBOT, Solid, rgb
+from cspace.view.scene import KINDS, ROBOT, rgb
 
 if TYPE_CHECKING:
     from viser import ViserServer
@@ -77,7 +77,7 @@ class ArmCanvas(Canvas):
         self.legend += [(COLORS[BLOCKED], "arm, BLOCKED"), (KINDS["obstacles"].color, "obstacle")]
         self.legend += [(CONTACT, "nearest to touching")]
         for name, surface in self._figure.obstacles.items():
-            self._mesh(f"/obstacles/{name}", _solid(surface), KINDS["obstacles"].color)
+            self._mesh(f"/obstacles/{name}", surface, KINDS["obstacles"].color)
         self._links = {"robot": self._meshes("robot", self._figure.links, ROBOT, 1.0)}
         self._links |= {name: self._meshes(name, self._figure.moving, color, FAINT) for name, color in MARKS.items()}
         self._labels = {name: server.scene.add_label(f"/{name}/label", name) for name in MARKS}
@@ -143,7 +143,7 @@ class ArmCanvas(Canvas):
         return self._figure.tips(q)
 
     def _meshes(self, name: str, links: Iterable[str], color: str, opacity: float) -> dict[str, Any]:
-        return {link: self._mesh(f"/{name}/{link}", _solid(self._figure.links[link]), color, opacity) for link in links}
+        return {link: self._mesh(f"/{name}/{link}", self._figure.links[link], color, opacity) for link in links}
 
     def _put(self, name: str, q: Floats) -> None:
         poses = self._space.arm.poses(q)
@@ -154,16 +154,12 @@ class ArmCanvas(Canvas):
 
     def _look_from_afar(self) -> None:
         """Place the camera so that the arm is in view, before the obstacles around it."""
-        arms = [surface.vertices for q in self.endpoints.values() for surface in self._figure.placed(q).values()]
+        arms = [points for q in self.endpoints.values() for points, _ in self._figure.placed(q).values()]
         lower, upper = np.min([points.min(axis=0) for points in arms], 0), np.max([p.max(axis=0) for p in arms], 0)
         turn, room = self._figure.front(lower, upper), ROOM * float(np.max(upper - lower))
         obstacles = self._figure.obstacles.values()
-        near = np.concatenate([[lower, upper], *(each.vertices.clip(lower - room, upper + room) for each in obstacles)])
+        near = np.concatenate([[lower, upper], *(points.clip(lower - room, upper + room) for points, _ in obstacles)])
         self._place_camera(near.min(axis=0), near.max(axis=0), np.array([math.cos(turn), math.sin(turn), 0.6]))
-
-
-def _solid(surface: Surface) -> Solid:
-    return Solid(surface.vertices.astype(np.float32), surface.faces.astype(np.uint32))
 
 
 def _endpoints(space: Any) -> dict[str, Floats]:

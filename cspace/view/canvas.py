@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Floats
+from cspace.arrays import Floats, Surface
 from cspace.errors import ConfigurationError
 from cspace.plot.artists import GOAL
 from cspace.states import BLOCKED, FREE, MIXED
-from cspace.view.scene import Solid, path_colors, rgb
+from cspace.view.scene import path_colors, rgb
 
 if TYPE_CHECKING:
     from viser import ViserServer
@@ -179,12 +179,10 @@ class Canvas(ABC):
 
     # ---- how it is drawn ---------------------------------------------------------------------------------------------
 
-    def _mesh(self, name: str, solid: Solid, color: str, opacity: float = 1.0) -> Any:
-        self.bytes += solid.vertices.nbytes + solid.faces.nbytes
-        return self._server.scene.add_mesh_simple(
+    def _mesh(self, name: str, surface: Surface, color: str, opacity: float = 1.0) -> Any:
+        handle = self._server.scene.add_mesh_simple(
             name,
-            solid.vertices,
-            solid.faces,
+            *surface,
             color=rgb(color),
             opacity=None if opacity == 1.0 else opacity,
             flat_shading=True,
@@ -192,6 +190,8 @@ class Canvas(ABC):
             cast_shadow=False,
             receive_shadow=False,
         )
+        self.bytes += handle.vertices.nbytes + handle.faces.nbytes
+        return handle
 
     def _place_camera(self, lower: Floats, upper: Floats, back: Floats) -> None:
         """Have cameras begin in some direction from the middle of a box, where all of it is in view."""

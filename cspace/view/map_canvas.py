@@ -17,7 +17,7 @@ from cspace.plot.route import Figurine
 from cspace.view.canvas import MARKS, Canvas, Dial, far_apart
 from cspace.view.level_of_detail import Blocks, Cells, Part, part_around
 from cspace.view.poses import Poses
-from cspace.view.scene import KINDS, ROBOT, SECTION, Kind, Section, Solid, Stage, robot_solid
+from cspace.view.scene import KINDS, ROBOT, SECTION, Kind, Section, Stage, robot_surface
 
 if TYPE_CHECKING:
     from viser import ViserServer
@@ -69,7 +69,7 @@ class MapCanvas(Canvas):
         self.part: Part | None = None
         self._drawn: dict[str, Hashable] = {}
         self._drawing = threading.Lock()
-        self._solid = robot_solid(space.robot, self.stage.wall)
+        self._surface = robot_surface(space.robot, self.stage.wall)
         self._robot = server.scene.add_frame("/robot", show_axes=False)
         self._figure("/robot", ROBOT)
         self._gizmos = {name: self._gizmo(name, color) for name, color in MARKS.items()}
@@ -199,9 +199,9 @@ class MapCanvas(Canvas):
         for where, hole, blocks in looks:
 
             def draw_solid(name: str, kind: Kind, look: Any = blocks, hole: Part | None = hole) -> None:
-                solid = stage.solid(look(rotation if kind.turns else None), kind, cut, hole, lid)
-                if len(solid.faces):
-                    self._mesh(name, solid, kind.color, kind.opacity)
+                surface = stage.solid(look(rotation if kind.turns else None), kind, cut, hole, lid)
+                if len(surface[1]):
+                    self._mesh(name, surface, kind.color, kind.opacity)
                 else:
                     self._server.scene.remove_by_name(name)
 
@@ -254,10 +254,10 @@ class MapCanvas(Canvas):
 
     def _figure(self, name: str, color: str) -> None:
         """The robot, at a node; in the plane its nose shows where it looks, if it turns."""
-        self._mesh(f"{name}/figure", self._solid, color)
+        self._mesh(f"{name}/figure", self._surface, color)
         if len(self.figurine.nose) and self.poses.angles:
             corners = np.column_stack([self.figurine.nose[:3], np.full(3, 1.01 * self.stage.wall)])
-            self._mesh(f"{name}/nose", Solid(corners.astype(np.float32), np.array([[0, 1, 2]], dtype=np.uint32)), DARK)
+            self._mesh(f"{name}/nose", (corners, np.array([[0, 1, 2]])), DARK)
 
 
 def _endpoints(space: Any, cells: Cells) -> dict[str, Floats]:

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bools, Floats, Ints
+from cspace.arrays import Bools, Floats, Ints, Surface
 from cspace.grid import Grid
 from cspace.plot.artists import CLASSES, COLLIDES, OBSTACLE, PARTLY, PATH, ROBOT_FILL, UNDECIDED, UNSEEN, Classes
 from cspace.plot.route import RobotLike, rings
@@ -60,13 +60,6 @@ PIXELS: Final = 1024
 """A section of fewer cells is drawn in so many pixels at least, so that their borders are sharp."""
 
 
-class Solid(NamedTuple):
-    """Triangles: vertices, shape (V, 3), metres, and indices of their corners, shape (F, 3)."""
-
-    vertices: NDArray[np.float32]
-    faces: NDArray[np.uint32]
-
-
 class Section(NamedTuple):
     """A picture in the plane: red, green, blue and opacity, shape (rows, columns, 4), the top row first.
 
@@ -112,7 +105,7 @@ class Stage:
         place = q[..., : self.grid.dim]
         return np.concatenate([place, np.zeros((*place.shape[:-1], 3 - self.grid.dim))], axis=-1)
 
-    def solid(self, blocks: Blocks, kind: Kind, cut: float, hole: Part | None = None, lid: bool = True) -> Solid:
+    def solid(self, blocks: Blocks, kind: Kind, cut: float, hole: Part | None = None, lid: bool = True) -> Surface:
         """The border of the blocks of a kind that lie below a height, and not in a part that is drawn apart.
 
         Without a ``lid``, what the height cuts open stays open: a section closes it.
@@ -126,8 +119,7 @@ class Stage:
         lattice = np.minimum(first + blocks.side * border(solid, kind.rim, lid), self.shape).reshape(-1, 3)
         vertices = self.lower + self._cell * lattice
         vertices[:, 2] = np.minimum(vertices[:, 2], cut)
-        corners = np.arange(len(vertices), dtype=np.uint32).reshape(-1, 4)
-        return Solid(vertices.astype(np.float32), corners[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3))
+        return vertices, np.arange(len(vertices)).reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
 
     def section(self, blocks: Blocks, cut: float, hole: Part | None = None) -> Section:
         """The classes of the blocks below a height, seen from there; of a plane, on the ground."""
@@ -185,17 +177,12 @@ def _facing(solid: Bools, axis: int, way: int, rim: bool) -> Ints:
     return corners if way else corners[:, ::-1]
 
 
-def robot_solid(robot: RobotLike, height: float) -> Solid:
+def robot_surface(robot: RobotLike, height: float) -> Surface:
     """The surface of a robot in its frame; one in the plane becomes a slab of some height."""
-    vertices, faces = {2: _slab, 3: _surface}[robot.dim](robot, height)
-    return Solid(np.asarray(vertices, dtype=np.float32), np.asarray(faces, dtype=np.uint32))
+    return _slab(robot, height) if robot.dim == 2 else robot.shape.surface
 
 
-def _surface(robot: RobotLike, height: float) -> tuple[Floats, Ints]:
-    return robot.shape.surface
-
-
-def _slab(robot: RobotLike, height: float) -> tuple[Floats, Ints]:
+def _slab(robot: RobotLike, height: float) -> Surface:
     """The outline of a robot in the plane, as high as a wall, with a top and no bottom."""
     import shapely
 

@@ -10,7 +10,7 @@ import trimesh
 import cspace
 from cspace.plot.artists import CLASSES, OBSTACLE
 from cspace.view.level_of_detail import CellsInMemory, Part
-from cspace.view.scene import HIGH, KINDS, LOW, Stage, border, path_colors, rgb, robot_solid
+from cspace.view.scene import HIGH, KINDS, LOW, Stage, border, path_colors, rgb, robot_surface
 
 
 def squares(corners: np.ndarray) -> list[tuple[int, ...]]:
@@ -123,7 +123,7 @@ def test_sections_show_the_cells_where_they_are() -> None:
     ids=["disc", "hole", "notch", "box"],
 )
 def test_robots_have_their_size(robot: cspace.Robot) -> None:
-    mesh = trimesh.Trimesh(*robot_solid(robot, 0.5))
+    mesh = trimesh.Trimesh(*robot_surface(robot, 0.5))
     size = 0.06 if robot.dim == 3 else 0.5 * robot.geometry.area
     base = robot.dim == 2  # which has no bottom
     mesh.merge_vertices()
