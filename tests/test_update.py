@@ -18,7 +18,7 @@ import cspace
 import handmade
 import planners
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
-from cspace.io import rosmap, writing
+from cspace.io import rosmap
 from maps import same
 from updates import World, agree, check, checkers, worlds
 from waiting import while_two_ask
@@ -372,7 +372,9 @@ def test_what_is_saved_is_of_one_moment(tmp_path: Path, monkeypatch: pytest.Monk
     """An update waits, or the states would be those of obstacles that have gone."""
     space = room()
     changing = threading.Thread(target=lambda: space.update(BLOCK, (10, 10)))
-    begun = np.savez_compressed if name == "map.npz" else rosmap.write_ros_map
+    module: Any = np if name == "map.npz" else rosmap
+    step = "savez_compressed" if name == "map.npz" else "suffix_of"
+    begun = getattr(module, step)
 
     def in_the_midst(*args: Any, **members: Any) -> None:
         before = space.state.copy()
@@ -381,7 +383,7 @@ def test_what_is_saved_is_of_one_moment(tmp_path: Path, monkeypatch: pytest.Monk
         assert changing.is_alive() and (space.state == before).all()
         begun(*args, **members)
 
-    monkeypatch.setattr(*((np, "savez_compressed") if name == "map.npz" else (writing, "write_ros_map")), in_the_midst)
+    monkeypatch.setattr(module, step, in_the_midst)
     space.export(tmp_path / name) if name == "map.yaml" else space.save(tmp_path / name)
     changing.join()
     assert (space.state != FREE).sum() > (room().state != FREE).sum()
