@@ -273,12 +273,12 @@ def test_where_nothing_is_proven_a_planner_searches_and_does_not_pretend(
 ) -> None:
     space, start, goal = halves(name, MIXED)
     # RRT and others come close, which OMPL calls an approximate solution.
-    plan = planners.plan(space, start, goal, planner=planner, time_limit=0.03, **options_for(curve))
+    plan = planners.plan(space, start, goal, planner=planner, time_limit=0.01, **options_for(curve))
     check_none(space, plan)
     assert plan.path_exists is None and plan.times.planning > 0.0
     assert plan.status.startswith("no path found") and plan.status.endswith("undecided whether one exists")
     assert ("exact=True" in plan.advice) == (curve is None) and "a finer spacing" in plan.advice
-    assert "time_limit=0.3" in plan.advice
+    assert "time_limit=0.1" in plan.advice
 
 
 @pytest.mark.parametrize("name", ENDPOINTS)
