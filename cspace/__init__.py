@@ -1,4 +1,4 @@
-"""Certified configuration-space maps by FFT correlation.
+"""Certified configuration-space maps for motion planning.
 
 Every name is imported at its first use, so that importing the package costs next to nothing.
 """

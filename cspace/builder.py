@@ -78,7 +78,7 @@ def build(
     tile: int | Sequence[int] = 4096,
     client: Client | None = None,
 ) -> CSpace | TiledCSpace:
-    """Map the configurations of a robot that translates, in the plane or in space, and turns as well if it is to.
+    """Map the configurations of a robot that translates, and may turn, in the plane or in space.
 
     Parameters
     ----------
@@ -88,11 +88,12 @@ def build(
         The robot, of the same dimension.
     rotations : int, array-like or Rotations, optional
         For a robot that turns, in space about the z axis: a number of equal cells of yaw, the first with its middle at
-        0, or the borders of the cells in radians, ascending over a whole turn. For one that turns in space as it likes:
-        :meth:`cspace.Rotations.quaternions`. FREE and BLOCKED are then proven for every position and every rotation of
-        a cell. Slices that a symmetry of the robot repeats are computed and stored once. Of more than 2^29 states, in 8
-        slices or more and without overlap counts, each is stored in two bits instead of a byte; look-ups answer alike,
-        and what needs bytes of all of them refuses where they do not fit. If left out, the robot only translates.
+        0, or the borders of the cells in radians, ascending over a whole turn. For one that turns about any axis in
+        space: :meth:`cspace.Rotations.quaternions`. FREE and BLOCKED are then proven for every position and every
+        rotation of a cell. Slices that a symmetry of the robot repeats are computed and stored once. Of more than 2^29
+        states, in 8 slices or more and without overlap counts, each is stored in two bits instead of a byte; look-ups
+        answer alike, and what needs bytes of all of them refuses where they do not fit. If left out, the robot only
+        translates.
     inner : bool
         Also prove cells BLOCKED. Without it, every cell that is not FREE is MIXED, at half the work.
     overlap : bool
@@ -111,7 +112,7 @@ def build(
         Called with (steps done, steps in all); with a store, of tiles.
     store : path-like, optional
         A folder to build the map into, tile by tile, for maps that do not fit into memory; see ``docs/large.md``. The
-        same call again goes on where an earlier one was stopped. Overlap counts are not stored.
+        same call again resumes a build that was stopped. Overlap counts are not stored.
     tile : int or sequence of int
         Cells of a tile along each axis.
     client : dask.distributed.Client, optional

@@ -1,4 +1,4 @@
-"""ConfigurationMap: what every certified map answers, be it in memory or in a store."""
+"""ConfigurationMap: the queries of every certified map, be it in memory or in a store."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ _ANSWERS = np.array([None, True, False], dtype=object)
 
 
 class Joined(Protocol):
-    """What chains of cells join."""
+    """Components of cells, joined side to side."""
 
     def of(self, cells: Ints) -> tuple[Ints, Ints]:
         """Numbers of the components of FREE cells, and of cells that are not BLOCKED; -1 where there is none."""
 
 
 class ConfigurationMap(ConfigurationSpace):
-    """A certified map of a robot's configurations: what it is of, and the look-ups that all maps have.
+    """A certified map of a robot's configurations, with the look-ups that all maps share.
 
-    :class:`cspace.CSpace` has all of it in memory, :class:`cspace.TiledCSpace` leaves it in a store. They differ in who
-    answers for a batch of configurations, and in what is known of the cells that chains join.
+    :class:`cspace.CSpace` holds it in memory, :class:`cspace.TiledCSpace` reads it from a store. Each brings its own
+    kernels for batches of configurations, and its own components.
     """
 
     # ---- what the map is ---------------------------------------------------------------------------------------------
@@ -99,7 +99,7 @@ class ConfigurationMap(ConfigurationSpace):
     def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | NDArray[np.object_] | None:
         """Whether a collision-free path joins configurations.
 
-        Which cells are joined is computed at the first call, and cached; of a map in a store, in its store.
+        Components of cells are computed at the first call and cached; those of a map in a store, in the store.
 
         Parameters
         ----------
@@ -180,7 +180,7 @@ class ConfigurationMap(ConfigurationSpace):
     @property
     @abstractmethod
     def facts(self) -> dict[str, Any]:
-        """What there is to say of it beside its grid, for people: plain values by what they are."""
+        """Facts about the map besides its grid, for people: plain values by name."""
 
     @abstractmethod
     def _drawn(self) -> MapLike:
@@ -205,15 +205,15 @@ class ConfigurationMap(ConfigurationSpace):
     @property
     @abstractmethod
     def _components(self) -> Joined:
-        """What chains of cells join."""
+        """Components of cells, joined side to side."""
 
     @abstractmethod
     def _around(self, q: Floats, exact: bool = False) -> ConfigurationMap:
-        """The map, or of one that is not in memory what lies around a configuration, which has no exact answers."""
+        """The map, or, if it is not in memory, a window of it around a configuration, without exact answers."""
 
     @abstractmethod
     def _at_one_moment(self, work: Callable[[], Result]) -> Result:
-        """What some work comes to, all of which sees the map as it is at one moment."""
+        """The result of some work, all of which sees the map as it is at one moment."""
 
     @abstractmethod
     def _in_blocks(self) -> Cells:

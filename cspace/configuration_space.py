@@ -24,8 +24,8 @@ Leg = tuple[Callable[[], "ConfigurationSpace"], Floats, Floats]
 class ConfigurationSpace(ABC):
     """The configurations of a robot, and the look-ups that are the same for all robots.
 
-    :class:`cspace.CSpace` and :class:`cspace.TiledCSpace` look at cells, :class:`cspace.ArmSpace` asks the geometry.
-    They differ in who answers for a batch of configurations.
+    :class:`cspace.CSpace` and :class:`cspace.TiledCSpace` read cells, :class:`cspace.ArmSpace` tests the geometry. Each
+    brings its own kernels for batches of configurations.
     """
 
     @property
@@ -40,7 +40,7 @@ class ConfigurationSpace(ABC):
 
     @property
     def endless(self) -> tuple[bool, ...]:
-        """Which numbers are of joints that turn for ever, so that a whole turn more is the same configuration."""
+        """Which numbers are of continuous joints, for which a whole turn more is the same configuration."""
         return (False,) * self.dof
 
     @overload
@@ -97,7 +97,7 @@ class ConfigurationSpace(ABC):
         Parameters
         ----------
         q0, q1 : array-like, shape (dof,) or (..., dof)
-            Ends of the edges, metres and radians; broadcast against each other.
+            Endpoints of the edges, metres and radians; broadcast against each other.
         exact : bool
             Where cells are MIXED, let the geometry itself prove the edge; see :mod:`cspace.exact`. For an arm it
             always does.
@@ -116,14 +116,15 @@ class ConfigurationSpace(ABC):
     def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Bools:
         """Whether each edge of a path, of paths, or of a roadmap is proven collision-free all along.
 
-        The edges are those of :meth:`motion_is_free`, answered alike: straight, with yaw along the shorter arc, as
-        OMPL interpolates. Where there are many, they are proven in threads, and on a map with marks of blocks of cells
-        that pass over free space in larger steps; the answers are the same.
+        The edges are those of :meth:`motion_is_free`, answered alike: straight, with yaw along the shorter arc, as OMPL
+        interpolates. Many edges are proven in threads, and on a map by blocks of cells, which cross free space in
+        larger steps; the answers are the same.
 
         Parameters
         ----------
         path : array-like, shape (n, dof) or (..., n, dof)
-            Configurations, metres and radians: a path's in turn, those of paths of one length, or a roadmap's vertices.
+            Configurations, metres and radians: those of a path in order, of several paths of equal length, or the
+            vertices of a roadmap.
         edges : array-like of int, shape (m, 2), optional
             Indices, from 0, of the two vertices of each edge; ``path`` must then have shape (n, dof). Left out, each
             configuration is joined to the next.
@@ -167,9 +168,9 @@ class ConfigurationSpace(ABC):
     def view(self, *, block: bool = True, **options: Unpack[ViewOptions]) -> Viewer:
         """Show the space on a page in the browser, and plan there; needs viser: ``pip install "cspace[view]"``.
 
-        The page shows obstacles and the robot, of a map the border of the C-obstacle, of an arm what is nearest to
-        touching. One sets the start and the goal there, plans and plays the path, and it says what is proven. It is
-        served on this machine alone, unless ``host`` says otherwise, and its address is printed if ``block`` is set.
+        The page shows obstacles and the robot, with the border of the C-obstacle of a map, or the closest pair of an
+        arm. Start and goal are set there, paths planned and played, and the page says what is proven. It is served on
+        this machine alone, unless ``host`` says otherwise, and its address is printed if ``block`` is set.
 
         Parameters
         ----------

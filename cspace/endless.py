@@ -1,4 +1,4 @@
-"""EndlessCSpace: a map of joints of which some turn for ever, so that it closes in a circle along their axes.
+"""EndlessCSpace: a map with continuous joints, which closes in a circle along their axes.
 
 The cells are those of one turn, and the last ones along a circle are neighbours of the first. Look-ups see them
 *unrolled*, half a turn more at either end: a configuration is brought into the turn in the middle first, and what is
@@ -174,7 +174,7 @@ def _replaced(numbers: Ints, names: Ints, lowest: Ints) -> Ints:
 
 
 class EndlessCSpace(CSpace):
-    """Certified map of joints of which some turn for ever: a map like any other, without a seam.
+    """Certified map of joints of which some are continuous: a map like any other, without a seam.
 
     Angles of such joints may be any, up to 256 radians; a whole turn more is the same configuration. Edges turn these
     joints the shorter way, as OMPL does, and rows of a path count whole turns, so that straight motions join them.
@@ -195,7 +195,7 @@ class EndlessCSpace(CSpace):
 
     @property
     def endless(self) -> tuple[bool, ...]:
-        """Which numbers are of joints that turn for ever, so that a whole turn more is the same configuration."""
+        """Which numbers are of continuous joints, for which a whole turn more is the same configuration."""
         return self._contents.endless
 
     @property

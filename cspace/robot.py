@@ -77,7 +77,7 @@ class Robot:
 
     @property
     def span(self) -> float:
-        """Largest modulus of the numbers that the shape was computed from, metres."""
+        """Largest absolute value of the numbers that the shape was computed from, metres."""
         return self.shape.span
 
     @property
@@ -176,7 +176,7 @@ class Robot:
     def cylinder(cls, radius: float, height: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
         """An upright cylinder, around the direction of z through ``center``, its middle (metres).
 
-        It is held between two prisms of 64 sides, one around it, whose radius is 0.12 % larger, and one within: FREE is
+        It is bounded by two prisms of 64 sides, one around it, whose radius is 0.12 % larger, and one within: FREE is
         proven for the first and BLOCKED for the second, so that both hold for the cylinder.
         """
         sizes = positive(radius, "radius"), positive(height, "height")
@@ -186,7 +186,7 @@ class Robot:
     def capsule(cls, radius: float, length: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
         """An upright capsule, all within ``radius`` of a segment ``length`` long, whose middle is ``center`` (metres).
 
-        It is ``length + 2 * radius`` high. It is held between two polyhedra, as a :meth:`cylinder` is; the outer one
+        It is ``length + 2 * radius`` high. It is bounded by two polyhedra, as a :meth:`cylinder` is; the outer one
         reaches 0.24 % of the radius farther.
         """
         sizes = positive(radius, "radius"), positive(length, "length")
@@ -209,7 +209,7 @@ class Robot:
             Metres, in the robot's frame; files are ``.stl``, ``.obj``, ``.ply``, ``.off``, ``.glb``, ``.gltf`` and
             ``.dae``. A warning names a mesh that lies off its origin by more than its own size.
         solid : {"auto", "surface", "fill"}
-            What has an inside; see :class:`cspace.Mesh`, of which "auto" leaves what it says itself.
+            What has an inside; see :class:`cspace.Mesh`, "auto" keeps what a ``cspace.Mesh`` says itself.
 
         Raises
         ------
@@ -304,8 +304,8 @@ class Robot:
     ) -> Robot:
         """The collision geometry of a URDF: of a link, of several, or of all that is fixed to the root.
 
-        Boxes and meshes are taken as they are; cylinders and spheres are held between two polyhedra, as
-        :meth:`cylinder` is. Names of meshes may begin with ``package://``: they are looked for around the file.
+        Boxes and meshes are taken as they are; cylinders and spheres are bounded by two polyhedra, as :meth:`cylinder`
+        is. Names of meshes may begin with ``package://``: they are looked for around the file.
 
         Parameters
         ----------
@@ -334,10 +334,10 @@ class Robot:
         return cls(f"{Path(path).name}{names}", Bracketed(Mesh.of(outer), inner[0]) if inner else Mesh.of(outer))
 
     def footprint(self) -> Robot:
-        """The robot in the plane that this one casts on the ground, for maps that are plane.
+        """The projection of this robot onto the ground, for maps in the plane.
 
-        What is proven FREE or BLOCKED for it is so for the shadow of the robot: it is held between the shadow's union
-        grown by a micrometre, which covers rounding, and that shrunk by as much. A robot in the plane is its own.
+        What is proven FREE or BLOCKED for it holds for the robot's true projection, which lies between the two sides of
+        it: grown by a micrometre, which covers rounding, and shrunk by as much. A robot in the plane is its own.
 
         Raises
         ------
@@ -372,11 +372,11 @@ class Robot:
         ----------
         source : str or Path
             ``disc:RADIUS``, ``rect:LENGTHxWIDTH``, ``ball:RADIUS``, ``box:XxYxZ``, ``cylinder:RADIUSxHEIGHT``,
-            ``capsule:RADIUSxLENGTH`` (metres), each with its middle behind it where that is not the origin, as in
-            ``rect:4.5x1.9@1.3,0``; ``footprint:[[X,Y],...]``, or ``footprint:`` and a robot in space, whose shadow that
-            is; a file of polygons: ``.geojson``, ``.json`` or ``.wkt``; a mesh: ``.stl``, ``.obj``, ``.ply``, ``.off``,
-            ``.glb``, ``.gltf``, ``.dae``; a robot's description: ``.urdf``, links of it as ``FILE.urdf#LINK,LINK``;
-            or Nav2's parameters: ``.yaml``, those of one costmap as ``FILE.yaml#COSTMAP``.
+            ``capsule:RADIUSxLENGTH`` (metres), each followed by its center where that is not the origin, as in
+            ``rect:4.5x1.9@1.3,0``; ``footprint:[[X,Y],...]``, or ``footprint:`` and a robot in space, for its
+            projection; a file of polygons: ``.geojson``, ``.json`` or ``.wkt``; a mesh: ``.stl``, ``.obj``, ``.ply``,
+            ``.off``, ``.glb``, ``.gltf``, ``.dae``; a robot's description: ``.urdf``, links of it as
+            ``FILE.urdf#LINK,LINK``; or Nav2's parameters: ``.yaml``, those of one costmap as ``FILE.yaml#COSTMAP``.
         solid : {"auto", "surface", "fill"}, optional
             For a mesh, or those of a URDF: what has an inside; "auto" if left out.
 

@@ -60,7 +60,7 @@ class CostmapOptions(TypedDict, total=False):
 class CSpace(ConfigurationMap):
     """Certified map of a robot's configurations, in R^2, R^3, SE(2), R^3 x SO(2) or SE(3).
 
-    They are ``(x, y)`` in the plane and ``(x, y, z)`` in space, with a yaw behind where the robot turns about z, and a
+    They are ``(x, y)`` in the plane and ``(x, y, z)`` in space, followed by a yaw where the robot turns about z, or a
     quaternion ``(qx, qy, qz, qw)`` where it turns about any axis.
 
     :func:`cspace.build` makes it and :func:`cspace.open` reads a saved one. Every look-up takes one configuration,
@@ -71,15 +71,15 @@ class CSpace(ConfigurationMap):
     either will do; its norm must be 1 within 1e-6.
 
     A configuration outside the grid is BLOCKED under ``outside="blocked"`` where the robot is proven to stick out of
-    the workspace, FREE under ``outside="free"`` where it is proven to reach no obstacle, and otherwise MIXED. Of a part
-    of a larger map, :meth:`cspace.TiledCSpace.window`, nothing is known there: ``outside`` is "unknown", all is MIXED.
+    the workspace, FREE under ``outside="free"`` where it is proven to reach no obstacle, and otherwise MIXED. In a
+    window of a larger map (:meth:`cspace.TiledCSpace.window`), ``outside`` is "unknown", and all outside is MIXED.
 
     Parameters
     ----------
     contents : Contents
         All that the map is.
     rasters : sequence of (outer, inner) Raster, optional
-        The robot's, for each slice; made again, when they are needed, if left out.
+        The robot's rasters for each slice; computed at need if left out.
 
     Examples
     --------
@@ -113,7 +113,7 @@ class CSpace(ConfigurationMap):
             self._derived_rasters.get(lambda: list(rasters))
 
     def _make_room(self) -> None:
-        """Room for what is made at need."""
+        """Empty caches for what is derived from the map."""
         self._lock = Lock()
         self._derived_rasters: Derived[list[tuple[Raster, Raster]]] = Derived(self._lock)
         self._derived_exterior: Derived[Exterior] = Derived(self._lock)
@@ -231,7 +231,7 @@ class CSpace(ConfigurationMap):
         return as_html(self, [repr(self)])
 
     def __reduce__(self) -> tuple[type[CSpace], tuple[Contents]]:
-        """A copy or a pickle has all that the map is; what was made at need is left behind, and so are the locks."""
+        """A copy or a pickle has the contents of the map, without caches and locks."""
         with self._lock:  # an update waits
             return type(self), (self._contents.copy(),)
 
@@ -366,7 +366,7 @@ class CSpace(ConfigurationMap):
     # ---- what FREE cells join ----------------------------------------------------------------------------------------
 
     def free_reach(self, q: ArrayLike) -> tuple[Floats, Floats]:
-        """The box, along the axes, around all FREE cells of the grid that chains of FREE cells join to a configuration.
+        """Axis-aligned bounding box of all FREE cells of the grid that chains of FREE cells join to a configuration.
 
         No path through FREE cells of the grid leaves it, which narrows down where a planner has to look.
 
@@ -394,15 +394,14 @@ class CSpace(ConfigurationMap):
         """A collision-free path, proven all along, by the map's own search from cube to cube of FREE cells.
 
         There is one wherever FREE cells join the two, that is, where :meth:`path_exists` is True without leaving the
-        grid. It turns the robot on the spot, and only where it must. It is the same every time, and not the
-        shortest.
+        grid. It turns the robot on the spot, and only where it must. It is deterministic, and not the shortest.
 
         Parameters
         ----------
         q0, q1 : array-like, shape (dof,)
             FREE configurations in the grid.
         straight : bool
-            Whether to leave out what the straight edges do not need.
+            Whether to leave out waypoints that straight edges do not need.
 
         Returns
         -------
@@ -440,23 +439,23 @@ class CSpace(ConfigurationMap):
         return pulled_straight(path, dim, self.edge_checker(), 2.0 * self.grid.spacing) if straight else path
 
     def widest_path(self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True) -> Floats:
-        """A collision-free path with as much room as there is, and then the shortest, by the map's own search.
+        """A collision-free path of the largest clearance possible, and then the shortest, by the map's own search.
 
         Of all chains of FREE cells that join the two, turning on the spot from one rotation cell to the next, it takes
-        those whose smallest clearance is the largest. Where start and goal lie nearer to obstacles than that, they are
-        left the steepest way, so that they alone do not make all of the path narrow. Of the chains between, it is the
-        shortest, with a radian as half a metre; straight edges then leave out what they can within the same room. It is
-        the same every time.
+        those whose smallest clearance is the largest. Where start or goal lies nearer to obstacles than that, the path
+        leaves it by steepest ascent of the clearance, so that the endpoints do not limit the rest. Between, it takes
+        the shortest chain, a radian counting as half a metre; straight edges then shorten it without less clearance. It
+        is deterministic.
 
-        Room is counted at the middles of cells: no cell on the way has less than any other chain must have somewhere.
-        Between them, :meth:`clearance` may be less by the half of a cell's diagonal.
+        Clearance is that of the middles of cells; between them, :meth:`clearance` may be less by half a cell's
+        diagonal.
 
         Parameters
         ----------
         q0, q1 : array-like, shape (dof,)
             FREE configurations in the grid.
         straight : bool
-            Whether to leave out what straight edges do not need.
+            Whether to leave out waypoints that straight edges do not need.
 
         Returns
         -------
@@ -469,7 +468,7 @@ class CSpace(ConfigurationMap):
         ConfigurationError
             If a configuration is not FREE, or not in the grid.
         InputError
-            If a configuration is not one of finite numbers, or memory is too small.
+            If a configuration is not one of finite numbers, or the search does not fit into memory.
         """
         from cspace.map.widest import BYTES, Widest, widest_path
 
@@ -566,10 +565,10 @@ class CSpace(ConfigurationMap):
         of the ``planners`` package) answer for the new workspace from then on.
 
         The :class:`Workspace` that was passed to the build, and other maps of it, stay as they are: the first update
-        copies its cells. Then :attr:`workspace` shows the current ones, which are the obstacles from then on;
-        its ``shapes`` are None, and look-ups with ``exact=True`` use the outer cells instead. What :meth:`place` has
-        placed stays on top. An overlap field belongs to the obstacles as they were, and is dropped. A map built without
-        ``inner`` gets no BLOCKED cells; one from a file, if it has none where there could be one.
+        copies its cells. Then :attr:`workspace` shows the current ones, which are the obstacles from then on; its
+        ``shapes`` are None, and look-ups with ``exact=True`` use the outer cells instead. What :meth:`place` has placed
+        stays on top. An overlap field belongs to the obstacles as they were, and is dropped. A map built without
+        ``inner`` gets no BLOCKED cells; nor does one from a file that has none where there could be some.
 
         What look-ups have cached follows the change at their next call, but for the counts of FREE cells for
         :meth:`sample_free` and the geometry for ``exact=True``, which are made again.
@@ -591,7 +590,7 @@ class CSpace(ConfigurationMap):
         Returns
         -------
         Update
-            What was looked at again, and how many cells changed their state.
+            What was computed again, and how many cells changed their state.
 
         Raises
         ------
@@ -616,20 +615,20 @@ class CSpace(ConfigurationMap):
             return self._updates.update(patch)
 
     def place(self, name: str, obstacle: ShapeLike, *, radius: ArrayLike | None = None) -> Update:
-        """Place an obstacle of a name, in metres, or move it there, and have this map follow.
+        """Place a named obstacle, in metres, or move it there, and update this map.
 
         The map is from then on what a build would give with these obstacles: what the workspace holds otherwise, and
-        all that was placed. An obstacle is placed in place of the one that had its name, and what that one hid is there
-        again. Obstacles may overlap; a cell is in the workspace if it is in any of them. Of one that sticks out of the
-        grid, what is in the grid counts; one that lies wholly outside it keeps its name, and changes nothing.
+        all that was placed. An obstacle replaces the one of the same name, and what that one covered reappears.
+        Obstacles may overlap; a cell is in the workspace if it is in any of them. Of one that sticks out of the grid,
+        what is in the grid counts; one that lies wholly outside it keeps its name, and changes nothing.
 
         Look-ups with ``exact=True`` use the obstacle itself, and not its cells. :meth:`update` goes on to change what
         the workspace holds otherwise, below all that was placed; from then on exact look-ups use its cells.
         All else is as for :meth:`update`. A move over a longer way than the robot reaches is two changes, new place
         first, so that look-ups from other threads may see the obstacle at both, and never at neither.
 
-        Copies and pickles have the names too. A file has the obstacles, as :attr:`workspace` shows them, and not the
-        names: of a map that was opened again they are all there to stay.
+        Copies and pickles keep the names. A file keeps the obstacles, as :attr:`workspace` shows them, without names:
+        in a map that is opened from it they can no longer be moved.
 
         Parameters
         ----------
@@ -648,9 +647,9 @@ class CSpace(ConfigurationMap):
         Raises
         ------
         InputError
-            If the name is no text, or empty, or the obstacle is none of these, or in another dimension than the map, or
-            so far from it that rounding could matter; nothing is changed then. A :class:`GeometryError` if it is empty,
-            not finite, or a polygon that crosses itself.
+            If the name is not a string, or empty, or the obstacle is none of these, or in another dimension than the
+            map, or so far from it that rounding could matter; nothing is changed then. A :class:`GeometryError` if it
+            is empty, not finite, or a polygon that crosses itself.
 
         Examples
         --------
@@ -678,7 +677,7 @@ class CSpace(ConfigurationMap):
             return self._updates.place(name, shape)
 
     def remove(self, name: str) -> Update:
-        """Take away what :meth:`place` has placed; what it hid is there again.
+        """Remove an obstacle that :meth:`place` has placed; what it covered reappears.
 
         Parameters
         ----------
@@ -791,8 +790,8 @@ class CSpace(ConfigurationMap):
         """Write for other programs, by suffix; see :func:`cspace.io.writing.export`.
 
         ``.npz``; in the plane ``.yaml``, a ROS map; ``.vti`` for ParaView; in space ``.ply``, ``.obj`` and ``.stl``,
-        the border of the FREE cells. What holds one slice needs, of a robot that turns, its ``rotation``; ``.vti``
-        holds that one or all of them.
+        the border of the FREE cells. Formats of one slice need its ``rotation`` where the robot turns; ``.vti`` holds
+        that one or all of them.
         """
         from cspace.io.writing import export
 

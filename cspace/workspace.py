@@ -69,7 +69,7 @@ class Workspace:
         draw them apart. None where there are none.
     shapes : tuple or None
         The obstacles themselves, metres, also where they reach out of the grid. None for a map that is itself a grid,
-        whose outer cells are the obstacles. Exact look-ups ask them.
+        whose outer cells are the obstacles. Exact look-ups use them.
     live : bool
         Whether it belongs to a map that is updated, which writes into its cells; other maps of it take a copy.
 
@@ -165,8 +165,8 @@ class Workspace:
     ) -> Workspace:
         """A map that is already a grid.
 
-        An array that is read when it is indexed, of zarr, dask, h5py, xarray with dask behind it, or a
-        ``numpy.memmap``, is not read: see :class:`cspace.workspace.LazyWorkspace`.
+        A lazy array (zarr, dask, h5py, xarray on dask, ``numpy.memmap``) is not read: see
+        :class:`cspace.workspace.LazyWorkspace`.
 
         Parameters
         ----------
@@ -403,7 +403,7 @@ class Workspace:
             begins at the lower corner and has as many cells as reach the upper one, less a strip of up to 1e-9 cells
             from rounding. **What lies outside it is clipped.**
         lazy : bool
-            Cut them into cells where these are asked for, and not now: see :class:`cspace.workspace.LazyWorkspace`.
+            Rasterise them only where cells are read, and not now: see :class:`cspace.workspace.LazyWorkspace`.
 
         Raises
         ------
@@ -548,7 +548,7 @@ class Workspace:
         ----------
         path : path-like
         unknown : {"occupied", "free"}
-            What cells are that the map does not know, within the box of those it knows.
+            What unknown cells are, within the bounding box of the known ones.
 
         Raises
         ------

@@ -4,7 +4,7 @@ Paths that keep away
 
 The shortest path runs along the border of the C-obstacle. Two other objectives leave room: the clearance in the map,
 and the overlap of swollen balls that stand for robot and obstacles, which is smooth. The second needs
-``pip install "cspace[spectral]"``. The widest path has as much room as there is.
+``pip install "cspace[spectral]"``. The widest path has the largest clearance possible.
 """
 
 import shapely

@@ -28,7 +28,7 @@ urdf = Path(folder.name, "cart.urdf")
 urdf.write_text(URDF)
 
 # %%
-# The same door for all of them. Robots in space are known on a plane map by their shadow, ``footprint``.
+# ``Robot.open`` takes them all. On a map in the plane a robot in space is its projection, ``footprint``.
 
 texts = ["disc:0.3", "rect:0.9x0.5@0.2,0", "footprint:[[0.4,0.3],[0.4,-0.3],[-0.2,-0.2],[-0.2,0.2]]"]
 texts += ["cylinder:0.3x1.2", "capsule:0.2x0.8", str(urdf)]

@@ -22,7 +22,7 @@ _BATCH: Final = 256
 class StateValidityChecker(ob.StateValidityChecker):
     """OMPL's question "is this state valid?", answered by a certified map of any space.
 
-    Valid means FREE; a MIXED cell is not valid, unless ``exact`` is wanted and the geometry itself is free there.
+    Valid means FREE; a MIXED cell is not valid, unless ``exact`` is set and the geometry proves the state free.
 
     Parameters
     ----------

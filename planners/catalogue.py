@@ -52,7 +52,7 @@ way back is a loop, which is hardly ever free; a robot that turns on the spot ha
 def planner_names() -> tuple[str, ...]:
     """Names of the geometric planners that the installed OMPL binds, in alphabetical order.
 
-    AORRTC is not among them: that of OMPL 2.0.1 ends the process where paths are longer than some 90 m.
+    AORRTC is not among them: in OMPL 2.0.1 it ends the process on paths longer than some 90 m.
 
     Returns
     -------

@@ -481,7 +481,7 @@ class TurnDriveTurn(StraightEdges):
 
 
 class JointMotions(LocalPlanner):
-    """Motions of an arm: all joints move in step, those that turn for ever the shorter way."""
+    """Motions of an arm: all joints move in step, continuous ones the shorter way."""
 
     space: ArmSpace
     own = (BIRRT,)

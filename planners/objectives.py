@@ -31,8 +31,8 @@ class WeightedLength(ob.OptimizationObjective):
     OMPL may use as a bound. A radian of turn counts as half a metre, as in OMPL's SE(2) and SE(3); but for curves,
     whose length is that of the curve.
 
-    OMPL asks this objective through Python at every step, which rules out the planners that ask from a second thread:
-    PRM and PRMstar would wait for each other without end. :func:`planners.plan` refuses those.
+    OMPL calls this objective through Python at every step, which rules out the planners that call it from a second
+    thread: PRM and PRMstar would deadlock. :func:`planners.plan` refuses those.
 
     Parameters
     ----------
@@ -40,8 +40,8 @@ class WeightedLength(ob.OptimizationObjective):
         Of a :func:`planners.state_space`.
     space : CSpace
     field : Marks or ndarray of float64, optional
-        What has the value: the clearance, by the marks of the map, or cells of the shape of the map's states. Nothing,
-        for the bare length, if left out.
+        Source of the value: the clearance, by the marks of the map, or an array of the shape of the map's states. If
+        left out, the bare length is taken.
     offset, slope : float
     weight : float
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
@@ -105,7 +105,7 @@ class WeightedLength(ob.OptimizationObjective):
 
 
 class ClearanceObjective(WeightedLength):
-    """Length, weighted by how close it comes to what is not FREE.
+    """Length, weighted by how near the path comes to configurations that are not FREE.
 
     A metre of path at clearance c costs ``1 + weight * max(0, 1 - c / comfort)**2``; see :class:`WeightedLength`. Of a
     robot that turns, the clearance is that of the translation.

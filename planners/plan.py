@@ -62,23 +62,23 @@ def plan(
     edge from start to goal. OMPL's messages are held back while it runs.
 
     *Time.* The search and the simplification of its path end within the time limit and a quarter of a second. What the
-    map makes once, at the first plan, comes on top (which FREE cells are joined, distances, compiled functions) and is
-    told apart, in :attr:`Plan.times`.
+    map computes once, at the first plan (components, free blocks, compiled functions), comes on top and is listed
+    separately in :attr:`Plan.times`.
 
     *Maps in a store.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile, of which only those on the way
-    are opened, through the middle of what is FREE of their common faces. In each of them the planner has the time
-    limit; where it finds no path, and where none is named and the length counts, the map's own search takes its place,
-    but for drives. A path through several tiles by straight edges is shortened once more as a whole. Objectives, and
-    curves, are those of each tile; ``exact``, and "overlap", need a map in memory.
+    are opened, through the middle of the FREE part of each common face. The planner has the time limit in each tile.
+    Without a drive, the map's own search takes its place where it finds no path, or where no planner is named and the
+    objective is the length; straight paths are shortened once more as a whole. Objectives and drives apply tile by
+    tile; ``exact``, and "overlap", need a map in memory.
 
-    *Arms.* In the space of an arm (:func:`cspace.build_arm`), an edge moves all joints in step, those that turn for
-    ever the shorter way, and is proven all along by the geometry itself, so that ``exact`` changes nothing. On its path
-    whole turns are counted: rows are joined by straight motions as they are. Drives, "Cubes", "Widest", and objectives
-    but the length and one's own are for maps.
+    *Arms.* In the space of an arm (:func:`cspace.build_arm`), an edge moves all joints in step, continuous ones the
+    shorter way, and is proven all along by the geometry itself, so that ``exact`` changes nothing. Its path counts
+    whole turns, so that straight motions join the rows. Drives, "Cubes", "Widest", "clearance" and "overlap" are for
+    maps.
 
-    *Long tails.* Where the robot turns and FREE cells join start and goal, RRTConnect is mostly through at once, and
-    sometimes not for long. So unless ``iterations``, an objective or another planner is asked for, it has ten thousand
-    iterations; then the map's own search is taken, see "Cubes".
+    *Long tails.* Where the robot turns and FREE cells join start and goal, RRTConnect mostly ends at once, and
+    sometimes takes very long. So, unless ``iterations``, an objective or another planner is given, it has ten thousand
+    iterations; then the map's own search takes over, see "Cubes".
 
     Planners that go on improving their path (BITstar, InformedRRTstar, PRMstar, RRTstar, SORRTstar) use up the time
     limit.
@@ -99,19 +99,19 @@ def plan(
     planner : str, optional
         Name of a planner, in upper or lower case; :func:`planners.planner_names` lists OMPL's. If left out, RRTConnect;
         but for Dubins curves RRT, for RRTConnect's tree at the goal grows by curves that leave the goal, where a car
-        that cannot reverse needs those that arrive, so it often fails among obstacles. Planners that take edges from
-        their ends are refused for Dubins curves, and for "differential" get edges that are free both ways.
-        Or a search of our own. "Cubes", :meth:`cspace.CSpace.free_path` of a map, moves the robot to any side and turns
-        it on the spot, finds a path in milliseconds wherever FREE cells join start and goal, and the same one every
-        time. "Widest", :meth:`cspace.CSpace.widest_path`, gives the path with the most room, and then the shortest;
-        also the same every time, and whatever the time limit; not on a map in a store. "BiRRT",
-        :meth:`cspace.ArmSpace.free_path`, is what an arm gets if the planner is left out: two trees in compiled code,
-        of which motions are proven only where a path may be.
+        that cannot reverse needs those that arrive, so it often fails among obstacles. Planners that also follow edges
+        backwards are refused for Dubins curves, and for "differential" get edges that are free both ways. Or a search
+        of our own. "Cubes", :meth:`cspace.CSpace.free_path` of a map, moves the robot in any direction and turns it on
+        the spot; it finds a path in milliseconds wherever FREE cells join start and goal, and is deterministic.
+        "Widest", :meth:`cspace.CSpace.widest_path`, gives the path of the largest clearance, and then the shortest; it
+        is deterministic, whatever the time limit; not on a map in a store. "BiRRT",
+        :meth:`cspace.ArmSpace.free_path`, is the default for an arm: two trees in compiled code, whose motions are
+        proven only where a path may be.
     time_limit : float
         Seconds after which the search gives up. Where it uses them up, a tenth of a second more goes to simplification.
     iterations : int, optional
-        Give up also once OMPL has asked this often whether to go on, which is about once for each iteration of the
-        planner. Not for PRM and PRMstar.
+        Stop also after so many checks of OMPL's termination condition, about one for each iteration of the planner. Not
+        for PRM and PRMstar.
     simplify : bool
         Whether the path shall be shortened, by OMPL also smoothed. The outcome is kept only where it is certified and
         no worse by the objective.
@@ -127,17 +127,17 @@ def plan(
         LBKPIECE1, RRT and RRTConnect stop at the first path; PRM and PRMstar cannot call Python from their second
         thread. The length counts a radian of turn as half a metre, but for curves; see :attr:`Plan.turning`.
     exact : bool
-        Ask the geometry itself in cells that the map leaves MIXED, so that passages are solved which are a hair wider
-        than the robot. Slower there; edges are no less proven. Where the map cannot decide whether a path exists, the
-        planner joins the FREE stretches of a chain of undecided cells, and the others are crossed by samples of their
-        own, if the robot is holonomic; that can take seconds, so give it time. Not for curves.
+        Decide MIXED cells by the geometry itself, so that passages are solved which are a hair wider than the robot.
+        Slower there; edges are no less proven. Where the map cannot decide whether a path exists, the planner joins the
+        FREE stretches of a chain of undecided cells, and the others are crossed by samples of their own, if the robot
+        is holonomic; that can take seconds, so give it time. Not for curves.
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
-        How the robot gets along an edge, which is proven along what is really driven. "holonomic": straight, turning
+        How the robot moves along an edge, which is proven along what is really driven. "holonomic": straight, turning
         evenly the shorter way. "differential": it turns on the spot, drives straight ahead along its x axis, and turns
         again, each time the shorter way; "differential-reverse" drives backwards where that takes less turning.
         "dubins" and "reeds-shepp" are the shortest curves of a car, ahead alone, or in reverse too. All but the first
-        are for maps of (x, y, yaw), with the reference point in the middle of the axle that does not steer. Its first
-        name, ``curve``, is still taken, here and elsewhere.
+        are for maps of (x, y, yaw), with the reference point in the middle of the axle that does not steer. The former
+        name, ``curve``, still works, here and elsewhere.
     turning_radius : float, optional
         Of the car, in metres; for curves, which need it.
 
@@ -154,8 +154,8 @@ def plan(
     InputError
         If a number is NaN, infinite or out of range, start or goal has the wrong dimension, a name is unknown, or the
         planner does not go together with ``objective``, ``iterations`` or ``drive``, or the objective is "overlap" and
-        the map carries no overlap field. As well where a drive is unknown, the map is not one of (x, y, yaw), the
-        turning radius is missing or not above zero, or ``exact`` is wanted along a curve.
+        the map carries no overlap field. Also if a drive is unknown, the map is not one of (x, y, yaw), the turning
+        radius is missing or not above zero, or ``exact`` is wanted along a curve.
 
     Examples
     --------

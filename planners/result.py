@@ -1,4 +1,4 @@
-"""Plan: what a search found, and how sure it is."""
+"""Plan: what a search found, and what is proven of it."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
 class Times:
     """How long the steps of :func:`planners.plan` took, in seconds.
 
-    The time limit is for planning and simplification. The other two are mostly a millisecond, but at the first plan on
-    a map they make what the map keeps for all later ones: which FREE cells are joined, and distances.
+    The time limit is for planning and simplification. The other two are mostly a millisecond; at the first plan on a
+    map they include what the map caches for all later ones: components, and blocks of FREE cells.
 
     Attributes
     ----------
     setup : float
-        Checks of the input, the question whether a path exists, and OMPL's set-up.
+        Checks of the input, the look-up whether a path exists, and OMPL's set-up.
     planning : float
         The search.
     simplification : float
@@ -69,7 +69,7 @@ class Plan:
     axes : tuple of str
         Names of the columns of the path, those of :attr:`cspace.CSpace.axes`.
     units : tuple of str
-        What the length, and what :attr:`room` is told in: "m", or "rad" for motions of joints.
+        Units of the length, and of :attr:`room`: "m", or "rad" for motions of joints.
     direction : ndarray of int8, shape (n,), read-only, or None
         How the robot gets to each row from the one before: 1 ahead, -1 in reverse, 0 turning on the spot; the first row
         has that of the second. None of a holonomic robot.
@@ -79,7 +79,7 @@ class Plan:
         Whether every edge between the waypoints was proven free by the map, or with ``exact`` by the map and the
         geometry, checked again after OMPL was done; curves are proven along the real curve.
     status : str
-        What came out, in a line: that a path was found, or what is known where none was.
+        The result in a line: that a path was found, or what is known where none was.
     advice : str
         What to try where the search found no path though there may be one; otherwise empty.
     length : float
@@ -89,8 +89,8 @@ class Plan:
         Radians that the robot turns, all turns added up. Planners minimise the length and half a metre for
         each of these; but along curves the length alone. Zero of an arm, and NaN where not solved.
     path_exists : bool or None
-        What the map proves of these ends: a path exists, none does, or None for undecided at this resolution. True is
-        said of a holonomic robot, whatever the drive.
+        What the map proves of start and goal: a path exists, none does, or None for undecided at this resolution. True
+        holds for a holonomic robot, whatever the drive.
     planner : str
         Name of the planner.
     objective : str
@@ -100,14 +100,14 @@ class Plan:
     turning_radius : float or None
         Of the curves, in metres.
     exact : bool
-        Whether the geometry itself was asked where the map cannot decide; of an arm it always is.
+        Whether the geometry itself decided where the map cannot; for an arm it always does.
     seed : int or None
     time_limit : float
         Seconds that the search was given.
     times : Times
     space : CSpace, TiledCSpace, ArmSpace or None
-        The map that it was planned on; None of a plan that was pickled or copied, which leaves the map behind, and
-        takes along what :attr:`clearance` and :attr:`obstacle_distance` are then.
+        The map that it was planned on; None after pickling or copying, which drop the map and keep :attr:`clearance`
+        and :attr:`obstacle_distance` as they are then.
     """
 
     path: Floats
@@ -144,39 +144,39 @@ class Plan:
 
     @property
     def clearance(self) -> float:
-        """Room in the map: lower bound, proven, of the clearance all along the path.
+        """Proven lower bound of the clearance in the map, all along the path.
 
         Metres from any configuration on it to the nearest one that is not FREE, be it in collision or undecided, in the
-        map as it is now; :attr:`obstacle_distance` is that of the robot from the obstacles. Of a robot that turns, the
-        distance is that of its position, at the rotation it has there. Zero along a path through MIXED cells. Of an
+        map as it is now; :attr:`obstacle_distance` is that of the robot from the obstacles. For a robot that turns, the
+        distance is that of its position, at the rotation it has there. Zero along a path through MIXED cells. For an
         arm, by how much links are farther from obstacles, and from each other, than the margin. NaN where not solved.
-        Worked out at each access; the first one on a map takes longer.
+        Computed at each access; the first one on a map takes longer.
         """
         edges = self._edges
         return edges.clearance(self.waypoints) if edges else self._taken_along[0]
 
     @property
     def obstacle_distance(self) -> float:
-        """Room in the workspace: lower bound, proven, of the robot's distance from the obstacles all along the path.
+        """Proven lower bound of the robot's distance from the obstacles in the workspace, all along the path.
 
         Metres between the robot itself, without margin, and the obstacles as they are now: their shapes where the map
         has them, else the outer cells; and, unless the map is open, its border. It is a quarter of a cell below the
         true least distance at most, but the margin at least; infinite where there is nothing, and zero where the path
         is no longer proven free. NaN where not solved, where the map lies in a store, and where what fills a mesh
-        depends on the spacing. Worked out at each access; the first one on a map takes longer.
+        depends on the spacing. Computed at each access; the first one on a map takes longer.
         """
         edges = self._edges
         return edges.distance(self.waypoints) if edges else self._taken_along[1]
 
     @property
     def room(self) -> tuple[str, float]:
-        """The one number of room to tell a person, after its name: the obstacle distance, or else the clearance."""
+        """Name and value of the distance that a plan prints: the obstacle distance, or else the clearance."""
         distance = self.obstacle_distance
         return ("clearance", self.clearance) if math.isnan(distance) else ("obstacle_distance", distance)
 
     @property
     def _edges(self) -> LocalPlanner | None:
-        """What knows the edges of the path on the map; None without a path, and without a map."""
+        """The local planner of the path's edges on the map; None without a path, and without a map."""
         if not self.solved or self.space is None:
             return None
         return local_planner(cast(CSpace, self.space), self.exact, self.drive, self.turning_radius)

@@ -46,13 +46,13 @@ def state_space(
         ``ReedsSheppStateSpace``. Those of a differential drive turn on a point: what they interpolate lies on the edge
         that is proven, but for a hundred-millionth of the map's side, and their distance is in metres alone.
 
-        Of an arm ``RealVectorStateSpace``, or, where joints turn for ever, a ``CompoundStateSpace`` of one of the
-        others and an ``SO2StateSpace`` for each of them, all of weight 1.
+        Of an arm ``RealVectorStateSpace``, or, with continuous joints, a ``CompoundStateSpace`` of one of the others
+        and an ``SO2StateSpace`` for each of them, all of weight 1.
 
     Raises
     ------
     InputError
-        If a drive is unknown, or asked for on a map that is not one of x, y and yaw, or the turning radius is missing,
+        If a drive is unknown, or set on a map that is not one of x, y and yaw, or the turning radius is missing,
         unwanted, or not above zero.
     """
     return _bounded(local_planner(space, False, drive, turning_radius))
@@ -98,7 +98,7 @@ def simple_setup(
     turning_radius: float | None = None,
     both_ways: bool = False,
 ) -> og.SimpleSetup:
-    """OMPL's set-up with everything that a map, or an arm, can answer: states, motions, samples, checking resolution.
+    """OMPL's set-up with everything that a map, or an arm, provides: states, motions, samples, checking resolution.
 
     Choose a planner, set start and goal, and solve::
 
@@ -116,8 +116,8 @@ def simple_setup(
         Given the space information, returns an ``ompl.base.ValidStateSampler``, to be used in place of
         :class:`FreeStateSampler`.
     exact : bool
-        Whether the geometry itself is asked where the map cannot decide. Valid states are then drawn from the whole
-        map and tried, since they need not lie in FREE cells.
+        Whether the geometry itself decides where the map cannot. Valid states are then drawn from the whole map and
+        tested, since they need not lie in FREE cells.
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
         As for :func:`planners.plan`.
     turning_radius : float, optional
@@ -134,7 +134,7 @@ def simple_setup(
     ------
     InputError
         If the sampler is OMPL's ObstacleBasedValidStateSampler, which needs the last valid state of a motion: a motion
-        validator in Python cannot tell it, and invalid states would come out. Or if ``objective`` or the sampler is
+        validator in Python cannot return it, and invalid states would come out. Or if ``objective`` or the sampler is
         of another type than OMPL's, or both ``rng`` and a sampler are given, or ``rng`` and ``exact``. And as
         :func:`state_space`.
     """

@@ -42,7 +42,7 @@ class StateKind:
         Make a function of one state, or of two, from one of the numbers of one configuration, or of two. OMPL calls
         them a million times, so that the commonest are written out.
     endless : tuple of bool
-        Which numbers are of joints that turn for ever; empty if none is.
+        Which numbers are of continuous joints; empty if none is.
     """
 
     make: Callable[[], ob.StateSpace]
@@ -200,7 +200,7 @@ _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
 
 
 def _joints(endless: tuple[bool, ...]) -> StateKind:
-    """States of joints, of which some turn for ever: a vector, or what is composed of one and of circles.
+    """States of joints, of which some are continuous: a vector, or what is composed of one and of circles.
 
     All count alike: a radian as much as a metre.
     """

@@ -33,8 +33,8 @@ save_plot(space, "mobile_robots_1.png", True)
 # BLOCKED: wherever it stands, the robot collides. In the thin orange band, MIXED, the cells do not decide. It becomes
 # thinner with the spacing, and planners keep out of it unless you ask the geometry itself (``exact=True``).
 #
-# Ask the map
-# -----------
+# Query the map
+# -------------
 #
 # All look-ups take one configuration, or an array of them, metres and radians.
 
@@ -42,8 +42,8 @@ print(space.is_free((3.0, 8.0)))
 print(space.is_free([(3.0, 8.0), (8.0, 6.6)]))
 
 # %%
-# An edge is proven as a whole, and not at samples of it. ``clearance`` tells how far the nearest configuration is that
-# is not FREE.
+# An edge is proven as a whole, and not at samples of it. ``clearance`` is the distance to the nearest configuration
+# that is not FREE.
 
 print(space.motion_is_free((3.0, 8.0), (3.0, 6.0)))
 print(space.clearance((3.0, 8.0)))
@@ -98,8 +98,8 @@ save_plot(space, "mobile_robots_4.png", True, view="panels")
 # The world moves
 # ---------------
 #
-# Obstacles are placed by name, moved by placing them again, and removed. The map follows, and so does everything that
-# was handed to a planner.
+# Obstacles are placed by name, moved by placing them again, and removed. The map follows, and so do the checkers that
+# planners hold.
 
 space = cspace.build(workspace, cspace.Robot.disc(0.3))
 before = planners.plan(space, start, goal, seed=4)

@@ -4,10 +4,10 @@ Each node of a tree has a box and a ball that hold all of its triangles, and som
 hull of them, grown by a radius: the whole of a part and large pieces of it, by as many of their corners as tell their
 shape; a few triangles that lie together; and single triangles. What is convex, as a box or a cylinder is, is one node.
 
-*What is proven.* For any vector n, two sets are at least as far apart as their shadows on a line along n, and the
-shadow of a hull is that of its corners, grown by its radius. So nothing depends on where n comes from: it is that of
-the last time, or the way between the nearest points of two hulls, which is found by their differences' corners (E. G.
-Gilbert, D. W. Johnson and S. S. Keerthi, "A fast procedure for computing the distance between complex objects in
+*What is proven.* For any vector n, two sets are at least as far apart as their projections onto a line along n, and the
+projection of a hull is that of its corners, grown by its radius. So nothing depends on where n comes from: it is that
+of the last time, or the way between the nearest points of two hulls, which is found by their differences' corners (E.
+G. Gilbert, D. W. Johnson and S. S. Keerthi, "A fast procedure for computing the distance between complex objects in
 three-dimensional space", 1988).
 
 *Motions.* As seen from the other one, a body moves at a moment as one that turns: a point p at the velocity ``v + w x

@@ -67,15 +67,15 @@ def build_arm_map(
     ----------
     space : ArmSpace
     spacing : float
-        Side of the cells: radians, and metres of joints that slide. Where a joint turns for ever, the next smaller one
-        of which a whole number makes a turn.
+        Side of the cells: radians, and metres of joints that slide. With continuous joints it is rounded down so that
+        whole cells make a turn.
     joints : sequence of str, optional
         The joints of the map, in the order of its axes; by default all of the arm's.
     at : array-like, shape (arm.dof,), optional
         A configuration of the arm, at which the other joints are held; needed where there are others.
     limits : mapping of str to (float, float), optional
-        The part of a joint's way that is mapped; by default all between its limits, and of joints that turn for ever
-        the whole circle, which has no seam. Nothing leads across the ends of such a part.
+        The part of a joint's range that is mapped; by default all between its limits, and of continuous joints the
+        whole circle, without a seam. No path leads across the ends of such a part.
     workers : int, optional
         Threads; by default one for each core that the process may use.
     progress : callable, optional
@@ -84,10 +84,10 @@ def build_arm_map(
     Returns
     -------
     CSpace
-        Its axes are the joints; it has no seam where one of them turns for ever. Look-ups with ``exact=True`` ask the
-        arm in MIXED cells, until cells are changed; a file does not hold the arm. The robot is a point, the workspace
-        the cells that are not FREE, and beyond the limits is BLOCKED. Where limits are not a whole number of cells
-        apart, the last cells reach beyond the upper one, and are never FREE.
+        Its axes are the joints, without a seam along continuous ones. Look-ups with ``exact=True`` use the arm's
+        geometry in MIXED cells, until cells are changed; files do not hold it. The robot is a point, the workspace the
+        cells that are not FREE, and beyond the limits is BLOCKED. Where limits are not a whole number of cells apart,
+        the last cells reach beyond the upper one, and are never FREE.
 
     Raises
     ------

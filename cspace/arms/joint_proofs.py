@@ -23,7 +23,7 @@ class JointProofs:
     held : ndarray of float64, shape (arm.dof,)
         What the others are.
     intervals : ndarray of float64, shape (d, 2)
-        The part of each joint's range that is mapped; infinite where it turns for ever.
+        The part of each joint's range that is mapped; infinite for continuous joints.
     problem : Problem
         The map.
     """

@@ -43,7 +43,7 @@ class Joint(NamedTuple):
     axis : ndarray of float64, shape (3,)
         Unit vector, in the joint's frame.
     lower, upper : float
-        Limits, radians or metres; infinite for a joint that turns for ever.
+        Limits, radians or metres; infinite for a continuous joint.
     leader : str
         The joint that it follows; its own name if it follows none.
     factor, offset : float
@@ -75,7 +75,7 @@ class Arm:
     joints : tuple of str
         Those that a configuration moves, in its order.
     lower, upper : ndarray of float64, shape (dof,)
-        Their limits; infinite where a joint turns for ever.
+        Their limits; infinite for continuous joints.
     links : tuple of Solid
         Links that have a collision geometry, each on the body that it moves with.
     allowed : dict of pairs of str to str
@@ -145,7 +145,7 @@ class Arm:
 
     @property
     def dof(self) -> int:
-        """Numbers of a configuration."""
+        """How many numbers a configuration has."""
         return len(self.joints)
 
     def __repr__(self) -> str:
@@ -203,8 +203,8 @@ class Arm:
         """Every two links with a geometry, and what is known of them.
 
         Why they may touch, as :attr:`allowed` tells, or how often they touch in 1000 random configurations, which are
-        always the same: ``"never"``, ``"sometimes"`` or ``"always"``. All of these are looked at in every proof:
-        sampling proves nothing.
+        always the same: ``"never"``, ``"sometimes"`` or ``"always"``. Every proof checks all of these: sampling proves
+        nothing.
         """
         moving = _moving(self.links)
         scene = scene_of(self.chain, self.links, moving)

@@ -58,7 +58,7 @@ class Contact(NamedTuple):
     distance : float
         How far apart they are at least, metres; zero where that is not proven to be more.
     points : ndarray of float64, shape (2, 3)
-        The nearest points of the two, in the frame of the base, as well as rounding tells.
+        The nearest points of the two, in the frame of the base, within rounding.
     """
 
     link: str
@@ -162,9 +162,9 @@ class ArmSpace(ConfigurationSpace):
 
     @property
     def endless(self) -> tuple[bool, ...]:
-        """Which joints turn for ever, so that a whole turn more is the same configuration.
+        """Which joints are continuous, so that a whole turn more is the same configuration.
 
-        That is not so where another joint follows one by a part of its angle.
+        A joint that another one mimics by a part of its angle is not.
         """
         chain, circles = self.arm.chain, np.isinf(self.arm.upper)
         circles[chain.numbers[(chain.kinds != STILL) & ((chain.kinds != TURNS) | (chain.factors % 1.0 != 0.0))]] = False
@@ -227,7 +227,7 @@ class ArmSpace(ConfigurationSpace):
         return check
 
     def clearance(self, q: ArrayLike) -> float | Floats:
-        """By how much links are farther from obstacles, and from each other, than the margin, at least, metres.
+        """Lower bound of how much farther links are from obstacles, and from each other, than the margin, metres.
 
         Zero where they are nearer than that, or it is not proven.
 
@@ -305,7 +305,7 @@ class ArmSpace(ConfigurationSpace):
         return np.maximum(out, 0.0), nearest
 
     def sample_free(self, n: int | None, rng: np.random.Generator) -> Floats:
-        """Free configurations, uniform within the limits of the joints; of one that turns for ever, within a turn.
+        """Free configurations, uniform within the limits of the joints; for continuous ones, within a turn.
 
         Parameters
         ----------
@@ -365,7 +365,7 @@ class ArmSpace(ConfigurationSpace):
         q1 : array-like, shape (dof,) or (n, dof)
             A FREE configuration; or several, any FREE one of which will do.
         straight : bool
-            Whether to leave out what straight motions do not need.
+            Whether to leave out waypoints that straight motions do not need.
         seed : int, optional
         time_limit : float
             Seconds after which the search gives up.
@@ -481,9 +481,9 @@ def build_arm(
     Parameters
     ----------
     obstacles : Workspace, or mapping of str to Workspace, Placed or Shape
-        In space by name, metres. A workspace alone is called ``"workspace"``. Its mesh or its cloud is asked itself, of
-        all others the cells; what lies beyond the grid is free. Cells that nothing is known of are in the way as
-        ``outer`` says, and prove no configuration BLOCKED.
+        In space by name, metres. A workspace alone is called ``"workspace"``. Its mesh or point cloud is used itself,
+        of any other its cells; all beyond the grid is free. Unknown cells are obstacles as ``outer`` says, and prove no
+        configuration BLOCKED.
     arm : Arm
     allowed : iterable of pairs of str
         A link, and an obstacle or link that it may touch, besides those that :attr:`Arm.allowed` holds.

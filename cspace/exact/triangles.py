@@ -3,7 +3,7 @@
 A ball is a triangle without size, its middle, grown by its radius; a segment has one corner twice. What does not move
 may also be of boxes, which are solid.
 
-*What is proven.* For any vector n, two triangles are at least as far apart as their shadows on a line along n::
+*What is proven.* For any vector n, two triangles are at least as far apart as their projections onto a line along n::
 
     distance >= min n.(b_j - a_0) / |n| - max n.(a_i - a_0) / |n|        over their corners a_i and b_j
 
@@ -46,7 +46,7 @@ Node = tuple[int, int, int]
 """A node of a tree: its number, its first triangle and how many it has."""
 
 LEAST_SQUARE = 2.0**-600
-"""Squared length of the shortest vector along which shadows are compared."""
+"""Squared length of the shortest vector along which projections are compared."""
 
 DEPTH = 128
 """Pairs of nodes that wait at a time, at most: fewer than the levels of two trees, and two."""
@@ -275,7 +275,7 @@ def share_of_pair(trees: Trees, i: int, j: int, motion: Motion, turn: float, eno
 
 @inner
 def share_along(n: Row, a: Corners, b: Corners, step: Row, turn: float, least: float) -> float:
-    """:func:`share_apart` of two triangles, by their shadows on a line; -1 where those are too near, or n too short."""
+    """:func:`share_apart` of two triangles, by their projections onto a line; -1 where too near, or n too short."""
     square = dot(n, n)
     if not LEAST_SQUARE < square < math.inf:
         return -1.0

@@ -52,7 +52,7 @@ class Contents:
     proves_blocked : bool or None
         Whether BLOCKED is proven; None where that is not known, as of a map from a file.
     endless : tuple of bool
-        Which axes close in a circle: joints of an arm that turn for ever. Empty where none does.
+        Which axes close in a circle: continuous joints of an arm. Empty where there is none.
     prove : callable or None
         Makes the exact proofs of a map of joints, by the space of their arm, of a
         :class:`cspace.exact.boundaries.Problem`. No file holds it, and the first change of the cells lets it go.

@@ -54,14 +54,14 @@ _OF_A_WHOLE: Final = ("place", "placed", "remove")
 
 
 class TiledCSpace(ConfigurationMap):
-    """A certified map that stays in its store; what is looked up of it is read tile by tile.
+    """A certified map that stays in its store; look-ups read it tile by tile.
 
     :func:`cspace.build` makes it with a ``store``, and :func:`cspace.open` opens it. Its answers are those of the same
     map in memory, :class:`cspace.CSpace`, look-up by look-up. It takes one configuration, shape (dof,), or any batch,
     shape (..., dof); a batch reads each tile once. :meth:`window` gives a part of it as a map in memory, for
     everything else.
 
-    A store that is half done opens too: :attr:`done` tells the share, and look-ups refuse.
+    A store that is half done opens too: :attr:`done` is the share, and look-ups refuse.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ class TiledCSpace(ConfigurationMap):
     # ---- what FREE cells join ----------------------------------------------------------------------------------------
 
     def label(self, client: Client | None = None, progress: Progress | None = None) -> None:
-        """Find out which cells are joined, tile by tile, and keep that in the store.
+        """Label the components of the map, tile by tile, and keep them in the store.
 
         :meth:`path_exists` does it at the first call, in threads of this process; here it is done beforehand, or on a
         cluster. After an update only the tiles that it changed are labelled again.
@@ -236,7 +236,7 @@ class TiledCSpace(ConfigurationMap):
     # ---- parts, and changes ------------------------------------------------------------------------------------------
 
     def window(self, lower: ArrayLike, upper: ArrayLike) -> CSpace:
-        """A part of the map, in memory, which answers whatever is asked within a box as the whole map would.
+        """A part of the map, in memory, with the answers of the whole map within a box.
 
         It holds the cells of the box and as many around it as the robot reaches, also beyond the border of the map.
         Of what lies farther nothing is known: it is MIXED, and ``outside`` is "unknown". So a path is only proven not
