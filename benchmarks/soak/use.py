@@ -173,7 +173,7 @@ def _each(space: CSpace, q: Any) -> Any:
 
 
 def same_in_a_child(method: str) -> bool:
-    """Whether a map that another process was given answers there as here, while threads here look things up."""
+    """Whether maps that other processes were given, while a thread here looked things up, answer there as here."""
     space = maps()[0]
     expected, stop = _answers(space), threading.Event()
 
@@ -184,18 +184,25 @@ def same_in_a_child(method: str) -> bool:
     thread = threading.Thread(target=look)
     thread.start()
     try:
-        return all(_in_a_child(method, space) == expected for _ in range(3 if method == "fork" else 1))
+        children = [_child(method, space) for _ in range(3 if method == "fork" else 1)]
     finally:
         stop.set()
         thread.join()
+    answers = [_answers_of(*child) for child in children]
+    return answers == [expected] * len(children)
 
 
-def _in_a_child(method: str, space: CSpace) -> object:
+def _child(method: str, space: CSpace) -> tuple[Any, Any]:
+    """A process that was given a map, and where its answers come."""
     context = multiprocessing.get_context(method)
     here, there = context.Pipe()
     child = context.Process(target=_send_answers, args=(there, space))
     child.start()
-    answers = here.recv() if here.poll(60) else None
+    return child, here
+
+
+def _answers_of(child: Any, pipe: Any) -> object:
+    answers = pipe.recv() if pipe.poll(60) else None
     child.kill()
     child.join()
     return answers
