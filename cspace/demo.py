@@ -1,4 +1,4 @@
-"""A small floor plan, drawn here, that shows what a map can tell."""
+"""A small floor plan, drawn here, that shows what a map can prove."""
 
 from __future__ import annotations
 

@@ -104,7 +104,7 @@ CompiledRotations = OneCell | YawCells | QuaternionCells
 
 
 class Symmetric(Protocol):
-    """What rotation cells ask of a robot's shape."""
+    """What rotation cells need of a robot's shape."""
 
     @property
     def symmetry(self) -> int:
@@ -235,7 +235,7 @@ class Rotations(Orientation):
 
     @abstractmethod
     def fewer(self, share: float) -> str:
-        """What to ask for instead to get at most a share of the cells, for messages."""
+        """What to pass instead to get at most a share of the cells, for messages."""
 
     @abstractmethod
     def slice_of(self, shape: Symmetric) -> Ints:
@@ -246,7 +246,7 @@ class Rotations(Orientation):
         """
 
     def of_slices(self, shape: Symmetric) -> Floats:
-        """A rotation of each slice of a robot, as a configuration tells it, shape (slices, dof)."""
+        """A rotation of each slice of a robot, as in a configuration, shape (slices, dof)."""
         return self.centers[np.unique(self.slice_of(shape), return_index=True)[1]]
 
     @abstractmethod

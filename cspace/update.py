@@ -53,7 +53,7 @@ class Update:
     occupied : int
         Number of workspace cells that differ from what they were.
     lower, upper : tuple of int
-        The box of cells of configurations, in any rotation cell, that were looked at again: its first cell, and the
+        The box of cells of configurations, in any rotation cell, that were computed again: its first cell, and the
         first one after it along each axis. Equal where nothing had to be.
     changed : int
         Number of cells of configurations, over all rotation cells, whose state is another now.
@@ -86,7 +86,7 @@ class Patch:
     outer, inner : ndarray of bool
         Its cells that meet an obstacle, and those that lie in obstacles; the same object where both are the same.
     unknown : ndarray of bool, or False
-        Its cells that nothing is known of.
+        Its unknown cells.
     """
 
     lower: tuple[int, ...]

@@ -30,7 +30,7 @@ class StateValidityChecker(ob.StateValidityChecker):
         Of a :func:`planners.state_space`.
     space : CSpace
     exact : bool
-        Whether the geometry itself is asked where the map cannot decide.
+        Whether the geometry itself decides where the map cannot.
     """
 
     def __init__(self, si: ob.SpaceInformation, space: CSpace, *, exact: bool = False) -> None:
@@ -77,7 +77,7 @@ class MotionValidator(ob.MotionValidator):
         Of a :func:`planners.state_space`. It is not kept: a validator that holds it would never be freed.
     space : CSpace
     exact : bool
-        Whether the geometry itself is asked where the map cannot decide.
+        Whether the geometry itself decides where the map cannot.
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
         As for :func:`planners.plan`.
     turning_radius : float, optional

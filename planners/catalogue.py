@@ -28,7 +28,7 @@ IGNORE_OBJECTIVES: Final = frozenset({"BKPIECE1", "KPIECE1", "LBKPIECE1", "RRT",
 """Planners that heed no objective: they stop at the first path."""
 
 SECOND_THREAD: Final = frozenset({"PRM", "PRMstar"})
-"""Planners that look for a solution from a second thread. It would need Python to ask a Python objective or stopping
+"""Planners that look for a solution from a second thread. It would need Python to call a Python objective or stopping
 rule, while the first thread holds Python and waits for the second: a deadlock, so such pairs are refused. Nor may a
 callback raise in them, which would end the process."""
 

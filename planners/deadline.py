@@ -1,8 +1,8 @@
 """Deadlines that OMPL keeps.
 
-OMPL asks between two steps of a planner whether to go on, and a single step, or the simplification of a path, may ask
-for thousands of edges. After the deadline those are no longer answered by the map but by a plain no, so that whatever
-runs is soon through and keeps the best path that it has; and where even that is not enough, by an exception.
+OMPL checks its termination condition between two steps of a planner, and a single step, or the simplification of a
+path, may check thousands of edges. After the deadline these are all refused without a look-up, so that whatever runs
+ends soon and keeps the best path that it has; where even that is not enough, an exception ends it.
 """
 
 from __future__ import annotations

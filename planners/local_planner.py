@@ -100,13 +100,13 @@ class LocalPlanner(ABC):
     space : CSpace or ArmSpace
         Decides whether an edge is free.
     exact : bool
-        Whether the geometry itself is asked where a map cannot decide.
+        Whether the geometry itself decides where a map cannot.
     drive : str
         One of :data:`DRIVES`.
     turning_radius : float or None
         Of the curves, metres.
     both_ways : bool
-        Whether an edge that OMPL asks for must also be free from its end to its start, which is another one where the
+        Whether an edge that OMPL checks must also be free from its end to its start, which is another one where the
         robot does not reverse.
     """
 
@@ -666,9 +666,9 @@ def local_planner(
 ) -> LocalPlanner:
     """How configurations are joined; the options are those of :class:`LocalPlanner`.
 
-    Raises InputError if ``space`` is no map; or it is not one of a robot that turns in the plane and a drive is asked
-    for, the turning radius is missing, unwanted, or not above zero, the drive is unknown, or ``exact`` is wanted along
-    a curve.
+    Raises InputError if ``space`` is no map; or it is not one of a robot that turns in the plane and a drive is set,
+    the turning radius is missing, unwanted, or not above zero, the drive is unknown, or ``exact`` is wanted along a
+    curve.
     """
     check_space(space)
     check_flag(exact, "exact")

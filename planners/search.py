@@ -57,7 +57,7 @@ class SearchResult:
     planning, simplification : float
         Seconds.
     proven : bool
-        Whether all edges were proven free, asked again of the map.
+        Whether all edges were proven free, checked again on the map.
     where : str
         On which part of the path the search failed, if it has several.
     """
@@ -81,7 +81,7 @@ class Search:
     objective : callable or None
         Given the space information, returns an objective; None for the length.
     iterations : int or None
-        How often OMPL may ask whether to go on.
+        How often OMPL may check its termination condition.
     simplify : bool
     seed : int or None
     """
@@ -94,7 +94,7 @@ class Search:
 
     @property
     def may_stop(self) -> bool:
-        """Whether any path will do, and the planner may be asked for how long it looks."""
+        """Whether any path will do, and the planner may be stopped after some iterations."""
         return self.objective is None and self.iterations is None and self.planner == planner_named(None)
 
     def run(
@@ -191,7 +191,7 @@ class _Run:
         return SearchResult(path, note, planning, time.perf_counter() - began)
 
     def _choose_on_roadmap(self) -> None:
-        """Of the planners that cannot ask for our length, take the path on their roadmap that is the shortest by it."""
+        """For planners that cannot call our objective, take the cheapest path on their roadmap by it."""
         setup, make = self._setup, self._search.objective
         if self._search.planner not in SECOND_THREAD or make is None or not setup.haveExactSolutionPath():
             return

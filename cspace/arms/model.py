@@ -111,7 +111,7 @@ class Arm:
         Parameters
         ----------
         path : path-like
-            The URDF. Meshes are looked for as :meth:`cspace.Robot.from_urdf` tells.
+            The URDF. Meshes are looked for as :meth:`cspace.Robot.from_urdf` says.
         srdf : path-like, optional
             An SRDF file that says which links may touch: pairs of ``disable_collisions``, and all of a link of
             ``disable_default_collisions`` but those of ``enable_collisions``. By default these are links joined by a
@@ -202,7 +202,7 @@ class Arm:
     def pairs(self) -> dict[Names, str]:
         """Every two links with a geometry, and what is known of them.
 
-        Why they may touch, as :attr:`allowed` tells, or how often they touch in 1000 random configurations, which are
+        Why they may touch, as in :attr:`allowed`, or how often they touch in 1000 random configurations, which are
         always the same: ``"never"``, ``"sometimes"`` or ``"always"``. Every proof checks all of these: sampling proves
         nothing.
         """

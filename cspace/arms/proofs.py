@@ -6,8 +6,8 @@ tested once (F. Schwarzer, M. Saha and J.-C. Latombe, "Adaptive dynamic collisio
 articulated robots in complex environments", 2005). Longer parts come first, so that a collision shows early, and in
 each the pair that was not proven last.
 
-Links and obstacles are trees of convex hulls, grown by radii (:mod:`cspace.arms.hulls`). Where no borders meet, what
-hangs together lies in a closed surface as a whole or not at all, so one point of it tells, once for all of a motion;
+Links and obstacles are trees of convex hulls, grown by radii (:mod:`cspace.arms.hulls`). Where no borders meet, a
+connected part lies in a closed surface as a whole or not at all, so one point of it decides, once for all of a motion;
 and where hulls that hold all of both sides are apart, none does.
 """
 
@@ -262,7 +262,7 @@ def spare_of(scene: Scene, n: int, half: float, least: float, work: Work) -> flo
 def nests(scene: Scene, n: int, work: Work, deep: float) -> bool:
     """Whether an anchor of one solid of a pair lies in a closed surface of the other, so far from its triangles.
 
-    Where no borders meet, an anchor tells of all that hangs together with it, and ``deep`` is -1.
+    Where no borders meet, an anchor decides for its connected part, and ``deep`` is -1.
     """
     i, j = scene.pairs[n]
     if holds(scene, i, j, work, deep) or holds(scene, j, i, work, deep):

@@ -77,7 +77,7 @@ def open_slice(path: str | os.PathLike[str], rotation: ArrayLike = ()) -> NDArra
     path : path-like
         A Zarr folder or an ``.npz`` file.
     rotation : array-like, shape (k,)
-        As a configuration tells it: a yaw in radians, a quaternion, or nothing for a robot that only translates.
+        As in a configuration: a yaw in radians, a quaternion, or nothing for a robot that only translates.
 
     Returns
     -------

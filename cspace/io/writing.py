@@ -35,7 +35,7 @@ SAVES: Final[Mapping[str, Callable[[Contents, Named, bool], None]]] = {
 
 
 class _Layers(Mapping[str, NDArray[Any]]):
-    """The arrays of some rotation cells of a map, each taken from its stack when it is asked for.
+    """The arrays of some rotation cells of a map, each taken from its stack when it is read.
 
     Those of one cell keep their names; those of several have the number of the cell behind them.
     """
@@ -134,9 +134,9 @@ def export(
     overwrite : bool
         Whether an existing output may be replaced.
     rotation : array-like, shape (k,), optional
-        Of a robot that turns, the rotation to write, as a configuration tells it: needed for what holds one slice, and
-        for ``.vti``, if not all are wanted. What the map calls free is proven for all of the rotation cell that holds
-        it, and for no other.
+        Of a robot that turns, the rotation to write, as in a configuration: needed for formats of one slice, and for
+        ``.vti`` unless all are wanted. What the map calls free is proven for all of the rotation cell that holds it,
+        and for no other.
 
     Raises
     ------
@@ -182,13 +182,12 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     -------
     xarray.Dataset
         Dimensions ``x``, ``y`` and in space ``z``, or the joints of an arm, with the middles of the cells, in metres or
-        radians. Variables ``state`` (uint8,
-        flags free, mixed and blocked), ``outer`` and ``inner`` (bool, the workspace) and, where the map has them,
-        ``overlap`` (int32), ``penetration`` and its derivatives ``penetration_x`` and so on (float64), and ``shapes``
-        (bytes of JSON text, which makes the obstacles again). The arrays are read-only; copy the Dataset to change it.
-        Attributes are text, numbers and lists of numbers: ``lower``, ``spacing``, ``outside``, ``margin``,
-        ``precision``, ``rotations`` (their number), ``robot`` (JSON text for ``Robot.from_spec``),
-        ``workspace_source`` and the versions.
+        radians. Variables ``state`` (uint8, flags free, mixed and blocked), ``outer`` and ``inner`` (bool, the
+        workspace) and, where the map has them, ``overlap`` (int32), ``penetration`` and its derivatives
+        ``penetration_x`` and so on (float64), and ``shapes`` (bytes of JSON text, which makes the obstacles again). The
+        arrays are read-only; copy the Dataset to change it. Attributes are text, numbers and lists of numbers:
+        ``lower``, ``spacing``, ``outside``, ``margin``, ``precision``, ``rotations`` (their number), ``robot`` (JSON
+        text for ``Robot.from_spec``), ``workspace_source`` and the versions.
 
         For a robot that turns, ``state``, ``overlap`` and the field have the dimension ``rotation`` before those of the
         cells, with the coordinates ``yaw`` (the representative, radians), ``yaw_bounds`` (its borders),

@@ -1,1 +1,1 @@
-"""What can be asked of a map: points, edges, overlaps, and sets of configurations, over one record."""
+"""Queries of a map: points, edges, overlaps, and sets of configurations, over one record."""

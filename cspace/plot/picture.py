@@ -115,20 +115,20 @@ def plot(
     space : CSpace
         The map.
     rotation : array-like, shape (k,) or (n, k), optional
-        For a map with rotations: show the slice at this one, as a configuration tells it (a yaw in radians, or a
-        quaternion), or a panel for each of several. By default all are shown at once: where the robot is free at every
-        rotation, at some, and at none; panels show six of them.
+        For a map with rotations: show the slice at this one, as in a configuration (a yaw in radians, or a quaternion),
+        or a panel for each of several. By default all are shown at once: where the robot is free at every rotation, at
+        some, and at none; panels show six of them.
     path : array-like, shape (n, dof), or Plan, optional
         Configurations to join by straight edges, in metres and radians; or anything whose ``path`` attribute holds
         them.
     start, goal : array-like, shape (dof,), optional
-        Configurations to mark; where left out and a path is given, its ends. An arrow shows a yaw.
+        Configurations to mark; if left out, the endpoints of the path. An arrow shows a yaw.
     ax : matplotlib.axes.Axes, optional
         Where to draw; by default a new figure, which belongs to no window. ``view="3d"`` takes axes in three
         dimensions; sections and panels always have a figure of their own.
     robot_every : float, optional
         Metres of path between two drawn robots, where a turn counts as the distance that the robot's farthest point
-        moves; ``inf`` draws it at the ends only. By default about a dozen.
+        moves; ``inf`` draws it at the endpoints only. By default about a dozen.
     legend : bool
         Whether to add a legend, beside or below the axes, where it hides nothing.
     title : str, optional

@@ -239,11 +239,11 @@ class TiledCSpace(ConfigurationMap):
         """A part of the map, in memory, with the answers of the whole map within a box.
 
         It holds the cells of the box and as many around it as the robot reaches, also beyond the border of the map.
-        Of what lies farther nothing is known: it is MIXED, and ``outside`` is "unknown". So a path is only proven not
-        to exist where none does in the whole map, and a clearance ends at the window's border. A window of the whole
-        map is the map, with its own ``outside``. With ``exact=True`` it asks the obstacles that the map was built on,
-        where these are shapes, and else, as after an update, the outer cells; so it does at the border of a map that is
-        free around it, where a shape sticks out of it.
+        Everything farther away is unknown: it is MIXED, and ``outside`` is "unknown". So a path is only proven not to
+        exist where none does in the whole map, and a clearance ends at the window's border. A window of the whole map
+        is the map, with its own ``outside``. With ``exact=True`` it uses the obstacles that the map was built on, where
+        these are shapes, and else, as after an update, the outer cells; so it does at the border of a map that is free
+        around it, where a shape sticks out of it.
 
         Parameters
         ----------
@@ -304,8 +304,8 @@ class TiledCSpace(ConfigurationMap):
         """Change a box of workspace cells, and with it the stored map, to what a build would give.
 
         Only the tiles that the change reaches are made anew. They take the place of the old ones at one moment, and
-        :attr:`version` grows: who looks something up, in this process or another, sees the map before or after, and
-        never between. An update that is killed has either not taken place, or has. Updates wait for each other.
+        :attr:`version` grows: look-ups, in this process or another, see the map before or after, and never between. An
+        update that is killed has either not taken place, or has. Updates wait for each other.
 
         Parameters
         ----------

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from viser import ViserServer
 
 PORT: Final = 8080
-"""The first port that is tried where none is asked for."""
+"""The first port that is tried where none is given."""
 _TRIED: Final = 100
 _TAKEN: Final = (errno.EADDRINUSE, errno.EACCES)
 _FOREIGN: Final = 1008
@@ -97,7 +97,7 @@ def is_local(host: str | None) -> bool:
 
 
 def _free_port(host: str, port: int | None) -> int:
-    """The port to serve on: the one asked for, or the first free one from :data:`PORT` on.
+    """The port to serve on: the one given, or the first free one from :data:`PORT` on.
 
     Raises InputError if the host is none of this machine, or the port is taken, or no port.
     """
