@@ -107,7 +107,7 @@ class Plan:
     times : Times
     space : CSpace, TiledCSpace, ArmSpace or None
         The map that it was planned on; None after pickling or copying, which drop the map and keep :attr:`clearance`
-        and :attr:`obstacle_distance` as they are then.
+        as it is then.
     """
 
     path: Floats
@@ -131,10 +131,10 @@ class Plan:
     time_limit: float
     times: Times
     space: ConfigurationSpace | None = None
-    _taken_along: tuple[float, float] = (math.nan, math.nan)
+    _clearance: float = math.nan
 
     def __getstate__(self) -> list[Any]:
-        left = {"space": None, "_taken_along": (self.clearance, self.obstacle_distance)}
+        left = {"space": None, "_clearance": self.clearance}
         return [left.get(each.name, getattr(self, each.name)) for each in fields(self)]
 
     @property
@@ -153,7 +153,7 @@ class Plan:
         Computed at each access; the first one on a map takes longer.
         """
         edges = self._edges
-        return edges.clearance(self.waypoints) if edges else self._taken_along[0]
+        return edges.clearance(self.waypoints) if edges else self._clearance
 
     @property
     def obstacle_distance(self) -> float:
@@ -162,11 +162,11 @@ class Plan:
         Metres between the robot itself, without margin, and the obstacles as they are now: their shapes where the map
         has them, else the outer cells; and, unless the map is open, its border. It is a quarter of a cell below the
         true least distance at most, but the margin at least; infinite where there is nothing, and zero where the path
-        is no longer proven free. NaN where not solved, where the map lies in a store, and where what fills a mesh
-        depends on the spacing. Computed at each access; the first one on a map takes longer.
+        is no longer proven free. NaN where not solved, where the map was left behind or lies in a store, and where what
+        fills a mesh depends on the spacing. Computed at each access; the first one on a map takes longer.
         """
         edges = self._edges
-        return edges.distance(self.waypoints) if edges else self._taken_along[1]
+        return edges.distance(self.waypoints) if edges else math.nan
 
     @property
     def room(self) -> tuple[str, float]:
@@ -276,7 +276,7 @@ class Plan:
         FileError
             If the file exists and may not be replaced, or cannot be written.
         """
-        names = [each.name for each in fields(self) if each.name not in ("space", "_taken_along")]
+        names = [each.name for each in fields(self) if each.name not in ("space", "_clearance")]
         names += ["clearance", "obstacle_distance"]
         record = {name: _plain(getattr(self, name)) for name in names}
         _write(path, overwrite, lambda file: file.write(json.dumps(record, indent=2, allow_nan=False) + "\n"))
