@@ -1,4 +1,6 @@
-"""Types of arrays, by what they hold."""
+"""Types of arrays, by what they hold, and arrays that are not to be written."""
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,3 +14,9 @@ Words = NDArray[np.uint64]
 
 Surface = tuple[Floats, Ints]
 """Triangles: vertices, shape (V, 3), metres, and the numbers of their corners among these, shape (F, 3)."""
+
+
+def frozen(array: NDArray[Any]) -> NDArray[Any]:
+    """The array, not to be written."""
+    array.setflags(write=False)
+    return array

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Floats
+from cspace.arrays import Bools, Floats, frozen
 from cspace.errors import InputError
 from cspace.grid import SLACK, Grid, finite, unmasked
 from cspace.memory import Planned, check_memory
@@ -147,6 +147,5 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
                 "whole numbers must be 0 or 1",
                 "compare with a threshold first, e.g. array >= 50",
             )
-    copy = np.array(array != 0, order="C")  # a boolean array may hold other bytes than 0 and 1; a comparison does not
-    copy.setflags(write=False)
-    return copy
+    # A boolean array may hold other bytes than 0 and 1; a comparison does not.
+    return frozen(np.array(array != 0, order="C"))

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Floats, Ints
+from cspace.arrays import Floats, Ints, frozen
 from cspace.errors import InputError
 from cspace.grid import finite, whole
 from cspace.orientation import MAX_YAW as MAX_YAW
@@ -813,10 +813,8 @@ def _chart(n: int) -> _Chart:
         shares[i] = np.add.reduceat(np.add.reduceat(part, cut, axis=0), cut, axis=1)
     volumes = np.tile(shares.ravel() / (4.0 * shares.sum()), 4)
     charts = np.repeat(np.arange(4), n**3)
-    made = _Chart(borders, _quaternions(charts, np.tile(quotients, (4, 1))), np.tile(least[kind.ravel()], 4), volumes)
-    for array in made:
-        array.setflags(write=False)
-    return made
+    made = borders, _quaternions(charts, np.tile(quotients, (4, 1))), np.tile(least[kind.ravel()], 4), volumes
+    return _Chart(*map(frozen, made))
 
 
 _CORNERS: Final = np.array([[a, b, c] for a in (0, 1) for b in (0, 1) for c in (0, 1)])

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeAlias, TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Floats
+from cspace.arrays import Bools, Floats, frozen
 from cspace.covering import check_bounds, check_cells, covering_grid, warn_of_nothing, warn_of_units
 from cspace.errors import InputError
 from cspace.grid import Grid, finite, positive
@@ -637,9 +637,7 @@ class LazyWorkspace(Workspace):
         if not whole:
             grid = self.grid
             check_memory(WORKSPACE_BYTES * grid.size, "the workspace", grid, mend=_IN_TILES)
-            outer, inner = self.cells.read(tuple(slice(0, n) for n in grid.shape))
-            for cells in (outer, inner):
-                cells.setflags(write=False)
+            outer, inner = map(frozen, self.cells.read(tuple(slice(0, n) for n in grid.shape)))
             whole.append((outer, outer if np.array_equal(outer, inner) else inner))
         return whole[0]
 

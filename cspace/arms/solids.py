@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import pickle
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Final, NamedTuple
 from weakref import WeakValueDictionary
@@ -45,8 +45,8 @@ class Placed:
     def sides(self) -> tuple[Placed, Placed]:
         """It from outside, and from within, where it is known by two others."""
         outer, inner = self.shape.sides
-        placed = Placed(outer, self.pose)
-        return placed, placed if inner is outer else Placed(inner, self.pose)
+        placed = replace(self, shape=outer)
+        return placed, placed if inner is outer else replace(self, shape=inner)
 
     def moved(self, points: Floats) -> Floats:
         """Points of its own frame in that of the body, shape (..., 3)."""
@@ -114,12 +114,6 @@ class Still(Placed):
     """
 
     reach: float
-
-    @cached_property
-    def sides(self) -> tuple[Placed, Placed]:
-        outer, inner = self.shape.sides
-        placed = Still(outer, self.pose, self.reach)
-        return placed, placed if inner is outer else Still(inner, self.pose, self.reach)
 
     @cached_property
     def is_filled(self) -> bool:  # type: ignore[override]

@@ -23,7 +23,7 @@ from cspace.arms.solids import Placed, Solid, Still, scene_of, scene_within
 from cspace.arrays import Bools, Floats, Ints, States
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
-from cspace.grid import finite, positive
+from cspace.grid import finite, positive, whole
 from cspace.map.batches import Query, check_rng, own
 from cspace.shapes import Shape
 from cspace.states import BLOCKED, FREE, MIXED
@@ -324,12 +324,9 @@ class ArmSpace(ConfigurationSpace):
         InputError
             If ``n`` is negative or ``rng`` is not a Generator.
         """
-        generator = check_rng(rng)
-        if n is not None and (not isinstance(n, int | np.integer) or n < 0):
-            rule = "it must be a whole number, zero or above, or None for one sample"
-            raise InputError("n", f"is {n!r}", rule, "pass e.g. 100", value=n)
-        ranges = self.arm.ranges()
-        count, batches, tried = 1 if n is None else int(n), [np.empty((0, self.arm.dof))], 0
+        count = 1 if n is None else whole(n, "n")
+        generator, ranges = check_rng(rng), self.arm.ranges()
+        batches, tried = [np.empty((0, self.arm.dof))], 0
         while (count_drawn := sum(map(len, batches))) < count:
             points = generator.uniform(*ranges, (min(max(2 * (count - count_drawn), 16), 10_000), self.arm.dof))
             batches.append(points[np.asarray(self.is_free(points))])

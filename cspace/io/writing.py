@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Ints
+from cspace.arrays import Ints, frozen
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.io.exports import WRITERS, write_border, write_vti
@@ -236,6 +236,4 @@ def _by_rotation(stack: NDArray[Any], slice_of: Ints) -> NDArray[Any]:
         return stack
     if len(stack) == 1:
         return np.broadcast_to(stack, (len(slice_of), *stack.shape[1:]))
-    every: NDArray[Any] = stack[slice_of]
-    every.setflags(write=False)
-    return every
+    return frozen(stack[slice_of])

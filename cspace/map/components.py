@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cspace.arrays import Bools, Ints, Words
 from cspace.compiling import inner, reader
 from cspace.map.storage import Cells, Stack, bits_from, cells_of, expect, row_in, state_in, zeros_below
+from cspace.raster.components import find, unite
 from cspace.threads import cores, in_threads
 
 Nodes = NDArray[np.int32]
@@ -163,25 +164,6 @@ class Joined(NamedTuple):
 
 
 # ---- compiled passes -------------------------------------------------------------------------------------------------
-
-
-@inner
-def find(parent: Nodes, node: int) -> int:
-    """The root of a node; the way there is halved (Tarjan, 1975)."""
-    while parent[node] != node:
-        parent[node] = parent[parent[node]]
-        node = parent[node]
-    return node
-
-
-@inner
-def unite(parent: Nodes, a: int, b: int) -> bool:
-    """Join two nodes, the lower root on top; whether they were apart."""
-    a, b = find(parent, a), find(parent, b)
-    if a == b:
-        return False
-    parent[max(a, b)] = min(a, b)
-    return True
 
 
 @inner

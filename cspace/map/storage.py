@@ -17,7 +17,7 @@ from numba.cpython.unsafe.numbers import leading_zeros, trailing_zeros
 from numba.extending import intrinsic
 from numpy.typing import DTypeLike, NDArray
 
-from cspace.arrays import Bytes, Ints
+from cspace.arrays import Bytes, Ints, frozen
 from cspace.compiling import by_kind, inner, reader
 from cspace.errors import InputError
 from cspace.memory import KEEP, bytes_text, free_bytes
@@ -390,9 +390,7 @@ def counts_of(states: Stack) -> Ints:
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:
     """A view of the array, in one piece, that is not to be written."""
-    view = np.ascontiguousarray(array).view()
-    view.setflags(write=False)
-    return view
+    return frozen(np.ascontiguousarray(array).view())
 
 
 def check_bytes(states: int) -> None:

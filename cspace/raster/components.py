@@ -136,12 +136,23 @@ def _list_runs(blocked: Bools, offsets: Ints, lows: Labels, highs: Labels, start
                 highs[run] = nz - 1
 
 
-@jit
-def _root(parents: Labels, run: int) -> int:
-    while parents[run] != run:
-        parents[run] = parents[parents[run]]
-        run = parents[run]
-    return run
+@inner
+def find(parents: Labels, node: int) -> int:
+    """The root of a node; the way there is halved (Tarjan, 1975)."""
+    while parents[node] != node:
+        parents[node] = parents[parents[node]]
+        node = parents[node]
+    return node
+
+
+@inner
+def unite(parents: Labels, a: int, b: int) -> bool:
+    """Join two nodes, the lower root on top; whether they were apart."""
+    a, b = find(parents, a), find(parents, b)
+    if a == b:
+        return False
+    parents[max(a, b)] = min(a, b)
+    return True
 
 
 @inner
@@ -150,8 +161,7 @@ def _join_columns(offsets: Ints, lows: Labels, highs: Labels, parents: Labels, c
     a, b = offsets[column], offsets[other]
     while a < offsets[column + 1] and b < offsets[other + 1]:
         if lows[a] <= highs[b] and lows[b] <= highs[a]:
-            first, second = _root(parents, a), _root(parents, b)
-            parents[max(first, second)] = min(first, second)
+            unite(parents, a, b)
         if highs[a] < highs[b]:
             a += 1
         else:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats, Ints
+from cspace.arrays import Bools, Floats, Ints, frozen
 from cspace.errors import InputError
 from cspace.memory import free_bytes
 
@@ -47,8 +47,7 @@ class Raster:
             window.append(slice(int(used[0]), int(used[-1]) + 1))
             left = np.asarray(left.any(axis=0))
         tight = np.ascontiguousarray(cells[tuple(window)])
-        tight.setflags(write=False)
-        return cls(tight, tuple(low + part.start for low, part in zip(lower, window, strict=True)))
+        return cls(frozen(tight), tuple(low + part.start for low, part in zip(lower, window, strict=True)))
 
     def turned(self, matrix: Floats) -> Raster:
         """The set turned by a matrix with one 1 or -1 in each row and column: an exact permutation of the lattice."""

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Floats, Surface
+from cspace.arrays import Bools, Floats, Surface, frozen
 from cspace.errors import InputError
 from cspace.grid import Grid, finite, points_of
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
-from cspace.shapes.shape import Pieces, Shape, frozen
+from cspace.shapes.shape import Pieces, Shape
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

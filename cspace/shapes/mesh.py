@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Bools, Floats, Ints, Surface
+from cspace.arrays import Bools, Floats, Ints, Surface, frozen
 from cspace.errors import GeometryError, InputError
 from cspace.grid import Grid, finite, points_of, unmasked
 from cspace.raster.raster import Raster
@@ -154,10 +154,8 @@ class Mesh(Shape):
                 "pass the vertices that belong to the faces",
             )
         faces = np.array(faces, dtype=np.int64, order="C")
-        for array in (vertices, faces):
-            array.setflags(write=False)
-        object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "faces", faces)
+        object.__setattr__(self, "vertices", frozen(vertices))
+        object.__setattr__(self, "faces", frozen(faces))
 
     @classmethod
     def of(cls, shape: MeshLike, solid: Solid = "auto") -> Mesh:

@@ -260,12 +260,6 @@ def ordered_rows(rows: NDArray[Any]) -> tuple[NDArray[Any], Ints]:
     return rows[fresh], numbers
 
 
-def frozen(array: NDArray[Any]) -> NDArray[Any]:
-    """The array, not to be written."""
-    array.setflags(write=False)
-    return array
-
-
 def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> Floats:
     """The coordinates of one point, shape (dim,).
 

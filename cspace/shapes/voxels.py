@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Floats, Surface
+from cspace.arrays import Bools, Floats, Surface, frozen
 from cspace.errors import GeometryError, InputError
 from cspace.grid import Grid, points_of, positive, unmasked
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes.polygon import Polygons
-from cspace.shapes.shape import Boxes, Pieces, Shape, check_point, frozen
+from cspace.shapes.shape import Boxes, Pieces, Shape, check_point
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
-from cspace.arrays import Floats
+from cspace.arrays import Floats, frozen
 from cspace.errors import FileError, InputError
 from cspace.grid import check_word, finite
 from cspace.io.input import suffix_of
@@ -84,9 +84,8 @@ class Spheres:
                 rule = "it must be two numbers, zero or above, the lower one first"
                 raise InputError(name, f"is {getattr(self, name)!r}", rule, "pass Bounds(lower, upper)")
             object.__setattr__(self, name, Bounds(*pair.tolist()))
-        for name, array in (("centers", centers), ("radii", radii)):
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        object.__setattr__(self, "centers", frozen(centers))
+        object.__setattr__(self, "radii", frozen(radii))
 
     def __len__(self) -> int:
         """Number of balls."""
