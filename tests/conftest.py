@@ -27,6 +27,7 @@ FIRST = (
     "cli/test_commands.py",
     *APART,
     "exact/",
+    "planners/test_passages.py",  # of which test_plan.py takes much
     "spectral/",
     "raster/",
     "planners/",

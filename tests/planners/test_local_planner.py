@@ -180,7 +180,7 @@ def test_on_a_roadmap_the_path_is_taken_that_is_shortest_with_its_turns(
     space, made, real = room("turning"), list[ob.Planner](), search.make_planner
     monkeypatch.setattr(search, "make_planner", lambda *of: made.append(real(*of)) or made[-1])
     plan = planners.plan(
-        space, *ENDPOINTS["turning"], planner="PRMstar", drive=drive, time_limit=0.3, seed=1, simplify=False
+        space, *ENDPOINTS["turning"], planner="PRMstar", drive=drive, time_limit=0.2, seed=1, simplify=False
     )
     check(space, plan, *ENDPOINTS["turning"])
     roadmap = ob.PlannerData(made[-1].getSpaceInformation())
