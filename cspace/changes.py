@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Bytes, Ints, Words
 from cspace.compiling import jit, reader
-from cspace.engines.packed import dilate_block
+from cspace.engines.packed import dilate_block, spread
 
 LOOKED, CHANGED, COUNT = 0, 6, 12
 """Where a row of what :func:`renew_states` gives for a slice has its boxes, first cells and then last ones, and the
@@ -19,9 +19,6 @@ ROW = 13
 """Length of such a row."""
 
 _GATHER = np.uint64(0x0102040810204080)
-_REPEAT = np.uint64(0x0101010101010101)
-_SELECT = np.uint64(0x8040201008040201)
-_CARRY = np.uint64(0x7F7F7F7F7F7F7F7F)
 _BYTE = np.uint64(255)
 
 
@@ -199,7 +196,7 @@ def renew_states(map_: Followed, box: Ints) -> Ints:
                     place, bit = k // 8, np.uint64(8 * (k % 8))
                     far_byte = ((hits[at + place] >> bit) & _BYTE) | always
                     near_byte = ((deep[at + place] >> bit) & _BYTE) | deep_always
-                    states = _spread(far_byte) + _spread(near_byte)
+                    states = spread(far_byte) + spread(near_byte)
                     if states != eights[k]:
                         for n in range(8):
                             state = int((states >> np.uint64(8 * n)) & _BYTE)
@@ -228,12 +225,6 @@ def _fours_of(robots: Robots, s: int) -> Ints:
     """Rows of a slice, in fours; none where the robot meets the outside from everywhere, and no cell matters."""
     first, end = robots.fours_stops[s - 1] if s > 0 else 0, robots.fours_stops[s]
     return robots.fours[first : first if robots.fixed[s] else end]
-
-
-@reader
-def _spread(byte: np.uint64) -> np.uint64:
-    """The bits of a byte, as 0 or 1 in each byte of a word."""
-    return (((byte * _REPEAT) & _SELECT) + _CARRY) >> np.uint64(7) & _REPEAT
 
 
 @reader

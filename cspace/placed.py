@@ -57,7 +57,7 @@ class Placed(NamedTuple):
         stop = np.max([each.box[1] for each in parts], axis=0)
         outer, inner = np.zeros((2, *(stop - first)), dtype=np.bool_)
         for each in parts:
-            window = _window(each.box[0] - first, each.box[1] - first)
+            window = tuple(map(slice, each.box[0] - first, each.box[1] - first))
             outer[window] |= each.outer
             inner[window] |= each.inner
         return cls(shape, (first, stop), outer, inner)
@@ -68,7 +68,7 @@ class Placed(NamedTuple):
         first, stop = (np.clip(np.floor(cell), 0, grid.shape).astype(np.int64) for cell in (low - 1.0, high + 2.0))
         # The cells are those of a build to the bit, as they are counted from the same corner, and fewer.
         outer, inner = shape.cells(Grid(grid.lower, grid.spacing, np.maximum(stop, 1).tolist()))
-        window = _window(first, stop)
+        window = tuple(map(slice, first, stop))
         return cls(shape, (first, stop), outer[window].copy(), inner[window].copy())
 
 
@@ -130,18 +130,15 @@ class Scene:
 
     def cells(self, first: Ints, stop: Ints) -> tuple[Bools, Bools, Bools]:
         """The cells of a box that meet an obstacle, those that lie in one, and those that nothing is known of."""
-        window = _window(first, stop)
+        window = tuple(map(slice, first, stop))
         outer, inner = self.outer[window].copy(), self.inner[window].copy()
         unknown = np.zeros_like(outer) if self.unknown is None else self.unknown[window].copy()
         for each in self.placed.values():
             low, high = np.maximum(first, each.box[0]), np.minimum(stop, each.box[1])
             if (low < high).all():
-                here, there = _window(low - first, high - first), _window(low - each.box[0], high - each.box[0])
+                here = tuple(map(slice, low - first, high - first))
+                there = tuple(map(slice, low - each.box[0], high - each.box[0]))
                 outer[here] |= each.outer[there]
                 inner[here] |= each.inner[there]
                 unknown[here] &= ~each.outer[there]
         return outer, inner, unknown
-
-
-def _window(first: Ints, stop: Ints) -> tuple[slice, ...]:
-    return tuple(slice(low, high) for low, high in zip(first.tolist(), stop.tolist(), strict=True))

@@ -179,9 +179,8 @@ class _TileRun:
         firsts = [tuple(p - q for p, q in zip(part.lower, self.lower, strict=True)) for part, _ in members]
         lasts = [np.add(first, part.cells.shape) for first, (part, _) in zip(firsts, members, strict=True)]
         spectrum = np.zeros(np.max(lasts, axis=0))
-        for number, (first, (part, _)) in enumerate(zip(firsts, members, strict=True)):
-            place = tuple(slice(low, low + n) for low, n in zip(first, part.cells.shape, strict=True))
-            spectrum[place] += part.cells * 2.0 ** (self.tiling.bits * number)
+        for number, (first, last, (part, _)) in enumerate(zip(firsts, lasts, members, strict=True)):
+            spectrum[tuple(map(slice, first, last))] += part.cells * 2.0 ** (self.tiling.bits * number)
         spectrum = scipy.fft.rfft(spectrum, n=self.tiling.tile[-1], axis=-1, workers=threads)
         for axis, length in enumerate(self.tiling.tile[:-1]):
             spectrum = scipy.fft.fft(spectrum, n=length, axis=axis, workers=threads)

@@ -115,12 +115,16 @@ def unpack(octets: Bytes, packed: Packed, part: tuple[int, int], any_set: bool, 
             continue
         first = row * packed.octets
         for k in range(eights):
-            byte = np.uint64(octets[first + k])
-            bits = ((((byte * _REPEAT) & _SELECT) + _CARRY) >> np.uint64(7)) & _REPEAT
-            store(line, 8 * k, (load(line, 8 * k) & old) + bits)
+            store(line, 8 * k, (load(line, 8 * k) & old) + spread(np.uint64(octets[first + k])))
         for k in range(8 * eights, cells):
             bit = (octets[first + k // 8] >> np.uint8(k % 8)) & np.uint8(1)
             line[k] = line[k] + bit if add else bit
+
+
+@inner(forceinline=True)
+def spread(byte: np.uint64) -> np.uint64:
+    """The bits of a byte, as 0 or 1 in each byte of a word."""
+    return ((((byte * _REPEAT) & _SELECT) + _CARRY) >> np.uint64(7)) & _REPEAT
 
 
 @reader

@@ -122,8 +122,7 @@ def surface_cells(skin: Skin, bounds: tuple[Floats, Floats], grid: Grid) -> tupl
     touched |= enclosed
     # The window may reach out of the grid where the surface is filled.
     low, high = np.maximum(first, 0), np.minimum(stop, shape)
-    there = tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
-    here = tuple(slice(int(a), int(b)) for a, b in zip(low - first, high - first, strict=True))
+    there, here = tuple(map(slice, low, high)), tuple(map(slice, low - first, high - first))
     outer[there], inner[there] = touched[here], enclosed[here]
     return outer, inner
 

@@ -225,11 +225,6 @@ def changed(name: str, what: str) -> FileError:
     return FileError(name, f"has changed: {what}", rule, "build the map anew, into another store")
 
 
-def box_of(first: Sequence[int], stop: Sequence[int]) -> Box:
-    """Cells from a first one up to the one before another."""
-    return tuple(slice(int(low), int(high)) for low, high in zip(first, stop, strict=True))
-
-
 def shared(box: Sequence[slice], other: Sequence[slice]) -> tuple[Box, Box]:
     """The cells that two boxes share, counted from the first cell of each."""
     pairs = [(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(box, other, strict=True)]

@@ -13,7 +13,7 @@ from cspace.map.exterior import UNKNOWN
 from cspace.memory import WORKSPACE_BYTES, check_memory, map_bytes
 from cspace.shapes import Shape, Voxels
 from cspace.space import CSpace
-from cspace.tiles.sources import Box, box_of
+from cspace.tiles.sources import Box
 from cspace.tiles.store import Known, Store
 from cspace.workspace import Workspace
 
@@ -36,7 +36,7 @@ def window_of(store: Store, known: Known, table: Ints, first: Ints, stop: Ints) 
     grid = Grid(tuple(lower.tolist()), whole.spacing, tuple((stop - first).tolist()))
     needed = map_bytes(grid.shape, store.slices) + WORKSPACE_BYTES * grid.size
     check_memory(needed, "the window", grid, mend=_MEND)
-    box = box_of(first.tolist(), stop.tolist())
+    box = tuple(map(slice, first.tolist(), stop.tolist()))
     outer, inner = store.obstacles_in(box, known)
     workspace = Workspace(grid, outer, inner, source=f"a part of {store.path.name}", shapes=_shapes(store, grid, box))
     return CSpace(

@@ -24,7 +24,7 @@ from cspace.map.slices import Pair, slice_rasters
 from cspace.memory import KEEP, bytes_text, free_bytes
 from cspace.states import BLOCKED, MIXED
 from cspace.threads import cores, in_threads
-from cspace.tiles.sources import Source, box_of, changed
+from cspace.tiles.sources import Source, changed
 from cspace.tiles.store import Index, Record, Store
 from cspace.version import __version__
 
@@ -104,9 +104,9 @@ class Job:
 
     def window(self, box: Sequence[slice]) -> tuple[slice, ...]:
         """The cells of the workspace that decide about a box of states."""
-        first = [max(0, part.start + low) for part, low in zip(box, self.reach[0], strict=True)]
-        stop = [part.stop + high for part, high in zip(box, self.reach[1], strict=True)]
-        return box_of(first, np.minimum(stop, self.store.grid.shape).tolist())
+        first = np.maximum([part.start for part in box] + self.reach[0], 0)
+        stop = np.minimum([part.stop for part in box] + self.reach[1], self.store.grid.shape)
+        return tuple(map(slice, first.tolist(), stop.tolist()))
 
     def bytes_needed(self) -> int:
         """Memory that a task takes at most, in bytes, but for the rasters of the robot."""
@@ -149,7 +149,7 @@ class Job:
         outer, inner = (read or self.read)(window)
         before = [part.start - around.start for part, around in zip(box, window, strict=True)]
         shape = tuple(part.stop - part.start for part in box)
-        own = box_of(before, np.add(before, shape).tolist())
+        own = tuple(map(slice, before, np.add(before, shape).tolist()))
         room = self._room(store.depth * math.prod(shape)).reshape(-1, *shape)
         counts, digests = np.empty((store.slices, 3), dtype=np.int64), []
         for layer in range(store.layers):

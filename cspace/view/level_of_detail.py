@@ -142,7 +142,7 @@ def blocks(classes: Callable[[tuple[slice, ...]], Classes], part: Part) -> Block
     """Blocks of a part of a map, made slab by slab from the classes of boxes of cells."""
     shape = np.subtract(part.stop, part.first)
     rows = part.side * max(1, _SLAB // int(np.prod(shape[1:]) * part.side))
-    others = tuple(slice(low, high) for low, high in zip(part.first[1:], part.stop[1:], strict=True))
+    others = tuple(map(slice, part.first[1:], part.stop[1:]))
     made = []
     for low in range(part.first[0], part.stop[0], rows):
         slab = classes((slice(low, min(low + rows, part.stop[0])), *others))
