@@ -180,10 +180,7 @@ def time_text(seconds: float) -> str:
 
 def cells_of(shape: Sequence[int]) -> int:
     """Number of cells, as a whole number of any size."""
-    total = 1
-    for n in shape:
-        total *= int(n)
-    return total
+    return math.prod(map(int, shape))
 
 
 def _left_by_container() -> float:

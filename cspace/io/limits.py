@@ -7,7 +7,6 @@ memory.
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -15,7 +14,7 @@ from contextvars import ContextVar
 from typing import Final, NamedTuple
 
 from cspace.errors import FileError
-from cspace.memory import bytes_text, free_bytes
+from cspace.memory import bytes_text, cells_of, free_bytes
 
 Named = str | os.PathLike[str]
 
@@ -78,7 +77,7 @@ def check_cells(path: Named, shape: Sequence[int], memory: float = 1.0) -> None:
 
     Raises FileError if there are more than ``max_cells``, or ``memory`` bytes for each do not fit into memory.
     """
-    count = math.prod(int(n) for n in shape)
+    count = cells_of(shape)
     declared = f"declares {' x '.join(f'{n}' if n < 2**53 else f'{n:.4g}' for n in shape)} cells"
     most = f"{_CURRENT.get().max_cells:.4g}"
     _check(path, f"{declared}, {count:.4g} in all", count, "max_cells", most, tuple(shape))
