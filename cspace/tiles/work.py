@@ -297,7 +297,7 @@ def _on_cluster(
     distributed = optional("distributed", CLUSTER, "distributed")
 
     # A worker goes down with what it cannot unpickle. So these two functions, which are sent as they stand, ask first
-    # whether there is a cspace, and which one; and all else is sent as bytes.
+    # whether there is a cspace, and which one, by the name that every version has; and all else is sent as bytes.
 
     def version_there() -> str | None:
         try:
