@@ -268,7 +268,7 @@ def _check(
             "robot",
             f"has {robot.dim} dimensions and the workspace {workspace.grid.dim}",
             "they must agree",
-            "take both in the plane or both in space" + ", or its shadow, robot.footprint()" * (robot.dim == 3),
+            "take both in the plane or both in space" + ", or its footprint, robot.footprint()" * (robot.dim == 3),
         )
     rotations.check_dimension(robot.dim)
     if workers is not None:

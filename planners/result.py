@@ -69,7 +69,7 @@ class Plan:
     axes : tuple of str
         Names of the columns of the path, those of :attr:`cspace.CSpace.axes`.
     units : tuple of str
-        Units of the length, and of :attr:`room`: "m", or "rad" for motions of joints.
+        Units of the length, and of :attr:`shown_distance`: "m", or "rad" for motions of joints.
     direction : ndarray of int8, shape (n,), read-only, or None
         How the robot gets to each row from the one before: 1 ahead, -1 in reverse, 0 turning on the spot; the first row
         has that of the second. None of a holonomic robot.
@@ -169,7 +169,7 @@ class Plan:
         return edges.distance(self.waypoints) if edges else math.nan
 
     @property
-    def room(self) -> tuple[str, float]:
+    def shown_distance(self) -> tuple[str, float]:
         """Name and value of the distance that a plan prints: the obstacle distance, or else the clearance."""
         distance = self.obstacle_distance
         return ("clearance", self.clearance) if math.isnan(distance) else ("obstacle_distance", distance)
@@ -200,11 +200,11 @@ class Plan:
         radius = f" of {self.turning_radius:g} m" if self.turning_radius else ""
         edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}{radius}"
         endpoints = " to ".join(f"({', '.join(f'{x:.4g}' for x in q)})" for q in self.waypoints[[0, -1]])
-        (name, far), (unit, apart) = self.room, self.units
-        room = "" if math.isnan(far) else f", {name.replace('_', ' ')} {far:.3f} {apart}"
+        (name, distance), (unit, distance_unit) = self.shown_distance, self.units
+        apart = "" if math.isnan(distance) else f", {name.replace('_', ' ')} {distance:.3f} {distance_unit}"
         turning = f", turning {self.turning:.2f} rad" if self.turning else ""
         return [
-            f"{self.planner}: {self.status}, {proof}; {self.length:.3f} {unit}{turning}{room}",
+            f"{self.planner}: {self.status}, {proof}; {self.length:.3f} {unit}{turning}{apart}",
             f"{len(self.waypoints)} waypoints ({', '.join(self.axes)}) from {endpoints}, {edges}",
             f"planned in {_text(self.times.planning + self.times.simplification)}, "
             f"set up in {_text(self.times.setup)}, checked in {_text(self.times.checking)}",

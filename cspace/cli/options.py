@@ -116,7 +116,7 @@ def check_dimensions(path: Path, dim: int, robot: Robot) -> None:
     """
     if robot.dim != dim:
         fault = f"is a {robot.name}, which has {robot.dim} dimensions, and the workspace {path} has {dim}"
-        mend = "take both in the plane or both in space" + ", or its shadow, as footprint:ROBOT" * (robot.dim == 3)
+        mend = "take both in the plane or both in space" + ", or its footprint, as footprint:ROBOT" * (robot.dim == 3)
         raise InputError("--robot", fault, "they must agree", mend)
 
 

@@ -185,12 +185,12 @@ def _describe(plan: Plan) -> dict[str, Any]:
         "path_exists": plan.path_exists,
     }
     if plan.solved:
-        room, far = plan.room
+        name, distance = plan.shown_distance
         described |= {
             "configurations": len(plan.path),
             "length_m": plan.length,
             **({"turning_rad": plan.turning} if plan.turning else {}),
-            **({} if math.isnan(far) else {f"{room}_m": far}),
+            **({} if math.isnan(distance) else {f"{name}_m": distance}),
             "certified": plan.certified,
             "path": plan.path.tolist(),
         }

@@ -145,7 +145,7 @@ def test_the_distance_from_obstacles_is_that_of_their_shapes_as_they_are_now() -
     plan = planners.plan(space, (1.0, 3.6), (7.0, 3.6))
     least = float(shapely.box(0.5, 3.4, 7.5, 3.8).distance(pillar))
     assert least - 0.025 - 1e-6 <= plan.obstacle_distance <= least
-    assert plan.room == ("obstacle_distance", plan.obstacle_distance)
+    assert plan.shown_distance == ("obstacle_distance", plan.obstacle_distance)
     assert f" m, obstacle distance {plan.obstacle_distance:.3f} m\n" in repr(plan)
     assert planners.plan(space, (1.0, 3.6), (1.0, 3.6)).obstacle_distance > 2.0
     space.place("ball", shapely.Point(4.0, 4.35).buffer(0.2))
@@ -170,7 +170,7 @@ def test_room_is_that_of_the_map_as_it_is_and_clearance_goes_along_with_a_pickle
         pickle.loads(pickle.dumps(copy.copy(plan))),
     ):
         assert again.space is None and math.isnan(again.obstacle_distance)
-        assert again.room == ("clearance", plan.clearance)
+        assert again.shown_distance == ("clearance", plan.clearance)
     space.place("ball", shapely.Point(4.0, 4.2).buffer(0.3))
     assert plan.clearance == plan.obstacle_distance == 0.0 and before.clearance == math.inf
 
@@ -180,7 +180,7 @@ def test_where_no_geometry_can_be_asked_the_room_is_that_of_the_map(tmp_path: Pa
     occupied[:20, 30] = True
     tiled = build(Workspace.from_array(occupied, 0.1), Robot.disc(0.2), store=tmp_path / "map", tile=30)
     plan = planners.plan(tiled, (1.0, 1.0), (1.0, 5.0))
-    assert math.isnan(plan.obstacle_distance) and plan.room == ("clearance", plan.clearance)
+    assert math.isnan(plan.obstacle_distance) and plan.shown_distance == ("clearance", plan.clearance)
     assert f" m, clearance {plan.clearance:.3f} m\n" in repr(plan)
 
 
