@@ -333,9 +333,9 @@ class EndlessCSpace(CSpace):
             path = pulled_straight(path, self.dof, check, 2.0 * self.grid.spacing)
         return self._begun(path, q0)
 
-    def widest_path(self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True) -> Floats:
-        """As :meth:`CSpace.widest_path`; it begins at q0, and ends at q1 but for whole turns."""
-        return self._begun(super().widest_path(q0, q1, straight=straight), q0)
+    def _widest_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
+        """As of other maps; it begins at q0, and ends at q1 but for whole turns."""
+        return self._begun(super()._widest_path(q0, q1, straight, seconds), q0)
 
     def _begun(self, path: Floats, q0: ArrayLike) -> Floats:
         """A path as many whole turns on as it takes to begin at a configuration."""

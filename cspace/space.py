@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -470,6 +472,10 @@ class CSpace(ConfigurationMap):
         InputError
             If a configuration is not one of finite numbers, or the search does not fit into memory.
         """
+        return self._widest_path(q0, q1, straight, math.inf)
+
+    def _widest_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
+        """:meth:`widest_path`, none where it takes longer; what it makes once for a map does not count."""
         from cspace.map.widest import BYTES, Widest, widest_path
 
         endpoints = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
@@ -483,7 +489,8 @@ class CSpace(ConfigurationMap):
             if widest.noted:
                 self._widest.drop()
                 widest = self._widest.get(partial(widest.renewed, own, self._seen))
-        return widest_path(widest, own, self.rotations, self.grid, both, self.edge_checker(), straight)
+        check, until = self.edge_checker(), time.perf_counter() + seconds
+        return widest_path(widest, own, self.grid, both, check, straight, until)
 
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
 

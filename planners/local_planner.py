@@ -209,7 +209,7 @@ class LocalPlanner(ABC):
 
     @abstractmethod
     def outlook(self, exists: bool | None, planner: str, more_time: str) -> tuple[str, list[str]]:
-        """What is known where a planner found no path, and a list of what to try, ``more_time`` among it."""
+        """What is known where a planner found no path, and a list of what to try, ``more_time`` among it, if any."""
 
     def _point(self, q: ArrayLike, name: str) -> Floats:
         """One configuration, its length checked."""
@@ -245,8 +245,9 @@ class EdgesOnMap(LocalPlanner):
         """A path in pieces of at most ``step`` metres and ``turn`` radians."""
 
     def search(self, planner: str, endpoints: Endpoints, straight: bool, seed: int | None, seconds: float) -> Floats:
-        find = self.space.free_path if planner == CUBES else self.space.widest_path
-        return find(*endpoints, straight=straight)
+        if planner == CUBES:
+            return self.space.free_path(*endpoints, straight=straight)
+        return self.space._widest_path(*endpoints, straight, seconds)
 
     def measured(self, path: Floats) -> tuple[float, float]:
         pieces = self.pieces(path, math.inf, math.inf)
@@ -341,8 +342,9 @@ class EdgesOnMap(LocalPlanner):
         else:
             known, more = "a path exists", [more_time, "planner='Cubes'"]
         if planner in OWN:
-            # It has looked everywhere that it can, and asks no geometry.
-            more = ["planner='RRTConnect'" + " with exact=True" * (exists is None), finer]
+            # It asks no geometry, and mostly has looked everywhere that it can.
+            other = "planner='RRTConnect'" + " with exact=True" * (exists is None)
+            more = [more_time, other, finer] if more_time else [other, finer]
         return known, more
 
 

@@ -104,7 +104,7 @@ def plan(
         of our own. "Cubes", :meth:`cspace.CSpace.free_path` of a map, moves the robot in any direction and turns it on
         the spot; it finds a path in milliseconds wherever FREE cells join start and goal, and is deterministic.
         "Widest", :meth:`cspace.CSpace.widest_path`, gives the path of the largest clearance, and then the shortest; it
-        is deterministic, whatever the time limit; not on a map in a store. "BiRRT",
+        is deterministic, unless the time limit ends it; not on a map in a store. "BiRRT",
         :meth:`cspace.ArmSpace.free_path`, is the default for an arm: two trees in compiled code, whose motions are
         proven only where a path may be.
     time_limit : float
@@ -305,13 +305,14 @@ def _status(
         return "path found" + (f": {result.note}" if result.note else ""), ""
     if exists is False:
         return "no path exists: proven", ""
-    if planner in (CUBES, WIDEST):
-        within = "no chain of FREE cells joins start and goal"
-    elif result.planning >= 0.95 * limit:
+    more_time = f"more time (time_limit={10 * limit:g})"
+    if planner != CUBES and result.planning >= 0.95 * limit:
         within = f"no path found within {limit:g} s"
+    elif planner in (CUBES, WIDEST):
+        within, more_time = "no chain of FREE cells joins start and goal", ""
     else:
         within = f"no path found: {result.note or 'the planner gave up'} after {result.planning:.2g} s"
-    known, more = edges.outlook(exists, planner, f"more time (time_limit={10 * limit:g})")
+    known, more = edges.outlook(exists, planner, more_time)
     return f"{within}{result.where}; {known}", f"{', '.join(more[:-1])}, or {more[-1]}"
 
 

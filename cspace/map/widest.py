@@ -12,7 +12,9 @@ are left the steepest way up, and the bottleneck is that between the tops; the p
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -25,7 +27,6 @@ from cspace.arrays import Bools, Bytes, Floats, Ints
 from cspace.compiling import inner, jit, reader
 from cspace.grid import Grid
 from cspace.map.callbacks import below_half_a_turn, edge_checker
-from cspace.map.derived import Lock
 from cspace.map.free_path import pulled_straight
 from cspace.map.record import Map
 from cspace.map.storage import Stack, read_only
@@ -34,7 +35,7 @@ from cspace.rotations import Rotations
 from cspace.states import FREE, MIXED
 from cspace.threads import cores, in_chunks, in_threads
 
-Numbers = TypeVar("Numbers", bound=NDArray[Any])
+T = TypeVar("T")
 Levels = NDArray[np.uint16]
 Squares = NDArray[np.int32]
 Cells = NDArray[np.uint32]
@@ -78,6 +79,15 @@ NO_WAY: Final = 255
 
 LISTS: Final = 8
 """Lists of what waits for each cell of way: within one of them, order does not count."""
+
+STEPS: Final = 2**11
+"""Cells that a search takes between two looks at the clock: half a millisecond, or 100 where all memory is new."""
+
+ENTRIES: Final = 4096
+"""Entries that there is room for in the beginning."""
+
+PULLING: Final = 0.1
+"""Seconds after the time limit in which a path that was found in time is still pulled straight."""
 
 LINES: Final = 64
 """Lines of cells below which a second thread costs more than it saves."""
@@ -382,19 +392,18 @@ class Flood(NamedTuple):
         return cls(
             np.zeros(cells // 8 + 1, dtype=np.uint8),
             np.full(TOP + 1, -1, dtype=np.int32),
-            np.empty(4096, dtype=np.uint32),
-            np.empty(4096, dtype=np.int32),
-            np.empty(4096, dtype=np.int64),
-            np.empty(4096, dtype=np.uint16),
+            np.empty(ENTRIES, dtype=np.uint32),
+            np.empty(ENTRIES, dtype=np.int32),
+            np.empty(ENTRIES, dtype=np.int64),
+            np.empty(ENTRIES, dtype=np.uint16),
             np.array([0, -1, 0, 0, TOP]),
         )
 
-    def doubled(self) -> Flood:
-        """With room for twice as many entries and tops."""
-        cells, before, tops, gaps = (
-            np.concatenate([each, np.empty_like(each)]) for each in (self.cells, self.before, self.tops, self.gaps)
-        )
-        return self._replace(cells=cells, before=before, tops=tops, gaps=gaps)
+    def roomy(self, more: int) -> Flood:
+        """With room for some more entries and tops, that of twice as many where it was scarce."""
+        if max(self.state[0], self.state[2]) + more < len(self.cells):
+            return self
+        return self._replace(**_doubled(cells=self.cells, before=self.before, tops=self.tops, gaps=self.gaps))
 
 
 @inner
@@ -422,18 +431,24 @@ def _wait(flood: Flood, cell: int, level: int) -> None:
 
 
 @reader
-def bottleneck(graph: Graph, flood: Flood, one: int, other: int) -> int:
+def bottleneck(graph: Graph, flood: Flood, one: int, other: int, found: Ints) -> int:
     """The largest level that the lowest cell of a chain from one top to another can have; 0 where there is none.
 
-    The flood goes on from where it was until it has come to both; -1 where it needs more room.
+    The flood goes on from where it was until it has come to both; -1 where it needs more room, and now and then. What
+    was ``found`` until then are the numbers of the two among the tops, or -1, of so many that were looked through.
     """
-    degree, state, first, second = graph.faces + graph.neighbors.shape[1], flood.state, -1, -1
-    for number in range(state[2]):
+    degree, state, steps = graph.faces + graph.neighbors.shape[1], flood.state, 0
+    first, second = found[0], found[1]
+    if one == other:
+        return level_of(graph, one)
+    for number in range(found[2], state[2]):
         first = number if flood.tops[number] == one else first
         second = number if flood.tops[number] == other else second
     while first < 0 or second < 0:
-        if max(state[0], state[2]) + degree >= len(flood.cells):
+        if steps == STEPS or max(state[0], state[2]) + degree >= len(flood.cells):
+            found[0], found[1], found[2] = first, second, state[2]
             return -1
+        steps += 1
         level = state[3]
         while level > 0 and flood.lists[level] < 0:
             level -= 1
@@ -483,8 +498,22 @@ def climb(graph: Graph, cell: int) -> Ints:
     return path[:count]
 
 
-def _dry(graph: Graph) -> Flood:
-    return Flood.of(graph.levels[0].size * len(graph.slice_of))
+def _doubled(**arrays: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    return {name: np.concatenate([each, np.empty_like(each)]) for name, each in arrays.items()}
+
+
+def _taken(kept: list[T], make: Callable[[], T]) -> T:
+    """What is kept, for one thread at a time; a new one where there is none, or others have it."""
+    try:
+        return kept.pop()
+    except IndexError:
+        return make()
+
+
+def _keep_on(until: float) -> None:
+    """Raise TimeoutError from a time on, in seconds of :func:`time.perf_counter`."""
+    if time.perf_counter() > until:
+        raise TimeoutError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -494,6 +523,9 @@ class Widest:
     Attributes
     ----------
     graph : Graph
+    rotations : Rotations
+    highest : ndarray of uint16, shape (nx, ny, nz)
+        The highest level of each place at any rotation.
     moves : Moves
     rooms : list of (ndarray of float64, ndarray of uint32), shapes (n,)
         Room for searches, each for one at a time, a number for each cell, the first with one more, see
@@ -501,24 +533,25 @@ class Widest:
     walls : ndarray of bool, shape (slices, 3)
         As of :func:`walls_of`.
     floods : list of Flood
-        One, of one thread at a time, which holds the lock.
-    lock : Lock
+        The one that goes on, while no thread has it. Each slice of its work ends at a cell, so that what was broken
+        off there, by a time limit or by Ctrl-C, is as good as new.
     noted : list of ndarray of int64, shape (slices, 6)
         Boxes of each slice in which states have changed since.
     """
 
     graph: Graph
+    rotations: Rotations
+    highest: Levels
     moves: Moves
     rooms: list[tuple[Floats, Cells]]
     walls: Bools
     floods: list[Flood]
-    lock: Lock
     noted: list[Ints]
 
     @classmethod
     def of(cls, map_: Map, states: Iterable[Bytes], rotations: Rotations, endless: Sequence[bool] = ()) -> Widest:
         graph = graph_of(map_, states, rotations, endless)
-        return cls(graph, moves_of(graph), [], walls_of(map_), [_dry(graph)], Lock(), [])
+        return cls(graph, rotations, graph.levels.max(axis=0), moves_of(graph), [], walls_of(map_), [], [])
 
     def renew(self, boxes: Ints) -> None:
         """Note the box in which states of each slice have changed, shape (slices, 6)."""
@@ -542,56 +575,109 @@ class Widest:
 
         in_threads(follow, np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1)).tolist(), cores())
         graph = self.graph._replace(levels=levels)
-        return replace(self, graph=graph, walls=walls, floods=[_dry(graph)], lock=Lock(), noted=[])
+        return replace(self, graph=graph, highest=levels.max(axis=0), walls=walls, floods=[], noted=[])
 
-    def bottleneck(self, start: int, goal: int) -> int:
-        """:func:`bottleneck`, of two cells."""
+    def bottleneck(self, start: int, goal: int, until: float = math.inf) -> int:
+        """:func:`bottleneck`, of two cells; TimeoutError from a time on."""
         graph, level = self.graph, min(level_of(self.graph, start), level_of(self.graph, goal))
         if not level:
             return 0
-        tops = [int(climb(graph, cell)[-1]) for cell in (start, goal)]
-        with self.lock:
-            while (best := bottleneck(graph, self.floods[0], *tops)) < 0:
-                self.floods[0] = self.floods[0].doubled()
+        one, other = (int(climb(graph, cell)[-1]) for cell in (start, goal))
+        size, more = graph.levels[0].size * len(graph.slice_of), graph.faces + graph.neighbors.shape[1]
+        flood, found = _taken(self.floods, lambda: Flood.of(size)), np.array([-1, -1, 0])
+        try:
+            while (best := bottleneck(graph, flood, one, other, found)) < 0:
+                _keep_on(until)
+                flood = flood.roomy(more)
+        finally:
+            if not self.floods:
+                self.floods.append(flood)
         return min(level, best)
 
-    def shortest(self, start: int, goal: int, least: int) -> Ints:
-        """The shortest chain of cells of a level or above from one to another; empty where there is none."""
+    def shortest(self, start: int, goal: int, least: int, until: float = math.inf) -> Ints:
+        """The shortest chain of cells of a level or above from one to another; empty where there is none.
+
+        TimeoutError from a time on.
+        """
         graph, (_, nx, ny, nz) = self.graph, self.graph.levels.shape
-        size, count = nx * ny * nz, len(graph.slice_of)
-        heads = np.full(LISTS * (4 * (nx + ny + nz) + 64), -1)
-        flat, bound = np.zeros(0), 0.0
+        size, count, more = nx * ny * nz, len(graph.slice_of), len(graph.moves) + graph.neighbors.shape[1]
+        flat, bound, lists = np.zeros(0), 0.0, LISTS * (4 * (nx + ny + nz) + 64)
         if count > 1:
-            flat = np.zeros(size)
-            bound = flat_distances(graph, graph.levels.max(axis=0) >= least, goal % size, start % size, flat, heads)
-            heads[:] = -1
-        try:
-            room = self.rooms.pop()
-        except IndexError:  # the first one, or another thread has it
-            room = np.zeros(size * count + 1), np.zeros(size * count, dtype=np.uint32)
-            room[0][-1] = 1.0
-        if room[0][-1] > SPENT:
-            room[0][:-1], room[0][-1] = 0.0, 1.0
-        chain: Ints = chain_of(graph, self.moves, (start, goal, least), (flat, float(bound)), *room, heads)
+            flat, wide, queue = np.zeros(size), self.highest >= least, Queue.of(goal % size, lists)
+            flat[goal % size] = 1.0
+            while (bound := flat_distances(graph, wide, goal % size, start % size, flat, queue)) < 0.0:
+                _keep_on(until)
+                queue = queue.roomy(more)
+        room = far, came = _taken(self.rooms, lambda: (np.zeros(size * count + 1), np.zeros(size * count, np.uint32)))
+        if far[-1] > SPENT:
+            far[:] = 0.0
+        far[-1] = max(far[-1], 1.0)
+        far[start], came[start], queue = far[-1], 0, Queue.of(start, lists)
+        task, led = (start, goal, least), (flat, float(bound), _turns_to(graph, goal // size))
+        while not (result := chain_of(graph, self.moves, task, led, room, queue))[0]:
+            _keep_on(until)  # a room that was written to in vain is thrown away
+            queue = queue.roomy(more)
         if not self.rooms and size * count <= LARGEST:
             self.rooms.append(room)
-        return chain
+        return result[1]
 
 
-@jit
-def flat_distances(graph: Graph, wide: Bools, goal: int, start: int, flat: Floats, heads: Ints) -> float:
+class Queue(NamedTuple):
+    """What waits in a search, in lists by its cost, and how far the search has come.
+
+    Attributes
+    ----------
+    heads : ndarray of int64, shape (lists,)
+        The first entry of each list; -1 for none.
+    cells, arrivals, after, estimates : ndarray of uint32, uint8, int32 and float32, shape (n,)
+        Entries: a cell, by which way it was come to, the next entry, and the least cost of a chain over it.
+    state : ndarray of float64, shape (4,)
+        Number of entries; the list that is taken from; the highest cost of a cell; and that of the goal, if it was
+        come to.
+    """
+
+    heads: Ints
+    cells: Cells
+    arrivals: Bytes
+    after: NDArray[np.int32]
+    estimates: NDArray[np.float32]
+    state: Floats
+
+    @classmethod
+    def of(cls, cell: int, lists: int) -> Queue:
+        """Of one cell."""
+        heads = np.full(lists, -1)
+        cells, arrivals = np.empty(ENTRIES, dtype=np.uint32), np.empty(ENTRIES, dtype=np.uint8)
+        after, estimates = np.empty(ENTRIES, dtype=np.int32), np.empty(ENTRIES, dtype=np.float32)
+        heads[0], cells[0], arrivals[0], after[0], estimates[0] = 0, cell, NO_WAY, -1, 0.0
+        return cls(heads, cells, arrivals, after, estimates, np.array([1.0, 0.0, 0.0, np.inf]))
+
+    def roomy(self, more: int) -> Queue:
+        """With room for some more entries, that of twice as many where it was scarce."""
+        if self.state[0] + more <= len(self.cells):
+            return self
+        arrays = _doubled(cells=self.cells, arrivals=self.arrivals, after=self.after, estimates=self.estimates)
+        return self._replace(**arrays)
+
+
+@reader
+def flat_distances(graph: Graph, wide: Bools, goal: int, start: int, flat: Floats, queue: Queue) -> float:
     """From places, 1 and the length of the shortest chain to one, over places that are wide at any rotation, in cells.
 
     Cells of one rotation allow no shorter way. Places are looked at that may lie on a chain from ``start`` of at most
-    the length that is given back, which is :data:`MARGIN` more than the shortest one's; others are left at zero.
+    the length that is given back, which is :data:`MARGIN` more than the shortest one's; others are left at zero. -1
+    where the queue needs more room, and now and then: it goes on from there.
     """
     nx, ny, nz = wide.shape
-    cells, after = np.empty(4096, np.int64), np.empty(4096, np.int64)
-    cells[0], after[0], flat[goal], heads[0] = goal, -1, 1.0, 0
+    heads, cells, after = queue.heads, queue.cells, queue.after
     si, sj, sk = start // (ny * nz), start // nz % ny, start % nz
     base = 1.0 + _on_empty_grid(graph, goal // (ny * nz) - si, goal // nz % ny - sj, goal % nz - sk)
-    count, bucket = 1, 0
+    count, bucket, steps = int(queue.state[0]), int(queue.state[1]), 0
     while bucket < len(heads):
+        if steps == STEPS or count + len(graph.moves) > len(cells):
+            queue.state[0], queue.state[1] = count, bucket
+            return -1.0
+        steps += 1
         entry = heads[bucket]
         if entry < 0:
             bucket += 1
@@ -599,7 +685,7 @@ def flat_distances(graph: Graph, wide: Bools, goal: int, start: int, flat: Float
                 break
             continue
         heads[bucket] = after[entry]
-        cell = cells[entry]
+        cell = np.int64(cells[entry])
         i, j, k = cell // (ny * nz), cell // nz % ny, cell % nz
         for way in range(len(graph.moves)):
             u, v, w = graph.moves[way, 0], graph.moves[way, 1], graph.moves[way, 2]
@@ -610,8 +696,6 @@ def flat_distances(graph: Graph, wide: Bools, goal: int, start: int, flat: Float
             if 0.0 < flat[other] <= cost or not wide[i + u, j + v, k + w]:
                 continue
             flat[other] = cost
-            if count == len(cells):
-                cells, after = _doubled(cells), _doubled(after)
             estimate = cost + _on_empty_grid(graph, i + u - si, j + v - sj, k + w - sk) - base
             number = min(max(int(LISTS * estimate), bucket), len(heads) - 1)
             cells[count], after[count], heads[number] = other, heads[number], count
@@ -672,15 +756,18 @@ def chain_of(
     graph: Graph,
     moves: Moves,
     task: tuple[int, int, int],
-    led: tuple[Floats, float],
-    far: Floats,
-    came: Cells,
-    heads: Ints,
-) -> Ints:
-    """:meth:`Widest.shortest`, of a start, a goal and a level, given :func:`flat_distances`, or none of one rotation.
+    led: tuple[Floats, float, Floats],
+    room: tuple[Floats, Cells],
+    queue: Queue,
+) -> tuple[bool, Ints]:
+    """Whether :meth:`Widest.shortest` is through, and its chain, of a start, a goal and a level.
 
-    ``far`` is the cost of a cell, above the last number in it, below which are those of searches before; at the end
-    that is above all of this one. ``came`` has a bit for each move that led there as soon, or turn that leads back.
+    Else it goes on from there: it also ends where the queue needs more room, and now and then. It is led by
+    :func:`flat_distances`, or none of one rotation, and :func:`_turns_to`.
+
+    In the room, ``far`` is the cost of a cell, above the last number in it, below which are those of searches before;
+    at the end that is above all of this one. ``came`` has a bit for each move that led there as soon, or turn that
+    leads back.
     What waits lies in lists by its cost, of :data:`LISTS` to a cell; a cell that is reached anew, sooner, waits again,
     and so does one that is reached as soon by another move, after which others are tried. The search ends when all is
     done that could be cheaper than what has come to the goal: of equal ones, one is enough. So of chains of one cost,
@@ -690,21 +777,22 @@ def chain_of(
     rotation are a bound of what is still to come.
     """
     _, nx, ny, nz = graph.levels.shape
-    (start, goal, least), (flat, bound) = task, led
+    (start, goal, least), (flat, bound, ahead), (far, came) = task, led, room
     size, straight, levels = nx * ny * nz, len(moves.steps), graph.levels.ravel()
-    ahead, every = _turns_to(graph, goal // size), (1 << straight) - 1
-    cells, arrivals = np.empty(4096, np.uint32), np.empty(4096, np.uint8)
-    after, estimates = np.empty(4096, np.int32), np.empty(4096, np.float32)
+    every, count, bucket, steps = (1 << straight) - 1, int(queue.state[0]), int(queue.state[1]), 0
+    heads, cells, arrivals, after, estimates = queue.heads, queue.cells, queue.arrivals, queue.after, queue.estimates
     gi, gj, gk = goal % size // (ny * nz), goal % size // nz % ny, goal % size % nz
     si, sj, sk = start % size // (ny * nz), start % size // nz % ny, start % size % nz
     began = far[-1]
     base = ahead[start // size] + (
         flat[start % size] - 1.0 if len(flat) else _on_empty_grid(graph, si - gi, sj - gj, sk - gk)
     )
-    cells[0], arrivals[0], estimates[0], after[0], heads[0] = start, NO_WAY, base, -1, 0
-    far[start], came[start], count, bucket, most = began, 0, 1, 0, began
-    best = np.inf if start != goal else 0.0
+    most, best = max(queue.state[2], began), queue.state[3] if start != goal else 0.0
     while bucket < len(heads) and base + bucket / LISTS < best:
+        if steps == STEPS or count + straight + graph.neighbors.shape[1] > len(cells):
+            queue.state[0], queue.state[1], queue.state[2], queue.state[3] = count, bucket, most, best
+            return False, np.empty(0, np.int64)
+        steps += 1
         entry = heads[bucket]
         if entry < 0:
             bucket += 1
@@ -764,22 +852,12 @@ def chain_of(
             most = max(most, cost)
             if other == goal:
                 best = cost - began - SAME
-            if count == len(cells):
-                cells, arrivals = _doubled(cells), _doubled(arrivals)
-                after, estimates = _doubled(after), _doubled(estimates)
             number = min(max(int(LISTS * (estimate - base)), bucket), len(heads) - 1)
             cells[count], arrivals[count], estimates[count] = other, back, estimate
             after[count], heads[number] = heads[number], count
             count += 1
     far[-1] = most + 1.0
-    if best == np.inf:
-        return np.empty(0, np.int64)
-    return _back(graph, moves, start, goal, came)
-
-
-@jit
-def _doubled(array: Numbers) -> Numbers:
-    return np.concatenate((array, np.empty_like(array)))  # type: ignore[return-value]
+    return True, _back(graph, moves, start, goal, came) if best < np.inf else np.empty(0, np.int64)
 
 
 @jit
@@ -800,7 +878,7 @@ def _back(graph: Graph, moves: Moves, start: int, goal: int, came: Cells) -> Int
             rotation = graph.neighbors[rotation, way - straight]
         cell = ((rotation * nx + i) * ny + j) * nz + k
         if length == len(path):
-            path = _doubled(path)
+            path = np.concatenate((path, np.empty_like(path)))
         path[length], length = cell, length + 1
     return path[:length][::-1].copy()
 
@@ -836,25 +914,30 @@ def _turns_to(graph: Graph, goal: int) -> Floats:
 def widest_path(
     widest: Widest,
     map_: Map,
-    rotations: Rotations,
     grid: Grid,
     endpoints: Sequence[tuple[Floats, Ints]],
     check: Callable[..., bool],
     straight: bool,
+    until: float,
 ) -> Floats:
     """Waypoints of the widest path between two configurations, each given with its cell, shape (n, dof).
 
-    Of length 0 where there is none, or ``check`` does not prove an edge of it free. If not ``straight``, they
-    are all the middles of cells that it passes. Along axes that close, rows count whole turns.
+    Of length 0 where there is none, none was found until a time of :func:`time.perf_counter`, or ``check`` does not
+    prove an edge of it free. If not ``straight``, they are all the middles of cells that it passes. Along axes that
+    close, rows count whole turns.
     """
-    shape, graph = (rotations.count, *grid.shape), widest.graph
+    graph, rotations = widest.graph, widest.rotations
+    shape = (rotations.count, *grid.shape)
     start, goal = (int(np.ravel_multi_index(tuple(cell), shape)) for _, cell in endpoints)
     tops = [climb(graph, start), climb(graph, goal)]
-    level = widest.bottleneck(int(tops[0][-1]), int(tops[1][-1]))
-    if not level:
+    chain = np.empty(0, dtype=np.int64)
+    with suppress(TimeoutError):
+        level = widest.bottleneck(int(tops[0][-1]), int(tops[1][-1]), until)
+        up, down = ([cell for cell in way.tolist() if level_of(graph, cell) < level] for way in tops)
+        if level:
+            chain = widest.shortest(int(tops[0][len(up)]), int(tops[1][len(down)]), level, until)
+    if not len(chain):
         return np.empty((0, len(endpoints[0][0])))
-    up, down = ([cell for cell in way.tolist() if level_of(graph, cell) < level] for way in tops)
-    chain = widest.shortest(int(tops[0][len(up)]), int(tops[1][len(down)]), level)
     rotation, *place = np.unravel_index(np.concatenate([up, chain, down[::-1]]).astype(np.int64), shape)
     places, endless = np.stack(place, axis=-1), graph.closed[3 - grid.dim :]
     middles = np.column_stack([grid.center_of(places), rotations.centers[rotation]])
@@ -878,8 +961,14 @@ def widest_path(
         if begin < end:
             wide = _wide_part(graph, map_, places[max(begin - 1, 0) : end], least)
             shorter = below_half_a_turn(edge_checker(wide, path.shape[1]), endless.tolist())
+            shorter = _while_time(shorter, until + PULLING)
             pieces.append(pulled_straight(path[begin : end + 1], grid.dim, shorter, 2.0 * grid.spacing)[1:])
     return np.concatenate(pieces)
+
+
+def _while_time(check: Callable[..., bool], until: float) -> Callable[..., bool]:
+    """The check, False from a time on, so that a path that goes by it stays as it is."""
+    return check if until == math.inf else lambda *both: time.perf_counter() < until and check(*both)
 
 
 def _wide_part(graph: Graph, map_: Map, places: Ints, least: int) -> Map:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import copy
 import itertools
 import math
 
@@ -160,6 +162,31 @@ def test_it_finds_the_wide_way_in_every_space(name: str) -> None:
     back = space.widest_path(*ENDPOINTS[name][::-1], straight=False)
     there = space.widest_path(*ENDPOINTS[name], straight=False)
     assert np.asarray(space.clearance(back)).min() == pytest.approx(np.asarray(space.clearance(there)).min(), abs=2e-3)
+
+
+@pytest.mark.parametrize("error", [TimeoutError, KeyboardInterrupt])
+@pytest.mark.parametrize("name", ["plane", "turning"])
+def test_a_search_that_was_broken_off_leaves_nothing_half_made(
+    name: str, error: type[BaseException], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected, looks = room(name).widest_path(*ENDPOINTS[name]), [0]
+
+    def look(until: float) -> None:
+        looks[0] -= 1
+        if not looks[0]:
+            raise error
+
+    monkeypatch.setattr(widest, "ENTRIES", 64)  # it looks at the clock where it needs more room, too
+    monkeypatch.setattr(widest, "_keep_on", look)
+    for after in itertools.count(1):
+        space, looks[0], path = copy.copy(room(name)), after, expected[:0]
+        with contextlib.suppress(KeyboardInterrupt):
+            path = space.widest_path(*ENDPOINTS[name])
+        looks[0] = 0
+        assert np.array_equal(space.widest_path(*ENDPOINTS[name]), expected)
+        if len(path):
+            break
+    assert after > 5 and np.array_equal(path, expected)
 
 
 def test_it_goes_by_the_obstacles_as_they_are_now() -> None:

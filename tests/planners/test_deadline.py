@@ -6,10 +6,11 @@ import time
 from functools import cache
 from typing import Any
 
+import numpy as np
 import pytest
 
 import planners
-from cspace import MIXED
+from cspace import MIXED, Robot, Workspace, build
 from planners.catalogue import IGNORE_OBJECTIVES, REFUSED, SECOND_THREAD
 from planners.deadline import Deadline, OutOfTime
 from planners.local_planner import CURVES
@@ -54,6 +55,18 @@ def test_every_planner_ends_in_time(planner: str, name: str, curve: str | None) 
     assert planner not in ANYTIME or not plan.solved or plan.times.planning >= 0.9 * LIMIT
     if planner not in IGNORE_OBJECTIVES | SECOND_THREAD:
         in_time(space, endpoints, objective="clearance", **options)
+
+
+def test_the_widest_path_is_given_up_in_time() -> None:
+    """It has to go over half a map of eleven million cells before it comes to the door."""
+    occupied = np.zeros((400, 400), dtype=bool)
+    occupied[200], occupied[200, 200:209], occupied[::40, ::40] = True, False, True
+    space = build(Workspace.from_array(occupied, 0.05), Robot.rectangle(0.3, 0.2), rotations=72)
+    start, goal = (0.7, 0.7, 0.0), (19.3, 19.3, 1.5)
+    planners.plan(space, start, start, planner="Widest")
+    plan = in_time(space, (start, goal), planner="Widest")
+    assert not plan.solved and plan.status == f"no path found within {LIMIT} s; a path exists"
+    assert plan.advice.startswith("more time (time_limit=0.15)")
 
 
 def test_a_step_that_asks_for_ever_is_cut_off() -> None:
