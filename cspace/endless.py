@@ -8,6 +8,7 @@ are those of the cells of one turn, joined across the seams.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
@@ -305,10 +306,11 @@ class EndlessCSpace(CSpace):
     def _components(self) -> Seam:  # type: ignore[override]  # with the same methods
         return self._seam.get(lambda: Seam(super(EndlessCSpace, self)._components, self.grid.shape, self.endless))
 
-    def free_path(self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True) -> Floats:
-        """As :meth:`CSpace.free_path`; it begins at q0, and ends at q1 but for whole turns."""
-        from cspace.map.free_path import cube_path, pulled_straight
+    def _free_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
+        """As of other maps; it begins at q0, and ends at q1 but for whole turns."""
+        from cspace.map.free_path import cube_path, in_time, pulled_straight
 
+        until = time.perf_counter() + seconds
         endpoints = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
         start, goal = (self._cells_of(q) for q in endpoints)
         with self._lock:
@@ -318,7 +320,7 @@ class EndlessCSpace(CSpace):
         still, shape, turns = self.rotations.neighbors[:, :0], np.array(self.grid.shape), np.zeros(self.dof, np.int64)
         rows: list[Floats] = [endpoints[0]]
         for leave, enter, turn in [*crossings, (goal, goal, 0 * turns)]:
-            cells = cube_path(self._seen, self._slice_of, still, start, leave)[:, 1:]
+            cells = cube_path(self._seen, self._slice_of, still, start, leave, until)[:, 1:]
             rows.append(self.grid.center_of(cells + turns * shape))
             start, turns = enter, turns + turn
         path = np.vstack([*rows, endpoints[1] + TURN * turns])
@@ -329,7 +331,7 @@ class EndlessCSpace(CSpace):
         if not self.certify_path(path).all():
             return np.empty((0, self.dof))
         if straight:
-            check = below_half_a_turn(self.edge_checker(), self.endless)
+            check = in_time(below_half_a_turn(self.edge_checker(), self.endless), until)
             path = pulled_straight(path, self.dof, check, 2.0 * self.grid.spacing)
         return self._begun(path, q0)
 

@@ -418,17 +418,23 @@ class CSpace(ConfigurationMap):
         InputError
             If a configuration is not one of finite numbers.
         """
-        from cspace.map.free_path import cube_path, pulled_straight
+        return self._free_path(q0, q1, straight, math.inf)
+
+    def _free_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
+        """:meth:`free_path`; TimeoutError where it takes longer."""
+        from cspace.map.free_path import cube_path, in_time, pulled_straight
+
+        until = time.perf_counter() + seconds
 
         endpoints = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
         dim, (first, last) = self.grid.dim, (self._cells_of(q) for q in endpoints)
         still, neighbors = not self.rotations.steps(*endpoints)[dim:].any(), self.rotations.neighbors
         cells = np.empty((0, 1 + dim), dtype=np.int64)
         if still:
-            cells = cube_path(self._seen, self._slice_of, neighbors[:, :0], first, last)
+            cells = cube_path(self._seen, self._slice_of, neighbors[:, :0], first, last, until)
         turning = not len(cells) and neighbors.shape[1] > 0
         if turning:
-            cells = cube_path(self._seen, self._slice_of, neighbors, first, last)
+            cells = cube_path(self._seen, self._slice_of, neighbors, first, last, until)
         if not len(cells):
             return np.empty((0, self.dof))
         # Where it does not turn, the rotation stays as q0 has it, also if q1 has the same in other numbers.
@@ -438,7 +444,8 @@ class CSpace(ConfigurationMap):
         path = np.vstack([endpoints[0], middles, [*endpoints[1][:dim], *last_turn]])
         if not self.certify_path(path).all():
             return np.empty((0, self.dof))
-        return pulled_straight(path, dim, self.edge_checker(), 2.0 * self.grid.spacing) if straight else path
+        check = in_time(self.edge_checker(), until)
+        return pulled_straight(path, dim, check, 2.0 * self.grid.spacing) if straight else path
 
     def widest_path(self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True) -> Floats:
         """A collision-free path of the largest clearance possible, and then the shortest, by the map's own search.
@@ -475,7 +482,7 @@ class CSpace(ConfigurationMap):
         return self._widest_path(q0, q1, straight, math.inf)
 
     def _widest_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
-        """:meth:`widest_path`, none where it takes longer; what it makes once for a map does not count."""
+        """:meth:`widest_path`; TimeoutError where it takes longer, but for what it makes once for a map."""
         from cspace.map.widest import BYTES, Widest, widest_path
 
         endpoints = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]

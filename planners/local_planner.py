@@ -15,6 +15,7 @@ import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import wraps
 from typing import TYPE_CHECKING, Any, ClassVar, Final, ParamSpec, TypeVar
@@ -245,9 +246,10 @@ class EdgesOnMap(LocalPlanner):
         """A path in pieces of at most ``step`` metres and ``turn`` radians."""
 
     def search(self, planner: str, endpoints: Endpoints, straight: bool, seed: int | None, seconds: float) -> Floats:
-        if planner == CUBES:
-            return self.space.free_path(*endpoints, straight=straight)
-        return self.space._widest_path(*endpoints, straight, seconds)
+        find = self.space._free_path if planner == CUBES else self.space._widest_path
+        with suppress(TimeoutError):
+            return find(*endpoints, straight, seconds)
+        return np.empty((0, self.space.dof))
 
     def measured(self, path: Floats) -> tuple[float, float]:
         pieces = self.pieces(path, math.inf, math.inf)

@@ -13,6 +13,7 @@ import itertools
 import math
 import time
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -25,6 +26,7 @@ from cspace.map.points import FEW
 from cspace.memory import KEEP, free_bytes
 from cspace.space import CSpace
 from cspace.states import FREE
+from planners.catalogue import CUBES
 from planners.local_planner import LocalPlanner
 from planners.search import Search, SearchResult
 from planners.states import Configuration
@@ -84,7 +86,9 @@ class Passages:
         result = replace(self.search, iterations=SOON).run(self.edges, start, goal, self.time_limit, joined=True)
         if len(result.path):
             return result
-        path = self.edges.space.free_path(start, goal, straight=self.search.simplify)
+        left, find = max(self._left(), 1e-3), partial(self.edges.search, CUBES)
+        find((start, start), self.search.simplify, None, left)  # compiled here, and not within the limit
+        path = find((start, goal), self.search.simplify, None, left)
         if len(path):
             return SearchResult(path, ALONG, time.perf_counter() - self.began)
         return self.search.run(self.edges, start, goal, max(self._left(), 1e-3), joined=True)

@@ -306,7 +306,7 @@ def _status(
     if exists is False:
         return "no path exists: proven", ""
     more_time = f"more time (time_limit={10 * limit:g})"
-    if planner != CUBES and result.planning >= 0.95 * limit:
+    if result.planning >= 0.95 * limit:
         within = f"no path found within {limit:g} s"
     elif planner in (CUBES, WIDEST):
         within, more_time = "no chain of FREE cells joins start and goal", ""

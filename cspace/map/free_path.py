@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
+import time
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Floats, Ints
+from cspace.arrays import Bytes, Floats, Ints
 from cspace.compiling import inner, jit, reader
 from cspace.map.storage import Cells, Stack, cells_of, state_in
 from cspace.states import FREE
@@ -18,6 +19,9 @@ Check = Callable[..., bool]
 
 LARGEST: Final = 8
 """Cells from the middle of a cube to its sides, at most: larger cubes cost more than they save."""
+
+ROOM: Final = 1024
+"""Entries and cubes that there is room for in the beginning."""
 
 ROUNDS: Final = 2
 """How often a path is pulled straight, from either end."""
@@ -29,6 +33,12 @@ UNSEEN, QUEUED, DONE = 0, 1, 2
 
 GREED = 8.0
 """Weight of the distance to the goal against the way that was come: above 1 a search is quicker and its path longer."""
+
+STEPS: Final = 2**18
+"""Cells that a search looks at between two looks at the clock: 5 to 50 ms."""
+
+PULLING: Final = 0.1
+"""Seconds after the time limit in which a path that was found in time is still pulled straight."""
 
 LISTS = 40.0
 """Lists for every cell of the map's diagonal; what costs more than they hold waits in the last one."""
@@ -94,8 +104,49 @@ def free_radius(field: Field, turn: int, at: tuple[int, int, int], most: int) ->
     return r
 
 
+class Trace(NamedTuple):
+    """How far :func:`trace_cubes` has come.
+
+    Attributes
+    ----------
+    seen : ndarray of uint8, shape (n,)
+        Of cells: :data:`UNSEEN`, :data:`QUEUED`, or :data:`DONE`.
+    heads : ndarray of int64, shape (lists,)
+        What waits, in lists by its rounded cost; a list that is not empty has its first entry here.
+    after, cell, parent : ndarray of int64, shape (m,)
+        Entries: the next one, the cell, and the node that it was come to from.
+    nodes, turns, came, far : ndarray, shapes (k, 3) and (k,)
+        Cubes: middles, rotation cells, the node before, and the way to it.
+    counts : tuple of int, length 3
+        Of entries, of nodes, and of lists that are through.
+    """
+
+    seen: Bytes
+    heads: Ints
+    after: Ints
+    cell: Ints
+    parent: Ints
+    nodes: Ints
+    turns: Ints
+    came: Ints
+    far: Floats
+    counts: tuple[int, int, int]
+
+    @classmethod
+    def of(cls, field: Field, first: Ints) -> Trace:
+        """From one cell."""
+        seen = np.zeros(len(field.slice_of) * math.prod(field.shape), dtype=np.uint8)
+        heads = np.full(int(LISTS * math.hypot(*field.shape)) + 8, -1)
+        after, cell, parent, turns, came = (np.empty(ROOM, np.int64) for _ in range(5))
+        heads[0], after[0], parent[0] = 0, -1, -1
+        cell[0] = ((first[0] * field.shape[0] + first[1]) * field.shape[1] + first[2]) * field.shape[2] + first[3]
+        return cls(
+            seen, heads, after, cell, parent, np.empty((ROOM, 3), np.int64), turns, came, np.empty(ROOM), (1, 0, 0)
+        )
+
+
 @jit
-def trace_cubes(field: Field, first: Ints, last: Ints, most: int) -> Ints:
+def trace_cubes(field: Field, trace: Trace, last: Ints, most: int) -> tuple[bool, Ints, Trace]:
     """Middles of cubes of FREE cells, each in the cube before it, from a cell to one whose cube holds another cell.
 
     Of a single layer of cells, as in the plane, the cubes are squares. A cube has one rotation, and from each of its
@@ -103,29 +154,29 @@ def trace_cubes(field: Field, first: Ints, last: Ints, most: int) -> Ints:
     middle to middle, and :data:`GREED` times the distance to the goal; all that is joined to the start is looked at
     before the search gives up.
 
+    Whether it is through, the path, and how far it has come, from where it goes on: it also ends now and then.
+
     Cells are ``(rotation, x, y, z)``, shape (n, 4); n is 0 where there is no such path. Where the rotation changes, it
     does in the place of the later cell, which lies in the cube of the one before. ``most`` is the largest distance, in
     cells, from the middle of a cube to its sides.
     """
     nx, ny, nz = field.shape
     volume, goal = nx * ny * nz, (last[1], last[2], last[3])
-    seen = np.zeros(len(field.slice_of) * volume, np.uint8)
-    # What waits, in lists by its rounded cost; a list that is not empty has its first entry in ``heads``.
-    heads = np.full(int(LISTS * math.sqrt(float(nx * nx + ny * ny + nz * nz))) + 8, -1, np.int64)
-    size, room = 0, 1024
-    after, cell, parent = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.int64)
-    nodes, came, far = np.empty((256, 3), np.int64), np.empty(256, np.int64), np.empty(256)
-    turns = np.empty(256, np.int64)
-    count, lowest = 0, 0
-    after[0], parent[0] = -1, -1
-    cell[0] = ((first[0] * nx + first[1]) * ny + first[2]) * nz + first[3]
-    size, heads[0] = 1, 0
+    seen, heads, after, cell, parent, nodes, turns, came, far, (size, count, lowest) = trace
+    room, looked = len(cell), 0
     while lowest < len(heads):
+        if looked >= STEPS:
+            counts = (size, count, lowest)
+            return (
+                False,
+                np.empty((0, 4), np.int64),
+                Trace(seen, heads, after, cell, parent, nodes, turns, came, far, counts),
+            )
         entry = heads[lowest]
         if entry < 0:
             lowest += 1
             continue
-        heads[lowest] = after[entry]
+        heads[lowest], looked = after[entry], looked + 1
         turn, k = cell[entry] // volume, cell[entry] % nz
         j = cell[entry] // nz % ny
         i = cell[entry] // nz // ny % nx
@@ -156,10 +207,11 @@ def trace_cubes(field: Field, first: Ints, last: Ints, most: int) -> Ints:
                 for axis in range(3):
                     path[length, 1 + axis] = nodes[step, axis]
                 step = came[step]
-            return path
+            return True, path, trace
         # Inside the cube nothing is left but turns; on its sides, or beside a lone cell, the search goes on.
         reach = max(r, 1)
         rz = 0 if nz == 1 else reach
+        looked += (2 * reach + 1) ** 2 * (2 * rz + 1)
         for a in range(max(i - reach, 0), min(i + reach, nx - 1) + 1):
             for b in range(max(j - reach, 0), min(j + reach, ny - 1) + 1):
                 row = (a * ny + b) * nz
@@ -195,13 +247,25 @@ def trace_cubes(field: Field, first: Ints, last: Ints, most: int) -> Ints:
                         heads[bucket] = size
                         lowest = min(lowest, bucket)
                         size += 1
-    return np.empty((0, 4), np.int64)
+    return True, np.empty((0, 4), np.int64), trace
 
 
 # ---- paths -----------------------------------------------------------------------------------------------------------
 
 
-def cube_path(states: Stack, slice_of: Ints, neighbors: Ints, start: Ints, goal: Ints) -> Ints:
+def keep_on(until: float) -> None:
+    """Raise TimeoutError from a time on, in seconds of :func:`time.perf_counter`."""
+    if time.perf_counter() > until:
+        raise TimeoutError
+
+
+def in_time(check: Check, until: float) -> Check:
+    """The check, False some time after a time limit, so that a path that is pulled straight by it stays as it is."""
+    end = until + PULLING
+    return check if end == math.inf else lambda *both: time.perf_counter() < end and check(*both)
+
+
+def cube_path(states: Stack, slice_of: Ints, neighbors: Ints, start: Ints, goal: Ints, until: float = math.inf) -> Ints:
     """A chain of FREE cells from one to another, the straight edge from each to the next touching none but FREE ones.
 
     Every cell of the chain lies in the largest cube of FREE cells around the one before it, as far as such cubes are
@@ -211,13 +275,17 @@ def cube_path(states: Stack, slice_of: Ints, neighbors: Ints, start: Ints, goal:
 
     Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)``, and the chain has the shape (n, 1 + d); n is 0 where none
     joins them. ``neighbors``, shape (rotations, n), are the rotation cells into which each one may be left; none, where
-    n is 0.
+    n is 0. TimeoutError is raised from a time on.
     """
     dim = states.ndim - 1
     nx, ny, nz = np.pad(states.shape[1:], (0, 3 - dim), constant_values=1).tolist()
     first, last = (np.pad(cell, (0, 3 - dim)) for cell in (start, goal))
     field = Field(cells_of(states), (nx, ny, nz), slice_of, neighbors)
-    middles = trace_cubes(field, first, last, LARGEST)[:, : 1 + dim]
+    done, middles, trace = trace_cubes(field, Trace.of(field, first), last, LARGEST)
+    while not done:
+        keep_on(until)
+        done, middles, trace = trace_cubes(field, trace, last, LARGEST)
+    middles = middles[:, : 1 + dim]
     if not len(middles):
         return np.asarray(middles)
     # Where the robot turns, it first goes there as it is turned.

@@ -12,9 +12,7 @@ are left the steepest way up, and the bottleneck is that between the tops; the p
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -27,7 +25,7 @@ from cspace.arrays import Bools, Bytes, Floats, Ints
 from cspace.compiling import inner, jit, reader
 from cspace.grid import Grid
 from cspace.map.callbacks import below_half_a_turn, edge_checker
-from cspace.map.free_path import pulled_straight
+from cspace.map.free_path import in_time, keep_on, pulled_straight
 from cspace.map.record import Map
 from cspace.map.storage import Stack, read_only
 from cspace.orientation import TURN
@@ -85,9 +83,6 @@ STEPS: Final = 2**11
 
 ENTRIES: Final = 4096
 """Entries that there is room for in the beginning."""
-
-PULLING: Final = 0.1
-"""Seconds after the time limit in which a path that was found in time is still pulled straight."""
 
 LINES: Final = 64
 """Lines of cells below which a second thread costs more than it saves."""
@@ -510,12 +505,6 @@ def _taken(kept: list[T], make: Callable[[], T]) -> T:
         return make()
 
 
-def _keep_on(until: float) -> None:
-    """Raise TimeoutError from a time on, in seconds of :func:`time.perf_counter`."""
-    if time.perf_counter() > until:
-        raise TimeoutError
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Widest:
     """What widest paths derive from a map.
@@ -587,7 +576,7 @@ class Widest:
         flood, found = _taken(self.floods, lambda: Flood.of(size)), np.array([-1, -1, 0])
         try:
             while (best := bottleneck(graph, flood, one, other, found)) < 0:
-                _keep_on(until)
+                keep_on(until)
                 flood = flood.roomy(more)
         finally:
             if not self.floods:
@@ -606,7 +595,7 @@ class Widest:
             flat, wide, queue = np.zeros(size), self.highest >= least, Queue.of(goal % size, lists)
             flat[goal % size] = 1.0
             while (bound := flat_distances(graph, wide, goal % size, start % size, flat, queue)) < 0.0:
-                _keep_on(until)
+                keep_on(until)
                 queue = queue.roomy(more)
         room = far, came = _taken(self.rooms, lambda: (np.zeros(size * count + 1), np.zeros(size * count, np.uint32)))
         if far[-1] > SPENT:
@@ -615,7 +604,7 @@ class Widest:
         far[start], came[start], queue = far[-1], 0, Queue.of(start, lists)
         task, led = (start, goal, least), (flat, float(bound), _turns_to(graph, goal // size))
         while not (result := chain_of(graph, self.moves, task, led, room, queue))[0]:
-            _keep_on(until)  # a room that was written to in vain is thrown away
+            keep_on(until)  # a room that was written to in vain is thrown away
             queue = queue.roomy(more)
         if not self.rooms and size * count <= LARGEST:
             self.rooms.append(room)
@@ -922,22 +911,18 @@ def widest_path(
 ) -> Floats:
     """Waypoints of the widest path between two configurations, each given with its cell, shape (n, dof).
 
-    Of length 0 where there is none, none was found until a time of :func:`time.perf_counter`, or ``check`` does not
-    prove an edge of it free. If not ``straight``, they are all the middles of cells that it passes. Along axes that
-    close, rows count whole turns.
+    Of length 0 where there is none, or ``check`` does not prove an edge of it free; TimeoutError from a time on. If not
+    ``straight``, they are all the middles of cells that it passes. Along axes that close, rows count whole turns.
     """
     graph, rotations = widest.graph, widest.rotations
     shape = (rotations.count, *grid.shape)
     start, goal = (int(np.ravel_multi_index(tuple(cell), shape)) for _, cell in endpoints)
     tops = [climb(graph, start), climb(graph, goal)]
-    chain = np.empty(0, dtype=np.int64)
-    with suppress(TimeoutError):
-        level = widest.bottleneck(int(tops[0][-1]), int(tops[1][-1]), until)
-        up, down = ([cell for cell in way.tolist() if level_of(graph, cell) < level] for way in tops)
-        if level:
-            chain = widest.shortest(int(tops[0][len(up)]), int(tops[1][len(down)]), level, until)
-    if not len(chain):
+    level = widest.bottleneck(int(tops[0][-1]), int(tops[1][-1]), until)
+    if not level:
         return np.empty((0, len(endpoints[0][0])))
+    up, down = ([cell for cell in way.tolist() if level_of(graph, cell) < level] for way in tops)
+    chain = widest.shortest(int(tops[0][len(up)]), int(tops[1][len(down)]), level, until)
     rotation, *place = np.unravel_index(np.concatenate([up, chain, down[::-1]]).astype(np.int64), shape)
     places, endless = np.stack(place, axis=-1), graph.closed[3 - grid.dim :]
     middles = np.column_stack([grid.center_of(places), rotations.centers[rotation]])
@@ -961,14 +946,9 @@ def widest_path(
         if begin < end:
             wide = _wide_part(graph, map_, places[max(begin - 1, 0) : end], least)
             shorter = below_half_a_turn(edge_checker(wide, path.shape[1]), endless.tolist())
-            shorter = _while_time(shorter, until + PULLING)
+            shorter = in_time(shorter, until)
             pieces.append(pulled_straight(path[begin : end + 1], grid.dim, shorter, 2.0 * grid.spacing)[1:])
     return np.concatenate(pieces)
-
-
-def _while_time(check: Callable[..., bool], until: float) -> Callable[..., bool]:
-    """The check, False from a time on, so that a path that goes by it stays as it is."""
-    return check if until == math.inf else lambda *both: time.perf_counter() < until and check(*both)
 
 
 def _wide_part(graph: Graph, map_: Map, places: Ints, least: int) -> Map:

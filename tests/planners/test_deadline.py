@@ -57,6 +57,19 @@ def test_every_planner_ends_in_time(planner: str, name: str, curve: str | None) 
         in_time(space, endpoints, objective="clearance", **options)
 
 
+def test_cubes_are_given_up_in_time() -> None:
+    """From side to side of a maze, at any rotation, there is little to lead on."""
+    occupied = np.zeros((300, 300), dtype=bool)
+    for k in range(1, 10):
+        occupied[30 * k : 30 * k + 3] = True
+        occupied[30 * k : 30 * k + 3, slice(0, 24) if k % 2 else slice(-24, None)] = False
+    space = build(Workspace.from_array(occupied, 0.05), Robot.rectangle(0.6, 0.3), rotations=72)
+    start, goal = (0.7, 7.5, 0.0), (14.3, 7.5, 1.5)
+    planners.plan(space, start, start, planner="Cubes")
+    plan = in_time(space, (start, goal), planner="Cubes")
+    assert not plan.solved and plan.status == f"no path found within {LIMIT} s; a path exists"
+
+
 def test_the_widest_path_is_given_up_in_time() -> None:
     """It has to go over half a map of eleven million cells before it comes to the door."""
     occupied = np.zeros((400, 400), dtype=bool)
