@@ -91,7 +91,8 @@ class Passages:
         path = find((start, goal), self.search.simplify, None, left)
         if len(path):
             return SearchResult(path, ALONG, time.perf_counter() - self.began)
-        return self.search.run(self.edges, start, goal, max(self._left(), 1e-3), joined=True)
+        result = self.search.run(self.edges, start, goal, max(self._left(), 1e-3), joined=True)
+        return replace(result, planning=time.perf_counter() - self.began - result.simplification)
 
     def run(self, start: Configuration, goal: Configuration) -> SearchResult:
         """A path between two configurations: by the planner alone, or else along a chain that can be walked."""

@@ -6,12 +6,13 @@ import itertools
 import math
 import time
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cspace.arrays import Bytes, Floats, Ints
-from cspace.compiling import inner, jit, reader
+from cspace.compiling import inner, reader
 from cspace.map.storage import Cells, Stack, cells_of, state_in
 from cspace.states import FREE
 
@@ -115,9 +116,11 @@ class Trace(NamedTuple):
         What waits, in lists by its rounded cost; a list that is not empty has its first entry here.
     after, cell, parent : ndarray of int64, shape (m,)
         Entries: the next one, the cell, and the node that it was come to from.
-    nodes, turns, came, far : ndarray, shapes (k, 3) and (k,)
-        Cubes: middles, rotation cells, the node before, and the way to it.
-    counts : tuple of int, length 3
+    nodes : ndarray of int64, shape (k, 4)
+        Middles of cubes, as cells.
+    came, far : ndarray of int64 and float64, shape (k,)
+        The node before each, and the way to it.
+    counts : ndarray of int64, shape (3,)
         Of entries, of nodes, and of lists that are through.
     """
 
@@ -127,51 +130,61 @@ class Trace(NamedTuple):
     cell: Ints
     parent: Ints
     nodes: Ints
-    turns: Ints
     came: Ints
     far: Floats
-    counts: tuple[int, int, int]
+    counts: Ints
 
     @classmethod
-    def of(cls, field: Field, first: Ints) -> Trace:
-        """From one cell."""
+    def of(cls, field: Field, first: Ints, more: int) -> Trace:
+        """From one cell, with room for so many more entries."""
         seen = np.zeros(len(field.slice_of) * math.prod(field.shape), dtype=np.uint8)
         heads = np.full(int(LISTS * math.hypot(*field.shape)) + 8, -1)
-        after, cell, parent, turns, came = (np.empty(ROOM, np.int64) for _ in range(5))
+        after, cell, parent = (np.empty(2 * more, np.int64) for _ in range(3))
         heads[0], after[0], parent[0] = 0, -1, -1
         cell[0] = ((first[0] * field.shape[0] + first[1]) * field.shape[1] + first[2]) * field.shape[2] + first[3]
-        return cls(
-            seen, heads, after, cell, parent, np.empty((ROOM, 3), np.int64), turns, came, np.empty(ROOM), (1, 0, 0)
-        )
+        nodes, came, far = np.empty((ROOM, 4), np.int64), np.empty(ROOM, np.int64), np.empty(ROOM)
+        return cls(seen, heads, after, cell, parent, nodes, came, far, np.array([1, 0, 0]))
+
+    def roomy(self, more: int) -> Trace:
+        """With room for so many more entries, and one more node, that of twice as many where it was scarce."""
+        trace = self
+        if self.counts[0] + more > len(self.cell):
+            trace = trace._replace(**doubled(after=self.after, cell=self.cell, parent=self.parent))
+        if self.counts[1] == len(self.came):
+            trace = trace._replace(**doubled(nodes=self.nodes, came=self.came, far=self.far))
+        return trace
 
 
-@jit
-def trace_cubes(field: Field, trace: Trace, last: Ints, most: int) -> tuple[bool, Ints, Trace]:
-    """Middles of cubes of FREE cells, each in the cube before it, from a cell to one whose cube holds another cell.
+def doubled(**arrays: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Arrays with room for twice as many rows; what is new of them takes no memory before it is written to."""
+    twice = {name: np.empty((2 * len(each), *each.shape[1:]), each.dtype) for name, each in arrays.items()}
+    for name, each in arrays.items():
+        twice[name][: len(each)] = each
+    return twice
+
+
+@reader
+def trace_cubes(field: Field, trace: Trace, last: Ints, most: int, more: int) -> int:
+    """The node of a cube that holds a cell, behind others, each with its middle in the cube before it, from another.
 
     Of a single layer of cells, as in the plane, the cubes are squares. A cube has one rotation, and from each of its
     cells the search turns on the spot into the neighbouring ones. Cells wait by the length of the way to them, from
     middle to middle, and :data:`GREED` times the distance to the goal; all that is joined to the start is looked at
     before the search gives up.
 
-    Whether it is through, the path, and how far it has come, from where it goes on: it also ends now and then.
+    -1 where there is none; -2 now and then, and where there is no room for ``more`` entries: it goes on from there.
 
-    Cells are ``(rotation, x, y, z)``, shape (n, 4); n is 0 where there is no such path. Where the rotation changes, it
-    does in the place of the later cell, which lies in the cube of the one before. ``most`` is the largest distance, in
-    cells, from the middle of a cube to its sides.
+    Where the rotation changes, it does in the place of the later node, which lies in the cube of the one before.
+    ``most`` is the largest distance, in cells, from the middle of a cube to its sides.
     """
     nx, ny, nz = field.shape
     volume, goal = nx * ny * nz, (last[1], last[2], last[3])
-    seen, heads, after, cell, parent, nodes, turns, came, far, (size, count, lowest) = trace
-    room, looked = len(cell), 0
+    seen, heads, after, cell, parent, nodes, came, far, counts = trace
+    size, count, lowest, looked = counts[0], counts[1], counts[2], 0
     while lowest < len(heads):
-        if looked >= STEPS:
-            counts = (size, count, lowest)
-            return (
-                False,
-                np.empty((0, 4), np.int64),
-                Trace(seen, heads, after, cell, parent, nodes, turns, came, far, counts),
-            )
+        if looked >= STEPS or size + more > len(cell) or count == len(came):
+            counts[0], counts[1], counts[2] = size, count, lowest
+            return -2
         entry = heads[lowest]
         if entry < 0:
             lowest += 1
@@ -182,32 +195,17 @@ def trace_cubes(field: Field, trace: Trace, last: Ints, most: int) -> tuple[bool
         i = cell[entry] // nz // ny % nx
         if seen[cell[entry]] == DONE:
             continue
-        if count == len(came):
-            nodes, turns = np.concatenate((nodes, np.empty_like(nodes))), np.concatenate((turns, np.empty_like(turns)))
-            came, far = np.concatenate((came, np.empty_like(came))), np.concatenate((far, np.empty_like(far)))
         node, before = count, parent[entry]
         count += 1
-        nodes[node, 0], nodes[node, 1], nodes[node, 2], turns[node] = i, j, k, turn
+        nodes[node, 0], nodes[node, 1], nodes[node, 2], nodes[node, 3] = turn, i, j, k
         came[node], far[node] = before, 0.0
         if before >= 0:
-            u, v, w = i - nodes[before, 0], j - nodes[before, 1], k - nodes[before, 2]
+            u, v, w = i - nodes[before, 1], j - nodes[before, 2], k - nodes[before, 3]
             far[node] = far[before] + math.sqrt(float(u * u + v * v + w * w))
-            far[node] += TURN * (turn != turns[before])
+            far[node] += TURN * (turn != nodes[before, 0])
         r = free_radius(field, turn, (i, j, k), most)
         if turn == last[0] and max(abs(goal[0] - i), abs(goal[1] - j), abs(goal[2] - k)) <= r:
-            length = 0
-            step = node
-            while step >= 0:
-                length, step = length + 1, came[step]
-            path = np.empty((length, 4), np.int64)
-            step = node
-            while step >= 0:
-                length -= 1
-                path[length, 0] = turns[step]
-                for axis in range(3):
-                    path[length, 1 + axis] = nodes[step, axis]
-                step = came[step]
-            return True, path, trace
+            return int(node)
         # Inside the cube nothing is left but turns; on its sides, or beside a lone cell, the search goes on.
         reach = max(r, 1)
         rz = 0 if nz == 1 else reach
@@ -234,11 +232,6 @@ def trace_cubes(field: Field, trace: Trace, last: Ints, most: int) -> tuple[bool
                         ) != FREE:
                             continue
                         seen[number] = QUEUED
-                        if size == room:
-                            room *= 2
-                            after = np.concatenate((after, np.empty_like(after)))
-                            cell = np.concatenate((cell, np.empty_like(cell)))
-                            parent = np.concatenate((parent, np.empty_like(parent)))
                         gx, gy, gz = float(goal[0] - a), float(goal[1] - b), float(goal[2] - c)
                         cost = far[node] + math.sqrt(float(u * u + v * v + w * w)) + TURN * (way >= 0)
                         cost += GREED * math.sqrt(gx * gx + gy * gy + gz * gz)
@@ -247,7 +240,7 @@ def trace_cubes(field: Field, trace: Trace, last: Ints, most: int) -> tuple[bool
                         heads[bucket] = size
                         lowest = min(lowest, bucket)
                         size += 1
-    return True, np.empty((0, 4), np.int64), trace
+    return -1
 
 
 # ---- paths -----------------------------------------------------------------------------------------------------------
@@ -281,11 +274,16 @@ def cube_path(states: Stack, slice_of: Ints, neighbors: Ints, start: Ints, goal:
     nx, ny, nz = np.pad(states.shape[1:], (0, 3 - dim), constant_values=1).tolist()
     first, last = (np.pad(cell, (0, 3 - dim)) for cell in (start, goal))
     field = Field(cells_of(states), (nx, ny, nz), slice_of, neighbors)
-    done, middles, trace = trace_cubes(field, Trace.of(field, first), last, LARGEST)
-    while not done:
+    more = (2 * LARGEST + 1) ** dim * (1 + neighbors.shape[1])
+    trace = Trace.of(field, first, more)
+    while (node := trace_cubes(field, trace, last, LARGEST, more)) == -2:
         keep_on(until)
-        done, middles, trace = trace_cubes(field, trace, last, LARGEST)
-    middles = middles[:, : 1 + dim]
+        trace = trace.roomy(more)
+    back = []
+    while node >= 0:
+        back.append(node)
+        node = int(trace.came[node])
+    middles = trace.nodes[back[::-1], : 1 + dim]
     if not len(middles):
         return np.asarray(middles)
     # Where the robot turns, it first goes there as it is turned.

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from cspace.arrays import Bools, Bytes, Floats, Ints
 from cspace.compiling import inner, jit, reader
 from cspace.grid import Grid
 from cspace.map.callbacks import below_half_a_turn, edge_checker
-from cspace.map.free_path import in_time, keep_on, pulled_straight
+from cspace.map.free_path import doubled, in_time, keep_on, pulled_straight
 from cspace.map.record import Map
 from cspace.map.storage import Stack, read_only
 from cspace.orientation import TURN
@@ -398,7 +398,7 @@ class Flood(NamedTuple):
         """With room for some more entries and tops, that of twice as many where it was scarce."""
         if max(self.state[0], self.state[2]) + more < len(self.cells):
             return self
-        return self._replace(**_doubled(cells=self.cells, before=self.before, tops=self.tops, gaps=self.gaps))
+        return self._replace(**doubled(cells=self.cells, before=self.before, tops=self.tops, gaps=self.gaps))
 
 
 @inner
@@ -491,10 +491,6 @@ def climb(graph: Graph, cell: int) -> Ints:
         path[count], count = after, count + 1
         after = _above(graph, _spot(graph, after), after)
     return path[:count]
-
-
-def _doubled(**arrays: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    return {name: np.concatenate([each, np.empty_like(each)]) for name, each in arrays.items()}
 
 
 def _taken(kept: list[T], make: Callable[[], T]) -> T:
@@ -645,7 +641,7 @@ class Queue(NamedTuple):
         """With room for some more entries, that of twice as many where it was scarce."""
         if self.state[0] + more <= len(self.cells):
             return self
-        arrays = _doubled(cells=self.cells, arrivals=self.arrivals, after=self.after, estimates=self.estimates)
+        arrays = doubled(cells=self.cells, arrivals=self.arrivals, after=self.after, estimates=self.estimates)
         return self._replace(**arrays)
 
 
