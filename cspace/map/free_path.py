@@ -114,7 +114,7 @@ class Trace(NamedTuple):
         Of cells: :data:`UNSEEN`, :data:`QUEUED`, or :data:`DONE`.
     heads : ndarray of int64, shape (lists,)
         What waits, in lists by its rounded cost; a list that is not empty has its first entry here.
-    after, cell, parent : ndarray of int64, shape (m,)
+    after, cell, parent : ndarray of int32, int64 and int32, shape (m,)
         Entries: the next one, the cell, and the node that it was come to from.
     nodes : ndarray of int64, shape (k, 4)
         Middles of cubes, as cells.
@@ -126,9 +126,9 @@ class Trace(NamedTuple):
 
     seen: Bytes
     heads: Ints
-    after: Ints
+    after: NDArray[np.int32]
     cell: Ints
-    parent: Ints
+    parent: NDArray[np.int32]
     nodes: Ints
     came: Ints
     far: Floats
@@ -139,26 +139,28 @@ class Trace(NamedTuple):
         """From one cell, with room for so many more entries."""
         seen = np.zeros(len(field.slice_of) * math.prod(field.shape), dtype=np.uint8)
         heads = np.full(int(LISTS * math.hypot(*field.shape)) + 8, -1)
-        after, cell, parent = (np.empty(2 * more, np.int64) for _ in range(3))
+        after, parent, cell = np.empty(2 * more, np.int32), np.empty(2 * more, np.int32), np.empty(2 * more, np.int64)
         heads[0], after[0], parent[0] = 0, -1, -1
         cell[0] = ((first[0] * field.shape[0] + first[1]) * field.shape[1] + first[2]) * field.shape[2] + first[3]
         nodes, came, far = np.empty((ROOM, 4), np.int64), np.empty(ROOM, np.int64), np.empty(ROOM)
         return cls(seen, heads, after, cell, parent, nodes, came, far, np.array([1, 0, 0]))
 
-    def roomy(self, more: int) -> Trace:
+    def roomy(self, more: int, until: float) -> Trace:
         """With room for so many more entries, and one more node, that of twice as many where it was scarce."""
         trace = self
         if self.counts[0] + more > len(self.cell):
-            trace = trace._replace(**doubled(after=self.after, cell=self.cell, parent=self.parent))
+            trace = trace._replace(**doubled(until, after=self.after, cell=self.cell, parent=self.parent))
         if self.counts[1] == len(self.came):
-            trace = trace._replace(**doubled(nodes=self.nodes, came=self.came, far=self.far))
+            trace = trace._replace(**doubled(until, nodes=self.nodes, came=self.came, far=self.far))
         return trace
 
 
-def doubled(**arrays: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Arrays with room for twice as many rows; what is new of them takes no memory before it is written to."""
-    twice = {name: np.empty((2 * len(each), *each.shape[1:]), each.dtype) for name, each in arrays.items()}
+def doubled(until: float, **arrays: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Arrays with room for twice as many rows, which takes no memory before it is used; TimeoutError from a time on."""
+    twice = dict[str, NDArray[Any]]()
     for name, each in arrays.items():
+        keep_on(until)  # large ones take a tenth of a second
+        twice[name] = np.empty((2 * len(each), *each.shape[1:]), each.dtype)
         twice[name][: len(each)] = each
     return twice
 
@@ -278,7 +280,7 @@ def cube_path(states: Stack, slice_of: Ints, neighbors: Ints, start: Ints, goal:
     trace = Trace.of(field, first, more)
     while (node := trace_cubes(field, trace, last, LARGEST, more)) == -2:
         keep_on(until)
-        trace = trace.roomy(more)
+        trace = trace.roomy(more, until)
     back = []
     while node >= 0:
         back.append(node)

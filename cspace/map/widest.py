@@ -394,11 +394,11 @@ class Flood(NamedTuple):
             np.array([0, -1, 0, 0, TOP]),
         )
 
-    def roomy(self, more: int) -> Flood:
+    def roomy(self, more: int, until: float) -> Flood:
         """With room for some more entries and tops, that of twice as many where it was scarce."""
         if max(self.state[0], self.state[2]) + more < len(self.cells):
             return self
-        return self._replace(**doubled(cells=self.cells, before=self.before, tops=self.tops, gaps=self.gaps))
+        return self._replace(**doubled(until, cells=self.cells, before=self.before, tops=self.tops, gaps=self.gaps))
 
 
 @inner
@@ -573,7 +573,7 @@ class Widest:
         try:
             while (best := bottleneck(graph, flood, one, other, found)) < 0:
                 keep_on(until)
-                flood = flood.roomy(more)
+                flood = flood.roomy(more, until)
         finally:
             if not self.floods:
                 self.floods.append(flood)
@@ -592,7 +592,7 @@ class Widest:
             flat[goal % size] = 1.0
             while (bound := flat_distances(graph, wide, goal % size, start % size, flat, queue)) < 0.0:
                 keep_on(until)
-                queue = queue.roomy(more)
+                queue = queue.roomy(more, until)
         room = far, came = _taken(self.rooms, lambda: (np.zeros(size * count + 1), np.zeros(size * count, np.uint32)))
         if far[-1] > SPENT:
             far[:] = 0.0
@@ -601,7 +601,7 @@ class Widest:
         task, led = (start, goal, least), (flat, float(bound), _turns_to(graph, goal // size))
         while not (result := chain_of(graph, self.moves, task, led, room, queue))[0]:
             keep_on(until)  # a room that was written to in vain is thrown away
-            queue = queue.roomy(more)
+            queue = queue.roomy(more, until)
         if not self.rooms and size * count <= LARGEST:
             self.rooms.append(room)
         return result[1]
@@ -637,11 +637,11 @@ class Queue(NamedTuple):
         heads[0], cells[0], arrivals[0], after[0], estimates[0] = 0, cell, NO_WAY, -1, 0.0
         return cls(heads, cells, arrivals, after, estimates, np.array([1.0, 0.0, 0.0, np.inf]))
 
-    def roomy(self, more: int) -> Queue:
+    def roomy(self, more: int, until: float) -> Queue:
         """With room for some more entries, that of twice as many where it was scarce."""
         if self.state[0] + more <= len(self.cells):
             return self
-        arrays = doubled(cells=self.cells, arrivals=self.arrivals, after=self.after, estimates=self.estimates)
+        arrays = doubled(until, cells=self.cells, arrivals=self.arrivals, after=self.after, estimates=self.estimates)
         return self._replace(**arrays)
 
 
