@@ -22,7 +22,7 @@ SIZES: Final = tuple(2**k for k in (12, 14, 16, 18, 20, 22))
 
 SECONDS_A_POINT: Final = {
     "float32": (2.4e-9, 2.5e-9, 2.5e-9, 2.6e-9, 3.0e-9, 4.8e-9),
-    "float64": (3.4e-9, 3.5e-9, 3.6e-9, 4.0e-9, 5.3e-9, 8.3e-9),
+    "float64": (3.4e-9, 3.5e-9, 3.6e-9, 4.0e-9, 7.0e-9, 14.0e-9),
 }
 """Half of what a tile's transforms, there and back, and all that is done with its numbers take, for each size."""
 
