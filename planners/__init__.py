@@ -4,6 +4,7 @@ OMPL's objects must be gone before the interpreter ends, or its bindings report 
 """
 
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 from cspace.errors import MissingPackageError
 
@@ -24,13 +25,22 @@ from planners.catalogue import planner_names as planner_names
 from planners.objectives import ClearanceObjective as ClearanceObjective
 from planners.objectives import OverlapObjective as OverlapObjective
 from planners.objectives import WeightedLength as WeightedLength
+from planners.plan import Choices as Choices
+from planners.plan import choices as choices
 from planners.plan import plan as plan
 from planners.result import Plan as Plan
 from planners.result import Times as Times
 from planners.setup import simple_setup as simple_setup
 from planners.setup import state_space as state_space
 
+if TYPE_CHECKING:
+    import planners
+    from cspace.view.planning import Planning
+
+    _PLANS_ON_PAGES: Planning = planners
+
 __all__ = [
+    "Choices",
     "ClearanceObjective",
     "FreeStateSampler",
     "MotionValidator",
@@ -39,6 +49,7 @@ __all__ = [
     "StateValidityChecker",
     "Times",
     "WeightedLength",
+    "choices",
     "plan",
     "planner_names",
     "simple_setup",

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Final, cast
+from typing import Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,8 +15,19 @@ from cspace.configuration_space import ConfigurationSpace, Leg
 from cspace.errors import InputError
 from cspace.grid import positive, whole
 from cspace.space import CSpace
-from planners.catalogue import BIRRT, CUBES, IGNORE_OBJECTIVES, OWN, SECOND_THREAD, WIDEST, planner_named
-from planners.local_planner import HOLONOMIC, ON_THE_SPOT, LocalPlanner, check_flag, local_planner, takes_curve, text
+from planners.catalogue import BIRRT, CUBES, IGNORE_OBJECTIVES, OWN, SECOND_THREAD, WIDEST, planner_named, planner_names
+from planners.local_planner import (
+    CAR_AXES,
+    CURVES,
+    DRIVES,
+    HOLONOMIC,
+    ON_THE_SPOT,
+    LocalPlanner,
+    check_flag,
+    local_planner,
+    takes_curve,
+    text,
+)
 from planners.objectives import ClearanceObjective, OverlapObjective, WeightedLength, edges_on_map, overlap_field
 from planners.passages import Passages, shortened
 from planners.result import Plan, Times
@@ -35,6 +46,55 @@ _BY_NAME: Final[dict[str, type[ClearanceObjective | OverlapObjective]]] = {
     "overlap": OverlapObjective,
 }
 """What can be optimised beside the length."""
+
+
+class Choices(NamedTuple):
+    """What :func:`plan` can be given on a space.
+
+    Attributes
+    ----------
+    planners : tuple of str
+        Names of planners: OMPL's, and the searches of our own that there are.
+    drives : tuple of str
+        Names of drives, "holonomic" first.
+    curves : tuple of str
+        Those of the drives that need a turning radius.
+    """
+
+    planners: tuple[str, ...]
+    drives: tuple[str, ...]
+    curves: tuple[str, ...]
+
+
+def choices(space: ConfigurationSpace) -> Choices:
+    """What :func:`plan` can be given on a space, as for a panel or a form.
+
+    Parameters
+    ----------
+    space : CSpace, TiledCSpace or ArmSpace
+
+    Returns
+    -------
+    Choices
+
+    Raises
+    ------
+    InputError
+        If ``space`` is none.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace, planners
+    >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+    >>> choices = planners.choices(cspace.build(workspace, cspace.Robot.disc(0.2)))
+    >>> choices.planners[-2:], choices.drives, choices.curves
+    (('Cubes', 'Widest'), ('holonomic',), ())
+    """
+    own = local_planner(cast(CSpace, space)).own
+    if not isinstance(space, CSpace):
+        own = tuple(name for name in own if name != WIDEST)  # which takes a map in memory
+    turns = space.axes == CAR_AXES
+    return Choices((*planner_names(), *own), DRIVES if turns else DRIVES[:1], CURVES if turns else ())
 
 
 @takes_curve

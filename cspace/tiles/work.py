@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
+from importlib import import_module
 from threading import get_ident
 from typing import TYPE_CHECKING, Any, Final
 
@@ -301,10 +302,9 @@ def _on_cluster(
 
     def version_there() -> str | None:
         try:
-            import cspace
+            return str(import_module("cspace").__version__)
         except ImportError:
             return None
-        return cspace.__version__
 
     def room(dask_worker: Any) -> tuple[str | None, Any]:
         limit = getattr(dask_worker.memory_manager, "memory_limit", None)

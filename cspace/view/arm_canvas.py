@@ -43,7 +43,6 @@ class ArmCanvas(Canvas):
     """
 
     has_cells = False
-    unit = "rad"
 
     def __init__(self, space: Any, server: ViserServer, points: Floats, marks: dict[str, Floats]) -> None:
         given = {name: space._checked(q, name) for name, q in marks.items()}

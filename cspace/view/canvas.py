@@ -72,8 +72,6 @@ class Canvas(ABC):
         Whether there are cells, in which the geometry itself may decide.
     is_quick : bool
         Whether what is proven of a start and a goal is soon known.
-    unit : str
-        Of the length of a path.
     bytes : int
         Of arrays, sent so far to each client.
     """
@@ -86,7 +84,6 @@ class Canvas(ABC):
     legend: list[tuple[str, str]]
     has_cells = True
     is_quick = True
-    unit = "m"
 
     def __init__(self, server: ViserServer, space: Any, endpoints: dict[str, Floats]) -> None:
         self._server, self._space, self.endpoints = server, space, endpoints

@@ -15,13 +15,12 @@ import numpy as np
 from cspace.arrays import Floats
 from cspace.errors import CspaceError, MissingPackageError
 from cspace.view.canvas import MARKS, Canvas
+from cspace.view.planning import PlanLike, planning
 from cspace.view.scene import HIGH, LOW
 from cspace.view.worker import Worker
 
 if TYPE_CHECKING:
     from viser import ViserServer
-
-    from planners import Plan
 
 LOGGER: Final = logging.getLogger(__name__)
 
@@ -42,13 +41,13 @@ class Page:
     ----------
     marks : dict of str to ndarray of float64, shape (dof,)
         The start and the goal.
-    plan : Plan or None
+    plan : PlanLike or None
         What the last search found.
     """
 
     def __init__(self, server: ViserServer, space: Any, canvas: Canvas, path: Floats) -> None:
         self._space, self._canvas, self._gui = space, canvas, server.gui
-        self.marks, self.plan = dict(canvas.endpoints), None  # type: dict[str, Floats], Plan | None
+        self.marks, self.plan = dict(canvas.endpoints), None  # type: dict[str, Floats], PlanLike | None
         self._path, self._proves = path, canvas.is_quick
         self._playing = threading.Event()
         self._drawer = Worker(canvas.draw, self._fail)
@@ -212,12 +211,10 @@ class Page:
 
     def _search(self) -> None:
         """Plan, and say what came out."""
-        import planners
-
         self._answer.content = "Planning …"
         self._button.disabled = True
         try:
-            self.plan = plan = planners.plan(
+            self.plan = plan = planning().plan(
                 self._space,
                 self.marks["start"],
                 self.marks["goal"],
@@ -234,7 +231,7 @@ class Page:
         self._follow(plan.path)
         if plan.solved:
             self.move(plan.path[0])
-        self._answer.content = _plan_text(plan, self._canvas.unit)
+        self._answer.content = _plan_text(plan)
 
     def _play(self) -> None:
         """Move the robot along the path, until it is there or someone stops it."""
@@ -280,14 +277,14 @@ class Page:
         self._answer.content = f"**Not done:** {message}"
 
 
-def _plan_text(plan: Plan, unit: str) -> str:
+def _plan_text(plan: PlanLike) -> str:
     """A plan, and what it proves."""
     if not plan.solved:
         advice = f"  \nTry {plan.advice}." if plan.advice else ""
         return f"**{plan.status[:1].upper()}{plan.status[1:]}.**{advice}"
     proof = "certified: every edge is proven free" if plan.certified else "not certified"
-    name, distance = plan.shown_distance
-    apart = "" if math.isnan(distance) else f", {name.replace('_', ' ')} at least {distance:.3f} m"
+    (name, distance), (unit, distance_unit) = plan.shown_distance, plan.units
+    apart = "" if math.isnan(distance) else f", {name.replace('_', ' ')} at least {distance:.3f} {distance_unit}"
     seconds = plan.times.planning + plan.times.simplification
     took = f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
     text = f"**{plan.status[:1].upper()}{plan.status[1:]}**, {proof}."
@@ -297,12 +294,10 @@ def _plan_text(plan: Plan, unit: str) -> str:
 def _choices(space: Any) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
     """Names of planners, of drives, and of drives with a turning radius; the first ones are those to begin with."""
     try:
-        import planners
-    except MissingPackageError:
+        choices = planning().choices(space)
+    except MissingPackageError:  # the page shows the map; who plans there is told what is missing
         return (AUTOMATIC,), ("holonomic",), ()
-    known = planners.local_planner
-    names = (AUTOMATIC, *planners.planner_names(), *known.local_planner(space).own)
-    return names, known.DRIVES if space.axes == known.CAR_AXES else known.DRIVES[:1], known.CURVES
+    return (AUTOMATIC, *choices.planners), choices.drives, choices.curves
 
 
 def _legend(rows: list[tuple[str, str]]) -> str:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from cspace.plot.route import HasPath
     from cspace.view.canvas import Canvas
-    from planners import Plan
+    from cspace.view.planning import PlanLike
 
     MakeCanvas = Callable[[ViserServer, Floats, dict[str, Floats]], Canvas]
 
@@ -77,8 +77,8 @@ class Viewer:
         return f"http://{self._server.get_host()}:{self._server.get_port()}"
 
     @property
-    def plan(self) -> Plan | None:
-        """What the last search found; None before there was one."""
+    def plan(self) -> PlanLike | None:
+        """What the last search found, a :class:`planners.Plan`; None before there was one."""
         return self.page.plan
 
     def refresh(self) -> None:

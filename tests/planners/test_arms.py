@@ -31,6 +31,11 @@ def space_of(folder: Path, **changes: Any) -> ArmSpace:
     return build_arm({"post": post}, Arm.from_urdf(planar(folder, **changes)))
 
 
+def test_what_can_be_chosen(tmp_path: Path) -> None:
+    choices = planners.choices(space_of(tmp_path))
+    assert choices == ((*planners.planner_names(), "BiRRT"), ("holonomic",), ())
+
+
 @pytest.mark.parametrize("name", ["BiRRT", *planners.planner_names()])
 def test_every_planner_finds_a_path_that_is_proven(tmp_path: Path, name: str) -> None:
     space = space_of(tmp_path)

@@ -98,6 +98,19 @@ def test_every_geometric_planner_that_can_be_made_is_listed() -> None:
     assert len(made) >= 14 and {"RRTConnect", "PRMstar", "BITstar", "KPIECE1"} <= made
 
 
+@pytest.mark.parametrize("name", SPACES)
+def test_what_can_be_chosen_on_a_map(name: str) -> None:
+    space = room(name)
+    choices = planners.choices(space)
+    assert choices.planners == (*planners.planner_names(), "Cubes", "Widest")
+    assert choices.drives == (DRIVES if name == "turning" else ("holonomic",))
+    for drive in choices.drives:
+        radius = 0.4 if drive in choices.curves else None
+        assert planners.state_space(space, drive=drive, turning_radius=radius) is not None
+    with pytest.raises(InputError, match="it must be a CSpace or an ArmSpace"):
+        planners.choices(space.grid)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("drive", DRIVES)
 def test_a_planner_that_ends_the_process_is_refused(drive: str) -> None:
     """OMPL's AORRTC reads beyond a list where paths are long, which is not to be known before."""
