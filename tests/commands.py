@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import json
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import typer.main
-import typer.testing
+from typer.testing import CliRunner
 
 from cspace.cli import app
 
-# The runner would make all commands anew at each call, which takes longer than many of them.
-typer.testing._get_command = cache(typer.main.get_command)  # type: ignore[attr-defined]
+# Typer's own runner would make all commands anew at each call, which takes longer than many of them.
+command = cache(partial(typer.main.get_command, app))
 
 
 def run(*arguments: object) -> Any:
     """What the command line answers."""
-    return typer.testing.CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return super(CliRunner, CliRunner()).invoke(command(), [str(argument) for argument in arguments])
 
 
 def document(*arguments: object, warning: str = "") -> dict[str, Any]:

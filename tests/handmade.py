@@ -43,11 +43,10 @@ def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rast
     policy = outside if isinstance(outside, str) else "free"
     cells = Rotations.of(rotations)
     states = state.reshape(cells.count, *state.shape[-dim:]).copy()
-    made = CSpace(Contents(workspace, robot, cells, np.arange(cells.count), states, outside=policy), rasters)
-    if not isinstance(outside, str):
-        table = np.array([[*outside.box, outside.state]] * len(made._seen), dtype=np.int64)
-        made._derived_exterior.get(lambda: Exterior(table))
-    return made
+    given = None if policy is outside else np.array([[*outside.box, outside.state]] * cells.count, dtype=np.int64)
+    exterior = None if given is None else Exterior(given)
+    slices = np.arange(cells.count)
+    return CSpace(Contents(workspace, robot, cells, slices, states, outside=policy, exterior=exterior), rasters)
 
 
 def map_in(workspace, robot, states, rotations=None, **options):

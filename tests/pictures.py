@@ -43,7 +43,14 @@ def labels(ax: Any) -> list[str]:
 
 
 def heading(ax: Any) -> str:
-    return str(ax.figure._suptitle.get_text())
+    """The text above all panels."""
+    return str(ax.figure.get_suptitle())
+
+
+def heading_box(figure: Any) -> Any:
+    """What it covers."""
+    (text,) = (each for each in figure.texts if each.get_text() == figure.get_suptitle())
+    return text.get_window_extent()
 
 
 def class_of(space: CSpace, states: set[int], occupied: bool) -> str:

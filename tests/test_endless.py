@@ -23,10 +23,12 @@ from cspace import FREE, MIXED, Grid, Workspace
 from cspace.endless import EndlessCSpace, map_of
 from cspace.errors import InputError
 from cspace.map.contents import Contents
+from cspace.map.widest import Widest
 from cspace.plot import save_plot
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Point
+from handmade import map_in
 from oracles import segment_meets_block
 
 TURN = 2.0 * math.pi
@@ -238,6 +240,8 @@ def test_the_widest_path_leads_across_the_seam(data: st.DataObject, endless: tup
     grid, states = space.grid, states.copy()
     for _ in range(2):
         room, free = room_of(states, endless), np.argwhere(states == FREE)
+        whole = map_in(space.workspace, space.robot, states.copy())
+        search = Widest.of(whole.record, whole.record.states, whole.rotations, endless)
         for start, goal in rng.choice(free, (2, 2)) if len(free) else []:
             turns = TURN * rng.integers(-2, 3, (2, grid.dim)) * endless
             endpoints = grid.center_of(np.array([start, goal])) + turns
@@ -252,11 +256,9 @@ def test_the_widest_path_leads_across_the_seam(data: st.DataObject, endless: tup
                 more = (each[-1] - endpoints[1]) / TURN
                 np.testing.assert_allclose(more, np.rint(more) * endless, atol=1e-9)
                 assert space.certify_path(each).all()
-            derived = space._widest.made
-            assert derived is not None
             one, other = (int(np.ravel_multi_index(tuple(each), states.shape)) for each in (start, goal))
-            assert derived.bottleneck(one, other) == best
-            steps = np.diff(np.unravel_index(derived.shortest(one, other, int(best)), states.shape))
+            assert search.bottleneck(one, other) == best
+            steps = np.diff(np.unravel_index(search.shortest(one, other, int(best)), states.shape))
             shape = np.array(states.shape)[:, np.newaxis]
             steps -= shape * np.rint(steps / shape).astype(int) * np.array(endless)[:, np.newaxis]
             assert np.linalg.norm(steps, axis=0).sum() == pytest.approx(length)

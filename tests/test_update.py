@@ -19,6 +19,7 @@ import handmade
 import planners
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.io import rosmap
+from cspace.map.components import Components
 from maps import same
 from updates import World, agree, check, checkers, worlds
 from waiting import while_two_ask
@@ -397,14 +398,14 @@ def test_paths_are_of_before_an_update_or_after_it(monkeypatch: pytest.MonkeyPat
     pocket, corner, answers = (1.55, 1.55), (3.5, 3.5), []
     asking = threading.Thread(target=lambda: answers.append(space.path_exists(pocket, corner)))
     assert space.path_exists(pocket, corner) is False
-    renew = cspace.CSpace._renew
+    renew = Components.renew
 
-    def in_the_midst(self: cspace.CSpace, change: object) -> None:
+    def in_the_midst(self: Components, boxes: np.ndarray) -> None:
         asking.start()
         asking.join(0.2)
-        renew(self, change)
+        renew(self, boxes)
 
-    monkeypatch.setattr(cspace.CSpace, "_renew", in_the_midst)
+    monkeypatch.setattr(Components, "renew", in_the_midst)
     ring = np.ones((10, 10), dtype=bool)
     ring[3:8, 3:8] = False
     space.update(ring, (10, 10))

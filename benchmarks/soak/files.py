@@ -230,7 +230,7 @@ def attempts(
     outcomes: Counter[str] = Counter()
     signal.signal(signal.SIGALRM, _late)
     path, write = every[name], _FORGERS.get(name, _write)
-    parts = _parts(path, forged=name in _FORGERS)
+    parts = parts_of(path, forged=name in _FORGERS)
     others = [other.read_bytes() for other in every.values() if other.is_file()]
     for number in range(first, first + count):
         rng = np.random.default_rng([seed, sum(name.encode()), number])
@@ -258,7 +258,7 @@ Parts = dict[str, bytes]
 """The content of what a file or a folder consists of, by name."""
 
 
-def _parts(path: Path, forged: bool) -> Parts:
+def parts_of(path: Path, forged: bool) -> Parts:
     if path.is_dir():
         return {part.relative_to(path).as_posix(): part.read_bytes() for part in path.rglob("*") if part.is_file()}
     if not forged:
@@ -273,7 +273,7 @@ def _write(path: Path, parts: Parts, part: str, content: bytes) -> None:
     (path / part).write_bytes(content)
 
 
-def _forge_store(path: Path, parts: Parts, part: str, content: bytes) -> None:
+def forge_store(path: Path, parts: Parts, part: str, content: bytes) -> None:
     """Write one part of a store, and digests that agree with it."""
     _write(path, parts, part, content)
     now = parts | {part: content}
@@ -307,7 +307,7 @@ def _sealed(metadata: Any, digests: dict[str, str]) -> dict[str, Any]:
     return record.seal({key: value for key, value in metadata.items() if not key.startswith("digest")}, digests)
 
 
-_FORGERS = {"forged.zarr": _forge_store, "forged.npz": _forge_archive}
+_FORGERS = {"forged.zarr": forge_store, "forged.npz": _forge_archive}
 
 
 class Late(BaseException):

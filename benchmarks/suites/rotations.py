@@ -21,6 +21,7 @@ from benchmarks.suites.rotation_scenes import TRIED, Fcl, Scene
 from benchmarks.timing import Timing, interleave, one_core
 from cspace import BLOCKED, FREE, CSpace
 from cspace.arrays import Floats
+from cspace.map.slices import slice_rasters
 
 SLICES = 6
 """Slices that SciPy convolves."""
@@ -95,10 +96,11 @@ def _build(report: Report, scene: Scene, cuts: int, rng: np.random.Generator) ->
     occupied, loop = scene.workspace.outer.astype(np.float64), Timing(None)
     chosen, equal = rng.choice(rotations.count, min(SLICES, rotations.count), replace=False), True
     outer: CSpace = timings["ours, outer alone"].value
+    rasters = slice_rasters(outer.robot, outer.grid.spacing, outer.margin, rotations)
     for cell in chosen.tolist():
         # The map's own: one made anew is cut otherwise than an image, and may be a cell tighter or looser.
         # Both are bounds.
-        raster = outer._rasters[slice_of[cell]][0]
+        raster = rasters[slice_of[cell]][0]
         kernel = np.flip(raster.cells).astype(np.float64)
         met = loop.take(partial(convolved, signal.fftconvolve, occupied, kernel, raster))
         ours = outer.slice_at(rotations.centers[cell]) != FREE

@@ -71,7 +71,7 @@ def _throughput(report: Report, rng: np.random.Generator, folder: Path) -> None:
         inside, stored = timings.values()
         report.ratio("throughput of the store, of that in memory", inside, stored, least=0.5)
         states = zarr.open_group(str(folder / "one"), mode="r")["state"]
-        whole = np.asarray(inside.value._contents.states)
+        whole = inside.value.record.states
         report.check(all(np.array_equal(states[k], part) for k, part in enumerate(whole)), "states are equal")
         stored_bytes = _bytes(folder / "one")
         report.figure("bytes a cell on disk", stored_bytes / whole.size, "B")
@@ -137,8 +137,6 @@ def _large(
     here = window.grid.contains(q[:, :2])
     report.check(np.array_equal(window.classify(q[here]), states[here]), "a window answers alike")
     _timed(report, "components of all tiles, labelled and joined", space.label)
-    joined = space._join()
-    report.figure("components that reach a face", float(joined.first[0][-1]), "")
     free_q = q[states == cspace.FREE]
     endpoints = [
         free_q[np.argmin(np.abs(free_q[:, :2] - corner).sum(axis=1))] for corner in (50.0, size * SPACING - 50.0)

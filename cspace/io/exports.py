@@ -27,10 +27,10 @@ from cspace.states import FREE
 _BYTES: Final = 160
 """For each square of the border: its corners, its triangles, and its share of the vertices."""
 
-_MOST: Final = 2**31 - 1
+MOST: Final = 2**31 - 1
 """Triangles that every format can count."""
 
-_BLOCK: Final = 2**16
+BLOCK: Final = 2**16
 """Rows that are encoded at once."""
 
 
@@ -157,11 +157,11 @@ def write_border(state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike[s
     with replacing(path, overwrite) as temporary:
         vertices, faces = free_border(state, grid)
         suffix = Path(path).suffix.lower()
-        if len(faces) > _MOST:
+        if len(faces) > MOST:
             raise InputError(
                 "path",
                 f"is {path} for a mesh of {len(faces)} triangles",
-                f"a {suffix} file holds at most {_MOST}",
+                f"a {suffix} file holds at most {MOST}",
                 "build the map with a larger spacing or smaller bounds",
             )
         with temporary.open("wb") as file:
@@ -213,7 +213,7 @@ def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
 
 
 def _blocks(table: NDArray[Any]) -> Iterator[NDArray[Any]]:
-    return (table[start : start + _BLOCK] for start in range(0, len(table), _BLOCK))
+    return (table[start : start + BLOCK] for start in range(0, len(table), BLOCK))
 
 
 WRITERS: Final[Mapping[str, Callable[[IO[bytes], Floats, Ints], None]]] = {

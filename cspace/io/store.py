@@ -45,10 +45,10 @@ from cspace.memory import is_packed
 
 _ROOT: Final = "zarr.json"
 
-_CHUNK: Final = {1: 2**20, 2: 1024, 3: 128}
+CHUNK: Final = {1: 2**20, 2: 1024, 3: 128}
 """Cells of a chunk along each axis, by the number of axes: about a million cells."""
 
-_SLICE_CHUNK: Final = {2: 4096, 3: 256}
+SLICE_CHUNK: Final = {2: 4096, 3: 256}
 """The same for a chunk of a slice: all of a slice in the plane, but for huge ones."""
 
 _CODECS: Final = {"bytes", "zstd", "crc32c"}
@@ -149,9 +149,9 @@ def _written(document: Mapping[str, Any]) -> bytes:
 
 def _chunks(shape: tuple[int, ...], axes: tuple[str, ...]) -> tuple[int, ...]:
     """Shape of the chunks of an array."""
-    longest = [_CHUNK.get(len(shape), 1)] * len(shape)
+    longest = [CHUNK.get(len(shape), 1)] * len(shape)
     if axes[0] == "slice" and len(shape) > 2:
-        longest = [1] + [_SLICE_CHUNK[len(shape) - 1]] * (len(shape) - 1)
+        longest = [1] + [SLICE_CHUNK[len(shape) - 1]] * (len(shape) - 1)
     return tuple(max(1, min(pair)) for pair in zip(shape, longest, strict=True))
 
 

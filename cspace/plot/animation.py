@@ -94,7 +94,7 @@ def animate(
     with replacing(target, overwrite) as temporary:
         moves = bool((route.points != route.points[0]).any())
         shares = np.linspace(0.0, 1.0, count if moves else 1)
-        stage = _Stage(space, route, title)
+        stage = Stage(space, route, title)
         frames = []
         for number, q in enumerate(route.along(shares)):
             frames.append(stage.frame(q))
@@ -128,7 +128,7 @@ def _timing(seconds: float, rate: float) -> tuple[int, int]:
     return 10 * max(2, round(100.0 / often)), max(count, 2)
 
 
-class _Stage:
+class Stage:
     """The two panels, drawn once; a frame moves what moves."""
 
     def __init__(self, space: MapLike, route: Route, title: str | None) -> None:
@@ -138,7 +138,7 @@ class _Stage:
         stops = route.along(np.linspace(0.0, 1.0, 64))
         box = Route(route.points, route.marks, stops, route.figurine).box(space)
         stretch = artists.stretches(box)
-        self._figure, (world, plane) = _panels(box)
+        self.figure, (world, plane) = _panels(box)
         ground = artists.ground_of(space.workspace)
         artists.draw_cells(world, space.grid, ground)
         slices = [self._classes(q) for q in stops]
@@ -158,19 +158,19 @@ class _Stage:
         heads: dict[str, Any] = {"loc": "left", "fontsize": 9}
         world.set_title("workspace", **heads)
         self._head = plane.set_title("C-obstacle", **heads)
-        self._figure.suptitle(artists.title(space, stretch, title), fontsize=10)
-        artists.legend_below(self._figure, handles + drawn, 8.0)
-        self._canvas = self._figure.canvas
+        self.figure.suptitle(artists.title(space, stretch, title), fontsize=10)
+        artists.legend_below(self.figure, handles + drawn, 8.0)
+        self._canvas = self.figure.canvas
         self._canvas.draw()
         # What moves must not move the panels; and what stands, letters above all, is drawn once.
-        self._figure.set_layout_engine("none")
+        self.figure.set_layout_engine("none")
         over = [*plane.images, *plane.lines, *plane.spines.values(), self._head]
         under = [*world.lines, *world.patches]
         self._moving = [*sorted(under, key=_layer), *sorted(over, key=_layer)]
         for artist in self._moving:
             artist.set_animated(True)
         self._canvas.draw()
-        self._still = self._canvas.copy_from_bbox(self._figure.bbox)
+        self._still = self._canvas.copy_from_bbox(self.figure.bbox)
         self._way: list[Floats] = []
 
     def frame(self, q: Floats) -> NDArray[np.uint8]:

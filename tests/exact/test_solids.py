@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.shapes.mesh import Mesh
+from handmade import map_in
 from strategies import seeds
 
 BAND = 1e-6
@@ -497,8 +498,11 @@ def test_where_ompl_lets_the_rotation_jump_all_of_it_counts():
     tip, rotations = np.array([0.0, -1000.0, 0.0]), cspace.Rotations.quaternions(1)
     ball = rotation_of(q0).apply(tip) + q1[:3] - (0.1, 0.0, 0.0)
     workspace = Workspace.from_balls([ball], 0.004, 100.0, (0, 0, 0, 1200, 100, 100))
-    space = cspace.build(workspace, Robot.ball(0.004, tip), rotations=rotations, outside="free", inner=False)
-    space._contents.states[...] = MIXED
+    robot = Robot.ball(0.004, tip)
+    slice_of = rotations.slice_of(robot.shape)
+    states = np.full((slice_of.max() + 1, *workspace.grid.shape), MIXED, dtype=np.uint8)
+    space = map_in(workspace, robot, states.copy(), rotations, outside="free")
     assert space.motion_is_free(q0, [*q0[:3], *q1[3:]], exact=True)
-    space._contents.states[space._slice_of[rotations.cell_of(q1[3:])]] = FREE
+    states[slice_of[rotations.cell_of(q1[3:])]] = FREE
+    space = map_in(workspace, robot, states, rotations, outside="free")
     assert space.is_free(q1) and not space.motion_is_free(q0, q1, exact=True)

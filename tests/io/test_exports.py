@@ -147,12 +147,12 @@ def test_blocks_do_not_show_and_too_many_triangles_are_refused(
 ) -> None:
     state, grid = np.zeros((2, 2, 3), np.uint8), cspace.Grid((0.0,) * 3, 1.0, (2, 2, 3))
     written = []
-    for rows in (exports._BLOCK, 1, 7):
-        monkeypatch.setattr(exports, "_BLOCK", rows)
+    for rows in (exports.BLOCK, 1, 7):
+        monkeypatch.setattr(exports, "BLOCK", rows)
         exports.write_border(state, grid, tmp_path / f"free{suffix}", overwrite=True)
         written.append((tmp_path / f"free{suffix}").read_bytes())
     assert written[0] == written[1] == written[2]
-    monkeypatch.setattr(exports, "_MOST", 11)
+    monkeypatch.setattr(exports, "MOST", 11)
     with pytest.raises(InputError, match=r"64 triangles; .* at most 11"):
         exports.write_border(state, grid, tmp_path / f"free{suffix}", overwrite=True)
     assert (tmp_path / f"free{suffix}").read_bytes() == written[0]

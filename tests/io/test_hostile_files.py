@@ -337,7 +337,7 @@ def test_no_codec_of_a_store_is_looked_for_by_its_name(tmp_path: Path, families:
     shutil.copytree(families["forged.zarr"], path)
     described = json.loads((path / "state" / "zarr.json").read_text())
     described["codecs"].append({"name": "of_a_plug_in"})
-    soak._forge_store(path, soak._parts(path, forged=True), "state/zarr.json", json.dumps(described).encode())
+    soak.forge_store(path, soak.parts_of(path, forged=True), "state/zarr.json", json.dumps(described).encode())
     with pytest.raises(FileError, match=r"'state' is encoded with .*of_a_plug_in"):
         cspace.open(path)
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace import InputError, Robot, Workspace
+from cspace.map import mip
 from cspace.map.batches import EDGES_A_THREAD, ROWS
 from cspace.map.mip import CELLS_AN_EDGE
 from cspace.rotations import Rotations
@@ -173,12 +174,14 @@ def test_edges_of_many_are_those_of_each(make, seed, outside):
     assert many.any() or outside == "blocked"
 
 
-def test_blocks_are_marked_only_where_that_pays():
+def test_blocks_are_marked_only_where_that_pays(monkeypatch):
     space = cspace.build(cspace.Workspace.from_array(np.zeros((200, 200), dtype=bool), 0.1), cspace.Robot.disc(0.2))
+    marked, mark = [], mip.Mip.marks
+    monkeypatch.setattr(mip.Mip, "marks", lambda *how: marked.append(mark(*how)) or marked[-1])
     space.motion_is_free((1.0, 1.0), (2.0, 2.0))
-    assert space._mip.made is None
+    assert not marked
     space.motion_is_free(np.full((10, 2), 1.0), np.full((10, 2), 2.0))
-    assert space._mip.made.marks(cells=False).blocks.shape == (1, 1, 4, 4, 1)
+    assert [marks.blocks.shape for marks in marked] == [(1, 1, 4, 4, 1)]
 
 
 # ---- paths and roadmaps ----------------------------------------------------------------------------------------------

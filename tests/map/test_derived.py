@@ -72,7 +72,17 @@ def test_copies_leave_the_lock_and_the_part_behind(of):
 
 
 def test_parts_of_one_copied_map_share_its_new_lock():
-    lock = Lock()
-    first, second = copy.deepcopy([Derived(lock), Derived(lock)])
-    assert first._lock is second._lock
-    assert first._lock is not lock
+    original = Derived(Lock())
+    parts = original, *copy.deepcopy([original, original])
+    others = [threading.Thread(target=part.get, args=(Counter,)) for part in parts[::2]]
+
+    def make():
+        for thread in others:
+            thread.start()
+        others[0].join(10.0)
+        others[1].join(0.1)
+        assert [thread.is_alive() for thread in others] == [False, True]
+        return Counter()
+
+    parts[1].get(make)
+    others[1].join()

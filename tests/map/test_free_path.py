@@ -159,8 +159,9 @@ def test_what_is_refused():
 )
 def test_a_rotation_stays_one_in_other_numbers(rotations, first, last):
     """Waypoints lie on long edges, and none of them is turned."""
-    space = map_of(np.zeros((rotations if rotations == 4 else rotations.count, 30, 5, 5)), rotations, spacing=0.25)
-    space._contents.states[:, 12:15, :4] = MIXED  # round a corner
+    states = np.zeros((rotations if rotations == 4 else rotations.count, 30, 5, 5))
+    states[:, 12:15, :4] = MIXED  # round a corner
+    space = map_of(states, rotations, spacing=0.25)
     assert space.path_exists([0.3, 0.6, 0.6, *first], [7.1, 0.6, 0.6, *last])
     path = space.free_path([0.3, 0.6, 0.6, *first], [7.1, 0.6, 0.6, *last])
     assert len(path) > 2 and (path[:, 3:] == first).all() and space.certify_path(path).all()

@@ -46,8 +46,8 @@ def both(name, monkeypatch, **options):
     bytes_ = cspace.build(workspace, robot, rotations=rotations, **options)
     monkeypatch.setattr(memory, "PACKED_FROM", 0)
     bits = cspace.build(workspace, robot, rotations=rotations, **options)
-    assert isinstance(bits._seen, PackedStates)
-    assert not isinstance(bytes_._seen, PackedStates)
+    size = bytes_.record.states.size
+    assert bits.facts["memory_bytes"] < size // 4 + 20 < bytes_.facts["memory_bytes"] == size
     return bytes_, bits
 
 
@@ -75,13 +75,13 @@ def test_a_map_is_the_same_in_two_bits(name, method, monkeypatch):
     done = []
     one, two = both(name, monkeypatch, method=method, progress=lambda *steps: done.append(steps))
     np.testing.assert_array_equal(two.state, one.state)
-    np.testing.assert_array_equal(two._exterior.table, one._exterior.table)
+    np.testing.assert_array_equal(two.record.exterior, one.record.exterior)
     assert one.count() == two.count()
-    assert two._seen.nbytes < one.state.size // 4 + 20
-    steps = [step for step, total in done if total == len(two._seen)]
+    slices = one.facts["slices"]
+    steps = [step for step, total in done if total == slices]
     assert len(steps) > 1
     assert steps == sorted(steps)
-    assert steps[-1] == len(two._seen)
+    assert steps[-1] == slices
 
 
 def test_every_answer_is_the_same_in_two_bits(monkeypatch, tmp_path):
@@ -112,7 +112,7 @@ def test_every_answer_is_the_same_in_two_bits(monkeypatch, tmp_path):
     for suffix in (".zarr", ".npz"):
         two.save(tmp_path / f"map{suffix}")
         assert cspace.open(tmp_path / f"map{suffix}").to_xarray().identical(one.to_xarray())
-    assert isinstance(cspace.open(tmp_path / "map.zarr")._seen, PackedStates)
+    assert cspace.open(tmp_path / "map.zarr").facts["memory_bytes"] == two.facts["memory_bytes"]
     other = copy.deepcopy(two)
     other.update(np.ones((9, 9), dtype=bool), (9, 9))
     np.testing.assert_array_equal(two.classify(q), one.classify(q))
@@ -121,7 +121,8 @@ def test_every_answer_is_the_same_in_two_bits(monkeypatch, tmp_path):
 
 def test_samples_are_uniform_over_the_free_cells(monkeypatch):
     _, two = both("SE(2)", monkeypatch)
-    drawn = two._cells_of(two.sample_free(20_000, np.random.default_rng(0)))
+    samples = two.sample_free(20_000, np.random.default_rng(0))
+    drawn = np.column_stack([two.rotations.cells_of(samples[:, 2:]), two.grid.cell_of(samples[:, :2])])
     numbers, times = np.unique(drawn, axis=0, return_counts=True)
     assert len(numbers) > 0.9 * two.count()[0]
     assert times.max() < 8.0 * times.mean()
@@ -139,4 +140,5 @@ def test_what_would_not_fit_as_bytes_is_refused(monkeypatch, tmp_path):
 def test_maps_with_overlap_counts_store_bytes(monkeypatch):
     monkeypatch.setattr(memory, "PACKED_FROM", 0)
     workspace, robot, rotations = CASES["SE(2)"]()
-    assert isinstance(cspace.build(workspace, robot, rotations=rotations, overlap=True)._seen, np.ndarray)
+    space = cspace.build(workspace, robot, rotations=rotations, overlap=True)
+    assert space.facts["memory_bytes"] == 5 * space.record.states.size

@@ -13,6 +13,7 @@ import planners
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.map.chain import open_chain
 from placements import collides
+from planners.local_planner import EdgesOnMap
 from planning import edge
 
 WIDTH = 0.5
@@ -110,7 +111,7 @@ def test_what_a_planner_does_not_soon_find_goes_along_free_cells(monkeypatch, ro
     assert len(plan.waypoints) < 60
     long = planners.plan(space, *endpoints, exact=exact, seed=1, time_limit=20, simplify=False)
     assert long.certified and len(long.waypoints) > len(plan.waypoints)
-    monkeypatch.setattr(cspace.CSpace, "_free_path", lambda space, *how: np.empty((0, space.dof)))
+    monkeypatch.setattr(EdgesOnMap, "search", lambda *how: np.empty((0, space.dof)))
     assert "along" not in planners.plan(space, *endpoints, exact=exact, seed=0, time_limit=0.1).status
 
 

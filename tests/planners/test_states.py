@@ -7,17 +7,15 @@ import pytest
 from ompl import base as ob
 
 import planners
-from planners.states import _KINDS, StateKind, kind_of
+from planners.states import kind_of
 from planning import SPACES, room
 
-KINDS = pytest.mark.parametrize(
-    ("dim", "dof", "kind"),
-    [pytest.param(len({*axes} & {*"xyz"}), len(axes), kind, id="-".join(axes)) for axes, kind in _KINDS.items()],
-)
+KINDS = pytest.mark.parametrize("name", SPACES)
 
 
 @KINDS
-def test_a_state_holds_a_configuration_to_the_last_bit(dim: int, dof: int, kind: StateKind) -> None:
+def test_a_state_holds_a_configuration_to_the_last_bit(name: str) -> None:
+    dim, dof, kind = room(name).grid.dim, room(name).dof, kind_of(room(name))
     states = kind.make()
     kind.set_bounds(states, [-5.0] * dim, [7.0] * dim)
     first, second = states.allocState(), states.allocState()
@@ -42,7 +40,8 @@ def _turned(q: np.ndarray, dim: int) -> np.ndarray:
 
 
 @KINDS
-def test_a_radian_counts_as_half_a_metre(dim: int, dof: int, kind: StateKind) -> None:
+def test_a_radian_counts_as_half_a_metre(name: str) -> None:
+    dim, dof, kind = room(name).grid.dim, room(name).dof, kind_of(room(name))
     states = kind.make()
     kind.set_bounds(states, [0.0] * dim, [9.0] * dim)
     first, second = states.allocState(), states.allocState()

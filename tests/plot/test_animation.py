@@ -14,7 +14,7 @@ from scipy.ndimage import label
 from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace, build
 from cspace.errors import FileError, InputError
 from cspace.plot import animate
-from cspace.plot.animation import _Stage
+from cspace.plot.animation import Stage
 from cspace.plot.artists import CLASSES
 from cspace.plot.route import Route
 from pictures import yard
@@ -73,8 +73,8 @@ def test_the_robot_drives_from_start_to_goal(space: CSpace, tmp_path: Path) -> N
 
 def test_the_drawing_is_true(space: CSpace) -> None:
     """The robot covers what it covers, and the other panel shows the slice of its yaw, asked cell by cell."""
-    stage = _Stage(space, Route.of(space, PATH, None, None), None)
-    world, plane = stage._figure.axes
+    stage = Stage(space, Route.of(space, PATH, None, None), None)
+    world, plane = stage.figure.axes
     from matplotlib.colors import to_rgb
 
     table = {name: np.rint(255 * np.array(to_rgb(color))).astype(int).tolist() for name, color in CLASSES}

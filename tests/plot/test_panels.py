@@ -10,7 +10,7 @@ import pytest
 
 from cspace import CSpace, InputError, Robot, Rotations, Workspace, build
 from cspace.plot import plot
-from pictures import COLORS, class_of, heading, labels, pixel, rendered, yard
+from pictures import COLORS, class_of, heading, heading_box, labels, pixel, rendered, yard
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def test_any_number_of_panels_of_any_shape(count: int, shape: tuple[int, int]) -
     assert max(figure.get_size_inches()) < 20
     if count < 8:
         figure.draw_without_rendering()
-        outer = [figure.legends[0].get_window_extent(), figure._suptitle.get_window_extent()]
+        outer = [figure.legends[0].get_window_extent(), heading_box(figure)]
         panels = [ax.get_tightbbox() for ax in figure.axes]
         for box in [*outer, *panels]:
             assert 0 <= box.x0 < box.x1 <= figure.bbox.width

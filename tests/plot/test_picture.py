@@ -24,7 +24,7 @@ from cspace.errors import FileError, InputError
 from cspace.plot import artists, plot, save_plot
 from cspace.plot.artists import CLASSES
 from cspace.plot.route import rings
-from pictures import COLORS, class_of, heading, labels, pixel, rendered
+from pictures import COLORS, class_of, heading, heading_box, labels, pixel, rendered
 
 
 def room() -> Workspace:
@@ -270,7 +270,7 @@ def test_all_is_in_the_figure(shape: tuple[int, int]) -> None:
     ax = plot(space, path=[space.grid.center_of((0, 0)), space.grid.upper])
     image = rendered(ax)
     panel, legend = ax.get_window_extent(), ax.figure.legends[0].get_window_extent()
-    for box in (panel, legend, ax.figure._suptitle.get_window_extent()):
+    for box in (panel, legend, heading_box(ax.figure)):
         assert 0 <= box.x0 < box.x1 <= ax.figure.bbox.width
         assert 0 <= box.y0 < box.y1 <= ax.figure.bbox.height
     assert not legend.overlaps(panel)

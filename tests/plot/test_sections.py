@@ -17,7 +17,7 @@ from cspace import CSpace, Robot, Workspace, build
 from cspace.errors import InputError
 from cspace.plot import plot
 from cspace.plot.sections import within
-from pictures import COLORS, class_of, heading, labels, rendered
+from pictures import COLORS, class_of, heading, heading_box, labels, rendered
 
 PATH = [(0.6, 3.2, 1.8), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
 
@@ -132,14 +132,14 @@ def test_nothing_overlaps(shape: tuple[int, ...]) -> None:
     figure.draw_without_rendering()
     parts = [panel.get_window_extent() for panel in figure.axes]
     assert min(min(box.width, box.height) for box in parts) > 25
-    parts += [figure.legends[0].get_window_extent(), figure._suptitle.get_window_extent()]
+    parts += [figure.legends[0].get_window_extent(), heading_box(figure)]
     parts += [panel.texts[0].get_window_extent() for panel in figure.axes]
     for i, one in enumerate(parts):
         assert -1 <= one.x0 < one.x1 <= figure.bbox.width + 1
         assert -1 <= one.y0 < one.y1 <= figure.bbox.height + 1
         for other in parts[:i]:
             assert not one.overlaps(other), (i, one, other)
-    assert ("stretched" in figure._suptitle.get_text()) == (max(shape) / min(shape) > 24)
+    assert ("stretched" in heading(ax)) == (max(shape) / min(shape) > 24)
     assert figure.bbox.width * figure.bbox.height < 2_500_000
 
 

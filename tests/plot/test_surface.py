@@ -18,7 +18,7 @@ from cspace import FREE, CSpace, Grid, Robot, Workspace, build
 from cspace.errors import InputError
 from cspace.plot import artists, plot, surface
 from cspace.plot.surface import border_faces
-from pictures import heading, labels, rendered
+from pictures import heading, heading_box, labels, rendered
 
 GRID = Grid((-1.0, 2.0, 0.5), 0.5, (5, 4, 3))
 TOWARDS = np.array([0.6, -0.5, 0.7])
@@ -193,7 +193,7 @@ def test_the_picture_fits(space: CSpace, camera: Any) -> None:
     ax = plot(space, view="3d", path=PATH, camera=camera)
     rendered(ax)
     figure = ax.figure
-    texts = [figure.legends[0].get_window_extent(), figure._suptitle.get_window_extent()]
+    texts = [figure.legends[0].get_window_extent(), heading_box(figure)]
     for box in texts:
         assert 0 <= box.x0 < box.x1 <= figure.bbox.width
         assert 0 <= box.y0 < box.y1 <= figure.bbox.height

@@ -61,6 +61,22 @@ def test_errors_of_spectra_are_in_the_bounds_to_the_full(dim: int) -> None:
     assert (far.bounds - near.bounds >= 2.0 * steps * (1.0 - 1e-12)).all()
 
 
+@pytest.mark.parametrize("dim", DIMS)
+def test_bounds_fall_from_ring_to_ring_and_rings_hold_each_frequency_a_single_time(dim: int) -> None:
+    rng = np.random.default_rng(29)
+    balls = [BallDescriptor(rng.uniform(0.0, 1.0, (6, dim)), np.full(6, 0.2)) for _ in range(2)]
+    rings = Rings.of(np.linspace(3.0, 4.0, dim), (20, 24, 28)[:dim])
+    spectra = [Spectrum.of(each, each.middle, rings, 1e-12, norm_square(each)) for each in balls]
+    bounds = Terms.of(*spectra, rings, 1e-12).bounds
+    assert (np.diff(bounds) <= 1e-9 * bounds[0]).all()
+    both = {tuple(k) for k in np.concatenate([rings.indices, -rings.indices]).tolist()}
+    assert len(both) == math.prod(rings.counts) == 2 * len(rings.indices) - 1
+    ring = np.repeat(np.arange(len(rings.starts) - 1), np.diff(rings.starts))
+    last = np.maximum.accumulate([rings.moduli[ring == r].max() for r in range(ring.max() + 1)])
+    first = np.array([rings.moduli[ring == r].min() for r in range(ring.max() + 1)])
+    assert (first[1:] >= last[:-1] - 1e-9).all()
+
+
 def test_what_is_outside_the_band_is_never_understated() -> None:
     """A band of a few frequencies, and a spectrum whose accuracy leaves its energy unsure."""
     balls = BallDescriptor(np.random.default_rng(0).uniform(0.0, 1.0, (6, 2)), np.full(6, 0.1))

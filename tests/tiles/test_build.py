@@ -44,9 +44,7 @@ def stored_states(path):
 
 
 def same_states(path, space):
-    np.testing.assert_array_equal(
-        stored_states(path).reshape(space._contents.states.shape), np.asarray(space._contents.states)
-    )
+    np.testing.assert_array_equal(stored_states(path).reshape(space.record.states.shape), space.record.states)
 
 
 @pytest.mark.parametrize("name", SPACES)
@@ -104,7 +102,7 @@ def check_half_done(path, space, known=()):
             cells = store.cells(index)
             own = tuple(slice(0, part.stop - part.start) for part in cells)
             for k, number in enumerate(store.numbers(layer)):
-                np.testing.assert_array_equal(states[(k, *own)], space._contents.states[(number, *cells)])
+                np.testing.assert_array_equal(states[(k, *own)], space.record.states[(number, *cells)])
     return set(store.done())
 
 

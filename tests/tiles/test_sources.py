@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -14,8 +15,7 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace.errors import FileError, InputError
-from cspace.grid import Grid
-from cspace.shapes import Mesh
+from cspace.raster.winding import Buckets
 from tiles.test_build import ARM, CAR, random_workspace, same_states
 
 
@@ -55,6 +55,21 @@ def in_geotiff(cells, path):
     return (shades > 127).transpose("x", "y")[:, ::-1]
 
 
+@contextmanager
+def read_in_parts(workspace):
+    """Fail if all cells of a workspace are read together."""
+    source, read = type(workspace.cells), type(workspace.cells).read
+
+    def read_part(own, box):
+        cells = read(own, box)
+        assert cells[0].shape != workspace.grid.shape
+        return cells
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(source, "read", read_part)
+        yield
+
+
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::PendingDeprecationWarning")
 def test_arrays_are_read_tile_by_tile(tmp_path):
     cells = random_workspace((40, 33)).outer
@@ -63,8 +78,8 @@ def test_arrays_are_read_tile_by_tile(tmp_path):
         assert isinstance(workspace, cspace.workspace.LazyWorkspace), name
         assert "read at need" in repr(workspace)
         workspace = pickle.loads(pickle.dumps(workspace))  # as a worker gets it
-        cspace.build(workspace, CAR, store=tmp_path / f"{name}.map", tile=16)
-        assert not workspace._whole, name
+        with read_in_parts(workspace):
+            cspace.build(workspace, CAR, store=tmp_path / f"{name}.map", tile=16)
         own = cells if name != "view" else np.ascontiguousarray(cells.T[::-1].T[:, ::-1])
         same_states(tmp_path / f"{name}.map", cspace.build(cspace.Workspace.from_array(own, 0.1), CAR))
         np.testing.assert_array_equal(workspace.outer, own)
@@ -78,14 +93,14 @@ def test_shapes_are_cut_tile_by_tile(tmp_path):
     boxes.append(shapely.LineString([(0.3, 0.1), (3.9, 4.1)]))
     bounds = (0.1, 0.1, 4.4, 4.0)
     lazy = cspace.Workspace.from_polygons(boxes, 0.1, bounds, lazy=True)
-    cspace.build(lazy, CAR, store=tmp_path / "a", tile=9)
-    assert not lazy._whole
+    with read_in_parts(lazy):
+        cspace.build(lazy, CAR, store=tmp_path / "a", tile=9)
     same_states(tmp_path / "a", cspace.build(cspace.Workspace.from_polygons(boxes, 0.1, bounds), CAR))
     trimesh = pytest.importorskip("trimesh")
     ball = trimesh.creation.icosphere(subdivisions=2, radius=0.7)
     lazy = cspace.Workspace.from_mesh(ball, 0.1, lazy=True)
-    cspace.build(lazy, ARM, store=tmp_path / "b", tile=4)
-    assert not lazy._whole
+    with read_in_parts(lazy):
+        cspace.build(lazy, ARM, store=tmp_path / "b", tile=4)
     same_states(tmp_path / "b", cspace.build(cspace.Workspace.from_mesh(ball, 0.1), ARM))
 
 
@@ -178,11 +193,10 @@ def test_an_index_finds_what_is_near():
     """Few of many triangles are looked at for a tile, and those that meet it are among them."""
     rng = np.random.default_rng(1)
     triangles = rng.uniform(0, 50, (3000, 1, 3)) + rng.normal(size=(3000, 3, 3)) * rng.choice([0.1, 5.0], (3000, 1, 1))
-    mesh = Mesh(triangles.reshape(-1, 3), np.arange(9000).reshape(-1, 3), "surface")
+    index = Buckets.of(triangles)
     low, high = triangles.min(axis=1), triangles.max(axis=1)
     for corner in rng.uniform(-5, 50, (50, 3)):
-        grid = Grid(corner, 0.5, (8, 8, 8))
-        meets = ((low <= np.array(grid.upper)) & (high >= np.array(grid.lower))).all(axis=1)
-        near, _ = mesh._near(grid)
+        meets = ((low <= corner + 4.0) & (high >= corner)).all(axis=1)
+        near = index.near(corner, corner + 4.0)
         assert set(np.flatnonzero(meets)) <= set(near)
         assert len(near) < 600

@@ -10,6 +10,8 @@ import pytest
 
 import cspace
 from cspace.errors import ConfigurationError, FileError, InputError
+from cspace.tiles.cache import Cache
+from cspace.tiles.store import Store
 from tiles.test_build import SPACES, random_workspace
 
 
@@ -48,7 +50,6 @@ def test_answers_are_those_of_the_map_in_memory(name, outside, tmp_path):
         tiled = cspace.TiledCSpace.open(tiled.path, cache_bytes=limit)
         np.testing.assert_array_equal(tiled.classify(q), space.classify(q))
         np.testing.assert_array_equal(tiled.motion_is_free(q, near), space.motion_is_free(q, near))
-        assert tiled._cache._packed.nbytes <= max(limit, tiled._cache._each)
     np.testing.assert_array_equal(tiled.is_free(q.reshape(30, 100, -1)), space.is_free(q.reshape(30, 100, -1)))
     np.testing.assert_array_equal(tiled.certify_path(near[:50]), space.certify_path(near[:50]))
     edges = rng.integers(0, 50, (40, 2))
@@ -69,17 +70,29 @@ def test_clearance_as_far_as_it_is_looked_for(name, tmp_path, monkeypatch):
     assert tiled.clearance(q[0]) == pytest.approx(expected[0])
 
 
-def test_an_edge_reads_the_tiles_that_it_passes(tmp_path):
+@pytest.mark.parametrize("limit", [1, 100, 2**29])
+def test_decoded_tiles_take_no_more_memory_than_they_may(limit):
+    cache = Cache((2, 40, 40), (1, 7, 7), limit, lambda number: np.full(49, number % 3, np.uint8))
+    for number in np.random.default_rng(0).permutation(72).tolist():
+        cache.begin()
+        cache.load([number])
+        assert cache.cells.packed.nbytes <= max(limit, 13) and cache.cells.places[number] >= 0
+
+
+def test_an_edge_reads_the_tiles_that_it_passes(tmp_path, monkeypatch):
+    read, states = [], Store.states
+    monkeypatch.setattr(Store, "states", lambda *what: read.append(what[1]) or states(*what))
     workspace = cspace.Workspace.from_array(np.zeros((100, 100), dtype=bool), 0.1)
     tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "m", tile=10)
     assert tiled.motion_is_free([0.5, 0.5], [9.5, 9.45])
-    assert len(tiled._cache._used) <= 28
+    assert len(read) == len(set(read)) <= 28
     walls = np.zeros((100, 100), dtype=bool)
     walls[15] = True
     walled = cspace.Workspace.from_array(walls, 0.1)
     tiled = cspace.build(walled, cspace.Robot.disc(0.1), store=tmp_path / "w", tile=10)
+    read.clear()
     assert not tiled.motion_is_free([0.5, 0.5], [9.5, 0.5])
-    assert len(tiled._cache._used) == 2  # it stops at the wall
+    assert len(read) == 2  # it stops at the wall
 
 
 def test_what_is_opened(tmp_path):

@@ -60,7 +60,7 @@ def test_a_window_answers_as_the_whole(name, outside, tmp_path):
         first = np.round(np.subtract(window.grid.lower, grid.lower) / grid.spacing).astype(int)
         low, high = np.maximum(first, 0), np.minimum(first + window.grid.shape, grid.shape)
         ours, theirs = (tuple(slice(a, b) for a, b in zip(low - by, high - by, strict=True)) for by in (first, 0))
-        np.testing.assert_array_equal(np.asarray(window._seen)[(..., *ours)], np.asarray(space._seen)[(..., *theirs)])
+        np.testing.assert_array_equal(window.record.states[(..., *ours)], space.record.states[(..., *theirs)])
 
 
 def triangles():
@@ -141,7 +141,7 @@ def test_an_overview_is_proven(name, tmp_path):
         seen = tiled.overview(most)
         assert max(seen.grid.shape) <= most
         factor = round(seen.grid.spacing / space.grid.spacing)
-        states = np.asarray(space._contents.states)
+        states = space.record.states
         sides = [factor * n for n in seen.grid.shape]
         padded = np.full((len(states), *sides), cspace.MIXED, dtype=np.uint8)
         padded[(slice(None), *(slice(0, n) for n in space.grid.shape))] = states
@@ -149,6 +149,6 @@ def test_an_overview_is_proven(name, tmp_path):
         axes = tuple(range(2, pieces.ndim, 2))
         free, blocked = (pieces == cspace.FREE).all(axis=axes), (pieces == cspace.BLOCKED).all(axis=axes)
         expected = np.where(free, cspace.FREE, np.where(blocked, cspace.BLOCKED, cspace.MIXED))
-        np.testing.assert_array_equal(np.asarray(seen._contents.states), expected)
+        np.testing.assert_array_equal(seen.record.states, expected)
     with pytest.raises(InputError, match="most"):
         tiled.overview(0)
