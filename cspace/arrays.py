@@ -12,6 +12,12 @@ Ints = NDArray[np.int64]
 States = NDArray[np.uint8]
 Words = NDArray[np.uint64]
 
+Numbers = tuple[float, ...]
+"""A configuration, or what compiled code makes of one."""
+
+Row = tuple[float, float, float]
+Matrix = tuple[Row, Row, Row]
+
 Surface = tuple[Floats, Ints]
 """Triangles: vertices, shape (V, 3), metres, and the numbers of their corners among these, shape (F, 3)."""
 

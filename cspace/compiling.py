@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import inspect
 import logging
 import os
 import stat
@@ -11,8 +12,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
-from types import CodeType, ModuleType
-from typing import Any, Final, TypeVar, cast, overload
+from types import CodeType, FunctionType, ModuleType
+from typing import Any, Final, TypeGuard, TypeVar, cast, overload
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -20,6 +21,12 @@ LOGGER: Final = logging.getLogger("cspace.compiling")
 """Says at INFO, once for each module of compiled functions, that one of it is being compiled.
 
 A program that shows progress adds a handler of its own; this module is quick to import."""
+
+_PARTS: Final[dict[str, list[FunctionType]]] = {}
+"""What is decorated by :func:`part`, by its name."""
+
+_WAITING: Final[list[FunctionType]] = []
+"""Those of it that numba does not know of yet."""
 
 NEEDLESS: Final = {"InlineClosureLikes", "InlineInlinables", "InlineOverloads", "NopythonRewrites"}
 """Names of numba's passes that find nothing in a :func:`reader`."""
@@ -43,6 +50,7 @@ def jit(function: F | None = None, /, **options: Any) -> Any:
     from numba import njit
 
     _announce_compiling()
+    _add_parts()
     options = {"cache": True, "nogil": True, "no_cfunc_wrapper": True, "error_model": "numpy", **options}
     cached = options.pop("cache")
     made = njit(**options)(function)
@@ -168,6 +176,7 @@ def _add_sources(function: Callable[..., Any], sources: set[tuple[str, str]], se
     values = [(name, function.__globals__[name]) for name in names if name in function.__globals__]
     modules = [value for _, value in values if isinstance(value, ModuleType)]
     values += [(name, getattr(module, name)) for module in modules for name in names if hasattr(module, name)]
+    values += [(name, each) for name in names for each in _PARTS.get(name, ())]
     for name, value in values:
         if isinstance(value, bool | int | float | str | tuple):
             sources.add((name, repr(value)))
@@ -177,11 +186,15 @@ def _add_sources(function: Callable[..., Any], sources: set[tuple[str, str]], se
             continue
         sources.add((home.__name__, _stamp(str(home.__file__))))
         # A function that is not compiled itself stands for overloads, which are with it.
-        others = [value] if hasattr(value, "py_func") else vars(home).values()
+        others = [value] if hasattr(value, "py_func") or _is_part(value) else vars(home).values()
         for other in others:
-            inner = getattr(other, "py_func", None)
+            inner = other if _is_part(other) else getattr(other, "py_func", None)
             if inner is not None and inner not in seen:
                 _add_sources(inner, sources, seen)
+
+
+def _is_part(value: object) -> TypeGuard[FunctionType]:
+    return isinstance(value, FunctionType) and value in _PARTS.get(value.__name__, ())
 
 
 @cache
@@ -327,6 +340,66 @@ def by_kind(function: Callable[..., Any], made: dict[type, Callable[..., Any]], 
     @overload(function, jit_options=options, strict=False)
     def taken(first: Any, *others: Any) -> Any:
         return made.get(np.ndarray if isinstance(first, types.Array) else getattr(first, "instance_class", object))
+
+
+def part(plain: F) -> F:
+    """Have compiled code call a plain function, or the methods of records of a class, and compile them into itself.
+
+    What is decorated stays as it is, and its module is quick to import. The methods that several classes have by the
+    same name take as many arguments in each.
+    """
+    new = [plain] if isinstance(plain, FunctionType) else [each for each in vars(plain).values() if _is_method(each)]
+    for function in new:
+        _PARTS.setdefault(function.__name__, []).append(function)
+    _WAITING.extend(new)
+    if _announce_compiling.cache_info().currsize:
+        _add_parts()
+    return plain
+
+
+def _is_method(member: object) -> TypeGuard[FunctionType]:
+    return isinstance(member, FunctionType) and not member.__name__.startswith("_")
+
+
+def _add_parts() -> None:
+    """Let numba know of what waits for it."""
+    from numba import types
+    from numba.core.typing import templates
+    from numba.extending import overload
+
+    options: Any = {"error_model": "numpy", "no_cfunc_wrapper": True, "nogil": True}
+    for part in _WAITING:
+        taken = _taken(part)
+        if "." not in part.__qualname__:
+            own: Any = {**options, **part_options(forceinline=False), "_nrt": False}
+            overload(part, jit_options=own, strict=False)(taken)
+        elif part is _PARTS[part.__name__][0]:
+            own = {**options, **part_options(forceinline=True)}
+            overload(taken, jit_options=own, strict=False)(taken)
+            make: Any = templates.make_overload_method_template
+            template = make(types.BaseNamedTuple, part.__name__, taken, inline="never", jit_options=own)
+            cast(Any, templates.infer_getattr)(_of_own(template))
+    _WAITING.clear()
+
+
+def _of_own(template: Any) -> Any:
+    """Numba's template of a method, for records that have it; those of others may have a field of that name."""
+
+    class Own(template):  # type: ignore[misc]
+        def _resolve(self, record: Any, name: str) -> Any:
+            return super()._resolve(record, name) if _is_part(getattr(record.instance_class, name, None)) else None
+
+    return Own
+
+
+def _taken(part: FunctionType) -> Callable[..., Any]:
+    """What gives numba a part for the types of its arguments; of a method, that of the record's own class."""
+
+    def taken(*arguments: Any) -> Any:
+        return getattr(arguments[0].instance_class, part.__name__) if "." in part.__qualname__ else part
+
+    taken.__signature__ = inspect.signature(part)  # type: ignore[attr-defined]
+    return taken
 
 
 def entry(kernel: Any, fixed: tuple[Any, ...], floats: int) -> Callable[..., Any]:

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
+from cspace.angles import TURN, shorter, wrapped
 from cspace.arrays import Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import Grid
@@ -27,7 +28,6 @@ from cspace.map.callbacks import below_half_a_turn, brought
 from cspace.map.contents import Contents
 from cspace.map.derived import Derived
 from cspace.memory import check_memory
-from cspace.orientation import TURN, shorter, wrapped
 from cspace.rotations import OneRotation, Rotations
 from cspace.space import CSpace
 from cspace.workspace import Workspace

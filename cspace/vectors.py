@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from cspace.arrays import Row
 from cspace.compiling import inner
-
-Row = tuple[float, float, float]
 
 
 @inner(forceinline=True)

@@ -13,11 +13,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from cspace.angles import TURN
 from cspace.arrays import Floats, Ints
 from cspace.compiling import entry, inner, jit
 from cspace.map.points import around_is_free
 from cspace.map.record import Map
-from cspace.rotations import TURN
 from cspace.space import CSpace
 from cspace.states import MIXED
 from planners.integrals import LONGEST_TURN, Field, Law, metre_cost

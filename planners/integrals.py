@@ -11,7 +11,6 @@ from numba.extending import overload
 
 from cspace.arrays import Floats
 from cspace.compiling import entry, jit
-from cspace.map import turning
 from cspace.map.clearance import clearance_at
 from cspace.map.edges import between
 from cspace.map.mip import Marks
@@ -77,17 +76,17 @@ def cost_of_one(map_: Map, field: Field, law: Law, both: Numbers) -> float:
 
     The integral takes the middles of steps of at most one cell and 5 degrees.
     """
-    q0 = map_.lower + turning.origin(map_.rotations)
+    q0 = map_.lower + map_.rotations.origin()
     q1, dof, dim, square = q0, len(q0), len(map_.lower), 0.0
     for axis in range(dof):
         q0, q1 = replaced(q0, axis, both[axis]), replaced(q1, axis, both[dof + axis])
     for axis in range(dim):
         square += (q1[axis] - q0[axis]) ** 2
-    metres, angle = math.sqrt(square), turning.turn_of(map_.rotations, q0, q1, 0)[0]
+    metres, angle = math.sqrt(square), map_.rotations.turn_of(q0, q1, 0)[0]
     steps, total = math.ceil(max(metres / map_.spacing, angle / LONGEST_TURN)), 0.0
     for k in range(steps):
         t = (k + 0.5) / steps
-        q = turning.turned(map_.rotations, q0, q1, 0, t)
+        q = map_.rotations.turned(q0, q1, 0, t)
         for axis in range(dim):
             q = replaced(q, axis, between(q0[axis], q1[axis], t))
         total += metre_cost(map_, field, law, q)

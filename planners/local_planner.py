@@ -24,13 +24,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from ompl import base as ob
 
+from cspace.angles import ANGLE_SLACK, TURN, shorter, wrapped
 from cspace.arms.space import ArmSpace
 from cspace.arrays import Floats, Ints
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import finite, positive
 from cspace.map.callbacks import brought
-from cspace.orientation import TURN, shorter, wrapped
-from cspace.rotations import YAW_SLACK
 from cspace.space import CSpace
 from cspace.states import BLOCKED, FREE, NAMES
 from planners.catalogue import BIRRT, CUBES, OWN, WIDEST, planner_named
@@ -265,7 +264,7 @@ class EdgesOnMap(LocalPlanner):
         """
         space, dim = self.space, self.space.grid.dim
         pieces = self._pieces(path, 0.5 * space.grid.spacing, DENSE_TURN)
-        rows, cells = space.rotations.cells_within(pieces.middles, 0.5 * pieces.turns + 2.0 * YAW_SLACK)
+        rows, cells = space.rotations.cells_within(pieces.middles, 0.5 * pieces.turns + 2.0 * ANGLE_SLACK)
         q = pieces.middles[rows]
         q[:, dim:] = space.rotations.centers[cells]  # clearance is one of the rotation cell
         return max(0.0, float(np.min(space.clearance(q) - 0.5 * pieces.lengths[rows])))

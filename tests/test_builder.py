@@ -19,8 +19,8 @@ from shapely import affinity
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Rotations, Workspace
+from cspace.angles import TURN
 from cspace.map.slices import slice_rasters
-from cspace.rotations import TURN
 from oracles import overlaps_by_shifts
 from placements import collides, draw_configurations, obstacles_of
 from strategies import robots, rotation_cells, seeds, solid_robots, stars

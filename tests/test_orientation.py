@@ -9,29 +9,30 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cspace import InputError
-from cspace.orientation import Orientation, Quaternion, Unturned, Yaw, wrapped
+from cspace.angles import wrapped
+from cspace.rotations import Rotations
 
+NONE, YAW, QUATERNION = Rotations.of(None), Rotations.of(1), Rotations.quaternions(1)
 RNG = np.random.default_rng(5)
 SPACES = {
-    "R^2": (Unturned, 2),
-    "R^3": (Unturned, 3),
-    "SE(2)": (Yaw, 2),
-    "R^3 x SO(2)": (Yaw, 3),
-    "SE(3)": (Quaternion, 3),
+    "R^2": (NONE, 2),
+    "R^3": (NONE, 3),
+    "SE(2)": (YAW, 2),
+    "R^3 x SO(2)": (YAW, 3),
+    "SE(3)": (QUATERNION, 3),
 }
 EVERY = pytest.mark.parametrize("name", SPACES)
 
 
-def kind_of(name: str) -> Orientation:
-    kind, _ = SPACES[name]
-    return kind()
+def kind_of(name: str) -> Rotations:
+    return SPACES[name][0]
 
 
 def drawn(name: str, *shape: int) -> np.ndarray:
     """Configurations, of rotations whose numbers are not canonical."""
     kind, dim = SPACES[name]
     q = RNG.normal(0.0, 4.0, (*shape, dim + len(kind.names)))
-    if kind is Quaternion:
+    if kind is QUATERNION:
         q[..., 3:] /= np.linalg.norm(q[..., 3:], axis=-1, keepdims=True)
     return q
 
@@ -39,9 +40,9 @@ def drawn(name: str, *shape: int) -> np.ndarray:
 def turned(name: str, q: np.ndarray) -> Rotation:
     """The rotations of configurations, as scipy has them."""
     (kind, dim), flat = SPACES[name], q.reshape(-1, q.shape[-1])
-    if kind is Quaternion:
+    if kind is QUATERNION:
         return Rotation.from_quat(flat[:, 3:])
-    yaw = flat[:, dim] if kind is Yaw else np.zeros(len(flat))
+    yaw = flat[:, dim] if kind is YAW else np.zeros(len(flat))
     return Rotation.from_rotvec(yaw[:, None] * [0.0, 0.0, 1.0])
 
 
@@ -73,7 +74,7 @@ def test_a_step_leads_from_one_to_the_other_the_shorter_way(name: str) -> None:
 
 
 def test_half_a_turn_and_none() -> None:
-    kind, still = Quaternion(), np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    kind, still = QUATERNION, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     assert not kind.steps(still, -still).any() and not kind.steps(still, still).any()
     half = kind.steps(still, np.array([0.0, 0.0, 0.0, 0.0, 0.6, 0.8, 0.0]))
     np.testing.assert_allclose(np.abs(half), [0.0, 0.0, 0.0, 0.0, 0.6 * math.pi, 0.8 * math.pi])
@@ -112,30 +113,28 @@ def test_yaw_is_wrapped_and_left_alone_where_it_is_wrapped_already() -> None:
 
 
 def test_texts() -> None:
-    assert Unturned().text(np.empty(0)) == ""
-    assert [Yaw().text(np.array([yaw])) for yaw in (-1e-9, -math.pi, 4.0)] == ["yaw 0°", "yaw 180°", "yaw -130.8°"]
+    assert NONE.text(np.empty(0)) == ""
+    assert [YAW.text(np.array([yaw])) for yaw in (-1e-9, -math.pi, 4.0)] == ["yaw 0°", "yaw 180°", "yaw -130.8°"]
     about_z = [0.0, 0.0, math.sin(0.1), math.cos(0.1)]
-    assert (
-        Quaternion().text(np.array(about_z)) == Quaternion().text(-np.array(about_z)) == "turned 11.5° about (0, 0, 1)"
-    )
-    assert Quaternion().text(np.array([0.0, 0.0, 0.0, -1.0])) == "not turned"
+    assert QUATERNION.text(np.array(about_z)) == QUATERNION.text(-np.array(about_z)) == "turned 11.5° about (0, 0, 1)"
+    assert QUATERNION.text(np.array([0.0, 0.0, 0.0, -1.0])) == "not turned"
 
 
 @pytest.mark.parametrize(
     ("kind", "rotation", "message"),
     [
-        (Unturned, 0.0, "does not turn"),
-        (Yaw, [1.0, 2.0], "given by yaw"),
-        (Yaw, 1e9, "yaw of 1e.09 rad.*wrap"),
-        (Yaw, math.nan, "rotation"),
-        (Quaternion, 0.3, "given by qx, qy, qz, qw"),
-        (Quaternion, [0.0, 0.0, 0.0, 1.00001], "norm 1.00001; it must be 1"),
-        (Quaternion, [0.0, 0.0, 0.0, 0.0], "norm 0"),
+        (NONE, 0.0, "does not turn"),
+        (YAW, [1.0, 2.0], "given by yaw"),
+        (YAW, 1e9, "yaw of 1e.09 rad.*wrap"),
+        (YAW, math.nan, "rotation"),
+        (QUATERNION, 0.3, "given by qx, qy, qz, qw"),
+        (QUATERNION, [0.0, 0.0, 0.0, 1.00001], "norm 1.00001; it must be 1"),
+        (QUATERNION, [0.0, 0.0, 0.0, 0.0], "norm 0"),
     ],
 )
-def test_what_is_no_rotation_is_refused(kind: type[Orientation], rotation: object, message: str) -> None:
+def test_what_is_no_rotation_is_refused(kind: Rotations, rotation: object, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        kind().checked(rotation)
+        kind.checked(rotation)
 
 
 def test_between_the_same_quaternion_there_is_no_step() -> None:

@@ -10,7 +10,9 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import InputError, Robot, Workspace
-from cspace.rotations import MAX_YAW, QUOTIENT_SLACK, TURN, YAW_SLACK, Rotations
+from cspace.angles import ANGLE_SLACK, MAX_ANGLE, TURN
+from cspace.rotations import Rotations
+from cspace.rotations.quaternion import QUOTIENT_SLACK
 from handmade import half_turns
 from placements import draw_quaternions
 from strategies import rotation_cells, seeds
@@ -23,7 +25,7 @@ def test_a_count_cuts_the_circle_evenly_around_zero(count):
     cells = Rotations.of(count)
     assert cells.count == count == len(cells.representatives)
     assert cells.representatives == pytest.approx(TURN / count * np.arange(count), abs=1e-12)
-    assert cells.covering_angles == pytest.approx(np.full(count, math.pi / count), abs=2 * YAW_SLACK)
+    assert cells.covering_angles == pytest.approx(np.full(count, math.pi / count), abs=2 * ANGLE_SLACK)
     assert cells.is_uniform()
 
 
@@ -91,8 +93,8 @@ def test_refuses_what_is_no_cover(value, message):
 
 def test_refuses_yaws_that_can_not_be_wrapped():
     cells = Rotations.of(8)
-    assert 0 <= cells.cell_of(MAX_YAW) < 8
-    for yaw in (MAX_YAW * 1.001, math.nan, -math.inf):
+    assert 0 <= cells.cell_of(MAX_ANGLE) < 8
+    for yaw in (MAX_ANGLE * 1.001, math.nan, -math.inf):
         with pytest.raises(InputError, match="yaw"):
             cells.cell_of(yaw)
 

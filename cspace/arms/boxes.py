@@ -24,13 +24,12 @@ import numpy as np
 from cspace.arms.chain import SLIDES, TURNS, flight_of, place
 from cspace.arms.hulls import least_spare
 from cspace.arms.proofs import Scene, Solids, Work, least_of, nests, row_of, seen
-from cspace.arrays import Floats, Ints, States
+from cspace.arrays import Floats, Ints, Row, States
 from cspace.compiling import inner, jit
 from cspace.exact import ADVANCE
 from cspace.exact.triangles import box_of
 from cspace.grid import SLACK
 from cspace.map.points import replaced
-from cspace.map.turning import Row
 from cspace.raster.triangles import THIN, point_triangle
 from cspace.raster.winding import turn_above
 from cspace.states import BLOCKED, FREE, MIXED

@@ -27,9 +27,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arms.hulls import Flight
-from cspace.arrays import Bools, Floats, Ints
+from cspace.arrays import Bools, Floats, Ints, Row
 from cspace.compiling import inner, jit
-from cspace.map.turning import Row
 from cspace.vectors import cross, dot
 
 MOST_BODIES: Final = 64

@@ -31,10 +31,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Floats, Ints
+from cspace.arrays import Floats, Ints, Matrix, Row
 from cspace.compiling import inner, jit
 from cspace.exact.triangles import bounds_of_rows, boxes_of, most
-from cspace.map.turning import Matrix, Row
 from cspace.raster.triangles import THIN, point_triangle
 from cspace.vectors import cross, dot, minus
 

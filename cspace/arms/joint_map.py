@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.angles import TURN
 from cspace.arms.boxes import FINER, Cells, Inside, Interiors, depths, fill
 from cspace.arms.chain import SLIDES, STILL, TURNS
 from cspace.arms.joint_proofs import JointProofs
@@ -26,7 +27,6 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid, finite, positive
 from cspace.map.contents import Contents
 from cspace.memory import Planned, check_memory
-from cspace.orientation import ROTATION_NAMES, TURN
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Point
@@ -106,8 +106,8 @@ def build_arm_map(
     for name in names:
         if name not in arm.joints:
             raise InputError("joints", f"name {name!r}", f"there are {', '.join(arm.joints)}", "name two or three")
-        if name in ROTATION_NAMES or name.split() != [name]:
-            rule = f"an axis of a map has a name without blanks, and none of {', '.join(ROTATION_NAMES)}"
+        if name in Rotations.all_names() or name.split() != [name]:
+            rule = f"an axis of a map has a name without blanks, and none of {', '.join(Rotations.all_names())}"
             raise InputError("joints", f"name {name!r}", rule, "rename the joint in the URDF", value=name)
     if len(names) not in (2, 3) or len(set(names)) < len(names):
         rule = "a map is of two or three different joints"

@@ -19,11 +19,10 @@ import numpy as np
 
 from cspace.arms.chain import Chain, bounds_of, flight_of, place
 from cspace.arms.hulls import CACHED, Hulls, least_spare
-from cspace.arrays import Bools, Floats, Ints
+from cspace.arrays import Bools, Floats, Ints, Row
 from cspace.compiling import inner, jit
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.triangles import DEPTH, Trees, crosses, pierces
-from cspace.map.turning import Row
 from cspace.raster.triangles import point_triangle
 from cspace.raster.winding import turn_above
 

@@ -190,16 +190,17 @@ def picture(
 ) -> None:
     """Draw a map, and a path on it, into a picture."""
     from cspace.io.reading import open_map
-    from cspace.orientation import ROTATION_NAMES
     from cspace.plot import SUFFIXES, save_plot
     from cspace.plot.picture import view_of
+    from cspace.rotations import Rotations
 
     check_outputs([output], SUFFIXES, overwrite)
     axes = axes_of_map(file)
+    places = [axis for axis in axes if axis not in Rotations.all_names()]
     marks = {name: configuration(text, f"--{name}", axes) for name, text in given(start=start, goal=goal).items()}
     options = given(
         rotation=None if rotation is None else rotation_of(rotation, "--rotation", axes),
-        at=None if at is None else configuration(at, "--at", [axis for axis in axes if axis not in ROTATION_NAMES]),
+        at=None if at is None else configuration(at, "--at", places),
         zoom=zoom,
         surface=surface,
         cut=cut,

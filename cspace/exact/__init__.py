@@ -8,10 +8,10 @@ the robot reaches (conservative advancement: B. Mirtich, "Impulse-based dynamic 
 1996). In the plane a motion without a turn is proven by what the border sweeps, in one go.
 
 *Rounding.* All sets are closed: touching is a collision. A distance counts only where it exceeds the margin by
-``YAW_SLACK`` (1e-9) times the robot's span, if it turns, and ``ROUNDING`` (1e-12) times the largest coordinates of the
-map, the robot and the configurations. The first covers yaws that are off by the rounding of their wrapping; the second
-the few roundings of placing a point (relative 2^-53) and of a distance, with a factor of fifty to spare. Distances in
-space are proven by projections onto lines (``cspace/exact/triangles.py``).
+``ANGLE_SLACK`` (1e-9) times the robot's span, if it turns, and ``ROUNDING`` (1e-12) times the largest coordinates of
+the map, the robot and the configurations. The first covers yaws that are off by the rounding of their wrapping; the
+second the few roundings of placing a point (relative 2^-53) and of a distance, with a factor of fifty to spare.
+Distances in space are proven by projections onto lines (``cspace/exact/triangles.py``).
 """
 
 from typing import Final

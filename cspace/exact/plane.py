@@ -15,7 +15,6 @@ from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.boundaries import Problem, anchors_of, joined, obstacle_border
 from cspace.exact.segments import Border, Outline, Scene, gap, is_nested, place
 from cspace.grid import MAX_COORDINATE
-from cspace.map import turning
 from cspace.map.edges import along, edge_is_free
 from cspace.map.points import Numbers, configuration, halves, state_at
 from cspace.map.record import Map
@@ -85,7 +84,7 @@ def arc_is_clear(world: World, rows: Floats, q0: Numbers, q1: Numbers, arc: int)
     times the part of the edge, so that a distance proves the configurations before and after it.
     """
     space, scene, border, outline = world.map, world.scene, world.scene.border, world.outline
-    dx, dy, angle = q1[0] - q0[0], q1[1] - q0[1], turning.turn_of(space.rotations, q0, q1, arc)[0]
+    dx, dy, angle = q1[0] - q0[0], q1[1] - q0[1], space.rotations.turn_of(q0, q1, arc)[0]
     size = abs(q0[0]) + abs(q0[1]) + abs(q1[0]) + abs(q1[1])
     if not size <= 2.0 * MAX_COORDINATE * space.spacing:
         return False
@@ -141,7 +140,7 @@ def arc_is_clear(world: World, rows: Floats, q0: Numbers, q1: Numbers, arc: int)
 def edge_is_clear(world: World, rows: Floats, q0: Numbers, q1: Numbers) -> bool:
     """Whether all configurations of an edge are free; where two arcs are equally long, those of both."""
     clear = True
-    for arc in range(turning.arc_count(world.map.rotations, q0, q1)):
+    for arc in range(world.map.rotations.arc_count(q0, q1)):
         clear = clear and arc_is_clear(world, rows, q0, q1, arc)
     return clear
 

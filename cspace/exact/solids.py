@@ -9,18 +9,15 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats, Ints, States
+from cspace.arrays import Bools, Floats, Ints, Matrix, Row, States
 from cspace.compiling import inner, jit, row_entry
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.boundaries import Problem, anchors_of, joined, obstacle_border, parts_of
 from cspace.exact.triangles import DEPTH, Motion, Node, Trees, placed, share_apart, trees_of
 from cspace.grid import MAX_COORDINATE
-from cspace.map import turning
 from cspace.map.edges import along, edge_is_free
 from cspace.map.points import Numbers, configuration, halves, state_at
 from cspace.map.record import Map
-from cspace.map.turning import Matrix, Row
-from cspace.rotations import YawCells
 from cspace.shapes import Box, Pieces
 from cspace.states import BLOCKED, FREE, MIXED
 from cspace.threads import in_chunks
@@ -111,7 +108,7 @@ class SolidProofs:
         scale = 2.0 ** -math.frexp(far)[1]
         trees, roots = trees_of(
             [Pieces(scale * side.simplices, scale * side.radii) for side in sides],
-            isinstance(problem.map.rotations, YawCells),
+            problem.rotations.about_z,
         )
         corners, starts = parts_of(border)
         stops = np.append(starts[1:], len(corners))
@@ -210,7 +207,7 @@ def edge_state(world: World, q0: Numbers, q1: Numbers, work: Work) -> int:
     ends where it starts is a point. Where two arcs are equally long but for rounding, both are proven.
     """
     state = FREE
-    for arc in range(turning.arc_count(world.map.rotations, q0, q1)):
+    for arc in range(world.map.rotations.arc_count(q0, q1)):
         state = max(state, arc_state(world, q0, q1, arc, work)) if state != BLOCKED else BLOCKED
     return state
 
@@ -227,7 +224,7 @@ def arc_state(world: World, q0: Numbers, q1: Numbers, arc: int, work: Work) -> i
         size += abs(q0[axis]) + abs(q1[axis])
     if not size <= 2.0 * MAX_COORDINATE * map_.spacing:
         return BLOCKED
-    angle, jump = turning.turn_of(map_.rotations, q0, q1, arc)
+    angle, jump = map_.rotations.turn_of(q0, q1, arc)
     step = (scale * (q1[0] - q0[0]), scale * (q1[1] - q0[1]), scale * (q1[2] - q0[2]))
     least, spacing = world.least + 2.0 * ROUNDING * scale * size + jump * world.rho, scale * map_.spacing
     speed = math.sqrt(dot(step, step)) + angle * world.rho
@@ -261,7 +258,7 @@ def arc_state(world: World, q0: Numbers, q1: Numbers, arc: int, work: Work) -> i
             return BLOCKED
         if reach <= (spacing if state == FREE else SLIDE * spacing):
             place = (scale * q[0], scale * q[1], scale * q[2])
-            motion = Motion(turning.matrix_of(map_.rotations, q), place, step, angle, least, 0.0)
+            motion = Motion(map_.rotations.matrix_of(q), place, step, angle, least, 0.0)
             part = share_apart(world.trees, world.robot, world.walls, motion, half / ADVANCE, work.walls)
             if part >= 0.0:
                 part = share_apart(world.trees, world.robot, world.obstacles, motion, part, work.obstacles)
@@ -300,7 +297,7 @@ def least_spare(world: World, points: Floats, lengths: Floats, turns: Floats) ->
         half = 0.5 * (scale * lengths[k] + world.rho * turns[k])
         # What moves by a metre to whatever side comes as far as the distance; what is farther does not matter.
         place = (scale * q[0], scale * q[1], scale * q[2])
-        motion = Motion(turning.matrix_of(map_.rotations, q), place, still, 0.0, least, 1.0)
+        motion = Motion(map_.rotations.matrix_of(q), place, still, 0.0, least, 1.0)
         apart = share_apart(world.trees, world.robot, world.walls, motion, best + half, work.walls)
         if apart >= 0.0:
             apart = share_apart(world.trees, world.robot, world.obstacles, motion, apart, work.obstacles)
@@ -357,4 +354,4 @@ def nested_at(nesting: Nesting, map_: Map, q: Numbers, matrix: Matrix) -> int:
 @jit
 def matrix_at(map_: Map, points: Floats) -> Matrix:
     """The rotation matrix of a configuration, shape (1, dof)."""
-    return turning.matrix_of(map_.rotations, configuration(map_, points, 0))
+    return map_.rotations.matrix_of(configuration(map_, points, 0))

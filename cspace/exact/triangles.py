@@ -33,9 +33,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Floats, Ints
+from cspace.arrays import Floats, Ints, Matrix, Row
 from cspace.compiling import inner
-from cspace.map.turning import Matrix, Row
 from cspace.shapes import Pieces
 from cspace.vectors import cross, dot, minus, nearest_of_triangle
 

@@ -20,7 +20,7 @@ from cspace.grid import Grid
 from cspace.io.input import decoding
 from cspace.map.contents import Contents
 from cspace.map.storage import read_only, read_only_of
-from cspace.rotations import QuaternionRotations, YawRotations
+from cspace.rotations import Rotations
 from cspace.shapes import Shape, shape_from_spec
 from cspace.states import BLOCKED, FIELDS, NAMES
 from cspace.version import __version__
@@ -34,7 +34,7 @@ AXES: Final = ("x", "y", "z")
 STACKED: Final = ("state", "overlap", *FIELDS)
 """Arrays that hold one slice after the other."""
 
-TURNS: Final = (*YawRotations.COORDINATES, *QuaternionRotations.COORDINATES[:1])
+TURNS: Final = tuple({name for kind in Rotations.KINDS.values() for name in kind.COORDINATES})
 """Arrays that tell of the rotation cells; those of one kind are there where the robot turns."""
 
 _WHOLE: Final = (
@@ -266,8 +266,8 @@ def unseal(metadata: Any, path: str | os.PathLike[str], kind: str = FORMAT) -> d
 def turns_of(names: Iterable[str]) -> tuple[str, ...]:
     """Those of some names that tell of rotation cells, and what lacks to them; none where the robot does not turn."""
     there = set(names)
-    kinds = (kind.COORDINATES for kind in (YawRotations, QuaternionRotations))
-    return next((kind for kind in kinds if kind[0] in there), ())
+    kinds = (kind.COORDINATES for kind in Rotations.KINDS.values())
+    return next((kind for kind in kinds if there.intersection(kind[:1])), ())
 
 
 def check_names(names: Sequence[str], metadata: Mapping[str, Any], path: str | os.PathLike[str]) -> None:

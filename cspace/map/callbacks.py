@@ -6,11 +6,11 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Final, TypeVar
 
+from cspace.angles import TURN
 from cspace.compiling import entry, reader
 from cspace.map.edges import edge_is_free
 from cspace.map.points import state_at
 from cspace.map.record import Map
-from cspace.orientation import TURN
 from cspace.states import FREE
 
 T = TypeVar("T")

@@ -16,7 +16,6 @@ import numpy as np
 from cspace.arrays import Floats, Words
 from cspace.compiling import by_kind, entry, inner, reader
 from cspace.grid import SLACK
-from cspace.map import turning
 from cspace.map.mip import ROWS, SHIFT, SIDE, Marks, PlaneMarks, SpaceMarks
 from cspace.map.points import FAR, Cell, Numbers, configuration, is_usable, replaced, state_at
 from cspace.map.record import Map
@@ -65,7 +64,7 @@ def clearance_at(map_: Map, marks: Marks, q: Numbers, most: float) -> float:
     """
     if state_at(map_, q) != FREE:
         return 0.0
-    s, dim, place = turning.slice_at(map_.rotations, q), len(map_.lower), (0.5, 0.5, 0.5)
+    s, dim, place = map_.rotations.slice_at(q), len(map_.lower), (0.5, 0.5, 0.5)
     border = math.inf
     for axis in range(dim):
         # What is farther away is no nearer to anything.
@@ -448,7 +447,7 @@ def nearest_part(word: np.uint64, wide: np.uint64, place: float, size: float, fi
 @reader
 def clearances(map_: Map, marks: Marks, points: Floats, out: Floats) -> int:
     """Clearances of configurations, shape (n, dof), in metres; the index of the first one that is not usable, or -1."""
-    last, dim = map_.lower + turning.origin(map_.rotations), len(map_.lower)
+    last, dim = map_.lower + map_.rotations.origin(), len(map_.lower)
     known = math.inf
     for n in range(points.shape[0]):
         q = configuration(map_, points, n)
@@ -456,7 +455,7 @@ def clearances(map_: Map, marks: Marks, points: Floats, out: Floats) -> int:
             return n
         # A configuration near the last one is not much farther from what is not FREE, at the same rotation.
         most = math.inf
-        if turning.slice_at(map_.rotations, q) == turning.slice_at(map_.rotations, last):
+        if map_.rotations.slice_at(q) == map_.rotations.slice_at(last):
             square = 0.0
             for axis in range(dim):
                 square += ((q[axis] - last[axis]) / map_.spacing) ** 2

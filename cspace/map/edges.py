@@ -13,7 +13,6 @@ import numpy as np
 from cspace.arrays import Bools, Floats, Words
 from cspace.compiling import inner, reader
 from cspace.grid import SLACK
-from cspace.map import turning
 from cspace.map.mip import ONE, SHIFT, SIDE
 from cspace.map.points import (
     MAX_PLACE,
@@ -59,9 +58,9 @@ def edge_is_free(map_: Map, blocks: Words | None, q0: Numbers, q1: Numbers) -> b
     Along an edge the position goes straight, and the rotation the shortest way. ``blocks`` are those of
     :class:`cspace.map.mip.Marks`, or None, so that no walk among them is compiled.
     """
-    cursor = turning.first_piece(map_.rotations, q0, q1)
+    cursor = map_.rotations.first_piece(q0, q1)
     while True:
-        more, number, start, stop, cursor = turning.next_piece(map_.rotations, cursor)
+        more, number, start, stop, cursor = map_.rotations.next_piece(cursor)
         if not more:
             return True
         first, last = map_.lower, map_.lower
@@ -74,8 +73,8 @@ def edge_is_free(map_: Map, blocks: Words | None, q0: Numbers, q1: Numbers) -> b
 
 @inner
 def along(map_: Map, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
-    """The configuration at t in [0, 1] along one of the shortest arcs, see :func:`turning.arc_count`."""
-    q = turning.turned(map_.rotations, q0, q1, arc, t)
+    """The configuration at t in [0, 1] along one of the shortest arcs, see ``arc_count``."""
+    q = map_.rotations.turned(q0, q1, arc, t)
     for axis in range(len(map_.lower)):
         q = replaced(q, axis, between(q0[axis], q1[axis], t))
     return q

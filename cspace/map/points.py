@@ -12,13 +12,12 @@ from typing import NamedTuple, Protocol, TypeVar
 import numpy as np
 from numba.cpython.unsafe.tuple import tuple_setitem
 
+from cspace.angles import TURN
 from cspace.arrays import Bools, Floats, Ints, States
 from cspace.compiling import inner, jit, reader
 from cspace.grid import MAX_COORDINATE, SLACK
-from cspace.map import turning
 from cspace.map.record import Map
 from cspace.map.storage import Cells, state_in
-from cspace.orientation import TURN
 from cspace.states import FREE, MIXED
 
 Numbers = tuple[float, ...]
@@ -55,7 +54,7 @@ INSIDE, UNSURE = 255, 254
 @inner(forceinline=True)
 def configuration(map_: Map, points: Floats, k: int) -> Numbers:
     """Row k of an array of configurations as a tuple."""
-    q = map_.lower + turning.origin(map_.rotations)
+    q = map_.lower + map_.rotations.origin()
     for axis in range(len(q)):
         q = replaced(q, axis, points[k, axis])
     return q
@@ -64,7 +63,7 @@ def configuration(map_: Map, points: Floats, k: int) -> Numbers:
 @inner(forceinline=True)
 def halves(map_: Map, both: Numbers) -> tuple[Numbers, Numbers]:
     """Two configurations that are given in a row."""
-    q0 = map_.lower + turning.origin(map_.rotations)
+    q0 = map_.lower + map_.rotations.origin()
     q1, dof = q0, len(q0)
     for axis in range(dof):
         q0, q1 = replaced(q0, axis, both[axis]), replaced(q1, axis, both[dof + axis])
@@ -74,7 +73,7 @@ def halves(map_: Map, both: Numbers) -> tuple[Numbers, Numbers]:
 @inner(forceinline=True)
 def is_usable(map_: Map, q: Numbers) -> bool:
     """Whether all is finite, and the rotation exact enough."""
-    usable = turning.is_usable(map_.rotations, q)
+    usable = map_.rotations.is_usable(q)
     for axis in range(len(map_.lower)):
         usable &= math.isfinite(q[axis])
     return usable
@@ -87,7 +86,7 @@ def cell_of(map_: Map, q: Numbers) -> tuple[bool, Cell]:
     The cell along an axis is that of ``Grid.cell_of``.
     """
     inside: bool = np.bool_(True)  # type: ignore[assignment]  # of one type for the compiler from the start
-    cell: Cell = replaced(map_.states.shape, 0, turning.slice_at(map_.rotations, q))
+    cell: Cell = replaced(map_.states.shape, 0, map_.rotations.slice_at(q))
     for axis in range(len(map_.lower)):
         n = map_.states.shape[axis + 1]
         i = math.floor(min(max((q[axis] - map_.lower[axis]) / map_.spacing, -FAR), FAR))
@@ -142,7 +141,7 @@ def codes_of(map_: Map, places: Floats, slices: Ints, cells: Ints, codes: States
     border that rounding may decide. There are no branches, so that the loop becomes wide instructions.
     """
     dim, shape = len(map_.lower), map_.states.shape
-    dof = dim + len(turning.origin(map_.rotations))
+    dof = dim + len(map_.rotations.origin())
     # As tuples: what lies in arrays would be read again after every write.
     sizes, first, last = map_.lower, map_.lower, map_.lower
     for axis in range(dim):
@@ -153,7 +152,7 @@ def codes_of(map_: Map, places: Floats, slices: Ints, cells: Ints, codes: States
     exterior, several = np.uint8(map_.exterior[0, 2 * dim]), dof > dim
     left = 0
     for k in range(cells.shape[0]):
-        cell = turning.slice_among(map_.rotations, slices, k)
+        cell = map_.rotations.slice_among(slices, k)
         inside, border, boxed, total = cell >= 0, several | (cell < 0), True, 0.0
         for axis in range(dim):
             u, n = places[dof * k + axis], sizes[axis]
@@ -206,7 +205,7 @@ def classify_many(map_: Map, points: Floats, out: States) -> int:
     numbers, dof = points.reshape(-1), points.shape[1]
     size = min(BLOCK, len(points))
     lows, scales, places = np.empty(dof * size), np.empty(dof * size), np.empty(dof * size)
-    origin = map_.lower + turning.origin(map_.rotations)
+    origin = map_.lower + map_.rotations.origin()
     for axis in range(len(origin)):
         for m in range(axis, dof * size, dof):
             lows[m], scales[m] = origin[axis], map_.spacing if axis < len(map_.lower) else TURN
@@ -214,7 +213,7 @@ def classify_many(map_: Map, points: Floats, out: States) -> int:
     for first in range(0, points.shape[0], BLOCK):
         last = min(first + BLOCK, points.shape[0])
         scaled(numbers[dof * first : dof * last], lows, scales, places)
-        turning.slices_at(map_.rotations, points[first:last], places, slices)
+        map_.rotations.slices_at(points[first:last], places, slices)
         left = codes_of(map_, places, slices, cells[: last - first], codes)
         read_states(map_.cells, cells[: last - first], codes, out[first:last])
         if left == 0:
@@ -348,9 +347,9 @@ def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out
 @inner
 def around_is_free(map_: Map, q: Numbers, distance: float, angle: float) -> bool:
     """The same of one configuration that is usable."""
-    cursor = turning.first_around(map_.rotations, q, angle)
+    cursor = map_.rotations.first_around(q, angle)
     while True:
-        more, number, cursor = turning.next_around(map_.rotations, cursor)
+        more, number, cursor = map_.rotations.next_around(cursor)
         if not more:
             return True
         if not box_is_free(map_, number, q, distance):

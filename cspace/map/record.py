@@ -23,7 +23,7 @@ class Map(NamedTuple):
     cells : ndarray of uint8, shape (slices * nx * ny,) or (slices * nx * ny * nz,), or TwoBits
         The same in a row; compiled code reads it by :mod:`cspace.map.storage` alone.
     rotations : NamedTuple
-        The rotation cells, and the slice that each has; compiled code reads it by :mod:`cspace.map.turning` alone.
+        The rotation cells, and the slice that each has; look-ups call its methods alone.
     lower, upper : tuple of float, length d
         Corners of the grid, metres.
     spacing : float

@@ -21,6 +21,7 @@ from typing import Final, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.angles import TURN
 from cspace.arrays import Bools, Bytes, Floats, Ints
 from cspace.compiling import inner, jit, reader
 from cspace.grid import Grid
@@ -28,7 +29,6 @@ from cspace.map.callbacks import below_half_a_turn, edge_checker
 from cspace.map.free_path import doubled, in_time, keep_on, pulled_straight
 from cspace.map.record import Map
 from cspace.map.storage import Stack, read_only
-from cspace.orientation import TURN
 from cspace.rotations import Rotations
 from cspace.states import FREE, MIXED
 from cspace.threads import cores, in_chunks, in_threads

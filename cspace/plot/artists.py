@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Floats
 from cspace.grid import Grid
-from cspace.orientation import Orientation
 from cspace.plot.route import Figurine, Look, MapLike, Route, WorkspaceLike
+from cspace.rotations import Rotations
 from cspace.states import BLOCKED, FREE, MIXED
 
 if TYPE_CHECKING:
@@ -203,7 +203,7 @@ def draw_marks(
     scale: float = 1.0,
     *,
     pair: Sequence[int] = (0, 1),
-    rotations: Orientation | None = None,
+    rotations: Rotations | None = None,
 ) -> list[Any]:
     """Draw start and goal as seen in two axes, or three; gives their legend entries.
 

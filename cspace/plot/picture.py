@@ -18,13 +18,12 @@ from cspace.arrays import Floats
 from cspace.errors import InputError
 from cspace.grid import Grid, positive
 from cspace.io.output import replacing
-from cspace.orientation import ROTATION_NAMES, Unturned
 from cspace.plot import artists
 from cspace.plot.dials import draw_dials
 from cspace.plot.route import Figurine, HasPath, Look, MapLike, Part, Route, WorkspaceLike, section_point
 from cspace.plot.sections import draw_panels, draw_sections
 from cspace.plot.surface import draw_surface
-from cspace.rotations import Rotations
+from cspace.rotations import OneRotation, Rotations
 from cspace.shapes.balls import Balls
 from cspace.shapes.shape import Shape
 from cspace.states import BLOCKED, FREE
@@ -219,7 +218,7 @@ def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -
 
     Raises InputError if there is none such of the map, or an option, where it is not None, goes with other ones.
     """
-    numbers = len(set(axes) & set(ROTATION_NAMES))
+    numbers = len(set(axes) & set(Rotations.all_names()))
     views = [*_VIEWS_IN[len(axes) - numbers], *["panels", "rotations"][: 2 * bool(numbers)]]
     if view is not None and view not in views:
         rule = f"the map's configurations are ({', '.join(axes)}), so it must be {' or '.join(views)}"
@@ -407,7 +406,7 @@ def _cells(subject: Any) -> tuple[Floats, Any]:
 
 def _robot(robot: Any) -> tuple[Floats, Any]:
     """Box and painter of a robot's outline, with its reference point."""
-    figurine, origin = Figurine(robot, Unturned()), np.zeros((1, robot.dim))
+    figurine, origin = Figurine(robot, OneRotation()), np.zeros((1, robot.dim))
 
     def draw(ax: Any) -> None:
         artists.draw_robots(ax, figurine, origin)

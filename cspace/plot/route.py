@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import Grid, finite, positive
-from cspace.orientation import Orientation
 from cspace.rotations import Rotations
 from cspace.shapes.shape import Shape
 
@@ -95,7 +94,7 @@ class Figurine:
     shown : bool
     """
 
-    def __init__(self, robot: RobotLike, rotations: Orientation) -> None:
+    def __init__(self, robot: RobotLike, rotations: Rotations) -> None:
         self.dim, self.rotations, self.shown = robot.dim, rotations, robot.shape.shown
         self.points, self.rings, self.nose, self.triangles = _DRAWN[robot.dim](robot.shape)
         self.reach = float(np.linalg.norm(self.points, axis=1).max())

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from cspace.arrays import Floats
 from cspace.compiling import entry, inner, reader
 from cspace.errors import InputError
-from cspace.map import turning
 from cspace.map.batches import Many, One, answer, in_pieces
 from cspace.map.chain import Space
 from cspace.map.contents import checked_fields
@@ -136,7 +135,7 @@ def _shape(space: Space) -> tuple[int, ...]:
 def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
     """A field, linear between the middles of cells, at a configuration."""
     dim = len(map_.lower)
-    cell, shares = replaced(map_.states.shape, 0, turning.slice_at(map_.rotations, q)), map_.lower
+    cell, shares = replaced(map_.states.shape, 0, map_.rotations.slice_at(q)), map_.lower
     for axis in range(dim):
         n = map_.states.shape[axis + 1]
         place = min(max((q[axis] - map_.lower[axis]) / map_.spacing - 0.5, 0.0), n - 1.0)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from cspace.angles import TURN, wrapped
 from cspace.arms.chain import SLIDES
 from cspace.arrays import Floats
 from cspace.errors import ConfigurationError, InputError
-from cspace.orientation import TURN, wrapped
 from cspace.plot.arms import ROOM, ArmFigure, along_joints
 from cspace.plot.artists import CLASSES, COLLIDES, UNDECIDED
 from cspace.states import BLOCKED, FREE, MIXED

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cspace.arrays import Floats
-from cspace.orientation import Orientation
+from cspace.rotations import Rotations
 
 ANGLES: Final = ("roll", "pitch", "yaw")
 """Turns about x, then y, then z, all of which stay where they are."""
@@ -24,7 +24,7 @@ class Poses:
         Those of :data:`ANGLES` that the robot can turn by.
     """
 
-    def __init__(self, dim: int, rotations: Orientation) -> None:
+    def __init__(self, dim: int, rotations: Rotations) -> None:
         self.dim, self._rotations = dim, rotations
         q = np.zeros(dim + len(rotations.names))
         q[-1] = 1.0

@@ -14,7 +14,8 @@ import cspace
 import handmade
 import oracles
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
-from cspace.rotations import TURN, YAW_SLACK, Rotations
+from cspace.angles import ANGLE_SLACK, TURN
+from cspace.rotations import Rotations
 from handmade import Outside, but, cells_around, map_of, outsides, state_of, states
 from placements import collides, draw_configurations
 from planning import edge
@@ -304,7 +305,7 @@ def test_the_shorter_way_is_walked_and_both_at_half_a_turn():
 
 def test_borders_have_slack():
     space = free_but([(1, 1, 1)], [0.0, 1.0, 2.0, TURN])
-    for yaw, expected in ((1.0 - 0.5 * YAW_SLACK, False), (1.0 - 1e-6, True), (2.0 + 1e-6, True), (2.0, False)):
+    for yaw, expected in ((1.0 - 0.5 * ANGLE_SLACK, False), (1.0 - 1e-6, True), (2.0 + 1e-6, True), (2.0, False)):
         assert space.motion_is_free((0.3, 0.3, yaw), (0.4, 0.4, yaw)) == expected
     assert not space.motion_is_free((0.3, 0.3, -0.1), (0.3, 0.3, 1.0))
     assert space.motion_is_free((0.3, 0.3, -0.1), (0.3, 0.3, 1.0 - 1e-6))

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 import cspace
 import handmade
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
-from cspace.rotations import MAX_YAW, TURN, YAW_SLACK, Rotations
+from cspace.angles import ANGLE_SLACK, MAX_ANGLE, TURN
+from cspace.rotations import Rotations
 from handmade import Outside, but, map_of, outsides, state_of, states
 from placements import collides, draw_configurations, obstacles_of, placed
 from strategies import robots, rotation_cells, seeds
@@ -108,7 +109,7 @@ def test_refuses(space, name, change, message):
 
 @pytest.mark.parametrize("name", LOOKUPS)
 def test_refuses_what_is_no_rotation(space, name):
-    far = [*somewhere(space)[:-1], 1.01 * MAX_YAW]
+    far = [*somewhere(space)[:-1], 1.01 * MAX_ANGLE]
     if not space.rotations.dof:
         getattr(space, name)(far)  # it is a position
         return
@@ -116,7 +117,7 @@ def test_refuses_what_is_no_rotation(space, name):
         getattr(space, name)(far)
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -2 * MAX_YAW])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -2 * MAX_ANGLE])
 def test_edges_paths_and_boxes_refuse_bad_endpoints(space, bad):
     q = somewhere(space)
     if abs(bad) < np.inf and not space.rotations.dof:
@@ -369,7 +370,7 @@ def test_boxes_that_begin_on_a_border_far_off():
     borders, closed = np.asarray(space.rotations.borders), space.rotations.representatives[40]
     angle = 1.0
     for wraps in (2, 10, 1000):
-        yaw = borders + wraps * TURN + angle + YAW_SLACK
+        yaw = borders + wraps * TURN + angle + ANGLE_SLACK
         for nudged in (yaw, np.nextafter(yaw, 0.0), np.nextafter(yaw, 1e9)):
             near = np.abs((nudged - closed + math.pi) % TURN - math.pi) < angle
             q = np.column_stack([np.full((64, 2), 0.3), nudged])

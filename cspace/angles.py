@@ -1,0 +1,31 @@
+"""Angles: whole turns, and how exactly they are counted."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace.arrays import Floats
+
+TURN: Final = 2.0 * math.pi
+
+MAX_ANGLE: Final = 2.0**20
+"""Largest angle of a configuration, in radians, that is wrapped."""
+
+ANGLE_SLACK: Final = 1e-9
+"""Rounding allowance in radians: rotation cells count as that much wider on both sides."""
+
+
+def wrapped(angle: Floats) -> Floats:
+    """Angles in [-pi, pi); what is there already is unchanged, to the last bit."""
+    turned = (angle + math.pi) % TURN - math.pi
+    turned = np.where(turned >= math.pi, -math.pi, turned)
+    return np.where((angle >= -math.pi) & (angle < math.pi), angle, turned)
+
+
+def shorter(steps: Floats, endless: ArrayLike) -> Floats:
+    """Steps, shape (..., dof), without whole turns of the numbers that are angles without an end: the shorter way."""
+    return np.where(endless, steps - TURN * np.rint(steps / TURN), steps)
