@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Bytes, Ints, Words
 from cspace.compiling import jit, reader
-from cspace.engines.packed import dilate_block, spread
+from cspace.engines.dilation import dilate_block, spread
 
 LOOKED, CHANGED, COUNT = 0, 6, 12
 """Where a row of what :func:`renew_states` gives for a slice has its boxes, first cells and then last ones, and the

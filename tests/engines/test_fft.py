@@ -7,8 +7,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace.engines import fft
-from cspace.engines.precision import MARGIN, UNIT_ROUNDOFF, error_bound, growth
-from cspace.engines.tiles import SECONDS_A_POINT, SIZES, choose_tiling, fast_length, transform_seconds
+from cspace.engines.tiling import (
+    MARGIN,
+    SECONDS_A_POINT,
+    SIZES,
+    UNIT_ROUNDOFF,
+    choose_tiling,
+    error_bound,
+    fast_length,
+    growth,
+    transform_seconds,
+)
 from cspace.raster.raster import Raster
 from oracles import collide, overlaps_by_shifts
 from strategies import seeds
