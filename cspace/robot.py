@@ -243,7 +243,8 @@ class Robot:
         GeometryError
             If no cell is occupied.
         InputError
-            If ``occupied`` is not boolean with two or three axes, or another value is not as stated.
+            If ``occupied`` is not boolean with two or three axes (0 and 1 are accepted), or another value is not as
+            stated.
         """
         voxels = Voxels.of(occupied, spacing, lower)
         return cls(f"bitmap {' x '.join(map(str, voxels.occupied.shape))} cells of {voxels.side:g} m", voxels)

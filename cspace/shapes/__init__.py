@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 from cspace.errors import InputError
 from cspace.shapes.balls import Balls as Balls
 from cspace.shapes.balls import BallSet as BallSet
+from cspace.shapes.balls import Point as Point
 from cspace.shapes.balls import check_balls as check_balls
 from cspace.shapes.bracketed import Bracketed as Bracketed
 from cspace.shapes.mesh import Mesh as Mesh
 from cspace.shapes.mesh import MeshLike as MeshLike
 from cspace.shapes.mesh import MeshWarning as MeshWarning
-from cspace.shapes.point import Point as Point
 from cspace.shapes.polygon import Polygons as Polygons
 from cspace.shapes.shape import Pieces as Pieces
 from cspace.shapes.shape import Shape as Shape

@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Bools, Floats, Ints
+from cspace.shapes.shape import ordered_rows
 
 _NOUGHT: Final = 2.0**-30
 """Volume, over the sum of the volumes that it is made of, up to which its sign says nothing."""
@@ -50,7 +51,7 @@ def find_bodies(vertices: Floats, faces: Ints) -> tuple[Body, ...]:
     vertices : ndarray, shape (V, 3)
     faces : ndarray of int64, shape (F, 3)
     """
-    corners = merged(vertices)[faces]
+    corners = ordered_rows(vertices)[1][faces]
     proper = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
     sides = vertices[faces][:, 1:] - vertices[faces][:, :1]
     flat = proper & (np.cross(sides[:, 0], sides[:, 1]) == 0.0).all(axis=1)
@@ -69,16 +70,6 @@ def find_bodies(vertices: Floats, faces: Ints) -> tuple[Body, ...]:
         rest = np.concatenate([rest[:0], *(body.faces for body in open_bodies)])
     bodies = _outermost_outward(vertices, faces, closed) + open_bodies
     return tuple(sorted(bodies, key=lambda body: int(body.faces[0])))
-
-
-def merged(vertices: Floats) -> Ints:
-    """A number for each vertex, the same for coincident ones."""
-    order = np.lexsort(vertices.T)
-    ordered = vertices[order]
-    new = np.concatenate([[False], (ordered[1:] != ordered[:-1]).any(axis=1)])
-    numbers = np.empty(len(vertices), dtype=np.int64)
-    numbers[order] = np.cumsum(new)
-    return numbers
 
 
 def least_joined(first: Ints, second: Ints, number: int) -> Ints:
@@ -199,11 +190,7 @@ def _repeated(corners: Ints) -> tuple[Bools, Ints, Ints]:
     a, b, c = corners.T
     inversions = (a > b).astype(np.int64) + (b > c) + (a > c)
     sign = 1 - 2 * (inversions % 2)
-    ordered = np.sort(corners, axis=1)
-    order = np.lexsort(ordered.T)
-    new = np.concatenate([[False], (np.diff(ordered[order], axis=0) != 0).any(axis=1)])
-    group = np.empty(len(corners), dtype=np.int64)
-    group[order] = np.cumsum(new)
+    group = ordered_rows(np.sort(corners, axis=1))[1]
     first = np.zeros(len(corners), dtype=np.bool_)
     first[np.unique(group, return_index=True)[1]] = True
     return first, np.bincount(group)[group], np.bincount(group, weights=sign)[group].astype(np.int64)

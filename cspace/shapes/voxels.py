@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats, Surface, frozen
-from cspace.errors import GeometryError, InputError
-from cspace.grid import Grid, points_of, positive, unmasked
+from cspace.covering import check_cells
+from cspace.errors import GeometryError
+from cspace.grid import Grid, points_of, positive
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes.polygon import Polygons
@@ -132,19 +133,10 @@ class Voxels(Shape):
     def of(cls, occupied: ArrayLike, spacing: float, lower: ArrayLike | None = None) -> Voxels:
         """The cells of a bitmap, from the lower corner of the first one, by default the origin; metres.
 
-        Raises GeometryError if no cell is occupied, and InputError if ``occupied`` is not boolean with two or three
-        axes, or another value is not as stated.
+        Raises GeometryError if no cell is occupied, and InputError if ``occupied`` is not boolean (0 and 1 will do) with
+        two or three axes, or another value is not as stated.
         """
-        unmasked(occupied, "occupied")
-        bitmap = np.asarray(occupied)
-        if bitmap.ndim not in (2, 3) or bitmap.dtype != np.bool_:
-            raise InputError(
-                "occupied",
-                f"has shape {bitmap.shape} and type {bitmap.dtype}",
-                "it must be a boolean array of two or three axes",
-                "compare with a threshold first, e.g. array > 0",
-            )
-        bitmap = bitmap != 0  # a boolean array may hold other bytes than 0 and 1
+        bitmap = check_cells(occupied, "occupied")
         if not bitmap.any():
             raise GeometryError("occupied", "holds no True cell", "there must be one at least", "set those it fills")
         side = positive(spacing, "spacing")
