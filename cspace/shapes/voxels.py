@@ -133,8 +133,8 @@ class Voxels(Shape):
     def of(cls, occupied: ArrayLike, spacing: float, lower: ArrayLike | None = None) -> Voxels:
         """The cells of a bitmap, from the lower corner of the first one, by default the origin; metres.
 
-        Raises GeometryError if no cell is occupied, and InputError if ``occupied`` is not boolean (0 and 1 will do) with
-        two or three axes, or another value is not as stated.
+        Raises GeometryError if no cell is occupied, and InputError if ``occupied`` is neither boolean nor 0 and 1,
+        of two or three axes, or another value is not as stated.
         """
         bitmap = check_cells(occupied, "occupied")
         if not bitmap.any():
