@@ -12,15 +12,15 @@ from scipy.spatial.transform import Rotation
 from cspace.angles import TURN, wrapped
 from cspace.arms.chain import SLIDES
 from cspace.arrays import Floats
-from cspace.errors import ConfigurationError, InputError
+from cspace.errors import InputError
 from cspace.plot.arms import ROOM, ArmFigure, along_joints
 from cspace.plot.artists import CLASSES, COLLIDES, UNDECIDED
 from cspace.states import BLOCKED, FREE, MIXED
-from cspace.view.canvas import MARKS, Canvas, Dial, as_light, far_apart, state_text
+from cspace.view.canvas import MARKS, Canvas, Dial, as_light, far_apart, samples, state_text
 from cspace.view.scene import KINDS, ROBOT, rgb
 
 if TYPE_CHECKING:
-    from viser import ViserServer
+    from viser import GuiApi, ViserServer
 
 COLORS: Final = {FREE: ROBOT, MIXED: CLASSES[UNDECIDED][1], BLOCKED: CLASSES[COLLIDES][1]}
 """Of the arm, by its state."""
@@ -28,8 +28,6 @@ CONTACT: Final = "#262626"
 """Colour of the line between what is nearest to touching."""
 FAINT: Final = 0.35
 """Opacity of the arm at the start and the goal."""
-_DRAWN: Final = 64
-"""Configurations that are drawn to begin with two that are far apart."""
 _TENTH: Final = 0.1
 """Degrees that a slider goes in a step."""
 _MILLIMETRE: Final = 1e-3
@@ -46,7 +44,8 @@ class ArmCanvas(Canvas):
 
     def __init__(self, space: Any, server: ViserServer, points: Floats, marks: dict[str, Floats]) -> None:
         given = {name: space._checked(q, name) for name, q in marks.items()}
-        super().__init__(server, space, _endpoints(space) | given)
+        drawn = samples(space, np.zeros(space.dof).clip(space.arm.lower, space.arm.upper))
+        super().__init__(server, space, far_apart(drawn, drawn) | given)
         space._checked(points, "path")
         arm = space.arm
         self._figure = ArmFigure(space)
@@ -128,7 +127,7 @@ class ArmCanvas(Canvas):
         self._put(name, q)
         self._labels[name].position = self._figure.tips(q[np.newaxis])[0]
 
-    def add_choices(self, gui: Any, changed: Callable[[], None]) -> None:
+    def add_choices(self, gui: GuiApi, changed: Callable[[], None]) -> dict[str, Any]:
         box = gui.add_checkbox("start and goal", True)
 
         def ticked(event: Any) -> None:
@@ -137,6 +136,7 @@ class ArmCanvas(Canvas):
                     link.visible = event.target.value
 
         box.on_update(ticked)
+        return {"start and goal": box}
 
     def _traced(self, q: Floats) -> Floats:
         return self._figure.tips(q)
@@ -159,14 +159,3 @@ class ArmCanvas(Canvas):
         obstacles = self._figure.obstacles.values()
         near = np.concatenate([[lower, upper], *(points.clip(lower - room, upper + room) for points, _ in obstacles)])
         self._place_camera(near.min(axis=0), near.max(axis=0), np.array([math.cos(turn), math.sin(turn), 0.6]))
-
-
-def _endpoints(space: Any) -> dict[str, Floats]:
-    """Two FREE configurations far apart; of an arm that has none, the middle of its limits."""
-    arm = space.arm
-    try:
-        drawn = space.sample_free(_DRAWN, np.random.default_rng(0))
-    except ConfigurationError:
-        drawn = np.zeros((1, arm.dof)).clip(arm.lower, arm.upper)
-    first, last = far_apart(drawn)
-    return {"start": drawn[first], "goal": drawn[last]}

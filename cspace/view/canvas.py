@@ -18,7 +18,7 @@ from cspace.states import BLOCKED, FREE, MIXED
 from cspace.view.scene import path_colors, rgb
 
 if TYPE_CHECKING:
-    from viser import ViserServer
+    from viser import GuiApi, ViserServer
 
 MARKS: Final = {"start": "#ffffff", "goal": GOAL}
 """Configurations that are marked, and their colours."""
@@ -26,6 +26,8 @@ STATIONS: Final = 400
 """Points of a path that are drawn."""
 FIELD: Final = math.radians(40.0)
 """Field of view of the camera, from top to bottom."""
+_DRAWN: Final = 64
+"""Configurations that are drawn to begin with two that are far apart."""
 
 STATES: Final = {
     FREE: "**FREE**: proven collision-free",
@@ -161,8 +163,8 @@ class Canvas(ABC):
     # ---- what changes with the view, and with the space --------------------------------------------------------------
 
     @abstractmethod
-    def add_choices(self, gui: Any, changed: Callable[[], None]) -> None:
-        """Add to a panel what can be chosen to be drawn; ``changed`` is called at each change."""
+    def add_choices(self, gui: GuiApi, changed: Callable[[], None]) -> dict[str, Any]:
+        """Add to a panel what can be chosen to be drawn, by label; ``changed`` is called at each change."""
 
     def look(self, look_at: Floats, position: Floats, field: float, aspect: float) -> bool:
         """Note where a camera looks; gives whether something must be drawn anew for it."""
@@ -212,11 +214,18 @@ def state_text(state: int, clearance: float) -> str:
     return STATES[state] + room
 
 
-def far_apart(places: Floats) -> tuple[int, int]:
-    """Which two of some points, shape (n, d), are farthest apart."""
+def samples(space: Any, otherwise: Floats) -> Floats:
+    """FREE configurations to begin with two of, the same at each call; of a space that has none, the one given."""
+    try:
+        return np.asarray(space.sample_free(_DRAWN, np.random.default_rng(0)))
+    except ConfigurationError:
+        return otherwise[np.newaxis]
+
+
+def far_apart(drawn: Floats, places: Floats) -> dict[str, Floats]:
+    """Those two of configurations whose places, shape (n, d), are farthest apart."""
     apart = np.linalg.norm(places[:, np.newaxis] - places, axis=-1)
-    first, last = np.unravel_index(int(apart.argmax()), apart.shape)
-    return int(first), int(last)
+    return dict(zip(MARKS, drawn[list(np.unravel_index(int(apart.argmax()), apart.shape))], strict=True))
 
 
 def as_light(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -11,16 +11,15 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cspace.arrays import Floats
-from cspace.errors import ConfigurationError
 from cspace.plot.artists import CLASSES, COLLIDES, DARK, OBSTACLE, OPEN, UNDECIDED
 from cspace.plot.route import Figurine
-from cspace.view.canvas import MARKS, Canvas, Dial, far_apart
+from cspace.view.canvas import MARKS, Canvas, Dial, far_apart, samples
 from cspace.view.level_of_detail import Blocks, Cells, Part, part_around
 from cspace.view.poses import Poses
 from cspace.view.scene import KINDS, ROBOT, SECTION, Kind, Section, Stage, robot_surface
 
 if TYPE_CHECKING:
-    from viser import ViserServer
+    from viser import GuiApi, ViserServer
 
 EXISTS: Final = {
     True: "**A path exists: proven.**",
@@ -28,8 +27,6 @@ EXISTS: Final = {
     None: "Whether a path exists is not decided at this resolution.",
 }
 """Whether a path exists, in words."""
-_DRAWN: Final = 64
-"""Configurations that are drawn to begin with two that are far apart."""
 
 
 class MapCanvas(Canvas):
@@ -151,12 +148,13 @@ class MapCanvas(Canvas):
 
     # ---- what the cells are ------------------------------------------------------------------------------------------
 
-    def add_choices(self, gui: Any, changed: Callable[[], None]) -> None:
+    def add_choices(self, gui: GuiApi, changed: Callable[[], None]) -> dict[str, Any]:
+        added: dict[str, Any] = {}
         step, stage = self._step, self.stage
         if stage.has_height:
             low, high = _up(stage.lower[2] + self._space.grid.spacing, step), _up(stage.upper[2], step)
             self.cut = min(max(_up(self.cut, step), low), high)
-            cut = gui.add_slider("cut at height (m)", low, high, step, self.cut)
+            cut = added["cut at height (m)"] = gui.add_slider("cut at height (m)", low, high, step, self.cut)
 
             def pulled(event: Any) -> None:
                 self.cut = float(event.target.value)
@@ -167,13 +165,14 @@ class MapCanvas(Canvas):
             SECTION: "section" if stage.has_height else "ground"
         }
         for name, label in labels.items():
-            box = gui.add_checkbox(label, name in self.shown)
+            box = added[label] = gui.add_checkbox(label, name in self.shown)
 
             def ticked(event: Any, name: str = name) -> None:
                 (self.shown.add if event.target.value else self.shown.discard)(name)
                 changed()
 
             box.on_update(ticked)
+        return added
 
     def draw(self) -> None:
         """Draw the cells as they are to be seen now; what has not changed is not sent again."""
@@ -225,7 +224,7 @@ class MapCanvas(Canvas):
     def _picture(self, name: str, section: Section, above: bool) -> None:
         width, depth = section.upper - section.lower
         height = section.height + 1e-3 * width * above  # over the picture in whose hole it lies, which hides it else
-        handle = self._server.scene.add_image(
+        self._server.scene.add_image(
             name,
             section.image,
             float(width),
@@ -236,7 +235,7 @@ class MapCanvas(Canvas):
             cast_shadow=False,
             receive_shadow=False,
         )
-        self.bytes += len(handle._data)
+        self.bytes += section.image.nbytes
 
     def _gizmo(self, name: str, color: str) -> Any:
         """A robot that can be dragged, with its name above it."""
@@ -263,16 +262,12 @@ class MapCanvas(Canvas):
 def _endpoints(space: Any, cells: Cells) -> dict[str, Floats]:
     """Two FREE configurations far apart; of a map that has none, the middle of its grid."""
     near, upright = cells.near, space.rotations.of_matrix(np.eye(3))
-    try:
-        drawn = near.sample_free(_DRAWN, np.random.default_rng(0))
-    except ConfigurationError:
-        drawn = np.array([[*np.add(space.grid.lower, space.grid.upper) / 2, *upright]])
+    drawn = samples(near, np.array([*np.add(space.grid.lower, space.grid.upper) / 2, *upright]))
     stood = drawn.copy()
     stood[:, space.grid.dim :] = upright
     free = np.asarray(near.is_free(stood))
     drawn = stood[free] if free.any() else drawn
-    first, last = far_apart(drawn[:, : space.grid.dim])
-    return {"start": drawn[first], "goal": drawn[last]}
+    return far_apart(drawn, drawn[:, : space.grid.dim])
 
 
 def _down(value: float, step: float) -> float:

@@ -45,6 +45,15 @@ class Viewer:
         What draws it: is given a server, a path, shape (n, dof), and the start and the goal that there are.
     path, start, goal, host, port
         As for :meth:`cspace.CSpace.view`.
+
+    Attributes
+    ----------
+    server : viser.ViserServer
+        What serves it; a program may add to its scene.
+    page : cspace.view.page.Page
+        What people do there, for programs: it moves the robot, sets the start and the goal, plans and plays.
+    canvas : cspace.view.canvas.Canvas
+        What is drawn.
     """
 
     def __init__(
@@ -62,19 +71,19 @@ class Viewer:
 
         points = polyline(space, path)
         marks = marked(space, points, start, goal)
-        self._server = serve(host, port)
+        self.server = serve(host, port)
         self._closed = threading.Event()
         try:
-            self.canvas = canvas(self._server, points, marks)
-            self.page = Page(self._server, space, self.canvas, points)
+            self.canvas = canvas(self.server, points, marks)
+            self.page = Page(self.server, space, self.canvas, points)
         except BaseException:
-            stop(self._server)
+            stop(self.server)
             raise
 
     @property
     def url(self) -> str:
         """Where the page is."""
-        return f"http://{self._server.get_host()}:{self._server.get_port()}"
+        return f"http://{self.server.get_host()}:{self.server.get_port()}"
 
     @property
     def plan(self) -> PlanLike | None:
@@ -90,7 +99,7 @@ class Viewer:
         if not self._closed.is_set():
             self._closed.set()
             self.page.close()
-            stop(self._server)
+            stop(self.server)
 
     def wait(self) -> None:
         """Wait until the page is closed, or Ctrl-C is pressed, which closes it."""

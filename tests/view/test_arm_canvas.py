@@ -14,6 +14,7 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.plot.artists import CLASSES, COLLIDES
 from cspace.view import Viewer
 from cspace.view.scene import ROBOT, rgb
+from pages import node
 from urdfs import joint, link, planar, written
 
 pytest.importorskip("viser")
@@ -45,20 +46,16 @@ def corners(handle: Any) -> Any:
     return turn.apply(handle.vertices) + handle.position
 
 
-def scene(viewer: Viewer) -> dict[str, Any]:
-    return dict(viewer._server.scene._handle_from_node_name)
-
-
 def test_links_stand_where_the_joints_take_them(shown: Any) -> None:
     _, viewer = shown
     for name, q in (("robot", (0.3, 0.7)), ("start", START), ("goal", GOAL)):
         viewer.page.move(np.array([0.3, 0.7]))
         elbow = np.array([math.cos(q[0]), math.sin(q[0]), 0.0])
         middle = elbow + 0.5 * np.array([math.cos(sum(q)), math.sin(sum(q)), 0.0])
-        np.testing.assert_allclose(corners(scene(viewer)[f"/{name}/fore"]).mean(axis=0), middle, atol=1e-6)
-    assert "/robot/foot" in scene(viewer)
-    assert "/goal/foot" not in scene(viewer)  # it would lie in the other one
-    np.testing.assert_allclose(np.ptp(corners(scene(viewer)["/obstacles/post"]), axis=0), (0.2, 0.2, 1.0), atol=0.01)
+        np.testing.assert_allclose(corners(node(viewer, f"/{name}/fore")).mean(axis=0), middle, atol=1e-6)
+    assert node(viewer, "/robot/foot")
+    assert not node(viewer, "/goal/foot")  # it would lie in the other one
+    np.testing.assert_allclose(np.ptp(corners(node(viewer, "/obstacles/post")), axis=0), (0.2, 0.2, 1.0), atol=0.01)
 
 
 @pytest.mark.parametrize(
@@ -70,33 +67,33 @@ def test_the_state_is_said_and_seen(shown: Any, q: tuple[float, float], text: st
     viewer.page.move(np.array(q))
     assert viewer.page.wait(60.0)
     contact = space.closest(q)
-    assert viewer.page._state.content.startswith(text)
-    assert f"{contact.link} and {contact.other}" in viewer.page._state.content
-    assert all(tuple(scene(viewer)[f"/robot/{name}"].color) == rgb(color) for name in ("foot", "upper", "fore"))
-    np.testing.assert_allclose(scene(viewer)["/contact"].points[0], contact.points, atol=1e-6)
+    assert viewer.page.panel.state.content.startswith(text)
+    assert f"{contact.link} and {contact.other}" in viewer.page.panel.state.content
+    assert all(tuple(node(viewer, f"/robot/{name}").color) == rgb(color) for name in ("foot", "upper", "fore"))
+    np.testing.assert_allclose(node(viewer, "/contact").points[0], contact.points, atol=1e-6)
 
 
 def test_plans_and_what_is_proven(shown: Any) -> None:
     space, viewer = shown
     page = viewer.page
-    assert page._proof.content == "The straight motion is not proven free."
-    page._limit.value = 30.0
-    page._planner.request()
+    assert page.panel.proof.content == "The straight motion is not proven free."
+    page.panel.time_limit.value = 30.0
+    page.search()
     assert page.wait(60.0)
     assert viewer.plan is not None
     assert viewer.plan.certified
-    assert "certified" in page._answer.content
-    page._go(0.5)
+    assert "certified" in page.panel.answer.content
+    page.go(0.5)
     first, last = viewer.plan.path[[0, -1]]
     ahead = viewer.canvas.robot
     assert min(np.linalg.norm(ahead - first), np.linalg.norm(ahead - last)) > 0.3  # and the middle of the way
-    tips = np.asarray(scene(viewer)["/path"].points)
+    tips = np.asarray(node(viewer, "/path").points)
     for place, q in ((tips[0, 0], START), (tips[-1, 1], GOAL)):
         viewer.page.move(np.array(q))
-        np.testing.assert_allclose(corners(scene(viewer)["/robot/fore"]).mean(axis=0), place, atol=1e-6)
+        np.testing.assert_allclose(corners(node(viewer, "/robot/fore")).mean(axis=0), place, atol=1e-6)
     page.mark("goal", np.array([-0.3, 0.4]))
     assert page.wait(60.0)
-    assert page._proof.content == "**The straight motion is free: proven.**"
+    assert page.panel.proof.content == "**The straight motion is free: proven.**"
     page.mark("goal", np.array(GOAL))
     assert space.is_free(GOAL)
 

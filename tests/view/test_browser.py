@@ -16,6 +16,7 @@ import cspace
 from cspace.plot.artists import CLASSES, COLLIDES, OBSTACLE, UNDECIDED
 from cspace.view import Viewer
 from cspace.view.scene import ROBOT, rgb
+from pages import node
 from urdfs import planar
 from waiting import until
 
@@ -91,18 +92,19 @@ def flat() -> Iterator[tuple[cspace.CSpace, Viewer]]:
 def test_a_page_in_the_plane(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -> None:
     from selenium.webdriver.common.keys import Keys
 
-    space, viewer = flat
+    _, viewer = flat
     browser.get(viewer.url)
     until(lambda: "A path exists: proven." in text(browser))
     drawn = until(lambda: (share := shares(browser))[COLLIDES] > 0.01 and share)
     assert drawn[UNDECIDED] > 0.005
 
     slide(browser, "yaw (°)", Keys.END, Keys.ARROW_LEFT, Keys.ARROW_LEFT)
-    until(lambda: viewer.page._sliders[2].value == 178.0)
+    until(lambda: viewer.page.panel.sliders[2].value == 178.0)
     until(lambda: "yaw 178°, in a rotation cell of 15°" in text(browser))  # as the panel says
     np.testing.assert_allclose(viewer.canvas.robot, [1.0, 1.0, np.radians(178.0)], atol=1e-6)
     assert viewer.page.wait(20.0)
-    assert viewer.canvas._drawn["/section/whole"][0] == int(space.rotations.cell_of(np.pi))  # type: ignore[index]
+    there = viewer.canvas.stage.section(viewer.canvas.cells.whole(np.array([np.pi])), viewer.canvas.cut)  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(node(viewer, "/section/whole").image, there.image)
 
     press(browser, "Plan")
     until(lambda: "Path found, certified: every edge is proven free." in text(browser))
@@ -122,10 +124,10 @@ def test_who_comes_close_sees_small_cells(browser: Any, flat: tuple[cspace.CSpac
     _, viewer = flat
     viewer.canvas.cells.side = 4
     viewer.canvas.forget()
-    (client,) = viewer._server.get_clients().values()
+    (client,) = viewer.server.get_clients().values()
     client.camera.position = (4.0, 1.0, 2.5)
     client.camera.look_at = (4.0, 1.2, 0.0)
-    until(lambda: "/section/part" in viewer.canvas._drawn)
+    until(lambda: node(viewer, "/section/part"))
     until(lambda: shares(browser)[UNDECIDED] > 0.02)
 
 
@@ -166,12 +168,12 @@ def test_a_page_of_an_arm(browser: Any, tmp_path: Path) -> None:
         until(lambda: "The straight motion is not proven free." in text(browser))
         green = until(lambda: share(browser, ROBOT))
         slide(browser, "shoulder (°)", Keys.HOME, Keys.ARROW_RIGHT)
-        until(lambda: viewer.page._sliders[0].value == -171.7)
+        until(lambda: viewer.page.panel.sliders[0].value == -171.7)
         np.testing.assert_allclose(viewer.canvas.robot, [np.radians(-171.7), 0.3], atol=1e-4)
         viewer.page.move(np.array([np.pi / 4, 0.0]))
         until(lambda: "BLOCKED: proven in collision" in text(browser))
         until(lambda: share(browser, ROBOT) < 0.3 * green)  # it is light blue now
-        viewer.page._limit.value = 30.0
+        viewer.page.panel.time_limit.value = 30.0
         press(browser, "Plan")
         until(lambda: "Path found, certified: every edge is proven free." in text(browser))
         viewer.page.move(np.array([-0.3, 0.3]))

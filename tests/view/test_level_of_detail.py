@@ -12,7 +12,7 @@ import pytest
 import cspace
 from cspace.plot.artists import OPEN, classes_of
 from cspace.view import level_of_detail
-from cspace.view.level_of_detail import Blocks, CellsInMemory, Part, part_around
+from cspace.view.level_of_detail import Blocks, CellsInMemory, CellsInStore, Part, part_around
 
 WHOLE = {2: (23, 17), 3: (11, 9, 7)}
 
@@ -69,13 +69,13 @@ def test_a_store_shows_the_same(parts: Any, tmp_path: Path, monkeypatch: pytest.
     stored = cspace.build(workspace, robot, rotations=rotations, store=tmp_path / "map.zarr", tile=8)
     held = CellsInMemory(cspace.build(workspace, robot, rotations=rotations))
     rotation, part = stored.rotations.centers[-1], Part((3,) * stored.grid.dim, stored.grid.shape, 2)
-    whole = stored._in_blocks()
+    whole = CellsInStore(stored)
     assert whole.side == 1
     for seen in (rotation, None):
         np.testing.assert_array_equal(whole.whole(seen).classes, held.whole(seen).classes)
         np.testing.assert_array_equal(whole.part(seen, part).classes, held.part(seen, part).classes)
     monkeypatch.setattr(level_of_detail, "MOST", stored.grid.size // 2**stored.grid.dim)
-    far = stored._in_blocks().whole(rotation)
+    far = CellsInStore(stored).whole(rotation)
     exact = brute(held.whole(rotation).classes, Part((0,) * stored.grid.dim, stored.grid.shape, far.side))
     assert far.side > 1
     assert (far.classes[exact != OPEN] != OPEN).all()  # nothing but what is free looks free

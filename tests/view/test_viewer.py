@@ -16,6 +16,7 @@ from commands import run
 from cspace.errors import InputError
 from cspace.view import Viewer
 from missing import output_without
+from pages import node, setting
 from waiting import until
 
 pytest.importorskip("viser")
@@ -44,28 +45,18 @@ def viewer(request: pytest.FixtureRequest) -> Iterator[tuple[cspace.CSpace, View
         yield space, viewer
 
 
-def names(viewer: Viewer) -> set[str]:
-    """Names of what stands in the scene."""
-    return set(viewer._server.scene._handle_from_node_name)
-
-
-def labels(viewer: Viewer) -> list[str]:
-    """Names of what the panel holds."""
-    return [getattr(handle, "label", "") for handle in viewer._server.gui._gui_input_handle_from_uuid.values()]
-
-
 def test_the_map_says_which_sliders_there_are(viewer: Any) -> None:
     space, page = viewer
     angles = {0: [], 1: ["yaw (°)"], 4: ["roll (°)", "pitch (°)", "yaw (°)"]}[space.rotations.dof]
     sliders = [f"{axis} (m)" for axis in "xyz"[: space.grid.dim]] + angles
-    assert [slider.label for slider in page.page._sliders] == sliders
-    assert ("cut at height (m)" in labels(page)) == (space.grid.dim == 3)
+    assert [slider.label for slider in page.page.panel.sliders] == sliders
+    assert ("cut at height (m)" in page.page.panel.shown) == (space.grid.dim == 3)
 
 
 def test_what_is_drawn_follows_what_is_asked(viewer: Any) -> None:
     space, page = viewer
     assert page.page.wait(60.0)
-    assert {"/robot", "/start", "/goal", "/section/whole", "/obstacles/whole"} <= names(page)
+    assert all(node(page, name) for name in ("/robot", "/start", "/goal", "/section/whole", "/obstacles/whole"))
     canvas, sent = page.canvas, page.canvas.bytes
     canvas.draw()
     assert canvas.bytes == sent  # nothing is sent twice
@@ -73,15 +64,13 @@ def test_what_is_drawn_follows_what_is_asked(viewer: Any) -> None:
     for q in free:
         page.page.move(q)
         assert page.page.wait(60.0)
-        assert page.page._state.content.startswith("**FREE**")
-        np.testing.assert_allclose(canvas._robot.position[: space.grid.dim], q[: space.grid.dim])
+        assert page.page.panel.state.content.startswith("**FREE**")
+        np.testing.assert_allclose(node(page, "/robot").position[: space.grid.dim], q[: space.grid.dim])
     turned = len({int(space.rotations.cells_of(q)) for q in free}) > 1
     assert (canvas.bytes > sent) == turned  # the cells change with the rotation alone
-    canvas.shown.discard("obstacles")
-    canvas.shown.add("mixed")
-    canvas.draw()
-    assert "/obstacles/whole" not in names(page)
-    assert "/mixed/whole" in names(page)
+    for label in ("obstacle", "undecided (MIXED)"):
+        page.page.panel.shown[label].value ^= True
+    until(lambda: node(page, "/mixed/whole") and not node(page, "/obstacles/whole"))
 
 
 def test_who_looks_closely_sees_small_blocks(viewer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -93,29 +82,29 @@ def test_who_looks_closely_sees_small_blocks(viewer: Any, monkeypatch: pytest.Mo
     assert canvas.look(middle, near, 0.7, 1.0)
     assert not canvas.look(middle, near, 0.7, 1.0)
     canvas.draw()
-    assert "/section/part" in names(viewer[1])
+    assert node(viewer[1], "/section/part")
     assert canvas.look(middle, far, 0.7, 1.0)
     canvas.draw()
-    assert "/section/part" not in names(viewer[1])
+    assert not node(viewer[1], "/section/part")
 
 
 def test_plans_and_proofs(viewer: Any) -> None:
     space, page = viewer
     start, goal = page.page.marks["start"], page.page.marks["goal"]
     assert space.path_exists(start, goal)
-    page.page._planner.request()
+    page.page.search()
     assert page.page.wait(60.0)
-    assert page.page._proof.content == "**A path exists: proven.**"
+    assert page.page.panel.proof.content == "**A path exists: proven.**"
     assert page.plan is not None
     assert page.plan.solved
-    assert "certified" in page.page._answer.content
-    assert "/path" in names(page)
-    page.page._go(1.0)
+    assert "certified" in page.page.panel.answer.content
+    assert node(page, "/path")
+    page.page.go(1.0)
     np.testing.assert_allclose(space.rotations.steps(page.canvas.robot, goal), 0.0, atol=1e-6)
     page.page.mark("goal", np.array([1e3, *goal[1:]]))
-    page.page._planner.request()
+    page.page.search()
     assert page.page.wait(60.0)
-    assert "lies outside the map" in page.page._answer.content  # and the page goes on
+    assert "lies outside the map" in page.page.panel.answer.content  # and the page goes on
     page.page.mark("goal", goal)
     assert page.page.wait(60.0)
 
@@ -123,13 +112,12 @@ def test_plans_and_proofs(viewer: Any) -> None:
 @pytest.mark.parametrize("drive", ["differential", "dubins"])
 def test_drives_of_robots_that_turn_in_the_plane(viewer: Any, drive: str) -> None:
     space, page = viewer
-    handles = {handle.label: handle for handle in page._server.gui._gui_input_handle_from_uuid.values()}
-    chosen, radius = handles["drive"], handles["turning radius (m)"]
+    chosen, radius = page.page.panel.drive, page.page.panel.turning_radius
     assert chosen.visible == (space.axes == ("x", "y", "yaw"))
     if chosen.visible:
         chosen.value, radius.value = drive, 0.2
         until(lambda: radius.visible == (drive == "dubins"))
-        page.page._planner.request()
+        page.page.search()
         assert page.page.wait(60.0)
         assert (page.plan.drive, page.plan.turning_radius) == (drive, 0.2 if radius.visible else None)
         assert page.plan.certified
@@ -142,15 +130,15 @@ def test_no_path_exists_is_said_to_be_proven() -> None:
     space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.2))
     with space.view(block=False, port=0, start=(0.7, 1.0), goal=(2.3, 1.0)) as viewer:
         assert viewer.page.wait(60.0)
-        assert viewer.page._proof.content == "**No path exists: proven.**"
-        viewer.page._planner.request()
+        assert viewer.page.panel.proof.content == "**No path exists: proven.**"
+        viewer.page.search()
         assert viewer.page.wait(60.0)
-        assert viewer.page._answer.content == "**No path exists: proven.**"
+        assert viewer.page.panel.answer.content == "**No path exists: proven.**"
         space.update(np.zeros((2, 20), dtype=bool), (14, 0))
         viewer.refresh()
         assert viewer.page.wait(60.0)
-        assert viewer.page._proof.content == "**A path exists: proven.**"
-        assert "/obstacles/whole" not in names(viewer)
+        assert viewer.page.panel.proof.content == "**A path exists: proven.**"
+        assert not node(viewer, "/obstacles/whole")
         assert repr(viewer) == f"Viewer({viewer.url})"
         assert viewer.url in viewer._repr_html_()
     viewer.close()
@@ -164,14 +152,16 @@ def test_a_map_in_a_store(tmp_path: Path) -> None:
     stored = cspace.build(workspace, cspace.Robot.disc(0.2), store=tmp_path / "map.zarr", tile=16)
     with stored.view(block=False, port=0, start=(0.6, 0.6), goal=(3.4, 0.6)) as viewer:
         assert viewer.page.wait(60.0)
-        assert viewer.page._proof.content == ""  # to find out takes long in a store, and is left until it is asked for
-        viewer.page._planner.request()
+        assert (
+            viewer.page.panel.proof.content == ""
+        )  # to find out takes long in a store, and is left until it is asked for
+        viewer.page.search()
         assert viewer.page.wait(60.0)
-        assert viewer.page._proof.content == "**A path exists: proven.**"
+        assert viewer.page.panel.proof.content == "**A path exists: proven.**"
         assert viewer.plan is not None
         assert viewer.plan.solved
-        assert "Not done" not in viewer.page._answer.content
-        assert {"/section/whole", "/path"} <= names(viewer)
+        assert "Not done" not in viewer.page.panel.answer.content
+        assert node(viewer, "/section/whole") and node(viewer, "/path")
 
 
 def test_bad_input(tmp_path: Path) -> None:
@@ -214,7 +204,7 @@ def test_the_command_opens_a_page(
     def wait(viewer: Viewer) -> None:
         seen.append(viewer)
         viewer.page.wait(60.0)
-        assert "/path" in names(viewer)
+        assert node(viewer, "/path")
         viewer.close()
 
     monkeypatch.setattr(Viewer, "wait", wait)
@@ -255,16 +245,13 @@ def test_other_pages_move_nothing(served: Viewer, origin: str | None, host: str,
     from websockets.exceptions import ConnectionClosedError
     from websockets.sync.client import connect
 
-    page, port = served.page, served._server.get_port()
+    page, port = served.page, served.server.get_port()
     q = page.marks["start"] + [0.3, 0.3]
     page.move(page.marks["start"])
     camera = dict.fromkeys(("image_height", "image_width", "fov", "near", "far"), 1)
     camera |= dict.fromkeys(("position", "look_at", "up_direction"), (0.0, 0.0, 1.0)) | {"wxyz": (1.0, 0.0, 0.0, 0.0)}
     sent = [{"type": "ViewerCameraMessage", **camera}]
-    sent += [
-        {"type": "GuiUpdateMessage", "uuid": slider._impl.uuid, "updates": {"value": float(value)}}
-        for slider, value in zip(page._sliders, q, strict=True)
-    ]
+    sent += [setting(slider, value) for slider, value in zip(page.panel.sliders, q.tolist(), strict=True)]
     with (
         socket.create_connection(("127.0.0.1", port)) as plug,
         connect(

@@ -5,10 +5,11 @@ from __future__ import annotations
 import threading
 
 from cspace.view.worker import Worker
+from waiting import until
 
 
 def test_work_is_done_once_for_many() -> None:
-    done, go = [], threading.Event()
+    done, go, before = [], threading.Event(), threading.active_count()
 
     def work() -> None:
         go.wait(10.0)
@@ -34,5 +35,4 @@ def test_work_is_done_once_for_many() -> None:
     assert len(done) == count + 1
     assert [str(error) for error in failed] == ["once"]
     worker.close()
-    worker._thread.join(10.0)
-    assert not worker._thread.is_alive()
+    until(lambda: threading.active_count() == before)
