@@ -26,13 +26,13 @@ def in_chunks(work: Callable[[int, int], int], size: int, least: int = LEAST) ->
     """Call ``work(start, stop)`` over chunks of ``range(size)``, in threads where that pays.
 
     Each call gives the index, from ``start``, of the first bad element of its chunk, or -1; so does this, of all. A
-    chunk of fewer than ``least`` is not worth a thread.
+    chunk of fewer than ``least`` is not worth a thread. What the work itself would do in chunks, it does alone.
     """
     threads = 1 if getattr(_here, "shared", False) else min(cores(), max(1, size // least))
     if threads == 1:
         return work(0, size)
     bounds = [size * k // threads for k in range(threads + 1)]
-    with ThreadPoolExecutor(threads) as pool:
+    with ThreadPoolExecutor(threads, initializer=_share) as pool:
         bad = list(pool.map(work, bounds[:-1], bounds[1:]))
     return next((start + index for start, index in zip(bounds, bad, strict=False) if index >= 0), -1)
 

@@ -167,7 +167,7 @@ def fill(scene: Scene, inside: Inside, cells: Cells, block: Ints, states: States
             top += 2
 
 
-@inner(error_model="numpy")
+@inner
 def are_near(scene: Scene, pair: int, box: Box, work: Work) -> bool:
     """Whether the borders of a pair of solids may touch somewhere in a box.
 
@@ -187,7 +187,7 @@ def are_near(scene: Scene, pair: int, box: Box, work: Work) -> bool:
     return spare < 0.0
 
 
-@inner(error_model="numpy")
+@inner
 def sway(scene: Scene, a: int, b: int, box: Box, work: Work) -> tuple[float, float]:
     """How far the origin of body ``a`` can move within a box, as seen from body ``b``, and how far the body can turn.
 
@@ -244,7 +244,7 @@ def longest(cells: Cells, block: Ints) -> int:
     return chosen
 
 
-@inner(error_model="numpy")
+@inner
 def collide(inside: Inside, pairs: Ints, box: Box, work: Work) -> bool:
     """Whether some pair of solids is proven to collide at every configuration of a box."""
     for pair in pairs:
@@ -254,7 +254,7 @@ def collide(inside: Inside, pairs: Ints, box: Box, work: Work) -> bool:
     return False
 
 
-@inner(error_model="numpy")
+@inner
 def meets(inside: Inside, i: int, j: int, box: Box, work: Work) -> bool:
     """Whether solid j meets, all over a box, what a ball in solid i keeps of itself; or its middle, deep enough."""
     scene, balls, solids = inside.scene, inside.balls, inside.scene.solids
@@ -282,29 +282,27 @@ def meets(inside: Inside, i: int, j: int, box: Box, work: Work) -> bool:
     return False
 
 
-@inner(error_model="numpy")
+@inner
 def fills(solids: Solids, j: int, point: Row, rest: float, work: Work) -> bool:
     """Whether a box or ball of a solid lies in reach of a point; below zero, whether the point lies so deep in one."""
     trees, nodes, near, (x, y, z) = solids.trees, work.nodes, max(rest, 0.0), point
-    nodes[1, 0], nodes[1, 1], nodes[1, 2], top = solids.nodes[j, 0], solids.nodes[j, 1], solids.nodes[j, 2], 2
+    nodes[1, 0], top = solids.stems[j], 2
     while top > 1:
         top -= 1
-        b, row, m = nodes[top, 0], nodes[top, 1], nodes[top, 2]
-        box = trees.boxes[b]
+        b = nodes[top, 0]
+        box, (row, m) = trees.boxes[b], trees.spans[b]
         if abs(x - box[0]) > near + box[3] or abs(y - box[1]) > near + box[4] or abs(z - box[2]) > near + box[5]:
             continue
         if m == 1:
             if depth_in_row(trees.triangles[row], point) + rest > 0.0:
                 return True
             continue
-        few = m // 2
-        nodes[top, 0], nodes[top, 1], nodes[top, 2] = b + 1, row, few
-        nodes[top + 1, 0], nodes[top + 1, 1], nodes[top + 1, 2] = b + 2 * few, row + few, m - few
+        nodes[top, 0], nodes[top + 1, 0] = b + 1, b + 2 * (m // 2)
         top += 2
     return False
 
 
-@inner(error_model="numpy")
+@inner
 def depth_in_row(row: Floats, point: Row) -> float:
     """How deep a point lies in a box or ball; below zero outside, and in what is neither."""
     if row[9] >= 0.0:
@@ -320,7 +318,7 @@ def depth_in_row(row: Floats, point: Row) -> float:
     return -math.sqrt(square) if square > 0.0 else deep
 
 
-@inner(error_model="numpy")
+@inner
 def bounds_of_depth(inside: Inside, surface: int, parts: int, point: Row) -> tuple[float, float]:
     """How deep a point in the box of a closed surface, or near it, lies at least and about at most; below zero outside.
 
@@ -343,7 +341,7 @@ def bounds_of_depth(inside: Inside, surface: int, parts: int, point: Row) -> tup
     return deep - way, deep + way
 
 
-@inner(error_model="numpy")
+@inner
 def depth(solids: Solids, surface: int, x: float, y: float, z: float) -> float:
     """How deep a point lies in a closed surface, at least; below zero outside."""
     box, turns, least = solids.boxes[surface], 0, np.inf

@@ -69,7 +69,7 @@ class Chain(NamedTuple):
     lengths: Floats
 
 
-@inner(error_model="numpy")
+@inner
 def place(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Floats) -> None:
     """Write the poses and velocities of all bodies at a part ``t`` of a motion into ``poses``, shape (b, 3, 6).
 
@@ -123,7 +123,7 @@ def place(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Floats) -> None
                 out[i, 5] += rate * u[i]
 
 
-@inner(error_model="numpy")
+@inner
 def flight_of(one: Floats, other: Floats, half: float, bend: float, most: float, least: float) -> Flight:
     """How one of two placed bodies moves as seen from the other one."""
     px, py, pz = other[0, 3], other[1, 3], other[2, 3]
@@ -155,7 +155,7 @@ def _row(axis: Row, pose: Floats) -> Row:
     )
 
 
-@inner(error_model="numpy")
+@inner
 def bounds_of(chain: Chain, a: int, b: int, rho: float, q0: Floats, q1: Floats) -> tuple[float, float, float]:
     """Along all of a motion: how far points of a body, up to ``rho`` from its origin, move as seen from another one.
 

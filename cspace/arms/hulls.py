@@ -272,7 +272,7 @@ def corners_of(hulls: Hulls, node: int) -> tuple[Floats, float]:
     return box[:3] + signs * box[3:6], 0.0
 
 
-@inner(error_model="numpy")
+@inner
 def least_spare(
     hulls: Hulls, one: int, other: int, flight: Flight, enough: float, work: Ints, directions: Floats
 ) -> float:
@@ -379,7 +379,7 @@ def at_rest(flight: Flight) -> Flight:
     return Flight(flight.matrix, flight.place, flight.spin, flight.drift, 0.0, 0.0, 0.0, flight.least)
 
 
-@inner(error_model="numpy")
+@inner
 def spare_between(
     hulls: Hulls, a: int, b: int, flight: Flight, speed: float, enough: float, n: Row
 ) -> tuple[float, bool, Row]:
@@ -431,7 +431,7 @@ def spare_between(
     return best, gap > 0.0, direction
 
 
-@inner(error_model="numpy")
+@inner
 def highest(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
     """The corner of a hull that is farthest along a direction, and how far that is."""
     first, stop, best, at = hulls.nodes[node, 1], hulls.nodes[node, 2], -math.inf, 0
@@ -474,7 +474,7 @@ def turned_back(matrix: Matrix, n: Row) -> Row:
     )
 
 
-@inner(error_model="numpy")
+@inner
 def nearest(w: Row, p: Row, q: Row, r: Row, count: int) -> tuple[Row, Row, Row, Row, int]:
     """The point nearest to the origin of a simplex with one more corner, the corners that it is of, and how many.
 
@@ -498,7 +498,7 @@ def nearest(w: Row, p: Row, q: Row, r: Row, count: int) -> tuple[Row, Row, Row, 
     return best
 
 
-@inner(error_model="numpy")
+@inner
 def in_triangle(a: Row, b: Row, c: Row) -> tuple[Row, Row, Row, Row, int]:
     """:func:`nearest` of a triangle, whose corners may coincide (C. Ericson, 2005, section 5.1.5)."""
     ab, ac = minus(b, a), minus(c, a)

@@ -262,7 +262,8 @@ def _interiors(solids: Solids) -> Interiors:
     surfaces = [_depths(solids, surface) for surface in range(len(solids.boxes))]
     balls: list[Floats] = []
     counts = []
-    for number, (_, first, count) in enumerate(solids.nodes.tolist()):
+    for number, stem in enumerate(solids.stems.tolist()):
+        first, count = solids.trees.spans[stem].tolist() if stem >= 0 else (0, 0)
         rows = solids.trees.triangles[first : first + count]
         own = [_solid_balls(rows)]
         own += [_balls(*surfaces[k]) for k in range(solids.starts[number, 0], solids.starts[number + 1, 0])]

@@ -9,7 +9,7 @@ import numpy as np
 from cspace.arms.proofs import Scene, are_free
 from cspace.arrays import Bools, Floats, Ints
 from cspace.exact.boundaries import Problem, Proofs
-from cspace.exact.queries import proofs_by_borders
+from cspace.exact.proofs import BorderProofs
 
 
 class JointProofs:
@@ -48,7 +48,7 @@ class JointProofs:
     @cached_property
     def _in_joints(self) -> Proofs:
         """Proofs of distances in joint space, to the cells that are not FREE."""
-        return proofs_by_borders(self._problem)
+        return BorderProofs(self._problem)
 
     def _whole(self, q: Floats) -> Floats:
         """Configurations of the arm, shape (n, arm.dof)."""

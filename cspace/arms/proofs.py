@@ -46,7 +46,7 @@ class Solids(NamedTuple):
         How far they reach from their body's origin.
     trees : Trees
         What BLOCKED is proven by: triangles, boxes and balls, each in the frame of its body.
-    nodes : ndarray of int64, shape (s, 3)
+    stems : ndarray of int64, shape (s,)
         Roots of these.
     triangles : ndarray of float64, shape (n, 3, 3)
         Of closed surfaces.
@@ -71,7 +71,7 @@ class Solids(NamedTuple):
     trunks: Ints
     levers: Floats
     trees: Trees
-    nodes: Ints
+    stems: Ints
     triangles: Floats
     turns: Ints
     boxes: Floats
@@ -121,7 +121,7 @@ class Work(NamedTuple):
         The nodes that were nearest to touching last, pair by pair.
     directions : ndarray of float64, shape (CACHED, 4)
         Along what pairs of hulls were apart last.
-    nodes : ndarray of int64, shape (DEPTH, 6)
+    nodes : ndarray of int64, shape (DEPTH, 2)
     """
 
     parts: Floats
@@ -145,7 +145,7 @@ def work_of(scene: Scene) -> Work:
         np.empty(pairs, dtype=np.bool_),
         np.full((pairs, 2), -1),
         np.zeros((CACHED, 4)),
-        np.empty((DEPTH, 6), dtype=np.int64),
+        np.empty((DEPTH, 2), dtype=np.int64),
     )
 
 
@@ -174,7 +174,7 @@ def least_of(scene: Scene, q0: Floats, q1: Floats) -> float:
     return scene.least + ROUNDING * 2.0**-9 * size * scene.far
 
 
-@inner(error_model="numpy")
+@inner
 def point_is_free(scene: Scene, q: Floats, work: Work) -> bool:
     """Whether a configuration is proven free."""
     place(scene.chain, q, q, 0.0, work.poses)
@@ -185,7 +185,7 @@ def point_is_free(scene: Scene, q: Floats, work: Work) -> bool:
     return True
 
 
-@inner(error_model="numpy")
+@inner
 def motion_is_free(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
     """Whether all configurations of a motion are proven free, the last of which is."""
     chain, solids, parts, left = scene.chain, scene.solids, work.parts, work.left
@@ -236,7 +236,7 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
     return True
 
 
-@inner(error_model="numpy")
+@inner
 def spare_of(scene: Scene, n: int, half: float, least: float, work: Work) -> float:
     """What is below zero unless a pair stays apart for so much of a motion either way; -inf where it touches now."""
     solids, nodes, nearest = scene.solids, work.nodes, work.nearest
@@ -257,7 +257,7 @@ def spare_of(scene: Scene, n: int, half: float, least: float, work: Work) -> flo
     return spare
 
 
-@inner(error_model="numpy")
+@inner
 def nests(scene: Scene, n: int, work: Work, deep: float) -> bool:
     """Whether an anchor of one solid of a pair lies in a closed surface of the other, so far from its triangles.
 
@@ -269,7 +269,7 @@ def nests(scene: Scene, n: int, work: Work, deep: float) -> bool:
     return bool(scene.solids.filled[j] and holds_piece(scene, j, i, work, deep))
 
 
-@inner(error_model="numpy")
+@inner
 def holds(scene: Scene, i: int, j: int, work: Work, deep: float) -> bool:
     """Whether an anchor of solid i lies in a closed surface of solid j, as :func:`nests`."""
     solids = scene.solids
@@ -281,38 +281,36 @@ def holds(scene: Scene, i: int, j: int, work: Work, deep: float) -> bool:
     return False
 
 
-@inner(error_model="numpy")
+@inner
 def holds_piece(scene: Scene, i: int, j: int, work: Work, deep: float) -> bool:
     """The same of the middles of boxes and balls of solid i that could lie in solid j as a whole."""
     solids, nodes = scene.solids, work.nodes
-    boxes, one, other = solids.trees.boxes, work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
+    trees, one, other = solids.trees, work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
     for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
         whole = solids.boxes[surface]
         # The box around the surface, as it is placed in the frame of what does not move: what is near is looked for.
         middle = 0.5 * (whole[0] + whole[3]), 0.5 * (whole[1] + whole[4]), 0.5 * (whole[2] + whole[5])
         half = 0.5 * (whole[3] - whole[0]), 0.5 * (whole[4] - whole[1]), 0.5 * (whole[5] - whole[2])
         (x, y, z), (hx, hy, hz) = seen(other, one, middle), spread(other, one, half)
-        nodes[1, 0], nodes[1, 1], nodes[1, 2], top = solids.nodes[i, 0], solids.nodes[i, 1], solids.nodes[i, 2], 2
+        nodes[1, 0], top = solids.stems[i], 2
         while top > 1:
             top -= 1
-            b, row, m = nodes[top, 0], nodes[top, 1], nodes[top, 2]
-            box = boxes[b]
+            b = nodes[top, 0]
+            box, (row, m) = trees.boxes[b], trees.spans[b]
             if box[6] == 0.0 or abs(x - box[0]) > hx + box[3]:
                 continue
             if abs(y - box[1]) > hy + box[4] or abs(z - box[2]) > hz + box[5]:
                 continue
             if m == 1:
-                if encloses(solids, surface, seen(one, other, row_of(solids.trees.triangles[row], 0)), deep):
+                if encloses(solids, surface, seen(one, other, row_of(trees.triangles[row], 0)), deep):
                     return True
                 continue
-            few = m // 2
-            nodes[top, 0], nodes[top, 1], nodes[top, 2] = b + 1, row, few
-            nodes[top + 1, 0], nodes[top + 1, 1], nodes[top + 1, 2] = b + 2 * few, row + few, m - few
+            nodes[top, 0], nodes[top + 1, 0] = b + 1, b + 2 * (m // 2)
             top += 2
     return False
 
 
-@inner(error_model="numpy")
+@inner
 def encloses(solids: Solids, surface: int, point: Row, deep: float) -> bool:
     """Whether a point lies in a closed surface, so far from its triangles."""
     x, y, z = point
@@ -327,7 +325,7 @@ def encloses(solids: Solids, surface: int, point: Row, deep: float) -> bool:
     return turns != 0 and near > deep
 
 
-@inner(error_model="numpy")
+@inner
 def strikes(scene: Scene, n: int, work: Work, least: float) -> bool:
     """Whether the first solid's border crosses that of the second one, or leads into a box or ball of it.
 
@@ -335,16 +333,14 @@ def strikes(scene: Scene, n: int, work: Work, least: float) -> bool:
     """
     solids, trees, nodes = scene.solids, scene.solids.trees, work.nodes
     i, j = scene.pairs[n]
-    if solids.nodes[i, 2] == 0 or solids.nodes[j, 2] == 0:
+    if solids.stems[i] < 0 or solids.stems[j] < 0:
         return False
-    one, other, still = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]], solids.nodes[j]
-    nodes[1, 0], nodes[1, 1], nodes[1, 2] = solids.nodes[i, 0], solids.nodes[i, 1], solids.nodes[i, 2]
-    nodes[1, 3], nodes[1, 4], nodes[1, 5], top = still[0], still[1], still[2], 2
+    one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
+    nodes[1, 0], nodes[1, 1], top = solids.stems[i], solids.stems[j], 2
     while top > 1:
         top -= 1
-        a, row, m = nodes[top, 0], nodes[top, 1], nodes[top, 2]
-        b, piece, k = nodes[top, 3], nodes[top, 4], nodes[top, 5]
-        box, against = trees.boxes[a], trees.boxes[b]
+        a, b = nodes[top, 0], nodes[top, 1]
+        box, against, (row, m), (piece, k) = trees.boxes[a], trees.boxes[b], trees.spans[a], trees.spans[b]
         (x, y, z), (hx, hy, hz) = seen(one, other, row_of(box, 0)), spread(one, other, row_of(box, 3))
         if abs(x - against[0]) > hx + against[3] or abs(y - against[1]) > hy + against[4]:
             continue
@@ -358,16 +354,10 @@ def strikes(scene: Scene, n: int, work: Work, least: float) -> bool:
             if p[9] == 0.0 and q[9] == 0.0 and crosses(corners, (row_of(q, 0), row_of(q, 3), row_of(q, 6)), least):
                 return True
         elif m == 1 or (k > 1 and against[3] + against[4] + against[5] > hx + hy + hz):
-            half = k // 2
-            nodes[top, 3], nodes[top, 4], nodes[top, 5] = b + 1, piece, half
-            nodes[top + 1, 0], nodes[top + 1, 1], nodes[top + 1, 2] = a, row, m
-            nodes[top + 1, 3], nodes[top + 1, 4], nodes[top + 1, 5] = b + 2 * half, piece + half, k - half
+            nodes[top, 1], nodes[top + 1, 0], nodes[top + 1, 1] = b + 1, a, b + 2 * (k // 2)
             top += 2
         else:
-            half = m // 2
-            nodes[top, 0], nodes[top, 1], nodes[top, 2] = a + 1, row, half
-            nodes[top + 1, 0], nodes[top + 1, 1], nodes[top + 1, 2] = a + 2 * half, row + half, m - half
-            nodes[top + 1, 3], nodes[top + 1, 4], nodes[top + 1, 5] = b, piece, k
+            nodes[top, 0], nodes[top + 1, 0], nodes[top + 1, 1] = a + 1, a + 2 * (m // 2), b
             top += 2
     return False
 
@@ -391,7 +381,7 @@ def seen(one: Floats, other: Floats, p: Row) -> Row:
     )
 
 
-@inner(error_model="numpy")
+@inner
 def spread(one: Floats, other: Floats, h: Row) -> Row:
     """Half the sides of what holds a box of one frame, in another, by half its own."""
     half = (0.0, 0.0, 0.0)

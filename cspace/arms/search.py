@@ -50,7 +50,7 @@ class Forest(NamedTuple):
     counts: Ints
 
 
-@inner(error_model="numpy")
+@inner
 def nearest_to(forest: Forest, side: int, q: Floats) -> tuple[int, float]:
     """The node of a tree nearest to a configuration, and how far off it is."""
     nodes, best, at = forest.nodes[side], np.inf, -1
@@ -63,7 +63,7 @@ def nearest_to(forest: Forest, side: int, q: Floats) -> tuple[int, float]:
     return at, math.sqrt(best)
 
 
-@inner(error_model="numpy")
+@inner
 def stepped(forest: Forest, scene: Scene, side: int, near: int, q: Floats, work: Work) -> int:
     """Grow a tree from a node by a stride towards a configuration, or to it: the new node, or -1 if it is blocked."""
     new, nodes, square = forest.counts[side], forest.nodes[side], 0.0

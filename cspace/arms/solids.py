@@ -17,7 +17,7 @@ from cspace.arms.hulls import Hulls, forest_of, hulls_of
 from cspace.arms.proofs import Scene, Solids
 from cspace.arrays import Floats, Ints
 from cspace.exact import ROUNDING
-from cspace.exact.boundaries import anchors_of, joined
+from cspace.exact.boundaries import anchors_of, in_space
 from cspace.exact.triangles import Trees, box_rows, together, tree_of_rows, triangle_rows
 from cspace.shapes import Mesh, Pieces, Shape
 
@@ -56,7 +56,7 @@ class Placed:
     def border(self) -> Pieces:
         """Its border, as triangles."""
         simplices, radii = self.shape.boundary()
-        return joined([Pieces(self.moved(simplices), radii)], 3, 3)
+        return in_space([Pieces(self.moved(simplices), radii)])
 
     @property
     def rows(self) -> tuple[Floats, Floats]:
@@ -177,10 +177,10 @@ def solids_of(solids: Sequence[Solid], side: int, outer: Solids | None = None) -
     points = [[part.probes if side else part.anchors for part in each] for each in parts]
     closed = [surface for each in surfaces for surface in each]
     if outer is None or any(part.sides[0] is not part.sides[1] for solid in solids for part in solid.parts):
-        trees, begins = together([_tree(each) for each in parts])
-        nodes = np.array(begins, dtype=np.int64).reshape(-1, 3)
+        trees, roots_of_trees = together([_tree(each) for each in parts])
+        stems = np.array(roots_of_trees, dtype=np.int64)
     else:
-        trees, nodes = outer.trees, outer.nodes
+        trees, stems = outer.trees, outer.stems
     if outer is None:
         hulls, roots, trunks = forest_of([[part.hulls for part in each] for each in parts])
     else:
@@ -193,13 +193,13 @@ def solids_of(solids: Sequence[Solid], side: int, outer: Solids | None = None) -
         trunks=trunks,
         levers=np.linalg.norm(np.abs(boxes[:, :3]) + boxes[:, 3:6], axis=1),
         trees=trees,
-        nodes=nodes,
+        stems=stems,
         triangles=np.concatenate([np.empty((0, 3, 3)), *(corners for corners, _ in closed)]),
         turns=np.concatenate([np.empty(0, np.int64), *(turns for _, turns in closed)]),
         boxes=np.array([[*c.min((0, 1)), *c.max((0, 1))] for c, _ in closed]).reshape(-1, 6),
         firsts=_starts(len(corners) for corners, _ in closed),
         anchors=np.concatenate([np.empty((0, 3)), *(part for each in points for part in each)]),
-        filled=np.array([any(part.is_filled for part in each) for each in parts], np.bool_) & (nodes[:, 2] > 0),
+        filled=np.array([any(part.is_filled for part in each) for each in parts], np.bool_) & (stems >= 0),
         starts=np.stack([_starts(map(len, surfaces)), _starts(sum(map(len, each)) for each in points)], axis=1),
     )
 
@@ -238,5 +238,5 @@ def scene_within(scene: Scene, solids: Sequence[Solid]) -> Scene:
 
 def _far(chain: Chain, solids: Solids) -> float:
     """The largest coordinate at any configuration, metres."""
-    roots = solids.trees.boxes[solids.nodes[solids.nodes[:, 2] > 0, 0]]
+    roots = solids.trees.boxes[solids.stems[solids.stems >= 0]]
     return float((np.abs(roots[:, :3]) + roots[:, 3:6]).max(initial=0.0)) + float(chain.lengths.max())

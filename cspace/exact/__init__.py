@@ -5,13 +5,13 @@ placed robot and of the obstacles decides; where they are apart, one point of ea
 whether it lies within the other side. A distance proves a whole neighbourhood: on a motion that moves the reference
 point by dx and turns the robot by an angle, no point moves by more than ``|dx| + rho * angle``, where rho is how far
 the robot reaches (conservative advancement: B. Mirtich, "Impulse-based dynamic simulation of rigid body systems",
-1996). In the plane a motion without a turn is proven by what the border sweeps, in one go.
+1996), and along a line by less. The plane is proven as a part of space.
 
 *Rounding.* All sets are closed: touching is a collision. A distance counts only where it exceeds the margin by
 ``ANGLE_SLACK`` (1e-9) times the robot's span, if it turns, and ``ROUNDING`` (1e-12) times the largest coordinates of
 the map, the robot and the configurations. The first covers yaws that are off by the rounding of their wrapping; the
 second the few roundings of placing a point (relative 2^-53) and of a distance, with a factor of fifty to spare.
-Distances in space are proven by projections onto lines (``cspace/exact/triangles.py``).
+Distances are proven by projections onto lines (``cspace/exact/triangles.py``).
 """
 
 from typing import Final

@@ -99,18 +99,20 @@ def obstacle_border(workspace: Workspace, *, walled: bool) -> Obstacles:
             if len(pieces.radii):
                 error = max(error, CUT_ERROR * float(np.abs(whole.simplices).max()))
             if not walled and shape.encloses and whole.simplices.shape[1] > 1:
-                pieces = joined([pieces, *(_bare(lid) for lid in _lids(shape, workspace))], *whole.simplices.shape[1:])
+                pieces = _bare(np.concatenate([pieces.simplices, *_lids(shape, workspace)]))
         borders.append(pieces)
     return Obstacles(borders, error)
 
 
-def joined(parts: Sequence[Pieces], corners: int, dim: int) -> Pieces:
-    """Pieces together, as simplices of as many corners; those of fewer have their last one several times."""
-    simplices = [np.empty((0, corners, dim))]
+def in_space(parts: Sequence[Pieces]) -> Pieces:
+    """Pieces together, as triangles: those of fewer corners have their last one again; the plane is at z = 0."""
+    simplices, radii = [np.empty((0, 3, 3))], [np.empty(0)]
     for part in parts:
-        missing = corners - part.simplices.shape[1]
-        simplices.append(np.concatenate([part.simplices, *[part.simplices[:, -1:]] * missing], axis=1))
-    return Pieces(np.concatenate(simplices), np.concatenate([np.empty(0), *(part.radii for part in parts)]))
+        _, corners, dim = part.simplices.shape
+        triangles = part.simplices[:, np.minimum(range(3), corners - 1)]
+        simplices.append(np.pad(triangles, ((0, 0), (0, 0), (0, 3 - dim))))
+        radii.append(part.radii)
+    return Pieces(np.concatenate(simplices), np.concatenate(radii))
 
 
 def clipped(border: Pieces, grid: Grid) -> Pieces:

@@ -4,26 +4,17 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Final
 
 import numpy as np
 
 from cspace.arrays import Bools, Floats, Ints
 from cspace.exact.boundaries import Problem, Proofs
-from cspace.exact.plane import PlaneProofs
-from cspace.exact.solids import SolidProofs
+from cspace.exact.proofs import BorderProofs
 from cspace.map.batches import own
 from cspace.map.edges import edges_are_free
 from cspace.map.points import classify
 from cspace.states import FREE, MIXED
 from cspace.workspace import Workspace
-
-_PROOFS: Final[dict[int, Callable[[Problem], Proofs]]] = {2: PlaneProofs, 3: SolidProofs}
-
-
-def proofs_by_borders(problem: Problem) -> Proofs:
-    """Proofs by the distance between the borders of the robot and of the obstacles."""
-    return _PROOFS[problem.workspace.grid.dim](problem)
 
 
 class Exact:
@@ -81,7 +72,7 @@ class Exact:
         if proofs is None:
             with self._lock:
                 if self._proofs is None:
-                    self._proofs = (self._problem.prove or proofs_by_borders)(self._problem)
+                    self._proofs = (self._problem.prove or BorderProofs)(self._problem)
                 proofs = self._proofs
         return proofs
 

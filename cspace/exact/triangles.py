@@ -41,9 +41,6 @@ from cspace.vectors import cross, dot, minus, nearest_of_triangle
 Corners = tuple[Row, Row, Row]
 Box = tuple[Row, Row, Row, Row]
 """The middle of a box and its half axes."""
-Node = tuple[int, int, int]
-"""A node of a tree: its number, its first triangle and how many it has."""
-
 LEAST_SQUARE = 2.0**-600
 """Squared length of the shortest vector along which projections are compared."""
 
@@ -61,11 +58,14 @@ class Trees(NamedTuple):
     ----------
     boxes : ndarray of float64, shape (m, 7)
         The middle and half the sides of each node's box, radii included, and the triangles' longest lever.
+    spans : ndarray of int64, shape (m, 2)
+        The first triangle of each node, and how many it has.
     triangles : ndarray of float64, shape (n, 10)
         Three corners and a radius; of a box its middle, two half axes, and the length of the third one, below zero.
     """
 
     boxes: Floats
+    spans: Ints
     triangles: Floats
 
 
@@ -95,7 +95,7 @@ class Motion(NamedTuple):
     slide: float
 
 
-def trees_of(borders: Sequence[Pieces], about_z: bool) -> tuple[Trees, list[Node]]:
+def trees_of(borders: Sequence[Pieces], about_z: bool) -> tuple[Trees, list[int]]:
     """A tree for each of some sets of triangles, and their roots; levers are about the z axis, or about the origin."""
     levers = [np.linalg.norm(b.simplices[..., : 2 if about_z else 3], axis=-1).max(axis=1) for b in borders]
     return together([tree_of_rows(triangle_rows(b), each) for b, each in zip(borders, levers, strict=True)])
@@ -104,16 +104,18 @@ def trees_of(borders: Sequence[Pieces], about_z: bool) -> tuple[Trees, list[Node
 def tree_of_rows(rows: Floats, levers: Floats) -> Trees:
     """A tree of rows of :attr:`Trees.triangles`, and of the lever of each."""
     box, order, spans = boxes_of(*bounds_of_rows(rows))
-    return Trees(np.column_stack([box, most(levers[order], spans)]), rows[order])
+    return Trees(np.column_stack([box, most(levers[order], spans)]), spans, rows[order])
 
 
-def together(trees: Sequence[Trees]) -> tuple[Trees, list[Node]]:
-    """Trees as one, and their roots."""
-    roots, nodes, rows = [], 0, 0
+def together(trees: Sequence[Trees]) -> tuple[Trees, list[int]]:
+    """Trees as one, and their roots; -1 of those that have nothing."""
+    roots, spans, nodes, rows = list[int](), list[Ints](), 0, 0
     for tree in trees:
-        roots.append((nodes, rows, len(tree.triangles)))
+        roots.append(nodes if len(tree.boxes) else -1)
+        spans.append(tree.spans + np.array([rows, 0]))
         nodes, rows = nodes + len(tree.boxes), rows + len(tree.triangles)
-    return Trees(np.concatenate([tree.boxes for tree in trees]), np.concatenate([t.triangles for t in trees])), roots
+    boxes, triangles = (np.concatenate(parts) for parts in zip(*((t.boxes, t.triangles) for t in trees), strict=True))
+    return Trees(boxes, np.concatenate(spans), triangles), roots
 
 
 def triangle_rows(border: Pieces) -> Floats:
@@ -177,26 +179,27 @@ def most(values: Floats, spans: Ints) -> Floats:
 
 
 @inner
-def share_apart(trees: Trees, robot: Node, still: Node, motion: Motion, enough: float, work: Ints) -> float:
+def share_apart(trees: Trees, robot: int, still: int, motion: Motion, enough: float, work: Ints) -> float:
     """The part of a motion, ``enough`` at most, within which no triangle of a robot can reach the others.
 
-    Below zero where it is too near to them as it is placed. ``work``, shape (DEPTH, 6), is scratch space; its first row
-    holds the last pair of triangles that set the bound, which is likely to do so again, and -1 before there is one.
+    Both are given by the roots of their trees. Below zero where it is too near to them as it is placed. ``work``, shape
+    (DEPTH, 2), is scratch space; its first row holds the last pair of triangles that set the bound, which is likely to
+    do so again, and -1 before there is one.
     """
-    best, last, top = float(enough), -1, 1
+    best, last, top, spans = float(enough), -1, 1, trees.spans
     mx, my, mz, hx, hy, hz, turn = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     ((rxx, rxy, rxz), (ryx, ryy, ryz), (rzx, rzy, rzz)), (px, py, pz) = motion.matrix, motion.place
     sx, sy, sz, angle, least = abs(motion.step[0]), abs(motion.step[1]), abs(motion.step[2]), motion.angle, motion.least
     slide = motion.slide
     if work[0, 0] >= 0:
-        turn = angle * trees.boxes[work[0, 2], 6] + slide
-        best = share_of_pair(trees, work[0, 0], work[0, 1], motion, turn, best)
-    if still[2] > 0 and best >= 0.0:
-        work[1, 0], work[1, 1], work[1, 2], work[1, 3], work[1, 4], work[1, 5] = robot + still
+        a = work[0, 0]
+        best = share_of_pair(trees, a, work[0, 1], motion, angle * trees.boxes[a, 6] + slide, best)
+    if still >= 0 and best >= 0.0:
+        work[1, 0], work[1, 1] = robot, still
         top = 2
     while top > 1:
         top -= 1
-        a, i, n, b, j, m = work[top, 0], work[top, 1], work[top, 2], work[top, 3], work[top, 4], work[top, 5]
+        a, b = work[top, 0], work[top, 1]
         if a != last:
             box, last = trees.boxes[a], a
             mx = px + rxx * box[0] + rxy * box[1] + rxz * box[2]
@@ -206,43 +209,37 @@ def share_apart(trees: Trees, robot: Node, still: Node, motion: Motion, enough: 
             hy = abs(ryx) * box[3] + abs(ryy) * box[4] + abs(ryz) * box[5] + least
             hz = abs(rzx) * box[3] + abs(rzy) * box[4] + abs(rzz) * box[5] + least
             turn = box[6] * angle + slide
-        box = trees.boxes[b]
+        box, n, m = trees.boxes[b], spans[a, 1], spans[b, 1]
         # Boxes that stay apart along one axis: so do all triangles in them.
         if abs(mx - box[0]) - hx - box[3] > best * (sx + turn) or abs(my - box[1]) - hy - box[4] > best * (sy + turn):
             continue
         if abs(mz - box[2]) - hz - box[5] > best * (sz + turn):
             continue
         if n == 1 and m == 1:
-            share = share_of_pair(trees, i, j, motion, turn, best)
+            share = share_of_pair(trees, a, b, motion, turn, best)
             if share < best:
-                best, work[0, 0], work[0, 1], work[0, 2] = share, i, j, a
+                best, work[0, 0], work[0, 1] = share, a, b
                 if best < 0.0:
                     break
         elif n == 1 or (m > 1 and box[3] + box[4] + box[5] > hx + hy + hz):
-            half = m // 2
-            one, other = trees.boxes[b + 1], trees.boxes[b + 2 * half]
+            first, second = b + 1, b + 2 * (m // 2)
+            one, other = trees.boxes[first], trees.boxes[second]
             # The nearer half comes first: less need not be proven of the other.
             x, y, z = 2.0 * mx - one[0] - other[0], 2.0 * my - one[1] - other[1], 2.0 * mz - one[2] - other[2]
-            near = x * (one[0] - other[0]) + y * (one[1] - other[1]) + z * (one[2] - other[2]) > 0.0
-            first, second = top + near, top + 1 - near
-            work[first, 0], work[first, 1], work[first, 2] = a, i, n
-            work[first, 3], work[first, 4], work[first, 5] = b + 1, j, half
-            work[second, 0], work[second, 1], work[second, 2] = a, i, n
-            work[second, 3], work[second, 4], work[second, 5] = b + 2 * half, j + half, m - half
+            if x * (one[0] - other[0]) + y * (one[1] - other[1]) + z * (one[2] - other[2]) > 0.0:
+                first, second = second, first
+            work[top, 0], work[top, 1], work[top + 1, 0], work[top + 1, 1] = a, first, a, second
             top += 2
         else:
-            half = n // 2
-            work[top, 0], work[top, 1], work[top, 2] = a + 2 * half, i + half, n - half
-            work[top + 1, 0], work[top + 1, 1], work[top + 1, 2] = a + 1, i, half
-            work[top + 1, 3], work[top + 1, 4], work[top + 1, 5] = b, j, m
+            work[top, 0], work[top, 1], work[top + 1, 0], work[top + 1, 1] = a + 2 * (n // 2), b, a + 1, b
             top += 2
     return best
 
 
 @inner
 def share_of_pair(trees: Trees, i: int, j: int, motion: Motion, turn: float, enough: float) -> float:
-    """:func:`share_apart` of two triangles, of which the first moves by ``turn`` at most as the robot turns."""
-    p, q = trees.triangles[i], trees.triangles[j]
+    """:func:`share_apart` of two leaves, of which the first moves by ``turn`` at most as the robot turns."""
+    p, q = trees.triangles[trees.spans[i, 0]], trees.triangles[trees.spans[j, 0]]
     least, step = motion.least + p[9] + q[9], motion.step
     # All from the first corner of the robot's triangle: it is at the origin.
     a0 = placed(motion, (p[0], p[1], p[2]))
@@ -255,12 +252,12 @@ def share_of_pair(trees: Trees, i: int, j: int, motion: Motion, turn: float, eno
         best = max(best, share_along(cross(v[0], v[1]), a, b, step, turn, least))
     nearest, normal = math.inf, a0
     for k in range(3):
-        if k > 0 and dot(u[k], u[k]) == 0.0:  # the same point as before
+        if k > 0 and (dot(u[k], u[k]) == 0.0 or (k == 2 and dot(u[1], u[1]) == 0.0)):  # the same as before
             continue
         for m in range(3):
             if best >= enough:
                 return enough
-            if m > 0 and dot(v[m], v[m]) == 0.0:
+            if m > 0 and (dot(v[m], v[m]) == 0.0 or (m == 2 and dot(v[1], v[1]) == 0.0)):
                 continue
             way = way_between(a[k], u[k], b[m], v[m])
             square = dot(way, way)

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Floats
+from cspace.arrays import Floats, Ints
 from cspace.compiling import inner, jit
 from cspace.errors import InputError
 from cspace.exact.triangles import trees_of
@@ -133,8 +133,9 @@ class Region:
         longest = np.linalg.norm(edges, axis=2).max(axis=1)
         areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
         doubts = np.where((areas <= THIN * longest**2) & (self.dim == 3), THIN * longest, 0.0)
-        (boxes, rows), _ = trees_of([Pieces(triangles, doubts)], about_z=False)
-        return Tree(np.ascontiguousarray(rows[:, :9]).reshape(-1, 3, 3), rows[:, 9].copy(), boxes, self.dim == 3)
+        (boxes, spans, rows), _ = trees_of([Pieces(triangles, doubts)], about_z=False)
+        corners = np.ascontiguousarray(rows[:, :9]).reshape(-1, 3, 3)
+        return Tree(corners, rows[:, 9].copy(), boxes, spans, self.dim == 3)
 
 
 class Lattice:
@@ -199,12 +200,14 @@ class Tree(NamedTuple):
     """Pieces of a border in space, and boxes round them.
 
     ``pieces`` (n, 3, 3) are triangles or, unless ``solid``, segments between their first two corners, and ``doubts`` by
-    how much a distance to each may be too small; ``boxes`` (m, 7) as in :class:`cspace.exact.triangles.Trees`.
+    how much a distance to each may be too small; ``boxes`` (m, 7) and ``spans`` (m, 2) are as in
+    :class:`cspace.exact.triangles.Trees`.
     """
 
     pieces: Floats
     doubts: Floats
     boxes: Floats
+    spans: Ints
     solid: bool
 
 
@@ -221,15 +224,15 @@ def _to_box(point: Floats, box: Floats) -> float:
 def distance(tree: Tree, point: Floats, most: float) -> tuple[float, float]:
     """Bounds of the distance from a point to the nearest piece, if they are below ``most``, and else ``most``."""
     near, far = most, most
-    waiting, gaps = np.empty((DEPTH, 3), dtype=np.int64), np.empty(DEPTH)
-    waiting[0, 0], waiting[0, 1], waiting[0, 2], gaps[0] = 0, 0, len(tree.pieces), 0.0
-    count = 1
+    waiting, gaps = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
+    waiting[0], gaps[0], count = 0, 0.0, 1
     while count > 0:
         count -= 1
         # A box holds all that its pieces may be by doubt; none in it is nearer than the box.
         if gaps[count] >= far:
             continue
-        node, start, size = waiting[count]
+        node = waiting[count]
+        start, size = tree.spans[node]
         if size <= LEAF:
             for n in range(start, start + size):
                 piece = tree.pieces[n]
@@ -239,15 +242,12 @@ def distance(tree: Tree, point: Floats, most: float) -> tuple[float, float]:
                     gap = math.sqrt(point_segment(point[0], point[1], point[2], piece[0], piece[1]))
                 near, far = min(near, gap), min(far, gap + tree.doubts[n])
             continue
-        half = size // 2
-        first, second = (node + 1, start, half), (node + 2 * half, start + half, size - half)
-        one, other = _to_box(point, tree.boxes[first[0]]), _to_box(point, tree.boxes[second[0]])
+        first, second = node + 1, node + 2 * (size // 2)
+        one, other = _to_box(point, tree.boxes[first]), _to_box(point, tree.boxes[second])
         # The nearer box comes last, and so is looked at first.
         if one < other:
             first, second, one, other = second, first, other, one
-        waiting[count, 0], waiting[count, 1], waiting[count, 2] = first
-        waiting[count + 1, 0], waiting[count + 1, 1], waiting[count + 1, 2] = second
-        gaps[count], gaps[count + 1] = one, other
+        waiting[count], waiting[count + 1], gaps[count], gaps[count + 1] = first, second, one, other
         count += 2
     return near, far
 

@@ -1,4 +1,7 @@
-"""Proofs in space, of configurations and of motions, where the map cannot decide."""
+"""Proofs of configurations and of motions by the borders of robot and obstacles, where the map cannot decide.
+
+The plane lies in space at z = 0, where segments are triangles that have a corner twice.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,8 @@ import numpy as np
 from cspace.arrays import Bools, Floats, Ints, Matrix, Row, States
 from cspace.compiling import inner, jit, row_entry
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
-from cspace.exact.boundaries import Problem, anchors_of, joined, obstacle_border, parts_of
-from cspace.exact.triangles import DEPTH, Motion, Node, Trees, placed, share_apart, trees_of
+from cspace.exact.boundaries import Problem, anchors_of, in_space, obstacle_border, parts_of
+from cspace.exact.triangles import DEPTH, Motion, Trees, placed, share_apart, trees_of
 from cspace.grid import MAX_COORDINATE
 from cspace.map.edges import along, edge_is_free
 from cspace.map.points import Numbers, configuration, halves, state_at
@@ -48,8 +51,8 @@ class Nesting(NamedTuple):
         Of the robot, part by part, each with the number of the next part's first.
     walled : bool
         Whether all outside the grid is obstacle; otherwise none is.
-    outer, inner : ndarray of bool
-        Cells that meet obstacles, and those that lie in them.
+    outer, inner : ndarray of bool, shape (nx, ny, nz)
+        Cells that meet obstacles, and those that lie in them; in the plane nz is 1.
     anchors : ndarray of float64, shape (m, 3)
         One point of each part of obstacles that could lie in the robot, in order of x.
     low, high : tuple of float
@@ -60,6 +63,10 @@ class Nesting(NamedTuple):
         Whether there are obstacles with an inside that their borders do not decide.
     boxed : bool
         Whether the robot is all of its bounding box.
+    regions : ndarray of float64, shape (m, 4)
+        Segments around what a robot of the plane fills, part by part.
+    stops : ndarray of int64, shape (parts,)
+        Where each of these ends.
     """
 
     corners: Floats
@@ -72,6 +79,8 @@ class Nesting(NamedTuple):
     reach: float
     solid: bool
     boxed: bool
+    regions: Floats
+    stops: Ints
 
 
 class World(NamedTuple):
@@ -83,16 +92,16 @@ class World(NamedTuple):
 
     map: Map
     trees: Trees
-    robot: Node
-    obstacles: Node
-    walls: Node
+    robot: int
+    obstacles: int
+    walls: int
     rho: float
     nesting: Nesting
     scale: float
     least: float
 
 
-class SolidProofs:
+class BorderProofs:
     """Proofs for one robot among the obstacles of one workspace; each kernel is compiled at its first call."""
 
     def __init__(self, problem: Problem) -> None:
@@ -100,14 +109,16 @@ class SolidProofs:
         borders, grid = obstacle_border(workspace, walled=problem.walled), workspace.grid
         # Balls and points have no inside but what is near their middle: the distance decides.
         parts = zip(workspace.shapes or (), borders.pieces, strict=False)
-        self._shapes = [shape for shape, part in parts if shape.encloses and part.simplices.shape[1] == 3]
-        border, still = joined([self._robot.boundary()], 3, 3), joined(borders.pieces, 3, 3)
-        walls = Box.of(np.subtract(grid.upper, grid.lower), np.add(grid.lower, grid.upper) / 2.0).boundary()
-        sides = border, still, Pieces(*(part[: 12 * problem.walled] for part in walls))
+        self._shapes = [shape for shape, part in parts if shape.encloses and part.simplices.shape[1] == grid.dim]
+        border, still = in_space([self._robot.boundary()]), in_space(borders.pieces)
+        # Over the plane the walls rise so high that it is their sides that are near.
+        sides = np.pad(np.subtract(grid.upper, grid.lower), (0, 3 - grid.dim), mode="maximum")
+        room = Box.of(sides, np.pad(np.add(grid.lower, grid.upper) / 2.0, (0, 3 - grid.dim)))
+        walls = in_space([room.boundary()] if problem.walled else [])
         far = problem.far + float(np.abs(still.simplices).max(initial=0.0) + still.radii.max(initial=0.0))
         scale = 2.0 ** -math.frexp(far)[1]
         trees, roots = trees_of(
-            [Pieces(scale * side.simplices, scale * side.radii) for side in sides],
+            [Pieces(scale * part.simplices, scale * part.radii) for part in (border, still, walls)],
             problem.rotations.about_z,
         )
         corners, starts = parts_of(border)
@@ -116,25 +127,29 @@ class SolidProofs:
         anchors = [np.empty((0, 3))]
         # The same of balls of the robot; elsewhere only what is small fits in.
         if self._robot.encloses and (border.simplices != border.simplices[:, :1]).any():
-            anchors += [points[sizes <= 2.0 * reach] for points, sizes in map(anchors_of, borders.pieces)]
+            found = (anchors_of(in_space([part])) for part in borders.pieces)
+            anchors += [points[sizes <= 2.0 * reach] for points, sizes in found]
         small = np.concatenate(anchors)
-        low, high = self._robot.bounds
+        low, high = (np.pad(corner, (0, 3 - grid.dim)) for corner in self._robot.bounds)
+        regions, cells = self._robot.regions, (*grid.shape, 1)[:3]
         nesting = Nesting(
             corners=np.hstack([corners, np.repeat(stops, stops - starts)[:, None]]),
             walled=problem.walled,
-            outer=workspace.outer,
-            inner=workspace.inner if workspace.shapes else workspace.outer,
+            outer=workspace.outer.reshape(cells),
+            inner=(workspace.inner if workspace.shapes else workspace.outer).reshape(cells),
             anchors=small[np.argsort(small[:, 0])],
             low=tuple(low.tolist()),
             high=tuple(high.tolist()),
             reach=1.001 * reach,
             solid=bool(self._shapes),
             boxed=isinstance(self._robot, Box),
+            regions=np.concatenate([np.empty((0, 4)), *regions]),
+            stops=np.cumsum([len(region) for region in regions], dtype=np.int64),
         )
         least = scale * (problem.least + borders.error + ROUNDING * far)
         rho = float(trees.boxes[0, 6])
         self._world = World(problem.map, trees, roots[0], roots[1], roots[2], rho, nesting, scale, least)
-        self._dof = problem.dof
+        self._dof, self._dim = problem.dof, grid.dim
 
     @cached_property
     def edge(self) -> Callable[..., bool]:
@@ -165,11 +180,13 @@ class SolidProofs:
 
     def _is_nested(self, q: Floats) -> bool:
         """Whether a part of one side lies in the other, where no borders meet and compiled code does not decide."""
-        nesting, turn = self._world.nesting, np.array(matrix_at(self._world.map, q[None]))
-        anchors = self._anchors @ turn.T + q[:3]
+        nesting, (place, turn) = self._world.nesting, map(np.array, placed_at(self._world.map, q[None]))
+        anchors = (self._anchors @ turn.T + place)[:, : self._dim]
         if any(np.any(part.contains(anchors)) for part in self._shapes):
             return True
-        near = (nesting.anchors - q[:3]) @ turn
+        if len(nesting.stops):  # compiled code has looked at what lies in the robot
+            return False
+        near = (nesting.anchors - place) @ turn
         near = near[((near >= nesting.low) & (near <= nesting.high)).all(axis=1)]
         return bool(len(near) and np.any(self._robot.contains(near)))
 
@@ -185,7 +202,7 @@ class Work(NamedTuple):
 @jit
 def prove_edges(world: World, first: Floats, second: Floats, out: States) -> None:
     """:func:`edge_state` of edges, shapes (n, dof)."""
-    work = Work(np.empty((WAITING, 2)), np.empty((DEPTH, 6), np.int64), np.empty((DEPTH, 6), np.int64))
+    work = Work(np.empty((WAITING, 2)), np.empty((DEPTH, 2), np.int64), np.empty((DEPTH, 2), np.int64))
     for k in range(first.shape[0]):
         q0, q1 = configuration(world.map, first, k), configuration(world.map, second, k)
         out[k] = edge_state(world, q0, q1, work)
@@ -195,7 +212,7 @@ def prove_edges(world: World, first: Floats, second: Floats, out: States) -> Non
 def prove_edge(world: World, both: Numbers) -> int:
     """:func:`edge_state` of an edge, given by its endpoints in a row."""
     q0, q1 = halves(world.map, both)
-    work = Work(np.empty((WAITING, 2)), np.empty((DEPTH, 6), np.int64), np.empty((DEPTH, 6), np.int64))
+    work = Work(np.empty((WAITING, 2)), np.empty((DEPTH, 2), np.int64), np.empty((DEPTH, 2), np.int64))
     return edge_state(world, q0, q1, work)
 
 
@@ -220,12 +237,12 @@ def arc_state(world: World, q0: Numbers, q1: Numbers, arc: int, work: Work) -> i
     The end comes first, and then longer parts mostly before shorter ones, so that a collision far along shows early.
     """
     map_, scale, parts, size = world.map, world.scale, work.parts, 0.0
-    for axis in range(3):
+    for axis in range(len(map_.lower)):
         size += abs(q0[axis]) + abs(q1[axis])
     if not size <= 2.0 * MAX_COORDINATE * map_.spacing:
         return BLOCKED
     angle, jump = map_.rotations.turn_of(q0, q1, arc)
-    step = (scale * (q1[0] - q0[0]), scale * (q1[1] - q0[1]), scale * (q1[2] - q0[2]))
+    step = minus(place_of(map_, q1, scale), place_of(map_, q0, scale))
     least, spacing = world.least + 2.0 * ROUNDING * scale * size + jump * world.rho, scale * map_.spacing
     speed = math.sqrt(dot(step, step)) + angle * world.rho
     # At their endpoints most of a planner's edges collide; of a point that is all.
@@ -257,11 +274,9 @@ def arc_state(world: World, q0: Numbers, q1: Numbers, arc: int, work: Work) -> i
         if state == BLOCKED or measured == MOST_DISTANCES:
             return BLOCKED
         if reach <= (spacing if state == FREE else SLIDE * spacing):
-            place = (scale * q[0], scale * q[1], scale * q[2])
+            place = place_of(map_, q, scale)
             motion = Motion(map_.rotations.matrix_of(q), place, step, angle, least, 0.0)
-            part = share_apart(world.trees, world.robot, world.walls, motion, half / ADVANCE, work.walls)
-            if part >= 0.0:
-                part = share_apart(world.trees, world.robot, world.obstacles, motion, part, work.obstacles)
+            part = share_free(world, motion, half / ADVANCE, work)
             measured += 1
             if part < 0.0:
                 return BLOCKED
@@ -282,6 +297,32 @@ def arc_state(world: World, q0: Numbers, q1: Numbers, arc: int, work: Work) -> i
     return nested
 
 
+@inner
+def share_free(world: World, motion: Motion, enough: float, work: Work) -> float:
+    """:func:`cspace.exact.triangles.share_apart` of the robot among walls and obstacles."""
+    part = enough
+    if world.walls >= 0 and not is_within(world, motion, enough):
+        part = share_apart(world.trees, world.robot, world.walls, motion, enough, work.walls)
+    if part >= 0.0:
+        part = share_apart(world.trees, world.robot, world.obstacles, motion, part, work.obstacles)
+    return part
+
+
+@inner
+def is_within(world: World, motion: Motion, part: float) -> bool:
+    """Whether the box around a robot stays within the walls for a part of a motion."""
+    box, room = world.trees.boxes[world.robot], world.trees.boxes[world.walls]
+    middle = minus(placed(motion, (box[0], box[1], box[2])), (room[0], room[1], room[2]))
+    turn = box[6] * motion.angle + motion.slide
+    for axis in range(3):
+        x, y, z = motion.matrix[axis]
+        half = abs(x) * box[3] + abs(y) * box[4] + abs(z) * box[5] + motion.least
+        # An infinite part of no way at all is no number, and proves nothing.
+        if not abs(middle[axis]) + half + part * (abs(motion.step[axis]) + turn) < room[3 + axis]:
+            return False
+    return True
+
+
 @jit
 def least_spare(world: World, points: Floats, lengths: Floats, turns: Floats) -> float:
     """By how much the least distance on pieces of a path exceeds what it has to, metres; zero if not proven to.
@@ -289,33 +330,38 @@ def least_spare(world: World, points: Floats, lengths: Floats, turns: Floats) ->
     The pieces are given by their middles, shape (n, dof), metres and radians; no borders may lie nested there.
     """
     map_, scale, best, still = world.map, world.scale, math.inf, (0.0, 0.0, 0.0)
-    work = Work(np.empty((0, 2)), np.empty((DEPTH, 6), np.int64), np.empty((DEPTH, 6), np.int64))
+    work = Work(np.empty((0, 2)), np.empty((DEPTH, 2), np.int64), np.empty((DEPTH, 2), np.int64))
     work.obstacles[0, 0] = work.walls[0, 0] = -1
     for k in range(points.shape[0]):
         q = configuration(map_, points, k)
-        least = world.least + 2.0 * ROUNDING * scale * (abs(q[0]) + abs(q[1]) + abs(q[2]))
+        x, y, z = place = place_of(map_, q, scale)
+        least = world.least + 2.0 * ROUNDING * (abs(x) + abs(y) + abs(z))
         half = 0.5 * (scale * lengths[k] + world.rho * turns[k])
         # What moves by a metre to whatever side comes as far as the distance; what is farther does not matter.
-        place = (scale * q[0], scale * q[1], scale * q[2])
         motion = Motion(map_.rotations.matrix_of(q), place, still, 0.0, least, 1.0)
-        apart = share_apart(world.trees, world.robot, world.walls, motion, best + half, work.walls)
-        if apart >= 0.0:
-            apart = share_apart(world.trees, world.robot, world.obstacles, motion, apart, work.obstacles)
-        best = min(best, apart - half)
+        best = min(best, share_free(world, motion, best + half, work) - half)
         if best <= 0.0:
             return 0.0
     return best / scale
 
 
 @inner
+def place_of(map_: Map, q: Numbers, scale: float) -> Row:
+    """The reference point of the robot, in space and in lengths of trees."""
+    z = 0.0
+    for axis in range(2, len(map_.lower)):
+        z = q[axis]
+    return scale * q[0], scale * q[1], scale * z
+
+
+@inner
 def nested_at(nesting: Nesting, map_: Map, q: Numbers, matrix: Matrix) -> int:
     """Whether a part of one side lies in the other, where no borders meet: FREE, BLOCKED, or MIXED for unknown."""
-    place, state, k = (q[0], q[1], q[2]), FREE, 0
+    place, lower, state, k = place_of(map_, q, 1.0), place_of(map_, map_.lower, 1.0), FREE, 0
     motion = Motion(matrix, place, place, 0.0, 0.0, 0.0)
     (nx, ny, nz), count = nesting.outer.shape, nesting.corners.shape[0]
     while k < count:
         corner = nesting.corners[k]
-        lower = (map_.lower[0], map_.lower[1], map_.lower[2])
         x, y, z = minus(placed(motion, (corner[0], corner[1], corner[2])), lower)
         i, j, m = math.floor(x / map_.spacing), math.floor(y / map_.spacing), math.floor(z / map_.spacing)
         after = int(corner[3])
@@ -347,11 +393,31 @@ def nested_at(nesting: Nesting, map_: Map, q: Numbers, matrix: Matrix) -> int:
             break
         x, y, z = xx * x + yx * y + zx * z, xy * x + yy * y + zy * z, xz * x + yz * y + zz * z
         if low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]:
-            return BLOCKED if nesting.boxed else MIXED
+            if nesting.boxed or is_filled(nesting, x, y):
+                return BLOCKED
+            if not len(nesting.stops):
+                state = MIXED
     return state
 
 
+@inner
+def is_filled(nesting: Nesting, x: float, y: float) -> bool:
+    """Whether a point that is not on the border lies in a region of the robot, by the parity of a ray to the right."""
+    first = 0
+    for stop in nesting.stops:
+        inside = False
+        for k in range(first, stop):
+            ax, ay, bx, by = nesting.regions[k]
+            if (ay <= y) != (by <= y) and ax + (y - ay) / (by - ay) * (bx - ax) > x:
+                inside = not inside
+        if inside:
+            return True
+        first = stop
+    return False
+
+
 @jit
-def matrix_at(map_: Map, points: Floats) -> Matrix:
-    """The rotation matrix of a configuration, shape (1, dof)."""
-    return map_.rotations.matrix_of(configuration(map_, points, 0))
+def placed_at(map_: Map, points: Floats) -> tuple[Row, Matrix]:
+    """The reference point at a configuration, shape (1, dof), and the rotation matrix."""
+    q = configuration(map_, points, 0)
+    return place_of(map_, q, 1.0), map_.rotations.matrix_of(q)
