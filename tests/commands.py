@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import json
-from functools import cache, partial
 from typing import Any
 
-import typer.main
 from typer.testing import CliRunner
 
 from cspace.cli import app
 
-# Typer's own runner would make all commands anew at each call, which takes longer than many of them.
-command = cache(partial(typer.main.get_command, app))
-
 
 def run(*arguments: object) -> Any:
     """What the command line answers."""
-    return super(CliRunner, CliRunner()).invoke(command(), [str(argument) for argument in arguments])
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 def document(*arguments: object, warning: str = "") -> dict[str, Any]:
