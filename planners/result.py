@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from cspace.arrays import Floats
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
-from cspace.io.output import replacing
+from cspace.io.files import replacing
 from cspace.space import CSpace
 from planners.local_planner import CURVES, HOLONOMIC, LocalPlanner, local_planner
 

@@ -30,7 +30,7 @@ import shapely
 
 import cspace
 from cspace import CspaceError, Robot, Workspace
-from cspace.io import record
+from cspace.io import store
 
 if TYPE_CHECKING:
     from benchmarks.report import Report
@@ -280,7 +280,7 @@ def forge_store(path: Path, parts: Parts, part: str, content: bytes) -> None:
     root = now.pop("zarr.json")
     with suppress(ValueError, TypeError, KeyError):  # what is no JSON has no digests
         document = json.loads(root)
-        digests = {name: record.digest_of(held) for name, held in now.items()}
+        digests = {name: store.digest_of(held) for name, held in now.items()}
         document["attributes"] = _sealed(document["attributes"], digests)
         root = json.dumps(document, indent=2).encode()
     _write(path, parts, "zarr.json", root)
@@ -292,7 +292,7 @@ def _forge_archive(path: Path, parts: Parts, part: str, content: bytes) -> None:
     metadata, digests = now.pop("metadata.npy"), {}
     for name, held in now.items():
         with suppress(Exception), warnings.catch_warnings(action="ignore"):  # what is no array has no digest
-            digests[name.removesuffix(".npy")] = record.digest_of_array(np.load(io.BytesIO(held)))
+            digests[name.removesuffix(".npy")] = store.digest_of_array(np.load(io.BytesIO(held)))
     with suppress(ValueError, TypeError):
         metadata = json.dumps(_sealed(json.loads(metadata), digests)).encode()
     text = io.BytesIO()
@@ -304,7 +304,7 @@ def _forge_archive(path: Path, parts: Parts, part: str, content: bytes) -> None:
 
 
 def _sealed(metadata: Any, digests: dict[str, str]) -> dict[str, Any]:
-    return record.seal({key: value for key, value in metadata.items() if not key.startswith("digest")}, digests)
+    return store.seal({key: value for key, value in metadata.items() if not key.startswith("digest")}, digests)
 
 
 _FORGERS = {"forged.zarr": forge_store, "forged.npz": _forge_archive}

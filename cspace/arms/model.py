@@ -434,7 +434,7 @@ def _moving(links: Sequence[Solid]) -> list[tuple[int, int]]:
 
 def _disabled(path: str | os.PathLike[str], links: Sequence[str]) -> dict[Names, str]:
     """Pairs that an SRDF lets touch, and why; as MoveIt, it takes what is enabled before what is disabled."""
-    from cspace.io.input import Fault, decoding, read_bytes
+    from cspace.io.files import Fault, decoding, read_bytes
     from cspace.io.plain import parse_xml
 
     data = read_bytes(path, "SRDF", memory=20.0)

@@ -18,7 +18,7 @@ def check_outputs(paths: Collection[Path], suffixes: Collection[str], overwrite:
     Raises InputError if a suffix, in lower case, is none of the ``suffixes``, or two outputs have the same name, and
     FileError if a folder is missing or may not be written, or if an output exists and may not be replaced.
     """
-    from cspace.io.output import check_output
+    from cspace.io.files import check_output
 
     for path in paths:
         if path.suffix.lower() not in suffixes:

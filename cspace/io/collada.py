@@ -11,7 +11,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from cspace.arrays import Floats, Ints, Surface
-from cspace.io.input import Fault, read_bytes
+from cspace.io.files import Fault, read_bytes
 from cspace.io.limits import check_bytes
 from cspace.io.plain import parse_xml
 from cspace.io.polygons import joined, placed, triangulated, unfolded, unread

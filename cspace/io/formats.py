@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.errors import InputError
-from cspace.io.input import decoding, existing, suffix_of
+from cspace.io.files import decoding, existing, suffix_of
 from cspace.io.ply import read_ply_header
 
 Named = str | os.PathLike[str]

@@ -17,7 +17,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from cspace.arrays import Floats
-from cspace.io.input import Fault, read_bytes
+from cspace.io.files import Fault, read_bytes
 from cspace.io.limits import check_bytes
 from cspace.io.plain import check_nesting
 from cspace.io.polygons import unfolded, unread

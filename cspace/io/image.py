@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from cspace.arrays import Bools, Floats
 from cspace.errors import InputError
 from cspace.grid import finite
-from cspace.io.input import Fault, decoding, existing, read_bytes
+from cspace.io.files import Fault, decoding, existing, read_bytes
 from cspace.io.limits import check_cells
 
 if TYPE_CHECKING:

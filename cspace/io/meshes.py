@@ -24,8 +24,8 @@ from cspace.arrays import Floats, Ints, Surface
 from cspace.errors import GeometryError, InputError
 from cspace.grid import finite
 from cspace.io.collada import read_collada
+from cspace.io.files import Fault, decoding, existing, read_bytes, suffix_of
 from cspace.io.gltf import load_gltf
-from cspace.io.input import Fault, decoding, existing, read_bytes, suffix_of
 from cspace.io.ply import read_ply
 from cspace.io.polygons import joined, placed, read_obj, read_off, triangulated
 

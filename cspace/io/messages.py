@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import Grid, check_word, finite, not_negative, positive
-from cspace.io.input import UNKNOWNS
+from cspace.io.files import UNKNOWNS
 from cspace.io.rosmap import Frame, on_grid
 from cspace.states import BLOCKED, FREE, MIXED
 

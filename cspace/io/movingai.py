@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from cspace.arrays import Bools
-from cspace.io.input import Fault, decoding, is_count, read_text
+from cspace.io.files import Fault, decoding, is_count, read_text
 from cspace.io.limits import check_cells
 
 PASSABLE: Final = ".GS"

@@ -12,7 +12,7 @@ import numpy as np
 from cspace.arrays import Bools, Bytes, Ints
 from cspace.compiling import jit
 from cspace.grid import Grid, check_word
-from cspace.io.input import UNKNOWNS, Fault, decoding, header_lines, read_bytes
+from cspace.io.files import UNKNOWNS, Fault, decoding, header_lines, read_bytes
 from cspace.io.limits import check_cells
 
 KIND: Final = "OctoMap"

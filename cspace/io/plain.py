@@ -16,7 +16,7 @@ from xml.parsers.expat import ExpatError, ParserCreate
 
 import numpy as np
 
-from cspace.io.input import Fault, decoding, read_text
+from cspace.io.files import Fault, decoding, read_text
 from cspace.io.limits import check_memory
 
 DEEPEST: Final = 64

@@ -12,7 +12,7 @@ import numpy as np
 
 from cspace.arrays import Floats, Ints
 from cspace.errors import GeometryError
-from cspace.io.input import Fault, decoding, existing, header_lines, is_count, numbers_of, read_bytes
+from cspace.io.files import Fault, decoding, existing, header_lines, is_count, numbers_of, read_bytes
 
 KIND: Final = "PLY file"
 

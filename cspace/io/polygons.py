@@ -14,7 +14,7 @@ import numpy as np
 
 from cspace.arrays import Bools, Floats, Ints, Surface
 from cspace.errors import GeometryError
-from cspace.io.input import Fault, numbers_of, read_bytes
+from cspace.io.files import Fault, numbers_of, read_bytes
 
 FLAT: Final = 1e-4
 """How far the corners of a flat polygon may be out of its plane, as a part of its size."""

@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.endless import map_of
 from cspace.errors import FileError
-from cspace.io.input import look_up
-from cspace.io.record import grid_of, shapes_from, unusable
-from cspace.io.store import read_npz, read_parts, read_store
+from cspace.io.files import look_up
+from cspace.io.store import grid_of, read_npz, read_parts, read_store, shapes_from, unusable
 from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior
 from cspace.robot import Robot

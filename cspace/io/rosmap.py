@@ -16,10 +16,9 @@ from numpy.typing import ArrayLike
 from cspace.arrays import Bools, Floats
 from cspace.errors import FileError, InputError
 from cspace.grid import SLACK, Grid, check_word
+from cspace.io.files import UNKNOWNS, Fault, decoding, replacing, suffix_of
 from cspace.io.image import Shades, read_shades
-from cspace.io.input import UNKNOWNS, Fault, decoding, suffix_of
 from cspace.io.limits import check_cells
-from cspace.io.output import replacing
 from cspace.io.plain import read_yaml
 from cspace.states import BLOCKED, FREE, MIXED
 

@@ -20,7 +20,7 @@ import numpy as np
 from cspace.arrays import Floats, Surface
 from cspace.errors import FileError, InputError, optional
 from cspace.grid import finite, positive
-from cspace.io.input import Fault, decoding, read_bytes
+from cspace.io.files import Fault, decoding, read_bytes
 from cspace.io.meshes import read_mesh
 from cspace.io.plain import parse_xml
 from cspace.io.polygons import joined, placed

@@ -12,7 +12,7 @@ import numpy as np
 
 from cspace.arrays import Ints
 from cspace.errors import FileError, GeometryError, InputError
-from cspace.io.input import decoding, read_text
+from cspace.io.files import decoding, read_text
 from cspace.io.limits import check_memory
 from cspace.io.plain import check_nesting, read_json
 

@@ -1,4 +1,10 @@
-"""Maps, written, by the suffix of the name, or as labelled arrays for analysis."""
+"""Maps, written: by the suffix of the name, or as labelled arrays for analysis.
+
+Some formats are written only. Cells for ParaView go into VTK image data (Kitware, VTK file formats): an XML header,
+then the arrays raw, each after its length in bytes. Of the border of the free space as a mesh, PLY and OBJ keep every
+bit of the coordinates and the shared vertices. STL holds single precision, about seven digits, and three corners of its
+own for each triangle.
+"""
 
 from __future__ import annotations
 
@@ -6,25 +12,225 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import IO, TYPE_CHECKING, Any, Final
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Ints, frozen
+from cspace.arrays import Floats, Ints, frozen
 from cspace.errors import InputError
 from cspace.grid import Grid
-from cspace.io.exports import WRITERS, write_border, write_vti
-from cspace.io.input import suffix_of
-from cspace.io.record import AXES, STACKED, TURNS, arrays_of, attributes_of, axes_of, metadata_of
+from cspace.io.files import replacing, suffix_of
 from cspace.io.rosmap import write_ros_map
-from cspace.io.store import write_npz, write_store
+from cspace.io.store import AXES, STACKED, TURNS, arrays_of, attributes_of, axes_of, metadata_of, write_npz, write_store
 from cspace.map.contents import Contents
+from cspace.memory import check_memory
+from cspace.raster.bitmaps import cell_squares
+from cspace.states import FREE
 
 if TYPE_CHECKING:
     import xarray
 
 Named = str | os.PathLike[str]
+
+_BYTES: Final = 160
+"""For each square of the border: its corners, its triangles, and its share of the vertices."""
+
+MOST: Final = 2**31 - 1
+"""Triangles that every format can count."""
+
+BLOCK: Final = 2**16
+"""Rows that are encoded at once."""
+
+_TYPES: Final = {
+    "uint8": ("UInt8", "|u1"),
+    "bool": ("UInt8", "|u1"),
+    "int32": ("Int32", "<i4"),
+    "float64": ("Float64", "<f8"),
+}
+"""How VTK names a type, and how it is stored."""
+
+_SLAB: Final = 2**24
+"""Cells that are turned from [x, y, z] into VTK's order at once."""
+
+
+def write_vti(
+    arrays: Mapping[str, NDArray[Any]],
+    grid: Grid,
+    path: str | os.PathLike[str],
+    overwrite: bool = False,
+    about: Mapping[str, Floats] | None = None,
+) -> None:
+    """Write arrays over the cells of a grid, by name, as a ``.vti`` file.
+
+    They become cell data, the first of which is shown; the origin is the lower corner of the grid. A plane grid becomes
+    an image at z = 0. Arrays are of uint8, bool, which is stored as uint8, 0 and 1, int32 or float64. ``about``, arrays
+    of float64, shape (n,), become field data: numbers about the whole.
+
+    Raises InputError if an array has another shape or type, and FileError as :func:`cspace.io.files.replacing`.
+    """
+    for name, array in arrays.items():
+        if array.shape != grid.shape or str(array.dtype) not in _TYPES:
+            raise InputError(
+                name,
+                f"has shape {array.shape} and type {array.dtype}",
+                f"it must have the grid's shape {grid.shape} and be {', '.join(_TYPES)}",
+                "convert it",
+            )
+    with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
+        file.write(_vti_header(arrays, grid, about or {}).encode())
+        for numbers in (about or {}).values():
+            file.write(np.array(8 * numbers.size, dtype="<u8").tobytes() + numbers.astype("<f8").tobytes())
+        for array in arrays.values():
+            kind = np.dtype(_TYPES[str(array.dtype)][1])
+            file.write(np.array(array.size * kind.itemsize, dtype="<u8").tobytes())
+            for slab in _slabs(array, kind):
+                file.write(slab.data)
+        file.write(b"\n  </AppendedData>\n</VTKFile>\n")
+
+
+def _vti_header(arrays: Mapping[str, NDArray[Any]], grid: Grid, about: Mapping[str, Floats]) -> str:
+    """Everything before the first array."""
+    missing = 3 - grid.dim
+    extent = " ".join(f"0 {count}" for count in (*grid.shape, *[0] * missing))
+    origin = " ".join(map(repr, (*grid.lower, *[0.0] * missing)))
+    offset = 0
+
+    def declared(parts: Mapping[str, NDArray[Any]], counted: bool) -> str:
+        nonlocal offset
+        lines = []
+        for name, array in parts.items():
+            kind, stored = _TYPES[str(array.dtype)]
+            count = f' NumberOfTuples="{array.size}"' * counted
+            place = f'{count} format="appended" offset="{offset}"'
+            lines.append(f'        <DataArray type="{kind}" Name={quoteattr(name)}{place}/>\n')
+            offset += 8 + array.size * np.dtype(stored).itemsize
+        return "".join(lines)
+
+    fields = f"      <FieldData>\n{declared(about, True)}      </FieldData>\n" if about else ""
+    return (
+        '<?xml version="1.0"?>\n'
+        '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
+        f'  <ImageData WholeExtent="{extent}" Origin="{origin}" '
+        f'Spacing="{" ".join([repr(grid.spacing)] * 3)}">\n'
+        f'{fields}    <Piece Extent="{extent}">\n'
+        f"      <CellData Scalars={quoteattr(next(iter(arrays)))}>\n{declared(arrays, False)}      </CellData>\n"
+        '    </Piece>\n  </ImageData>\n  <AppendedData encoding="raw">\n   _'
+    )
+
+
+def _slabs(array: NDArray[Any], kind: np.dtype[Any]) -> Iterator[NDArray[Any]]:
+    """The values of an array in VTK's order, x fastest, a slab of the last axis at a time."""
+    layers = array.reshape(array.shape[0], -1, array.shape[-1])
+    step = max(1, _SLAB * layers.shape[-1] // layers.size)
+    for start in range(0, layers.shape[-1], step):
+        part = layers[..., start : start + step]
+        turned = np.empty(part.shape[::-1], dtype=kind)
+        for j in range(part.shape[1]):
+            # Gathered first: to turn it where its rows lie far apart takes five times as long.
+            turned[:, j] = np.ascontiguousarray(part[:, j]).T
+        yield turned
+
+
+def free_border(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
+    """The border of the union of the closed FREE cells of a slice in space: vertices (V, 3), metres, and faces (F, 3).
+
+    Every cell face between a FREE cell and one that is not, or the outside of the grid, becomes two triangles, whose
+    normals point out of the free space: counterclockwise where seen from outside it. Triangles share their vertices,
+    each ``lower + spacing * index`` and none twice: every edge belongs to an even number of them, two, or four where
+    FREE cells touch in an edge only.
+
+    Raises InputError if there is no FREE cell, or the border does not fit into memory.
+    """
+    free = np.pad(state == FREE, 1)
+    count = sum(int(np.count_nonzero(np.diff(free, axis=axis))) for axis in range(3))
+    if not count:
+        raise InputError(
+            "the map",
+            "has no FREE cell",
+            "a border needs at least one",
+            "build it with a smaller spacing, robot or margin",
+        )
+    check_memory(_BYTES * count, "the border of the free space", grid)
+    vertices, faces, turns = cell_squares(free[1:-1, 1:-1, 1:-1], grid.spacing, grid.lower)
+    return vertices, np.where(turns[:, None] < 0, faces[:, ::-1], faces)
+
+
+def write_border(state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+    """Write :func:`free_border` as a mesh file that ends in ``.ply``, ``.obj`` or ``.stl``.
+
+    Raises InputError as :func:`free_border`, or where the format cannot hold the mesh, and FileError as
+    :func:`cspace.io.files.replacing`.
+    """
+    with replacing(path, overwrite) as temporary:
+        vertices, faces = free_border(state, grid)
+        suffix = Path(path).suffix.lower()
+        if len(faces) > MOST:
+            raise InputError(
+                "path",
+                f"is {path} for a mesh of {len(faces)} triangles",
+                f"a {suffix} file holds at most {MOST}",
+                "build the map with a larger spacing or smaller bounds",
+            )
+        with temporary.open("wb") as file:
+            WRITERS[suffix](file, vertices, faces)
+
+
+def _write_ply(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
+    header = (
+        "ply\nformat binary_little_endian 1.0\n"
+        f"element vertex {len(vertices)}\nproperty double x\nproperty double y\nproperty double z\n"
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    file.write(header.encode())
+    for block in _blocks(vertices):
+        file.write(block.astype("<f8").tobytes())
+    for block in _blocks(faces):
+        rows = np.empty(len(block), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+        rows["count"], rows["corners"] = 3, block
+        file.write(rows.tobytes())
+
+
+def _write_obj(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
+    # The shortest text of a float that reads back as the same one is its repr.
+    for start, table, form in ((0, vertices, "v %r %r %r\n"), (1, faces, "f %r %r %r\n")):
+        for block in _blocks(table):
+            file.write((form * len(block) % tuple((block + start).ravel().tolist())).encode())
+
+
+def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
+    with np.errstate(over="ignore", under="ignore"):
+        single = vertices.astype("<f4")
+    file.write(b"binary STL, metres".ljust(80) + np.uint32(len(faces)).astype("<u4").tobytes())
+    scale = np.ptp(vertices, axis=0).max()
+    for block in _blocks(faces):
+        corners = single[block]
+        edges = np.diff(vertices[block], axis=1)
+        if not np.isfinite(corners).all() or ((edges != 0.0) & (np.diff(corners, axis=1) == 0.0)).any():
+            raise InputError(
+                "path",
+                f"names an STL file for coordinates from {vertices.min()} to {vertices.max()}",
+                "they do not keep apart in single precision, and such a file holds no other",
+                "write .ply or .obj instead",
+            )
+        normals = np.cross(edges[:, 0] / scale, edges[:, 1] / scale)
+        rows = np.zeros(len(block), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+        rows["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        rows["corners"] = corners
+        file.write(rows.tobytes())
+
+
+def _blocks(table: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    return (table[start : start + BLOCK] for start in range(0, len(table), BLOCK))
+
+
+WRITERS: Final[Mapping[str, Callable[[IO[bytes], Floats, Ints], None]]] = {
+    ".ply": _write_ply,
+    ".obj": _write_obj,
+    ".stl": _write_stl,
+}
+"""Mesh formats, by suffix."""
 
 SAVES: Final[Mapping[str, Callable[[Contents, Named, bool], None]]] = {
     ".zarr": write_store,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cspace.arrays import Floats
 from cspace.errors import InputError
 from cspace.grid import positive
-from cspace.io.output import replacing
+from cspace.io.files import replacing
 from cspace.plot import artists
 from cspace.plot.route import HasPath, MapLike, Route
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from cspace.arrays import Floats
 from cspace.errors import InputError
 from cspace.grid import Grid, positive
-from cspace.io.output import replacing
+from cspace.io.files import replacing
 from cspace.plot import artists
 from cspace.plot.dials import draw_dials
 from cspace.plot.route import Figurine, HasPath, Look, MapLike, Part, Route, WorkspaceLike, section_point

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 from cspace.arrays import Floats, frozen
 from cspace.errors import FileError, InputError
 from cspace.grid import check_word, finite
-from cspace.io.input import suffix_of
+from cspace.io.files import replacing, suffix_of
 from cspace.io.plain import read_json, read_yaml
 from cspace.shapes import Balls, Shape
 from cspace.spectral.inputs import check_solid_balls
@@ -151,8 +151,6 @@ class Spheres:
         Raises InputError if it ends otherwise, and FileError if the file exists and ``overwrite`` is not set, or cannot
         be written.
         """
-        from cspace.io.output import replacing
-
         suffix_of(path, READERS, RULE)
         record: dict[str, Any] = {"format": FORMAT, "version": VERSION, "kind": self.kind}
         record |= {name: list(getattr(self, name)) for name in _BOUNDS}

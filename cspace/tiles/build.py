@@ -13,7 +13,7 @@ import numpy as np
 from cspace.correlation import Progress
 from cspace.engines import choose
 from cspace.errors import FileError, InputError
-from cspace.io.record import digest_of_array, shapes_array
+from cspace.io.store import digest_of_array, shapes_array
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.tiles.space import TiledCSpace

@@ -32,8 +32,8 @@ from numpy.typing import NDArray
 from cspace.arrays import Bools, Ints
 from cspace.errors import FileError
 from cspace.grid import Grid
-from cspace.io.output import replacing
-from cspace.io.record import (
+from cspace.io.files import replacing
+from cspace.io.store import (
     ARRAYS,
     AXES,
     TURNS,

@@ -21,8 +21,8 @@ from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 import cspace
 from cspace.errors import FileError, InputError
-from cspace.io import exports
-from cspace.io.exports import WRITERS, free_border, write_vti
+from cspace.io import writing
+from cspace.io.writing import WRITERS, free_border, write_vti
 from maps import SPACES
 
 states = hnp.arrays(np.uint8, st.tuples(*[st.integers(1, 5)] * 3), elements=st.integers(0, 2)).filter(
@@ -147,14 +147,14 @@ def test_blocks_do_not_show_and_too_many_triangles_are_refused(
 ) -> None:
     state, grid = np.zeros((2, 2, 3), np.uint8), cspace.Grid((0.0,) * 3, 1.0, (2, 2, 3))
     written = []
-    for rows in (exports.BLOCK, 1, 7):
-        monkeypatch.setattr(exports, "BLOCK", rows)
-        exports.write_border(state, grid, tmp_path / f"free{suffix}", overwrite=True)
+    for rows in (writing.BLOCK, 1, 7):
+        monkeypatch.setattr(writing, "BLOCK", rows)
+        writing.write_border(state, grid, tmp_path / f"free{suffix}", overwrite=True)
         written.append((tmp_path / f"free{suffix}").read_bytes())
     assert written[0] == written[1] == written[2]
-    monkeypatch.setattr(exports, "MOST", 11)
+    monkeypatch.setattr(writing, "MOST", 11)
     with pytest.raises(InputError, match=r"64 triangles; .* at most 11"):
-        exports.write_border(state, grid, tmp_path / f"free{suffix}", overwrite=True)
+        writing.write_border(state, grid, tmp_path / f"free{suffix}", overwrite=True)
     assert (tmp_path / f"free{suffix}").read_bytes() == written[0]
 
 
@@ -204,7 +204,7 @@ def test_vtk_finds_what_was_written(data: st.DataObject) -> None:
         "penetration": data.draw(hnp.arrays(np.float64, shape)),
     }
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(exports, "_SLAB", data.draw(st.sampled_from([1, 50, 2**24])))
+        patch.setattr(writing, "_SLAB", data.draw(st.sampled_from([1, 50, 2**24])))
         path = Path(folder) / "map.vti"
         write_vti(arrays, grid, path)
         image, arrays_read = read(path)

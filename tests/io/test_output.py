@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cspace.errors import FileError, InputError
-from cspace.io.output import replacing
+from cspace.io.files import replacing
 
 STOPS = [KeyboardInterrupt, ValueError, MemoryError, SystemExit]
 

@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from cspace import Workspace
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.io.formats import METHODS
-from cspace.io.pcd import unpack_lzf
-from cspace.io.points import READERS, read_points
+from cspace.io.points import READERS, read_points, unpack_lzf
 from strategies import seeds
 
 CLOUD = np.array([[0.0, 1.5, -2.25], [3.0, 4.0, 5.0], [1e3, -0.125, 7.75], [3.0, 4.0, 5.0], [0.5, 0.5, 0.5]])

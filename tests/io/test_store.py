@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace.errors import FileError, InputError
-from cspace.io import record, store
+from cspace.io import store
 from cspace.io.limits import raised_limits
 from maps import SPACES, SUFFIXES, files, refused, same
 from strategies import bitmaps, robots, rotation_cells
@@ -313,12 +313,13 @@ def test_what_makes_no_map_is_refused_though_its_digests_agree(
     message: str,
 ) -> None:
     whole = cspace.open(small / "map.zarr")
+    plain_metadata, plain_arrays = store.metadata_of, store.arrays_of
 
     def arrays_of(contents: Any) -> dict[str, Any]:
-        changed = record.arrays_of(contents) | content
+        changed = plain_arrays(contents) | content
         return {name: array for name, array in changed.items() if array is not None}
 
-    monkeypatch.setattr(store, "metadata_of", lambda contents: record.metadata_of(contents) | metadata)
+    monkeypatch.setattr(store, "metadata_of", lambda contents: plain_metadata(contents) | metadata)
     monkeypatch.setattr(store, "arrays_of", arrays_of)
     try:
         whole.save(tmp_path / f"map{suffix}")
