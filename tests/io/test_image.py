@@ -53,12 +53,31 @@ def test_threshold(image: Path, threshold: float, count: int) -> None:
     assert Workspace.from_image(image, 0.1, threshold=threshold).outer.sum() == count
 
 
-@pytest.mark.parametrize("suffix", ["png", "pgm", "ppm", "bmp", "tif"])
-@pytest.mark.parametrize("mode", ["L", "RGB"])
-def test_every_format_gives_the_same(tmp_path: Path, suffix: str, mode: str) -> None:
-    Image.fromarray(PIXELS).convert(mode).save(tmp_path / f"map.{suffix}")
-    shade, opaque = read_shades(tmp_path / f"map.{suffix}", "image")
-    assert shade == pytest.approx(PIXELS[::-1].T / 255.0)
+LEVELS = np.array([[0, 1, 300], [65535, 65534, 40000]], dtype=np.uint16)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "rows"),
+    [
+        *[
+            (f"map.{suffix}", Image.fromarray(PIXELS).convert(mode), PIXELS / 255)
+            for suffix in ("png", "pgm", "ppm", "bmp", "tif")
+            for mode in ("L", "RGB")
+        ],
+        ("palette.png", Image.fromarray(PIXELS).convert("P"), PIXELS / 255),
+        ("bits.png", Image.fromarray(PIXELS > 128), PIXELS > 128),
+        ("deep.pgm", Image.fromarray(LEVELS), LEVELS / 65535),
+        ("deep.png", Image.fromarray(LEVELS), LEVELS / 65535),
+        ("text.pgm", "P2\n# comment\n3 2\n255\n0 51 255\n255 102 0\n", [[0.0, 0.2, 1.0], [1.0, 0.4, 0.0]]),
+        ("text.pgm", "P2\n3 1\n65535\n0 65535 13107\n", [[0.0, 1.0, 0.2]]),
+        ("mean.png", Image.fromarray(np.array([[[255, 0, 0], [255, 255, 0]]], np.uint8)), [[1 / 3, 2 / 3]]),
+    ],
+)
+def test_shades_of_every_format(tmp_path: Path, name: str, content: Any, rows: Any) -> None:
+    path = tmp_path / name
+    path.write_text(content) if isinstance(content, str) else content.save(path)
+    shade, opaque = read_shades(path, "image")
+    assert shade == pytest.approx(np.array(rows, dtype=float)[::-1].T, rel=1e-12)
     assert opaque.all()
 
 
@@ -66,34 +85,6 @@ def test_jpeg(tmp_path: Path) -> None:
     Image.fromarray(PIXELS.repeat(16, axis=0).repeat(16, axis=1)).save(tmp_path / "map.jpg", quality=95)
     occupied = Workspace.from_image(tmp_path / "map.jpg", 1.0).outer
     assert occupied[::16, ::16].tolist() == [[True, True], [True, False], [False, False]]
-
-
-def test_palette_and_one_bit(tmp_path: Path) -> None:
-    Image.fromarray(PIXELS).convert("P").save(tmp_path / "palette.png")
-    assert read_shades(tmp_path / "palette.png", "image")[0] == pytest.approx(PIXELS[::-1].T / 255.0)
-    Image.fromarray(PIXELS > 128).save(tmp_path / "bits.png")
-    assert np.array_equal(read_shades(tmp_path / "bits.png", "image")[0], (PIXELS > 128)[::-1].T)
-
-
-@pytest.mark.parametrize("suffix", ["pgm", "png"])
-def test_sixteen_bits(tmp_path: Path, suffix: str) -> None:
-    levels = np.array([[0, 1, 300], [65535, 65534, 40000]], dtype=np.uint16)
-    Image.fromarray(levels).save(tmp_path / f"map.{suffix}")
-    assert np.array_equal(read_shades(tmp_path / f"map.{suffix}", "image")[0], levels[::-1].T / 65535.0)
-
-
-def test_plain_text_pgm_of_both_depths(tmp_path: Path) -> None:
-    (tmp_path / "map.pgm").write_text("P2\n# comment\n3 2\n255\n0 51 255\n255 102 0\n")
-    assert read_shades(tmp_path / "map.pgm", "image")[0] == pytest.approx(
-        np.array([[1.0, 0.0], [0.4, 0.2], [0.0, 1.0]])
-    )
-    (tmp_path / "map.pgm").write_text("P2\n3 1\n65535\n0 65535 13107\n")
-    assert read_shades(tmp_path / "map.pgm", "image")[0] == pytest.approx(np.array([[0.0], [1.0], [0.2]]))
-
-
-def test_colour_is_the_mean_of_the_channels(tmp_path: Path) -> None:
-    Image.fromarray(np.array([[[255, 0, 0], [255, 255, 0]]], dtype=np.uint8)).save(tmp_path / "map.png")
-    assert read_shades(tmp_path / "map.png", "image")[0] == pytest.approx(np.array([[1 / 3], [2 / 3]]))
 
 
 @pytest.mark.parametrize("mode", ["RGBA", "LA"])

@@ -12,6 +12,7 @@ import pytest
 from cspace.errors import FileError, InputError
 from cspace.io.files import replacing
 
+FOLDERS = pytest.mark.parametrize("folder", [False, True])
 STOPS = [KeyboardInterrupt, ValueError, MemoryError, SystemExit]
 
 
@@ -30,47 +31,39 @@ def names(folder: Path) -> list[str]:
     return sorted(entry.name for entry in folder.iterdir())
 
 
-def test_a_file_appears_when_it_is_complete(tmp_path: Path) -> None:
-    with replacing(tmp_path / "map.npz") as temporary:
-        temporary.write_text("new")
-        assert temporary.parent == tmp_path
-        assert temporary.suffix == ".npz"
-        assert not (tmp_path / "map.npz").exists()
+def fill(path: Path, text: str, folder: bool) -> Path:
+    """Write a file, or a folder with one; the file."""
+    if folder:
+        path.mkdir()
+        path /= "text"
+    path.write_text(text)
+    return path
+
+
+@FOLDERS
+def test_an_output_appears_when_it_is_complete(tmp_path: Path, folder: bool) -> None:
+    path = tmp_path / "map.npz"
+    with replacing(path, folder=(lambda _: True) if folder else None) as temporary:
+        fill(temporary, "new", folder)
+        assert temporary.parent == tmp_path and temporary.suffix == ".npz" and not path.exists()
     assert names(tmp_path) == ["map.npz"]
-    assert (tmp_path / "map.npz").read_text() == "new"
+    assert (path / "text" if folder else path).read_text() == "new"
 
 
-def test_a_folder_appears_when_it_is_complete(tmp_path: Path) -> None:
-    write_folder(tmp_path / "map", "new")
-    assert names(tmp_path) == ["map"]
-    assert names(tmp_path / "map") == ["text"]
-
-
+@FOLDERS
 @pytest.mark.parametrize("stop", STOPS)
 @pytest.mark.parametrize("old", [False, True])
-def test_an_interruption_leaves_a_file_as_it_was(tmp_path: Path, stop: type[BaseException], old: bool) -> None:
-    path = tmp_path / "out.csv"
-    if old:
-        path.write_text("old")
-    with pytest.raises(stop), replacing(path, overwrite=True) as temporary:
-        temporary.write_text("half")
+def test_an_interruption_leaves_what_was_there(
+    tmp_path: Path, folder: bool, stop: type[BaseException], old: bool
+) -> None:
+    path = tmp_path / "out"
+    file = fill(path, "old", folder) if old else path
+    known = (lambda _: True) if folder else None
+    with pytest.raises(stop), replacing(path, overwrite=True, folder=known) as temporary:
+        fill(temporary, "half", folder)
         raise stop
-    assert names(tmp_path) == (["out.csv"] if old else [])
-    assert not old or path.read_text() == "old"
-
-
-@pytest.mark.parametrize("stop", STOPS)
-@pytest.mark.parametrize("old", [False, True])
-def test_an_interruption_leaves_a_folder_as_it_was(tmp_path: Path, stop: type[BaseException], old: bool) -> None:
-    path = tmp_path / "map"
-    if old:
-        write_folder(path, "old")
-    with pytest.raises(stop), replacing(path, overwrite=True, folder=lambda _: True) as temporary:
-        (temporary / "deep").mkdir(parents=True)
-        (temporary / "deep" / "file").write_text("half")
-        raise stop
-    assert names(tmp_path) == (["map"] if old else [])
-    assert not old or (path / "text").read_text() == "old"
+    assert names(tmp_path) == (["out"] if old else [])
+    assert not old or file.read_text() == "old"
 
 
 @pytest.mark.parametrize("writer", [write, write_folder])
@@ -129,36 +122,34 @@ def test_whatever_rename_fails_one_of_the_folders_is_there(
     assert (path / "text").read_text() == remaining
 
 
-def test_only_an_earlier_output_is_replaced(tmp_path: Path) -> None:
-    foreign = tmp_path / "home"
-    foreign.mkdir()
-    (foreign / "thesis.tex").write_text("years")
-    with pytest.raises(FileError, match="holds more than an earlier output"):
-        write_folder(foreign, "new", overwrite=True)
-    assert names(foreign) == ["thesis.tex"]
+@pytest.mark.parametrize(
+    ("writer", "name", "message"),
+    [
+        (write_folder, "home", "holds more than an earlier output"),
+        (write_folder, "file", "not a folder"),
+        (write, "home", "not a plain file"),
+        (write, "pipe", "not a plain file"),
+        (write, "nowhere/out", r"nowhere is not a folder; .*create it first"),
+        (write, "file/out", "file is not a folder"),
+    ],
+)
+def test_only_an_earlier_output_is_replaced(
+    tmp_path: Path, writer: Callable[..., None], name: str, message: str
+) -> None:
+    (tmp_path / "home").mkdir()
+    (tmp_path / "home" / "thesis.tex").write_text("years")
+    (tmp_path / "file").write_text("old")
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(FileError, match=message):
+        writer(tmp_path / name, "new", overwrite=True)
+    assert names(tmp_path) == ["file", "home", "pipe"] and names(tmp_path / "home") == ["thesis.tex"]
+    assert (tmp_path / "file").read_text() == "old" and (tmp_path / "pipe").is_fifo()
 
 
 def test_an_empty_folder_may_be_replaced(tmp_path: Path) -> None:
     (tmp_path / "map").mkdir()
     write_folder(tmp_path / "map", "new", overwrite=True)
     assert names(tmp_path / "map") == ["text"]
-
-
-def test_a_file_replaces_no_folder_and_a_folder_no_file(tmp_path: Path) -> None:
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "file").write_text("old")
-    with pytest.raises(FileError, match="not a plain file"):
-        write(tmp_path / "folder", "new", overwrite=True)
-    with pytest.raises(FileError, match="not a folder"):
-        write_folder(tmp_path / "file", "new", overwrite=True)
-    assert names(tmp_path) == ["file", "folder"]
-
-
-def test_a_pipe_is_not_replaced(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(FileError, match="not a plain file"):
-        write(tmp_path / "pipe", "new", overwrite=True)
-    assert (tmp_path / "pipe").is_fifo()
 
 
 def test_a_link_is_followed(tmp_path: Path) -> None:
@@ -168,14 +159,6 @@ def test_a_link_is_followed(tmp_path: Path) -> None:
     write(tmp_path / "link", "new", overwrite=True)
     assert (tmp_path / "link").is_symlink()
     assert (tmp_path / "real" / "out").read_text() == "new"
-
-
-def test_a_missing_folder_is_named(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match=r"nowhere is not a folder; .*create it first"):
-        write(tmp_path / "nowhere" / "out", "new")
-    (tmp_path / "file").write_text("")
-    with pytest.raises(FileError, match="file is not a folder"):
-        write(tmp_path / "file" / "out", "new")
 
 
 def test_an_unwritable_folder_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -207,18 +190,12 @@ def test_an_error_in_the_block_keeps_its_message(tmp_path: Path) -> None:
         raise FileError("mine")
 
 
-@pytest.mark.parametrize("path", ["x" * 400, "nul\0byte", ""])
-def test_impossible_names_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str) -> None:
+@pytest.mark.parametrize("path", ["x" * 400, "nul\0byte", "", None, 3])
+def test_impossible_names_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: object) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises((FileError, InputError)):
+    with pytest.raises((FileError, InputError), match=None if isinstance(path, str) else "it must be a file name"):
         write(path, "new")  # type: ignore[arg-type]
     assert names(tmp_path) == []
-
-
-@pytest.mark.parametrize("path", [None, 3])
-def test_a_path_must_be_a_path(path: object) -> None:
-    with pytest.raises(InputError, match="it must be a file name"):
-        write(path, "new")  # type: ignore[arg-type]
 
 
 def test_nested_outputs_appear_together_or_not_at_all(tmp_path: Path) -> None:

@@ -6,18 +6,7 @@ import pytest
 import cspace
 from cspace import FREE, Robot, Workspace
 
-ROS = ["depot", "tb3_sandbox", "100by100_10", "TenByTen", "turtlebot3_world", "willow-full-0.05", "skirk"]
 MOVINGAI = ["AR0011SR", "Berlin_1_1024", "arena", "brc504d", "maze512-32-0", "random512-10-0"]
-
-
-@pytest.mark.parametrize("name", ROS)
-@pytest.mark.parametrize("unknown", ["occupied", "free"])
-def test_ros_maps_build(data, name, unknown):
-    workspace = Workspace.from_ros_map(data / "maps" / f"{name}.yaml", unknown=unknown)
-    space = cspace.build(workspace, Robot.disc(0.2))
-    assert not (space.state[workspace.outer] == FREE).any()
-    occupied = np.argwhere(workspace.outer)[:1000]
-    assert (space.classify(space.grid.center_of(occupied)) != FREE).all()
 
 
 def pairs(path, height):

@@ -56,60 +56,34 @@ def test_tiny_map_by_hand(tmp_path: Path, unknown: str, count: int) -> None:
     assert workspace.source == str(path)
 
 
-def test_unknown_is_occupied_unless_told_otherwise(tmp_path: Path) -> None:
-    assert _column(_write(tmp_path, [[205]])) == [True]
+SIX = [0, 89, 90, 205, 206, 255]
+"""Occupied where (255 - pixel) / 255 >= 0.65, thus pixel <= 89; free where it is < 0.196, thus pixel >= 206."""
+
+OPAQUE = [[0, 0, 0, 255], [255, 255, 255, 255], [0, 0, 0, 254], [255, 255, 255, 0]]
 
 
-# occupied where (255 - pixel) / 255 >= 0.65, thus pixel <= 89; free where it is < 0.196, thus pixel >= 206
-@pytest.mark.parametrize("mode", ["trinary", None])
-def test_trinary(tmp_path: Path, mode: str | None) -> None:
-    path = _write(tmp_path, [[0, 89, 90, 205, 206, 255]], mode=mode)
-    assert _column(path) == [True, True, True, True, False, False]
-    assert _column(path, "free") == [True, True, False, False, False, False]
-
-
-def test_negate(tmp_path: Path) -> None:
-    path = _write(tmp_path, [[0, 49, 50, 165, 166, 255]], negate=1)
-    assert _column(path) == [False, False, True, True, True, True]
-    assert _column(path, "free") == [False, False, False, False, True, True]
-    assert _column(_write(tmp_path, [[0, 255]], negate=True)) == [False, True]
-
-
-@pytest.mark.parametrize("unknown", ["occupied", "free"])
-def test_scale_takes_all_that_is_not_proven_free_for_occupied(tmp_path: Path, unknown: str) -> None:
-    path = _write(tmp_path, [[0, 89, 90, 205, 206, 255]], mode="scale")
-    assert _column(path, unknown) == [True, True, True, True, False, False]
-
-
-def test_raw_is_occupancy_in_per_cent(tmp_path: Path) -> None:
-    path = _write(tmp_path, [[0, 19, 20, 65, 100, 101, 255]], mode="raw")
-    assert _column(path) == [False, False, True, True, True, True, True]
-    assert _column(path, "free") == [False, False, True, True, True, False, False]
-
-
-def test_a_shade_equal_to_a_threshold_is_not_free(tmp_path: Path) -> None:
-    path = _write(tmp_path, [[0, 255]], occupied_thresh=1.0, free_thresh=0.0)
-    assert _column(path) == [True, True]
-    assert _column(path, "free") == [True, False]
-
-
-def test_sixteen_bit_levels_are_kept(tmp_path: Path) -> None:
-    levels = np.array([[0, 65535 - 12845, 65535 - 12844, 65535]], dtype=np.uint16)  # 0.196 * 65535 = 12844.86
-    assert _column(_write(tmp_path, Image.fromarray(levels))) == [True, True, False, False]
-
-
-def test_colour_is_averaged(tmp_path: Path) -> None:
-    pixels = [[[255, 255, 108], [255, 255, 105], [0, 0, 255], [0, 255, 20]]]  # means 206, 205, 85, 91.7
-    path = _write(tmp_path, pixels)
-    assert _column(path) == [False, True, True, True]
-    assert _column(path, "free") == [False, False, True, False]
-
-
-@pytest.mark.parametrize("mode", ["trinary", "scale"])
-def test_what_is_not_opaque_is_unknown(tmp_path: Path, mode: str) -> None:
-    path = _write(tmp_path, [[[0, 0, 0, 255], [255, 255, 255, 255], [0, 0, 0, 254], [255, 255, 255, 0]]], mode=mode)
-    assert _column(path) == [True, False, True, True]
-    assert _column(path, "free") == [True, False, False, False]
+@pytest.mark.parametrize(
+    ("pixels", "changes", "cells"),
+    [
+        (SIX, {"mode": "trinary"}, "##??.."),
+        (SIX, {"mode": None}, "##??.."),
+        ([0, 49, 50, 165, 166, 255], {"negate": 1}, "..??##"),
+        ([0, 255], {"negate": True}, ".#"),
+        (SIX, {"mode": "scale"}, "####.."),
+        ([0, 19, 20, 65, 100, 101, 255], {"mode": "raw"}, "..###??"),  # occupancy in per cent
+        ([0, 255], {"occupied_thresh": 1.0, "free_thresh": 0.0}, "#?"),  # a shade at a threshold is not free
+        (np.array([0, 65535 - 12845, 65535 - 12844, 65535], np.uint16), {}, "#?.."),  # 0.196 * 65535 = 12844.86
+        ([[255, 255, 108], [255, 255, 105], [0, 0, 255], [0, 255, 20]], {}, ".?#?"),  # means 206, 205, 85, 91.7
+        (OPAQUE, {"mode": "trinary"}, "#.??"),
+        (OPAQUE, {"mode": "scale"}, "#.??"),
+    ],
+)
+def test_pixels_become_cells(tmp_path: Path, pixels: Any, changes: dict[str, Any], cells: str) -> None:
+    """Occupied ones, unknown ones, which are occupied unless told otherwise, and free ones."""
+    row = np.asarray(pixels, dtype=getattr(pixels, "dtype", np.uint8))[np.newaxis]
+    path = _write(tmp_path, Image.fromarray(row), **changes)
+    assert Workspace.from_ros_map(path).outer[:, 0].tolist() == [cell != "." for cell in cells]
+    assert Workspace.from_ros_map(path, "free").outer[:, 0].tolist() == [cell == "#" for cell in cells]
 
 
 @pytest.mark.parametrize("magic", ["P2", "P5"])

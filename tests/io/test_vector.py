@@ -33,26 +33,24 @@ def _meets(shapes: list[Any], grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     return meets, covered
 
 
-def test_polygon_by_hand() -> None:
-    workspace = Workspace.from_polygons(L_SHAPE, 1.0, (0, 0, 3, 2))
-    assert workspace.grid == Grid((0.0, 0.0), 1.0, (3, 2))
-    assert workspace.outer.tolist() == [[True, True], [True, False], [True, False]]
-    assert not workspace.inner.any()
-    assert workspace.source == "1 polygon"
+RING = shapely.LinearRing([(0.5, 0.5), (2.5, 0.5), (2.5, 2.5), (0.5, 2.5)])
 
 
-def test_inner_cells_by_hand() -> None:
-    workspace = Workspace.from_polygons(box(0.5, 0.5, 3.5, 2.5), 1.0, (0, 0, 4, 3))
-    assert workspace.outer.all()
-    assert workspace.inner.tolist() == [[False] * 3, [False, True, False], [False, True, False], [False] * 3]
-
-
-def test_lines_and_points_have_no_inside() -> None:
-    ring = shapely.LinearRing([(0.5, 0.5), (2.5, 0.5), (2.5, 2.5), (0.5, 2.5)])
-    workspace = Workspace.from_polygons([ring, shapely.Point(4.5, 0.5)], 1.0, (0, 0, 5, 3))
-    assert workspace.outer.tolist() == [[True] * 3, [True, False, True], [True] * 3, [False] * 3, [True, False, False]]
-    assert not workspace.inner.any()
-    assert workspace.source == "2 polygons"
+@pytest.mark.parametrize(
+    ("source", "size", "outer", "inner", "name"),
+    [
+        (L_SHAPE, (3, 2), ["##", "#.", "#."], ["..", "..", ".."], "1 polygon"),
+        (box(0.5, 0.5, 3.5, 2.5), (4, 3), ["###"] * 4, ["...", ".#.", ".#.", "..."], "1 polygon"),
+        ([RING, shapely.Point(4.5, 0.5)], (5, 3), ["###", "#.#", "###", "...", "#.."], ["..."] * 5, "2 polygons"),
+    ],
+)
+def test_cells_by_hand(source: Any, size: tuple[int, int], outer: list[str], inner: list[str], name: str) -> None:
+    """Those that it meets, and those that it covers; lines and points cover none."""
+    workspace = Workspace.from_polygons(source, 1.0, (0, 0, *size))
+    assert workspace.grid == Grid((0.0, 0.0), 1.0, size)
+    for cells, columns in ((workspace.outer, outer), (workspace.inner, inner)):
+        assert ["".join(".#"[cell] for cell in column) for column in cells.astype(int)] == columns
+    assert workspace.source == name
 
 
 @pytest.mark.parametrize(
@@ -208,6 +206,7 @@ BOW_TIE = "POLYGON ((0 0, 1 1, 1 0, 0 1, 0 0))"
         ({"type": "Polygon", "coordinates": [[[0, 0], [1, "a"], [1, 1]]]}, "type 'Polygon' is not GeoJSON"),
         ({"type": "Point", "coordinates": [1]}, "type 'Point' is not GeoJSON"),
         ("POLYGON ((0 0, 1 0))", "polygons is not WKT"),
+        ("POLYGON ((0 0, 1 0, 1 1, 0 0))\0POLYGON ((5 5, 6 5, 6 6, 5 5))", "NUL"),
     ],
     ids=str,
 )
@@ -273,8 +272,3 @@ def test_real_polygons_against_shapely(data: Path, name: str, parts: int, spacin
     assert not (workspace.inner & ~covered).any()
     assert (workspace.outer & ~meets).mean() < 0.01
     assert workspace.inner.sum() > 0.9 * covered.sum() > 0
-
-
-def test_text_after_a_nul_character_is_not_dropped():
-    with pytest.raises(GeometryError, match="NUL"):
-        Workspace.from_polygons("POLYGON ((0 0, 1 0, 1 1, 0 0))\0POLYGON ((5 5, 6 5, 6 6, 5 5))", 0.5)

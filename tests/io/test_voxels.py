@@ -16,6 +16,8 @@ from cspace.io.movingai import read_3dmap
 from cspace.io.octomap import read_octomap
 from strategies import seeds
 
+BINARY = "# Octomap OcTree binary file\n# a comment\nid OcTree\nsize {}\nres 0.1\ndata\n"
+FULL = "# Octomap OcTree file\nid OcTree\nsize {}\nres 0.1\ndata\n"
 TINY = "voxel 2 3 4\n0 0 0\n1 2 3\n1 0 2\n"
 
 
@@ -68,10 +70,24 @@ def test_malformed_voxel_maps(tmp_path: Path, text: str, message: str) -> None:
     assert message in str(caught.value)
 
 
-def test_voxel_maps_larger_than_memory_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "huge.3dmap").write_text("voxel 1000000 1000000 1000000\n")
-    with pytest.raises(FileError, match=r"1000000 x 1000000 x 1000000 cells, 1e\+18 in all; at most") as caught:
-        read_3dmap(tmp_path / "huge.3dmap")
+@pytest.mark.parametrize(
+    ("read", "content", "message"),
+    [
+        (read_3dmap, b"voxel 1000000 1000000 1000000\n", r"1000000 x 1000000 x 1000000 cells, 1e\+18 in all; at most"),
+        (
+            read_octomap,
+            FULL.format(1).encode() + struct.pack("<fB", -1.0, 0),
+            r"65536 x 65536 x 65536 cells, 2.815e\+14 in all; at most",
+        ),
+    ],
+)
+def test_maps_larger_than_memory_or_missing_are_refused(tmp_path, read, content, message):
+    path = tmp_path / "huge"
+    with pytest.raises(FileError, match="does not exist; an? (MovingAI|OctoMap)"):
+        read(path)
+    path.write_bytes(content)
+    with pytest.raises(FileError, match=message) as caught:
+        read(path)
     assert not any(word in str(caught.value) for word in ("spacing", "bounds"))
 
 
@@ -182,10 +198,6 @@ def test_real_octomap(data):
         assert occupied[tuple(cell)] == (state is True)
 
 
-BINARY = "# Octomap OcTree binary file\n# a comment\nid OcTree\nsize {}\nres 0.1\ndata\n"
-FULL = "# Octomap OcTree file\nid OcTree\nsize {}\nres 0.1\ndata\n"
-
-
 def chain(length=16):
     """Nodes of a binary tree with one occupied cell: its first child at every level."""
     return b"\x03\x00" * (length - 1) + b"\x02\x00"
@@ -270,20 +282,6 @@ def test_truncated_octomaps(tmp_path, suffix):
             read_octomap(part)
 
 
-def test_octomaps_larger_than_memory_are_refused(tmp_path):
-    path = tmp_path / "huge.ot"
-    path.write_bytes(FULL.format(1).encode() + struct.pack("<fB", -1.0, 0))
-    with pytest.raises(FileError, match=r"65536 x 65536 x 65536 cells, 2.815e\+14 in all; at most") as caught:
-        read_octomap(path)
-    assert not any(word in str(caught.value) for word in ("spacing", "bounds"))
-
-
 def test_the_unknown_policy_is_one_of_two_words(tmp_path):
     with pytest.raises(InputError, match=r"'maybe'.*'occupied' or 'free'"):
         read_octomap(tmp_path / "any.bt", "maybe")
-
-
-def test_missing_files(tmp_path):
-    for read, kind in ((read_3dmap, "a MovingAI"), (read_octomap, "an OctoMap")):
-        with pytest.raises(FileError, match=f"does not exist; {kind}"):
-            read(tmp_path / "none.bt")
