@@ -7,19 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.report import Report
 from cspace import CSpace
 from cspace.arrays import Floats
-
-
-def ompl_is_here(report: Report) -> bool:
-    """Whether it is; where it is not, a note says so."""
-    try:
-        import planners  # noqa: F401
-    except ImportError as error:
-        report.note(f"skipped: {error}")
-        return False
-    return True
 
 
 def discrete(space: CSpace, checker: Callable[[Any], Any]) -> Any:

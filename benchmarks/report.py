@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import json
 import platform
+from functools import cache
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from benchmarks.timing import Timing
+
+INSTALLED_BY = {"cv2": "opencv-python-headless", "fcl": "python-fcl", "pinocchio": "pin", "vamp": "vamp-planner"}
+"""What brings a package, where it is called otherwise."""
 
 PACKAGES = ("cspace", "numpy", "scipy", "numba", "shapely", "ompl", "opencv-python-headless")
 
@@ -61,10 +66,21 @@ class Report:
         extra = "".join(f", {key.replace('_', ' ')} {value}" for key, value in more.items())
         print(f"  {name:<58}{time_text(timing.median):>10}  {spread}{extra}", flush=True)
 
+    def has(self, package: str, without: str = "skipped") -> bool:
+        """Whether a package can be imported; if not, a note says what is done without it."""
+        if not is_here(package):
+            self.note(f"{without}: {package} is not installed; pip install {INSTALLED_BY.get(package, package)}")
+        return is_here(package)
+
     def figure(
         self, name: str, value: float, unit: str = "x", least: float | None = None, most: float | None = None
     ) -> None:
-        """One number beside its target: ``least`` or ``most``. A missed target is printed and is not a failure."""
+        """One number beside its target: ``least`` or ``most``, which are for full sizes.
+
+        A missed target is printed and is not a failure.
+        """
+        if self.quick:
+            least = most = None
         bound = least if least is not None else most
         verdict = None
         target = ""
@@ -108,6 +124,16 @@ class Report:
 
     def _row(self, name: str, values: dict[str, Any]) -> None:
         self.rows.append({"benchmark": self.benchmark, "case": self.case, "name": name, **values})
+
+
+@cache
+def is_here(package: str) -> bool:
+    """Whether a package can be imported."""
+    try:
+        import_module(package)
+    except ImportError:
+        return False
+    return True
 
 
 def write_whole(path: Path, content: bytes) -> None:

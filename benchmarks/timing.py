@@ -50,6 +50,13 @@ class Timing:
         return Timing(self.value, [taken / number for taken in self.seconds], [taken / number for taken in self.cpu])
 
 
+def once(call: Callable[[], Any]) -> Timing:
+    """One timed run of what takes long."""
+    timing = Timing(None)
+    timing.value = timing.take(call)
+    return timing
+
+
 def interleave(calls: Mapping[str, Callable[[], Any]], runs: int, slow: float = math.inf) -> dict[str, Timing]:
     """Time calls in turns, so that what else the machine does falls on all of them alike.
 
@@ -66,10 +73,7 @@ def interleave(calls: Mapping[str, Callable[[], Any]], runs: int, slow: float = 
     dict of str to Timing
         In the order of ``calls``; ``value`` is from the first run.
     """
-    timings: dict[str, Timing] = {}
-    for name, call in calls.items():
-        timings[name] = Timing(None)
-        timings[name].value = timings[name].take(call)
+    timings = {name: once(call) for name, call in calls.items()}
     names = [name for name in calls if timings[name].seconds[0] <= slow]
     for name in names:
         timings[name].forget()

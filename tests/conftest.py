@@ -34,6 +34,7 @@ FIRST = (
     "tiles/",
     "view/",
     "test_update.py",
+    "test_proofs.py",
 )
 """Two workers begin where they compile different things; what one has compiled, the other finds in the cache later.
 

@@ -86,6 +86,16 @@ def but(*cells, side=4, dim=3):
     return state
 
 
+def walled(shape, *walls, but=()):
+    """Cells of which those in some boxes are occupied, but for others."""
+    cells = np.zeros(shape, dtype=bool)
+    for wall in walls:
+        cells[wall] = True
+    for gap in but:
+        cells[gap] = False
+    return cells
+
+
 @st.composite
 def states(draw, side=5, mixture=(FREE, FREE, FREE, MIXED, BLOCKED), dims=(2, 3)):
     """Arrays of states, shape (nx, ny) or (nx, ny, nz), flat ones among them."""

@@ -10,18 +10,21 @@ from numpy.typing import NDArray
 
 from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace, build
 from cspace.plot.artists import CLASSES
+from handmade import walled
 
 NAMES = {FREE: "free", MIXED: "undecided (MIXED)", BLOCKED: "C-obstacle (BLOCKED)"}
 COLORS = {label: tuple(round(255 * part) for part in to_rgb(color)) for label, color in CLASSES}
 
 
+def block() -> Workspace:
+    """8 m by 5 m, walls all round, and a block that touches no symmetry: x 5 to 6.5, y 1 to 2."""
+    sides = np.s_[[0, -1], :], np.s_[:, [0, -1]]
+    return Workspace.from_array(walled((80, 50), *sides, np.s_[50:65, 10:20]), 0.1)
+
+
 def yard(robot: Robot) -> CSpace:
-    """A walled place with a block in it, of a robot that turns."""
-    occupied = np.zeros((80, 50), bool)
-    occupied[[0, -1], :] = True
-    occupied[:, [0, -1]] = True
-    occupied[50:65, 10:20] = True
-    return build(Workspace.from_array(occupied, 0.1), robot, rotations=24)
+    """The map of a robot that turns, in there."""
+    return build(block(), robot, rotations=24)
 
 
 def rendered(ax: Any) -> NDArray[np.uint8]:
@@ -51,6 +54,13 @@ def heading_box(figure: Any) -> Any:
     """What it covers."""
     (text,) = (each for each in figure.texts if each.get_text() == figure.get_suptitle())
     return text.get_window_extent()
+
+
+def check_within(figure: Any, *boxes: Any) -> None:
+    """Boxes lie in a figure."""
+    for box in boxes:
+        assert -1 <= box.x0 < box.x1 <= figure.bbox.width + 1
+        assert -1 <= box.y0 < box.y1 <= figure.bbox.height + 1
 
 
 def class_of(space: CSpace, states: set[int], occupied: bool) -> str:

@@ -3,7 +3,7 @@
 import numpy as np
 import shapely
 
-from cspace.shapes import Balls
+from benchmarks.soak.plane_geometry import Shape, frame, union_of_cells
 
 
 def draw_configurations(space, rng, n, far=False):
@@ -37,40 +37,17 @@ def draw_quaternions(rotations, rng, n):
 
 def obstacles_of(space):
     """The closed obstacles as one geometry, and the outside where it is blocked."""
-    (left, low), (right, high), h = space.grid.lower, space.grid.upper, space.grid.spacing
-    frame = shapely.box(left, low, right, high)
+    box = shapely.box(*space.grid.lower, *space.grid.upper)
     if space.workspace.shapes is None:
-        corners = np.argwhere(space.workspace.outer) * h + (left, low)
-        parts = shapely.box(corners[:, 0], corners[:, 1], corners[:, 0] + h, corners[:, 1] + h)
+        parts = [union_of_cells(space.workspace.outer, space.grid)]
     else:
-        parts = [part.intersection(frame) for shape in space.workspace.shapes for part in shape.geometries]
-    shape = shapely.union_all(parts)
-    if space.outside == "blocked":
-        shape = shape.union(shapely.box(left - 100, low - 100, right + 100, high + 100).difference(frame))
+        parts = [part.intersection(box) for shape in space.workspace.shapes for part in shape.geometries]
+    shape = shapely.union_all([*parts, *([frame(space.grid, 100.0)] if space.outside == "blocked" else [])])
     shapely.prepare(shape)
     return shape
 
 
-def turned(points, q):
-    """Points of the robot, shape (m, 2), at configurations ``(x, y)`` or ``(x, y, yaw)``: shape (n, m, 2)."""
-    z = (points[:, 0] + 1j * points[:, 1]) * np.exp(1j * q[:, 2:].sum(axis=1))[:, None]
-    return np.stack([z.real, z.imag], axis=-1) + q[:, None, :2]
-
-
-def placed(robot, q):
-    """The robot's geometry at each configuration."""
-    return [shapely.transform(robot, lambda points, one=one: turned(points, one[None])[0]) for one in q]
-
-
-def collides(space, q, margin, obstacles=None):
-    """Whether the robot at q comes within ``margin`` of an obstacle; a negative margin asks for as much depth."""
-    shape = obstacles_of(space) if obstacles is None else shapely.union_all(obstacles)
-    shapely.prepare(shape)
-    robot = space.robot.shape
-    if isinstance(robot, Balls):
-        distances = shapely.distance(shapely.points(turned(robot.centers, q)), shape) - robot.radii
-        return distances.min(axis=1) <= margin
-    geometry = space.robot.geometry if margin >= 0 else space.robot.geometry.buffer(margin)
-    if margin <= 0:
-        return shapely.intersects(placed(geometry, q), shape)
-    return shapely.dwithin(placed(geometry, q), shape, margin)
+def collides(space, q, obstacles=None):
+    """Whether a robot of one polygon meets obstacles: those of its map, if none are given."""
+    robot = Shape([space.robot.geometry], np.empty((0, 2)), np.empty(0))
+    return robot.meets([obstacles_of(space)] if obstacles is None else obstacles, q, 0.0)

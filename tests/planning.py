@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import planners
 from cspace import BLOCKED, FREE, CSpace, Robot, Rotations, Workspace, build
-from handmade import map_of
+from handmade import map_of, walled
 from planners.states import kind_of
 
 SPACES = ("plane", "turning", "space", "yawing", "floating")
@@ -38,33 +38,20 @@ TURNS = {"turning": 4, "yawing": 4, "floating": Rotations.quaternions(2)}
 """A few rotation cells in each space that has any."""
 
 
+ROOMS: dict[str, Any] = {
+    "plane": (walled((100, 60), np.s_[30:33, :45], np.s_[65:68, 20:]), Robot.disc(0.2), None),
+    "turning": (walled((60, 40), np.s_[18:20, :26], np.s_[40:42, 14:]), Robot.rectangle(0.6, 0.3), 24),
+    "yawing": (walled((30, 20, 12), np.s_[13:15, :14]), Robot.box((0.4, 0.2, 0.1)), 12),
+    "floating": (walled((24, 16, 10), np.s_[11:13, :9]), Robot.box((0.3, 0.1, 0.2)), Rotations.quaternions(5)),
+    "space": (walled((40, 20, 20), np.s_[13:15, :, :13], np.s_[26:28, :11]), Robot.box((0.3, 0.3, 0.1)), None),
+}
+
+
 @cache
 def room(name: str) -> CSpace:
     """A room with walls across it, for a disc, a rectangle that turns, or a box in space."""
-    if name == "plane":
-        occupied = np.zeros((100, 60), dtype=bool)
-        occupied[30:33, :45] = True
-        occupied[65:68, 20:] = True
-        return build(Workspace.from_array(occupied, 0.1), Robot.disc(0.2))
-    if name == "turning":
-        occupied = np.zeros((60, 40), dtype=bool)
-        occupied[18:20, :26] = True
-        occupied[40:42, 14:] = True
-        return build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.6, 0.3), rotations=24)
-    if name == "yawing":
-        occupied = np.zeros((30, 20, 12), dtype=bool)
-        occupied[13:15, :14] = True
-        return build(Workspace.from_array(occupied, 0.1), Robot.box((0.4, 0.2, 0.1)), rotations=12)
-    if name == "floating":
-        occupied = np.zeros((24, 16, 10), dtype=bool)
-        occupied[11:13, :9] = True
-        return build(
-            Workspace.from_array(occupied, 0.1), Robot.box((0.3, 0.1, 0.2)), rotations=Rotations.quaternions(5)
-        )
-    occupied = np.zeros((40, 20, 20), dtype=bool)
-    occupied[13:15, :, :13] = True
-    occupied[26:28, :11] = True
-    return build(Workspace.from_array(occupied, 0.1), Robot.box((0.3, 0.3, 0.1)))
+    cells, robot, rotations = ROOMS[name]
+    return build(Workspace.from_array(cells, 0.1), robot, rotations=rotations)
 
 
 @cache

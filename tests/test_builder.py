@@ -22,8 +22,7 @@ from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Rotations, Workspace
 from cspace.angles import TURN
 from cspace.map.slices import slice_rasters
 from oracles import overlaps_by_shifts
-from placements import collides, draw_configurations, obstacles_of
-from strategies import robots, rotation_cells, seeds, solid_robots, stars
+from strategies import robots, seeds, solid_robots, stars
 
 H = 0.15
 POLICIES = st.sampled_from(["blocked", "free"])
@@ -68,58 +67,6 @@ def test_states_by_definition(problem, rotations, outside, margin):
     assert (bare.record.states == np.minimum(wanted, MIXED)).all()
 
 
-def prove(space, q, obstacles=None):
-    """FREE keeps the margin, BLOCKED collides."""
-    states = space.classify(q)
-    free, blocked = q[states == FREE], q[states == BLOCKED]
-    assert not collides(space, free, space.margin - 1e-9 if space.margin else 0.0, obstacles).any()
-    assert collides(space, blocked, 1e-9, obstacles).all()
-
-
-@settings(max_examples=100)
-@given(robots(0.5), st.none() | rotation_cells(16), seeds, POLICIES, st.sampled_from([0.0, 0.0, 0.06]))
-def test_no_false_answer_over_grid_maps(robot, rotations, seed, outside, margin):
-    """Configurations inside cells, on their borders and far outside, against the geometry itself."""
-    rng = np.random.default_rng(seed)
-    occupied = rng.random((14, 11)) < rng.choice([0.02, 0.15])
-    workspace = Workspace.from_array(occupied, 0.2, rng.uniform(-1, 1, 2))
-    space = cspace.build(workspace, robot, rotations=rotations, outside=outside, margin=margin)
-    q = draw_configurations(space, rng, 160)
-    q[120:, :2] = rng.uniform(-4, 6, (40, 2))
-    prove(space, q)
-
-
-@settings(max_examples=30)
-@given(robots(0.5), rotation_cells(16), seeds)
-def test_corners_and_borders_belong_to_every_cell_that_touches_them(robot, rotations, seed):
-    """Claims of the cells themselves, whatever the look-up says on a border that two of them share."""
-    rng = np.random.default_rng(seed)
-    occupied = rng.random((14, 11)) < 0.1
-    space = cspace.build(Workspace.from_array(occupied, 0.2), robot, rotations=rotations, outside="free")
-    borders, obstacles = np.asarray(space.rotations.borders), obstacles_of(space)
-    for state, tolerance in ((FREE, 0.0), (BLOCKED, 1e-9)):
-        cells = np.argwhere(space.state == state)
-        if not len(cells):
-            continue
-        cells = cells[rng.integers(0, len(cells), 60)]
-        corner = rng.integers(0, 2, cells.shape)
-        q = np.column_stack([0.2 * (cells + corner)[:, 1:], borders[cells[:, 0] + corner[:, 0]]])
-        assert (collides(space, q, tolerance, obstacles) == (state == BLOCKED)).all()
-
-
-@settings(max_examples=40)
-@given(robots(0.4), stars(0.7), st.sampled_from([None, None, 1, 5, 8, 16]), seeds)
-def test_no_false_answer_over_polygons_and_lines(robot, star, rotations, seed):
-    rng = np.random.default_rng(seed)
-    shapes = [shapely.Point(*rng.uniform(0, 3, 2)).buffer(rng.uniform(0.02, 0.5), quad_segs=2) for _ in range(4)]
-    shapes.append(shapely.Polygon(star + rng.uniform(0, 3, 2)))
-    line, frame = shapely.LineString(rng.uniform(0, 3, (2, 2))), shapely.box(0, 0, 3, 3)
-    workspace = Workspace.from_polygons([*shapes, line], 0.1, (0, 0, 3, 3))
-    assert (workspace.inner != workspace.outer).any()
-    space = cspace.build(workspace, robot, rotations=rotations, outside="free")
-    prove(space, draw_configurations(space, rng, 200), shapely.union_all([*shapes, line]).intersection(frame))
-
-
 @settings(max_examples=25)
 @given(stars(0.5), stars(1.0))
 def test_agrees_with_the_exact_minkowski_sum(robot, obstacle):
@@ -142,38 +89,6 @@ def test_agrees_with_the_exact_minkowski_sum(robot, obstacle):
     assert not shapely.intersects(cells[space.state == FREE], exact.buffer(-rounding)).any()
     assert shapely.covers(exact.buffer(rounding), cells[space.state == BLOCKED]).all()
     assert (space.state == BLOCKED).any() or not space.workspace.inner.any()  # a sliver holds no cell
-
-
-def gaps(parts, q, lows, side):
-    """Distances between the robot at configurations (n, 3) and the nearest of some cubes; (n,)."""
-    gap = np.full(len(q), np.inf)
-    for (lower, upper, radius), low in itertools.product(parts, lows):
-        apart = np.maximum(np.maximum(low - (q + upper), (q + lower) - (low + side)), 0.0)
-        gap = np.minimum(gap, np.linalg.norm(apart, axis=1) - radius)
-    return gap
-
-
-@settings(max_examples=40)
-@given(solid_robots(), seeds, POLICIES, st.sampled_from([0.0, 0.1]))
-def test_no_false_answer_over_voxels(body, seed, outside, margin):
-    """Configurations anywhere, on borders of cells and close to them, against exact distances between boxes."""
-    robot, parts = body
-    rng = np.random.default_rng(seed)
-    lower = np.array([-1.0, 2.0, 0.3])
-    occupied = rng.random((12, 10, 8)) < rng.choice([0.005, 0.03])
-    space = cspace.build(Workspace.from_array(occupied, H, lower), robot, outside=outside, margin=margin)
-    upper = np.asarray(space.grid.upper)
-    q = rng.uniform(lower - 0.4, upper + 0.4, (800, 3))
-    q = np.where(rng.random(q.shape) < 0.3, lower + H * np.rint((q - lower) / H), q)
-    q += np.where(rng.random(q.shape) < 0.1, rng.uniform(-1e-8, 1e-8, q.shape), 0.0)
-    gap = gaps(parts, q, lower + H * np.argwhere(occupied), H)
-    if outside == "blocked":
-        for low, high, radius in parts:
-            gap = np.minimum(gap, np.min([q + low - lower, upper - (q + high)], axis=(0, 2)) - radius)
-    states = space.classify(q)
-    assert not ((states == FREE) & (gap < margin - 1e-9)).any()
-    assert not ((states == BLOCKED) & (gap > 1e-9)).any()
-    assert (space.is_free(q) == (states == FREE)).all()
 
 
 @settings(max_examples=20)

@@ -27,10 +27,6 @@ def space():
             "space is a tuple; it must be a CSpace or an ArmSpace; ",
         ),
         (
-            lambda space: planners.plan((1, 1), space, (9, 1)),
-            "space is a tuple; it must be a CSpace or an ArmSpace; ",
-        ),
-        (
             lambda space: planners.plan(space.workspace, (1, 1), (9, 1)),
             "space is a Workspace; it must be a CSpace or an ArmSpace; ",
         ),

@@ -21,17 +21,10 @@ import cspace
 from cspace import BLOCKED, FREE, ConfigurationError, InputError, Robot, Workspace
 from cspace.map.components import Components
 from cspace.shapes import Box, Shape, shape_of
-from updates import SPACING, World, agree, check, checkers, worlds
+from updates import BLOCK, SPACING, World, agree, check, checkers, room, worlds
 from waiting import while_two_ask
 
 CART = shapely.box(1.83, 1.33, 2.21, 1.72)
-BLOCK = np.ones((4, 4), dtype=bool)
-
-
-def room(outside: str = "blocked", robot: Robot | None = None, rotations: int | None = None) -> cspace.CSpace:
-    """An empty room of 40 x 30 cells."""
-    workspace = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
-    return cspace.build(workspace, robot or Robot.disc(0.3), outside=outside, rotations=rotations)
 
 
 class Stage:

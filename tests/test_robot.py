@@ -38,6 +38,8 @@ def test_opens_polygon_files(tmp_path, data):
         (lambda: Robot.disc(-1.0), "-1"),
         (lambda: Robot.disc(float("nan")), "nan"),
         (lambda: Robot.disc(1.0, (0, 0, 0)), "center"),
+        (lambda: Robot.box((1.0, 0.0, 1.0)), r"extents\[1\] is 0\.0; it must be one number above zero"),
+        (lambda: Robot.open(5), "robot is 5; it must be a short text"),
         (lambda: Robot.rectangle(1.0, 0.0), "width is 0.0"),
         (lambda: Robot.balls([], []), "centers"),
         (lambda: Robot.balls([(0, 0)], [1, 2]), "radii"),
@@ -97,16 +99,6 @@ def test_a_missing_file_is_a_file_error(tmp_path):
     (tmp_path / "robot.stl").touch()
     with pytest.raises(FileError, match=r"\.stl"):
         Robot.open(tmp_path / "robot.stl")
-
-
-def test_sides_of_a_box_are_named():
-    with pytest.raises(InputError, match=r"extents\[1\] is 0\.0; it must be one number above zero"):
-        Robot.box((1.0, 0.0, 1.0))
-
-
-def test_something_that_is_no_name_of_a_robot():
-    with pytest.raises(InputError, match="robot is 5; it must be a short text"):
-        Robot.open(5)
 
 
 TETRAHEDRON = (np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1.0)]), [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])

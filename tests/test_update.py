@@ -20,18 +20,9 @@ import planners
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.io import rosmap
 from cspace.map.components import Components
-from maps import same
-from updates import World, agree, check, checkers, worlds
+from handmade import walled
+from updates import BLOCK, World, agree, check, checkers, room, worlds
 from waiting import while_two_ask
-
-BLOCK = np.ones((4, 4), dtype=bool)
-
-
-def room(outside: str = "blocked", robot: Robot | None = None, rotations: int | None = None) -> cspace.CSpace:
-    """An empty room of 40 x 30 cells."""
-    workspace = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
-    return cspace.build(workspace, robot or Robot.disc(0.3), outside=outside, rotations=rotations)
-
 
 # ---- equal to a rebuild ----------------------------------------------------------------------------------------------
 
@@ -55,19 +46,11 @@ def test_checkers_that_were_handed_out_follow(world: World) -> None:
         agree(ours, checkers(fresh), world)
 
 
-@settings(max_examples=12)
-@given(worlds(("plane", "turning")))
-def test_exact_look_ups_and_their_checkers_follow_in_the_plane(world: World) -> None:
-    _exact(world)
-
-
-@settings(max_examples=8)
-@given(worlds(("space", "turning in space", "turning in space any way")))
-def test_exact_look_ups_and_their_checkers_follow_in_space(world: World) -> None:
-    _exact(world)
-
-
-def _exact(world: World) -> None:
+@pytest.mark.parametrize("kinds", [("plane", "turning"), ("space", "turning in space", "turning in space any way")])
+@settings(max_examples=10)
+@given(st.data())
+def test_exact_look_ups_and_their_checkers_follow(kinds: tuple[str, ...], data: st.DataObject) -> None:
+    world = data.draw(worlds(kinds))
     space = world.build()
     ours = checkers(space, exact=True)
     space.is_free(world.points(3), exact=True)
@@ -85,19 +68,11 @@ def _exact(world: World) -> None:
 @given(worlds())
 def test_a_map_goes_through_files_between_updates(tmp_path_factory: pytest.TempPathFactory, world: World) -> None:
     space, folder = world.build(), tmp_path_factory.mktemp("maps")
-    for number in range(3):
+    for name in ("0.zarr", "1.npz", "2.zarr"):
         (fresh,) = world.stream(space, 1)
+        space.save(folder / name)
+        space = cspace.open(folder / name)
         check(space, fresh, world)
-        space.save(folder / f"{number}.zarr")
-        space = cspace.open(folder / f"{number}.zarr")
-
-
-def test_the_saved_map_is_the_current_one(tmp_path: Path) -> None:
-    space = room()
-    space.update(BLOCK, (18, 13), inner=np.zeros_like(BLOCK))
-    for name in ("map.zarr", "map.npz"):
-        space.save(tmp_path / name) if name.endswith("zarr") else space.export(tmp_path / name)
-        same(cspace.open(tmp_path / name), space)
 
 
 @pytest.mark.parametrize(("bare", "outside"), [(False, "blocked"), (True, "free")])
@@ -111,13 +86,6 @@ def test_without_inner_nothing_becomes_blocked(bare: bool, outside: str) -> None
     fresh = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.3), **options)
     np.testing.assert_array_equal(space.state, fresh.state)
     assert set(np.unique(space.state)) == {FREE, MIXED}
-
-
-def test_there_and_back_again() -> None:
-    space = room()
-    before = space.state.copy()
-    assert space.update(BLOCK, (18, 13)).changed == space.update(~BLOCK, (18, 13)).changed > 0
-    np.testing.assert_array_equal(space.state, before)
 
 
 def test_a_state_made_by_hand_may_be_read_only() -> None:
@@ -392,9 +360,7 @@ def test_what_is_saved_is_of_one_moment(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_paths_are_of_before_an_update_or_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
     # A cell that becomes FREE amid others, away from the rest, in a block that had one component.
-    occupied = np.zeros((40, 40), dtype=bool)
-    occupied[10:20, 10:20] = True
-    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.01))
+    space = cspace.build(Workspace.from_array(walled((40, 40), np.s_[10:20, 10:20]), 0.1), Robot.disc(0.01))
     pocket, corner, answers = (1.55, 1.55), (3.5, 3.5), []
     asking = threading.Thread(target=lambda: answers.append(space.path_exists(pocket, corner)))
     assert space.path_exists(pocket, corner) is False

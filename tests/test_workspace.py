@@ -159,11 +159,6 @@ def test_open_with_wrong_options(files: Path, name: str, options: dict[str, Any]
         Workspace.open(files / name, **options)
 
 
-def test_open_of_something_that_is_no_name() -> None:
-    with pytest.raises(InputError, match="path is 7"):
-        Workspace.open(7)  # type: ignore[arg-type]
-
-
 @pytest.mark.parametrize("suffix", METHODS)
 def test_missing_files_and_folders_are_named(tmp_path: Path, suffix: str) -> None:
     options = {} if suffix in (".yaml", ".yml", ".map", ".3dmap", ".bt", ".ot") else {"spacing": 1.0}
@@ -183,13 +178,6 @@ def test_unreadable_file(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Path, "read_bytes", refuse)
     with pytest.raises(FileError, match=r"map\.map: cannot be read: Permission denied"):
         Workspace.open(files / "map.map")
-
-
-@pytest.mark.parametrize("content", [b"", b"\x93NUMPY garbage", b"PK\x03\x04"])
-def test_a_damaged_npy_file(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "bad.npy").write_bytes(content)
-    with pytest.raises(FileError, match=r"bad\.npy: "):
-        Workspace.open(tmp_path / "bad.npy", spacing=1.0)
 
 
 def test_npy_file_of_floats(tmp_path: Path) -> None:

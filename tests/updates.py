@@ -16,6 +16,13 @@ from handmade import KINDS
 from strategies import seeds
 
 SPACING = 0.5
+BLOCK = np.ones((4, 4), dtype=bool)
+
+
+def room(outside: str = "blocked", robot: Robot | None = None, rotations: int | None = None) -> cspace.CSpace:
+    """An empty room of 40 x 30 cells."""
+    workspace = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+    return cspace.build(workspace, robot or Robot.disc(0.3), outside=outside, rotations=rotations)
 
 
 @dataclass

@@ -7,7 +7,7 @@ from functools import partial
 from benchmarks.report import Report
 from benchmarks.soak import arms, band, curves, exact, files, frequency, maps, use
 from benchmarks.soak.plane_cases import draw_case
-from benchmarks.soak.space_cases import NO_FCL, draw_solid_case, fcl_is_here
+from benchmarks.soak.space_cases import draw_solid_case
 
 EDGES = 10_000
 
@@ -21,15 +21,13 @@ def run(report: Report, seed: int, checks: int | None = None) -> None:
     edges = min(EDGES, max(100, wanted // 100))
     maps.check(report, "robots in the plane", draw_case, seed, wanted, edges)
     maps.check(report, "robots that turn", partial(draw_case, turning=True), seed, wanted, edges)
-    if fcl_is_here():
+    if report.has("fcl", "robots in space skipped"):
         maps.check(report, "robots in space", draw_solid_case, seed, wanted, edges)
         # Each turned robot is a shape of its own for the oracle, which is slow.
         yawing = partial(draw_solid_case, turning=True)
         maps.check(report, "robots that turn in space", yawing, seed, wanted // 10, edges // 10)
         freely = partial(draw_solid_case, freely=True)
         maps.check(report, "robots that turn freely in space", freely, seed, wanted // 10, edges // 10)
-    else:
-        report.note(f"robots in space skipped: {NO_FCL}")
     few = edges // 5 if report.quick else edges
     curves.check(report, seed, few)
     exact.check(report, seed, few)

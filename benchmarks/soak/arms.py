@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks import inputs
 from benchmarks.report import Report
-from benchmarks.suites.arm_peers import NO_COAL, Folder, Meshes, Problem, is_here
+from benchmarks.suites.arm_peers import Folder, Meshes, Problem
 from cspace import BLOCKED, FREE, Arm, Robot, build_arm
 from cspace.arms import ArmSpace, Placed
 from cspace.arrays import Floats
@@ -53,8 +53,7 @@ class Scene(NamedTuple):
 
 def check(report: Report, seed: int, points: int, motions: int) -> None:
     """Random scenes until enough points and motions were looked at; half of them for small arms."""
-    if not is_here("pinocchio"):
-        report.note(f"arms skipped: {NO_COAL}")
+    if not report.has("pinocchio", "arms skipped"):
         return
     folder = inputs.data_folder()
     robots = [name for name in ROBOTS if folder is not None and (folder / "arms" / name).is_dir()]

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from benchmarks.report import Report
 from benchmarks.soak.frequency_cases import Oracle, PairCase, Rng, draw_pair
-from benchmarks.soak.space_pairs import NO_FCL
 from benchmarks.soak.tally import Tally
 from cspace.arrays import Bools, Floats
 from cspace.spectral import FourierOverlap, Verdict
@@ -29,23 +28,14 @@ NEAR = (-11.0, -0.7)
 WITHOUT = 20
 """Every so many placements, frequencies alone are asked, without swollen balls."""
 
-NO_FINUFFT = "finufft is not installed; pip install finufft"
-
 
 def check(report: Report, seed: int, wanted: int) -> None:
     """Random pairs, in the plane and in space, until enough placements were checked."""
-    try:
-        import finufft  # noqa: F401 - whether it is there at all
-    except ImportError:
-        report.note(f"verdicts from frequencies skipped: {NO_FINUFFT}")
+    if not report.has("finufft", "verdicts from frequencies skipped"):
         return
     for dim, where in ((2, "in the plane"), (3, "in space")):
-        if dim == 3:
-            try:
-                import fcl  # noqa: F401
-            except ImportError:
-                report.note(f"verdicts from frequencies in space skipped: {NO_FCL}")
-                continue
+        if dim == 3 and not report.has("fcl", "verdicts from frequencies in space skipped"):
+            continue
         tally, began, number = Tally(), time.perf_counter(), 0
         while sum(tally.verdicts.values()) < wanted:
             case = draw_pair(seed, number, dim)

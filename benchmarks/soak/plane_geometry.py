@@ -58,16 +58,16 @@ class Shape:
 
         hit = np.zeros(len(q), dtype=np.bool_)
         for center, radius in zip(self.centers, self.radii, strict=True):
-            points = shapely.points(_moved(center[None], q)[:, 0])
+            points = shapely.points(moved(center[None], q)[:, 0])
             for obstacle in obstacles:
                 hit |= shapely.dwithin(obstacle, points, radius + distance)
         for polygon in self.polygons:
-            placed = _placed(polygon, q)
+            turned = placed(polygon, q)
             for obstacle in obstacles:
                 # Of a prepared polygon alone, dwithin misses some that cross it (GEOS 3.14).
-                hit |= shapely.intersects(obstacle, placed)
+                hit |= shapely.intersects(obstacle, turned)
                 if np.any(np.asarray(distance) > 0.0):
-                    hit |= shapely.dwithin(obstacle, placed, distance)
+                    hit |= shapely.dwithin(obstacle, turned, distance)
         return hit
 
     def lies_in(self, whole: Any, q: Floats, distance: float) -> Bools:
@@ -77,12 +77,12 @@ class Shape:
         border = whole.boundary
         inside = np.ones(len(q), dtype=np.bool_)
         for center, radius in zip(self.centers, self.radii, strict=True):
-            points = shapely.points(_moved(center[None], q)[:, 0])
+            points = shapely.points(moved(center[None], q)[:, 0])
             inside &= shapely.intersects(whole, points)
             inside &= shapely.distance(border, points) >= radius + distance - ROUNDING
         for polygon in self.polygons:
-            placed = _placed(polygon, q)
-            inside &= shapely.covers(whole, placed) & (shapely.distance(border, placed) >= distance - ROUNDING)
+            turned = placed(polygon, q)
+            inside &= shapely.covers(whole, turned) & (shapely.distance(border, turned) >= distance - ROUNDING)
         return inside
 
     def reach(self) -> float:
@@ -93,12 +93,12 @@ class Shape:
         return float(max([*far, *(np.hypot(*self.centers.T) + self.radii)]))
 
 
-def _placed(polygon: Any, q: Floats) -> Any:
+def placed(polygon: Any, q: Floats) -> Any:
     """Copies of a polygon at configurations."""
     import shapely
 
     def rings(ring: Any) -> Any:
-        return shapely.linearrings(_moved(np.asarray(ring.coords)[:, :2], q))
+        return shapely.linearrings(moved(np.asarray(ring.coords)[:, :2], q))
 
     if not polygon.interiors:
         return shapely.polygons(rings(polygon.exterior))
@@ -106,7 +106,7 @@ def _placed(polygon: Any, q: Floats) -> Any:
     return shapely.polygons(rings(polygon.exterior), holes=holes)
 
 
-def _moved(points: Floats, q: Floats) -> Floats:
+def moved(points: Floats, q: Floats) -> Floats:
     """Points of the robot, shape (m, 2), at configurations: shape (n, m, 2)."""
     if q.shape[1] == 2:
         return np.asarray(points[None] + q[:, None])

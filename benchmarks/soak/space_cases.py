@@ -12,9 +12,7 @@ import cspace
 from benchmarks.soak.plane_cases import Scale
 from benchmarks.soak.space_geometry import Blocks, Shape, matrix_of, merged_cells
 from benchmarks.soak.space_meshes import MESHES
-from benchmarks.soak.space_pairs import NO_FCL as NO_FCL
 from benchmarks.soak.space_pairs import Pair, Walls, pair
-from benchmarks.soak.space_pairs import fcl_is_here as fcl_is_here
 from cspace import CSpace, Robot, Workspace
 from cspace.arrays import Bools, Floats
 

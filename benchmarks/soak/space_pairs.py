@@ -11,17 +11,6 @@ import numpy as np
 from benchmarks.soak.space_geometry import Blocks, Shape, Skin, box_gaps, chunks
 from cspace.arrays import Bools, Floats, Ints
 
-NO_FCL = "FCL is not installed; pip install python-fcl"
-
-
-def fcl_is_here() -> bool:
-    """Whether FCL can be imported."""
-    try:
-        import fcl  # noqa: F401 - whether it is there at all
-    except ImportError:
-        return False
-    return True
-
 
 class Pair(Protocol):
     """A robot and obstacles."""

@@ -16,23 +16,11 @@ from cspace import Arm, Robot, build_arm
 from cspace.arms import ArmSpace, Placed
 from cspace.arrays import Floats
 
-NO_COAL = "pinocchio and coal are not installed; pip install pin"
-NO_VAMP = "VAMP is not installed; pip install vamp-planner"
-
 RESOLUTION = 0.01
 """OMPL's default: its longest step, as a share of the space's extent."""
 
 CLOSE = 1e-6
 """Metres: what coal takes for a collision may be apart by its tolerance."""
-
-
-def is_here(name: str) -> bool:
-    """Whether a package can be imported."""
-    try:
-        __import__(name)
-    except ImportError:
-        return False
-    return True
 
 
 @dataclass(frozen=True)

@@ -14,16 +14,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from benchmarks import inputs, motions
-from benchmarks.report import Report
+from benchmarks import inputs
+from benchmarks.report import Report, is_here
 from benchmarks.suites.arm_peers import (
-    NO_COAL,
-    NO_VAMP,
     Folder,
     Problem,
     Vamp,
     discrete,
-    is_here,
     solve_by_ompl,
 )
 from benchmarks.timing import Timing
@@ -56,13 +53,9 @@ def run(report: Report, seed: int) -> None:
     if folder is None or not (folder / "arms").is_dir():
         report.note(inputs.NO_DATA)
         return
-    if not motions.ompl_is_here(report):
+    if not (report.has("ompl") and report.has("pinocchio")):
         return
-    if not is_here("pinocchio"):
-        report.note(f"skipped: {NO_COAL}")
-        return
-    if not is_here("vamp"):
-        report.note(f"VAMP skipped: {NO_VAMP}")
+    report.has("vamp", "VAMP skipped")
     for robot, least in ROBOTS.items():
         files = Folder(folder / "arms" / robot)
         if not files.path.is_dir():

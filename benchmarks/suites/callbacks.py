@@ -8,7 +8,7 @@ import numpy as np
 
 import cspace
 from benchmarks import inputs, motions
-from benchmarks.motions import asker, edges_of, ompl_is_here, states_of
+from benchmarks.motions import asker, edges_of, states_of
 from benchmarks.report import Report
 from benchmarks.timing import interleave
 from cspace import CSpace, Robot, Workspace
@@ -20,7 +20,7 @@ EDGE = 100
 
 def run(report: Report, seed: int) -> None:
     """Both on a map of boxes, through OMPL's own space information."""
-    if not ompl_is_here(report):
+    if not report.has("ompl"):
         return
     from ompl import base as ob
 

@@ -6,8 +6,6 @@ import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from benchmarks.suites.outer_maps import named
 
 Row = Mapping[str, Any]
@@ -30,7 +28,6 @@ STYLES: dict[str, dict[str, Any]] = {
 CHOSEN = named("auto")
 GREY = "#333333"
 
-GAP = 0.052
 """Least distance of labels, as a share of a panel's height."""
 
 
@@ -62,18 +59,18 @@ def drawn(rows: Sequence[Row]) -> bytes:
 
 
 def _panel(panel: Any, sweep: str, rows: Sequence[Row]) -> None:
-    """One sweep: a line for each way, named where it ends."""
+    """One sweep: a line for each way."""
     x = "size" if len({row["size"] for row in rows}) > 1 else "across"
     dim = rows[0]["dim"]
-    last_points: list[tuple[float, float, str, str]] = []
     for way, style in STYLES.items():
         line = sorted(_place(row, x) for row in rows if row["way"] == way)
         if line:
             sampled = any("extrapolated_from" in row for row in rows if row["way"] == way)
-            _draw(panel, line, {"linewidth": 1.3, "markersize": 5.0, **style})
-            last_points.append((*line[-1][:2], f"{way} (extrapolated)" if sampled else way, style["color"]))
+            name = f"{way} (extrapolated)" if sampled else way
+            _draw(panel, line, {"linewidth": 1.3, "markersize": 5.0, "label": name, **style})
     places, seconds, _ = zip(*(_place(row, x) for row in rows if row["way"] == CHOSEN), strict=True)
-    panel.plot(places, seconds, linestyle="none", marker="o", markersize=12.0, fillstyle="none", color=GREY)
+    ring: dict[str, Any] = {"marker": "o", "markersize": 12.0, "fillstyle": "none", "color": GREY}
+    panel.plot(places, seconds, linestyle="none", label=CHOSEN, **ring)
     panel.set(xscale="log", yscale="log", ylabel="seconds")
     ticks = sorted({row[x] for row in rows})
     panel.set_xticks(ticks, [str(tick) for tick in ticks])
@@ -87,11 +84,8 @@ def _panel(panel: Any, sweep: str, rows: Sequence[Row]) -> None:
     else:
         panel.set(title=f"{sweep}: {other} cells", xlabel=f"cells across the {shape}")
     panel.title.set_size(11)
-    note = f"rings: {CHOSEN}"
-    if any(row.get("left_out") for row in rows):
-        note += "\ndashed, hollow: not run, expected"
-    panel.text(0.02, 0.98, note, transform=panel.transAxes, va="top", fontsize=9, color=GREY)
-    _label(panel, last_points)
+    expected = "dashed, hollow: not run, expected" if any(row.get("left_out") for row in rows) else None
+    panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=9, frameon=False, title=expected)
 
 
 def _place(row: Row, x: str) -> tuple[float, float, bool]:
@@ -106,36 +100,6 @@ def _draw(panel: Any, line: Sequence[tuple[float, float, bool]], style: Mapping[
     panel.plot([x for x, _, _ in run], [y for _, y, _ in run], **style)
     rest = [point for point in line if not point[2]]
     if rest:
-        faint = {**style, "linestyle": "--", "linewidth": 0.8, "alpha": 0.7}
+        faint = {**style, "linestyle": "--", "linewidth": 0.8, "alpha": 0.7, "label": None}
         whole = [*run[-1:], *rest]
         panel.plot([x for x, _, _ in whole], [y for _, y, _ in whole], **faint, fillstyle="none")
-
-
-def _label(panel: Any, last_points: Sequence[tuple[float, float, str, str]]) -> None:
-    """Names beside the ends of lines, moved apart where they would overlap."""
-    low, high = np.log10(panel.get_ylim())
-    heights = [(float(np.log10(seconds)) - low) / (high - low) for _, seconds, _, _ in last_points]
-    for index, height in zip(np.argsort(heights), _apart(sorted(heights)), strict=True):
-        place, seconds, name, color = last_points[index]
-        panel.annotate(
-            name,
-            (place, seconds),
-            xytext=(1.04, height),
-            textcoords="axes fraction",
-            va="center",
-            fontsize=9,
-            color=color,
-            arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.6, "alpha": 0.6},
-        )
-
-
-def _apart(heights: Sequence[float]) -> list[float]:
-    """Ascending heights, moved as little as need be to keep their distance."""
-    groups = [[height, 1.0] for height in heights]
-    merged: list[list[float]] = []
-    for middle, number in groups:
-        merged.append([middle, number])
-        while len(merged) > 1 and merged[-1][0] - merged[-2][0] < GAP * (merged[-1][1] + merged[-2][1]) / 2.0:
-            (b, n), (a, m) = merged.pop(), merged.pop()
-            merged.append([(a * m + b * n) / (m + n), m + n])
-    return [middle + GAP * (k - (number - 1.0) / 2.0) for middle, number in merged for k in range(int(number))]

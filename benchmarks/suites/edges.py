@@ -58,7 +58,7 @@ class Edges:
 
 def run(report: Report, seed: int) -> None:
     """In the plane on maps that fit and do not fit a core's cache, with turns, and in space."""
-    if not motions.ompl_is_here(report):
+    if not report.has("ompl"):
         return
     rng = np.random.default_rng(seed)
     quick = report.quick

@@ -5,17 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
 from benchmarks.report import Report
-from benchmarks.soak.frequency import NO_FINUFFT
 from benchmarks.soak.frequency_cases import POOL, Body, oracle, overlap_of, pool_body, random_turn
-from benchmarks.soak.space_pairs import NO_FCL
-from benchmarks.timing import Timing, interleave
+from benchmarks.timing import interleave, once
 from cspace import Grid
 from cspace.arrays import Bools, Floats, Ints
 from cspace.spectral import (
@@ -78,10 +75,7 @@ def run(report: Report, seed: int) -> None:
     rng = np.random.default_rng(seed)
     for name, make in (("indicators", _flags), ("bumps of balls", _bumps)):
         _minkowski(report, name, make, rng)
-    try:
-        import finufft  # noqa: F401 - whether it is there at all
-    except ImportError:
-        report.note(f"skipped all but Minkowski sums: {NO_FINUFFT}")
+    if not report.has("finufft", "skipped all but Minkowski sums"):
         return
     for dim in (2, 3):
         _spectra(report, dim, rng)
@@ -89,11 +83,6 @@ def run(report: Report, seed: int) -> None:
         _values(report, seed, dim, rng)
     for dim in (2, 3):
         _misses(report, seed, dim)
-
-
-def _timed(call: Callable[[], Any]) -> Timing:
-    """One timed run of what takes long."""
-    return interleave({"": call}, 0, slow=0.0)[""]
 
 
 # ---- spectra ---------------------------------------------------------------------------------------------------------
@@ -159,9 +148,9 @@ def _spectra(report: Report, dim: int, rng: np.random.Generator) -> None:
         whole = count**dim
         asked = min(whole, max(1, PAIRS // number))
         places = np.arange(whole) if asked == whole else rng.choice(whole, asked, replace=False)
-        direct = _timed(partial(_direct_sum(centers, radii, count), places)).per(asked / whole)
+        direct = once(partial(_direct_sum(centers, radii, count), places)).per(asked / whole)
         report.timing(f"direct sum, extrapolated from 1 / {whole / asked:.4g}", direct)
-        report.ratio("direct sum / ours", direct, ours, least=None if report.quick else LEAST_SPECTRUM)
+        report.ratio("direct sum / ours", direct, ours, least=LEAST_SPECTRUM)
         off = float(np.abs(direct.value - ours.value.ravel()[places]).max()) / float(ours.value.flat[0].real)
         report.check(off <= TOLERANCE, f"direct sum: within {off:.1g} of F(0)")
 
@@ -203,8 +192,8 @@ def _minkowski(report: Report, name: str, make: Callable[..., Descriptor], rng: 
         fft = interleave({"": partial(minkowski_sum, f, g, "fft")}, 3)[""]
         report.timing("ours, fft", fft)
         direct = {
-            "ours, direct": _timed(partial(minkowski_sum, f, g, "direct")),
-            "compiled sums": _timed(partial(_convolution, f.values, g.values)),
+            "ours, direct": once(partial(minkowski_sum, f, g, "direct")),
+            "compiled sums": once(partial(_convolution, f.values, g.values)),
         }
         for call, timing in direct.items():
             report.timing(call, timing)
@@ -224,7 +213,7 @@ def _minkowski(report: Report, name: str, make: Callable[..., Descriptor], rng: 
     for call, timing in direct.items():
         more = timing.per((across / cells) ** 2)
         report.timing(f"{call}, extrapolated from {across} x {across} cells", more)
-        report.ratio(f"{call} / ours, fft", more, fft, least=None if report.quick else LEAST_MINKOWSKI)
+        report.ratio(f"{call} / ours, fft", more, fft, least=LEAST_MINKOWSKI)
 
 
 # ---- overlaps --------------------------------------------------------------------------------------------------------
@@ -240,12 +229,12 @@ def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> No
     report.section(f"{number} placements {where}, {overlap.frequencies} frequencies (opposite ones counted once)")
     ts = rng.uniform(*overlap.domain, (number, dim))
     for name, one, least in (
-        ("value", overlap.value, None if report.quick else LEAST_VALUES),
+        ("value", overlap.value, LEAST_VALUES),
         ("gradient", overlap.gradient, None),
     ):
         together = interleave({name: partial(one, ts)}, 3)[name]
         one(ts[0])  # compiles it
-        alone = _timed(lambda one=one: np.array([one(t) for t in ts[:single]])).per(single / number)
+        alone = once(lambda one=one: np.array([one(t) for t in ts[:single]])).per(single / number)
         report.timing(f"{name}(ts)", together)
         report.timing(f"{name}(t), one by one, extrapolated from {single}", alone)
         report.ratio(f"{name}(t), one by one / {name}(ts)", alone, together, least=least)
@@ -256,12 +245,8 @@ def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> No
 
 def _misses(report: Report, seed: int, dim: int) -> None:
     """How many frequencies an early miss takes: swollen balls first, and by frequencies alone."""
-    if dim == 3:
-        try:
-            import fcl  # noqa: F401 - whether it is there at all
-        except ImportError:
-            report.note(f"early misses in space skipped: {NO_FCL}")
-            return
+    if dim == 3 and not report.has("fcl", "early misses in space skipped"):
+        return
     numbers = range(1 if report.quick else SCENES[dim])
     scenes = [_scene(seed, dim, np.random.default_rng([seed, number, 50 + dim])) for number in numbers]
     for share in SHARES[-1:] if report.quick else SHARES:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.report import Report
-from benchmarks.timing import Timing, interleave, memory_rise
+from benchmarks.timing import interleave, memory_rise, once
 from cspace import Workspace
 from cspace.arrays import Bools, Floats, Ints
 from cspace.shapes.mesh import Mesh
@@ -42,15 +41,14 @@ def run(report: Report, seed: int) -> None:
     timings = interleave(calls, runs)
     # trimesh keeps what it has computed with a mesh: each run takes a new one. It is slow, and runs once.
     peers = {
-        "trimesh voxelized": _timed(partial(_trimesh, vertices, faces, spacing, False)),
-        "trimesh voxelized and fill": _timed(partial(_trimesh, vertices, faces, spacing, True)),
+        "trimesh voxelized": once(partial(_trimesh, vertices, faces, spacing, False)),
+        "trimesh voxelized and fill": once(partial(_trimesh, vertices, faces, spacing, True)),
     }
     for name, timing in {**timings, **peers}.items():
         rise = risen.get(name)
         report.timing(name, timing, **({} if rise is None else {"peak_memory": f"+{rise / 2**20:.0f} MB"}))
     solid, surface = timings.values()
-    most = None if report.quick else MOST
-    report.figure("ours, solid", solid.median, "s", most=most)
+    report.figure("ours, solid", solid.median, "s", most=MOST)
     report.ratio("trimesh voxelized / ours, surface", peers["trimesh voxelized"], surface)
     report.ratio("trimesh voxelized and fill / ours, solid", peers["trimesh voxelized and fill"], solid)
     _compare(report, "surface", surface.value.outer, peers["trimesh voxelized"].value)
@@ -108,11 +106,3 @@ def _trimesh(vertices: Floats, faces: Ints, spacing: float, fill: bool) -> Bools
     cells = np.zeros((round(1.0 / spacing),) * 3, dtype=np.bool_)
     cells[tuple(np.round(np.asarray(voxels.points) / spacing).astype(np.int64).T)] = True
     return cells
-
-
-def _timed(call: Callable[[], Any]) -> Timing:
-    began, cpu = time.perf_counter(), time.process_time()
-    timing = Timing(call())
-    timing.seconds.append(time.perf_counter() - began)
-    timing.cpu.append(time.process_time() - cpu)
-    return timing

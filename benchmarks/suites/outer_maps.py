@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cspace
+from benchmarks.report import is_here
 from benchmarks.suites.stamping import stamp
 from cspace import Robot, Workspace
 from cspace.arrays import Bools
@@ -19,8 +20,6 @@ from cspace.engines import METHODS as METHODS
 from cspace.raster.raster import Raster
 
 Call = Callable[[], Bools]
-
-NO_OPENCV = "OpenCV's functions are left out: it is not installed; pip install opencv-python-headless"
 
 
 def ours(workspace: Workspace, robot: Robot, method: str) -> Bools:
@@ -79,15 +78,6 @@ def filtered(occupied: Bools, raster: Raster) -> Call:
     return lambda: cv2.filter2D(image, cv2.CV_32F, kernel, **options) > 0.5
 
 
-def opencv_is_here() -> bool:
-    """Whether OpenCV can be imported."""
-    try:
-        import cv2  # noqa: F401 - whether it is there at all
-    except ImportError:
-        return False
-    return True
-
-
 @dataclass(frozen=True)
 class Peer:
     """One peer.
@@ -111,7 +101,7 @@ class Peer:
 
 def peers(dim: int) -> list[Peer]:
     """All that are installed and go with a number of dimensions."""
-    every = [*PEERS, *(OPENCV if opencv_is_here() else [])]
+    every = [*PEERS, *(OPENCV if is_here("cv2") else [])]
     return [way for way in every if dim in way.dims]
 
 

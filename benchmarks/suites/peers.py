@@ -7,15 +7,14 @@ import numpy as np
 from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.suites import promises, sweeps
-from benchmarks.suites.outer_maps import METHODS, NO_OPENCV, opencv_is_here, ours, peers
+from benchmarks.suites.outer_maps import METHODS, ours, peers
 from cspace import Robot, Workspace
 
 
 def run(report: Report, seed: int) -> None:
     """Warm up, then compare; results must be equal."""
     rng = np.random.default_rng(seed)
-    if not opencv_is_here():
-        report.note(NO_OPENCV)
+    report.has("cv2", "OpenCV's functions are left out")
     _warm_up(rng)
     promises.run(report, rng)
     sweeps.run(report, rng)

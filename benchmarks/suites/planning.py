@@ -25,7 +25,7 @@ Solver = Callable[[Query, int], tuple[float, Floats | None]]
 
 def run(report: Report, seed: int) -> None:
     """The same queries and seeds in every space, ours and the peer's in turns."""
-    if not motions.ompl_is_here(report):
+    if not report.has("ompl"):
         return
     if inputs.data_folder() is None:
         report.note(inputs.NO_DATA)

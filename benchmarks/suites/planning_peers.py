@@ -19,7 +19,7 @@ from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.soak.plane_geometry import union_of_cells
 from benchmarks.soak.space_geometry import Blocks, merged_cells
-from benchmarks.soak.space_pairs import NO_FCL, fcl_is_here, pair
+from benchmarks.soak.space_pairs import pair
 from cspace import CSpace, Grid, Robot, Workspace
 from cspace.arrays import Bools, Floats
 
@@ -111,8 +111,7 @@ def problems(report: Report, rng: np.random.Generator) -> Iterator[Problem]:
         if name.endswith("yaml"):
             title = f"{name}, rectangle of {LENGTH:g} m x {WIDTH:g} m"
             yield Problem(title, workspace, Robot.rectangle(LENGTH, WIDTH), ROTATIONS, _rectangle, far, 10.0)
-    if not fcl_is_here():
-        report.note(f"in space skipped: {NO_FCL}")
+    if not report.has("fcl", "in space skipped"):
         return
     folder = inputs.data_folder() or Path()
     for name, problem in ((TUNNEL, _tunnel), (BUILDING, partial(_building, queries=far, quick=report.quick))):

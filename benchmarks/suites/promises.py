@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import cspace
 from benchmarks import inputs
 from benchmarks.report import Report
-from benchmarks.suites.outer_maps import NO_OPENCV, across, convolved, named, ours, peers
+from benchmarks.suites.outer_maps import across, convolved, named, ours, peers
 from benchmarks.suites.stamping import border_cells, stamp
 from benchmarks.timing import interleave, memory_rise
 from cspace import Robot, Workspace
@@ -105,8 +105,7 @@ def _memory(report: Report, size: int, rng: np.random.Generator) -> None:
         rise = memory_rise(
             lambda method=method: cspace.build(Workspace.from_array(occupied, 1.0), robot, method=method)
         )
-        most = None if report.quick else MOST_MEMORY
-        report.figure(f"{named(method)}: peak memory, above what there was", rise / 2**30, "GiB", most=most)
+        report.figure(f"{named(method)}: peak memory, above what there was", rise / 2**30, "GiB", most=MOST_MEMORY)
 
 
 def _floor(report: Report, workspace: Workspace, robot: Robot) -> None:
@@ -133,9 +132,8 @@ def _floor(report: Report, workspace: Workspace, robot: Robot) -> None:
         calls |= {f"ours, {workers}": partial(correlated, workers), f"bare, {workers}": partial(bare, workers)}
     timings = interleave(calls, _runs(report))
     for workers in sorted({1, min(2, cores())}):
-        most = None if report.quick else FLOOR
         name = f"our transforms / two bare ones, workers each: {workers}"
-        report.ratio(name, timings[f"ours, {workers}"], timings[f"bare, {workers}"], most=most)
+        report.ratio(name, timings[f"ours, {workers}"], timings[f"bare, {workers}"], most=FLOOR)
 
 
 def _translating(report: Report, workspace: Workspace, robot: Robot, name: str, goals: Goals) -> None:
@@ -148,15 +146,12 @@ def _translating(report: Report, workspace: Workspace, robot: Robot, name: str, 
     chosen = {way.name: way for way in peers(occupied.ndim) if way.name in asked}
     calls: dict[str, Callable[[], Bools]] = {named(method): partial(ours, workspace, robot, method) for method in goals}
     calls |= {peer: way.ready(occupied, raster) for peer, way in chosen.items()}
-    if len(chosen) < len(asked):
-        report.note(NO_OPENCV)
     timings = interleave(calls, _runs(report), SLOW)
     for call, timing in timings.items():
         report.timing(call, timing)
     for method, of_engine in goals.items():
         for peer in chosen:
-            least = None if report.quick else of_engine.get(peer)
-            report.ratio(f"{peer} / {named(method)}", timings[peer], timings[named(method)], least=least)
+            report.ratio(f"{peer} / {named(method)}", timings[peer], timings[named(method)], least=of_engine.get(peer))
     wanted = timings["fftconvolve float64"].value
     for call in timings:
         report.check(bool((timings[call].value == wanted).all()), f"{call}: equal to fftconvolve, cell for cell")
@@ -189,7 +184,7 @@ def _turning(report: Report, occupied: Bools) -> None:
         report.timing(call, timing)
     for method, least in TURNING.items():
         ratio = f"{peer} / {named(method)}"
-        report.ratio(ratio, timings[peer], timings[named(method)], least=None if report.quick else least)
+        report.ratio(ratio, timings[peer], timings[named(method)], least=least)
         _check_slices(report, named(method), timings[named(method)].value, timings[peer].value)
 
 
@@ -221,13 +216,11 @@ def _stamping(report: Report) -> None:
         )
         for call, timing in timings.items():
             report.timing(call, timing)
-        least = None if report.quick else STAMPING
-        report.ratio(f"{peer} / {named('auto')}", timings[peer], timings[named("auto")], least=least)
+        report.ratio(f"{peer} / {named('auto')}", timings[peer], timings[named("auto")], least=STAMPING)
         slower.append(timings[peer].median / timings[named("auto")].median)
         _check_slices(report, named("auto"), timings[named("auto")].value, timings[peer].value)
     report.section(f"{len(slower)} real maps x {rotations} yaw cells")
-    least = None if report.quick else STAMPING_MEDIAN
-    report.figure(f"{peer} / {named('auto')}, median", statistics.median(slower), least=least)
+    report.figure(f"{peer} / {named('auto')}, median", statistics.median(slower), least=STAMPING_MEDIAN)
 
 
 def _check_slices(report: Report, call: str, space: cspace.CSpace, wanted: list[Bools]) -> None:

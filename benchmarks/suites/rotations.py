@@ -13,7 +13,6 @@ from scipy import signal
 import cspace
 from benchmarks.motions import asker, edges_of, states_of
 from benchmarks.report import Report
-from benchmarks.soak.space_pairs import NO_FCL, fcl_is_here
 from benchmarks.suites import planning, rotation_scenes
 from benchmarks.suites.outer_maps import convolved
 from benchmarks.suites.planning_peers import LIMIT
@@ -41,8 +40,7 @@ ALONG = 200
 
 def run(report: Report, seed: int) -> None:
     """One scene after the other."""
-    if not fcl_is_here():
-        report.note(f"skipped: {NO_FCL}")
+    if not report.has("fcl"):
         return
     rng = np.random.default_rng(seed)
     quick = report.quick
@@ -155,7 +153,7 @@ def _look_ups(report: Report, space: CSpace, fcl: Fcl, rng: np.random.Generator)
     with one_core():
         timing = interleave({"batch": partial(space.is_free, q)}, runs)["batch"].per(number)
     report.timing("is_free in a batch on one core, one look-up", timing)
-    report.figure("  the same, of CPU", 1e9 * timing.median_cpu, "ns", most=None if report.quick else 100.0)
+    report.figure("  the same, of CPU", 1e9 * timing.median_cpu, "ns", most=100.0)
 
     few = q[:1000]
     starts, goals = _edges(space, rng, 1000)
@@ -168,7 +166,7 @@ def _look_ups(report: Report, space: CSpace, fcl: Fcl, rng: np.random.Generator)
     states = states_of(space, informations["ours"], few)
     callback = interleave({"callback": asker(checker.isValid, states)}, runs)["callback"].per(1000)
     report.timing("isValid of our checker, as OMPL calls it", callback)
-    report.figure("  the same, of CPU", 1e6 * callback.median_cpu, "us", most=None if report.quick else 0.6)
+    report.figure("  the same, of CPU", 1e6 * callback.median_cpu, "us", most=0.6)
     asks: dict[str, Callable[[], list[bool]]] = {}
     walks: dict[str, Callable[[], list[bool]]] = {}
     for name, si in informations.items():
@@ -180,7 +178,7 @@ def _look_ups(report: Report, space: CSpace, fcl: Fcl, rng: np.random.Generator)
         for name, timing in timings.items():
             each = timing.per(1000)
             report.timing(f"{what}, {name}, one call", each)
-            most = target if name == "ours" and not report.quick else None
+            most = target if name == "ours" else None
             report.figure("  the same, of CPU", 1e6 * each.median_cpu, "us", most=most)
         for name in ("ours", "ours, exact"):
             report.ratio(f"{what}: FCL / {name}", timings["FCL"], timings[name])

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from functools import partial
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import cspace
-from benchmarks.report import Report
+from benchmarks.report import Report, is_here
 from benchmarks.soak.space_geometry import merged_cells
 from benchmarks.timing import Timing, interleave
 from cspace import Robot, Workspace
@@ -62,11 +61,6 @@ def run(
         wrong = int(((expected == cspace.FREE) & hits).sum() + ((expected == cspace.BLOCKED) & ~hits).sum())
         counts = f"{(expected == cspace.FREE).sum()} FREE and {(expected == cspace.BLOCKED).sum()} BLOCKED"
         report.check(not wrong, f"{name}: of {counts} cells, {wrong} are not so at a configuration in them")
-
-
-def missing(dim: int) -> list[str]:
-    """What is not installed of the libraries."""
-    return [name for name, (package, _, dims) in LIBRARIES.items() if dim in dims and not _is_here(package)]
 
 
 def _beside_others(state: NDArray[np.uint8], rng: np.random.Generator) -> Ints:
@@ -166,12 +160,4 @@ LIBRARIES: dict[str, tuple[str, Callable[[Ints], Checker], tuple[int, ...]]] = {
 
 
 def _checkers(dim: int) -> list[tuple[str, Callable[[Ints], Checker]]]:
-    return [(name, make) for name, (package, make, dims) in LIBRARIES.items() if dim in dims and _is_here(package)]
-
-
-def _is_here(package: str) -> bool:
-    try:
-        import_module(package)
-    except ImportError:
-        return False
-    return True
+    return [(name, make) for name, (package, make, dims) in LIBRARIES.items() if dim in dims and is_here(package)]

@@ -10,9 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
+from benchmarks.soak.plane_geometry import moved
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.shapes import Balls
-from placements import obstacles_of, turned
+from handmade import walled
+from placements import obstacles_of
 from strategies import robots, seeds, stars
 
 SIDE = 0.6
@@ -34,10 +36,10 @@ def distances(space, q, shape):
         return np.full(len(q), np.inf)
     body = space.robot.shape
     if isinstance(body, Balls):
-        centers = shapely.points(turned(body.centers, q))
+        centers = shapely.points(moved(body.centers, q))
         return (shapely.distance(centers, shape) - body.radii).min(axis=1)
     robot = body.outline
-    where = turned(shapely.get_coordinates(robot), q).reshape(-1, 2)
+    where = moved(shapely.get_coordinates(robot), q).reshape(-1, 2)
     return shapely.distance(shapely.set_coordinates(np.array([robot] * len(q)), where), shape)
 
 
@@ -181,9 +183,7 @@ def test_a_disc_around_its_reference_point_turns_without_cost():
 
 
 def test_touching_is_a_collision():
-    cells = np.zeros((10, 10), dtype=bool)
-    cells[5, 5] = True
-    space = cspace.build(Workspace.from_array(cells, 1.0), Robot.rectangle(1.0, 1.0))
+    space = cspace.build(Workspace.from_array(walled((10, 10), np.s_[5, 5]), 1.0), Robot.rectangle(1.0, 1.0))
     assert not space.is_free([4.5, 5.5], exact=True)
     assert space.is_free([4.5 - 1e-6, 5.5], exact=True)
     assert not space.motion_is_free([4.5, 3.0], [4.5, 8.0], exact=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import shutil
@@ -18,15 +17,11 @@ import pytest
 from PIL import Image
 
 import cspace
+from benchmarks.soak import files as soak
 from cspace import FileError, InputError, Workspace
 from cspace.errors import CspaceError
 from cspace.io.limits import raised_limits
 from cspace.shapes import Mesh
-
-SPEC = importlib.util.spec_from_file_location("files", Path(__file__).parents[2] / "benchmarks" / "soak" / "files.py")
-assert SPEC is not None and SPEC.loader is not None
-soak = importlib.util.module_from_spec(SPEC)
-SPEC.loader.exec_module(soak)
 
 
 @pytest.fixture(scope="module")

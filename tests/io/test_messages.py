@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 import cspace
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.io.messages import Costmap, OccupancyGrid
+from handmade import walled
 
 RNG = np.random.default_rng(0)
 
@@ -53,9 +54,7 @@ def strict(about, sizes, typecode):
 
 @pytest.fixture(scope="module")
 def spaces():
-    occupied = np.zeros((40, 30), dtype=bool)
-    occupied[20, :18] = occupied[5:8, 22:26] = True
-    workspace = Workspace.from_array(occupied, 0.1, (-1.0, 2.0))
+    workspace = Workspace.from_array(walled((40, 30), np.s_[20, :18], np.s_[5:8, 22:26]), 0.1, (-1.0, 2.0))
     disc, car = Robot.disc(0.23), Robot.rectangle(0.5, 0.3)
     return {"disc": cspace.build(workspace, disc), "car": cspace.build(workspace, car, rotations=6)}
 

@@ -384,6 +384,8 @@ def npy_header(shape, kind="<f8", version=1):
             for version in (1, 2)
             for shape in [(2**70, 3), (2**62, 3), (10**12, 3), (5, 3), (-1, 3), (0, 2**70)]
         ],
+        b"",
+        b"\x93NUMPY garbage",
         b"PK\x03\x04" + bytes(50),
         b"\x93NUMPY\x03\x00" + bytes(100),
         b"\x93NUMPY\x09\x00" + bytes(100),

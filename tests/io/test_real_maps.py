@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import cspace
-from cspace import FREE, Robot, Workspace
+from cspace import Robot, Workspace
 
 MOVINGAI = ["AR0011SR", "Berlin_1_1024", "arena", "brc504d", "maze512-32-0", "random512-10-0"]
 

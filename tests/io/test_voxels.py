@@ -83,7 +83,7 @@ def test_malformed_voxel_maps(tmp_path: Path, text: str, message: str) -> None:
 )
 def test_maps_larger_than_memory_or_missing_are_refused(tmp_path, read, content, message):
     path = tmp_path / "huge"
-    with pytest.raises(FileError, match="does not exist; an? (MovingAI|OctoMap)"):
+    with pytest.raises(FileError, match=r"does not exist; an? (MovingAI|OctoMap)"):
         read(path)
     path.write_bytes(content)
     with pytest.raises(FileError, match=message) as caught:

@@ -16,10 +16,9 @@ import oracles
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.angles import ANGLE_SLACK, TURN
 from cspace.rotations import Rotations
-from handmade import Outside, but, cells_around, map_of, outsides, state_of, states
-from placements import collides, draw_configurations
+from handmade import Outside, but, cells_around, map_of, outsides, state_of, states, walled
 from planning import edge
-from strategies import robots, rotation_cells, seeds
+from strategies import rotation_cells, seeds
 
 H = 0.25
 ALL_FREE = Outside.all_of(FREE)
@@ -148,28 +147,6 @@ def test_samples_of_a_free_edge_are_free(seed, kind, outside):
         assert space.is_free(edge(space, a, b, np.linspace(0, 1, 101))[0]).all()
 
 
-@settings(max_examples=60)
-@given(seeds, st.sampled_from(["blocked", "free"]))
-def test_points_of_a_free_edge_do_not_collide(seed, outside):
-    rng = np.random.default_rng(seed)
-    occupied = rng.random((40, 30)) < 0.02
-    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.12, (0.3, 0.0)), outside=outside)
-    q0 = draw_configurations(space, rng, 200)
-    q1 = np.where(
-        rng.random((200, 1)) < 0.5, q0 + rng.uniform(-0.5, 0.5, (200, 2)), draw_configurations(space, rng, 200)
-    )
-    free = space.motion_is_free(q0, q1)
-    assert (free == space.motion_is_free(q1, q0)).all()
-    along = q0[free, None] + np.linspace(0, 1, 101)[:, None] * (q1 - q0)[free, None]
-    # Rounding may put a sample that lies on the border of the grid outside of it.
-    along = np.where(np.abs(along - space.grid.upper) < 1e-12, space.grid.upper, along)
-    along = np.where(np.abs(along - space.grid.lower) < 1e-12, space.grid.lower, along)
-    assert space.is_free(along).all()
-    few = along[:6].reshape(-1, 2)
-    assert not collides(space, few, -1e-9).any()
-    assert free.any()
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 def test_long_edges_outside_the_grid(dim):
     space = map_of(np.zeros((4,) * dim))
@@ -185,9 +162,7 @@ def test_long_edges_outside_the_grid(dim):
 
 
 def test_edges_outside_keep_off_what_is_undecided():
-    occupied = np.zeros((10, 10), dtype=bool)
-    occupied[0, 5] = True
-    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.2), outside="free")
+    space = cspace.build(Workspace.from_array(walled((10, 10), np.s_[0, 5]), 0.1), Robot.disc(0.2), outside="free")
     assert space.motion_is_free((-1.0, -1.0), (-1.0, 2.0))
     assert not space.motion_is_free((-0.15, -1.0), (-0.15, 2.0))
     assert space.motion_is_free((-1.0, 0.05), (0.05, 0.05))
@@ -352,33 +327,9 @@ def test_edges_are_walked_as_ompl_interpolates(rotations, seed):
     assert set(map(tuple, cells.tolist())) <= oracles.touched_turned_cells(*walk, slack=1e-8)
 
 
-@settings(max_examples=25)
-@given(robots(0.3), rotation_cells(16), seeds, st.sampled_from(["blocked", "free"]))
-def test_points_of_a_free_edge_do_not_collide_at_their_yaws(robot, rotations, seed, outside):
-    rng = np.random.default_rng(seed)
-    occupied = rng.random((20, 16)) < 0.03
-    space = cspace.build(Workspace.from_array(occupied, 0.2), robot, rotations=rotations, outside=outside)
-    q0 = draw_configurations(space, rng, 400)
-    reach = np.array([1.0, 1.0, 2.0]) * rng.choice([0.0, 0.3, 1.0, 2.0], (400, 1))
-    q1 = q0 + rng.uniform(-1, 1, (400, 3)) * reach
-    q1[:40, 2] = q0[:40, 2] + math.pi
-    free = np.flatnonzero(space.motion_is_free(q0, q1))
-    assert (space.motion_is_free(q1, q0) == space.motion_is_free(q0, q1)).all()
-    for k in free[:4]:
-        yaw0, yaw1 = ((q[k, 2] + math.pi) % TURN - math.pi for q in (q0, q1))
-        endpoints = [[*q[k, :2].tolist(), yaw] for q, yaw in ((q0, yaw0), (q1, yaw1))]
-        q = interpolate(*endpoints, np.linspace(0, 1, 101).tolist())
-        # Rounding must not carry a point off the edge's own box, and with it out of the grid.
-        q[:, :2] = np.clip(q[:, :2], np.minimum(*endpoints)[:2], np.maximum(*endpoints)[:2])
-        assert space.is_free(q).all()
-        assert not collides(space, q, 0.0).any()
-
-
 def test_edges_outside_the_grid_follow_the_policy():
     robot = Robot.rectangle(0.4, 0.1, (0.1, 0.0))
-    occupied = np.zeros((10, 10), dtype=bool)
-    occupied[0, 5] = True
-    workspace = Workspace.from_array(occupied, 0.1)
+    workspace = Workspace.from_array(walled((10, 10), np.s_[0, 5]), 0.1)
     free = cspace.build(workspace, robot, rotations=16, outside="free")
     blocked = cspace.build(workspace, robot, rotations=16)
     assert free.motion_is_free((-1.0, -1.0, 0.0), (-1.0, 2.0, 3.0))

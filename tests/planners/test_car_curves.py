@@ -128,12 +128,6 @@ def test_curves_in_both_directions_are_the_same_both_ways() -> None:
         assert np.abs(turn_between(there[:, 2], back[:, 2])).max() < 1e-6
 
 
-@pytest.mark.parametrize("name", CURVES)
-def test_no_way_is_no_length(name: str) -> None:
-    q = np.array([1.0, 2.0, 3.0])
-    assert curve(name, 0.5).metres(q, q) == 0.0
-
-
 # ---- proofs ----------------------------------------------------------------------------------------------------------
 
 
@@ -178,6 +172,7 @@ def test_the_curve_that_ompl_drives_is_free_too(space: CSpace, name: str) -> Non
     """Also where several curves are equally short, or OMPL takes one that is not the shortest."""
     setup = planners.simple_setup(space, drive=name, turning_radius=0.5)
     info, states = setup.getSpaceInformation(), setup.getStateSpace()
+    assert isinstance(states, SPACES[name])
     out, own, others, free = states.allocState(), curve(name, 0.5, space), 0, 0
     for a, b in edges(space, 1500, 2):
         first, second = as_states(states, a, b)
@@ -297,14 +292,8 @@ def test_a_dense_path_lies_on_the_curve_and_holds_the_waypoints(space: CSpace, n
 
 def test_a_robot_that_is_there_has_a_path_of_itself(space: CSpace) -> None:
     q = np.array([[1.0, 1.0, 0.0]])
+    assert all(curve(name, 0.5).metres(q[0], q[0]) == 0.0 for name in CURVES)
     path, direction = curve("dubins", 0.5, space).dense(q)
     assert path.tolist() == q.tolist() and direction is not None and direction.tolist() == [1]
     path, direction = curve("dubins", 0.5, space).dense(np.concatenate([q, q]))
     assert path[0].tolist() == path[-1].tolist() == q[0].tolist()
-
-
-def test_the_names_of_the_curves_are_public_words() -> None:
-    space = room("turning")
-    for name in CURVES:
-        states = planners.state_space(space, drive=name, turning_radius=0.5)
-        assert isinstance(states, SPACES[name])

@@ -207,7 +207,7 @@ def test_no_point_of_a_path_collides(drive: str) -> None:
         check_driven(plan, drive)
         assert space.certify_path(plan.path).all() and space.certify_path(plan.waypoints).all()
         for first, last in itertools.pairwise(plan.waypoints):
-            assert not collides(space, driven(first, last, drive, 20), 0.0).any()
+            assert not collides(space, driven(first, last, drive, 20)).any()
         rough = planners.plan(space, *ENDPOINTS["turning"], drive=drive, seed=seed, time_limit=20.0, simplify=False)
         check(space, rough, *ENDPOINTS["turning"])
         lengths.append(rough.length / plan.length)

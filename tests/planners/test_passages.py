@@ -36,7 +36,7 @@ def test_a_corridor_two_per_cent_wider_than_the_robot_is_crossed(endpoints, seed
     assert plan.solved and plan.certified and plan.status.startswith("path found")
     assert plan.path[0] == pytest.approx(endpoints[0]) and plan.path[-1] == pytest.approx(endpoints[1])
     for first, second in itertools.pairwise(plan.waypoints):
-        assert not collides(space, edge(space, first, second, np.linspace(0, 1, 200))[0], 0.0, [walls]).any()
+        assert not collides(space, edge(space, first, second, np.linspace(0, 1, 200))[0], [walls]).any()
 
 
 def test_without_exact_it_is_not_crossed():

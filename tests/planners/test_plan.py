@@ -19,6 +19,7 @@ from ompl import util as ou
 
 import planners
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, CSpace, InputError, Robot, Workspace, build
+from handmade import walled
 from planners.catalogue import IGNORE_OBJECTIVES, REFUSED, SECOND_THREAD
 from planners.local_planner import CURVES
 from planning import (
@@ -465,9 +466,7 @@ def main():
 main()
 """
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    occupied = np.zeros((40, 40), dtype=bool)
-    occupied[20, :30] = True
-    space = build(Workspace.from_array(occupied, 0.1), Robot.disc(0.15))
+    space = build(Workspace.from_array(walled((40, 40), np.s_[20, :30]), 0.1), Robot.disc(0.15))
     paths = [planners.plan(space, (0.5, 0.5), (3.5, 0.5), seed=seed, time_limit=20.0).path.tolist() for seed in (2, 1)]
     assert run.stdout == f"{paths[0]}\n" != f"{paths[1]}\n"
     assert run.stderr == ""  # neither OMPL nor its bindings have anything to complain about

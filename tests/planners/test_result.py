@@ -20,11 +20,11 @@ import shapely
 from scipy.spatial.transform import Rotation
 
 import planners
+from benchmarks.soak.plane_geometry import moved
 from cspace import BLOCKED, CSpace, FileError, Robot, Workspace, build
 from cspace.errors import InputError
-from placements import placed
 from planners.local_planner import CURVES, HOLONOMIC, local_planner
-from planning import CAR, ENDPOINTS, SPACES, distances, halves, open_map, room, turn_between, usable
+from planning import CAR, ENDPOINTS, SPACES, distances, halves, open_map, room, usable
 
 CASES = [*((name, None) for name in SPACES), *(("turning", curve) for curve in CURVES)]
 
@@ -88,7 +88,7 @@ SIZES = {"space": (0.3, 0.3, 0.1), "yawing": (0.4, 0.2, 0.1), "floating": (0.3, 
 
 def apart_in_the_plane(obstacles: shapely.Geometry, robot: shapely.Geometry, radius: float, q: np.ndarray) -> float:
     """Distance from obstacles, by shapely; the robot is grown by a radius."""
-    return float(placed(robot, q[None])[0].distance(obstacles)) - radius
+    return float(shapely.transform(robot, lambda points: moved(points, q[None])[0]).distance(obstacles)) - radius
 
 
 def apart_in_space(space: CSpace, boxes: fcl.DynamicAABBTreeCollisionManager, size: Any, q: np.ndarray) -> float:
@@ -276,9 +276,3 @@ def test_a_plan_cannot_be_changed(plan: planners.Plan) -> None:
         plan.solved = False  # type: ignore[misc]
     with pytest.raises(ValueError, match="read-only"):
         plan.path[0, 0] = 3.0
-
-
-def test_dense_rows_turn_a_little_at_a_time() -> None:
-    plan = planners.plan(room("turning"), *ENDPOINTS["turning"], seed=4, time_limit=20.0)
-    assert len(plan.path) > len(plan.waypoints)
-    assert np.abs(turn_between(plan.path[:-1, 2], plan.path[1:, 2])).max() <= math.radians(5) + 1e-9

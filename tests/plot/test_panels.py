@@ -10,7 +10,7 @@ import pytest
 
 from cspace import CSpace, InputError, Robot, Rotations, Workspace, build
 from cspace.plot import plot
-from pictures import COLORS, class_of, heading, heading_box, labels, pixel, rendered, yard
+from pictures import COLORS, check_within, class_of, heading, heading_box, labels, pixel, rendered, yard
 
 
 @pytest.fixture(scope="module")
@@ -67,9 +67,7 @@ def test_any_number_of_panels_of_any_shape(count: int, shape: tuple[int, int]) -
         figure.draw_without_rendering()
         outer = [figure.legends[0].get_window_extent(), heading_box(figure)]
         panels = [ax.get_tightbbox() for ax in figure.axes]
-        for box in [*outer, *panels]:
-            assert 0 <= box.x0 < box.x1 <= figure.bbox.width
-            assert 0 <= box.y0 < box.y1 <= figure.bbox.height
+        check_within(figure, *outer, *panels)
         assert not any(box.overlaps(panel) for box in outer for panel in panels)
         assert all(min(ax.get_window_extent().width, ax.get_window_extent().height) > 15 for ax in figure.axes)
 

@@ -24,27 +24,18 @@ from cspace.errors import FileError, InputError
 from cspace.plot import artists, plot, save_plot
 from cspace.plot.artists import CLASSES
 from cspace.plot.route import rings
-from pictures import COLORS, class_of, heading, heading_box, labels, pixel, rendered
-
-
-def room() -> Workspace:
-    """8 m by 5 m, walls all round, and a block that touches no symmetry: x 5 to 6.5, y 1 to 2."""
-    occupied = np.zeros((80, 50), bool)
-    occupied[[0, -1], :] = True
-    occupied[:, [0, -1]] = True
-    occupied[50:65, 10:20] = True
-    return Workspace.from_array(occupied, 0.1)
+from pictures import COLORS, block, check_within, class_of, heading, heading_box, labels, pixel, rendered, yard
 
 
 @pytest.fixture(scope="module")
 def space() -> CSpace:
-    return build(room(), Robot.disc(0.32))
+    return build(block(), Robot.disc(0.32))
 
 
 @pytest.fixture(scope="module")
 def turning() -> CSpace:
     """The robot is long, and its reference point off its middle."""
-    return build(room(), Robot.rectangle(1.2, 0.4, center=(0.3, 0.0)), rotations=24)
+    return yard(Robot.rectangle(1.2, 0.4, center=(0.3, 0.0)))
 
 
 # ----------------------------------------------------------------------------------------------- cells
@@ -270,9 +261,7 @@ def test_all_is_in_the_figure(shape: tuple[int, int]) -> None:
     ax = plot(space, path=[space.grid.center_of((0, 0)), space.grid.upper])
     image = rendered(ax)
     panel, legend = ax.get_window_extent(), ax.figure.legends[0].get_window_extent()
-    for box in (panel, legend, heading_box(ax.figure)):
-        assert 0 <= box.x0 < box.x1 <= ax.figure.bbox.width
-        assert 0 <= box.y0 < box.y1 <= ax.figure.bbox.height
+    check_within(ax.figure, panel, legend, heading_box(ax.figure))
     assert not legend.overlaps(panel)
     assert not legend.overlaps(ax.xaxis.label.get_window_extent())
     assert min(panel.width, panel.height) > 60

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise, product
+from itertools import combinations, pairwise, product
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from cspace import CSpace, Robot, Workspace, build
 from cspace.errors import InputError
 from cspace.plot import plot
 from cspace.plot.sections import within
-from pictures import COLORS, class_of, heading, heading_box, labels, rendered
+from pictures import COLORS, check_within, class_of, heading, heading_box, labels, rendered
 
 PATH = [(0.6, 3.2, 1.8), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
 
@@ -134,11 +134,9 @@ def test_nothing_overlaps(shape: tuple[int, ...]) -> None:
     assert min(min(box.width, box.height) for box in parts) > 25
     parts += [figure.legends[0].get_window_extent(), heading_box(figure)]
     parts += [panel.texts[0].get_window_extent() for panel in figure.axes]
-    for i, one in enumerate(parts):
-        assert -1 <= one.x0 < one.x1 <= figure.bbox.width + 1
-        assert -1 <= one.y0 < one.y1 <= figure.bbox.height + 1
-        for other in parts[:i]:
-            assert not one.overlaps(other), (i, one, other)
+    check_within(figure, *parts)
+    for one, other in combinations(parts, 2):
+        assert not one.overlaps(other), (one, other)
     assert ("stretched" in heading(ax)) == (max(shape) / min(shape) > 24)
     assert figure.bbox.width * figure.bbox.height < 2_500_000
 

@@ -18,7 +18,7 @@ from cspace import FREE, CSpace, Grid, Robot, Workspace, build
 from cspace.errors import InputError
 from cspace.plot import artists, plot, surface
 from cspace.plot.surface import border_faces
-from pictures import heading, heading_box, labels, rendered
+from pictures import check_within, heading, heading_box, labels, rendered
 
 GRID = Grid((-1.0, 2.0, 0.5), 0.5, (5, 4, 3))
 TOWARDS = np.array([0.6, -0.5, 0.7])
@@ -194,9 +194,7 @@ def test_the_picture_fits(space: CSpace, camera: Any) -> None:
     rendered(ax)
     figure = ax.figure
     texts = [figure.legends[0].get_window_extent(), heading_box(figure)]
-    for box in texts:
-        assert 0 <= box.x0 < box.x1 <= figure.bbox.width
-        assert 0 <= box.y0 < box.y1 <= figure.bbox.height
+    check_within(figure, *texts)
     from mpl_toolkits.mplot3d.proj3d import proj_transform
 
     corners = np.stack(np.meshgrid((0.0, 6.0), (0.0, 4.0), (0.0, 2.4)), axis=-1).reshape(-1, 3)

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
+from handmade import walled
 from tiles.test_build import CAR, SPACES, random_workspace
 
 
@@ -59,9 +60,7 @@ def test_mazes(seed, tile, density, tmp_path_factory):
 
 
 def test_an_update_labels_again_what_it_changed(tmp_path):
-    walls = np.zeros((60, 60), dtype=bool)
-    walls[30] = True
-    workspace = cspace.Workspace.from_array(walls, 0.1)
+    workspace = cspace.Workspace.from_array(walled((60, 60), np.s_[30]), 0.1)
     tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "m", tile=10)
     assert tiled.path_exists([1.0, 1.0], [5.0, 5.0]) is False
     written = {file: file.stat().st_mtime_ns for file in (tmp_path / "m" / "labels_0").rglob("*") if file.is_file()}

@@ -12,6 +12,7 @@ import cspace
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.tiles.cache import Cache
 from cspace.tiles.store import Store
+from handmade import walled
 from tiles.test_build import SPACES, random_workspace
 
 
@@ -86,10 +87,8 @@ def test_an_edge_reads_the_tiles_that_it_passes(tmp_path, monkeypatch):
     tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "m", tile=10)
     assert tiled.motion_is_free([0.5, 0.5], [9.5, 9.45])
     assert len(read) == len(set(read)) <= 28
-    walls = np.zeros((100, 100), dtype=bool)
-    walls[15] = True
-    walled = cspace.Workspace.from_array(walls, 0.1)
-    tiled = cspace.build(walled, cspace.Robot.disc(0.1), store=tmp_path / "w", tile=10)
+    workspace = cspace.Workspace.from_array(walled((100, 100), np.s_[15]), 0.1)
+    tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "w", tile=10)
     read.clear()
     assert not tiled.motion_is_free([0.5, 0.5], [9.5, 0.5])
     assert len(read) == 2  # it stops at the wall
