@@ -90,6 +90,12 @@ class ConfigurationMap(ConfigurationSpace):
 
     # ---- look-ups ----------------------------------------------------------------------------------------------------
 
+    def checked(self, q: ArrayLike, name: str = "q") -> Floats:
+        """As :meth:`ConfigurationSpace.checked`."""
+        points = as_points(q, name, self.dof)
+        answer(points, self.dof, self._classify(), np.uint8, int, name)  # raises where one is not finite
+        return points
+
     @overload
     def path_exists(self, q0: One, q1: One) -> bool | None: ...  # type: ignore[overload-overlap]
     @overload
@@ -119,7 +125,7 @@ class ConfigurationMap(ConfigurationSpace):
         both = np.concatenate([points.reshape(-1, self.dof) for points in endpoints])
         states = np.empty(len(both), dtype=np.uint8)
         if self._classify()([both], states) >= 0:
-            self._checked(q0, "q0"), self._checked(q1, "q1")  # one of them raises
+            self.checked(q0, "q0"), self.checked(q1, "q1")  # one of them raises
         free, passable = self._components.of(self._cells_of(both))
         passable[states == BLOCKED] = -1
         count, shapes = endpoints[0].size // self.dof, [points.shape[:-1] for points in endpoints]
@@ -193,10 +199,6 @@ class ConfigurationMap(ConfigurationSpace):
     def _frees(self, exact: bool) -> Query:
         return in_pieces(self._exact.points) if exact else partial(_are_free, self._classify())
 
-    def _known(self, q0: Floats, q1: Floats) -> bool | None:
-        known: bool | None = self.path_exists(q0, q1)
-        return known
-
     @property
     @abstractmethod
     def _exact(self) -> Exact:
@@ -208,21 +210,12 @@ class ConfigurationMap(ConfigurationSpace):
         """Components of cells, joined side to side."""
 
     @abstractmethod
-    def _around(self, q: Floats, exact: bool = False) -> ConfigurationMap:
-        """The map, or, if it is not in memory, a window of it around a configuration, without exact answers."""
-
-    @abstractmethod
     def _at_one_moment(self, work: Callable[[], Result]) -> Result:
         """The result of some work, all of which sees the map as it is at one moment."""
 
     @abstractmethod
     def _in_blocks(self) -> Cells:
         """Its cells, to be drawn on a page."""
-
-    def _checked(self, q: ArrayLike, name: str) -> Floats:
-        points = as_points(q, name, self.dof)
-        answer(points, self.dof, self._classify(), np.uint8, int, name)  # raises where one is not finite
-        return points
 
     def _cells_of(self, points: Floats) -> Ints:
         """Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` of configurations, in the grid or not."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING, Unpack, overload
 
@@ -16,9 +15,6 @@ from cspace.map.batches import Many, One, Query, answer, answer_edges, answer_pa
 
 if TYPE_CHECKING:
     from cspace.view.viewer import MakeCanvas, Viewer, ViewOptions
-
-Leg = tuple[Callable[[], "ConfigurationSpace"], Floats, Floats]
-"""What opens a part of a space in memory, and two configurations in it."""
 
 
 class ConfigurationSpace(ABC):
@@ -42,6 +38,27 @@ class ConfigurationSpace(ABC):
     def endless(self) -> tuple[bool, ...]:
         """Which numbers are of continuous joints, for which a whole turn more is the same configuration."""
         return (False,) * self.dof
+
+    @abstractmethod
+    def checked(self, q: ArrayLike, name: str = "q") -> Floats:
+        """Configurations as an array, if they are such.
+
+        Parameters
+        ----------
+        q : array-like, shape (dof,) or (..., dof)
+            Metres, and radians.
+        name : str
+            What the error is to call them.
+
+        Returns
+        -------
+        ndarray of float64, the shape of q
+
+        Raises
+        ------
+        InputError, ConfigurationError
+            As :meth:`classify`.
+        """
 
     @overload
     def classify(self, q: One) -> int: ...  # type: ignore[overload-overlap]
@@ -155,7 +172,7 @@ class ConfigurationSpace(ABC):
         >>> space.certify_path(corners, [(0, 2), (2, 3)])
         array([ True, False])
         """
-        points = self._checked(path, "path")
+        points = self.checked(path, "path")
         if edges is not None:
             pairs = as_pairs(edges, points)
             return answer_pairs(np.ascontiguousarray(points), pairs, self._edges(len(pairs), exact))
@@ -216,21 +233,5 @@ class ConfigurationSpace(ABC):
         """The kernel of whether edges are free, chosen for a ``number`` of them."""
 
     @abstractmethod
-    def _checked(self, q: ArrayLike, name: str) -> Floats:
-        """Configurations as float64, all finite, of the right length and within limits."""
-
-    @abstractmethod
     def _canvas(self) -> MakeCanvas:
         """What draws it on a page."""
-
-    def _known(self, q0: Floats, q1: Floats) -> bool | None:
-        """What is proven of a path between two configurations before one is searched: that there is one, or none."""
-        return None
-
-    def _legs(self, q0: Floats, q1: Floats) -> list[Leg]:
-        """The parts of the space, in memory, that a path from a configuration to another leads through, in turn.
-
-        Each is given by the configurations between which it leads through that part; the last one is the first one of
-        the next. None, where a map is in parts and FREE cells do not join the two.
-        """
-        return [(lambda: self, q0, q1)]

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import Bools, Floats, Ints, States
 from cspace.configuration_map import ConfigurationMap, Result
 from cspace.errors import ConfigurationError, InputError
-from cspace.grid import Grid, not_negative, whole
+from cspace.grid import Grid, finite, not_negative, positive, whole
 from cspace.map.batches import EDGES_A_THREAD, Many, One, Query, answer, check_rng, in_pieces
 from cspace.map.contents import Contents
 from cspace.map.derived import Derived, Lock
@@ -312,6 +312,37 @@ class CSpace(ConfigurationMap):
         reach = not_negative(distance, "distance"), not_negative(angle, "angle", "pass it in radians")
         return answer(q, self.dof, self._around_is_free(*reach), np.bool_, bool)
 
+    def obstacle_distance(self, q: ArrayLike, lengths: ArrayLike = 0.0, turns: ArrayLike = 0.0) -> float:
+        """Lower bound of the robot's distance from the obstacles, the least at configurations or on pieces of a path.
+
+        Metres between the robot itself, without margin, and the obstacles as they are now: their shapes where the map
+        has them, else the outer cells; and, unless the map is open, its border.
+
+        Parameters
+        ----------
+        q : array-like, shape (dof,) or (..., dof)
+            Metres, and radians; of pieces of a path their middles.
+        lengths, turns : array-like, shape () or (...)
+            Metres and radians along each piece. No point of the robot is farther than half of both from where it is in
+            the middle.
+
+        Returns
+        -------
+        float
+            Metres; infinite where there is nothing, and zero where a configuration is not proven free.
+
+        Raises
+        ------
+        InputError
+            If what fills a mesh depends on the spacing, or an argument is not as stated.
+        """
+        points = self.checked(q)
+        along = finite(lengths, "lengths"), finite(turns, "turns")
+        check, rows = self.point_checker(exact=True), points.reshape(-1, self.dof)
+        if not all(check(*row) for row in rows.tolist()):
+            return 0.0
+        return self._exact.distance(rows, *(np.full(points.shape[:-1], each).reshape(-1) for each in along))
+
     # ---- for callbacks -----------------------------------------------------------------------------------------------
 
     def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
@@ -363,7 +394,7 @@ class CSpace(ConfigurationMap):
         """
         from cspace.map.clearance import checker
 
-        return checker(self.record, self._marks(cells=True, lasting=True), self.dof)
+        return checker(self.record, self.marks, self.dof)
 
     # ---- what FREE cells join ----------------------------------------------------------------------------------------
 
@@ -392,7 +423,9 @@ class CSpace(ConfigurationMap):
         lower = np.asarray(self.grid.lower)
         return lower + self.grid.spacing * first, lower + self.grid.spacing * (last + 1)
 
-    def free_path(self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True) -> Floats:
+    def free_path(
+        self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True, time_limit: float | None = None
+    ) -> Floats:
         """A collision-free path, proven all along, by the map's own search from cube to cube of FREE cells.
 
         There is one wherever FREE cells join the two, that is, where :meth:`path_exists` is True without leaving the
@@ -404,21 +437,38 @@ class CSpace(ConfigurationMap):
             FREE configurations in the grid.
         straight : bool
             Whether to leave out waypoints that straight edges do not need.
+        time_limit : float, optional
+            Seconds after which the search gives up; what is compiled at the first call counts. None by default.
 
         Returns
         -------
         ndarray of float64, shape (n, dof)
             Waypoints, from q0 to q1, each edge between two proven free; of length 0 where chains of FREE cells do not
-            join them, or one of them lies on the border of a cell that is not FREE.
+            join them, one of them lies on the border of a cell that is not FREE, or none was found in time.
 
         Raises
         ------
         ConfigurationError
             If a configuration is not FREE, or not in the grid.
         InputError
-            If a configuration is not one of finite numbers.
+            If a configuration is not one of finite numbers, or the time limit is not above zero.
         """
-        return self._free_path(q0, q1, straight, math.inf)
+        return self._in_time(self._free_path, q0, q1, straight, time_limit)
+
+    def _in_time(
+        self,
+        search: Callable[[ArrayLike, ArrayLike, bool, float], Floats],
+        q0: ArrayLike,
+        q1: ArrayLike,
+        straight: bool,
+        time_limit: float | None,
+    ) -> Floats:
+        """The path that a search finds within seconds; of length 0 where it takes longer."""
+        seconds = math.inf if time_limit is None else positive(time_limit, "time_limit", "seconds")
+        try:
+            return search(q0, q1, straight, seconds)
+        except TimeoutError:
+            return np.empty((0, self.dof))
 
     def _free_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """:meth:`free_path`; TimeoutError where it takes longer."""
@@ -447,7 +497,9 @@ class CSpace(ConfigurationMap):
         check = in_time(self.edge_checker(), until)
         return pulled_straight(path, dim, check, 2.0 * self.grid.spacing) if straight else path
 
-    def widest_path(self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True) -> Floats:
+    def widest_path(
+        self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True, time_limit: float | None = None
+    ) -> Floats:
         """A collision-free path of the largest clearance possible, and then the shortest, by the map's own search.
 
         Of all chains of FREE cells that join the two, turning on the spot from one rotation cell to the next, it takes
@@ -465,21 +517,24 @@ class CSpace(ConfigurationMap):
             FREE configurations in the grid.
         straight : bool
             Whether to leave out waypoints that straight edges do not need.
+        time_limit : float, optional
+            Seconds after which the search gives up, but for what it makes once for a map. None by default.
 
         Returns
         -------
         ndarray of float64, shape (n, dof)
             Waypoints, from q0 to q1, each edge between two proven free; of length 0 where chains of FREE cells of the
-            grid do not join them, or one of them lies on the border of a cell that is not FREE.
+            grid do not join them, one of them lies on the border of a cell that is not FREE, or none was found in time.
 
         Raises
         ------
         ConfigurationError
             If a configuration is not FREE, or not in the grid.
         InputError
-            If a configuration is not one of finite numbers, or the search does not fit into memory.
+            If a configuration is not one of finite numbers, the time limit is not above zero, or the search does not
+            fit into memory.
         """
-        return self._widest_path(q0, q1, straight, math.inf)
+        return self._in_time(self._widest_path, q0, q1, straight, time_limit)
 
     def _widest_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """:meth:`widest_path`; TimeoutError where it takes longer, but for what it makes once for a map."""
@@ -490,7 +545,7 @@ class CSpace(ConfigurationMap):
         cells = self.grid.size * self.rotations.count * 2 ** sum(self.endless)
         needed, fewer = BYTES * cells, self.rotations.fewer
         check_memory(needed, "the map, to find its widest path,", self.grid, fewer=fewer)
-        own, both = self._own_map, [(q, self._cells_of(q)) for q in endpoints]
+        own, both = self.own_record, [(q, self._cells_of(q)) for q in endpoints]
         with self._lock:
             widest = self._widest.get(lambda: Widest.of(own, self._seen, self.rotations, self.endless[: self.grid.dim]))
             if widest.noted:
@@ -556,7 +611,7 @@ class CSpace(ConfigurationMap):
         """
         from cspace.map.sampling import nearest
 
-        point = self._checked(q, "q")
+        point = self.checked(q, "q")
         if point.ndim != 1:
             rule = f"it must be one configuration of {self.dof} numbers"
             raise InputError("q", f"has shape {point.shape}", rule, "ask for one at a time", value=point.shape)
@@ -950,11 +1005,11 @@ class CSpace(ConfigurationMap):
     @property
     def record(self) -> Map:
         """What compiled functions take of the map, such as those of ``cspace.map.points``; it follows updates."""
-        return self._own_map
+        return self.own_record
 
     @property
-    def _own_map(self) -> Map:
-        """The record of the map's own cells."""
+    def own_record(self) -> Map:
+        """As :attr:`record`, of the cells of the grid alone, also where the map closes in a circle."""
         return self._derived_map.get(self._make_map)
 
     def _make_map(self) -> Map:
@@ -990,14 +1045,16 @@ class CSpace(ConfigurationMap):
 
         return self._derived_components.get(make)
 
+    @property
+    def marks(self) -> Marks:
+        """What compiled functions of the clearance take beside the :attr:`record`; it follows updates."""
+        return self._marks(cells=True, lasting=True)
+
     def _marks(self, *, cells: bool, lasting: bool = False) -> Marks:
         """What is not FREE, at three scales; see :meth:`cspace.map.mip.Mip.marks`."""
         from cspace.map.mip import Mip
 
         return self._mip.get(lambda: Mip(self._seen, self._lock)).marks(cells, lasting)
-
-    def _around(self, q: Floats, exact: bool = False) -> CSpace:
-        return self
 
     def _at_one_moment(self, work: Callable[[], Result]) -> Result:
         with self._lock:  # while cells change, their components are neither those before nor those after
@@ -1050,7 +1107,7 @@ class CSpace(ConfigurationMap):
 
     def _one_free(self, q: ArrayLike, name: str) -> Floats:
         """One FREE configuration in the grid."""
-        point = self._checked(q, name)
+        point = self.checked(q, name)
         if point.ndim != 1 or not self.grid.contains(point[: self.grid.dim]) or not self.is_free(point):
             rule = "it must be one FREE configuration in the grid"
             raise ConfigurationError(name, f"is {q!r}", rule, "ask nearest_free for one", value=q)

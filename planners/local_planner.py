@@ -15,7 +15,6 @@ import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import wraps
 from typing import TYPE_CHECKING, Any, ClassVar, Final, ParamSpec, TypeVar
@@ -25,8 +24,9 @@ from numpy.typing import ArrayLike, NDArray
 from ompl import base as ob
 
 from cspace.angles import ANGLE_SLACK, TURN, shorter, wrapped
-from cspace.arms.space import ArmSpace
+from cspace.arms.space import ArmSpace, in_collision
 from cspace.arrays import Floats, Ints
+from cspace.configuration_map import ConfigurationMap
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import finite, positive
 from cspace.map.callbacks import brought
@@ -207,6 +207,10 @@ class LocalPlanner(ABC):
         Raises ConfigurationError if it cannot, and InputError if it is no configuration.
         """
 
+    def known(self, endpoints: Endpoints) -> bool | None:
+        """What is proven of a path before one is searched: that there is one, or none."""
+        return None
+
     @abstractmethod
     def outlook(self, exists: bool | None, planner: str, more_time: str) -> tuple[str, list[str]]:
         """What is known where a planner found no path, and a list of what to try, ``more_time`` among it, if any."""
@@ -245,10 +249,8 @@ class EdgesOnMap(LocalPlanner):
         """A path in pieces of at most ``step`` metres and ``turn`` radians."""
 
     def search(self, planner: str, endpoints: Endpoints, straight: bool, seed: int | None, seconds: float) -> Floats:
-        find = self.space._free_path if planner == CUBES else self.space._widest_path
-        with suppress(TimeoutError):
-            return find(*endpoints, straight, seconds)
-        return np.empty((0, self.space.dof))
+        find = self.space.free_path if planner == CUBES else self.space.widest_path
+        return find(*endpoints, straight=straight, time_limit=seconds)
 
     def measured(self, path: Floats) -> tuple[float, float]:
         pieces = self.pieces(path, math.inf, math.inf)
@@ -279,7 +281,7 @@ class EdgesOnMap(LocalPlanner):
         space, step = self.space, 0.25 * self.space.grid.spacing
         pieces = self._pieces(path, step, step / max(space.robot.span, step))
         try:
-            distance = space._exact.distance(pieces.middles, pieces.lengths, pieces.turns)
+            distance = space.obstacle_distance(pieces.middles, pieces.lengths, pieces.turns)
         except InputError:  # there is no geometry to be asked
             return math.nan
         return distance if self.are_free(path) else 0.0
@@ -301,7 +303,7 @@ class EdgesOnMap(LocalPlanner):
         space = self.space
         end: Configuration = tuple(space.rotations.canonical(self._point(q, name), name).tolist())
         inside = all(low <= x <= high for low, x, high in zip(space.grid.lower, end, space.grid.upper, strict=False))
-        if inside and space._around(np.array(end), self.exact).edge_checker(exact=self.exact)(*end, *end):
+        if inside and _stays_free(space, end, self.exact):
             return end
         raise self._unusable(end, name, inside)
 
@@ -322,14 +324,16 @@ class EdgesOnMap(LocalPlanner):
             reason = "is FREE but lies on the border of a cell that is not"
             rule = f"a motion from or to it would touch that cell too, so the {name} must lie inside"
         nearest: Configuration | None = None
-        near = space._around(np.array(end))
         try:
-            nearest = tuple(space.rotations.canonical(near.nearest_free(end)).tolist())
+            nearest = tuple(space.rotations.canonical(space.nearest_free(end)).tolist())
             mend = f"the nearest is {text(nearest)}"
         except ConfigurationError:
-            where = "at all" if near is space else "near there"
+            where = "at all" if isinstance(space, CSpace) else "near there"
             mend = f"the map has no FREE configuration {where}; use a smaller robot, margin or spacing"
         return ConfigurationError(name, f"{text(end)} {reason}", rule, mend, value=end, nearest=nearest)
+
+    def known(self, endpoints: Endpoints) -> bool | None:
+        return self.space.path_exists(*endpoints)
 
     def outlook(self, exists: bool | None, planner: str, more_time: str) -> tuple[str, list[str]]:
         space = self.space
@@ -510,7 +514,7 @@ class JointMotions(LocalPlanner):
         return math.fsum(np.linalg.norm(np.diff(path, axis=0), axis=1)), 0.0
 
     def clearance(self, path: Floats) -> float:
-        return self.space._path_clearance(path)
+        return self.space.path_clearance(path)
 
     def distance(self, path: Floats) -> float:
         return self.space.margin + self.clearance(path) if self.are_free(path) else 0.0
@@ -529,8 +533,8 @@ class JointMotions(LocalPlanner):
 
     def end(self, q: ArrayLike, name: str) -> Configuration:
         space, point = self.space, self._point(q, name)
-        if not space.is_free(space._checked(point, name)):
-            raise space._unusable(point, name)
+        if not space.is_free(space.checked(point, name)):
+            raise in_collision(space, point, name)
         circles = np.array(space.endless)
         point[circles] = wrapped(point[circles])
         return tuple(point.tolist())
@@ -739,6 +743,13 @@ def check_flag(value: bool, name: str) -> None:
 def text(point: Iterable[float]) -> str:
     """A configuration for messages."""
     return "(" + ", ".join(f"{x:.6g}" for x in point) + ")"
+
+
+def _stays_free(space: ConfigurationMap, q: Configuration, exact: bool) -> bool:
+    """Whether a motion that stays at a configuration is proven free."""
+    if isinstance(space, CSpace):
+        return space.edge_checker(exact=exact)(*q, *q)
+    return space.motion_is_free(q, q, exact=exact)
 
 
 def _numbered(counts: Ints) -> tuple[Ints, Ints]:

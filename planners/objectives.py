@@ -142,7 +142,7 @@ class ClearanceObjective(WeightedLength):
         super().__init__(
             si,
             space,
-            space._marks(cells=True, lasting=True),
+            space.marks,
             offset=1.0,
             slope=-scale,
             weight=weight,

@@ -109,7 +109,7 @@ class Passages:
     def _prepare(self, start: Configuration) -> None:
         """Make and compile what chains need of the map, so that it takes no time from the search."""
         space, here = self.edges.space, np.array([start])
-        open_chain(space, start, start)
+        self._chain(start, start)
         space.classify(here), space.classify(np.repeat(here, FEW + 1, axis=0))
         space.is_free(here, exact=True), space.motion_is_free(here, here, exact=True)
 
@@ -132,7 +132,7 @@ class Passages:
             until = self._left() - share
             while self._left() > max(until, needed):
                 looked = time.perf_counter()
-                chain = open_chain(space, start, goal, closed)
+                chain = self._chain(start, goal, closed)
                 needed = max(needed, time.perf_counter() - looked)
                 if not len(chain):
                     if not closed.any():
@@ -148,6 +148,14 @@ class Passages:
             share *= 2.0
             if search.seed is not None:  # else it would look again where it was
                 search = replace(search, seed=(search.seed + 1) % (2**32 - 1))
+
+    def _chain(self, start: Configuration, goal: Configuration, closed: Bools | None = None) -> Cells:
+        """A chain of cells that are not BLOCKED, and not closed, from one configuration to another."""
+        space, q = self.edges.space, np.array([start, goal])
+        # On the upper border of the grid they are in its last cells.
+        cells = np.minimum(space.grid.cell_of(q[:, : space.grid.dim]), np.array(space.grid.shape) - 1)
+        ends = np.column_stack([space.rotations.cells_of(q), cells])
+        return open_chain(space.own_record, space.rotations.neighbors, ends[0], ends[1], closed)
 
     def _left(self) -> float:
         """Seconds that are left; below zero where time is over."""

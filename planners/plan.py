@@ -6,12 +6,14 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Final, NamedTuple, cast
+from typing import TYPE_CHECKING, Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.configuration_space import ConfigurationSpace, Leg
+from cspace.arms.space import ArmSpace
+from cspace.arrays import Floats
+from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
 from cspace.grid import positive, whole
 from cspace.space import CSpace
@@ -34,6 +36,9 @@ from planners.result import Plan, Times
 from planners.search import Search, SearchResult
 from planners.setup import MakeObjective
 from planners.states import Configuration, kind_of
+
+if TYPE_CHECKING:
+    from cspace.tiles.space import Leg, TiledCSpace
 
 MAX_SEED: Final = 2**32 - 2
 """Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
@@ -258,8 +263,8 @@ def plan(
     if name == WIDEST and not isinstance(space, CSpace):
         rule, mend = "a path there is found part by part", "choose another, or plan on space.window(lower, upper)"
         raise InputError("planner", f"is {name!r}, on a map in a store", rule, mend, value=name)
-    exists: bool | None = space._known(*map(np.array, endpoints))
-    legs = [] if exists is False else space._legs(*map(np.array, endpoints))
+    exists = edges.known(endpoints)
+    legs = [] if exists is False else _legs(space, *map(np.array, endpoints))
     if planner is None and len(legs) > 1 and (objective, drive, iterations) == ("length", HOLONOMIC, None):
         name = CUBES
     result = _search(search_on, edges, legs, exists, limit)
@@ -299,6 +304,13 @@ def plan(
     )
 
 
+def _legs(space: ConfigurationSpace, start: Floats, goal: Floats) -> list[Leg]:
+    """The parts of the space, in memory, that a path leads through; none where FREE cells of a store do not join it."""
+    if isinstance(space, CSpace | ArmSpace):
+        return [(lambda: cast(CSpace, space), start, goal)]
+    return cast("TiledCSpace", space).legs(start, goal)
+
+
 def _search(
     search_on: Callable[[CSpace], Search],
     edges: LocalPlanner,
@@ -309,7 +321,7 @@ def _search(
     """What the search finds, part by part of the map, or what is known without one."""
     path, planning, simplification = np.empty((0, edges.space.dof)), 0.0, 0.0
     for opened, first, last in legs:
-        part = replace(edges, space=cast(CSpace, opened()))
+        part = replace(edges, space=opened())
         endpoints = tuple(first.tolist()), tuple(last.tolist())
         result = _leg(search_on(part.space), part, endpoints, exists, limit)
         if len(legs) > 1 and not len(result.path) and edges.drive == HOLONOMIC:

@@ -244,15 +244,26 @@ class ArmSpace(ConfigurationSpace):
         ConfigurationError, InputError
             As :meth:`is_free`.
         """
-        points = self._checked(q, "q")
+        points = self.checked(q, "q")
         out, _ = self._distances(self._scene, points.reshape(-1, self.arm.dof))
         return out.reshape(points.shape[:-1]) if points.ndim > 1 else float(out[0])
 
-    def _path_clearance(self, path: Floats) -> float:
-        """A lower bound of the clearance all along a path that is free, shape (n, dof).
+    def path_clearance(self, path: ArrayLike) -> float:
+        """Lower bound of the clearance all along a path, metres.
 
-        What is proven is the largest of some shares of the least that is seen at waypoints and between them.
+        What is proven is the largest of some shares of the least that is seen at waypoints and between them; zero where
+        the path is not proven free.
+
+        Parameters
+        ----------
+        path : array-like, shape (n, dof)
+
+        Raises
+        ------
+        ConfigurationError, InputError
+            As :meth:`is_free`.
         """
+        path = self.checked(path, "path").reshape(-1, self.dof)
         middles = 0.5 * (path[:-1] + path[1:])
         most = float(np.min(self.clearance(np.concatenate([path, middles]))))
         if len(path) < 2 or math.isinf(most):
@@ -271,7 +282,7 @@ class ArmSpace(ConfigurationSpace):
         ConfigurationError, InputError
             As :meth:`is_free`; also if there is nothing to touch.
         """
-        point = self._checked(q, "q")
+        point = self.checked(q, "q")
         if point.ndim != 1:
             raise InputError("q", f"has shape {point.shape}", "one configuration is asked for", "pass one", value=q)
         if not len(self._scene.pairs):
@@ -381,7 +392,7 @@ class ArmSpace(ConfigurationSpace):
         """
         from cspace.arms.search import search_path
 
-        start, goals = self._checked(q0, "q0"), np.atleast_2d(self._checked(q1, "q1"))
+        start, goals = self.checked(q0, "q0"), np.atleast_2d(self.checked(q1, "q1"))
         for name, q, dims in (("q0", start, (1,)), ("q1", goals, (2,))):
             if q.ndim not in dims or not len(q):
                 rule = f"it must be one configuration of {self.dof} numbers" + " or rows of them" * (name == "q1")
@@ -391,17 +402,9 @@ class ArmSpace(ConfigurationSpace):
         free = are_free(self._scene, endpoints, endpoints)
         for name, q, good in (("q0", start, free[0]), ("q1", goals[0], free[1:].any())):
             if not good:
-                raise self._unusable(q, name)
+                raise in_collision(self, q, name)
         rng = np.random.default_rng(seed)
         return search_path(self._scene, self.arm.ranges(endpoints), start, goals[free[1:]], rng, seconds, straight)
-
-    def _unusable(self, q: Floats, name: str) -> ConfigurationError:
-        """The error that says what touches at a configuration, shape (dof,), from which no path leads."""
-        link, other, *_ = self.closest(q)
-        fault = f"is not proven free: {link} is in collision with {other}, or all but"
-        mend = f"choose another, or pass allowed=[({link!r}, {other!r})] where they may touch"
-        point = f"({', '.join(f'{x:.6g}' for x in q)})"
-        return ConfigurationError(name, f"{point} {fault}", "a path starts and ends where it is proven", mend, value=q)
 
     def _classify(self) -> Query:
         def query(parts: Sequence[Any], out: States) -> int:
@@ -446,9 +449,10 @@ class ArmSpace(ConfigurationSpace):
 
     def _rows(self, parts: Sequence[Any], names: Sequence[str]) -> list[Floats]:
         """Batches, shape (n, dof), as kernels take them."""
-        return [own(self._checked(part, name)) for part, name in zip(parts, names, strict=True)]
+        return [own(self.checked(part, name)) for part, name in zip(parts, names, strict=True)]
 
-    def _checked(self, q: ArrayLike, name: str) -> Floats:
+    def checked(self, q: ArrayLike, name: str = "q") -> Floats:
+        """As :meth:`ConfigurationSpace.checked`; also within the limits of the joints."""
         points = self.arm.checked(q, name)
         outside = (points < self.arm.lower) | (points > self.arm.upper)
         if outside.any():
@@ -463,6 +467,15 @@ class ArmSpace(ConfigurationSpace):
                 value=value,
             )
         return points
+
+
+def in_collision(space: ArmSpace, q: Floats, name: str) -> ConfigurationError:
+    """The error that says what touches at a configuration, shape (dof,), from which no path leads."""
+    link, other, *_ = space.closest(q)
+    fault = f"is not proven free: {link} is in collision with {other}, or all but"
+    mend = f"choose another, or pass allowed=[({link!r}, {other!r})] where they may touch"
+    point = f"({', '.join(f'{x:.6g}' for x in q)})"
+    return ConfigurationError(name, f"{point} {fault}", "a path starts and ends where it is proven", mend, value=q)
 
 
 def build_arm(

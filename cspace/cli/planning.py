@@ -74,6 +74,7 @@ def plan(
     from cspace.plot import SUFFIXES, save_plot
     from cspace.plot import animate as save_animation
     from cspace.plot.animation import check_animated
+    from cspace.space import CSpace
     from planners.local_planner import check_drive
 
     check_outputs(output or [], _PATHS, overwrite)
@@ -104,7 +105,8 @@ def plan(
             save_plot(space, picture, overwrite, path=path, start=endpoints[0], goal=endpoints[1])
     if animate and planned.solved:
         with clock.step("animate") as progress:
-            save_animation(space._drawn(), planned.path, animate, overwrite, progress=progress)
+            drawn = space if isinstance(space, CSpace) else space.overview()
+            save_animation(drawn, planned.path, animate, overwrite, progress=progress)
     show({**described, "seconds": clock.seconds}, as_json)
     if not planned.solved:
         advice = f"; try {in_options(planned.advice, options_of(context.command))}" if planned.advice else ""

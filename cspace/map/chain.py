@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Bytes, Floats, Ints
+from cspace.arrays import Bools, Bytes, Ints
 from cspace.compiling import jit
-from cspace.errors import InputError
-from cspace.grid import Grid
 from cspace.map.record import Map
-from cspace.map.storage import Cells, Stack, cells_of, check_bytes, state_in
-from cspace.rotations import Rotations
+from cspace.map.storage import Cells, check_bytes, state_in
 from cspace.states import BLOCKED, FREE, MIXED
 
 START, CLOSED = 254, 255
@@ -36,6 +31,8 @@ def trace_chain(cells: Cells, slice_of: Ints, neighbors: Ints, start: Ints, goal
     size, most = nx * ny * nz, neighbors.shape[1]
     reached = came.reshape(-1)
     origin = ((start[0] * nx + start[1]) * ny + start[2]) * nz + start[3]
+    if state_in(cells, slice_of[start[0]] * size + origin % size) == BLOCKED:
+        return False
     target = ((goal[0] * nx + goal[1]) * ny + goal[2]) * nz + goal[3]
     front, ahead, later = [origin], [origin], [origin]
     ahead.clear()
@@ -82,21 +79,23 @@ def trace_chain(cells: Cells, slice_of: Ints, neighbors: Ints, start: Ints, goal
     return False
 
 
-def chain(states: Stack, slice_of: Ints, neighbors: Ints, closed: Bools | None, start: Ints, goal: Ints) -> Ints:
-    """A chain of cells that are not BLOCKED, each sharing a side with the next, with the fewest MIXED ones.
+def open_chain(map_: Map, neighbors: Ints, start: Ints, goal: Ints, closed: Bools | None = None) -> Ints:
+    """A chain of FREE and MIXED cells, each sharing a side with the next, with as few MIXED ones as can be.
 
+    Where :meth:`cspace.CSpace.path_exists` is None, this is where a path has to be looked for with ``exact=True``.
     Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)`` in the grid, and the chain has the shape (n, 1 + d), from
     start to goal; n is 0 where there is none. ``neighbors``, shape (rotations, n), are the rotation cells that each one
     shares a border with; -1 fills up. Cells that are ``closed``, shape (rotations, *cells), are left out.
     """
-    flat = (1,) * (4 - states.ndim)  # the plane is space with one layer
-    check_bytes(len(slice_of) * math.prod(states.shape[1:]))
-    came = np.zeros((len(slice_of), *flat, *states.shape[1:]), dtype=np.uint8)
+    shape, slice_of = map_.states.shape[1:], map_.slice_of
+    flat = (1,) * (3 - len(shape))  # the plane is space with one layer
+    check_bytes(len(slice_of) * math.prod(shape))
+    came = np.zeros((len(slice_of), *flat, *shape), dtype=np.uint8)
     if closed is not None:
         came[closed.reshape(came.shape)] = CLOSED
     first, last = (np.array([cell[0], *[0] * len(flat), *cell[1:]], dtype=np.int64) for cell in (start, goal))
-    if not trace_chain(cells_of(states), slice_of, neighbors, first, last, came):
-        return np.empty((0, states.ndim), dtype=np.int64)
+    if not trace_chain(map_.cells, slice_of, neighbors, first, last, came):
+        return np.empty((0, 1 + len(shape)), dtype=np.int64)
     cell, cells = last.tolist(), [last.tolist()]
     while (step := int(came[tuple(cell)])) != START:
         if step < TURNS:
@@ -106,45 +105,3 @@ def chain(states: Stack, slice_of: Ints, neighbors: Ints, closed: Bools | None, 
         cells.append(cell.copy())
     rows = np.array(cells[::-1], dtype=np.int64)
     return np.delete(rows, 1, axis=1) if flat else rows
-
-
-class Space(Protocol):
-    """What :func:`open_chain` needs of a map; :class:`cspace.CSpace` has it all."""
-
-    _seen: Stack
-
-    @property
-    def rotations(self) -> Rotations: ...
-    @property
-    def grid(self) -> Grid: ...
-    @property
-    def record(self) -> Map: ...
-    def classify(self, q: Any) -> Any: ...
-    def _checked(self, q: ArrayLike, name: str) -> Floats: ...
-    def _cells_of(self, points: Floats) -> Ints: ...
-
-
-def open_chain(space: Space, q0: ArrayLike, q1: ArrayLike, closed: Bools | None = None) -> Ints:
-    """A chain of FREE and MIXED cells between two configurations, with as few MIXED ones as can be.
-
-    Where :meth:`cspace.CSpace.path_exists` is None, this is where a path has to be looked for with ``exact=True``.
-    Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)``, shape (n, 1 + d), each sharing a side with the next;
-    none where there is no chain, or one of the two is BLOCKED. Cells that are ``closed``, shape (rotations, nx, ny)
-    or (rotations, nx, ny, nz), one rotation where the robot does not turn, are left out.
-    """
-    shape = space.grid.shape
-    endpoints = []
-    for name, q in (("q0", q0), ("q1", q1)):
-        end = space._cells_of(space._checked(q, name))
-        if end.shape != (1 + len(shape),) or (end[1:] < 0).any() or (end[1:] >= shape).any():
-            raise InputError(name, f"is {q!r}", "it must be one configuration in the grid", value=q)
-        endpoints.append(end)
-    slice_of = space.record.slice_of
-    needed = (len(slice_of), *shape)
-    if closed is not None and (getattr(closed, "shape", None) != needed or closed.dtype != np.bool_):
-        fault = f"is a {type(closed).__name__} of shape {np.shape(closed)}"
-        rule = f"it must be a boolean array of shape {needed}, one entry for each cell"
-        raise InputError("closed", fault, rule, "leave it out for none")
-    if BLOCKED in (space.classify(q0), space.classify(q1)):
-        return np.empty((0, 1 + len(shape)), dtype=np.int64)
-    return chain(space._seen, slice_of, space.rotations.neighbors, closed, *endpoints)

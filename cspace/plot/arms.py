@@ -120,7 +120,7 @@ def draw_arm(
     """Draw an arm among obstacles; as :meth:`cspace.ArmSpace.plot`."""
     points, figure = polyline(space, path), ArmFigure(space)
     stand = points[-1] if q is None and len(points) else np.zeros(space.dof).clip(space.arm.lower, space.arm.upper)
-    stand = space._checked(stand if q is None else q, "q")
+    stand = space.checked(stand if q is None else q, "q")
     look = Look(ax=ax, camera=camera, legend=legend, title=title or space.arm.name)
     ghosts = along_joints(points, np.linspace(0.0, 1.0, GHOSTS + 1)[:-1]) if len(points) > 1 else points[:0]
     links = [(PALE, placed[name]) for placed in map(figure.placed, ghosts) for name in figure.moving]

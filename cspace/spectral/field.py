@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final, overload
+from typing import Any, Final, Protocol, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,17 +14,29 @@ from numpy.typing import ArrayLike
 from cspace.arrays import Floats
 from cspace.compiling import entry, inner, reader
 from cspace.errors import InputError
+from cspace.grid import Grid
 from cspace.map.batches import Many, One, answer, in_pieces
-from cspace.map.chain import Space
 from cspace.map.contents import checked_fields
 from cspace.map.points import configuration, is_usable, replaced
 from cspace.map.record import Map
 from cspace.memory import check_memory
+from cspace.rotations import Rotations
 from cspace.spectral.inputs import check_dims
 from cspace.spectral.overlap import FourierOverlap
 from cspace.states import FIELDS
 
 _BATCH: Final = 2**20  # cells whose values are computed together
+
+
+class Space(Protocol):
+    """What a field needs of a map; :class:`cspace.CSpace` has it all."""
+
+    @property
+    def grid(self) -> Grid: ...
+    @property
+    def rotations(self) -> Rotations: ...
+    @property
+    def record(self) -> Map: ...
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bools, Floats, Ints
 from cspace.configuration_map import ConfigurationMap, Result
-from cspace.configuration_space import Leg
 from cspace.correlation import Progress
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.grid import Grid, whole
@@ -42,6 +41,9 @@ if TYPE_CHECKING:
     from cspace.exact.queries import Exact
     from cspace.view.level_of_detail import Cells
 
+
+Leg = tuple[Callable[[], CSpace], Floats, Floats]
+"""What opens a part of a map in memory, and two configurations in it."""
 
 AROUND: Final = {2: 1024, 3: 256}
 """Cells along an axis of what is opened around configurations, by the number of axes."""
@@ -206,7 +208,21 @@ class TiledCSpace(ConfigurationMap):
     def _components(self) -> Joined:
         return self._join()
 
-    def _legs(self, q0: Floats, q1: Floats) -> list[Leg]:
+    def legs(self, q0: ArrayLike, q1: ArrayLike) -> list[Leg]:
+        """The tiles through which FREE cells join two configurations, one after the other, for a planner of your own.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (dof,)
+            FREE configurations in the grid, for which :meth:`path_exists` is True.
+
+        Returns
+        -------
+        list of (callable, ndarray of float64, ndarray of float64)
+            What opens the tile as a map in memory, and the configurations, shape (dof,), from which and to which a path
+            leads through it; the last one is the first one of the next tile.
+        """
+        q0, q1 = self.checked(q0, "q0"), self.checked(q1, "q1")
         cells = [self._cells_of(q) for q in (q0, q1)]
         tiles, crossings = self._at_one_moment(lambda: self._join().chain(*cells))
         turns = self.rotations.centers[crossings[:, 0]]
@@ -222,12 +238,12 @@ class TiledCSpace(ConfigurationMap):
         low, high = np.array([[part.start, part.stop] for part in self._store.cells(tile)]).T
         return self._part(np.minimum(low, cell), np.maximum(high, cell + 1))
 
-    def _around(self, q: Floats, exact: bool = False) -> CSpace:
-        if exact:
-            raise self._elsewhere("exact")
-        middle = np.clip(q[: self.grid.dim], self.grid.lower, self.grid.upper)
+    def nearest_free(self, q: ArrayLike) -> Floats:
+        """As :meth:`cspace.CSpace.nearest_free`, of the FREE cells near there: half a tile to each side at most."""
+        point = self.checked(q)
+        middle = np.clip(point[: self.grid.dim], self.grid.lower, self.grid.upper)
         around = 0.5 * self.grid.spacing * np.minimum(self.tile, AROUND[self.grid.dim])
-        return self.window(middle - around, middle + around)
+        return self.window(middle - around, middle + around).nearest_free(point)
 
     def _part(self, first: Ints, stop: Ints) -> CSpace:
         """The cells from a first one up to the one before another, in memory."""

@@ -43,10 +43,10 @@ class ArmCanvas(Canvas):
     has_cells = False
 
     def __init__(self, space: Any, server: ViserServer, points: Floats, marks: dict[str, Floats]) -> None:
-        given = {name: space._checked(q, name) for name, q in marks.items()}
+        given = {name: space.checked(q, name) for name, q in marks.items()}
         drawn = samples(space, np.zeros(space.dof).clip(space.arm.lower, space.arm.upper))
         super().__init__(server, space, far_apart(drawn, drawn) | given)
-        space._checked(points, "path")
+        space.checked(points, "path")
         arm = space.arm
         self._figure = ArmFigure(space)
         self.title = arm.name
