@@ -152,10 +152,8 @@ class Passages:
     def _chain(self, start: Configuration, goal: Configuration, closed: Bools | None = None) -> Cells:
         """A chain of cells that are not BLOCKED, and not closed, from one configuration to another."""
         space, q = self.edges.space, np.array([start, goal])
-        # On the upper border of the grid they are in its last cells.
-        cells = np.minimum(space.grid.cell_of(q[:, : space.grid.dim]), np.array(space.grid.shape) - 1)
-        ends = np.column_stack([space.rotations.cells_of(q), cells])
-        return open_chain(space.own_record, space.rotations.neighbors, ends[0], ends[1], closed)
+        first, last = np.column_stack([space.rotations.cells_of(q), space.grid.cell_of(q[:, : space.grid.dim])])
+        return open_chain(space.own_record, space.rotations.neighbors, first, last, closed)
 
     def _left(self) -> float:
         """Seconds that are left; below zero where time is over."""

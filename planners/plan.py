@@ -275,7 +275,7 @@ def plan(
     for array in (path, waypoints, direction):
         if array is not None:
             array.flags.writeable = False
-    status, advice = _status(result, name, edges, exists, limit)
+    status, advice = _status(result, name if legs else CUBES, edges, exists, limit)
     certified = solved and result.proven and kind_of(space).same(result.path[[0, -1]], np.array(endpoints))
     length, turning = edges.measured(waypoints) if solved else (math.nan, math.nan)
     setup = searched - began - result.planning - result.simplification

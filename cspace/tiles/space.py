@@ -214,17 +214,19 @@ class TiledCSpace(ConfigurationMap):
         Parameters
         ----------
         q0, q1 : array-like, shape (dof,)
-            FREE configurations in the grid, for which :meth:`path_exists` is True.
+            FREE configurations in the grid.
 
         Returns
         -------
         list of (callable, ndarray of float64, ndarray of float64)
             What opens the tile as a map in memory, and the configurations, shape (dof,), from which and to which a path
-            leads through it; the last one is the first one of the next tile.
+            leads through it; the last one is the first one of the next tile. None where FREE cells do not join the two.
         """
         q0, q1 = self.checked(q0, "q0"), self.checked(q1, "q1")
         cells = [self._cells_of(q) for q in (q0, q1)]
         tiles, crossings = self._at_one_moment(lambda: self._join().chain(*cells))
+        if not tiles:
+            return []
         turns = self.rotations.centers[crossings[:, 0]]
         points = [q0, *np.concatenate([self.grid.center_of(crossings[:, 1:]), turns], axis=1), q1]
         next_cells = [*crossings[:, 1:], cells[1][1:]]

@@ -106,6 +106,19 @@ def test_motions_against_fcl(tmp_path: Path, seed: int) -> None:
     np.testing.assert_array_equal(proven, space.motion_is_free(goals, free))
 
 
+def test_a_path_keeps_as_far_away_as_is_said(tmp_path: Path) -> None:
+    space, oracle, rng = scene(tmp_path, 0)
+    free = space.sample_free(24, rng)
+    goals = np.clip(free + rng.normal(scale=0.3, size=free.shape), space.arm.lower, space.arm.upper)
+    rooms = [space.path_clearance([q0, q1]) for q0, q1 in zip(free, goals, strict=True)]
+    assert sum(room > 0.0 for room in rooms) > 8
+    for q0, q1, room in zip(free, goals, rooms, strict=True):
+        assert min(oracle.apart(q0 + t * (q1 - q0)) for t in np.linspace(0.0, 1.0, 40)) >= room - 1e-6
+    assert space.path_clearance(free[:1]) == space.clearance(free[0])
+    blocked = np.flatnonzero(~np.asarray(space.motion_is_free(free, goals)))
+    assert len(blocked) and not any(rooms[k] for k in blocked)
+
+
 def test_by_hand(tmp_path: Path) -> None:
     """A bar of two links and a post: just beside it, just in it, and a motion that sweeps over it."""
     arm = Arm.from_urdf(planar(tmp_path))

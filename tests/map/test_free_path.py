@@ -147,6 +147,17 @@ def test_what_is_refused():
         space.free_path((-3.0, 0.5), (0.5, 0.5))
     with pytest.raises(InputError, match="q1"):
         space.free_path((0.5, 0.5), (np.nan, 1.5))
+    for search in (space.free_path, space.widest_path):
+        with pytest.raises(InputError, match=r"time_limit is 0\.0"):
+            search((0.5, 0.5), (1.5, 0.5), time_limit=0.0)
+
+
+@pytest.mark.parametrize("name", ["free_path", "widest_path"])
+def test_a_search_gives_up_in_time(name):
+    search = getattr(map_of(np.zeros((1500, 1500)), outside="blocked", spacing=1.0), name)
+    endpoints = (1.5, 1.5), (1498.5, 1498.5)
+    assert len(search(*endpoints, time_limit=100.0))  # compiled
+    assert search(*endpoints, time_limit=1e-9).shape == (0, 2)
 
 
 @pytest.mark.parametrize(

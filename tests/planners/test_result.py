@@ -148,6 +148,12 @@ def test_the_distance_from_obstacles_is_that_of_their_shapes_as_they_are_now() -
     assert plan.shown_distance == ("obstacle_distance", plan.obstacle_distance)
     assert f" m, obstacle distance {plan.obstacle_distance:.3f} m\n" in repr(plan)
     assert planners.plan(space, (1.0, 3.6), (1.0, 3.6)).obstacle_distance > 2.0
+    place = (4.0, 3.6, 0.0)[: space.dof]
+    apart = float(shapely.box(3.5, 3.4, 4.5, 3.8).distance(pillar))
+    assert space.obstacle_distance(place) == pytest.approx(apart, abs=1e-9)
+    assert space.obstacle_distance([place, (1.0, 1.0)], [0.1, 0.0]) == pytest.approx(apart - 0.05, abs=1e-9)
+    assert space.obstacle_distance(place, turns=0.2) == pytest.approx(apart - 0.1 * math.hypot(0.5, 0.2), abs=1e-9)
+    assert space.obstacle_distance((4.0, 2.5)) == 0.0  # in the pillar, where no borders meet
     space.place("ball", shapely.Point(4.0, 4.35).buffer(0.2))
     assert plan.obstacle_distance == pytest.approx(0.35, abs=0.03)
     space.place("ball", shapely.Point(4.0, 3.9).buffer(0.08))

@@ -58,6 +58,16 @@ def test_what_is_proven_not_to_exist(tmp_path):
     assert "proven" in plan.status
 
 
+def test_what_is_left_undecided(tmp_path):
+    walls = np.zeros((60, 40), dtype=bool)
+    walls[30:32, 4:] = True  # a gap as wide as the robot
+    workspace = cspace.Workspace.from_array(walls, 0.1)
+    tiled = cspace.build(workspace, cspace.Robot.disc(0.2), store=tmp_path / "m", tile=15)
+    plan = planners.plan(tiled, [0.7, 3.2], [5.3, 3.2])
+    assert not plan.solved and plan.path_exists is None
+    assert plan.status == "no chain of FREE cells joins start and goal; undecided whether one exists"
+
+
 def test_what_is_refused(tmp_path):
     tiled = cspace.build(maze(), cspace.Robot.disc(0.25), store=tmp_path / "m", tile=20)
     with pytest.raises(ConfigurationError, match=r"goal .*BLOCKED.*the nearest is") as caught:

@@ -119,6 +119,28 @@ def test_what_is_opened(tmp_path):
         opened.nothing_of_this_name  # noqa: B018
 
 
+def test_what_a_planner_of_ones_own_needs(tmp_path):
+    """Tiles in turn, each a map in memory in which a path leads on; and FREE configurations near others."""
+    walls = np.zeros((60, 40), dtype=bool)
+    walls[30:32, 7:] = True
+    workspace = cspace.Workspace.from_array(walls, 0.1)
+    space = cspace.build(workspace, cspace.Robot.disc(0.15))
+    tiled = cspace.build(workspace, cspace.Robot.disc(0.15), store=tmp_path / "m", tile=15)
+    start, goal, path = (0.7, 3.2), (5.3, 3.2), np.empty((0, 2))
+    legs = tiled.legs(start, goal)
+    assert len(legs) > 3
+    for open_part, first, last in legs:
+        path = np.vstack([path, open_part().free_path(first, last)])
+    assert path[[0, -1]].tolist() == [[*start], [*goal]] and space.certify_path(path).all()
+    for q in ((3.1, 2.0), (-0.4, 1.0)):
+        assert tiled.nearest_free(q) == pytest.approx(space.nearest_free(q))
+    walls[30:32] = True
+    workspace = cspace.Workspace.from_array(walls, 0.1)
+    assert not cspace.build(workspace, cspace.Robot.disc(0.15), store=tmp_path / "o", tile=15).legs(start, goal)
+    with pytest.raises(ConfigurationError, match="no FREE cell"):
+        cspace.build(workspace, cspace.Robot.disc(9.0), store=tmp_path / "n", tile=15).nearest_free(start)
+
+
 @pytest.mark.parametrize("q", [[np.nan, 0.0, 0.0], [0.0, 0.0], [[0.0, 0.0, np.inf]]])
 def test_configurations_that_are_none(q, tmp_path):
     _, tiled = pair("yaw", tmp_path)
