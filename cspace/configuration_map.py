@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import Floats, Ints
 from cspace.configuration_space import ConfigurationSpace
 from cspace.grid import Grid
-from cspace.map.batches import Many, One, Query, answer, as_points, in_pieces
+from cspace.map.batches import Kernel, Many, One, Query, answer, as_points, in_pieces
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.states import BLOCKED, FREE
+from cspace.threads import LEAST
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -196,8 +197,12 @@ class ConfigurationMap(ConfigurationSpace):
     def _clearances(self) -> Query:
         """The kernel of clearances."""
 
+    def _in_pieces(self, kernel: Kernel, least: int = LEAST) -> Query:
+        """What a kernel answers of the cells that the map shows it."""
+        return in_pieces(kernel, least)
+
     def _frees(self, exact: bool) -> Query:
-        return in_pieces(self._exact.points) if exact else partial(_are_free, self._classify())
+        return self._in_pieces(self._exact.points) if exact else partial(_are_free, self._classify())
 
     @property
     @abstractmethod

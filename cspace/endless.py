@@ -9,7 +9,7 @@ are those of the cells of one turn, joined across the seams.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
 from typing import TYPE_CHECKING, Any, Final, Literal, NoReturn, Unpack
@@ -23,18 +23,20 @@ from cspace.angles import TURN, shorter, wrapped
 from cspace.arrays import Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import Grid
-from cspace.map.batches import Query, as_points
-from cspace.map.callbacks import below_half_a_turn, brought
+from cspace.map.batches import Kernel, Query, as_points, in_pieces
+from cspace.map.callbacks import below_half_a_turn
 from cspace.map.contents import Contents
 from cspace.map.derived import Derived
 from cspace.memory import check_memory
 from cspace.rotations import OneRotation, Rotations
 from cspace.space import CSpace
+from cspace.threads import LEAST
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from cspace.exact.queries import Exact
     from cspace.map.components import Components
     from cspace.map.mip import Marks
     from cspace.map.record import Map
@@ -242,33 +244,17 @@ class EndlessCSpace(CSpace):
             Contents(part, self.robot, Rotations.of(None), self._slice_of, states, prove=self._contents.prove)
         )
 
-    def _brought(self, query: Query) -> Query:
+    def _in_pieces(self, kernel: Kernel, least: int = LEAST) -> Query:
         """The same of configurations, or edges, brought into the turn in the middle."""
         circles = self.rotations
 
-        def brought_query(parts: Sequence[Any], out: NDArray[Any]) -> int:
-            given = [np.asarray(part, dtype=np.float64) for part in parts]
-            rows = [circles.canonical(part) for part in given]
-            for k in range(1, len(rows)):
-                rows[k] = np.where(self.endless, rows[0] + circles.steps(given[0], given[k]), rows[k])
-            return query(rows, out)
+        def brought(given: Floats, *others_and_out: NDArray[Any]) -> int:
+            *others, out = others_and_out
+            first = circles.canonical(given)
+            ends = (np.where(self.endless, first + circles.steps(given, q), circles.canonical(q)) for q in others)
+            return kernel(first, *ends, out)
 
-        return brought_query
-
-    def _classify(self) -> Query:
-        return self._brought(self._unrolled._classify())
-
-    def _edges(self, number: int, exact: bool) -> Query:
-        return self._brought(self._unrolled._edges(number, exact))
-
-    def _frees(self, exact: bool) -> Query:
-        return self._brought(self._unrolled._frees(exact))
-
-    def _clearances(self) -> Query:
-        return self._brought(self._unrolled._clearances())
-
-    def _around_is_free(self, distance: float, angle: float) -> Query:
-        return self._brought(self._unrolled._around_is_free(distance, angle))
+        return in_pieces(brought, least)
 
     @property
     def record(self) -> Map:
@@ -277,17 +263,9 @@ class EndlessCSpace(CSpace):
     def _marks(self, *, cells: bool, lasting: bool = False) -> Marks:
         return self._unrolled._marks(cells=cells, lasting=lasting)
 
-    def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
-        """As :meth:`CSpace.point_checker`."""
-        return brought(self._unrolled.point_checker(exact=exact), self.endless)
-
-    def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
-        """As :meth:`CSpace.edge_checker`."""
-        return brought(self._unrolled.edge_checker(exact=exact), self.endless)
-
-    def clearance_checker(self) -> Callable[..., float]:
-        """As :meth:`CSpace.clearance_checker`."""
-        return brought(self._unrolled.clearance_checker(), self.endless)
+    @property
+    def _exact(self) -> Exact:
+        return self._unrolled._exact
 
     def nearest_free(self, q: ArrayLike) -> Floats:
         """As :meth:`CSpace.nearest_free`; angles are in [-pi, pi)."""
@@ -386,10 +364,10 @@ class EndlessCSpace(CSpace):
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
         self._none("overlap", "ask classify: a point overlaps with nothing, or with one cell")
 
+    def obstacle_distance(self, q: ArrayLike, lengths: ArrayLike = 0.0, turns: ArrayLike = 0.0) -> float:
+        """There is none: what lies between numbers of joints is no distance of the arm."""
+        self._none("the distance", "ask the space of the arm")
+
     def with_overlap_field(self, overlap: FourierOverlap) -> CSpace:
         """There is none: the arm is a point here."""
         self._none("overlap_field", "ask the space of the arm")
-
-    @property
-    def _exact(self) -> NoReturn:
-        self._none("the geometry", "ask the space of the arm, which is exact")

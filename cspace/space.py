@@ -362,7 +362,7 @@ class CSpace(ConfigurationMap):
         from cspace.map import callbacks
 
         quick = self._point_checker.get(lambda: callbacks.point_checker(self.record, self.dof))
-        return self._exact.point_checker(quick) if exact else quick
+        return callbacks.brought(self._exact.point_checker(quick) if exact else quick, self.endless)
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """A quick ``motion_is_free`` of the floats of two configurations, in one compiled call.
@@ -381,7 +381,7 @@ class CSpace(ConfigurationMap):
         from cspace.map import callbacks
 
         quick = self._edge_checker.get(lambda: callbacks.edge_checker(self.record, self.dof))
-        return self._exact.edge_checker(quick) if exact else quick
+        return callbacks.brought(self._exact.edge_checker(quick) if exact else quick, self.endless)
 
     def clearance_checker(self) -> Callable[..., float]:
         """A quick ``clearance`` of floats.
@@ -392,9 +392,10 @@ class CSpace(ConfigurationMap):
             ``check(*q) -> float``, of the dof numbers of a configuration; they must be finite floats, and are not
             checked.
         """
+        from cspace.map.callbacks import brought
         from cspace.map.clearance import checker
 
-        return checker(self.record, self.marks, self.dof)
+        return brought(checker(self.record, self.marks, self.dof), self.endless)
 
     # ---- what FREE cells join ----------------------------------------------------------------------------------------
 
@@ -1065,7 +1066,7 @@ class CSpace(ConfigurationMap):
     def _clearances(self) -> Query:
         from cspace.map.clearance import clearances
 
-        return in_pieces(partial(clearances, self.record, self._marks(cells=True)))
+        return self._in_pieces(partial(clearances, self.record, self._marks(cells=True)))
 
     def _classify(self) -> Query:
         return self._derived_classify.get(self._make_classify)
@@ -1073,12 +1074,12 @@ class CSpace(ConfigurationMap):
     def _make_classify(self) -> Query:
         from cspace.map.points import classify
 
-        return in_pieces(partial(classify, self.record))
+        return self._in_pieces(partial(classify, self.record))
 
     def _around_is_free(self, distance: float, angle: float) -> Query:
         from cspace.map.points import boxes_are_free
 
-        return in_pieces(partial(boxes_are_free, self.record, distance, angle))
+        return self._in_pieces(partial(boxes_are_free, self.record, distance, angle))
 
     def _edges(self, number: int, exact: bool) -> Query:
         """As everywhere; many edges are worth marks of blocks."""
@@ -1086,11 +1087,11 @@ class CSpace(ConfigurationMap):
         from cspace.map.mip import CELLS_AN_EDGE
 
         if exact:
-            return in_pieces(self._exact.edges, EDGES_A_THREAD)
+            return self._in_pieces(self._exact.edges, EDGES_A_THREAD)
         blocks = None
         if self._mip.made is not None or number * CELLS_AN_EDGE >= self._seen.size:
             blocks = self._marks(cells=False).blocks
-        return in_pieces(partial(edges_are_free, self.record, blocks), EDGES_A_THREAD)
+        return self._in_pieces(partial(edges_are_free, self.record, blocks), EDGES_A_THREAD)
 
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
         from cspace.map.overlaps import Runs, Sums, overlaps

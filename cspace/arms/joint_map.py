@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import partial
+from functools import cached_property, partial
 from typing import Final
 
 import numpy as np
@@ -17,13 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.angles import TURN
 from cspace.arms.boxes import FINER, Cells, Inside, Interiors, depths, fill
 from cspace.arms.chain import SLIDES, STILL, TURNS
-from cspace.arms.joint_proofs import JointProofs
 from cspace.arms.proofs import Scene, Solids, are_free, work_of
 from cspace.arms.space import ArmSpace
 from cspace.arrays import Bools, Floats, Ints
 from cspace.correlation import Progress
 from cspace.endless import map_of
 from cspace.errors import ConfigurationError, InputError
+from cspace.exact.boundaries import Problem, Proofs
+from cspace.exact.proofs import BorderProofs
 from cspace.grid import Grid, finite, positive
 from cspace.map.contents import Contents
 from cspace.memory import Planned, check_memory
@@ -316,3 +317,48 @@ def _balls(points: Floats, deep: Floats, shape: tuple[int, ...]) -> Floats:
         if len(chosen) < _BALLS and (np.linalg.norm(points[chosen] - points[k], axis=1) > 0.6 * deep[chosen]).all():
             chosen.append(k)
     return np.column_stack([points[chosen], deep[chosen]])
+
+
+class JointProofs:
+    """Proofs by an arm in a scene, as :class:`cspace.exact.boundaries.Proofs`, of a few of its joints.
+
+    Parameters
+    ----------
+    scene : Scene
+    numbers : ndarray of int64, shape (d,)
+        Which numbers of the arm's configuration those of the map are.
+    held : ndarray of float64, shape (arm.dof,)
+        What the others are.
+    intervals : ndarray of float64, shape (d, 2)
+        The part of each joint's range that is mapped; infinite for continuous joints.
+    problem : Problem
+        The map.
+    """
+
+    def __init__(self, scene: Scene, numbers: Ints, held: Floats, intervals: Floats, problem: Problem) -> None:
+        self._scene, self._numbers, self._held, self._intervals = scene, numbers, held, intervals
+        self._problem = problem
+
+    def edge(self, *endpoints: float) -> bool:
+        return bool(self.are_free(*np.array(endpoints).reshape(2, 1, -1))[0])
+
+    def are_free(self, q0: Floats, q1: Floats) -> Bools:
+        free, (low, high) = np.zeros(len(q0), dtype=np.bool_), self._intervals.T  # beyond them nothing is proven
+        first, last = (((low <= q) & (q <= high)).all(axis=1) for q in (q0, q1))
+        inside = np.flatnonzero(first & last)
+        free[inside] = are_free(self._scene, *(self._whole(q[inside]) for q in (q0, q1)))
+        return free
+
+    def spare(self, points: Floats, lengths: Floats, turns: Floats) -> float:
+        return self._in_joints.spare(points, lengths, turns)
+
+    @cached_property
+    def _in_joints(self) -> Proofs:
+        """Proofs of distances in joint space, to the cells that are not FREE."""
+        return BorderProofs(self._problem)
+
+    def _whole(self, q: Floats) -> Floats:
+        """Configurations of the arm, shape (n, arm.dof)."""
+        rows = np.tile(self._held, (len(q), 1))
+        rows[:, self._numbers] = q
+        return rows

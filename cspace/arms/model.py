@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arms.chain import MOST_BODIES, SLIDES, STILL, TURNS, Chain, place_bodies
-from cspace.arms.pairs import LOOKS, always_touch, apart, random_points
-from cspace.arms.solids import Solid, placed_shared, scene_of
-from cspace.arrays import Floats
+from cspace.arms.proofs import Scene, are_free
+from cspace.arms.solids import Solid, placed_shared, rigid, scene_of
+from cspace.arrays import Bools, Floats
 from cspace.errors import InputError
 from cspace.grid import finite
 from cspace.shapes import Shape
@@ -26,6 +26,12 @@ Names = tuple[str, str]
 
 _KINDS: Final = {"fixed": STILL, "revolute": TURNS, "continuous": TURNS, "prismatic": SLIDES}
 """What joints do, by their type in a URDF."""
+
+LOOKS: Final = 1000
+"""Random configurations after which a pair is said to touch never, or always."""
+
+_FEW: Final = 4
+"""Configurations in one of which most pairs are apart."""
 
 
 class Joint(NamedTuple):
@@ -243,28 +249,6 @@ def pair_of(one: str, other: str) -> Names:
     return (one, other) if one < other else (other, one)
 
 
-def rigid(pose: ArrayLike, name: str) -> Floats:
-    """A rigid motion, shape (4, 4).
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
-    matrix = finite(pose, name)
-    good = matrix.shape == (4, 4) and bool((matrix[3] == (0.0, 0.0, 0.0, 1.0)).all())
-    if good:
-        turn = matrix[:3, :3]
-        good = bool(np.abs(turn @ turn.T - np.eye(3)).max() < 1e-6) and bool(np.linalg.det(turn) > 0.0)
-    if not good:
-        mend = "pass [[R, t], [0, 0, 0, 1]], with the rotation matrix R"
-        raise InputError(name, f"has shape {matrix.shape}", "it must be a rigid motion, shape (4, 4)", mend, value=pose)
-    left, _, right = np.linalg.svd(matrix[:3, :3])
-    matrix = matrix.copy()
-    matrix[:3, :3] = left @ right  # the nearest rotation: digits of a file are few
-    return matrix
-
-
 def _joint(joint: Any, file: str) -> Joint:
     """A joint as yourdfpy gives it."""
     where = f"{file}: joint {joint.name!r}"
@@ -430,6 +414,24 @@ def _moving(links: Sequence[Solid]) -> list[tuple[int, int]]:
     rows = combinations(range(len(links)), 2)
     pairs = [(i, j) if links[i].body > links[j].body else (j, i) for i, j in rows]
     return [(i, j) for i, j in pairs if links[i].body != links[j].body]
+
+
+def random_points(ranges: tuple[Floats, Floats], count: int) -> Floats:
+    """Configurations within ranges, uniform, and always the same ones."""
+    return np.random.default_rng(0).uniform(*ranges, (count, len(ranges[0])))
+
+
+def apart(scene: Scene, points: Floats) -> Bools:
+    """Whether each pair of a scene is proven apart at configurations, shape (p, n)."""
+    proven = [are_free(scene._replace(pairs=pair[np.newaxis]), points, points) for pair in scene.pairs]
+    return np.array(proven, dtype=np.bool_).reshape(-1, len(points))
+
+
+def always_touch(scene: Scene, points: Floats) -> Bools:
+    """Whether each pair of a scene is proven apart at none of some configurations, shape (p,)."""
+    left = np.asarray(~apart(scene, points[:_FEW]).any(axis=1))
+    left[left] = ~apart(scene._replace(pairs=scene.pairs[left]), points[_FEW:]).any(axis=1)
+    return left
 
 
 def _disabled(path: str | os.PathLike[str], links: Sequence[str]) -> dict[Names, str]:

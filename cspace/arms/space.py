@@ -15,11 +15,18 @@ from scipy.optimize import nnls
 
 from cspace.arms.chain import STILL, TURNS, place_bodies
 from cspace.arms.hulls import corners_of
-from cspace.arms.model import Arm, pair_of, rigid
-from cspace.arms.obstacles import named_obstacles, placed_obstacle
-from cspace.arms.pairs import LOOKS, always_touch, random_points
+from cspace.arms.model import LOOKS, Arm, always_touch, pair_of, random_points
 from cspace.arms.proofs import Scene, are_blocked, are_free, distances, motions_are_free, work_of
-from cspace.arms.solids import Placed, Solid, Still, scene_of, scene_within
+from cspace.arms.solids import (
+    Placed,
+    Solid,
+    Still,
+    named_obstacles,
+    placed_obstacle,
+    rigid,
+    scene_of,
+    scene_within,
+)
 from cspace.arrays import Bools, Floats, Ints, States
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError

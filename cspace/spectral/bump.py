@@ -19,10 +19,13 @@ from numpy.typing import ArrayLike
 
 from cspace.arrays import Floats
 from cspace.errors import CspaceError, InputError
-from cspace.grid import check_word, not_negative, positive, unmasked
-from cspace.spectral.inputs import check_not_negative, check_tolerance
+from cspace.grid import check_word, finite, not_negative, positive, unmasked
 
 Radial = Callable[[Floats], Floats]
+
+LEAST_TOLERANCE: Final = 1e-13  # below this, rounding in float64 leaves nothing to ask for
+
+MOST_TOLERANCE: Final = 0.1
 
 VOLUME: Final = {2: math.pi, 3: 4.0 / 3.0 * math.pi}  # of the unit ball
 
@@ -93,7 +96,7 @@ class Bump:
 
     def profile(self, distance: ArrayLike) -> Floats:
         """Values at distances from the centre, in radii, of any shape; InputError if one is not zero or above."""
-        return self.values(check_not_negative(distance, "distance"))
+        return self.values(_check_not_negative(distance, "distance"))
 
     def values(self, distance: Floats) -> Floats:
         """:meth:`profile` of an array, unchecked."""
@@ -159,8 +162,25 @@ def check_bump(bump: Any) -> Bump:
     return Bump() if bump is None else bump
 
 
+def check_tolerance(tolerance: Any, least: float = LEAST_TOLERANCE) -> float:
+    """A relative tolerance from ``least`` to 0.1."""
+    value = finite(tolerance, "tolerance")
+    if value.ndim or not least <= value <= MOST_TOLERANCE:
+        rule = f"it must be one number from {least:g} to {MOST_TOLERANCE:g}, for it is relative to the largest value"
+        raise InputError("tolerance", f"is {tolerance!r}", rule, "pass e.g. 1e-9", value=tolerance)
+    return float(value)
+
+
+def _check_not_negative(values: ArrayLike, name: str) -> Floats:
+    """Finite numbers, none below zero, of any shape."""
+    array = finite(values, name)
+    if (array < 0.0).any():
+        raise InputError(name, f"holds {array.min():g}", "none may be below zero", "pass the modulus", value=values)
+    return array
+
+
 def _check_frequency(frequency: ArrayLike, name: str) -> Floats:
-    k = check_not_negative(frequency, name)
+    k = _check_not_negative(frequency, name)
     most = float(k.max(initial=0.0))
     if most > MOST_FREQUENCY:
         rule = f"up to {MOST_FREQUENCY:g} are computed"

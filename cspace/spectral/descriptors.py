@@ -19,9 +19,8 @@ from cspace.covering import check_cells
 from cspace.errors import InputError
 from cspace.grid import Grid, check_word, finite
 from cspace.raster.triangles import mark_touched
-from cspace.shapes import Balls, BallSet, Mesh, Shape, shape_of
+from cspace.shapes import Balls, BallSet, Mesh, Shape, check_balls, shape_of
 from cspace.spectral.bump import Bump, check_bump
-from cspace.spectral.inputs import check_dims, check_solid_balls
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -125,6 +124,22 @@ class BallDescriptor(Balls):
         steps = np.unique(np.quantile(self.radii, 1.0 - shares if up else shares, method="higher" if up else "lower"))
         places = np.searchsorted(steps, self.radii, side="left" if up else "right")
         return BallDescriptor(self.centers, steps[places if up else places - 1], self.bump)
+
+
+def check_solid_balls(centers: ArrayLike, radii: ArrayLike) -> tuple[Floats, Floats]:
+    """Copies of the centers, shape (n, dim), and radii above zero, shape (n,), of balls."""
+    points, sizes = check_balls(centers, radii)
+    if (sizes <= 0.0).any():
+        mend = "drop balls that have no volume"
+        raise InputError("radii", f"holds {sizes.min():g}", "each must be above zero", mend, value=radii)
+    return points, sizes
+
+
+def check_dims(name: str, dim: int, other: int) -> None:
+    """Refuse what is in the plane beside what is in space, or the other way around."""
+    if dim != other:
+        fault, rule = f"has {dim} coordinates and what it goes with {other}", "both must have as many"
+        raise InputError(name, fault, rule, "pass all in the plane or all in space", value=dim)
 
 
 def balls_of(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:

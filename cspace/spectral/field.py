@@ -21,7 +21,7 @@ from cspace.map.points import configuration, is_usable, replaced
 from cspace.map.record import Map
 from cspace.memory import check_memory
 from cspace.rotations import Rotations
-from cspace.spectral.inputs import check_dims
+from cspace.spectral.descriptors import check_dims
 from cspace.spectral.overlap import FourierOverlap
 from cspace.states import FIELDS
 

@@ -26,8 +26,7 @@ from cspace.spectral.bands import (
     touching_overlap,
 )
 from cspace.spectral.bump import Bump, pair_integrals
-from cspace.spectral.descriptors import ROUNDING, BallDescriptor, BallsLike, balls_of, bump_of
-from cspace.spectral.inputs import check_dims
+from cspace.spectral.descriptors import ROUNDING, BallDescriptor, BallsLike, balls_of, bump_of, check_dims
 from cspace.spectral.regions import gaps
 from cspace.spectral.spectra import nufft
 

@@ -26,15 +26,17 @@ from cspace.grid import finite
 from cspace.memory import KEEP, bytes_text, cells_of, free_bytes
 from cspace.spectral.bump import (
     HALF,
+    LEAST_TOLERANCE,
     Bump,
     RadialTable,
     chebyshev_coefficients,
     chebyshev_nodes,
     check_bump,
+    check_tolerance,
     nodes_needed,
     table_points,
 )
-from cspace.spectral.inputs import LEAST_TOLERANCE, check_solid_balls, check_tolerance
+from cspace.spectral.descriptors import check_solid_balls
 from cspace.threads import cores
 
 Complexes = NDArray[np.complex128]

@@ -15,7 +15,7 @@ from cspace.grid import check_word, finite
 from cspace.io.files import replacing, suffix_of
 from cspace.io.plain import read_json, read_yaml
 from cspace.shapes import Balls, Shape
-from cspace.spectral.inputs import check_solid_balls
+from cspace.spectral.descriptors import check_solid_balls
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

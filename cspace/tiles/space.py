@@ -27,11 +27,10 @@ from cspace.states import FREE, NAMES
 from cspace.threads import LEAST, in_chunks
 from cspace.tiles.cache import Cache
 from cspace.tiles.labels import Joined, label_all
-from cspace.tiles.overview import overview_of
+from cspace.tiles.parts import overview_of, window_of
 from cspace.tiles.sources import Held
 from cspace.tiles.store import Record, Store
 from cspace.tiles.update import update_store
-from cspace.tiles.window import window_of
 from cspace.tiles.work import Job
 from cspace.update import Patch, Update
 
