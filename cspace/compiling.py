@@ -8,7 +8,7 @@ import logging
 import os
 import stat
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
@@ -71,6 +71,7 @@ def _cache_class() -> Any:
     once, each may leave its own index beside the other's code.
     """
     from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+    from numba.core.sigutils import normalize_signature
 
     class Own:
         def ensure_cache_path(self) -> None:
@@ -84,14 +85,16 @@ def _cache_class() -> Any:
         ]
 
     class File(IndexDataCacheFile):
+        sources: Sequence[tuple[str, str]] = ()
+
         def load(self, key: Any) -> Any:
             with suppress(Exception):  # a file that is damaged holds nothing
                 stamp, cached_key, code = super().load(key)  # type: ignore[no-untyped-call]
-                return code if (stamp, cached_key) == (self._source_stamp, key) else None
+                return code if (stamp, cached_key) == (self.sources, key) else None
 
         def save(self, key: Any, code: Any) -> None:
             with suppress(OSError):  # a full disk
-                super().save(key, (self._source_stamp, key, code))  # type: ignore[no-untyped-call]
+                super().save(key, (self.sources, key, code))  # type: ignore[no-untyped-call]
 
         def _load_index(self) -> Any:
             with suppress(Exception):
@@ -103,22 +106,25 @@ def _cache_class() -> Any:
 
         def __init__(self, function: Callable[..., Any]) -> None:
             super().__init__(function)  # type: ignore[no-untyped-call]
-            self._cache_file = File(self._cache_path, self._impl.filename_base, None)  # type: ignore[no-untyped-call]
+            stamp = _stamp(function.__code__.co_filename)
+            self._cache_file = File(self._cache_path, self._impl.filename_base, stamp)  # type: ignore[no-untyped-call]
 
-        def load_overload(self, *arguments: Any) -> Any:
-            self._look_around()
-            return super().load_overload(*arguments)  # type: ignore[no-untyped-call]
+        def load_overload(self, signature: Any, target: Any) -> Any:
+            return super().load_overload(signature, target) if self._look_around(signature) else None  # type: ignore[no-untyped-call]
 
         def save_overload(self, signature: Any, compiled: Any) -> None:
             _refuse_recursion(self._py_func.__qualname__, compiled.library)
-            self._look_around()
             with suppress(OSError):  # a folder that has gone
-                super().save_overload(signature, compiled)  # type: ignore[no-untyped-call]
+                if self._look_around(signature):
+                    super().save_overload(signature, compiled)  # type: ignore[no-untyped-call]
 
-        def _look_around(self) -> None:
+        def _look_around(self, signature: Any) -> bool:
+            """Note what code is made from; False where that is not ours alone."""
             sources: set[tuple[str, str]] = set()
-            _add_sources(self._py_func, sources, set())
-            self._cache_file._source_stamp = sorted(sources)
+            records = _records(normalize_signature(signature)[0])  # type: ignore[no-untyped-call]
+            _add_sources(self._py_func, sources, set(), records)
+            self._cache_file.sources = sorted(sources)  # type: ignore[attr-defined]
+            return all(_is_ours(record.__module__) for record in records)
 
     return Cache
 
@@ -164,8 +170,27 @@ def is_own(folder: Path) -> bool:
     return not theirs
 
 
-def _add_sources(function: Callable[..., Any], sources: set[tuple[str, str]], seen: set[object]) -> None:
-    """Add what the machine code of a function is made from: files with their stamps, constants with their values."""
+def _records(types: Iterable[Any]) -> set[type]:
+    """Classes of the records among arguments of these types, and of those that they hold."""
+    waiting, records = list(types), set[type]()
+    while waiting:
+        each = waiting.pop()
+        records.update([each.instance_class] if hasattr(each, "instance_class") else [])
+        waiting.extend(getattr(each, "types", ()))
+    return records
+
+
+def _is_ours(module: str) -> bool:
+    return module.startswith(("cspace.", "planners."))
+
+
+def _add_sources(
+    function: Callable[..., Any], sources: set[tuple[str, str]], seen: set[object], records: set[type]
+) -> None:
+    """Add what the machine code of a function is made from: files with their stamps, constants with their values.
+
+    Its arguments are or hold records of some classes.
+    """
     seen.add(function)
     sources.add((function.__module__, _stamp(function.__code__.co_filename)))
     names, codes = set[str](), [function.__code__]
@@ -176,13 +201,13 @@ def _add_sources(function: Callable[..., Any], sources: set[tuple[str, str]], se
     values = [(name, function.__globals__[name]) for name in names if name in function.__globals__]
     modules = [value for _, value in values if isinstance(value, ModuleType)]
     values += [(name, getattr(module, name)) for module in modules for name in names if hasattr(module, name)]
-    values += [(name, each) for name in names for each in _PARTS.get(name, ())]
+    values += [(name, vars(record)[name]) for name in names for record in records if name in vars(record)]
     for name, value in values:
         if isinstance(value, bool | int | float | str | tuple):
             sources.add((name, repr(value)))
             continue
         home = sys.modules.get(str(getattr(value, "__module__", "")))
-        if home is None or not home.__name__.startswith(("cspace.", "planners.")):
+        if home is None or not _is_ours(home.__name__):
             continue
         sources.add((home.__name__, _stamp(str(home.__file__))))
         # A function that is not compiled itself stands for overloads, which are with it.
@@ -190,7 +215,7 @@ def _add_sources(function: Callable[..., Any], sources: set[tuple[str, str]], se
         for other in others:
             inner = other if _is_part(other) else getattr(other, "py_func", None)
             if inner is not None and inner not in seen:
-                _add_sources(inner, sources, seen)
+                _add_sources(inner, sources, seen, records)
 
 
 def _is_part(value: object) -> TypeGuard[FunctionType]:
@@ -431,7 +456,7 @@ def _announce_compiling() -> None:
 
         def on_start(self, event: Any) -> None:
             module = str(event.data["dispatcher"].py_func.__module__)
-            own = module.startswith(("cspace.", "planners."))
+            own = _is_ours(module)
             if own and module not in self.announced:
                 self.announced.add(module)
                 LOGGER.info("compiling %s, once per machine", module)

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Final, TypeVar
+from functools import cache
+from types import FunctionType
+from typing import Any, Final, NamedTuple, TypeVar
 
 from cspace.angles import TURN
-from cspace.compiling import entry, reader
+from cspace.arrays import Numbers
+from cspace.compiling import entry, part, reader
 from cspace.map.edges import edge_is_free
 from cspace.map.points import state_at
 from cspace.map.record import Map
@@ -18,12 +21,18 @@ T = TypeVar("T")
 
 def point_checker(map_: Map, dof: int) -> Callable[..., bool]:
     """``check(*q)``: whether a configuration is FREE."""
-    return entry(_POINTS[dof], (map_,), dof)
+    # Looking up a point is too short to let go of the interpreter for.
+    return callback(Point(map_), dof, nogil=False)
 
 
 def edge_checker(map_: Map, dof: int) -> Callable[..., bool]:
     """``check(*q0, *q1)``: whether an edge is FREE all along."""
-    return entry(_EDGES[dof], (map_,), 2 * dof)
+    return entry(_compiled(_OF_TWO[dof], nogil=True), (Edge(map_),), 2 * dof)
+
+
+def callback(query: Any, dof: int, nogil: bool = True) -> Callable[..., Any]:
+    """``call(*q)``: the method ``answer`` of a record, for the floats of one configuration."""
+    return entry(_compiled(_OF_ONE[dof], nogil), (query,), dof)
 
 
 def brought(check: Callable[..., T], endless: Sequence[bool]) -> Callable[..., T]:
@@ -51,65 +60,52 @@ def below_half_a_turn(check: Callable[..., bool], endless: Sequence[bool]) -> Ca
     return lambda *both: all(abs(both[dof + k] - both[k]) < 0.499 * TURN for k in circles) and check(*both)
 
 
-# Numba calls a function of so many floats quicker than one that takes a tuple of them. Looking up a point is too short
-# to let go of the interpreter for.
+@part
+class Point(NamedTuple):
+    """Whether a configuration is FREE."""
+
+    map_: Map
+
+    def answer(self, q: Numbers) -> bool:
+        return state_at(self.map_, q) == FREE
 
 
-@reader(nogil=False)
-def _point_2(map_: Map, x: float, y: float) -> bool:
-    return state_at(map_, (x, y)) == FREE
+@part
+class Edge(NamedTuple):
+    """Whether an edge is FREE all along."""
+
+    map_: Map
+
+    def answer_both(self, q0: Numbers, q1: Numbers) -> bool:
+        return edge_is_free(self.map_, None, q0, q1)
 
 
-@reader(nogil=False)
-def _point_3(map_: Map, a: float, b: float, c: float) -> bool:
-    return state_at(map_, (a, b, c)) == FREE
+# Numba calls a function of so many floats quicker than one that takes a tuple of them.
+
+_OF_ONE: Final[dict[int, Any]] = {
+    2: lambda query, a, b: query.answer((a, b)),
+    3: lambda query, a, b, c: query.answer((a, b, c)),
+    4: lambda query, a, b, c, d: query.answer((a, b, c, d)),
+    5: lambda query, a, b, c, d, e: query.answer((a, b, c, d, e)),
+    6: lambda query, a, b, c, d, e, f: query.answer((a, b, c, d, e, f)),
+    7: lambda query, a, b, c, d, e, f, g: query.answer((a, b, c, d, e, f, g)),
+}
+_OF_TWO: Final[dict[int, Any]] = {
+    2: lambda query, a, b, h, i: query.answer_both((a, b), (h, i)),
+    3: lambda query, a, b, c, h, i, j: query.answer_both((a, b, c), (h, i, j)),
+    4: lambda query, a, b, c, d, h, i, j, k: query.answer_both((a, b, c, d), (h, i, j, k)),
+    5: lambda query, a, b, c, d, e, h, i, j, k, m: query.answer_both((a, b, c, d, e), (h, i, j, k, m)),
+    6: lambda query, a, b, c, d, e, f, h, i, j, k, m, n: query.answer_both((a, b, c, d, e, f), (h, i, j, k, m, n)),
+    7: lambda query, a, b, c, d, e, f, g, h, i, j, k, m, n, o: query.answer_both(
+        (a, b, c, d, e, f, g), (h, i, j, k, m, n, o)
+    ),
+}
+"""What numba compiles for a query, by the length of a configuration."""
 
 
-@reader(nogil=False)
-def _point_4(map_: Map, a: float, b: float, c: float, d: float) -> bool:
-    return state_at(map_, (a, b, c, d)) == FREE
-
-
-@reader(nogil=False)
-def _point_7(map_: Map, a: float, b: float, c: float, d: float, e: float, f: float, g: float) -> bool:
-    return state_at(map_, (a, b, c, d, e, f, g)) == FREE
-
-
-@reader
-def _edge_2(map_: Map, a: float, b: float, c: float, d: float) -> bool:
-    return edge_is_free(map_, None, (a, b), (c, d))
-
-
-@reader
-def _edge_3(map_: Map, a: float, b: float, c: float, d: float, e: float, f: float) -> bool:
-    return edge_is_free(map_, None, (a, b, c), (d, e, f))
-
-
-@reader
-def _edge_4(map_: Map, a: float, b: float, c: float, d: float, e: float, f: float, g: float, h: float) -> bool:
-    return edge_is_free(map_, None, (a, b, c, d), (e, f, g, h))
-
-
-@reader
-def _edge_7(
-    map_: Map,
-    a: float,
-    b: float,
-    c: float,
-    d: float,
-    e: float,
-    f: float,
-    g: float,
-    h: float,
-    i: float,
-    j: float,
-    k: float,
-    l: float,  # noqa: E741
-    m: float,
-    n: float,
-) -> bool:
-    return edge_is_free(map_, None, (a, b, c, d, e, f, g), (h, i, j, k, l, m, n))
-
-
-_POINTS: Final = {2: _point_2, 3: _point_3, 4: _point_4, 7: _point_7}
-_EDGES: Final = {2: _edge_2, 3: _edge_3, 4: _edge_4, 7: _edge_7}
+@cache
+def _compiled(written: FunctionType, nogil: bool) -> Any:
+    """One of these; numba keeps it by its name."""
+    named = FunctionType(written.__code__, written.__globals__)
+    named.__qualname__ = f"spread_{'without' if nogil else 'with'}_lock"
+    return reader(nogil=nogil)(named)

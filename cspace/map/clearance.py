@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from cspace.arrays import Floats, Words
-from cspace.compiling import by_kind, entry, inner, reader
+from cspace.compiling import by_kind, inner, part, reader
 from cspace.grid import SLACK
+from cspace.map.callbacks import callback
 from cspace.map.mip import ROWS, SHIFT, SIDE, Marks, PlaneMarks, SpaceMarks
 from cspace.map.points import FAR, Cell, Numbers, configuration, is_usable, replaced, state_at
 from cspace.map.record import Map
@@ -465,32 +466,17 @@ def clearances(map_: Map, marks: Marks, points: Floats, out: Floats) -> int:
     return -1
 
 
-@reader
-def _clearance_2(map_: Map, marks: Marks, x: float, y: float) -> float:
-    return clearance_at(map_, marks, (x, y), math.inf) * map_.spacing
+@part
+class Clearance(NamedTuple):
+    """The clearance of a configuration, in metres."""
 
+    map_: Map
+    marks: Marks
 
-@reader
-def _clearance_3(map_: Map, marks: Marks, a: float, b: float, c: float) -> float:
-    return clearance_at(map_, marks, (a, b, c), math.inf) * map_.spacing
-
-
-@reader
-def _clearance_4(map_: Map, marks: Marks, a: float, b: float, c: float, d: float) -> float:
-    return clearance_at(map_, marks, (a, b, c, d), math.inf) * map_.spacing
-
-
-@reader
-def _clearance_7(
-    map_: Map, marks: Marks, a: float, b: float, c: float, d: float, e: float, f: float, g: float
-) -> float:
-    return clearance_at(map_, marks, (a, b, c, d, e, f, g), math.inf) * map_.spacing
-
-
-_CLEARANCE: Final = {2: _clearance_2, 3: _clearance_3, 4: _clearance_4, 7: _clearance_7}
-# Numba calls a function of so many floats quicker than one that takes a tuple of them.
+    def answer(self, q: Numbers) -> float:
+        return clearance_at(self.map_, self.marks, q, math.inf) * self.map_.spacing
 
 
 def checker(map_: Map, marks: Marks, dof: int) -> Callable[..., float]:
     """A quick clearance of the numbers of one configuration; it stays right through all changes."""
-    return entry(_CLEARANCE[dof], (map_, marks), dof)
+    return callback(Clearance(map_, marks), dof)

@@ -6,16 +6,17 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final, Protocol, overload
+from typing import Any, Final, NamedTuple, Protocol, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Floats
-from cspace.compiling import entry, inner, reader
+from cspace.arrays import Floats, Numbers
+from cspace.compiling import inner, part, reader
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.map.batches import Many, One, answer, in_pieces
+from cspace.map.callbacks import callback
 from cspace.map.contents import checked_fields
 from cspace.map.points import configuration, is_usable, replaced
 from cspace.map.record import Map
@@ -129,7 +130,8 @@ class OverlapField:
 
     def checker(self) -> Callable[..., float]:
         """A quick :meth:`at` of floats: ``check(*q) -> float``; they must be finite, and are not checked."""
-        return entry(_FIELDS[self._dof], self._fixed(), self._dof)
+        check: Callable[..., float] = callback(Field(*self._fixed()), self._dof)
+        return check
 
     @property
     def _dof(self) -> int:
@@ -165,27 +167,17 @@ def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
     return max(total, 0.0)
 
 
-@reader
-def _field_2(map_: Map, values: Floats, x: float, y: float) -> float:
-    return float(field_at(map_, values, (x, y)))
+@part
+class Field(NamedTuple):
+    """The value of a field at a configuration."""
+
+    map_: Map
+    values: Floats
+
+    def answer(self, q: Numbers) -> float:
+        return field_at(self.map_, self.values, q)
 
 
-@reader
-def _field_3(map_: Map, values: Floats, a: float, b: float, c: float) -> float:
-    return float(field_at(map_, values, (a, b, c)))
-
-
-@reader
-def _field_4(map_: Map, values: Floats, a: float, b: float, c: float, d: float) -> float:
-    return float(field_at(map_, values, (a, b, c, d)))
-
-
-@reader
-def _field_7(map_: Map, values: Floats, a: float, b: float, c: float, d: float, e: float, f: float, g: float) -> float:
-    return float(field_at(map_, values, (a, b, c, d, e, f, g)))
-
-
-_FIELDS: Final = {2: _field_2, 3: _field_3, 4: _field_4, 7: _field_7}
 """By the number of floats of a configuration; numba calls a function of floats quicker than one of a tuple."""
 
 
