@@ -82,7 +82,7 @@ class MotionValidator(ob.MotionValidator):
         As for :func:`planners.plan`.
     turning_radius : float, optional
         Metres; for curves, which need it.
-    both_ways : bool
+    bidirectional : bool
         Whether an edge must also be free from its end to its start. The planners need it that take edges both ways
         (BFMT, BKPIECE1, LBKPIECE1, PRM, PRMstar), where the robot does not drive backwards.
 
@@ -117,11 +117,11 @@ class MotionValidator(ob.MotionValidator):
         exact: bool = False,
         drive: str = HOLONOMIC,
         turning_radius: float | None = None,
-        both_ways: bool = False,
+        bidirectional: bool = False,
     ) -> None:
         check_information(si, space)
         super().__init__(si)
-        edges = local_planner(space, exact, drive, turning_radius, both_ways)
+        edges = local_planner(space, exact, drive, turning_radius, bidirectional)
         self._query_map = edges.motion_checker()
         self.answer_with(None)
 

@@ -32,7 +32,7 @@ SECOND_THREAD: Final = frozenset({"PRM", "PRMstar"})
 rule, while the first thread holds Python and waits for the second: a deadlock, so such pairs are refused. Nor may a
 callback raise in them, which would end the process."""
 
-_BOTH_WAYS: Final = ("BFMT", "BKPIECE1", "LBKPIECE1", "PRM", "PRMstar")
+_FROM_BOTH: Final = ("BFMT", "BKPIECE1", "LBKPIECE1", "PRM", "PRMstar")
 """Planners that take edges from their ends too."""
 
 UNSAFE: Final = {"AORRTC": "of OMPL 2.0.1 ends the process where paths are longer than some 90 m"}
@@ -40,11 +40,11 @@ UNSAFE: Final = {"AORRTC": "of OMPL 2.0.1 ends the process where paths are longe
 seven digits, and where the root is farther off, it reads on behind the end of its list."""
 
 REFUSED: Final = {
-    "dubins": dict.fromkeys(_BOTH_WAYS, "takes edges from their ends too, which such a car does not drive")
+    "dubins": dict.fromkeys(_FROM_BOTH, "takes edges from their ends too, which such a car does not drive")
 }
 """For each drive, the planners that cannot plan with it, and why."""
 
-ASK_BOTH_WAYS: Final = {"differential": frozenset(_BOTH_WAYS)}
+BIDIRECTIONAL: Final = {"differential": frozenset(_FROM_BOTH)}
 """For each drive, the planners for which edges must be free from end to start too, since they take them so. A car's
 way back is a loop, which is hardly ever free; a robot that turns on the spot has only to turn around."""
 

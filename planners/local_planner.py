@@ -105,7 +105,7 @@ class LocalPlanner(ABC):
         One of :data:`DRIVES`.
     turning_radius : float or None
         Of the curves, metres.
-    both_ways : bool
+    bidirectional : bool
         Whether an edge that OMPL checks must also be free from its end to its start, which is another one where the
         robot does not reverse.
     """
@@ -114,7 +114,7 @@ class LocalPlanner(ABC):
     exact: bool = False
     drive: str = HOLONOMIC
     turning_radius: float | None = None
-    both_ways: bool = False
+    bidirectional: bool = False
 
     own: ClassVar[tuple[str, ...]] = ()
     """Searches of our own that go along such edges."""
@@ -135,7 +135,7 @@ class LocalPlanner(ABC):
     @property
     def options(self) -> dict[str, Any]:
         """Keyword arguments with which :func:`local_planner` makes it again, beside the map."""
-        names = ("exact", "drive", "turning_radius", "both_ways")
+        names = ("exact", "drive", "turning_radius", "bidirectional")
         return {name: getattr(self, name) for name in names}
 
     def states(self) -> ob.StateSpace:
@@ -149,7 +149,7 @@ class LocalPlanner(ABC):
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
         """As :meth:`edge_checker`, of two states of OMPL and the edge that OMPL means."""
         check = kind_of(self.space).of_states(self.edge_checker())
-        return (lambda first, second: check(first, second) and check(second, first)) if self.both_ways else check
+        return (lambda first, second: check(first, second) and check(second, first)) if self.bidirectional else check
 
     def corners(self, path: Floats) -> Floats:
         """The configurations of a path, and those between where the motion changes: straight edges join them all."""
@@ -669,7 +669,7 @@ def local_planner(
     exact: bool = False,
     drive: str = HOLONOMIC,
     turning_radius: float | None = None,
-    both_ways: bool = False,
+    bidirectional: bool = False,
 ) -> LocalPlanner:
     """How configurations are joined; the options are those of :class:`LocalPlanner`.
 
@@ -684,13 +684,13 @@ def local_planner(
         return JointMotions(space, True)  # there are no cells to be asked first
     if radius is None:
         made = StraightEdges if drive == HOLONOMIC else TurnDriveTurn
-        return made(space, bool(exact), drive, None, both_ways)
+        return made(space, bool(exact), drive, None, bidirectional)
     least, most = 1e-3 * space.grid.spacing, 1e3 * space.grid.spacing
     if not least <= radius <= most:
         rule = f"it must be {least:g} to {most:g} m, so that rounding does not count"
         mend = "for a robot that turns on the spot, use drive='differential'"
         raise InputError("turning_radius", f"is {radius!r}", rule, mend, value=radius)
-    return CarCurves(space, False, drive, radius, both_ways)
+    return CarCurves(space, False, drive, radius, bidirectional)
 
 
 def check_drive(axes: tuple[str, ...], drive: str, turning_radius: float | None, exact: bool = False) -> float | None:

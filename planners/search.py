@@ -17,7 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from cspace.arrays import Floats
-from planners.catalogue import ASK_BOTH_WAYS, IGNORE_OBJECTIVES, SECOND_THREAD, make_planner, planner_named
+from planners.catalogue import BIDIRECTIONAL, IGNORE_OBJECTIVES, SECOND_THREAD, make_planner, planner_named
 from planners.deadline import GRACE, Callbacks, Deadline, OutOfTime
 from planners.local_planner import LocalPlanner
 from planners.objectives import WeightedLength
@@ -115,8 +115,8 @@ class Search:
             if self.seed is not None:
                 # OMPL calls this an error once numbers have been drawn, but what is made from here on obeys it.
                 ou.RNG.setSeed(self.seed + 1)
-            if self.planner in ASK_BOTH_WAYS.get(edges.drive, ()):
-                edges = replace(edges, both_ways=True)
+            if self.planner in BIDIRECTIONAL.get(edges.drive, ()):
+                edges = replace(edges, bidirectional=True)
             setup = set_up(edges, None if self.planner in SECOND_THREAD else self.objective)
             if self._is_shortest(edges, setup, start, goal):
                 return SearchResult(

@@ -96,7 +96,7 @@ def simple_setup(
     exact: bool = False,
     drive: str = HOLONOMIC,
     turning_radius: float | None = None,
-    both_ways: bool = False,
+    bidirectional: bool = False,
 ) -> og.SimpleSetup:
     """OMPL's set-up with everything that a map, or an arm, provides: states, motions, samples, checking resolution.
 
@@ -122,7 +122,7 @@ def simple_setup(
         As for :func:`planners.plan`.
     turning_radius : float, optional
         Metres; for curves, which need it.
-    both_ways : bool
+    bidirectional : bool
         As for :class:`MotionValidator`.
 
     Returns
@@ -138,7 +138,8 @@ def simple_setup(
         of another type than OMPL's, or both ``rng`` and a sampler are given, or ``rng`` and ``exact``. And as
         :func:`state_space`.
     """
-    return set_up(local_planner(space, exact, drive, turning_radius, both_ways), objective, rng, valid_state_sampler)
+    edges = local_planner(space, exact, drive, turning_radius, bidirectional)
+    return set_up(edges, objective, rng, valid_state_sampler)
 
 
 def set_up(

@@ -149,19 +149,19 @@ def work_of(scene: Scene) -> Work:
     )
 
 
-def are_free(scene: Scene, starts: Floats, ends: Floats) -> Bools:
+def are_free(scene: Scene, firsts: Floats, lasts: Floats) -> Bools:
     """Whether motions are proven free, shapes (n, dof), in one thread."""
-    out = np.empty(len(starts), dtype=np.bool_)
-    motions_are_free(scene, starts, ends, out, work_of(scene))
+    out = np.empty(len(firsts), dtype=np.bool_)
+    motions_are_free(scene, firsts, lasts, out, work_of(scene))
     return out
 
 
 @jit
-def motions_are_free(scene: Scene, starts: Floats, ends: Floats, out: Bools, work: Work) -> None:
+def motions_are_free(scene: Scene, firsts: Floats, lasts: Floats, out: Bools, work: Work) -> None:
     """Whether all configurations of motions are free, shapes (n, dof); one that ends where it starts is a point."""
-    for k in range(len(starts)):
+    for k in range(len(firsts)):
         # Most motions that are not free end in a collision.
-        out[k] = point_is_free(scene, ends[k], work) and motion_is_free(scene, starts[k], ends[k], work)
+        out[k] = point_is_free(scene, lasts[k], work) and motion_is_free(scene, firsts[k], lasts[k], work)
 
 
 @inner

@@ -440,16 +440,16 @@ class ArmSpace(ConfigurationSpace):
 
     def _edges(self, number: int, exact: bool) -> Query:
         def query(parts: Sequence[Any], out: Bools) -> int:
-            starts, ends = self._rows(parts, ("q0", "q1"))
-            return self._prove(starts, ends, out)
+            firsts, lasts = self._rows(parts, ("q0", "q1"))
+            return self._prove(firsts, lasts, out)
 
         return query
 
-    def _prove(self, starts: Floats, ends: Floats, out: Bools) -> int:
+    def _prove(self, firsts: Floats, lasts: Floats, out: Bools) -> int:
         """Whether motions are proven free, in threads."""
 
         def work(first: int, stop: int) -> int:
-            out[first:stop] = are_free(self._scene, starts[first:stop], ends[first:stop])
+            out[first:stop] = are_free(self._scene, firsts[first:stop], lasts[first:stop])
             return -1
 
         return in_chunks(work, len(out), THREAD)

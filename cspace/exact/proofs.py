@@ -127,8 +127,8 @@ class BorderProofs:
         anchors = [np.empty((0, 3))]
         # The same of balls of the robot; elsewhere only what is small fits in.
         if self._robot.encloses and (border.simplices != border.simplices[:, :1]).any():
-            found = (anchors_of(in_space([part])) for part in borders.pieces)
-            anchors += [points[sizes <= 2.0 * reach] for points, sizes in found]
+            anchored = (anchors_of(in_space([part])) for part in borders.pieces)
+            anchors += [points[sizes <= 2.0 * reach] for points, sizes in anchored]
         small = np.concatenate(anchors)
         low, high = (np.pad(corner, (0, 3 - grid.dim)) for corner in self._robot.bounds)
         regions, cells = self._robot.regions, (*grid.shape, 1)[:3]

@@ -426,22 +426,22 @@ def _wait(flood: Flood, cell: int, level: int) -> None:
 
 
 @reader
-def bottleneck(graph: Graph, flood: Flood, one: int, other: int, found: Ints) -> int:
+def bottleneck(graph: Graph, flood: Flood, one: int, other: int, pair: Ints) -> int:
     """The largest level that the lowest cell of a chain from one top to another can have; 0 where there is none.
 
-    The flood goes on from where it was until it has come to both; -1 where it needs more room, and now and then. What
-    was ``found`` until then are the numbers of the two among the tops, or -1, of so many that were looked through.
+    The flood goes on from where it was until it has come to both; -1 where it needs more room, and now and then.
+    ``pair`` holds from call to call the numbers of the two among the tops, or -1, and how many were looked through.
     """
     degree, state, steps = graph.faces + graph.neighbors.shape[1], flood.state, 0
-    first, second = found[0], found[1]
+    first, second = pair[0], pair[1]
     if one == other:
         return level_of(graph, one)
-    for number in range(found[2], state[2]):
+    for number in range(pair[2], state[2]):
         first = number if flood.tops[number] == one else first
         second = number if flood.tops[number] == other else second
     while first < 0 or second < 0:
         if steps == STEPS or max(state[0], state[2]) + degree >= len(flood.cells):
-            found[0], found[1], found[2] = first, second, state[2]
+            pair[0], pair[1], pair[2] = first, second, state[2]
             return -1
         steps += 1
         level = state[3]
@@ -493,10 +493,10 @@ def climb(graph: Graph, cell: int) -> Ints:
     return path[:count]
 
 
-def _taken(kept: list[T], make: Callable[[], T]) -> T:
-    """What is kept, for one thread at a time; a new one where there is none, or others have it."""
+def _taken(spare: list[T], make: Callable[[], T]) -> T:
+    """What is spare, for one thread at a time; a new one where there is none, or others have it."""
     try:
-        return kept.pop()
+        return spare.pop()
     except IndexError:
         return make()
 
@@ -569,9 +569,9 @@ class Widest:
             return 0
         one, other = (int(climb(graph, cell)[-1]) for cell in (start, goal))
         size, more = graph.levels[0].size * len(graph.slice_of), graph.faces + graph.neighbors.shape[1]
-        flood, found = _taken(self.floods, lambda: Flood.of(size)), np.array([-1, -1, 0])
+        flood, pair = _taken(self.floods, lambda: Flood.of(size)), np.array([-1, -1, 0])
         try:
-            while (best := bottleneck(graph, flood, one, other, found)) < 0:
+            while (best := bottleneck(graph, flood, one, other, pair)) < 0:
                 keep_on(until)
                 flood = flood.roomy(more, until)
         finally:

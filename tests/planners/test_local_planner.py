@@ -141,9 +141,9 @@ def test_a_robot_that_reverses_backs_out_where_it_cannot_turn_around() -> None:
     plan = planners.plan(space, *endpoints, drive="differential-reverse")
     check(space, plan, *endpoints)
     assert plan.length == 2.0 and set(plan.direction.tolist()) == {-1}  # type: ignore[union-attr]
-    for drive, both_ways, free in (("differential", False, True), ("differential", True, False)):
+    for drive, back, free in (("differential", False, True), ("differential", True, False)):
         validator = planners.MotionValidator(
-            planners.simple_setup(space, drive=drive).getSpaceInformation(), space, drive=drive, both_ways=both_ways
+            planners.simple_setup(space, drive=drive).getSpaceInformation(), space, drive=drive, bidirectional=back
         )
         si = planners.simple_setup(space, drive=drive).getSpaceInformation()
         assert validator.checkMotion(*(state_at(space, si, q) for q in endpoints[::-1])) == free
