@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Ints, Words
 from cspace.compiling import inner, reader
-from cspace.map.storage import Cells, Stack, bits_from, cells_of, expect, row_in, state_in, zeros_below
+from cspace.map.storage import Cells, Stack, bits_from, cells_of, expect, row_in, state_in
 from cspace.raster.components import find, unite
 from cspace.threads import cores, in_threads
 
 Nodes = NDArray[np.int32]
+Numbers = TypeVar("Numbers", Nodes, Words)
 
 SHIFTS: Final = {2: (0, 6, 6), 3: (3, 3, 6)}
 """Cells of a block along each axis, as powers of two, by dimension: 64 rows of 64 cells. A plane has one layer."""
@@ -31,13 +32,13 @@ UNLABELLED: Final = -2
 """Stands for cells whose component takes the labels of their block; less the number of the block, and of the cell's row
 in it and place in the row, 6 bits each."""
 
-TASK: Final = 2048
+TASK: Final = 4096
 """Blocks that a thread takes at a time."""
 
 LEAST: Final = 256
 """Blocks for which a thread of their own pays."""
 
-TALL: Final = 8
+TALL: Final = 12
 """Slices among them, where there are so many."""
 
 STRUCK: Final = -1
@@ -81,19 +82,28 @@ class Blocks(NamedTuple):
 
 
 class Labels(NamedTuple):
-    """The cells of some blocks, as runs along their rows; the cells of one kind in one block are a layer.
+    """The cells of some blocks, in pieces; the cells of one kind in one block are a layer.
 
-    runs : ndarray of int32
-        First cell, last cell and component of each run: ``component << 12 | first << 6 | last``.
+    A piece are cells of one row that are joined, within the block, by themselves or by the rows before: whole runs of
+    cells, of which a component that has grown large has many, and one piece in most rows.
+
+    pieces : ndarray of uint64
+        The cells of each piece, by bits.
+    numbers : ndarray of int32
+        Its component.
     bounds : ndarray of int32, shape (layers * rows + 1,)
-        Where the runs of each row begin, and where those of the last one end.
+        Where the pieces of each row begin, and where those of the last one end.
     counts : ndarray of int32, shape (layers,)
         Number of components.
+    others : ndarray of uint64, shape (layers,)
+        The rows, by bits, that have any component but the first one.
     """
 
-    runs: Nodes
+    pieces: Words
+    numbers: Nodes
     bounds: Nodes
     counts: Nodes
+    others: Words
 
 
 class Turns(NamedTuple):
@@ -192,25 +202,81 @@ def pack(blocks: Blocks, segment: int, words: Words) -> None:
             words[n, 0, row], words[n, 1, row] = ~taken, ~blocked | (rim & bits_from(count))
 
 
+@inner(forceinline=True)
+def runs_with(cells: np.uint64, word: np.uint64) -> np.uint64:
+    """The runs of a word that have any of some of its cells."""
+    # A carry goes up through a run from the lowest of its cells on; they go down by 1, 2, 4 and more cells at a time.
+    runs, open_ = cells | (word & ~(word + cells)), word
+    for k in range(6):
+        step = _ONE << np.uint64(k)
+        runs |= open_ & (runs >> step)
+        open_ &= open_ >> step
+    return runs
+
+
+@inner(forceinline=True)
+def all_touch(word: np.uint64, other: np.uint64) -> bool:
+    """Whether every run of a word has cells in another one."""
+    # A carry from the first cell of each run ends where the other has a cell, or it leaves the run, or the word.
+    apart = word & ~other
+    carried = apart + (word & ~(word << _ONE))
+    return bool((carried & ~word) == 0 and carried >= apart)
+
+
+@inner
+def continue_row(labels: Labels, word: np.uint64, before: int, at: int, parent: Nodes, components: int) -> int:
+    """Set the pieces of a row of a layer from those of a row before it, and of runs apart; the number of components.
+
+    Components are numbered as they come, for union-find, which joins them later.
+    """
+    pieces, numbers, bounds, _, _ = labels
+    first = stop = np.int64(bounds[at])
+    left = word
+    for m in range(bounds[before], bounds[before + 1]):
+        touched = pieces[m] & word
+        if touched == 0:
+            continue
+        piece, root = runs_with(touched, word), find(parent, numbers[m])
+        left &= ~piece
+        n = first
+        while n < stop:  # a component has one piece in a row
+            if numbers[n] == root or pieces[n] & piece != 0:
+                piece |= pieces[n]
+                unite(parent, root, numbers[n])
+                root, stop = find(parent, root), stop - 1
+                pieces[n], numbers[n] = pieces[stop], numbers[stop]
+            else:
+                n += 1
+        pieces[stop], numbers[stop] = piece, root
+        stop += 1
+    while left != 0:
+        above = left & (left + (left & (~left + _ONE)))
+        pieces[stop], numbers[stop], parent[components] = left ^ above, components, components
+        left, stop, components = above, stop + 1, components + 1
+    bounds[at + 1] = stop
+    return components
+
+
 @inner
 def join_rows(labels: Labels, row: int, other: int, ahead: int, parent: Nodes, pairs: Nodes, count: int) -> int:
-    """Join the runs of one row with those of another that they touch; it may lie cells ahead, at the end of the row.
+    """Join the pieces of one row with those of another that they touch; it may lie cells ahead, at the end of the row.
 
     Those that were apart are added to ``pairs``, of which there are so many; how many there are then.
     """
-    runs, bounds, offset, reach = labels.runs, labels.bounds, len(parent) - MOST, min(ahead, 1)
-    n, m = np.int64(bounds[row]), np.int64(bounds[other])  # numbers of one type for the compiler from the start
-    stop, other_stop = bounds[row + 1], bounds[other + 1]
-    while n < stop and m < other_stop:
-        one, two = runs[n], runs[m]
-        first, last = ahead + ((two >> 6) & 63), ahead + (two & 63)
-        if (one >> 6) & 63 <= last and first <= (one & 63) + reach and unite(parent, one >> 12, offset + (two >> 12)):
-            pairs[count] = (one >> 12) * MOST + (two >> 12)
-            count += 1
-        if one & 63 < last:
-            n += 1
-        else:
-            m += 1
+    pieces, numbers, bounds, _, _ = labels
+    offset, shift = len(parent) - MOST, np.uint64(max(ahead - 1, 0))
+    for n in range(bounds[row], bounds[row + 1]):
+        left = pieces[n] >> shift  # the first cell of the other row is beside the last one of this
+        for m in range(bounds[other], bounds[other + 1]):
+            if left == 0:
+                break
+            if left & pieces[m] == 0:
+                continue
+            left &= ~pieces[m]
+            one, two = numbers[n], offset + numbers[m]
+            if parent[one] != parent[two] and unite(parent, one, two):  # most are joined by now
+                pairs[count] = one * MOST + numbers[m]
+                count += 1
     return count
 
 
@@ -218,50 +284,53 @@ def join_rows(labels: Labels, row: int, other: int, ahead: int, parent: Nodes, p
 def label_blocks(blocks: Blocks, segments: Ints, labels: Labels, words: Words, room: tuple[Nodes, Nodes]) -> None:
     """Label the cells of blocks, given by their numbers, of one kind and then of the other.
 
-    In ``words`` there is room for the blocks that follow each other along the last axis, and in ``room`` for the runs
-    of a layer, twice.
+    In ``words`` there is room for the blocks that follow each other along the last axis, and in ``room`` for the
+    components of a layer, and for pairs of them.
     """
-    runs, bounds, counts = labels
-    rows, wide, (parent, scratch) = words.shape[2], 1 << blocks.shifts[1], room
+    pieces, numbers, bounds, counts, others = labels
+    rows, wide, (parent, pairs) = words.shape[2], 1 << blocks.shifts[1], room
     kinds = len(counts) // len(segments)
     zero: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
-    n = stop = layer = zero
+    n = layer = zero
     while n < len(segments):
         follow, most = zero + 1, min(len(segments) - n, blocks.shape[2] - segments[n] % blocks.shape[2])
         while follow < most and segments[n + follow] == segments[n] + follow:
             follow += 1
         pack(blocks, segments[n], words[:follow])
         for k in range(kinds * follow):
-            word_of, begin, first_row = words[k // kinds, k % kinds], stop, layer * rows
+            word_of, components, first_row = words[k // kinds, k % kinds], zero, layer * rows
             for row in range(rows):
-                word, at = word_of[row], first_row + row
-                follows = row % wide > 0
-                again = follows and word == word_of[row - 1]
-                if again:  # the same runs, each joined to the one beside it
-                    for m in range(bounds[at - 1], bounds[at]):
-                        parent[stop - begin] = m - begin
-                        runs[stop] = ((stop - begin) << 12) | (runs[m] & 4095)
+                word, at, step = word_of[row], first_row + row, 1 if row & (wide - 1) > 0 else wide
+                stop, bounds[at + 1] = np.int64(bounds[at]), bounds[at]
+                before = at - step if row > 0 else at  # none before the first one
+                first, last = bounds[before], bounds[before + 1]
+                if row > 0 and word == word_of[row - step]:
+                    for m in range(first, last):
+                        pieces[stop], numbers[stop] = pieces[m], numbers[m]
                         stop += 1
+                    bounds[at + 1] = stop
+                elif last - first == 1 and word != 0 and all_touch(word, word_of[row - step]):
+                    pieces[stop], numbers[stop] = word, numbers[first]
+                    bounds[at + 1] = stop + 1
                 else:
-                    starts, stops = word & ~(word << _ONE), word & ~(word >> _ONE)
-                    while starts != 0:
-                        first, last = np.int64(zeros_below(starts)), np.int64(zeros_below(stops))
-                        parent[stop - begin] = stop - begin
-                        runs[stop] = ((stop - begin) << 12) | (first << 6) | last
-                        starts, stops, stop = starts & (starts - _ONE), stops & (stops - _ONE), stop + 1
-                bounds[at + 1] = stop
-                for step, beside in ((1, follows and not again), (wide, row >= wide)):
-                    if beside and (word & word_of[row - step]) != 0:
-                        join_rows(labels, at, at - step, zero, parent, scratch, zero)
-            components = zero
-            for m in range(begin, stop):
+                    components = continue_row(labels, word, before, at, parent, components)
+                if step == 1 and row >= wide:
+                    join_rows(labels, at, at - wide, zero, parent, pairs, zero)
+            total, several = zero, np.uint64(0)
+            for number in range(components):
                 # The lower root is on top, so that it has its number by now.
-                root = begin + find(parent, m - begin)
-                number = runs[root] >> 12
-                if root == m:
-                    number, components = components, components + 1
-                runs[m] = (number << 12) | (runs[m] & 4095)
-            counts[layer] = components
+                if parent[number] == number:
+                    parent[number] = total
+                    total += 1
+                else:
+                    parent[number] = parent[parent[number]]
+            if components > 1:
+                for row in range(rows):
+                    for m in range(bounds[first_row + row], bounds[first_row + row + 1]):
+                        numbers[m] = parent[numbers[m]]
+                        several |= np.uint64(numbers[m] > 0) << np.uint64(row)
+            others[layer] = several
+            counts[layer] = total
             layer += 1
         n += follow
 
@@ -291,7 +360,7 @@ def meet_blocks(
     follows, 3 and more where it has the same place, and another rotation, and the place of each among the labels.
     Pairs that follow from others are left out. ``parent``, shape (2 * MOST,), is room for union-find.
     """
-    counts = labels.counts
+    counts, others = labels.counts, labels.others
     n_faces: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
     n_pairs = n_faces
     wide, rows, long = 1 << shifts[1], 1 << (shifts[0] + shifts[1]), 1 << shifts[2]
@@ -303,12 +372,16 @@ def meet_blocks(
             parent[node], parent[MOST + node] = node, MOST + node
         begin, most = n_pairs, n_pairs + counts[ours] + counts[theirs] - 1
         # The rows where the two touch: the last ones and the first, or, beside each other or in two slices, all.
-        skipped = rows - wide if axis == 0 else (wide - 1 if axis == 1 else 0)
-        for row in range(skipped, rows, wide if axis == 1 else 1):
-            if n_pairs == most:
-                break  # all are joined
-            own, other = ours * rows + row, theirs * rows + row - skipped
-            n_pairs = join_rows(labels, own, other, long if axis == 2 else 0, parent, faces.pairs, n_pairs)
+        skipped, step = rows - wide if axis == 0 else (wide - 1 if axis == 1 else 0), wide if axis == 1 else 1
+        several = others[ours] | (others[theirs] << np.uint64(skipped))
+        for rest in range(2):
+            # Where each has but its first component, one row is enough.
+            for row in range(skipped, rows, step):
+                if n_pairs == (most if rest else begin + 1):
+                    break
+                if (several >> np.uint64(row)) & _ONE == rest:
+                    own, other = ours * rows + row, theirs * rows + row - skipped
+                    n_pairs = join_rows(labels, own, other, long if axis == 2 else 0, parent, faces.pairs, n_pairs)
         if n_pairs > begin:
             faces.rows[n_faces, 0], faces.rows[n_faces, 1] = beside[0, n], beside[1, n]
             faces.rows[n_faces, 2], faces.rows[n_faces, 3] = beside[2, n], n_pairs - begin
@@ -422,9 +495,9 @@ def look_into(joined: Joined, cells: Ints, places: Nodes, labels: Labels, compon
             first = joined.starts[cells[n, 0]] + joined.base[layer]
             line = (KINDS * places[segment] + kind) * rows + row
             components[kind, n] = -1
-            for run in labels.runs[labels.bounds[line] : labels.bounds[line + 1]]:
-                if (run >> 6) & 63 <= z and z <= run & 63:
-                    components[kind, n] = joined.roots[first + (run >> 12)]
+            for m in range(labels.bounds[line], labels.bounds[line + 1]):
+                if (labels.pieces[m] >> np.uint64(z)) & _ONE:
+                    components[kind, n] = joined.roots[first + labels.numbers[m]]
 
 
 # ---- the part of a map -----------------------------------------------------------------------------------------------
@@ -513,12 +586,14 @@ class Components:
             few = np.sort(segments[:size])
             labels = self._label(few, 1)
             row = np.repeat(np.arange(len(labels.bounds) - 1), np.diff(labels.bounds))
-            runs, block = labels.runs[: len(row)], row >> (deep + wide)
-            mine = np.flatnonzero(ours[joined.base[KINDS * few[block]] + (runs >> 12)])
-            (x, y, z), row, runs = self._corners(few)[:, block[mine]], row[mine], runs[mine]
+            mine = np.flatnonzero(ours[joined.base[KINDS * few[row >> (deep + wide)]] + labels.numbers[: len(row)]])
+            row, cells = row[mine], labels.pieces[mine]
+            x, y, z = self._corners(few)[:, row >> (deep + wide)]
             x, y = x + (row >> wide & ((1 << deep) - 1)), y + (row & ((1 << wide) - 1))
-            low = np.minimum(low, [x.min(), y.min(), (z + (runs >> 6 & 63)).min()])
-            high = np.maximum(high, [x.max(), y.max(), (z + (runs & 63)).max()])
+            low = np.minimum(low, [x.min(), y.min(), (z + np.bitwise_count(~cells & (cells - _ONE))).min()])
+            for k in range(6):
+                cells |= cells >> (_ONE << np.uint64(k))
+            high = np.maximum(high, [x.max(), y.max(), (z + np.bitwise_count(cells)).max() - 1])
             segments, size = segments[size:], min(4 * size, TASK)
             first = self._corners(segments).T
             last = np.minimum(first + (1 << np.array(self._blocks.shifts)), self._blocks.grid[1:]) - 1
@@ -542,15 +617,22 @@ class Components:
         if known + len(missing) > TASK:
             known, missing, (places, labels) = 0, segments, self._nothing()
         made = self._label(missing)
-        more = made.runs[: made.bounds[-1]].copy(), made.bounds[1:] + labels.bounds[-1], made.counts
-        labels = Labels(*(_followed(old, len(old), [new]) for old, new in zip(labels, more, strict=True)))
+        size = made.bounds[-1]
+        labels = Labels(
+            _followed(labels.pieces, len(labels.pieces), [made.pieces[:size].copy()]),
+            _followed(labels.numbers, len(labels.numbers), [made.numbers[:size].copy()]),
+            _followed(labels.bounds, len(labels.bounds), [made.bounds[1:] + labels.bounds[-1]]),
+            _followed(labels.counts, len(labels.counts), [made.counts]),
+            _followed(labels.others, len(labels.others), [made.others]),
+        )
         self._cached = places, labels
         places[missing] = np.arange(known, known + len(missing))  # last, so that no interrupt leaves one without labels
 
     def _nothing(self) -> tuple[Nodes, Labels]:
         """No labels of any block."""
         none, bounds = np.empty(0, dtype=np.int32), np.zeros(1, dtype=np.int32)
-        return np.full(self._changed.size, -1, dtype=np.int32), Labels(none, bounds, none)
+        labels = Labels(np.empty(0, dtype=np.uint64), none, bounds, none, np.empty(0, dtype=np.uint64))
+        return np.full(self._changed.size, -1, dtype=np.int32), labels
 
     def _join(self) -> Joined:
         """The components over the whole map; blocks that changed are read again."""
@@ -569,7 +651,8 @@ class Components:
             sizes = len(faces.rows), len(faces.pairs)
             if self._struck * FEW_STRUCK > sizes[0]:
                 sizes = drop_struck(faces)
-            made = in_threads(self._read, self._parts(np.flatnonzero(stale)), cores())
+            parts, rooms = self._parts(np.flatnonzero(stale)), list[Labels]()
+            made = in_threads(lambda own: self._read(own, rooms), parts, cores())
             faces = Faces(*map(_followed, faces, sizes, zip(*made, strict=True)))
             joined = self._nodes(faces, sizes[0])
             self._changed[...] = False
@@ -588,16 +671,26 @@ class Components:
         order = np.argsort(tiles, kind="stable")
         return np.split(own[order], np.flatnonzero(np.diff(tiles[order])) + 1)
 
-    def _read(self, own: Ints) -> Faces:
-        """The faces of blocks, where they or those beside them have changed."""
+    def _read(self, own: Ints, rooms: list[Labels]) -> Faces:
+        """The faces of blocks, where they or those beside them have changed.
+
+        Room for labels is taken from ``rooms``, where there is any, and left there: new memory takes as long as they.
+        """
         others, changed = self._beside(own), self._changed.reshape(-1)
         n, face = ((others >= 0) & (changed[own][:, None] | changed[others])).nonzero()
         own, other = own[n], others[n, face]
-        segments = np.unique(np.concatenate([own, other]))
-        labels = self._label(segments)
-        self._counts[segments] = labels.counts.reshape(-1, KINDS)
+        # Marks and places of all blocks from the first one on, which is quicker than to sort these and to search them.
+        begin = min(own.min(initial=changed.size), other.min(initial=changed.size))
+        wanted = np.zeros(max(own.max(initial=begin), other.max(initial=begin)) + 1 - begin, dtype=np.bool_)
+        wanted[own - begin] = wanted[other - begin] = True
+        segments = np.flatnonzero(wanted)
+        place_of = np.empty(len(wanted), dtype=np.int64)
+        place_of[segments] = np.arange(len(segments))
+        room = rooms.pop() if rooms else None
+        labels = self._label(segments + begin, room=room)
+        self._counts[segments + begin] = labels.counts.reshape(-1, KINDS)
         groups = own // self._changed[0].size * (1 + self._turns.links.shape[1]) + np.maximum(face + 1 - self._dim, 0)
-        places = segments.searchsorted(own), segments.searchsorted(other)
+        places = place_of[own - begin], place_of[other - begin]
         # From here on, faces of layers: those of one kind, and then of the other.
         beside = np.array(
             [KINDS * own, KINDS * other, groups, face + 3 - self._dim, *(KINDS * each for each in places)]
@@ -605,6 +698,7 @@ class Components:
         beside = np.concatenate([beside + kind * _LAYERS for kind in range(KINDS)], axis=1)
         faces = Faces(np.empty((beside.shape[1], 4), np.int32), np.empty(labels.counts[beside[4:]].sum(), np.int32))
         sizes = meet_blocks(labels, self._blocks.shifts, beside, np.empty(2 * MOST, np.int32), faces)
+        rooms.append(labels if room is None or len(labels.counts) > len(room.counts) else room)
         return Faces(*(array[:count].copy() for array, count in zip(faces, sizes, strict=True)))
 
     def _beside(self, own: Ints) -> Ints:
@@ -618,16 +712,21 @@ class Components:
         places = np.unravel_index(segments, self._changed.shape)[1:]
         return np.stack([place << shift for place, shift in zip(places, self._blocks.shifts, strict=True)])
 
-    def _label(self, segments: Ints, kinds: int = KINDS) -> Labels:
-        """Label the cells of some blocks, of the first kind or of both."""
+    def _label(self, segments: Ints, kinds: int = KINDS, room: Labels | None = None) -> Labels:
+        """Label the cells of some blocks, of the first kind or of both, in a room, where they fit into it."""
         deep, wide, long = self._blocks.shifts
         rows, count = 1 << (deep + wide), kinds * len(segments)
-        sizes = count * rows * ((1 + (1 << long)) // 2), count * rows + 1, count
-        labels = Labels(*(np.empty(size, dtype=np.int32) for size in sizes))
+        most = count * rows * ((1 + (1 << long)) // 2)
+        if room is None or len(room.counts) < count:
+            sizes = (most, count * rows + 1, count)
+            numbers, bounds, counts = (np.empty(size, dtype=np.int32) for size in sizes)
+            room = Labels(np.empty(most, np.uint64), numbers, bounds, counts, np.empty(count, np.uint64))
+        bounds = room.bounds[: count * rows + 1]
+        labels = Labels(room.pieces[:most], room.numbers[:most], bounds, room.counts[:count], room.others[:count])
         labels.bounds[0] = 0
         words = np.empty((min(len(segments), self._blocks.shape[2]), KINDS, rows), dtype=np.uint64)
-        room = np.empty(MOST, dtype=np.int32), np.empty(MOST, dtype=np.int32)
-        label_blocks(self._blocks, segments, labels, words, room)
+        scratch = np.empty(MOST, dtype=np.int32), np.empty(MOST, dtype=np.int32)
+        label_blocks(self._blocks, segments, labels, words, scratch)
         return labels
 
     def _nodes(self, faces: Faces, fresh: int) -> Joined:
@@ -645,7 +744,7 @@ class Components:
         return Joined(base, starts[turns.copy_of], turns.slice_of[turns.copy_of], roots)
 
 
-def _followed(array: Nodes, count: int, parts: Sequence[Nodes]) -> Nodes:
+def _followed(array: Numbers, count: int, parts: Sequence[Numbers]) -> Numbers:
     """The first rows of an array and, behind them, others; in its own memory, where there is room."""
     size = count + sum(map(len, parts))
     if size == len(parts[0]):

@@ -31,7 +31,8 @@ SPARE: Final = 16
 
 _ONE, _ONES = np.uint64(1), np.uint64(0x0101010101010101)
 _TWO, _THREE = np.uint64(2), np.uint64(3)
-_EVEN = np.uint64(0x5555555555555555)
+_LOWER = np.uint64(0xFFFFFFFF)
+_SWAPPED: Final = (0x2222222222222222, 0x0C0C0C0C0C0C0C0C, 0x00F000F000F000F0, 0x0000FF000000FF00, 0x00000000FFFF0000)
 
 zeros_below: Callable[[np.uint64], np.uint64] = trailing_zeros  # type: ignore[assignment]  # what it is when compiled
 zeros_above: Callable[[np.uint64], np.uint64] = leading_zeros  # type: ignore[assignment]
@@ -109,9 +110,10 @@ fetch: Any = intrinsic(_fetch)
 
 @inner(forceinline=True)
 def word_at(packed: Bytes, number: int) -> np.uint64:
-    """The word that begins with a cell, of which the last three may be missing."""
-    word: np.uint64 = load(packed, number >> 2) >> np.uint64(2 * (number & 3))
-    return word
+    """The word that begins with a cell."""
+    shift = np.uint64(2 * (number & 3))
+    word: np.uint64 = load(packed, number >> 2) >> shift
+    return word | np.uint64(packed[(number >> 2) + 8]) << _ONE << (np.uint64(63) - shift)
 
 
 @inner(forceinline=True)
@@ -123,14 +125,13 @@ def spread(word: np.uint64) -> np.uint64:
 
 
 @inner(forceinline=True)
-def gathered(word: np.uint64) -> np.uint64:
-    """The even bits of a word, side by side."""
-    word &= _EVEN
-    word = (word | (word >> _ONE)) & np.uint64(0x3333333333333333)
-    word = (word | (word >> _TWO)) & np.uint64(0x0F0F0F0F0F0F0F0F)
-    word = (word | (word >> np.uint64(4))) & np.uint64(0x00FF00FF00FF00FF)
-    word = (word | (word >> np.uint64(8))) & np.uint64(0x0000FFFF0000FFFF)
-    return (word | (word >> np.uint64(16))) & np.uint64(0xFFFFFFFF)
+def parted(word: np.uint64) -> np.uint64:
+    """The even bits of a word, side by side, and then the odd ones (Warren, Hacker's Delight, 2012)."""
+    for k in range(5):
+        shift = np.uint64(1) << np.uint64(k)
+        swap = (word ^ (word >> shift)) & np.uint64(_SWAPPED[k])
+        word ^= swap ^ (swap << shift)
+    return word
 
 
 # ---- what compiled code calls ----------------------------------------------------------------------------------------
@@ -229,11 +230,10 @@ def _row_of_bytes(cells: Bytes, number: int, count: int) -> Halves:
 
 def _row_of_bits(cells: TwoBits, number: int, count: int) -> Halves:
     taken, blocked = np.uint64(0), np.uint64(0)
-    for first in range(0, count, 16):
-        word, place = word_at(cells.packed, number + first), np.uint64(first)
-        word &= np.uint64(0xFFFFFFFF)
-        taken |= gathered(word | (word >> _ONE)) << place
-        blocked |= gathered(word >> _ONE) << place
+    for first in range(0, count, 32):
+        word, place = parted(word_at(cells.packed, number + first)), np.uint64(first)
+        taken |= ((word | (word >> np.uint64(32))) & _LOWER) << place
+        blocked |= (word >> np.uint64(32)) << place
     return taken | bits_from(count), blocked | bits_from(count)
 
 

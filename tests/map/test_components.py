@@ -131,6 +131,22 @@ def test_many_components_in_every_block(blocks):
     assert set(np.unique(labels.of(cells)[0])) == {-1, labels.of(cells[0])[0]}
 
 
+@pytest.mark.parametrize("kind", [(2, 1, 1), (2, 3, 3), (3, 1, 1)])
+@pytest.mark.parametrize("grain", [0.0, 1.0, 3.0])
+def test_shapes_across_whole_blocks(kind, grain):
+    """Runs of all lengths, up to the last bit of a word; what a row leaves apart, a later one joins, or none does."""
+    dim, slices, turns = kind
+    shape, rng = ((150, 200) if dim == 2 else (20, 30, 140)), np.random.default_rng(dim)
+    for share in (0.1, 0.4, 0.7):
+        noise = ndimage.gaussian_filter(rng.random((slices, *shape)), (0, *[grain] * dim))
+        stack = np.digitize(noise, np.quantile(noise, [share, share + 0.1])).astype(np.uint8)
+        rim, cells = np.zeros(slices, dtype=bool), all_cells(stack, turns, 1)
+        for mine, other in zip(
+            components(stack, np.arange(turns)).of(cells), by_scipy(stack, np.arange(turns), rim, cells), strict=True
+        ):
+            same_partition(mine, other)
+
+
 def test_a_door_in_a_wall_across_many_blocks():
     state = np.zeros((300, 200), dtype=np.uint8)
     state[150] = BLOCKED
