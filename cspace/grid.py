@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Floats, Ints
+from cspace.arrays import Bools, Floats, Ints, frozen
 from cspace.errors import InputError
 
 SLACK: Final = 2.0**-26
@@ -124,6 +124,77 @@ def points_of(values: ArrayLike, name: str, dim: int) -> Floats:
         rule, mend = f"its last axis must be {dim} long, one entry for each coordinate", "pass one of them or a batch"
         raise InputError(name, f"has shape {array.shape}", rule, mend, value=values)
     return array
+
+
+def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
+    """The corners ``xmin, ymin, (zmin,) xmax, ymax(, zmax)`` of a map, shape (2, dim).
+
+    Raises InputError if there are not as many numbers, or an upper one is not above its lower one.
+    """
+    box = finite(bounds, "bounds")
+    names = [f"{axis}{end}" for end in ("min", "max") for axis in "xyz"[:dim]]
+    if box.shape != (2 * dim,):
+        raise InputError(
+            "bounds",
+            f"is {bounds!r}",
+            f"it must hold {('four', 'six')[dim - 2]} numbers",
+            f"pass ({', '.join(names)}) in metres",
+        )
+    if (box[dim:] <= box[:dim]).any():
+        raise InputError(
+            "bounds",
+            f"is {tuple(box.tolist())}",
+            f"{', '.join(names[dim:])} must be above {', '.join(names[:dim])}",
+            f"pass ({', '.join(names)}) in metres",
+        )
+    return box.reshape(2, dim)
+
+
+def check_dims(array: Any, name: str) -> None:
+    """Refuse an array whose dimensions have names, as those of xarray do, other than x, y (and z) in this order."""
+    dims = getattr(array, "dims", None)
+    if dims is not None and tuple(dims) != ("x", "y", "z")[: len(dims)]:
+        rule = "they must be named x, y (and z), in this order"
+        mend = 'rename or transpose it, e.g. array.transpose("x", "y")'
+        raise InputError(name, f"has the dimensions {tuple(dims)}", rule, mend)
+
+
+def check_cells(values: ArrayLike, name: str) -> Bools:
+    """A read-only copy of a boolean array of two or three axes."""
+    check_dims(values, name)
+    unmasked(values, name)
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise InputError(name, f"is ragged: {error}", "its rows must have one length", "pad or cut them") from error
+    if array.ndim not in (2, 3) or array.size == 0:
+        raise InputError(
+            name,
+            f"has shape {array.shape}",
+            "it must have two or three axes and at least one cell",
+            "pass an array indexed [x, y] or [x, y, z]",
+        )
+    if array.dtype.kind == "f":
+        finite(array, name)
+    if array.dtype.kind not in "biu":
+        raise InputError(
+            name,
+            f"has dtype {array.dtype}",
+            "cells are occupied or not, so that it must be boolean",
+            "compare it with a threshold first, e.g. array > 0.5",
+        )
+    if array.dtype.kind != "b":
+        wrong = np.argwhere((array != 0) & (array != 1))
+        if len(wrong):
+            index = tuple(wrong[0].tolist())
+            raise InputError(
+                f"{name}[{', '.join(map(str, index))}]",
+                f"is {array[index]}",
+                "whole numbers must be 0 or 1",
+                "compare with a threshold first, e.g. array >= 50",
+            )
+    # A boolean array may hold other bytes than 0 and 1; a comparison does not.
+    return frozen(np.array(array != 0, order="C"))
 
 
 def check_reach(far: float, name: str, origin: str, mend: str) -> None:

@@ -24,10 +24,9 @@ from cspace.changes import (
     renew_cells,
     renew_states,
 )
-from cspace.covering import check_cells
 from cspace.engines.dilation import Runs, collide, in_space
 from cspace.errors import InputError
-from cspace.grid import Grid
+from cspace.grid import Grid, check_cells
 from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior, reached
 from cspace.map.storage import PackedStates

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import inspect
 import os
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias, TypedDict, Unpack
+from typing import TYPE_CHECKING, Final, TypeAlias, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats, frozen
-from cspace.covering import check_bounds, check_cells, covering_grid, warn_of_nothing, warn_of_units
 from cspace.errors import InputError
-from cspace.grid import Grid, finite, positive
-from cspace.memory import MESH_BYTES, WORKSPACE_BYTES, check_memory
+from cspace.grid import SLACK, Grid, check_bounds, check_cells, finite, positive
+from cspace.memory import MESH_BYTES, WORKSPACE_BYTES, Planned, check_memory
 from cspace.shapes import Balls, Mesh, Polygons, Shape, Voxels
 
 if TYPE_CHECKING:
@@ -32,6 +32,20 @@ if TYPE_CHECKING:
 _IN_TILES = "build its map tile by tile, with cspace.build(..., store='map.zarr')"
 Named: TypeAlias = "str | os.PathLike[str]"
 Geometries: TypeAlias = "BaseGeometry | Mapping[str, object] | Named | Iterable[Geometries]"
+
+
+_SLIVER: Final = 1e-9
+"""Part of a cell that the upper bound may be off by rounding; far below the slack of an outer raster, so that an
+obstacle in that sliver still marks the last cell."""
+
+_NOUGHT: Final = SLACK / 2**14
+"""Part of a cell below which a bound counts as zero."""
+
+_SMALL: Final = 1.0 - 2.0**-20
+"""Part of a cell below which all obstacles together are smaller than one, whatever the rounding."""
+
+_SMALL_WITHIN: Final = 0.25
+"""The same, where the map has bounds."""
 
 
 class OpenOptions(TypedDict, total=False):
@@ -669,3 +683,55 @@ def reader_of(path: Named, options: Iterable[str] = ()) -> Callable[..., Workspa
 
 def _options_of(reader: Callable[..., Workspace]) -> dict[str, inspect.Parameter]:
     return dict(list(inspect.signature(reader).parameters.items())[1:])
+
+
+def covering_shape(corners: Floats, spacing: float) -> list[int]:
+    """Cells along each axis of the grid that begins at the lower of two corners and reaches the upper one."""
+    with np.errstate(over="ignore"):
+        counts = np.maximum(1.0, np.ceil((corners[1] - corners[0]) / spacing - _SLIVER))
+    return [int(min(n, 2.0**62)) for n in counts]
+
+
+def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
+    """The grid that begins at the lower of two corners, shape (2, dim), and reaches the upper one.
+
+    Raises InputError if a workspace of so many cells does not fit into memory.
+    """
+    # What no raster can distinguish from zero is zero: shapely goes wrong on numbers below 1e-308.
+    corners = np.where(np.abs(corners) < _NOUGHT * spacing, 0.0, corners)
+    shape = covering_shape(corners, spacing)
+    check_memory(bytes_a_cell * float(np.prod(shape, dtype=float)), "the map", Planned(shape, spacing, *corners))
+    return Grid(corners[0], spacing, shape)
+
+
+def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> None:
+    """Warn of obstacles that are smaller than a cell: they are hardly in metres.
+
+    Within bounds, which are in metres, something a little smaller than a cell may well be meant; there it is warned of
+    from a quarter of a cell down. ``corners``, shape (2, d), are those of their box; nothing is said of a single point.
+    ``what`` says in the message what they are: "mesh".
+    """
+    sides = corners[1] - corners[0]
+    if 0.0 < sides.max() < (_SMALL_WITHIN if bounded else _SMALL) * spacing:
+        size = " m x ".join(f"{side:g}" for side in sides)
+        warnings.warn(
+            f"the {what} is {size} m large and fits into one cell of {spacing:g} m; its units are probably wrong "
+            "(metres are needed): scale it, or use a smaller spacing",
+            stacklevel=4,
+        )
+
+
+def warn_of_nothing(outer: Bools, grid: Grid, corners: Floats) -> None:
+    """Warn where no obstacle, of a box, shape (2, d), metres, lies in the bounds of a map: no ``outer`` cell is set."""
+    if not outer.any():
+        warnings.warn(
+            f"the obstacles reach from {in_metres(corners[0])} to {in_metres(corners[1])} and none lies within the "
+            f"bounds, {in_metres(grid.lower)} to {in_metres(grid.upper)}; the map has no obstacle at all: check the "
+            "bounds, and the units (metres)",
+            stacklevel=4,
+        )
+
+
+def in_metres(point: Iterable[float]) -> str:
+    """A point for people, as ``(x, y, z) m``."""
+    return f"({', '.join(f'{x:g}' for x in point)}) m"

@@ -13,10 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import Grid, Workspace
-from cspace.covering import covering_grid, covering_shape
 from cspace.errors import FileError, InputError
 from cspace.io.formats import METHODS, dimension_of
 from cspace.memory import check_memory
+from cspace.workspace import covering_grid, covering_shape
 
 L_SHAPE = [[1, 1, 0], [0, 1, 0]]
 """Two cells along x, three along y."""

@@ -119,7 +119,7 @@ def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]
     """Facts about a robot, by name, and how many cells it is across where a spacing is known (metres)."""
     import numpy as np
 
-    from cspace.covering import covering_shape
+    from cspace.workspace import covering_shape
 
     shape = robot.shape
     corners = np.array(shape.bounds)
@@ -170,7 +170,7 @@ def _shapes(
     cells: _Cells, path: Path, kind: str, *, spacing: float | None = None, bounds: Any = None, **options: Any
 ) -> dict[str, Any]:
     """A file of shapes, which are put on a grid: their box, facts about them, and the grid."""
-    from cspace.covering import check_bounds
+    from cspace.grid import check_bounds
     from cspace.memory import MESH_BYTES, WORKSPACE_BYTES
 
     if bounds is not None:
@@ -255,9 +255,9 @@ class _Cells:
         """The grid that shapes would be put on, and its memory."""
         import numpy as np
 
-        from cspace.covering import check_bounds, covering_shape, warn_of_units
-        from cspace.grid import Grid
+        from cspace.grid import Grid, check_bounds
         from cspace.memory import Planned, cells_of
+        from cspace.workspace import covering_shape, warn_of_units
 
         corners = np.stack(corners)
         box = corners if bounds is None else check_bounds(bounds, corners.shape[1])

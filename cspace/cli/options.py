@@ -181,7 +181,7 @@ def box(text: str, option: str) -> tuple[float, ...]:
     Raises InputError if the text is not four numbers, or six in space, with commas between them, or the box has no
     inside.
     """
-    from cspace.covering import check_bounds
+    from cspace.grid import check_bounds
 
     try:
         values = tuple(map(float, text.split(",")))

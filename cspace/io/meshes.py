@@ -1,19 +1,17 @@
 """Meshes from files, and from the objects of trimesh: all triangles that a file holds, or an error that names it.
 
-STL, PLY, GLB and glTF are read by trimesh, with ``process=False``, and counted: a census of the file, made apart from
-the reading, must agree with what was read. OBJ, OFF and COLLADA are read here. trimesh moves triangles of OBJ where
-corners count backwards or are written in more than one way, loses those of lines that begin with a blank, and lays
-polygons that bend as fans that stick out of them; COLLADA it reads through a package that drops what it does not know,
-and without its unit.
+PLY, GLB and glTF are read by trimesh, with ``process=False``, and counted: a census of the file, made apart from the
+reading, must agree with what was read. STL, OBJ, OFF and COLLADA are read here. Of STL the census is the reading.
+trimesh moves triangles of OBJ where corners count backwards or are written in more than one way, loses those of lines
+that begin with a blank, and lays polygons that bend as fans that stick out of them; COLLADA it reads through a package
+that drops what it does not know, and without its unit.
 """
 
 from __future__ import annotations
 
-import io
 import logging
 import os
 import re
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -24,7 +22,7 @@ from cspace.arrays import Floats, Ints, Surface
 from cspace.errors import GeometryError, InputError
 from cspace.grid import finite
 from cspace.io.collada import read_collada
-from cspace.io.files import Fault, decoding, existing, read_bytes, suffix_of
+from cspace.io.files import Fault, decoding, existing, numbers_of, read_bytes, suffix_of
 from cspace.io.gltf import load_gltf
 from cspace.io.ply import read_ply
 from cspace.io.polygons import joined, placed, read_obj, read_off, triangulated
@@ -34,10 +32,12 @@ logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 _KIND: Final = "mesh"
 
-_RECORD: Final = 50
-"""Bytes of a triangle in a binary STL file, after a head of 84."""
+_RECORD: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+"""A triangle in a binary STL file, after a head of 84 bytes."""
 
-_FACET: Final = re.compile(rb"\bfacet normal \S+ \S+ \S+ outer loop(?: vertex \S+ \S+ \S+){3} endloop endfacet\b")
+_FACET: Final = re.compile(
+    rb"\bfacet normal \S+ \S+ \S+ outer loop" + 3 * rb" vertex (\S+) (\S+) (\S+)" + rb" endloop endfacet\b"
+)
 _SOLIDS: Final = re.compile(rb"^[ \t]*(end)?solid\b[^\n]*", re.MULTILINE)
 
 
@@ -70,29 +70,20 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Ints]:
 
 def _stl(file: Path) -> Surface:
     """Triangles of an STL file, three vertices of their own each."""
-    import trimesh
-
     data = read_bytes(file, _KIND, memory=12.0)
     declared = int.from_bytes(data[80:84], "little")
-    if len(data) != 84 + _RECORD * declared or len(data) < 84:
-        if data.lstrip()[:5].lower() != b"solid":
-            held = max(0.0, (len(data) - 84) / _RECORD)
-            raise Fault(f"declares {declared} triangles and has bytes for {held:g}, as a binary STL file")
-        data, declared = _stl_text(data)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # what numpy says of text that is no number
-        loaded = trimesh.load(io.BytesIO(data), file_type="stl", process=False)
-    return _counted(loaded, declared, file) if declared else joined([])
+    if len(data) == 84 + _RECORD.itemsize * declared and len(data) >= 84:
+        vertices = np.frombuffer(data, _RECORD, declared, 84)["corners"].reshape(-1, 3).astype(np.float64)
+    elif data.lstrip()[:5].lower() == b"solid":
+        vertices = _stl_text(data)
+    else:
+        held = max(0.0, (len(data) - 84) / _RECORD.itemsize)
+        raise Fault(f"declares {declared} triangles and has bytes for {held:g}, as a binary STL file")
+    return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
 
 
-def _gltf(file: Path) -> Surface:
-    """Triangles of a glTF scene, each mesh where its nodes put it."""
-    scene, declared = load_gltf(file)
-    return _counted(scene, declared, file) if declared else joined([])
-
-
-def _stl_text(data: bytes) -> tuple[bytes, int]:
-    """An STL file in text, in the one layout that trimesh reads right, and how many triangles it holds."""
+def _stl_text(data: bytes) -> Floats:
+    """The corners of the triangles of an STL file in text."""
     text = data.lower().replace(b"\r", b"\n")
     lines = list(_SOLIDS.finditer(text))
     kinds = [bool(line[1]) for line in lines]
@@ -100,21 +91,18 @@ def _stl_text(data: bytes) -> tuple[bytes, int]:
         raise Fault("does not go from solid to endsolid, as an STL file in text does")
     if any(b"endfacet" in line[0] for line in lines):
         raise Fault("has facets on a line of solid or endsolid; they need lines of their own")
-    # The names of solids go: trimesh looks for its keywords in them too.
-    text = _SOLIDS.sub(lambda line: b"endsolid" if line[1] else b"solid", text)
-    text = b" ".join(text.split())  # patterns that look for blanks take the square of a long run of them
+    text = b" ".join(_SOLIDS.sub(b"", text).split())  # patterns that look for blanks take the square of a long run
     facets = _FACET.findall(text)
     counts = [text.count(word) for word in (b"facet", b"normal", b"vertex")]
     if counts != [2 * len(facets), len(facets), 3 * len(facets)]:
         raise Fault(f"has words of facets beside its {len(facets)} whole ones")
-    # A line for each vertex; normals are not asked for.
-    text = re.sub(rb"\bnormal \S+ \S+ \S+", b"normal 0 0 0", text)
-    return re.sub(rb" (?=vertex|endloop|endsolid|facet)", b"\n", text), len(facets)
+    return numbers_of([word for facet in facets for word in facet], float).reshape(-1, 3)
 
 
-def _counted(loaded: Any, declared: int, file: Path) -> Surface:
-    """What trimesh read, refused where the file declares more or fewer triangles."""
-    vertices, faces = flattened(loaded, str(file))
+def _gltf(file: Path) -> Surface:
+    """Triangles of a glTF scene, each mesh where its nodes put it: refused where it declares more or fewer."""
+    scene, declared = load_gltf(file)
+    vertices, faces = flattened(scene, str(file)) if declared else joined([])
     if len(faces) != declared:
         fault, rule = f"holds {declared} triangles, and {len(faces)} were read", "none may be lost or made up"
         raise Fault(fault, rule, "write it again as binary STL", value=(declared, len(faces)))

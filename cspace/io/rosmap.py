@@ -20,6 +20,7 @@ from cspace.io.files import UNKNOWNS, Fault, decoding, replacing, suffix_of
 from cspace.io.image import Shades, read_shades
 from cspace.io.limits import check_cells
 from cspace.io.plain import read_yaml
+from cspace.raster.bitmaps import boundary_segments
 from cspace.states import BLOCKED, FREE, MIXED
 
 SUFFIXES: Final = (".yaml", ".yml")
@@ -291,7 +292,6 @@ def _extent(frame: Frame, shape: tuple[int, ...], cos: float, sin: float) -> tup
 
 def _turned(frame: Frame, solid: Bools, unknown: Bools, solid_around: bool) -> tuple[Grid, Bools, Bools, Bools]:
     """The map turned by its yaw, on an upright grid; ``solid_around``: whether the ground around it is solid."""
-    from cspace.raster.bitmaps import boundary_segments
     from cspace.raster.segments import outline_cells
 
     cos, sin = math.cos(frame.yaw), math.sin(frame.yaw)

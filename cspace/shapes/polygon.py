@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from cspace.arrays import Bools, Floats
 from cspace.errors import GeometryError
 from cspace.grid import Grid, finite, points_of
+from cspace.raster.bitmaps import point_segments, polygon_outline
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes.shape import Pieces, Shape
@@ -193,8 +194,6 @@ class Polygons(Shape):
 
 def _parts(geometries: Iterable[BaseGeometry]) -> Iterator[tuple[Floats, bool]]:
     import shapely
-
-    from cspace.raster.bitmaps import point_segments, polygon_outline
 
     for shape in shapely.get_parts(list(geometries)):
         if shape.geom_type == "Polygon":

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats, Surface, frozen
-from cspace.covering import check_cells
 from cspace.errors import GeometryError
-from cspace.grid import Grid, points_of, positive
+from cspace.grid import Grid, check_cells, points_of, positive
+from cspace.raster.bitmaps import boundary_segments, cell_boxes, cell_faces, cell_squares, held_by_cells
 from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes.polygon import Polygons
@@ -165,7 +165,6 @@ class Voxels(Shape):
             from cspace.raster.surfaces import Skin, surface_rasters
 
             return surface_rasters(Skin(*self.surface, self._shell, source="bitmap"), spacing, margin, turn)
-        from cspace.raster.bitmaps import held_by_cells
         from cspace.raster.boxes import rounded_rasters
 
         boxes = self._boxes
@@ -179,7 +178,6 @@ class Voxels(Shape):
         return outer, Raster.trimmed(inside, outer.lower)
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
-        from cspace.raster.bitmaps import held_by_cells
         from cspace.raster.boxes import rounded_cells
 
         outer, _ = rounded_cells(self._boxes, grid)
@@ -205,8 +203,6 @@ class Voxels(Shape):
     def boundary(self) -> Pieces:
         if self.dim == 2:
             return Pieces(self._segments.reshape(-1, 2, 2), np.zeros(len(self._segments)))
-        from cspace.raster.bitmaps import cell_faces
-
         triangles = cell_faces(self.occupied, self.side, self.lower)
         return Pieces(triangles, np.zeros(len(triangles)))
 
@@ -214,7 +210,6 @@ class Voxels(Shape):
     def boxes(self) -> Boxes:
         if self.dim == 2:
             return super().boxes
-        from cspace.raster.bitmaps import cell_boxes
         from cspace.raster.components import Components
 
         cells, cavities = self.occupied, Components.of(~self.occupied)
@@ -225,13 +220,10 @@ class Voxels(Shape):
 
     @cached_property
     def _segments(self) -> Floats:
-        from cspace.raster.bitmaps import boundary_segments
-
         return boundary_segments(self.occupied, self.side, self.lower)
 
     @cached_property
     def _boxes(self) -> Rounded:
-        from cspace.raster.bitmaps import cell_boxes
         from cspace.raster.boxes import Rounded
 
         lows, highs = cell_boxes(self.occupied, self.side, self.lower)
@@ -239,7 +231,6 @@ class Voxels(Shape):
 
     @cached_property
     def _shell(self) -> Shell:
-        from cspace.raster.bitmaps import cell_squares
         from cspace.raster.surfaces import Shell
 
         return Shell(*cell_squares(self.occupied, self.side, self.lower))

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats
-from cspace.covering import check_cells
 from cspace.errors import InputError
-from cspace.grid import Grid, check_word, finite
+from cspace.grid import Grid, check_cells, check_word, finite
 from cspace.raster.triangles import mark_touched
 from cspace.shapes import Balls, BallSet, Mesh, Shape, check_balls, shape_of
 from cspace.spectral.bump import Bump, check_bump

@@ -14,9 +14,8 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from cspace.arrays import Bools
-from cspace.covering import check_cells, check_dims
 from cspace.errors import FileError
-from cspace.grid import Grid
+from cspace.grid import Grid, check_cells, check_dims
 from cspace.shapes import Shape
 
 Box = tuple[slice, ...]
