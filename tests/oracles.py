@@ -25,6 +25,18 @@ def units(values):
     return tuple(above * (UNIT // below) for above, below in parts)
 
 
+def minus(a, b):
+    return [x - y for x, y in zip(a, b, strict=True)]
+
+
+def dot(a, b):
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+def cross(a, b):
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
 def square_distance_to_box(segment, box):
     """Squared distance between a segment and a box ``(x0, y0, x1, y1)``, exactly."""
     if segment_meets_block(*segment, box[:2], box[2:]):

@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import fcl
 import numpy as np
 import pytest
 import shapely
@@ -18,6 +17,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import cspace
+import solids
 from cspace import BLOCKED, FREE, ConfigurationError, InputError, Robot, Workspace
 from cspace.map.components import Components
 from cspace.shapes import Box, Shape, shape_of
@@ -214,22 +214,18 @@ def test_exact_answers_agree_with_fcl(rotations: Any) -> None:
         box = trimesh.creation.box(sides)
         space.place("box", (box.vertices @ turn.as_matrix().T + middle, box.faces))
         space.place("balls", spots, radius=0.1)
-        there = [fcl.CollisionObject(fcl.Box(*sides), fcl.Transform(turn.as_matrix(), middle))]
-        there += [fcl.CollisionObject(fcl.Sphere(0.1), fcl.Transform(spot)) for spot in spots]
+        there = [solids.box(sides, middle, turn.as_matrix()), *(solids.ball(0.1, spot) for spot in spots)]
         turns = (
             Rotation.from_rotvec(rng.uniform(-3.0, 3.0, (300, 1)) * (0, 0, 1))
             if space.dof == 4
             else Rotation.random(300, rng)
         )
         numbers = {3: np.empty((300, 0)), 4: turns.as_rotvec()[:, 2:], 7: turns.as_quat()}[space.dof]
-        matrices = turns.as_matrix() if space.dof > 3 else np.tile(np.eye(3), (300, 1, 1))
         q = np.hstack([rng.uniform(0.5, 1.9, (300, 3)), numbers])
-        for one, matrix, free in zip(q, matrices, space.is_free(q, exact=True), strict=True):
-            robot = fcl.CollisionObject(fcl.Box(*size), fcl.Transform(matrix, one[:3]))
-            spare = min(fcl.distance(robot, each, fcl.DistanceRequest(), fcl.DistanceResult()) for each in there)
-            corners = np.array([p * size / 2 for p in np.stack(np.meshgrid(*[(-1, 1)] * 3), -1).reshape(-1, 3)])
-            reach = corners @ matrix.T + one[:3]
-            spare = min(spare, reach.min(), (2.4 - reach).min())
+        for one, free in zip(q, space.is_free(q, exact=True), strict=True):
+            placed = one[:3], solids.turn_of(one).as_matrix()
+            spare = solids.apart(solids.box(size, *placed), there)
+            spare = min(spare or -np.inf, solids.within(0.0, 2.4, size, *placed))
             if abs(spare) > 1e-4:
                 assert free == (spare > 0.0)
 

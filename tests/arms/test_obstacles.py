@@ -5,16 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import fcl
 import numpy as np
 import pytest
-import yourdfpy
 from scipy.spatial.transform import Rotation
 
 from cspace import BLOCKED, FREE, MIXED, Grid, Robot, Workspace
 from cspace.arms import Arm, ArmSpace, Placed, build_arm
 from cspace.errors import InputError
 from cspace.shapes import Voxels
+from solids import ArmOracle, ball, box, sampled
 from urdfs import joint, link, planar, random_arm, written
 
 H = 0.2
@@ -22,46 +21,24 @@ SIDE = 10
 LOWER = (-1.0, -1.0, -1.0)
 
 
-class Oracle:
-    """The boxes of links, placed by yourdfpy, against boxes or balls that stay, asked of FCL."""
-
-    def __init__(self, path: Path, arm: Arm, still: list[Any]) -> None:
-        self._urdf = yourdfpy.URDF.load(str(path), load_meshes=False, build_collision_scene_graph=False)
-        self._arm, self._still = arm, still
-
-    def apart(self, q: Any) -> float:
-        values = dict(zip(self._arm.joints, q, strict=True))
-        self._urdf.update_cfg(np.array([values[name] for name in self._urdf.actuated_joint_names]))
-        least = np.inf
-        for each in self._arm.links[1:]:
-            for part in self._urdf.link_map[each.name].collisions:
-                pose = self._urdf.get_transform(each.name) @ part.origin
-                place = fcl.Transform(pose[:3, :3], pose[:3, 3])
-                box = fcl.CollisionObject(fcl.Box(*part.geometry.box.size), place)
-                for other in self._still:
-                    hit = fcl.collide(box, other, fcl.CollisionRequest(), fcl.CollisionResult())
-                    least = min(least, 0.0 if hit else fcl.distance(box, other))
-        return float(least)
-
-
 def boxes_of(cells: Any, pose: Any = None) -> list[Any]:
     pose = np.eye(4) if pose is None else pose
-    middles = (np.argwhere(cells) + 0.5) * H + LOWER
-    return [
-        fcl.CollisionObject(fcl.Box(H, H, H), fcl.Transform(pose[:3, :3], pose[:3, :3] @ middle + pose[:3, 3]))
-        for middle in middles
-    ]
+    turn, middles = pose[:3, :3], (np.argwhere(cells) + 0.5) * H + LOWER
+    return [box((H, H, H), turn @ middle + pose[:3, 3], turn) for middle in middles]
+
+
+def only_links(arm: Arm, name: str) -> list[tuple[str, str]]:
+    """Pairs that may touch: links each other, and the first one anything."""
+    names = [each.name for each in arm.links]
+    return [*((one, other) for one in names for other in names if one < other), (names[0], name)]
+
+
+def oracle(path: Path, arm: Arm, still: list[Any]) -> ArmOracle:
+    return ArmOracle(path, arm, {"still": still}, only_links(arm, "still"))
 
 
 def only_obstacles(obstacles: Any, arm: Arm, name: str = "workspace", at: Any = None) -> ArmSpace:
-    """A space in which links may touch each other, and the first one anything."""
-    names = [each.name for each in arm.links]
-    pairs = [(one, other) for one in names for other in names if one < other]
-    return build_arm(obstacles, arm, allowed=[*pairs, (names[0], name)], at=at)
-
-
-def sampled(arm: Arm, rng: np.random.Generator, count: int) -> Any:
-    return rng.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), (count, arm.dof))
+    return build_arm(obstacles, arm, allowed=only_links(arm, name), at=at)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -72,7 +49,7 @@ def test_cells_against_fcl(tmp_path: Path, seed: int) -> None:
     outer = rng.random((SIDE,) * 3) < 0.03
     inner = outer & (rng.random(outer.shape) < 0.5)
     space = only_obstacles(Workspace.from_array(outer, H, LOWER, inner=inner), arm)
-    around, within = Oracle(path, arm, boxes_of(outer)), Oracle(path, arm, boxes_of(inner))
+    around, within = (oracle(path, arm, boxes_of(cells)) for cells in (outer, inner))
     points = sampled(arm, rng, 40)
     states = np.asarray(space.classify(points))
     assert set(states.tolist()) >= {FREE, BLOCKED}
@@ -102,10 +79,10 @@ def test_cells_that_are_turned_against_fcl(tmp_path: Path, moved: str) -> None:
         space = only_obstacles({"cells": Placed(shape, pose)}, arm, "cells")
     else:
         space = only_obstacles({"cells": shape}, arm, "cells", at=np.linalg.inv(pose))
-    oracle = Oracle(path, arm, boxes_of(cells, pose))
+    around = oracle(path, arm, boxes_of(cells, pose))
     points = sampled(arm, rng, 40)
     free = np.asarray(space.is_free(points))
-    np.testing.assert_array_equal(free, [oracle.apart(q) > 1e-6 for q in points])
+    np.testing.assert_array_equal(free, [around.apart(q) > 1e-6 for q in points])
     np.testing.assert_array_equal(np.asarray(space.classify(points)) == BLOCKED, ~free)
 
 
@@ -116,10 +93,9 @@ def test_clouds_against_fcl(tmp_path: Path, radius: float) -> None:
     arm = Arm.from_urdf(path)
     points = rng.uniform(-1.0, 1.0, (60, 3))
     space = only_obstacles(Workspace.from_points(points, 0.5, radius=radius), arm)
-    balls = [fcl.CollisionObject(fcl.Sphere(max(radius, 1e-9)), fcl.Transform(np.eye(3), p)) for p in points]
-    oracle = Oracle(path, arm, balls)
+    around = oracle(path, arm, [ball(max(radius, 1e-9), point) for point in points])
     for q in sampled(arm, rng, 40):
-        apart, state = oracle.apart(q), space.classify(q)
+        apart, state = around.apart(q), space.classify(q)
         assert (state == FREE) == (apart > 1e-6)
         assert state != BLOCKED or apart == 0.0
         if state == FREE:

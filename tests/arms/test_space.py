@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import fcl
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -13,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from cspace import BLOCKED, FREE, MIXED, Robot
 from cspace.arms import Arm, ArmSpace, Placed, build_arm
 from cspace.errors import ConfigurationError, InputError
+from solids import ArmOracle, box, sampled
 from urdfs import joint, link, planar, random_arm, written
 
 
@@ -22,41 +22,7 @@ def at(x: float, y: float, z: float, turn: Any = (0.0, 0.0, 0.0)) -> Any:
     return pose
 
 
-class Oracle:
-    """Boxes of links and of obstacles, placed by yourdfpy and asked of FCL."""
-
-    def __init__(self, path: Path, arm: Arm, obstacles: dict[str, tuple[Any, Any]]) -> None:
-        import yourdfpy
-
-        self._urdf = yourdfpy.URDF.load(str(path), load_meshes=False, build_collision_scene_graph=False)
-        self._arm = arm
-        self._still = [(name, self._box(size, pose)) for name, (size, pose) in obstacles.items()]
-
-    def _box(self, size: Any, pose: Any) -> Any:
-        return fcl.CollisionObject(fcl.Box(*np.asarray(size, float)), fcl.Transform(pose[:3, :3], pose[:3, 3]))
-
-    def apart(self, q: Any) -> float:
-        """The least distance of any pair that may not touch; zero in collision."""
-        names = {joint.name: joint for joint in self._urdf.robot.joints}
-        values = dict(zip(self._arm.joints, np.asarray(q, float), strict=True))
-        self._urdf.update_cfg(np.array([values[name] for name in self._urdf.actuated_joint_names]))
-        assert set(values) <= set(names)
-        objects = []
-        for each in self._arm.links:
-            for part in self._urdf.link_map[each.name].collisions:
-                pose = self._urdf.get_transform(each.name) @ part.origin
-                objects.append((each.name, self._box(part.geometry.box.size, pose)))
-        least = np.inf
-        for i, (one, first) in enumerate(objects):
-            for other, second in [*objects[i + 1 :], *self._still]:
-                same = one == other or (min(one, other), max(one, other)) in self._arm.allowed
-                if not same and not (one == "l0" and other.startswith("block")):
-                    hit = fcl.collide(first, second, fcl.CollisionRequest(), fcl.CollisionResult())
-                    least = min(least, 0.0 if hit else fcl.distance(first, second))
-        return float(max(least, 0.0))
-
-
-def scene(tmp_path: Path, seed: int) -> tuple[ArmSpace, Oracle, np.random.Generator]:
+def scene(tmp_path: Path, seed: int) -> tuple[ArmSpace, ArmOracle, np.random.Generator]:
     rng = np.random.default_rng(seed)
     path = random_arm(tmp_path, seed)
     arm = Arm.from_urdf(path)
@@ -68,13 +34,10 @@ def scene(tmp_path: Path, seed: int) -> tuple[ArmSpace, Oracle, np.random.Genera
         for n in range(4)
     }
     shapes = {name: Placed(Robot.box(size).shape, pose) for name, (size, pose) in blocks.items()}
-    space = build_arm(shapes, arm, allowed=[("l0", name) for name in shapes])
-    return space, Oracle(path, arm, blocks), rng
-
-
-def sampled(arm: Arm, rng: np.random.Generator, count: int) -> Any:
-    lower, upper = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
-    return rng.uniform(lower, upper, (count, arm.dof))
+    ground = [("l0", name) for name in shapes]
+    space = build_arm(shapes, arm, allowed=ground)
+    still = {name: [box(size, pose[:3, 3], pose[:3, :3])] for name, (size, pose) in blocks.items()}
+    return space, ArmOracle(path, arm, still, [*arm.allowed, *ground]), rng
 
 
 @pytest.mark.parametrize("seed", range(3))

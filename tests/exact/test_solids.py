@@ -16,6 +16,7 @@ import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.shapes.mesh import Mesh
 from handmade import map_in, walled
+from solids import surface, turn_of
 from strategies import seeds
 
 BAND = 1e-6
@@ -421,11 +422,6 @@ def test_the_unit_of_length_does_not_matter(size):
 TURNS = {"yaw": 8, "any": cspace.Rotations.quaternions(3)}
 
 
-def rotation_of(q):
-    """The rotation of a configuration."""
-    return Rotation.from_quat(q[3:]) if len(q) == 7 else Rotation.from_rotvec([0.0, 0.0, q[3]])
-
-
 @pytest.mark.parametrize("turns", TURNS)
 @pytest.mark.parametrize("outside", ["blocked", "free"])
 def test_robots_that_turn_in_space(outside, turns):
@@ -436,12 +432,7 @@ def test_robots_that_turn_in_space(outside, turns):
     mesh = trimesh.creation.box(bounds=[[-0.1, -0.05, -0.1], [0.5, 0.1, 0.1]])
     workspace = Workspace.from_mesh(boxes_mesh(boxes), 0.2, (0, 0, 0, 2, 2, 2))
     space = cspace.build(workspace, Robot.mesh(mesh), rotations=TURNS[turns], outside=outside)
-    models = [fcl.BVHModel() for _ in range(2)]
-    for model, part in zip(models, (mesh, boxes_mesh(boxes)), strict=True):
-        model.beginModel(len(part.vertices), len(part.faces))
-        model.addSubModel(part.vertices, part.faces)
-        model.endModel()
-    moved, still = map(fcl.CollisionObject, models)
+    moved, still = (surface(part.vertices, part.faces) for part in (mesh, boxes_mesh(boxes)))
 
     def gap(place, matrix):
         moved.setTransform(fcl.Transform(matrix, place))
@@ -452,18 +443,18 @@ def test_robots_that_turn_in_space(outside, turns):
     rotations = rng.uniform(-9.0, 9.0, (150, 1)) if turns == "yaw" else Rotation.random(150, random_state=1).as_quat()
     q0 = np.column_stack([rng.uniform(0.0, 2.0, (150, 3)), rotations])
     free = space.is_free(q0, exact=True)
-    true = np.array([gap(q[:3], rotation_of(q).as_matrix()) for q in q0])
+    true = np.array([gap(q[:3], turn_of(q).as_matrix()) for q in q0])
     decided = np.abs(true) > BAND
     np.testing.assert_array_equal(free[decided], true[decided] > 0.0)
     assert 20 < free.sum() < 145
     proven, t = 0, np.linspace(0.0, 1.0, 500)
     for first in q0[free][:16]:
         turn = rng.normal(0.0, 0.6, 3) * (0.0, 0.0, 1.0) if turns == "yaw" else rng.normal(0.0, 0.6, 3)
-        step, after = rng.normal(0.0, 0.2, 3), Rotation.from_rotvec(turn) * rotation_of(first)
+        step, after = rng.normal(0.0, 0.2, 3), Rotation.from_rotvec(turn) * turn_of(first)
         last = [first[3] + turn[2]] if turns == "yaw" else after.as_quat() * rng.choice([-1.0, 1.0])
         answer = space.motion_is_free(first, [*(first[:3] + step), *last], exact=True)
         shares = (t if answer else t[::9])[:, None]
-        turned = Rotation.from_rotvec(shares * turn) * rotation_of(first)
+        turned = Rotation.from_rotvec(shares * turn) * turn_of(first)
         least = min(map(gap, first[:3] + shares * step, turned.as_matrix()))
         assert least > 0.0 if answer else least < 0.03 * (np.abs(step).sum() + np.abs(turn).sum() + 1.0)
         proven += answer
@@ -494,7 +485,7 @@ def test_where_ompl_lets_the_rotation_jump_all_of_it_counts():
         np.array([x, 50.0, 50.0, 0.0, 0.0, math.sin(a), math.cos(a)]) for x, a in zip((1.0, 8.0), angles, strict=True)
     )
     tip, rotations = np.array([0.0, -1000.0, 0.0]), cspace.Rotations.quaternions(1)
-    ball = rotation_of(q0).apply(tip) + q1[:3] - (0.1, 0.0, 0.0)
+    ball = turn_of(q0).apply(tip) + q1[:3] - (0.1, 0.0, 0.0)
     workspace = Workspace.from_balls([ball], 0.004, 100.0, (0, 0, 0, 1200, 100, 100))
     robot = Robot.ball(0.004, tip)
     slice_of = rotations.slice_of(robot.shape)

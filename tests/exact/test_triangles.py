@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 from numba import njit
 from scipy.spatial.transform import Rotation
 
+import solids
 from cspace.exact.triangles import DEPTH, Motion, crosses, share_apart, trees_of
 from cspace.shapes import Pieces
+from oracles import cross, dot, minus
 from strategies import seeds
 
 HERE, STILL = (0.0, 0.0, 0.0), np.eye(3)
@@ -22,18 +24,6 @@ ERROR = 2.0**-48
 
 
 # ---- exact arithmetic ------------------------------------------------------------------------------------------------
-
-
-def minus(a, b):
-    return [x - y for x, y in zip(a, b, strict=True)]
-
-
-def dot(a, b):
-    return sum(x * y for x, y in zip(a, b, strict=True))
-
-
-def cross(a, b):
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
 def clamped(x):
@@ -233,11 +223,7 @@ def test_distances_agree_with_fcl():
     """Two meshes of some thousand triangles each, wherever one is."""
 
     def model(triangles):
-        made = fcl.BVHModel()
-        made.beginModel(3 * len(triangles), len(triangles))
-        made.addSubModel(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
-        made.endModel()
-        return fcl.CollisionObject(made)
+        return solids.surface(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
 
     rng = np.random.default_rng(2)
     body = np.array(trimesh.creation.torus(0.4, 0.1, major_sections=24, minor_sections=12).triangles)

@@ -5,23 +5,21 @@ from __future__ import annotations
 import copy
 import csv
 import dataclasses
-import itertools
 import json
 import math
 import pickle
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import fcl
 import numpy as np
 import pytest
 import shapely
-from scipy.spatial.transform import Rotation
 
 import planners
+import solids
 from benchmarks.soak.plane_geometry import moved
-from cspace import BLOCKED, CSpace, FileError, Robot, Workspace, build
+from cspace import BLOCKED, FileError, Robot, Workspace, build
 from cspace.errors import InputError
 from planners.local_planner import CURVES, HOLONOMIC, local_planner
 from planning import CAR, ENDPOINTS, SPACES, distances, halves, open_map, room, usable
@@ -91,22 +89,6 @@ def apart_in_the_plane(obstacles: shapely.Geometry, robot: shapely.Geometry, rad
     return float(shapely.transform(robot, lambda points: moved(points, q[None])[0]).distance(obstacles)) - radius
 
 
-def apart_in_space(space: CSpace, boxes: fcl.DynamicAABBTreeCollisionManager, size: Any, q: np.ndarray) -> float:
-    """Distance of a box from others, by FCL, and of its corners from the sides of the grid."""
-    turn = {
-        3: lambda: Rotation.identity(),
-        4: lambda: Rotation.from_euler("z", q[3]),
-        7: lambda: Rotation.from_quat(q[3:]),
-    }
-    matrix = turn[len(q)]().as_matrix()
-    robot = fcl.CollisionObject(fcl.Box(*size), fcl.Transform(matrix, q[:3]))
-    data = fcl.DistanceData()
-    boxes.distance(robot, data, fcl.defaultDistanceCallback)
-    corners = q[:3] + np.array(list(itertools.product((-0.5, 0.5), repeat=3))) * size @ matrix.T
-    walls = np.minimum(corners - space.grid.lower, np.array(space.grid.upper) - corners).min()
-    return min(float(data.result.min_distance), float(walls))
-
-
 def oracle(name: str) -> Callable[[np.ndarray], float]:
     """How far the robot of a room is from its obstacles and its border, by other libraries."""
     space, h = room(name), room(name).grid.spacing
@@ -119,11 +101,18 @@ def oracle(name: str) -> Callable[[np.ndarray], float]:
             "turning": (shapely.box(-0.3, -0.15, 0.3, 0.15), 0.0),
         }[name]
         return lambda q: apart_in_the_plane(everything, robot, radius, q)
-    manager = fcl.DynamicAABBTreeCollisionManager()
-    objects = [fcl.CollisionObject(fcl.Box(h, h, h), fcl.Transform(low + 0.5 * h)) for low in cells]
-    manager.registerObjects(objects)
-    manager.setup()
-    return lambda q: apart_in_space(space, manager, SIZES[name], q)
+    boxes = fcl.DynamicAABBTreeCollisionManager()
+    objects = [solids.box((h, h, h), low + 0.5 * h) for low in cells]
+    boxes.registerObjects(objects)
+    boxes.setup()
+
+    def apart_in_space(q: np.ndarray) -> float:
+        turn, data = solids.turn_of(q).as_matrix(), fcl.DistanceData()
+        boxes.distance(solids.box(SIZES[name], q[:3], turn), data, fcl.defaultDistanceCallback)
+        walls = solids.within(space.grid.lower, space.grid.upper, SIZES[name], q[:3], turn)
+        return min(float(data.result.min_distance), walls)
+
+    return apart_in_space
 
 
 @pytest.mark.parametrize(("name", "curve"), CASES)

@@ -14,9 +14,11 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.optimize import nnls
 
+import solids
 from cspace import Grid, InputError, Mesh, MeshWarning
 from cspace.raster.components import Components
 from cspace.raster.triangles import cut_to, mark_within, swept
+from oracles import cross, dot
 from strategies import seeds
 
 NEAR = 1e-6
@@ -55,14 +57,6 @@ def meets(triangle, low, high):
         if max(along) < first or min(along) > last:
             return False
     return True
-
-
-def cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-def dot(a, b):
-    return sum(x * y for x, y in zip(a, b, strict=True))
 
 
 def check_touched(marked, triangles, grid, slack=Fraction(1, 2**24)):
@@ -122,7 +116,6 @@ def test_touched_cells_agree_with_exact_separating_axes(kind, lower):
 
 
 def test_touched_cells_of_over_200_meshes_agree_with_fcl():
-    fcl = pytest.importorskip("fcl")
     rng = np.random.default_rng(5)
     for number in range(204):
         kind = ("random", "touching", "lattice", "boxes")[number % 4]
@@ -136,16 +129,11 @@ def test_touched_cells_of_over_200_meshes_agree_with_fcl():
         mesh = Mesh.of((corner + h * vertices, faces), "surface")
         outer, _ = mesh.cells(grid)
         # In cells of the grid: FCL's own tolerance is absolute.
-        local = (mesh.vertices - corner) / h
-        model = fcl.BVHModel()
-        model.beginModel(len(local), len(faces))
-        model.addSubModel(local, faces)
-        model.endModel()
-        surface = fcl.CollisionObject(model)
+        surface = solids.surface((mesh.vertices - corner) / h, faces)
         for cell in np.ndindex(*grid.shape):
             side = 1.0 + NEAR if outer[cell] else 1.0 - NEAR
-            cube = fcl.CollisionObject(fcl.Box(side, side, side), fcl.Transform(np.add(cell, 0.5)))
-            assert (fcl.collide(surface, cube) > 0) == outer[cell], (number, kind, cell)
+            cube = solids.box((side, side, side), np.add(cell, 0.5))
+            assert solids.meet(surface, cube) == outer[cell], (number, kind, cell)
 
 
 @given(seeds, st.sampled_from(["random", "sliver", "touching", "lattice"]))

@@ -7,6 +7,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import cspace
+import solids
 from cspace import InputError, Robot, Rotations, Workspace
 from cspace.rotations import Turn
 from cspace.spectral import decompose
@@ -84,15 +85,13 @@ def test_maps_agree_with_fcl(kind, rotations):
     q = np.column_stack([rng.uniform(0, (2.6, 2.2, 2.0), (800, 3)), rng.normal(size=(800, space.dof - 3))])
     if space.dof == 7:
         q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
-    solids = [fcl.CollisionObject(fcl.Box(*size), fcl.Transform(np.array(at))) for size, at in BOXES]
+    boxes = [solids.box(*each) for each in BOXES]
     robot = {"cylinder": fcl.Cylinder, "capsule": fcl.Capsule}[make.__name__](RADIUS, LENGTH)
     states = space.classify(q)
     assert min(np.bincount(states, minlength=3)) > 40
-    for state, (x, y, z, *turned) in zip(states.tolist(), q.tolist(), strict=True):
-        yaw = Rotation.from_euler("z", (turned or [0.0])[0])
-        matrix = (Rotation.from_quat(turned) if len(turned) == 4 else yaw).as_matrix()
-        placed = fcl.CollisionObject(robot, fcl.Transform(matrix, np.array((x, y, z))))
-        hit = any(fcl.collide(placed, solid, fcl.CollisionRequest(), fcl.CollisionResult()) for solid in solids)
+    for state, one in zip(states.tolist(), q, strict=True):
+        placed = fcl.CollisionObject(robot, fcl.Transform(solids.turn_of(one).as_matrix(), one[:3]))
+        hit = any(solids.meet(placed, each) for each in boxes)
         assert state == cspace.MIXED or hit == (state == cspace.BLOCKED)
 
 

@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+import solids
 from cspace import Grid, InputError, MissingPackageError, Robot
 from cspace.spectral import BallDescriptor, Bounds, Bump, FourierOverlap, Separation, Spheres, Verdict, intersection
 from cspace.spectral.bands import norm_square
@@ -254,7 +255,6 @@ def test_of_shapes_is_right_about_polygons() -> None:
 
 
 def test_of_shapes_is_right_about_meshes() -> None:
-    fcl = pytest.importorskip("fcl")
     sides = np.array([[0.5, 0.3, 0.2], [0.4, 0.4, 0.6]])
     rng = np.random.default_rng(1)
 
@@ -267,7 +267,7 @@ def test_of_shapes_is_right_about_meshes() -> None:
 
     (outer_a, inner_a), (outer_b, inner_b) = (balls_of(box) for box in sides)
     made = FourierOverlap.of_shapes(outer_a, outer_b, inner_a, inner_b, swell=0.06, classes=3, tolerance=0.2)
-    fixed = fcl.CollisionObject(fcl.Box(*sides[1]))
+    fixed = solids.box(sides[1])
     seen = np.zeros(3, dtype=int)
     for seed in range(2):
         matrix = Rotation.random(random_state=seed).as_matrix()
@@ -275,8 +275,7 @@ def test_of_shapes_is_right_about_meshes() -> None:
         ts = placements(overlap, rng, 200) * 0.7
         verdicts = overlap.separated(ts).verdict
         for t, verdict in zip(ts, verdicts, strict=True):
-            moved = fcl.CollisionObject(fcl.Box(*sides[0]), fcl.Transform(matrix, t))
-            collides = fcl.collide(moved, fixed, fcl.CollisionRequest(), fcl.CollisionResult()) > 0
+            collides = solids.meet(solids.box(sides[0], t, matrix), fixed)
             assert verdict == Verdict.UNDECIDED or collides == (verdict == Verdict.HIT)
         seen += np.bincount(verdicts, minlength=3)
     assert (seen > 20).all()
