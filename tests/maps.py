@@ -1,7 +1,5 @@
 """Maps of every kind to save, and what must hold of them once they are read again."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What there is to see where a package is not installed."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

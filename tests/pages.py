@@ -1,7 +1,5 @@
 """Pages as tests look at them: what stands in the scene, and what browsers send."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from cspace.view import Viewer

@@ -1,7 +1,5 @@
 """What is drawn in a figure: its pixels, its words, the colours of its classes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

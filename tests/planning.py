@@ -1,7 +1,5 @@
 """Maps to plan on in every space, and what holds of every plan."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

@@ -1,7 +1,5 @@
 """Solids in space as FCL has them, which shares no code with the library: whether they meet, how far they are apart."""
 
-from __future__ import annotations
-
 from itertools import product
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Compiled functions: the log says what is compiled, what is kept is used while it is true, and none is needed."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle

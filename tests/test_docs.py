@@ -4,8 +4,6 @@ Each page has a folder of its own. Blocks marked ``python`` and ``console`` run;
 network or other machines.
 """
 
-from __future__ import annotations
-
 import doctest
 import re
 import shlex

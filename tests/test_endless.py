@@ -1,7 +1,5 @@
 """Maps that close in a circle, against cells that are counted modulo a turn, one by one."""
 
-from __future__ import annotations
-
 import copy
 import heapq
 import itertools

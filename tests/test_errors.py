@@ -1,7 +1,5 @@
 """Errors are one line that says which argument is what, also where arguments are exchanged."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Imports run one way: no circle of modules, with those within functions and for type checkers counted."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from graphlib import TopologicalSorter

@@ -1,7 +1,5 @@
 """Arithmetic of rotations, in each way to tell them, against scipy's."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

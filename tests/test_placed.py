@@ -1,7 +1,5 @@
 """Obstacles that are placed by name: as a build with them, whatever was placed, moved and removed before."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from functools import partial

@@ -1,7 +1,5 @@
 """No answer that is called a proof is false: the soak, on a few maps of each space, by other geometry than ours."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import pytest

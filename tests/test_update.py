@@ -1,7 +1,5 @@
 """A map that follows its workspace answers as one that is built anew."""
 
-from __future__ import annotations
-
 import importlib
 import threading
 from functools import partial

@@ -1,7 +1,5 @@
 """In use: the soak of saves, threads, processes and growth, for a few seconds."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

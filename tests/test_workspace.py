@@ -1,7 +1,5 @@
 """Workspaces from arrays, and the choice of a reader by suffix."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path

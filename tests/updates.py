@@ -1,7 +1,5 @@
 """Streams of changes of a workspace, and what must hold of a map that follows them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any

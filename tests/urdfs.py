@@ -1,7 +1,5 @@
 """Small arms, written as URDF files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Trees of hulls hold what they are of, and the bounds of motions what moves: against samples, which share no code."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Maps of two and three joints, against shapely for arms in the plane and FCL in space, which share no code."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Arms from URDF files: joints, limits, bodies and pairs, against yourdfpy's own kinematics."""
 
-from __future__ import annotations
-
 import pickle
 from pathlib import Path
 from typing import Any

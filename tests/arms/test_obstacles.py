@@ -1,7 +1,5 @@
 """Workspaces, cells and clouds as obstacles of arms, against FCL and by hand."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

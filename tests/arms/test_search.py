@@ -1,7 +1,5 @@
 """Paths of arms: proven all along, the same for a seed, to any of several goals."""
 
-from __future__ import annotations
-
 import time
 from itertools import pairwise
 from typing import Any

@@ -1,7 +1,5 @@
 """Arms among obstacles: FREE, BLOCKED and motions against FCL, which shares no code."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Files that the command line reads: workspaces of every kind, and one map of each space."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

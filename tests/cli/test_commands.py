@@ -1,7 +1,5 @@
 """Every command, on maps of each space: what it prints, what it writes, what it passes on."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """Whatever is wrong: exit code 2, one clear line in the words of the command line, before any work, nothing written."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

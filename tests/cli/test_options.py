@@ -1,7 +1,5 @@
 """Texts of options: configurations, angles, boxes; what the library says, in options."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Robots in text: what is drawn is where the robot is."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

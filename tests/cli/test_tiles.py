@@ -1,7 +1,5 @@
 """Maps in tiles from the command line: built, stopped and gone on with, told of, planned on, drawn and exported."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

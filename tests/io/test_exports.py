@@ -1,7 +1,5 @@
 """Maps written for other programs: the border of the free space as a mesh, VTK images, and ROS maps."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from fractions import Fraction

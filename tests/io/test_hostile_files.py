@@ -1,7 +1,5 @@
 """Files that are damaged, or made to do harm, are refused in one line, soon, and before memory is taken."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

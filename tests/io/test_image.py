@@ -1,7 +1,5 @@
 """Images as workspaces."""
 
-from __future__ import annotations
-
 import tracemalloc
 from contextlib import suppress
 from pathlib import Path

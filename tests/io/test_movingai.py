@@ -1,7 +1,5 @@
 """MovingAI maps."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

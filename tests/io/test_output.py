@@ -1,7 +1,5 @@
 """Outputs are complete or not there, and nothing that was there is lost."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable

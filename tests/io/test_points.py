@@ -1,7 +1,5 @@
 """Point clouds: every format and encoding, whole, truncated and damaged."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import struct

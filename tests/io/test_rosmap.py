@@ -1,7 +1,5 @@
 """ROS maps, read and written."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A saved map opens as it was, or does not open at all."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """Obstacles from shapely geometries, GeoJSON and WKT."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Voxel maps: MovingAI's and OctoMaps, these against OctoMap's own library."""
 
-from __future__ import annotations
-
 import os
 import struct
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The widest path: as wide as any can be, then the shortest, told by graphs that share no code with it."""
 
-from __future__ import annotations
-
 import contextlib
 import copy
 import itertools

@@ -1,7 +1,5 @@
 """Plans of arms: every planner of OMPL, proven motions, joints that turn for ever, and errors."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

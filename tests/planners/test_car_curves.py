@@ -1,7 +1,5 @@
 """Curves of cars are the shortest, get where they shall, and are proven along the whole way."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any

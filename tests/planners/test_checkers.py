@@ -1,7 +1,5 @@
 """OMPL's questions are answered as the map answers them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

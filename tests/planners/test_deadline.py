@@ -1,7 +1,5 @@
 """A plan ends within its time limit and a quarter of a second, whatever the planner, the space and the objective."""
 
-from __future__ import annotations
-
 import time
 from functools import cache
 from typing import Any

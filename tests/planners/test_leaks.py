@@ -1,7 +1,5 @@
 """Hundreds of plans in one process leave nothing behind."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """Differential drives turn on the spot and drive straight on, and are proven along what they really do."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """The cost of an edge is the integral along it, in every space and along curves."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any

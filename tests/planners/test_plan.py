@@ -1,7 +1,5 @@
 """A plan is right, says what it is, and can be repeated: every planner, in every space and along curves."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import subprocess

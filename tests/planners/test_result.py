@@ -1,7 +1,5 @@
 """What a plan says of its path, and what it writes."""
 
-from __future__ import annotations
-
 import copy
 import csv
 import dataclasses

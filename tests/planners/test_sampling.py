@@ -1,7 +1,5 @@
 """Samples are free, spread evenly, near where they shall be, and repeatable."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

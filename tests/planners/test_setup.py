@@ -1,7 +1,5 @@
 """Names of planners, what a set-up refuses, and what it leaves behind."""
 
-from __future__ import annotations
-
 import gc
 from typing import Any
 

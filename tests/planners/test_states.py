@@ -1,7 +1,5 @@
 """Configurations become states of OMPL and back, in every space."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from ompl import base as ob

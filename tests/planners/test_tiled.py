@@ -1,7 +1,5 @@
 """Plans on maps in a store: from tile to tile, certified, and refused as on a map in memory."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Animations: the robot where it is, the slice of its yaw, and nothing half-written."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

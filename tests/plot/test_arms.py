@@ -1,7 +1,5 @@
 """Pictures of arms: links and obstacles where they are, pale arms along a path, and what cannot be drawn."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

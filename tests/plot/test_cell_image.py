@@ -1,7 +1,5 @@
 """Images of cells: nothing that blocks the robot vanishes between two pixels, at any zoom."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

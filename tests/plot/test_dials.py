@@ -1,7 +1,5 @@
 """Dials: the state of each rotation at one position."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

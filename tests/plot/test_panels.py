@@ -1,7 +1,5 @@
 """Panels: one for each yaw, each the slice of its yaw, with the path in every one."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

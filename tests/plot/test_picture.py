@@ -1,7 +1,5 @@
 """Pictures of maps in the plane: each pixel shows what the map says there, in one colour for one meaning."""
 
-from __future__ import annotations
-
 import base64
 import io
 import math

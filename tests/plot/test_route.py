@@ -1,7 +1,5 @@
 """Paths as pictures show them: even steps along the way, turns the shorter way round."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sections of maps in space: every drawn cell is the map's, to scale, and the robot where the section meets it."""
 
-from __future__ import annotations
-
 from itertools import combinations, pairwise, product
 from typing import Any
 

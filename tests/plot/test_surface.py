@@ -1,7 +1,5 @@
 """Maps in three dimensions: the faces that the camera sees, none else, with path and robots among them."""
 
-from __future__ import annotations
-
 from itertools import product
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Thumbnails: small, and true to what they are of."""
 
-from __future__ import annotations
-
 import io
 from typing import Any
 

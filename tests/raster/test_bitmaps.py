@@ -1,7 +1,5 @@
 """Laws of the outline of a set of cells, in the plane and in space."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sums and bounds ring by ring, what two balls have in common, and norms: what the proofs of overlaps stand on."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

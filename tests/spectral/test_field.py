@@ -1,7 +1,5 @@
 """The smooth field on a map is the descriptors' overlap, and keeps plans away from obstacles."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

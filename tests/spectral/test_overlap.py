@@ -1,7 +1,5 @@
 """Overlaps from spectra are those of the descriptors, and their verdicts are proofs."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import sys

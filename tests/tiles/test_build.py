@@ -1,7 +1,5 @@
 """Maps built tile by tile: equal cell for cell, whatever the tiles, and whatever is killed on the way."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

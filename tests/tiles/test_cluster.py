@@ -1,7 +1,5 @@
 """Tiles made on the workers of a cluster, some of which are killed."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Components over tiles: the answers of the same map in memory."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """What a map in tiles is made from: arrays that stay in their files, and shapes, of which a tile asks those near it."""
 
-from __future__ import annotations
-
 import os
 import pickle
 from contextlib import contextmanager

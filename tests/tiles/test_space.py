@@ -1,7 +1,5 @@
 """Look-ups on a map that stays in its store: those of the same map in memory."""
 
-from __future__ import annotations
-
 import pickle
 import threading
 

@@ -1,7 +1,5 @@
 """Updates of a stored map: what a build would give, and never anything between before and after."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

@@ -1,7 +1,5 @@
 """Parts of a stored map: within the box that was asked for, they answer as the whole map does."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np
