@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cspace.arrays import Bools
 from cspace.engines import ENGINES, Engine, choose
 from cspace.map.slices import Pair
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 
 Progress = Callable[[int, int], None]
 Sides = Sequence[Sequence[Raster]]

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from cspace.arrays import Surface
 from cspace.errors import FileError, InputError
 from cspace.grid import check_reach, not_negative, positive
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes import Balls, Box, Bracketed, Mesh, Polygons, Shape, Voxels, shape_from_spec
 from cspace.shapes.bracketed import Pair, capsule, cylinder

@@ -25,7 +25,7 @@ from cspace.map.record import Map
 from cspace.map.slices import slice_rasters
 from cspace.map.storage import PackedStates, cells_of, check_bytes, counts_of, read_only, read_only_of, record_of
 from cspace.memory import JOINED_BYTES, check_memory
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Shape, ShapeLike, shape_of

@@ -31,7 +31,7 @@ from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior, reached
 from cspace.map.storage import PackedStates
 from cspace.placed import Box, Placed, Scene
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 from cspace.shapes import Shape
 from cspace.states import BLOCKED
 from cspace.workspace import Workspace

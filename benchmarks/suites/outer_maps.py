@@ -17,7 +17,7 @@ from benchmarks.suites.stamping import stamp
 from cspace import Robot, Workspace
 from cspace.arrays import Bools
 from cspace.engines import METHODS as METHODS
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 
 Call = Callable[[], Bools]
 

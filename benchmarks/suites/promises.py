@@ -19,7 +19,7 @@ from benchmarks.timing import interleave, memory_rise
 from cspace import Robot, Workspace
 from cspace.arrays import Bools
 from cspace.engines import ENGINES
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 from cspace.rotations import Rotations
 from cspace.threads import cores
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from cspace.arrays import Bools, Ints
 from cspace.compiling import jit
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 from cspace.threads import cores
 
 

@@ -18,7 +18,7 @@ from benchmarks.timing import Timing, interleave
 from cspace import Robot, Workspace
 from cspace.arrays import Bools
 from cspace.engines import ENGINES, choose
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 
 DENSITY = 0.06
 """Share of a map that boxes take up."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Bools
 from cspace.engines import dilation, fft
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 
 ROWS: Final = {2: 30, 3: 280}
 """Rows of consecutive offsets, in the plane and in space, for each cell that a robot is across, from which on

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Bytes, Ints, Words
 from cspace.compiling import inner, reader
-from cspace.raster.raster import Raster, runs_of
+from cspace.raster import Raster, runs_of
 from cspace.threads import cores, in_threads
 from cspace.unaligned import load, store
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from cspace.arrays import Bools, Floats, Ints
 from cspace.compiling import jit
 from cspace.engines.tiling import Tiling, choose_tiling
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 from cspace.threads import cores, in_threads
 
 Corner = tuple[int, ...]

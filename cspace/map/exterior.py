@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from cspace.arrays import Bools, Ints
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 from cspace.states import BLOCKED, FREE, MIXED
 
 OUTSIDES: Final = ("blocked", "free")

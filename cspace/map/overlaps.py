@@ -12,7 +12,7 @@ from cspace.arrays import Bools, Floats, Ints
 from cspace.compiling import inner, reader
 from cspace.map.points import Numbers, cell_of, configuration, is_usable, layered
 from cspace.map.record import Map
-from cspace.raster.raster import Raster, runs_of
+from cspace.raster import Raster, runs_of
 
 Counts = NDArray[np.int16] | NDArray[np.int32]
 

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.threads import cores, in_threads

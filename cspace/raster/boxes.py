@@ -40,7 +40,7 @@ import numpy as np
 from cspace.arrays import Bools, Floats
 from cspace.compiling import reader
 from cspace.grid import SLACK, Grid, check_reach
-from cspace.raster.raster import Raster, blank
+from cspace.raster import Raster, blank
 from cspace.raster.segments import OBSTACLE
 from cspace.threads import in_chunks
 

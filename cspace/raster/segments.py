@@ -41,7 +41,7 @@ import numpy as np
 from cspace.arrays import Bools, Floats
 from cspace.compiling import inner, reader
 from cspace.grid import SLACK, Grid, check_reach
-from cspace.raster.raster import Raster, blank
+from cspace.raster import Raster, blank
 from cspace.rotations import STILL, Turn
 
 OBSTACLE: Final = ("an obstacle", "the map's corner", "clip the obstacles to the map, or check their units (metres)")

@@ -30,8 +30,8 @@ import numpy as np
 from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import SLACK, Grid, check_reach
+from cspace.raster import Raster, blank
 from cspace.raster.components import Components
-from cspace.raster.raster import Raster, blank
 from cspace.raster.triangles import mark_touched, mark_within, swept
 from cspace.raster.winding import mark_enclosed
 from cspace.rotations import STILL, Turn

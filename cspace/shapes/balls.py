@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from cspace.arrays import Bools, Floats, Surface, frozen
 from cspace.errors import InputError
 from cspace.grid import Grid, finite, points_of
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes.shape import Pieces, Shape
 

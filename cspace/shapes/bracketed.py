@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats, Surface
 from cspace.grid import Grid
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes.shape import Pieces, Shape
 

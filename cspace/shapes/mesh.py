@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import Bools, Floats, Ints, Surface, frozen
 from cspace.errors import GeometryError, InputError
 from cspace.grid import Grid, finite, points_of, unmasked
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes.bodies import Body, find_bodies
 from cspace.shapes.bracketed import Bracketed

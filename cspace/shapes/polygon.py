@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from cspace.arrays import Bools, Floats
 from cspace.errors import GeometryError
 from cspace.grid import Grid, finite, points_of
+from cspace.raster import Raster
 from cspace.raster.bitmaps import point_segments, polygon_outline
-from cspace.raster.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes.shape import Pieces, Shape
 

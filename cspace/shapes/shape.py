@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import Bools, Floats, Ints, Surface
 from cspace.errors import GeometryError, InputError
 from cspace.grid import Grid, finite
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 from cspace.rotations import STILL, Turn
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from cspace.engines import dilation, fft
 from cspace.engines.dilation import Runs
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 from oracles import collide, raster_offsets
 from strategies import bitmaps
 

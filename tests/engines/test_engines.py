@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from cspace.engines import ENGINES, ROWS, choose
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 from oracles import collide, overlaps_by_shifts
 from strategies import seeds
 

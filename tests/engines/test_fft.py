@@ -18,7 +18,7 @@ from cspace.engines.tiling import (
     growth,
     transform_seconds,
 )
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 from oracles import collide, overlaps_by_shifts
 from strategies import seeds
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from cspace import BLOCKED, FREE, MIXED
 from cspace.map.exterior import Exterior
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 from handmade import Outside, cells_around, outsides, state_of
 from strategies import seeds
 

@@ -11,7 +11,7 @@ import cspace
 import oracles
 from cspace import Workspace
 from cspace.map.overlaps import Runs, Sums
-from cspace.raster.raster import Raster
+from cspace.raster import Raster
 from handmade import map_of
 from strategies import bitmaps, robots, seeds
 
