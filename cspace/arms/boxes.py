@@ -21,9 +21,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arms.chain import SLIDES, TURNS, flight_of, place
-from cspace.arms.hulls import least_spare
-from cspace.arms.proofs import Scene, Solids, Work, least_of, nests, row_of, seen
+from cspace.arms.chain import SLIDES, TURNS, place
+from cspace.arms.proofs import Scene, Solids, Work, least_of, nests, row_of, seen, spare_of
 from cspace.arrays import Floats, Ints, Row, States
 from cspace.compiling import inner, jit
 from cspace.exact import ADVANCE
@@ -173,18 +172,11 @@ def are_near(scene: Scene, pair: int, box: Box, work: Work) -> bool:
 
     They do not where they are farther apart in its middle than the solids can move, each point as far as any.
     """
-    solids, near, nodes = scene.solids, work.nearest[pair], work.nodes
+    solids = scene.solids
     i, j = scene.pairs[pair]
-    if solids.roots[i] < 0 or solids.roots[j] < 0:
-        return False
     slide, angle = sway(scene, solids.bodies[i], solids.bodies[j], box, work)
     moved = (slide + angle * solids.levers[i]) / ADVANCE
-    one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
-    flight = flight_of(one, other, 0.0, moved, moved, box.least)
-    nodes[0, 0], nodes[0, 1] = near[0], near[1]
-    spare = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, 0.0, nodes, work.directions)
-    near[0], near[1] = nodes[0, 0], nodes[0, 1]
-    return spare < 0.0
+    return spare_of(scene, pair, (0.0, moved, moved), box.least, 0.0, work) < 0.0
 
 
 @inner

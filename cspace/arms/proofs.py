@@ -29,6 +29,9 @@ from cspace.raster.winding import turn_above
 WAITING: Final = 1024
 """Parts of a motion that wait at a time, at most."""
 
+STILL: Final = (0.0, 0.0, 0.0)
+"""How a pair moves that does not."""
+
 
 class Solids(NamedTuple):
     """Links and obstacles: what hangs on which body, with its tree, its closed surface and points of it.
@@ -180,7 +183,7 @@ def point_is_free(scene: Scene, q: Floats, work: Work) -> bool:
     place(scene.chain, q, q, 0.0, work.poses)
     least = least_of(scene, q, q)
     for n in range(len(scene.pairs)):
-        if spare_of(scene, n, 0.0, least, work) < 0.0 or (work.nodes[1, 0] and nests(scene, n, work, -1.0)):
+        if spare_of(scene, n, STILL, least, 0.0, work) < 0.0 or (work.nodes[1, 0] and nests(scene, n, work, -1.0)):
             return False
     return True
 
@@ -216,7 +219,10 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
             n = (begin + k) % pairs
             if not left[row, n]:
                 continue
-            spare = spare_of(scene, n, half, least, work)
+            # The rounding of what moves is a small part of all that does.
+            bend = half * (half * work.bounds[n, 1] + least * work.bounds[n, 2]) / ADVANCE
+            sway = half / ADVANCE, bend, half * work.bounds[n, 0] / ADVANCE
+            spare = spare_of(scene, n, sway, least, 0.0, work)
             left[row, n] = spare < 0.0
             if spare < 0.0:
                 nearest, undecided = n, True
@@ -237,22 +243,19 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
 
 
 @inner
-def spare_of(scene: Scene, n: int, half: float, least: float, work: Work) -> float:
-    """What is below zero unless a pair stays apart for so much of a motion either way; -inf where it touches now."""
-    solids, nodes, nearest = scene.solids, work.nodes, work.nearest
+def spare_of(scene: Scene, n: int, sway: tuple[float, float, float], least: float, enough: float, work: Work) -> float:
+    """:func:`cspace.arms.hulls.least_spare` of a pair, which is infinite where one of them is nothing.
+
+    ``sway`` is the time to either side, and by how much the pair can leave its motion meanwhile, and can move in all.
+    """
+    solids, nodes, nearest, (half, bend, most) = scene.solids, work.nodes, work.nearest, sway
     i, j = scene.pairs[n]
     if solids.roots[i] < 0 or solids.roots[j] < 0:
         nodes[1, 0] = 0
-        return 1.0
-    one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
-    most = bend = 0.0
-    if half > 0.0:
-        # The rounding of what moves is a small part of all that does.
-        bend = half * (half * work.bounds[n, 1] + least * work.bounds[n, 2]) / ADVANCE
-        most = half * work.bounds[n, 0] / ADVANCE
-    flight = flight_of(one, other, half / ADVANCE, bend, most, least)
+        return np.inf
+    flight = flight_of(work.poses[solids.bodies[i]], work.poses[solids.bodies[j]], half, bend, most, least)
     nodes[0, 0], nodes[0, 1] = nearest[n, 0], nearest[n, 1]
-    spare = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, 0.0, nodes, work.directions)
+    spare = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, enough, nodes, work.directions)
     nearest[n, 0], nearest[n, 1] = nodes[0, 0], nodes[0, 1]
     return spare
 
@@ -401,19 +404,14 @@ def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, work: Wo
 
     ``nearest``, shape (n, 3), is given the pair and the two nodes that set it.
     """
-    solids, nodes = scene.solids, work.nodes
+    nodes = work.nodes
     for k in range(len(points)):
         least = least_of(scene, points[k], points[k])
         place(scene.chain, points[k], points[k], 0.0, work.poses)
         out[k] = np.inf
         for n in range(len(scene.pairs)):
-            i, j = scene.pairs[n]
-            if solids.roots[i] < 0 or solids.roots[j] < 0:
-                continue
-            one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
-            flight = flight_of(one, other, 0.0, 0.0, 0.0, least)
-            nodes[0, 0] = -1
-            spare = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, out[k], nodes, work.directions)
+            work.nearest[n, 0] = -1  # so that the bound does not depend on what was looked at before
+            spare = spare_of(scene, n, STILL, least, out[k], work)
             if spare >= 0.0 and nodes[1, 0] and nests(scene, n, work, -1.0):
                 spare = -1.0
             if spare < out[k]:

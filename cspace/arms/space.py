@@ -30,7 +30,7 @@ from cspace.arms.solids import (
 from cspace.arrays import Bools, Floats, Ints, States
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
-from cspace.grid import finite, positive, whole
+from cspace.grid import not_negative, positive, whole
 from cspace.map.batches import Query, check_rng, own
 from cspace.shapes import Shape
 from cspace.states import BLOCKED, FREE, MIXED
@@ -531,17 +531,10 @@ def build_arm(
             if name not in links and name not in named:
                 known = ", ".join((*links, *named))
                 raise InputError("allowed", f"names {name!r}", f"there are {known}", "name two of these", value=name)
-    least = _margin(margin)
+    least = not_negative(margin, "margin")
     base = np.linalg.inv(np.eye(4) if at is None else rigid(at, "at")).astype(np.float64)
     placed = {name: placed_obstacle(each, name, base) for name, each in named.items()}
     return ArmSpace(arm, {name: each for name, each in placed.items() if each is not None}, pairs, least)
-
-
-def _margin(value: float) -> float:
-    number = finite(value, "margin")
-    if number.ndim or number < 0.0:
-        raise InputError("margin", f"is {value!r}", "it must be zero or above", "pass it in metres", value=value)
-    return float(number)
 
 
 def _grouped(links: Sequence[Solid], obstacles: Sequence[Solid], may_touch: Set[tuple[str, str]]) -> list[Group]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,16 +39,12 @@ HELD: Final = 4
 """Tiles whose components are kept for further look-ups."""
 
 
-class Face(NamedTuple):
-    """Where a face of a tile is: its axis, and whether it is the far one."""
+def faces_of(dim: int) -> list[tuple[int, bool]]:
+    """The faces of a tile, in the order in which their labels are kept: their axes, and whether they are the far ones.
 
-    axis: int
-    far: bool
-
-
-def faces_of(dim: int) -> list[Face]:
-    """The faces of a tile, in the order in which their labels are kept."""
-    return [Face(axis, far) for axis in range(dim) for far in (False, True)]
+    That across an axis is number ``2 * axis``, and the far one comes next.
+    """
+    return [(axis, far) for axis in range(dim) for far in (False, True)]
 
 
 class Tile:
@@ -61,12 +57,12 @@ class Tile:
         states = read_only_of(store.states_in(self.cells))
         self.components = Components(states, store.slice_of, store.rotations.neighbors, closed)
 
-    def roots(self, face: Face) -> tuple[Ints, Ints]:
+    def roots(self, across: int, far: bool) -> tuple[Ints, Ints]:
         """Components of both kinds on a face, shape (rotations, *cells of the face); -1 where a cell has none."""
-        place = self.shape[face.axis] - 1 if face.far else 0
-        spans = [range(n) if axis != face.axis else range(place, place + 1) for axis, n in enumerate(self.shape)]
+        place = self.shape[across] - 1 if far else 0
+        spans = [range(n) if axis != across else range(place, place + 1) for axis, n in enumerate(self.shape)]
         cells = np.stack(np.meshgrid(range(turns_of(self.store)), *spans, indexing="ij"), axis=-1)
-        return self.components.of(np.take(cells, 0, axis=1 + face.axis).astype(np.int64))
+        return self.components.of(np.take(cells, 0, axis=1 + across).astype(np.int64))
 
 
 def turns_of(store: Store) -> int:
@@ -77,8 +73,8 @@ def turns_of(store: Store) -> int:
 def label(job: Job, index: Index) -> None:
     """The task: label a tile, and write what lies on its faces."""
     store = job.store
-    tile, faces = Tile(store, index), faces_of(store.grid.dim)
-    roots = [tile.roots(face) for face in faces]
+    tile = Tile(store, index)
+    roots = [tile.roots(*face) for face in faces_of(store.grid.dim)]
     for kind in (FREE_ONES, OPEN_ONES):
         flat = np.concatenate([each[kind].ravel() for each in roots])
         _, numbers = np.unique(flat, return_inverse=True)
@@ -101,8 +97,8 @@ def read_labels(store: Store, index: Index, kind: int) -> list[Labels] | None:
         return None
     rest, made = row.reshape(-1)[MARK:], []
     shape = [part.stop - part.start for part in store.cells(index)]
-    for face in faces_of(store.grid.dim):
-        sides = (turns_of(store), *(n for axis, n in enumerate(shape) if axis != face.axis))
+    for across, _ in faces_of(store.grid.dim):
+        sides = (turns_of(store), *(n for axis, n in enumerate(shape) if axis != across))
         count = int(np.prod(sides))
         made.append(rest[:count].reshape(sides))
         rest = rest[count:]
@@ -148,15 +144,15 @@ class Joined:
         outside, joined = first[-1] + np.arange(len(self._slice_of)), [np.empty((0, 2), dtype=np.int64)]
         for index in store:
             own, begin = self.labels(index, kind), first[self.number(index)]
-            for face, labels in zip(faces, own, strict=True):
-                beside = [n + (1 if face.far else -1) * (axis == face.axis) for axis, n in enumerate(index)]
-                if not 0 <= beside[face.axis] < store.counts[face.axis]:
+            for (across, far), labels in zip(faces, own, strict=True):
+                beside = [n + (1 if far else -1) * (axis == across) for axis, n in enumerate(index)]
+                if not 0 <= beside[across] < store.counts[across]:
                     turns = np.broadcast_to(outside.reshape(-1, *(1,) * (labels.ndim - 1)), labels.shape)
                     touch = (labels >= 0) & self._open.reshape(-1, *(1,) * (labels.ndim - 1))
                     if kind == OPEN_ONES:
                         joined.append(_unique(labels[touch] + begin, turns[touch]))
-                elif face.far:
-                    other = self.labels(tuple(beside), kind)[faces.index(Face(face.axis, False))]
+                elif far:
+                    other = self.labels(tuple(beside), kind)[2 * across]
                     touch = (labels >= 0) & (other >= 0)
                     joined.append(_unique(labels[touch] + begin, other[touch] + first[self.number(tuple(beside))]))
         if kind == OPEN_ONES and len(outside) > 1:
@@ -240,9 +236,8 @@ class Joined:
 
         axis = next(k for k in range(len(one)) if one[k] != other[k])
         far = other[axis] > one[axis]
-        faces = faces_of(len(one))
-        here = self.labels(one, FREE_ONES)[faces.index(Face(axis, far))] == labels[0]
-        there = self.labels(other, FREE_ONES)[faces.index(Face(axis, not far))] == labels[1]
+        here = self.labels(one, FREE_ONES)[2 * axis + far] == labels[0]
+        there = self.labels(other, FREE_ONES)[2 * axis + (not far)] == labels[1]
         deep = distance_transform_edt(np.pad(here & there, 1))[(slice(1, -1),) * here.ndim]
         places = np.argwhere(deep >= min(DEEP, deep.max()))
         cells = self.store.cells(one)
@@ -260,7 +255,7 @@ class Joined:
         """A tile, and of each kind the components on its faces, ascending, with the label of each."""
         if index not in self._tiles:
             tile, pairs = Tile(self.store, index), []
-            roots = [tile.roots(face) for face in faces_of(self.store.grid.dim)]
+            roots = [tile.roots(*face) for face in faces_of(self.store.grid.dim)]
             for kind in (FREE_ONES, OPEN_ONES):
                 flat = np.concatenate([each[kind].ravel() for each in roots])
                 labels = np.concatenate([face.ravel() for face in self.labels(index, kind)])
