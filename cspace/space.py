@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -17,7 +18,7 @@ from cspace.arrays import Bools, Floats, Ints, States
 from cspace.configuration_map import ConfigurationMap, Result
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid, finite, not_negative, positive, whole
-from cspace.map.batches import EDGES_A_THREAD, Many, One, Query, answer, check_rng, in_pieces
+from cspace.map.batches import EDGES_A_THREAD, Many, One, Query, answer, as_points, check_rng, in_pieces
 from cspace.map.contents import Contents
 from cspace.map.derived import Derived, Lock
 from cspace.map.exterior import UNKNOWN, Exterior
@@ -336,12 +337,12 @@ class CSpace(ConfigurationMap):
         InputError
             If what fills a mesh depends on the spacing, or an argument is not as stated.
         """
-        points = self.checked(q)
-        along = finite(lengths, "lengths"), finite(turns, "turns")
-        check, rows = self.point_checker(exact=True), points.reshape(-1, self.dof)
-        if not all(check(*row) for row in rows.tolist()):
+        points, along = as_points(q, "q", self.dof), (finite(lengths, "lengths"), finite(turns, "turns"))
+        rows, spans = points.reshape(-1, self.dof), [np.full(points.shape[:-1], each).reshape(-1) for each in along]
+        left = rows[self.classify(rows) != FREE]
+        if len(left) and not all(itertools.starmap(self.point_checker(exact=True), left.tolist())):
             return 0.0
-        return self._exact.distance(rows, *(np.full(points.shape[:-1], each).reshape(-1) for each in along))
+        return self._exact.distance(rows, *spans)
 
     # ---- for callbacks -----------------------------------------------------------------------------------------------
 

@@ -12,7 +12,7 @@ from ompl import util as ou
 
 from cspace.map.batches import check_rng
 from cspace.space import CSpace
-from planners.local_planner import HOLONOMIC, local_planner, takes_curve
+from planners.local_planner import HOLONOMIC, local_planner
 from planners.states import check_information, kind_of
 
 _BATCH: Final = 256
@@ -108,7 +108,6 @@ class MotionValidator(ob.MotionValidator):
     (True, False)
     """
 
-    @takes_curve
     def __init__(
         self,
         si: ob.SpaceInformation,

@@ -16,8 +16,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import wraps
-from typing import TYPE_CHECKING, Any, ClassVar, Final, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,8 +38,6 @@ if TYPE_CHECKING:
     from planners.integrals import Field, Law
 
 Endpoints = tuple[Configuration, Configuration]
-P = ParamSpec("P")
-T = TypeVar("T")
 
 DENSE_TURN: Final = math.radians(5.0)
 """Largest turn, in radians, between two rows of a dense path."""
@@ -720,18 +717,6 @@ def check_drive(axes: tuple[str, ...], drive: str, turning_radius: float | None,
         mend = "leave exact out, or build the map with a finer spacing or more rotations"
         raise InputError("exact", f"is True and drive is {drive!r}", "curves are proven by FREE cells alone", mend)
     return radius
-
-
-def takes_curve(door: Callable[P, T]) -> Callable[P, T]:
-    """A function that still takes ``drive`` by its first name, ``curve``, of which None was the straight edge."""
-
-    @wraps(door)
-    def call(*args: P.args, **options: P.kwargs) -> T:
-        if "curve" in options:
-            options["drive"] = options.pop("curve") or HOLONOMIC
-        return door(*args, **options)
-
-    return call
 
 
 def check_flag(value: bool, name: str) -> None:

@@ -15,7 +15,7 @@ from cspace.space import CSpace
 from cspace.spectral import OverlapField
 from cspace.states import FREE
 from planners.integrals import Field, Law, metre_cost
-from planners.local_planner import HOLONOMIC, EdgesOnMap, local_planner, takes_curve
+from planners.local_planner import HOLONOMIC, EdgesOnMap, local_planner
 from planners.states import check_information, kind_of
 
 COMFORT: Final = 0.1
@@ -57,7 +57,6 @@ class WeightedLength(ob.OptimizationObjective):
 
     # A StateCostIntegralObjective would do the integral, but the bindings never call a Python subclass of it.
 
-    @takes_curve
     def __init__(
         self,
         si: ob.SpaceInformation,
@@ -125,7 +124,6 @@ class ClearanceObjective(WeightedLength):
         If ``weight`` is negative or not finite, or ``comfort`` is not above zero; and as :func:`planners.state_space`.
     """
 
-    @takes_curve
     def __init__(
         self,
         si: ob.SpaceInformation,
@@ -175,7 +173,6 @@ class OverlapObjective(WeightedLength):
         or ``full`` is not above zero; and as :func:`planners.state_space`.
     """
 
-    @takes_curve
     def __init__(
         self,
         si: ob.SpaceInformation,

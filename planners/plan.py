@@ -27,7 +27,6 @@ from planners.local_planner import (
     LocalPlanner,
     check_flag,
     local_planner,
-    takes_curve,
     text,
 )
 from planners.objectives import ClearanceObjective, OverlapObjective, WeightedLength, edges_on_map, overlap_field
@@ -102,7 +101,6 @@ def choices(space: ConfigurationSpace) -> Choices:
     return Choices((*planner_names(), *own), DRIVES if turns else DRIVES[:1], CURVES if turns else ())
 
 
-@takes_curve
 def plan(
     space: ConfigurationSpace,
     start: ArrayLike,
@@ -201,8 +199,7 @@ def plan(
         evenly the shorter way. "differential": it turns on the spot, drives straight ahead along its x axis, and turns
         again, each time the shorter way; "differential-reverse" drives backwards where that takes less turning.
         "dubins" and "reeds-shepp" are the shortest curves of a car, ahead alone, or in reverse too. All but the first
-        are for maps of (x, y, yaw), with the reference point in the middle of the axle that does not steer. The former
-        name, ``curve``, still works, here and elsewhere.
+        are for maps of (x, y, yaw), with the reference point in the middle of the axle that does not steer.
     turning_radius : float, optional
         Of the car, in metres; for curves, which need it.
 

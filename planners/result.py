@@ -19,7 +19,7 @@ from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
 from cspace.io.files import replacing
 from cspace.space import CSpace
-from planners.local_planner import CURVES, HOLONOMIC, LocalPlanner, local_planner
+from planners.local_planner import HOLONOMIC, LocalPlanner, local_planner
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -136,11 +136,6 @@ class Plan:
     def __getstate__(self) -> list[Any]:
         left = {"space": None, "_clearance": self.clearance}
         return [left.get(each.name, getattr(self, each.name)) for each in fields(self)]
-
-    @property
-    def curve(self) -> str | None:
-        """The drive by its first name: the curves that edges are, None for others."""
-        return self.drive if self.drive in CURVES else None
 
     @property
     def clearance(self) -> float:

@@ -13,14 +13,13 @@ from cspace.errors import InputError
 from cspace.map.batches import check_rng
 from cspace.space import CSpace
 from planners.callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
-from planners.local_planner import HOLONOMIC, LocalPlanner, local_planner, takes_curve
+from planners.local_planner import HOLONOMIC, LocalPlanner, local_planner
 from planners.states import Configuration, kind_of
 
 MakeObjective = Callable[[ob.SpaceInformation], ob.OptimizationObjective]
 MakeSampler = Callable[[ob.SpaceInformation], ob.ValidStateSampler]
 
 
-@takes_curve
 def state_space(
     space: CSpace | ArmSpace, *, drive: str = HOLONOMIC, turning_radius: float | None = None
 ) -> ob.StateSpace:
@@ -86,7 +85,6 @@ def narrow(setup: og.SimpleSetup, edges: LocalPlanner, start: Configuration) -> 
     _set_resolution(setup.getSpaceInformation(), edges)
 
 
-@takes_curve
 def simple_setup(
     space: CSpace | ArmSpace,
     *,

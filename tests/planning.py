@@ -168,7 +168,7 @@ def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
     along = np.linspace(0.0, 1.0, 20 if space.dof > dim else 200)
     edges = [edge(space, a, b, along) for a, b in itertools.pairwise(path)]
     steps, angles = np.linalg.norm(np.diff(path[:, :dim], axis=0), axis=1), np.array([angle for _, angle in edges])
-    if plan.curve is None:
+    if plan.turning_radius is None:
         assert (plan.direction is None) == (plan.drive == "holonomic") and plan.length == pytest.approx(steps.sum())
         assert plan.turning == pytest.approx(angles.sum(), abs=1e-6)
         dense = [points for points, _ in edges]

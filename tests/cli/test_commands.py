@@ -317,7 +317,7 @@ def test_options_go_to_the_planner(room: Path, monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(planners, "plan", plan)
     arguments = ["plan", "turning.npz", "--start", "1,1,90deg", "--goal=-1,1,-1.5"]
-    assert run(*arguments, "--curve", "reeds-shepp", "--turning-radius", "0.5").stderr == "cspace: enough\n"
+    assert run(*arguments, "--drive", "reeds-shepp", "--turning-radius", "0.5").stderr == "cspace: enough\n"
     assert (heard["drive"], heard["turning_radius"]) == ("reeds-shepp", 0.5)
     run(*arguments, "--exact")
     assert heard["exact"] is True
@@ -335,7 +335,7 @@ def test_car_paths_are_drawn(room: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr("cspace.plot.animate", partial(animate, seconds=0.5))
     printed = document(
         *("plan", "turning.npz", "--start", "0.35,0.55,0", "--goal", "0.95,0.6,0.1", "--seed", 1, "--time-limit", 5),
-        *("--curve", "reeds-shepp", "--turning-radius", 0.2, "-o", "path.csv", "--animate", "path.gif"),
+        *("--drive", "reeds-shepp", "--turning-radius", 0.2, "-o", "path.csv", "--animate", "path.gif"),
     )
     assert printed["solved"]
     # The table has a column more, which tells the way that the car drives.

@@ -2,7 +2,6 @@
 
 import itertools
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -65,7 +64,7 @@ def check_driven(plan: planners.Plan, drive: str) -> None:
     heading = np.stack([np.cos(path[:-1, 2]), np.sin(path[:-1, 2])], axis=-1)
     along, across = (steps * heading).sum(axis=1), steps[:, 0] * heading[:, 1] - steps[:, 1] * heading[:, 0]
     assert np.abs(across).max() < 1e-9 and (np.minimum(metres, np.abs(turns)) == 0.0).all()
-    assert plan.direction is not None and plan.drive == drive and plan.curve is None
+    assert plan.direction is not None and plan.drive == drive
     assert np.array_equal(plan.direction[1:], np.sign(np.round(along, 12)))
     assert drive == "differential-reverse" or along.min() >= 0.0
     assert plan.length == pytest.approx(metres.sum())
@@ -236,12 +235,6 @@ def test_exact_geometry_proves_what_the_grid_cannot() -> None:
     check_driven(plan, "differential")
 
 
-def test_the_first_name_of_drive_is_still_taken() -> None:
-    space, options = room("turning"), {"turning_radius": 0.4, "seed": 1, "time_limit": 20.0}
-    older: dict[str, Any] = {"curve": "reeds-shepp"}
-    old = planners.plan(space, *ENDPOINTS["turning"], **older, **options)
-    new = planners.plan(space, *ENDPOINTS["turning"], drive="reeds-shepp", **options)
-    assert np.array_equal(old.path, new.path) and old.drive == old.curve == "reeds-shepp"
-    assert planners.plan(space, *ENDPOINTS["turning"], curve=None, seed=1).drive == "holonomic"
+def test_a_drive_that_is_none_is_refused() -> None:
     with pytest.raises(InputError, match=r"drive is 'sideways'.*'holonomic', 'differential'"):
-        planners.state_space(space, curve="sideways")
+        planners.state_space(room("turning"), drive="sideways")

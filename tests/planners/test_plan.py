@@ -75,7 +75,7 @@ def test_every_planner_finds_a_certified_path(planner: str, name: str, curve: st
     limits = (20.0,) if planner.endswith("FMT") else (0.03, 0.2, 1.0, 20.0)
     plan = patient(space, endpoints, limits, planner=planner, simplify=planner not in ANYTIME, **options_for(curve))
     check(space, plan, *endpoints)
-    assert (plan.planner, plan.objective, plan.curve, plan.exact) == (planner, "length", curve, False)
+    assert (plan.planner, plan.objective, plan.drive, plan.exact) == (planner, "length", curve or "holonomic", False)
     assert plan.path_exists is True and plan.turning_radius == (CAR["turning_radius"] if curve else None)
     assert curve != "dubins" or set(plan.direction.tolist()) == {1}  # type: ignore[union-attr]
 

@@ -185,7 +185,7 @@ def test_a_plan_says_in_three_lines_what_it_is(plan: planners.Plan) -> None:
     assert len(lines) == 3 and all(len(line) < 160 for line in lines)
     assert f"{plan.planner}: path found, certified; {plan.length:.3f} m" in lines[0]
     assert f"{len(plan.waypoints)} waypoints ({', '.join(plan.axes)})" in lines[1]
-    assert (plan.curve or "straight edges") in lines[1]
+    assert ("straight edges" if plan.drive == "holonomic" else plan.drive) in lines[1]
     page = plan._repr_html_()
     assert page.startswith('<img src="data:image/png;base64,') and "path found" in page
 
@@ -205,7 +205,7 @@ def test_a_path_is_read_back_from_csv_to_the_last_bit(plan: planners.Plan, tmp_p
     plan.to_csv(tmp_path / "path.csv")
     with (tmp_path / "path.csv").open(newline="") as file:
         names, *rows = csv.reader(file)
-    assert names == [*plan.axes, *(["direction"] if plan.curve else [])]
+    assert names == [*plan.axes, *(["direction"] if plan.direction is not None else [])]
     table = np.array(rows, dtype=float)
     assert np.array_equal(table[:, : len(plan.axes)], plan.path)
     assert plan.direction is None or np.array_equal(table[:, -1], plan.direction)
