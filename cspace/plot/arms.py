@@ -20,7 +20,6 @@ from cspace.plot.surface import (
     frame_in_space,
     lit,
     paint,
-    patch,
     ribbon,
 )
 
@@ -137,17 +136,17 @@ def draw_arm(
     towards = direction_of(angles)
     polygons = [_polygons(each, _FINE * float(np.ptp(box, axis=0).max())) for _, each in (*links, *blocks)]
     colors = [lit(part, towards, color) for part, (color, _) in zip(polygons, (*links, *blocks), strict=True)]
-    handles = [patch("arm", artists.ROBOT_FILL)]
+    handles = [artists.patch("arm", artists.ROBOT_FILL)]
     if len(points) > 1:
         way = figure.tips(along_joints(points, np.linspace(0.0, 1.0, 200)))
         polygons.append(ribbon(way, towards, box))
         colors.append(np.tile(lit(polygons[-1][:1], towards, artists.PATH), (len(polygons[-1]), 1)))
         handles += [
-            patch("arm along the path", PALE),
+            artists.patch("arm along the path", PALE),
             *dotted(drawn, way, f"path of {figure.tip}, dotted behind something"),
         ]
     if blocks:
-        handles.insert(0, patch(*SURFACES["obstacles"]))
+        handles.insert(0, artists.patch(*SURFACES["obstacles"]))
     paint(drawn, polygons, colors)
     frame_in_space(drawn, box, angles, fit=ax is None)
     artists.annotate(drawn, space, look, np.ones(3), "", handles)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +18,12 @@ from cspace.states import BLOCKED, FREE, MIXED
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
     from matplotlib.patheffects import AbstractPathEffect
 
     from cspace.plot.cell_image import CellImage
 
 Classes = NDArray[np.uint8]
-Kind = TypeVar("Kind", np.bool_, np.uint8)
 
 # What a cell shows, the most important last: a pixel that covers many cells shows the largest. The hues are from Okabe
 # and Ito (2008), which the colour-blind tell apart, and their lightness differs, so that they part in grey print too.
@@ -95,13 +95,6 @@ def classes_at(ground: Classes, state: NDArray[np.uint8]) -> Classes:
     return np.asarray(table[ground, state])
 
 
-def in_blocks(cells: NDArray[Kind], side: int) -> NDArray[Kind]:
-    """The largest entry in each block of so many cells along each axis; of booleans, whether any is set."""
-    for axis, n in enumerate(cells.shape) if side > 1 else ():
-        cells = np.maximum.reduceat(cells, np.arange(0, n, side), axis=axis)
-    return cells
-
-
 def section(grid: Grid, point: Floats, pair: Sequence[int] = (0, 1)) -> tuple[Grid, tuple[Any, ...]]:
     """The grid of two axes of a grid, and the index of the layer of cells along them that holds a point."""
     shown, cell = sorted(pair), grid.cell_of(point).tolist()
@@ -130,19 +123,23 @@ def cell_legend(classes: Sequence[Classes], space: MapLike, box: Floats, *, seve
 
     ``several`` says whether they are over several rotations.
     """
-    from matplotlib.patches import Patch
-
     present = sum(np.bincount(part.ravel(), minlength=len(CLASSES)) for part in classes)
-    look: dict[str, Any] = {"edgecolor": "#555555", "linewidth": 0.6}
     entries = [
-        Patch(facecolor=color, label=OVER_ALL.get(number, label) if several else label, **look)
+        patch(OVER_ALL.get(number, label) if several else label, color)
         for number, (label, color) in reversed(list(enumerate(CLASSES)))
         if np.asarray(present)[number]
     ]
     label, ground, lines = OUTSIDE
-    outside_patch = Patch(facecolor=ground, edgecolor=lines, hatch="////", linewidth=0.6, label=label)
+    outside_patch = patch(label, ground, lines, hatch="////")
     outside = (box[0] < space.grid.lower).any() or (box[1] > space.grid.upper).any()
     return entries + [outside_patch] * bool(outside)
+
+
+def patch(label: str, color: str, edge: str = "#555555", **style: Any) -> Patch:
+    """An entry of a legend."""
+    from matplotlib.patches import Patch
+
+    return Patch(facecolor=color, edgecolor=edge, linewidth=0.6, label=label, **style)
 
 
 def draw_path(ax: Axes, points: Floats, width: float = 1.8) -> list[Any]:

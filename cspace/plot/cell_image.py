@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.image import AxesImage
 
+from cspace.arrays import in_blocks
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.backend_bases import RendererBase
@@ -21,22 +23,6 @@ if TYPE_CHECKING:
 
 _FIRST = 1024
 """Largest number of blocks along an axis before the first drawing tells how many pixels there are."""
-
-
-def coarsen(classes: NDArray[np.uint8], counts: tuple[int, int]) -> NDArray[np.uint8]:
-    """The largest class in each block of cells, shape ``counts``: blocks along x and y, at most as many as cells.
-
-    Block ``i`` of ``m`` begins at cell ``i * n // m``, so that their sides differ by at most one cell.
-    """
-    for axis, count in enumerate(counts):
-        cells = classes.shape[axis]
-        first = np.arange(count) * cells // count
-        last = np.append(first[1:], cells) - 1
-        largest = classes.take(first, axis)
-        for step in range(1, -(-cells // count)):
-            np.maximum(largest, classes.take(np.minimum(first + step, last), axis), out=largest)
-        classes = largest
-    return classes
 
 
 class CellImage(AxesImage):
@@ -89,8 +75,9 @@ class CellImage(AxesImage):
     def _show(self, spans: list[tuple[int, int, int]], box: tuple[Sequence[float], Sequence[float]]) -> None:
         """Show, along each axis, cells ``first .. stop - 1`` in ``count`` blocks between two corners in metres."""
         if self._shown != spans:
-            (left, right, columns), (bottom, top, rows) = spans
-            blocks = coarsen(self._classes[left:right, bottom:top], (columns, rows))
+            seen = self._classes[tuple(slice(first, stop) for first, stop, _ in spans)]
+            # Sides of blocks differ by at most one cell.
+            blocks = in_blocks(seen, [np.arange(count) * (stop - first) // count for first, stop, count in spans])
             self.set_data(self._colors[blocks.T])
             self._shown = spans
         (x0, y0), (x1, y1) = box

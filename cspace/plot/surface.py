@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats, Ints
+from cspace.arrays import Bools, Floats, Ints, block_starts, in_blocks
 from cspace.errors import InputError
 from cspace.grid import Grid, check_word, finite
 from cspace.plot import artists
@@ -67,11 +67,11 @@ def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
     faces = border_faces(space.grid, solid, towards, top, space.workspace.unknown if surface == "obstacles" else None)
     looks = (SURFACES[surface], UNSEEN)
     polygons, colors = [faces.corners], [_shaded(faces, [color for _, color in looks], box)]
-    handles = [patch(*looks[number]) for number in np.unique(faces.marked).tolist()]
+    handles = [artists.patch(*looks[number]) for number in np.unique(faces.marked).tolist()]
     if surface == "obstacles" and len(route.stations):
         polygons.append(_triangles(route))
         colors.append(lit(polygons[-1], towards, artists.ROBOT_FILL))
-        handles.append(patch("robot", artists.ROBOT_FILL))
+        handles.append(artists.patch("robot", artists.ROBOT_FILL))
     if len(route.points) > 1:
         way = route.figurine.travelled(route.points)
         shares = np.union1d(np.linspace(0.0, 1.0, 400), way / max(way[-1], np.finfo(float).tiny))
@@ -151,13 +151,14 @@ def border_faces(
     plain = cells if marked is None else cells & ~marked[window]
     side = math.ceil(max(cells.shape) / 200)  # more blocks would be smaller than a picture shows
     while True:
-        blocks = artists.in_blocks(cells, side)
+        starts = block_starts(cells.shape, side)
+        blocks = in_blocks(cells, starts)
         seen = [_seen(blocks, axis, towards[axis]) for axis in range(3)]
         count = sum(int(np.count_nonzero(part)) for part in seen)
         if count <= MOST:
             break
         side = max(side + 1, math.floor(side * math.sqrt(count / MOST)))
-    plain = artists.in_blocks(plain, side)
+    plain = in_blocks(plain, starts)
     corners, axes = [], []
     for axis, part in enumerate(seen):
         rim = np.zeros((4, 3), dtype=np.int64)
@@ -268,13 +269,6 @@ def _rgb(color: str) -> Floats:
     from matplotlib.colors import to_rgb
 
     return np.array(to_rgb(color))
-
-
-def patch(label: str, color: str) -> Any:
-    """An entry of a legend."""
-    from matplotlib.patches import Patch
-
-    return Patch(facecolor=color, edgecolor="#555555", linewidth=0.6, label=label)
 
 
 def frame_in_space(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Bools, Bytes, Ints
+from cspace.arrays import Bools, Bytes, Ints, in_blocks
 from cspace.grid import Grid
 from cspace.map.contents import Contents
 from cspace.map.exterior import UNKNOWN
@@ -132,14 +132,9 @@ def _reduce(job: Job, index: Index, factor: int) -> Reduced:
     least, most = [], []
     for layer in range(store.layers):
         block = store.states(index, layer, record)[(slice(0, len(store.numbers(layer))), *own)]
-        low, high = block, block
-        for axis, begin in enumerate(begins):
-            low = np.minimum.reduceat(low, begin, axis=1 + axis)
-            high = np.maximum.reduceat(high, begin, axis=1 + axis)
-        least.append(low)
-        most.append(high)
-    outer = store.obstacles(index, record)[0]
-    for axis, begin in enumerate(begins):
-        outer = np.logical_or.reduceat(outer, begin, axis=axis)
+        starts = [np.arange(len(block)), *begins]
+        least.append(in_blocks(block, starts, np.minimum))
+        most.append(in_blocks(block, starts))
+    outer = in_blocks(store.obstacles(index, record)[0], begins)
     first = tuple(part.start // factor for part in cells)
     return Reduced(first, np.concatenate(least), np.concatenate(most), outer)

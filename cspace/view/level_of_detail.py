@@ -10,9 +10,9 @@ from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 
-from cspace.arrays import Floats, Ints
+from cspace.arrays import Floats, Ints, block_starts, in_blocks
 from cspace.grid import Grid
-from cspace.plot.artists import Classes, classes_of, ground_of, in_blocks
+from cspace.plot.artists import Classes, classes_of, ground_of
 from cspace.plot.route import MapLike
 
 MOST: Final = 2**21
@@ -146,7 +146,7 @@ def blocks(classes: Callable[[tuple[slice, ...]], Classes], part: Part) -> Block
     made = []
     for low in range(part.first[0], part.stop[0], rows):
         slab = classes((slice(low, min(low + rows, part.stop[0])), *others))
-        made.append(in_blocks(slab, part.side))
+        made.append(in_blocks(slab, block_starts(slab.shape, part.side)))
     return Blocks(np.concatenate(made), np.array(part.first), part.side)
 
 

@@ -161,9 +161,8 @@ class MapCanvas(Canvas):
                 changed()
 
             cut.on_update(pulled)
-        labels = {name: kind.label for name, kind in KINDS.items()} | {
-            SECTION: "section" if stage.has_height else "ground"
-        }
+        labels = {name: KINDS[name].label for name in self.kinds}
+        labels[SECTION] = "section" if stage.has_height else "ground"
         for name, label in labels.items():
             box = added[label] = gui.add_checkbox(label, name in self.shown)
 

@@ -10,7 +10,8 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from cspace import Grid
-from cspace.plot.cell_image import CellImage, coarsen
+from cspace.arrays import in_blocks
+from cspace.plot.cell_image import CellImage
 from pictures import pixel, rendered
 
 
@@ -19,11 +20,13 @@ def test_coarse_cells_hold_the_largest_class(data: st.DataObject) -> None:
     shape = data.draw(st.tuples(st.integers(1, 23), st.integers(1, 23)))
     classes = data.draw(arrays(np.uint8, shape, elements=st.integers(0, 4)))
     counts = data.draw(st.tuples(*(st.integers(1, n) for n in shape)))
-    blocks = coarsen(classes, counts)
+    starts = [np.array([i * n // m for i in range(m)]) for n, m in zip(shape, counts, strict=True)]
+    blocks, least = in_blocks(classes, starts), in_blocks(classes, starts, np.minimum)
     assert blocks.shape == counts
-    starts = [[i * n // m for i in range(m + 1)] for n, m in zip(shape, counts, strict=True)]
+    starts = [[*start, n] for start, n in zip(starts, shape, strict=True)]
     for i, j in np.ndindex(blocks.shape):
-        assert blocks[i, j] == classes[starts[0][i] : starts[0][i + 1], starts[1][j] : starts[1][j + 1]].max()
+        block = classes[starts[0][i] : starts[0][i + 1], starts[1][j] : starts[1][j + 1]]
+        assert (blocks[i, j], least[i, j]) == (block.max(), block.min())
 
 
 def cells(classes: NDArray[np.uint8], size: tuple[int, int], view: list[float]) -> tuple[Any, NDArray[np.uint8]]:
