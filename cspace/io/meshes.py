@@ -89,6 +89,8 @@ def _stl_text(data: bytes) -> Floats:
     kinds = [bool(line[1]) for line in lines]
     if not kinds or kinds != [False, True] * (len(kinds) // 2) or text[lines[-1].end() :].strip(b" \t\n\0"):
         raise Fault("does not go from solid to endsolid, as an STL file in text does")
+    if b"\0" in text[: lines[-1].end()]:  # which numbers would end with
+        raise Fault("is not text")
     if any(b"endfacet" in line[0] for line in lines):
         raise Fault("has facets on a line of solid or endsolid; they need lines of their own")
     text = b" ".join(_SOLIDS.sub(b"", text).split())  # patterns that look for blanks take the square of a long run

@@ -195,6 +195,8 @@ def test_all_solids_of_a_text_stl_are_read(tmp_path, write):
         (text_stl() + text_stl(FAR).replace("vertex", "vertix", 1), "whole ones"),
         (text_stl() + text_stl(FAR).replace("endfacet\n", "", 1), "words"),
         (text_stl().replace(".0 ", ".0, "), "malformed"),
+        (b" 4\xff0".join(text_stl().encode().rsplit(b" 4.0", 1)), "malformed"),  # which is neither 4.0 nor 40
+        (text_stl().encode().replace(b" 4.0", b" 4.0\0", 1), "not text"),
         (text_stl() + text_stl(FAR).partition("facet")[2].partition("endsolid")[0], "endsolid"),
     ],
 )
