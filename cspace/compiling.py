@@ -201,7 +201,7 @@ def _add_sources(
     values = [(name, function.__globals__[name]) for name in names if name in function.__globals__]
     modules = [value for _, value in values if isinstance(value, ModuleType)]
     values += [(name, getattr(module, name)) for module in modules for name in names if hasattr(module, name)]
-    values += [(name, vars(record)[name]) for name in names for record in records if name in vars(record)]
+    values += [(name, getattr(record, name)) for name in names for record in records if hasattr(record, name)]
     for name, value in values:
         if isinstance(value, bool | int | float | str | tuple):
             sources.add((name, repr(value)))

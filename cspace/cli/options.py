@@ -35,9 +35,6 @@ Place = Annotated[
     typer.Option(metavar="X,Y[,Z][,TURN]", help="A configuration to show, metres  [default: the end of the path]."),
 ]
 
-_EXAMPLES = {"x": "-1.5", "y": "2", "z": "0.5", "yaw": "90deg", "qx": "0", "qy": "0", "qz": "0", "qw": "1"}
-"""Numbers of configurations, for messages."""
-
 Spacing = Annotated[
     float | None,
     typer.Option(metavar="METRES", help="Side of a cell, for files that do not say: images, polygons, meshes, points."),
@@ -130,7 +127,7 @@ def rotation_cells(text: str | None) -> Rotations:
     if text is None:
         return Rotations.of(None)
     kind, _, count = text.rpartition(":")
-    kinds = {"": Rotations.of, "quaternions": Rotations.quaternions}
+    kinds = {"": Rotations.of, **{name: kind.of_value for name, kind in Rotations.KINDS.items() if kind.names}}
     if kind not in kinds or not count.isdecimal():
         rule = "it must be a number of yaw cells, or quaternions: and a number"
         raise InputError("--rotations", f"is {text!r}", rule, "write e.g. 72 or quaternions:8", value=text)
@@ -143,8 +140,20 @@ def configuration(text: str, option: str, axes: Sequence[str]) -> tuple[float, .
     Raises InputError if the text is not as many numbers as the axes, with commas between them; the message says what is
     expected.
     """
-    rule = f"the map's configurations are {','.join(axes)}, in metres" + ", yaw an angle" * ("yaw" in axes)
+    rule = f"the map's configurations are {','.join(axes)}, in metres"
+    examples = _examples()
+    rule += "".join(f", {axis} an angle" for axis in axes if examples.get(axis, "0").endswith("deg"))
     return _rows(text, option, axes, rule, 1)[0]
+
+
+def _examples() -> dict[str, str]:
+    """Numbers of configurations, by their names."""
+    from cspace.rotations import Rotations
+
+    examples = {"x": "-1.5", "y": "2", "z": "0.5"}
+    for kind in Rotations.KINDS.values():
+        examples |= zip(kind.names, kind.examples, strict=True)
+    return examples
 
 
 def rotation_of(text: str, option: str, axes: Sequence[str]) -> Any:
@@ -162,15 +171,16 @@ def rotation_of(text: str, option: str, axes: Sequence[str]) -> Any:
 
 def _rows(text: str, option: str, axes: Sequence[str], rule: str, most: int) -> list[tuple[float, ...]]:
     """Numbers with commas between them, as many as the axes, once or up to ``most`` times."""
-    fields, n = text.split(","), len(axes)
+    fields, n, examples = text.split(","), len(axes), _examples()
     try:
         if len(fields) % n or len(fields) > most * n:
             raise ValueError
-        numbers = [angle(field, option) if axes[k % n] == "yaw" else float(field) for k, field in enumerate(fields)]
+        angles = [examples.get(axis, "0").endswith("deg") for axis in axes]
+        numbers = [angle(field, option) if angles[k % n] else float(field) for k, field in enumerate(fields)]
     except InputError:
         raise
     except ValueError:
-        mend = f"write e.g. {option}={','.join(_EXAMPLES[axis] for axis in axes)}"
+        mend = f"write e.g. {option}={','.join(examples.get(axis, '0') for axis in axes)}"
         raise InputError(option, f"is {text!r}", rule, mend, value=text) from None
     return [tuple(numbers[k : k + n]) for k in range(0, len(fields), n)]
 

@@ -32,6 +32,7 @@ from cspace.map.contents import Contents
 from cspace.map.storage import PackedStates, read_only, read_only_of
 from cspace.memory import is_packed
 from cspace.rotations import Rotations
+from cspace.rotations.base import Coordinate
 from cspace.shapes import Shape, shape_from_spec
 from cspace.states import BLOCKED, FIELDS, NAMES
 from cspace.version import __version__
@@ -44,9 +45,6 @@ AXES: Final = ("x", "y", "z")
 
 STACKED: Final = ("state", "overlap", *FIELDS)
 """Arrays that hold one slice after the other."""
-
-TURNS: Final = tuple({name for kind in Rotations.KINDS.values() for name in kind.COORDINATES})
-"""Arrays that tell of the rotation cells; those of one kind are there where the robot turns."""
 
 _WHOLE: Final = (
     "a saved map is opened only if it is complete and unchanged",
@@ -140,21 +138,28 @@ ARRAYS: Final[dict[str, Stored]] = {
         np.iinfo(np.int64).max,
         "first and last cell of the box of cells that are MIXED outside the grid, and the state of those beyond it",
     ),
-    "yaw": _floats("rotation", "representative of a rotation cell: its middle", "rad", bounds="yaw_bounds"),
-    "yaw_bounds": _floats("rotation bound", "borders of a rotation cell", "rad"),
-    "quaternion": _floats("rotation component", "representative of a rotation cell, as (x, y, z, w)", "1"),
-    "covering_angle": _floats(
-        "rotation", "largest angle between a rotation of a rotation cell and its representative", "rad"
-    ),
     "shapes": _stored("byte", "int8", -1, "obstacles as a JSON list of what makes each shape again"),
     **{axis: _floats(axis, f"{axis} of the middle of a cell", "m", axis=axis.upper()) for axis in AXES},
 }
-"""Every array that a map may hold."""
+"""Every array that a map may hold, but those that describe its rotation cells."""
+
+
+def stored() -> dict[str, Stored]:
+    """Every array that a map may hold."""
+    arrays = dict(ARRAYS)
+    for name, each in _coordinates().items():
+        bounds = {"bounds": each.bounds} if each.bounds else {}
+        arrays[name] = _floats(" ".join(["rotation", *each.axes]), each.about, each.units, **bounds)
+    return arrays
+
+
+def _coordinates() -> dict[str, Coordinate]:
+    return {name: each for kind in Rotations.KINDS.values() for name, each in kind.COORDINATES.items()}
 
 
 def axes_of(name: str, dim: int) -> tuple[str, ...]:
     """The name of each axis of an array, on a grid of ``dim`` axes."""
-    return tuple(part for axis in ARRAYS[name].axes for part in (AXES[:dim] if axis == "cells" else (axis,)))
+    return tuple(part for axis in stored()[name].axes for part in (AXES[:dim] if axis == "cells" else (axis,)))
 
 
 def grid_of(metadata: Mapping[str, Any]) -> Grid:
@@ -166,7 +171,7 @@ def grid_of(metadata: Mapping[str, Any]) -> Grid:
 
 def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
     """The attributes of an array on a grid, with its unit where that depends on its axes."""
-    about, dim = dict(ARRAYS[name].about), grid.dim
+    about, dim = dict(stored()[name].about), grid.dim
     if name in AXES:
         number = AXES.index(name)
         about |= {"long_name": f"{grid.axes[number]} of the middle of a cell", "units": grid.units[number]}
@@ -179,7 +184,7 @@ def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
 def zarr_options(name: str, grid: Grid) -> dict[str, Any]:
     """What an array of a map is created with in a Zarr group, beside its shape, type and encoding."""
     return {
-        "fill_value": ARRAYS[name].lost,
+        "fill_value": stored()[name].lost,
         "attributes": attributes_of(name, grid),
         "dimension_names": axes_of(name, grid.dim),
         "config": {"write_empty_chunks": True},
@@ -215,11 +220,11 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
 
 
 def arrays_of(contents: Contents) -> dict[str, Any]:
-    """The arrays of a map, by the names of :data:`ARRAYS`. No cells are copied; states may be in two bits each.
+    """The arrays of a map, by the names of :func:`stored`. No cells are copied; states may be in two bits each.
 
     ``inner`` is there only if it differs from ``outer``, ``unknown`` only if there are such cells, ``overlap`` only if
-    the map was built with it, :data:`FIELDS` only if it carries an overlap field, :data:`TURNS` only if the robot
-    turns, and ``shapes`` only if the obstacles are known as such.
+    the map was built with it, :data:`FIELDS` only if it carries an overlap field, those of the
+    rotation cells only if the robot turns, and ``shapes`` only if the obstacles are known as such.
     """
     workspace, grid = contents.workspace, contents.grid
     arrays: dict[str, Any] = {
@@ -294,7 +299,7 @@ def unseal(metadata: Any, path: str | os.PathLike[str], kind: str = FORMAT) -> d
 def turns_of(names: Iterable[str]) -> tuple[str, ...]:
     """Those of some names that tell of rotation cells, and what lacks to them; none where the robot does not turn."""
     there = set(names)
-    kinds = (kind.COORDINATES for kind in Rotations.KINDS.values())
+    kinds = (tuple(kind.COORDINATES) for kind in Rotations.KINDS.values())
     return next((kind for kind in kinds if there.intersection(kind[:1])), ())
 
 
@@ -304,7 +309,7 @@ def check_names(names: Sequence[str], metadata: Mapping[str, Any], path: str | o
     lacking = [name for name in required if name not in names]
     if lacking:
         raise unusable(path, f"it holds no {' and no '.join(lacking)}")
-    strange = [name for name in names if name not in ARRAYS]
+    strange = [name for name in names if name not in stored()]
     if strange:
         raise unusable(path, f"it holds {', '.join(strange)}, which no map does")
 
@@ -312,16 +317,17 @@ def check_names(names: Sequence[str], metadata: Mapping[str, Any], path: str | o
 def check_kind(name: str, array: Any, metadata: Mapping[str, Any], path: str | os.PathLike[str]) -> None:
     """Raise FileError for an array, or its header, of another shape or type than the map needs."""
     dim = len(metadata["shape"])
-    sizes = dict(zip(AXES, metadata["shape"], strict=False)) | {"bound": 2, "component": 4, "slice": metadata["slices"]}
+    sizes = dict(zip(AXES, metadata["shape"], strict=False)) | {"slice": metadata["slices"]}
+    sizes |= {axis: n for each in _coordinates().values() for axis, n in each.axes.items()}
     sizes |= {
         "corner": 2 * dim + 1,
         "rotation": metadata["rotations"] or 1,
         "byte": array.shape[0] if array.shape else 0,
     }
     shape = tuple(sizes[axis] for axis in axes_of(name, dim))
-    if tuple(array.shape) != shape or array.dtype != ARRAYS[name].dtype:
+    if tuple(array.shape) != shape or array.dtype != stored()[name].dtype:
         given = f"{array.dtype} {tuple(array.shape)}"
-        raise unusable(path, f"its array {name!r} is {given} where {ARRAYS[name].dtype} {shape} is needed")
+        raise unusable(path, f"its array {name!r} is {given} where {stored()[name].dtype} {shape} is needed")
 
 
 def check_states(state: NDArray[np.uint8], path: str | os.PathLike[str]) -> None:
@@ -527,7 +533,7 @@ def _array(
 def _is_ours(folder: Path) -> bool:
     """Whether a folder holds nothing but a map, whole or damaged, of this version or an earlier one."""
     parts = {_ROOT, "c"}
-    known = {*ARRAYS, "geometry", "vertices", "faces", "centers", "radii"}
+    known = {*stored(), "geometry", "vertices", "faces", "centers", "radii"}
     return all(
         (entry.name == _ROOT and entry.is_file())
         or (entry.name in known and entry.is_dir() and {part.name for part in entry.iterdir()} <= parts)
@@ -538,7 +544,7 @@ def _is_ours(folder: Path) -> bool:
 def write_npz(contents: Contents, path: str | os.PathLike[str], overwrite: bool = False) -> None:
     """Write a map as an ``.npz`` file.
 
-    ``numpy.load`` finds the arrays of :data:`cspace.io.store.ARRAYS`: ``state`` (uint8 [slice, x, y] or
+    ``numpy.load`` finds the arrays of :func:`cspace.io.store.stored`: ``state`` (uint8 [slice, x, y] or
     [slice, x, y, z]: 0 free, 1 mixed, 2 blocked), ``slice_of`` (the slice of each rotation cell: the states by rotation
     are ``state[slice_of]``), ``x``, ``y`` and in space ``z`` (middles of the cells, metres), ``outer``, where they are
     needed ``inner``, ``overlap``, those of the overlap field, those of the rotation cells and ``shapes``; besides,

@@ -23,7 +23,7 @@ from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.io.files import replacing, suffix_of
 from cspace.io.rosmap import write_ros_map
-from cspace.io.store import AXES, STACKED, TURNS, arrays_of, attributes_of, axes_of, metadata_of, write_npz, write_store
+from cspace.io.store import AXES, STACKED, arrays_of, attributes_of, axes_of, metadata_of, write_npz, write_store
 from cspace.map.contents import Contents
 from cspace.memory import check_memory
 from cspace.raster.bitmaps import cell_squares
@@ -430,7 +430,7 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
             axes = ("rotation", *axes[1:])[-array.ndim :]
         if "rotation" in axes and not cells:
             continue
-        place = labels if name in (*AXES, *TURNS, "slice_of") else variables
+        place = labels if name in (*AXES, *contents.rotations.COORDINATES, "slice_of") else variables
         place[name] = (axes, array, attributes_of(name, contents.grid))
     dataset = xarray.Dataset(variables, coords=labels, attrs=metadata_of(contents))
     return dataset.rename(dict(zip(AXES, contents.grid.axes, strict=False)))

@@ -6,13 +6,13 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, Protocol
+from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.angles import ANGLE_SLACK
-from cspace.arrays import Floats, Ints, Matrix, Numbers
+from cspace.arrays import Bools, Floats, Ints, Matrix, Numbers
 from cspace.errors import InputError
 from cspace.grid import finite
 
@@ -56,6 +56,52 @@ class Turn:
 
 STILL: Final = Turn()
 """No rotation at all."""
+
+
+class Coordinate(NamedTuple):
+    """An array in files that describes rotation cells, one after the other.
+
+    Attributes
+    ----------
+    about : str
+    units : str
+    axes : dict of str to int
+        Names and lengths of its axes but the first.
+    bounds : str
+        Name of the array that has the borders of the cells, if there is one.
+    """
+
+    about: str
+    units: str
+    axes: Mapping[str, int] = {}
+    bounds: str = ""
+
+
+COVERING_ANGLE: Final = Coordinate("largest angle between a rotation of a rotation cell and its representative", "rad")
+
+
+class Dial(NamedTuple):
+    """A picture of rotations: a disc of radius 1, or a part of one.
+
+    Attributes
+    ----------
+    title : str
+    inside : ndarray of bool, shape (n, n)
+        Which pixels belong to it.
+    rotations : ndarray of float64, shape (2, m, dof)
+        Two of each of these, all but the same, as in configurations: they may lie in two cells with one border.
+    marks : tuple of (str, float, float)
+        Texts, and where they stand.
+    """
+
+    title: str
+    inside: Bools
+    rotations: Floats
+    marks: tuple[tuple[str, float, float], ...]
+
+
+DIAL_STEPS: Final = np.array([[-1e-6], [1e-6]])
+"""Radians between the two rotations that a pixel of a dial is looked up at."""
 
 
 class CompiledRotations(Protocol):
@@ -146,6 +192,8 @@ class Rotations(ABC):
         The numbers of a rotation.
     dof : int
         How many these are.
+    examples : tuple of str
+        Such numbers as texts: angles with their unit.
     slack : float
         Radians by which rounding may turn a robot farther than its configuration says.
     about_z : bool
@@ -155,10 +203,11 @@ class Rotations(ABC):
     KINDS: ClassVar[dict[str, type[Rotations]]] = {}
     """The kinds that there are, see :mod:`cspace.rotations`."""
 
-    COORDINATES: ClassVar[tuple[str, ...]] = ()
-    """Names of :attr:`coordinates`."""
+    COORDINATES: ClassVar[Mapping[str, Coordinate]] = {}
+    """What :attr:`coordinates` are, by their names; the first one is of this kind alone."""
 
     names: ClassVar[tuple[str, ...]] = ()
+    examples: ClassVar[tuple[str, ...]] = ()
     slack: ClassVar[float] = ANGLE_SLACK
     about_z: ClassVar[bool] = False
 
@@ -435,6 +484,10 @@ class Rotations(ABC):
     @abstractmethod
     def compiled(self, slice_of: Ints) -> CompiledRotations:
         """What compiled look-ups get."""
+
+    def dials(self, x: Floats, y: Floats) -> list[Dial]:
+        """All rotations as dials of pixels at x and y, shape (n, n) each; none, where nothing turns."""
+        return []
 
     @property
     def facts(self) -> dict[str, Any]:

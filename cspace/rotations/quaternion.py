@@ -16,7 +16,7 @@ from cspace.arrays import Floats, Ints, Matrix, Numbers, frozen
 from cspace.compiling import part
 from cspace.errors import InputError
 from cspace.grid import finite, whole
-from cspace.rotations.base import Rotations, Symmetric, Turn
+from cspace.rotations.base import COVERING_ANGLE, DIAL_STEPS, Coordinate, Dial, Rotations, Symmetric, Turn
 
 NORM_SLACK: Final = 1e-6
 """How far the norm of a quaternion may be from 1."""
@@ -29,6 +29,9 @@ MAX_CUTS: Final = 64
 
 OTHERS: Final = ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))
 """Of each component of a quaternion, the other ones."""
+
+DIAL_HEADINGS: Final = (0, 60, 120, 180, 240, 300)
+"""Degrees about z, one for each disc."""
 
 _HALF_TURNS: Final = np.array([np.diag(signs) for signs in ((1, -1, -1), (-1, 1, -1), (-1, -1, 1), (1, 1, 1))], float)
 """About x, y and z, and none at all: those by the quaternions of the unit matrix."""
@@ -64,7 +67,11 @@ class QuaternionRotations(Rotations):
 
     n: int
     names = ("qx", "qy", "qz", "qw")
-    COORDINATES: ClassVar[tuple[str, ...]] = ("quaternion", "covering_angle")
+    examples = ("0", "0", "0", "1")
+    COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
+        "quaternion": Coordinate("representative of a rotation cell, as (x, y, z, w)", "1", {"component": 4}),
+        "covering_angle": COVERING_ANGLE,
+    }
 
     @classmethod
     def of_value(cls, value: int) -> QuaternionRotations:
@@ -259,6 +266,20 @@ class QuaternionRotations(Rotations):
                     parts[:, over] = [np.full(len(over), largest), *others]
                 columns.append(np.ravel_multi_index(tuple(parts), (4, n, n, n)))
         return np.stack(columns, axis=1).astype(np.int64)
+
+    def dials(self, x: Floats, y: Floats) -> list[Dial]:
+        """Discs of tilts: after a turn about z, the robot is tipped over, by no turn in the middle up to half a one."""
+        from scipy.spatial.transform import Rotation
+
+        inside = np.hypot(x, y) <= 1.0
+        tips = Rotation.from_rotvec(np.pi * np.column_stack([-y[inside], x[inside], np.zeros(inside.sum())]))
+        marks = (("upright", 0.0, 0.0), ("over x", 0.72, 0.0), ("over y", 0.0, 0.72))
+        dials = []
+        for degrees in DIAL_HEADINGS:
+            turns = Rotation.from_euler("z", np.radians(degrees) + DIAL_STEPS)
+            rotations = np.array([(tips * turn).as_quat() for turn in turns])
+            dials.append(Dial(f"heading {degrees}°", inside, rotations, () if degrees else marks))
+        return dials
 
     def compiled(self, slice_of: Ints) -> QuaternionCells:
         return QuaternionCells(self.borders.copy(), np.ascontiguousarray(slice_of))

@@ -15,7 +15,10 @@ from cspace.arrays import Floats, Ints, Matrix, Numbers
 from cspace.compiling import part
 from cspace.errors import InputError
 from cspace.grid import finite, whole
-from cspace.rotations.base import Rotations, Symmetric, Turn
+from cspace.rotations.base import COVERING_ANGLE, DIAL_STEPS, Coordinate, Dial, Rotations, Symmetric, Turn
+
+DIAL_HOLE: Final = 0.6
+"""Inner radius of a ring of yaws; the outer one is 1."""
 
 _QUARTERS: Final = np.array([[[1, 0], [0, 1]], [[0, -1], [1, 0]], [[-1, 0], [0, -1]], [[0, 1], [-1, 0]]], dtype=float)
 
@@ -33,7 +36,12 @@ class YawRotations(Rotations):
     borders: tuple[float, ...]
     names = ("yaw",)
     about_z = True
-    COORDINATES: ClassVar[tuple[str, ...]] = ("yaw", "yaw_bounds", "covering_angle")
+    examples = ("90deg",)
+    COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
+        "yaw": Coordinate("representative of a rotation cell: its middle", "rad", bounds="yaw_bounds"),
+        "yaw_bounds": Coordinate("borders of a rotation cell", "rad", {"bound": 2}),
+        "covering_angle": COVERING_ANGLE,
+    }
 
     @classmethod
     def of_value(cls, value: Any) -> YawRotations:
@@ -238,6 +246,13 @@ class YawRotations(Rotations):
             off = np.abs(np.sin((yaws - self.representatives[cells]) / 2.0)).max(axis=1)
             images += [(matrices[k], cells[k]) for k in np.flatnonzero(off < ANGLE_SLACK / 8.0)]
         return images
+
+    def dials(self, x: Floats, y: Floats) -> list[Dial]:
+        """A ring of yaws, from the x axis on, to the left."""
+        inside = (np.hypot(x, y) <= 1.0) & (np.hypot(x, y) >= DIAL_HOLE)
+        marks = [(f"{k * 45}°", k * np.pi / 4.0) for k in range(8)]
+        around = tuple((label, 1.14 * float(np.cos(angle)), 1.14 * float(np.sin(angle))) for label, angle in marks)
+        return [Dial("", inside, (np.arctan2(y, x)[inside] + DIAL_STEPS)[..., None], (("yaw", 0.0, 0.0), *around))]
 
     def compiled(self, slice_of: Ints) -> YawCells:
         return YawCells(np.array(self.borders), np.ascontiguousarray(slice_of))

@@ -34,15 +34,15 @@ from cspace.errors import FileError
 from cspace.grid import Grid
 from cspace.io.files import replacing
 from cspace.io.store import (
-    ARRAYS,
     AXES,
-    TURNS,
     VERSION,
     decoding_map,
     digest_of,
     grid_of,
     seal,
     shapes_from,
+    stored,
+    turns_of,
     unseal,
     unusable,
     zarr_options,
@@ -216,7 +216,7 @@ class Store:
             for file, digest in digests.items():
                 if ".." in file or digest_of((Path(path) / file).read_bytes()) != digest:
                     raise unusable(path, f"its file {file!r} differs from its digest")
-            turns = {name: _small(path, name) for name in {file.split("/")[0] for file in digests}.intersection(TURNS)}
+            turns = {name: _small(path, name) for name in turns_of(file.split("/")[0] for file in digests)}
             return cls(Path(path), metadata, Rotations.from_coordinates(turns), moment)
 
     def sealed(self, **changes: Any) -> None:
@@ -284,7 +284,7 @@ class Store:
         if name.startswith("labels"):
             width = json.loads((self.path / name / ROOT).read_bytes())["shape"][-1]
             return (*(1,) * self.grid.dim, width), np.dtype("<i4"), -1
-        return shapes.get(name, self.tile), np.dtype(ARRAYS[name].dtype), ARRAYS[name].lost
+        return shapes.get(name, self.tile), np.dtype(stored()[name].dtype), stored()[name].lost
 
     # ---- tiles -------------------------------------------------------------------------------------------------------
 
@@ -555,7 +555,7 @@ def _write_frame(folder: Path, metadata: Mapping[str, Any], arrays: Mapping[str,
     large |= {} if metadata["same"] else {"inner": (grid.shape, tile)}
     small = {name: (array.shape, array.shape) for name, array in arrays.items()}
     for name, (shape, chunks) in {**large, **small}.items():
-        dtype, codecs, options = ARRAYS[name].dtype, [_zarr_codec(name)], zarr_options(name, grid)
+        dtype, codecs, options = stored()[name].dtype, [_zarr_codec(name)], zarr_options(name, grid)
         made = group.create_array(name, shape=shape, dtype=dtype, chunks=chunks, compressors=codecs, **options)
         if name in arrays:
             made[...] = arrays[name]

@@ -1,0 +1,181 @@
+"""A kind of rotation cells that the library does not know: one class and one record make it a map's."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial.transform import Rotation
+
+import cspace
+from cspace import BLOCKED, FREE, CSpace
+from cspace.arrays import Floats, Ints, Matrix, Numbers
+from cspace.compiling import part
+from cspace.rotations import Rotations, Turn
+from cspace.rotations.base import COVERING_ANGLE, Coordinate, Symmetric
+from cspace.rotations.yaw import YawCells, YawRotations
+
+COUNT = 8
+
+
+@part
+class PitchCells(YawCells):
+    """Angles as of yaw cells, but about y."""
+
+    def matrix_of(self, q: Numbers) -> Matrix:
+        cosine, sine = math.cos(q[-1]), math.sin(q[-1])
+        return (cosine, 0.0, sine), (0.0, 1.0, 0.0), (-sine, 0.0, cosine)
+
+
+@dataclass(frozen=True)
+class PitchRotations(YawRotations):
+    """Cells of pitch, in space."""
+
+    names = ("pitch",)
+    about_z = False
+    COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
+        "pitch": Coordinate("middle of a cell", "rad", bounds="pitch_bounds"),
+        "pitch_bounds": Coordinate("borders of a cell", "rad", {"bound": 2}),
+        "covering_angle": COVERING_ANGLE,
+    }
+
+    @classmethod
+    def of_coordinates(cls, coordinates: Mapping[str, Any]) -> "PitchRotations":
+        return super().of_coordinates({"yaw_bounds": coordinates["pitch_bounds"]})
+
+    def heading(self, q: Floats) -> None:
+        return None
+
+    def of_matrix(self, matrix: Floats) -> Floats:
+        return np.arctan2(matrix[0, 2:], matrix[0, :1])
+
+    def keep(self, shape: Symmetric) -> bool:
+        return shape.is_round
+
+    def slice_of(self, shape: Symmetric) -> Ints:
+        return np.zeros(self.count, np.int64) if shape.is_round else np.arange(self.count)
+
+    def images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
+        return Rotations.images(self, shape)
+
+    def turns(self, dim: int) -> list[Turn]:
+        return [
+            Turn(matrix, angle)
+            for matrix, angle in zip(self._matrices(self.centers, dim), self.covering_angles.tolist(), strict=True)
+        ]
+
+    def _matrices(self, rotation: Floats, dim: int) -> Floats:
+        made = Rotation.from_rotvec(rotation.reshape(-1, 1) * [0.0, 1.0, 0.0]).as_matrix()
+        return made.reshape(*rotation.shape[:-1], 3, 3)
+
+    def compiled(self, slice_of: Ints) -> PitchCells:
+        return PitchCells(*super().compiled(slice_of))
+
+
+@pytest.fixture(scope="module")
+def space() -> Iterator[CSpace]:
+    """A bar that is as wide as a gap in a wall is high, and has to be pitched to pass."""
+    occupied = np.zeros((16, 8, 16), dtype=bool)
+    occupied[7:9, :, :] = True
+    occupied[7:9, :, 2:14] = False
+    occupied[4:7, :, 9] = True
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(Rotations.KINDS, "pitch", PitchRotations)
+        workspace = cspace.Workspace.from_array(occupied, 0.1)
+        robot = cspace.Robot.box((0.5, 0.12, 0.06))
+        yield cspace.build(workspace, robot, rotations=PitchRotations.of_value(COUNT))
+
+
+def drawn(space: CSpace, n: int) -> Floats:
+    rng = np.random.default_rng(3)
+    low, high = [*space.grid.lower, -4.0], [*space.grid.upper, 4.0]
+    return rng.uniform(low, high, (n, 4))
+
+
+def collides(space: CSpace, q: Floats) -> bool:
+    """Whether a point of the robot, of thousands, lies in an obstacle or outside."""
+    axes = [np.linspace(-size / 2, size / 2, n) for size, n in ((0.5, 31), (0.12, 9), (0.06, 7))]
+    points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
+    cells = np.floor((Rotation.from_euler("y", q[3]).apply(points) + q[:3]) / 0.1).astype(int)
+    outside = ((cells < 0) | (cells >= space.grid.shape)).any(axis=1)
+    return bool(outside.any() or space.workspace.outer[tuple(cells.T)].any())
+
+
+def test_states_are_those_of_the_robot(space: CSpace) -> None:
+    assert space.axes == ("x", "y", "z", "pitch")
+    q = drawn(space, 3000)
+    states = space.classify(q)
+    truth = np.array([collides(space, each) for each in q])
+    assert not truth[states == FREE].any()
+    assert truth[states == BLOCKED].all()
+    assert (states == FREE).sum() > 100 and (states == BLOCKED).sum() > 100
+    check = space.point_checker()
+    assert [check(*each) for each in q[:200]] == (states[:200] == FREE).tolist()
+
+
+def test_motions_that_are_free_are(space: CSpace) -> None:
+    q0 = drawn(space, 4000)
+    q0 = q0[space.is_free(q0)]
+    q1 = q0 + np.random.default_rng(4).uniform(-0.3, 0.3, q0.shape) * [1, 1, 1, 6]
+    free = space.motion_is_free(q0, q1)
+    assert 20 < free.sum() < len(free)
+    for a, b in zip(q0[free][:60], q1[free][:60], strict=True):
+        turn = (b[3] - a[3] + math.pi) % (2 * math.pi) - math.pi
+        for t in np.linspace(0.0, 1.0, 9):
+            assert not collides(space, np.append(a[:3] + t * (b - a)[:3], a[3] + t * turn))
+    check = space.edge_checker()
+    assert [check(*a, *b) for a, b in zip(q0, q1, strict=True)] == free.tolist()
+
+
+def test_clearance_is_a_lower_bound(space: CSpace) -> None:
+    q = drawn(space, 400)
+    clearances = space.clearance(q)
+    assert ((clearances > 0) <= (space.classify(q) == FREE)).all()
+    steps = np.random.default_rng(5).normal(size=(30, *q.shape)) * [1.0, 1.0, 1.0, 0.0]
+    steps *= 0.999 * clearances[:, None] / np.linalg.norm(steps, axis=-1, keepdims=True)
+    assert space.is_free((q + steps)[:, clearances > 0]).all()
+
+
+def test_paths_exist_where_cells_join(space: CSpace) -> None:
+    states = np.array([space.slice_at(pitch) for pitch in space.rotations.representatives])
+    labels = []
+    for passable in (states == FREE, states != BLOCKED):
+        numbers = np.arange(states.size).reshape(states.shape)
+        pairs = [(numbers, np.roll(numbers, -1, axis=0), passable & np.roll(passable, -1, axis=0))]
+        for axis in (1, 2, 3):
+            first, last = np.split(numbers, [-1], axis)[0], np.split(numbers, [1], axis)[1]
+            pairs.append((first, last, passable.ravel()[first] & passable.ravel()[last]))
+        rows, columns = (np.concatenate([pair[k][pair[2]] for pair in pairs]) for k in (0, 1))
+        graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(states.size, states.size))
+        labels.append(connected_components(graph, directed=False)[1])
+    answers = set()
+    q = drawn(space, 300)
+    q = q[space.is_free(q)]
+    cells = np.floor(q[:, :3] / 0.1).astype(int)
+    at = np.ravel_multi_index((space.rotations.cells_of(q), *cells.T), states.shape)
+    for k in range(1, len(q)):
+        answers.add(answer := space.path_exists(q[0], q[k]))
+        assert answer is not False or labels[1][at[0]] != labels[1][at[k]]
+        assert answer is True if labels[0][at[0]] == labels[0][at[k]] else answer is not True
+    assert True in answers
+
+
+def test_samples_and_files(space: CSpace, tmp_path: Path) -> None:
+    q = space.sample_free(50, np.random.default_rng(6))
+    assert q.shape == (50, 4) and space.is_free(q).all()
+    space.save(tmp_path / "map.npz")
+    again = cspace.open(tmp_path / "map.npz")
+    assert again.rotations == space.rotations and isinstance(again.rotations, PitchRotations)
+    assert np.array_equal(again.classify(q), space.classify(q))
+
+
+def test_exact_answers_know_how_it_turns(space: CSpace) -> None:
+    q = drawn(space, 1000)
+    q = q[space.classify(q) == cspace.MIXED][:60]
+    free = space.is_free(q, exact=True)
+    assert free.any() and not any(collides(space, each) for each in q[free])
