@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cspace.arrays import Bools, Ints, Words
 from cspace.compiling import inner, reader
 from cspace.map.storage import Cells, Stack, bits_from, cells_of, expect, row_in, state_in
-from cspace.raster.components import find, unite
+from cspace.raster.components import unite
 from cspace.threads import cores, in_threads
 
 Nodes = NDArray[np.int32]
@@ -95,15 +95,12 @@ class Labels(NamedTuple):
         Where the pieces of each row begin, and where those of the last one end.
     counts : ndarray of int32, shape (layers,)
         Number of components.
-    others : ndarray of uint64, shape (layers,)
-        The rows, by bits, that have any component but the first one.
     """
 
     pieces: Words
     numbers: Nodes
     bounds: Nodes
     counts: Nodes
-    others: Words
 
 
 class Turns(NamedTuple):
@@ -220,35 +217,39 @@ def all_touch(word: np.uint64, other: np.uint64) -> bool:
     # A carry from the first cell of each run ends where the other has a cell, or it leaves the run, or the word.
     apart = word & ~other
     carried = apart + (word & ~(word << _ONE))
-    return bool((carried & ~word) == 0 and carried >= apart)
+    touch: bool = ((carried & ~word) == 0) & (carried >= apart)
+    return touch
 
 
 @inner
-def continue_row(labels: Labels, word: np.uint64, before: int, at: int, parent: Nodes, components: int) -> int:
-    """Set the pieces of a row of a layer from those of a row before it, and of runs apart; the number of components.
+def continue_row(
+    labels: Labels, word: np.uint64, before: tuple[int, int], at: int, parent: Nodes, components: int
+) -> int:
+    """Set the pieces of a row of a layer from those of two rows before it, and of runs apart; the number of components.
 
-    Components are numbered as they come, for union-find, which joins them later.
+    Where there is no such row, it is the row itself, which has no pieces yet. Components are numbered as they come, for
+    union-find, which joins them.
     """
-    pieces, numbers, bounds, _, _ = labels
+    pieces, numbers, bounds, _ = labels
     first = stop = np.int64(bounds[at])
     left = word
-    for m in range(bounds[before], bounds[before + 1]):
-        touched = pieces[m] & word
-        if touched == 0:
-            continue
-        piece, root = runs_with(touched, word), find(parent, numbers[m])
-        left &= ~piece
-        n = first
-        while n < stop:  # a component has one piece in a row
-            if numbers[n] == root or pieces[n] & piece != 0:
-                piece |= pieces[n]
-                unite(parent, root, numbers[n])
-                root, stop = find(parent, root), stop - 1
-                pieces[n], numbers[n] = pieces[stop], numbers[stop]
-            else:
-                n += 1
-        pieces[stop], numbers[stop] = piece, root
-        stop += 1
+    for k in range(2):
+        row = before[k]
+        for m in range(bounds[row], bounds[row + 1]):
+            touched = pieces[m] & word
+            if touched == 0:
+                continue
+            piece, number, n = runs_with(touched, word), np.int64(numbers[m]), first
+            left &= ~piece
+            while n < stop:
+                if pieces[n] & piece != 0:  # what was apart is one piece from here on
+                    unite(parent, number, np.int64(numbers[n]))  # type: ignore[arg-type]
+                    piece, stop = piece | pieces[n], stop - 1
+                    pieces[n], numbers[n] = pieces[stop], numbers[stop]
+                else:
+                    n += 1
+            pieces[stop], numbers[stop] = piece, number
+            stop += 1
     while left != 0:
         above = left & (left + (left & (~left + _ONE)))
         pieces[stop], numbers[stop], parent[components] = left ^ above, components, components
@@ -263,7 +264,7 @@ def join_rows(labels: Labels, row: int, other: int, ahead: int, parent: Nodes, p
 
     Those that were apart are added to ``pairs``, of which there are so many; how many there are then.
     """
-    pieces, numbers, bounds, _, _ = labels
+    pieces, numbers, bounds, _ = labels
     offset, shift = len(parent) - MOST, np.uint64(max(ahead - 1, 0))
     for n in range(bounds[row], bounds[row + 1]):
         left = pieces[n] >> shift  # the first cell of the other row is beside the last one of this
@@ -273,7 +274,8 @@ def join_rows(labels: Labels, row: int, other: int, ahead: int, parent: Nodes, p
             if left & pieces[m] == 0:
                 continue
             left &= ~pieces[m]
-            one, two = numbers[n], offset + numbers[m]
+            one: int = np.int64(numbers[n])  # type: ignore[assignment]
+            two: int = offset + np.int64(numbers[m])  # type: ignore[assignment]
             if parent[one] != parent[two] and unite(parent, one, two):  # most are joined by now
                 pairs[count] = one * MOST + numbers[m]
                 count += 1
@@ -281,14 +283,14 @@ def join_rows(labels: Labels, row: int, other: int, ahead: int, parent: Nodes, p
 
 
 @reader
-def label_blocks(blocks: Blocks, segments: Ints, labels: Labels, words: Words, room: tuple[Nodes, Nodes]) -> None:
+def label_blocks(blocks: Blocks, segments: Ints, labels: Labels, words: Words, parent: Nodes) -> None:
     """Label the cells of blocks, given by their numbers, of one kind and then of the other.
 
-    In ``words`` there is room for the blocks that follow each other along the last axis, and in ``room`` for the
-    components of a layer, and for pairs of them.
+    In ``words`` there is room for the blocks that follow each other along the last axis, and in ``parent`` for the
+    components of a layer.
     """
-    pieces, numbers, bounds, counts, others = labels
-    rows, wide, (parent, pairs) = words.shape[2], 1 << blocks.shifts[1], room
+    pieces, numbers, bounds, counts = labels
+    rows, wide = words.shape[2], 1 << blocks.shifts[1]
     kinds = len(counts) // len(segments)
     zero: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
     n = layer = zero
@@ -300,23 +302,17 @@ def label_blocks(blocks: Blocks, segments: Ints, labels: Labels, words: Words, r
         for k in range(kinds * follow):
             word_of, components, first_row = words[k // kinds, k % kinds], zero, layer * rows
             for row in range(rows):
-                word, at, step = word_of[row], first_row + row, 1 if row & (wide - 1) > 0 else wide
-                stop, bounds[at + 1] = np.int64(bounds[at]), bounds[at]
-                before = at - step if row > 0 else at  # none before the first one
-                first, last = bounds[before], bounds[before + 1]
-                if row > 0 and word == word_of[row - step]:
-                    for m in range(first, last):
-                        pieces[stop], numbers[stop] = pieces[m], numbers[m]
-                        stop += 1
-                    bounds[at + 1] = stop
-                elif last - first == 1 and word != 0 and all_touch(word, word_of[row - step]):
+                word, at = word_of[row], first_row + row
+                beside, below = at - 1 if row & (wide - 1) > 0 else at, at - wide if row >= wide else at
+                stop, before = np.int64(bounds[at]), min(beside, below)
+                first, bounds[at + 1] = np.int64(bounds[before]), stop
+                lone = (beside == at or below == at) and bounds[before + 1] - first == 1
+                if lone and word != 0 and all_touch(word, pieces[first]):
                     pieces[stop], numbers[stop] = word, numbers[first]
                     bounds[at + 1] = stop + 1
                 else:
-                    components = continue_row(labels, word, before, at, parent, components)
-                if step == 1 and row >= wide:
-                    join_rows(labels, at, at - wide, zero, parent, pairs, zero)
-            total, several = zero, np.uint64(0)
+                    components = continue_row(labels, word, (beside, below), at, parent, components)
+            total = zero
             for number in range(components):
                 # The lower root is on top, so that it has its number by now.
                 if parent[number] == number:
@@ -325,11 +321,8 @@ def label_blocks(blocks: Blocks, segments: Ints, labels: Labels, words: Words, r
                 else:
                     parent[number] = parent[parent[number]]
             if components > 1:
-                for row in range(rows):
-                    for m in range(bounds[first_row + row], bounds[first_row + row + 1]):
-                        numbers[m] = parent[numbers[m]]
-                        several |= np.uint64(numbers[m] > 0) << np.uint64(row)
-            others[layer] = several
+                for m in range(bounds[first_row], bounds[first_row + rows]):
+                    numbers[m] = parent[numbers[m]]
             counts[layer] = total
             layer += 1
         n += follow
@@ -360,7 +353,7 @@ def meet_blocks(
     follows, 3 and more where it has the same place, and another rotation, and the place of each among the labels.
     Pairs that follow from others are left out. ``parent``, shape (2 * MOST,), is room for union-find.
     """
-    counts, others = labels.counts, labels.others
+    counts = labels.counts
     n_faces: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
     n_pairs = n_faces
     wide, rows, long = 1 << shifts[1], 1 << (shifts[0] + shifts[1]), 1 << shifts[2]
@@ -372,16 +365,12 @@ def meet_blocks(
             parent[node], parent[MOST + node] = node, MOST + node
         begin, most = n_pairs, n_pairs + counts[ours] + counts[theirs] - 1
         # The rows where the two touch: the last ones and the first, or, beside each other or in two slices, all.
-        skipped, step = rows - wide if axis == 0 else (wide - 1 if axis == 1 else 0), wide if axis == 1 else 1
-        several = others[ours] | (others[theirs] << np.uint64(skipped))
-        for rest in range(2):
-            # Where each has but its first component, one row is enough.
-            for row in range(skipped, rows, step):
-                if n_pairs == (most if rest else begin + 1):
-                    break
-                if (several >> np.uint64(row)) & _ONE == rest:
-                    own, other = ours * rows + row, theirs * rows + row - skipped
-                    n_pairs = join_rows(labels, own, other, long if axis == 2 else 0, parent, faces.pairs, n_pairs)
+        skipped = rows - wide if axis == 0 else (wide - 1 if axis == 1 else 0)
+        for row in range(skipped, rows, wide if axis == 1 else 1):
+            if n_pairs == most:
+                break  # all are joined
+            own, other = ours * rows + row, theirs * rows + row - skipped
+            n_pairs = join_rows(labels, own, other, long if axis == 2 else 0, parent, faces.pairs, n_pairs)
         if n_pairs > begin:
             faces.rows[n_faces, 0], faces.rows[n_faces, 1] = beside[0, n], beside[1, n]
             faces.rows[n_faces, 2], faces.rows[n_faces, 3] = beside[2, n], n_pairs - begin
@@ -623,7 +612,6 @@ class Components:
             _followed(labels.numbers, len(labels.numbers), [made.numbers[:size].copy()]),
             _followed(labels.bounds, len(labels.bounds), [made.bounds[1:] + labels.bounds[-1]]),
             _followed(labels.counts, len(labels.counts), [made.counts]),
-            _followed(labels.others, len(labels.others), [made.others]),
         )
         self._cached = places, labels
         places[missing] = np.arange(known, known + len(missing))  # last, so that no interrupt leaves one without labels
@@ -631,7 +619,7 @@ class Components:
     def _nothing(self) -> tuple[Nodes, Labels]:
         """No labels of any block."""
         none, bounds = np.empty(0, dtype=np.int32), np.zeros(1, dtype=np.int32)
-        labels = Labels(np.empty(0, dtype=np.uint64), none, bounds, none, np.empty(0, dtype=np.uint64))
+        labels = Labels(np.empty(0, dtype=np.uint64), none, bounds, none)
         return np.full(self._changed.size, -1, dtype=np.int32), labels
 
     def _join(self) -> Joined:
@@ -720,13 +708,11 @@ class Components:
         if room is None or len(room.counts) < count:
             sizes = (most, count * rows + 1, count)
             numbers, bounds, counts = (np.empty(size, dtype=np.int32) for size in sizes)
-            room = Labels(np.empty(most, np.uint64), numbers, bounds, counts, np.empty(count, np.uint64))
-        bounds = room.bounds[: count * rows + 1]
-        labels = Labels(room.pieces[:most], room.numbers[:most], bounds, room.counts[:count], room.others[:count])
+            room = Labels(np.empty(most, dtype=np.uint64), numbers, bounds, counts)
+        labels = Labels(room.pieces[:most], room.numbers[:most], room.bounds[: count * rows + 1], room.counts[:count])
         labels.bounds[0] = 0
         words = np.empty((min(len(segments), self._blocks.shape[2]), KINDS, rows), dtype=np.uint64)
-        scratch = np.empty(MOST, dtype=np.int32), np.empty(MOST, dtype=np.int32)
-        label_blocks(self._blocks, segments, labels, words, scratch)
+        label_blocks(self._blocks, segments, labels, words, np.empty(MOST, dtype=np.int32))
         return labels
 
     def _nodes(self, faces: Faces, fresh: int) -> Joined:
