@@ -92,7 +92,6 @@ class ConfigurationMap(ConfigurationSpace):
     # ---- look-ups ----------------------------------------------------------------------------------------------------
 
     def checked(self, q: ArrayLike, name: str = "q") -> Floats:
-        """As :meth:`ConfigurationSpace.checked`."""
         points = as_points(q, name, self.dof)
         answer(points, self.dof, self._classify(), np.uint8, int, name)  # raises where one is not finite
         return points

@@ -459,7 +459,6 @@ class ArmSpace(ConfigurationSpace):
         return [own(self.checked(part, name)) for part, name in zip(parts, names, strict=True)]
 
     def checked(self, q: ArrayLike, name: str = "q") -> Floats:
-        """As :meth:`ConfigurationSpace.checked`; also within the limits of the joints."""
         points = self.arm.checked(q, name)
         outside = (points < self.arm.lower) | (points > self.arm.upper)
         if outside.any():
