@@ -152,7 +152,7 @@ def _legend(rows: list[tuple[str, str]]) -> str:
 def _scale(most: float) -> str:
     """The colours of the path."""
     if math.isnan(most):
-        return _note("Of a map in a store, no clearance is told.")
+        return _note("A map in a store gives no clearance here.")
     bar = f"height:0.6em;border-radius:0.3em;background:linear-gradient(to right,{LOW},{HIGH})"
     row = "display:flex;justify-content:space-between"
     return (
