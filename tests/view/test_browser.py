@@ -164,6 +164,7 @@ def test_a_page_of_an_arm(browser: Any, tmp_path: Path) -> None:
     pose[:2, 3] = 1.2, 1.2
     space = cspace.build_arm({"post": cspace.arms.Placed(cspace.Robot.box((0.2, 0.2, 1.0)).shape, pose)}, arm)
     with space.view(block=False, port=0, start=(-0.4, 0.3), goal=(2.0, -0.6)) as viewer:
+        assert viewer.page.wait(60.0)  # what is compiled first is not waited for in the browser
         browser.get(viewer.url)
         until(lambda: "The straight motion is not proven free." in text(browser))
         green = until(lambda: share(browser, ROBOT))
