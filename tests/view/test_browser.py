@@ -170,7 +170,7 @@ def test_a_page_of_an_arm(browser: Any, tmp_path: Path) -> None:
         green = until(lambda: share(browser, ROBOT))
         slide(browser, "shoulder (°)", Keys.HOME, Keys.ARROW_RIGHT)
         until(lambda: viewer.page.panel.sliders[0].value == -171.7)
-        np.testing.assert_allclose(viewer.canvas.robot, [np.radians(-171.7), 0.3], atol=1e-4)
+        until(lambda: np.allclose(viewer.canvas.robot, [np.radians(-171.7), 0.3], atol=1e-4))
         viewer.page.move(np.array([np.pi / 4, 0.0]))
         until(lambda: "BLOCKED: proven in collision" in text(browser))
         until(lambda: share(browser, ROBOT) < 0.3 * green)  # it is light blue now
