@@ -349,7 +349,7 @@ def part_options(forceinline: bool) -> dict[str, Any]:
     return {"pipeline_class": PartCompiler}
 
 
-def by_kind(function: Callable[..., Any], made: dict[type, Callable[..., Any]], makes_arrays: bool = False) -> None:
+def by_kind(function: Callable[..., Any], made: dict[type, Callable[..., Any]]) -> None:
     """Have compiled code that calls a function take one of several for it, by the kind of the first argument.
 
     Kinds are classes of records, or ``numpy.ndarray``. Only the one that is taken is compiled, and into its caller.
@@ -358,9 +358,8 @@ def by_kind(function: Callable[..., Any], made: dict[type, Callable[..., Any]], 
     from numba import types
     from numba.extending import overload
 
-    options: Any = {"error_model": "numpy", "no_cfunc_wrapper": True, "nogil": True, **part_options(forceinline=True)}
-    if not makes_arrays:
-        options["_nrt"] = False
+    options: Any = {"error_model": "numpy", "no_cfunc_wrapper": True, "nogil": True, "_nrt": False}
+    options |= part_options(forceinline=True)
 
     @overload(function, jit_options=options, strict=False)
     def taken(first: Any, *others: Any) -> Any:

@@ -69,24 +69,32 @@ def test_an_installation_that_may_not_be_written_works_without_a_cache(tmp_path:
 # ---- what was compiled stays true ------------------------------------------------------------------------------------
 
 CALLEE = """
-from cspace.compiling import jit
+from typing import NamedTuple
+from cspace.compiling import jit, part
 
 @jit
 def helper(value: float) -> float:
     return value + {added}
+
+@part
+class Record(NamedTuple):
+    value: float
+
+    def raised(self) -> float:
+        return helper(self.value)
 """
 
 CALLER = """
 from cspace.compiling import jit
-from cspace.probe_callee import helper
+from cspace.probe_callee import Record
 
 @jit
-def answer(value: float) -> float:
-    return later(value)
+def answer(record: Record) -> float:
+    return later(record)
 
 @jit
-def later(value: float) -> float:
-    return helper(value)
+def later(record: Record) -> float:
+    return record.raised()
 """
 
 RUN = """
@@ -95,7 +103,7 @@ for name in ("callee", "caller"):
     spec = importlib.util.spec_from_file_location(f"cspace.probe_{name}", f"{folder}/{name}.py")
     module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-print(module.answer(1.0), sum(module.answer.stats.cache_hits.values()), flush=True)
+print(module.answer(module.Record(1.0)), sum(module.answer.stats.cache_hits.values()), flush=True)
 """
 
 FORKS = f"""
@@ -141,7 +149,7 @@ def run(tmp_path: Path, forks: subprocess.Popen[str]) -> Callable[..., tuple[flo
 
 
 def test_a_function_is_compiled_anew_when_one_that_it_calls_has_changed(run: Callable[..., tuple[float, int]]) -> None:
-    """Also where it calls it by another one, which stands below it."""
+    """Also where it calls it by another one, which stands below it, and by a method of a record."""
     assert run("2.0") == (3.0, 0)
     assert run("4.0") == (5.0, 0)
     assert run() == (5.0, 1)

@@ -1,105 +1,17 @@
-"""Rotation cells: they cover all rotations, and each rotation belongs to the cell between its borders."""
+"""Quaternion cells: they cover all rotations, and each belongs to the cell of its quotients."""
 
 import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import InputError, Robot, Workspace
-from cspace.angles import ANGLE_SLACK, MAX_ANGLE, TURN
 from cspace.rotations import Rotations
 from cspace.rotations.quaternion import QUOTIENT_SLACK
 from handmade import half_turns
 from placements import draw_quaternions
-from strategies import rotation_cells, seeds
-
-# ---- rotation cells --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 7, 72, 360])
-def test_a_count_cuts_the_circle_evenly_around_zero(count):
-    cells = Rotations.of(count)
-    assert cells.count == count == len(cells.representatives)
-    assert cells.representatives == pytest.approx(TURN / count * np.arange(count), abs=1e-12)
-    assert cells.covering_angles == pytest.approx(np.full(count, math.pi / count), abs=2 * ANGLE_SLACK)
-    assert cells.is_uniform()
-
-
-@given(rotation_cells(20))
-def test_cells_cover_the_circle_without_overlap(value):
-    cells = Rotations.of(value)
-    borders = np.asarray(cells.borders)
-    assert (np.diff(borders) > 0).all() and borders[-1] == borders[0] + TURN
-    if np.ndim(value):
-        assert borders == pytest.approx(value, abs=1e-9)
-    assert (borders[:-1] < cells.representatives).all() and (cells.representatives < borders[1:]).all()
-    reach = np.stack([borders[1:] - cells.representatives, cells.representatives - borders[:-1]])
-    assert (cells.covering_angles >= reach).all()
-
-
-@given(rotation_cells(20), seeds, st.integers(-3, 3))
-def test_a_yaw_belongs_to_the_cell_between_its_borders(value, seed, wraps):
-    cells = Rotations.of(value)
-    borders = np.asarray(cells.borders)
-    yaw = np.random.default_rng(seed).uniform(borders[0], borders[-1], 50)
-    expected = [max(k for k in range(cells.count) if borders[k] <= one) for one in yaw]
-    away = np.abs(yaw[:, None] - borders).min(axis=1) > 1e-9
-    assert (cells.cell_of(yaw + wraps * TURN) == expected)[away].all()
-    # A border may be wrapped to the number next to it: it belongs to one of its two cells.
-    above = np.arange(cells.count)
-    numbers = cells.cell_of(borders[:-1] + wraps * TURN)
-    assert ((numbers == above) | (numbers == (above - 1) % cells.count)).all()
-
-
-def test_borders_may_be_given_as_degrees_turned_to_radians():
-    cells = Rotations.of(np.radians([0, 90, 180, 270, 360]))
-    assert cells.count == 4 and cells.is_uniform()
-    assert cells.cell_of(np.radians([10, 100, 190, 280, 370, -10])).tolist() == [0, 1, 2, 3, 0, 3]
-    assert Rotations.of(cells) is cells
-
-
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        (0, "rotations is 0; it must be a whole number above zero"),
-        (-72, "rotations is -72"),
-        (7.5, "rotations is 7.5"),
-        (True, "rotations is True"),
-        (math.nan, "rotations is nan"),
-        ("72", "rotations is '72'"),
-        ([], "at least two borders"),
-        ([0.0], "at least two borders"),
-        ([[0.0, 6.0]], "at least two borders"),
-        ([0.0, math.pi], "must cover the whole circle"),
-        ([0.0, 1.0, TURN - 1e-6], "must cover the whole circle"),
-        ([0.0, 1.0, 7.0], "must cover the whole circle"),
-        ([0.0, 1.0, 1.0, TURN], "do not ascend"),
-        ([0.0, 2.0, 1.0, TURN], "do not ascend"),
-        ([100.0, 101.0, 100.0 + TURN], "more than a turn from zero"),
-        ([0.0, math.nan, TURN], "nan"),
-        ([0.0, math.inf], "inf"),
-        ([0.0, 90.0, 180.0, 270.0, 360.0], "numpy.radians turns degrees"),
-    ],
-)
-def test_refuses_what_is_no_cover(value, message):
-    workspace = Workspace.from_array(np.zeros((3, 3), bool), 0.1)
-    with pytest.raises(InputError, match=message):
-        cspace.build(workspace, Robot.rectangle(0.1, 0.2), rotations=value)
-
-
-def test_refuses_yaws_that_can_not_be_wrapped():
-    cells = Rotations.of(8)
-    assert 0 <= cells.cell_of(MAX_ANGLE) < 8
-    for yaw in (MAX_ANGLE * 1.001, math.nan, -math.inf):
-        with pytest.raises(InputError, match="yaw"):
-            cells.cell_of(yaw)
-
-
-# ---- quaternions -----------------------------------------------------------------------------------------------------
 
 CUTS = [1, 2, 3, 4, 8]
 
