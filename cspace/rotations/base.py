@@ -201,7 +201,7 @@ class Rotations(ABC):
     """
 
     KINDS: ClassVar[dict[str, type[Rotations]]] = {}
-    """The kinds that there are, see :mod:`cspace.rotations`."""
+    """The kinds that there are, see ``cspace.rotations``."""
 
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {}
     """What :attr:`coordinates` are, by their names; the first one is of this kind alone."""
