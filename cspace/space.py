@@ -18,7 +18,7 @@ from cspace.arrays import Bools, Floats, Ints, States
 from cspace.configuration_map import ConfigurationMap, Result
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid, finite, not_negative, positive, whole
-from cspace.map.batches import EDGES_A_THREAD, Many, One, Query, answer, as_points, check_rng, in_pieces
+from cspace.map.batches import EDGES_A_THREAD, Many, One, Query, answer, as_points, check_rng, in_pieces, own
 from cspace.map.contents import Contents
 from cspace.map.derived import Derived, Lock
 from cspace.map.exterior import UNKNOWN, Exterior
@@ -337,9 +337,14 @@ class CSpace(ConfigurationMap):
         InputError
             If what fills a mesh depends on the spacing, or an argument is not as stated.
         """
+        from cspace.map.points import classify_few
+
         points, along = as_points(q, "q", self.dof), (finite(lengths, "lengths"), finite(turns, "turns"))
-        rows, spans = points.reshape(-1, self.dof), [np.full(points.shape[:-1], each).reshape(-1) for each in along]
-        left = rows[self.classify(rows) != FREE]
+        rows, spans = own(points.reshape(-1, self.dof)), [np.full(points.shape[:-1], x).reshape(-1) for x in along]
+        states = np.empty(len(rows), dtype=np.uint8)
+        if classify_few(self.record, rows, states) >= 0:  # to look them up together gains little beside the distances
+            self.checked(points)  # raises
+        left = rows[states != FREE]
         if len(left) and not all(itertools.starmap(self.point_checker(exact=True), left.tolist())):
             return 0.0
         return self._exact.distance(rows, *spans)

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
-from cspace.arrays import Row
+from cspace.arrays import Floats, Row
 from cspace.compiling import inner
+
+
+@inner(forceinline=True)
+def row_of(numbers: Floats, first: int) -> Row:
+    """Three of some numbers."""
+    return numbers[first], numbers[first + 1], numbers[first + 2]
 
 
 @inner(forceinline=True)

@@ -22,7 +22,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arms.chain import SLIDES, TURNS, place
-from cspace.arms.proofs import Scene, Solids, Work, least_of, nests, row_of, seen, spare_of
+from cspace.arms.proofs import Scene, Solids, Work, least_of, nests, seen, spare_of
 from cspace.arrays import Floats, Ints, Row, States
 from cspace.compiling import inner, jit
 from cspace.exact import ADVANCE
@@ -32,7 +32,7 @@ from cspace.map.points import replaced
 from cspace.raster.triangles import THIN, point_triangle
 from cspace.raster.winding import turn_above
 from cspace.states import BLOCKED, FREE, MIXED
-from cspace.vectors import cross, dot, minus
+from cspace.vectors import cross, dot, minus, row_of
 
 _WAITING: Final = 96
 """Blocks that wait at a time, at most: one for each halving of three axes of 2^31 cells, and some."""

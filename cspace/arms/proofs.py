@@ -25,6 +25,7 @@ from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.triangles import DEPTH, Trees, crosses, pierces
 from cspace.raster.triangles import point_triangle
 from cspace.raster.winding import turn_above
+from cspace.vectors import row_of
 
 WAITING: Final = 1024
 """Parts of a motion that wait at a time, at most."""
@@ -363,12 +364,6 @@ def strikes(scene: Scene, n: int, work: Work, least: float) -> bool:
             nodes[top, 0], nodes[top + 1, 0], nodes[top + 1, 1] = a + 1, a + 2 * (m // 2), b
             top += 2
     return False
-
-
-@inner(forceinline=True)
-def row_of(numbers: Floats, first: int) -> Row:
-    """Three of some numbers."""
-    return numbers[first], numbers[first + 1], numbers[first + 2]
 
 
 @inner(forceinline=True)

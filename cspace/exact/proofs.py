@@ -16,7 +16,7 @@ from cspace.arrays import Bools, Floats, Ints, Matrix, Row, States
 from cspace.compiling import inner, jit, row_entry
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.boundaries import Problem, anchors_of, in_space, obstacle_border, parts_of
-from cspace.exact.triangles import DEPTH, Motion, Trees, placed, share_apart, trees_of
+from cspace.exact.triangles import DEPTH, Motion, Trees, placed, share_apart, spread, trees_of
 from cspace.grid import MAX_COORDINATE
 from cspace.map.edges import along, edge_is_free
 from cspace.map.points import Numbers, configuration, halves, state_at
@@ -24,7 +24,7 @@ from cspace.map.record import Map
 from cspace.shapes import Box, Pieces
 from cspace.states import BLOCKED, FREE, MIXED
 from cspace.threads import in_chunks
-from cspace.vectors import dot, minus
+from cspace.vectors import dot, minus, row_of
 
 SLIDE: Final = 2.0
 """Longest part of an edge that one distance is to prove, in cells: longer ones take a search far and wide."""
@@ -83,22 +83,28 @@ class Nesting(NamedTuple):
     stops: Ints
 
 
-class World(NamedTuple):
-    """What every proof needs.
+class Borders(NamedTuple):
+    """Trees of robot, obstacles and walls, by their roots.
 
     Lengths of trees, ``rho``, the robot's longest lever, and ``least``, what a distance has to exceed, are those in
     metres times ``scale``. Walls are the sides of the grid's box, where all outside it is obstacle.
     """
 
-    map: Map
     trees: Trees
     robot: int
     obstacles: int
     walls: int
     rho: float
-    nesting: Nesting
     scale: float
     least: float
+
+
+class World(NamedTuple):
+    """What every proof needs."""
+
+    map: Map
+    borders: Borders
+    nesting: Nesting
 
 
 class BorderProofs:
@@ -148,8 +154,9 @@ class BorderProofs:
         )
         least = scale * (problem.least + borders.error + ROUNDING * far)
         rho = float(trees.boxes[0, 6])
-        self._world = World(problem.map, trees, roots[0], roots[1], roots[2], rho, nesting, scale, least)
-        self._dof, self._dim = problem.dof, grid.dim
+        self._borders = Borders(trees, *roots, rho, scale, least)
+        self._world = World(problem.map, self._borders, nesting)
+        self._dof, self._dim, self._rotations = problem.dof, grid.dim, problem.rotations
 
     @cached_property
     def edge(self) -> Callable[..., bool]:
@@ -166,7 +173,7 @@ class BorderProofs:
         states = np.empty(len(q0), dtype=np.uint8)
 
         def work(first: int, last: int) -> int:
-            prove_edges(self._world, q0[first:last], q1[first:last], states[first:last])
+            prove_edges(self._world, q0[first:last], q1[first:last], room(), states[first:last])
             return -1
 
         in_chunks(work, len(q0), THREAD)
@@ -176,11 +183,20 @@ class BorderProofs:
         return free
 
     def spare(self, points: Floats, lengths: Floats, turns: Floats) -> float:
-        return float(least_spare(self._world, points, lengths, turns))
+        borders, (places, matrices) = self._borders, self._placed(points)
+        spans = 0.5 * (borders.scale * lengths + borders.rho * turns)
+        return float(least_spare(borders, borders.scale * places, matrices, spans, room())) / borders.scale
+
+    def _placed(self, points: Floats) -> tuple[Floats, Floats]:
+        """Reference points in space, shape (n, 3), and rotation matrices, shape (n, 3, 3), of configurations."""
+        places, matrices = np.zeros((len(points), 3)), np.tile(np.eye(3), (len(points), 1, 1))
+        places[:, : self._dim] = points[:, : self._dim]
+        matrices[:, : self._dim, : self._dim] = self._rotations.matrices(points)
+        return places, matrices
 
     def _is_nested(self, q: Floats) -> bool:
         """Whether a part of one side lies in the other, where no borders meet and compiled code does not decide."""
-        nesting, (place, turn) = self._world.nesting, map(np.array, placed_at(self._world.map, q[None]))
+        nesting, (place, turn) = self._world.nesting, (each[0] for each in self._placed(q[None]))
         anchors = (self._anchors @ turn.T + place)[:, : self._dim]
         if any(np.any(part.contains(anchors)) for part in self._shapes):
             return True
@@ -192,17 +208,20 @@ class BorderProofs:
 
 
 class Work(NamedTuple):
-    """Room for parts of an edge that wait, as a ring, and for pairs of nodes, among obstacles and walls."""
+    """Room for parts of an edge that wait, as a ring, and for pairs of nodes, among walls and among obstacles."""
 
     parts: Floats
-    obstacles: Ints
-    walls: Ints
+    pairs: Ints
+
+
+def room() -> Work:
+    """New room."""
+    return Work(np.empty((WAITING, 2)), np.full((2, DEPTH, 2), -1))
 
 
 @jit
-def prove_edges(world: World, first: Floats, second: Floats, out: States) -> None:
+def prove_edges(world: World, first: Floats, second: Floats, work: Work, out: States) -> None:
     """:func:`edge_state` of edges, shapes (n, dof)."""
-    work = Work(np.empty((WAITING, 2)), np.empty((DEPTH, 2), np.int64), np.empty((DEPTH, 2), np.int64))
     for k in range(first.shape[0]):
         q0, q1 = configuration(world.map, first, k), configuration(world.map, second, k)
         out[k] = edge_state(world, q0, q1, work)
@@ -212,7 +231,7 @@ def prove_edges(world: World, first: Floats, second: Floats, out: States) -> Non
 def prove_edge(world: World, both: Numbers) -> int:
     """:func:`edge_state` of an edge, given by its endpoints in a row."""
     q0, q1 = halves(world.map, both)
-    work = Work(np.empty((WAITING, 2)), np.empty((DEPTH, 2), np.int64), np.empty((DEPTH, 2), np.int64))
+    work = Work(np.empty((WAITING, 2)), np.empty((2, DEPTH, 2), np.int64))
     return edge_state(world, q0, q1, work)
 
 
@@ -236,18 +255,19 @@ def arc_state(world: World, q0: Numbers, q1: Numbers, arc: int, work: Work) -> i
     Parts are proven by the map, or by how far apart all is in their middle, which may leave something on either side.
     The end comes first, and then longer parts mostly before shorter ones, so that a collision far along shows early.
     """
-    map_, scale, parts, size = world.map, world.scale, work.parts, 0.0
+    (map_, borders, nesting), parts, size = world, work.parts, 0.0
+    scale = borders.scale
     for axis in range(len(map_.lower)):
         size += abs(q0[axis]) + abs(q1[axis])
     if not size <= 2.0 * MAX_COORDINATE * map_.spacing:
         return BLOCKED
     angle, jump = map_.rotations.turn_of(q0, q1, arc)
     step = minus(place_of(map_, q1, scale), place_of(map_, q0, scale))
-    least, spacing = world.least + 2.0 * ROUNDING * scale * size + jump * world.rho, scale * map_.spacing
-    speed = math.sqrt(dot(step, step)) + angle * world.rho
+    least, spacing = borders.least + 2.0 * ROUNDING * scale * size + jump * borders.rho, scale * map_.spacing
+    speed = math.sqrt(dot(step, step)) + angle * borders.rho
     # At their endpoints most of a planner's edges collide; of a point that is all.
     parts[0, 0], parts[0, 1], parts[1, 0], parts[1, 1] = 1.0, 1.0, 0.0, 1.0
-    work.obstacles[0, 0] = work.walls[0, 0] = -1
+    work.pairs[0, 0, 0] = work.pairs[1, 0, 0] = -1
     head, waiting, measured, nested = 0, 2 if speed > 0.0 else 1, 0, FREE
     while waiting > 0:
         waiting -= 1
@@ -276,13 +296,13 @@ def arc_state(world: World, q0: Numbers, q1: Numbers, arc: int, work: Work) -> i
         if reach <= (spacing if state == FREE else SLIDE * spacing):
             place = place_of(map_, q, scale)
             motion = Motion(map_.rotations.matrix_of(q), place, step, angle, least, 0.0)
-            part = share_free(world, motion, half / ADVANCE, work)
+            part = share_free(borders, motion, half / ADVANCE, work)
             measured += 1
             if part < 0.0:
                 return BLOCKED
             # As long as no borders meet, whether one lies within the other stays as it is.
             if measured == 1:
-                nested = nested_at(world.nesting, map_, q, motion.matrix)
+                nested = nested_at(nesting, map_, q, motion.matrix)
                 if nested == BLOCKED:
                     return BLOCKED
             part *= ADVANCE
@@ -298,51 +318,48 @@ def arc_state(world: World, q0: Numbers, q1: Numbers, arc: int, work: Work) -> i
 
 
 @inner
-def share_free(world: World, motion: Motion, enough: float, work: Work) -> float:
+def share_free(borders: Borders, motion: Motion, enough: float, work: Work) -> float:
     """:func:`cspace.exact.triangles.share_apart` of the robot among walls and obstacles."""
     part = enough
-    if world.walls >= 0 and not is_within(world, motion, enough):
-        part = share_apart(world.trees, world.robot, world.walls, motion, enough, work.walls)
-    if part >= 0.0:
-        part = share_apart(world.trees, world.robot, world.obstacles, motion, part, work.obstacles)
+    for k in range(2):
+        still = borders.obstacles if k else borders.walls
+        if part >= 0.0 and still >= 0 and (k == 1 or not is_within(borders, motion, enough)):
+            part = share_apart(borders.trees, borders.robot, still, motion, part, work.pairs[k])
     return part
 
 
 @inner
-def is_within(world: World, motion: Motion, part: float) -> bool:
+def is_within(borders: Borders, motion: Motion, part: float) -> bool:
     """Whether the box around a robot stays within the walls for a part of a motion."""
-    box, room = world.trees.boxes[world.robot], world.trees.boxes[world.walls]
-    middle = minus(placed(motion, (box[0], box[1], box[2])), (room[0], room[1], room[2]))
+    box, wall = borders.trees.boxes[borders.robot], borders.trees.boxes[borders.walls]
+    middle, half = minus(placed(motion, row_of(box, 0)), row_of(wall, 0)), spread(motion, box)
     turn = box[6] * motion.angle + motion.slide
     for axis in range(3):
-        x, y, z = motion.matrix[axis]
-        half = abs(x) * box[3] + abs(y) * box[4] + abs(z) * box[5] + motion.least
         # An infinite part of no way at all is no number, and proves nothing.
-        if not abs(middle[axis]) + half + part * (abs(motion.step[axis]) + turn) < room[3 + axis]:
+        if not abs(middle[axis]) + half[axis] + part * (abs(motion.step[axis]) + turn) < wall[3 + axis]:
             return False
     return True
 
 
 @jit
-def least_spare(world: World, points: Floats, lengths: Floats, turns: Floats) -> float:
-    """By how much the least distance on pieces of a path exceeds what it has to, metres; zero if not proven to.
+def least_spare(borders: Borders, places: Floats, matrices: Floats, spans: Floats, work: Work) -> float:
+    """By how much the least distance on pieces of a path exceeds what it has to; zero if not proven to.
 
-    The pieces are given by their middles, shape (n, dof), metres and radians; no borders may lie nested there.
+    The robot is placed in the middle of each piece, from where no point of it moves farther than the piece's span. All
+    lengths are those of trees, and no borders may lie nested there.
     """
-    map_, scale, best, still = world.map, world.scale, math.inf, (0.0, 0.0, 0.0)
-    work = Work(np.empty((0, 2)), np.empty((DEPTH, 2), np.int64), np.empty((DEPTH, 2), np.int64))
-    work.obstacles[0, 0] = work.walls[0, 0] = -1
-    for k in range(points.shape[0]):
-        q = configuration(map_, points, k)
-        x, y, z = place = place_of(map_, q, scale)
-        least = world.least + 2.0 * ROUNDING * (abs(x) + abs(y) + abs(z))
-        half = 0.5 * (scale * lengths[k] + world.rho * turns[k])
+    best, still = math.inf, (0.0, 0.0, 0.0)
+    for k in range(len(places)):
+        x, y, z = place = row_of(places[k], 0)
+        turn = matrices[k]
+        matrix = row_of(turn[0], 0), row_of(turn[1], 0), row_of(turn[2], 0)
         # What moves by a metre to whatever side comes as far as the distance; what is farther does not matter.
-        motion = Motion(map_.rotations.matrix_of(q), place, still, 0.0, least, 1.0)
-        best = min(best, share_free(world, motion, best + half, work) - half)
+        least = borders.least + 2.0 * ROUNDING * (abs(x) + abs(y) + abs(z))
+        motion = Motion(matrix, place, still, 0.0, least, 1.0)
+        best = min(best, share_free(borders, motion, best + spans[k], work) - spans[k])
         if best <= 0.0:
             return 0.0
-    return best / scale
+    return best
 
 
 @inner
@@ -414,10 +431,3 @@ def is_filled(nesting: Nesting, x: float, y: float) -> bool:
             return True
         first = stop
     return False
-
-
-@jit
-def placed_at(map_: Map, points: Floats) -> tuple[Row, Matrix]:
-    """The reference point at a configuration, shape (1, dof), and the rotation matrix."""
-    q = configuration(map_, points, 0)
-    return place_of(map_, q, 1.0), map_.rotations.matrix_of(q)

@@ -36,7 +36,7 @@ import numpy as np
 from cspace.arrays import Floats, Ints, Matrix, Row
 from cspace.compiling import inner
 from cspace.shapes import Pieces
-from cspace.vectors import cross, dot, minus, nearest_of_triangle
+from cspace.vectors import cross, dot, minus, nearest_of_triangle, row_of
 
 Corners = tuple[Row, Row, Row]
 Box = tuple[Row, Row, Row, Row]
@@ -187,33 +187,30 @@ def share_apart(trees: Trees, robot: int, still: int, motion: Motion, enough: fl
     do so again, and -1 before there is one.
     """
     best, last, top, spans = float(enough), -1, 1, trees.spans
-    mx, my, mz, hx, hy, hz, turn = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    ((rxx, rxy, rxz), (ryx, ryy, ryz), (rzx, rzy, rzz)), (px, py, pz) = motion.matrix, motion.place
-    sx, sy, sz, angle, least = abs(motion.step[0]), abs(motion.step[1]), abs(motion.step[2]), motion.angle, motion.least
-    slide = motion.slide
-    if work[0, 0] >= 0:
-        a = work[0, 0]
-        best = share_of_pair(trees, a, work[0, 1], motion, angle * trees.boxes[a, 6] + slide, best)
-    if still >= 0 and best >= 0.0:
+    middle = half = (0.0, 0.0, 0.0)
+    turn, (sx, sy, sz) = 0.0, motion.step
+    if still >= 0:
         work[1, 0], work[1, 1] = robot, still
         top = 2
+        if work[0, 0] >= 0:
+            work[2, 0], work[2, 1] = work[0]
+            top = 3
     while top > 1:
         top -= 1
         a, b = work[top, 0], work[top, 1]
         if a != last:
             box, last = trees.boxes[a], a
-            mx = px + rxx * box[0] + rxy * box[1] + rxz * box[2]
-            my = py + ryx * box[0] + ryy * box[1] + ryz * box[2]
-            mz = pz + rzx * box[0] + rzy * box[1] + rzz * box[2]
-            hx = abs(rxx) * box[3] + abs(rxy) * box[4] + abs(rxz) * box[5] + least
-            hy = abs(ryx) * box[3] + abs(ryy) * box[4] + abs(ryz) * box[5] + least
-            hz = abs(rzx) * box[3] + abs(rzy) * box[4] + abs(rzz) * box[5] + least
-            turn = box[6] * angle + slide
+            middle, half, turn = (
+                placed(motion, row_of(box, 0)),
+                spread(motion, box),
+                box[6] * motion.angle + motion.slide,
+            )
         box, n, m = trees.boxes[b], spans[a, 1], spans[b, 1]
+        x, y, z = minus(middle, row_of(box, 0))
         # Boxes that stay apart along one axis: so do all triangles in them.
-        if abs(mx - box[0]) - hx - box[3] > best * (sx + turn) or abs(my - box[1]) - hy - box[4] > best * (sy + turn):
+        if abs(x) - half[0] - box[3] > best * (abs(sx) + turn) or abs(y) - half[1] - box[4] > best * (abs(sy) + turn):
             continue
-        if abs(mz - box[2]) - hz - box[5] > best * (sz + turn):
+        if abs(z) - half[2] - box[5] > best * (abs(sz) + turn):
             continue
         if n == 1 and m == 1:
             share = share_of_pair(trees, a, b, motion, turn, best)
@@ -221,12 +218,12 @@ def share_apart(trees: Trees, robot: int, still: int, motion: Motion, enough: fl
                 best, work[0, 0], work[0, 1] = share, a, b
                 if best < 0.0:
                     break
-        elif n == 1 or (m > 1 and box[3] + box[4] + box[5] > hx + hy + hz):
+        elif n == 1 or (m > 1 and box[3] + box[4] + box[5] > half[0] + half[1] + half[2]):
             first, second = b + 1, b + 2 * (m // 2)
-            one, other = trees.boxes[first], trees.boxes[second]
+            one, other = row_of(trees.boxes[first], 0), row_of(trees.boxes[second], 0)
             # The nearer half comes first: less need not be proven of the other.
-            x, y, z = 2.0 * mx - one[0] - other[0], 2.0 * my - one[1] - other[1], 2.0 * mz - one[2] - other[2]
-            if x * (one[0] - other[0]) + y * (one[1] - other[1]) + z * (one[2] - other[2]) > 0.0:
+            to_one, to_other = minus(middle, one), minus(middle, other)
+            if dot(to_one, to_one) < dot(to_other, to_other):
                 first, second = second, first
             work[top, 0], work[top, 1], work[top + 1, 0], work[top + 1, 1] = a, first, a, second
             top += 2
@@ -236,15 +233,26 @@ def share_apart(trees: Trees, robot: int, still: int, motion: Motion, enough: fl
     return best
 
 
+@inner(forceinline=True)
+def spread(motion: Motion, box: Floats) -> Row:
+    """Half the sides of the box around a node's box where the robot is placed, and what a distance has to exceed."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = motion.matrix
+    return (
+        abs(xx) * box[3] + abs(xy) * box[4] + abs(xz) * box[5] + motion.least,
+        abs(yx) * box[3] + abs(yy) * box[4] + abs(yz) * box[5] + motion.least,
+        abs(zx) * box[3] + abs(zy) * box[4] + abs(zz) * box[5] + motion.least,
+    )
+
+
 @inner
 def share_of_pair(trees: Trees, i: int, j: int, motion: Motion, turn: float, enough: float) -> float:
     """:func:`share_apart` of two leaves, of which the first moves by ``turn`` at most as the robot turns."""
     p, q = trees.triangles[trees.spans[i, 0]], trees.triangles[trees.spans[j, 0]]
     least, step = motion.least + p[9] + q[9], motion.step
     # All from the first corner of the robot's triangle: it is at the origin.
-    a0 = placed(motion, (p[0], p[1], p[2]))
-    a1, a2 = minus(placed(motion, (p[3], p[4], p[5])), a0), minus(placed(motion, (p[6], p[7], p[8])), a0)
-    b0, b1, b2 = minus((q[0], q[1], q[2]), a0), minus((q[3], q[4], q[5]), a0), minus((q[6], q[7], q[8]), a0)
+    a0 = placed(motion, row_of(p, 0))
+    a1, a2 = minus(placed(motion, row_of(p, 3)), a0), minus(placed(motion, row_of(p, 6)), a0)
+    b0, b1, b2 = minus(row_of(q, 0), a0), minus(row_of(q, 3), a0), minus(row_of(q, 6), a0)
     a, b, u = ((0.0, 0.0, 0.0), a1, a2), (b0, b1, b2), (a1, minus(a2, a1), minus((0.0, 0.0, 0.0), a2))
     v = (minus(b1, b0), minus(b2, b1), minus(b0, b2))
     best = share_along(cross(u[0], u[1]), a, b, step, turn, least)
@@ -252,17 +260,19 @@ def share_of_pair(trees: Trees, i: int, j: int, motion: Motion, turn: float, eno
         best = max(best, share_along(cross(v[0], v[1]), a, b, step, turn, least))
     nearest, normal = math.inf, a0
     for k in range(3):
-        if k > 0 and (dot(u[k], u[k]) == 0.0 or (k == 2 and dot(u[1], u[1]) == 0.0)):  # the same as before
+        side = u[k]
+        if k > 0 and (dot(side, side) == 0.0 or (k == 2 and dot(u[1], u[1]) == 0.0)):  # the same as before
             continue
         for m in range(3):
+            other = v[m]
             if best >= enough:
                 return enough
-            if m > 0 and (dot(v[m], v[m]) == 0.0 or (m == 2 and dot(v[1], v[1]) == 0.0)):
+            if m > 0 and (dot(other, other) == 0.0 or (m == 2 and dot(v[1], v[1]) == 0.0)):
                 continue
-            way = way_between(a[k], u[k], b[m], v[m])
+            way = way_between(a[k], side, b[m], other)
             square = dot(way, way)
             if square < nearest:
-                nearest, normal = square, cross(u[k], v[m])
+                nearest, normal = square, cross(side, other)
                 best = max(best, share_along(way, a, b, step, turn, least))
     if best < enough:
         best = max(best, share_along(normal, a, b, step, turn, least))
@@ -287,17 +297,17 @@ def share_along(n: Row, a: Corners, b: Corners, step: Row, turn: float, least: f
 @inner
 def box_of(q: Floats, origin: Row) -> Box:
     """A box of a tree, seen from a point."""
-    u, v = (q[3], q[4], q[5]), (q[6], q[7], q[8])
+    u, v = row_of(q, 3), row_of(q, 6)
     w = cross(u, v)
     factor = q[9] / math.sqrt(dot(w, w))
-    return minus((q[0], q[1], q[2]), origin), u, v, (factor * w[0], factor * w[1], factor * w[2])
+    return minus(row_of(q, 0), origin), u, v, (factor * w[0], factor * w[1], factor * w[2])
 
 
 @inner
 def pierces(corners: Corners, q: Floats, deep: float) -> bool:
     """Whether a point of a triangle is found in a box or ball of a tree, farther from its border than ``deep``."""
     a0 = corners[0]
-    a1, a2, middle = minus(corners[1], a0), minus(corners[2], a0), minus((q[0], q[1], q[2]), a0)
+    a1, a2, middle = minus(corners[1], a0), minus(corners[2], a0), minus(row_of(q, 0), a0)
     near = nearest_of_triangle(middle, a1, a2)
     if q[9] >= 0.0:
         way = minus(near, middle)
