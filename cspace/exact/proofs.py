@@ -154,7 +154,7 @@ class BorderProofs:
         )
         least = scale * (problem.least + borders.error + ROUNDING * far)
         rho = float(trees.boxes[0, 6])
-        self._borders = Borders(trees, *roots, rho, scale, least)
+        self._borders = Borders(trees, roots[0], roots[1], roots[2], rho, scale, least)
         self._world = World(problem.map, self._borders, nesting)
         self._dof, self._dim, self._rotations = problem.dof, grid.dim, problem.rotations
 
@@ -185,7 +185,7 @@ class BorderProofs:
     def spare(self, points: Floats, lengths: Floats, turns: Floats) -> float:
         borders, (places, matrices) = self._borders, self._placed(points)
         spans = 0.5 * (borders.scale * lengths + borders.rho * turns)
-        return float(least_spare(borders, borders.scale * places, matrices, spans, room())) / borders.scale
+        return float(least_spare(borders, borders.scale * places, matrices, spans, room().pairs)) / borders.scale
 
     def _placed(self, points: Floats) -> tuple[Floats, Floats]:
         """Reference points in space, shape (n, 3), and rotation matrices, shape (n, 3, 3), of configurations."""
@@ -208,7 +208,7 @@ class BorderProofs:
 
 
 class Work(NamedTuple):
-    """Room for parts of an edge that wait, as a ring, and for pairs of nodes, among walls and among obstacles."""
+    """Room for parts of an edge that wait, as a ring, and for pairs of nodes."""
 
     parts: Floats
     pairs: Ints
@@ -216,7 +216,7 @@ class Work(NamedTuple):
 
 def room() -> Work:
     """New room."""
-    return Work(np.empty((WAITING, 2)), np.full((2, DEPTH, 2), -1))
+    return Work(np.empty((WAITING, 2)), np.full(DEPTH, -1))
 
 
 @jit
@@ -231,7 +231,7 @@ def prove_edges(world: World, first: Floats, second: Floats, work: Work, out: St
 def prove_edge(world: World, both: Numbers) -> int:
     """:func:`edge_state` of an edge, given by its endpoints in a row."""
     q0, q1 = halves(world.map, both)
-    work = Work(np.empty((WAITING, 2)), np.empty((2, DEPTH, 2), np.int64))
+    work = Work(np.empty((WAITING, 2)), np.empty(DEPTH, np.int64))
     return edge_state(world, q0, q1, work)
 
 
@@ -267,7 +267,7 @@ def arc_state(world: World, q0: Numbers, q1: Numbers, arc: int, work: Work) -> i
     speed = math.sqrt(dot(step, step)) + angle * borders.rho
     # At their endpoints most of a planner's edges collide; of a point that is all.
     parts[0, 0], parts[0, 1], parts[1, 0], parts[1, 1] = 1.0, 1.0, 0.0, 1.0
-    work.pairs[0, 0, 0] = work.pairs[1, 0, 0] = -1
+    work.pairs[0] = -1
     head, waiting, measured, nested = 0, 2 if speed > 0.0 else 1, 0, FREE
     while waiting > 0:
         waiting -= 1
@@ -296,7 +296,9 @@ def arc_state(world: World, q0: Numbers, q1: Numbers, arc: int, work: Work) -> i
         if reach <= (spacing if state == FREE else SLIDE * spacing):
             place = place_of(map_, q, scale)
             motion = Motion(map_.rotations.matrix_of(q), place, step, angle, least, 0.0)
-            part = share_free(borders, motion, half / ADVANCE, work)
+            part = half / ADVANCE
+            walls = -1 if borders.walls < 0 or is_within(borders, motion, part) else borders.walls
+            part = share_apart(borders.trees, borders.robot, (walls, borders.obstacles), motion, part, work.pairs)
             measured += 1
             if part < 0.0:
                 return BLOCKED
@@ -318,17 +320,6 @@ def arc_state(world: World, q0: Numbers, q1: Numbers, arc: int, work: Work) -> i
 
 
 @inner
-def share_free(borders: Borders, motion: Motion, enough: float, work: Work) -> float:
-    """:func:`cspace.exact.triangles.share_apart` of the robot among walls and obstacles."""
-    part = enough
-    for k in range(2):
-        still = borders.obstacles if k else borders.walls
-        if part >= 0.0 and still >= 0 and (k == 1 or not is_within(borders, motion, enough)):
-            part = share_apart(borders.trees, borders.robot, still, motion, part, work.pairs[k])
-    return part
-
-
-@inner
 def is_within(borders: Borders, motion: Motion, part: float) -> bool:
     """Whether the box around a robot stays within the walls for a part of a motion."""
     box, wall = borders.trees.boxes[borders.robot], borders.trees.boxes[borders.walls]
@@ -342,7 +333,7 @@ def is_within(borders: Borders, motion: Motion, part: float) -> bool:
 
 
 @jit
-def least_spare(borders: Borders, places: Floats, matrices: Floats, spans: Floats, work: Work) -> float:
+def least_spare(borders: Borders, places: Floats, matrices: Floats, spans: Floats, work: Ints) -> float:
     """By how much the least distance on pieces of a path exceeds what it has to; zero if not proven to.
 
     The robot is placed in the middle of each piece, from where no point of it moves farther than the piece's span. All
@@ -356,7 +347,8 @@ def least_spare(borders: Borders, places: Floats, matrices: Floats, spans: Float
         # What moves by a metre to whatever side comes as far as the distance; what is farther does not matter.
         least = borders.least + 2.0 * ROUNDING * (abs(x) + abs(y) + abs(z))
         motion = Motion(matrix, place, still, 0.0, least, 1.0)
-        best = min(best, share_free(borders, motion, best + spans[k], work) - spans[k])
+        others = borders.walls, borders.obstacles
+        best = min(best, share_apart(borders.trees, borders.robot, others, motion, best + spans[k], work) - spans[k])
         if best <= 0.0:
             return 0.0
     return best

@@ -45,7 +45,12 @@ LEAST_SQUARE = 2.0**-600
 """Squared length of the shortest vector along which projections are compared."""
 
 DEPTH = 128
-"""Pairs of nodes that wait at a time, at most: fewer than the levels of two trees, and two."""
+"""Pairs of nodes that wait at a time, at most: fewer than the levels of two trees, and a few."""
+
+
+PAIR = 32
+OTHER = 2**PAIR - 1
+"""A pair of nodes as one number, the first one in its upper half, and the mask of the other one."""
 
 
 class Trees(NamedTuple):
@@ -179,32 +184,31 @@ def most(values: Floats, spans: Ints) -> Floats:
 
 
 @inner
-def share_apart(trees: Trees, robot: int, still: int, motion: Motion, enough: float, work: Ints) -> float:
-    """The part of a motion, ``enough`` at most, within which no triangle of a robot can reach the others.
+def share_apart(trees: Trees, robot: int, others: tuple[int, int], motion: Motion, enough: float, work: Ints) -> float:
+    """The part of a motion, ``enough`` at most, within which no triangle of a robot can reach others.
 
-    Both are given by the roots of their trees. Below zero where it is too near to them as it is placed. ``work``, shape
-    (DEPTH, 2), is scratch space; its first row holds the last pair of triangles that set the bound, which is likely to
-    do so again, and -1 before there is one.
+    All are given by the roots of their trees, -1 for none. Below zero where it is too near to them as it is placed.
+    ``work``, shape (DEPTH,), is scratch space; its first number is the last pair of triangles that set the bound, which
+    is likely to do so again, and -1 before there is one.
     """
     best, last, top, spans = float(enough), -1, 1, trees.spans
     middle = half = (0.0, 0.0, 0.0)
     turn, (sx, sy, sz) = 0.0, motion.step
-    if still >= 0:
-        work[1, 0], work[1, 1] = robot, still
-        top = 2
-        if work[0, 0] >= 0:
-            work[2, 0], work[2, 1] = work[0]
-            top = 3
+    for other in others:
+        if other >= 0:
+            work[top] = robot << PAIR | other
+            top += 1
+    if work[0] >= 0:
+        work[top] = work[0]
+        top += 1
     while top > 1:
         top -= 1
-        a, b = work[top, 0], work[top, 1]
+        pair = work[top]
+        a, b = pair >> PAIR, pair & OTHER
         if a != last:
             box, last = trees.boxes[a], a
-            middle, half, turn = (
-                placed(motion, row_of(box, 0)),
-                spread(motion, box),
-                box[6] * motion.angle + motion.slide,
-            )
+            middle, half = placed(motion, row_of(box, 0)), spread(motion, box)
+            turn = box[6] * motion.angle + motion.slide
         box, n, m = trees.boxes[b], spans[a, 1], spans[b, 1]
         x, y, z = minus(middle, row_of(box, 0))
         # Boxes that stay apart along one axis: so do all triangles in them.
@@ -215,20 +219,20 @@ def share_apart(trees: Trees, robot: int, still: int, motion: Motion, enough: fl
         if n == 1 and m == 1:
             share = share_of_pair(trees, a, b, motion, turn, best)
             if share < best:
-                best, work[0, 0], work[0, 1] = share, a, b
+                best, work[0] = share, pair
                 if best < 0.0:
                     break
         elif n == 1 or (m > 1 and box[3] + box[4] + box[5] > half[0] + half[1] + half[2]):
             first, second = b + 1, b + 2 * (m // 2)
-            one, other = row_of(trees.boxes[first], 0), row_of(trees.boxes[second], 0)
+            here, there = row_of(trees.boxes[first], 0), row_of(trees.boxes[second], 0)
             # The nearer half comes first: less need not be proven of the other.
-            to_one, to_other = minus(middle, one), minus(middle, other)
-            if dot(to_one, to_one) < dot(to_other, to_other):
+            here, there = minus(middle, here), minus(middle, there)
+            if dot(here, here) < dot(there, there):
                 first, second = second, first
-            work[top, 0], work[top, 1], work[top + 1, 0], work[top + 1, 1] = a, first, a, second
+            work[top], work[top + 1] = a << PAIR | first, a << PAIR | second
             top += 2
         else:
-            work[top, 0], work[top, 1], work[top + 1, 0], work[top + 1, 1] = a + 2 * (n // 2), b, a + 1, b
+            work[top], work[top + 1] = pair + (2 * (n // 2) << PAIR), pair + (1 << PAIR)
             top += 2
     return best
 
@@ -255,10 +259,10 @@ def share_of_pair(trees: Trees, i: int, j: int, motion: Motion, turn: float, eno
     b0, b1, b2 = minus(row_of(q, 0), a0), minus(row_of(q, 3), a0), minus(row_of(q, 6), a0)
     a, b, u = ((0.0, 0.0, 0.0), a1, a2), (b0, b1, b2), (a1, minus(a2, a1), minus((0.0, 0.0, 0.0), a2))
     v = (minus(b1, b0), minus(b2, b1), minus(b0, b2))
-    best = share_along(cross(u[0], u[1]), a, b, step, turn, least)
-    if best < enough:
-        best = max(best, share_along(cross(v[0], v[1]), a, b, step, turn, least))
-    nearest, normal = math.inf, a0
+    best, nearest, normal = -1.0, math.inf, a0
+    for n in (cross(u[0], u[1]), cross(v[0], v[1])):
+        if best < enough:
+            best = max(best, share_along(n, a, b, step, turn, least))
     for k in range(3):
         side = u[k]
         if k > 0 and (dot(side, side) == 0.0 or (k == 2 and dot(u[1], u[1]) == 0.0)):  # the same as before

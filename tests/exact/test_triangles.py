@@ -110,7 +110,7 @@ def pieces(triangles, radius=0.0):
 
 @njit
 def share(trees, roots, motion, enough, work):
-    return share_apart(trees, roots[0], roots[1], motion, enough, work)
+    return share_apart(trees, roots[0], (-1, roots[1]), motion, enough, work)
 
 
 class Pair:
@@ -118,7 +118,7 @@ class Pair:
 
     def __init__(self, robot, obstacles):
         self.trees, roots = trees_of([robot, obstacles], False)
-        self.roots, self.work = tuple(roots), np.full((DEPTH, 6), -1)
+        self.roots, self.work = tuple(roots), np.full(DEPTH, -1)
 
     def share(self, place=HERE, turn=STILL, step=HERE, angle=0.0, least=0.0, enough=np.inf):
         matrix = tuple(tuple(row) for row in turn.tolist())
