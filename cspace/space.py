@@ -339,8 +339,14 @@ class CSpace(ConfigurationMap):
         """
         from cspace.map.points import classify_few
 
-        points, along = as_points(q, "q", self.dof), (finite(lengths, "lengths"), finite(turns, "turns"))
-        rows, spans = own(points.reshape(-1, self.dof)), [np.full(points.shape[:-1], x).reshape(-1) for x in along]
+        points = as_points(q, "q", self.dof)
+        rows, spans = own(points.reshape(-1, self.dof)), list[Floats]()
+        for name, given in (("lengths", lengths), ("turns", turns)):
+            along = finite(given, name)
+            if along.shape not in ((), points.shape[:-1]) or (along < 0.0).any():
+                rule, mend = "it must be zero or above", "pass one number, or one for each configuration"
+                raise InputError(name, f"is {given!r}", rule, mend, value=given)
+            spans.append(np.full(points.shape[:-1], along).ravel())
         states = np.empty(len(rows), dtype=np.uint8)
         if classify_few(self.record, rows, states) >= 0:  # to look them up together gains little beside the distances
             self.checked(points)  # raises

@@ -141,6 +141,9 @@ def test_the_distance_from_obstacles_is_that_of_their_shapes_as_they_are_now() -
     assert space.obstacle_distance([place, (1.0, 1.0)], [0.1, 0.0]) == pytest.approx(apart - 0.05, abs=1e-9)
     assert space.obstacle_distance(place, turns=0.2) == pytest.approx(apart - 0.1 * math.hypot(0.5, 0.2), abs=1e-9)
     assert space.obstacle_distance((4.0, 2.5)) == 0.0  # in the pillar, where no borders meet
+    for wrong in ({"lengths": -0.1}, {"turns": [0.1, 0.2]}):
+        with pytest.raises(InputError, match=f"{next(iter(wrong))} is .*it must be zero or above"):
+            space.obstacle_distance(place, **wrong)
     space.place("ball", shapely.Point(4.0, 4.35).buffer(0.2))
     assert plan.obstacle_distance == pytest.approx(0.35, abs=0.03)
     space.place("ball", shapely.Point(4.0, 3.9).buffer(0.08))
