@@ -194,7 +194,7 @@ GEOMETRY = '<link name="l"><collision><geometry>{}</geometry></collision></link>
         (GEOMETRY.format('<box size="1 2 -3"/>'), InputError, "size is -3"),
         (GEOMETRY.format('<box size="a b c"/>'), FileError, "has size='a b c' at the box of link 'l'"),
         (GEOMETRY.format('<mesh filename="x.stl" scale="0 1 1"/>'), InputError, "scale is .* no factor may be zero"),
-        (GEOMETRY.format('<mesh filename="x.stl"/>'), FileError, "mesh x.stl: does not exist"),
+        (GEOMETRY.format('<mesh filename="no_such_mesh.stl"/>'), FileError, "mesh no_such_mesh.stl: does not exist"),
         (GEOMETRY.format(f'<mesh filename="{"x" * 5000}.stl"/>'), FileError, "does not exist"),
         ('<link name="l"', FileError, "is no XML"),
         ('<x:if xmlns:x="http://www.ros.org/wiki/xacro"/><link name="l"/>', FileError, "macros of xacro"),
