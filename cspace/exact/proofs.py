@@ -157,6 +157,7 @@ class BorderProofs:
         self._borders = Borders(trees, roots[0], roots[1], roots[2], rho, scale, least)
         self._world = World(problem.map, self._borders, nesting)
         self._dof, self._dim, self._rotations = problem.dof, grid.dim, problem.rotations
+        self._bounds = np.asarray(grid.lower), np.asarray(grid.upper)
 
     @cached_property
     def edge(self) -> Callable[..., bool]:
@@ -197,8 +198,9 @@ class BorderProofs:
     def _is_nested(self, q: Floats) -> bool:
         """Whether a part of one side lies in the other, where no borders meet and compiled code does not decide."""
         nesting, (place, turn) = self._world.nesting, (each[0] for each in self._placed(q[None]))
-        anchors = (self._anchors @ turn.T + place)[:, : self._dim]
-        if any(np.any(part.contains(anchors)) for part in self._shapes):
+        anchors, (low, high) = (self._anchors @ turn.T + place)[:, : self._dim], self._bounds
+        anchors = anchors[((low <= anchors) & (anchors <= high)).all(axis=1)]  # obstacles end where the grid does
+        if len(anchors) and any(np.any(part.contains(anchors)) for part in self._shapes):
             return True
         if len(nesting.stops):  # compiled code has looked at what lies in the robot
             return False

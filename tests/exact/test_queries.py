@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+import shapely
 import trimesh
 
 import cspace
@@ -144,3 +145,21 @@ def test_ztunnel_agrees_with_boxes(data, mesh):
     meets = ((low <= boxes[:, 1]) & (high >= boxes[:, 0])).all(axis=-1).any(axis=1)
     walls = ((q + cube[0] <= space.grid.lower) | (q + cube[1] >= space.grid.upper)).any(axis=1)
     np.testing.assert_array_equal(space.is_free(q, exact=True), ~(meets | walls))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_obstacles_end_where_the_grid_does(dim):
+    """A ball of the robot lies beyond the grid, where an obstacle would go on; another one is close to it within."""
+    bounds = [0.0] * dim + [6.0] * dim
+    if dim == 2:
+        workspace = Workspace.from_polygons([shapely.box(2, 2, 4, 10)], 0.25, bounds)
+    else:
+        mesh = trimesh.creation.box(bounds=[(2, 2, 2), (4, 10, 4)])
+        workspace = Workspace.from_mesh(mesh, 0.25, bounds)
+    robot = Robot.balls(np.array([(0.0, 0.0, 0.0), (1.07, 3.0, 0.0)])[:, :dim], [0.05, 0.05])
+    near = np.array([1.93, 5.0, 3.0])[:dim]
+    space = cspace.build(workspace, robot, outside="free")
+    assert space.classify(near) == MIXED
+    assert space.is_free(near, exact=True)
+    assert not space.is_free(near + np.eye(dim)[0] * 0.03, exact=True)
+    assert not cspace.build(workspace, robot, outside="blocked").is_free(near, exact=True)
