@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Bools, Floats, Ints, Matrix, Row, States
-from cspace.compiling import inner, jit, row_entry
+from cspace.compiling import inner, jit, reader, row_entry
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.boundaries import Problem, anchors_of, in_space, obstacle_border, parts_of
 from cspace.exact.triangles import DEPTH, Motion, Trees, placed, share_apart, spread, trees_of
@@ -221,7 +221,7 @@ def room() -> Work:
     return Work(np.empty((WAITING, 2)), np.full(DEPTH, -1))
 
 
-@jit
+@reader
 def prove_edges(world: World, first: Floats, second: Floats, work: Work, out: States) -> None:
     """:func:`edge_state` of edges, shapes (n, dof)."""
     for k in range(first.shape[0]):
@@ -334,7 +334,7 @@ def is_within(borders: Borders, motion: Motion, part: float) -> bool:
     return True
 
 
-@jit
+@reader
 def least_spare(borders: Borders, places: Floats, matrices: Floats, spans: Floats, work: Ints) -> float:
     """By how much the least distance on pieces of a path exceeds what it has to; zero if not proven to.
 
