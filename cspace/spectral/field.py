@@ -178,9 +178,6 @@ class Field(NamedTuple):
         return field_at(self.map_, self.values, q)
 
 
-"""By the number of floats of a configuration; numba calls a function of floats quicker than one of a tuple."""
-
-
 @reader
 def fields_at(map_: Map, values: Floats, points: Floats, out: Floats) -> int:
     """``field_at`` for many configurations; the index of the first that is not usable, or -1."""
