@@ -36,7 +36,7 @@ from cspace.workspace import Workspace
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cspace.exact.queries import Exact
+    from cspace.exact.boundaries import Problem
     from cspace.map.components import Components
     from cspace.map.mip import Marks
     from cspace.map.record import Map
@@ -240,9 +240,7 @@ class EndlessCSpace(CSpace):
         inner = outer if workspace.inner is workspace.outer else taken(workspace.inner)
         part = Workspace(grid, outer, inner, workspace.source)
         states = taken(np.asarray(self._seen[0]))[np.newaxis]
-        return CSpace(
-            Contents(part, self.robot, Rotations.of(None), self._slice_of, states, prove=self._contents.prove)
-        )
+        return CSpace(Contents(part, self.robot, Rotations.of(None), self._slice_of, states))
 
     def _in_pieces(self, kernel: Kernel, least: int = LEAST) -> Query:
         """The same of configurations, or edges, brought into the turn in the middle."""
@@ -263,9 +261,8 @@ class EndlessCSpace(CSpace):
     def _marks(self, *, cells: bool, lasting: bool = False) -> Marks:
         return self._unrolled._marks(cells=cells, lasting=lasting)
 
-    @property
-    def _exact(self) -> Exact:
-        return self._unrolled._exact
+    def _problem(self) -> Problem:
+        return super()._problem()._replace(workspace=self._unrolled.workspace)
 
     def nearest_free(self, q: ArrayLike) -> Floats:
         """As :meth:`CSpace.nearest_free`; angles are in [-pi, pi)."""
@@ -324,22 +321,18 @@ class EndlessCSpace(CSpace):
     # ---- changed -----------------------------------------------------------------------------------------------------
 
     def _renew(self, change: Change) -> None:
-        super()._renew(change)
-        self._seam.drop()
         unrolled, cells = self._derived_unrolled.made, change.cells.reshape(2, 3)[:, 3 - self.dof :]
-        if unrolled is None:
-            return
-        unrolled._renew_exact()
-        if (cells[0] > cells[1]).any():
-            return
-        shape, padding = np.array(self.grid.shape), self._padding
-        for turns in product(*((-1, 0, 1) if turns else (0,) for turns in self.endless)):
-            shift = padding + shape * turns
-            low, stop = np.maximum(cells[0] + shift, 0), np.minimum(cells[1] + 1 + shift, shape + 2 * padding)
-            if (low < stop).all():
-                box = tuple(map(slice, low - shift, stop - shift))
-                outer, inner = self.workspace.outer[box], self.workspace.inner[box]
-                unrolled.update(outer, low.tolist(), inner=inner)
+        if unrolled is not None and (cells[0] <= cells[1]).all():
+            shape, padding = np.array(self.grid.shape), self._padding
+            for turns in product(*((-1, 0, 1) if turns else (0,) for turns in self.endless)):
+                shift = padding + shape * turns
+                low, stop = np.maximum(cells[0] + shift, 0), np.minimum(cells[1] + 1 + shift, shape + 2 * padding)
+                if (low < stop).all():
+                    box = tuple(map(slice, low - shift, stop - shift))
+                    outer, inner = change.workspace.outer[box], change.workspace.inner[box]
+                    unrolled.update(outer, low.tolist(), inner=inner)
+        self._seam.drop()
+        super()._renew(change)
 
     # ---- seen --------------------------------------------------------------------------------------------------------
 

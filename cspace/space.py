@@ -36,6 +36,7 @@ from cspace.workspace import Workspace
 if TYPE_CHECKING:
     import xarray
 
+    from cspace.exact.boundaries import Problem
     from cspace.exact.queries import Exact
     from cspace.io.messages import Costmap, OccupancyGrid
     from cspace.map.components import Components
@@ -802,8 +803,10 @@ class CSpace(ConfigurationMap):
     def _renew(self, change: Change) -> None:
         """Bring up to date what was made of the map, after its states and its exterior were changed in place."""
         contents = self._contents
-        if contents.workspace is not change.workspace or contents.scene is not change.scene or contents.fields:
-            self._contents = replace(contents, workspace=change.workspace, scene=change.scene, fields={})
+        same = contents.workspace is change.workspace and contents.scene is change.scene
+        if not same or contents.fields or contents.prove is not None:
+            # The arm of a map of joints is among other obstacles, or none, from now on.
+            self._contents = replace(contents, workspace=change.workspace, scene=change.scene, fields={}, prove=None)
         self._outer_sums.renew(change.workspace.outer, change.cells)
         self._inner_sums.renew(change.workspace.inner, change.cells)
         if change.changed:
@@ -811,13 +814,7 @@ class CSpace(ConfigurationMap):
             self._free_cells.drop()
             self._widest.renew(change.states)
             self._derived_components.renew(change.states)
-        self._renew_exact()
-
-    def _renew_exact(self) -> None:
-        """Have exact look-ups use robot and obstacles as they are now, and no longer the arm of a map of joints."""
-        if self._contents.prove is not None:
-            self._contents = replace(self._contents, prove=None)
-        self._derived_exact.renew(self.workspace)
+        self._derived_exact.renew(self._problem)
 
     # ---- a smooth measure of penetration -----------------------------------------------------------------------------
 
@@ -1039,12 +1036,16 @@ class CSpace(ConfigurationMap):
 
     @property
     def _exact(self) -> Exact:
-        from cspace.exact.boundaries import Problem
         from cspace.exact.queries import Exact
 
+        return self._derived_exact.get(lambda: Exact(self._problem()))
+
+    def _problem(self) -> Problem:
+        """What exact look-ups decide."""
+        from cspace.exact.boundaries import Problem
+
         walled, prove = self.outside != "free", self._contents.prove
-        problem = Problem(self.record, self.rotations, self.workspace, self.robot, self.margin, walled, prove)
-        return self._derived_exact.get(lambda: Exact(problem))
+        return Problem(self.record, self.rotations, self.workspace, self.robot, self.margin, walled, prove)
 
     @property
     def _components(self) -> Components:

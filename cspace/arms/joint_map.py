@@ -131,11 +131,11 @@ def build_arm_map(
     moving = _moving(space, numbers)
     _check_held(space, numbers, held, np.flatnonzero(~moving.any(axis=1)))
 
-    cells, balls = _cells(space, grid, numbers, held), _interiors(space._within.solids)
+    cells, balls = _cells(space, grid, numbers, held), _interiors(space.inner_record.solids)
     parts, work = [np.zeros((1, 1, 1), dtype=np.uint8)], []
     for moved in np.unique(moving[moving.any(axis=1)], axis=0):
-        pairs = space._scene.pairs[(moving == moved).all(axis=1)]
-        scene, inside = space._scene._replace(pairs=pairs), Inside(space._within._replace(pairs=pairs), balls)
+        pairs = space.record.pairs[(moving == moved).all(axis=1)]
+        scene, inside = space.record._replace(pairs=pairs), Inside(space.inner_record._replace(pairs=pairs), balls)
         # Along joints that do not move the two against each other, one cell stands for all.
         sides = np.concatenate([np.ones(3 - len(shape), dtype=np.int64), np.where(moved, shape, 1)])
         parts.append(np.empty(sides, dtype=np.uint8))
@@ -157,7 +157,7 @@ def build_arm_map(
     slices = rotations.slice_of(robot.shape)
     circles = endless * any(endless)
     intervals[list(endless)] = -math.inf, math.inf
-    prove = partial(JointProofs, space._scene, numbers, held, intervals)
+    prove = partial(JointProofs, space.record, numbers, held, intervals)
     return map_of(Contents(workspace, robot, rotations, slices, states[np.newaxis], endless=circles, prove=prove))
 
 
@@ -214,7 +214,7 @@ def _counts(intervals: Floats, side: float) -> Ints:
 
 def _moving(space: ArmSpace, numbers: Ints) -> Bools:
     """Which of some numbers of a configuration move pairs of solids against each other, shape (pairs, numbers)."""
-    chain, scene = space.arm.chain, space._scene
+    chain, scene = space.arm.chain, space.record
     bodies = scene.solids.bodies[scene.pairs]
     between = chain.between[bodies[:, 0], bodies[:, 1]] & (chain.kinds != STILL)
     return np.stack([between[:, chain.numbers == number].any(axis=1) for number in numbers], axis=1)
@@ -222,12 +222,12 @@ def _moving(space: ArmSpace, numbers: Ints) -> Bools:
 
 def _check_held(space: ArmSpace, numbers: Ints, held: Floats, still: Ints) -> None:
     """Refuse to map nothing but BLOCKED: pairs that the joints do not move against each other, and that touch."""
-    scene = space._scene._replace(pairs=space._scene.pairs[still])
+    scene = space.record._replace(pairs=space.record.pairs[still])
     if not len(scene.pairs):
         return
     q = held[np.newaxis]
     if not are_free(scene, q, q)[0]:
-        link, other, *_ = space._contact(scene, q)
+        link, other, *_ = space.contact(scene, q)
         fault = f"has {link} touch {other!r}, or come nearer than the margin"
         rule = f"{', '.join(space.arm.joints[number] for number in numbers)} do not move them apart"
         raise ConfigurationError("at", fault, rule, "hold the other joints elsewhere", value=held)
@@ -240,9 +240,9 @@ def _slides(space: ArmSpace, number: int) -> bool:
 
 def _cells(space: ArmSpace, grid: Grid, numbers: Ints, held: Floats) -> Cells:
     """The grid as compiled code takes it, along three axes."""
-    chain, solids = space.arm.chain, space._scene.solids
+    chain, solids = space.arm.chain, space.record.solids
     levers = np.zeros(len(held))
-    for body in np.unique(solids.bodies[space._scene.pairs]):
+    for body in np.unique(solids.bodies[space.record.pairs]):
         reach = float(solids.levers[solids.bodies == body].max())
         for joint in np.flatnonzero(chain.between[body, 0] & (chain.kinds != STILL)):
             way = chain.lengths[body, joint] + reach if chain.kinds[joint] == TURNS else 1.0

@@ -101,6 +101,9 @@ class ArmSpace(ConfigurationSpace):
     obstacles : dict of str to Placed
     margin : float
         Metres by which FREE stays clear of obstacles, and links of each other.
+    record, inner_record : Scene
+        What compiled functions take, such as those of ``cspace.arms.proofs``: to prove what is free, and, of what lies
+        in links and obstacles, what is not.
     """
 
     def __init__(
@@ -122,17 +125,17 @@ class ArmSpace(ConfigurationSpace):
                     fixed.append((i, j))
         # Most collisions are of what is near the tip with an obstacle.
         pairs.sort(key=lambda pair: (solids[pair[1]].body != 0, -solids[pair[0]].body))
-        self._scene = scene_of(arm.chain, solids, pairs, margin)
-        self._within = scene_within(self._scene, solids)
+        self.record = scene_of(arm.chain, solids, pairs, margin)
+        self.inner_record = scene_within(self.record, solids)
         for pair in fixed:
             self._refuse_fixed(np.array([pair]))
         self._refuse_always()
 
     def _refuse_fixed(self, pair: Ints) -> None:
         """Refuse an obstacle that a link touches which no joint moves."""
-        scene, q = self._scene._replace(pairs=pair), np.zeros((1, self.arm.dof))
+        scene, q = self.record._replace(pairs=pair), np.zeros((1, self.arm.dof))
         if not are_free(scene, q, q)[0]:
-            link, obstacle, *_ = self._contact(scene, q)
+            link, obstacle, *_ = self.contact(scene, q)
             raise ConfigurationError(
                 link,
                 f"touches obstacle {obstacle!r}, or comes nearer than the margin, at every configuration",
@@ -142,10 +145,10 @@ class ArmSpace(ConfigurationSpace):
 
     def _refuse_always(self) -> None:
         """Refuse what one or two joints move, and no configuration of theirs brings apart."""
-        chain, bodies = self.arm.chain, self._scene.solids.bodies
-        between = chain.between[tuple(bodies[self._scene.pairs].T)] & (chain.kinds != STILL)
+        chain, bodies = self.arm.chain, self.record.solids.bodies
+        between = chain.between[tuple(bodies[self.record.pairs].T)] & (chain.kinds != STILL)
         few = [len(np.unique(chain.numbers[row])) <= 2 for row in between]
-        for link, other in self._always_touch(self._scene.pairs[few]):
+        for link, other in self._always_touch(self.record.pairs[few]):
             raise ConfigurationError(
                 link,
                 f"touches {other!r}, or comes nearer than the margin, at each of {LOOKS} random configurations",
@@ -155,9 +158,9 @@ class ArmSpace(ConfigurationSpace):
 
     def _always_touch(self, pairs: Ints) -> Iterator[tuple[str, str]]:
         """Names of the two solids of each pair that is apart at none of some random configurations."""
-        scene, points = self._scene._replace(pairs=pairs), random_points(self.arm.ranges(), LOOKS)
+        scene, points = self.record._replace(pairs=pairs), random_points(self.arm.ranges(), LOOKS)
         for pair in pairs[always_touch(scene, points)]:
-            yield self._contact(scene._replace(pairs=pair[np.newaxis]), points[:1])[:2]
+            yield self.contact(scene._replace(pairs=pair[np.newaxis]), points[:1])[:2]
 
     def __repr__(self) -> str:
         return f"ArmSpace({self.arm.name}: {self.arm.dof} joints, {len(self.obstacles)} obstacles)"
@@ -220,7 +223,7 @@ class ArmSpace(ConfigurationSpace):
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """A quick ``motion_is_free`` of floats, ``check(*q0, *q1)``, as :meth:`cspace.CSpace.edge_checker`."""
-        scene, dof, rooms = self._scene, self.dof, threading.local()
+        scene, dof, rooms = self.record, self.dof, threading.local()
 
         def check(*endpoints: float) -> bool:
             try:
@@ -252,7 +255,7 @@ class ArmSpace(ConfigurationSpace):
             As :meth:`is_free`.
         """
         points = self.checked(q, "q")
-        out, _ = self._distances(self._scene, points.reshape(-1, self.arm.dof))
+        out, _ = self._distances(self.record, points.reshape(-1, self.arm.dof))
         return out.reshape(points.shape[:-1]) if points.ndim > 1 else float(out[0])
 
     def path_clearance(self, path: ArrayLike) -> float:
@@ -276,7 +279,7 @@ class ArmSpace(ConfigurationSpace):
         if len(path) < 2 or math.isinf(most):
             return most
         for share in _SHARES:
-            wider = self._scene._replace(least=self._scene.least + share * most)
+            wider = self.record._replace(least=self.record.least + share * most)
             if are_free(wider, own(path[:-1]), own(path[1:])).all():
                 return share * most
         return 0.0
@@ -292,12 +295,12 @@ class ArmSpace(ConfigurationSpace):
         point = self.checked(q, "q")
         if point.ndim != 1:
             raise InputError("q", f"has shape {point.shape}", "one configuration is asked for", "pass one", value=q)
-        if not len(self._scene.pairs):
+        if not len(self.record.pairs):
             raise InputError("obstacles", "are none", "there is nothing to touch", "add an obstacle")
-        return self._contact(self._scene, point[np.newaxis])
+        return self.contact(self.record, point[np.newaxis])
 
-    def _contact(self, scene: Scene, points: Floats) -> Contact:
-        """What is nearest to touching at a configuration, shape (1, dof)."""
+    def contact(self, scene: Scene, points: Floats) -> Contact:
+        """What is nearest to touching at a configuration, shape (1, dof), of the pairs of a scene."""
         out, nearest = self._distances(scene, points)
         solids, (pair, *nodes) = scene.solids, nearest[0].tolist()
         owners = [each.name for group in self._groups for each in group.members for _ in each.parts]
@@ -350,7 +353,7 @@ class ArmSpace(ConfigurationSpace):
             batches.append(points[np.asarray(self.is_free(points))])
             tried += len(points)
             if tried >= _TRIES and not count_drawn:
-                always = [f"{link} touches {other}" for link, other in self._always_touch(self._scene.pairs)]
+                always = [f"{link} touches {other}" for link, other in self._always_touch(self.record.pairs)]
                 raise ConfigurationError(
                     self.arm.name,
                     f"was free in none of {tried} configurations",
@@ -406,12 +409,12 @@ class ArmSpace(ConfigurationSpace):
                 raise InputError(name, f"has shape {q.shape}", rule, f"pass ({', '.join(self.axes)})")
         seconds = positive(time_limit, "time_limit", "seconds")
         endpoints = np.vstack([start, goals])
-        free = are_free(self._scene, endpoints, endpoints)
+        free = are_free(self.record, endpoints, endpoints)
         for name, q, good in (("q0", start, free[0]), ("q1", goals[0], free[1:].any())):
             if not good:
                 raise in_collision(self, q, name)
         rng = np.random.default_rng(seed)
-        return search_path(self._scene, self.arm.ranges(endpoints), start, goals[free[1:]], rng, seconds, straight)
+        return search_path(self.record, self.arm.ranges(endpoints), start, goals[free[1:]], rng, seconds, straight)
 
     def _classify(self) -> Query:
         def query(parts: Sequence[Any], out: States) -> int:
@@ -423,7 +426,7 @@ class ArmSpace(ConfigurationSpace):
 
             def work(first: int, stop: int) -> int:
                 blocked, rows_left = np.empty(stop - first, dtype=np.bool_), left[first:stop]
-                are_blocked(self._within, rows[rows_left], blocked, work_of(self._within))
+                are_blocked(self.inner_record, rows[rows_left], blocked, work_of(self.inner_record))
                 out[rows_left[blocked]] = BLOCKED
                 return -1
 
@@ -449,7 +452,7 @@ class ArmSpace(ConfigurationSpace):
         """Whether motions are proven free, in threads."""
 
         def work(first: int, stop: int) -> int:
-            out[first:stop] = are_free(self._scene, firsts[first:stop], lasts[first:stop])
+            out[first:stop] = are_free(self.record, firsts[first:stop], lasts[first:stop])
             return -1
 
         return in_chunks(work, len(out), THREAD)

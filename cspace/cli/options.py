@@ -120,7 +120,7 @@ def check_dimensions(path: Path, dim: int, robot: Robot) -> None:
 def rotation_cells(text: str | None) -> Rotations:
     """The rotation cells that ``--rotations`` gives.
 
-    Raises InputError if it is neither a count nor ``quaternions:`` and one.
+    Raises InputError if it is neither a count nor a kind of cells, a colon and a count.
     """
     from cspace.rotations import Rotations
 
@@ -129,8 +129,9 @@ def rotation_cells(text: str | None) -> Rotations:
     kind, _, count = text.rpartition(":")
     kinds = {"": Rotations.of, **{name: kind.of_value for name, kind in Rotations.KINDS.items() if kind.names}}
     if kind not in kinds or not count.isdecimal():
-        rule = "it must be a number of yaw cells, or quaternions: and a number"
-        raise InputError("--rotations", f"is {text!r}", rule, "write e.g. 72 or quaternions:8", value=text)
+        mend = f"write e.g. 72, {' or '.join(f'{name}:8' for name in kinds if name)}"
+        rule = "it must be a number of cells, or their kind and a number"
+        raise InputError("--rotations", f"is {text!r}", rule, mend, value=text)
     return kinds[kind](int(count))
 
 
@@ -175,8 +176,11 @@ def _rows(text: str, option: str, axes: Sequence[str], rule: str, most: int) -> 
     try:
         if len(fields) % n or len(fields) > most * n:
             raise ValueError
-        angles = [examples.get(axis, "0").endswith("deg") for axis in axes]
-        numbers = [angle(field, option) if angles[k % n] else float(field) for k, field in enumerate(fields)]
+        numbers = []
+        for k, field in enumerate(fields):
+            axis = axes[k % n]
+            is_angle = examples.get(axis, "0").endswith("deg")
+            numbers.append(angle(field, option, axis) if is_angle else float(field))
     except InputError:
         raise
     except ValueError:
@@ -204,22 +208,22 @@ def box(text: str, option: str) -> tuple[float, ...]:
     return values
 
 
-def angle(text: str, option: str) -> float:
-    """The angle that a text gives, in radians: ``90deg``, or a number of radians.
+def angle(text: str, option: str, name: str) -> float:
+    """The angle of some name that a text gives, in radians: ``90deg``, or a number of radians.
 
     Raises InputError if the text is neither, or more than a turn without a unit, which is taken for degrees that lack
     theirs.
     """
     word = text.strip()
     number, unit = next(((word.removesuffix(unit), unit) for unit in ("deg", "rad") if word.endswith(unit)), (word, ""))
-    fault = f"has the yaw {text!r}"
+    fault = f"has the {name} {text!r}"
     try:
         value = float(number)
     except ValueError:
         rule = "it must be a number of degrees or of radians"
         raise InputError(option, fault, rule, "write e.g. 90deg or 1.57", value=text) from None
     if not unit and math.isfinite(value) and abs(value) > 2.0 * math.pi:
-        rule = f"a yaw without a unit is in radians, and {value:g} rad is more than a turn"
+        rule = f"an angle without a unit is in radians, and {value:g} rad is more than a turn"
         raise InputError(option, fault, rule, f"write {number}deg for degrees, or {number}rad if you mean it")
     return math.radians(value) if unit == "deg" else value
 

@@ -14,7 +14,6 @@ from cspace.map.batches import own
 from cspace.map.edges import edges_are_free
 from cspace.map.points import classify
 from cspace.states import FREE, MIXED
-from cspace.workspace import Workspace
 
 
 class Exact:
@@ -61,10 +60,10 @@ class Exact:
         self._made()
         return lambda *both: quick(*both) or self._made().edge(*both)
 
-    def renew(self, workspace: Workspace) -> None:
-        """Use the obstacles as they are now; checkers that were handed out do so from their next call on."""
+    def renew(self, problem: Callable[[], Problem]) -> None:
+        """Solve another problem of the same map; checkers that were handed out do so from their next call on."""
         with self._lock:
-            self._problem, self._proofs = self._problem._replace(workspace=workspace, prove=None), None
+            self._problem, self._proofs = problem(), None
 
     def _made(self) -> Proofs:
         """The proofs among the obstacles as they are now."""

@@ -9,10 +9,10 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from cspace.angles import MAX_ANGLE
 from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import FLOATS, unmasked
+from cspace.rotations import Rotations
 from cspace.threads import LEAST, in_chunks
 
 Kernel = Callable[..., int]
@@ -167,9 +167,8 @@ def own(rows: NDArray[Any]) -> Floats:
 def _not_usable(values: NDArray[Any], name: str, index: int) -> InputError:
     """The error for a configuration, or an edge, of a batch."""
     numbers = tuple(values.astype(np.float64).tolist())
-    rule = f"NaN, infinities, a yaw beyond {MAX_ANGLE:.0f} rad and quaternions of another norm than 1 are refused"
-    mend = "drop or replace them first; divide a quaternion, qx, qy, qz, qw, by its norm"
-    return InputError(name, f"number {index} is {numbers}", rule, mend, value=numbers)
+    mend = "mend or drop those that are not so first"
+    return InputError(name, f"number {index} is {numbers}", Rotations.all_limits(), mend, value=numbers)
 
 
 def as_pairs(edges: ArrayLike, vertices: Floats) -> Ints:

@@ -194,6 +194,8 @@ class Rotations(ABC):
         How many these are.
     examples : tuple of str
         Such numbers as texts: angles with their unit.
+    limits : str
+        What these must keep to, for messages; nothing, where there are none.
     slack : float
         Radians by which rounding may turn a robot farther than its configuration says.
     about_z : bool
@@ -208,6 +210,7 @@ class Rotations(ABC):
 
     names: ClassVar[tuple[str, ...]] = ()
     examples: ClassVar[tuple[str, ...]] = ()
+    limits: ClassVar[str] = ""
     slack: ClassVar[float] = ANGLE_SLACK
     about_z: ClassVar[bool] = False
 
@@ -269,6 +272,12 @@ class Rotations(ABC):
     def all_names() -> list[str]:
         """What the numbers of a rotation are called, of all kinds, and no others of a configuration are."""
         return [name for kind in Rotations.KINDS.values() for name in kind.names]
+
+    @staticmethod
+    def all_limits() -> str:
+        """What numbers of a configuration must keep to, of all kinds, for messages."""
+        limits = (kind.limits for kind in Rotations.KINDS.values() if kind.limits)
+        return f"numbers must be finite, {', '.join(limits)}"
 
     @classmethod
     @abstractmethod

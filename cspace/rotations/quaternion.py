@@ -68,6 +68,7 @@ class QuaternionRotations(Rotations):
     n: int
     names = ("qx", "qy", "qz", "qw")
     examples = ("0", "0", "0", "1")
+    limits = "a quaternion (qx, qy, qz, qw) of norm 1"
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
         "quaternion": Coordinate("representative of a rotation cell, as (x, y, z, w)", "1", {"component": 4}),
         "covering_angle": COVERING_ANGLE,

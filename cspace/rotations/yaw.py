@@ -37,6 +37,7 @@ class YawRotations(Rotations):
     names = ("yaw",)
     about_z = True
     examples = ("90deg",)
+    limits = f"a yaw at most {MAX_ANGLE:.0f} rad"
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
         "yaw": Coordinate("representative of a rotation cell: its middle", "rad", bounds="yaw_bounds"),
         "yaw_bounds": Coordinate("borders of a rotation cell", "rad", {"bound": 2}),

@@ -58,24 +58,24 @@ def test_no_configurations(text: str, kind: str) -> None:
     ],
 )
 def test_angles(text: str, radians: float) -> None:
-    assert angle(text, "--yaw") == pytest.approx(radians, abs=1e-15)
+    assert angle(text, "--yaw", "yaw") == pytest.approx(radians, abs=1e-15)
 
 
 @given(st.floats(-1e6, 1e6))
 def test_degrees_are_degrees(value: float) -> None:
-    assert angle(f"{value!r}deg", "--yaw") == math.radians(value)
+    assert angle(f"{value!r}deg", "--yaw", "yaw") == math.radians(value)
 
 
 @pytest.mark.parametrize("text", ["90", "-180", "6.3", "360"])
 def test_degrees_without_their_unit(text: str) -> None:
     with pytest.raises(InputError, match=rf"'{text}'.*write {text}deg for degrees"):
-        angle(text, "--yaw")
+        angle(text, "--yaw", "yaw")
 
 
 @pytest.mark.parametrize("text", ["", "deg", "north", "90°", "1.57 deg deg", "90 degrees", "pi"])
 def test_no_angles(text: str) -> None:
     with pytest.raises(InputError, match=r"--yaw has the yaw .* write e\.g\. 90deg or 1\.57"):
-        angle(text, "--yaw")
+        angle(text, "--yaw", "yaw")
 
 
 def test_boxes() -> None:

@@ -15,7 +15,9 @@ from scipy.spatial.transform import Rotation
 import cspace
 from cspace import BLOCKED, FREE, CSpace
 from cspace.arrays import Floats, Ints, Matrix, Numbers
+from cspace.cli.options import configuration, rotation_cells
 from cspace.compiling import part
+from cspace.errors import InputError
 from cspace.rotations import Rotations, Turn
 from cspace.rotations.base import COVERING_ANGLE, Coordinate, Symmetric
 from cspace.rotations.yaw import YawCells, YawRotations
@@ -37,6 +39,8 @@ class PitchRotations(YawRotations):
     """Cells of pitch, in space."""
 
     names = ("pitch",)
+    examples = ("45deg",)
+    limits = "a pitch small enough"
     about_z = False
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
         "pitch": Coordinate("middle of a cell", "rad", bounds="pitch_bounds"),
@@ -116,6 +120,15 @@ def test_states_are_those_of_the_robot(space: CSpace) -> None:
     assert (states == FREE).sum() > 100 and (states == BLOCKED).sum() > 100
     check = space.point_checker()
     assert [check(*each) for each in q[:200]] == (states[:200] == FREE).tolist()
+
+
+def test_messages_speak_of_it(space: CSpace) -> None:
+    with pytest.raises(InputError, match="a pitch small enough"):
+        space.classify([0.5, 0.5, 0.5, np.inf])
+    with pytest.raises(InputError, match="has the pitch 'up'"):
+        configuration("1,1,1,up", "--start", space.axes)
+    with pytest.raises(InputError, match="pitch:8"):
+        rotation_cells("roll:7")
 
 
 def test_motions_that_are_free_are(space: CSpace) -> None:
