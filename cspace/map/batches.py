@@ -139,7 +139,7 @@ def in_pieces(kernel: Kernel, least: int = LEAST) -> Query:
 
 def _fill(kernel: Kernel, least: int, parts: Sequence[Any], out: NDArray[Any]) -> int:
     """Fill ``out`` by a kernel of parts, shape (n, d), in threads; the index of the first bad row, or -1."""
-    if len(out) == 1:
+    if len(out) <= min(least, ROWS):
         return int(kernel(*(own(part) for part in parts), out))
     ready = all(
         isinstance(part, np.ndarray) and part.dtype == np.float64 and part.flags.c_contiguous and part.flags.writeable

@@ -12,7 +12,6 @@ from typing import NamedTuple, Protocol, TypeVar
 import numpy as np
 from numba.cpython.unsafe.tuple import tuple_setitem
 
-from cspace.angles import TURN
 from cspace.arrays import Bools, Floats, Ints, States
 from cspace.compiling import inner, jit, reader
 from cspace.grid import MAX_COORDINATE, SLACK
@@ -126,19 +125,13 @@ def state_at(map_: Map, q: Numbers) -> int:
 
 
 @inner
-def scaled(numbers: Floats, lows: Floats, scales: Floats, out: Floats) -> None:
-    """``(numbers - lows) / scales``; one loop over plain numbers, which the compiler turns into wide instructions."""
-    for m in range(numbers.shape[0]):
-        out[m] = (numbers[m] - lows[m]) / scales[m]
-
-
-@inner
-def codes_of(map_: Map, places: Floats, slices: Ints, cells: Ints, codes: States) -> int:
-    """Cells of points that are given in cells, and a code for each; how many are UNSURE.
+def codes_of(map_: Map, numbers: Floats, slices: Ints, cells: Ints, codes: States) -> int:
+    """Cells of configurations, whose numbers are in a row, and a code for each; how many are UNSURE.
 
     A point in the grid gets its cell's number in ``cells`` and the code INSIDE; one that is plainly outside gets its
     state for a code, where the robot does not turn; and what is left UNSURE: not usable, or so near the grid's upper
-    border that rounding may decide. There are no branches, so that the loop becomes wide instructions.
+    border that rounding may decide. There are no branches, and all numbers are read, so that the loop becomes wide
+    instructions.
     """
     dim, shape = len(map_.lower), map_.states.shape
     dof = dim + len(map_.rotations.origin())
@@ -151,11 +144,14 @@ def codes_of(map_: Map, places: Floats, slices: Ints, cells: Ints, codes: States
     # Which is known to the compiler: it leaves out the rest.
     exterior, several = np.uint8(map_.exterior[0, 2 * dim]), dof > dim
     left = 0
+    q = map_.lower + map_.rotations.origin()
     for k in range(cells.shape[0]):
-        cell = map_.rotations.slice_among(slices, k)
-        inside, border, boxed, total = cell >= 0, several | (cell < 0), True, 0.0
+        for axis in range(dof):
+            q = replaced(q, axis, numbers[np.uint64(dof * k + axis)])  # unsigned: no index is counted from the end
+        cell, inside, border = map_.rotations.slice_among(slices, k), map_.rotations.is_usable(q), several
+        boxed, total = True, 0.0
         for axis in range(dim):
-            u, n = places[dof * k + axis], sizes[axis]
+            u, n = (q[axis] - map_.lower[axis]) / map_.spacing, sizes[axis]
             inside &= (u >= 0.0) & (u < n)
             border |= (n <= u) & (u < n + 1.0)
             boxed &= (first[axis] <= u) & (u < last[axis])
@@ -202,19 +198,14 @@ def classify_few(map_: Map, points: Floats, out: States) -> int:
 @jit
 def classify_many(map_: Map, points: Floats, out: States) -> int:
     """The same, step by step for all of a block."""
-    numbers, dof = points.reshape(-1), points.shape[1]
-    size = min(BLOCK, len(points))
-    lows, scales, places = np.empty(dof * size), np.empty(dof * size), np.empty(dof * size)
-    origin = map_.lower + map_.rotations.origin()
-    for axis in range(len(origin)):
-        for m in range(axis, dof * size, dof):
-            lows[m], scales[m] = origin[axis], map_.spacing if axis < len(map_.lower) else TURN
+    # As the length of a tuple, which the compiler knows: it takes numbers of several points at once.
+    dof, numbers, size = len(map_.lower + map_.rotations.origin()), points.reshape(-1), min(BLOCK, len(points))
     cells, codes, slices = np.empty(size, np.int64), np.empty(size, np.uint8), np.empty(size, np.int64)
     for first in range(0, points.shape[0], BLOCK):
         last = min(first + BLOCK, points.shape[0])
-        scaled(numbers[dof * first : dof * last], lows, scales, places)
-        map_.rotations.slices_at(points[first:last], places, slices)
-        left = codes_of(map_, places, slices, cells[: last - first], codes)
+        part = numbers[dof * first : dof * last]
+        map_.rotations.slices_at(part, dof, slices[: last - first])
+        left = codes_of(map_, part, slices, cells[: last - first], codes)
         read_states(map_.cells, cells[: last - first], codes, out[first:last])
         if left == 0:
             continue

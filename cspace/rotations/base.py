@@ -123,14 +123,11 @@ class CompiledRotations(Protocol):
     def slice_at(self, q: Numbers) -> int:
         """The slice of the rotation cell that holds the rotation of a configuration."""
 
-    def slices_at(self, points: Floats, places: Floats, out: Ints) -> None:
-        """The same of many, shape (n, dof), for :meth:`slice_among` to read; ``places`` are turns from the origin.
-
-        Those are all numbers in a row, as the compiler likes them.
-        """
+    def slices_at(self, numbers: Floats, dof: int, out: Ints) -> None:
+        """The same of many, whose numbers are in a row, for :meth:`slice_among` to read; any, if not usable."""
 
     def slice_among(self, slices: Ints, k: int) -> int:
-        """One of those; -1 where a rotation is not usable."""
+        """One of those."""
 
     def first_piece(self, q0: Numbers, q1: Numbers) -> Cursor:
         """Begin a walk along an edge, on which the rotation goes the shortest way."""

@@ -134,7 +134,7 @@ class OneCell(NamedTuple):
     def slice_at(self, q: Numbers) -> int:
         return 0
 
-    def slices_at(self, points: Floats, places: Floats, out: Ints) -> None:
+    def slices_at(self, numbers: Floats, dof: int, out: Ints) -> None:
         pass
 
     def slice_among(self, slices: Ints, k: int) -> int:

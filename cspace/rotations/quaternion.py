@@ -399,13 +399,13 @@ class QuaternionCells(NamedTuple):
         chart, i, j, k = parts_of(self.borders, q[-4:])
         return int(self.slice_of[cell_of_parts(self.borders, chart, i, j, k)])
 
-    def slices_at(self, points: Floats, places: Floats, out: Ints) -> None:
+    def slices_at(self, numbers: Floats, dof: int, out: Ints) -> None:
         borders = self.borders
-        for m in range(len(points)):
-            q = (points[m, 3], points[m, 4], points[m, 5], points[m, 6])
+        for m in range(len(out)):
+            first = dof * m + dof - 4
+            q = (numbers[first], numbers[first + 1], numbers[first + 2], numbers[first + 3])
             chart, i, j, k = parts_of(borders, q)
-            number = self.slice_of[np.uint64(cell_of_parts(borders, chart, i, j, k))]
-            out[m] = number if is_unit(q) else -1
+            out[m] = self.slice_of[np.uint64(cell_of_parts(borders, chart, i, j, k))]
 
     def slice_among(self, slices: Ints, k: int) -> int:
         return int(slices[k])

@@ -278,13 +278,12 @@ class YawCells(NamedTuple):
     def slice_at(self, q: Numbers) -> int:
         return int(self.slice_of[cell_of_wrapped(self.borders, in_turn(self.borders, q[-1]))])
 
-    def slices_at(self, points: Floats, places: Floats, out: Ints) -> None:
-        last = np.uint64(points.shape[1] - 1)  # unsigned: no index is counted from the end
-        for k in range(len(points)):
-            yaw = points[k, last]
-            angle = yaw - np.floor(places[np.uint64(points.shape[1] * k) + last]) * TURN
-            number = self.slice_of[np.uint64(cell_of_wrapped(self.borders, angle))]
-            out[k] = number if abs(yaw) <= MAX_ANGLE else -1
+    def slices_at(self, numbers: Floats, dof: int, out: Ints) -> None:
+        angles = np.empty(len(out))
+        for k in range(len(out)):
+            angles[k] = in_turn(self.borders, numbers[np.uint64(dof * k + dof - 1)])  # not counted from the end
+        for k in range(len(out)):
+            out[k] = self.slice_of[np.uint64(cell_of_wrapped(self.borders, angles[k]))]
 
     def slice_among(self, slices: Ints, k: int) -> int:
         return int(slices[k])
