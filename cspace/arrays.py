@@ -1,5 +1,6 @@
-"""Types of arrays, by what they hold, arrays that are not to be written, and blocks of their entries."""
+"""Types that all rooms share, of arrays by what they hold; arrays that are not to be written, and blocks of entries."""
 
+import os
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
@@ -23,6 +24,10 @@ Matrix = tuple[Row, Row, Row]
 
 Surface = tuple[Floats, Ints]
 """Triangles: vertices, shape (V, 3), metres, and the numbers of their corners among these, shape (F, 3)."""
+
+
+StrPath = str | os.PathLike[str]
+"""The name of a file."""
 
 
 def frozen(array: NDArray[Any]) -> NDArray[Any]:

@@ -48,8 +48,8 @@ class Robots(NamedTuple):
         return Robots(runs, stops, fours, fours_stops, self.fixed[start:stop])
 
 
-class Followed(NamedTuple):
-    """A map that follows its workspace; a plane has one layer of cells.
+class MapArrays(NamedTuple):
+    """The arrays of a map, and of its workspace, that an update writes to; a plane has one layer of cells.
 
     states : ndarray of uint8, shape (slices, nx, ny, nz)
     overlaps : ndarray of int32, shape (slices, nx, ny, nz)
@@ -81,7 +81,7 @@ class Followed(NamedTuple):
 
 
 @jit
-def renew(map_: Followed, outer: Bytes, inner: Bytes, lower: Ints) -> tuple[Ints, Ints]:
+def renew(map_: MapArrays, outer: Bytes, inner: Bytes, lower: Ints) -> tuple[Ints, Ints]:
     """Write new cells, and what follows from them, in one call, so that an interrupt finds all of it done or nothing.
 
     ``outer`` and ``inner`` are the new cells from ``lower`` on. Gives the results of :func:`renew_cells` and
@@ -98,7 +98,7 @@ def renew(map_: Followed, outer: Bytes, inner: Bytes, lower: Ints) -> tuple[Ints
 
 
 @jit
-def renew_cells(map_: Followed, new_outer: Bytes, new_inner: Bytes, lower: Ints, change: NDArray[np.int8]) -> Ints:
+def renew_cells(map_: MapArrays, new_outer: Bytes, new_inner: Bytes, lower: Ints, change: NDArray[np.int8]) -> Ints:
     """Write the new cells of a box into a workspace; the box around those that differ, and their number.
 
     ``change``, empty or of the shape of the new cells, gets what is added to each outer cell.
@@ -147,7 +147,7 @@ def extents(tallies: Ints, shape: Ints) -> Ints:
 
 
 @jit
-def renew_states(map_: Followed, box: Ints) -> Ints:
+def renew_states(map_: MapArrays, box: Ints) -> Ints:
     """States of all configurations that a changed box of cells can touch; what has changed, shape (slices + 1, ROW).
 
     The last row is of all slices together, each counted by its weight.

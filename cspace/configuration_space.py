@@ -133,9 +133,9 @@ class ConfigurationSpace(ABC):
     def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Bools:
         """Whether each edge of a path, of paths, or of a roadmap is proven collision-free all along.
 
-        The edges are those of :meth:`motion_is_free`, answered alike: straight, with yaw along the shorter arc, as OMPL
-        interpolates. Many edges are proven in threads, and on a map by blocks of cells, which cross free space in
-        larger steps; the answers are the same.
+        The edges are those of :meth:`motion_is_free`, answered alike: straight, and the robot turns along the shorter
+        arc, as OMPL interpolates. Many edges are proven in threads, and on a map by blocks of cells, which cross free
+        space in larger steps; the answers are the same.
 
         Parameters
         ----------

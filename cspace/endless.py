@@ -153,9 +153,9 @@ class Seam:
         count, crossed = self._free.shape[1], []
         for one, other in pairwise(order[::-1]):
             candidates = open_pairs[(numbers[0] == one) & (numbers[1] == other)]
-            way, back = candidates[len(candidates) // 2] % count, candidates[len(candidates) // 2] >= count
-            cells = self._pairs[:, way][:: -1 if back else 1]
-            crossed.append((cells[0], cells[1], self._units[way] * (-1 if back else 1)))
+            pair, back = candidates[len(candidates) // 2] % count, candidates[len(candidates) // 2] >= count
+            cells = self._pairs[:, pair][:: -1 if back else 1]
+            crossed.append((cells[0], cells[1], self._units[pair] * (-1 if back else 1)))
         return crossed
 
 

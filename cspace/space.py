@@ -296,7 +296,7 @@ class CSpace(ConfigurationMap):
         """Whether all configurations around configurations are proven collision-free.
 
         True where every closed cell is FREE that meets the box of all configurations within ``distance`` along each
-        axis, and within ``angle`` in yaw. Curves are proven with it, piece by piece.
+        axis, whose rotation is within ``angle``. Curves are proven with it, piece by piece.
 
         Parameters
         ----------
@@ -375,7 +375,7 @@ class CSpace(ConfigurationMap):
         from cspace.map import callbacks
 
         quick = self._point_checker.get(lambda: callbacks.point_checker(self.record, self.dof))
-        return callbacks.brought(self._exact.point_checker(quick) if exact else quick, self.endless)
+        return callbacks.with_wrapped_angles(self._exact.point_checker(quick) if exact else quick, self.endless)
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """A quick ``motion_is_free`` of the floats of two configurations, in one compiled call.
@@ -394,7 +394,7 @@ class CSpace(ConfigurationMap):
         from cspace.map import callbacks
 
         quick = self._edge_checker.get(lambda: callbacks.edge_checker(self.record, self.dof))
-        return callbacks.brought(self._exact.edge_checker(quick) if exact else quick, self.endless)
+        return callbacks.with_wrapped_angles(self._exact.edge_checker(quick) if exact else quick, self.endless)
 
     def clearance_checker(self) -> Callable[..., float]:
         """A quick ``clearance`` of floats.
@@ -405,10 +405,10 @@ class CSpace(ConfigurationMap):
             ``check(*q) -> float``, of the dof numbers of a configuration; they must be finite floats, and are not
             checked.
         """
-        from cspace.map.callbacks import brought
+        from cspace.map.callbacks import with_wrapped_angles
         from cspace.map.clearance import checker
 
-        return brought(checker(self.record, self.marks, self.dof), self.endless)
+        return with_wrapped_angles(checker(self.record, self.marks, self.dof), self.endless)
 
     # ---- what FREE cells join ----------------------------------------------------------------------------------------
 
@@ -786,14 +786,14 @@ class CSpace(ConfigurationMap):
     def placed(self) -> dict[str, Shape]:
         """The obstacles that were placed, by name, where they are now; a copy."""
         with self._lock:
-            scene = self._contents.scene
-            return {} if scene is None else {name: each.shape for name, each in scene.placed.items()}
+            layers = self._contents.layers
+            return {} if layers is None else {name: each.shape for name, each in layers.placed.items()}
 
     @property
     def _updates(self) -> Updater:
-        from cspace.update import Subject, Updater
+        from cspace.update import Updater
 
-        return self._updater.get(lambda: Updater(Subject(self._contents, self._rasters, self._exterior, self._renew)))
+        return self._updater.get(lambda: Updater(self._contents, self._rasters, self._exterior, self._renew))
 
     def _check_whole(self) -> None:
         if self.outside == UNKNOWN:
@@ -803,10 +803,10 @@ class CSpace(ConfigurationMap):
     def _renew(self, change: Change) -> None:
         """Bring up to date what was made of the map, after its states and its exterior were changed in place."""
         contents = self._contents
-        same = contents.workspace is change.workspace and contents.scene is change.scene
+        same = contents.workspace is change.workspace and contents.layers is change.layers
         if not same or contents.fields or contents.prove is not None:
             # The arm of a map of joints is among other obstacles, or none, from now on.
-            self._contents = replace(contents, workspace=change.workspace, scene=change.scene, fields={}, prove=None)
+            self._contents = replace(contents, workspace=change.workspace, layers=change.layers, fields={}, prove=None)
         self._outer_sums.renew(change.workspace.outer, change.cells)
         self._inner_sums.renew(change.workspace.inner, change.cells)
         if change.changed:

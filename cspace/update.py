@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -17,7 +17,7 @@ from cspace.changes import (
     COUNT,
     LOOKED,
     ROW,
-    Followed,
+    MapArrays,
     Robots,
     extents,
     renew,
@@ -30,7 +30,7 @@ from cspace.grid import Grid, check_cells
 from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior, reached
 from cspace.map.storage import PackedStates
-from cspace.placed import Box, Placed, Scene
+from cspace.obstacles import Box, Obstacle, ObstacleLayers
 from cspace.raster import Raster
 from cspace.shapes import Shape
 from cspace.states import BLOCKED
@@ -162,7 +162,7 @@ class Change:
     ----------
     workspace : Workspace
         As it is now.
-    scene : Scene or None
+    layers : ObstacleLayers or None
         What its cells come from, where obstacles were placed.
     cells : ndarray of int64, shape (6,)
         The box around the workspace cells that differ.
@@ -173,20 +173,22 @@ class Change:
     """
 
     workspace: Workspace
-    scene: Scene | None
+    layers: ObstacleLayers | None
     cells: Ints
     states: Ints
     changed: int
 
 
-@dataclass(frozen=True, slots=True)
-class Subject:
-    """The map that an :class:`Updater` changes.
+class Updater:
+    """What changes a map with its workspace, of which it makes a copy.
 
-    Attributes
+    Every cell of configurations from which some offset of the robot can fall on a changed cell is decided afresh, by
+    the direct engine's dilation of the part of the workspace around. No other cell can change.
+
+    Parameters
     ----------
     contents : Contents
-        As they were before the first update; their states and overlaps may be written.
+        As they are before the first update; their states and overlaps are written to.
     rasters : sequence of (outer, inner) Raster
         The robot's, for each slice.
     exterior : Exterior
@@ -194,28 +196,17 @@ class Subject:
         Called with each change, to bring up to date what depends on the map; again if it was interrupted.
     """
 
-    contents: Contents
-    rasters: Sequence[tuple[Raster, Raster]]
-    exterior: Exterior
-    renew: Callable[[Change], None] = field(repr=False)
-
-    @property
-    def walled(self) -> bool:
-        """Whether all outside the workspace is obstacle."""
-        return self.contents.outside == "blocked"
-
-
-class Updater:
-    """What the updates of one map need, made at the first of them; the map's workspace is copied.
-
-    Every cell of configurations from which some offset of the robot can fall on a changed cell is decided afresh, by
-    the direct engine's dilation of the part of the workspace around. No other cell can change.
-    """
-
-    def __init__(self, subject: Subject) -> None:
-        contents, walled = subject.contents, subject.walled
+    def __init__(
+        self,
+        contents: Contents,
+        rasters: Sequence[tuple[Raster, Raster]],
+        exterior: Exterior,
+        renew: Callable[[Change], None],
+    ) -> None:
+        walled = contents.outside == "blocked"
         workspace, shape, blocked = contents.workspace, contents.grid.shape, contents.proves_blocked
-        self._subject, self._flat = subject, (1,) * (3 - len(shape))
+        self._grid, self._endless, self._flat = contents.grid, contents.endless, (1,) * (3 - len(shape))
+        self._rasters, self._exterior, self._renew_map = rasters, exterior, renew
         self._shape = (*self._flat, *shape)
         self._packed, states = None, np.empty((0, *self._shape), dtype=np.uint8)
         if isinstance(contents.states, PackedStates):
@@ -227,33 +218,33 @@ class Updater:
             live=True,
         )
         outer, inner = _writable(own, self._shape)
-        self._map = Followed(
+        self._map = MapArrays(
             states,
             _NO_OVERLAPS if contents.overlaps is None else contents.overlaps.reshape(states.shape),
             outer,
             inner,
             np.empty(0, dtype=np.int64) if walled else _tallies(outer),
-            _robots([outer for outer, _ in subject.rasters], self._shape, walled),
-            _robots([inner for _, inner in subject.rasters], self._shape, walled),
+            _robots([outer for outer, _ in rasters], self._shape, walled),
+            _robots([inner for _, inner in rasters], self._shape, walled),
             np.bincount(contents.slice_of, minlength=len(contents.states)),
             inner is outer,
-            _proves_blocked(subject) if blocked is None else blocked,
+            _proves_blocked(contents, rasters) if blocked is None else blocked,
             walled,
         )
-        self._workspace, self._scene = own, contents.scene
-        self._reach = np.max([outer.cells.shape for outer, _ in subject.rasters], axis=0)
+        self._workspace, self._layers = own, contents.layers
+        self._reach = np.max([outer.cells.shape for outer, _ in rasters], axis=0)
 
     def update(self, patch: Patch) -> Update:
         """Write a patch into the cells that stay, and bring all that the map holds up to date."""
-        stays = self._workspace if self._scene is None else self._scene
+        stays = self._workspace if self._layers is None else self._layers
         same = zip((stays.outer, stays.inner), (patch.outer, patch.inner), strict=True)
         known = stays.unknown is None or not stays.unknown[patch.window].any()
         if known and all((old[patch.window] == new).all() for old, new in same):
             return Update(0, patch.lower, patch.lower, 0)
-        if self._scene is not None:
-            self._scene.write(patch.window, patch.outer, patch.inner)
+        if self._layers is not None:
+            self._layers.write(patch.window, patch.outer, patch.inner)
             first = np.array(patch.lower)
-            return self._follow_scene(self._scene, [(first, first + patch.outer.shape)])
+            return self._follow_layers(self._layers, [(first, first + patch.outer.shape)])
         self._show(None)
         update = self._write(patch)
         if not known:
@@ -262,24 +253,23 @@ class Updater:
 
     def place(self, name: str, shape: Shape | None) -> Update:
         """Place an obstacle of a name, in place of the one that had it, or take that away; nothing else changes."""
-        contents = self._subject.contents
-        placed = None if shape is None else Placed.of(shape, contents.grid, contents.endless)
-        if self._scene is None:
-            self._scene = _still(self._workspace)
-        boxes = self._scene.put(name, placed)
+        placed = None if shape is None else Obstacle.of(shape, self._grid, self._endless)
+        if self._layers is None:
+            self._layers = _still(self._workspace)
+        boxes = self._layers.put(name, placed)
         if len(boxes) == 2 and not self._are_apart(*boxes):
             (one, two), (three, four) = boxes
             boxes = [(np.minimum(one, three), np.maximum(two, four))]
-        return self._follow_scene(self._scene, boxes)
+        return self._follow_layers(self._layers, boxes)
 
     def _are_apart(self, box: Box, other: Box) -> bool:
         """Whether no configuration can touch both boxes of cells, so that two changes look at less than one."""
         return bool((np.maximum(other[0] - box[1], box[0] - other[1]) >= self._reach).any())
 
-    def _follow_scene(self, scene: Scene, boxes: Sequence[Box]) -> Update:
-        """Have the map show boxes of cells as the scene has them, one after the other, and all the scene's shapes."""
-        self._show(scene.obstacles)
-        patches = [Patch(tuple(first.tolist()), *scene.cells(first, stop)) for first, stop in boxes]
+    def _follow_layers(self, layers: ObstacleLayers, boxes: Sequence[Box]) -> Update:
+        """Have the map show boxes of cells as the layers have them, one after the other, and all their shapes."""
+        self._show(layers.obstacles)
+        patches = [Patch(tuple(first.tolist()), *layers.cells(first, stop)) for first, stop in boxes]
         try:
             updates = [self._write(patch) for patch in patches]
         except BaseException:  # Ctrl-C, too
@@ -288,7 +278,7 @@ class Updater:
             raise
         finally:
             self._renew_shown()
-        return Update.of(updates, len(scene.grid.shape))
+        return Update.of(updates, len(layers.grid.shape))
 
     def _show(self, shapes: tuple[Shape, ...] | None) -> None:
         """Have the workspace, which follows all changes, show other shapes."""
@@ -351,7 +341,7 @@ class Updater:
 
     def _renew(self, box: Ints, states: Ints, changed: int) -> None:
         """Have all that depends on the map follow the change."""
-        change = Change(self._workspace, self._scene, box, states, changed)
+        change = Change(self._workspace, self._layers, box, states, changed)
         try:
             self._renew_parts(change)
         except BaseException:  # Ctrl-C, too: what was begun has to be done, and may be done again
@@ -365,7 +355,7 @@ class Updater:
     def _renew_parts(self, change: Change) -> None:
         if not self._map.walled:
             self._move_border()
-        self._subject.renew(change)
+        self._renew_map(change)
 
     def _part(self, patch: Patch) -> None:
         """Give the inner cells an array of their own, where a patch makes them differ from the outer ones."""
@@ -382,16 +372,16 @@ class Updater:
 
     def _move_border(self) -> None:
         """Bring up to date what is known outside the grid, where all outside the workspace is free."""
-        dim, exterior = 3 - len(self._flat), self._subject.exterior
+        dim = 3 - len(self._flat)
         changed = extents(self._map.tallies, np.array(self._shape, dtype=np.int64)).reshape(2, 3)[:, -dim:]
         obstacles = np.repeat([0, -1], dim) if (changed[0] > changed[1]).any() else changed.ravel()
-        exterior.boxes[...] = [reached(obstacles, outer) for outer, _ in self._subject.rasters]
+        self._exterior.boxes[...] = [reached(obstacles, outer) for outer, _ in self._rasters]
 
 
-def _still(workspace: Workspace) -> Scene:
+def _still(workspace: Workspace) -> ObstacleLayers:
     """A workspace that stays, with nothing placed in it."""
     unknown = None if workspace.unknown is None else workspace.unknown.copy()
-    return Scene(workspace.grid, workspace.outer.copy(), workspace.inner.copy(), unknown, workspace.shapes)
+    return ObstacleLayers(workspace.grid, workspace.outer.copy(), workspace.inner.copy(), unknown, workspace.shapes)
 
 
 def _writable(workspace: Workspace, shape: tuple[int, ...]) -> tuple[Bytes, Bytes]:
@@ -426,14 +416,14 @@ def _robots(rasters: Sequence[Raster], shape: tuple[int, ...], walled: bool) -> 
     )
 
 
-def _proves_blocked(subject: Subject) -> bool:
+def _proves_blocked(contents: Contents, rasters: Sequence[tuple[Raster, Raster]]) -> bool:
     """Whether a map proves BLOCKED: unless it shows that it was built without ``inner``."""
-    workspace = subject.contents.workspace
-    if any(bool((part == BLOCKED).any()) for part in subject.contents.states):
+    workspace = contents.workspace
+    if any(bool((part == BLOCKED).any()) for part in contents.states):
         return True
     lies_in = np.empty(workspace.inner.shape, dtype=np.bool_)
-    for _, inner in subject.rasters:
-        collide(workspace.inner, [inner], [lies_in], outside=subject.walled)
+    for _, inner in rasters:
+        collide(workspace.inner, [inner], [lies_in], outside=contents.outside == "blocked")
         if lies_in.any():
             return False
     return True

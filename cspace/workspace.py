@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias, TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Floats, frozen
+from cspace.arrays import Bools, Floats, StrPath, frozen
 from cspace.errors import InputError
 from cspace.grid import SLACK, Grid, check_bounds, check_cells, finite, positive
 from cspace.memory import MESH_BYTES, WORKSPACE_BYTES, Planned, check_memory
@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     from cspace.tiles.sources import Source
 
 _IN_TILES = "build its map tile by tile, with cspace.build(..., store='map.zarr')"
-Named: TypeAlias = "str | os.PathLike[str]"
-Geometries: TypeAlias = "BaseGeometry | Mapping[str, object] | Named | Iterable[Geometries]"
+Geometries: TypeAlias = "BaseGeometry | Mapping[str, object] | StrPath | Iterable[Geometries]"
 
 
 _SLIVER: Final = 1e-9
@@ -170,7 +169,7 @@ class Workspace:
     @classmethod
     def from_array(
         cls,
-        occupied: ArrayLike | Named,
+        occupied: ArrayLike | StrPath,
         spacing: float,
         lower: ArrayLike | None = None,
         *,
@@ -229,7 +228,7 @@ class Workspace:
         return made if source == made.source else replace(made, source=source)
 
     @classmethod
-    def from_ros_map(cls, path: Named, unknown: str = "occupied") -> Workspace:
+    def from_ros_map(cls, path: StrPath, unknown: str = "occupied") -> Workspace:
         """A ROS map: a YAML file and the PGM or PNG image beside it.
 
         Modes, thresholds, ``negate`` and the origin with its yaw are honoured as
@@ -289,7 +288,7 @@ class Workspace:
     @classmethod
     def from_image(
         cls,
-        path: Named,
+        path: StrPath,
         spacing: float,
         *,
         lower: ArrayLike | None = None,
@@ -325,7 +324,7 @@ class Workspace:
         return cls(Grid(corner, spacing, cells.shape), cells, cells, source=str(path))
 
     @classmethod
-    def from_movingai(cls, path: Named, spacing: float = 1.0) -> Workspace:
+    def from_movingai(cls, path: StrPath, spacing: float = 1.0) -> Workspace:
         """A MovingAI ``.map`` in the plane, or ``.3dmap`` of voxels in space.
 
         In a ``.map``, ``.``, ``G`` and ``S`` are passable, ``@``, ``O``, ``T`` and ``W`` blocked.
@@ -520,7 +519,7 @@ class Workspace:
 
     @classmethod
     def from_points(
-        cls, points: ArrayLike | Named, spacing: float, bounds: ArrayLike | None = None, *, radius: float = 0.0
+        cls, points: ArrayLike | StrPath, spacing: float, bounds: ArrayLike | None = None, *, radius: float = 0.0
     ) -> Workspace:
         """A point cloud: every point an obstacle, alone or with a ball around it.
 
@@ -555,7 +554,7 @@ class Workspace:
         return cls._of(cloud, spacing, box, source, "cloud", cloud.centers)
 
     @classmethod
-    def from_octomap(cls, path: Named, unknown: str = "occupied") -> Workspace:
+    def from_octomap(cls, path: StrPath, unknown: str = "occupied") -> Workspace:
         """An OctoMap, ``.bt`` or ``.ot``, at its own resolution; coarse leaves are filled with its finest cells.
 
         Parameters
@@ -577,7 +576,7 @@ class Workspace:
         return cls(grid, cells, cells, source=str(path), unknown=unseen)
 
     @classmethod
-    def open(cls, path: Named, **options: Unpack[OpenOptions]) -> Workspace:
+    def open(cls, path: StrPath, **options: Unpack[OpenOptions]) -> Workspace:
         """Read a map from a file, by its suffix.
 
         Parameters
@@ -663,7 +662,7 @@ class LazyWorkspace(Workspace):
         return LazyWorkspace, (self.grid, self.cells, self.source, self.shapes)
 
 
-def reader_of(path: Named, options: Iterable[str] = ()) -> Callable[..., Workspace]:
+def reader_of(path: StrPath, options: Iterable[str] = ()) -> Callable[..., Workspace]:
     """The classmethod that reads a workspace's file, which must take some options.
 
     Raises InputError if the suffix is unknown, or an option does not apply, and FileError if the file had to be looked

@@ -28,7 +28,7 @@ from cspace.arrays import Floats, Ints
 from cspace.configuration_map import ConfigurationMap
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import finite, positive
-from cspace.map.callbacks import brought
+from cspace.map.callbacks import with_wrapped_angles
 from cspace.space import CSpace
 from cspace.states import BLOCKED, FREE, NAMES
 from planners.catalogue import BIRRT, CUBES, OWN, WIDEST, planner_named
@@ -362,7 +362,7 @@ class StraightEdges(EdgesOnMap):
     def edge_cost(self, field: Field, law: Law) -> Callable[..., float]:
         from planners.integrals import edge_cost
 
-        return brought(edge_cost(self.space, field, law), self.space.endless)
+        return with_wrapped_angles(edge_cost(self.space, field, law), self.space.endless)
 
     def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
         metres, turns = self._moved(firsts, lasts)[1:]
@@ -436,12 +436,12 @@ class TurnDriveTurn(StraightEdges):
         return total
 
     def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
-        way = lasts[:, :2] - firsts[:, :2]
-        ahead, here = np.arctan2(way[:, 1], way[:, 0]), (way == 0.0).all(axis=1)
+        offsets = lasts[:, :2] - firsts[:, :2]
+        ahead, here = np.arctan2(offsets[:, 1], offsets[:, 0]), (offsets == 0.0).all(axis=1)
         yaws = np.where(here, firsts[:, 2], ahead), np.where(here, firsts[:, 2], ahead + math.pi)
         turns = [np.abs(wrapped(yaw - firsts[:, 2])) + np.abs(wrapped(lasts[:, 2] - yaw)) for yaw in yaws]
         fewest = turns[0] if self.drive == "differential" else np.minimum(*turns)
-        return np.asarray(np.linalg.norm(way, axis=1) + self.turn_weight * fewest)
+        return np.asarray(np.linalg.norm(offsets, axis=1) + self.turn_weight * fewest)
 
     def heading(self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
         """The yaw at which the robot drives from one configuration to another; the first one's, if it only turns."""
@@ -493,7 +493,7 @@ class JointMotions(LocalPlanner):
     units = "rad", "m"
 
     def edge_checker(self) -> Callable[..., bool]:
-        return brought(self.space.edge_checker(), self.space.endless)
+        return with_wrapped_angles(self.space.edge_checker(), self.space.endless)
 
     def are_free(self, path: Floats) -> bool:
         firsts, lasts = (path[:-1], path[1:]) if len(path) > 1 else (path, path)

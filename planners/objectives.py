@@ -10,7 +10,7 @@ from ompl import base as ob
 
 from cspace.errors import InputError
 from cspace.grid import finite, positive
-from cspace.map.callbacks import brought
+from cspace.map.callbacks import with_wrapped_angles
 from cspace.space import CSpace
 from cspace.spectral import OverlapField
 from cspace.states import FREE
@@ -77,7 +77,9 @@ class WeightedLength(ob.OptimizationObjective):
         edges = edges_on_map(space, drive, turning_radius)
         self._field, self._law = field, Law(offset, slope, float(weight), edges.turn_weight)
         self._kind, self._map, dim, dof = kind_of(space), space.record, space.grid.dim, space.dof
-        line = brought(lambda *endpoints: math.dist(endpoints[:dim], endpoints[dof : dof + dim]), space.endless)
+        line = with_wrapped_angles(
+            lambda *endpoints: math.dist(endpoints[:dim], endpoints[dof : dof + dim]), space.endless
+        )
         self._line = self._kind.of_states(line)
         self._cost = self._own_cost = self._kind.of_states(edges.edge_cost(field, self._law))
 

@@ -22,7 +22,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arms.chain import SLIDES, TURNS, place
-from cspace.arms.proofs import Scene, Solids, Work, least_of, nests, seen, spare_of
+from cspace.arms.proofs import Scene, Solids, Work, excess_of, is_nested, least_of, transformed
 from cspace.arrays import Floats, Ints, Row, States
 from cspace.compiling import inner, jit
 from cspace.exact import ADVANCE
@@ -144,7 +144,7 @@ def fill(scene: Scene, inside: Inside, cells: Cells, block: Ints, states: States
         for n in range(counts[top]):
             pair = waiting[top, n]
             # Borders that stay apart keep one solid in the other, or out of it, all over the box.
-            if are_near(scene, pair, box, work) or nests(scene, pair, work, -1.0):
+            if are_near(scene, pair, box, work) or is_nested(scene, pair, work, -1.0):
                 left[count] = pair
                 count += 1
         if count == 0:
@@ -174,13 +174,13 @@ def are_near(scene: Scene, pair: int, box: Box, work: Work) -> bool:
     """
     solids = scene.solids
     i, j = scene.pairs[pair]
-    slide, angle = sway(scene, solids.bodies[i], solids.bodies[j], box, work)
+    slide, angle = displacement_bounds(scene, solids.bodies[i], solids.bodies[j], box, work)
     moved = (slide + angle * solids.levers[i]) / ADVANCE
-    return spare_of(scene, pair, (0.0, moved, moved), box.least, 0.0, work) < 0.0
+    return excess_of(scene, pair, (0.0, moved, moved), box.least, 0.0, work) < 0.0
 
 
 @inner
-def sway(scene: Scene, a: int, b: int, box: Box, work: Work) -> tuple[float, float]:
+def displacement_bounds(scene: Scene, a: int, b: int, box: Box, work: Work) -> tuple[float, float]:
     """How far the origin of body ``a`` can move within a box, as seen from body ``b``, and how far the body can turn.
 
     A joint moves it by no more than its way times the distance from its axis: what that is in the middle, and what the
@@ -191,11 +191,11 @@ def sway(scene: Scene, a: int, b: int, box: Box, work: Work) -> tuple[float, flo
     slide = angle = drift = 0.0
     for j in range(1, len(moving)):
         if moving[j]:
-            way = abs(chain.factors[j]) * box.halves[chain.numbers[j]]
-            drift += way * (lengths[j] if chain.kinds[j] == TURNS else 1.0)
+            travel = abs(chain.factors[j]) * box.halves[chain.numbers[j]]
+            drift += travel * (lengths[j] if chain.kinds[j] == TURNS else 1.0)
     for j in range(1, len(moving)):
-        way = abs(chain.factors[j]) * box.halves[chain.numbers[j]]
-        if not moving[j] or way == 0.0:
+        travel = abs(chain.factors[j]) * box.halves[chain.numbers[j]]
+        if not moving[j] or travel == 0.0:
             continue
         if chain.kinds[j] == TURNS:
             joint, (u, v, w) = poses[j], row_of(chain.axes[j], 0)
@@ -204,10 +204,10 @@ def sway(scene: Scene, a: int, b: int, box: Box, work: Work) -> tuple[float, flo
             uz = joint[2, 0] * u + joint[2, 1] * v + joint[2, 2] * w
             off = cross((ux, uy, uz), (x - joint[0, 3], y - joint[1, 3], z - joint[2, 3]))
             now = math.sqrt(dot(off, off)) + box.least
-            slide += way * min(lengths[j], now + drift - way * lengths[j])
-            angle += way
+            slide += travel * min(lengths[j], now + drift - travel * lengths[j])
+            angle += travel
         elif chain.kinds[j] == SLIDES:
-            slide += way
+            slide += travel
     return slide, angle
 
 
@@ -241,23 +241,23 @@ def collide(inside: Inside, pairs: Ints, box: Box, work: Work) -> bool:
     """Whether some pair of solids is proven to collide at every configuration of a box."""
     for pair in pairs:
         i, j = inside.scene.pairs[pair]
-        if meets(inside, i, j, box, work) or meets(inside, j, i, box, work):
+        if ball_meets(inside, i, j, box, work) or ball_meets(inside, j, i, box, work):
             return True
     return False
 
 
 @inner
-def meets(inside: Inside, i: int, j: int, box: Box, work: Work) -> bool:
+def ball_meets(inside: Inside, i: int, j: int, box: Box, work: Work) -> bool:
     """Whether solid j meets, all over a box, what a ball in solid i keeps of itself; or its middle, deep enough."""
     scene, balls, solids = inside.scene, inside.balls, inside.scene.solids
-    slide, angle = sway(scene, solids.bodies[i], solids.bodies[j], box, work)
+    slide, angle = displacement_bounds(scene, solids.bodies[i], solids.bodies[j], box, work)
     one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
     for n in range(balls.starts[i], balls.starts[i + 1]):
         rest = balls.radii[n] - (slide + angle * balls.levers[n] + box.least)
         if rest + balls.deepest[j] <= 0.0:
             continue
-        x, y, z = point = seen(one, other, row_of(balls.centers[n], 0))
-        if solids.filled[j] and fills(solids, j, point, rest, work):
+        x, y, z = point = transformed(one, other, row_of(balls.centers[n], 0))
+        if solids.filled[j] and reaches_piece(solids, j, point, rest, work):
             return True
         for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
             whole = solids.boxes[surface]
@@ -275,10 +275,10 @@ def meets(inside: Inside, i: int, j: int, box: Box, work: Work) -> bool:
 
 
 @inner
-def fills(solids: Solids, j: int, point: Row, rest: float, work: Work) -> bool:
+def reaches_piece(solids: Solids, j: int, point: Row, rest: float, work: Work) -> bool:
     """Whether a box or ball of a solid lies in reach of a point; below zero, whether the point lies so deep in one."""
     trees, nodes, near, (x, y, z) = solids.trees, work.nodes, max(rest, 0.0), point
-    nodes[1, 0], top = solids.stems[j], 2
+    nodes[1, 0], top = solids.tree_roots[j], 2
     while top > 1:
         top -= 1
         b = nodes[top, 0]
@@ -317,20 +317,20 @@ def bounds_of_depth(inside: Inside, surface: int, parts: int, point: Row) -> tup
     Depth changes by no more than the distance, so that the nearest point of a lattice bounds it all around. Points of
     the lattice that is finer by so many ``parts`` are computed at need, and cached.
     """
-    balls, solids, number, way = inside.balls, inside.scene.solids, 0, 0.0
+    balls, solids, number, distance = inside.balls, inside.scene.solids, 0, 0.0
     box, known, near = solids.boxes[surface], balls.deep if parts == 1 else balls.finer, (0.0, 0.0, 0.0)
     for axis in range(3):
         step, count = balls.steps[surface, axis] / parts, balls.shapes[surface, axis] * parts
         place = min(max(math.floor((point[axis] - box[axis]) / step), 0), count - 1)
         near = replaced(near, axis, box[axis] + (place + 0.5) * step)
-        way += (point[axis] - near[axis]) ** 2
+        distance += (point[axis] - near[axis]) ** 2
         number = number * count + int(place)
     number += balls.firsts[surface] * parts**3
-    deep, way = known[number], math.sqrt(way)
+    deep, distance = known[number], math.sqrt(distance)
     if deep == 0.0:
         # Threads that do so at once find the same.
         deep = known[number] = depth(solids, surface, near[0], near[1], near[2])
-    return deep - way, deep + way
+    return deep - distance, deep + distance
 
 
 @inner

@@ -273,7 +273,7 @@ def corners_of(hulls: Hulls, node: int) -> tuple[Floats, float]:
 
 
 @inner
-def least_spare(
+def least_excess(
     hulls: Hulls, one: int, other: int, flight: Flight, enough: float, work: Ints, directions: Floats
 ) -> float:
     """By how much what is apart exceeds what it has to, ``enough`` at most, in the trees of a body and of another one.
@@ -319,12 +319,12 @@ def least_spare(
             speed = min(half * math.sqrt(x * x + y * y + z * z) + swing, most)
         whole = hulls.nodes[a, 3] + hulls.nodes[b, 3] == 2
         dx, dy, dz = abs(mx - still[0]) - still[3], abs(my - still[1]) - still[4], abs(mz - still[2]) - still[5]
-        spare = max(dx - hx - sx, dy - hy - sy, dz - hz - sz)
-        if spare <= best:
+        excess = max(dx - hx - sx, dy - hy - sy, dz - hz - sz)
+        if excess <= best:
             # The ball about the node, and the other one's box.
             dx, dy, dz = max(dx, 0.0), max(dy, 0.0), max(dz, 0.0)
-            spare = math.sqrt(dx * dx + dy * dy + dz * dz) - box[6] - least - speed
-        if spare > best:
+            excess = math.sqrt(dx * dx + dy * dy + dz * dz) - box[6] - least - speed
+        if excess > best:
             partial = partial or not whole
             continue
         after, behind = hulls.nodes[a, 0], hulls.nodes[b, 0]
@@ -337,20 +337,20 @@ def least_spare(
             )
             if cached[0] == number:
                 n = (cached[1], cached[2], cached[3])
-            spare, apart, n = spare_between(hulls, a, b, flight, speed, best, n)
+            excess, apart, n = excess_between(hulls, a, b, flight, speed, best, n)
             cached[0], cached[1], cached[2], cached[3] = number, n[0], n[1], n[2]
-            if spare > best:
+            if excess > best:
                 partial = partial or not whole
                 continue
             # Its parts may be apart where the hull is not, unless its motion is what is too much.
             loose = box[8] + still[8]
-            if (after == 0 and behind == 0) or (apart and spare + loose < 0.0):
+            if (after == 0 and behind == 0) or (apart and excess + loose < 0.0):
                 work[0, 0], work[0, 1] = a, b
                 if apart and flight.half > 0.0:
                     # A shorter motion is tested next, unless the middle of this one is in the way.
                     flight, moves, last = at_rest(flight), True, -1
                     continue
-                best = min(spare, best - 1e-300) if apart else -math.inf
+                best = min(excess, best - 1e-300) if apart else -math.inf
                 if best <= 0.0:
                     break
                 continue
@@ -380,10 +380,10 @@ def at_rest(flight: Flight) -> Flight:
 
 
 @inner
-def spare_between(
+def excess_between(
     hulls: Hulls, a: int, b: int, flight: Flight, speed: float, enough: float, n: Row
 ) -> tuple[float, bool, Row]:
-    """:func:`least_spare` of two hulls, more or less; whether they are apart in the middle, and along what.
+    """:func:`least_excess` of two hulls, more or less; whether they are apart in the middle, and along what.
 
     ``speed`` is by how much the first can move at most, and ``n`` where to begin: no matter how long, or zero.
     """

@@ -245,9 +245,9 @@ def _cells(space: ArmSpace, grid: Grid, numbers: Ints, held: Floats) -> Cells:
     for body in np.unique(solids.bodies[space.record.pairs]):
         reach = float(solids.levers[solids.bodies == body].max())
         for joint in np.flatnonzero(chain.between[body, 0] & (chain.kinds != STILL)):
-            way = chain.lengths[body, joint] + reach if chain.kinds[joint] == TURNS else 1.0
+            travel = chain.lengths[body, joint] + reach if chain.kinds[joint] == TURNS else 1.0
             number = chain.numbers[joint]
-            levers[number] = max(levers[number], abs(chain.factors[joint]) * way)
+            levers[number] = max(levers[number], abs(chain.factors[joint]) * travel)
     pad = 3 - grid.dim
     return Cells(
         lower=np.concatenate([np.zeros(pad), grid.lower]),
@@ -263,7 +263,7 @@ def _interiors(solids: Solids) -> Interiors:
     surfaces = [_depths(solids, surface) for surface in range(len(solids.boxes))]
     balls: list[Floats] = []
     counts = []
-    for number, stem in enumerate(solids.stems.tolist()):
+    for number, stem in enumerate(solids.tree_roots.tolist()):
         first, count = solids.trees.spans[stem].tolist() if stem >= 0 else (0, 0)
         rows = solids.trees.triangles[first : first + count]
         own = [_solid_balls(rows)]
@@ -349,8 +349,8 @@ class JointProofs:
         free[inside] = are_free(self._scene, *(self._whole(q[inside]) for q in (q0, q1)))
         return free
 
-    def spare(self, points: Floats, lengths: Floats, turns: Floats) -> float:
-        return self._in_joints.spare(points, lengths, turns)
+    def excess(self, points: Floats, lengths: Floats, turns: Floats) -> float:
+        return self._in_joints.excess(points, lengths, turns)
 
     @cached_property
     def _in_joints(self) -> Proofs:

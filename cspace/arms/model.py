@@ -293,19 +293,19 @@ class _Assembly:
         for joint in self._order:
             self._order += below.get(joint.child, ())
         above = {joint.child: joint for joint in self._order}
-        way = set(above)
+        branch = set(above)
         if tip is not None:
-            way, link = set(), tip
+            branch, link = set(), tip
             while link != base:
                 if link not in above:
                     raise InputError("tip", f"is {tip!r}", f"it is not below {base!r}", "name a link that is")
-                way.add(link)
+                branch.add(link)
                 link = above[link].parent
         names = {joint.name for joint in self._order}
         self._moving = [
             joint.name
             for joint in self._order
-            if joint.kind != STILL and joint.leader == joint.name and joint.child in way
+            if joint.kind != STILL and joint.leader == joint.name and joint.child in branch
         ]
         if not self._moving:
             raise InputError(

@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arms.chain import Chain, bounds_of, flight_of, place
-from cspace.arms.hulls import CACHED, Hulls, least_spare
+from cspace.arms.hulls import CACHED, Hulls, least_excess
 from cspace.arrays import Bools, Floats, Ints, Row
 from cspace.compiling import inner, jit
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
@@ -44,13 +44,13 @@ class Solids(NamedTuple):
         Of all of them, each in the frame of its body.
     roots : ndarray of int64, shape (s,)
         -1 where there is nothing.
-    trunks : ndarray of int64, shape (k,)
+    part_roots : ndarray of int64, shape (k,)
         The first node of each part, solid by solid.
     levers : ndarray of float64, shape (s,)
         How far they reach from their body's origin.
     trees : Trees
         What BLOCKED is proven by: triangles, boxes and balls, each in the frame of its body.
-    stems : ndarray of int64, shape (s,)
+    tree_roots : ndarray of int64, shape (s,)
         Roots of these.
     triangles : ndarray of float64, shape (n, 3, 3)
         Of closed surfaces.
@@ -72,10 +72,10 @@ class Solids(NamedTuple):
     bodies: Ints
     hulls: Hulls
     roots: Ints
-    trunks: Ints
+    part_roots: Ints
     levers: Floats
     trees: Trees
-    stems: Ints
+    tree_roots: Ints
     triangles: Floats
     turns: Ints
     boxes: Floats
@@ -119,7 +119,7 @@ class Work(NamedTuple):
     poses : ndarray of float64, shape (b, 3, 6)
     bounds : ndarray of float64, shape (p, 3)
         Of pairs, along all of the motion: how far the first moves at most, half its acceleration, how far joints turn.
-    aside : ndarray of bool, shape (p,)
+    not_nested : ndarray of bool, shape (p,)
         Pairs that are known not to lie in each other.
     nearest : ndarray of int64, shape (p, 2)
         The nodes that were nearest to touching last, pair by pair.
@@ -132,7 +132,7 @@ class Work(NamedTuple):
     left: Bools
     poses: Floats
     bounds: Floats
-    aside: Bools
+    not_nested: Bools
     nearest: Ints
     directions: Floats
     nodes: Ints
@@ -184,7 +184,7 @@ def point_is_free(scene: Scene, q: Floats, work: Work) -> bool:
     place(scene.chain, q, q, 0.0, work.poses)
     least = least_of(scene, q, q)
     for n in range(len(scene.pairs)):
-        if spare_of(scene, n, STILL, least, 0.0, work) < 0.0 or (work.nodes[1, 0] and nests(scene, n, work, -1.0)):
+        if excess_of(scene, n, STILL, least, 0.0, work) < 0.0 or (work.nodes[1, 0] and is_nested(scene, n, work, -1.0)):
             return False
     return True
 
@@ -198,7 +198,7 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
         i, j = scene.pairs[n]
         most, bend, turned = bounds_of(chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1)
         work.bounds[n, 0], work.bounds[n, 1], work.bounds[n, 2] = most, bend, turned
-        work.aside[n], left[0, n] = False, True
+        work.not_nested[n], left[0, n] = False, True
         far = max(far, most)
     if far == 0.0:
         return True
@@ -222,18 +222,18 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
                 continue
             # The rounding of what moves is a small part of all that does.
             bend = half * (half * work.bounds[n, 1] + least * work.bounds[n, 2]) / ADVANCE
-            sway = half / ADVANCE, bend, half * work.bounds[n, 0] / ADVANCE
-            spare = spare_of(scene, n, sway, least, 0.0, work)
-            left[row, n] = spare < 0.0
-            if spare < 0.0:
+            bounds = half / ADVANCE, bend, half * work.bounds[n, 0] / ADVANCE
+            excess = excess_of(scene, n, bounds, least, 0.0, work)
+            left[row, n] = excess < 0.0
+            if excess < 0.0:
                 nearest, undecided = n, True
-                if spare == -np.inf:
+                if excess == -np.inf:
                     return False
-            if work.nodes[1, 0] and not work.aside[n]:
+            if work.nodes[1, 0] and not work.not_nested[n]:
                 # As long as no borders meet, whether one lies within the other stays as it is.
-                if nests(scene, n, work, -1.0):
+                if is_nested(scene, n, work, -1.0):
                     return False
-                work.aside[n] = True
+                work.not_nested[n] = True
         if undecided:
             one, other = (head + waiting) % WAITING, (head + waiting + 1) % WAITING
             parts[one, 0], parts[one, 1], parts[other, 0], parts[other, 1] = first, middle, middle, last
@@ -244,49 +244,51 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
 
 
 @inner
-def spare_of(scene: Scene, n: int, sway: tuple[float, float, float], least: float, enough: float, work: Work) -> float:
-    """:func:`cspace.arms.hulls.least_spare` of a pair, which is infinite where one of them is nothing.
+def excess_of(
+    scene: Scene, n: int, bounds: tuple[float, float, float], least: float, enough: float, work: Work
+) -> float:
+    """:func:`cspace.arms.hulls.least_excess` of a pair, which is infinite where one of them is nothing.
 
-    ``sway`` is the time to either side, and by how much the pair can leave its motion meanwhile, and can move in all.
+    ``bounds``: the time to either side, and by how much the pair can leave its motion meanwhile, and can move in all.
     """
-    solids, nodes, nearest, (half, bend, most) = scene.solids, work.nodes, work.nearest, sway
+    solids, nodes, nearest, (half, bend, most) = scene.solids, work.nodes, work.nearest, bounds
     i, j = scene.pairs[n]
     if solids.roots[i] < 0 or solids.roots[j] < 0:
         nodes[1, 0] = 0
         return np.inf
     flight = flight_of(work.poses[solids.bodies[i]], work.poses[solids.bodies[j]], half, bend, most, least)
     nodes[0, 0], nodes[0, 1] = nearest[n, 0], nearest[n, 1]
-    spare = least_spare(solids.hulls, solids.roots[i], solids.roots[j], flight, enough, nodes, work.directions)
+    excess = least_excess(solids.hulls, solids.roots[i], solids.roots[j], flight, enough, nodes, work.directions)
     nearest[n, 0], nearest[n, 1] = nodes[0, 0], nodes[0, 1]
-    return spare
+    return excess
 
 
 @inner
-def nests(scene: Scene, n: int, work: Work, deep: float) -> bool:
+def is_nested(scene: Scene, n: int, work: Work, deep: float) -> bool:
     """Whether an anchor of one solid of a pair lies in a closed surface of the other, so far from its triangles.
 
     Where no borders meet, an anchor decides for its connected part, and ``deep`` is -1.
     """
     i, j = scene.pairs[n]
-    if holds(scene, i, j, work, deep) or holds(scene, j, i, work, deep):
+    if anchor_lies_in(scene, i, j, work, deep) or anchor_lies_in(scene, j, i, work, deep):
         return True
-    return bool(scene.solids.filled[j] and holds_piece(scene, j, i, work, deep))
+    return bool(scene.solids.filled[j] and piece_lies_in(scene, j, i, work, deep))
 
 
 @inner
-def holds(scene: Scene, i: int, j: int, work: Work, deep: float) -> bool:
-    """Whether an anchor of solid i lies in a closed surface of solid j, as :func:`nests`."""
+def anchor_lies_in(scene: Scene, i: int, j: int, work: Work, deep: float) -> bool:
+    """Whether an anchor of solid i lies in a closed surface of solid j, as :func:`is_nested`."""
     solids = scene.solids
     one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
     for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
         for n in range(solids.starts[i, 1], solids.starts[i + 1, 1]):
-            if encloses(solids, surface, seen(one, other, row_of(solids.anchors[n], 0)), deep):
+            if encloses(solids, surface, transformed(one, other, row_of(solids.anchors[n], 0)), deep):
                 return True
     return False
 
 
 @inner
-def holds_piece(scene: Scene, i: int, j: int, work: Work, deep: float) -> bool:
+def piece_lies_in(scene: Scene, i: int, j: int, work: Work, deep: float) -> bool:
     """The same of the middles of boxes and balls of solid i that could lie in solid j as a whole."""
     solids, nodes = scene.solids, work.nodes
     trees, one, other = solids.trees, work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
@@ -295,8 +297,8 @@ def holds_piece(scene: Scene, i: int, j: int, work: Work, deep: float) -> bool:
         # The box around the surface, as it is placed in the frame of what does not move: what is near is looked for.
         middle = 0.5 * (whole[0] + whole[3]), 0.5 * (whole[1] + whole[4]), 0.5 * (whole[2] + whole[5])
         half = 0.5 * (whole[3] - whole[0]), 0.5 * (whole[4] - whole[1]), 0.5 * (whole[5] - whole[2])
-        (x, y, z), (hx, hy, hz) = seen(other, one, middle), spread(other, one, half)
-        nodes[1, 0], top = solids.stems[i], 2
+        (x, y, z), (hx, hy, hz) = transformed(other, one, middle), half_sides(other, one, half)
+        nodes[1, 0], top = solids.tree_roots[i], 2
         while top > 1:
             top -= 1
             b = nodes[top, 0]
@@ -306,7 +308,7 @@ def holds_piece(scene: Scene, i: int, j: int, work: Work, deep: float) -> bool:
             if abs(y - box[1]) > hy + box[4] or abs(z - box[2]) > hz + box[5]:
                 continue
             if m == 1:
-                if encloses(solids, surface, seen(one, other, row_of(trees.triangles[row], 0)), deep):
+                if encloses(solids, surface, transformed(one, other, row_of(trees.triangles[row], 0)), deep):
                     return True
                 continue
             nodes[top, 0], nodes[top + 1, 0] = b + 1, b + 2 * (m // 2)
@@ -330,29 +332,33 @@ def encloses(solids: Solids, surface: int, point: Row, deep: float) -> bool:
 
 
 @inner
-def strikes(scene: Scene, n: int, work: Work, least: float) -> bool:
+def borders_cross(scene: Scene, n: int, work: Work, least: float) -> bool:
     """Whether the first solid's border crosses that of the second one, or leads into a box or ball of it.
 
     By more than rounding can do: ``least`` is four times what a point may be off by, or more.
     """
     solids, trees, nodes = scene.solids, scene.solids.trees, work.nodes
     i, j = scene.pairs[n]
-    if solids.stems[i] < 0 or solids.stems[j] < 0:
+    if solids.tree_roots[i] < 0 or solids.tree_roots[j] < 0:
         return False
     one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
-    nodes[1, 0], nodes[1, 1], top = solids.stems[i], solids.stems[j], 2
+    nodes[1, 0], nodes[1, 1], top = solids.tree_roots[i], solids.tree_roots[j], 2
     while top > 1:
         top -= 1
         a, b = nodes[top, 0], nodes[top, 1]
         box, against, (row, m), (piece, k) = trees.boxes[a], trees.boxes[b], trees.spans[a], trees.spans[b]
-        (x, y, z), (hx, hy, hz) = seen(one, other, row_of(box, 0)), spread(one, other, row_of(box, 3))
+        (x, y, z), (hx, hy, hz) = transformed(one, other, row_of(box, 0)), half_sides(one, other, row_of(box, 3))
         if abs(x - against[0]) > hx + against[3] or abs(y - against[1]) > hy + against[4]:
             continue
         if abs(z - against[2]) > hz + against[5]:
             continue
         if m == 1 and k == 1:
             p, q = trees.triangles[row], trees.triangles[piece]
-            corners = seen(one, other, row_of(p, 0)), seen(one, other, row_of(p, 3)), seen(one, other, row_of(p, 6))
+            corners = (
+                transformed(one, other, row_of(p, 0)),
+                transformed(one, other, row_of(p, 3)),
+                transformed(one, other, row_of(p, 6)),
+            )
             if q[9] != 0.0 and pierces(corners, q, least):
                 return True
             if p[9] == 0.0 and q[9] == 0.0 and crosses(corners, (row_of(q, 0), row_of(q, 3), row_of(q, 6)), least):
@@ -367,7 +373,7 @@ def strikes(scene: Scene, n: int, work: Work, least: float) -> bool:
 
 
 @inner(forceinline=True)
-def seen(one: Floats, other: Floats, p: Row) -> Row:
+def transformed(one: Floats, other: Floats, p: Row) -> Row:
     """A point of the frame that one pose places, in that of another."""
     x = one[0, 0] * p[0] + one[0, 1] * p[1] + one[0, 2] * p[2] + one[0, 3] - other[0, 3]
     y = one[1, 0] * p[0] + one[1, 1] * p[1] + one[1, 2] * p[2] + one[1, 3] - other[1, 3]
@@ -380,7 +386,7 @@ def seen(one: Floats, other: Floats, p: Row) -> Row:
 
 
 @inner
-def spread(one: Floats, other: Floats, h: Row) -> Row:
+def half_sides(one: Floats, other: Floats, h: Row) -> Row:
     """Half the sides of what holds a box of one frame, in another, by half its own."""
     half = (0.0, 0.0, 0.0)
     for k in range(3):
@@ -406,11 +412,11 @@ def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, work: Wo
         out[k] = np.inf
         for n in range(len(scene.pairs)):
             work.nearest[n, 0] = -1  # so that the bound does not depend on what was looked at before
-            spare = spare_of(scene, n, STILL, least, out[k], work)
-            if spare >= 0.0 and nodes[1, 0] and nests(scene, n, work, -1.0):
-                spare = -1.0
-            if spare < out[k]:
-                out[k] = spare
+            excess = excess_of(scene, n, STILL, least, out[k], work)
+            if excess >= 0.0 and nodes[1, 0] and is_nested(scene, n, work, -1.0):
+                excess = -1.0
+            if excess < out[k]:
+                out[k] = excess
                 nearest[k, 0], nearest[k, 1], nearest[k, 2] = n, nodes[0, 0], nodes[0, 1]
 
 
@@ -422,6 +428,6 @@ def are_blocked(scene: Scene, points: Floats, out: Bools, work: Work) -> None:
         place(scene.chain, points[k], points[k], 0.0, work.poses)
         out[k] = False
         for n in range(len(scene.pairs)):
-            out[k] = out[k] or strikes(scene, n, work, least)
+            out[k] = out[k] or borders_cross(scene, n, work, least)
         for n in range(len(scene.pairs)):
-            out[k] = out[k] or nests(scene, n, work, least)
+            out[k] = out[k] or is_nested(scene, n, work, least)

@@ -189,28 +189,28 @@ def solids_of(solids: Sequence[Solid], side: int, outer: Solids | None = None) -
     closed = [surface for each in surfaces for surface in each]
     if outer is None or any(part.sides[0] is not part.sides[1] for solid in solids for part in solid.parts):
         trees, roots_of_trees = together([_tree(each) for each in parts])
-        stems = np.array(roots_of_trees, dtype=np.int64)
+        tree_roots = np.array(roots_of_trees, dtype=np.int64)
     else:
-        trees, stems = outer.trees, outer.stems
+        trees, tree_roots = outer.trees, outer.tree_roots
     if outer is None:
-        hulls, roots, trunks = forest_of([[part.hulls for part in each] for each in parts])
+        hulls, roots, part_roots = forest_of([[part.hulls for part in each] for each in parts])
     else:
-        hulls, roots, trunks = outer.hulls, outer.roots, outer.trunks
+        hulls, roots, part_roots = outer.hulls, outer.roots, outer.part_roots
     boxes = hulls.boxes[roots] * (roots >= 0)[:, None]
     return Solids(
         bodies=np.array([solid.body for solid in solids], dtype=np.int64),
         hulls=hulls,
         roots=roots,
-        trunks=trunks,
+        part_roots=part_roots,
         levers=np.linalg.norm(np.abs(boxes[:, :3]) + boxes[:, 3:6], axis=1),
         trees=trees,
-        stems=stems,
+        tree_roots=tree_roots,
         triangles=np.concatenate([np.empty((0, 3, 3)), *(corners for corners, _ in closed)]),
         turns=np.concatenate([np.empty(0, np.int64), *(turns for _, turns in closed)]),
         boxes=np.array([[*c.min((0, 1)), *c.max((0, 1))] for c, _ in closed]).reshape(-1, 6),
         firsts=_starts(len(corners) for corners, _ in closed),
         anchors=np.concatenate([np.empty((0, 3)), *(part for each in points for part in each)]),
-        filled=np.array([any(part.is_filled for part in each) for each in parts], np.bool_) & (stems >= 0),
+        filled=np.array([any(part.is_filled for part in each) for each in parts], np.bool_) & (tree_roots >= 0),
         starts=np.stack([_starts(map(len, surfaces)), _starts(sum(map(len, each)) for each in points)], axis=1),
     )
 
@@ -249,7 +249,7 @@ def scene_within(scene: Scene, solids: Sequence[Solid]) -> Scene:
 
 def _far(chain: Chain, solids: Solids) -> float:
     """The largest coordinate at any configuration, metres."""
-    roots = solids.trees.boxes[solids.stems[solids.stems >= 0]]
+    roots = solids.trees.boxes[solids.tree_roots[solids.tree_roots >= 0]]
     return float((np.abs(roots[:, :3]) + roots[:, 3:6]).max(initial=0.0)) + float(chain.lengths.max())
 
 

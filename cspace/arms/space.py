@@ -307,7 +307,7 @@ class ArmSpace(ConfigurationSpace):
         names, hulls, radii, poses = [], [], [], place_bodies(self.arm.chain, own(points[0]))
         for number, node in zip(scene.pairs[pair].tolist(), nodes, strict=True):
             at = max(node, int(solids.roots[number]))
-            names.append(owners[int(np.where(solids.trunks <= at, solids.trunks, -1).argmax())])
+            names.append(owners[int(np.where(solids.part_roots <= at, solids.part_roots, -1).argmax())])
             corners, radius = corners_of(solids.hulls, at)
             pose = poses[solids.bodies[number]]
             hulls.append(corners @ pose[:, :3].T + pose[:, 3])
@@ -565,7 +565,7 @@ def _nearest(one: Floats, other: Floats, radii: ArrayLike) -> Floats:
     weights, _ = nnls(np.vstack([differences.T, np.ones(len(differences))]), [0.0, 0.0, 0.0, 1.0])
     shares = weights.reshape(len(one), len(other)) / weights.sum()
     points = np.stack([shares.sum(axis=1) @ one, shares.sum(axis=0) @ other])
-    way = points[1] - points[0]
+    offset = points[1] - points[0]
     return np.asarray(
-        points + np.multiply(radii, [[1.0], [-1.0]]) * way / max(float(np.linalg.norm(way)), np.finfo(float).tiny)
+        points + np.multiply(radii, [[1.0], [-1.0]]) * offset / max(float(np.linalg.norm(offset)), np.finfo(float).tiny)
     )

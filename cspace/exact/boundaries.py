@@ -27,14 +27,14 @@ class Proofs(Protocol):
 
     ``edge(*q0, *q1)`` is whether all of an edge is free, and ``are_free(q0, q1)`` whether each of many is, for shapes
     (n, dof); an edge that ends where it starts is a point.
-    ``spare(points, lengths, turns)``: by how much the robot is farther from obstacles than it has to be, metres, on
+    ``excess(points, lengths, turns)``: by how much the robot is farther from obstacles than it has to be, metres, on
     pieces of a path that is free, by their middles, shape (n, dof), how far they lead and how much they turn; or zero.
     """
 
     @property
     def edge(self) -> Callable[..., bool]: ...
     def are_free(self, q0: Floats, q1: Floats) -> Bools: ...
-    def spare(self, points: Floats, lengths: Floats, turns: Floats) -> float: ...
+    def excess(self, points: Floats, lengths: Floats, turns: Floats) -> float: ...
 
 
 class Problem(NamedTuple):

@@ -16,7 +16,7 @@ from cspace.arrays import Bools, Floats, Ints, Matrix, Row, States
 from cspace.compiling import inner, jit, reader, row_entry
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.boundaries import Problem, anchors_of, in_space, obstacle_border, parts_of
-from cspace.exact.triangles import DEPTH, Motion, Trees, placed, share_apart, spread, trees_of
+from cspace.exact.triangles import DEPTH, Motion, Trees, half_sides, placed, share_apart, trees_of
 from cspace.grid import MAX_COORDINATE
 from cspace.map.edges import along, edge_is_free
 from cspace.map.points import Numbers, configuration, halves, state_at
@@ -183,10 +183,10 @@ class BorderProofs:
             free[k] = not self._is_nested(q0[k])
         return free
 
-    def spare(self, points: Floats, lengths: Floats, turns: Floats) -> float:
+    def excess(self, points: Floats, lengths: Floats, turns: Floats) -> float:
         borders, (places, matrices) = self._borders, self._placed(points)
         spans = 0.5 * (borders.scale * lengths + borders.rho * turns)
-        return float(least_spare(borders, borders.scale * places, matrices, spans, room().pairs)) / borders.scale
+        return float(least_excess(borders, borders.scale * places, matrices, spans, room().pairs)) / borders.scale
 
     def _placed(self, points: Floats) -> tuple[Floats, Floats]:
         """Reference points in space, shape (n, 3), and rotation matrices, shape (n, 3, 3), of configurations."""
@@ -325,7 +325,7 @@ def arc_state(world: World, q0: Numbers, q1: Numbers, arc: int, work: Work) -> i
 def is_within(borders: Borders, motion: Motion, part: float) -> bool:
     """Whether the box around a robot stays within the walls for a part of a motion."""
     box, wall = borders.trees.boxes[borders.robot], borders.trees.boxes[borders.walls]
-    middle, half = minus(placed(motion, row_of(box, 0)), row_of(wall, 0)), spread(motion, box)
+    middle, half = minus(placed(motion, row_of(box, 0)), row_of(wall, 0)), half_sides(motion, box)
     turn = box[6] * motion.angle + motion.slide
     for axis in range(3):
         # An infinite part of no way at all is no number, and proves nothing.
@@ -335,7 +335,7 @@ def is_within(borders: Borders, motion: Motion, part: float) -> bool:
 
 
 @reader
-def least_spare(borders: Borders, places: Floats, matrices: Floats, spans: Floats, work: Ints) -> float:
+def least_excess(borders: Borders, places: Floats, matrices: Floats, spans: Floats, work: Ints) -> float:
     """By how much the least distance on pieces of a path exceeds what it has to; zero if not proven to.
 
     The robot is placed in the middle of each piece, from where no point of it moves farther than the piece's span. All

@@ -48,7 +48,7 @@ class Exact:
         radians along each of them, shape (n,). No point of the robot is farther than half of both from where it is in
         the middle. Where all outside the grid is obstacle, that counts too. Infinite where there is none.
         """
-        return self._problem.margin + self._made().spare(own(points), lengths, turns)
+        return self._problem.margin + self._made().excess(own(points), lengths, turns)
 
     def point_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
         """``check(*q)``; ``quick`` is whether a point is FREE."""

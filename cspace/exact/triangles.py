@@ -207,7 +207,7 @@ def share_apart(trees: Trees, robot: int, others: tuple[int, int], motion: Motio
         a, b = pair >> PAIR, pair & OTHER
         if a != last:
             box, last = trees.boxes[a], a
-            middle, half = placed(motion, row_of(box, 0)), spread(motion, box)
+            middle, half = placed(motion, row_of(box, 0)), half_sides(motion, box)
             turn = box[6] * motion.angle + motion.slide
         box, n, m = trees.boxes[b], spans[a, 1], spans[b, 1]
         x, y, z = minus(middle, row_of(box, 0))
@@ -238,7 +238,7 @@ def share_apart(trees: Trees, robot: int, others: tuple[int, int], motion: Motio
 
 
 @inner(forceinline=True)
-def spread(motion: Motion, box: Floats) -> Row:
+def half_sides(motion: Motion, box: Floats) -> Row:
     """Half the sides of the box around a node's box where the robot is placed, and what a distance has to exceed."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = motion.matrix
     return (
@@ -273,11 +273,11 @@ def share_of_pair(trees: Trees, i: int, j: int, motion: Motion, turn: float, eno
                 return enough
             if m > 0 and (dot(other, other) == 0.0 or (m == 2 and dot(v[1], v[1]) == 0.0)):
                 continue
-            way = way_between(a[k], side, b[m], other)
-            square = dot(way, way)
+            gap = gap_between(a[k], side, b[m], other)
+            square = dot(gap, gap)
             if square < nearest:
                 nearest, normal = square, cross(side, other)
-                best = max(best, share_along(way, a, b, step, turn, least))
+                best = max(best, share_along(gap, a, b, step, turn, least))
     if best < enough:
         best = max(best, share_along(normal, a, b, step, turn, least))
     return min(best, enough)
@@ -292,10 +292,10 @@ def share_along(n: Row, a: Corners, b: Corners, step: Row, turn: float, least: f
     length = math.sqrt(square)
     a1, a2, b0, b1, b2 = dot(n, a[1]), dot(n, a[2]), dot(n, b[0]), dot(n, b[1]), dot(n, b[2])
     above, below = min(b0, b1, b2) - max(0.0, a1, a2), min(0.0, a1, a2) - max(b0, b1, b2)
-    spare = max(above, below) / length - least
-    if not spare > 0.0:
+    excess = max(above, below) / length - least
+    if not excess > 0.0:
         return -1.0
-    return spare / (abs(dot(n, step)) / length + turn)
+    return excess / (abs(dot(n, step)) / length + turn)
 
 
 @inner
@@ -314,15 +314,15 @@ def pierces(corners: Corners, q: Floats, deep: float) -> bool:
     a1, a2, middle = minus(corners[1], a0), minus(corners[2], a0), minus(row_of(q, 0), a0)
     near = nearest_of_triangle(middle, a1, a2)
     if q[9] >= 0.0:
-        way = minus(near, middle)
-        return bool(q[9] > deep and dot(way, way) < (q[9] - deep) ** 2)
+        offset = minus(near, middle)
+        return bool(q[9] > deep and dot(offset, offset) < (q[9] - deep) ** 2)
     box = box_of(q, a0)
     part = 0.5
     for _ in range(16):
-        way, within = minus(near, box[0]), True
+        offset, within = minus(near, box[0]), True
         for k in range(1, 4):
             length = math.sqrt(dot(box[k], box[k]))
-            within = within and abs(dot(way, box[k])) < length * (length - deep)
+            within = within and abs(dot(offset, box[k])) < length * (length - deep)
         if within:
             return True
         # To and fro between the triangle and a smaller box, so that it ends within; one that grows to all but the box.
@@ -351,8 +351,8 @@ def _leads_through(a: Corners, b: Corners, least: float) -> bool:
         one = _side_of(p, b[0], b[1], b[2], least)
         if one == 0 or _side_of(q, b[0], b[1], b[2], least) != -one:
             continue
-        way = _side_of(p, q, b[0], b[1], least)
-        if way != 0 and _side_of(p, q, b[1], b[2], least) == way and _side_of(p, q, b[2], b[0], least) == way:
+        sign = _side_of(p, q, b[0], b[1], least)
+        if sign != 0 and _side_of(p, q, b[1], b[2], least) == sign and _side_of(p, q, b[2], b[0], least) == sign:
             return True
     return False
 
@@ -374,16 +374,16 @@ def _side_of(p: Row, a: Row, b: Row, c: Row, least: float) -> int:
 def nearest_of_box(p: Row, box: Box, part: float) -> Row:
     """The point that is nearest to another one, of a part of a box about its middle, as well as rounding allows."""
     x, y, z = box[0]
-    way = minus(p, box[0])
+    offset = minus(p, box[0])
     for k in range(1, 4):
         axis = box[k]
-        t = min(max(dot(way, axis) / dot(axis, axis), -part), part)
+        t = min(max(dot(offset, axis) / dot(axis, axis), -part), part)
         x, y, z = x + t * axis[0], y + t * axis[1], z + t * axis[2]
     return x, y, z
 
 
 @inner
-def way_between(p: Row, u: Row, q: Row, v: Row) -> Row:
+def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
     """The shortest way between two segments, from p along u and from q along v, as well as rounding lets it be found.
 
     C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.9.

@@ -12,11 +12,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arrays import StrPath
 from cspace.errors import InputError
 from cspace.io.files import decoding, existing, suffix_of
 from cspace.io.ply import read_ply_header
-
-Named = str | os.PathLike[str]
 
 _KIND: Final = "NumPy array"
 
@@ -33,7 +32,7 @@ METHODS: Final[dict[str, str]] = {
 """The classmethod of ``Workspace`` that reads a file, by its suffix."""
 
 
-def method_of(path: Named) -> str:
+def method_of(path: StrPath) -> str:
     """Name of the classmethod of ``Workspace`` that reads a file: by its suffix, and else by how the file begins.
 
     Raises InputError if the suffix is unknown, and FileError if the file had to be looked into and is missing or
@@ -48,7 +47,7 @@ def method_of(path: Named) -> str:
     return METHODS[suffix]
 
 
-def dimension_of(path: Named) -> int:
+def dimension_of(path: StrPath) -> int:
     """Dimensions of a workspace's file, without reading it, or no more than its header.
 
     Raises InputError or FileError as :func:`method_of`.

@@ -13,10 +13,9 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Final, NamedTuple
 
+from cspace.arrays import StrPath
 from cspace.errors import FileError
 from cspace.memory import bytes_text, cells_of, free_bytes
-
-Named = str | os.PathLike[str]
 
 
 class Limits(NamedTuple):
@@ -63,7 +62,7 @@ def raised_limits(*, max_bytes: int | None = None, max_cells: int | None = None)
         _CURRENT.reset(token)
 
 
-def check_bytes(path: Named, size: int, what: str = "holds", memory: float = 1.0) -> None:
+def check_bytes(path: StrPath, size: int, what: str = "holds", memory: float = 1.0) -> None:
     """Refuse a file of so many bytes, or that ``what`` them, such as "unpacks to", where that is too large.
 
     Raises FileError if it is over ``max_bytes``, or ``memory`` times as much does not fit into memory.
@@ -72,7 +71,7 @@ def check_bytes(path: Named, size: int, what: str = "holds", memory: float = 1.0
     check_memory(path, f"{what} {bytes_text(size)}", memory * size)
 
 
-def check_cells(path: Named, shape: Sequence[int], memory: float = 1.0) -> None:
+def check_cells(path: StrPath, shape: Sequence[int], memory: float = 1.0) -> None:
     """Refuse a grid, as a file declares it, that is too large.
 
     Raises FileError if there are more than ``max_cells``, or ``memory`` bytes for each do not fit into memory.
@@ -84,7 +83,7 @@ def check_cells(path: Named, shape: Sequence[int], memory: float = 1.0) -> None:
     check_memory(path, declared, memory * count)
 
 
-def check_memory(path: Named, declared: str, needed: float) -> None:
+def check_memory(path: StrPath, declared: str, needed: float) -> None:
     """Refuse a file, by a FileError, whose reading takes ``needed`` bytes, where so many are not free."""
     free = free_bytes()
     if free is not None and needed > _MOST_OF_MEMORY * free:
@@ -93,7 +92,7 @@ def check_memory(path: Named, declared: str, needed: float) -> None:
         raise FileError(os.fspath(path), fault, f"{bytes_text(free)} of memory are free", mend)
 
 
-def _check(path: Named, fault: str, number: int, limit: str, most: str, value: object) -> None:
+def _check(path: StrPath, fault: str, number: int, limit: str, most: str, value: object) -> None:
     if number > getattr(_CURRENT.get(), limit):
         mend = f"raise it with cspace.io.limits.raised_limits({limit}={number}), if the file is meant to be so large"
         raise FileError(os.fspath(path), fault, f"at most {most} are read", mend, value=value)

@@ -18,7 +18,7 @@ from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import Grid, check_word, finite, not_negative, positive
 from cspace.io.files import UNKNOWNS
-from cspace.io.rosmap import Frame, on_grid
+from cspace.io.rosmap import MapInfo, on_grid
 from cspace.states import BLOCKED, FREE, MIXED
 
 Message = TypeVar("Message")
@@ -149,7 +149,7 @@ def read_occupancy_grid(
     known = (percent >= 0) & (percent <= 100)
     free, occupied = known & (percent / 100.0 < low), known & (percent / 100.0 >= high)
     x, y = (float(finite(_field(msg, f"info.origin.position.{k}"), f"msg.info.origin.position.{k}")) for k in "xy")
-    return on_grid(Frame("msg", _resolution(msg), (x, y), _yaw(msg)), free, occupied, unknown)
+    return on_grid(MapInfo("msg", _resolution(msg), (x, y), _yaw(msg)), free, occupied, unknown)
 
 
 def fill_occupancy_grid(state: NDArray[np.uint8], grid: Grid, msg: Message, frame_id: str) -> Message:
@@ -262,9 +262,9 @@ def _filled(
         "data": array({"i": "b", "u": "B"}[cells.dtype.kind], cells.T.tobytes()),
     }
     for path, value in every.items():
-        *way, last = path.split(".")
+        *parents, last = path.split(".")
         target: object = msg
-        for name in way:
+        for name in parents:
             target = getattr(target, name, None)
         if not hasattr(target, last):
             raise _lacking("msg", path, kind)

@@ -11,15 +11,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Floats
+from cspace.arrays import Floats, StrPath
 from cspace.compiling import jit
 from cspace.errors import GeometryError
 from cspace.io.files import Fault, decoding, header_lines, read_bytes, read_columns, read_text, suffix_of
 from cspace.io.formats import read_npy
 from cspace.io.limits import check_bytes
 from cspace.io.ply import read_ply
-
-Named = str | os.PathLike[str]
 
 _KIND: Final = "PCD file"
 
@@ -45,7 +43,7 @@ _KEYS: Final = (
 )
 
 
-def read_points(path: Named) -> Floats:
+def read_points(path: StrPath) -> Floats:
     """Points of a cloud, shape (n, 3), in the file's unit, metres; its suffix says how it is read.
 
     ``.npy``: an array of shape (n, 3). ``.xyz``, ``.txt``, ``.csv``: lines of x, y and z, separated by blanks or
@@ -73,7 +71,7 @@ def read_points(path: Named) -> Floats:
     return points
 
 
-def _read_npy(path: Named) -> Floats:
+def _read_npy(path: StrPath) -> Floats:
     array = read_npy(path)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
         rule = "a cloud is one array of numbers of shape (n, 3)"
@@ -81,7 +79,7 @@ def _read_npy(path: Named) -> Floats:
     return np.array(array, dtype=np.float64)
 
 
-def _read_text(path: Named) -> Floats:
+def _read_text(path: StrPath) -> Floats:
     rows = read_columns(read_text(path, "point cloud", memory=12.0))
     if len(rows) and rows.shape[1] < 3:
         raise Fault(f"has {rows.shape[1]} columns", "points have x, y and z", "write three for each")
@@ -265,7 +263,7 @@ _DECODERS: Final[dict[str, Callable[[_Header, bytes, str], Floats]]] = {
     "binary_compressed": _compressed,
 }
 
-READERS: Final[dict[str, Callable[[Named], Floats]]] = {
+READERS: Final[dict[str, Callable[[StrPath], Floats]]] = {
     ".npy": _read_npy,
     ".xyz": _read_text,
     ".txt": _read_text,

@@ -67,7 +67,7 @@ def open_map(path: str | os.PathLike[str]) -> CSpace | TiledCSpace:
 
 
 def open_slice(path: str | os.PathLike[str], rotation: ArrayLike = ()) -> NDArray[np.uint8]:
-    """Read the states of one yaw from a map that was saved.
+    """Read the states at one rotation from a map that was saved.
 
     Of a Zarr folder, nothing but that slice is read, and only that is proven unchanged; an ``.npz`` file is read whole.
 

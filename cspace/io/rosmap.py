@@ -83,12 +83,12 @@ def read_ros_map(path: str | os.PathLike[str], unknown: str = "occupied") -> tup
         header = _read_header(path)
     free, occupied = MODES[header.mode](header, read_shades(header.image, "ROS map's image"))
     try:
-        return on_grid(header.frame, free, occupied, unknown)
+        return on_grid(header.info, free, occupied, unknown)
     except InputError as error:
-        raise FileError(header.frame.source, str(error)) from error
+        raise FileError(header.info.source, str(error)) from error
 
 
-class Frame(NamedTuple):
+class MapInfo(NamedTuple):
     """Where the cells of a map lie.
 
     Attributes
@@ -109,19 +109,19 @@ class Frame(NamedTuple):
     yaw: float
 
 
-def on_grid(frame: Frame, free: Bools, occupied: Bools, unknown: str) -> tuple[Grid, Bools, Bools, Bools]:
+def on_grid(info: MapInfo, free: Bools, occupied: Bools, unknown: str) -> tuple[Grid, Bools, Bools, Bools]:
     """The cells of a map on an upright grid, as :func:`read_ros_map` returns them.
 
     What is neither free nor occupied is unknown. Raises InputError if no grid can lie there, and FileError if it has
     more cells than are read, or than fit into memory.
     """
     solid = ~free if unknown == "occupied" else occupied
-    turns = _quarter_turns(frame.yaw, solid.shape)
+    turns = _quarter_turns(info.yaw, solid.shape)
     if turns is None:
-        return _turned(frame, solid, ~(free | occupied), solid_around=unknown == "occupied")
-    lower, _ = _extent(frame, solid.shape, *QUARTERS[turns])
+        return _turned(info, solid, ~(free | occupied), solid_around=unknown == "occupied")
+    lower, _ = _extent(info, solid.shape, *QUARTERS[turns])
     cells = np.rot90(solid, turns)
-    return Grid(lower, frame.resolution, cells.shape), cells, cells, np.rot90(~(free | occupied), turns)
+    return Grid(lower, info.resolution, cells.shape), cells, cells, np.rot90(~(free | occupied), turns)
 
 
 def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], overwrite: bool = False) -> None:
@@ -165,7 +165,7 @@ def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], ov
 class _Header:
     """What the YAML file says."""
 
-    frame: Frame
+    info: MapInfo
     image: Path
     mode: str
     negate: bool
@@ -206,8 +206,8 @@ def _read_header(path: str | os.PathLike[str]) -> _Header:
             raise _fault(f"{key} is {value}", "between 0 and 1", "correct it")
     if free >= occupied:
         raise _fault(f"free_thresh is {free} and occupied_thresh is {occupied}", "free below occupied", "exchange them")
-    frame = Frame(os.fspath(path), resolution, (x, y), yaw)
-    return _Header(frame, _beside(path, image), mode, bool(negate), occupied, free)
+    info = MapInfo(os.fspath(path), resolution, (x, y), yaw)
+    return _Header(info, _beside(path, image), mode, bool(negate), occupied, free)
 
 
 def _beside(path: str | os.PathLike[str], image: str) -> Path:
@@ -281,44 +281,44 @@ def _quarter_turns(yaw: float, shape: tuple[int, ...]) -> int | None:
     return turns % 4 if error * math.hypot(*shape) <= SLACK / 64 else None
 
 
-def _extent(frame: Frame, shape: tuple[int, ...], cos: float, sin: float) -> tuple[Floats, Floats]:
+def _extent(info: MapInfo, shape: tuple[int, ...], cos: float, sin: float) -> tuple[Floats, Floats]:
     """Lower and upper corner of the box around the turned map, in metres."""
     corners = np.array([(0, 0), (shape[0], 0), shape, (0, shape[1])]) @ np.array([(cos, sin), (-sin, cos)])
     return (
-        np.asarray(frame.origin + frame.resolution * corners.min(axis=0)),
-        np.asarray(frame.origin + frame.resolution * corners.max(axis=0)),
+        np.asarray(info.origin + info.resolution * corners.min(axis=0)),
+        np.asarray(info.origin + info.resolution * corners.max(axis=0)),
     )
 
 
-def _turned(frame: Frame, solid: Bools, unknown: Bools, solid_around: bool) -> tuple[Grid, Bools, Bools, Bools]:
+def _turned(info: MapInfo, solid: Bools, unknown: Bools, solid_around: bool) -> tuple[Grid, Bools, Bools, Bools]:
     """The map turned by its yaw, on an upright grid; ``solid_around``: whether the ground around it is solid."""
     from cspace.raster.segments import outline_cells
 
-    cos, sin = math.cos(frame.yaw), math.sin(frame.yaw)
-    lower, upper = _extent(frame, solid.shape, cos, sin)
+    cos, sin = math.cos(info.yaw), math.sin(info.yaw)
+    lower, upper = _extent(info, solid.shape, cos, sin)
     # The corners are rounded, so that the grid is wider than their box by more than that.
-    counts = np.ceil((upper - lower) / frame.resolution + 2.0 * SLACK)
+    counts = np.ceil((upper - lower) / info.resolution + 2.0 * SLACK)
     middle = 0.5 * (lower + upper)
     shape = tuple(int(n) for n in counts)
-    check_cells(frame.source, shape, memory=8.0)
-    grid = Grid(middle - 0.5 * frame.resolution * counts, frame.resolution, shape)
+    check_cells(info.source, shape, memory=8.0)
+    grid = Grid(middle - 0.5 * info.resolution * counts, info.resolution, shape)
     # The border of whichever set lies within the turned map: the ground around it then needs no border of its own.
     bounded = ~solid if solid_around else solid
     segments = boundary_segments(bounded, 1.0, (0.0, 0.0)).reshape(-1, 2)
-    turned = frame.origin + frame.resolution * (segments @ np.array([(cos, sin), (-sin, cos)]))
+    turned = info.origin + info.resolution * (segments @ np.array([(cos, sin), (-sin, cos)]))
     outer, inner = outline_cells([(turned.reshape(-1, 4), True)] if len(segments) else [], grid)
     if solid_around:
         outer, inner = ~inner, ~outer
-    return grid, outer, inner, _sampled(frame, unknown, grid)
+    return grid, outer, inner, _sampled(info, unknown, grid)
 
 
-def _sampled(frame: Frame, cells: Bools, grid: Grid) -> Bools:
+def _sampled(info: MapInfo, cells: Bools, grid: Grid) -> Bools:
     """Cells of a grid whose middle lies in a given cell of the turned map, or beyond it."""
-    cos, sin = math.cos(frame.yaw), math.sin(frame.yaw)
-    x, y = (grid.centers(axis) - frame.origin[axis] for axis in range(2))
+    cos, sin = math.cos(info.yaw), math.sin(info.yaw)
+    x, y = (grid.centers(axis) - info.origin[axis] for axis in range(2))
     sampled = np.ones(grid.shape, dtype=np.bool_)
     for column, along in enumerate(x):  # a column at a time: places of all cells would take 32 bytes each
-        places = np.stack([cos * along + sin * y, cos * y - sin * along], axis=-1) / frame.resolution
+        places = np.stack([cos * along + sin * y, cos * y - sin * along], axis=-1) / info.resolution
         cell = np.floor(places).astype(np.int64)
         within = ((cell >= 0) & (cell < cells.shape)).all(axis=-1)
         sampled[column, within] = cells[tuple(cell[within].T)]

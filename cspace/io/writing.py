@@ -18,7 +18,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Floats, Ints, frozen
+from cspace.arrays import Floats, Ints, StrPath, frozen
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.io.files import replacing, suffix_of
@@ -32,7 +32,6 @@ from cspace.states import FREE
 if TYPE_CHECKING:
     import xarray
 
-Named = str | os.PathLike[str]
 
 _BYTES: Final = 160
 """For each square of the border: its corners, its triangles, and its share of the vertices."""
@@ -232,7 +231,7 @@ WRITERS: Final[Mapping[str, Callable[[IO[bytes], Floats, Ints], None]]] = {
 }
 """Mesh formats, by suffix."""
 
-SAVES: Final[Mapping[str, Callable[[Contents, Named, bool], None]]] = {
+SAVES: Final[Mapping[str, Callable[[Contents, StrPath, bool], None]]] = {
     ".zarr": write_store,
     "": write_store,
     ".npz": write_npz,
@@ -267,17 +266,17 @@ class _Layers(Mapping[str, NDArray[Any]]):
         return len(self._places)
 
 
-Write = Callable[[Contents, Sequence[int], Named, bool], None]
+Write = Callable[[Contents, Sequence[int], StrPath, bool], None]
 
 
-def _slice(write: Callable[[NDArray[np.uint8], Grid, Named, bool], None]) -> Write:
+def _slice(write: Callable[[NDArray[np.uint8], Grid, StrPath, bool], None]) -> Write:
     """What writes the slice of one rotation cell by a function of its states."""
     return lambda contents, cells, path, overwrite: write(
         contents.states[int(contents.slice_of[cells[0]])], contents.grid, path, overwrite
     )
 
 
-def _vti(contents: Contents, cells: Sequence[int], path: Named, overwrite: bool) -> None:
+def _vti(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
     rotations = contents.rotations
     about = dict(zip(rotations.names, rotations.centers[cells].T, strict=True))
     write_vti(_Layers(contents, cells), contents.grid, path, overwrite, about)
@@ -364,7 +363,7 @@ def export(
     SAVES[suffix](contents, path, overwrite)
 
 
-def check_export(path: Named, dim: int) -> str:
+def check_export(path: StrPath, dim: int) -> str:
     """The suffix of a file that can hold maps of a dimension.
 
     Raises InputError if no format has it, or that one holds maps of the other dimension.

@@ -35,7 +35,7 @@ def callback(query: Any, dof: int, nogil: bool = True) -> Callable[..., Any]:
     return entry(_compiled(_OF_ONE[dof], nogil), (query,), dof)
 
 
-def brought(check: Callable[..., T], endless: Sequence[bool]) -> Callable[..., T]:
+def with_wrapped_angles(check: Callable[..., T], endless: Sequence[bool]) -> Callable[..., T]:
     """The function, with angles wrapped to half a turn from 0, and those of a second configuration from the first."""
     circles, dof = [k for k, turns in enumerate(endless) if turns], len(endless)
     if not circles:
@@ -86,16 +86,12 @@ _OF_ONE: Final[dict[int, Any]] = {
     2: lambda query, a, b: query.answer((a, b)),
     3: lambda query, a, b, c: query.answer((a, b, c)),
     4: lambda query, a, b, c, d: query.answer((a, b, c, d)),
-    5: lambda query, a, b, c, d, e: query.answer((a, b, c, d, e)),
-    6: lambda query, a, b, c, d, e, f: query.answer((a, b, c, d, e, f)),
     7: lambda query, a, b, c, d, e, f, g: query.answer((a, b, c, d, e, f, g)),
 }
 _OF_TWO: Final[dict[int, Any]] = {
     2: lambda query, a, b, h, i: query.answer_both((a, b), (h, i)),
     3: lambda query, a, b, c, h, i, j: query.answer_both((a, b, c), (h, i, j)),
     4: lambda query, a, b, c, d, h, i, j, k: query.answer_both((a, b, c, d), (h, i, j, k)),
-    5: lambda query, a, b, c, d, e, h, i, j, k, m: query.answer_both((a, b, c, d, e), (h, i, j, k, m)),
-    6: lambda query, a, b, c, d, e, f, h, i, j, k, m, n: query.answer_both((a, b, c, d, e, f), (h, i, j, k, m, n)),
     7: lambda query, a, b, c, d, e, f, g, h, i, j, k, m, n, o: query.answer_both(
         (a, b, c, d, e, f, g), (h, i, j, k, m, n, o)
     ),

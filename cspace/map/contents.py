@@ -18,7 +18,7 @@ from cspace.rotations import Rotations
 from cspace.states import FIELDS
 
 if TYPE_CHECKING:
-    from cspace.placed import Scene
+    from cspace.obstacles import ObstacleLayers
     from cspace.robot import Robot
     from cspace.workspace import Workspace
 
@@ -56,7 +56,7 @@ class Contents:
     prove : callable or None
         Makes the exact proofs of a map of joints, by the space of their arm, of a
         :class:`cspace.exact.boundaries.Problem`. No file holds it, and the first change of the cells lets it go.
-    scene : Scene or None
+    layers : ObstacleLayers or None
         What the cells of the workspace come from, where obstacles were placed by name; no file holds it.
 
     Raises InputError if an array has another shape or type than stated, or ``outside`` is another word.
@@ -76,7 +76,7 @@ class Contents:
     proves_blocked: bool | None = None
     endless: tuple[bool, ...] = ()
     prove: Callable[..., Any] | None = None
-    scene: Scene | None = None
+    layers: ObstacleLayers | None = None
 
     def __post_init__(self) -> None:
         shape = (int(self.slice_of.max()) + 1, *self.grid.shape)
@@ -113,7 +113,7 @@ class Contents:
             states=self.states.copy(),
             overlaps=None if self.overlaps is None else self.overlaps.copy(),
             exterior=None if self.exterior is None else Exterior(self.exterior.table.copy()),
-            scene=None if self.scene is None else self.scene.copy(),
+            layers=None if self.layers is None else self.layers.copy(),
         )
 
 

@@ -224,18 +224,18 @@ def trace_cubes(field: Field, trace: Trace, last: Ints, most: int, more: int) ->
                         continue
                     if max(u, v, w) < r or u + v + w == 0:
                         seen[turn * volume + row + c] = DONE
-                    for way in range(-1, field.neighbors.shape[1] if inside else 0):
-                        there = turn if way < 0 else field.neighbors[turn, way]
+                    for index in range(-1, field.neighbors.shape[1] if inside else 0):
+                        there = turn if index < 0 else field.neighbors[turn, index]
                         number = there * volume + row + c
                         if there < 0 or seen[number] != UNSEEN:
                             continue
-                        if (way >= 0 or not inside) and state_in(
+                        if (index >= 0 or not inside) and state_in(
                             field.cells, field.slice_of[there] * volume + row + c
                         ) != FREE:
                             continue
                         seen[number] = QUEUED
                         gx, gy, gz = float(goal[0] - a), float(goal[1] - b), float(goal[2] - c)
-                        cost = far[node] + math.sqrt(float(u * u + v * v + w * w)) + TURN * (way >= 0)
+                        cost = far[node] + math.sqrt(float(u * u + v * v + w * w)) + TURN * (index >= 0)
                         cost += GREED * math.sqrt(gx * gx + gy * gy + gz * gz)
                         bucket = min(int(cost), len(heads) - 1)
                         after[size], cell[size], parent[size] = heads[bucket], number, node

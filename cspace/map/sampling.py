@@ -200,8 +200,8 @@ def nearest_cell(cells: Bytes, place: Floats, low: Ints, high: Ints) -> Ints:
             if y < 0 or not x_cost + y_cost + least_z < best:
                 break
             row = cells[x, y]
-            for way in range(2):
-                z = k if way == 0 else k - 1
+            for side in range(2):
+                z = k if side == 0 else k - 1
                 while 0 <= z < sizes[2]:
                     if row[z] == FREE:
                         total = x_cost + y_cost + cost(z, place[2], sizes[2], scale)
@@ -211,7 +211,7 @@ def nearest_cell(cells: Bytes, place: Floats, low: Ints, high: Ints) -> Ints:
                     # Far from the best cell it is enough to look where the row still comes near.
                     if best < math.inf and not x_cost + y_cost + cost(z, place[2], sizes[2], scale) < best:
                         break
-                    z += 1 if way == 0 else -1
+                    z += 1 if side == 0 else -1
 
 
 @reader

@@ -36,7 +36,7 @@ def raster_parts(robot: Robot, spacing: float, margin: float, rotations: Rotatio
     Each is rasterised afresh from the turned geometry, but for those that are another one turned by quarters or
     mirrored, which come in the same part as that.
     """
-    if rotations.keep(robot.shape):
+    if rotations.preserve(robot.shape):
         return [lambda: [(0, robot.rasters(spacing, margin))]]
     slice_of = rotations.slice_of(robot.shape)
     first, turns = np.unique(slice_of, return_index=True)[1], rotations.turns(robot.dim)

@@ -72,8 +72,8 @@ LATE: Final = 0.01
 SPENT: Final = 2.0**20
 """Cells of way of searches, all in all, after which what they left is wiped away."""
 
-NO_WAY: Final = 255
-"""What stands for the way to the start."""
+NO_MOVE: Final = 255
+"""What stands for the move to the start."""
 
 LISTS: Final = 8
 """Lists of what waits for each cell of way: within one of them, order does not count."""
@@ -218,15 +218,15 @@ def begin(states: Bytes, squares: Squares, walled: bool, start: int, stop: int) 
     """Write squares of the distances within each row from ``start`` on and before ``stop``."""
     n = states.shape[1]
     for row in range(start, stop):
-        for way in range(2):
+        for backwards in range(2):
             last = -1 if walled else -FAR
             for step in range(n):
-                k = step if way == 0 else n - 1 - step
+                k = step if backwards == 0 else n - 1 - step
                 if states[row, k] != FREE:
                     last = step
                 apart = np.int64(step - last)
                 square = 0 if apart == 0 else min((2 * apart - 1) ** 2, FAR) if apart < 2**14 else FAR
-                squares[row, k] = square if way == 0 else min(square, squares[row, k])  # type: ignore[assignment]
+                squares[row, k] = square if backwards == 0 else min(square, squares[row, k])  # type: ignore[assignment]
     return -1
 
 
@@ -313,20 +313,20 @@ def _around(graph: Graph, axis: int, i: int) -> int:
 
 
 @inner
-def _beside(graph: Graph, at: Spot, way: int) -> tuple[int, int]:
+def _beside(graph: Graph, at: Spot, move: int) -> tuple[int, int]:
     """The cell that a step across a side, or past those a turn, leads to, and its level; -1 and 0 where there is none.
 
     What a step across a corner joins is joined by steps across sides that touch no other cells.
     """
     _, nx, ny, nz = graph.levels.shape
     rotation, i, j, k = at
-    if way < graph.faces:
-        u, v, w = graph.moves[way, 0], graph.moves[way, 1], graph.moves[way, 2]
+    if move < graph.faces:
+        u, v, w = graph.moves[move, 0], graph.moves[move, 1], graph.moves[move, 2]
         i, j, k = _moved(graph, i + u, j + v, k + w)
         if min(i, j, k) < 0:
             return -1, 0
     else:
-        rotation = graph.neighbors[rotation, way - graph.faces]
+        rotation = graph.neighbors[rotation, move - graph.faces]
         if rotation < 0:
             return -1, 0
     return int(((rotation * nx + i) * ny + j) * nz + k), int(graph.levels[graph.slice_of[rotation], i, j, k])
@@ -347,8 +347,8 @@ def _spot(graph: Graph, cell: int) -> Spot:
 def _above(graph: Graph, at: Spot, cell: int) -> int:
     """The highest cell beside one, or itself where none is higher; of one level, larger numbers count as higher."""
     best, highest = cell, int(graph.levels[graph.slice_of[at[0]], at[1], at[2], at[3]])
-    for way in range(graph.faces + graph.neighbors.shape[1]):
-        other, level = _beside(graph, at, way)
+    for move in range(graph.faces + graph.neighbors.shape[1]):
+        other, level = _beside(graph, at, move)
         if level > highest or (level == highest and other > best):
             best, highest = other, level
     return best
@@ -460,8 +460,8 @@ def bottleneck(graph: Graph, flood: Flood, one: int, other: int, pair: Ints) -> 
         _see(flood, cell)  # type: ignore[arg-type]
         state[4] = min(state[4], level)
         is_top = True
-        for way in range(degree):
-            beside, height = _beside(graph, at, way)
+        for move in range(degree):
+            beside, height = _beside(graph, at, move)
             if height > own or (height == own and beside > cell):
                 is_top = False
             if height > 0 and not _is_seen(flood, beside):
@@ -615,7 +615,7 @@ class Queue(NamedTuple):
     heads : ndarray of int64, shape (lists,)
         The first entry of each list; -1 for none.
     cells, arrivals, after, estimates : ndarray of uint32, uint8, int32 and float32, shape (n,)
-        Entries: a cell, by which way it was come to, the next entry, and the least cost of a chain over it.
+        Entries: a cell, by which move it was come to, the next entry, and the least cost of a chain over it.
     state : ndarray of float64, shape (4,)
         Number of entries; the list that is taken from; the highest cost of a cell; and that of the goal, if it was
         come to.
@@ -634,7 +634,7 @@ class Queue(NamedTuple):
         heads = np.full(lists, -1)
         cells, arrivals = np.empty(ENTRIES, dtype=np.uint32), np.empty(ENTRIES, dtype=np.uint8)
         after, estimates = np.empty(ENTRIES, dtype=np.int32), np.empty(ENTRIES, dtype=np.float32)
-        heads[0], cells[0], arrivals[0], after[0], estimates[0] = 0, cell, NO_WAY, -1, 0.0
+        heads[0], cells[0], arrivals[0], after[0], estimates[0] = 0, cell, NO_MOVE, -1, 0.0
         return cls(heads, cells, arrivals, after, estimates, np.array([1.0, 0.0, 0.0, np.inf]))
 
     def roomy(self, more: int, until: float) -> Queue:
@@ -672,8 +672,8 @@ def flat_distances(graph: Graph, wide: Bools, goal: int, start: int, flat: Float
         heads[bucket] = after[entry]
         cell = np.int64(cells[entry])
         i, j, k = cell // (ny * nz), cell // nz % ny, cell % nz
-        for way in range(len(graph.moves)):
-            u, v, w = graph.moves[way, 0], graph.moves[way, 1], graph.moves[way, 2]
+        for move in range(len(graph.moves)):
+            u, v, w = graph.moves[move, 0], graph.moves[move, 1], graph.moves[move, 2]
             if not (0 <= i + u < nx and 0 <= j + v < ny and 0 <= k + w < nz):
                 continue
             other = ((i + u) * ny + j + v) * nz + k + w
@@ -720,19 +720,19 @@ def _open(graph: Graph, levels: Levels, moves: Moves, first: int, at: Spot, leas
     wide, allowed = 0, 0
     deep = 1 if len(moves.steps) > 8 else 0
     if deep <= i < nx - deep and 0 < j < ny - 1 and 0 < k < nz - 1:
-        for way in range(len(moves.steps)):
-            wide |= (levels[first + moves.steps[way]] >= least) << way
+        for move in range(len(moves.steps)):
+            wide |= (levels[first + moves.steps[move]] >= least) << move
     else:
         first -= (i * ny + j) * nz + k
-        for way in range(len(moves.steps)):
-            u, v, w = graph.moves[way, 0], graph.moves[way, 1], graph.moves[way, 2]
+        for move in range(len(moves.steps)):
+            u, v, w = graph.moves[move, 0], graph.moves[move, 1], graph.moves[move, 2]
             u, v, w = _moved(graph, i + u, j + v, k + w)
             if min(u, v, w) >= 0:
-                wide |= (levels[first + (u * ny + v) * nz + w] >= least) << way
+                wide |= (levels[first + (u * ny + v) * nz + w] >= least) << move
     if wide == (1 << len(moves.steps)) - 1:
         return wide, wide
-    for way in range(len(moves.steps)):
-        allowed |= ((wide & moves.parts[way]) == moves.parts[way]) << way
+    for move in range(len(moves.steps)):
+        allowed |= ((wide & moves.parts[move]) == moves.parts[move]) << move
     return wide, allowed
 
 
@@ -785,32 +785,32 @@ def chain_of(
         heads[bucket] = after[entry]
         cell, by = np.int64(cells[entry]), np.int64(arrivals[entry])
         # A cell that was reached sooner by now drops the moves of later chains.
-        late = by != NO_WAY and not came[cell] & np.uint32(1) << np.uint32(by)
+        late = by != NO_MOVE and not came[cell] & np.uint32(1) << np.uint32(by)
         if late or estimates[entry] > best + LATE:
             continue
         at = _spot(graph, cell)  # type: ignore[arg-type]
         rotation, i, j, k = at
         place = cell - rotation * size
         wide, tries = _open(graph, levels, moves, graph.slice_of[rotation] * size + place, at, least)
-        if by != NO_WAY and by >= straight:
+        if by != NO_MOVE and by >= straight:
             # What could have been done before the turn was.
             before = graph.slice_of[graph.neighbors[rotation, by - straight]] * size + place
             tries &= ~_open(graph, levels, moves, before, at, least)[1]
-        elif by != NO_WAY and wide == every:
+        elif by != NO_MOVE and wide == every:
             tries = moves.parts[by]
-        for way in range(straight + graph.neighbors.shape[1]):
-            turn, u, v, w, back = rotation, i, j, k, way
-            if way < straight:
-                if not (tries >> way) & 1:
+        for move in range(straight + graph.neighbors.shape[1]):
+            turn, u, v, w, back = rotation, i, j, k, move
+            if move < straight:
+                if not (tries >> move) & 1:
                     continue
-                u, v, w = graph.moves[way, 0], graph.moves[way, 1], graph.moves[way, 2]
+                u, v, w = graph.moves[move, 0], graph.moves[move, 1], graph.moves[move, 2]
                 u, v, w = _moved(graph, i + u, j + v, k + w)
-                other, cost = rotation * size + (u * ny + v) * nz + w, far[cell] + moves.lengths[way]
+                other, cost = rotation * size + (u * ny + v) * nz + w, far[cell] + moves.lengths[move]
             else:
-                turn = graph.neighbors[rotation, way - straight]
+                turn = graph.neighbors[rotation, move - straight]
                 if turn < 0:
                     continue
-                other, cost = turn * size + place, far[cell] + graph.turns[rotation, way - straight]
+                other, cost = turn * size + place, far[cell] + graph.turns[rotation, move - straight]
                 if levels[graph.slice_of[turn] * size + place] < least:
                     continue
                 back = straight
@@ -853,14 +853,14 @@ def _back(graph: Graph, moves: Moves, start: int, goal: int, came: Cells) -> Int
     path = np.empty(256, np.int64)
     path[0] = goal
     while cell != start:
-        way, bits = 0, came[cell]
-        while not (bits >> np.uint32(way)) & np.uint32(1):
-            way += 1
+        move, bits = 0, came[cell]
+        while not (bits >> np.uint32(move)) & np.uint32(1):
+            move += 1
         rotation, i, j, k = _spot(graph, cell)
-        if way < straight:
-            i, j, k = _moved(graph, i - graph.moves[way, 0], j - graph.moves[way, 1], k - graph.moves[way, 2])
+        if move < straight:
+            i, j, k = _moved(graph, i - graph.moves[move, 0], j - graph.moves[move, 1], k - graph.moves[move, 2])
         else:
-            rotation = graph.neighbors[rotation, way - straight]
+            rotation = graph.neighbors[rotation, move - straight]
         cell = ((rotation * nx + i) * ny + j) * nz + k
         if length == len(path):
             path = np.concatenate((path, np.empty_like(path)))
@@ -886,10 +886,10 @@ def _turns_to(graph: Graph, goal: int) -> Floats:
     while changed:
         changed = False
         for rotation in range(len(costs)):
-            for way in range(graph.neighbors.shape[1]):
-                other = graph.neighbors[rotation, way]
-                if other >= 0 and costs[other] + graph.turns[rotation, way] < costs[rotation]:
-                    costs[rotation], changed = costs[other] + graph.turns[rotation, way], True
+            for move in range(graph.neighbors.shape[1]):
+                other = graph.neighbors[rotation, move]
+                if other >= 0 and costs[other] + graph.turns[rotation, move] < costs[rotation]:
+                    costs[rotation], changed = costs[other] + graph.turns[rotation, move], True
     return costs
 
 
@@ -917,7 +917,7 @@ def widest_path(
     level = widest.bottleneck(int(tops[0][-1]), int(tops[1][-1]), until)
     if not level:
         return np.empty((0, len(endpoints[0][0])))
-    up, down = ([cell for cell in way.tolist() if level_of(graph, cell) < level] for way in tops)
+    up, down = ([cell for cell in climbed.tolist() if level_of(graph, cell) < level] for climbed in tops)
     chain = widest.shortest(int(tops[0][len(up)]), int(tops[1][len(down)]), level, until)
     rotation, *place = np.unravel_index(np.concatenate([up, chain, down[::-1]]).astype(np.int64), shape)
     places, endless = np.stack(place, axis=-1), graph.closed[3 - grid.dim :]

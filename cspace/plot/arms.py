@@ -103,8 +103,8 @@ class ArmFigure:
 
 def along_joints(points: Floats, shares: Floats) -> Floats:
     """Configurations at shares, from 0 to 1, of the length of a path in the joints, shape (n, dof)."""
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    return np.stack([np.interp(shares * way[-1], way, column) for column in points.T], axis=-1)
+    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    return np.stack([np.interp(shares * lengths[-1], lengths, column) for column in points.T], axis=-1)
 
 
 def draw_arm(
@@ -138,12 +138,12 @@ def draw_arm(
     colors = [lit(part, towards, color) for part, (color, _) in zip(polygons, (*links, *blocks), strict=True)]
     handles = [artists.patch("arm", artists.ROBOT_FILL)]
     if len(points) > 1:
-        way = figure.tips(along_joints(points, np.linspace(0.0, 1.0, 200)))
-        polygons.append(ribbon(way, towards, box))
+        curve = figure.tips(along_joints(points, np.linspace(0.0, 1.0, 200)))
+        polygons.append(ribbon(curve, towards, box))
         colors.append(np.tile(lit(polygons[-1][:1], towards, artists.PATH), (len(polygons[-1]), 1)))
         handles += [
             artists.patch("arm along the path", PALE),
-            *dotted(drawn, way, f"path of {figure.tip}, dotted behind something"),
+            *dotted(drawn, curve, f"path of {figure.tip}, dotted behind something"),
         ]
     if blocks:
         handles.insert(0, artists.patch(*SURFACES["obstacles"]))
@@ -160,8 +160,8 @@ def _within(surface: Surface, low: Floats, high: Floats) -> Surface:
 
     mesh = trimesh.Trimesh(*surface, process=False)
     for axis in range(3):
-        for way, end in ((1.0, low), (-1.0, high)):
-            mesh = mesh.slice_plane(end, way * np.eye(3)[axis]) if len(mesh.faces) else mesh
+        for sign, end in ((1.0, low), (-1.0, high)):
+            mesh = mesh.slice_plane(end, sign * np.eye(3)[axis]) if len(mesh.faces) else mesh
     return np.asarray(mesh.vertices), np.asarray(mesh.faces)
 
 

@@ -143,7 +143,7 @@ class Figurine:
 
     def along(self, points: Floats, shares: Floats) -> Floats:
         """Configurations at shares, from 0 to 1, of the length of a path, shape (n, dof)."""
-        place = np.interp(shares * (way := self.travelled(points))[-1], way, np.arange(len(points)))
+        place = np.interp(shares * (lengths := self.travelled(points))[-1], lengths, np.arange(len(points)))
         first = np.minimum(place.astype(np.int64), max(len(points) - 2, 0))
         steps = self.rotations.steps(points[first], points[np.minimum(first + 1, len(points) - 1)])
         return self.rotations.moved(points[first], (place - first)[:, np.newaxis] * steps)
@@ -373,8 +373,8 @@ def within(points: Floats, axis: int, low: float, high: float) -> Floats:
 
     Each part is two rows, and a row of NaN follows it, so that a line through all rows has gaps.
     """
-    first, way = points[:-1], np.diff(points, axis=0)
-    begin, rate = first[:, axis], way[:, axis]
+    first, steps = points[:-1], np.diff(points, axis=0)
+    begin, rate = first[:, axis], steps[:, axis]
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = np.sort([(low - begin) / rate, (high - begin) / rate], axis=0)
     level = rate == 0.0
@@ -382,6 +382,6 @@ def within(points: Floats, axis: int, low: float, high: float) -> Floats:
     start = np.where(level, np.where(inside, 0.0, 2.0), np.maximum(shares[0], 0.0))
     stop = np.where(level, 1.0, np.minimum(shares[1], 1.0))
     visible = start <= stop
-    rows = [first[visible] + share[visible, np.newaxis] * way[visible] for share in (start, stop)]
+    rows = [first[visible] + share[visible, np.newaxis] * steps[visible] for share in (start, stop)]
     gaps = np.full((int(visible.sum()), points.shape[1]), np.nan)
     return np.stack([*rows, gaps], axis=1).reshape(-1, points.shape[1])

@@ -73,8 +73,8 @@ def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
         colors.append(lit(polygons[-1], towards, artists.ROBOT_FILL))
         handles.append(artists.patch("robot", artists.ROBOT_FILL))
     if len(route.points) > 1:
-        way = route.figurine.travelled(route.points)
-        shares = np.union1d(np.linspace(0.0, 1.0, 400), way / max(way[-1], np.finfo(float).tiny))
+        lengths = route.figurine.travelled(route.points)
+        shares = np.union1d(np.linspace(0.0, 1.0, 400), lengths / max(lengths[-1], np.finfo(float).tiny))
         strips = ribbon(route.along(shares)[:, :3], towards, box)
         inside = ((strips >= box[0]) & (strips <= box[1])).all(
             axis=(1, 2)

@@ -139,9 +139,9 @@ def _chord(triangle: Floats, x: float) -> tuple[int, float, float, float, float]
         qx, qy, qz = triangle[e + 1 if e < 2 else 0]
         if (px <= x) == (qx <= x):
             continue
-        way = 1
+        sign = 1
         if px <= x:
-            way = -1
+            sign = -1
         else:
             px, py, pz, qx, qy, qz = qx, qy, qz, px, py, pz
         t = (x - px) / (qx - px)
@@ -153,7 +153,7 @@ def _chord(triangle: Floats, x: float) -> tuple[int, float, float, float, float]
         if number == 0 or y > high_y:
             if number == 0:
                 low_y, low_z = y, z
-            turn, high_y, high_z = way, y, z
+            turn, high_y, high_z = sign, y, z
         else:
             low_y, low_z = y, z
         number += 1

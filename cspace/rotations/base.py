@@ -391,7 +391,7 @@ class Rotations(ABC):
         return (n,)
 
     @abstractmethod
-    def keep(self, shape: Symmetric) -> bool:
+    def preserve(self, shape: Symmetric) -> bool:
         """Whether all rotations of all cells map a robot to itself."""
 
     def check_dimension(self, dim: int) -> None:  # noqa: B027

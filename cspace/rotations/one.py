@@ -73,7 +73,7 @@ class OneRotation(Rotations):
     def leading(self, n: int) -> tuple[int, ...]:
         return ()
 
-    def keep(self, shape: Symmetric) -> bool:
+    def preserve(self, shape: Symmetric) -> bool:
         return True
 
     def fewer(self, share: float) -> str:

@@ -167,7 +167,7 @@ class QuaternionRotations(Rotations):
             rule, mend = "a robot in the plane turns by its yaw", "pass e.g. rotations=72"
             raise InputError("rotations", f"are {self}", rule, mend, value=self)
 
-    def keep(self, shape: Symmetric) -> bool:
+    def preserve(self, shape: Symmetric) -> bool:
         """Whether it is a ball about its reference point."""
         return shape.is_round
 
@@ -253,17 +253,17 @@ class QuaternionRotations(Rotations):
         charts = np.indices((4, n, n, n)).reshape(4, -1)
         columns = []
         for axis in range(3):
-            for way in (-1, 1):
+            for step in (-1, 1):
                 parts = charts.copy()
-                parts[1 + axis] += way
+                parts[1 + axis] += step
                 # Past a quotient of -1 or 1 that component is the largest, and all signs are those of the quotient.
                 for c in range(4):
                     over = np.flatnonzero((charts[0] == c) & ((parts[1 + axis] < 0) | (parts[1 + axis] == n)))
                     place = dict(zip(OTHERS[c], charts[1:, over], strict=True))
                     largest = OTHERS[c][axis]
                     place[c] = place.pop(largest)
-                    others = np.array([place[k] if way > 0 else n - 1 - place[k] for k in OTHERS[largest]])
-                    others[OTHERS[largest].index(c)] = n - 1 if way > 0 else 0
+                    others = np.array([place[k] if step > 0 else n - 1 - place[k] for k in OTHERS[largest]])
+                    others[OTHERS[largest].index(c)] = n - 1 if step > 0 else 0
                     parts[:, over] = [np.full(len(over), largest), *others]
                 columns.append(np.ravel_multi_index(tuple(parts), (4, n, n, n)))
         return np.stack(columns, axis=1).astype(np.int64)

@@ -158,7 +158,7 @@ class YawRotations(Rotations):
     def cells_of(self, q: Floats) -> Ints:
         return self.cell_of(q[..., -1])
 
-    def keep(self, shape: Symmetric) -> bool:
+    def preserve(self, shape: Symmetric) -> bool:
         """Whether it is round about the z axis."""
         return shape.symmetry == 0
 

@@ -220,9 +220,9 @@ def _maximal(lattice: Lattice) -> Balls:
     depths = np.full(lattice.cells.shape, -np.inf)
     depths[lattice.cells] = lattice.depths
     steps = (np.arange(-NEIGHBOURS, NEIGHBOURS + 1) if half else np.zeros(1) for half in lattice.half)
-    way = np.linalg.norm(np.meshgrid(*steps, indexing="ij"), axis=0)
-    reach = -(1.0 - LOST) * way
-    held = grey_dilation(depths, footprint=way > 0.0, structure=reach, mode="constant", cval=-np.inf) >= depths
+    distances = np.linalg.norm(np.meshgrid(*steps, indexing="ij"), axis=0)
+    reach = -(1.0 - LOST) * distances
+    held = grey_dilation(depths, footprint=distances > 0.0, structure=reach, mode="constant", cval=-np.inf) >= depths
     balls = _on_lattice(lattice).where(~held[lattice.cells])
     few = np.arange(len(balls.depths)) % max(1, -(-len(balls.depths) // CANDIDATES)) == 0
     if len(few):

@@ -222,13 +222,13 @@ class Joined:
             return [], np.empty((0, len(start)), dtype=np.int64)
         chain.reverse()
         numbers = np.searchsorted(first, chain, side="right") - 1
-        way = [tuple(int(i) for i in np.unravel_index(number, self.store.counts)) for number in numbers]
+        tiles = [tuple(int(i) for i in np.unravel_index(number, self.store.counts)) for number in numbers]
         crossings, at = [], start
-        for k in range(len(way) - 1):
+        for k in range(len(tiles) - 1):
             labels = [chain[k] - int(first[numbers[k]]), chain[k + 1] - int(first[numbers[k + 1]])]
-            at = self._crossing(way[k], way[k + 1], labels, at, goal)
+            at = self._crossing(tiles[k], tiles[k + 1], labels, at, goal)
             crossings.append(at)
-        return way, np.array(crossings).reshape(-1, len(start))
+        return tiles, np.array(crossings).reshape(-1, len(start))
 
     def _crossing(self, one: Index, other: Index, labels: list[int], at: Ints, goal: Ints) -> Ints:
         """The first cell behind the face of two tiles, in the middle of those of two components, on a short way."""

@@ -155,26 +155,26 @@ def border(solid: Bools, rim: bool = True, lid: bool = True) -> Ints:
     Without a ``rim``, cells at the border of the array have none there; without a ``lid``, the topmost ones have none
     above them.
     """
-    sides = ((axis, way) for axis in range(3) for way in (0, 1))
-    return np.concatenate([_facing(solid, axis, way, rim and (lid or (axis, way) != (2, 1))) for axis, way in sides])
+    sides = ((axis, up) for axis in range(3) for up in (0, 1))
+    return np.concatenate([_facing(solid, axis, up, rim and (lid or (axis, up) != (2, 1))) for axis, up in sides])
 
 
-def _facing(solid: Bools, axis: int, way: int, rim: bool) -> Ints:
+def _facing(solid: Bools, axis: int, up: int, rim: bool) -> Ints:
     """The rectangles that face down an axis, or up it."""
     one, two = (axis + 1) % 3, (axis + 2) % 3
     cells = solid.transpose(axis, one, two)
     if not cells.any():
         return np.empty((0, 4, 3), dtype=np.int64)
     seen = cells.copy()
-    inner = (slice(1, None), slice(None, -1)) if way == 0 else (slice(None, -1), slice(1, None))
+    inner = (slice(1, None), slice(None, -1)) if up == 0 else (slice(None, -1), slice(1, None))
     seen[inner[0]] &= ~cells[inner[1]]
-    seen[-way] &= rim
+    seen[-up] &= rim
     low, high = rectangles(seen)
     corners = np.empty((len(low), 4, 3), dtype=np.int64)
-    corners[..., axis] = low[:, :1] + way
+    corners[..., axis] = low[:, :1] + up
     corners[..., one] = np.stack([low[:, 1], high[:, 1], high[:, 1], low[:, 1]], axis=1)
     corners[..., two] = np.stack([low[:, 2], low[:, 2], high[:, 2], high[:, 2]], axis=1)
-    return corners if way else corners[:, ::-1]
+    return corners if up else corners[:, ::-1]
 
 
 def robot_surface(robot: RobotLike, height: float) -> Surface:

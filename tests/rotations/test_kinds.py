@@ -58,7 +58,7 @@ class PitchRotations(YawRotations):
     def of_matrix(self, matrix: Floats) -> Floats:
         return np.arctan2(matrix[0, 2:], matrix[0, :1])
 
-    def keep(self, shape: Symmetric) -> bool:
+    def preserve(self, shape: Symmetric) -> bool:
         return shape.is_round
 
     def slice_of(self, shape: Symmetric) -> Ints:

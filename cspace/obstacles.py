@@ -1,4 +1,4 @@
-"""Obstacles that are placed by name, in metres, over cells that stay."""
+"""Layers of a workspace: obstacles that are placed by name, in metres, over cells that stay."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Box = tuple[Ints, Ints]
 """First cell, and the one after the last; with no cell in between where an obstacle lies outside the grid."""
 
 
-class Placed(NamedTuple):
+class Obstacle(NamedTuple):
     """An obstacle, and what it is in the cells of a box of the grid.
 
     Attributes
@@ -35,7 +35,7 @@ class Placed(NamedTuple):
     inner: Bools
 
     @classmethod
-    def of(cls, shape: Shape, grid: Grid, endless: Sequence[bool] = ()) -> Placed:
+    def of(cls, shape: Shape, grid: Grid, endless: Sequence[bool] = ()) -> Obstacle:
         """An obstacle where it is; what lies outside the grid is clipped, but for exact answers.
 
         Along axes that close in a circle nothing lies outside: there it comes in again, whole turns on.
@@ -63,7 +63,7 @@ class Placed(NamedTuple):
         return cls(shape, (first, stop), outer, inner)
 
     @classmethod
-    def _clipped(cls, shape: Shape, grid: Grid) -> Placed:
+    def _clipped(cls, shape: Shape, grid: Grid) -> Obstacle:
         low, high = ((corner - grid.lower) / grid.spacing for corner in shape.bounds)
         first, stop = (np.clip(np.floor(cell), 0, grid.shape).astype(np.int64) for cell in (low - 1.0, high + 2.0))
         # The cells are those of a build to the bit, as they are counted from the same corner, and fewer.
@@ -73,7 +73,7 @@ class Placed(NamedTuple):
 
 
 @dataclass(slots=True, eq=False)
-class Scene:
+class ObstacleLayers:
     """What the cells of a workspace come from: those that stay, and those of obstacles that have a name.
 
     Attributes
@@ -85,7 +85,7 @@ class Scene:
     shapes : tuple or None
         The obstacles that stay, where they are known otherwise than by their cells.
     grid : Grid
-    placed : dict of str to Placed
+    placed : dict of str to Obstacle
     """
 
     grid: Grid
@@ -93,10 +93,10 @@ class Scene:
     inner: Bools = field(repr=False)
     unknown: Bools | None = field(repr=False)
     shapes: tuple[Shape, ...] | None
-    placed: dict[str, Placed] = field(default_factory=dict)
+    placed: dict[str, Obstacle] = field(default_factory=dict)
     _still: tuple[Shape, ...] | None = field(default=None, repr=False)
 
-    def copy(self) -> Scene:
+    def copy(self) -> ObstacleLayers:
         """The same, in arrays of its own."""
         outer, inner = self.outer.copy(), self.inner.copy()
         unknown = None if self.unknown is None else self.unknown.copy()
@@ -119,7 +119,7 @@ class Scene:
             self.unknown[window] = False
         self.shapes = self._still = None
 
-    def put(self, name: str, placed: Placed | None) -> list[Box]:
+    def put(self, name: str, placed: Obstacle | None) -> list[Box]:
         """Place an obstacle, or take it away; the boxes of the cells that may differ from then on."""
         boxes = [each.box for each in (placed, self.placed.get(name)) if each is not None and each.outer.size]
         if placed is None:
