@@ -72,7 +72,8 @@ def positive(value: Any, name: str, unit: str = "metres") -> float:
     """
     array = finite(value, name)
     if array.ndim or array <= 0.0:
-        raise InputError(name, f"is {value!r}", "it must be one number above zero", f"pass it in {unit}, e.g. 0.05")
+        mend = f"pass it in {unit}" + ", e.g. 0.05" * (unit == "metres")
+        raise InputError(name, f"is {value!r}", "it must be one number above zero", mend)
     if not 1e-100 < array < 1e100:
         raise InputError(name, f"is {value!r}", "it must lie between 1e-100 and 1e100", f"check its units ({unit})")
     return float(array)

@@ -104,19 +104,20 @@ def check_memory(
     mend: str | None = None,
     fewer: Callable[[float], str] | None = None,
     seconds: float = 0.0,
+    later: float = 0.0,
 ) -> None:
     """Refuse work that does not fit into memory; the message gives the spacing that would fit, or else ``mend``.
 
     It needs so many bytes, of which ``fixed`` do not depend on the number of cells of ``grid``, and the others are
     proportional to it. ``what`` says who needs them: "the map". ``mend`` helps where another spacing cannot be
     chosen; ``fewer`` names the rotation cells that take at most a share of the memory, an empty text where none do.
-    ``seconds`` are those of one core.
+    ``seconds`` are those of one core. Where more is needed next, of what this is for, the advice is for ``later``.
     """
     free = free_bytes()
     if needed <= KEEP * free:
         return
     if mend is None:
-        bytes_a_cell = (needed - fixed) / float(np.prod(np.asarray(grid.shape, dtype=float)))
+        bytes_a_cell = (max(needed, later) - fixed) / float(np.prod(np.asarray(grid.shape, dtype=float)))
         coarser = fitting_spacing(np.array([grid.lower, grid.upper]), grid.spacing, bytes_a_cell, _ROOM * free - fixed)
         mend = (
             "no spacing helps; take a machine with more memory"

@@ -699,7 +699,10 @@ def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
     # What no raster can distinguish from zero is zero: shapely goes wrong on numbers below 1e-308.
     corners = np.where(np.abs(corners) < _NOUGHT * spacing, 0.0, corners)
     shape = covering_shape(corners, spacing)
-    check_memory(bytes_a_cell * float(np.prod(shape, dtype=float)), "the map", Planned(shape, spacing, *corners))
+    cells = float(np.prod(shape, dtype=float))
+    # A spacing at which the map fits as well, beside its workspace.
+    later, planned = (WORKSPACE_BYTES + 1) * cells, Planned(shape, spacing, *corners)
+    check_memory(bytes_a_cell * cells, "the map", planned, later=later)
     return Grid(corners[0], spacing, shape)
 
 

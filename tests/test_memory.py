@@ -1,12 +1,13 @@
 """Memory is told before any work, from what the machine, a container or a process's limit leaves."""
 
+import math
 import subprocess
 import sys
 
 import pytest
 
 import cspace
-from cspace.memory import build_seconds, bytes_text, check_memory, time_text
+from cspace.memory import WORKSPACE_BYTES, build_seconds, bytes_text, check_memory, map_bytes, time_text
 
 LIMITED = """
 import resource, psutil, cspace
@@ -32,6 +33,15 @@ def test_what_does_not_fit_is_refused_with_figures_and_a_spacing_that_would(monk
         check_memory(1e9, "the map", cspace.Grid((0.0,) * 3, 0.1, (1000,) * 3))
     with pytest.raises(cspace.InputError, match="no spacing helps"):
         check_memory(1.1e9, "the map", cspace.Grid((0.0, 0.0), 0.1, (10, 10)), fixed=1e9)
+
+
+def test_the_spacing_that_a_workspace_is_advised_fits_its_map(monkeypatch):
+    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 10**9)
+    with pytest.raises(cspace.InputError, match="use a spacing of at least") as error:
+        cspace.Workspace.from_points([(0.0, 0.0), (40.0, 40.0)], 0.001)
+    spacing = float(error.value.mend.split("at least ")[1].split()[0])
+    shape = [math.ceil(40.0 / spacing)] * 2
+    check_memory(WORKSPACE_BYTES * math.prod(shape) + map_bytes(shape), "the map", cspace.Grid((0, 0), spacing, shape))
 
 
 def test_joining_cells_is_refused_before_it_begins(monkeypatch):

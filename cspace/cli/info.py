@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from cspace.grid import Grid
     from cspace.memory import Planned
     from cspace.robot import Robot
+    from cspace.rotations import Rotations
     from cspace.shapes.mesh import Solid
 
 Kind = Literal["map", "workspace", "robot"]
@@ -153,9 +154,9 @@ def survey(
     from cspace.workspace import Workspace, reader_of
 
     reader = reader_of(path, options)
-    if robot is not None:
-        check_dimensions(path, dimension_of(path), robot)
-    cells = _Cells(names, robot, rotations)
+    turning = rotation_cells(rotations)
+    check_dimensions(path, dimension_of(path), robot, turning)
+    cells = _Cells(names, robot, turning)
     if reader.__name__ in _SHAPES:
         document = _shapes(cells, path, reader.__name__, **options)
     else:
@@ -242,8 +243,7 @@ def _grid(cells: _Cells, read: Callable[..., Any], reader: Callable[..., Any]) -
 class _Cells:
     """The cells of a map to be: of its grid, and of its rotations where the robot turns."""
 
-    def __init__(self, names: Options, robot: Robot | None, rotations: str | None) -> None:
-        cells = rotation_cells(rotations)
+    def __init__(self, names: Options, robot: Robot | None, cells: Rotations) -> None:
         self._names, self.slices, self._fewer = names, 1, cells.fewer
         self._facts: dict[str, Any] = {}
         if cells.facts:
@@ -291,18 +291,24 @@ class _Cells:
 
         shape = grid.shape
         cells = cells_of(shape)
-        built = WORKSPACE_BYTES * cells + map_bytes(shape, self.slices)
+        read, workspace, states = bytes_a_cell * cells, WORKSPACE_BYTES * cells, map_bytes(shape, self.slices)
+        needed = max(read, workspace + states)
         memory: dict[str, Any] = {
             "map_bytes": cells * self.slices // (4 if is_packed(shape, self.slices) else 1),
-            "needed_bytes": max(bytes_a_cell * cells, built),
+            "needed_bytes": needed,
             "free_bytes": free_bytes(),
             "fits": True,
         }
         seconds = build_seconds(shape, self.slices)
-        advice |= {"seconds": seconds, "fewer": self._fewer}
+
+        def fewer(share: float) -> str:
+            # Fewer rotations leave the workspace as large as it is.
+            left = share * (needed - TRANSFORM_BYTES) - max(workspace, read - TRANSFORM_BYTES)
+            return self._fewer(left / (states - TRANSFORM_BYTES)) if left > 0.0 else ""
+
         try:
-            check_memory(bytes_a_cell * cells, "the map", grid, **advice)
-            check_memory(built, "the map", grid, fixed=TRANSFORM_BYTES, **advice)
+            fixed = TRANSFORM_BYTES if needed > read else 0
+            check_memory(needed, "the map", grid, fixed=fixed, fewer=fewer, seconds=seconds, **advice)
         except InputError as error:
             memory |= {"fits": False, "problem": worded(error, self._names)}
         return {**self._facts, "memory": memory, "build_cpu_s": float(f"{seconds:.1g}")}

@@ -116,10 +116,9 @@ def make(
     with clock.step("read"):
         shape = read_robot(robot, robot_solid)
         reader_of(workspace, options)
-        check_dimensions(workspace, dimension_of(workspace), shape)
+        check_dimensions(workspace, dimension_of(workspace), shape, cells)
         lazy = {} if tile is None else lazily(workspace, options)
         obstacles = Workspace.open(workspace, **options, **lazy)
-    slices = int(cells.slice_of(shape.shape).max()) + 1
     settings: BuildOptions = {
         "rotations": cells,
         "inner": inner,
@@ -130,7 +129,8 @@ def make(
     }
     space: CSpace | TiledCSpace
     if tile is not None:
-        with cluster(scheduler) as client, clock.step("build", obstacles.grid.size * slices) as progress:
+        states = obstacles.grid.size * (int(cells.slice_of(shape.shape).max()) + 1)
+        with cluster(scheduler) as client, clock.step("build", states) as progress:
             settings["progress"] = progress
             space = build(obstacles, shape, store=output, tile=tile, client=client, **settings)
     else:

@@ -32,7 +32,7 @@ PathFile = Annotated[
 ]
 Place = Annotated[
     str | None,
-    typer.Option(metavar="X,Y[,Z][,TURN]", help="A configuration to show, metres  [default: the end of the path]."),
+    typer.Option(metavar="X,Y[,Z][,TURN]", help="A configuration to mark, metres  [default: an end of the path]."),
 ]
 
 Spacing = Annotated[
@@ -106,12 +106,13 @@ def read_robot(text: str, solid: Solid | None) -> Robot:
         return Robot.open(text, **given(solid=solid))
 
 
-def check_dimensions(path: Path, dim: int, robot: Robot) -> None:
-    """Refuse a robot of the plane in a workspace of space, or the other way round.
+def check_dimensions(path: Path, dim: int, robot: Robot | None, rotations: Rotations) -> None:
+    """Refuse a robot of the plane in a workspace of space, or the other way round, and rotations of neither.
 
     Raises InputError if they do not agree.
     """
-    if robot.dim != dim:
+    rotations.check_dimension(dim)
+    if robot is not None and robot.dim != dim:
         fault = f"is a {robot.name}, which has {robot.dim} dimensions, and the workspace {path} has {dim}"
         mend = "take both in the plane or both in space" + ", or its footprint, as footprint:ROBOT" * (robot.dim == 3)
         raise InputError("--robot", fault, "they must agree", mend)
@@ -128,9 +129,9 @@ def rotation_cells(text: str | None) -> Rotations:
         return Rotations.of(None)
     kind, _, count = text.rpartition(":")
     kinds = {"": Rotations.of, **{name: kind.of_value for name, kind in Rotations.KINDS.items() if kind.names}}
-    if kind not in kinds or not count.isdecimal():
+    if kind not in kinds or not count.isdecimal() or not int(count):
         mend = f"write e.g. 72, {' or '.join(f'{name}:8' for name in kinds if name)}"
-        rule = "it must be a number of cells, or their kind and a number"
+        rule = "it must be a number of cells above zero, or their kind and such a number"
         raise InputError("--rotations", f"is {text!r}", rule, mend, value=text)
     return kinds[kind](int(count))
 

@@ -50,7 +50,10 @@ def plan(
     time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="When to give up.")] = 1.0,
     seed: Annotated[int | None, typer.Option(help="Makes the run repeatable.")] = None,
     simplify: Annotated[bool, typer.Option("--simplify/--no-simplify", help="Shorten the path.")] = True,
-    objective: Annotated[str | None, typer.Option(help="What to optimise: length, clearance or overlap.")] = None,
+    objective: Annotated[
+        str | None,
+        typer.Option(help="What to optimise: length, clearance, or overlap where the map has a field of it."),
+    ] = None,
     exact: Annotated[
         bool, typer.Option("--exact", help="Ask the geometry itself where the grid cannot decide.")
     ] = False,

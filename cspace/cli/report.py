@@ -25,6 +25,7 @@ _UNITS: Final = {
     "_m2": " m²",
     "_m": " m",
     "_deg": "°",
+    "_rad": " rad",
     "_bytes": " bytes",
 }
 """Units, by the end of a name."""
@@ -176,7 +177,8 @@ def worded(error: CspaceError, options: Options) -> str:
     """An error in one line, with its argument, and one that its mend names, as options of the command."""
     if error.fault is None:
         return _line(str(error))
-    subject = f"{options.get(error.argument, error.argument)}{error.gap}{error.fault}"
+    name, bracket, index = error.argument.partition("[")  # goal[0]
+    subject = f"{options.get(name, name)}{bracket}{index}{error.gap}{error.fault}"
     return _line(
         "; ".join(part for part in (subject, in_options(error.rule, options), in_options(error.mend, options)) if part)
     )
@@ -205,7 +207,10 @@ def about_robot() -> Iterator[None]:
 
 
 def _option(word: str, options: Options) -> str:
-    """A word that sets an argument, as an option; any other word as it is."""
+    """A word that sets an argument, as an option, and rotations as an option has them; any other word as it is."""
+    before, called, after = word.partition("Rotations.quaternions(")
+    if called:
+        word = f"{before}quaternions:{after.replace(')', '', 1)}"
     name, equals, value = word.partition("=")
     bracket = name[: len(name) - len(name.lstrip("("))]
     name = name.removeprefix(bracket)

@@ -138,7 +138,7 @@ class Stage:
         stops = route.along(np.linspace(0.0, 1.0, 64))
         box = Route(route.points, route.marks, stops, route.figurine).box(space)
         stretch = artists.stretches(box)
-        self.figure, (world, plane) = _panels(box)
+        self.figure, (world, plane) = _panels(box, space.grid.labels)
         ground = artists.ground_of(space.workspace)
         artists.draw_cells(world, space.grid, ground)
         slices = [self._classes(q) for q in stops]
@@ -199,7 +199,7 @@ def _layer(artist: Artist) -> float:
     return artist.get_zorder()
 
 
-def _panels(box: Floats) -> tuple[Any, tuple[Axes, Axes]]:
+def _panels(box: Floats, labels: Sequence[str]) -> tuple[Any, tuple[Axes, Axes]]:
     """Two panels with the same axes, side by side, or one above the other where they are wide."""
     width, height = artists.drawn_size(box, _LONG)
     wide = width > 1.4 * height
@@ -208,9 +208,9 @@ def _panels(box: Floats) -> tuple[Any, tuple[Axes, Axes]]:
     shape = (2, 1) if wide else (1, 2)
     panels: Any = figure.subplots(*shape, sharex=True, sharey=True, squeeze=False)
     first, second = panels.flat
-    first.set_ylabel("y (m)")
-    second.set_xlabel("x (m)")
-    (second.set_ylabel if wide else first.set_xlabel)("y (m)" if wide else "x (m)")
+    first.set_ylabel(labels[1])
+    second.set_xlabel(labels[0])
+    (second.set_ylabel if wide else first.set_xlabel)(labels[int(wide)])
     return figure, (first, second)
 
 

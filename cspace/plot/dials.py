@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 _PIXELS: Final = 360
 """Pixels across a dial."""
 
+_REACH: Final = 1.02
+"""Half the side of their square; a dial has the radius 1, and its rim is drawn whole."""
+
 _COLUMNS: Final = 3
 """Discs in a row."""
 
@@ -47,7 +50,7 @@ def draw_dials(space: MapLike, route: Route, look: Look) -> Axes:
             vmin=0,
             vmax=most,
             alpha=seen,
-            extent=(-1, 1, -1, 1),
+            extent=(-_REACH, _REACH, -_REACH, _REACH),
             origin="lower",
             interpolation="nearest",
         )
@@ -72,5 +75,5 @@ def draw_dials(space: MapLike, route: Route, look: Look) -> Axes:
 
 def _places() -> Floats:
     """x and y of the middles of the pixels of a dial, shape (2, n, n)."""
-    across = (np.arange(_PIXELS) + 0.5) * 2.0 / _PIXELS - 1.0
+    across = _REACH * ((np.arange(_PIXELS) + 0.5) * 2.0 / _PIXELS - 1.0)
     return np.array(np.meshgrid(across, across))

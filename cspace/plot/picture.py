@@ -52,6 +52,7 @@ _INCHES: Final = 2.0
 """Longer side of a thumbnail."""
 _DPI: Final = 100.0
 """And its pixels per inch."""
+_MOST_DPI: Final = 2400.0
 
 
 class WorkspaceOptions(TypedDict, total=False):
@@ -270,7 +271,7 @@ def save_plot(
     overwrite : bool
         Whether an existing file may be replaced.
     dpi : float
-        Pixels per inch; pictures are about eight inches wide.
+        Pixels per inch, at most 2400; pictures are about eight inches wide.
     **options
         As for :func:`plot`, but for ``ax``.
 
@@ -302,14 +303,17 @@ def save_plot(
 def save_figure(draw: Callable[[], Any], file: str | os.PathLike[str], overwrite: bool, dpi: float) -> Path:
     """Write the figure that ``draw`` makes; the name and the numbers are checked before it is made.
 
-    Raises InputError if the suffix is not one of :data:`SUFFIXES`, or ``dpi`` is not above zero, and FileError if the
-    file exists and ``overwrite`` is not set, or cannot be written.
+    Raises InputError if the suffix is not one of :data:`SUFFIXES`, or ``dpi`` is not above zero or too large, and
+    FileError if the file exists and ``overwrite`` is not set, or cannot be written.
     """
     target = Path(file)
     if target.suffix.lower() not in SUFFIXES:
         rule, mend = f"a picture's suffix is one of {', '.join(SUFFIXES)}", f"name it e.g. {target.stem}.png"
         raise InputError(str(target), f"ends in {target.suffix!r}", rule, mend)
     dots = positive(dpi, "dpi", "pixels per inch")
+    if dots > _MOST_DPI:
+        rule = f"it must be at most {_MOST_DPI:,.0f} pixels per inch, which is some 20,000 pixels across"
+        raise InputError("dpi", f"is {dpi!r}", rule, "pass e.g. 300", value=dpi)
     with replacing(target, overwrite) as temporary:
         figure: Figure = draw()
         figure.canvas.print_figure(temporary, dpi=dots)

@@ -173,7 +173,7 @@ class QuaternionRotations(Rotations):
 
     def fewer(self, share: float) -> str:
         n = int((share * self.count / 4.0) ** (1.0 / 3.0) + 1e-9)
-        return f"Rotations.quaternions({n})" if n else ""
+        return f"rotations=Rotations.quaternions({n})" if n else ""
 
     def slice_of(self, shape: Symmetric) -> Ints:
         """Cells that a half turn of the robot, about one of its axes, maps to each other share a slice.
@@ -274,7 +274,7 @@ class QuaternionRotations(Rotations):
 
         inside = np.hypot(x, y) <= 1.0
         tips = Rotation.from_rotvec(np.pi * np.column_stack([-y[inside], x[inside], np.zeros(inside.sum())]))
-        marks = (("upright", 0.0, 0.0), ("over x", 0.72, 0.0), ("over y", 0.0, 0.72))
+        marks = (("upright", 0.0, 0.0), ("tipped to x", 0.6, 0.0), ("tipped to y", 0.0, 0.72))
         dials = []
         for degrees in DIAL_HEADINGS:
             turns = Rotation.from_euler("z", np.radians(degrees) + DIAL_STEPS)

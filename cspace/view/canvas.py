@@ -68,6 +68,8 @@ class Canvas(ABC):
         Those of them that are typed together, at most three, and their names; none where there are too many.
     title, about : str
         The space in a line or two.
+    unit : str
+        Of clearances.
     legend : list of tuple of str
         Colours, and what they mean.
     has_cells : bool
@@ -83,6 +85,7 @@ class Canvas(ABC):
     typed: list[tuple[str, slice]]
     title: str
     about: str
+    unit = "m"
     legend: list[tuple[str, str]]
     has_cells = True
     is_quick = True
@@ -120,7 +123,7 @@ class Canvas(ABC):
 
     def describe(self, q: Floats) -> str:
         """What is known of a configuration, in words; it may be shown, too."""
-        return state_text(int(self._space.classify(q)), float(self.clearance(q)))
+        return state_text(int(self._space.classify(q)), float(self.clearance(q)), self.unit)
 
     @abstractmethod
     def prove(self, q0: Floats, q1: Floats) -> str:
@@ -208,9 +211,9 @@ class Canvas(ABC):
         camera.position = middle + distance * back
 
 
-def state_text(state: int, clearance: float) -> str:
+def state_text(state: int, clearance: float, unit: str = "m") -> str:
     """A configuration's state and clearance."""
-    room = f", clearance at least {clearance:.3f} m" if 0.0 < clearance < math.inf else ""
+    room = f", clearance at least {clearance:.3f} {unit}" if 0.0 < clearance < math.inf else ""
     return STATES[state] + room
 
 

@@ -79,17 +79,17 @@ class MapCanvas(Canvas):
         space, grid, angles = self._space, self._space.grid, self.poses.angles
         shape = " x ".join(f"{n:,}" for n in grid.shape)
         turns = f" x {space.rotations}" if space.rotations.names else ""
-        self.title, self.about = space.robot.name, f"{shape} cells of {grid.spacing:g} m{turns}"
+        self.title, self.about = space.robot.name, f"{shape} cells of {grid.spacing:g} {grid.unit}{turns}"
+        self.unit = grid.unit
         self._step = step = 10.0 ** math.floor(math.log10(grid.spacing))
-        axes = "xyz"[: grid.dim]
         self.dials = [
-            Dial(f"{axis} (m)", _down(low, step), _up(high, step), step)
-            for axis, low, high in zip(axes, grid.lower, grid.upper, strict=True)
+            Dial(label, _down(low, step), _up(high, step), step)
+            for label, low, high in zip(grid.labels, grid.lower, grid.upper, strict=True)
         ]
         self.dials += [
             Dial(f"{angle} (°)", *((-90.0, 90.0) if angle == "pitch" else (-180.0, 180.0)), 1.0) for angle in angles
         ]
-        self.typed = [(f"{', '.join(axes)} (m)", slice(0, grid.dim))]
+        self.typed = [(f"{', '.join(grid.axes)} ({grid.unit})", slice(0, grid.dim))]
         if angles:
             self.typed.append((f"{', '.join(angles)} (°)", slice(grid.dim, None)))
         self.legend = [(CLASSES[number][1], CLASSES[number][0]) for number in (OPEN, COLLIDES, UNDECIDED, OBSTACLE)]
@@ -154,7 +154,8 @@ class MapCanvas(Canvas):
         if stage.has_height:
             low, high = _up(stage.lower[2] + self._space.grid.spacing, step), _up(stage.upper[2], step)
             self.cut = min(max(_up(self.cut, step), low), high)
-            cut = added["cut at height (m)"] = gui.add_slider("cut at height (m)", low, high, step, self.cut)
+            label = f"cut at {self._space.grid.labels[2]}"
+            cut = added[label] = gui.add_slider(label, low, high, step, self.cut)
 
             def pulled(event: Any) -> None:
                 self.cut = float(event.target.value)

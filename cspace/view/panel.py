@@ -136,7 +136,8 @@ class Panel:
         """Begin at the start of a path, of which the largest clearance is given; None if there is no path."""
         self.share.value = 0.0
         self.share.disabled = self.play.disabled = most is None
-        self._scale.content = _note("Plan one, or open the page with a path.") if most is None else _scale(most)
+        none = "Plan one, or open the page with a path."
+        self._scale.content = _note(none) if most is None else _scale(most, self._canvas.unit)
 
 
 def _legend(rows: list[tuple[str, str]]) -> str:
@@ -149,7 +150,7 @@ def _legend(rows: list[tuple[str, str]]) -> str:
     return f'<div style="font-size:0.8em;padding:0.4em 0.8em">{items}</div>'
 
 
-def _scale(most: float) -> str:
+def _scale(most: float, unit: str) -> str:
     """The colours of the path."""
     if math.isnan(most):
         return _note("A map in a store gives no clearance here.")
@@ -157,7 +158,7 @@ def _scale(most: float) -> str:
     row = "display:flex;justify-content:space-between"
     return (
         f'<div style="font-size:0.8em;padding:0.2em 0.8em 0.6em"><div style="{bar}"></div>'
-        f'<div style="{row}"><span>0</span><span>clearance</span><span>{most:.2g} m</span></div></div>'
+        f'<div style="{row}"><span>0</span><span>clearance</span><span>{most:.2g} {unit}</span></div></div>'
     )
 
 

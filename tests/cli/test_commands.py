@@ -19,7 +19,7 @@ from cspace.cli import app
 from cspace.cli.report import progress_line
 from cspace.compiling import LOGGER
 from cspace.errors import InputError
-from cspace.memory import MESH_BYTES, build_seconds, map_bytes
+from cspace.memory import MESH_BYTES, build_seconds, bytes_text, map_bytes
 from cspace.plot import animate, save_plot
 from cspace.spectral import FourierOverlap
 from maps import same
@@ -196,7 +196,10 @@ def test_info_tells_what_does_not_fit(room: Path, monkeypatch: pytest.MonkeyPatc
     assert "use a spacing of at least" in printed["memory"]["problem"]
     assert " days of one core" in printed["memory"]["problem"]
     printed = document("info", "cube.obj", "--spacing", 0.01, "--rotations", "quaternions:48")
-    assert "use Rotations.quaternions(" in printed["memory"]["problem"]
+    assert "use --rotations quaternions:" in printed["memory"]["problem"]
+    printed = document("info", "wall.wkt", "--spacing", 2e-6, "--rotations", 72)["memory"]
+    assert f"needs about {bytes_text(printed['needed_bytes'])}" in printed["problem"]
+    assert "--rotations" not in printed["problem"]  # the workspace itself is too large
     # The building agrees.
     result = run("map", "cube.obj", "--spacing", 1e-7, "--robot", "ball:0.1", "-o", "new.zarr")
     assert (result.exit_code, result.stderr.count("\n")) == (2, 1)

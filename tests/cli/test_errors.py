@@ -33,7 +33,8 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     "robot of the plane": ([*_CELLS, "--robot", "disc:0.1"], ["--robot", "2 dimensions", "rooms.npy has 3"]),
     "robot of the plane, mesh": ([*_MESH, "--robot", "disc:0.1"], ["2 dimensions", "cube.obj has 3"]),
     "robot of space": ([*_FLAT, "--robot", "ball:0.1"], ["3 dimensions", "floor.npy has 2", "footprint:ROBOT"]),
-    "no rotations": ([*_FLAT, "--rotations", "0"], ["rotations", "is 0", "above zero", "72"]),
+    "no rotations": ([*_FLAT, "--rotations", "0"], ["--rotations is '0'", "above zero", "72"]),
+    "quaternions in the plane": ([*_FLAT, "--rotations", "quaternions:2"], ["by its yaw", "--rotations 72"]),
     "robot's solid, no mesh": ([*_CELLS, "--robot-solid", "fill"], ["solid", "ball:0.1", ".stl"]),
     "solid, no mesh": ([*_CELLS, "--solid", "fill"], ["solid", "rooms.npy", "leave it out"]),
     "radius, no points": ([*_MESH, "--radius", "1"], ["radius", "cube.obj", "leave it out"]),
@@ -63,7 +64,7 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     "start without a yaw": ([*_TURN, "--start", "1,1"], ["--start is '1,1'", "x,y,yaw", "--start=-1.5,2,90deg"]),
     "start without z": ([*_FLY, "--start", "1,1"], ["--start is '1,1'", "x,y,z", "--start=-1.5,2,0.5"]),
     "goal with a yaw": ([*_FLY, "--goal", "1,1,90deg"], ["--goal is '1,1,90deg'", "x,y,z"]),
-    "goal that is not finite": ([*_PLAN, "--goal", "nan,1"], ["goal", "nan"]),
+    "goal that is not finite": ([*_PLAN, "--goal", "nan,1"], ["--goal[0] is nan"]),
     "degrees without a unit": ([*_TURN, "--start", "1,1,90"], ["--start has the yaw '90'", "90deg"]),
     "yaw of words": ([*_TURN, "--goal", "1,1,north"], ["--goal has the yaw 'north'", "90deg"]),
     "yaw that is infinite": ([*_TURN, "--start", "1,1,infdeg"], ["start", "inf"]),
@@ -93,7 +94,8 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     "path with yaws": ([*_PLOT, "--path", "yaws.csv"], ["yaws.csv: holds x, y, yaw", "are x, y;"]),
     "path of five": ([*_PLOT, "--path", "wide.json"], ["wide.json", "x, y"]),
     "path of four": ([*_PLOT, "--path", "four.json"], ["four.json", "x, y"]),
-    "resolution": ([*_PLOT, "--dpi", "0"], ["--dpi is 0"]),
+    "resolution": ([*_PLOT, "--dpi", "0"], ["--dpi is 0", "in pixels per inch\n"]),
+    "resolution beyond memory": ([*_PLOT, "--dpi", "100000"], ["--dpi is 100000", "at most 2,400"]),
     "robots": ([*_PLOT, "--robot-every", "-1"], ["--robot-every is -1"]),
     "yaw in degrees": (
         ["plot", "turning.npz", "-o", "new.png", "--rotation", "0,90"],
@@ -135,6 +137,7 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     "info of a robot with bounds": (["info", "ball:1", "--bounds", "0,0,1,1"], ["--bounds", "robot", "workspaces"]),
     "info of a mesh with a radius": (["info", "cube.obj", "--radius", "1"], ["radius", "cube.obj", "leave it out"]),
     "info of a solid without a robot": (["info", "cube.obj", "--robot-solid", "fill"], ["--robot-solid", "--robot"]),
+    "info of quaternions in the plane": (["info", "wall.wkt", "--rotations", "quaternions:2"], ["--rotations 72"]),
     "info of voxels without a spacing": (["info", "rooms.npy"], ["--spacing", "missing"]),
 }
 

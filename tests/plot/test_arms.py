@@ -10,8 +10,10 @@ from matplotlib.figure import Figure
 import cspace
 from cspace.arms import Placed
 from cspace.errors import ConfigurationError, InputError
+from cspace.plot.animation import Stage
 from cspace.plot.arms import GHOSTS, PALE, along_joints
 from cspace.plot.artists import PATH, ROBOT_FILL
+from cspace.plot.route import Route
 from cspace.plot.surface import SURFACES
 from urdfs import planar
 
@@ -25,6 +27,13 @@ def space(tmp_path_factory: pytest.TempPathFactory) -> cspace.ArmSpace:
     pose[:2, 3] = -0.4, 1.0
     blocks = {"block": Placed(cspace.Robot.box((0.4, 0.2, 1.0)).shape, pose)}
     return cspace.build_arm(blocks, cspace.Arm.from_urdf(planar(tmp_path_factory.mktemp("arm"))))
+
+
+def test_an_animation_of_a_map_of_joints_is_in_radians(space: cspace.ArmSpace) -> None:
+    joints = cspace.build_arm_map(space, 0.2)
+    stage = Stage(joints, Route.of(joints, [(0.0, 0.0), (0.5, 0.5)], None, None), None)
+    labels = {label for ax in stage.figure.axes for label in (ax.get_xlabel(), ax.get_ylabel())}
+    assert labels == {"shoulder (rad)", "elbow (rad)", ""}
 
 
 def painted(ax: Any, color: str) -> Any:

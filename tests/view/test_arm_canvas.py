@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -127,3 +128,15 @@ def test_bad_input(shown: Any) -> None:
             space.view(block=False, port=0, **options)
     with pytest.raises(ConfigurationError, match="goal has elbow at 4"):
         space.view(block=False, port=0, goal=(0.0, 4.0))
+
+
+def test_a_map_of_joints_is_in_radians(tmp_path: Path) -> None:
+    joints = cspace.build_arm_map(
+        cspace.build_arm({"post": post(1.2, 1.2)}, cspace.Arm.from_urdf(planar(tmp_path))), 0.1
+    )
+    with joints.view(block=False, port=0, path=[(2.0, 0.0), (2.5, 0.5)]) as viewer:
+        assert viewer.page.wait(60.0)
+        panel, canvas = viewer.page.panel, viewer.canvas
+        assert [slider.label for slider in panel.sliders] == ["shoulder (rad)", "elbow (rad)"]
+        assert canvas.typed[0][0] == "shoulder, elbow (rad)" and canvas.about.endswith("cells of 0.1 rad")
+        assert panel.state.content.strip().endswith(" rad") and " rad</span>" in panel._scale.content

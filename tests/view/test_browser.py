@@ -150,7 +150,7 @@ def test_a_page_in_space(browser: Any) -> None:
         until(lambda: "A path exists: proven." in text(browser))
         drawn = until(lambda: (share := shares(browser))[OBSTACLE] > 0.01 and share)
         assert drawn[UNDECIDED] > 0.003
-        slide(browser, "cut at height (m)", Keys.HOME)
+        slide(browser, "cut at z (m)", Keys.HOME)
         until(lambda: viewer.canvas.cut == 0.1)
         until(lambda: shares(browser)[OBSTACLE] > max(0.1, 2.0 * drawn[OBSTACLE]))  # the floor
 

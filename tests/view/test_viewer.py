@@ -50,7 +50,7 @@ def test_the_map_says_which_sliders_there_are(viewer: Any) -> None:
     angles = {0: [], 1: ["yaw (°)"], 4: ["roll (°)", "pitch (°)", "yaw (°)"]}[space.rotations.dof]
     sliders = [f"{axis} (m)" for axis in "xyz"[: space.grid.dim]] + angles
     assert [slider.label for slider in page.page.panel.sliders] == sliders
-    assert ("cut at height (m)" in page.page.panel.shown) == (space.grid.dim == 3)
+    assert ("cut at z (m)" in page.page.panel.shown) == (space.grid.dim == 3)
     assert "unknown, taken as obstacle" not in page.page.panel.shown  # there is nothing unknown
 
 
