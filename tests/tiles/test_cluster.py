@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -27,50 +26,6 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
     pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
 ]
-
-
-@pytest.fixture(scope="module")
-def client():
-    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": ":0", "memory_limit": "2GB"}
-    with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as made:
-        yield made
-
-
-def test_on_a_cluster(client, tmp_path):
-    workspace, steps = random_workspace((200, 150)), []
-    cspace.build(
-        workspace, CAR, rotations=6, store=tmp_path / "m", tile=40, client=client, progress=lambda *s: steps.append(s)
-    )
-    same_states(tmp_path / "m", cspace.build(workspace, CAR, rotations=6))
-    assert steps[-1] == (20, 20)
-    np.save(tmp_path / "a.npy", workspace.outer)
-    lazy = cspace.Workspace.from_array(np.load(tmp_path / "a.npy", mmap_mode="r"), 0.1)
-    cspace.build(lazy, CAR, store=tmp_path / "lazy", tile=40, client=client)
-    same_states(tmp_path / "lazy", cspace.build(cspace.Workspace.from_array(workspace.outer, 0.1), CAR))
-
-
-def test_a_worker_is_killed(client, tmp_path):
-    workspace = random_workspace((1000, 900))
-    pids = list(client.run(os.getpid).values())
-
-    def kill():
-        time.sleep(0.3)
-        os.kill(pids[0], signal.SIGKILL)
-
-    thread = threading.Thread(target=kill)
-    thread.start()
-    cspace.build(workspace, CAR, rotations=8, store=tmp_path / "m", tile=100, client=client)
-    thread.join()
-    same_states(tmp_path / "m", cspace.build(workspace, CAR, rotations=8))
-
-
-def test_too_little_memory(client, tmp_path):
-    large = cspace.Workspace.from_array(pytest.importorskip("dask.array").zeros((20_000, 20_000), dtype=bool), 0.1)
-    with pytest.raises(InputError, match="use a smaller tile"):
-        cspace.build(large, CAR, store=tmp_path / "b", tile=20_000, client=client)
-
-
-# ---- as it is started from the command line --------------------------------------------------------------------------
 
 
 class Live:
@@ -174,14 +129,14 @@ def dask_setup(worker):
 
 def test_the_command_on_a_live_cluster(live, tmp_path, monkeypatch):
     """With a bar of tiles and cells; interrupted, and gone on with; from a folder that is not the workers' own."""
-    workspace = random_workspace((500, 400))
+    workspace = random_workspace((300, 250))
     zarr.save_array(tmp_path / "site.zarr", workspace.outer)
     (tmp_path / "waits.py").write_text(WAITS.format(str(tmp_path / "go on")))
     live.worker("--preload", str(tmp_path / "waits.py"))
     command = ["map", "site.zarr", "--spacing", "0.1", "--robot", "rect:0.5x0.2", "--rotations", "8", "--tile", "25"]
     command += ["--scheduler", live.address, "-o", "m.zarr"]
     with live.client(1):
-        seen, code = press_control_c([sys.executable, "-m", "cspace", *command], tmp_path, " of 320 tiles, ")
+        seen, code = press_control_c([sys.executable, "-m", "cspace", *command], tmp_path, " of 120 tiles, ")
         assert code == 130, seen
         assert "cells/s" in seen
         assert "interrupted" in seen
@@ -194,9 +149,50 @@ def test_the_command_on_a_live_cluster(live, tmp_path, monkeypatch):
     same_states(tmp_path / "m.zarr", cspace.build(cells, robot, rotations=8))
 
 
+def test_on_a_cluster(live, tmp_path):
+    workspace, steps = random_workspace((200, 150)), []
+    live.worker()
+    with live.client(2) as client:
+        cspace.build(
+            workspace,
+            CAR,
+            rotations=6,
+            store=tmp_path / "m",
+            tile=40,
+            client=client,
+            progress=lambda *s: steps.append(s),
+        )
+        np.save(tmp_path / "a.npy", workspace.outer)
+        lazy = cspace.Workspace.from_array(np.load(tmp_path / "a.npy", mmap_mode="r"), 0.1)
+        cspace.build(lazy, CAR, store=tmp_path / "lazy", tile=40, client=client)
+    same_states(tmp_path / "m", cspace.build(workspace, CAR, rotations=6))
+    assert steps[-1] == (20, 20)
+    same_states(tmp_path / "lazy", cspace.build(cspace.Workspace.from_array(workspace.outer, 0.1), CAR))
+
+
+def test_a_worker_is_killed(live, tmp_path):
+    """What it had is made by those that are left."""
+    workspace = random_workspace((300, 250))
+
+    def kill(done, total):
+        if done == 5:
+            live.processes[-1].kill()
+
+    with live.client(2) as client:
+        cspace.build(workspace, CAR, rotations=8, store=tmp_path / "m", tile=25, client=client, progress=kill)
+        assert len(client.scheduler_info()["workers"]) == 1
+    same_states(tmp_path / "m", cspace.build(workspace, CAR, rotations=8))
+
+
+def test_too_little_memory(live, tmp_path):
+    large = cspace.Workspace.from_array(pytest.importorskip("dask.array").zeros((20_000, 20_000), dtype=bool), 0.1)
+    with live.client(1) as client, pytest.raises(InputError, match="use a smaller tile"):
+        cspace.build(large, CAR, store=tmp_path / "b", tile=20_000, client=client)
+
+
 def test_the_scheduler_is_killed(live, tmp_path):
     """The cluster goes while tiles are made: one clear error, and the rest is made without it."""
-    workspace = random_workspace((600, 500))
+    workspace = random_workspace((300, 250))
 
     def kill(done, total):
         if done == 2:
