@@ -369,8 +369,7 @@ class CSpace(ConfigurationMap):
         Returns
         -------
         callable
-            ``check(*q) -> bool``, of the dof numbers of a configuration; the numbers must be finite floats, and are not
-            checked.
+            ``check(*q) -> bool``, of the dof numbers of a configuration, as floats; False where they are none.
         """
         from cspace.map import callbacks
 
@@ -388,8 +387,7 @@ class CSpace(ConfigurationMap):
         Returns
         -------
         callable
-            ``check(*q0, *q1) -> bool``, of the numbers of two configurations; they must be finite floats, and are not
-            checked.
+            ``check(*q0, *q1) -> bool``, of the numbers of two configurations, as floats; False where they are none.
         """
         from cspace.map import callbacks
 

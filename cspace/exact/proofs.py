@@ -233,6 +233,9 @@ def prove_edges(world: World, first: Floats, second: Floats, work: Work, out: St
 def prove_edge(world: World, both: Numbers) -> int:
     """:func:`edge_state` of an edge, given by its endpoints in a row."""
     q0, q1 = halves(world.map, both)
+    rotations = world.map.rotations
+    if not (rotations.is_usable(q0) and rotations.is_usable(q1)):
+        return BLOCKED
     work = Work(np.empty((WAITING, 2)), np.empty(DEPTH, np.int64))
     return edge_state(world, q0, q1, work)
 

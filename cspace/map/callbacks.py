@@ -1,4 +1,7 @@
-"""Look-ups of single floats, for callbacks that are called a million times: no arrays, no checks, one compiled call."""
+"""Look-ups of single floats, for callbacks that are called a million times: no arrays, no errors, one compiled call.
+
+What is no number, or no rotation that look-ups take, is not FREE. A position that is none is in no cell.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +70,7 @@ class Point(NamedTuple):
     map_: Map
 
     def answer(self, q: Numbers) -> bool:
-        return state_at(self.map_, q) == FREE
+        return self.map_.rotations.is_usable(q) and state_at(self.map_, q) == FREE
 
 
 @part
@@ -77,7 +80,8 @@ class Edge(NamedTuple):
     map_: Map
 
     def answer_both(self, q0: Numbers, q1: Numbers) -> bool:
-        return edge_is_free(self.map_, None, q0, q1)
+        rotations = self.map_.rotations
+        return rotations.is_usable(q0) and rotations.is_usable(q1) and edge_is_free(self.map_, None, q0, q1)
 
 
 # Numba calls a function of so many floats quicker than one that takes a tuple of them.

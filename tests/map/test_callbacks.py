@@ -6,6 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import handmade
+from cspace import FREE, MIXED
+from cspace.angles import MAX_ANGLE
 from handmade import Outside, outsides
 from placements import draw_configurations
 from strategies import seeds
@@ -31,11 +33,17 @@ def test_quick_checkers_agree_with_look_ups_everywhere(seed, kind, outside):
 
 
 @pytest.mark.parametrize("kind", handmade.KINDS)
-def test_quick_edges_never_pass_nan(kind):
-    states = np.zeros((4 if "turning" in kind else 1, *(4,) * (3 if "space" in kind else 2)))
-    check = handmade.made(states, kind).edge_checker()
+@pytest.mark.parametrize("exact", [False, True])
+def test_checkers_never_pass_what_is_no_configuration(kind, exact):
+    # What is proven by cells, and what is left to the geometry, which has no obstacles here.
+    states = np.full((4 if "turning" in kind else 1, *(4,) * (3 if "space" in kind else 2)), MIXED if exact else FREE)
     space = handmade.made(states, kind)
-    edge = handmade.configurations(space, np.full((2, space.dof), 0.3)).ravel().tolist()
-    assert check(*edge)
-    for hole in range(len(edge)):
-        assert not check(*edge[:hole], float("nan"), *edge[hole + 1 :])
+    dim, point, edge = space.grid.dim, space.point_checker(exact=exact), space.edge_checker(exact=exact)
+    both = handmade.configurations(space, np.full((2, space.dof), 0.3)).ravel().tolist()
+    assert point(*both[: space.dof]) and edge(*both)
+    wrong = [(hole, np.nan) for hole in range(len(both))]
+    wrong += [(hole, far) for hole in range(len(both)) if hole % space.dof >= dim for far in (np.inf, 2.0 * MAX_ANGLE)]
+    for hole, number in wrong:
+        bad = [*both[:hole], number, *both[hole + 1 :]]
+        assert not edge(*bad)
+        assert hole >= space.dof or not point(*bad[: space.dof])
