@@ -516,3 +516,6 @@ class Rotations(ABC):
 
     def __str__(self) -> str:
         return f"{self.count} rotations"
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self})"

@@ -14,7 +14,7 @@ from cspace.compiling import part
 from cspace.rotations.base import STILL, Rotations, Symmetric, Turn
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class OneRotation(Rotations):
     """The one cell of a robot that only translates."""
 

@@ -52,7 +52,7 @@ Walk = tuple[Numbers, Numbers, float, float, float, float, bool, bool, bool]
 Look = tuple[Numbers, float, int, Parts, int, int, int]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class QuaternionRotations(Rotations):
     """Cells of quaternions, for SE(3); see :meth:`Rotations.quaternions`.
 

@@ -140,3 +140,8 @@ def test_between_the_same_quaternion_there_is_no_step() -> None:
     q = drawn("SE(3)", 500)
     for sign in (1.0, -1.0):
         assert not kind_of("SE(3)").steps(q, q * [1.0, 1.0, 1.0, *4 * [sign]]).any()
+
+
+@pytest.mark.parametrize("cells", [Rotations.of(None), Rotations.of(360), Rotations.quaternions(4)])
+def test_rotations_are_printed_in_a_few_words(cells: Rotations) -> None:
+    assert repr(cells) == f"{type(cells).__name__}({cells})" and len(repr(cells)) < 50
