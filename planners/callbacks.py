@@ -192,7 +192,7 @@ class FreeStateSampler(ob.ValidStateSampler):
             return False
         for _ in range(max(1, self.getNrAttempts())):
             place = [min(low + next(numbers) * (high - low), high) for low, high in box]
-            place += rotations.near(middle[dim:], min(distance, math.pi), numbers)
+            place += rotations.sample_near(middle[dim:], min(distance, math.pi), numbers)
             if self._is_free(*place):
                 self._kind.write(state, *place)
                 return True

@@ -198,13 +198,13 @@ class LocalPlanner(ABC):
         """How far apart OMPL looks at states where it steps along a motion by itself, as a share of the whole."""
 
     @abstractmethod
-    def end(self, q: ArrayLike, name: str) -> Configuration:
+    def endpoint(self, q: ArrayLike, name: str) -> Configuration:
         """A start or goal as OMPL holds it (yaw wrapped, quaternion of norm 1), if a motion can be proven free there.
 
         Raises ConfigurationError if it cannot, and InputError if it is no configuration.
         """
 
-    def known(self, endpoints: Endpoints) -> bool | None:
+    def path_exists(self, endpoints: Endpoints) -> bool | None:
         """What is proven of a path before one is searched: that there is one, or none."""
         return None
 
@@ -296,18 +296,18 @@ class EdgesOnMap(LocalPlanner):
     def step(self) -> float:
         return 0.5 * self.space.grid.spacing
 
-    def end(self, q: ArrayLike, name: str) -> Configuration:
+    def endpoint(self, q: ArrayLike, name: str) -> Configuration:
         space = self.space
-        end: Configuration = tuple(space.rotations.canonical(self._point(q, name), name).tolist())
-        inside = all(low <= x <= high for low, x, high in zip(space.grid.lower, end, space.grid.upper, strict=False))
-        if inside and _stays_free(space, end, self.exact):
-            return end
-        raise self._unusable(end, name, inside)
+        point: Configuration = tuple(space.rotations.canonical(self._point(q, name), name).tolist())
+        inside = all(low <= x <= high for low, x, high in zip(space.grid.lower, point, space.grid.upper, strict=False))
+        if inside and _stays_free(space, point, self.exact):
+            return point
+        raise self._unusable(point, name, inside)
 
-    def _unusable(self, end: Configuration, name: str, inside: bool) -> ConfigurationError:
+    def _unusable(self, point: Configuration, name: str, inside: bool) -> ConfigurationError:
         """The error that says what is wrong with a configuration, and which one is near and right."""
         space = self.space
-        state = space.classify(end)
+        state = space.classify(point)
         if not inside:
             reason = f"lies outside the map, which reaches from {text(space.grid.lower)} to {text(space.grid.upper)}"
             rule = "a path stays within the map"
@@ -322,14 +322,14 @@ class EdgesOnMap(LocalPlanner):
             rule = f"a motion from or to it would touch that cell too, so the {name} must lie inside"
         nearest: Configuration | None = None
         try:
-            nearest = tuple(space.rotations.canonical(space.nearest_free(end)).tolist())
+            nearest = tuple(space.rotations.canonical(space.nearest_free(point)).tolist())
             mend = f"the nearest is {text(nearest)}"
         except ConfigurationError:
             where = "at all" if isinstance(space, CSpace) else "near there"
             mend = f"the map has no FREE configuration {where}; use a smaller robot, margin or spacing"
-        return ConfigurationError(name, f"{text(end)} {reason}", rule, mend, value=end, nearest=nearest)
+        return ConfigurationError(name, f"{text(point)} {reason}", rule, mend, value=point, nearest=nearest)
 
-    def known(self, endpoints: Endpoints) -> bool | None:
+    def path_exists(self, endpoints: Endpoints) -> bool | None:
         return self.space.path_exists(*endpoints)
 
     def outlook(self, exists: bool | None, planner: str, more_time: str) -> tuple[str, list[str]]:
@@ -528,7 +528,7 @@ class JointMotions(LocalPlanner):
     def step(self) -> float:
         return ARM_STEP
 
-    def end(self, q: ArrayLike, name: str) -> Configuration:
+    def endpoint(self, q: ArrayLike, name: str) -> Configuration:
         space, point = self.space, self._point(q, name)
         if not space.is_free(space.checked(point, name)):
             raise in_collision(space, point, name)

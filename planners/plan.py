@@ -249,7 +249,7 @@ def plan(
 
     search = search_on(edges.space)
     limit = positive(time_limit, "time_limit", "seconds")
-    endpoints = edges.end(start, "start"), edges.end(goal, "goal")
+    endpoints = edges.endpoint(start, "start"), edges.endpoint(goal, "goal")
     if name in OWN:
         if name not in edges.own:
             rule = f"{BIRRT} is for arms, {CUBES} and {WIDEST} follow the cells of a map"
@@ -260,7 +260,7 @@ def plan(
     if name == WIDEST and not isinstance(space, CSpace):
         rule, mend = "a path there is found part by part", "choose another, or plan on space.window(lower, upper)"
         raise InputError("planner", f"is {name!r}, on a map in a store", rule, mend, value=name)
-    exists = edges.known(endpoints)
+    exists = edges.path_exists(endpoints)
     legs = [] if exists is False else _legs(space, *map(np.array, endpoints))
     if planner is None and len(legs) > 1 and (objective, drive, iterations) == ("length", HOLONOMIC, None):
         name = CUBES

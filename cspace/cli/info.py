@@ -127,7 +127,7 @@ def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]
     return {
         "robot": robot.name,
         **describe_box(corners),
-        **shape.about,
+        **shape.facts,
         **({} if spacing is None else {"cells_across": covering_shape(corners, spacing)}),
     }
 
@@ -186,7 +186,7 @@ def _mesh(path: Path, solid: Solid = "auto") -> tuple[Any, dict[str, Any]]:
     from cspace.shapes import Mesh
 
     mesh = Mesh.of(path, solid)
-    return mesh.bounds, mesh.about
+    return mesh.bounds, mesh.facts
 
 
 def _points(path: Path, radius: float = 0.0) -> tuple[Any, dict[str, Any]]:

@@ -156,7 +156,7 @@ def sample(
     free: FreeCells, slice_of: Ints, rotations: Rotations, grid: Grid, n: int, rng: np.random.Generator
 ) -> Floats:
     """Configurations uniform over the volume of the FREE cells of all rotations, of which there must be one."""
-    turns = rotations.drawn(free.counts[slice_of], n, rng)
+    turns = rotations.draw_cells(free.counts[slice_of], n, rng)
     cells, place = free.draw(slice_of[turns], rng), np.empty((n, grid.dim))
     for axis in range(grid.dim - 1, 0, -1):  # sooner than numpy.unravel_index
         rows = cells // grid.shape[axis]

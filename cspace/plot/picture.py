@@ -176,7 +176,7 @@ def plot(
     look = Look(rotation, ax, at, zoom, surface, cut, camera, legend, title)
     kind = view_of(space.axes, view, {name: getattr(look, name) for name in look._fields[:7]})
     if kind != "panels":
-        one = space.rotations.only if rotation is None else space.rotations.checked(rotation)
+        one = space.rotations.fixed if rotation is None else space.rotations.checked(rotation)
         look = look._replace(rotation=one)
     route = Route.of(space, path, start, goal, robot_every, zoom)
     if zoom is not None:
@@ -384,7 +384,7 @@ def _draw_plane(space: MapLike, route: Route, look: Look) -> Axes:
     handles = artists.cell_legend([classes], space, box, several=look.rotation is None)
     handles += artists.draw_route(ax, route)
     artists.frame(ax, box, stretch, labels=space.grid.labels)
-    artists.annotate(ax, space, look, stretch, space.rotations.about(look.rotation), handles, tall=tall)
+    artists.annotate(ax, space, look, stretch, space.rotations.describe(look.rotation), handles, tall=tall)
     return ax
 
 

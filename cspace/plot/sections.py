@@ -44,7 +44,7 @@ def draw_sections(space: MapLike, route: Route, look: Look) -> Axes:
         for entry in _draw_route(ax, pair, across, route, float(point[across])):
             entries.setdefault(entry.get_label(), entry)
     handles = artists.cell_legend(shown, space, box, several=look.rotation is None) + list(entries.values())
-    artists.annotate(panels[2][0], space, look, stretch, space.rotations.about(look.rotation), handles)
+    artists.annotate(panels[2][0], space, look, stretch, space.rotations.describe(look.rotation), handles)
     return panels[2][0]
 
 
@@ -80,7 +80,7 @@ def draw_panels(space: MapLike, route: Route, look: Look) -> Axes:
     for ax in panels[:, 0]:
         ax.set_ylabel(grid.labels[1], fontsize=9)
     first: Axes = panels.flat[0]
-    about = rotations.about(None).replace("over all rotations, ", "")
+    about = rotations.describe(None).replace("over all rotations, ", "")
     names = zip(space.grid.axes[2:], point[2:], space.grid.units[2:], strict=True)
     about = ", ".join([about, *(f"{name} = {height:.4g} {unit}" for name, height, unit in names)])
     artists.annotate(first, space, look, stretch, about, artists.cell_legend(classes, space, box) + handles)

@@ -89,7 +89,7 @@ def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
     handles += artists.draw_marks(ax, route.marks, pair=(0, 1, 2))
     frame_in_space(ax, box, angles, labels=space.grid.labels, fit=look.ax is None)
     about = [f"cut at {space.grid.axes[2]} = {top:.4g} {space.grid.units[2]}"] * (top < space.grid.upper[2]) + [
-        space.rotations.about(look.rotation)
+        space.rotations.describe(look.rotation)
     ]
     artists.annotate(ax, space, look, stretch, ", ".join(filter(None, about)), handles)
     axes: Axes = ax

@@ -342,7 +342,7 @@ class Rotations(ABC):
         return None
 
     @abstractmethod
-    def near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
+    def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
         """A rotation within an angle, made from uniform numbers of [0, 1); plain numbers, as it is made one by one."""
 
     def _parts(self, q: Floats) -> tuple[Floats, Floats]:
@@ -443,7 +443,7 @@ class Rotations(ABC):
     def volumes(self) -> Floats:
         """How much of all rotations each cell is, in any unit, shape (count,)."""
 
-    def drawn(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
+    def draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
         """Cells drawn by their volumes times ``shares``, shape (count,), of which one is above zero; shape (n,)."""
         sizes = shares * self.volumes
         return rng.choice(self.count, size=n, p=sizes / sizes.sum())
@@ -502,11 +502,11 @@ class Rotations(ABC):
         return {"rotations": self.count, "rotation_cell_deg": round(width, 6)}
 
     @property
-    def only(self) -> Floats | None:
+    def fixed(self) -> Floats | None:
         """The rotation of a robot that only translates, shape (0,); None of one that turns."""
         return None
 
-    def about(self, rotation: Floats | None) -> str:
+    def describe(self, rotation: Floats | None) -> str:
         """In words: the rotation cell that holds a rotation, or, where none is given, all of them."""
         angles = np.degrees(2.0 * self.covering_angles)
         if rotation is not None:

@@ -34,7 +34,7 @@ class OneRotation(Rotations):
     def of_matrix(self, matrix: Floats) -> Floats:
         return np.empty(0)
 
-    def near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
+    def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
         return rotation
 
     def _canonical(self, rotation: Floats, name: str) -> Floats:
@@ -58,10 +58,10 @@ class OneRotation(Rotations):
         return {}
 
     @property
-    def only(self) -> Floats:
+    def fixed(self) -> Floats:
         return np.empty(0)
 
-    def about(self, rotation: Floats | None) -> str:
+    def describe(self, rotation: Floats | None) -> str:
         return ""
 
     def cell_of(self, rotation: ArrayLike = ()) -> Ints:
@@ -101,7 +101,7 @@ class OneRotation(Rotations):
     def volumes(self) -> Floats:
         return np.ones(1)
 
-    def drawn(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
+    def draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
         """Cell 0, without a draw."""
         return np.zeros(n, dtype=np.int64)
 

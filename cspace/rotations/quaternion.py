@@ -96,7 +96,7 @@ class QuaternionRotations(Rotations):
 
         return np.asarray(Rotation.from_matrix(matrix).as_quat())
 
-    def near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
+    def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
         by = [(2.0 * next(numbers) - 1.0) * angle / math.sqrt(3.0) for _ in range(3)]
         turned: list[float] = self._turned(np.array(rotation), np.array(by)).tolist()
         return turned

@@ -96,7 +96,7 @@ class YawRotations(Rotations):
     def heading(self, q: Floats) -> float | None:
         return float(q[-1])
 
-    def near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
+    def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
         yaw = rotation[0] + (2.0 * next(numbers) - 1.0) * angle
         turned = (yaw + math.pi) % TURN - math.pi
         return (yaw if -math.pi <= yaw < math.pi else turned if turned < math.pi else -math.pi,)

@@ -225,7 +225,7 @@ class Mesh(Shape):
         return float(self.volume) if self.is_watertight else float("nan")
 
     @property
-    def about(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, Any]:
         closed = sum(body.closed for body in self.bodies)
         return {
             "triangles": len(self.faces),

@@ -94,7 +94,7 @@ class Shape(ABC):
         return ("the plane", "space")[self.dim - 2]
 
     @property
-    def about(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, Any]:
         """What there is to say of the shape, for people: plain values by what they are."""
         return {("area_m2", "volume_m3")[self.dim - 2]: self.measure}
 

@@ -108,7 +108,7 @@ class MapCanvas(Canvas):
         return self.figurine.along(points, shares)
 
     def describe(self, q: Floats) -> str:
-        return f"{super().describe(q)}  \n{self._space.rotations.about(q[self._space.grid.dim :])}"
+        return f"{super().describe(q)}  \n{self._space.rotations.describe(q[self._space.grid.dim :])}"
 
     def prove(self, q0: Floats, q1: Floats) -> str:
         return EXISTS[self._space.path_exists(q0, q1)]

@@ -95,7 +95,7 @@ def test_canonical_numbers_are_the_same_rotation_and_stay_as_they_are(name: str)
 def test_what_is_drawn_near_a_rotation_is_near_it(name: str) -> None:
     kind, (_, dim) = kind_of(name), SPACES[name]
     q, numbers = kind.canonical(drawn(name, 30)), iter(RNG.random(400).tolist())
-    near = np.array([[*row[:dim], *kind.near(row[dim:].tolist(), 0.4, numbers)] for row in q])
+    near = np.array([[*row[:dim], *kind.sample_near(row[dim:].tolist(), 0.4, numbers)] for row in q])
     apart = np.linalg.norm(kind.steps(q, near)[:, dim:], axis=1)
     assert (apart <= 0.4 + 1e-12).all() and (not kind.names or apart.max() > 0.2)
     np.testing.assert_allclose(kind.canonical(near), near, atol=1e-15)
