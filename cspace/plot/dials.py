@@ -26,7 +26,7 @@ _COLUMNS: Final = 3
 
 def draw_dials(space: MapLike, route: Route, look: Look) -> Axes:
     """Draw the rotations at one position; as :func:`cspace.plot.plot`. Gives the axes of the first dial."""
-    from matplotlib.colors import ListedColormap
+    from matplotlib.colors import to_rgba_array
 
     point, grid = section_point(space, look.at, route), space.grid
     cell = tuple(grid.cell_of(point).tolist())
@@ -37,23 +37,14 @@ def draw_dials(space: MapLike, route: Route, look: Look) -> Axes:
     rows = -(-len(dials) // _COLUMNS)
     columns = -(-len(dials) // rows)
     panels = artists.new_figure(2.6 * columns + 0.8, 2.9 * rows + 1.0).subplots(rows, columns, squeeze=False)
-    colors = ListedColormap([color for _, color in artists.CLASSES])
+    colors = to_rgba_array([color for _, color in artists.CLASSES])
     for ax, dial in zip(panels.flat, dials, strict=True):
         one, other = states[rotations.cells_of(dial.rotations)]
         shown.append(artists.classes_at(ground, np.where(one == MIXED, other, one)))
-        picture = np.zeros(dial.inside.shape, np.uint8)
-        picture[dial.inside] = shown[-1]
-        most, seen = len(artists.CLASSES) - 1, dial.inside.astype(float)
-        ax.imshow(
-            picture,
-            colors,
-            vmin=0,
-            vmax=most,
-            alpha=seen,
-            extent=(-_REACH, _REACH, -_REACH, _REACH),
-            origin="lower",
-            interpolation="nearest",
-        )
+        picture = np.zeros((*dial.inside.shape, 4))
+        picture[dial.inside] = colors[shown[-1]]
+        extent = (-_REACH, _REACH, -_REACH, _REACH)
+        ax.imshow(picture, extent=extent, origin="lower", interpolation="nearest")
         ax.set_title(dial.title, fontsize=9)
         ax.set_axis_off()
         ax.contour(*_places(), dial.inside, [0.5], colors="black", linewidths=0.7)

@@ -17,7 +17,6 @@ from cspace.plot.route import Look, MapLike, Route, section_point, within
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-AXES: Final = "xyz"
 _PAGE: Final = (8.0, 7.5)
 """Width and height that the panels share, in inches."""
 _THIN: Final = 24.0
@@ -56,7 +55,7 @@ def draw_panels(space: MapLike, route: Route, look: Look) -> Axes:
         shown = finite(look.rotation, "rotation").reshape(-1, rotations.dof)
     if not 1 <= len(shown) <= _MOST:
         rule = f"from 1 to {_MOST} panels can be shown"
-        raise InputError("rotation", f"tells {len(shown)} rotations", rule, "pass a few", value=look.rotation)
+        raise InputError("rotation", f"gives {len(shown)} rotations", rule, "pass a few", value=look.rotation)
     box = route.box(space, robots=False)
     stretch = artists.stretches(box)
     point = section_point(space, look.at, route)

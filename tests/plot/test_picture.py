@@ -352,8 +352,8 @@ def test_bad_input(space: CSpace, tmp_path: Path, options: dict[str, Any], messa
         ({"rotation": [0.0, 1.0], "view": "plane"}, "rotation has shape (2,); a rotation is given by yaw"),
         ({"rotation": 1e9}, "rotation has a yaw of 1e+09 rad"),
         ({"rotation": "north"}, "rotation is 'north'"),
-        ({"rotation": []}, "rotation tells 0 rotations; from 1 to 64 panels can be shown"),
-        ({"rotation": np.zeros(65)}, "rotation tells 65 rotations"),
+        ({"rotation": []}, "rotation gives 0 rotations; from 1 to 64 panels can be shown"),
+        ({"rotation": np.zeros(65)}, "rotation gives 65 rotations"),
         ({"rotation": [0.0, float("nan")]}, "rotation[1] is nan"),
     ],
 )
