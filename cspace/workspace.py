@@ -96,7 +96,7 @@ class Workspace:
     --------
     >>> import shapely, cspace
     >>> cspace.Workspace.from_polygons([shapely.box(1, 1, 2, 3)], spacing=0.1, bounds=(0, 0, 5, 4))
-    Workspace(1 polygon: 50 x 40 cells of 0.1 m, 0.132 of them occupied)
+    Workspace(1 polygon: 50 x 40 cells of 0.1 m, 13.2 % occupied)
     """
 
     grid: Grid
@@ -133,9 +133,9 @@ class Workspace:
         object.__setattr__(self, "inner", outer if np.array_equal(inner, outer) else inner)
 
     def __repr__(self) -> str:
-        shape = " x ".join(map(str, self.grid.shape))
-        share = np.count_nonzero(self.outer) / self.outer.size
-        return f"Workspace({self.source}: {shape} cells of {self.grid.spacing:g} m, {share:.3g} of them occupied)"
+        grid, percent = self.grid, 100.0 * np.count_nonzero(self.outer) / self.outer.size
+        cells = f"{' x '.join(map(str, grid.shape))} cells of {grid.spacing:g} {grid.unit}"
+        return f"Workspace({self.source}: {cells}, {percent:.3g} % occupied)"
 
     def _repr_html_(self) -> str:
         """The repr and a small picture, for notebooks."""

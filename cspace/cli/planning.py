@@ -127,14 +127,11 @@ def demo(
     """Map a floor plan, prove what can be reached, plan, and write map, path and picture, and files to go on with."""
     check_folder(output)
     files = {
-        name: output / file
-        for name, file in {
-            "map": "map.zarr",
-            "path": "path.csv",
-            "picture": "picture.png",
-            "floor_plan": "flat.geojson",
-            "house": "house.stl",
-        }.items()
+        "map": output / "map.zarr",
+        "path": output / "path.csv",
+        "picture": output / "picture.png",
+        "floor_plan": output / "flat.geojson",
+        "house": output / "house.stl",
     }
     if output.exists():
         check_outputs(files.values(), {file.suffix for file in files.values()}, overwrite)

@@ -96,7 +96,6 @@ def read_zarr_array(path: str | os.PathLike[str]) -> Any:
 
     if not Path(path).is_dir():
         existing(path, "Zarr array")
-    with decoding(
-        path, "Zarr array", "it must be a folder with one array of booleans", "write it with zarr.save_array"
-    ):
+    rule = "it must be a folder with one array of booleans, and not a saved map"
+    with decoding(path, "Zarr array", rule, "write it with zarr.save_array"):
         return zarr.open_array(os.fspath(path), mode="r")

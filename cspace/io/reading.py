@@ -140,5 +140,5 @@ def _is_folder(path: str | os.PathLike[str]) -> bool:
     if not what:
         raise FileError(str(where), "does not exist", rule, "check the name")
     if what != "a folder" and where.suffix.lower() != ".npz":
-        raise FileError(str(where), "is not a saved map", rule, "build the map first, with cspace.build")
+        raise FileError(str(where), "is not a saved map", rule, "build the map first, with cspace.build or cspace map")
     return what == "a folder"

@@ -52,15 +52,8 @@ def draw_dials(space: MapLike, route: Route, look: Look) -> Axes:
             ax.text(x, y, label, fontsize=8, ha="center", va="center", path_effects=[artists.halo(1.6)])
     first: Axes = panels.flat[0]
     place = ", ".join(f"{value + 0.0:.4g}" for value in point)
-    box = np.array([grid.lower, grid.upper])
-    artists.annotate(
-        first,
-        space,
-        look,
-        np.ones(grid.dim),
-        f"all rotations at ({place}) m",
-        artists.cell_legend(shown, space, box),
-    )
+    handles = artists.cell_legend(shown, space, np.array([grid.lower, grid.upper]))
+    artists.annotate(first, space, look, np.ones(grid.dim), f"all rotations at ({place}) m", handles)
     return first
 
 

@@ -352,9 +352,7 @@ def thumbnail(subject: object) -> bytes:
     ax.set_xlim(*box[:, 0])
     ax.set_ylim(*box[:, 1])
     draw(ax)
-    file = io.BytesIO()
-    figure.canvas.print_figure(file, dpi=_DPI, format="png")
-    return file.getvalue()
+    return _png(figure)
 
 
 def as_html(subject: object, lines: Iterable[str]) -> str:
@@ -363,9 +361,13 @@ def as_html(subject: object, lines: Iterable[str]) -> str:
 
 
 def _html_of(figure: Any) -> str:
+    return _image(_png(figure))
+
+
+def _png(figure: Any) -> bytes:
     file = io.BytesIO()
     figure.canvas.print_figure(file, format="png", dpi=_DPI)
-    return _image(file.getvalue())
+    return file.getvalue()
 
 
 def _image(png: bytes) -> str:
