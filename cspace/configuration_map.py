@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Floats, Ints
+from cspace.arrays import Bools, Floats, Ints
 from cspace.configuration_space import ConfigurationSpace
 from cspace.grid import Grid
 from cspace.map.batches import Kernel, Many, One, Query, answer, as_points, in_pieces
@@ -36,8 +36,8 @@ _ANSWERS = np.array([None, True, False], dtype=object)
 class Joined(Protocol):
     """Components of cells, joined side to side."""
 
-    def of(self, cells: Ints) -> tuple[Ints, Ints]:
-        """Numbers of the components of FREE cells, and of cells that are not BLOCKED; -1 where there is none."""
+    def of(self, cells: Ints, mixed: bool = False) -> Ints:
+        """Numbers of the components of FREE cells, or of all that are not BLOCKED; -1 where there is none."""
 
 
 class ConfigurationMap(ConfigurationSpace):
@@ -126,13 +126,18 @@ class ConfigurationMap(ConfigurationSpace):
         states = np.empty(len(both), dtype=np.uint8)
         if self._classify()([both], states) >= 0:
             self.checked(q0, "q0"), self.checked(q1, "q1")  # one of them raises
-        free, passable = self._components.of(self._cells_of(both))
-        passable[states == BLOCKED] = -1
-        count, shapes = endpoints[0].size // self.dof, [points.shape[:-1] for points in endpoints]
-        free0, open0 = (each[:count].reshape(shapes[0]) for each in (free, passable))
-        free1, open1 = (each[count:].reshape(shapes[1]) for each in (free, passable))
-        joined, apart = (free0 == free1) & (free0 != -1), (open0 != open1) | (open0 == -1)
-        answers: NDArray[np.object_] = _ANSWERS[np.where(apart, 2, joined), ...]
+        cells, count = self._cells_of(both), endpoints[0].size // self.dof
+
+        def joined(mixed: bool) -> Bools:
+            components = self._components.of(cells, mixed)
+            components[states == BLOCKED] = -1
+            halves = components[:count], components[count:]
+            one, other = (half.reshape(points.shape[:-1]) for half, points in zip(halves, endpoints, strict=True))
+            return np.asarray((one == other) & (one != -1))
+
+        free = joined(mixed=False)
+        passable = free if free.all() else joined(mixed=True)
+        answers: NDArray[np.object_] = _ANSWERS[np.where(passable, free, 2), ...]
         return answers if answers.ndim else answers[()]
 
     @overload

@@ -105,22 +105,21 @@ class Seam:
         first, last, self._units = (np.concatenate(each) for each in zip(*sides, strict=True))
         # Rotation cells are the one that there is.
         self._pairs = np.insert(np.stack([last, first]), 0, 0, axis=2)
-        self._free, passable = within.of(self._pairs)
-        self._joined = [_joined(each) for each in (self._free, passable)]
+        self._free = within.of(self._pairs)
+        self._joined = {False: _joined(self._free)}
 
-    def of(self, cells: Ints) -> tuple[Ints, Ints]:
+    def of(self, cells: Ints, mixed: bool = False) -> Ints:
         """As :meth:`cspace.map.components.Components.of`."""
-        free, passable = (
-            _replaced(numbers, *joined) for numbers, joined in zip(self._within.of(cells), self._joined, strict=True)
-        )
-        return free, passable
+        if mixed not in self._joined:
+            self._joined[mixed] = _joined(self._within.of(self._pairs, mixed))
+        return _replaced(self._within.of(cells, mixed), *self._joined[mixed])
 
     def box(self, cell: Ints) -> Ints:
         """As :meth:`cspace.map.components.Components.box`, around all parts of a component."""
-        number = self.of(cell)[0]
+        number = self.of(cell)
         flat = self._pairs.reshape(-1, self._pairs.shape[-1])
         one_each = np.unique(self._free.reshape(-1), return_index=True)[1]
-        ours = [each for each in flat[one_each] if self.of(each)[0] == number]
+        ours = [each for each in flat[one_each] if self.of(each) == number]
         boxes = np.stack([self._within.box(each) for each in (cell, *ours)])
         return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
@@ -137,7 +136,7 @@ class Seam:
         list of tuples of ndarray, or None
             The FREE cell on this side, the one on the other side, and the turn that is begun or ended, shape (d,).
         """
-        here, there = int(self._within.of(start)[0]), int(self._within.of(goal)[0])
+        here, there = int(self._within.of(start)), int(self._within.of(goal))
         both = np.hstack([self._free, self._free[::-1]])
         open_pairs = np.flatnonzero((both >= 0).all(axis=0))
         names, numbers = np.unique(np.append(both[:, open_pairs], [[here], [there]], axis=1), return_inverse=True)

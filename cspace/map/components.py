@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Ints, Words
 from cspace.compiling import inner, reader
-from cspace.map.storage import Cells, Stack, bits_from, cells_of, expect, row_in, state_in
+from cspace.map.storage import Cells, Stack, bits_from, cells_of, expect, ones_in, row_in, state_in
 from cspace.raster.components import unite
 from cspace.threads import cores, in_threads
 
@@ -24,9 +24,6 @@ SHIFTS: Final = {2: (0, 6, 6), 3: (3, 3, 6)}
 BITS: Final = 11
 MOST: Final = 1 << BITS
 """Runs in a block, at most, and so components: 64 rows of 32."""
-
-KINDS: Final = 2
-"""Kind 0 are the FREE cells, and kind 1 those that are not BLOCKED."""
 
 UNLABELLED: Final = -2
 """Stands for cells whose component takes the labels of their block; less the number of the block, and of the cell's row
@@ -53,15 +50,11 @@ AHEAD: Final = 12
 FEW: Final = 16
 """Blocks that are looked at first for the box around a component."""
 
-_ONE, _ONES = np.uint64(1), ~np.uint64(0)
-
-
-_LAYERS = np.array([[1], [1], [0], [0], [1], [1]])
-"""Which rows of what :func:`meet_blocks` is given are numbers of layers."""
+_ONE, _LAST = np.uint64(1), np.uint64(63)
 
 
 class Blocks(NamedTuple):
-    """The states of a map, cut into blocks, numbered slice by slice.
+    """The cells of a map that are of one kind, cut into blocks, numbered slice by slice.
 
     cells : ndarray of uint8, or TwoBits
         The states, all slices in a row.
@@ -70,36 +63,36 @@ class Blocks(NamedTuple):
     shifts, shape : tuple of int, length 3
         Cells of a block, as powers of two, and number of blocks, along each axis. At least one layer of cells lies
         beyond the last ones of the grid; it stands for all that is outside, so that the first cells are beside it too.
+    mixed : bool
+        Whether the cells that are not BLOCKED are meant, and else those that are FREE.
     rim_is_open : ndarray of bool, shape (slices,)
-        Whether any configuration outside the grid is not BLOCKED.
+        Whether any configuration outside the grid is of that kind.
     """
 
     cells: Cells
     grid: tuple[int, int, int, int]
     shifts: tuple[int, int, int]
     shape: tuple[int, int, int]
+    mixed: bool
     rim_is_open: Bools
 
 
 class Labels(NamedTuple):
-    """The cells of some blocks, in pieces; the cells of one kind in one block are a layer.
+    """The components of some blocks, each by itself.
 
-    A piece are cells of one row that are joined, within the block, by themselves or by the rows before: whole runs of
-    cells, of which a component that has grown large has many, and one piece in most rows.
-
-    pieces : ndarray of uint64
-        The cells of each piece, by bits.
+    words : ndarray of uint64, shape (blocks * rows,)
+        The cells of each row, by bits.
+    bounds : ndarray of int32, shape (blocks * rows + 1,)
+        Where the numbers of each row begin, and where those of the last one end.
     numbers : ndarray of int32
-        Its component.
-    bounds : ndarray of int32, shape (layers * rows + 1,)
-        Where the pieces of each row begin, and where those of the last one end.
-    counts : ndarray of int32, shape (layers,)
+        The component of each run of a row, from the lowest cell on; or of all of them, where they are one.
+    counts : ndarray of int32, shape (blocks,)
         Number of components.
     """
 
-    pieces: Words
-    numbers: Nodes
+    words: Words
     bounds: Nodes
+    numbers: Nodes
     counts: Nodes
 
 
@@ -175,7 +168,7 @@ class Joined(NamedTuple):
 
 @inner
 def pack(blocks: Blocks, segment: int, words: Words) -> None:
-    """Pack the cells of blocks that follow each other along the last axis, a word for each kind and row.
+    """Pack the cells of blocks that follow each other along the last axis, a word for each row.
 
     Row by row through all of them, as they lie in memory, which is several times quicker than block by block; and what
     is to come is fetched meanwhile, or each row would be waited for.
@@ -183,135 +176,108 @@ def pack(blocks: Blocks, segment: int, words: Words) -> None:
     (_, nx, ny, nz), (deep, wide, long), (layers, rows, columns) = blocks.grid, blocks.shifts, blocks.shape
     first_x, first_y = segment // (columns * rows) % layers << deep, segment // columns % rows << wide
     s, z = segment // (columns * rows * layers), segment % columns << long
-    rim = _ONES >> np.uint64(64 - (1 << long)) if blocks.rim_is_open[s] else np.uint64(0)
-    for row in range(-AHEAD, words.shape[2]):
+    rim = ~bits_from(1 << long) if blocks.rim_is_open[s] else np.uint64(0)
+    height = 1 << (deep + wide)
+    count = len(words) // height
+    for row in range(-AHEAD, height):
         x, y = first_x + ((row + AHEAD) >> wide), first_y + ((row + AHEAD) & ((1 << wide) - 1))
-        for n in range(len(words) + 1):
+        for n in range(count + 1):
             expect(blocks.cells, ((s * nx + x) * ny + y) * nz + z + (n << long))
         if row < 0:
             continue
         x, y = first_x + (row >> wide), first_y + (row & ((1 << wide) - 1))
         stop = nz if (x < nx) & (y < ny) else 0
-        for n in range(len(words)):
+        for n in range(count):
             first = z + (n << long)
-            count = max(0, min(1 << long, stop - first))
-            taken, blocked = row_in(blocks.cells, ((s * nx + x) * ny + y) * nz + first, count)
-            words[n, 0, row], words[n, 1, row] = ~taken, ~blocked | (rim & bits_from(count))
+            inside = max(0, min(1 << long, stop - first))
+            taken, blocked = row_in(blocks.cells, ((s * nx + x) * ny + y) * nz + first, inside)
+            words[n * height + row] = ~(blocked if blocks.mixed else taken) | (rim & bits_from(inside))
 
 
 @inner(forceinline=True)
-def runs_with(cells: np.uint64, word: np.uint64) -> np.uint64:
-    """The runs of a word that have any of some of its cells."""
-    # A carry goes up through a run from the lowest of its cells on; they go down by 1, 2, 4 and more cells at a time.
-    runs, open_ = cells | (word & ~(word + cells)), word
-    for k in range(6):
-        step = _ONE << np.uint64(k)
-        runs |= open_ & (runs >> step)
-        open_ &= open_ >> step
-    return runs
+def runs_in(word: np.uint64) -> int:
+    """Number of runs of a word."""
+    return int(ones_in(word & ~(word << _ONE)))
 
 
 @inner(forceinline=True)
-def all_touch(word: np.uint64, other: np.uint64) -> bool:
-    """Whether every run of a word has cells in another one."""
-    # A carry from the first cell of each run ends where the other has a cell, or it leaves the run, or the word.
+def number_at(labels: Labels, row: int, bit: np.uint64) -> int:
+    """The component of a cell of a row, given as its bit."""
+    run = runs_in(labels.words[row] & (bit | (bit - _ONE))) - 1
+    number: int = np.int64(labels.numbers[min(labels.bounds[row] + run, labels.bounds[row + 1] - 1)])  # type: ignore[assignment]
+    return number
+
+
+@inner(forceinline=True)
+def runs_apart(word: np.uint64, other: np.uint64) -> np.uint64:
+    """The last cells of those runs of a word that have no cell in another one."""
+    # A carry from the first cell of each run ends where the other has a cell, or behind the run, or leaves the word.
     apart = word & ~other
     carried = apart + (word & ~(word << _ONE))
-    touch: bool = ((carried & ~word) == 0) & (carried >= apart)
-    return touch
+    return ((carried & ~word) >> _ONE) | (np.uint64(carried < apart) << _LAST)
 
 
 @inner
-def continue_row(
-    labels: Labels, word: np.uint64, before: tuple[int, int], at: int, parent: Nodes, components: int
-) -> int:
-    """Set the pieces of a row of a layer from those of two rows before it, and of runs apart; the number of components.
+def continue_row(labels: Labels, at: int, before: tuple[int, int], parent: Nodes, components: int) -> int:
+    """Number the runs of a row by those of two rows before it that they touch; the number of components.
 
-    Where there is no such row, it is the row itself, which has no pieces yet. Components are numbered as they come, for
-    union-find, which joins them.
+    Where there is no such row, it is the row itself. Runs that touch none begin components, for union-find, which joins
+    them where a run touches several.
     """
-    pieces, numbers, bounds, _ = labels
+    words, bounds, numbers, _ = labels
     first = stop = np.int64(bounds[at])
-    left = word
-    for k in range(2):
-        row = before[k]
-        for m in range(bounds[row], bounds[row + 1]):
-            touched = pieces[m] & word
-            if touched == 0:
-                continue
-            piece, number, n = runs_with(touched, word), np.int64(numbers[m]), first
-            left &= ~piece
-            while n < stop:
-                if pieces[n] & piece != 0:  # what was apart is one piece from here on
-                    unite(parent, number, np.int64(numbers[n]))  # type: ignore[arg-type]
-                    piece, stop = piece | pieces[n], stop - 1
-                    pieces[n], numbers[n] = pieces[stop], numbers[stop]
-                else:
-                    n += 1
-            pieces[stop], numbers[stop] = piece, number
-            stop += 1
+    left, one = words[at], True
     while left != 0:
-        above = left & (left + (left & (~left + _ONE)))
-        pieces[stop], numbers[stop], parent[components] = left ^ above, components, components
-        left, stop, components = above, stop + 1, components + 1
-    bounds[at + 1] = stop
+        rest = left & (left + (left & (~left + _ONE)))
+        number: int = np.int64(-1)  # type: ignore[assignment]
+        for k in range(2):
+            touch = (left ^ rest) & words[before[k]] if before[k] != at else np.uint64(0)
+            while touch != 0:
+                bit = touch & (~touch + _ONE)
+                touch &= touch + bit
+                other = number_at(labels, before[k], bit)
+                if number < 0:
+                    number = other
+                elif parent[number] != parent[other]:
+                    unite(parent, number, other)
+        if number < 0:
+            number, parent[components], components = components, components, components + 1
+        one = one and parent[number] == parent[numbers[first] if stop > first else number]
+        numbers[stop], stop, left = number, stop + 1, rest
+    bounds[at + 1] = min(first + 1, stop) if one else stop
     return components
 
 
-@inner
-def join_rows(labels: Labels, row: int, other: int, ahead: int, parent: Nodes, pairs: Nodes, count: int) -> int:
-    """Join the pieces of one row with those of another that they touch; it may lie cells ahead, at the end of the row.
-
-    Those that were apart are added to ``pairs``, of which there are so many; how many there are then.
-    """
-    pieces, numbers, bounds, _ = labels
-    offset, shift = len(parent) - MOST, np.uint64(max(ahead - 1, 0))
-    for n in range(bounds[row], bounds[row + 1]):
-        left = pieces[n] >> shift  # the first cell of the other row is beside the last one of this
-        for m in range(bounds[other], bounds[other + 1]):
-            if left == 0:
-                break
-            if left & pieces[m] == 0:
-                continue
-            left &= ~pieces[m]
-            one: int = np.int64(numbers[n])  # type: ignore[assignment]
-            two: int = offset + np.int64(numbers[m])  # type: ignore[assignment]
-            if parent[one] != parent[two] and unite(parent, one, two):  # most are joined by now
-                pairs[count] = one * MOST + numbers[m]
-                count += 1
-    return count
-
-
 @reader
-def label_blocks(blocks: Blocks, segments: Ints, labels: Labels, words: Words, parent: Nodes) -> None:
-    """Label the cells of blocks, given by their numbers, of one kind and then of the other.
-
-    In ``words`` there is room for the blocks that follow each other along the last axis, and in ``parent`` for the
-    components of a layer.
-    """
-    pieces, numbers, bounds, counts = labels
-    rows, wide = words.shape[2], 1 << blocks.shifts[1]
-    kinds = len(counts) // len(segments)
+def label_blocks(blocks: Blocks, segments: Ints, labels: Labels, parent: Nodes) -> None:
+    """Label the cells of blocks, given by their numbers; ``parent``, shape (MOST,), is room for their components."""
+    words, bounds, numbers, counts = labels
+    rows, wide = len(words) // len(segments), 1 << blocks.shifts[1]
     zero: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
-    n = layer = zero
+    n = zero
     while n < len(segments):
         follow, most = zero + 1, min(len(segments) - n, blocks.shape[2] - segments[n] % blocks.shape[2])
         while follow < most and segments[n + follow] == segments[n] + follow:
             follow += 1
-        pack(blocks, segments[n], words[:follow])
-        for k in range(kinds * follow):
-            word_of, components, first_row = words[k // kinds, k % kinds], zero, layer * rows
+        pack(blocks, segments[n], words[n * rows : (n + follow) * rows])
+        for block in range(n, n + follow):
+            components = zero
             for row in range(rows):
-                word, at = word_of[row], first_row + row
+                at = block * rows + row
                 beside, below = at - 1 if row & (wide - 1) > 0 else at, at - wide if row >= wide else at
-                stop, before = np.int64(bounds[at]), min(beside, below)
-                first, bounds[at + 1] = np.int64(bounds[before]), stop
-                lone = (beside == at or below == at) and bounds[before + 1] - first == 1
-                if lone and word != 0 and all_touch(word, pieces[first]):
-                    pieces[stop], numbers[stop] = word, numbers[first]
-                    bounds[at + 1] = stop + 1
+                before, begin = min(beside, below), np.int64(bounds[at])
+                word, other, first = words[at], words[before], np.int64(bounds[before])
+                bounds[at + 1] = begin
+                count = bounds[before + 1] - first
+                alike = (beside == at or below == at) and word != 0 and count > 0 and runs_apart(word, other) == 0
+                if alike and count > 1:  # so they are where runs touch one each, and all of them are touched
+                    alike = runs_in(word) == count and runs_in(word & other) == count and runs_apart(other, word) == 0
+                if alike:
+                    for m in range(count):
+                        numbers[begin + m] = numbers[first + m]
+                    bounds[at + 1] = begin + count
                 else:
-                    components = continue_row(labels, word, (beside, below), at, parent, components)
+                    components = continue_row(labels, at, (beside, below), parent, components)
             total = zero
             for number in range(components):
                 # The lower root is on top, so that it has its number by now.
@@ -321,20 +287,19 @@ def label_blocks(blocks: Blocks, segments: Ints, labels: Labels, words: Words, p
                 else:
                     parent[number] = parent[parent[number]]
             if components > 1:
-                for m in range(bounds[first_row], bounds[first_row + rows]):
+                for m in range(bounds[block * rows], bounds[(block + 1) * rows]):
                     numbers[m] = parent[numbers[m]]
-            counts[layer] = total
-            layer += 1
+            counts[block] = total
         n += follow
 
 
 class Faces(NamedTuple):
-    """What meets where two layers share a side, or a place in neighbouring rotation cells, face after face.
+    """What meets where two blocks share a side, or a place in neighbouring rotation cells, face after face.
 
     Attributes
     ----------
     rows : ndarray of int32, shape (n, 4)
-        Layer, other layer, which of :attr:`Turns.bounds` is meant, or STRUCK, and number of pairs.
+        Block, other block, which of :attr:`Turns.bounds` is meant, or STRUCK, and number of pairs.
     pairs : ndarray of int32
         Those of the faces, one after the other, ``component * MOST + other component``.
     """
@@ -347,13 +312,13 @@ class Faces(NamedTuple):
 def meet_blocks(
     labels: Labels, shifts: tuple[int, int, int], beside: Ints, parent: Nodes, faces: Faces
 ) -> tuple[int, int]:
-    """Fill in the faces of layers that lie beside each other; how many of them, and pairs, there are.
+    """Fill in the faces of blocks that lie beside each other; how many of them, and pairs, there are.
 
-    A column of ``beside`` has a layer, another one and its group, as a face has them, the axis along which the other
+    A column of ``beside`` has a block, another one and its group, as a face has them, the axis along which the other
     follows, 3 and more where it has the same place, and another rotation, and the place of each among the labels.
     Pairs that follow from others are left out. ``parent``, shape (2 * MOST,), is room for union-find.
     """
-    counts = labels.counts
+    words, counts = labels.words, labels.counts
     n_faces: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
     n_pairs = n_faces
     wide, rows, long = 1 << shifts[1], 1 << (shifts[0] + shifts[1]), 1 << shifts[2]
@@ -366,11 +331,27 @@ def meet_blocks(
         begin, most = n_pairs, n_pairs + counts[ours] + counts[theirs] - 1
         # The rows where the two touch: the last ones and the first, or, beside each other or in two slices, all.
         skipped = rows - wide if axis == 0 else (wide - 1 if axis == 1 else 0)
+        ahead = np.uint64(long - 1 if axis == 2 else 0)  # the first cell of a row is beside the last one
         for row in range(skipped, rows, wide if axis == 1 else 1):
+            own, other = ours * rows + row, theirs * rows + row - skipped
+            touch, before = (words[own] >> ahead) & words[other], np.uint64(0)
+            if touch == 0:
+                continue
+            if axis != 1 and row & (wide - 1) > 0:
+                before |= (words[own - 1] >> ahead) & words[other - 1]
+            if axis != 0 and row >= wide:
+                before |= (words[own - wide] >> ahead) & words[other - wide]
+            # What touches behind cells that touch is joined by these; of each other run, the last cell stands for it.
+            left = runs_apart(touch, before)
+            while left != 0:
+                bit = left & (~left + _ONE)
+                left ^= bit
+                one, two = number_at(labels, own, bit << ahead), number_at(labels, other, bit)
+                if unite(parent, one, MOST + two):
+                    faces.pairs[n_pairs] = one * MOST + two
+                    n_pairs += 1
             if n_pairs == most:
                 break  # all are joined
-            own, other = ours * rows + row, theirs * rows + row - skipped
-            n_pairs = join_rows(labels, own, other, long if axis == 2 else 0, parent, faces.pairs, n_pairs)
         if n_pairs > begin:
             faces.rows[n_faces, 0], faces.rows[n_faces, 1] = beside[0, n], beside[1, n]
             faces.rows[n_faces, 2], faces.rows[n_faces, 3] = beside[2, n], n_pairs - begin
@@ -409,7 +390,7 @@ def join_nodes(roots: Nodes, base: Nodes, faces: Faces, fresh: int, changed: Boo
     begin: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
     struck = begin
     for n in range(len(rows)):
-        if n < fresh and (changed[rows[n, 0] // KINDS] or changed[rows[n, 1] // KINDS]):
+        if n < fresh and (changed[rows[n, 0]] or changed[rows[n, 1]]):
             rows[n, 2] = STRUCK
         group, last = rows[n, 2], begin + rows[n, 3]
         if group == STRUCK:
@@ -443,27 +424,23 @@ def look_up(blocks: Blocks, joined: Joined, cells: Ints, components: Ints) -> in
         if not solid:
             x = 0
         start, s = joined.starts[rotation], joined.slices[rotation]
-        state, inside = 1, (x >= 0) & (x < nx) & (y >= 0) & (y < ny) & (z >= 0) & (z < nz)
-        if inside:
-            state = state_in(blocks.cells, ((s * nx + x) * ny + y) * nz + z)
-        else:
-            x, y, z = nx if solid else 0, ny, nz
-        segment = ((s * layers + (x >> deep)) * rows + (y >> wide)) * columns + (z >> long)
-        for kind in range(KINDS):
-            components[kind, n] = -1
+        if (x >= 0) & (x < nx) & (y >= 0) & (y < ny) & (z >= 0) & (z < nz):
             # FREE, MIXED and BLOCKED count up.
-            if state > kind or not (inside or blocks.rim_is_open[s]):
-                continue
-            layer = KINDS * segment + kind
-            first, stop = start + joined.base[layer], start + joined.base[layer + 1]
-            if first < stop:
-                components[kind, n] = joined.roots[first]
-            for node in range(first + 1, stop):
-                if joined.roots[node] != components[kind, n]:
-                    row = ((x & ((1 << deep) - 1)) << wide) | (y & ((1 << wide) - 1))
-                    components[kind, n] = UNLABELLED - ((segment << 12) | (row << 6) | (z & ((1 << long) - 1)))
-                    asked += 1
-                    break
+            ours = state_in(blocks.cells, ((s * nx + x) * ny + y) * nz + z) <= np.int64(blocks.mixed)
+        else:
+            ours, x, y, z = blocks.rim_is_open[s], nx if solid else 0, ny, nz
+        components[n] = -1
+        if not ours:
+            continue
+        segment = ((s * layers + (x >> deep)) * rows + (y >> wide)) * columns + (z >> long)
+        first, stop = start + joined.base[segment], start + joined.base[segment + 1]
+        components[n] = joined.roots[first]
+        for node in range(first + 1, stop):
+            if joined.roots[node] != components[n]:
+                row = ((x & ((1 << deep) - 1)) << wide) | (y & ((1 << wide) - 1))
+                components[n] = UNLABELLED - ((segment << 12) | (row << 6) | (z & ((1 << long) - 1)))
+                asked += 1
+                break
     return asked
 
 
@@ -473,32 +450,23 @@ def look_into(joined: Joined, cells: Ints, places: Nodes, labels: Labels, compon
 
     ``places`` has the place of each block among the labels, or -1.
     """
-    rows = (len(labels.bounds) - 1) // len(labels.counts)
-    for kind in range(KINDS):
-        for n in range(len(cells)):
-            left = UNLABELLED - components[kind, n]
-            segment, row, z = left >> 12, (left >> 6) & 63, left & 63
-            if left < 0 or places[segment] < 0:
-                continue
-            layer = KINDS * segment + kind
-            first = joined.starts[cells[n, 0]] + joined.base[layer]
-            line = (KINDS * places[segment] + kind) * rows + row
-            components[kind, n] = -1
-            for m in range(labels.bounds[line], labels.bounds[line + 1]):
-                if (labels.pieces[m] >> np.uint64(z)) & _ONE:
-                    components[kind, n] = joined.roots[first + labels.numbers[m]]
+    rows = len(labels.words) // len(labels.counts)
+    for n in range(len(cells)):
+        left = UNLABELLED - components[n]
+        segment, row, z = left >> 12, (left >> 6) & 63, left & 63
+        if left >= 0 and places[segment] >= 0:
+            number = number_at(labels, places[segment] * rows + row, _ONE << np.uint64(z))
+            components[n] = joined.roots[joined.starts[cells[n, 0]] + joined.base[segment] + number]
 
 
 # ---- the part of a map -----------------------------------------------------------------------------------------------
 
 
 class Components:
-    """The components of a map, in two levels, so that a change reads few cells, and no cell has a label in memory.
+    """The components of a map: of its FREE cells, and of those that are not BLOCKED. They are made at need.
 
-    The cells of each block are joined by themselves, along the runs of its rows, and so are the components of blocks
-    that share a side, or the same place in neighbouring rotation cells. Union-find joins them over the whole map. Only
-    what joins blocks is kept; labels of cells are made again, block by block, for each look-up. What lies
-    outside the grid is a layer of cells beyond its last ones and before its first ones, which are the same.
+    What lies outside the grid is a layer of cells beyond its last ones and before its first ones, which are the same;
+    none of it is FREE.
 
     Cells that share a side are joined. For FREE cells that is a path. For the others it loses none: a path goes from
     one closed cell to the next through a side, or through an edge or corner, all of whose cells are then not BLOCKED
@@ -510,20 +478,52 @@ class Components:
     """
 
     def __init__(self, states: Stack, slice_of: Ints, neighbors: Ints, rim_is_open: Bools) -> None:
+        turns, shut = Turns.of(slice_of, neighbors, len(states)), np.zeros(len(states), dtype=np.bool_)
+        self._free = OneKind(states, turns, False, shut)
+        self._passable = OneKind(states, turns, True, np.asarray(rim_is_open, dtype=np.bool_))
+
+    def renew(self, boxes: Ints) -> None:
+        """Note which cells have changed: those of a box for each slice, shape (slices, 6)."""
+        self._free.renew(boxes)
+        self._passable.renew(boxes)
+
+    def of(self, cells: Ints, mixed: bool = False) -> Ints:
+        """Numbers of the components of FREE cells, or also MIXED ones, that cells belong to; or -1.
+
+        Within one of the FREE cells, a collision-free path exists; between two of the others, none does. Cells are
+        ``(rotation, x, y)`` or ``(rotation, x, y, z)``, shape (..., 1 + d). One outside the grid counts as MIXED where
+        any of them is not BLOCKED. The numbers hold until the next change.
+        """
+        return (self._passable if mixed else self._free).of(cells)
+
+    def box(self, cell: Ints) -> Ints:
+        """First and last cell, shape (2, d), of the box around the component of a FREE cell, shape (1 + d,)."""
+        return self._free.box(cell)
+
+
+class OneKind:
+    """The components of cells of one kind, in two levels, so that a change reads few cells, and no cell has a label.
+
+    The cells of each block are joined by themselves, along the runs of its rows, and so are the components of blocks
+    that share a side, or the same place in neighbouring rotation cells. Union-find joins them over the whole map. Only
+    what joins blocks is kept; labels of cells are made again, block by block, for each look-up.
+    """
+
+    def __init__(self, states: Stack, turns: Turns, mixed: bool, rim_is_open: Bools) -> None:
         slices, self._dim = len(states), states.ndim - 1
         flat, shifts = (1,) * (3 - self._dim), SHIFTS[self._dim]
         # Each axis has room for the layer beyond; the first one of a plane has none.
         shape = *flat, *(1 + (n >> shift) for n, shift in zip(states.shape[1:], shifts[len(flat) :], strict=True))
-        grid, rim = (slices, *flat, *states.shape[1:]), np.asarray(rim_is_open, dtype=np.bool_)
-        self._blocks = Blocks(cells_of(states), grid, shifts, shape, rim)
-        self._turns = Turns.of(slice_of, neighbors, slices)
+        grid = (slices, *flat, *states.shape[1:])
+        self._blocks = Blocks(cells_of(states), grid, shifts, shape, mixed, rim_is_open)
+        self._turns = turns
         numbers = np.arange(math.prod(shape)).reshape(shape)
         # From the number of a block to that of the next one along each axis, and in each of the later slices, or none.
         after = [(np.roll(numbers, -1, axis) - numbers).ravel() for axis in range(3 - self._dim, 3)]
-        later = (self._turns.links - np.arange(slices)[:, None]) * numbers.size
-        self._steps = np.stack(after, axis=1), np.where(self._turns.links >= 0, later, -slices * numbers.size)
+        later = (turns.links - np.arange(slices)[:, None]) * numbers.size
+        self._steps = np.stack(after, axis=1), np.where(turns.links >= 0, later, -slices * numbers.size)
         self._changed = np.ones((slices, *shape), dtype=np.bool_)
-        self._counts = np.zeros((self._changed.size, KINDS), dtype=np.int32)
+        self._counts = np.zeros(self._changed.size, dtype=np.int32)
         self._faces: Faces | None = None
         self._struck = 0
         self._joined: Joined | None = None
@@ -540,44 +540,44 @@ class Components:
             self._joined = None
             self._boxes.clear()
 
-    def of(self, cells: Ints) -> tuple[Ints, Ints]:
-        """Numbers of the components of FREE cells, and of those that are not BLOCKED, that cells belong to; or -1.
-
-        Within one of the FREE cells, a collision-free path exists; between two of the others, none does. Cells are
-        ``(rotation, x, y)`` or ``(rotation, x, y, z)``, shape (..., 1 + d). One outside the grid counts as not BLOCKED
-        where any of them is. The numbers hold until the next change.
-        """
+    def of(self, cells: Ints) -> Ints:
+        """Numbers of the components that cells belong to, shape (..., 1 + d), or -1. They hold until a change."""
         flat = np.ascontiguousarray(cells.reshape(-1, cells.shape[-1]))
-        joined, components = self._join(), np.empty((KINDS, len(flat)), dtype=np.int64)
+        joined, components = self._join(), np.empty(len(flat), dtype=np.int64)
         if look_up(self._blocks, joined, flat, components):
             self._ask(joined, flat, components)
-        free, passable = components.reshape(KINDS, *cells.shape[:-1])
-        return free, passable
+        return components.reshape(cells.shape[:-1])
 
     def box(self, cell: Ints) -> Ints:
-        """First and last cell, shape (2, d), of the box around the component of a FREE cell, shape (1 + d,)."""
-        number = int(self.of(cell)[0])
+        """First and last cell, shape (2, d), of the box around the component of a cell, shape (1 + d,)."""
+        number = int(self.of(cell))
         if number not in self._boxes:
             self._boxes[number] = self._around(number)
         return self._boxes[number]
 
     def _around(self, number: int) -> Ints:
         """The box around a component; of its blocks those are labelled that may widen it, some of all sides first."""
-        joined, (deep, wide, _), per = self._join(), self._blocks.shifts, KINDS * self._changed[0].size
+        joined, (deep, wide, _), per = self._join(), self._blocks.shifts, self._changed[0].size
         ours = np.zeros(joined.base[-1], dtype=np.bool_)
         for start, s in set(zip(joined.starts.tolist(), joined.slices.tolist(), strict=True)):
             nodes = slice(*joined.base[[s * per, (s + 1) * per]].tolist())
             ours[nodes] |= joined.roots[start + nodes.start : start + nodes.stop] == number
         has = np.diff(np.append(0, np.cumsum(ours))[joined.base]) > 0
-        segments = np.random.default_rng(0).permutation(np.flatnonzero(has[::KINDS]))
+        segments = np.random.default_rng(0).permutation(np.flatnonzero(has))
         low, high, size = np.array(self._blocks.grid[1:]), np.full(3, -1), FEW
         while len(segments):
             few = np.sort(segments[:size])
-            labels = self._label(few, 1)
-            row = np.repeat(np.arange(len(labels.bounds) - 1), np.diff(labels.bounds))
-            mine = np.flatnonzero(ours[joined.base[KINDS * few[row >> (deep + wide)]] + labels.numbers[: len(row)]])
-            row, cells = row[mine], labels.pieces[mine]
-            x, y, z = self._corners(few)[:, row >> (deep + wide)]
+            labels = self._label(few)
+            base, left, mine = joined.base[few], labels.words, np.zeros_like(labels.words)
+            n = 0
+            while left.any():
+                row = np.flatnonzero(left)
+                number_of = labels.numbers[np.minimum(labels.bounds[row] + n, labels.bounds[row + 1] - 1)]
+                row, rest = row[ours[base[row >> (deep + wide)] + number_of]], left & (left + (left & (~left + _ONE)))
+                mine[row] |= left[row] ^ rest[row]
+                left, n = rest, n + 1
+            row = np.flatnonzero(mine)
+            cells, (x, y, z) = mine[row], self._corners(few)[:, row >> (deep + wide)]
             x, y = x + (row >> wide & ((1 << deep) - 1)), y + (row & ((1 << wide) - 1))
             low = np.minimum(low, [x.min(), y.min(), (z + np.bitwise_count(~cells & (cells - _ONE))).min()])
             for k in range(6):
@@ -602,15 +602,14 @@ class Components:
         missing = segments[places[segments] < 0]
         if not len(missing):
             return
-        known = len(labels.counts) // KINDS
+        known = len(labels.counts)
         if known + len(missing) > TASK:
             known, missing, (places, labels) = 0, segments, self._nothing()
         made = self._label(missing)
-        size = made.bounds[-1]
         labels = Labels(
-            _followed(labels.pieces, len(labels.pieces), [made.pieces[:size].copy()]),
-            _followed(labels.numbers, len(labels.numbers), [made.numbers[:size].copy()]),
+            _followed(labels.words, len(labels.words), [made.words]),
             _followed(labels.bounds, len(labels.bounds), [made.bounds[1:] + labels.bounds[-1]]),
+            _followed(labels.numbers, len(labels.numbers), [made.numbers[: made.bounds[-1]].copy()]),
             _followed(labels.counts, len(labels.counts), [made.counts]),
         )
         self._cached = places, labels
@@ -619,7 +618,7 @@ class Components:
     def _nothing(self) -> tuple[Nodes, Labels]:
         """No labels of any block."""
         none, bounds = np.empty(0, dtype=np.int32), np.zeros(1, dtype=np.int32)
-        labels = Labels(np.empty(0, dtype=np.uint64), none, bounds, none)
+        labels = Labels(np.empty(0, dtype=np.uint64), bounds, none, none)
         return np.full(self._changed.size, -1, dtype=np.int32), labels
 
     def _join(self) -> Joined:
@@ -675,16 +674,12 @@ class Components:
         place_of = np.empty(len(wanted), dtype=np.int64)
         place_of[segments] = np.arange(len(segments))
         room = rooms.pop() if rooms else None
-        labels = self._label(segments + begin, room=room)
-        self._counts[segments + begin] = labels.counts.reshape(-1, KINDS)
+        labels = self._label(segments + begin, room)
+        self._counts[segments + begin] = labels.counts
         groups = own // self._changed[0].size * (1 + self._turns.links.shape[1]) + np.maximum(face + 1 - self._dim, 0)
         places = place_of[own - begin], place_of[other - begin]
-        # From here on, faces of layers: those of one kind, and then of the other.
-        beside = np.array(
-            [KINDS * own, KINDS * other, groups, face + 3 - self._dim, *(KINDS * each for each in places)]
-        )
-        beside = np.concatenate([beside + kind * _LAYERS for kind in range(KINDS)], axis=1)
-        faces = Faces(np.empty((beside.shape[1], 4), np.int32), np.empty(labels.counts[beside[4:]].sum(), np.int32))
+        beside = np.array([own, other, groups, face + 3 - self._dim, *places])
+        faces = Faces(np.empty((len(own), 4), np.int32), np.empty(labels.counts[beside[4:]].sum(), np.int32))
         sizes = meet_blocks(labels, self._blocks.shifts, beside, np.empty(2 * MOST, np.int32), faces)
         rooms.append(labels if room is None or len(labels.counts) > len(room.counts) else room)
         return Faces(*(array[:count].copy() for array, count in zip(faces, sizes, strict=True)))
@@ -700,24 +695,22 @@ class Components:
         places = np.unravel_index(segments, self._changed.shape)[1:]
         return np.stack([place << shift for place, shift in zip(places, self._blocks.shifts, strict=True)])
 
-    def _label(self, segments: Ints, kinds: int = KINDS, room: Labels | None = None) -> Labels:
-        """Label the cells of some blocks, of the first kind or of both, in a room, where they fit into it."""
+    def _label(self, segments: Ints, room: Labels | None = None) -> Labels:
+        """Label the cells of some blocks, in a room, where they fit into it."""
         deep, wide, long = self._blocks.shifts
-        rows, count = 1 << (deep + wide), kinds * len(segments)
-        most = count * rows * ((1 + (1 << long)) // 2)
+        count, rows = len(segments), len(segments) << (deep + wide)
+        runs = rows * ((1 + (1 << long)) // 2)
         if room is None or len(room.counts) < count:
-            sizes = (most, count * rows + 1, count)
-            numbers, bounds, counts = (np.empty(size, dtype=np.int32) for size in sizes)
-            room = Labels(np.empty(most, dtype=np.uint64), numbers, bounds, counts)
-        labels = Labels(room.pieces[:most], room.numbers[:most], room.bounds[: count * rows + 1], room.counts[:count])
+            bounds, numbers, counts = (np.empty(size, dtype=np.int32) for size in (rows + 1, runs, count))
+            room = Labels(np.empty(rows, dtype=np.uint64), bounds, numbers, counts)
+        labels = Labels(room.words[:rows], room.bounds[: rows + 1], room.numbers[:runs], room.counts[:count])
         labels.bounds[0] = 0
-        words = np.empty((min(len(segments), self._blocks.shape[2]), KINDS, rows), dtype=np.uint64)
-        label_blocks(self._blocks, segments, labels, words, np.empty(MOST, dtype=np.int32))
+        label_blocks(self._blocks, segments, labels, np.empty(MOST, dtype=np.int32))
         return labels
 
     def _nodes(self, faces: Faces, fresh: int) -> Joined:
         """Join the components of blocks over the whole map; faces are as they are now from number ``fresh`` on."""
-        turns, per = self._turns, KINDS * self._changed[0].size
+        turns, per = self._turns, self._changed[0].size
         base = np.zeros(self._counts.size + 1, dtype=np.int32)
         np.cumsum(self._counts, out=base[1:])
         begins = base[::per].astype(np.int64)

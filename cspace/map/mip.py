@@ -13,7 +13,7 @@ import numpy as np
 from cspace.arrays import Ints, States, Words
 from cspace.compiling import by_kind, inner, reader
 from cspace.map.derived import Lock
-from cspace.map.storage import Stack, flipped, read_only
+from cspace.map.storage import Stack, read_only
 from cspace.states import FREE
 from cspace.threads import in_chunks
 
@@ -169,6 +169,15 @@ class Mip:
             *map(slice, its[:, 1:4].min(axis=0) >> 2 * SHIFT, (its[:, 4:].max(axis=0) >> 2 * SHIFT) + 1),
         )
         self._nodes[part][every] = marks.blocks[every].any(axis=-1)
+
+
+@inner(forceinline=True)
+def flipped(word: np.uint64) -> np.uint64:
+    """The bits of eight bytes, bit i of byte k as bit k of byte i (Warren, Hacker's Delight, 2012)."""
+    for shift, mask in ((7, 0x00AA00AA00AA00AA), (14, 0x0000CCCC0000CCCC), (28, 0x00000000F0F0F0F0)):
+        swap = (word ^ (word >> np.uint64(shift))) & np.uint64(mask)
+        word ^= swap ^ (swap << np.uint64(shift))
+    return word
 
 
 def mark_layer(marks: Marks, s: int, i: int, b: int, first: int, depth: int, eights: Words) -> None:

@@ -104,8 +104,34 @@ def _fetch(context: Any, cells: Any, number: Any) -> Any:
     return types.void(cells, types.int64), generate
 
 
+def _compare(context: Any, cells: Any, number: Any) -> Any:
+    """Which of 64 bytes of an array, from one on, are 1 or more, and which 2 or more, by bits."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data, row = context.make_array(signature.args[0])(context, builder, arguments[0]).data, ir.VectorType(octet, 64)
+        states = builder.load(builder.bitcast(builder.gep(data, [arguments[1]]), row.as_pointer()), align=1)
+        halves = [builder.icmp_unsigned(">=", states, ir.Constant(row, [least] * 64)) for least in (1, 2)]
+        return context.make_tuple(
+            builder, signature.return_type, [builder.bitcast(each, ir.IntType(64)) for each in halves]
+        )
+
+    octet = ir.IntType(8)
+    return types.UniTuple(types.uint64, 2)(cells, types.int64), generate  # type: ignore[no-untyped-call]
+
+
+def _count(context: Any, word: Any) -> Any:
+    """Number of bits of a word that are set."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.ctpop(arguments[0])
+
+    return types.int64(types.uint64), generate
+
+
 declare: Any = cgutils.get_or_insert_function
 fetch: Any = intrinsic(_fetch)
+compared: Any = intrinsic(_compare)
+ones_in: Any = intrinsic(_count)
 
 
 @inner(forceinline=True)
@@ -197,15 +223,6 @@ def _tiled_in(cells: TileCells, number: int) -> int:
 
 
 @inner(forceinline=True)
-def flipped(word: np.uint64) -> np.uint64:
-    """The bits of eight bytes, bit i of byte k as bit k of byte i (Warren, Hacker's Delight, 2012)."""
-    for shift, mask in ((7, 0x00AA00AA00AA00AA), (14, 0x0000CCCC0000CCCC), (28, 0x00000000F0F0F0F0)):
-        swap = (word ^ (word >> np.uint64(shift))) & np.uint64(mask)
-        word ^= swap ^ (swap << np.uint64(shift))
-    return word
-
-
-@inner(forceinline=True)
 def bits_from(number: int) -> np.uint64:
     """The bits of a word from a number on, which may be 64."""
     return ~np.uint64(0) << np.uint64(number) if number < 64 else np.uint64(0)
@@ -213,13 +230,8 @@ def bits_from(number: int) -> np.uint64:
 
 def _row_of_bytes(cells: Bytes, number: int, count: int) -> Halves:
     taken, blocked = np.uint64(0), np.uint64(0)
-    if number + 64 <= cells.size:  # the compiler takes all bytes at once
-        for k in range(8):
-            word = load(cells, number + 8 * k)
-            above = word >> _ONE  # BLOCKED has the second bit, and MIXED the first
-            taken |= ((word | above) & _ONES) << np.uint64(k)
-            blocked |= (above & _ONES) << np.uint64(k)
-        taken, blocked = flipped(taken), flipped(blocked)
+    if number + 64 <= cells.size:
+        taken, blocked = compared(cells, number)
     else:
         for k in range(count):
             state, place = np.uint64(cells[number + k]), np.uint64(k)

@@ -62,7 +62,8 @@ class Tile:
         place = self.shape[across] - 1 if far else 0
         spans = [range(n) if axis != across else range(place, place + 1) for axis, n in enumerate(self.shape)]
         cells = np.stack(np.meshgrid(range(turns_of(self.store)), *spans, indexing="ij"), axis=-1)
-        return self.components.of(np.take(cells, 0, axis=1 + across).astype(np.int64))
+        cells = np.take(cells, 0, axis=1 + across).astype(np.int64)
+        return self.components.of(cells), self.components.of(cells, mixed=True)
 
 
 def turns_of(store: Store) -> int:
@@ -162,16 +163,17 @@ class Joined:
             joined.append(_unique(outside[one[both]], outside[other[both]]))
         return first, np.concatenate(joined)
 
-    def nodes_of(self, cells: Ints) -> Ints:
-        """Nodes of both kinds, shape (2, n), of cells ``(rotation, x, y(, z))``, shape (n, 1 + d), in the map or not.
+    def nodes_of(self, cells: Ints, kind: int) -> Ints:
+        """Nodes of one kind of cells ``(rotation, x, y(, z))``, shape (n, 1 + d), in the map or not.
 
         -1 where a cell has none. A component that reaches no face of its tile has a node of its own, below that.
         """
-        store, nodes = self.store, np.full((2, len(cells)), -1, dtype=np.int64)
+        store, nodes = self.store, np.full(len(cells), -1, dtype=np.int64)
         turns = np.minimum(cells[:, 0], len(self._slice_of) - 1)
         inside = ((cells[:, 1:] >= 0) & (cells[:, 1:] < store.grid.shape)).all(axis=1)
-        outside = ~inside & self._open[turns]
-        nodes[OPEN_ONES, outside] = self.first[OPEN_ONES][-1] + turns[outside]
+        if kind == OPEN_ONES:
+            outside = ~inside & self._open[turns]
+            nodes[outside] = self.first[kind][-1] + turns[outside]
         tiles = cells[:, 1:] // store.tile
         for index in np.unique(tiles[inside], axis=0):
             own = np.flatnonzero(inside & (tiles == index).all(axis=1))
@@ -179,21 +181,19 @@ class Joined:
             local = cells[own] - [0, *(part.start for part in tile.cells)]
             local[:, 0] = turns[own]
             number = self.number(tuple(index.tolist()))
-            for kind, roots in enumerate(tile.components.of(local)):
-                known, labels = faces[2 * kind], faces[2 * kind + 1]
-                place = np.minimum(np.searchsorted(known, roots), max(len(known) - 1, 0))
-                there = known[place] == roots if len(known) else np.zeros(len(roots), dtype=np.bool_)
-                own_nodes = -2 - (number * 2**32 + roots)  # its own, unless it reaches a face
-                own_nodes[there] = self.first[kind][number] + labels[place[there]]
-                nodes[kind, own] = np.where(roots < 0, -1, own_nodes)
+            roots, (known, labels) = tile.components.of(local, kind == OPEN_ONES), faces[2 * kind : 2 * kind + 2]
+            place = np.minimum(np.searchsorted(known, roots), max(len(known) - 1, 0))
+            there = known[place] == roots if len(known) else np.zeros(len(roots), dtype=np.bool_)
+            own_nodes = -2 - (number * 2**32 + roots)  # its own, unless it reaches a face
+            own_nodes[there] = self.first[kind][number] + labels[place[there]]
+            nodes[own] = np.where(roots < 0, -1, own_nodes)
         return nodes
 
-    def of(self, cells: Ints) -> tuple[Ints, Ints]:
-        """Components of both kinds of cells; -1 where a cell has none."""
-        free, passable = nodes = self.nodes_of(cells)
-        for roots, own in zip(self.roots, nodes, strict=True):
-            own[own >= 0] = roots[own[own >= 0]]
-        return free, passable
+    def of(self, cells: Ints, mixed: bool = False) -> Ints:
+        """Components of FREE cells, or of all that are not BLOCKED; -1 where a cell has none."""
+        nodes = self.nodes_of(cells, kind := OPEN_ONES if mixed else FREE_ONES)
+        nodes[nodes >= 0] = self.roots[kind][nodes[nodes >= 0]]
+        return nodes
 
     def chain(self, start: Ints, goal: Ints) -> tuple[list[Index], Ints]:
         """The fewest tiles that lead from a cell to another through FREE ones, and where one crosses into the next.
@@ -206,7 +206,7 @@ class Joined:
         from scipy.sparse.csgraph import dijkstra
 
         first, pairs = self.first[FREE_ONES], self.pairs[FREE_ONES]
-        nodes = self.nodes_of(np.stack([start, goal]))[FREE_ONES]
+        nodes = self.nodes_of(np.stack([start, goal]), FREE_ONES)
         tiles = [tuple((cell[1:] // self.store.tile).tolist()) for cell in (start, goal)]
         if nodes[0] == nodes[1] != -1:
             return tiles[:1], np.empty((0, len(start)), dtype=np.int64)

@@ -1,5 +1,6 @@
 """Components against scipy's labels, after any stream of changes; paths against graphs of cells."""
 
+import itertools
 import math
 from unittest import mock
 
@@ -85,10 +86,10 @@ def test_a_stream_of_changes(seed, kind, blocks, task):
     labels, cells = components(stack, slice_of, rim, blocks), all_cells(stack, turns)
     for _ in range(4):
         with mock.patch("cspace.map.components.TASK", task):
-            labels.of(rng.choice(cells, 3))
-            labels.of(rng.choice(cells, 9))
-            for mine, other in zip(labels.of(cells), by_scipy(stack, slice_of, rim, cells), strict=True):
-                same_partition(mine, other)
+            for mixed, count in itertools.product((False, True), (3, 9)):
+                labels.of(rng.choice(cells, count), mixed)
+            for mixed, other in enumerate(by_scipy(stack, slice_of, rim, cells)):
+                same_partition(labels.of(cells, bool(mixed)), other)
         boxes = np.tile(np.repeat([0, -1], 3), (slices, 1))
         for s in np.flatnonzero(rng.random(slices) < 0.7):
             first = [int(rng.integers(0, n)) for n in stack.shape[1:]]
@@ -108,7 +109,7 @@ def test_the_box_around_a_component(seed, kind, blocks):
     stack = random_stack(rng, dim, slices)
     labels = components(stack, np.arange(turns) % slices, blocks=blocks)
     cells = all_cells(stack, turns, 0)
-    free = labels.of(cells)[0]
+    free = labels.of(cells)
     # One rotation cell stands for all where they share one slice.
     for cell, number in list(zip(cells[free >= 0], free[free >= 0], strict=True))[:20]:
         ours = cells[free == number][:, 1:]
@@ -120,15 +121,15 @@ def test_many_components_in_every_block(blocks):
     state = (np.indices((150, 140)).sum(axis=0) % 2 * BLOCKED).astype(np.uint8)  # a chessboard
     labels = components(state[None], rim=True, blocks=blocks)
     cells = all_cells(state[None], 1, 0)
-    free, passable = labels.of(cells)
+    free, passable = labels.of(cells), labels.of(cells, mixed=True)
     assert len(np.unique(free)) - 1 == np.count_nonzero(state == FREE)
     assert len(np.unique(passable)) - 1 < np.count_nonzero(state == FREE)  # the rim joins those at the border
     state[...] = FREE
     labels.renew(np.array([[0, 0, 0, 0, 149, 139]]))
-    assert len(np.unique(labels.of(cells)[0])) == 1
+    assert len(np.unique(labels.of(cells))) == 1
     state[70:] = BLOCKED
     labels.renew(np.array([[0, 70, 0, 0, 149, 139]]))
-    assert set(np.unique(labels.of(cells)[0])) == {-1, labels.of(cells[0])[0]}
+    assert set(np.unique(labels.of(cells))) == {-1, int(labels.of(cells[0]))}
 
 
 @pytest.mark.parametrize("kind", [(2, 1, 1), (2, 3, 3), (3, 1, 1)])
@@ -141,10 +142,9 @@ def test_shapes_across_whole_blocks(kind, grain):
         noise = ndimage.gaussian_filter(rng.random((slices, *shape)), (0, *[grain] * dim))
         stack = np.digitize(noise, np.quantile(noise, [share, share + 0.1])).astype(np.uint8)
         rim, cells = np.zeros(slices, dtype=bool), all_cells(stack, turns, 1)
-        for mine, other in zip(
-            components(stack, np.arange(turns)).of(cells), by_scipy(stack, np.arange(turns), rim, cells), strict=True
-        ):
-            same_partition(mine, other)
+        labels = components(stack, np.arange(turns))
+        for mixed, other in enumerate(by_scipy(stack, np.arange(turns), rim, cells)):
+            same_partition(labels.of(cells, bool(mixed)), other)
 
 
 def test_a_door_in_a_wall_across_many_blocks():
@@ -155,7 +155,7 @@ def test_a_door_in_a_wall_across_many_blocks():
     for fill, expected in ((FREE, (1, 1)), (BLOCKED, (2, 2)), (MIXED, (2, 1)), (FREE, (1, 1))):
         state[150, 77] = fill
         labels.renew(np.array([[0, 150, 77, 0, 150, 77]]))
-        assert tuple(len(np.unique(each)) for each in labels.of(cells)) == expected
+        assert tuple(len(np.unique(labels.of(cells, mixed))) for mixed in (False, True)) == expected
 
 
 # ---- as a map answers ------------------------------------------------------------------------------------------------
