@@ -57,7 +57,10 @@ def info(
     rotations: TurningCells = None,
     as_json: Json = False,
 ) -> None:
-    """Show what a saved map, a workspace or a robot holds, and what a map would need, before any work."""
+    """Show what a map, a workspace or a robot holds.
+
+    Of a workspace also what a map of it would need, before any work.
+    """
     from cspace.cli.sketch import sketch
     from cspace.io.reading import open_map
     from cspace.robot import Robot

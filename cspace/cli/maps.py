@@ -271,7 +271,10 @@ def view(
         int | None, typer.Option(metavar="NUMBER", help="0 takes any  [default: the first free one from 8080 on].")
     ] = None,
 ) -> None:
-    """Show a map on a page in the browser, and plan there; Ctrl-C ends it."""
+    """Show a map on a page in the browser, and plan there.
+
+    Ctrl-C ends it.
+    """
     from cspace.io.reading import open_map
 
     axes = axes_of_map(file)

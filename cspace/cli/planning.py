@@ -124,7 +124,10 @@ def demo(
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
-    """Map a floor plan, prove what can be reached, plan, and write map, path and picture, and files to go on with."""
+    """Map a floor plan, prove what can be reached, and plan.
+
+    Map, path and picture are written, and files to go on with.
+    """
     check_folder(output)
     files = {
         "map": output / "map.zarr",

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from commands import run
 from cspace.cli.files import axes_of_map
 from cspace.cli.options import angle, box, configuration
 from cspace.cli.report import in_options, worded
@@ -119,3 +120,7 @@ def test_what_the_library_says_in_options(said: str, expected: str) -> None:
 )
 def test_errors_are_worded_from_their_fields(error: CspaceError, expected: str) -> None:
     assert worded(error, OPTIONS).startswith(expected)
+
+
+def test_the_list_of_commands_has_whole_sentences() -> None:
+    assert "..." not in run("--help").stdout.partition("Commands:")[2]
