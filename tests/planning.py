@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from ompl import base as ob
 from scipy import ndimage
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation, Slerp
 
 import planners
@@ -124,19 +125,20 @@ def turn_between(first: Any, second: Any) -> Any:
     return (np.asarray(second) - first + math.pi) % (2 * math.pi) - math.pi
 
 
-def distances(space: CSpace, points: np.ndarray) -> np.ndarray:
-    """Distances of FREE points in the grid to the nearest that is not, by trying every cell beside a FREE one."""
+def least_distance(space: CSpace, points: np.ndarray) -> float:
+    """Distance of the nearest of some points in the grid to a cell beside a FREE one that is not, or to the outside."""
     lower, upper = np.array(space.grid.lower), np.array(space.grid.upper)
     shut = space.state != FREE
     corners = lower + space.grid.spacing * np.argwhere(shut & ~ndimage.binary_erosion(shut, border_value=1))
-    out = np.minimum(points - lower, upper - points).min(axis=-1)
-    for k in range(0, len(points) if len(corners) else 0, 100):
-        squares = np.zeros(1)
-        for x, low in zip(points[k : k + 100].T, corners.T, strict=True):
-            apart = np.maximum(low - x[:, None], x[:, None] - low - space.grid.spacing)
-            squares = squares + np.maximum(apart, 0.0) ** 2
-        out[k : k + 100] = np.minimum(out[k : k + 100], np.sqrt(squares.min(axis=-1)))
-    return out
+    least = float(np.minimum(points - lower, upper - points).min())
+    if len(corners):
+        middles = cKDTree(corners + space.grid.spacing / 2.0).query(points)[0]
+        for k in np.argsort(middles):
+            if middles[k] > least + space.grid.spacing / 2.0 * math.sqrt(space.grid.dim):
+                break  # no cell comes nearer than so much less than its middle
+            apart = np.maximum(corners - points[k], points[k] - corners - space.grid.spacing)
+            least = min(least, float(np.linalg.norm(np.maximum(apart, 0.0), axis=1).min()))
+    return least
 
 
 def on_arc(first: np.ndarray, chord: float, turn: float, way: int, along: np.ndarray) -> np.ndarray:
@@ -190,7 +192,7 @@ def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
     if not plan.exact:
         assert space.is_free(points).all()
         if space.dof == dim:
-            least = distances(space, points).min()
+            least = least_distance(space, points)
             assert max(0.0, least - 2.3 * space.grid.spacing) <= plan.clearance <= least
     assert all(seconds >= 0.0 for seconds in dataclasses.astuple(plan.times))
 

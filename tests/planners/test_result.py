@@ -20,7 +20,7 @@ from benchmarks.soak.plane_geometry import moved
 from cspace import BLOCKED, FileError, Robot, Workspace, build
 from cspace.errors import InputError
 from planners.local_planner import CURVES, HOLONOMIC, local_planner
-from planning import CAR, ENDPOINTS, SPACES, distances, halves, open_map, room, usable
+from planning import CAR, ENDPOINTS, SPACES, halves, least_distance, open_map, room, usable
 
 CASES = [*((name, None) for name in SPACES), *(("turning", curve) for curve in CURVES)]
 
@@ -48,7 +48,7 @@ def test_the_clearance_of_a_path_is_a_bound_for_each_of_its_points(name: str, cu
             assert bound == 0.0
             continue
         if space.dof == dim:
-            least = distances(space, points).min()
+            least = least_distance(space, points)
             assert max(0.0, least - 2.3 * space.grid.spacing) <= bound <= least
         else:
             assert bound <= space.clearance(points).min() + 1.5 * space.grid.spacing + 1e-9

@@ -3,6 +3,7 @@
 import base64
 import io
 import math
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -288,6 +289,7 @@ def test_no_window_and_no_display(tmp_path: Path) -> None:
     )
     root = str(Path(cspace.__file__).parents[1])
     environment = {"PATH": "", "PYTHONPATH": root, "MPLBACKEND": "tkagg", "HOME": str(tmp_path)}
+    environment |= {name: value for name, value in os.environ.items() if name.startswith("NUMBA_")}
     environment["MPLCONFIGDIR"] = matplotlib.get_cachedir()  # which knows the fonts
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
