@@ -125,7 +125,9 @@ class Figurine:
         import shapely
 
         triangles = shapely.polygons(self.placed(self.triangles, q)[..., list(pair)])
-        return rings(shapely.union_all(triangles[shapely.area(triangles) > 0.0], grid_size=1e-9 * self.size))
+        outlines = rings(shapely.union_all(triangles[shapely.area(triangles) > 0.0], grid_size=1e-9 * self.size))
+        # Rounding leaves gaps between triangles, which would be drawn as dashes.
+        return [ring for ring in outlines if shapely.Polygon(ring).area > 1e-6 * self.size**2]
 
     def noses(self, q: Floats) -> list[Floats]:
         """The nose at a configuration that has a heading; none of a robot without one."""

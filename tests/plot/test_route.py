@@ -68,3 +68,9 @@ def test_large_meshes_are_drawn_with_few_triangles() -> None:
     figurine = Figurine(Robot.mesh(ball), NONE)
     assert 200 < len(figurine.triangles) <= 2000
     np.testing.assert_allclose(figurine.extent(np.zeros(3)), ball.bounds, atol=0.02)
+
+
+@pytest.mark.parametrize("pair", [(0, 1), (0, 2), (1, 2)])
+@pytest.mark.parametrize("robot", [Robot.ball(0.3), Robot.capsule(0.3, 0.5)], ids=lambda robot: robot.name)
+def test_a_body_without_a_hole_has_one_outline(robot: Robot, pair: tuple[int, int]) -> None:
+    assert len(Figurine(robot, NONE).outlines(np.zeros(3), pair)) == 1
