@@ -568,14 +568,16 @@ class OneKind:
         while len(segments):
             few = np.sort(segments[:size])
             labels = self._label(few)
-            base, left, mine = joined.base[few], labels.words, np.zeros_like(labels.words)
-            n = 0
-            while left.any():
-                row = np.flatnonzero(left)
-                number_of = labels.numbers[np.minimum(labels.bounds[row] + n, labels.bounds[row + 1] - 1)]
-                row, rest = row[ours[base[row >> (deep + wide)] + number_of]], left & (left + (left & (~left + _ONE)))
-                mine[row] |= left[row] ^ rest[row]
-                left, n = rest, n + 1
+            base, mine, n = joined.base[few], np.zeros_like(labels.words), 0
+            row = np.flatnonzero(labels.words)
+            left = labels.words[row]
+            while len(row):
+                at = labels.bounds[row] + n
+                # All that is left of a row has its last number.
+                rest = np.where(at + 1 < labels.bounds[row + 1], left & (left + (left & (~left + _ONE))), 0)
+                has = ours[base[row >> (deep + wide)] + labels.numbers[at]]
+                mine[row[has]] |= (left ^ rest)[has]
+                row, left, n = row[rest != 0], rest[rest != 0], n + 1
             row = np.flatnonzero(mine)
             cells, (x, y, z) = mine[row], self._corners(few)[:, row >> (deep + wide)]
             x, y = x + (row >> wide & ((1 << deep) - 1)), y + (row & ((1 << wide) - 1))
