@@ -18,7 +18,18 @@ from cspace.arrays import Bools, Floats, Ints, States
 from cspace.configuration_map import ConfigurationMap, Result
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid, finite, not_negative, positive, whole
-from cspace.map.batches import EDGES_A_THREAD, Many, One, Query, answer, as_points, check_rng, in_pieces, own
+from cspace.map.batches import (
+    EDGES_A_THREAD,
+    Many,
+    One,
+    Query,
+    answer,
+    as_points,
+    check_rng,
+    in_pieces,
+    own,
+    side_by_side,
+)
 from cspace.map.contents import Contents
 from cspace.map.derived import Derived, Lock
 from cspace.map.exterior import UNKNOWN, Exterior
@@ -1077,7 +1088,8 @@ class CSpace(ConfigurationMap):
     def _clearances(self) -> Query:
         from cspace.map.clearance import clearances
 
-        return self._in_pieces(partial(clearances, self.record, self._marks(cells=True)))
+        query = self._in_pieces(partial(clearances, self.record, self._marks(cells=True)))
+        return side_by_side(query, self.grid.lower, self.grid.upper)
 
     def _classify(self) -> Query:
         return self._derived_classify.get(self._make_classify)

@@ -98,6 +98,33 @@ def answer_pairs(vertices: Floats, pairs: Ints, query: Query) -> Bools:
     return out
 
 
+def side_by_side(query: Query, lower: Sequence[float], upper: Sequence[float]) -> Query:
+    """A query that gets large batches in an order in which near configurations, or starts of edges, follow each other.
+
+    Near are those in the same part of the box from ``lower`` to ``upper``; what is outside goes with what is nearest.
+    """
+    return partial(_fill_in_order, query, lower, upper)
+
+
+def _fill_in_order(
+    query: Query, lower: Sequence[float], upper: Sequence[float], parts: Sequence[NDArray[Any]], out: NDArray[Any]
+) -> int:
+    if len(out) < ROWS:
+        return query(parts, out)
+    side = int(2 ** (16 / len(lower)))
+    key = np.zeros(len(out), dtype=np.uint16)  # for which numpy's sorting takes time in proportion to their number
+    with np.errstate(over="ignore", invalid="ignore"):  # of what is far outside, or not usable
+        for axis, (low, high) in enumerate(zip(lower, upper, strict=True)):
+            shares = np.fmax((parts[0][:, axis] - low) * (side / (high - low)), 0.0)
+            key = key * np.uint16(side) + np.fmin(shares, side - 1.0).astype(np.uint16)
+    order = np.argsort(key, kind="stable")
+    answers = np.empty_like(out)
+    if query([_Chosen(part, order) for part in parts], answers) >= 0:
+        return query(parts, out)  # the first one that is not usable
+    out[order] = answers
+    return -1
+
+
 class _Chosen:
     """Rows of an array by their indices; a slice of them is copied when it is read."""
 

@@ -75,6 +75,19 @@ def test_classify_of_many_is_that_of_each(make, seed, outside, number):
 
 
 @pytest.mark.parametrize("make", KINDS)
+def test_clearances_of_many_are_those_of_each(make):
+    rng = np.random.default_rng(2)
+    space = make(rng)
+    q = draw_configurations(space, rng, ROWS + 100, far=True)
+    q[3:6, 0] = 1e308, -1e308, 1e200
+    chosen = [3, 4, 5, *rng.integers(0, len(q), 200)]
+    assert space.clearance(q)[chosen].tolist() == [space.clearance(one) for one in q[chosen]]
+    q[[ROWS, 70], [0, 1]] = np.nan, np.inf
+    with pytest.raises(InputError, match=r"q number 70 is .*inf"):
+        space.clearance(q)
+
+
+@pytest.mark.parametrize("make", KINDS)
 @pytest.mark.parametrize("dtype", ["float64", "float32", "float16", "int64", "int8", "uint16", "bool", "longdouble"])
 def test_numbers_of_any_kind(make, dtype):
     rng = np.random.default_rng(3)
