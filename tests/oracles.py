@@ -140,13 +140,16 @@ def overlap(occupied, offsets, outside):
 
 def overlaps_by_shifts(occupied, raster, outside):
     """Overlap of each cell with a library Raster, by adding up shifted copies of the map."""
-    pad = [n + 1 for n in occupied.shape]
+    pad = np.array(occupied.shape) + 1
     wide = np.pad(occupied, [(n, n) for n in pad], constant_values=outside)
+    copies = np.lib.stride_tricks.sliding_window_view(wide, occupied.shape)
+    # Beyond the pads all is like the pads.
+    shifts = pad + np.clip(np.argwhere(raster.cells) + raster.lower, -pad, pad)
     total = np.zeros(occupied.shape, dtype=np.int64)
-    for offset in np.argwhere(raster.cells) + raster.lower:
-        # Beyond the pads all is like the pads.
-        first = [p + int(np.clip(m, -p, p)) for m, p in zip(offset, pad, strict=True)]
-        total += wide[tuple(slice(f, f + n) for f, n in zip(first, occupied.shape, strict=True))]
+    together = 2**12 // max(occupied.size, 1) + 1  # of small maps
+    for k in range(0, len(shifts), together):
+        part = copies[tuple(shifts[k : k + together].T)]
+        total += part[0] if len(part) == 1 else part.sum(axis=0)
     return total
 
 
