@@ -15,6 +15,10 @@ TURN: Final = 2.0 * math.pi
 MAX_ANGLE: Final = 2.0**20
 """Largest angle of a configuration, in radians, that is wrapped."""
 
+MAX_JOINT_ANGLE: Final = 256.0
+"""Largest angle of a continuous joint, in radians, that is wrapped: what rounding does to more turns could reach a
+cell's slack."""
+
 ANGLE_SLACK: Final = 1e-9
 """Rounding allowance in radians: rotation cells count as that much wider on both sides."""
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from cspace.angles import TURN, shorter, wrapped
+from cspace.angles import MAX_JOINT_ANGLE, TURN, shorter, wrapped
 from cspace.arrays import Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import Grid
@@ -45,9 +45,6 @@ if TYPE_CHECKING:
     from cspace.update import Change
 
 
-MOST: Final = 256.0
-"""Largest angle, in radians, that is wrapped: what rounding does to more turns could reach a cell's slack."""
-
 _BYTES: Final = 3
 """For each cell that is unrolled: its state, and whether it meets an obstacle or lies in one."""
 
@@ -71,9 +68,9 @@ class Circles(OneRotation):
         InputError
             If an angle is too large to be wrapped.
         """
-        far = (np.abs(q) > MOST) & self.endless
+        far = (np.abs(q) > MAX_JOINT_ANGLE) & self.endless
         if far.any():
-            fault, rule = f"has an angle of {q[far][0]:g} rad", f"at most {MOST:.0f} are wrapped exactly"
+            fault, rule = f"has an angle of {q[far][0]:g} rad", f"at most {MAX_JOINT_ANGLE:.0f} are wrapped exactly"
             raise InputError(name, fault, rule, "leave out whole turns", value=float(q[far][0]))
         return np.where(self.endless, wrapped(q), q)
 

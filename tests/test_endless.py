@@ -346,6 +346,13 @@ def test_copies_and_files_and_what_there_is_not(tmp_path: Path) -> None:
     for call, message in ask:
         with pytest.raises(InputError, match=message):
             call()
+    for far in (left[0] + 100.0 * TURN, 1e9, math.inf, math.nan):  # which is left as well, or is refused
+        for exact in (False, True):
+            assert not space.point_checker(exact=exact)(far, left[1])
+            assert not space.edge_checker(exact=exact)(far, *left[1:], *left)
+            assert not space.edge_checker(exact=exact)(*left, far, left[1])
+        assert space.clearance_checker()(far, left[1]) == 0.0
+    assert space.point_checker()(*left) and space.edge_checker()(*left, *left)
     assert space.is_free(left, exact=True)
     assert not space.motion_is_free((-1.5, 0.1), (0.0, 0.1), exact=True)
     path = space.free_path(left, right)

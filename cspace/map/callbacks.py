@@ -11,7 +11,7 @@ from functools import cache
 from types import FunctionType
 from typing import Any, Final, NamedTuple, TypeVar
 
-from cspace.angles import TURN
+from cspace.angles import MAX_JOINT_ANGLE, TURN
 from cspace.arrays import Numbers
 from cspace.compiling import entry, part, reader
 from cspace.map.edges import edge_is_free
@@ -39,17 +39,24 @@ def callback(query: Any, dof: int, nogil: bool = True) -> Callable[..., Any]:
 
 
 def with_wrapped_angles(check: Callable[..., T], endless: Sequence[bool]) -> Callable[..., T]:
-    """The function, with angles wrapped to half a turn from 0, and those of a second configuration from the first."""
+    """The function, with angles wrapped to half a turn from 0, and those of a second configuration from the first.
+
+    Angles that look-ups refuse become what is no number, which nothing is free at.
+    """
     circles, dof = [k for k, turns in enumerate(endless) if turns], len(endless)
     if not circles:
         return check
 
+    most, turn, remainder = MAX_JOINT_ANGLE, TURN, math.remainder  # found sooner than what is not the function's own
+
     def wrapped(*numbers: float) -> T:
         near = list(numbers)
         for k in circles:
-            near[k] = math.remainder(numbers[k], TURN)
-            for n in range(dof + k, len(near), dof):
-                near[n] = near[k] + math.remainder(numbers[n] - numbers[k], TURN)
+            first = numbers[k] if -most <= numbers[k] <= most else math.nan
+            near[k] = here = remainder(first, turn)
+            if len(near) > dof:
+                angle = numbers[dof + k]
+                near[dof + k] = here + remainder(angle - first, turn) if -most <= angle <= most else math.nan
         return check(*near)
 
     return wrapped
