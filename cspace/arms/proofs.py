@@ -194,6 +194,8 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
     """Whether all configurations of a motion are proven free, the last of which is."""
     chain, solids, parts, left = scene.chain, scene.solids, work.parts, work.left
     pairs, nearest, far, least = len(scene.pairs), 0, 0.0, least_of(scene, q0, q1)
+    if not least < np.inf:  # nor is NaN, which any number that is none makes of it
+        return False
     for n in range(pairs):
         i, j = scene.pairs[n]
         most, bend, turned = bounds_of(chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1)

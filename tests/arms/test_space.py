@@ -218,3 +218,11 @@ def test_no_thin_obstacle_on_the_way_is_missed(tmp_path: Path, seed: int) -> Non
             ).motion_is_free(q0, q1)
             away = {"seed": Placed(Robot.ball(1e-3).shape, at(20.0, 0.0, 0.0))}
             assert build_arm(away, arm, allowed=touch).motion_is_free(q0, q1)
+
+
+def test_checkers_never_pass_nan(tmp_path):
+    space = build_arm({"box": Robot.box((0.2, 0.2, 0.2), (1.5, 1.0, 0.0)).shape}, Arm.from_urdf(planar(tmp_path)))
+    check, q = space.edge_checker(), (0.0, 0.1)
+    assert check(*q, *q) and space.point_checker()(*q)
+    for bad in ((np.nan, 0.1), (0.0, np.nan)):
+        assert not (check(*bad, *q) or check(*q, *bad) or space.point_checker()(*bad))
