@@ -136,8 +136,8 @@ class YawRotations(Rotations):
         return np.asarray(np.diff(self.borders) / 2 + ANGLE_SLACK)
 
     def is_uniform(self) -> bool:
-        """Whether all cells are equally wide, but for rounding."""
-        return bool(np.ptp(np.diff(self.borders)) < ANGLE_SLACK / self.count)
+        """Whether all cells are equally wide, but for rounding, so that none is off its place by ANGLE_SLACK / 8."""
+        return bool(np.ptp(np.diff(self.borders)) < ANGLE_SLACK / (8.0 * self.count))
 
     def cell_of(self, yaw: ArrayLike) -> Ints:
         """Cells that hold yaw angles, radians, of any shape; a border belongs to the cell above it."""
