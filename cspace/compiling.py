@@ -51,8 +51,7 @@ def jit(function: F | None = None, /, **options: Any) -> Any:
 
     _announce_compiling()
     _add_parts()
-    usual = {"no_cfunc_wrapper": True, "error_model": "numpy", "pipeline_class": _compiler()}
-    options = {"cache": True, "nogil": True, **usual, **options}
+    options = {"cache": True, "nogil": True, "no_cfunc_wrapper": True, "error_model": "numpy", **options}
     cached = options.pop("cache")
     made = njit(**options)(function)
     if cached:
@@ -266,75 +265,11 @@ def inner(function: F | None = None, /, **options: Any) -> Any:
 
 
 @cache
-def _compiler() -> Any:
-    """Numba's compiler, which looks up once what an operator or a function of numba's own makes of given types.
-
-    Numba tries all that it knows of an operator wherever there is one, each time that it goes through a function. At
-    each try it also compares all options with those of others, one by one.
-    """
-    from numba.core import types
-    from numba.core.compiler import Compiler, Flags
-    from numba.core.targetconfig import ConfigStack
-
-    settled: list[Any] = []
-    resolved: dict[tuple[Any, ...], Any] = {}
-
-    class Settled(Flags):
-        """Options that do not change: equal ones are one object."""
-
-        def __init__(self, options: Any) -> None:
-            super().__init__(options)  # type: ignore[no-untyped-call]
-            self.hash: int = super().__hash__()  # type: ignore[no-untyped-call]
-
-        def __hash__(self) -> int:
-            return self.hash
-
-        def __eq__(self, other: object) -> Any:
-            return self is other if isinstance(other, Settled) else super().__eq__(other)  # type: ignore[no-untyped-call]
-
-    class Options(Flags):
-        """Options of which the copy is settled: that is what numba compares."""
-
-        def copy(self) -> Any:
-            equal = [each for each in settled if each == self]
-            settled.extend([] if equal else [Settled(self)])
-            return equal[0] if equal else settled[-1]
-
-    class Typing:
-        """Numba's typing of calls, which remembers those of what is its own."""
-
-        def __init__(self, context: Any) -> None:
-            self.context = context
-
-        def __getattr__(self, name: str) -> Any:
-            return getattr(self.context, name)
-
-        def resolve_function_type(self, function: Any, arguments: Any, named: Any) -> Any:
-            if named or type(function) is not types.Function:
-                return self.context.resolve_function_type(function, arguments, named)
-            key = function, tuple(arguments), ConfigStack.top_or_none()  # type: ignore[no-untyped-call]
-            if key not in resolved:
-                signature = self.context.resolve_function_type(function, arguments, named)
-                if signature is None:
-                    return None
-                resolved[key] = signature, function.get_impl_key(signature)
-            # What it is made of is set anew: with other options it may have become another.
-            signature, cast(Any, function)._impl_keys[signature.args] = resolved[key]
-            return signature
-
-    class Remembering(Compiler):
-        def __init__(self, typing: Any, target: Any, library: Any, args: Any, returned: Any, flags: Any, own: Any):
-            options = Options(flags)  # type: ignore[no-untyped-call]
-            super().__init__(Typing(typing), target, library, args, returned, options, own)  # type: ignore[no-untyped-call]
-
-    return Remembering
-
-
-@cache
 def _lean_compiler() -> Any:
     """Numba's compiler with :func:`_lean_pipeline`."""
+    from numba.core.compiler import CompilerBase
 
-    class LeanCompiler(_compiler()):  # type: ignore[misc]
+    class LeanCompiler(CompilerBase):
         def define_pipelines(self) -> list[Any]:
             return [_lean_pipeline(self.state)]
 
@@ -363,6 +298,8 @@ def part_options(forceinline: bool) -> dict[str, Any]:
     up. Of parts only the last time counts. Numba also types and makes ``min`` and such anew for callers of each set of
     options; so options of parts are set behind its back, and they share them with others.
     """
+    from numba.core.compiler import CompilerBase
+
     options = {"no_cpython_wrapper": True, "forceinline": forceinline}
     try:
         from llvmlite.binding import Target, parse_assembly
@@ -400,7 +337,7 @@ def part_options(forceinline: bool) -> dict[str, Any]:
             places = [f'@"{name}" = common global i8* null' for name in names]
             return parse_assembly("\n".join([str(codegen._create_empty_module("")), *places]))
 
-    class PartCompiler(_compiler()):  # type: ignore[misc]
+    class PartCompiler(CompilerBase):
         def define_pipelines(self) -> list[Any]:
             state: Any = self.state
             for name, value in options.items():

@@ -1,7 +1,6 @@
 """Compiled functions: the log says what is compiled, what is kept is used while it is true, and none is needed."""
 
 import json
-import math
 import os
 import pickle
 import shutil
@@ -196,19 +195,6 @@ def test_passes_that_are_left_out_are_numbas_own() -> None:
 
     assert jit(cache=False, pipeline_class=Seeing)(double)(1.5) == 3.0
     assert set(seen) >= compiling.NEEDLESS
-
-
-def over(value: float, other: float) -> float:
-    return value / max(other, 0.0)
-
-
-def test_what_is_remembered_of_operators_stays_with_the_options_of_a_function() -> None:
-    first, strict, again = (jit(cache=False, **each)(over) for each in ({}, {"error_model": "python"}, {}))
-    assert first(1.0, -1.0) == math.inf
-    with pytest.raises(ZeroDivisionError):
-        strict(1.0, 0.0)
-    assert again(1.0, -1.0) == math.inf
-    assert again(6, 3) == strict(6, 3) == first(6, 3) == 2.0
 
 
 @pytest.mark.parametrize("gone", [None, "_optimize_final_module"])
