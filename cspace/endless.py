@@ -15,9 +15,8 @@ from itertools import pairwise, product
 from typing import TYPE_CHECKING, Any, Final, Literal, NoReturn, Unpack
 
 import numpy as np
+import scipy  # its parts are read when they are first used
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from cspace.angles import MAX_JOINT_ANGLE, TURN, shorter, wrapped
 from cspace.arrays import Floats, Ints
@@ -139,8 +138,8 @@ class Seam:
         names, numbers = np.unique(np.append(both[:, open_pairs], [[here], [there]], axis=1), return_inverse=True)
         numbers = numbers.reshape(2, -1)
         (here, there), numbers = numbers[:, -1].tolist(), numbers[:, :-1]
-        graph = coo_array((np.ones(len(open_pairs)), numbers), shape=(len(names), len(names))).tocsr()
-        before = breadth_first_order(graph, here)[1]
+        graph = scipy.sparse.coo_array((np.ones(len(open_pairs)), numbers), shape=(len(names), len(names))).tocsr()
+        before = scipy.sparse.csgraph.breadth_first_order(graph, here)[1]
         order = [there]
         while order[-1] != here:
             if before[order[-1]] < 0:
@@ -159,8 +158,8 @@ def _joined(numbers: Ints) -> tuple[Ints, Ints]:
     """Components, shape (2, n), that meet across seams: those that do, ascending, and the lowest one of each class."""
     names, pairs = np.unique(numbers[:, (numbers >= 0).all(axis=0)], return_inverse=True)
     pairs = pairs.reshape(2, -1)
-    graph = coo_array((np.ones(pairs.shape[1]), pairs), shape=(len(names), len(names)))
-    classes = connected_components(graph, directed=False)[1]
+    graph = scipy.sparse.coo_array((np.ones(pairs.shape[1]), pairs), shape=(len(names), len(names)))
+    classes = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
     return names, names[np.unique(classes, return_index=True)[1]][classes]
 
 

@@ -10,11 +10,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+import scipy  # its parts are read when they are first used
 from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
 from cspace.arrays import Floats
 from planners.catalogue import BIDIRECTIONAL, IGNORE_OBJECTIVES, SECOND_THREAD, make_planner, planner_named
@@ -203,9 +202,9 @@ class _Run:
         firsts, lasts = np.repeat(vertices, [len(each) for each in after]), np.concatenate(after).astype(np.int64)
         rows = np.array([self._kind.read(state) for state in states])
         lengths = self._edges.lengths(rows[firsts], rows[lasts])
-        graph = coo_array((lengths, (firsts, lasts)), shape=(len(rows), len(rows))).tocsr()
+        graph = scipy.sparse.coo_array((lengths, (firsts, lasts)), shape=(len(rows), len(rows))).tocsr()
         start, chain = roadmap.getStartIndex(0), [roadmap.getGoalIndex(0)]
-        before = dijkstra(graph, indices=start, return_predecessors=True)[1]
+        before = scipy.sparse.csgraph.dijkstra(graph, indices=start, return_predecessors=True)[1]
         while chain[-1] != start:
             chain.append(before[chain[-1]])
         path = og.PathGeometric(si)

@@ -10,8 +10,8 @@ from itertools import combinations
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Unpack
 
 import numpy as np
+import scipy  # its parts are read when they are first used
 from numpy.typing import ArrayLike
-from scipy.optimize import nnls
 
 from cspace.arms.chain import STILL, TURNS, place_bodies
 from cspace.arms.hulls import corners_of
@@ -562,7 +562,7 @@ def _nearest(one: Floats, other: Floats, radii: ArrayLike) -> Floats:
     "Solving Least Squares Problems", 1974, chapter 23).
     """
     differences = (one[:, np.newaxis] - other).reshape(-1, 3)
-    weights, _ = nnls(np.vstack([differences.T, np.ones(len(differences))]), [0.0, 0.0, 0.0, 1.0])
+    weights, _ = scipy.optimize.nnls(np.vstack([differences.T, np.ones(len(differences))]), [0.0, 0.0, 0.0, 1.0])
     shares = weights.reshape(len(one), len(other)) / weights.sum()
     points = np.stack([shares.sum(axis=1) @ one, shares.sum(axis=0) @ other])
     offset = points[1] - points[0]
