@@ -208,9 +208,9 @@ def about_robot() -> Iterator[None]:
 
 def _option(word: str, options: Options) -> str:
     """A word that sets an argument, as an option, and rotations as an option has them; any other word as it is."""
-    before, called, after = word.partition("Rotations.quaternions(")
+    before, called, kind = word.partition("Rotations.")  # Rotations.quaternions(8)
     if called:
-        word = f"{before}quaternions:{after.replace(')', '', 1)}"
+        word = before + kind.replace("(", ":", 1).replace(")", "", 1)
     name, equals, value = word.partition("=")
     bracket = name[: len(name) - len(name.lstrip("("))]
     name = name.removeprefix(bracket)
