@@ -31,5 +31,9 @@ def wrapped(angle: Floats) -> Floats:
 
 
 def shorter(steps: Floats, endless: ArrayLike) -> Floats:
-    """Steps, shape (..., dof), without whole turns of the numbers that are angles without an end: the shorter way."""
-    return np.where(endless, steps - TURN * np.rint(steps / TURN), steps)
+    """Steps, shape (..., dof), without whole turns of the numbers that are angles without an end: the shorter way.
+
+    It is what :func:`math.remainder` gives, to the last bit, so that also half a turn is gone the same way everywhere.
+    """
+    rest = np.fmod(steps, 2.0 * TURN)  # exact, as is what follows
+    return np.where(endless, rest - TURN * np.rint(rest / TURN), steps)

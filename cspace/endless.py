@@ -8,6 +8,7 @@ are those of the cells of one turn, joined across the seams.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ import numpy as np
 import scipy  # its parts are read when they are first used
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.angles import MAX_JOINT_ANGLE, TURN, shorter, wrapped
+from cspace.angles import MAX_JOINT_ANGLE, TURN, shorter
 from cspace.arrays import Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import Grid
@@ -47,6 +48,9 @@ if TYPE_CHECKING:
 _BYTES: Final = 3
 """For each cell that is unrolled: its state, and whether it meets an obstacle or lies in one."""
 
+_quiet: Final = np.errstate(invalid="ignore")
+"""Numbers that are not finite are refused where they are looked up."""
+
 
 def map_of(contents: Contents) -> CSpace:
     """The map that some contents are of."""
@@ -59,6 +63,7 @@ class Circles(OneRotation):
 
     endless: tuple[bool, ...] = ()
 
+    @_quiet
     def canonical(self, q: Floats, name: str = "q") -> Floats:
         """Configurations, shape (..., dof), with each angle in [-pi, pi).
 
@@ -71,7 +76,8 @@ class Circles(OneRotation):
         if far.any():
             fault, rule = f"has an angle of {q[far][0]:g} rad", f"at most {MAX_JOINT_ANGLE:.0f} are wrapped exactly"
             raise InputError(name, fault, rule, "leave out whole turns", value=float(q[far][0]))
-        return np.where(self.endless, wrapped(q), q)
+        near = shorter(q, self.endless)
+        return np.where(self.endless & (near >= math.pi), -math.pi, near)
 
     def steps(self, q0: Floats, q1: Floats) -> Floats:
         """What leads from configurations to others, turning the shorter way; half a turn as it is given."""
@@ -241,10 +247,14 @@ class EndlessCSpace(CSpace):
         """The same of configurations, or edges, brought into the turn in the middle."""
         circles = self.rotations
 
+        @_quiet
         def brought(given: Floats, *others_and_out: NDArray[Any]) -> int:
             *others, out = others_and_out
-            first = circles.canonical(given)
-            ends = (np.where(self.endless, first + circles.steps(given, q), circles.canonical(q)) for q in others)
+            first, *lasts = map(circles.canonical, (given, *others))
+            ends = (
+                np.where(self.endless, first + circles.steps(given, q), last)
+                for q, last in zip(others, lasts, strict=True)
+            )
             return kernel(first, *ends, out)
 
         return in_pieces(brought, least)
@@ -265,7 +275,9 @@ class EndlessCSpace(CSpace):
         return self.rotations.canonical(self._unrolled.nearest_free(brought))
 
     def _cells_of(self, points: Floats) -> Ints:
-        return super()._cells_of(self.rotations.canonical(points))
+        """As of other maps; on a border it is the cell that look-ups see, for which the grid, unrolled, rounds."""
+        cells = self._unrolled.grid.cell_of(self.rotations.canonical(points)) - self._padding
+        return np.insert(np.where(self.endless, cells % self.grid.shape, cells), 0, 0, axis=-1)
 
     def _one_free(self, q: ArrayLike, name: str) -> Floats:
         return super()._one_free(self.rotations.canonical(as_points(q, name, self.dof)), name)

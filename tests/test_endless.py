@@ -14,10 +14,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib import pyplot as plt
+from ompl import base as ob
 
 import cspace
 import planners
 from cspace import FREE, MIXED, Grid, Workspace
+from cspace.angles import shorter
 from cspace.endless import EndlessCSpace, map_of
 from cspace.errors import InputError
 from cspace.map.contents import Contents
@@ -28,6 +30,7 @@ from cspace.rotations import Rotations
 from cspace.shapes import Point
 from handmade import map_in
 from oracles import segment_meets_block
+from planners.states import kind_of
 
 TURN = 2.0 * math.pi
 SPACES = [(True, False), (False, True), (True, True), (True, False, False), (False, True, True)]
@@ -148,6 +151,48 @@ def test_edges_go_the_shorter_way(data: st.DataObject, endless: tuple[bool, ...]
         ]
         around = [tuple(np.where(endless, np.array(each) % grid.shape, each)) for each in touched]
         assert free == all(states[each] == FREE for each in around)
+
+
+@st.composite
+def near_half_turns(draw: st.DrawFn) -> float:
+    """Half turns, quarters of them and others, up to the largest angles, a few last bits beside, and signed zeros."""
+    angle = draw(st.integers(-160, 160)) * 0.5 * math.pi + draw(st.sampled_from([0.0, 0.0, 1.0]))
+    for _ in range(draw(st.integers(0, 3))):
+        angle = math.nextafter(angle, draw(st.sampled_from([-math.inf, math.inf])))
+    return -angle if draw(st.booleans()) else angle
+
+
+@pytest.mark.parametrize("exact", [False, True])
+@settings(max_examples=12)
+@given(data=st.data())
+def test_half_a_turn_goes_the_same_way_everywhere(data: st.DataObject, exact: bool) -> None:
+    """Batches, checkers of floats and OMPL's callbacks agree, also of what lies on a border, to the last bit."""
+    space, _, rng = data.draw(maps((True, False)))
+    q0, q1 = rng.uniform(space.grid.lower, space.grid.upper, (2, 20, 2))
+    angles = data.draw(st.lists(near_half_turns(), min_size=40, max_size=40))
+    q0[:, 0], q1[:, 0] = np.reshape(angles, (2, 20))
+    free, edges = space.is_free(q0, exact=exact).tolist(), space.motion_is_free(q0, q1, exact=exact).tolist()
+    check, edge = space.point_checker(exact=exact), space.edge_checker(exact=exact)
+    assert [check(*q) for q in q0.tolist()] == free
+    assert [edge(*a, *b) for a, b in zip(q0.tolist(), q1.tolist(), strict=True)] == edges
+    assert [bool(space.certify_path([a, b], exact=exact).all()) for a, b in zip(q0, q1, strict=True)] == edges
+    assert [space.clearance_checker()(*q) for q in q0.tolist()] == space.clearance(q0).tolist()
+    assert (space.path_exists(q0, q0) == True).tolist() == space.is_free(q0).tolist()  # noqa: E712 - True, False or None
+    si = ob.SpaceInformation(planners.state_space(space))
+    valid, motion = (kind(si, space, exact=exact) for kind in (planners.StateValidityChecker, planners.MotionValidator))
+    start, end = si.allocState(), si.allocState()
+    for a, b, point, free_all_along in zip(q0.tolist(), q1.tolist(), free, edges, strict=True):
+        kind_of(space).write(start, *a)
+        kind_of(space).write(end, *b)
+        assert valid.isValid(start) == point
+        assert motion.checkMotion(start, end) == free_all_along
+
+
+@given(first=near_half_turns(), last=near_half_turns())
+def test_the_shorter_way_is_that_of_the_standard_library(first: float, last: float) -> None:
+    """Of arrays as of floats, to the last bit; what is no number stays none."""
+    assert float(shorter(np.array([last - first]), [True])[0]) == math.remainder(last - first, TURN)
+    np.testing.assert_array_equal(shorter(np.array([math.nan, last, -0.0]), [True, False, True]), [math.nan, last, 0.0])
 
 
 @pytest.mark.parametrize("endless", SPACES)
@@ -342,6 +387,9 @@ def test_copies_and_files_and_what_there_is_not(tmp_path: Path) -> None:
         (lambda: space.is_free((300.0, 0.0)), "at most 256 are wrapped exactly"),
         (lambda: space.is_free((math.inf, 0.0)), "at most 256 are wrapped exactly"),
         (lambda: space.is_free((math.nan, 0.0)), "nan.*must be finite"),
+        (lambda: space.is_free((0.0, math.inf)), "inf.*must be finite"),
+        (lambda: space.motion_is_free((0.0, math.inf), (0.0, math.inf)), "inf.*must be finite"),
+        (lambda: space.motion_is_free(left, (math.inf, 0.0)), "at most 256 are wrapped exactly"),
     ]
     for call, message in ask:
         with pytest.raises(InputError, match=message):

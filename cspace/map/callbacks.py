@@ -47,13 +47,15 @@ def with_wrapped_angles(check: Callable[..., T], endless: Sequence[bool]) -> Cal
     if not circles:
         return check
 
-    most, turn, remainder = MAX_JOINT_ANGLE, TURN, math.remainder  # found sooner than what is not the function's own
+    # Found sooner than what is not the function's own.
+    most, turn, half, remainder = MAX_JOINT_ANGLE, TURN, math.pi, math.remainder
 
     def wrapped(*numbers: float) -> T:
         near = list(numbers)
         for k in circles:
             first = numbers[k] if -most <= numbers[k] <= most else math.nan
-            near[k] = here = remainder(first, turn)
+            here = remainder(first, turn)
+            near[k] = here = here if here != half else -half
             if len(near) > dof:
                 angle = numbers[dof + k]
                 near[dof + k] = here + remainder(angle - first, turn) if -most <= angle <= most else math.nan
