@@ -16,7 +16,7 @@ from cspace.grid import Grid
 from cspace.map.batches import Kernel, Many, One, Query, answer, as_points, in_pieces
 from cspace.robot import Robot
 from cspace.rotations import Rotations
-from cspace.states import BLOCKED, FREE
+from cspace.states import FREE
 from cspace.threads import LEAST
 
 if TYPE_CHECKING:
@@ -38,6 +38,9 @@ class Joined(Protocol):
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
         """Numbers of the components of FREE cells, or of all that are not BLOCKED; -1 where there is none."""
+
+    def disconnected(self, cells: Ints) -> bool:
+        """Whether it takes but little to prove that no path joins two cells, shape (2, 1 + d)."""
 
 
 class ConfigurationMap(ConfigurationSpace):
@@ -128,15 +131,22 @@ class ConfigurationMap(ConfigurationSpace):
             self.checked(q0, "q0"), self.checked(q1, "q1")  # one of them raises
         cells, count = self._cells_of(both), endpoints[0].size // self.dof
 
-        def joined(mixed: bool) -> Bools:
-            components = self._components.of(cells, mixed)
-            components[states == BLOCKED] = -1
+        def same(components: Ints) -> Bools:
             halves = components[:count], components[count:]
             one, other = (half.reshape(points.shape[:-1]) for half, points in zip(halves, endpoints, strict=True))
             return np.asarray((one == other) & (one != -1))
 
-        free = joined(mixed=False)
-        passable = free if free.all() else joined(mixed=True)
+        def joined(mixed: bool, known: Bools) -> Bools:
+            """The pairs that cells of a kind join, among them those known; nothing is read where no others can be."""
+            of_kind = states <= mixed
+            if (same(np.where(of_kind, 0, -1)) == known).all():
+                return known
+            if mixed and len(cells) == 2 and self._components.disconnected(cells):
+                return known
+            return same(np.where(of_kind, self._components.of(cells, mixed), -1))
+
+        free = joined(mixed=False, known=same(np.full(len(cells), -1)))
+        passable = joined(mixed=True, known=free)
         answers: NDArray[np.object_] = _ANSWERS[np.where(passable, free, 2), ...]
         return answers if answers.ndim else answers[()]
 

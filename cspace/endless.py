@@ -116,6 +116,10 @@ class Seam:
             self._joined[mixed] = _joined(self._within.of(self._pairs, mixed))
         return _replaced(self._within.of(cells, mixed), *self._joined[mixed])
 
+    def disconnected(self, cells: Ints) -> bool:
+        """As :meth:`cspace.map.components.Components.disconnected`, for which seams are outside of all windows."""
+        return self._within.disconnected(cells)
+
     def box(self, cell: Ints) -> Ints:
         """As :meth:`cspace.map.components.Components.box`, around all parts of a component."""
         number = self.of(cell)

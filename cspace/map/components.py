@@ -50,6 +50,10 @@ AHEAD: Final = 12
 FEW: Final = 16
 """Blocks that are looked at first for the box around a component."""
 
+WINDOWS: Final = 8
+"""Part of the map, its reciprocal, that windows may take, all of them together, before MIXED cells are joined all over
+the map."""
+
 _ONE, _LAST = np.uint64(1), np.uint64(63)
 
 
@@ -479,6 +483,7 @@ class Components:
 
     def __init__(self, states: Stack, slice_of: Ints, neighbors: Ints, rim_is_open: Bools) -> None:
         turns, shut = Turns.of(slice_of, neighbors, len(states)), np.zeros(len(states), dtype=np.bool_)
+        self._states, self._turns, self._left = states, turns, states.size // WINDOWS
         self._free = OneKind(states, turns, False, shut)
         self._passable = OneKind(states, turns, True, np.asarray(rim_is_open, dtype=np.bool_))
 
@@ -495,6 +500,24 @@ class Components:
         any of them is not BLOCKED. The numbers hold until the next change.
         """
         return (self._passable if mixed else self._free).of(cells)
+
+    def disconnected(self, cells: Ints) -> bool:
+        """Whether a look at a window around one of two cells, shape (2, 1 + d), proves that no path joins them.
+
+        The window has the smaller one of their components of FREE cells, and the blocks around it. MIXED cells are
+        joined in it, and all that is outside counts as open. It is for the first calls: where windows have taken their
+        part of the map, or MIXED cells are joined already, nothing is looked at.
+        """
+        window = None if self._passable.is_joined else self._free.window(cells)
+        size = 0 if window is None else math.prod((window[1] - window[0]).tolist()) * len(self._states)
+        if window is None or size > self._left:
+            return False
+        self._left -= size
+        part = tuple(map(slice, *window.tolist()))
+        states = np.stack([each[part] for each in self._states])
+        cells = cells - np.append(0, window[0])
+        one, other = OneKind(states, self._turns, True, np.ones(len(states), dtype=np.bool_)).of(cells)
+        return bool(one != other)
 
     def box(self, cell: Ints) -> Ints:
         """First and last cell, shape (2, d), of the box around the component of a FREE cell, shape (1 + d,)."""
@@ -555,28 +578,52 @@ class OneKind:
             self._boxes[number] = self._around(number)
         return self._boxes[number]
 
-    def _around(self, number: int) -> Ints:
-        """The box around a component; of its blocks those are labelled that may widen it, some of all sides first."""
-        joined, (deep, wide, _), per = self._join(), self._blocks.shifts, self._changed[0].size
+    @property
+    def is_joined(self) -> bool:
+        """Whether cells are joined all over the map, but for what has changed since."""
+        return self._faces is not None
+
+    def window(self, cells: Ints) -> Ints | None:
+        """First cell, and that after the last, shape (2, d), of a window around the smallest component of some cells.
+
+        It has all blocks of the component, and those beside them. None where no cell, shape (n, 1 + d), has one.
+        """
+        numbers, roots = self.of(cells), self._join().roots
+        sizes = {number: np.count_nonzero(roots == number) for number in numbers[numbers >= 0].tolist()}
+        if not sizes:
+            return None
+        corners = self._corners(self._members(min(sizes, key=sizes.__getitem__))[1])
+        side = 1 << np.array(self._blocks.shifts)
+        low = np.maximum(corners.min(axis=1) - side, 0)
+        high = np.minimum(corners.max(axis=1) + 2 * side, self._blocks.grid[1:])
+        return np.stack([low, high])[:, 3 - self._dim :]
+
+    def _members(self, number: int) -> tuple[Bools, Ints]:
+        """Which components of blocks, of all slices, belong to a component of the map, and the blocks they are in."""
+        joined, per = self._join(), self._changed[0].size
         ours = np.zeros(joined.base[-1], dtype=np.bool_)
         for start, s in set(zip(joined.starts.tolist(), joined.slices.tolist(), strict=True)):
             nodes = slice(*joined.base[[s * per, (s + 1) * per]].tolist())
             ours[nodes] |= joined.roots[start + nodes.start : start + nodes.stop] == number
-        has = np.diff(np.append(0, np.cumsum(ours))[joined.base]) > 0
-        segments = np.random.default_rng(0).permutation(np.flatnonzero(has))
+        return ours, np.flatnonzero(np.diff(np.append(0, np.cumsum(ours))[joined.base]))
+
+    def _around(self, number: int) -> Ints:
+        """The box around a component; of its blocks those are labelled that may widen it, some of all sides first."""
+        (deep, wide, _), base, (ours, has) = self._blocks.shifts, self._join().base, self._members(number)
+        segments = np.random.default_rng(0).permutation(has)
         low, high, size = np.array(self._blocks.grid[1:]), np.full(3, -1), FEW
         while len(segments):
             few = np.sort(segments[:size])
             labels = self._label(few)
-            base, mine, n = joined.base[few], np.zeros_like(labels.words), 0
+            nodes, mine, n = base[few], np.zeros_like(labels.words), 0
             row = np.flatnonzero(labels.words)
             left = labels.words[row]
             while len(row):
                 at = labels.bounds[row] + n
                 # All that is left of a row has its last number.
                 rest = np.where(at + 1 < labels.bounds[row + 1], left & (left + (left & (~left + _ONE))), 0)
-                has = ours[base[row >> (deep + wide)] + labels.numbers[at]]
-                mine[row[has]] |= (left ^ rest)[has]
+                here = ours[nodes[row >> (deep + wide)] + labels.numbers[at]]
+                mine[row[here]] |= (left ^ rest)[here]
                 row, left, n = row[rest != 0], rest[rest != 0], n + 1
             row = np.flatnonzero(mine)
             cells, (x, y, z) = mine[row], self._corners(few)[:, row >> (deep + wide)]

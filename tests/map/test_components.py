@@ -163,6 +163,45 @@ def test_a_door_in_a_wall_across_many_blocks():
         assert tuple(len(np.unique(labels.of(cells, mixed))) for mixed in (False, True)) == expected
 
 
+@settings(max_examples=100)
+@given(seeds, st.sampled_from(KINDS), st.sampled_from(["small", "rows of eight"]))
+def test_windows_prove_what_the_whole_map_does(seed, kind, blocks):
+    """Around the smaller component of FREE cells, also of cells that have none, and of some outside the grid."""
+    dim, slices, turns = kind
+    rng = np.random.default_rng(seed)
+    stack = random_stack(rng, dim, slices)
+    rim, slice_of = rng.random(slices) < 0.5, np.arange(turns) % slices
+    cells = rng.permutation(all_cells(stack, turns))[:40]
+    passable = by_scipy(stack, slice_of, rim, cells)[1]
+    with mock.patch("cspace.map.components.WINDOWS", 1e-6):
+        labels = components(stack, slice_of, rim, blocks)
+    for one, other in itertools.pairwise(range(len(cells))):
+        if labels.disconnected(cells[[one, other]]):
+            assert passable[one] != passable[other] or passable[one] == -1
+
+
+def test_a_window_shows_that_a_room_is_closed():
+    state = np.zeros((4000, 1500), dtype=np.uint8)
+    state[[300, 330], 300:331] = state[300:331, [300, 330]] = BLOCKED
+    state[301:330, [301, 329]] = MIXED
+    cells = np.array([[0, 310, 310], [0, 50, 50]])
+    labels = components(state[None])
+    assert labels.disconnected(cells)
+    assert labels.disconnected(cells[::-1])
+    assert not labels.disconnected(cells[[1, 1]])
+    state[315, 330] = MIXED
+    labels.renew(np.array([[0, 315, 330, 0, 315, 330]]))
+    assert not labels.disconnected(cells)
+    state[315, 330] = BLOCKED
+    labels.renew(np.array([[0, 315, 330, 0, 315, 330]]))
+    asked = [labels.disconnected(cells) for _ in range(20)]
+    assert asked[0]
+    assert not asked[-1]  # so many windows are as much as the map
+    fresh = components(state[None])
+    assert len(np.unique(fresh.of(cells, mixed=True))) == 2
+    assert not fresh.disconnected(cells)  # nothing is looked at that is known already
+
+
 # ---- as a map answers ------------------------------------------------------------------------------------------------
 
 
@@ -183,6 +222,10 @@ def test_paths_against_components_of_a_graph(seed, kind, outside):
     joined, maybe = (np.equal.outer(one, one) & (one >= 0) for one in (free, passable))
     expected = np.where(joined, True, np.where(maybe, None, False))
     assert space.path_exists(q[:, None], q[None]).tolist() == expected.tolist()
+    with mock.patch("cspace.map.components.WINDOWS", 1e-6), mock.patch.dict(SHIFTS, BLOCKS["small"]):
+        for one, other in itertools.pairwise(range(min(len(q), 6))):
+            space = handmade.made(states, kind, outside)
+            assert space.path_exists(q[one], q[other]) is expected[one, other]
 
 
 @settings(max_examples=10)
