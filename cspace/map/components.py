@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Ints, Words
 from cspace.compiling import inner, reader
-from cspace.map.storage import Cells, Stack, bits_from, cells_of, expect, ones_in, row_in, state_in
+from cspace.map.storage import Cells, Stack, bits_from, cells_of, expect, ones_in, row_in, state_in, window_of
 from cspace.raster.components import unite
 from cspace.threads import cores, in_threads
 
@@ -513,8 +513,7 @@ class Components:
         if window is None or size > self._left:
             return False
         self._left -= size
-        part = tuple(map(slice, *window.tolist()))
-        states = np.stack([each[part] for each in self._states])
+        states = window_of(self._states, tuple(map(slice, *window.tolist())))
         cells = cells - np.append(0, window[0])
         one, other = OneKind(states, self._turns, True, np.ones(len(states), dtype=np.bool_)).of(cells)
         return bool(one != other)
