@@ -37,3 +37,8 @@ def shorter(steps: Floats, endless: ArrayLike) -> Floats:
     """
     rest = np.fmod(steps, 2.0 * TURN)  # exact, as is what follows
     return np.where(endless, rest - TURN * np.rint(rest / TURN), steps)
+
+
+def beside(angle: Floats, other: Floats) -> Floats:
+    """Angles as many whole turns on as bring them next to others."""
+    return angle + TURN * np.rint((other - angle) / TURN)

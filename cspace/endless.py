@@ -19,7 +19,7 @@ import numpy as np
 import scipy  # its parts are read when they are first used
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.angles import MAX_JOINT_ANGLE, TURN, shorter
+from cspace.angles import MAX_JOINT_ANGLE, TURN, beside, shorter
 from cspace.arrays import Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import Grid
@@ -304,12 +304,14 @@ class EndlessCSpace(CSpace):
         if crossings is None:
             return np.empty((0, self.dof))
         still, shape, turns = self.rotations.neighbors[:, :0], np.array(self.grid.shape), np.zeros(self.dof, np.int64)
-        rows: list[Floats] = [endpoints[0]]
+        rows: list[Floats] = []
         for leave, enter, turn in [*crossings, (goal, goal, 0 * turns)]:
             cells = cube_path(self._seen, self._slice_of, still, start, leave, until)[:, 1:]
             rows.append(self.grid.center_of(cells + turns * shape))
             start, turns = enter, turns + turn
-        path = np.vstack([*rows, endpoints[1] + TURN * turns])
+        path = np.vstack([endpoints[0], *rows, endpoints[1]])
+        # On a border, they may be in a cell across the seam.
+        path[[0, -1]] = np.where(self.endless, beside(path[[0, -1]], path[[1, -2]]), path[[0, -1]])
         # A step within a cube of FREE cells may be so long that the shorter way is another one.
         quarters = np.ceil(np.abs(np.diff(path, axis=0)).max(axis=1) / (0.25 * TURN)).astype(np.int64)
         at = np.concatenate([[0.0], *(k + np.arange(1, n + 1) / n for k, n in enumerate(quarters.tolist()) if n)])

@@ -310,6 +310,17 @@ def test_the_widest_path_leads_across_the_seam(data: st.DataObject, endless: tup
         space.update(states[box] > 0, [0] * grid.dim)
 
 
+@pytest.mark.parametrize("name", ["free_path", "widest_path"])
+@pytest.mark.parametrize("cells", [3, 5, 12, 31])
+def test_paths_begin_and_end_on_the_seam_itself(name: str, cells: int) -> None:
+    """Where rounding decides whether it is in the first cell of the circle or in the last."""
+    space = made(np.zeros((cells, 6), np.uint8), (True, False), cells)
+    sides = [math.pi, math.nextafter(math.pi, 0.0), math.nextafter(math.pi, 4.0), 3.0 * math.pi, 5.0 * math.pi]
+    for start, goal in itertools.permutations([*sides, *(-each for each in sides)], 2):
+        path = getattr(space, name)((start, -0.9), (goal, -0.5))
+        assert np.abs(np.diff(path[:, 0])).max() <= space.grid.spacing and path[0, 0] == pytest.approx(start, abs=1e-9)
+
+
 @pytest.mark.parametrize("endless", SPACES)
 def test_an_update_is_seen_on_both_sides(endless: tuple[bool, ...]) -> None:
     """Also by checkers that were handed out before."""

@@ -21,7 +21,7 @@ from typing import Final, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.angles import TURN
+from cspace.angles import TURN, beside
 from cspace.arrays import Bools, Bytes, Floats, Ints
 from cspace.compiling import inner, jit, reader
 from cspace.grid import Grid
@@ -923,13 +923,11 @@ def widest_path(
     places, endless = np.stack(place, axis=-1), graph.closed[3 - grid.dim :]
     middles = np.column_stack([grid.center_of(places), rotations.centers[rotation]])
     path = rotations.canonical(np.concatenate([endpoints[0][0][None], middles, endpoints[1][0][None]]))
-    turns = np.zeros_like(path)
     for axis in np.flatnonzero(endless).tolist():
-        unwound = np.unwrap(places[:, axis], period=grid.shape[axis])
-        turns[1:-1, axis] = (unwound - places[:, axis]) / grid.shape[axis]
+        unwound, angles = np.unwrap(places[:, axis], period=grid.shape[axis]), path[:, axis]
+        angles[1:-1] += TURN * ((unwound - places[:, axis]) / grid.shape[axis])
+        angles[[0, -1]] = beside(angles[[0, -1]], angles[[1, -2]])  # on a border, they may be in a cell across the seam
         places[:, axis] = unwound
-    turns[-1] = turns[-2]
-    path += TURN * turns
     if not all(check(*a, *b) for a, b in pairwise(path.tolist())):
         return path[:0]
     if not straight:
