@@ -337,7 +337,8 @@ class EndlessCSpace(CSpace):
         unrolled, cells = self._derived_unrolled.made, change.cells.reshape(2, 3)[:, 3 - self.dof :]
         if unrolled is not None and (cells[0] <= cells[1]).all():
             shape, padding = np.array(self.grid.shape), self._padding
-            for turns in product(*((-1, 0, 1) if turns else (0,) for turns in self.endless)):
+            most = -(-padding // shape)
+            for turns in product(*(range(-n, n + 1) for n in most.tolist())):
                 shift = padding + shape * turns
                 low, stop = np.maximum(cells[0] + shift, 0), np.minimum(cells[1] + 1 + shift, shape + 2 * padding)
                 if (low < stop).all():

@@ -269,7 +269,8 @@ def plan(
     waypoints = edges.corners(result.path)
     solved = len(waypoints) > 0
     path, direction = edges.dense(waypoints)
-    for array in (path, waypoints, direction):
+    first, last = map(np.array, endpoints)
+    for array in (path, waypoints, first, last, direction):
         if array is not None:
             array.flags.writeable = False
     status, advice = _status(result, name if legs else CUBES, edges, exists, limit)
@@ -279,6 +280,8 @@ def plan(
     return Plan(
         path=path,
         waypoints=waypoints,
+        start=first,
+        goal=last,
         axes=space.axes,
         units=edges.units,
         direction=direction,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import html
 import json
 import math
 import os
@@ -66,6 +65,8 @@ class Plan:
         The configurations that edges join, which are rows of the path: all of them, where the robot does not turn. Of a
         differential drive, those where it begins to turn or to drive: straight edges join them, so that
         :meth:`cspace.CSpace.certify_path` proves waypoints and path alike.
+    start, goal : ndarray of float64, shape (dof,), read-only
+        What a path was looked for between, as planners hold it: yaw in [-pi, pi), a quaternion's norm 1.
     axes : tuple of str
         Names of the columns of the path, those of :attr:`cspace.CSpace.axes`.
     units : tuple of str
@@ -112,6 +113,8 @@ class Plan:
 
     path: Floats
     waypoints: Floats
+    start: Floats
+    goal: Floats
     axes: tuple[str, ...]
     units: tuple[str, str]
     direction: NDArray[np.int8] | None
@@ -180,21 +183,20 @@ class Plan:
         return "Plan(" + "\n     ".join(self._lines()) + ")"
 
     def _repr_html_(self) -> str:
-        """The repr, and a small picture of the path from above, for notebooks."""
+        """The repr, and a small picture of the path from above, or of start and goal, for notebooks."""
         from cspace.plot import as_html
 
-        if not self.solved:
-            return f"<p>{'<br>'.join(map(html.escape, self._lines()))}</p>"
         return as_html(self, self._lines())
 
     def _lines(self) -> list[str]:
-        """The plan in three lines."""
+        """The plan in a few lines."""
         if not self.solved:
-            return [f"{self.planner}: {self.status}", *([f"try {self.advice}"] if self.advice else [])]
+            between = f"from {_point(self.start)} to {_point(self.goal)} ({', '.join(self.axes)})"
+            return [f"{self.planner}: {self.status}", between, *([f"try {self.advice}"] if self.advice else [])]
         proof = "certified" if self.certified else "not certified"
         radius = f" of {self.turning_radius:g} m" if self.turning_radius else ""
         edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}{radius}"
-        endpoints = " to ".join(f"({', '.join(f'{x:.4g}' for x in q)})" for q in self.waypoints[[0, -1]])
+        endpoints = " to ".join(map(_point, self.waypoints[[0, -1]]))
         (name, distance), (unit, distance_unit) = self.shown_distance, self.units
         apart = "" if math.isnan(distance) else f", {name.replace('_', ' ')} {distance:.3f} {distance_unit}"
         turning = f", turning {self.turning:.2f} rad" if self.turning else ""
@@ -284,6 +286,10 @@ def _plain(value: object) -> object:
     if isinstance(value, Times):
         return asdict(value)
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _point(q: Floats) -> str:
+    return f"({', '.join(f'{x:.4g}' for x in q)})"
 
 
 def _text(seconds: float) -> str:

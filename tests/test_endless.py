@@ -321,11 +321,11 @@ def test_paths_begin_and_end_on_the_seam_itself(name: str, cells: int) -> None:
         assert np.abs(np.diff(path[:, 0])).max() <= space.grid.spacing and path[0, 0] == pytest.approx(start, abs=1e-9)
 
 
+@pytest.mark.parametrize("cells", [1, 2, 9])
 @pytest.mark.parametrize("endless", SPACES)
-def test_an_update_is_seen_on_both_sides(endless: tuple[bool, ...]) -> None:
+def test_an_update_is_seen_on_both_sides(endless: tuple[bool, ...], cells: int) -> None:
     """Also by checkers that were handed out before."""
     rng = np.random.default_rng(len(endless))
-    cells = 9
     shape = tuple(cells if turns else 5 for turns in endless)
     states = (rng.random(shape) < 0.2).astype(np.uint8) * 2
     space, q = made(states, endless, cells), None
@@ -344,6 +344,8 @@ def test_an_update_is_seen_on_both_sides(endless: tuple[bool, ...]) -> None:
             np.testing.assert_array_equal(getattr(space, name)(q), getattr(fresh, name)(q))
         for name in ("motion_is_free", "path_exists"):
             np.testing.assert_array_equal(getattr(space, name)(q[:-1], q[1:]), getattr(fresh, name)(q[:-1], q[1:]))
+        for each in q[:20] if (states == FREE).any() else ():
+            np.testing.assert_array_equal(space.nearest_free(each), fresh.nearest_free(each))
         others = fresh.point_checker(), fresh.edge_checker(), fresh.clearance_checker()
         for check, other, arguments in zip(checks, others, (q, np.hstack([q[:-1], q[1:]]), q), strict=True):
             assert [check(*each) for each in arguments] == [other(*each) for each in arguments]

@@ -10,7 +10,7 @@ import numpy as np
 from cspace.arrays import Floats, Surface
 from cspace.io.polygons import joined, placed
 from cspace.plot import artists
-from cspace.plot.route import Look, polyline, simplified
+from cspace.plot.route import Look, marked, polyline, simplified
 from cspace.plot.surface import (
     MOST,
     SURFACES,
@@ -118,10 +118,13 @@ def draw_arm(
 ) -> Axes:
     """Draw an arm among obstacles; as :meth:`cspace.ArmSpace.plot`."""
     points, figure = polyline(space, path), ArmFigure(space)
-    stand = points[-1] if q is None and len(points) else np.zeros(space.dof).clip(space.arm.lower, space.arm.upper)
+    marks = marked(space, path, points, None, None)
+    stand = marks.get("goal", np.zeros(space.dof).clip(space.arm.lower, space.arm.upper))
     stand = space.checked(stand if q is None else q, "q")
     look = Look(ax=ax, camera=camera, legend=legend, title=title or space.arm.name)
     ghosts = along_joints(points, np.linspace(0.0, 1.0, GHOSTS + 1)[:-1]) if len(points) > 1 else points[:0]
+    if marks and not len(points):
+        ghosts = marks["start"][np.newaxis]
     links = [(PALE, placed[name]) for placed in map(figure.placed, ghosts) for name in figure.moving]
     links += [(artists.ROBOT_FILL, link) for link in figure.placed(stand).values()]
     corners = np.concatenate([vertices for _, (vertices, _) in links])
@@ -145,6 +148,8 @@ def draw_arm(
             artists.patch("arm along the path", PALE),
             *dotted(drawn, curve, f"path of {figure.tip}, dotted behind something"),
         ]
+    elif len(ghosts):
+        handles.append(artists.patch("arm at the start", PALE))
     if blocks:
         handles.insert(0, artists.patch(*SURFACES["obstacles"]))
     paint(drawn, polygons, colors)

@@ -20,7 +20,7 @@ from cspace.grid import Grid, positive
 from cspace.io.files import replacing
 from cspace.plot import artists
 from cspace.plot.dials import draw_dials
-from cspace.plot.route import Figurine, HasPath, Look, MapLike, Part, Route, WorkspaceLike, section_point
+from cspace.plot.route import Figurine, HasPath, Look, MapLike, Part, Route, WorkspaceLike, marked, section_point
 from cspace.plot.sections import draw_panels, draw_sections
 from cspace.plot.surface import draw_surface
 from cspace.rotations import OneRotation, Rotations
@@ -424,13 +424,13 @@ def _robot(robot: Any) -> tuple[Floats, Any]:
 def _plan(plan: Any) -> tuple[Floats, Any]:
     """Box and painter of a path, from above."""
     points = np.asarray(plan.path)[:, :2]
-    marks = {} if not len(points) else {"start": points[0], "goal": points[-1]}
+    marks = {name: q[:2] for name, q in marked(plan, plan, points, None, None).items()}
 
     def draw(ax: Any) -> None:
         artists.draw_path(ax, points)
         artists.draw_marks(ax, marks, 0.8)
 
-    return _around(points if len(points) else np.zeros((1, 2))), draw
+    return _around(np.vstack([points, *marks.values()])), draw
 
 
 def _around(points: Floats) -> Floats:

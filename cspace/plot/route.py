@@ -233,7 +233,7 @@ class Route:
         Raises InputError if something has the wrong shape or is not finite, or ``every`` is not above zero.
         """
         points = polyline(space, path)
-        marks = marked(space, points, start, goal)
+        marks = marked(space, path, points, start, goal)
         figurine = Figurine(space.robot, space.rotations)
         return cls(
             points,
@@ -286,10 +286,15 @@ def polyline(space: HasAxes, path: Any) -> Floats:
     return points
 
 
-def marked(space: HasAxes, points: Floats, start: Any, goal: Any) -> dict[str, Floats]:
-    """Start and goal by name, those that there are; by default the first and the last row of the path."""
+def marked(space: HasAxes, path: Any, points: Floats, start: Any, goal: Any) -> dict[str, Floats]:
+    """Start and goal by name, those that there are.
+
+    By default they are the first and the last of the path's points, or, where a plan found none, what was asked of it.
+    """
     marks = {}
     for name, given, end in (("start", start, 0), ("goal", goal, -1)):
+        if given is None and not len(points):
+            given = getattr(path, name, None)
         if given is not None:
             marks[name] = finite(given, name)
             if (shape := marks[name].shape) != (len(space.axes),):

@@ -70,7 +70,7 @@ class Viewer:
         from cspace.view.page import Page
 
         points = polyline(space, path)
-        marks = marked(space, points, start, goal)
+        marks = marked(space, path, points, start, goal)
         self.server = serve(host, port)
         self._closed = threading.Event()
         try:

@@ -2,23 +2,27 @@
 
 import copy
 import csv
-import dataclasses
 import json
 import math
 import pickle
 from collections.abc import Callable
+from dataclasses import FrozenInstanceError, fields, replace
 from pathlib import Path
 
 import fcl
 import numpy as np
 import pytest
 import shapely
+from matplotlib import pyplot as plt
+from matplotlib.text import Text
 
 import planners
 import solids
 from benchmarks.soak.plane_geometry import moved
 from cspace import BLOCKED, FileError, Robot, Workspace, build
 from cspace.errors import InputError
+from cspace.plot import thumbnail
+from cspace.plot.route import marked
 from planners.local_planner import CURVES, HOLONOMIC, local_planner
 from planning import CAR, ENDPOINTS, SPACES, halves, least_distance, open_map, room, usable
 
@@ -195,10 +199,35 @@ def test_a_plan_says_in_three_lines_what_it_is(plan: planners.Plan) -> None:
 
 def test_a_plan_that_failed_says_what_to_try() -> None:
     space, start, goal = halves("plane", BLOCKED)
-    assert repr(planners.plan(space, start, goal)) == "Plan(RRTConnect: no path exists: proven)"
-    plan = planners.plan(room("plane"), *ENDPOINTS["plane"], planner="RRT", time_limit=1e-6)
-    assert repr(plan).splitlines() == [f"Plan(RRT: {plan.status}", f"     try {plan.advice})"]
-    assert plan._repr_html_() == f"<p>RRT: {plan.status}<br>try {plan.advice}</p>".replace("'", "&#x27;")
+    between = "from ({:.4g}, {:.4g}) to ({:.4g}, {:.4g}) (x, y)"
+    lines = repr(planners.plan(space, start, goal)).splitlines()
+    assert lines == ["Plan(RRTConnect: no path exists: proven", f"     {between.format(*start, *goal)})"]
+    start, goal = ENDPOINTS["plane"]
+    plan = planners.plan(room("plane"), start, goal, planner="RRT", time_limit=1e-6)
+    lines = [f"RRT: {plan.status}", between.format(*start, *goal), f"try {plan.advice}"]
+    assert repr(plan).splitlines() == [f"Plan({lines[0]}", f"     {lines[1]}", f"     {lines[2]})"]
+    page = plan._repr_html_()
+    assert page.startswith('<img src="data:image/png;base64,')
+    assert page.endswith(f"<p>{'<br>'.join(lines)}</p>".replace("'", "&#x27;"))
+
+
+@pytest.mark.parametrize("name", SPACES)
+def test_a_plan_that_failed_keeps_start_and_goal(name: str, tmp_path: Path) -> None:
+    """In its picture, too, and in what it writes."""
+    space, start, goal = halves(name, BLOCKED)
+    plan = planners.plan(space, start, goal)
+    assert not plan.solved and not plan.start.flags.writeable
+    np.testing.assert_allclose([plan.start, plan.goal], [start, goal])
+    assert list(marked(space, plan, plan.path, None, None)) == ["start", "goal"]
+    assert thumbnail(plan) != thumbnail(replace(plan, start=plan.goal))
+    labels = [text.get_text() for text in plan.plot().figure.findobj(Text)]
+    assert "start" in labels and "goal" in labels
+    plt.close("all")
+    plan.to_json(tmp_path / "plan.json")
+    written = json.loads((tmp_path / "plan.json").read_text())
+    assert [written["start"], written["goal"]] == [plan.start.tolist(), plan.goal.tolist()]
+    again = pickle.loads(pickle.dumps(plan))
+    np.testing.assert_array_equal([again.start, again.goal], [plan.start, plan.goal])
 
 
 # ---- what it writes --------------------------------------------------------------------------------------------------
@@ -217,14 +246,15 @@ def test_a_path_is_read_back_from_csv_to_the_last_bit(plan: planners.Plan, tmp_p
 def test_a_plan_is_read_back_from_json(plan: planners.Plan, tmp_path: Path) -> None:
     plan.to_json(tmp_path / "plan.json")
     record = json.loads((tmp_path / "plan.json").read_text())
-    names = {field.name for field in dataclasses.fields(planners.Plan) if not field.name.startswith("_")}
+    names = {field.name for field in fields(planners.Plan) if not field.name.startswith("_")}
     assert set(record) == names - {"space"} | {"clearance", "obstacle_distance"}
     assert (record.pop("clearance"), record.pop("obstacle_distance")) == (plan.clearance, plan.obstacle_distance)
     times = planners.Times(**record.pop("times"))
-    arrays = {name: np.array(record.pop(name)) for name in ("path", "waypoints")}
+    arrays = {name: np.array(record.pop(name)) for name in ("path", "waypoints", "start", "goal")}
     direction, axes, units = record.pop("direction"), tuple(record.pop("axes")), tuple(record.pop("units"))
     again = planners.Plan(**arrays, axes=axes, units=units, direction=direction, times=times, **record)
-    assert np.array_equal(again.path, plan.path) and np.array_equal(again.waypoints, plan.waypoints)
+    for name in arrays:
+        np.testing.assert_array_equal(getattr(again, name), getattr(plan, name))
     assert times == plan.times and axes == plan.axes and units == plan.units
     assert direction == (None if plan.direction is None else plan.direction.tolist())
     for name in record:
@@ -268,7 +298,7 @@ def test_a_plan_draws_itself_on_its_map(plan: planners.Plan) -> None:
 
 
 def test_a_plan_cannot_be_changed(plan: planners.Plan) -> None:
-    with pytest.raises(dataclasses.FrozenInstanceError):
+    with pytest.raises(FrozenInstanceError):
         plan.solved = False  # type: ignore[misc]
     with pytest.raises(ValueError, match="read-only"):
         plan.path[0, 0] = 3.0
