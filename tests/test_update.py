@@ -362,6 +362,7 @@ def test_paths_are_of_before_an_update_or_after_it(monkeypatch: pytest.MonkeyPat
     pocket, corner, answers = (1.55, 1.55), (3.5, 3.5), []
     asking = threading.Thread(target=lambda: answers.append(space.path_exists(pocket, corner)))
     assert space.path_exists(pocket, corner) is False
+    assert space.path_exists(corner, (0.5, 0.5)) is True
     renew = Components.renew
 
     def in_the_midst(self: Components, boxes: np.ndarray) -> None:

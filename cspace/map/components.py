@@ -499,6 +499,8 @@ class Components:
         ``(rotation, x, y)`` or ``(rotation, x, y, z)``, shape (..., 1 + d). One outside the grid counts as MIXED where
         any of them is not BLOCKED. The numbers hold until the next change.
         """
+        if mixed:
+            self._left = 0
         return (self._passable if mixed else self._free).of(cells)
 
     def disconnected(self, cells: Ints) -> bool:
@@ -508,7 +510,7 @@ class Components:
         joined in it, and all that is outside counts as open. It is for the first calls: where windows have taken their
         part of the map, or MIXED cells are joined already, nothing is looked at.
         """
-        window = None if self._passable.is_joined else self._free.window(cells)
+        window = self._free.window(cells) if self._left > 0 else None
         size = 0 if window is None else math.prod((window[1] - window[0]).tolist()) * len(self._states)
         if window is None or size > self._left:
             return False
@@ -576,11 +578,6 @@ class OneKind:
         if number not in self._boxes:
             self._boxes[number] = self._around(number)
         return self._boxes[number]
-
-    @property
-    def is_joined(self) -> bool:
-        """Whether cells are joined all over the map, but for what has changed since."""
-        return self._faces is not None
 
     def window(self, cells: Ints) -> Ints | None:
         """First cell, and that after the last, shape (2, d), of a window around the smallest component of some cells.
