@@ -128,27 +128,21 @@ def points_of(values: ArrayLike, name: str, dim: int) -> Floats:
 
 
 def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
-    """The corners ``xmin, ymin, (zmin,) xmax, ymax(, zmax)`` of a map, shape (2, dim).
+    """The lower and upper corner of a map, shape (2, dim), given so, or as ``xmin, ymin, (zmin,) xmax, ymax(, zmax)``.
 
     Raises InputError if there are not as many numbers, or an upper one is not above its lower one.
     """
     box = finite(bounds, "bounds")
     names = [f"{axis}{end}" for end in ("min", "max") for axis in "xyz"[:dim]]
-    if box.shape != (2 * dim,):
-        raise InputError(
-            "bounds",
-            f"is {bounds!r}",
-            f"it must hold {('four', 'six')[dim - 2]} numbers",
-            f"pass ({', '.join(names)}) in metres",
-        )
-    if (box[dim:] <= box[:dim]).any():
-        raise InputError(
-            "bounds",
-            f"is {tuple(box.tolist())}",
-            f"{', '.join(names[dim:])} must be above {', '.join(names[:dim])}",
-            f"pass ({', '.join(names)}) in metres",
-        )
-    return box.reshape(2, dim)
+    mend = f"pass ({', '.join(names)}) in metres"
+    if box.shape not in ((2 * dim,), (2, dim)):
+        rule = f"it must hold {('four', 'six')[dim - 2]} numbers"
+        raise InputError("bounds", f"is {bounds!r}", rule, f"{mend}, or the lower and the upper corner", value=bounds)
+    corners = box.reshape(2, dim)
+    if (corners[1] <= corners[0]).any():
+        rule = f"{', '.join(names[dim:])} must be above {', '.join(names[:dim])}"
+        raise InputError("bounds", f"is {box.tolist()}", rule, mend, value=bounds)
+    return corners
 
 
 def check_dims(array: Any, name: str) -> None:

@@ -411,10 +411,11 @@ class Workspace:
             Closed sets, in metres, without z; files end in ``.geojson``, ``.json`` or ``.wkt``.
         spacing : float
             Side of a cell, in metres.
-        bounds : array-like, shape (4,), optional
-            ``xmin, ymin, xmax, ymax`` of the map, in metres; the bounding box of the obstacles if left out. The grid
-            begins at the lower corner and has as many cells as reach the upper one, less a strip of up to 1e-9 cells
-            from rounding. **What lies outside it is clipped.**
+        bounds : array-like, shape (4,) or (2, 2), optional
+            ``xmin, ymin, xmax, ymax`` of the map, as shapely has them, or its lower and its upper corner, as trimesh
+            has them, in metres; the bounding box of the obstacles if left out. The grid begins at the lower corner and
+            has as many cells as reach the upper one, less a strip of up to 1e-9 cells from rounding. **What lies
+            outside it is clipped.**
         lazy : bool
             Rasterise them only where cells are read, and not now: see :class:`cspace.workspace.LazyWorkspace`.
 
@@ -455,9 +456,9 @@ class Workspace:
             Metres; files are ``.stl``, ``.obj``, ``.ply``, ``.off``, ``.glb``, ``.gltf`` and ``.dae``.
         spacing : float
             Side of a cell, in metres.
-        bounds : array-like, shape (6,), optional
-            ``xmin, ymin, zmin, xmax, ymax, zmax`` of the map, in metres; the bounding box of the mesh if left out, as
-            for :meth:`from_polygons`. **What lies outside it is clipped.**
+        bounds : array-like, shape (6,) or (2, 3), optional
+            ``xmin, ymin, zmin, xmax, ymax, zmax`` of the map, or its lower and its upper corner, in metres; the
+            bounding box of the mesh if left out, as for :meth:`from_polygons`. **What lies outside it is clipped.**
         solid : {"auto", "surface", "fill"}
             What has an inside: "auto", the closed parts of the mesh, with a warning if there are others; "surface",
             nothing; "fill", whatever the surface encloses at this spacing.
@@ -503,9 +504,9 @@ class Workspace:
             Metres, zero or above.
         spacing : float
             Side of a cell, in metres; needed.
-        bounds : array-like, shape (4,) or (6,), optional
-            Lower, then upper corner of the map; the bounding box of the balls if left out. **What lies outside it is
-            clipped.**
+        bounds : array-like, shape (2 d,) or (2, d), optional
+            Lower, then upper corner of the map, in metres; the bounding box of the balls if left out. **What lies
+            outside it is clipped.**
 
         Raises
         ------
@@ -529,7 +530,7 @@ class Workspace:
             Metres; files are ``.npy``, ``.xyz``, ``.txt``, ``.csv``, ``.ply`` and ``.pcd``, of points in space.
         spacing : float
             Side of a cell, in metres.
-        bounds : array-like, shape (4,) or (6,), optional
+        bounds : array-like, shape (2 d,) or (2, d), optional
             As for :meth:`from_balls`.
         radius : float
             Of the balls, metres, zero or above.

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
+import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -253,6 +255,22 @@ def test_how_small_obstacles_may_be() -> None:
 def test_a_single_point_is_no_warning() -> None:
     assert Workspace.from_points([[1.0, 1.0, 1.0]], 0.1).outer.all()
     assert Workspace.from_polygons("POINT (1 1)", 0.1, (0, 0, 2, 2)).outer.any()
+
+
+def test_bounds_are_those_of_shapely_and_of_trimesh() -> None:
+    """Numbers in a row, or the lower and the upper corner; what is neither is refused."""
+    mesh, area = trimesh.creation.box(bounds=[(0, 0, 0), (3, 2, 1)]), shapely.box(0, 0, 3, 2)
+    for bounds in (mesh.bounds, mesh.bounds.ravel(), [(0, 0, 0), (3, 2, 1)], (0, 0, 0, 3, 2, 1)):
+        made = [Workspace.from_mesh(mesh, 0.5, bounds), Workspace.from_balls([(1, 1, 0)], [0.2], 0.5, bounds)]
+        made.append(Workspace.from_points([(1, 1, 0)], 0.5, bounds))
+        assert {each.grid for each in made} == {Grid((0, 0, 0), 0.5, (6, 4, 2))}
+    for flat in (area.bounds, mesh.bounds[:, :2], ((0, 0), (3, 2))):
+        assert Workspace.from_polygons(area, 0.5, flat).grid == Grid((0, 0), 0.5, (6, 4))
+    for wrong in (mesh.bounds.T, mesh.bounds[:, :2], [mesh.bounds], mesh.bounds[0], 1.0):
+        with pytest.raises(InputError, match=r"six numbers; pass \(xmin.* or the lower and the upper corner"):
+            Workspace.from_mesh(mesh, 0.5, wrong)
+    with pytest.raises(InputError, match="xmax, ymax must be above xmin, ymin"):
+        Workspace.from_polygons(area, 0.5, [(0, 3), (0, 2)])  # the ends of each axis
 
 
 @pytest.mark.parametrize("kind", range(3))
