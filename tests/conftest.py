@@ -16,6 +16,9 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
 # There is a worker on each core. A second thread of numpy's linear algebra would wait there for work, and not sleep.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# Collecting tests makes millions of objects, and hardly any garbage.
+gc.set_threshold(100_000, 20, 20)
+
 # A test that meets a compiled kernel for the first time waits for the compiler.
 settings.register_profile("cspace", deadline=None, max_examples=50, derandomize="CI" in os.environ)
 settings.load_profile("cspace")
@@ -45,9 +48,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Look for garbage less often, and not among what stays to the end: modules, kernels and thousands of tests."""
+    """Look for no garbage among what stays to the end: modules, kernels and thousands of tests."""
     gc.freeze()
-    gc.set_threshold(100_000, 20, 20)
 
 
 @pytest.fixture(scope="session")

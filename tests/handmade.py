@@ -116,8 +116,8 @@ def state_of(state, outside, cell):
     """State of a cell, in the grid or not."""
     if all(0 <= c < n for c, n in zip(cell, state.shape, strict=True)):
         return int(state[cell])
-    low, high = np.split(outside.box, 2)
-    return MIXED if all(a <= c <= b for a, c, b in zip(low, cell, high, strict=True)) else outside.state
+    ends, dim = outside.box.tolist(), len(cell)
+    return MIXED if all(a <= c <= b for a, c, b in zip(ends[:dim], cell, ends[dim:], strict=True)) else outside.state
 
 
 def cells_around(state, outside):

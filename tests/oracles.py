@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 import trimesh
+from scipy import sparse
 
 Point = tuple[Fraction, Fraction]
 Segment = tuple[Point, Point]
@@ -176,6 +177,38 @@ def segment_meets_block(start, end, low, high):
         if (b - p) * last[1] < last[0] * (q - p):
             last = b - p, q - p
     return first[0] * last[1] <= last[0] * first[1]
+
+
+def linked(wide, endless, corners=True):
+    """Links ``(first, last, metres)`` between the True cells of an array that a robot can go along, in cells of 1 m.
+
+    From one to the next, where all cells that it touches on the way are True; over corners, or sides only; and across
+    the seam of axes that are endless. The shortest one where several join the same cells.
+    """
+
+    def beside(array, step, outside):
+        """What stands a step away from each cell."""
+        there = np.roll(array, [-part for part in step], axis=range(array.ndim))
+        for axis in np.flatnonzero(np.logical_and(step, np.logical_not(endless))):
+            np.moveaxis(there, axis, 0)[-1 if step[axis] > 0 else 0] = outside
+        return there
+
+    numbers, links = np.arange(wide.size).reshape(wide.shape), [np.zeros((3, 0))]
+    for step in sorted(product((-1, 0, 1), repeat=wide.ndim), key=np.linalg.norm)[1:]:
+        if corners or np.abs(step).sum() == 1:
+            touched = product(*({0, part} for part in step))
+            can = np.logical_and.reduce([beside(wide, part, False) for part in touched])
+            first, last = numbers[can], beside(numbers, step, -1)[can]
+            links.append(np.stack([first, last, np.full(len(first), np.linalg.norm(step))]))
+    first, last, metres = np.concatenate(links, axis=1)
+    shortest = np.unique(first * wide.size + last, return_index=True)[1]
+    return first[shortest].astype(int), last[shortest].astype(int), metres[shortest]
+
+
+def graph_of(links, size):
+    """Links between so many cells, for scipy."""
+    first, last, metres = links
+    return sparse.csr_array((metres, (first, last)), shape=(size, size))
 
 
 def turns_between(yaw0, yaw1, turn, slack=0):

@@ -7,6 +7,7 @@ network or other machines.
 import doctest
 import re
 import shlex
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from PIL import Image
 import cspace
 from commands import run
 from cspace.demo import write_inputs
+from cspace.plot import animate
 
 ROOT = Path(cspace.__file__).parents[1]
 BLOCK = re.compile(r"^```(python|console)\n(.*?)^```", re.DOTALL | re.MULTILINE)
@@ -50,8 +52,9 @@ def write_files(folder: Path) -> None:
 
 @pytest.mark.parametrize("page", WITH_CODE)
 def test_the_code_of_a_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Blocks of Python share their names, and blocks of commands the folder."""
+    """Blocks of Python share their names, and blocks of commands the folder. Pictures that move are short ones."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("cspace.plot.animate", partial(animate, seconds=0.5))
     write_files(tmp_path)
     names: dict[str, object] = {"__name__": "page"}
     for kind, text in PAGES[page]:

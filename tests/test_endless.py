@@ -1,11 +1,9 @@
 """Maps that close in a circle, against cells that are counted modulo a turn, one by one."""
 
 import copy
-import heapq
 import itertools
 import math
 import pickle
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib import pyplot as plt
 from ompl import base as ob
+from scipy.sparse.csgraph import dijkstra
 
 import cspace
 import planners
@@ -29,7 +28,7 @@ from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Point
 from handmade import map_in
-from oracles import segment_meets_block
+from oracles import graph_of, linked, segment_meets_block
 from planners.states import kind_of
 
 TURN = 2.0 * math.pi
@@ -249,28 +248,12 @@ def room_of(states: Any, endless: tuple[bool, ...]) -> Any:
     return np.where(states == FREE, np.floor(64.0 * np.minimum(np.minimum(least, border), 1023.99) + 1e-4), 0.0)
 
 
-def widest_chain(room: Any, endless: tuple[bool, ...], start: Any, goal: Any) -> tuple[float, float]:
+def widest_chain(room: Any, endless: tuple[bool, ...], start: int, goal: int) -> tuple[float, float]:
     """How wide the narrowest cell of a chain can be, and how many cells long the shortest one is that is as wide."""
-
-    def beside(cell: tuple[int, ...], least: float) -> Iterator[tuple[tuple[int, ...], float]]:
-        for step in itertools.product((-1, 0, 1), repeat=room.ndim):
-            touched = [np.add(cell, part) for part in itertools.product(*({0, each} for each in step))]
-            inside = all(((each >= 0) & (each < room.shape) | endless).all() for each in touched)
-            if inside and all(room[tuple(each % room.shape)] >= least for each in touched):
-                yield tuple((np.add(cell, step) % room.shape).tolist()), math.hypot(*step)
-
-    for least in np.unique(room[room > 0.0])[::-1].tolist():
-        if min(room[start], room[goal]) < least:
-            continue
-        best, waiting = {start: 0.0}, [(0.0, start)]
-        while waiting:
-            length, here = heapq.heappop(waiting)
-            for there, way in beside(here, least):
-                if length + way < best.get(there, math.inf) - 1e-9:
-                    best[there] = length + way
-                    heapq.heappush(waiting, (length + way, there))
-        if goal in best:
-            return least, best[goal]
+    for least in np.unique(room[(room > 0.0) & (room <= min(room.flat[start], room.flat[goal]))])[::-1].tolist():
+        length = dijkstra(graph_of(linked(room >= least, endless), room.size), indices=start)[goal]
+        if math.isfinite(length):
+            return least, length
     return 0.0, math.inf
 
 
@@ -288,7 +271,8 @@ def test_the_widest_path_leads_across_the_seam(data: st.DataObject, endless: tup
         for start, goal in rng.choice(free, (2, 2)) if len(free) else []:
             turns = TURN * rng.integers(-2, 3, (2, grid.dim)) * endless
             endpoints = grid.center_of(np.array([start, goal])) + turns
-            best, length = widest_chain(room, endless, tuple(start.tolist()), tuple(goal.tolist()))
+            one, other = (int(np.ravel_multi_index(tuple(each), states.shape)) for each in (start, goal))
+            best, length = widest_chain(room, endless, one, other)
             path = space.widest_path(*endpoints, straight=False)
             assert (len(path) > 0) == (best > 0)
             if not len(path):
@@ -299,7 +283,6 @@ def test_the_widest_path_leads_across_the_seam(data: st.DataObject, endless: tup
                 more = (each[-1] - endpoints[1]) / TURN
                 np.testing.assert_allclose(more, np.rint(more) * endless, atol=1e-9)
                 assert space.certify_path(each).all()
-            one, other = (int(np.ravel_multi_index(tuple(each), states.shape)) for each in (start, goal))
             assert search.bottleneck(one, other) == best
             steps = np.diff(np.unravel_index(search.shortest(one, other, int(best)), states.shape))
             shape = np.array(states.shape)[:, np.newaxis]

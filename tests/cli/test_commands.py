@@ -344,7 +344,7 @@ def test_options_go_to_the_planner(room: Path, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_car_paths_are_drawn(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cspace.plot.animate", partial(animate, seconds=0.5))
+    monkeypatch.setattr("cspace.plot.animate", partial(animate, seconds=0.2))
     printed = document(
         *("plan", "turning.npz", "--start", "0.35,0.55,0", "--goal", "0.95,0.6,0.1", "--seed", 1, "--time-limit", 5),
         *("--drive", "reeds-shepp", "--turning-radius", 0.2, "-o", "path.csv", "--animate", "path.gif"),
@@ -356,7 +356,7 @@ def test_car_paths_are_drawn(room: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     space, rows = cspace.open("turning.npz"), np.loadtxt("path.csv", delimiter=",", skiprows=1)
     save_plot(space, "own.png", path=rows[:, :3], dpi=50)
     assert Path("path.png").read_bytes() == Path("own.png").read_bytes()
-    animate(space, rows[:, :3], "own.gif", seconds=0.5)
+    animate(space, rows[:, :3], "own.gif", seconds=0.2)
     assert Path("path.gif").read_bytes() == Path("own.gif").read_bytes()
 
 

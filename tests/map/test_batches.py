@@ -119,7 +119,9 @@ def test_arrays_of_any_layout(make):
         assert (space.classify(other) == states).all()
         assert (space.classify(other[1]) == states[1]).all()
         assert (space.motion_is_free(other, q[::-1]) == free).all()
-    assert (space.motion_is_free(q[0, 0], q) == [[space.motion_is_free(q[0, 0], p) for p in row] for row in q]).all()
+    chosen = rng.integers(0, ROWS, 50)
+    one_by_one = [[space.motion_is_free(q[0, 0], p) for p in row] for row in q[:, chosen]]
+    assert space.motion_is_free(q[0, 0], q)[:, chosen].tolist() == one_by_one
 
 
 @pytest.mark.parametrize("make", KINDS)

@@ -16,9 +16,9 @@ from strategies import seeds
 
 def distances_of(states, places, slices):
     """Distances from places, in cells, to the closed cells of their slices that are not FREE, by brute force."""
-    distances = []
+    shut, distances = [np.argwhere(part != FREE) for part in states], []
     for place, s in zip(places, slices, strict=True):
-        cells = np.argwhere(states[s % len(states)] != FREE)  # a map of all rotations repeats them
+        cells = shut[s % len(states)]  # a map of all rotations repeats them
         gaps = np.maximum(np.maximum(cells - place, place - cells - 1), 0.0)
         distances.append(np.sqrt(np.square(gaps).sum(axis=1).min(initial=math.inf)))
     return np.array(distances)

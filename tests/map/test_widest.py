@@ -4,17 +4,18 @@ import contextlib
 import copy
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from cspace import FREE, MIXED, ConfigurationError, CSpace, InputError, Robot, Workspace, build
 from cspace.map import widest
+from oracles import graph_of, linked
 from planning import ENDPOINTS, room, turn_between, with_state
 from strategies import seeds
 
@@ -39,30 +40,17 @@ def middles(space: CSpace) -> np.ndarray:
     return np.column_stack([np.tile(places, (space.rotations.count, 1)), turns])
 
 
-def links(space: CSpace, wide: np.ndarray, corners: bool) -> coo_array:
+def links(space: CSpace, wide: np.ndarray, corners: bool) -> Any:
     """The cells of a map that are wide enough, linked where a robot can go from one to the next, with lengths."""
-    shape = (space.rotations.count, *space.grid.shape)
-    wide, rows = wide.reshape(shape), []
-    for step in itertools.product((-1, 0, 1), repeat=space.grid.dim):
-        if not any(step) or (not corners and np.abs(step).sum() > 1):
-            continue
-        for cell in np.argwhere(wide):
-            other = cell + np.array([0, *step])
-            if (other < 0).any() or (other >= shape).any():
-                continue
-            block = itertools.product(*({int(a), int(b)} for a, b in zip(cell, other, strict=True)))
-            if all(wide[each] for each in block):
-                rows.append((np.ravel_multi_index(tuple(cell), shape), np.ravel_multi_index(tuple(other), shape),
-                             0.5 * math.hypot(*step)))  # fmt: skip
-    if space.dof > space.grid.dim:
-        angle = 2 * math.pi / shape[0]
-        for cell in np.argwhere(wide):
-            other = ((cell[0] + 1) % shape[0], *cell[1:])
-            if wide[other]:
-                pair = [int(np.ravel_multi_index(tuple(each), shape)) for each in (cell, other)]
-                rows += [(*pair, 0.5 * angle), (*pair[::-1], 0.5 * angle)]
-    first, last, length = np.array(rows).reshape(-1, 3).T
-    return coo_array((length, (first.astype(int), last.astype(int))), shape=(wide.size, wide.size)).tocsr()
+    turns, size = space.rotations.count, math.prod(space.grid.shape)
+    straight = [False] * space.grid.dim
+    parts = [linked(part, straight, corners) for part in wide.reshape(turns, *space.grid.shape)]
+    within = [(first + k * size, last + k * size, 0.5 * metres) for k, (first, last, metres) in enumerate(parts)]
+    if space.rotations.dof:
+        first, last, cells = linked(wide.reshape(turns, size), [True, False], corners=False)
+        turned = first % size == last % size
+        within.append((first[turned], last[turned], 0.5 * 2 * math.pi / turns * cells[turned]))
+    return graph_of(np.concatenate(within, axis=1), wide.size)
 
 
 def widest_of_all(space: CSpace, start: int, goal: int) -> float:

@@ -57,12 +57,12 @@ class Definition:
         self.sides = [[cube_sides(shape[a], first, lower[a], spacing, b) for b in (b0, b1)] for a in dims]
 
     def squares(self, low, high):
-        """Squares of the distances from the boxes to boxes given by their ends along each axis."""
+        """Squares of the distances along each axis from the boxes to boxes given by their ends."""
         gaps = [
             np.maximum(np.maximum(self.lows[:, a, None] - high[a], low[a] - self.highs[:, a, None]), 0)
             for a in range(len(low))
         ]
-        return outer_sum([gap**2 for gap in gaps])
+        return [gap**2 for gap in gaps]
 
     def within(self, squares, extra):
         """Whether some box has the point, grown by its radius and ``extra`` times the allowed error."""
@@ -70,12 +70,14 @@ class Definition:
         return ((reach >= 0) & (squares <= reach**2)).any(axis=0).astype(bool)
 
     def touched(self, extra):
-        return self.within(self.squares([s[0] for s in self.sides], [s[1] for s in self.sides]), extra)
+        first, last = zip(*self.sides, strict=True)
+        return self.within(outer_sum(self.squares(first, last)), extra)
 
     def inside(self, extra):
         """All corners within one box."""
-        corners = [self.squares(corner, corner) for corner in product(*self.sides)]
-        return self.within(np.maximum.reduce(corners), -extra)
+        first, last = (self.squares(ends, ends) for ends in zip(*self.sides, strict=True))
+        farthest = [np.maximum(a, b) for a, b in zip(first, last, strict=True)]
+        return self.within(outer_sum(farthest), -extra)
 
     def covered(self):
         """Whether boxes that do not overlap hold all that is within the allowed error of the (point) cubes."""

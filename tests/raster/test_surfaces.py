@@ -2,7 +2,6 @@
 
 import math
 import warnings
-from fractions import Fraction
 from itertools import product
 
 import numpy as np
@@ -18,7 +17,7 @@ import solids
 from cspace import Grid, InputError, Mesh, MeshWarning
 from cspace.raster.components import Components
 from cspace.raster.triangles import cut_to, mark_within, swept
-from oracles import cross, dot
+from oracles import cross, dot, units
 from strategies import seeds
 
 NEAR = 1e-6
@@ -46,7 +45,7 @@ def soup(triangles):
 
 
 def meets(triangle, low, high):
-    """Whether a triangle meets a box, by separating axes, exactly; ``triangle`` and the box hold fractions."""
+    """Whether a triangle meets a box, by separating axes; exactly, of whole numbers."""
     edges = [tuple(b - a for a, b in zip(triangle[i], triangle[(i + 1) % 3], strict=True)) for i in range(3)]
     units = [(1, 0, 0), (0, 1, 0), (0, 0, 1)]
     axes = [*units, cross(edges[0], edges[1]), *(cross(edge, unit) for edge in edges for unit in units)]
@@ -59,17 +58,17 @@ def meets(triangle, low, high):
     return True
 
 
-def check_touched(marked, triangles, grid, slack=Fraction(1, 2**24)):
+def check_touched(marked, triangles, grid, slack=2.0**-24):
     """All cells that a triangle meets are marked, and none that it misses by more than a slack of cells."""
-    h, lower = Fraction(grid.spacing), [Fraction(value) for value in grid.lower]
-    exact = [[[Fraction(float(value)) for value in corner] for corner in triangle] for triangle in triangles]
+    (h, more), lower = units((grid.spacing, grid.spacing * slack)), units(grid.lower)
+    exact = [[units(corner) for corner in triangle] for triangle in triangles]
     for cell in product(*map(range, grid.shape)):
         low = [a + h * i for a, i in zip(lower, cell, strict=True)]
         high = [a + h for a in low]
         if not marked[cell]:
             assert not any(meets(t, low, high) for t in exact), f"missed {cell}"
         else:
-            wide = [a - h * slack for a in low], [b + h * slack for b in high]
+            wide = [a - more for a in low], [b + more for b in high]
             assert any(meets(t, *wide) for t in exact), f"too much: {cell}"
 
 

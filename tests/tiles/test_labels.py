@@ -37,7 +37,7 @@ def test_answers_are_those_of_the_map_in_memory(name, outside, tmp_path):
     tile = 7 if len(shape) == 3 else 13  # one at least has neighbours on all sides
     tiled = cspace.build(workspace, robot, store=tmp_path / "m", tile=tile, **options)
     same_answers(tiled, space, np.random.default_rng(0))
-    same_answers(cspace.open(tmp_path / "m"), space, np.random.default_rng(1))
+    same_answers(cspace.open(tmp_path / "m"), space, np.random.default_rng(1), 50)
 
 
 @settings(max_examples=4)
