@@ -25,7 +25,7 @@ from cspace.threads import cores, in_threads
 from cspace.unaligned import load, store
 
 Cells = NDArray[np.uint8]
-Task: TypeAlias = tuple[Ints, Cells, tuple[int, int]]
+Task: TypeAlias = tuple[Words, Cells, tuple[int, int]]
 
 COUNTS: Final = False
 """This engine finds only whether there is any overlap."""
@@ -38,6 +38,9 @@ WORD: Final = 64
 
 OCTET: Final = 8
 """Cells in a byte."""
+
+FOUR: Final = 4
+"""Runs that are added to a result at a time."""
 
 BLOCK: Final = 2**14
 """Words of results that are made together, at least: with what they are made from they fit a core's cache."""
@@ -83,7 +86,7 @@ def collide(
     for _, offsets, view in live:
         table = board.placed(offsets)
         tasks += [(table, view, block) for block in board.blocks(table)]
-    work = sum(len(table) * (last - first) * board.cells for table, _, (first, last) in tasks) // WORD
+    work = sum(FOUR * len(table) * (last - first) * board.cells for table, _, (first, last) in tasks) // WORD
     threads = (workers or cores()) if work >= LEAST else 1
     parts = min(len(tasks), TASKS * threads)
     groups = [tasks[len(tasks) * k // parts : len(tasks) * (k + 1) // parts] for k in range(parts)]
@@ -108,7 +111,7 @@ class Runs(NamedTuple):
     ----------
     table : ndarray of int64, shape (n, 4)
         The first offset of each, with 0 along the first axis in the plane, and how many offsets it has; ascending in
-        this number. The last one of each length is repeated until their number is a multiple of four.
+        this number. The last one of each length is repeated until their number is a multiple of FOUR.
     clipped : bool
         Whether there are other offsets, which always fall outside the map.
     """
@@ -138,7 +141,7 @@ class Runs(NamedTuple):
         table, owner, kind = table[order], owner[order], kind[order]
         last = np.flatnonzero(np.append(kind[1:] != kind[:-1], len(kind) > 0))  # of each length
         times = np.ones(len(table), dtype=np.int64)
-        times[last] += -np.diff(last, prepend=-1) % 4
+        times[last] += -np.diff(last, prepend=-1) % FOUR
         bounds = np.append(0, np.cumsum(times))[np.searchsorted(owner, np.arange(len(rasters) + 1))].tolist()
         table = np.repeat(table, times, axis=0)
         parts = itertools.pairwise(bounds)
@@ -169,12 +172,16 @@ def padded(shape: Sequence[int], results: Sequence[int], rasters: Sequence[Raste
     return below, np.array([(layers - 1) * rows + below[1] + shape[1] + above[1] + 1, rows, -(-cells // OCTET) * OCTET])
 
 
-class Packed(NamedTuple):
-    """A map in rows of bits, as many as ``octets`` bytes hold, of which a layer has ``rows``."""
+class Rows(NamedTuple):
+    """Rows of bits from the first one to before ``stop``, as many in each as ``octets`` bytes hold.
 
-    words: Words
+    A layer has ``each`` of them.
+    """
+
+    first: int
+    stop: int
     octets: int
-    rows: int
+    each: int
 
 
 class Scratch(NamedTuple):
@@ -219,20 +226,22 @@ class Board:
                 part[:, left : left + own.shape[1]] = own[row : row + each]
                 first = (layer * self.rows + above + row) * self.cells // OCTET
                 octets[first : first + part.size // OCTET] = np.packbits(part, bitorder="little")
-        self.packed = Packed(words, int(self.cells) // OCTET, int(self.rows))
+        self.words = words
         self._buffers = threading.local()
 
-    def placed(self, runs: Ints) -> Ints:
-        """Length, word and shift of each run of a table."""
-        placed, steps = np.empty((len(runs), 3), dtype=np.int64), np.array([self.rows * self.cells, self.cells, 1])
-        placed[:, 0] = runs[:, 3]
-        placed[:, 1], placed[:, 2] = np.divmod((runs[:, :3] + self.pads) @ steps, WORD)
+    def placed(self, runs: Ints) -> Words:
+        """The runs of a table, FOUR of one length in a row: it, and the word and the shift of each."""
+        steps = np.array([self.rows * self.cells, self.cells, 1])
+        words, shifts = np.divmod((runs[:, :3] + self.pads) @ steps, WORD)
+        placed = np.empty((len(runs) // FOUR, 1 + 2 * FOUR), dtype=np.uint64)
+        placed[:, 0] = runs[::FOUR, 3]
+        placed[:, 1::2], placed[:, 2::2] = words.reshape(-1, FOUR), shifts.reshape(-1, FOUR)
         return placed
 
-    def blocks(self, table: Ints) -> list[tuple[int, int]]:
+    def blocks(self, table: Words) -> list[tuple[int, int]]:
         """First row, and the one after the last, of the parts in which results are made; the first begins a word."""
         rows = (self.results[0] - 1) * self.rows + self.results[1]
-        each = max(BLOCK, int(table[:, 1].max())) * WORD / self.cells
+        each = max(BLOCK, int(table[:, 1::2].max())) * WORD / self.cells
         number = max(1, round(rows / each))
         return list(itertools.pairwise([*(rows * k // number // OCTET * OCTET for k in range(number)), rows]))
 
@@ -241,42 +250,42 @@ class Board:
         buffers = self._buffers
         for table, out, part in tasks:
             size = -(-(part[1] - part[0]) * self.cells // WORD)
-            reach = size + int(table[:, 1].max()) + self.padding
+            reach = size + int(table[:, 1::2].max()) + self.padding
             if getattr(buffers, "size", 0) < reach:
                 buffers.arrays, buffers.size = [np.empty(reach, np.uint64) for _ in range(3)], reach
             now, then, words = buffers.arrays
             scratch = Scratch(now[:reach], then[:reach], words[:size], words[:size].view(np.uint8))
-            settle_block(self.packed, table, scratch, part, add, out)
+            rows = Rows(*part, int(self.cells) // OCTET, int(self.rows))
+            near = self.words[rows.first * rows.octets // OCTET :][:reach]
+            settle_block(near, table, scratch, rows, add, out)
 
 
 @inner
-def dilate_block(bits: Words, start: int, runs: Ints, spare: Words, more: Words, result: Words) -> bool:
-    """Whether some cell of a set lies at each place from word ``start`` on, moved by any offset of a robot's runs.
+def dilate_block(near: Words, runs: Words, spare: Words, more: Words, result: Words) -> bool:
+    """Whether some cell of a set lies at each place from the first word on, moved by any offset of a robot's runs.
 
-    ``runs`` has a row (length, word, shift) for each run of offsets, by ascending length; their number at each length
-    is a multiple of four. ``spare`` and ``more`` are as long as ``result`` and the reach of all runs, and a word more.
-    False, and nothing is written, where there is nothing in reach.
+    ``runs`` are those of :meth:`Board.placed`, by ascending length. ``near``, ``spare`` and ``more`` are as long as
+    ``result`` and the reach of all runs, and a word more. False, and nothing is written, where nothing is near.
     """
-    size, reach = result.size, spare.size
     any_bit = np.uint64(0)
-    source = bits[start : start + reach]
-    for k in range(reach):
-        any_bit |= source[k]
-        spare[k] = source[k]
+    for k in range(near.size):
+        any_bit |= near[k]
+        spare[k] = near[k]
     if any_bit == 0:
         return False
-    for k in range(size):
+    for k in range(result.size):
         result[k] = 0
     length: int = np.int64(1)  # type: ignore[assignment]  # of one type for the compiler from the start
     now, then = spare, more
-    for number in range(0, len(runs), 4):
-        while length < runs[number, 0]:
+    for four in runs:
+        longer = np.int64(four[0])
+        while length < longer:
             # A bit stands for as many cells from its own on as ``length``.
-            step = min(length, runs[number, 0] - length)
+            step = min(length, longer - length)
             _widen(now, step, then)
             now, then = then, now
             length += step
-        _unite(now, runs[number : number + 4], result)
+        _unite(now, four, result)
     return True
 
 
@@ -290,18 +299,16 @@ def _shifted(words: Words, k: np.uint64, shift: np.uint64) -> np.uint64:
 @inner
 def _widen(now: Words, step: int, then: Words) -> None:
     """``then[k] = now[k] | now[k + step]``, bit by bit; the last ``step`` bits, and a word, are left out."""
-    jump, shift = np.uint64(step // 64), np.uint64(step % 64)
-    for k in range(now.size - step // 64 - 1):
-        then[k] = now[k] | _shifted(now, jump + np.uint64(k), shift)
+    jump, shift = step >> 6, np.uint64(step & 63)
+    for k in range(now.size - jump - 1):
+        then[k] = now[k] | _shifted(now, np.uint64(jump + k), shift)
 
 
 @inner
-def _unite(now: Words, runs: Ints, result: Words) -> None:
+def _unite(now: Words, four: Words, result: Words) -> None:
     """Add four runs to a result."""
-    a, s = np.uint64(runs[0, 1]), np.uint64(runs[0, 2])
-    b, t = np.uint64(runs[1, 1]), np.uint64(runs[1, 2])
-    c, u = np.uint64(runs[2, 1]), np.uint64(runs[2, 2])
-    d, v = np.uint64(runs[3, 1]), np.uint64(runs[3, 2])
+    a, b, c, d = four[1], four[3], four[5], four[7]
+    s, t, u, v = four[2], four[4], four[6], four[8]
     for n in range(result.size):
         k = np.uint64(n)
         result[n] |= (
@@ -310,16 +317,15 @@ def _unite(now: Words, runs: Ints, result: Words) -> None:
 
 
 @inner
-def unpack(octets: Bytes, packed: Packed, part: tuple[int, int], any_set: bool, add: bool, out: Bytes) -> None:
-    """Write rows of bits into ``out``, shape (layers, rows, cells), or add them.
+def unpack(octets: Bytes, rows: Rows, any_set: bool, add: bool, out: Bytes) -> None:
+    """Write rows of bits into ``out``, shape (layers, rows, cells), or add them; those past its rows are left out.
 
-    ``octets`` holds rows as ``packed`` has them, from the first of a part to before its last; those past the rows of
-    ``out`` are left out. Unless something was ``any_set``, all are zero.
+    Unless something was ``any_set``, all are zero.
     """
     cells, old = out.shape[2], _EVERY if add else np.uint64(0)
-    eights = cells // 8
-    for row in range(part[1] - part[0]):
-        x, y = (part[0] + row) // packed.rows, (part[0] + row) % packed.rows
+    eights = cells >> 3
+    for row in range(rows.stop - rows.first):
+        x, y = (rows.first + row) // rows.each, (rows.first + row) % rows.each
         if x >= out.shape[0] or y >= out.shape[1]:
             continue
         line = out[x, y]
@@ -327,11 +333,11 @@ def unpack(octets: Bytes, packed: Packed, part: tuple[int, int], any_set: bool, 
             for k in range(0 if add else cells):
                 line[k] = 0
             continue
-        first = row * packed.octets
+        first = row * rows.octets
         for k in range(eights):
             store(line, 8 * k, (load(line, 8 * k) & old) + spread(np.uint64(octets[first + k])))
         for k in range(8 * eights, cells):
-            bit = (octets[first + k // 8] >> np.uint8(k % 8)) & np.uint8(1)
+            bit = (octets[first + (k >> 3)] >> np.uint8(k & 7)) & np.uint8(1)
             line[k] = line[k] + bit if add else bit
 
 
@@ -342,10 +348,7 @@ def spread(byte: np.uint64) -> np.uint64:
 
 
 @reader
-def settle_block(
-    packed: Packed, runs: Ints, scratch: Scratch, part: tuple[int, int], add: bool, out: NDArray[np.uint8]
-) -> None:
-    """Dilate the rows from the first of a part, which begins a word, to before its last; write or add them."""
-    start = part[0] * packed.octets // 8
-    any_set = dilate_block(packed.words, start, runs, scratch.now, scratch.then, scratch.result)
-    unpack(scratch.octets, packed, part, any_set, add, out)
+def settle_block(near: Words, runs: Words, scratch: Scratch, rows: Rows, add: bool, out: NDArray[np.uint8]) -> None:
+    """Dilate the rows from the first, which begins a word, to before the last; write or add them."""
+    any_set = dilate_block(near, runs, scratch.now, scratch.then, scratch.result)
+    unpack(scratch.octets, rows, any_set, add, out)

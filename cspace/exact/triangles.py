@@ -100,6 +100,28 @@ class Motion(NamedTuple):
     slide: float
 
 
+class Pair(NamedTuple):
+    """Two triangles, of which the first one moves.
+
+    Attributes
+    ----------
+    a, b : tuple of tuple of float
+        Their corners, from the first corner of the first one.
+    step : tuple of float
+        By how much it moves, at most either way, and
+    turn : float
+        in whatever direction besides.
+    least : float
+        What their distance has to exceed.
+    """
+
+    a: Corners
+    b: Corners
+    step: Row
+    turn: float
+    least: float
+
+
 def trees_of(borders: Sequence[Pieces], about_z: bool) -> tuple[Trees, list[int]]:
     """A tree for each of some sets of triangles, and their roots; levers are about the z axis, or about the origin."""
     levers = [np.linalg.norm(b.simplices[..., : 2 if about_z else 3], axis=-1).max(axis=1) for b in borders]
@@ -193,7 +215,7 @@ def share_apart(trees: Trees, robot: int, others: tuple[int, int], motion: Motio
     """
     best, last, top, spans = float(enough), -1, 1, trees.spans
     middle = half = (0.0, 0.0, 0.0)
-    turn, (sx, sy, sz) = 0.0, motion.step
+    turn = 0.0
     for other in others:
         if other >= 0:
             work[top] = robot << PAIR | other
@@ -210,92 +232,99 @@ def share_apart(trees: Trees, robot: int, others: tuple[int, int], motion: Motio
             middle, half = placed(motion, row_of(box, 0)), half_sides(motion, box)
             turn = box[6] * motion.angle + motion.slide
         box, n, m = trees.boxes[b], spans[a, 1], spans[b, 1]
-        x, y, z = minus(middle, row_of(box, 0))
         # Boxes that stay apart along one axis: so do all triangles in them.
-        if abs(x) - half[0] - box[3] > best * (abs(sx) + turn) or abs(y) - half[1] - box[4] > best * (abs(sy) + turn):
-            continue
-        if abs(z) - half[2] - box[5] > best * (abs(sz) + turn):
+        apart = False
+        for k in range(3):
+            gap = abs(middle[k] - box[k]) - half[k] - box[3 + k]
+            apart = apart or gap > best * (abs(motion.step[k]) + turn)
+        if apart:
             continue
         if n == 1 and m == 1:
-            share = share_of_pair(trees, a, b, motion, turn, best)
+            share = share_of_pair(trees.triangles[spans[a, 0]], trees.triangles[spans[b, 0]], motion, turn, best)
             if share < best:
                 best, work[0] = share, pair
                 if best < 0.0:
                     break
-        elif n == 1 or (m > 1 and box[3] + box[4] + box[5] > half[0] + half[1] + half[2]):
-            first, second = b + 1, b + 2 * (m // 2)
-            here, there = row_of(trees.boxes[first], 0), row_of(trees.boxes[second], 0)
-            # The nearer half comes first: less need not be proven of the other.
-            here, there = minus(middle, here), minus(middle, there)
-            if dot(here, here) < dot(there, there):
+            continue
+        # The one with the larger box is taken apart.
+        fixed = n == 1 or (m > 1 and box[3] + box[4] + box[5] > half[0] + half[1] + half[2])
+        count, shift = (m, 0) if fixed else (n, PAIR)
+        first, second = pair + (1 << shift), pair + (2 * (count // 2) << shift)
+        if fixed:
+            # Its nearer half comes first: less need not be proven of the other.
+            one, other, nearer = trees.boxes[first & OTHER], trees.boxes[second & OTHER], 0.0
+            for k in range(3):
+                nearer += (one[k] - other[k]) * (middle[k] - 0.5 * (one[k] + other[k]))
+            if nearer < 0.0:
                 first, second = second, first
-            work[top], work[top + 1] = a << PAIR | first, a << PAIR | second
-            top += 2
-        else:
-            work[top], work[top + 1] = pair + (2 * (n // 2) << PAIR), pair + (1 << PAIR)
-            top += 2
+        work[top], work[top + 1] = second, first
+        top += 2
     return best
 
 
 @inner(forceinline=True)
 def half_sides(motion: Motion, box: Floats) -> Row:
     """Half the sides of the box around a node's box where the robot is placed, and what a distance has to exceed."""
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = motion.matrix
-    return (
-        abs(xx) * box[3] + abs(xy) * box[4] + abs(xz) * box[5] + motion.least,
-        abs(yx) * box[3] + abs(yy) * box[4] + abs(yz) * box[5] + motion.least,
-        abs(zx) * box[3] + abs(zy) * box[4] + abs(zz) * box[5] + motion.least,
-    )
+    (x, y, z), least = motion.matrix, motion.least
+    return extent(x, box) + least, extent(y, box) + least, extent(z, box) + least
 
 
 @inner
-def share_of_pair(trees: Trees, i: int, j: int, motion: Motion, turn: float, enough: float) -> float:
-    """:func:`share_apart` of two leaves, of which the first moves by ``turn`` at most as the robot turns."""
-    p, q = trees.triangles[trees.spans[i, 0]], trees.triangles[trees.spans[j, 0]]
-    least, step = motion.least + p[9] + q[9], motion.step
+def extent(n: Row, box: Floats) -> float:
+    """Half of what a node's box takes up along a unit vector."""
+    return abs(n[0]) * box[3] + abs(n[1]) * box[4] + abs(n[2]) * box[5]
+
+
+@inner
+def share_of_pair(p: Floats, q: Floats, motion: Motion, turn: float, enough: float) -> float:
+    """:func:`share_apart` of two triangles, of which the first moves by ``turn`` at most as the robot turns."""
     # All from the first corner of the robot's triangle: it is at the origin.
-    a0 = placed(motion, row_of(p, 0))
-    a1, a2 = minus(placed(motion, row_of(p, 3)), a0), minus(placed(motion, row_of(p, 6)), a0)
-    b0, b1, b2 = minus(row_of(q, 0), a0), minus(row_of(q, 3), a0), minus(row_of(q, 6), a0)
-    a, b, u = ((0.0, 0.0, 0.0), a1, a2), (b0, b1, b2), (a1, minus(a2, a1), minus((0.0, 0.0, 0.0), a2))
-    v = (minus(b1, b0), minus(b2, b1), minus(b0, b2))
-    best, nearest, normal = -1.0, math.inf, a0
-    for n in (cross(u[0], u[1]), cross(v[0], v[1])):
-        if best < enough:
-            best = max(best, share_along(n, a, b, step, turn, least))
-    for k in range(3):
-        side = u[k]
-        if k > 0 and (dot(side, side) == 0.0 or (k == 2 and dot(u[1], u[1]) == 0.0)):  # the same as before
-            continue
-        for m in range(3):
-            other = v[m]
+    p0 = row_of(p, 0)
+    zero, p1, p2 = corners_from(p, p0)
+    a, b = (zero, turned(motion, p1), turned(motion, p2)), corners_from(q, placed(motion, p0))
+    u, v = sides_of(a), sides_of(b)
+    pair = Pair(a, b, motion.step, turn, motion.least + p[9] + q[9])
+    nearest, normal = math.inf, cross(v[0], v[1])
+    best = max(share_along(cross(u[0], u[1]), pair), share_along(normal, pair))
+    # Of a segment or point, which has its last corner twice, one side is all.
+    for k in range(3 if dot(u[1], u[1]) > 0.0 else 1):
+        for m in range(3 if dot(v[1], v[1]) > 0.0 else 1):
             if best >= enough:
                 return enough
-            if m > 0 and (dot(other, other) == 0.0 or (m == 2 and dot(v[1], v[1]) == 0.0)):
-                continue
-            gap = gap_between(a[k], side, b[m], other)
+            gap = gap_between(a[k], u[k], b[m], v[m])
             square = dot(gap, gap)
             if square < nearest:
-                nearest, normal = square, cross(side, other)
-                best = max(best, share_along(gap, a, b, step, turn, least))
-    if best < enough:
-        best = max(best, share_along(normal, a, b, step, turn, least))
-    return min(best, enough)
+                nearest, normal = square, cross(u[k], v[m])
+                best = max(best, share_along(gap, pair))
+    return min(max(best, share_along(normal, pair)), enough)
 
 
 @inner
-def share_along(n: Row, a: Corners, b: Corners, step: Row, turn: float, least: float) -> float:
+def corners_from(q: Floats, origin: Row) -> Corners:
+    """The corners of a triangle of a tree, seen from a point."""
+    x, y, z = origin
+    return (q[0] - x, q[1] - y, q[2] - z), (q[3] - x, q[4] - y, q[5] - z), (q[6] - x, q[7] - y, q[8] - z)
+
+
+@inner(forceinline=True)
+def sides_of(a: Corners) -> Corners:
+    """The sides of a triangle, each from its corner to the next one."""
+    return minus(a[1], a[0]), minus(a[2], a[1]), minus(a[0], a[2])
+
+
+@inner
+def share_along(n: Row, pair: Pair) -> float:
     """:func:`share_apart` of two triangles, by their projections onto a line; -1 where too near, or n too short."""
-    square = dot(n, n)
+    (_, a1, a2), (b0, b1, b2), square = pair.a, pair.b, dot(n, n)
     if not LEAST_SQUARE < square < math.inf:
         return -1.0
     length = math.sqrt(square)
-    a1, a2, b0, b1, b2 = dot(n, a[1]), dot(n, a[2]), dot(n, b[0]), dot(n, b[1]), dot(n, b[2])
-    above, below = min(b0, b1, b2) - max(0.0, a1, a2), min(0.0, a1, a2) - max(b0, b1, b2)
-    excess = max(above, below) / length - least
+    s, t, x, y, z = dot(n, a1), dot(n, a2), dot(n, b0), dot(n, b1), dot(n, b2)
+    above, below = min(x, y, z) - max(0.0, s, t), min(0.0, s, t) - max(x, y, z)
+    excess = max(above, below) / length - pair.least
     if not excess > 0.0:
         return -1.0
-    return excess / (abs(dot(n, step)) / length + turn)
+    return excess / (abs(dot(n, pair.step)) / length + pair.turn)
 
 
 @inner
@@ -403,9 +432,12 @@ def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
 @inner(forceinline=True)
 def placed(motion: Motion, p: Row) -> Row:
     """A point of the robot where it is placed."""
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = motion.matrix
-    return (
-        motion.place[0] + (xx * p[0] + xy * p[1] + xz * p[2]),
-        motion.place[1] + (yx * p[0] + yy * p[1] + yz * p[2]),
-        motion.place[2] + (zx * p[0] + zy * p[1] + zz * p[2]),
-    )
+    (x, y, z), place = turned(motion, p), motion.place
+    return place[0] + x, place[1] + y, place[2] + z
+
+
+@inner(forceinline=True)
+def turned(motion: Motion, p: Row) -> Row:
+    """A vector of the robot where it is placed."""
+    x, y, z = motion.matrix
+    return dot(x, p), dot(y, p), dot(z, p)

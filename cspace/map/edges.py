@@ -106,21 +106,19 @@ def segment_is_free(map_: Map, blocks: Words | None, number: int, first: Numbers
     if not total <= MAX_PLACE:  # nor is NaN
         return False
     part = slice_number(map_, number)
-    low, high = part.low, part.shape
-    for axis in range(3):
-        high = replaced(high, axis, part.shape[axis] - 1)
     if not inside:
         # A segment that leaves the grid is proven only where all is FREE outside the grid and the box.
         if map_.exterior[number, 2 * dim] != FREE:
             return False
         part = with_exterior(map_, part, number)
-        for axis in range(3):
-            low = replaced(low, axis, min(part.low[axis], 0))
-            high = replaced(high, axis, max(part.high[axis], high[axis]))
-    elif part.shape[0] > 1 and not probes_are_free(part, p, q):
+    elif len(first) == 3 and not probes_are_free(part, p, q):  # in the plane none are compiled
         return False
     elif blocks is not None:
         return blocks_are_free(part, blocks, number, p, q)
+    low, high = part.low, part.high
+    for axis in range(3):
+        low = replaced(low, axis, min(low[axis], 0))
+        high = replaced(high, axis, max(high[axis], part.shape[axis] - 1))
     return slabs_are_free(part, p, q, low, high)
 
 

@@ -83,7 +83,7 @@ def overlaps(map_: Map, counts: Counts, runs: Runs, outside: int, points: Floats
 def overlap_at(map_: Map, counts: Counts, runs: Runs, outside: int, q: Numbers) -> int:
     """The same at one configuration, summed run by run."""
     nx, ny, nz = counts.shape[0], counts.shape[1], counts.shape[2] - 1
-    _, cell = cell_of(map_, q)
+    _, _, cell = cell_of(map_, q)
     i, j, k = layered(cell, 0)
     number = map_.rotations.slice_at(q)
     total = 0

@@ -79,46 +79,37 @@ def is_usable(map_: Map, q: Numbers) -> bool:
 
 
 @inner
-def cell_of(map_: Map, q: Numbers) -> tuple[bool, Cell]:
-    """Whether a configuration lies in the grid, and its cell ``(slice, x, y)`` or ``(slice, x, y, z)``.
+def cell_of(map_: Map, q: Numbers) -> tuple[bool, int, Cell]:
+    """Whether a configuration lies in the grid, its cell's number, all slices in a row, and the cell.
 
-    The cell along an axis is that of ``Grid.cell_of``.
+    That is ``(slice, x, y)`` or ``(slice, x, y, z)``; along an axis it is that of ``Grid.cell_of``.
     """
     inside: bool = np.bool_(True)  # type: ignore[assignment]  # of one type for the compiler from the start
-    cell: Cell = replaced(map_.states.shape, 0, map_.rotations.slice_at(q))
+    number = map_.rotations.slice_at(q)
+    cell: Cell = replaced(map_.states.shape, 0, number)
     for axis in range(len(map_.lower)):
         n = map_.states.shape[axis + 1]
         i = math.floor(min(max((q[axis] - map_.lower[axis]) / map_.spacing, -FAR), FAR))
         if i == n and q[axis] <= map_.upper[axis]:
             i = n - 1
         inside &= (i >= 0) & (i < n)
+        number = number * n + i
         cell = replaced(cell, axis + 1, i)
-    return inside, cell
-
-
-@inner(forceinline=True)
-def number_of(map_: Map, cell: Cell) -> int:
-    """Number of a cell ``(slice, x, y)`` or ``(slice, x, y, z)``, all slices in a row."""
-    number = cell[0]
-    for axis in range(len(map_.lower)):
-        number = number * map_.states.shape[axis + 1] + cell[axis + 1]
-    return number
+    return inside, number, cell
 
 
 @inner(forceinline=True)  # a call takes as long as what it does
 def state_at(map_: Map, q: Numbers) -> int:
     """State of one configuration."""
-    inside, cell = cell_of(map_, q)
+    inside, number, cell = cell_of(map_, q)
     if inside:
-        return state_in(map_.cells, number_of(map_, cell))
+        return state_in(map_.cells, number)
     boxed: bool = np.bool_(True)  # type: ignore[assignment]  # of one type for the compiler from the start
-    dim, finite = len(map_.lower), boxed
+    exterior, dim, finite = map_.exterior[cell[0]], len(map_.lower), boxed
     for axis in range(dim):
-        boxed &= (map_.exterior[cell[0], axis] <= cell[axis + 1]) & (
-            cell[axis + 1] <= map_.exterior[cell[0], axis + dim]
-        )
+        boxed &= (exterior[axis] <= cell[axis + 1]) & (cell[axis + 1] <= exterior[axis + dim])
         finite &= math.isfinite(q[axis])
-    return MIXED if boxed or not finite else map_.exterior[cell[0], 2 * dim]
+    return exterior[2 * dim] if finite & (not boxed) else MIXED
 
 
 # ---- batches ---------------------------------------------------------------------------------------------------------
@@ -279,16 +270,15 @@ def with_exterior(map_: Map, part: Slice, number: int) -> Slice:
 def run_is_free(part: Slice, i: int, j: int, first: int, last: int) -> bool:
     """Whether the cells ``first <= k <= last`` of the column (i, j) are FREE, if all outside grid and box is."""
     nx, ny, nz = part.shape
-    in_grid = 0 <= i < nx and 0 <= j < ny
+    in_grid = (i >= 0) & (i < nx) & (j >= 0) & (j < ny)
     if in_grid:
         column = part.start + (i * ny + j) * nz
         for k in range(max(first, 0), min(last, nz - 1) + 1):
             if state_in(part.cells, column + k) != FREE:
                 return False
     low, high = max(first, part.low[2]), min(last, part.high[2])
-    if low > high or not (part.low[0] <= i <= part.high[0] and part.low[1] <= j <= part.high[1]):
-        return True
-    return in_grid and low >= 0 and high < nz
+    in_box = (part.low[0] <= i) & (i <= part.high[0]) & (part.low[1] <= j) & (j <= part.high[1]) & (low <= high)
+    return (not in_box) | (in_grid & (low >= 0) & (high < nz))
 
 
 @inner

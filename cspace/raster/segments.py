@@ -177,10 +177,11 @@ def mark_touched(out: Bools, segments: Floats, radii: Floats, b0: float, b1: flo
         px, py = segments[e, 0], segments[e, 1]
         qx, qy = segments[e, 2], segments[e, 3]
         radius = radii[e] + slack if radii[e] > 0.0 else 0.0
-        length = math.hypot(qx - px, qy - py)
-        ox, oy = 0.0, 0.0
-        if radius > 0.0 and length > 0.0:
-            ox, oy = (py - qy) / length * radius, (qx - px) / length * radius
+        # From the segment to a side of the rectangle.
+        ox, oy = py - qy, qx - px
+        length = math.sqrt(ox * ox + oy * oy)
+        scale = radius / length if length > 0.0 else 0.0
+        ox, oy = scale * ox, scale * oy
         first = max(0, math.ceil(min(px, qx) - radius - slack - b1))
         last = min(nx - 1, math.floor(max(px, qx) + radius + slack - b0))
         for i in range(first, last + 1):
