@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Bytes, Ints, Words
 from cspace.compiling import jit, reader
-from cspace.engines.dilation import dilate_block, spread
+from cspace.engines.dilation import FOUR, dilate_block, spread
 
 LOOKED, CHANGED, COUNT = 0, 6, 12
 """Where a row of what :func:`renew_states` gives for a slice has its boxes, first cells and then last ones, and the
@@ -282,14 +282,15 @@ def _hits(words: Words, runs: Ints, low: Ints, sizes: Ints, tall: int, wide: int
     result = np.zeros(size, np.uint64)
     if len(runs) == 0:
         return result
-    table = np.empty((len(runs), 3), np.int64)
+    table = np.empty((len(runs) // FOUR, 1 + 2 * FOUR), np.uint64)
     most = np.int64(0)
     for n in range(len(runs)):
         bit = ((runs[n, 0] - low[0]) * tall + runs[n, 1] - low[1]) * wide * 64 + runs[n, 2] - low[2]
-        table[n, 0], table[n, 1], table[n, 2] = runs[n, 3], bit // 64, bit % 64
-        most = max(most, table[n, 1])
+        four, place = table[n // FOUR], 2 * (n % FOUR)
+        four[0], four[1 + place], four[2 + place] = runs[n, 3], bit // 64, bit % 64
+        most = max(most, bit // 64)
     reach = size + most + runs[-1, 3] // 64 + 3
-    dilate_block(words, 0, table, np.empty(reach, np.uint64), np.empty(reach, np.uint64), result)
+    dilate_block(words[:reach], table, np.empty(reach, np.uint64), np.empty(reach, np.uint64), result)
     return result
 
 

@@ -278,7 +278,7 @@ def dilate_block(near: Words, runs: Words, spare: Words, more: Words, result: Wo
     length: int = np.int64(1)  # type: ignore[assignment]  # of one type for the compiler from the start
     now, then = spare, more
     for four in runs:
-        longer = np.int64(four[0])
+        longer: int = np.int64(four[0])  # type: ignore[assignment]
         while length < longer:
             # A bit stands for as many cells from its own on as ``length``.
             step = min(length, longer - length)

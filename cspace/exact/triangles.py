@@ -272,7 +272,8 @@ def half_sides(motion: Motion, box: Floats) -> Row:
 @inner
 def extent(n: Row, box: Floats) -> float:
     """Half of what a node's box takes up along a unit vector."""
-    return abs(n[0]) * box[3] + abs(n[1]) * box[4] + abs(n[2]) * box[5]
+    half: float = abs(n[0]) * box[3] + abs(n[1]) * box[4] + abs(n[2]) * box[5]
+    return half
 
 
 @inner

@@ -253,18 +253,18 @@ def continue_row(labels: Labels, at: int, before: tuple[int, int], parent: Nodes
 
 
 @reader
-def label_blocks(blocks: Blocks, segments: Ints, labels: Labels, parent: Nodes) -> None:
-    """Label the cells of blocks, given by their numbers; ``parent``, shape (MOST,), is room for their components."""
+def label_blocks(blocks: Blocks, segments: Ints, starts: Ints, labels: Labels, parent: Nodes) -> None:
+    """Label the cells of blocks, given by their numbers; ``parent``, shape (MOST,), is room for their components.
+
+    ``starts`` has the place of each that does not follow the one before it along the last axis, and how many there are.
+    """
     words, bounds, numbers, counts = labels
     rows, wide = len(words) // len(segments), 1 << blocks.shifts[1]
     zero: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
-    n = zero
-    while n < len(segments):
-        follow, most = zero + 1, min(len(segments) - n, blocks.shape[2] - segments[n] % blocks.shape[2])
-        while follow < most and segments[n + follow] == segments[n] + follow:
-            follow += 1
-        pack(blocks, segments[n], words[n * rows : (n + follow) * rows])
-        for block in range(n, n + follow):
+    for n in range(len(starts) - 1):
+        first_block, stop_block = starts[n], starts[n + 1]
+        pack(blocks, segments[first_block], words[first_block * rows : stop_block * rows])
+        for block in range(first_block, stop_block):
             components = zero
             for row in range(rows):
                 at = block * rows + row
@@ -294,7 +294,6 @@ def label_blocks(blocks: Blocks, segments: Ints, labels: Labels, parent: Nodes) 
                 for m in range(bounds[block * rows], bounds[(block + 1) * rows]):
                     numbers[m] = parent[numbers[m]]
             counts[block] = total
-        n += follow
 
 
 class Faces(NamedTuple):
@@ -318,21 +317,22 @@ def meet_blocks(
 ) -> tuple[int, int]:
     """Fill in the faces of blocks that lie beside each other; how many of them, and pairs, there are.
 
-    A column of ``beside`` has a block, another one and its group, as a face has them, the axis along which the other
+    A row of ``beside`` has a block, another one and its group, as a face has them, the axis along which the other
     follows, 3 and more where it has the same place, and another rotation, and the place of each among the labels.
-    Pairs that follow from others are left out. ``parent``, shape (2 * MOST,), is room for union-find.
+    Pairs that follow from others are left out. ``parent``, shape (3 * MOST,), is room for union-find.
     """
     words, counts = labels.words, labels.counts
     n_faces: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
     n_pairs = n_faces
     wide, rows, long = 1 << shifts[1], 1 << (shifts[0] + shifts[1]), 1 << shifts[2]
-    for n in range(beside.shape[1]):
-        axis, ours, theirs = beside[3, n], beside[4, n], beside[5, n]
+    for n in range(len(beside)):
+        pair, face = beside[n], faces.rows[n_faces]
+        axis, ours, theirs, begin = pair[3], pair[4], pair[5], n_pairs
         if counts[ours] == 0 or counts[theirs] == 0:
             continue
-        for node in range(max(counts[ours], counts[theirs])):
+        most = counts[ours] + counts[theirs] - 1  # at least as many as either
+        for node in range(most):
             parent[node], parent[MOST + node] = node, MOST + node
-        begin, most = n_pairs, n_pairs + counts[ours] + counts[theirs] - 1
         # The rows where the two touch: the last ones and the first, or, beside each other or in two slices, all.
         skipped = rows - wide if axis == 0 else (wide - 1 if axis == 1 else 0)
         ahead = np.uint64(long - 1 if axis == 2 else 0)  # the first cell of a row is beside the last one
@@ -354,11 +354,10 @@ def meet_blocks(
                 if unite(parent, one, MOST + two):
                     faces.pairs[n_pairs] = one * MOST + two
                     n_pairs += 1
-            if n_pairs == most:
+            if n_pairs == begin + most:
                 break  # all are joined
         if n_pairs > begin:
-            faces.rows[n_faces, 0], faces.rows[n_faces, 1] = beside[0, n], beside[1, n]
-            faces.rows[n_faces, 2], faces.rows[n_faces, 3] = beside[2, n], n_pairs - begin
+            face[0], face[1], face[2], face[3] = pair[0], pair[1], pair[2], n_pairs - begin
             n_faces += 1
     return n_faces, n_pairs
 
@@ -394,13 +393,14 @@ def join_nodes(roots: Nodes, base: Nodes, faces: Faces, fresh: int, changed: Boo
     begin: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
     struck = begin
     for n in range(len(rows)):
-        if n < fresh and (changed[rows[n, 0]] or changed[rows[n, 1]]):
-            rows[n, 2] = STRUCK
-        group, last = rows[n, 2], begin + rows[n, 3]
+        face = rows[n]
+        if n < fresh and (changed[face[0]] or changed[face[1]]):
+            face[2] = STRUCK
+        group, last = face[2], begin + face[3]
         if group == STRUCK:
             struck += 1
         else:
-            ours, theirs = base[rows[n, 0]], base[rows[n, 1]]
+            ours, theirs = base[face[0]], base[face[1]]
             for use in range(bounds[group], bounds[group + 1]):
                 own, other = starts[use, 0] + ours, starts[use, 1] + theirs
                 for k in range(begin, last):
@@ -424,7 +424,8 @@ def look_up(blocks: Blocks, joined: Joined, cells: Ints, components: Ints) -> in
     asked: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
     solid = cells.shape[1] == 4
     for n in range(len(cells)):
-        rotation, x, y, z = cells[n, 0], cells[n, 1], cells[n, -2], cells[n, -1]
+        cell = cells[n]
+        rotation, x, y, z = cell[0], cell[1], cell[-2], cell[-1]
         if not solid:
             x = 0
         start, s = joined.starts[rotation], joined.slices[rotation]
@@ -723,9 +724,9 @@ class OneKind:
         self._counts[segments + begin] = labels.counts
         groups = own // self._changed[0].size * (1 + self._turns.links.shape[1]) + np.maximum(face + 1 - self._dim, 0)
         places = place_of[own - begin], place_of[other - begin]
-        beside = np.array([own, other, groups, face + 3 - self._dim, *places])
-        faces = Faces(np.empty((len(own), 4), np.int32), np.empty(labels.counts[beside[4:]].sum(), np.int32))
-        sizes = meet_blocks(labels, self._blocks.shifts, beside, np.empty(2 * MOST, np.int32), faces)
+        beside = np.stack([own, other, groups, face + 3 - self._dim, *places], axis=1)
+        faces = Faces(np.empty((len(own), 4), np.int32), np.empty(labels.counts[beside[:, 4:]].sum(), np.int32))
+        sizes = meet_blocks(labels, self._blocks.shifts, beside, np.empty(3 * MOST, np.int32), faces)
         rooms.append(labels if room is None or len(labels.counts) > len(room.counts) else room)
         return Faces(*(array[:count].copy() for array, count in zip(faces, sizes, strict=True)))
 
@@ -750,7 +751,9 @@ class OneKind:
             room = Labels(np.empty(rows, dtype=np.uint64), bounds, numbers, counts)
         labels = Labels(room.words[:rows], room.bounds[: rows + 1], room.numbers[:runs], room.counts[:count])
         labels.bounds[0] = 0
-        label_blocks(self._blocks, segments, labels, np.empty(MOST, dtype=np.int32))
+        apart = (np.diff(segments) != 1) | (segments[1:] % self._changed.shape[3] == 0)
+        starts = np.concatenate([[0], 1 + np.flatnonzero(apart), [count]])
+        label_blocks(self._blocks, segments, starts, labels, np.empty(MOST, dtype=np.int32))
         return labels
 
     def _nodes(self, faces: Faces, fresh: int) -> Joined:
