@@ -321,7 +321,7 @@ def share_along(n: Row, pair: Pair) -> float:
         return -1.0
     length = math.sqrt(square)
     s, t, x, y, z = dot(n, a1), dot(n, a2), dot(n, b0), dot(n, b1), dot(n, b2)
-    above, below = min(x, y, z) - max(0.0, s, t), min(0.0, s, t) - max(x, y, z)
+    above, below = min(x, min(y, z)) - max(s, max(t, 0.0)), min(s, min(t, 0.0)) - max(x, max(y, z))
     excess = max(above, below) / length - pair.least
     if not excess > 0.0:
         return -1.0

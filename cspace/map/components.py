@@ -201,7 +201,8 @@ def pack(blocks: Blocks, segment: int, words: Words) -> None:
 @inner(forceinline=True)
 def runs_in(word: np.uint64) -> int:
     """Number of runs of a word."""
-    return int(ones_in(word & ~(word << _ONE)))
+    number: int = ones_in(word & ~(word << _ONE))
+    return number
 
 
 @inner(forceinline=True)
