@@ -1,16 +1,19 @@
 """The command line, run in this process."""
 
 import json
+from functools import cache
 from typing import Any
 
-from typer.testing import CliRunner
+from typer import testing
 
 from cspace.cli import app
+
+testing._get_command = cache(testing._get_command)  # else all commands are made anew for each one that is run
 
 
 def run(*arguments: object) -> Any:
     """What the command line answers."""
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return testing.CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 def document(*arguments: object, warning: str = "") -> dict[str, Any]:

@@ -29,6 +29,14 @@ class Outside(NamedTuple):
         return cls(np.repeat([0, -1], dim), state)
 
 
+@cache
+def speck(dim, turning, spacing):
+    """A robot that is a point to speak of, and its rasters, at whatever rotation."""
+    away = np.full(dim, 1e-7 if turning else 0.0)
+    robot = Robot.disc(1e-6, away) if dim == 2 else Robot.ball(1e-6, away)
+    return robot, robot.rasters(spacing, 0.0)
+
+
 def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rasters=None, occupied=None):
     """A map of given states, of a robot that is a point to speak of and shares no slices.
 
@@ -36,17 +44,17 @@ def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rast
     """
     state = np.asarray(state, dtype=np.uint8)
     dim = state.ndim - (rotations is not None)
-    away = np.full(dim, 0.0 if rotations is None else 1e-7)
     occupied = np.zeros(state.shape[-dim:], dtype=bool) if occupied is None else occupied
     workspace = Workspace.from_array(occupied, spacing, lower)
-    robot = Robot.disc(1e-6, away) if dim == 2 else Robot.ball(1e-6, away)
+    robot, pair = speck(dim, rotations is not None, spacing)
     policy = outside if isinstance(outside, str) else "free"
     cells = Rotations.of(rotations)
     states = state.reshape(cells.count, *state.shape[-dim:]).copy()
     given = None if policy is outside else np.array([[*outside.box, outside.state]] * cells.count, dtype=np.int64)
     exterior = None if given is None else Exterior(given)
     slices = np.arange(cells.count)
-    return CSpace(Contents(workspace, robot, cells, slices, states, outside=policy, exterior=exterior), rasters)
+    made = Contents(workspace, robot, cells, slices, states, outside=policy, exterior=exterior)
+    return CSpace(made, [pair] * cells.count if rasters is None else rasters)
 
 
 def map_in(workspace, robot, states, rotations=None, **options):

@@ -201,7 +201,7 @@ def test_info_tells_what_does_not_fit(room: Path, monkeypatch: pytest.MonkeyPatc
     assert printed["memory"]["fits"] is False
     assert "use a spacing of at least" in printed["memory"]["problem"]
     assert " days of one core" in printed["memory"]["problem"]
-    printed = document("info", "cube.obj", "--spacing", 0.01, "--rotations", "quaternions:48")
+    printed = document("info", "cube.obj", "--spacing", 0.002, "--rotations", "quaternions:16")
     assert "use --rotations quaternions:" in printed["memory"]["problem"]
     printed = document("info", "wall.wkt", "--spacing", 2e-6, "--rotations", 72)["memory"]
     assert f"needs about {bytes_text(printed['needed_bytes'])}" in printed["problem"]

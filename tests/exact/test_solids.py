@@ -231,8 +231,11 @@ def test_meshes_agree_with_manifold3d(seed, margin):
     q1 = q0[:4] + rng.normal(0.0, 0.2, (4, 3))
     for first, last, proven in zip(q0, q1, space.motion_is_free(q0[:4], q1, exact=True), strict=False):
         way = first + np.linspace(0.0, 1.0, 40)[:, None] * (last - first)
-        least = gaps(way).min()
-        assert least > -BAND if proven else least < 0.05 * np.linalg.norm(last - first) + BAND
+        if proven:
+            assert gaps(way).min() > -BAND
+        else:
+            most = 0.05 * np.linalg.norm(last - first) + BAND
+            assert any(gaps(part).min() < most for part in np.array_split(way, 20))
 
 
 def test_mesh_robots_walk_a_thousand_points():

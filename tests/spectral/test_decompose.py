@@ -10,6 +10,7 @@ import shapely
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.distance import cdist
 
 from cspace.demo import floor_plan
 from cspace.shapes import Mesh, Voxels
@@ -101,8 +102,7 @@ def sampled(shape, rng, number=4000):
 
 def gaps(points, spheres):
     """Distances from points to a union of balls; below zero inside."""
-    way = np.linalg.norm(points[:, None] - spheres.centers, axis=2)
-    return (way - spheres.radii).min(axis=1)
+    return (cdist(points, spheres.centers) - spheres.radii).min(axis=1)
 
 
 def check_flat(spheres, shape, rng):
