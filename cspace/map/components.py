@@ -752,8 +752,9 @@ class OneKind:
             room = Labels(np.empty(rows, dtype=np.uint64), bounds, numbers, counts)
         labels = Labels(room.words[:rows], room.bounds[: rows + 1], room.numbers[:runs], room.counts[:count])
         labels.bounds[0] = 0
-        apart = (np.diff(segments) != 1) | (segments[1:] % self._changed.shape[3] == 0)
-        starts = np.concatenate([[0], 1 + np.flatnonzero(apart), [count]])
+        first = np.ones(count, dtype=np.bool_)
+        first[1:] = (segments[1:] != segments[:-1] + 1) | (segments[1:] % self._changed.shape[3] == 0)
+        starts = np.append(np.flatnonzero(first), count)
         label_blocks(self._blocks, segments, starts, labels, np.empty(MOST, dtype=np.int32))
         return labels
 
