@@ -65,17 +65,17 @@ class ConfigurationMap(ConfigurationSpace):
     @property
     @abstractmethod
     def rotations(self) -> Rotations:
-        """The rotation cells; one of a robot that only translates."""
+        """The rotation cells; a single one where the robot only translates."""
 
     @property
     @abstractmethod
     def outside(self) -> str:
-        """What lies outside the workspace, "blocked" or "free"; "unknown" of a part of a larger map."""
+        """What lies outside the workspace: "blocked" or "free", and around a part of a larger map "unknown"."""
 
     @property
     @abstractmethod
     def margin(self) -> float:
-        """Metres by which the robot was grown for FREE."""
+        """Metres by which the robot was grown where FREE was proven."""
 
     @cached_property
     def axes(self) -> tuple[str, ...]:
@@ -178,7 +178,7 @@ class ConfigurationMap(ConfigurationSpace):
     # ---- seen --------------------------------------------------------------------------------------------------------
 
     def plot(self, **options: Unpack[PlotOptions]) -> Axes:
-        """Draw the map, of one in tiles an overview; see :func:`cspace.plot.plot`, which takes the same.
+        """Draw the map, or an overview of one in tiles; see :func:`cspace.plot.plot`, which takes the same.
 
         No window is opened; a notebook shows the axes as the picture.
         """

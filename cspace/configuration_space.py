@@ -36,12 +36,12 @@ class ConfigurationSpace(ABC):
 
     @property
     def endless(self) -> tuple[bool, ...]:
-        """Which numbers are of continuous joints, for which a whole turn more is the same configuration."""
+        """Which numbers are angles of continuous joints, where a whole turn more is the same configuration."""
         return (False,) * self.dof
 
     @abstractmethod
     def checked(self, q: ArrayLike, name: str = "q") -> Floats:
-        """Configurations as an array, if they are such.
+        """Configurations as an array of floats, once they are checked.
 
         Parameters
         ----------
@@ -65,7 +65,7 @@ class ConfigurationSpace(ABC):
     @overload
     def classify(self, q: Many) -> NDArray[np.uint8]: ...
     def classify(self, q: ArrayLike) -> int | NDArray[np.uint8]:
-        """State of configurations.
+        """State of configurations: FREE, MIXED or BLOCKED.
 
         Parameters
         ----------

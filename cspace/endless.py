@@ -203,7 +203,7 @@ class EndlessCSpace(CSpace):
 
     @property
     def endless(self) -> tuple[bool, ...]:
-        """Which numbers are of continuous joints, for which a whole turn more is the same configuration."""
+        """Which numbers are angles of continuous joints, where a whole turn more is the same configuration."""
         return self._contents.endless
 
     @property

@@ -326,7 +326,7 @@ class CSpace(ConfigurationMap):
         return answer(q, self.dof, self._around_is_free(*reach), np.bool_, bool)
 
     def obstacle_distance(self, q: ArrayLike, lengths: ArrayLike = 0.0, turns: ArrayLike = 0.0) -> float:
-        """Lower bound of the robot's distance from the obstacles, the least at configurations or on pieces of a path.
+        """Lower bound of the robot's distance from the obstacles, at all configurations or along all pieces of a path.
 
         Metres between the robot itself, without margin, and the obstacles as they are now: their shapes where the map
         has them, else the outer cells; and, unless the map is open, its border.
@@ -422,7 +422,7 @@ class CSpace(ConfigurationMap):
     # ---- what FREE cells join ----------------------------------------------------------------------------------------
 
     def free_reach(self, q: ArrayLike) -> tuple[Floats, Floats]:
-        """Axis-aligned bounding box of all FREE cells of the grid that chains of FREE cells join to a configuration.
+        """Bounding box of all FREE cells of the grid that chains of FREE cells join to a configuration.
 
         No path through FREE cells of the grid leaves it, which narrows down where a planner has to look.
 
@@ -523,7 +523,7 @@ class CSpace(ConfigurationMap):
     def widest_path(
         self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True, time_limit: float | None = None
     ) -> Floats:
-        """A collision-free path of the largest clearance possible, and then the shortest, by the map's own search.
+        """A collision-free path of the largest possible clearance, and of those a shortest, by the map's own search.
 
         Of all chains of FREE cells that join the two, turning on the spot from one rotation cell to the next, it takes
         those whose smallest clearance is the largest. Where start or goal lies nearer to obstacles than that, the path
@@ -650,7 +650,7 @@ class CSpace(ConfigurationMap):
     # ---- a workspace that changes ------------------------------------------------------------------------------------
 
     def update(self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None) -> Update:
-        """Change a box of workspace cells, and with it this map, in place, to what a build would give.
+        """Change a box of workspace cells; the map becomes, in place, what a build would give.
 
         The cost grows with the box around the cells that really differ and with the robot, not with the map. Checkers
         that were handed out before (:meth:`point_checker`, :meth:`edge_checker`, :meth:`clearance_checker`, and those
@@ -875,7 +875,7 @@ class CSpace(ConfigurationMap):
             save(replace(self._contents, exterior=self._exterior), path, overwrite=overwrite)
 
     def export(self, path: str | Path, *, overwrite: bool = False, rotation: ArrayLike | None = None) -> None:
-        """Write for other programs, by suffix; see :func:`cspace.io.writing.export`.
+        """Write the map for other programs, in the format of the suffix; see :func:`cspace.io.writing.export`.
 
         ``.npz``; in the plane ``.yaml``, a ROS map; ``.vti`` for ParaView; in space ``.ply``, ``.obj`` and ``.stl``,
         the border of the FREE cells. Formats of one slice need its ``rotation`` where the robot turns; ``.vti`` holds

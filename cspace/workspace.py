@@ -176,7 +176,7 @@ class Workspace:
         inner: ArrayLike | None = None,
         lazy: bool = False,
     ) -> Workspace:
-        """A map that is already a grid.
+        """Obstacles that are already cells of a grid: an array.
 
         A lazy array (zarr, dask, h5py, xarray on dask, ``numpy.memmap``) is not read: see
         :class:`cspace.workspace.LazyWorkspace`.
@@ -380,7 +380,7 @@ class Workspace:
         return cls(grid, outer, inner, source=source, shapes=(shape,))
 
     def in_memory(self) -> Workspace:
-        """The same with its cells in memory."""
+        """The same workspace, with all its cells in memory."""
         return self
 
     @property

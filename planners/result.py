@@ -53,7 +53,7 @@ class Times:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Plan:
-    """What a search found.
+    """A path and what is proven of it, or why there is none.
 
     Attributes
     ----------

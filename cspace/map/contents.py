@@ -40,7 +40,7 @@ class Contents:
     outside : {"blocked", "free", "unknown"}
         What lies outside the grid; it is unknown of a part of a larger map.
     margin : float
-        Metres by which the robot was grown for FREE.
+        Metres by which the robot was grown where FREE was proven.
     precision : {"integer", "float32", "float64"}
         Arithmetic of the engine: whole numbers, or transforms in floating point, rounded to them.
     overlaps : ndarray of int32, the shape of states, or None
