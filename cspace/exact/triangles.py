@@ -420,13 +420,10 @@ def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
     """
     r = minus(p, q)
     uu, vv, uv, ur, vr = dot(u, u), dot(v, v), dot(u, v), dot(u, r), dot(v, r)
-    area, s = uu * vv - uv * uv, 0.0
-    if area > 0.0:
-        s = min(max((uv * vr - ur * vv) / area, 0.0), 1.0)
-    t = (uv * s + vr) / vv if vv > 0.0 else 0.0
-    if not 0.0 <= t <= 1.0 or vv == 0.0:
-        t = min(max(t, 0.0), 1.0)
-        s = min(max((uv * t - ur) / uu, 0.0), 1.0) if uu > 0.0 else 0.0
+    area = uu * vv - uv * uv
+    s = min(max((uv * vr - ur * vv) / area, 0.0), 1.0) if area > 0.0 else 0.0
+    t = min(max((uv * s + vr) / vv, 0.0), 1.0) if vv > 0.0 else 0.0
+    s = min(max((uv * t - ur) / uu, 0.0), 1.0) if uu > 0.0 else 0.0
     return r[0] + s * u[0] - t * v[0], r[1] + s * u[1] - t * v[1], r[2] + s * u[2] - t * v[2]
 
 

@@ -23,8 +23,7 @@ from cspace.map.points import (
     is_usable,
     replaced,
     run_is_free,
-    slice_number,
-    with_exterior,
+    slice_of,
 )
 from cspace.map.record import Map
 from cspace.map.storage import state_in
@@ -105,16 +104,15 @@ def segment_is_free(map_: Map, blocks: Words | None, number: int, first: Numbers
         p, q = replaced(p, 3 - dim + axis, u), replaced(q, 3 - dim + axis, v)
     if not total <= MAX_PLACE:  # nor is NaN
         return False
-    part = slice_number(map_, number)
-    if not inside:
-        # A segment that leaves the grid is proven only where all is FREE outside the grid and the box.
-        if map_.exterior[number, 2 * dim] != FREE:
-            return False
-        part = with_exterior(map_, part, number)
-    elif len(first) == 3 and not probes_are_free(part, p, q):  # in the plane none are compiled
+    # A segment that leaves the grid is proven only where all is FREE outside the grid and the box.
+    if not inside and map_.exterior[number, 2 * dim] != FREE:
         return False
-    elif blocks is not None:
-        return blocks_are_free(part, blocks, number, p, q)
+    part = slice_of(map_, number, inside)
+    if inside:
+        if len(first) == 3 and not probes_are_free(part, p, q):  # in the plane none are compiled
+            return False
+        if blocks is not None:
+            return blocks_are_free(part, blocks, number, p, q)
     low, high = part.low, part.high
     for axis in range(3):
         low = replaced(low, axis, min(low[axis], 0))

@@ -245,25 +245,21 @@ class Slice(NamedTuple):
 
 
 @inner(forceinline=True)
-def slice_number(map_: Map, number: int) -> Slice:
-    """A slice by its number, as if all were FREE outside the grid."""
+def slice_of(map_: Map, number: int, inside: bool) -> Slice:
+    """A slice by its number, as if all were FREE outside the grid, or with the box of cells there that are MIXED.
+
+    All else there must be FREE.
+    """
     one: int = np.int64(1)  # type: ignore[assignment]  # of one type for the compiler from the start
-    dim, size = len(map_.lower), one
-    shape = (one, one, one)
+    dim, size, last = len(map_.lower), one, -one if inside else one - one
+    shape, low, high = (one, one, one), (one - one, one - one, one - one), (last, last, last)
     for axis in range(dim):
         size *= map_.states.shape[axis + 1]
         shape = replaced(shape, 3 - dim + axis, map_.states.shape[axis + 1])
-    return Slice(map_.cells, number * size, shape, (one - one, one - one, one - one), (-one, -one, -one))
-
-
-@inner
-def with_exterior(map_: Map, part: Slice, number: int) -> Slice:
-    """The same with the box of cells outside the grid that are MIXED; all else there must be FREE."""
-    dim, low, high = len(map_.lower), part.low, part.low
-    for axis in range(dim):
-        low = replaced(low, 3 - dim + axis, map_.exterior[number, axis])
-        high = replaced(high, 3 - dim + axis, map_.exterior[number, axis + dim])
-    return Slice(part.cells, part.start, part.shape, low, high)
+        if not inside:
+            low = replaced(low, 3 - dim + axis, map_.exterior[number, axis])
+            high = replaced(high, 3 - dim + axis, map_.exterior[number, axis + dim])
+    return Slice(map_.cells, number * size, shape, low, high)
 
 
 @inner(forceinline=True)
@@ -285,22 +281,20 @@ def run_is_free(part: Slice, i: int, j: int, first: int, last: int) -> bool:
 def box_is_free(map_: Map, number: int, q: Numbers, distance: float) -> bool:
     """Whether every closed cell within SLACK of all positions within ``distance`` along each axis is FREE."""
     dim, reach, total, inside = len(map_.lower), distance / map_.spacing + SLACK, 0.0, True
-    part = slice_number(map_, number)
     first, last = (0, 0, 0), (0, 0, 0)
     for axis in range(dim):
         place = (q[axis] - map_.lower[axis]) / map_.spacing
         total += abs(place)
         if total <= MAX_PLACE:  # nor is NaN
-            first = replaced(first, 3 - dim + axis, math.ceil(place - reach) - 1)
-            last = replaced(last, 3 - dim + axis, math.floor(place + reach))
+            low, high = math.ceil(place - reach) - 1, math.floor(place + reach)
+            inside &= (low >= 0) & (high < map_.states.shape[axis + 1])
+            first, last = replaced(first, 3 - dim + axis, low), replaced(last, 3 - dim + axis, high)
     if not total + reach <= MAX_PLACE:
         return False
-    for axis in range(3):
-        inside &= (first[axis] >= 0) & (last[axis] < part.shape[axis])
+    if not inside and map_.exterior[number, 2 * dim] != FREE:
+        return False
+    part = slice_of(map_, number, inside)
     if not inside:
-        if map_.exterior[number, 2 * dim] != FREE:
-            return False
-        part = with_exterior(map_, part, number)
         for axis in range(3):
             first = replaced(first, axis, max(first[axis], min(part.low[axis], 0)))
             last = replaced(last, axis, min(last[axis], max(part.high[axis], part.shape[axis] - 1)))
