@@ -273,7 +273,9 @@ def run_is_free(part: Slice, i: int, j: int, first: int, last: int) -> bool:
             if state_in(part.cells, column + k) != FREE:
                 return False
     low, high = max(first, part.low[2]), min(last, part.high[2])
-    in_box = (part.low[0] <= i) & (i <= part.high[0]) & (part.low[1] <= j) & (j <= part.high[1]) & (low <= high)
+    if low > high:
+        return True
+    in_box = (part.low[0] <= i) & (i <= part.high[0]) & (part.low[1] <= j) & (j <= part.high[1])
     return (not in_box) | (in_grid & (low >= 0) & (high < nz))
 
 
