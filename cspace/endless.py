@@ -9,22 +9,20 @@ are those of the cells of one turn, joined across the seams.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import product
 from typing import TYPE_CHECKING, Any, Final, Literal, NoReturn, Unpack
 
 import numpy as np
 import scipy  # its parts are read when they are first used
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.angles import MAX_JOINT_ANGLE, TURN, beside, shorter
-from cspace.arrays import Floats, Ints
+from cspace.angles import MAX_JOINT_ANGLE, shorter
+from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.map.batches import Kernel, Query, as_points, in_pieces
-from cspace.map.callbacks import below_half_a_turn
 from cspace.map.contents import Contents
 from cspace.map.derived import Derived
 from cspace.memory import check_memory
@@ -40,6 +38,7 @@ if TYPE_CHECKING:
     from cspace.map.components import Components
     from cspace.map.mip import Marks
     from cspace.map.record import Map
+    from cspace.map.storage import Stack
     from cspace.plot.picture import PlotOptions
     from cspace.spectral import FourierOverlap
     from cspace.update import Change
@@ -102,13 +101,16 @@ class Seam:
         sides = []
         for axis in np.flatnonzero(endless).tolist():
             first = np.indices((*shape[:axis], 1, *shape[axis + 1 :])).reshape(len(shape), -1).T
-            unit = np.eye(len(shape), dtype=np.int64)[axis]
-            sides.append((first, first + (shape[axis] - 1) * unit, np.broadcast_to(unit, first.shape)))
-        first, last, self._units = (np.concatenate(each) for each in zip(*sides, strict=True))
+            sides.append((first, first + (shape[axis] - 1) * np.eye(len(shape), dtype=np.int64)[axis]))
+        first, last = (np.concatenate(each) for each in zip(*sides, strict=True))
         # Rotation cells are the one that there is.
         self._pairs = np.insert(np.stack([last, first]), 0, 0, axis=2)
-        self._free = within.of(self._pairs)
-        self._joined = {False: _joined(self._free)}
+        self._joined: dict[bool, tuple[Ints, Ints]] = {}
+
+    def renew(self, boxes: Ints) -> None:
+        """As :meth:`cspace.map.components.Components.renew`."""
+        self._within.renew(boxes)
+        self._joined.clear()
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
         """As :meth:`cspace.map.components.Components.of`."""
@@ -124,44 +126,10 @@ class Seam:
         """As :meth:`cspace.map.components.Components.box`, around all parts of a component."""
         number = self.of(cell)
         flat = self._pairs.reshape(-1, self._pairs.shape[-1])
-        one_each = np.unique(self._free.reshape(-1), return_index=True)[1]
+        one_each = np.unique(self._within.of(self._pairs), return_index=True)[1]
         ours = [each for each in flat[one_each] if self.of(each) == number]
         boxes = np.stack([self._within.box(each) for each in (cell, *ours)])
         return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
-
-    def crossings(self, start: Ints, goal: Ints) -> list[tuple[Ints, Ints, Ints]] | None:
-        """Where a path through FREE cells crosses seams, as seldom as it can; None where there is no path.
-
-        Parameters
-        ----------
-        start, goal : ndarray of int64, shape (1 + d,)
-            FREE cells.
-
-        Returns
-        -------
-        list of tuples of ndarray, or None
-            The FREE cell on this side, the one on the other side, and the turn that is begun or ended, shape (d,).
-        """
-        here, there = int(self._within.of(start)), int(self._within.of(goal))
-        both = np.hstack([self._free, self._free[::-1]])
-        open_pairs = np.flatnonzero((both >= 0).all(axis=0))
-        names, numbers = np.unique(np.append(both[:, open_pairs], [[here], [there]], axis=1), return_inverse=True)
-        numbers = numbers.reshape(2, -1)
-        (here, there), numbers = numbers[:, -1].tolist(), numbers[:, :-1]
-        graph = scipy.sparse.coo_array((np.ones(len(open_pairs)), numbers), shape=(len(names), len(names))).tocsr()
-        before = scipy.sparse.csgraph.breadth_first_order(graph, here)[1]
-        order = [there]
-        while order[-1] != here:
-            if before[order[-1]] < 0:
-                return None
-            order.append(int(before[order[-1]]))
-        count, crossed = self._free.shape[1], []
-        for one, other in pairwise(order[::-1]):
-            candidates = open_pairs[(numbers[0] == one) & (numbers[1] == other)]
-            pair, back = candidates[len(candidates) // 2] % count, candidates[len(candidates) // 2] >= count
-            cells = self._pairs[:, pair][:: -1 if back else 1]
-            crossed.append((cells[0], cells[1], self._units[pair] * (-1 if back else 1)))
-        return crossed
 
 
 def _joined(numbers: Ints) -> tuple[Ints, Ints]:
@@ -199,7 +167,6 @@ class EndlessCSpace(CSpace):
     def _make_room(self) -> None:
         super()._make_room()
         self._derived_unrolled: Derived[CSpace] = Derived(self._lock)
-        self._seam: Derived[Seam] = Derived(self._lock)
 
     @property
     def endless(self) -> tuple[bool, ...]:
@@ -288,40 +255,12 @@ class EndlessCSpace(CSpace):
 
     # ---- joined ------------------------------------------------------------------------------------------------------
 
-    @property
-    def _components(self) -> Seam:  # type: ignore[override]  # with the same methods
-        return self._seam.get(lambda: Seam(super(EndlessCSpace, self)._components, self.grid.shape, self.endless))
+    def _components_of(self, states: Stack, rim_is_open: Bools | None = None) -> Seam:  # type: ignore[override]  # with the same methods
+        return Seam(super()._components_of(states, rim_is_open), self.grid.shape, self.endless)
 
     def _free_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """As of other maps; it begins at q0, and ends at q1 but for whole turns."""
-        from cspace.map.free_path import cube_path, in_time, pulled_straight
-
-        until = time.perf_counter() + seconds
-        endpoints = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
-        start, goal = (self._cells_of(q) for q in endpoints)
-        with self._lock:
-            crossings = self._components.crossings(start, goal)
-        if crossings is None:
-            return np.empty((0, self.dof))
-        still, shape, turns = self.rotations.neighbors[:, :0], np.array(self.grid.shape), np.zeros(self.dof, np.int64)
-        rows: list[Floats] = []
-        for leave, enter, turn in [*crossings, (goal, goal, 0 * turns)]:
-            cells = cube_path(self._seen, self._slice_of, still, start, leave, until)[:, 1:]
-            rows.append(self.grid.center_of(cells + turns * shape))
-            start, turns = enter, turns + turn
-        path = np.vstack([endpoints[0], *rows, endpoints[1]])
-        # On a border, they may be in a cell across the seam.
-        path[[0, -1]] = np.where(self.endless, beside(path[[0, -1]], path[[1, -2]]), path[[0, -1]])
-        # A step within a cube of FREE cells may be so long that the shorter way is another one.
-        quarters = np.ceil(np.abs(np.diff(path, axis=0)).max(axis=1) / (0.25 * TURN)).astype(np.int64)
-        at = np.concatenate([[0.0], *(k + np.arange(1, n + 1) / n for k, n in enumerate(quarters.tolist()) if n)])
-        path = np.stack([np.interp(at, np.arange(len(path)), column) for column in path.T], axis=1)
-        if not self.certify_path(path).all():
-            return np.empty((0, self.dof))
-        if straight:
-            check = in_time(below_half_a_turn(self.edge_checker(), self.endless), until)
-            path = pulled_straight(path, self.dof, check, 2.0 * self.grid.spacing)
-        return self._begun(path, q0)
+        return self._begun(super()._free_path(q0, q1, straight, seconds), q0)
 
     def _widest_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """As of other maps; it begins at q0, and ends at q1 but for whole turns."""
@@ -345,7 +284,6 @@ class EndlessCSpace(CSpace):
                     box = tuple(map(slice, low - shift, stop - shift))
                     outer, inner = change.workspace.outer[box], change.workspace.inner[box]
                     unrolled.update(outer, low.tolist(), inner=inner)
-        self._seam.drop()
         super()._renew(change)
 
     # ---- seen --------------------------------------------------------------------------------------------------------

@@ -35,7 +35,7 @@ from cspace.map.derived import Derived, Lock
 from cspace.map.exterior import UNKNOWN, Exterior
 from cspace.map.record import Map
 from cspace.map.slices import slice_rasters
-from cspace.map.storage import PackedStates, cells_of, check_bytes, counts_of, read_only, read_only_of, record_of
+from cspace.map.storage import PackedStates, Stack, cells_of, check_bytes, counts_of, read_only, read_only_of, record_of
 from cspace.memory import JOINED_BYTES, check_memory
 from cspace.raster import Raster
 from cspace.robot import Robot
@@ -449,7 +449,7 @@ class CSpace(ConfigurationMap):
     def free_path(
         self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True, time_limit: float | None = None
     ) -> Floats:
-        """A collision-free path, proven all along, by the map's own search from cube to cube of FREE cells.
+        """A collision-free path, proven all along, by the map's own search from FREE cell to FREE cell.
 
         There is one wherever FREE cells join the two, that is, where :meth:`path_exists` is True without leaving the
         grid. It turns the robot on the spot, and only where it must. It is deterministic, and not the shortest.
@@ -495,29 +495,32 @@ class CSpace(ConfigurationMap):
 
     def _free_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """:meth:`free_path`; TimeoutError where it takes longer."""
-        from cspace.map.free_path import cube_path, in_time, pulled_straight
+        from cspace.map.callbacks import below_half_a_turn
+        from cspace.map.paths import in_time, pulled_straight, unwound, waypoints
+        from cspace.map.search import GREED, TURN, Graph
 
-        until = time.perf_counter() + seconds
+        until, dim, neighbors = time.perf_counter() + seconds, self.grid.dim, self.rotations.neighbors
+        endpoints = np.stack([self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))])
+        first, last = map(self._cells_of, endpoints)
 
-        endpoints = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
-        dim, (first, last) = self.grid.dim, (self._cells_of(q) for q in endpoints)
-        still, neighbors = not self.rotations.steps(*endpoints)[dim:].any(), self.rotations.neighbors
-        cells = np.empty((0, 1 + dim), dtype=np.int64)
-        if still:
-            cells = cube_path(self._seen, self._slice_of, neighbors[:, :0], first, last, until)
-        turning = not len(cells) and neighbors.shape[1] > 0
-        if turning:
-            cells = cube_path(self._seen, self._slice_of, neighbors, first, last, until)
+        def chain(neighbors: Ints) -> Ints:
+            turns = np.full(neighbors.shape, TURN)
+            graph = Graph.of(self._seen, self._slice_of, neighbors, turns, self.endless[:dim])
+            return graph.chain(first, last, until, greed=GREED)
+
+        still = not self.rotations.steps(*endpoints)[dim:].any()
+        cells = chain(neighbors[:, :0]) if still else np.empty((0, 1 + dim), dtype=np.int64)
+        if not len(cells) and (neighbors.size or not still):
+            cells, still = chain(neighbors), False
         if not len(cells):
             return np.empty((0, self.dof))
-        # Where it does not turn, the rotation stays as q0 has it, also if q1 has the same in other numbers.
-        last_turn = endpoints[1][dim:] if turning else endpoints[0][dim:]
-        turns = self.rotations.centers[cells[:, 0]] if turning else np.repeat(last_turn[None], len(cells), axis=0)
-        middles = np.concatenate([self.grid.center_of(cells[:, 1:]), turns], axis=1)
-        path = np.vstack([endpoints[0], middles, [*endpoints[1][:dim], *last_turn]])
+        cells = unwound(cells, self.grid.shape, self.endless[:dim])
+        path = waypoints(self.grid, self.rotations, endpoints, cells, self.endless[:dim])
+        if still:  # the rotation stays as q0 has it, also if q1 has the same in other numbers
+            path[:, dim:] = endpoints[0][dim:]
         if not self.certify_path(path).all():
             return np.empty((0, self.dof))
-        check = in_time(self.edge_checker(), until)
+        check = in_time(below_half_a_turn(self.edge_checker(), self.endless), until)
         return pulled_straight(path, dim, check, 2.0 * self.grid.spacing) if straight else path
 
     def widest_path(
@@ -563,19 +566,21 @@ class CSpace(ConfigurationMap):
         """:meth:`widest_path`; TimeoutError where it takes longer, but for what it makes once for a map."""
         from cspace.map.widest import BYTES, Widest, widest_path
 
-        endpoints = [self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))]
+        endpoints = np.stack([self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))])
         # Levels cover what is unrolled, half a turn more at either end.
         cells = self.grid.size * self.rotations.count * 2 ** sum(self.endless)
         needed, fewer = BYTES * cells, self.rotations.fewer
         check_memory(needed, "the map, to find its widest path,", self.grid, fewer=fewer)
-        own, both = self.own_record, [(q, self._cells_of(q)) for q in endpoints]
+        own = self.own_record
         with self._lock:
             widest = self._widest.get(lambda: Widest.of(own, self._seen, self.rotations, self.endless[: self.grid.dim]))
             if widest.noted:
                 self._widest.drop()
                 widest = self._widest.get(partial(widest.renewed, own, self._seen))
-        check, until = self.edge_checker(), time.perf_counter() + seconds
-        return widest_path(widest, own, self.grid, both, check, straight, until)
+        until = time.perf_counter() + seconds
+        both = endpoints, self._cells_of(endpoints)
+        path = widest_path(widest, own, self.grid, both, self._components_of, straight, until)
+        return path if len(path) and self.certify_path(path).all() else path[:0]
 
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
 
@@ -1058,15 +1063,19 @@ class CSpace(ConfigurationMap):
 
     @property
     def _components(self) -> Components:
-        from cspace.map.components import Components
-
         def make() -> Components:
             needed, fewer = JOINED_BYTES * self._seen.size, self.rotations.fewer
             check_memory(needed, "the map, to join its cells,", self.grid, fewer=fewer)
-            rim_is_open = ~self._exterior.is_all_blocked(self.grid.shape)
-            return Components(self._seen, self._slice_of, self.rotations.neighbors, rim_is_open)
+            return self._components_of(self._seen, ~self._exterior.is_all_blocked(self.grid.shape))
 
         return self._derived_components.get(make)
+
+    def _components_of(self, states: Stack, rim_is_open: Bools | None = None) -> Components:
+        """The components of states, and of what surrounds some slices."""
+        from cspace.map.components import Components
+
+        rim_is_open = np.zeros(len(states), dtype=np.bool_) if rim_is_open is None else rim_is_open
+        return Components(states, self._slice_of, self.rotations.neighbors, rim_is_open)
 
     @property
     def marks(self) -> Marks:

@@ -286,8 +286,9 @@ def test_the_widest_path_leads_across_the_seam(data: st.DataObject, endless: tup
                 more = (each[-1] - endpoints[1]) / TURN
                 np.testing.assert_allclose(more, np.rint(more) * endless, atol=1e-9)
                 assert space.certify_path(each).all()
-            assert search.bottleneck(one, other) == best
-            steps = np.diff(np.unravel_index(search.shortest(one, other, int(best)), states.shape))
+            both = np.append(0, start), np.append(0, goal)
+            assert search.bottleneck(*both, space._components_of, math.inf) == best
+            steps = np.diff(search.shortest(*both, int(best), math.inf)[:, 1:].T)
             shape = np.array(states.shape)[:, np.newaxis]
             steps -= shape * np.rint(steps / shape).astype(int) * np.array(endless)[:, np.newaxis]
             assert np.linalg.norm(steps, axis=0).sum() == pytest.approx(length)

@@ -11,8 +11,9 @@ from hypothesis.extra import numpy as hnp
 
 import handmade
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Rotations
-from cspace.map.free_path import Field, cube_path, free_radius, pulled_straight
-from cspace.map.storage import cells_of, read_only
+from cspace.map.paths import pulled_straight
+from cspace.map.search import Graph
+from cspace.map.storage import read_only
 from handmade import map_of
 from strategies import seeds
 
@@ -61,50 +62,22 @@ def length(path):
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
+@pytest.mark.parametrize("greed", [1.0, 8.0])
 @settings(max_examples=60)
 @given(states(), st.randoms(use_true_random=False))
-def test_consecutive_cells_share_a_cube_or_a_side(state, random):
+def test_the_step_from_cell_to_cell_touches_free_ones_alone(greed, state, random):
     free = np.argwhere(state == FREE)
     if not len(free):
         return
-    first, last = (free[random.randrange(len(free))] for _ in range(2))
-    still = np.zeros(1, dtype=np.int64), np.zeros((1, 0), dtype=np.int64)
-    cells = cube_path(read_only(state[None]), *still, np.append(0, first), np.append(0, last))[:, 1:]
-    for a, b in itertools.pairwise(cells):
-        reach = int(np.abs(a - b).max())
-        assert is_free_cube(state, a, reach) or is_free_cube(state, b, reach) or int(np.abs(a - b).sum()) == 1
-        assert state[tuple(b)] == FREE
-
-
-def is_free_cube(state, cell, reach):
-    """Whether all cells so near to one are in the grid and FREE; of a single layer of cells, those in it."""
-    if state.shape[2:] == (1,):
-        state, cell = state[..., 0], cell[:2]
-    if (cell < reach).any() or (cell + reach >= state.shape).any():
-        return False
-    return bool((state[tuple(slice(c - reach, c + reach + 1) for c in cell)] == FREE).all())
-
-
-@settings(max_examples=60)
-@given(states(side=7), st.randoms(use_true_random=False))
-def test_radius_of_the_largest_free_cube(state, random):
-    if state.shape[2:] == (1,):  # cubes of a single layer are squares
-        state = state[..., 0]
-    free = np.argwhere(state == FREE)
-    if not len(free):
-        return
-    cell = free[random.randrange(len(free))]
-    shape = (*state.shape, *[1] * (3 - state.ndim))
-    field = Field(
-        cells_of(read_only(state[None])), shape, np.zeros(1, dtype=np.int64), np.zeros((1, 0), dtype=np.int64)
-    )
-    at = tuple(np.pad(cell, (0, 3 - state.ndim)).tolist())
-    padded = np.pad(state, 8, constant_values=BLOCKED)
-    wanted = next(
-        r - 1 for r in itertools.count(1) if (padded[tuple(slice(c + 8 - r, c + 9 + r) for c in cell)] != FREE).any()
-    )
-    assert free_radius(field, 0, at, 8) == wanted
-    assert free_radius(field, 0, at, 1) == min(wanted, 1)
+    first, last = (np.append(0, free[random.randrange(len(free))]) for _ in range(2))
+    alone = np.zeros(1, dtype=np.int64), np.zeros((1, 0), dtype=np.int64), np.zeros((1, 0))
+    graph = Graph.of(read_only(state[None]), *alone, [False] * state.ndim)
+    cells = graph.chain(first, last, math.inf, greed=greed)
+    if len(cells):
+        assert (cells[0] == first).all() and (cells[-1] == last).all()
+    for a, b in itertools.pairwise(cells[:, 1:]):
+        assert np.abs(a - b).max() == 1
+        assert (state[tuple(slice(min(i, j), max(i, j) + 1) for i, j in zip(a, b, strict=True))] == FREE).all()
 
 
 def test_a_maze_is_solved_and_pulled_straight():

@@ -4,6 +4,7 @@ import contextlib
 import copy
 import itertools
 import math
+import tracemalloc
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from cspace import FREE, MIXED, ConfigurationError, CSpace, InputError, Robot, Workspace, build
-from cspace.map import widest
+from cspace.map import search, widest
 from oracles import graph_of, linked
 from planning import ENDPOINTS, room, turn_between, with_state
 from strategies import seeds
@@ -29,6 +30,11 @@ def random_map(name: str, rng: np.random.Generator) -> CSpace:
     shape = (TURNS[name], *cells) if name in TURNS else cells
     state = np.where(rng.random(shape) < rng.uniform(0.02, 0.3), MIXED, FREE).astype(np.uint8)
     return with_state(state, TURNS.get(name), spacing=0.5)
+
+
+def widest_of(space: CSpace) -> widest.Widest:
+    """What widest paths derive from a map."""
+    return widest.Widest.of(space.record, space.record.states, space.rotations, space.endless[: space.grid.dim])
 
 
 def middles(space: CSpace) -> np.ndarray:
@@ -78,17 +84,18 @@ def length_of(space: CSpace, path: np.ndarray) -> float:
 def test_a_path_is_as_wide_as_any_and_no_longer_than_it_must_be(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     space = random_map(name, rng)
-    points, search = middles(space), widest.Widest.of(space.record, space.record.states, space.rotations)
+    points, cells = middles(space), list(np.ndindex(space.rotations.count, *space.grid.shape))
+    kept = widest_of(space)
     room = np.asarray(space.clearance(points))
-    graph = search.graph
-    levels = graph.levels[graph.slice_of].ravel()
+    levels = kept.levels[kept.slice_of].ravel()
     assert np.array_equal(levels > 0, room > 0.0) and (np.abs(levels / 128 - room) <= 1 / 128 + 1e-6).all()
     free = np.flatnonzero(room > 0.0)
     if not len(free):
         return
     for start, goal in rng.choice(free, (2, 2)):
         best = widest_of_all(space, start, goal)
-        level = search.bottleneck(start, goal)
+        ends = np.array(cells[start]), np.array(cells[goal])
+        level = kept.bottleneck(*ends, space._components_of, math.inf)
         assert abs(level / 128 - best) <= 1 / 128 + 1e-6
         path = space.widest_path(points[start], points[goal], straight=False)
         assert (len(path) > 0) == (best > 0.0)
@@ -97,7 +104,7 @@ def test_a_path_is_as_wide_as_any_and_no_longer_than_it_must_be(name: str, seed:
         assert np.asarray(space.clearance(path)).min() >= best - 1e-6  # a way up may cut a corner
         assert space.certify_path(path).all()
         shortest = dijkstra(links(space, levels >= level, True), indices=start)[goal]
-        chain = points[search.shortest(start, goal, level)]
+        chain = points[[cells.index(tuple(cell)) for cell in kept.shortest(*ends, level, math.inf).tolist()]]
         assert length_of(space, chain) == pytest.approx(shortest, rel=1e-5)
         pulled = space.widest_path(points[start], points[goal])
         assert np.array_equal(pulled[[0, -1]], path[[0, -1]]) and space.certify_path(pulled).all()
@@ -120,7 +127,7 @@ def test_levels_are_distances_to_what_is_not_free(seed: int, open_all_around: bo
     space = with_state(state)
     table = np.array([[*np.repeat([0, -1], len(shape)), FREE if open_all_around else MIXED]])
     map_ = space.record._replace(exterior=table)
-    levels = widest.graph_of(map_, map_.states, space.rotations).levels.reshape(shape)
+    levels = widest.Widest.of(map_, map_.states, space.rotations, space.endless).levels.reshape(shape)
     shut = np.argwhere(state != FREE)
     if not open_all_around:
         rim = np.argwhere(np.pad(np.zeros(shape, dtype=bool), 1, constant_values=True)) - 1
@@ -150,6 +157,19 @@ def test_it_finds_the_wide_way_in_every_space(name: str) -> None:
     assert np.asarray(space.clearance(back)).min() == pytest.approx(np.asarray(space.clearance(there)).min(), abs=2e-3)
 
 
+def test_a_path_that_is_far_longer_than_the_map_is_wide_takes_no_more_memory() -> None:
+    state = np.zeros((240, 200), dtype=np.uint8)
+    for n, x in enumerate(range(6, 234, 8)):
+        state[x, slice(0, -6) if n % 2 else slice(6, None)] = MIXED
+    space, endpoints = with_state(state, spacing=1.0), ((2.5, 100.5), (237.5, 100.5))
+    space.widest_path(*endpoints)  # compiled
+    tracemalloc.start()
+    path = space.widest_path(*endpoints)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert space.certify_path(path).all() and length_of(space, path) > 29 * 190 and peak < 100 * state.size
+
+
 @pytest.mark.parametrize("error", [TimeoutError, KeyboardInterrupt])
 @pytest.mark.parametrize("name", ["plane", "turning"])
 def test_a_search_that_was_broken_off_leaves_nothing_half_made(
@@ -162,7 +182,8 @@ def test_a_search_that_was_broken_off_leaves_nothing_half_made(
         if not looks[0]:
             raise error
 
-    monkeypatch.setattr(widest, "ENTRIES", 64)  # it looks at the clock where it needs more room, too
+    monkeypatch.setattr(search, "ENTRIES", 64)  # it looks at the clock where it needs more room, too
+    monkeypatch.setattr(search, "keep_on", look)
     monkeypatch.setattr(widest, "keep_on", look)
     for after in itertools.count(1):
         space, looks[0], path = copy.copy(room(name)), after, expected[:0]
@@ -197,8 +218,8 @@ def test_levels_follow_updates(name: str, outside: str, monkeypatch: pytest.Monk
         robot = Robot.rectangle(0.3, 0.1) if cells.ndim == 2 else Robot.box((0.3, 0.1, 0.1))
     space = build(Workspace.from_array(cells, 0.1), robot, rotations=TURNS.get(name), outside=outside)
     states = space.record.states
-    search = widest.Widest.of(space.record, states, space.rotations)
-    monkeypatch.setattr(widest.Widest, "of", lambda *_: search)  # the map has this one, and updates note themselves
+    kept, fresh = widest_of(space), widest.Widest.of
+    monkeypatch.setattr(widest.Widest, "of", lambda *_: kept)  # the map has this one, and updates note themselves
     endpoints = space.sample_free(2, rng)
     space.widest_path(*endpoints)
     for step in range(24):
@@ -206,8 +227,8 @@ def test_levels_follow_updates(name: str, outside: str, monkeypatch: pytest.Monk
         lower = rng.integers(0, np.array(cells.shape) - size + 1)
         space.update(rng.random(size) < 0.5 * (step % 3), lower)
         if step % 2:
-            fresh = widest.graph_of(space.record, states, space.rotations)
-            assert np.array_equal(search.renewed(space.record, states).graph.levels, fresh.levels)
+            levels = fresh(space.record, states, space.rotations, kept.endless).levels
+            assert np.array_equal(kept.renewed(space.record, states).levels, levels)
 
 
 def test_refuses_wrong_endpoints_and_too_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
