@@ -58,11 +58,26 @@ def test_robots_show_their_outline() -> None:
         assert np.ptp(columns) / np.ptp(rows) == pytest.approx(wide, rel=0.1)
 
 
+def near(pixels: Any, color: str) -> Any:
+    """Which pixels have a colour, nearly."""
+    return np.abs(pixels.astype(int) - np.round(255 * np.array(to_rgb(color)))).max(axis=2) < 30
+
+
 def test_plans_show_their_path() -> None:
     space = space_of("plane")
     plan = planners.plan(space, (0.5, 0.5), (3.5, 0.5), seed=1)
-    blue = np.abs(picture(plan).astype(int) - np.round(255 * np.array(to_rgb(artists.PATH)))).max(axis=2) < 30
-    assert blue.sum() > 100
-    none = planners.plan(build(space.workspace, Robot.disc(0.75)), (0.9, 1.0), (3.1, 1.0), time_limit=0.1)
+    assert near(picture(plan), artists.PATH).sum() > 100
+
+
+def test_plans_that_failed_show_start_and_goal_alone() -> None:
+    space = build(space_of("plane").workspace, Robot.disc(0.75))
+    none = planners.plan(space, (0.9, 1.0), (3.1, 1.0), time_limit=0.1)
     assert not none.solved
-    assert (picture(none) == 255).all()
+    pixels = picture(none)
+    width = pixels.shape[1]
+    assert not near(pixels, artists.PATH).any()
+    columns = np.nonzero(near(pixels, artists.GOAL).any(axis=0))[0]
+    assert len(columns)
+    assert columns.min() > 0.8 * width
+    assert near(pixels, "black")[:, : width // 5].any()
+    assert (pixels[:, width // 5 : 4 * width // 5] == 255).all()
