@@ -5,10 +5,11 @@ from functools import cache
 from typing import Any
 
 from typer import testing
+from typer.main import get_command
 
 from cspace.cli import app
 
-testing._get_command = cache(testing._get_command)  # else all commands are made anew for each one that is run
+testing._get_command = cache(get_command)  # else all are made anew for each that is run
 
 
 def run(*arguments: object) -> Any:
