@@ -8,18 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Bytes, Ints, Words
-from cspace.compiling import jit, reader
+from cspace.compiling import inner, reader
 from cspace.engines.dilation import FOUR, dilate_block, spread
+from cspace.unaligned import load
 
 LOOKED, CHANGED, COUNT = 0, 6, 12
-"""Where a row of what :func:`renew_states` gives for a slice has its boxes, first cells and then last ones, and the
-number of cells that changed their state."""
+"""Where a row of what :func:`renew` says of a slice has its boxes, first cells and then last ones, and the number of
+cells that changed their state."""
 
 ROW = 13
 """Length of such a row."""
 
 _GATHER = np.uint64(0x0102040810204080)
-_BYTE = np.uint64(255)
+_BYTE, _EIGHT = np.uint64(255), np.uint64(8)
 
 
 class Robots(NamedTuple):
@@ -80,60 +81,96 @@ class MapArrays(NamedTuple):
     walled: bool
 
 
-@jit
-def renew(map_: MapArrays, outer: Bytes, inner: Bytes, lower: Ints) -> tuple[Ints, Ints]:
+class Notes(NamedTuple):
+    """What an update says of itself, and what it needs for that.
+
+    changed : ndarray of int64, shape (7,)
+        The box around the workspace cells that differ, empty at first, and their number.
+    rows : ndarray of int64, shape (slices + 1, ROW)
+        What has changed in each slice, and in all together, each counted by its weight; of empty boxes at first, whose
+        first cell is the map's shape and whose last one is -1.
+    reach : ndarray of int64, shape (6,)
+        Room for the least and the greatest offset of a slice.
+    sums : ndarray of int64, shape (nx, ny, nz + 1)
+        Room for the sums of what is added to the cells of a patch along each row; empty where no overlaps are stored.
+    words : ndarray of uint64, shape (5, n)
+        Room for what a slice can meet, in rows of bits, for what it meets, and for what that is made from.
+    table : ndarray of uint64, shape (n, 1 + 2 * FOUR)
+        Room for the offsets of a slice.
+    """
+
+    changed: Ints
+    rows: Ints
+    reach: Ints
+    sums: Ints
+    words: Words
+    table: Words
+
+
+@reader
+def renew(map_: MapArrays, outer: Bytes, inner: Bytes, lower: Ints, notes: Notes) -> None:
     """Write new cells, and what follows from them, in one call, so that an interrupt finds all of it done or nothing.
 
-    ``outer`` and ``inner`` are the new cells from ``lower`` on. Gives the results of :func:`renew_cells` and
-    :func:`renew_states`.
+    ``outer`` and ``inner`` are the new cells from ``lower`` on; of none, what follows from those noted already.
     """
-    change = np.empty(outer.shape if map_.overlaps.size > 0 else (0, 0, 0), np.int8)
-    changed = renew_cells(map_, outer, inner, lower, change)
-    box = changed[:6]
-    if changed[6] == 0:
-        return changed, np.zeros((len(map_.states) + 1, ROW), np.int64)
-    if map_.overlaps.size > 0:
-        renew_overlaps(map_.overlaps, change, lower, box, map_.far)
-    return changed, renew_states(map_, box)
+    renew_cells(map_, outer, inner, lower, notes.changed, notes.sums)
+    if notes.changed[6] > 0:
+        if map_.overlaps.size > 0:
+            renew_overlaps(map_.overlaps, notes.sums, lower, notes.changed, map_.far)
+        renew_states(map_, notes)
 
 
-@jit
-def renew_cells(map_: MapArrays, new_outer: Bytes, new_inner: Bytes, lower: Ints, change: NDArray[np.int8]) -> Ints:
-    """Write the new cells of a box into a workspace; the box around those that differ, and their number.
-
-    ``change``, empty or of the shape of the new cells, gets what is added to each outer cell.
-    """
-    outer, inner, tallies = map_.outer, map_.inner, map_.tallies
-    nx, ny, nz = new_outer.shape
-    x, y, z = lower
-    changed = np.array([nx + x, ny + y, nz + z, -1, -1, -1, 0])
-    for i in range(nx):
-        for j in range(ny):
-            old_row, new_row = outer[x + i, y + j], new_outer[i, j]
-            old_within, new_within = inner[x + i, y + j], new_inner[i, j]
-            for k in range(nz):
-                step = int(new_row[k]) - int(old_row[z + k])
-                if change.size > 0:
-                    change[i, j, k] = step
-                if step == 0 and new_within[k] == old_within[z + k]:
+@inner
+def renew_cells(map_: MapArrays, new_outer: Bytes, new_inner: Bytes, lower: Ints, changed: Ints, sums: Ints) -> None:
+    """Write the new cells of a box into a workspace; note those that differ, and sum up what is added to outer ones."""
+    tallies, shape = map_.tallies, map_.outer.shape
+    for i in range(new_outer.shape[0]):
+        for j in range(new_outer.shape[1]):
+            x, y, total = lower[0] + i, lower[1] + j, np.int64(0)
+            old_row, new_row, old_within, new_within = (
+                map_.outer[x, y],
+                new_outer[i, j],
+                map_.inner[x, y],
+                new_inner[i, j],
+            )
+            if sums.size > 0:
+                sums[i, j, 0] = 0
+            for k in range(new_outer.shape[2]):
+                z = lower[2] + k
+                step = np.int64(new_row[k]) - np.int64(old_row[z])
+                if sums.size > 0:
+                    total += step
+                    sums[i, j, k + 1] = total
+                if step == 0 and new_within[k] == old_within[z]:
                     continue
-                old_row[z + k] = new_row[k]
-                old_within[z + k] = new_within[k]
+                old_row[z] = new_row[k]
+                old_within[z] = new_within[k]
                 if tallies.size > 0:
-                    tallies[x + i] += step
-                    tallies[outer.shape[0] + y + j] += step
-                    tallies[outer.shape[0] + outer.shape[1] + z + k] += step
-                changed[0], changed[3] = min(changed[0], x + i), max(changed[3], x + i)
-                changed[1], changed[4] = min(changed[1], y + j), max(changed[4], y + j)
-                changed[2], changed[5] = min(changed[2], z + k), max(changed[5], z + k)
+                    tallies[x] += step
+                    tallies[shape[0] + y] += step
+                    tallies[shape[0] + shape[1] + z] += step
+                _include(changed, 0, x, y, z)
                 changed[6] += 1
-    return changed
 
 
-@jit
-def extents(tallies: Ints, shape: Ints) -> Ints:
+@inner
+def _include(row: Ints, start: int, x: int, y: int, z: int) -> None:
+    """Widen the box that a row has from ``start`` on, by a cell."""
+    _widen(row, start, x, x)
+    _widen(row, start + 1, y, y)
+    _widen(row, start + 2, z, z)
+
+
+@inner
+def _widen(row: Ints, at: int, first: int, last: int) -> None:
+    """Widen a box along one axis."""
+    row[at] = min(row[at], first)
+    row[at + 3] = max(row[at + 3], last)
+
+
+@reader
+def extents(tallies: Ints, shape: Ints, layers: Ints) -> None:
     """First and last layer along each axis that is not empty, from numbers of cells in each; (0, -1) without any."""
-    layers = np.empty(6, np.int64)
     start = 0
     for axis in range(3):
         first, last = 0, shape[axis] - 1
@@ -143,209 +180,168 @@ def extents(tallies: Ints, shape: Ints) -> Ints:
             last -= 1
         layers[axis], layers[3 + axis] = first, last
         start += shape[axis]
-    return layers
 
 
-@jit
-def renew_states(map_: MapArrays, box: Ints) -> Ints:
-    """States of all configurations that a changed box of cells can touch; what has changed, shape (slices + 1, ROW).
-
-    The last row is of all slices together, each counted by its weight.
-    """
-    stack = map_.states
-    rows = np.zeros((stack.shape[0] + 1, ROW), np.int64)
-    for s in range(stack.shape[0]):
-        far, near = _fours_of(map_.far, s), _fours_of(map_.near, s)
-        if not map_.blocked:
-            near = near[:0]
-        part, row = stack[s], rows[s]
+@inner
+def renew_states(map_: MapArrays, notes: Notes) -> None:
+    """States of all configurations that a changed box of cells can touch."""
+    reach, words, whole = notes.reach, notes.words, notes.rows[len(map_.states)]
+    for s in range(len(map_.states)):
+        part, row = map_.states[s], notes.rows[s]
+        start, stop = _fours_of(map_.far, s, True)
+        far = map_.far.fours[start:stop]
+        start, stop = _fours_of(map_.near, s, map_.blocked)
+        near = map_.near.fours[start:stop]
         for axis in range(3):
-            row[LOOKED + axis], row[LOOKED + 3 + axis] = part.shape[axis], -1
-            row[CHANGED + axis], row[CHANGED + 3 + axis] = part.shape[axis], -1
-        if len(far) + len(near) == 0:
+            reach[axis], reach[3 + axis] = 2**62, -(2**62)
+        _reach(far, reach)
+        _reach(near, reach)
+        if len(far) + len(near) == 0 or not _look(notes.changed, reach, row):
             continue
-        # Cell k meets obstacle cells k + m, m an offset: what can change lies in the box less the reach of all offsets.
-        low, high = np.full(3, 2**62, np.int64), np.full(3, -(2**62), np.int64)
-        _reach(far, low, high)
-        _reach(near, low, high)
-        first, last = np.empty(3, np.int64), np.empty(3, np.int64)
-        for axis in range(3):
-            first[axis] = max(0, box[axis] - high[axis])
-            last[axis] = min(part.shape[axis] - 1, box[3 + axis] - low[axis])
-        if first[0] > last[0] or first[1] > last[1] or first[2] > last[2]:
-            continue
-        for axis in range(3):
-            row[LOOKED + axis], row[LOOKED + 3 + axis] = first[axis], last[axis]
         # The obstacles that those cells can meet, in rows of bits, so that 64 cells are dilated at a time.
-        tall = last[1] - first[1] + 1 + high[1] - low[1]
-        wide = (last[2] - first[2] + high[2] - low[2] + 64) // 64
-        words = _pack(map_.outer, first + low, last + high, map_.walled, tall, wide)
-        hits = _hits(words, far, low, last - first + 1, tall, wide)
+        first_x, first_y, first_z, count = row[0], row[1], row[2], row[5] - row[2] + 1
+        tall = row[4] - first_y + 1 + reach[4] - reach[1]
+        wide = (count + reach[5] - reach[2] + 63) >> 6
+        _pack(map_.outer, row, reach, map_.walled, tall, wide, words[0])
+        hits, deep = words[1], words[2]
+        _meet(words, far, row, reach, tall, wide, notes.table, hits)
         if not map_.one and len(near) > 0:  # obstacles whose cells met and cells within are not the same
-            words = _pack(map_.inner, first + low, last + high, map_.walled, tall, wide)
-        deep = _hits(words, near, low, last - first + 1, tall, wide)
+            _pack(map_.inner, row, reach, map_.walled, tall, wide, words[0])
+        _meet(words, near, row, reach, tall, wide, notes.table, deep)
         always = _BYTE if map_.far.fixed[s] else np.uint64(0)
         deep_always = _BYTE if map_.near.fixed[s] and map_.blocked else np.uint64(0)
-        for x in range(first[0], last[0] + 1):
-            for y in range(first[1], last[1] + 1):
-                at = ((x - first[0]) * tall + y - first[1]) * wide
-                line = part[x, y][first[2] : last[2] + 1]
+        for x in range(first_x, row[3] + 1):
+            for y in range(first_y, row[4] + 1):
+                line, at = part[x, y], ((x - first_x) * tall + y - first_y) * wide
                 # A state is the sum of two bits. Most cells stay as they are, so that eight are compared in one word.
-                eights = line[: len(line) // 8 * 8].view(np.uint64)
-                for k in range(len(eights)):
-                    place, bit = k // 8, np.uint64(8 * (k % 8))
-                    far_byte = ((hits[at + place] >> bit) & _BYTE) | always
-                    near_byte = ((deep[at + place] >> bit) & _BYTE) | deep_always
+                for k in range(0, count, 8):
+                    word, bit = at + (k >> 6), np.uint64(k & 63)
+                    far_byte = ((hits[word] >> bit) & _BYTE) | always
+                    near_byte = ((deep[word] >> bit) & _BYTE) | deep_always
                     states = spread(far_byte) + spread(near_byte)
-                    if states != eights[k]:
-                        for n in range(8):
-                            state = int((states >> np.uint64(8 * n)) & _BYTE)
-                            _settle(line, 8 * k + n, state, x, y, first[2], row)
-                for k in range(8 * len(eights), len(line)):
-                    bit = np.uint64(k % 64)
-                    far_byte = (hits[at + k // 64] >> bit) | always
-                    near_byte = (deep[at + k // 64] >> bit) | deep_always
-                    state = int((far_byte & np.uint64(1)) + (near_byte & np.uint64(1)))
-                    _settle(line, k, state, x, y, first[2], row)
-    whole = rows[-1]
-    for k in range(COUNT):
-        whole[k] = rows[0, k]
-    for s in range(stack.shape[0]):
-        row = rows[s]
-        for start in (LOOKED, CHANGED):
-            for axis in range(start, start + 3):
-                whole[axis] = min(whole[axis], row[axis])
-                whole[3 + axis] = max(whole[3 + axis], row[3 + axis])
+                    if k + 8 > count or states != load(line, first_z + k):
+                        for n in range(k, min(k + 8, count)):
+                            _settle(line, first_z + n, np.uint8(states & _BYTE), x, y, row)
+                            states >>= _EIGHT
+        for axis in range(3):
+            _widen(whole, LOOKED + axis, row[LOOKED + axis], row[LOOKED + 3 + axis])
+            _widen(whole, CHANGED + axis, row[CHANGED + axis], row[CHANGED + 3 + axis])
         whole[COUNT] += map_.weights[s] * row[COUNT]
-    return rows
 
 
-@jit
-def _fours_of(robots: Robots, s: int) -> Ints:
-    """Rows of a slice, in fours; none where the robot meets the outside from everywhere, and no cell matters."""
-    first, end = robots.fours_stops[s - 1] if s > 0 else 0, robots.fours_stops[s]
-    return robots.fours[first : first if robots.fixed[s] else end]
+@inner
+def _fours_of(robots: Robots, s: int, wanted: bool) -> tuple[int, int]:
+    """Where the fours of a slice are; none where the robot meets the outside from everywhere, and no cell matters."""
+    first: int = robots.fours_stops[s - 1] if s > 0 else 0
+    return first, first if robots.fixed[s] or not wanted else robots.fours_stops[s]
 
 
-@reader
-def _settle(line: Bytes, at: int, state: int, x: int, y: int, z: int, row: Ints) -> None:
-    """Write the state of a cell, whose line begins at ``z``, and note it if it is another."""
-    old = line[at]
-    if state == old:
-        return
-    line[at] = state
-    row[COUNT] += 1
-    _include(row[CHANGED : CHANGED + 6], x, y, z + at)
+@inner
+def _settle(line: Bytes, z: int, state: np.uint8, x: int, y: int, row: Ints) -> None:
+    """Write the state of a cell, and note it if it is another."""
+    if state != line[z]:
+        line[z] = state
+        row[COUNT] += 1
+        _include(row, CHANGED, x, y, z)
 
 
-@reader
-def _include(box: Ints, x: int, y: int, z: int) -> None:
-    box[0], box[3] = min(box[0], x), max(box[3], x)
-    box[1], box[4] = min(box[1], y), max(box[4], y)
-    box[2], box[5] = min(box[2], z), max(box[5], z)
-
-
-@reader
-def _reach(runs: Ints, low: Ints, high: Ints) -> None:
+@inner
+def _reach(runs: Ints, reach: Ints) -> None:
     """Widen the bounds of offsets by those of runs."""
     for n in range(len(runs)):
         for axis in range(3):
-            low[axis] = min(low[axis], runs[n, axis])
-            high[axis] = max(high[axis], runs[n, axis] + (runs[n, 3] - 1 if axis == 2 else 0))
+            _widen(reach, axis, runs[n, axis], runs[n, axis] + (runs[n, 3] - 1 if axis == 2 else 0))
 
 
-@jit
-def _pack(cells: Bytes, first: Ints, last: Ints, outside: bool, tall: int, wide: int) -> Words:
-    """A box of cells, which may stick out of the map, in rows of ``wide`` words, of which a layer has ``tall``.
+@inner
+def _look(changed: Ints, reach: Ints, row: Ints) -> bool:
+    """Note the cells that changed ones can matter to; False, and nothing is noted, without any.
+
+    Cell k meets obstacle cells k + m, m an offset: what can change lies in the box less the reach of all offsets.
+    """
+    for axis in range(3):
+        if changed[3 + axis] < reach[axis] or changed[axis] - reach[3 + axis] >= row[axis]:
+            return False
+    for axis in range(3):
+        row[3 + axis] = min(row[axis] - 1, changed[3 + axis] - reach[axis])
+        row[axis] = max(0, changed[axis] - reach[3 + axis])
+    return True
+
+
+@inner
+def _pack(cells: Bytes, row: Ints, reach: Ints, outside: bool, tall: int, wide: int, words: Words) -> None:
+    """The cells that those of a row can meet, which may stick out of the map, in rows of words; a layer has ``tall``.
 
     Behind them are as many words as the dilation reads past them, at most.
     """
-    words = np.zeros((last[0] - first[0] + 1) * tall * wide + 2 * wide + 3, np.uint64)
-    begin, end = max(0, first[2]), min(cells.shape[2], last[2] + 1)
-    for x in range(max(0, first[0]), min(cells.shape[0], last[0] + 1)):
-        for y in range(max(0, first[1]), min(cells.shape[1], last[1] + 1)):
-            at = ((x - first[0]) * tall + y - first[1]) * wide
-            _pack_row(cells[x, y, begin:end], outside, begin - first[2], words[at : at + wide])
+    first_x, first_y, first_z = row[0] + reach[0], row[1] + reach[1], row[2] + reach[2]
+    begin, end = max(0, first_z), min(cells.shape[2], row[5] + reach[5] + 1)
+    size = (row[3] + reach[3] - first_x + 1) * tall * wide + 2 * wide + 3
+    for k in range(size):
+        words[k] = 0
+    for x in range(max(0, first_x), min(cells.shape[0], row[3] + reach[3] + 1)):
+        for y in range(max(0, first_y), min(cells.shape[1], row[4] + reach[4] + 1)):
+            at = ((x - first_x) * tall + y - first_y) * wide
+            _pack_row(cells[x, y], outside, begin, end, 64 * at + begin - first_z, words)
     if outside:  # the free cells were packed
-        for k in range(words.size):
+        for k in range(size):
             words[k] = ~words[k]
-    return words
 
 
-@jit
-def _hits(words: Words, runs: Ints, low: Ints, sizes: Ints, tall: int, wide: int) -> Words:
-    """Whether a robot meets any cell of a packed box from each place of another, whose rows are as long.
-
-    The packed box begins ``low`` before the places.
-    """
-    size = ((sizes[0] - 1) * tall + sizes[1]) * wide
-    result = np.zeros(size, np.uint64)
-    if len(runs) == 0:
-        return result
-    table = np.empty((len(runs) // FOUR, 1 + 2 * FOUR), np.uint64)
-    most = np.int64(0)
+@inner
+def _meet(words: Words, runs: Ints, row: Ints, reach: Ints, tall: int, wide: int, table: Words, result: Words) -> None:
+    """Whether a robot meets any packed cell from each of those of a row, whose rows are as long."""
+    size = ((row[3] - row[0]) * tall + row[4] - row[1] + 1) * wide
+    most, length = np.int64(0), np.int64(0)
     for n in range(len(runs)):
-        bit = ((runs[n, 0] - low[0]) * tall + runs[n, 1] - low[1]) * wide * 64 + runs[n, 2] - low[2]
-        four, place = table[n // FOUR], 2 * (n % FOUR)
-        four[0], four[1 + place], four[2 + place] = runs[n, 3], bit // 64, bit % 64
-        most = max(most, bit // 64)
-    reach = size + most + runs[-1, 3] // 64 + 3
-    dilate_block(words[:reach], table, np.empty(reach, np.uint64), np.empty(reach, np.uint64), result)
-    return result
+        bit = ((runs[n, 0] - reach[0]) * tall + runs[n, 1] - reach[1]) * wide * 64 + runs[n, 2] - reach[2]
+        four, place, length = table[n // FOUR], 1 + 2 * (n % FOUR), runs[n, 3]
+        four[0], four[place], four[place + 1] = length, bit >> 6, bit & 63
+        most = max(most, bit >> 6)
+    stop, fours = size + most + (length >> 6) + 3, table[: len(runs) // FOUR]
+    if len(runs) == 0 or not dilate_block(words[0, :stop], fours, words[3, :stop], words[4, :stop], result[:size]):
+        for k in range(size):
+            result[k] = 0
 
 
-@reader
-def _pack_row(cells: Bytes, flip: bool, first: int, words: Words) -> None:
+@inner
+def _pack_row(cells: Bytes, flip: bool, begin: int, end: int, first: int, words: Words) -> None:
     """Put cells, each 0 or 1, or what they are not, into words that are 0 from bit ``first`` on."""
-    whole, turn = cells.size // 8, _BYTE if flip else np.uint64(0)
-    eights = cells[: 8 * whole].view(np.uint64)
-    place, filled, word = first // 64, np.uint64(first % 64), np.uint64(0)
-    for k in range(whole):
-        byte = ((eights[k] * _GATHER) >> np.uint64(56)) ^ turn
+    turn, eights = _BYTE if flip else np.uint64(0), (end - begin) >> 3
+    place, filled, word = first >> 6, np.uint64(first & 63), np.uint64(0)
+    for k in range(eights):
+        byte = ((load(cells, begin + 8 * k) * _GATHER) >> np.uint64(56)) ^ turn
         word |= byte << filled
-        filled += np.uint64(8)
+        filled += _EIGHT
         if filled >= np.uint64(64):
             words[place] |= word
             place += 1
             filled -= np.uint64(64)
-            word = byte >> (np.uint64(8) - filled)
+            word = byte >> (_EIGHT - filled)
     if word:
         words[place] |= word
-    for k in range(8 * whole, cells.size):
-        place = first + k
-        words[place // 64] |= ((np.uint64(cells[k]) ^ turn) & np.uint64(1)) << np.uint64(place % 64)
+    for k in range(8 * eights, end - begin):
+        bit = first + k
+        words[bit >> 6] |= ((np.uint64(cells[begin + k]) ^ turn) & np.uint64(1)) << np.uint64(bit & 63)
 
 
-@jit
-def renew_overlaps(
-    overlaps: NDArray[np.int32], change: NDArray[np.int8], lower: Ints, box: Ints, robots: Robots
-) -> None:
+@inner
+def renew_overlaps(overlaps: NDArray[np.int32], sums: Ints, lower: Ints, box: Ints, robots: Robots) -> None:
     """Add the overlaps with changed cells to stored ones, shape (slices, nx, ny, nz).
 
-    ``change``, the first of whose entries is cell ``lower``, is what was added to each cell, all within ``box``.
+    ``sums``, of a patch that begins with cell ``lower``, are those of what was added before each cell of a row, all
+    within ``box``.
     """
-    runs, stops = robots.runs, robots.stops
-    first, last = box[:3], box[3:]
-    sums = np.zeros((last[0] - first[0] + 1, last[1] - first[1] + 1, last[2] - first[2] + 2), np.int64)
-    for x in range(sums.shape[0]):
-        for y in range(sums.shape[1]):
-            line = change[first[0] - lower[0] + x, first[1] - lower[1] + y]
-            for z in range(sums.shape[2] - 1):
-                sums[x, y, z + 1] = sums[x, y, z] + line[first[2] - lower[2] + z]
-    count = sums.shape[2] - 1
-    for s in range(overlaps.shape[0]):
+    runs, count = robots.runs, sums.shape[2] - 1
+    for s in range(len(overlaps)):
         part = overlaps[s]
-        for n in range(stops[s - 1] if s > 0 else 0, stops[s]):
-            length = runs[n, 3]
-            for i in range(sums.shape[0]):
-                x = first[0] + i - runs[n, 0]
-                for j in range(sums.shape[1]):
-                    y = first[1] + j - runs[n, 1]
-                    if not (0 <= x < part.shape[0] and 0 <= y < part.shape[1]):
-                        continue
-                    column, line = sums[i, j], part[x, y]
-                    # The run covers the cells from z + offset on.
-                    shift = runs[n, 2] - first[2]
-                    for z in range(max(0, 1 - length - shift), min(part.shape[2], count - shift)):
-                        low, high = max(0, z + shift), min(count, z + shift + length)
-                        line[z] += column[high] - column[low]
+        for n in range(robots.stops[s - 1] if s > 0 else 0, robots.stops[s]):
+            i, j, k, length = runs[n, 0], runs[n, 1], runs[n, 2], runs[n, 3]
+            # The run covers the cells from z + offset on.
+            first, stop = max(0, box[2] - k - length + 1), min(part.shape[2], box[5] - k + 1)
+            for x in range(max(0, box[0] - i), min(part.shape[0], box[3] - i + 1)):
+                for y in range(max(0, box[1] - j), min(part.shape[1], box[4] - j + 1)):
+                    column, line = sums[x + i - lower[0], y + j - lower[1]], part[x, y]
+                    for z in range(first, stop):
+                        low = z + k - lower[2]
+                        line[z] += column[min(count, low + length)] - column[max(0, low)]

@@ -18,13 +18,12 @@ from cspace.changes import (
     LOOKED,
     ROW,
     MapArrays,
+    Notes,
     Robots,
     extents,
     renew,
-    renew_cells,
-    renew_states,
 )
-from cspace.engines.dilation import Runs, collide, in_space
+from cspace.engines.dilation import FOUR, WORD, Runs, collide, in_space
 from cspace.errors import InputError
 from cspace.grid import Grid, check_cells
 from cspace.map.contents import Contents
@@ -231,6 +230,8 @@ class Updater:
             _proves_blocked(contents, rasters) if blocked is None else blocked,
             walled,
         )
+        self._row = np.array([*self._shape, -1, -1, -1, *self._shape, -1, -1, -1, 0])
+        self._spans, self._most = _spans(self._map.far, self._map.near)
         self._workspace, self._layers = own, contents.layers
         self._reach = np.max([outer.cells.shape for outer, _ in rasters], axis=0)
 
@@ -296,7 +297,9 @@ class Updater:
         outer = patch.outer.view(np.uint8).reshape(*self._flat, *patch.outer.shape)
         inner = patch.inner.view(np.uint8).reshape(outer.shape)
         if self._packed is None:
-            changed, renewed = renew(self._map, outer, inner, low)
+            notes = self._notes(outer.shape)
+            renew(self._map, outer, inner, low, notes)
+            changed, renewed = notes.changed, notes.rows
             self._follow(changed, renewed)
         else:
             with ThreadPoolExecutor(1) as pool:  # where no interrupt gets
@@ -316,14 +319,15 @@ class Updater:
 
     def _renew_packed(self, packed: PackedStates, outer: Bytes, inner: Bytes, low: Ints) -> tuple[Ints, Ints]:
         """What :func:`cspace.changes.renew` does, with states in two bits: slices become bytes in batches."""
-        map_, rows, whole = self._map, [], np.zeros((0, ROW), dtype=np.int64)
-        changed = renew_cells(map_, outer, inner, low, np.empty((0, 0, 0), dtype=np.int8))
-        for start in range(0, len(packed) if changed[6] else 0, BATCH):
+        map_, notes, rows, whole = self._map, self._notes(outer.shape), [], np.zeros((0, ROW), dtype=np.int64)
+        renew(map_, outer, inner, low, notes)
+        for start in range(0, len(packed) if notes.changed[6] else 0, BATCH):
             stop = min(start + BATCH, len(packed))
             states = packed[start:stop].reshape(-1, *self._shape)
             far, near = map_.far.of(start, stop), map_.near.of(start, stop)
             part = map_._replace(states=states, far=far, near=near, weights=map_.weights[start:stop])
-            renewed = renew_states(part, changed[:6])
+            renewed = self._rows(len(states))
+            renew(part, outer[:0], inner[:0], low, notes._replace(rows=renewed))
             for number in np.flatnonzero(renewed[:-1, COUNT]).tolist():
                 packed.write(start + number, states[number])
             rows.append(renewed[:-1])
@@ -332,7 +336,27 @@ class Updater:
         for first in (LOOKED, CHANGED):
             least[first + 3 : first + 6] = most[first + 3 : first + 6]
         least[COUNT] = whole[:, COUNT].sum()
-        return changed, np.concatenate([*rows, least[None]])
+        return notes.changed, np.concatenate([*rows, least[None]])
+
+    def _notes(self, patch: tuple[int, ...]) -> Notes:
+        """Room for what an update by a patch of a shape says of itself, and for what it needs for that."""
+        counts = [min(cells, size + span) for cells, size, span in zip(self._shape, patch, self._spans, strict=True)]
+        layers, tall, bits = (count + span for count, span in zip(counts, self._spans, strict=True))
+        wide = (bits + WORD - 1) // WORD
+        return Notes(
+            self._row[CHANGED:].copy(),
+            self._rows(len(self._map.states)),
+            np.empty(6, dtype=np.int64),
+            np.empty((*patch[:2], patch[2] + 1) if self._map.overlaps.size else (0, 0, 0), dtype=np.int64),
+            np.empty((5, layers * tall * wide + 2 * wide + 3), dtype=np.uint64),
+            np.empty((self._most, 1 + 2 * FOUR), dtype=np.uint64),
+        )
+
+    def _rows(self, slices: int) -> Ints:
+        """Rows of slices, and one of all of them, of which nothing has changed."""
+        rows = np.empty((slices + 1, ROW), dtype=np.int64)
+        rows[:] = self._row
+        return rows
 
     def _follow(self, changed: Ints, renewed: Ints) -> None:
         """Have all that depends on the map follow the changed cells and the renewed states."""
@@ -373,7 +397,9 @@ class Updater:
     def _move_border(self) -> None:
         """Bring up to date what is known outside the grid, where all outside the workspace is free."""
         dim = 3 - len(self._flat)
-        changed = extents(self._map.tallies, np.array(self._shape, dtype=np.int64)).reshape(2, 3)[:, -dim:]
+        layers = np.empty(6, dtype=np.int64)
+        extents(self._map.tallies, np.array(self._shape, dtype=np.int64), layers)
+        changed = layers.reshape(2, 3)[:, -dim:]
         obstacles = np.repeat([0, -1], dim) if (changed[0] > changed[1]).any() else changed.ravel()
         self._exterior.boxes[...] = [reached(obstacles, outer) for outer, _ in self._rasters]
 
@@ -414,6 +440,15 @@ def _robots(rasters: Sequence[Raster], shape: tuple[int, ...], walled: bool) -> 
         np.cumsum([len(part) for part in fours]),
         np.array([each.clipped and walled for each in runs]),
     )
+
+
+def _spans(*robots: Robots) -> tuple[list[int], int]:
+    """How far apart offsets of a slice lie along each axis at most, and its number of rows of four."""
+    runs = np.concatenate([each.runs for each in robots])
+    first, last = runs[:, :3], runs[:, :3].copy()
+    last[:, 2] += runs[:, 3] - 1
+    fours = [np.diff(each.fours_stops, prepend=0).max() for each in robots]
+    return (last.max(axis=0, initial=0) - first.min(axis=0, initial=0)).tolist(), int(max(fours)) // FOUR
 
 
 def _proves_blocked(contents: Contents, rasters: Sequence[tuple[Raster, Raster]]) -> bool:
