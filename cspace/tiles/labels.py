@@ -139,28 +139,28 @@ class Joined:
 
     def _pairs(self, kind: int) -> tuple[Ints, Ints]:
         """First node of each tile, and pairs of nodes that are one component; the last nodes are outside the map."""
-        store, faces = self.store, faces_of(self.store.grid.dim)
-        counts = [max(int(face.max(initial=-1)) for face in self.labels(index, kind)) + 1 for index in store]
-        first = np.concatenate([[0], np.cumsum(counts)])
-        outside, joined = first[-1] + np.arange(len(self._slice_of)), [np.empty((0, 2), dtype=np.int64)]
-        for index in store:
-            own, begin = self.labels(index, kind), first[self.number(index)]
+        store, faces, first = self.store, faces_of(self.store.grid.dim), np.zeros(len(self.store) + 1, dtype=np.int64)
+        joined, beyond, turns = [np.empty((0, 2), dtype=np.int64)], list[Ints](), np.arange(len(self._slice_of))
+        for number, index in enumerate(store):
+            own, begin = self.labels(index, kind), first[number]
+            first[number + 1] = begin + max(int(face.max(initial=-1)) for face in own) + 1
             for (across, far), labels in zip(faces, own, strict=True):
                 beside = [n + (1 if far else -1) * (axis == across) for axis, n in enumerate(index)]
                 if not 0 <= beside[across] < store.counts[across]:
-                    turns = np.broadcast_to(outside.reshape(-1, *(1,) * (labels.ndim - 1)), labels.shape)
-                    touch = (labels >= 0) & self._open.reshape(-1, *(1,) * (labels.ndim - 1))
                     if kind == OPEN_ONES:
-                        joined.append(_unique(labels[touch] + begin, turns[touch]))
-                elif far:
-                    other = self.labels(tuple(beside), kind)[2 * across]
+                        along = np.broadcast_to(turns.reshape(-1, *(1,) * (labels.ndim - 1)), labels.shape)
+                        touch = (labels >= 0) & self._open[along]
+                        beyond.append(_unique(labels[touch] + begin, along[touch]))
+                elif not far:
+                    other = self.labels(tuple(beside), kind)[2 * across + 1]
                     touch = (labels >= 0) & (other >= 0)
-                    joined.append(_unique(labels[touch] + begin, other[touch] + first[self.number(tuple(beside))]))
-        if kind == OPEN_ONES and len(outside) > 1:
-            near = self.store.rotations.neighbors
+                    joined.append(_unique(other[touch] + first[self.number(tuple(beside))], labels[touch] + begin))
+        joined += [np.add(pairs, (0, first[-1])) for pairs in beyond]
+        if kind == OPEN_ONES and len(turns) > 1:
+            near = store.rotations.neighbors
             one, other = np.nonzero(near >= 0)[0], near[near >= 0].astype(np.int64)
             both = self._open[one] & self._open[other]
-            joined.append(_unique(outside[one[both]], outside[other[both]]))
+            joined.append(first[-1] + _unique(one[both], other[both]))
         return first, np.concatenate(joined)
 
     def nodes_of(self, cells: Ints, kind: int) -> Ints:

@@ -258,8 +258,11 @@ class Store:
             raise unusable(self.path, f"its file {file!r} is missing")
         if digest is not None and digest_of_bytes(content) != digest:
             raise unusable(self.path, f"its file {file!r} differs from its digest")
+        return self._decoded(name, index, content)
+
+    def _decoded(self, name: str, index: Sequence[int], content: bytes) -> NDArray[Any]:
         shape, dtype, _ = self._chunk(name)
-        with decoding_map(self.path / file):
+        with decoding_map(self.path / _name(name, index)):
             return np.frombuffer(_codec(name).decode(content), dtype=dtype).reshape(shape)
 
     def optional(self, name: str, index: Sequence[int]) -> NDArray[Any] | None:
@@ -282,9 +285,13 @@ class Store:
         if name == "record":
             return shapes[name], np.dtype("<i8"), -1
         if name.startswith("labels"):
-            width = json.loads((self.path / name / ROOT).read_bytes())["shape"][-1]
-            return (*(1,) * self.grid.dim, width), np.dtype("<i4"), -1
+            return (*(1,) * self.grid.dim, self._label_width), np.dtype("<i4"), -1
         return shapes.get(name, self.tile), np.dtype(stored()[name].dtype), stored()[name].lost
+
+    @cached_property
+    def _label_width(self) -> int:
+        """Numbers in a chunk of labels."""
+        return int(json.loads((self.path / "labels_0" / ROOT).read_bytes())["shape"][-1])
 
     # ---- tiles -------------------------------------------------------------------------------------------------------
 
@@ -294,9 +301,10 @@ class Store:
 
     def record(self, index: Index) -> Record | None:
         """What is known of a tile that is done; None of one that is not."""
-        if self._content(_name("record", (*index, 0))) is None:
+        content = self._content(_name("record", (*index, 0)))
+        if content is None:
             return None
-        row = self.read("record", (*index, 0), None).reshape(-1)
+        row = self._decoded("record", (*index, 0), content).reshape(-1)
         counts, box, digests = np.split(row, [3 * self.slices, 3 * self.slices + 2 * self.grid.dim])
         parts = [part.tobytes() for part in digests.reshape(-1, _DIGEST)]
         return Record(counts.reshape(-1, 3), box.reshape(2, -1), tuple(parts))
