@@ -10,6 +10,7 @@ import shlex
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from PIL import Image
 import cspace
 from commands import run
 from cspace.demo import write_inputs
-from cspace.plot import animate
+from cspace.plot import animate, save_plot
 
 ROOT = Path(cspace.__file__).parents[1]
 BLOCK = re.compile(r"^```(python|console)\n(.*?)^```", re.DOTALL | re.MULTILINE)
@@ -52,9 +53,10 @@ def write_files(folder: Path) -> None:
 
 @pytest.mark.parametrize("page", WITH_CODE)
 def test_the_code_of_a_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Blocks of Python share their names, and blocks of commands the folder. Pictures that move are short ones."""
+    """Blocks of Python share their names, and blocks of commands the folder. Pictures are small, and short ones."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("cspace.plot.animate", partial(animate, seconds=0.5))
+    monkeypatch.setattr("cspace.plot.save_plot", save_small)
     write_files(tmp_path)
     names: dict[str, object] = {"__name__": "page"}
     for kind, text in PAGES[page]:
@@ -64,6 +66,10 @@ def test_the_code_of_a_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.
         for line in re.sub(r"\\\n", "", text).splitlines():
             for command in line.removeprefix("$ ").split(" && ") if line.startswith("$ ") else []:
                 call(command, monkeypatch)
+
+
+def save_small(*arguments: Any, **options: Any) -> Path:
+    return save_plot(*arguments, **options | {"dpi": 30.0})
 
 
 def call(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
