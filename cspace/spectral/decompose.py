@@ -266,13 +266,15 @@ class Cells(NamedTuple):
     """The cells; compiled functions take them as they are.
 
     ``times`` (nx, ny, nz) is how many of the chosen balls hold a cell, or -1 for cells that do not matter, and ``sums``
-    (nx, ny, nz + 1) how many cells of its row that none holds come before it. ``rows`` (nx * ny, 4) is room for the
-    rows of cells that a ball holds: i, j, and the first k and the one after the last; and ``squares`` (nx * ny,) for
-    the part of the squared distance that the first two axes make up.
+    (nx, ny, nz + 1) how many cells of its row that none holds come before it; ``opens`` (nx, ny) is how many of these
+    there are in a row. ``rows`` (nx * ny, 4) is room for the rows of cells that a ball holds: i, j, and the first k and
+    the one after the last; and ``squares`` (nx * ny,) for the part of the squared distance that the first two axes make
+    up.
     """
 
     times: NDArray[np.int32]
     sums: NDArray[np.int32]
+    opens: NDArray[np.int32]
     half: Floats
     rows: Ints
     squares: Floats
@@ -291,7 +293,8 @@ class Cover:
         times[lattice.cells] = 0 if whole else np.where(lattice.depths > 0.0, 0, -1)
         sums = np.cumsum(np.pad(times == 0, ((0, 0), (0, 0), (1, 0))), axis=2, dtype=np.int32)
         rows, half = math.prod(times.shape[:2]), lattice.half if whole else np.zeros(3)
-        self._cells = Cells(times, sums, half, np.empty((rows, 4), dtype=np.int64), np.empty(rows))
+        opens = np.ascontiguousarray(sums[:, :, -1])
+        self._cells = Cells(times, sums, opens, half, np.empty((rows, 4), dtype=np.int64), np.empty(rows))
 
     @property
     def open_cells(self) -> Floats:
@@ -303,7 +306,7 @@ class Cover:
         lattice, dim = self._lattice, self._lattice.region.dim
         large = np.maximum(balls.reaches, 0.0) + 0.5 * lattice.diagonal
         bounds = np.minimum(VOLUME[dim] * large**dim, float(len(lattice.middles)))
-        chosen, left = np.empty(min(most, len(bounds)), dtype=np.int64), int(self._cells.sums[:, :, -1].sum())
+        chosen, left = np.empty(min(most, len(bounds)), dtype=np.int64), int(self._cells.opens.sum())
         return chosen[: choose(self._cells, balls.centers, balls.reaches, bounds, left, chosen)]
 
     def trim(self, balls: Balls) -> Floats:
@@ -364,15 +367,29 @@ def _add(cells: Cells, rows: int, step: int) -> None:
                 times[i, j, k] += step
         for k in range(first, times.shape[2]):
             sums[i, j, k + 1] = sums[i, j, k] + (times[i, j, k] == 0)
+        cells.opens[i, j] = sums[i, j, times.shape[2]]
 
 
 @inner
-def _gain(cells: Cells, rows: int) -> int:
-    """How many cells a ball, whose rows were found, holds that none holds so far."""
+def _gain(cells: Cells, center: Floats, reach: float) -> int:
+    """How many cells a ball holds that none holds so far; quick where few are left, in the rows of :func:`_find_rows`."""
+    nx, ny, nz = cells.times.shape
+    half = cells.half
+    r = reach - EPS
     gain = 0
-    for n in range(rows):
-        i, j, first, stop = cells.rows[n]
-        gain += cells.sums[i, j, stop] - cells.sums[i, j, first]
+    for i in range(*_span(center[0], r - half[0], nx)):
+        x = (abs(i + 0.5 - center[0]) + half[0]) ** 2
+        if x > r * r:
+            continue
+        for j in range(*_span(center[1], math.sqrt(r * r - x) - half[1], ny)):
+            if cells.opens[i, j] == 0:
+                continue
+            xy = x + (abs(j + 0.5 - center[1]) + half[1]) ** 2
+            if xy > r * r:
+                continue
+            first, stop = _span(center[2], math.sqrt(r * r - xy) - half[2], nz)
+            if first < stop:
+                gain += cells.sums[i, j, stop] - cells.sums[i, j, first]
     return gain
 
 
@@ -388,15 +405,14 @@ def choose(cells: Cells, centers: Floats, reaches: Floats, bounds: Floats, left:
     heapq.heapify(queue)
     while len(queue) > 0 and count < len(chosen) and left > 0:
         _, n = heapq.heappop(queue)
-        rows = _find_rows(cells, centers[n], reaches[n])
-        gain = _gain(cells, rows)
+        gain = _gain(cells, centers[n], reaches[n])
         if gain == 0:
             continue
         # The gain is up to date; if it no longer leads, the ball waits with it.
         if len(queue) > 0 and gain < -queue[0][0]:
             heapq.heappush(queue, (-float(gain), n))
             continue
-        _add(cells, rows, 1)
+        _add(cells, _find_rows(cells, centers[n], reaches[n]), 1)
         chosen[count] = n
         count += 1
         left -= gain
@@ -438,9 +454,8 @@ def polish(
     for turn in range(ROUNDS):
         moved = False
         for n in range(len(centers)):
-            rows = _find_rows(cells, centers[n], radii[n])
-            _add(cells, rows, -1)
-            best = _gain(cells, rows)
+            _add(cells, _find_rows(cells, centers[n], radii[n]), -1)
+            best = _gain(cells, centers[n], radii[n])
             step = 2.0 / (1 << turn)
             for _ in range(4):
                 better = False
@@ -456,7 +471,7 @@ def polish(
                     radius = (distance(tree, place, 2.0 * side * (radii[n] + step))[0] - slack) / side
                     if radius <= 0.0:
                         continue
-                    gain = _gain(cells, _find_rows(cells, trial, radius))
+                    gain = _gain(cells, trial, radius)
                     if gain > best or (gain == best and radius > radii[n]):
                         better = moved = True
                         best = gain
