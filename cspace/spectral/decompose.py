@@ -372,7 +372,7 @@ def _add(cells: Cells, rows: int, step: int) -> None:
 
 @inner
 def _gain(cells: Cells, center: Floats, reach: float) -> int:
-    """How many cells a ball holds that none holds so far; quick where few are left, in the rows of :func:`_find_rows`."""
+    """How many cells a ball holds that none holds so far; quick in rows of which few are left."""
     nx, ny, nz = cells.times.shape
     half = cells.half
     r = reach - EPS

@@ -347,9 +347,14 @@ class FourierOverlap:
         self._a = a
         # By so much rounding may move a placement at which there can be any overlap.
         self._far = ROUNDING * (float(np.abs(self.domain).max()) + a.span + self._b.span)
-        spectrum = Spectrum.of(a, self._pivot, self._rings, self._accuracy, self._norms[0])
-        self._terms = Terms.of(spectrum, self._spectrum_b, self._rings, self._far)
-        self.__dict__.pop("_slopes", None)
+        for made in ("_terms", "_slopes"):
+            self.__dict__.pop(made, None)
+
+    @cached_property
+    def _terms(self) -> Terms:
+        """The terms of the overlap, made when they are asked for."""
+        spectrum = Spectrum.of(self._a, self._pivot, self._rings, self._accuracy, self._norms[0])
+        return Terms.of(spectrum, self._spectrum_b, self._rings, self._far)
 
     @cached_property
     def _slopes(self) -> list[Terms]:
