@@ -23,20 +23,19 @@ ANGLE_SLACK: Final = 1e-9
 """Rounding allowance in radians: rotation cells count as that much wider on both sides."""
 
 
-def wrapped(angle: Floats) -> Floats:
-    """Angles in [-pi, pi); what is there already is unchanged, to the last bit."""
-    turned = (angle + math.pi) % TURN - math.pi
-    turned = np.where(turned >= math.pi, -math.pi, turned)
-    return np.where((angle >= -math.pi) & (angle < math.pi), angle, turned)
-
-
-def shorter(steps: Floats, endless: ArrayLike) -> Floats:
+def shorter(steps: Floats, endless: ArrayLike = True) -> Floats:
     """Steps, shape (..., dof), without whole turns of the numbers that are angles without an end: the shorter way.
 
     It is what :func:`math.remainder` gives, to the last bit, so that also half a turn is gone the same way everywhere.
     """
     rest = np.fmod(steps, 2.0 * TURN)  # exact, as is what follows
     return np.where(endless, rest - TURN * np.rint(rest / TURN), steps)
+
+
+def wrapped(angles: Floats, endless: ArrayLike = True) -> Floats:
+    """The same, with half a turn as -pi: in [-pi, pi). What is there already is unchanged."""
+    near = shorter(angles, endless)
+    return np.where(np.logical_and(endless, near >= math.pi), -math.pi, near)
 
 
 def beside(angle: Floats, other: Floats) -> Floats:

@@ -16,7 +16,7 @@ from cspace.grid import Grid
 from cspace.map.batches import Kernel, Many, One, Query, answer, as_points, in_pieces
 from cspace.robot import Robot
 from cspace.rotations import Rotations
-from cspace.states import FREE
+from cspace.states import FREE, MIXED
 from cspace.threads import LEAST
 
 if TYPE_CHECKING:
@@ -38,9 +38,6 @@ class Joined(Protocol):
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
         """Numbers of the components of FREE cells, or of all that are not BLOCKED; -1 where there is none."""
-
-    def disconnected(self, cells: Ints) -> bool:
-        """Whether it takes but little to prove that no path joins two cells, shape (2, 1 + d)."""
 
 
 class ConfigurationMap(ConfigurationSpace):
@@ -131,22 +128,23 @@ class ConfigurationMap(ConfigurationSpace):
             self.checked(q0, "q0"), self.checked(q1, "q1")  # one of them raises
         cells, count = self._cells_of(both), endpoints[0].size // self.dof
 
-        def same(components: Ints) -> Bools:
-            halves = components[:count], components[count:]
-            one, other = (half.reshape(points.shape[:-1]) for half, points in zip(halves, endpoints, strict=True))
-            return np.asarray((one == other) & (one != -1))
+        def pairs(values: NDArray[Any]) -> list[NDArray[Any]]:
+            halves = values[:count], values[count:]
+            return [half.reshape(points.shape[:-1]) for half, points in zip(halves, endpoints, strict=True)]
 
-        def joined(mixed: bool, known: Bools) -> Bools:
-            """The pairs that cells of a kind join, among them those known; nothing is read where no others can be."""
-            of_kind = states <= mixed
-            if (same(np.where(of_kind, 0, -1)) == known).all():
-                return known
-            if mixed and len(cells) == 2 and self._components.disconnected(cells):
-                return known
-            return same(np.where(of_kind, self._components.of(cells, mixed), -1))
+        def joined(among: Bools, mixed: bool) -> Bools:
+            """Those of some pairs that cells of a kind join; nothing is read where there are none."""
+            if not among.any():
+                return among
+            one, other = pairs(self._components.of(cells, mixed))
+            return np.asarray(among & (one == other) & (one != -1))
 
-        free = joined(mixed=False, known=same(np.full(len(cells), -1)))
-        passable = joined(mixed=True, known=free)
+        highest = np.maximum(*pairs(states))
+        passable = np.asarray(highest <= MIXED)
+        if count == 1 and len(cells) == 2 and passable.all() and self._seem_apart(cells):
+            passable = joined(passable, mixed=True)
+        free = joined(passable & (highest == FREE), mixed=False)
+        passable = free | joined(passable & ~free, mixed=True)
         answers: NDArray[np.object_] = _ANSWERS[np.where(passable, free, 2), ...]
         return answers if answers.ndim else answers[()]
 
@@ -227,6 +225,10 @@ class ConfigurationMap(ConfigurationSpace):
     @abstractmethod
     def _components(self) -> Joined:
         """Components of cells, joined side to side."""
+
+    def _seem_apart(self, cells: Ints) -> bool:
+        """Whether to ask first what MIXED cells join, for two cells, shape (2, 1 + d): most likely no path does."""
+        return False
 
     @abstractmethod
     def _at_one_moment(self, work: Callable[[], Result]) -> Result:

@@ -8,7 +8,6 @@ are those of the cells of one turn, joined across the seams.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -18,11 +17,12 @@ import numpy as np
 import scipy  # its parts are read when they are first used
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.angles import MAX_JOINT_ANGLE, shorter
+from cspace.angles import MAX_JOINT_ANGLE, shorter, wrapped
 from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.map.batches import Kernel, Query, as_points, in_pieces
+from cspace.map.components import Components
 from cspace.map.contents import Contents
 from cspace.map.derived import Derived
 from cspace.memory import check_memory
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace.exact.boundaries import Problem
-    from cspace.map.components import Components
     from cspace.map.mip import Marks
     from cspace.map.record import Map
     from cspace.map.storage import Stack
@@ -75,64 +74,48 @@ class Circles(OneRotation):
         if far.any():
             fault, rule = f"has an angle of {q[far][0]:g} rad", f"at most {MAX_JOINT_ANGLE:.0f} are wrapped exactly"
             raise InputError(name, fault, rule, "leave out whole turns", value=float(q[far][0]))
-        near = shorter(q, self.endless)
-        return np.where(self.endless & (near >= math.pi), -math.pi, near)
+        return wrapped(q, self.endless)
 
     def steps(self, q0: Floats, q1: Floats) -> Floats:
         """What leads from configurations to others, turning the shorter way; half a turn as it is given."""
         return shorter(q1 - q0, self.endless)
 
 
-class Seam:
-    """Components of a map's cells, joined across the seams.
+class Seam(Components):
+    """Components of a map's cells, joined across the seams of the axes that close in a circle."""
 
-    Parameters
-    ----------
-    within : Components
-        Of the cells of one turn.
-    shape : tuple of int
-        Number of cells along each axis.
-    endless : sequence of bool
-        The axes that close in a circle.
-    """
-
-    def __init__(self, within: Components, shape: tuple[int, ...], endless: Sequence[bool]) -> None:
-        self._within = within
-        sides = []
+    def __init__(
+        self, states: Stack, slice_of: Ints, neighbors: Ints, rim_is_open: Bools, endless: Sequence[bool]
+    ) -> None:
+        super().__init__(states, slice_of, neighbors, rim_is_open)
+        sides, shape = [], states.shape[1:]
         for axis in np.flatnonzero(endless).tolist():
             first = np.indices((*shape[:axis], 1, *shape[axis + 1 :])).reshape(len(shape), -1).T
             sides.append((first, first + (shape[axis] - 1) * np.eye(len(shape), dtype=np.int64)[axis]))
         first, last = (np.concatenate(each) for each in zip(*sides, strict=True))
         # Rotation cells are the one that there is.
         self._pairs = np.insert(np.stack([last, first]), 0, 0, axis=2)
-        self._joined: dict[bool, tuple[Ints, Ints]] = {}
+        self._met: dict[bool, tuple[Ints, Ints]] = {}
 
     def renew(self, boxes: Ints) -> None:
-        """As :meth:`cspace.map.components.Components.renew`."""
-        self._within.renew(boxes)
-        self._joined.clear()
+        super().renew(boxes)
+        self._met.clear()
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
-        """As :meth:`cspace.map.components.Components.of`."""
-        if mixed not in self._joined:
-            self._joined[mixed] = _joined(self._within.of(self._pairs, mixed))
-        return _replaced(self._within.of(cells, mixed), *self._joined[mixed])
-
-    def disconnected(self, cells: Ints) -> bool:
-        """As :meth:`cspace.map.components.Components.disconnected`, for which seams are outside of all windows."""
-        return self._within.disconnected(cells)
+        if mixed not in self._met:
+            self._met[mixed] = _met(super().of(self._pairs, mixed))
+        return _replaced(super().of(cells, mixed), *self._met[mixed])
 
     def box(self, cell: Ints) -> Ints:
-        """As :meth:`cspace.map.components.Components.box`, around all parts of a component."""
         number = self.of(cell)
         flat = self._pairs.reshape(-1, self._pairs.shape[-1])
-        one_each = np.unique(self._within.of(self._pairs), return_index=True)[1]
+        one_each = np.unique(super().of(self._pairs), return_index=True)[1]
         ours = [each for each in flat[one_each] if self.of(each) == number]
-        boxes = np.stack([self._within.box(each) for each in (cell, *ours)])
+        boxes = np.stack([super(Seam, self).box(each) for each in (cell, *ours)])
         return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
 
-def _joined(numbers: Ints) -> tuple[Ints, Ints]:
+def _met(numbers: Ints) -> tuple[Ints, Ints]:
     """Components, shape (2, n), that meet across seams: those that do, ascending, and the lowest one of each class."""
     names, pairs = np.unique(numbers[:, (numbers >= 0).all(axis=0)], return_inverse=True)
     pairs = pairs.reshape(2, -1)
@@ -255,8 +238,8 @@ class EndlessCSpace(CSpace):
 
     # ---- joined ------------------------------------------------------------------------------------------------------
 
-    def _components_of(self, states: Stack, rim_is_open: Bools | None = None) -> Seam:  # type: ignore[override]  # with the same methods
-        return Seam(super()._components_of(states, rim_is_open), self.grid.shape, self.endless)
+    def _components_of(self, states: Stack, rim_is_open: Bools) -> Components:
+        return Seam(states, self._slice_of, self.rotations.neighbors, rim_is_open, self.endless)
 
     def _free_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """As of other maps; it begins at q0, and ends at q1 but for whole turns."""

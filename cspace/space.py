@@ -579,7 +579,8 @@ class CSpace(ConfigurationMap):
                 widest = self._widest.get(partial(widest.renewed, own, self._seen))
         until = time.perf_counter() + seconds
         both = endpoints, self._cells_of(endpoints)
-        path = widest_path(widest, own, self.grid, both, self._components_of, straight, until)
+        join = partial(self._components_of, rim_is_open=np.zeros(len(self._seen), dtype=np.bool_))
+        path = widest_path(widest, own, self.grid, both, join, straight, until)
         return path if len(path) and self.certify_path(path).all() else path[:0]
 
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
@@ -1070,12 +1071,14 @@ class CSpace(ConfigurationMap):
 
         return self._derived_components.get(make)
 
-    def _components_of(self, states: Stack, rim_is_open: Bools | None = None) -> Components:
-        """The components of states, and of what surrounds some slices."""
+    def _components_of(self, states: Stack, rim_is_open: Bools) -> Components:
+        """The components of states, and of what surrounds each slice."""
         from cspace.map.components import Components
 
-        rim_is_open = np.zeros(len(states), dtype=np.bool_) if rim_is_open is None else rim_is_open
         return Components(states, self._slice_of, self.rotations.neighbors, rim_is_open)
+
+    def _seem_apart(self, cells: Ints) -> bool:
+        return self._components.seem_apart(cells)
 
     @property
     def marks(self) -> Marks:

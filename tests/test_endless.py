@@ -4,6 +4,7 @@ import copy
 import itertools
 import math
 import pickle
+from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -104,7 +105,7 @@ def test_paths_lead_across_the_seam(data: st.DataObject, endless: tuple[bool, ..
     for one, other in itertools.pairwise(range(len(q))):
         same = free[at[one]] >= 0 and free[at[one]] == free[at[other]]
         apart = passable[at[one]] < 0 or passable[at[one]] != passable[at[other]]
-        with mock.patch.dict(SHIFTS, {2: (0, 2, 2), 3: (1, 1, 1)}), mock.patch("cspace.map.components.WINDOWS", 1e-6):
+        with mock.patch.dict(SHIFTS, {2: (0, 2, 2), 3: (1, 1, 1)}):
             assert space.path_exists(q[one], q[other]) is (True if same else False if apart else None)
         if (
             states[at[one]] == FREE
@@ -287,7 +288,8 @@ def test_the_widest_path_leads_across_the_seam(data: st.DataObject, endless: tup
                 np.testing.assert_allclose(more, np.rint(more) * endless, atol=1e-9)
                 assert space.certify_path(each).all()
             both = np.append(0, start), np.append(0, goal)
-            assert search.bottleneck(*both, space._components_of, math.inf) == best
+            join = partial(space._components_of, rim_is_open=np.zeros(1, dtype=bool))
+            assert search.bottleneck(*both, join, math.inf) == best
             steps = np.diff(search.shortest(*both, int(best), math.inf)[:, 1:].T)
             shape = np.array(states.shape)[:, np.newaxis]
             steps -= shape * np.rint(steps / shape).astype(int) * np.array(endless)[:, np.newaxis]

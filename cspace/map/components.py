@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import reduce
 from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Ints, Words
 from cspace.compiling import inner, reader
-from cspace.map.storage import Cells, Stack, bits_from, cells_of, expect, ones_in, row_in, state_in, window_of
+from cspace.map.storage import Cells, Stack, bits_from, cells_of, expect, ones_in, read_only, row_in, state_in
 from cspace.raster.components import unite
 from cspace.threads import cores, in_threads
 
@@ -50,9 +51,8 @@ AHEAD: Final = 12
 FEW: Final = 16
 """Blocks that are looked at first for the box around a component."""
 
-WINDOWS: Final = 8
-"""Part of the map, its reciprocal, that windows may take, all of them together, before MIXED cells are joined all over
-the map."""
+HINTS: Final = 8
+"""Slices that hint at whether a path joins two cells, where there are at least twice as many."""
 
 _ONE, _LAST = np.uint64(1), np.uint64(63)
 
@@ -469,7 +469,7 @@ def look_into(joined: Joined, cells: Ints, places: Nodes, labels: Labels, compon
 
 
 class Components:
-    """The components of a map: of its FREE cells, and of those that are not BLOCKED. They are made at need.
+    """The components of a map: of its FREE cells, and of those that are not BLOCKED. Either are made at need.
 
     What lies outside the grid is a layer of cells beyond its last ones and before its first ones, which are the same;
     none of it is FREE.
@@ -484,15 +484,14 @@ class Components:
     """
 
     def __init__(self, states: Stack, slice_of: Ints, neighbors: Ints, rim_is_open: Bools) -> None:
-        turns, shut = Turns.of(slice_of, neighbors, len(states)), np.zeros(len(states), dtype=np.bool_)
-        self._states, self._turns, self._left = states, turns, states.size // WINDOWS
-        self._free = OneKind(states, turns, False, shut)
-        self._passable = OneKind(states, turns, True, np.asarray(rim_is_open, dtype=np.bool_))
+        self._states, self._turns = states, Turns.of(slice_of, neighbors, len(states))
+        self._rims = np.zeros(len(states), dtype=np.bool_), np.asarray(rim_is_open, dtype=np.bool_)
+        self._kinds: dict[bool, OneKind] = {}
 
     def renew(self, boxes: Ints) -> None:
         """Note which cells have changed: those of a box for each slice, shape (slices, 6)."""
-        self._free.renew(boxes)
-        self._passable.renew(boxes)
+        for kind in self._kinds.values():
+            kind.renew(boxes)
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
         """Numbers of the components of FREE cells, or also MIXED ones, that cells belong to; or -1.
@@ -501,30 +500,31 @@ class Components:
         ``(rotation, x, y)`` or ``(rotation, x, y, z)``, shape (..., 1 + d). One outside the grid counts as MIXED where
         any of them is not BLOCKED. The numbers hold until the next change.
         """
-        if mixed:
-            self._left = 0
-        return (self._passable if mixed else self._free).of(cells)
+        return self._kind(mixed).of(cells)
 
-    def disconnected(self, cells: Ints) -> bool:
-        """Whether a look at a window around one of two cells, shape (2, 1 + d), proves that no path joins them.
+    def seem_apart(self, cells: Ints) -> bool:
+        """Whether to ask first what MIXED cells join, for two cells, shape (2, 1 + d): most likely no path does.
 
-        The window has the smaller one of their components of FREE cells, and the blocks around it. MIXED cells are
-        joined in it, and all that is outside counts as open. It is for the first calls: where windows have taken their
-        part of the map, or MIXED cells are joined already, nothing is looked at.
+        A few slices, laid upon each other, tell it. Where components of one kind alone are made, they are asked first.
         """
-        window = self._free.window(cells) if self._left > 0 else None
-        size = 0 if window is None else math.prod((window[1] - window[0]).tolist()) * len(self._states)
-        if window is None or size > self._left:
-            return False
-        self._left -= size
-        states = window_of(self._states, tuple(map(slice, *window.tolist())))
-        cells = cells - np.append(0, window[0])
-        one, other = OneKind(states, self._turns, True, np.ones(len(states), dtype=np.bool_)).of(cells)
-        return bool(one != other)
+        slices = len(self._states)
+        if self._kinds or slices < 2 * HINTS:
+            return list(self._kinds) == [True]
+        states = read_only(reduce(np.minimum, (self._states[k] for k in range(0, slices, slices // HINTS))))
+        alone = Turns.of(np.zeros(1, dtype=np.int64), np.empty((1, 0), dtype=np.int64), 1)
+        cells = cells.copy()
+        cells[:, 0] = 0
+        one, other = OneKind(states[None], alone, True, np.array([self._rims[True].any()])).of(cells).tolist()
+        return bool(-1 != one != other != -1)
 
     def box(self, cell: Ints) -> Ints:
         """First and last cell, shape (2, d), of the box around the component of a FREE cell, shape (1 + d,)."""
-        return self._free.box(cell)
+        return self._kind(mixed=False).box(cell)
+
+    def _kind(self, mixed: bool) -> OneKind:
+        if mixed not in self._kinds:
+            self._kinds[mixed] = OneKind(self._states, self._turns, mixed, self._rims[mixed])
+        return self._kinds[mixed]
 
 
 class OneKind:
@@ -580,21 +580,6 @@ class OneKind:
         if number not in self._boxes:
             self._boxes[number] = self._around(number)
         return self._boxes[number]
-
-    def window(self, cells: Ints) -> Ints | None:
-        """First cell, and that after the last, shape (2, d), of a window around the smallest component of some cells.
-
-        It has all blocks of the component, and those beside them. None where no cell, shape (n, 1 + d), has one.
-        """
-        numbers, roots = self.of(cells), self._join().roots
-        sizes = {number: np.count_nonzero(roots == number) for number in numbers[numbers >= 0].tolist()}
-        if not sizes:
-            return None
-        corners = self._corners(self._members(min(sizes, key=sizes.__getitem__))[1])
-        side = 1 << np.array(self._blocks.shifts)
-        low = np.maximum(corners.min(axis=1) - side, 0)
-        high = np.minimum(corners.max(axis=1) + 2 * side, self._blocks.grid[1:])
-        return np.stack([low, high])[:, 3 - self._dim :]
 
     def _members(self, number: int) -> tuple[Bools, Ints]:
         """Which components of blocks, of all slices, belong to a component of the map, and the blocks they are in."""

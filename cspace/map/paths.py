@@ -71,14 +71,14 @@ def pulled_straight(points: Floats, dim: int, check: Check, step: float) -> Floa
 
 def _pulled(points: Floats, check: Check) -> Floats:
     """The path from each point that is kept straight to one as far on as strides of doubling length find free."""
-    rows = points.tolist()
-    corners, last = [0], len(rows) - 1
+    corners, last = [0], len(points) - 1
     while corners[-1] < last:
         here = corners[-1]
+        first = points[here].tolist()  # all of them together may be larger than the map
         seen, stride, blocked = here + 1, 2, last + 1
         while seen < last:
             ahead = min(here + stride, last)
-            if not check(*rows[here], *rows[ahead]):
+            if not check(*first, *points[ahead].tolist()):
                 blocked = ahead
                 break
             seen, stride = ahead, 2 * stride
@@ -86,7 +86,7 @@ def _pulled(points: Floats, check: Check) -> Floats:
             middle = (seen + blocked) // 2
             if middle > last:
                 break
-            if check(*rows[here], *rows[middle]):
+            if check(*first, *points[middle].tolist()):
                 seen = middle
             else:
                 blocked = middle

@@ -325,7 +325,10 @@ class PackedStates:
         if isinstance(number, slice):
             return np.stack([self[k] for k in range(len(self))[number]])
         number = range(len(self))[number]  # also from the end, and no further
-        return read_only(self._rows(number, slice(0, self.shape[1])))
+        first, last, begin = self._around(number * self._each, self._each)
+        states = np.empty(4 * (last - first), dtype=np.uint8)
+        unpack(self._packed[first:last], states)
+        return read_only(states[begin : begin + self._each].reshape(self.shape[1:]))
 
     def write(self, number: int, states: Bytes) -> None:
         """Replace the states of a slice; one thread at a time."""
@@ -342,10 +345,6 @@ class PackedStates:
         other = PackedStates(self.shape)
         other._packed[...] = self._packed
         return other
-
-    def window(self, part: tuple[slice, ...]) -> Bytes:
-        """The states of all slices in a part of the grid, a new array."""
-        return np.stack([self._rows(number, part[0])[:, *part[1:]] for number in range(len(self))])
 
     def counts(self) -> Ints:
         """Number of FREE, MIXED and BLOCKED cells of each slice, shape (slices, 3)."""
@@ -369,14 +368,6 @@ class PackedStates:
         check_bytes(self.size)
         return np.stack(list(self)).astype(self.dtype if dtype is None else dtype, copy=False)
 
-    def _rows(self, number: int, rows: slice) -> Bytes:
-        """The states of a part of a slice, from one cell along its first axis to another."""
-        count, each = rows.stop - rows.start, prod(self.shape[2:])
-        first, last, begin = self._around(number * self._each + rows.start * each, count * each)
-        states = np.empty(4 * (last - first), dtype=np.uint8)
-        unpack(self._packed[first:last], states)
-        return states[begin : begin + count * each].reshape(count, *self.shape[2:])
-
     def _around(self, start: int, count: int) -> tuple[int, int, int]:
         """First byte of some cells, the one after their last, and which cell of it is the first of them."""
         return start // 4, -(-(start + count) // 4), start % 4
@@ -399,11 +390,6 @@ def record_of(states: Stack) -> Cells:
 def read_only_of(states: Stack) -> Stack:
     """The states, not to be written; those in two bits never are through what they give."""
     return states if isinstance(states, PackedStates) else read_only(states)
-
-
-def window_of(states: Stack, part: tuple[slice, ...]) -> Bytes:
-    """The states of all slices in a part of the grid."""
-    return states.window(part) if isinstance(states, PackedStates) else states[:, *part]
 
 
 def counts_of(states: Stack) -> Ints:

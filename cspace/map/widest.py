@@ -12,7 +12,7 @@ are left the steepest way up, and the bottleneck is that between the tops; the p
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
 from typing import Final
@@ -25,6 +25,7 @@ from cspace.compiling import jit, reader
 from cspace.grid import Grid
 from cspace.map.callbacks import below_half_a_turn, edge_checker
 from cspace.map.components import Components
+from cspace.map.derived import Lock
 from cspace.map.paths import in_time, pulled_straight, unwound, waypoints
 from cspace.map.record import Map
 from cspace.map.search import Graph, keep_on
@@ -57,6 +58,8 @@ METRES_A_RADIAN: Final = 0.5
 LINES: Final = 64
 """Lines of cells below which a second thread costs more than it saves."""
 
+CACHED: Final = 8
+"""Levels whose components stay, in 1.1 bytes for each cell of a slice."""
 
 NO_WALLS: Final = np.zeros(3, dtype=np.bool_)
 
@@ -78,6 +81,10 @@ class Widest:
         As of :func:`walls_of`.
     noted : list of ndarray of int64, shape (slices, 6)
         Boxes of each slice in which states have changed since.
+    cached : dict of int to Components
+        Those of the levels between which the last bottlenecks were found.
+    lock : Lock
+        Held while these are used.
     """
 
     levels: Levels
@@ -86,7 +93,9 @@ class Widest:
     turns: Floats
     endless: Sequence[bool]
     walls: Bools
-    noted: list[Ints]
+    noted: list[Ints] = field(default_factory=list)
+    cached: dict[int, Components] = field(default_factory=dict)
+    lock: Lock = field(default_factory=Lock)
 
     @classmethod
     def of(cls, map_: Map, states: Iterable[Bytes], rotations: Rotations, endless: Sequence[bool]) -> Widest:
@@ -102,11 +111,13 @@ class Widest:
         middles = np.column_stack([np.zeros((rotations.count, levels.ndim - 1)), rotations.centers])
         turns = np.linalg.norm(rotations.steps(middles[:, None], middles[rotations.neighbors]), axis=-1)
         costs = METRES_A_RADIAN / map_.spacing * turns
-        return cls(levels, map_.slice_of, rotations, costs, endless, walls, [])
+        return cls(levels, map_.slice_of, rotations, costs, endless, walls)
 
     def renew(self, boxes: Ints) -> None:
         """Note the box in which states of each slice have changed, shape (slices, 6)."""
         self.noted.append(boxes)
+        with self.lock:
+            self.cached.clear()
 
     def renewed(self, map_: Map, states: Stack) -> Widest:
         """The same with all changes followed; this one stays as it is, for searches that still use it."""
@@ -125,7 +136,7 @@ class Widest:
                 renew_levels(layered[number], state, boxes[number], walls[number])
 
         in_threads(follow, np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1)).tolist(), cores())
-        return replace(self, levels=levels, walls=walls, noted=[])
+        return replace(self, levels=levels, walls=walls, noted=[], cached={})
 
     def level(self, cell: Sequence[int] | Ints) -> int:
         """Level of a cell, ``(rotation, x, y)`` or ``(rotation, x, y, z)``."""
@@ -155,16 +166,27 @@ class Widest:
 
         TimeoutError is raised from a time on.
         """
-        known, least, most = 0, 1, min(self.level(start), self.level(goal))
-        ask = most
-        while least <= most:
+        known, most = 0, min(self.level(start), self.level(goal))
+        top, asked = most, dict[int, Components]()
+        while known < most:
             keep_on(until)
-            first, last = join(self.states(ask)).of(np.stack([start, goal])).tolist()
+            with self.lock:
+                inside = sorted(level for level in self.cached if known < level <= most)
+                ask = inside[len(inside) // 2] if inside else top if most == top else (known + most + 1) // 2
+                components = self.cached.get(ask) or join(self.states(ask))
+                first, last = components.of(np.stack([start, goal])).tolist()
             if first == last:
-                known, least = ask, ask + 1
+                known = ask
             else:
                 most = ask - 1
-            ask = (least + most) // 2
+            # What has the answer now: others are asked no more.
+            asked = {level: each for level, each in {**asked, ask: components}.items() if level in (known, most + 1)}
+        with self.lock:
+            for level, components in asked.items():
+                self.cached.pop(level, None)
+                self.cached[level] = components
+            for level in list(self.cached)[:-CACHED]:
+                del self.cached[level]
         return known
 
     def shortest(self, start: Ints, goal: Ints, least: int, until: float) -> Ints:

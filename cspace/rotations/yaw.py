@@ -98,8 +98,8 @@ class YawRotations(Rotations):
 
     def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
         yaw = rotation[0] + (2.0 * next(numbers) - 1.0) * angle
-        turned = (yaw + math.pi) % TURN - math.pi
-        return (yaw if -math.pi <= yaw < math.pi else turned if turned < math.pi else -math.pi,)
+        turned = math.remainder(yaw, TURN)
+        return (turned if turned < math.pi else -math.pi,)
 
     def _canonical(self, rotation: Floats, name: str) -> Floats:
         if (np.abs(rotation) > MAX_ANGLE).any():

@@ -195,10 +195,6 @@ class Joined:
         nodes[nodes >= 0] = self.roots[kind][nodes[nodes >= 0]]
         return nodes
 
-    def disconnected(self, cells: Ints) -> bool:
-        """Never: all tiles are labelled by now."""
-        return False
-
     def chain(self, start: Ints, goal: Ints) -> tuple[list[Index], Ints]:
         """The fewest tiles that lead from a cell to another through FREE ones, and where one crosses into the next.
 

@@ -84,7 +84,7 @@ class ArmCanvas(Canvas):
     # ---- configurations ----------------------------------------------------------------------------------------------
 
     def numbers(self, q: Floats) -> tuple[float, ...]:
-        turned = np.where(self._space.endless, wrapped(q), q)
+        turned = wrapped(q, self._space.endless)
         return tuple(np.round(turned * self._scale, 3).tolist())
 
     def of(self, numbers: tuple[float, ...]) -> Floats:

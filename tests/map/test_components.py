@@ -163,43 +163,27 @@ def test_a_door_in_a_wall_across_many_blocks():
         assert tuple(len(np.unique(labels.of(cells, mixed))) for mixed in (False, True)) == expected
 
 
-@settings(max_examples=100)
-@given(seeds, st.sampled_from(KINDS), st.sampled_from(["small", "rows of eight"]))
-def test_windows_prove_what_the_whole_map_does(seed, kind, blocks):
-    """Around the smaller component of FREE cells, also of cells that have none, and of some outside the grid."""
-    dim, slices, turns = kind
-    rng = np.random.default_rng(seed)
-    stack = random_stack(rng, dim, slices)
-    rim, slice_of = rng.random(slices) < 0.5, np.arange(turns) % slices
-    cells = rng.permutation(all_cells(stack, turns))[:40]
-    passable = by_scipy(stack, slice_of, rim, cells)[1]
-    with mock.patch("cspace.map.components.WINDOWS", 1e-6):
-        labels = components(stack, slice_of, rim, blocks)
-    for one, other in itertools.pairwise(range(len(cells))):
-        if labels.disconnected(cells[[one, other]]):
-            assert passable[one] != passable[other] or passable[one] == -1
-
-
-def test_a_window_shows_that_a_room_is_closed():
-    state = np.zeros((4000, 1500), dtype=np.uint8)
-    state[[300, 330], 300:331] = state[300:331, [300, 330]] = BLOCKED
-    state[301:330, [301, 329]] = MIXED
-    cells = np.array([[0, 310, 310], [0, 50, 50]])
-    labels = components(state[None])
-    assert labels.disconnected(cells)
-    assert labels.disconnected(cells[::-1])
-    assert not labels.disconnected(cells[[1, 1]])
-    state[315, 330] = MIXED
-    labels.renew(np.array([[0, 315, 330, 0, 315, 330]]))
-    assert not labels.disconnected(cells)
-    state[315, 330] = BLOCKED
-    labels.renew(np.array([[0, 315, 330, 0, 315, 330]]))
-    asked = [labels.disconnected(cells) for _ in range(20)]
-    assert asked[0]
-    assert not asked[-1]  # so many windows are as much as the map
-    fresh = components(state[None])
-    assert len(np.unique(fresh.of(cells, mixed=True))) == 2
-    assert not fresh.disconnected(cells)  # nothing is looked at that is known already
+def test_a_few_slices_hint_that_a_room_is_closed():
+    stack = np.zeros((16, 40, 30), dtype=np.uint8)
+    stack[:, [10, 20], 10:21] = stack[:, 10:21, [10, 20]] = BLOCKED
+    stack[:, 11:20, [11, 19]] = MIXED
+    cells = np.array([[3, 15, 15], [5, 2, 2]])
+    for outside in ([], [[5, -9, 2]]):
+        for one, other in itertools.product([cells[0], cells[0] - [2, 0, 1]], [cells[1], *np.array(outside)]):
+            labels = components(stack, np.arange(16), rim=True)
+            assert labels.seem_apart(np.array([one, other]))
+            assert labels.seem_apart(np.array([other, one]))
+            assert not labels.seem_apart(np.array([one, one]))
+            assert not labels.seem_apart(np.array([other, other]))
+    assert not components(stack[:15], np.arange(15)).seem_apart(cells)
+    stack[3, 20, 15] = MIXED  # in a slice that is not looked at
+    assert labels.seem_apart(cells)
+    assert len(np.unique(labels.of(cells, mixed=True))) == 1
+    assert labels.seem_apart(cells[[1, 1]])  # what is made is asked first
+    labels.of(cells)
+    assert not labels.seem_apart(cells)
+    stack[4, 20, 15] = MIXED
+    assert not components(stack, np.arange(16)).seem_apart(cells)
 
 
 # ---- as a map answers ------------------------------------------------------------------------------------------------
@@ -222,7 +206,7 @@ def test_paths_against_components_of_a_graph(seed, kind, outside):
     joined, maybe = (np.equal.outer(one, one) & (one >= 0) for one in (free, passable))
     expected = np.where(joined, True, np.where(maybe, None, False))
     assert space.path_exists(q[:, None], q[None]).tolist() == expected.tolist()
-    with mock.patch("cspace.map.components.WINDOWS", 1e-6), mock.patch.dict(SHIFTS, BLOCKS["small"]):
+    with mock.patch("cspace.map.components.HINTS", 1):  # slices hint at it, rightly or wrongly
         for one, other in itertools.pairwise(range(min(len(q), 6))):
             space = handmade.made(states, kind, outside)
             assert space.path_exists(q[one], q[other]) is expected[one, other]

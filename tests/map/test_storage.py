@@ -11,7 +11,7 @@ from cspace import Robot, Workspace, builder, memory
 from cspace.errors import InputError
 from cspace.map import storage
 from cspace.map.chain import open_chain
-from cspace.map.storage import PackedStates, window_of
+from cspace.map.storage import PackedStates
 from cspace.rotations import Rotations
 
 RNG = np.random.default_rng(0)
@@ -66,16 +66,6 @@ def test_slices_are_what_was_written(size):
     np.testing.assert_array_equal(packed[2:5], states[2:5])
     with pytest.raises(IndexError):
         packed[9]
-
-
-@pytest.mark.parametrize("part", [np.s_[2:5, 1:6], np.s_[0:7, 0:3], np.s_[6:7, 6:7], np.s_[1:4, 0:7, 2:3]])
-def test_a_part_of_all_slices(part):
-    states = RNG.integers(0, 3, (5, 7, 7, 3)[: 1 + len(part)], dtype=np.uint8)
-    packed = PackedStates(states.shape)
-    for number, each in enumerate(states):
-        packed.write(number, each)
-    for stack in (states, packed):
-        np.testing.assert_array_equal(window_of(stack, part), states[:, *part])
 
 
 @pytest.mark.parametrize("name", CASES)

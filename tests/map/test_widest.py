@@ -5,6 +5,8 @@ import copy
 import itertools
 import math
 import tracemalloc
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -95,7 +97,9 @@ def test_a_path_is_as_wide_as_any_and_no_longer_than_it_must_be(name: str, seed:
     for start, goal in rng.choice(free, (2, 2)):
         best = widest_of_all(space, start, goal)
         ends = np.array(cells[start]), np.array(cells[goal])
-        level = kept.bottleneck(*ends, space._components_of, math.inf)
+        join = partial(space._components_of, rim_is_open=np.zeros(len(kept.levels), dtype=bool))
+        level = kept.bottleneck(*ends, join, math.inf)
+        assert kept.bottleneck(*ends[::-1], join, math.inf) == level and len(kept.cached) <= widest.CACHED
         assert abs(level / 128 - best) <= 1 / 128 + 1e-6
         path = space.widest_path(points[start], points[goal], straight=False)
         assert (len(path) > 0) == (best > 0.0)
@@ -194,6 +198,16 @@ def test_a_search_that_was_broken_off_leaves_nothing_half_made(
         if len(path):
             break
     assert after > 5 and np.array_equal(path, expected)
+
+
+def test_threads_share_the_components_of_levels() -> None:
+    rng = np.random.default_rng(1)
+    space = build(Workspace.from_array(rng.random((90, 70)) < 0.01, 0.1), Robot.disc(0.1))
+    pairs = space.sample_free(24, rng).reshape(-1, 2, 2)
+    expected = [copy.copy(space).widest_path(*pair) for pair in pairs]
+    with ThreadPoolExecutor(4) as pool:
+        for paths in pool.map(lambda _: [space.widest_path(*pair) for pair in pairs], range(4)):
+            assert all(map(np.array_equal, paths, expected))
 
 
 def test_it_goes_by_the_obstacles_as_they_are_now() -> None:
