@@ -200,13 +200,13 @@ class Passages:
             last = len(layers) == len(cells) - 1
             drawn = end[None] if last else self._free_ones(self._draw(cell, before, layers[-1], rng), rng)
             joined = self._joined(layers[-1], drawn)
-            reached = joined.any(axis=0)
+            reached = joined >= 0
             if not reached.any():
                 for each in (cell, before):
                     closed[tuple(each)] = self.edges.space.classify(self._centers(each)) != FREE
                 return None
             layers.append(drawn[reached])
-            parents.append(joined[:, reached].argmax(axis=0))
+            parents.append(joined[reached])
         path, index = [], 0
         for layer, parent in zip(layers[::-1], parents[::-1], strict=True):
             path.append(layer[index])
@@ -222,13 +222,14 @@ class Passages:
             free = np.concatenate([free, part[np.asarray(self.edges.space.is_free(part, exact=True))]])
         return free[:FREE_DRAWS]
 
-    def _joined(self, firsts: Floats, lasts: Floats) -> Bools:
-        """Which of some configurations exact edges join to which others; none where time is over."""
-        joined = np.zeros((len(firsts), len(lasts)), dtype=np.bool_)
-        for row, first in zip(joined, firsts, strict=True):
-            if self._left() < 0.0:
+    def _joined(self, firsts: Floats, lasts: Floats) -> Ints:
+        """The first of some configurations that exact edges join to each of others; -1 where none, or time is over."""
+        joined = np.full(len(lasts), -1)
+        for number, first in enumerate(firsts):
+            left = np.flatnonzero(joined < 0)
+            if not len(left) or self._left() < 0.0:
                 break
-            row[:] = self.edges.space.motion_is_free(first, lasts, exact=True)
+            joined[left[self.edges.space.motion_is_free(first, lasts[left], exact=True)]] = number
         return joined
 
     def _draw(self, cell: Cells, before: Cells, reached: Floats, rng: np.random.Generator) -> Floats:

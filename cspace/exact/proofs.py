@@ -179,8 +179,9 @@ class BorderProofs:
 
         in_chunks(work, len(q0), THREAD)
         free: Bools = states == FREE
-        for k in np.flatnonzero(states == MIXED).tolist():
-            free[k] = not self._is_nested(q0[k])
+        left = np.flatnonzero(states == MIXED)
+        starts, which = np.unique(q0[left], axis=0, return_inverse=True)  # many edges may begin at one configuration
+        free[left] = ~np.array([self._is_nested(q) for q in starts], dtype=np.bool_)[which.reshape(-1)]
         return free
 
     def excess(self, points: Floats, lengths: Floats, turns: Floats) -> float:
