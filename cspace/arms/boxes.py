@@ -24,7 +24,7 @@ import numpy as np
 from cspace.arms.chain import SLIDES, TURNS, place
 from cspace.arms.proofs import Scene, Solids, Work, excess_of, is_nested, least_of, transformed
 from cspace.arrays import Floats, Ints, Row, States
-from cspace.compiling import inner, jit
+from cspace.compiling import inner, reader
 from cspace.exact import ADVANCE
 from cspace.exact.triangles import box_of
 from cspace.grid import SLACK
@@ -34,7 +34,7 @@ from cspace.raster.winding import turn_above
 from cspace.states import BLOCKED, FREE, MIXED
 from cspace.vectors import cross, dot, minus, row_of
 
-_WAITING: Final = 96
+WAITING: Final = 96
 """Blocks that wait at a time, at most: one for each halving of three axes of 2^31 cells, and some."""
 
 FINER: Final = 4
@@ -116,6 +116,38 @@ class Interiors(NamedTuple):
     firsts: Ints
 
 
+class Rest(NamedTuple):
+    """Blocks of cells whose states are not known yet.
+
+    Attributes
+    ----------
+    blocks : ndarray of int64, shape (WAITING, 6)
+        First cells, and those behind the last, along three axes.
+    waiting : ndarray of int64, shape (WAITING, p)
+        Pairs of solids that are not proven apart all over each.
+    counts : ndarray of int64, shape (WAITING,)
+        Numbers of these.
+    left : ndarray of int64, shape (p,)
+        Room for those of one block.
+    box : Box
+        Room for one; what it holds for all numbers of a configuration that no axis is, stays.
+    """
+
+    blocks: Ints
+    waiting: Ints
+    counts: Ints
+    left: Ints
+    box: Box
+
+
+def rest_of(block: Ints, cells: Cells, pairs: int) -> Rest:
+    """A block, shape (6,), which so many pairs wait for."""
+    blocks, counts = np.empty((WAITING, 6), dtype=np.int64), np.empty(WAITING, dtype=np.int64)
+    waiting, left = np.empty((WAITING, pairs), dtype=np.int64), np.empty(pairs, dtype=np.int64)
+    blocks[0], waiting[0], counts[0] = block, np.arange(pairs), pairs
+    return Rest(blocks, waiting, counts, left, Box(cells.at.copy(), np.zeros(len(cells.at)), 0.0))
+
+
 class Inside(NamedTuple):
     """What proves BLOCKED: the solids from within, and balls that lie in them."""
 
@@ -123,21 +155,13 @@ class Inside(NamedTuple):
     balls: Interiors
 
 
-@jit
-def fill(scene: Scene, inside: Inside, cells: Cells, block: Ints, states: States, work: Work) -> None:
-    """States of a block of cells, given by its first cell and the one behind its last, along three axes, shape (6,)."""
-    pairs = len(scene.pairs)
-    blocks, waiting = np.empty((_WAITING, 6), np.int64), np.empty((_WAITING, pairs), np.int64)
-    counts, left = np.empty(_WAITING, np.int64), np.empty(pairs, np.int64)
-    empty = Box(cells.at.copy(), np.zeros(len(cells.at)), scene.least)
-    counts[0], top = pairs, 1
-    for n in range(6):
-        blocks[0, n] = block[n]
-    for n in range(pairs):
-        waiting[0, n] = n
+@reader
+def fill(scene: Scene, inside: Inside, cells: Cells, rest: Rest, states: States, work: Work) -> None:
+    """States of the cells of a block, the first that waits, which all pairs of solids wait for."""
+    blocks, waiting, counts, left, empty = rest
+    top = 1
     while top > 0:
         top -= 1
-        i, j, k, i1, j1, k1 = blocks[top]
         box = Box(empty.middle, empty.halves, middle_of(cells, scene, blocks[top], empty))
         place(scene.chain, box.middle, box.middle, 0.0, work.poses)
         count = 0
@@ -148,13 +172,13 @@ def fill(scene: Scene, inside: Inside, cells: Cells, block: Ints, states: States
                 left[count] = pair
                 count += 1
         if count == 0:
-            states[i:i1, j:j1, k:k1] = FREE
+            write(states, blocks[top], FREE)
         elif collide(inside, left[:count], box, work):
-            states[i:i1, j:j1, k:k1] = BLOCKED
+            write(states, blocks[top], BLOCKED)
         else:
             axis = longest(cells, blocks[top])
             if axis < 0:
-                states[i:i1, j:j1, k:k1] = MIXED
+                write(states, blocks[top], MIXED)
                 continue
             cut = (blocks[top, axis] + blocks[top, axis + 3]) // 2
             for n in range(6):
@@ -164,6 +188,15 @@ def fill(scene: Scene, inside: Inside, cells: Cells, block: Ints, states: States
                 waiting[top, n] = waiting[top + 1, n] = left[n]
             counts[top] = counts[top + 1] = count
             top += 2
+
+
+@inner
+def write(states: States, block: Ints, state: int) -> None:
+    """Give all cells of a block a state."""
+    for i in range(block[0], block[3]):
+        for j in range(block[1], block[4]):
+            for k in range(block[2], block[5]):
+                states[i, j, k] = state
 
 
 @inner
@@ -344,7 +377,7 @@ def depth(solids: Solids, surface: int, x: float, y: float, z: float) -> float:
     return least if turns != 0 else -least - THIN * (box[3] - box[0] + box[4] - box[1] + box[5] - box[2])
 
 
-@jit
+@reader
 def depths(solids: Solids, surface: int, points: Floats, out: Floats) -> None:
     """How deep points, shape (n, 3), lie in a closed surface."""
     for n in range(len(points)):

@@ -28,7 +28,8 @@ import numpy as np
 
 from cspace.arms.hulls import Flight
 from cspace.arrays import Bools, Floats, Ints, Row
-from cspace.compiling import inner, jit
+from cspace.compiling import inner, reader
+from cspace.map.batches import own
 from cspace.vectors import cross, dot
 
 MOST_BODIES: Final = 64
@@ -178,9 +179,13 @@ def bounds_of(chain: Chain, a: int, b: int, rho: float, q0: Floats, q1: Floats) 
     return far, bent, turned
 
 
-@jit
+@reader
+def _place_at(chain: Chain, q: Floats, poses: Floats) -> None:
+    place(chain, q, q, 0.0, poses)
+
+
 def place_bodies(chain: Chain, q: Floats) -> Floats:
     """Rotation and translation of every body at a configuration, shape (b, 3, 4)."""
     poses = np.empty((len(chain.parents), 3, 6))
-    place(chain, q, q, 0.0, poses)
+    _place_at(chain, own(q), poses)
     return poses[:, :, :4]

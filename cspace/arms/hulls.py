@@ -32,7 +32,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Floats, Ints, Matrix, Row
-from cspace.compiling import inner, jit
+from cspace.compiling import inner, reader
 from cspace.exact.triangles import bounds_of_rows, boxes_of, most
 from cspace.raster.triangles import THIN, point_triangle
 from cspace.vectors import cross, dot, minus
@@ -214,7 +214,7 @@ def _hull_of(points: Floats, volume: float) -> tuple[Floats, float, float, bool]
     return corners, grown, float(-heights.min()), is_whole
 
 
-@jit
+@reader
 def farthest(points: Floats, triangles: Floats) -> float:
     """How far the farthest point is from the nearest one of some triangles, none of which is thin."""
     most = 0.0

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.angles import TURN
-from cspace.arms.boxes import FINER, Cells, Inside, Interiors, depths, fill
+from cspace.arms.boxes import FINER, Cells, Inside, Interiors, depths, fill, rest_of
 from cspace.arms.chain import SLIDES, STILL, TURNS
 from cspace.arms.proofs import Scene, Solids, are_free, work_of
 from cspace.arms.space import ArmSpace
@@ -162,7 +162,7 @@ def build_arm_map(
 
 
 def _fill(scene: Scene, inside: Inside, cells: Cells, block: Ints, states: NDArray[np.uint8]) -> None:
-    fill(scene, inside, cells, block, states, work_of(scene))
+    fill(scene, inside, cells, rest_of(block, cells, len(scene.pairs)), states, work_of(scene))
 
 
 def _held(space: ArmSpace, names: Sequence[str], at: ArrayLike | None) -> Floats:

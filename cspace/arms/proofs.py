@@ -20,7 +20,7 @@ import numpy as np
 from cspace.arms.chain import Chain, bounds_of, flight_of, place
 from cspace.arms.hulls import CACHED, Hulls, least_excess
 from cspace.arrays import Bools, Floats, Ints, Row
-from cspace.compiling import inner, jit
+from cspace.compiling import inner, reader
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.triangles import DEPTH, Trees, crosses, pierces
 from cspace.raster.triangles import point_triangle
@@ -160,7 +160,7 @@ def are_free(scene: Scene, firsts: Floats, lasts: Floats) -> Bools:
     return out
 
 
-@jit
+@reader
 def motions_are_free(scene: Scene, firsts: Floats, lasts: Floats, out: Bools, work: Work) -> None:
     """Whether all configurations of motions are free, shapes (n, dof); one that ends where it starts is a point."""
     for k in range(len(firsts)):
@@ -401,7 +401,7 @@ def half_sides(one: Floats, other: Floats, h: Row) -> Row:
     return half
 
 
-@jit
+@reader
 def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, work: Work) -> None:
     """Lower bounds of the distances of all pairs at configurations, shape (n, dof): below zero where nothing is proven.
 
@@ -422,7 +422,7 @@ def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, work: Wo
                 nearest[k, 0], nearest[k, 1], nearest[k, 2] = n, nodes[0, 0], nodes[0, 1]
 
 
-@jit
+@reader
 def are_blocked(scene: Scene, points: Floats, out: Bools, work: Work) -> None:
     """Whether the borders of a pair of solids cross, or a point of one lies in the other one, by more than rounding."""
     for k in range(len(points)):

@@ -12,7 +12,7 @@ import numpy as np
 
 from cspace.arms.proofs import Scene, Work, motion_is_free, point_is_free, work_of
 from cspace.arrays import Floats, Ints
-from cspace.compiling import inner, jit
+from cspace.compiling import inner, reader
 
 STRIDE: Final = 1.0
 """Longest motion that a tree grows by, radians or metres."""
@@ -80,15 +80,15 @@ def stepped(forest: Forest, scene: Scene, side: int, near: int, q: Floats, work:
     return int(new)
 
 
-@inner(_nrt=True)  # it makes arrays
-def joined_path(scene: Scene, forest: Forest, joined: tuple[int, int], work: Work, straight: bool) -> Floats:
-    """The way from the first tree's root to one of the second's by two nodes where they meet, shape (n, dof).
+@inner
+def join(scene: Scene, forest: Forest, first: int, second: int, work: Work, straight: bool, path: Floats) -> int:
+    """Write the way from the first tree's root to one of the second's by two nodes where they meet; its length.
 
     It leaves out nodes that straight motions do not need, if it may.
     """
-    path, stop = np.empty((forest.counts[0] + forest.counts[1], forest.nodes.shape[2])), 0
+    stop = 0
     for side in range(2):
-        at = joined[side]
+        at = second if side else first
         while at >= 0:
             for d in range(path.shape[1]):
                 path[stop, d] = forest.nodes[side, at, d]
@@ -107,20 +107,20 @@ def joined_path(scene: Scene, forest: Forest, joined: tuple[int, int], work: Wor
         for d in range(path.shape[1]):
             path[rows, d] = path[ahead, d]
         here, rows = ahead, rows + 1
-    return path[:rows]
+    return rows
 
 
-@jit
-def grow(scene: Scene, forest: Forest, samples: Floats, work: Work, straight: bool) -> tuple[int, Floats]:
-    """Grow the smaller tree towards each sample, shape (n, dof): how many were used, and a path.
+@reader
+def grow(scene: Scene, forest: Forest, samples: Floats, work: Work, straight: bool, path: Floats) -> tuple[int, int]:
+    """Grow the smaller tree towards each sample, shape (n, dof): how many were used, and how long a path is.
 
-    The path is empty where the trees have not met by a proven one yet: after so many tries, or where room is scarce.
+    There is none where the trees have not met by a proven one yet: after so many tries, or where room is scarce.
     """
     room, tries = forest.nodes.shape[1], 0
     for k in range(len(samples)):
         side = 0 if forest.counts[0] <= forest.counts[1] else 1
         if tries == SLICE or max(forest.counts[0], forest.counts[1]) + 2 >= room:
-            return k, samples[:0]
+            return k, 0
         near, far = nearest_to(forest, side, samples[k])
         if far > forest.reaches[side, near]:
             continue
@@ -134,8 +134,9 @@ def grow(scene: Scene, forest: Forest, samples: Floats, work: Work, straight: bo
         while at >= 0 and far > 0.0 and forest.counts[other] + 1 < room:
             at, far = stepped(forest, scene, other, at, target, work), far - STRIDE
         if at >= 0 and far <= 0.0:
-            return k + 1, joined_path(scene, forest, (new, at) if side == 0 else (at, new), work, straight)
-    return len(samples), samples[:0]
+            first, second = (new, at) if side == 0 else (at, new)
+            return k + 1, join(scene, forest, first, second, work, straight, path)
+    return len(samples), 0
 
 
 def search_path(
@@ -151,16 +152,18 @@ def search_path(
 
     Samples are uniform within the bounds, after the ends themselves.
     """
-    work, forest, path, end = work_of(scene), _planted(start, goals), np.empty((0, len(start))), math.inf
+    work, forest, length, end = work_of(scene), _planted(start, goals), 0, math.inf
+    path = np.empty(forest.nodes[0].shape)
     samples = np.concatenate([goals[np.argsort(((goals - start) ** 2).sum(axis=1))], start[np.newaxis]])
-    while not len(path) and time.perf_counter() < end:
+    while not length and time.perf_counter() < end:
         if len(samples) < SLICE:
             samples = np.concatenate([samples, rng.uniform(*bounds, (SAMPLES, len(start)))])
-        used, path = grow(scene, forest, samples, work, straight)
+        used, length = grow(scene, forest, samples, work, straight, path)
         samples, end = samples[used:], min(end, time.perf_counter() + seconds)  # what compiles is not within the limit
         if forest.counts.max() + 2 >= forest.nodes.shape[1]:
             forest = _doubled(forest)
-    return path
+            path = np.empty(forest.nodes[0].shape)
+    return path[:length]
 
 
 def _planted(start: Floats, goals: Floats) -> Forest:
