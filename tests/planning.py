@@ -1,7 +1,6 @@
 """Maps to plan on in every space, and what holds of every plan."""
 
 import dataclasses
-import itertools
 import math
 from functools import cache
 from typing import Any
@@ -11,7 +10,7 @@ import pytest
 from ompl import base as ob
 from scipy import ndimage
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 import planners
 from cspace import BLOCKED, FREE, CSpace, Robot, Rotations, Workspace, build
@@ -110,14 +109,23 @@ def usable(space: CSpace, q: np.ndarray) -> np.ndarray:
 
 def edge(space: CSpace, first: np.ndarray, last: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, float]:
     """Configurations at shares of a straight edge, and the radians that the robot turns along it."""
+    points, angles = edges(space, first[None], last[None], shares)
+    return points[0], float(angles[0])
+
+
+def edges(space: CSpace, firsts: np.ndarray, lasts: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same of many edges, shapes (n, shares, dof) and (n,)."""
     dim = space.grid.dim
-    place = first[:dim] + shares[:, None] * (last - first)[:dim]
+    places = firsts[:, None, :dim] + shares[:, None] * (lasts - firsts)[:, None, :dim]
     if "qw" in space.axes:
-        turns = Rotation.from_quat([first[dim:], last[dim:]])
-        turned = Slerp([0.0, 1.0], turns)(shares).as_quat()
-        return np.column_stack([place, turned]), float((turns[0].inv() * turns[1]).magnitude())
-    turn = turn_between(first[dim:], last[dim:])
-    return np.column_stack([place, first[dim:] + shares[:, None] * turn]), float(np.abs(turn).max(initial=0.0))
+        one, other = (Rotation.from_quat(np.array(rows[:, dim:])) for rows in (firsts, lasts))
+        turns = one.inv() * other
+        parts = Rotation.from_rotvec((shares[:, None] * turns.as_rotvec()[:, None]).reshape(-1, 3))
+        turned = Rotation.from_quat(np.repeat(firsts[:, dim:], len(shares), axis=0)) * parts
+        return np.concatenate([places, turned.as_quat().reshape(*places.shape[:2], 4)], axis=-1), turns.magnitude()
+    turn = turn_between(firsts[:, dim:], lasts[:, dim:])
+    turned = firsts[:, None, dim:] + shares[:, None] * turn[:, None]
+    return np.concatenate([places, turned], axis=-1), np.abs(turn).max(axis=-1, initial=0.0)
 
 
 def turn_between(first: Any, second: Any) -> Any:
@@ -125,14 +133,21 @@ def turn_between(first: Any, second: Any) -> Any:
     return (np.asarray(second) - first + math.pi) % (2 * math.pi) - math.pi
 
 
+@cache
+def shut_corners(space: CSpace) -> tuple[np.ndarray, cKDTree]:
+    """Corners of the cells that are not FREE, but beside one that is, and a tree of their middles."""
+    shut = space.state != FREE
+    border = np.argwhere(shut & ~ndimage.binary_erosion(shut, border_value=1)).reshape(-1, space.grid.dim)
+    corners = np.array(space.grid.lower) + space.grid.spacing * border
+    return corners, cKDTree(corners + space.grid.spacing / 2.0)
+
+
 def least_distance(space: CSpace, points: np.ndarray) -> float:
     """Distance of the nearest of some points in the grid to a cell beside a FREE one that is not, or to the outside."""
-    lower, upper = np.array(space.grid.lower), np.array(space.grid.upper)
-    shut = space.state != FREE
-    corners = lower + space.grid.spacing * np.argwhere(shut & ~ndimage.binary_erosion(shut, border_value=1))
+    lower, upper, (corners, tree) = np.array(space.grid.lower), np.array(space.grid.upper), shut_corners(space)
     least = float(np.minimum(points - lower, upper - points).min())
     if len(corners):
-        middles = cKDTree(corners + space.grid.spacing / 2.0).query(points)[0]
+        middles = tree.query(points)[0]
         for k in np.argsort(middles):
             if middles[k] > least + space.grid.spacing / 2.0 * math.sqrt(space.grid.dim):
                 break  # no cell comes nearer than so much less than its middle
@@ -160,20 +175,20 @@ def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
     assert plan.solved and plan.certified and plan.status.startswith("path found") and not plan.advice
     for rows in (path, waypoints):
         assert rows.dtype == np.float64 and rows.shape[1:] == (space.dof,) and not rows.flags.writeable
-        for end, row in ((start, rows[0]), (goal, rows[-1])):
-            assert tuple(row[:dim]) == tuple(end[:dim])
-            assert edge(space, row, np.array(end), np.zeros(1))[1] < 1e-7
+        both = np.array([start, goal], dtype=float)
+        assert np.array_equal(rows[[0, -1], :dim], both[:, :dim])
+        assert (edges(space, rows[[0, -1]], both, np.zeros(1))[1] < 1e-7).all()
     assert plan.axes == space.axes
     assert (path[:, dim:] >= -math.pi).all() and (path[:, dim:] < math.pi).all()
     known = {tuple(row) for row in path.tolist()}
     assert all(tuple(row) in known for row in waypoints.tolist())
     along = np.linspace(0.0, 1.0, 20 if space.dof > dim else 200)
-    edges = [edge(space, a, b, along) for a, b in itertools.pairwise(path)]
-    steps, angles = np.linalg.norm(np.diff(path[:, :dim], axis=0), axis=1), np.array([angle for _, angle in edges])
+    straight, angles = edges(space, path[:-1], path[1:], along)
+    steps = np.linalg.norm(np.diff(path[:, :dim], axis=0), axis=1)
     if plan.turning_radius is None:
         assert (plan.direction is None) == (plan.drive == "holonomic") and plan.length == pytest.approx(steps.sum())
         assert plan.turning == pytest.approx(angles.sum(), abs=1e-6)
-        dense = [points for points, _ in edges]
+        dense = list(straight)
     else:
         assert plan.turning_radius is not None and plan.direction is not None
         assert len(plan.direction) == len(path) and set(plan.direction.tolist()) <= {1, -1}

@@ -11,7 +11,7 @@ from ompl import util as ou
 import planners
 from cspace import MIXED, ConfigurationError, CSpace, InputError
 from planners.states import kind_of
-from planning import ENDPOINTS, SPACES, edge, open_map, room, state_at, with_state
+from planning import ENDPOINTS, SPACES, edges, open_map, room, state_at, with_state
 
 NEAR = {
     "plane": [ENDPOINTS["plane"][0], (0.0, 3.0), (3.1, 2.0), (9.9, 5.9)],
@@ -70,14 +70,15 @@ def test_samples_near_a_state_are_free_and_near(name: str, near: Any, distance: 
         drawn.append(read(state))
         assert si.isValid(state) and si.satisfiesBounds(state)
         assert np.abs(np.subtract(drawn[-1], near)[:dim]).max() <= distance
-        assert edge(space, np.array(near), np.array(drawn[-1]), np.zeros(1))[1] <= distance + 1e-7
     side = np.linspace(-distance, distance, 31)
     around = np.stack(np.meshgrid(*[side] * dim), axis=-1)
     assert len(drawn) > 0 or space.dof > dim or not space.is_free(np.array(near) + around).any()
+    points = np.array(drawn).reshape(-1, space.dof)
+    turned = edges(space, np.tile(near, (len(points), 1)), points, np.zeros(1))[1]
+    assert (turned <= distance + 1e-7).all()
     if near == ENDPOINTS[name][0]:
         assert len(drawn) > 100 and (np.ptp(drawn, axis=0)[:dim] > 0.8 * min(distance, 0.7)).all()
-        turned = [edge(space, np.array(near), np.array(each), np.zeros(1))[1] for each in drawn]
-        assert max(turned) > 0.4 * min(distance, 0.7) or not space.rotations.dof
+        assert turned.max() > 0.4 * min(distance, 0.7) or not space.rotations.dof
     far = state_at(space, si, [0.5] * (dim - 1) + [60.0] + _turn(space))
     assert not sampler.sampleNear(state, far, 1.0)
 
