@@ -161,8 +161,8 @@ class Stage:
         self.figure.suptitle(artists.title(space, stretch, title), fontsize=10)
         artists.legend_below(self.figure, handles + drawn, 8.0)
         self._canvas = self.figure.canvas
-        self._canvas.draw()
         # What moves must not move the panels; and what stands, letters above all, is drawn once.
+        self.figure.get_layout_engine().execute(self.figure)
         self.figure.set_layout_engine("none")
         over = [*plane.images, *plane.lines, *plane.spines.values(), self._head]
         under = [*world.lines, *world.patches]

@@ -108,8 +108,9 @@ class Region:
 
     def gaps(self, points: Floats) -> Floats:
         """A lower bound of the distance from points (n, d) to the set, shape (n,), metres."""
-        near = self._distances(points)[0] - self.slack
-        return np.where(self.shape.contains(points), 0.0, np.maximum(near, 0.0))
+        outside, gaps = ~self.shape.contains(points), np.zeros(len(points))
+        gaps[outside] = np.maximum(self._distances(points[outside])[0] - self.slack, 0.0)
+        return gaps
 
     def _distances(self, points: Floats) -> tuple[Floats, Floats]:
         """Bounds of the distances from points (n, d), metres, wrong by :attr:`slack` at most."""

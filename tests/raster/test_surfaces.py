@@ -348,9 +348,9 @@ def test_margins_agree_with_least_distances():
         outer_cells = np.pad(outer.cells, 1)
         cells = np.argwhere(np.ones_like(outer_cells))
         excess = 2.0**-12 * 30 if number % 5 >= 3 else 1e-5
-        for cell in cells[rng.permutation(len(cells))[:250]]:
-            center = cell - 1.0 + outer.lower
-            middle = distance_to_triangles(center[None], triangles * 2.0)[0]
+        chosen = cells[rng.permutation(len(cells))[:250]]
+        centers = chosen - 1.0 + outer.lower
+        for cell, center, middle in zip(chosen, centers, distance_to_triangles(centers, triangles * 2.0), strict=True):
             gap = max(0.0, middle - 1.0)  # at most, as a ball in the cube shows; at least, as one around it does
             if gap > radius - 1e-9 and middle - math.sqrt(3.0) <= radius + excess:
                 gap = min(distance_to_cube(triangle * 2.0, center, 1.0) for triangle in triangles)
