@@ -37,8 +37,8 @@ def test_from_city_to_path(city):
     plan = ("plan", str(out), "--start", "1,1,0", "--goal", "11,9,0", "--seed", "1", "--json")
     plan_printed = json.loads(run(*plan, "--picture", str(folder / f"{record.parent.name}.png"), "--overwrite").stdout)
     assert plan_printed["certified"] is True
-    run("plot", str(out), "-o", str(folder / "map.png"), "--overwrite")
-    save_plot(cspace.open(out), folder / "own.png", overwrite=True)
+    run("plot", str(out), "-o", str(folder / "map.png"), "--dpi", "30", "--overwrite")
+    save_plot(cspace.open(out), folder / "own.png", overwrite=True, dpi=30)
     assert (folder / "map.png").read_bytes() == (folder / "own.png").read_bytes()
     run("export", str(out), str(folder / "part.zarr"), "--window", "1,1,4,3")
     part = cspace.open(folder / "part.zarr")

@@ -83,7 +83,7 @@ def test_a_real_map_with_unknown_cells(data, tmp_path):
     for unknown in ("occupied", "free"):
         workspace = cspace.Workspace.from_ros_map(file, unknown=unknown)
         robot = cspace.Robot.disc(4.0 * workspace.grid.spacing)
-        cspace.build(workspace, robot, store=tmp_path / unknown, tile=100)
+        cspace.build(workspace, robot, store=tmp_path / unknown, tile=300)
         same_states(tmp_path / unknown, cspace.build(workspace, robot))
 
 
