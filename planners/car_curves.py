@@ -20,7 +20,7 @@ from cspace.map.points import around_is_free
 from cspace.map.record import Map
 from cspace.space import CSpace
 from cspace.states import MIXED
-from planners.integrals import LONGEST_TURN, Field, Law, metre_cost
+from planners.integrals import LONGEST_TURN, Field, Law, cost_at
 
 Pose = tuple[float, float, float]
 Turns = tuple[int, int, int, int, int]
@@ -122,7 +122,7 @@ def curve_cost(map_: Map, field: Field, law: Law, curve: tuple[int, float], both
         steps = math.ceil(radius * abs(length) / longest)
         for number in range(steps):
             u, v, yaw = onwards(pose, turns[k], length * (number + 0.5) / steps)
-            cost = metre_cost(map_, field, law, (x0 + radius * u, y0 + radius * v, yaw))
+            cost = cost_at(map_, field, law, (x0 + radius * u, y0 + radius * v, yaw))
             total += cost * radius * abs(length) / steps
         pose = onwards(pose, turns[k], length)
     return total
@@ -173,7 +173,7 @@ def shortest(kind: int, radius: float, q0: Pose, q1: Pose) -> tuple[Ints, Floats
     return turns[0], lengths[0], gap
 
 
-@jit
+@inner
 def reverse(turns: Ints, lengths: Floats) -> None:
     """Drive a word from its end to its start."""
     for k in range(3):

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
-from numba import types
-from numba.extending import overload
+import numpy as np
 
 from cspace.arrays import Floats
-from cspace.compiling import entry, jit
+from cspace.compiling import by_kind, entry, inner, reader
 from cspace.map.clearance import clearance_at
 from cspace.map.edges import between
-from cspace.map.mip import Marks
+from cspace.map.mip import Marks, PlaneMarks, SpaceMarks
 from cspace.map.points import Numbers, replaced
 from cspace.map.record import Map
 from cspace.space import CSpace
@@ -38,39 +37,40 @@ class Law(NamedTuple):
     turn_weight: float
 
 
-def value_at(map_: Map, field: Field, q: Numbers) -> float:
-    """The value of a field at a configuration; numba takes the implementation for the field that it is given."""
+def value_at(field: Field, map_: Map, q: Numbers) -> float:
+    """The value of a field at a configuration; compiled code takes one of those below, by the kind of field."""
     raise NotImplementedError
 
 
-def _no_value(map_: Map, field: Field, q: Numbers) -> float:
+def _no_value(field: None, map_: Map, q: Numbers) -> float:
     return 0.0
 
 
-def _clearance(map_: Map, field: Any, q: Numbers) -> float:
+def _clearance(field: Marks, map_: Map, q: Numbers) -> float:
     return clearance_at(map_, field, q, math.inf) * map_.spacing
 
 
-def _overlap(map_: Map, field: Any, q: Numbers) -> float:
+def _overlap(field: Floats, map_: Map, q: Numbers) -> float:
     return field_at(map_, field, q)
 
 
-_VALUES: Final[dict[type, Callable[..., float]]] = {
-    types.NoneType: _no_value,
-    types.NamedTuple: _clearance,
-    types.Array: _overlap,
-}
-overload(value_at, strict=False)(lambda map_, field, q: _VALUES.get(type(field), _clearance))
+by_kind(value_at, {object: _no_value, PlaneMarks: _clearance, SpaceMarks: _clearance, np.ndarray: _overlap})
 
 
-@jit
-def metre_cost(map_: Map, field: Field, law: Law, q: Numbers) -> float:
+@inner
+def cost_at(map_: Map, field: Field, law: Law, q: Numbers) -> float:
     """Cost of a metre at a configuration."""
-    penalty = max(0.0, law.offset + law.slope * value_at(map_, field, q))
+    penalty = max(0.0, law.offset + law.slope * value_at(field, map_, q))
     return 1.0 + law.weight * penalty * penalty
 
 
-@jit
+@reader
+def metre_cost(map_: Map, field: Field, law: Law, q: Numbers) -> float:
+    """The same, for Python."""
+    return cost_at(map_, field, law, q)
+
+
+@reader
 def cost_of_one(map_: Map, field: Field, law: Law, both: Numbers) -> float:
     """Cost of a straight edge between two configurations, given one after the other in ``both``.
 
@@ -89,7 +89,7 @@ def cost_of_one(map_: Map, field: Field, law: Law, both: Numbers) -> float:
         q = map_.rotations.turned(q0, q1, 0, t)
         for axis in range(dim):
             q = replaced(q, axis, between(q0[axis], q1[axis], t))
-        total += metre_cost(map_, field, law, q)
+        total += cost_at(map_, field, law, q)
     return (metres + law.turn_weight * angle) * total / max(steps, 1)
 
 

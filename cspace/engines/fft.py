@@ -21,7 +21,7 @@ import scipy  # its parts are read when they are first used
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Floats, Ints
-from cspace.compiling import jit
+from cspace.compiling import jit, reader
 from cspace.engines.tiling import Tiling, choose_tiling
 from cspace.raster import Raster
 from cspace.threads import cores, in_threads
@@ -297,7 +297,7 @@ class _TileRun:
         return np.asarray(scipy.fft.irfft(product, n=self.tiling.tile[-1], axis=-1, overwrite_x=True))
 
 
-@jit
+@reader
 def count_lines(occupied: NDArray[np.uint8], first: Ints, length: int, outside: bool, counts: Ints) -> int:
     """Obstacle cells of each line along the last axis of a tile whose first cell is given, and of the whole tile.
 
@@ -322,7 +322,7 @@ def count_lines(occupied: NDArray[np.uint8], first: Ints, length: int, outside: 
     return total
 
 
-@jit
+@reader
 def add_lines(
     occupied: NDArray[np.uint8],
     first: Ints,
@@ -363,19 +363,11 @@ def add_lines(
             number += 1
 
 
-@jit
 def place_lines(mixed: Bools, levels: Floats, lines: NDArray[Any]) -> NDArray[Any]:
     """Spectra of all lines: those of the lines that are not constant, in order, and from the sums of the others."""
-    spectrum = np.empty((*mixed.shape, lines.shape[1]), lines.dtype)
-    number = 0
-    for i in range(mixed.shape[0]):
-        for j in range(mixed.shape[1]):
-            if mixed[i, j]:
-                spectrum[i, j] = lines[number]
-                number += 1
-            else:
-                spectrum[i, j] = 0.0
-                spectrum[i, j, 0] = levels[i, j]
+    spectrum = np.zeros((*mixed.shape, lines.shape[1]), lines.dtype)
+    spectrum[mixed] = lines
+    spectrum[~mixed, 0] = levels[~mixed]
     return spectrum
 
 
@@ -387,7 +379,7 @@ def round_sums(sums: Floats, missing: float) -> None:
         flat[k] = (flat[k] + missing) + NEAREST
 
 
-@jit
+@reader
 def mark_digit(
     whole: Ints,
     mask: int,

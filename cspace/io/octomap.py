@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from cspace.arrays import Bools, Bytes, Ints
-from cspace.compiling import jit
+from cspace.compiling import inner, reader
 from cspace.grid import Grid, check_word
 from cspace.io.files import UNKNOWNS, Fault, decoding, header_lines, read_bytes
 from cspace.io.limits import check_cells
@@ -117,8 +117,10 @@ def _leaves(header: _Header, data: bytes) -> Ints:
         full = np.frombuffer(data, dtype=record, count=len(data) // record.itemsize)
         values = full["value"]
         records = np.stack([full["children"], values >= 0.0], axis=1).astype(np.uint8)
+        records.setflags(write=False)  # as those of a binary tree, so that both are read by the same compiled code
     leaves = np.empty((min(header.size, 8 * len(records)), 5), dtype=np.int64)
-    nodes, count, fault = leaves_of(records, header.binary, leaves)
+    way = np.zeros((DEPTH + 1, 4), dtype=np.int64)
+    nodes, count, fault = leaves_of(records, header.binary, leaves, way)
     broken = int(np.isnan(values[:nodes]).sum())
     if broken:
         raise Fault(f"has {broken} nodes without a value (NaN)")
@@ -132,8 +134,8 @@ def _leaves(header: _Header, data: bytes) -> Ints:
     return leaves[:count]
 
 
-@jit
-def leaves_of(records: Bytes, binary: bool, leaves: Ints) -> tuple[int, int, int]:
+@reader
+def leaves_of(records: Bytes, binary: bool, leaves: Ints, way: Ints) -> tuple[int, int, int]:
     """Leaves of an octree whose nodes are written in depth-first order: nodes met, leaves written, and a fault.
 
     The records, shape (n, 2), of a binary tree are one for each inner node: two bits for each of its eight children,
@@ -141,11 +143,10 @@ def leaves_of(records: Bytes, binary: bool, leaves: Ints) -> tuple[int, int, int
     each node: a bit for each child, and whether the node is occupied; a node without children is a leaf. ``leaves``,
     shape (m, 5), are written: first cell, side in cells, and 1 where occupied. The fault is 0 for a whole tree; 1
     where records are missing, 2 where a node lies too deep, 3 where an inner node has no child, 4 where ``leaves`` is
-    full.
+    full. ``way``, zeros at first, holds for each level on the way down the first cell of a node, and the inner children
+    that are still to be entered, one bit each.
     """
-    corner = np.zeros((DEPTH + 1, 3), dtype=np.int64)
-    # For each level on the way down, the inner children that are still to be entered, one bit each.
-    pending = np.zeros(DEPTH + 1, dtype=np.int64)
+    corner, pending = way[:, :3], way[:, 3]
     nodes, count, used, depth = 1, 0, 0, 0
     entering = True
     while depth >= 0:
@@ -154,7 +155,7 @@ def leaves_of(records: Bytes, binary: bool, leaves: Ints) -> tuple[int, int, int
                 return nodes if binary else used, count, 1
             first, second = np.int64(records[used, 0]), np.int64(records[used, 1])
             used += 1
-            inner = np.int64(0)
+            children = np.int64(0)
             if binary:
                 kinds = first | second << 8
                 if kinds == 0:
@@ -163,7 +164,7 @@ def leaves_of(records: Bytes, binary: bool, leaves: Ints) -> tuple[int, int, int
                     kind = (kinds >> (2 * child)) & 3
                     nodes += kind != 0
                     if kind == 3:
-                        inner |= 1 << child
+                        children |= 1 << child
                     elif kind != 0:
                         if count == len(leaves):
                             return nodes, count, 4
@@ -172,16 +173,16 @@ def leaves_of(records: Bytes, binary: bool, leaves: Ints) -> tuple[int, int, int
                         leaves[count, 3], leaves[count, 4] = side, kind == 2
                         count += 1
             else:
-                nodes, inner = used, first
-                if inner == 0:
+                nodes, children = used, first
+                if children == 0:
                     if count == len(leaves):
                         return nodes, count, 4
                     _place(leaves[count], corner[depth], 0, 0)
                     leaves[count, 3], leaves[count, 4] = 1 << (DEPTH - depth), second
                     count += 1
-            if inner and depth == DEPTH - binary:
+            if children and depth == DEPTH - binary:
                 return nodes, count, 2
-            pending[depth] = inner
+            pending[depth] = children
         entering = pending[depth] != 0
         if entering:
             child = _lowest(pending[depth])
@@ -193,14 +194,14 @@ def leaves_of(records: Bytes, binary: bool, leaves: Ints) -> tuple[int, int, int
     return nodes, count, 0
 
 
-@jit
+@inner
 def _place(out: Ints, corner: Ints, child: int, side: int) -> None:
     """Write the first cell of a child."""
     for axis in range(3):
         out[axis] = corner[axis] + ((child >> axis) & 1) * side
 
 
-@jit
+@inner
 def _lowest(bits: int) -> int:
     """Number of the lowest bit that is set."""
     number = 0
@@ -209,7 +210,7 @@ def _lowest(bits: int) -> int:
     return number
 
 
-@jit
+@reader
 def fill_leaves(out: Bools, leaves: Ints, value: bool) -> None:
     """Set ``out`` to ``value`` in leaves, each a cube of cells given by its first cell and its side, shape (n, 4)."""
     for n in range(len(leaves)):

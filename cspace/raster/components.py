@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Ints
-from cspace.compiling import inner, jit
+from cspace.compiling import inner, reader
 from cspace.threads import in_chunks
 
 Labels = NDArray[np.int32]
@@ -103,7 +103,7 @@ class Components(NamedTuple):
             in_chunks(work, self.shape[0], _SLABS_A_THREAD)
 
 
-@jit
+@reader
 def _count_runs(blocked: Bools, counts: Ints, start: int, stop: int) -> None:
     """Set ``counts[i * ny + j]``, for first indices in ``[start, stop)``, to the number of runs in that column."""
     _, ny, nz = blocked.shape
@@ -117,7 +117,7 @@ def _count_runs(blocked: Bools, counts: Ints, start: int, stop: int) -> None:
             counts[i * ny + j] = number
 
 
-@jit
+@reader
 def _list_runs(blocked: Bools, offsets: Ints, lows: Labels, highs: Labels, start: int, stop: int) -> None:
     """Write first and last index of each run, for first indices in ``[start, stop)``, from the column's offset on."""
     _, ny, nz = blocked.shape
@@ -168,7 +168,7 @@ def _join_columns(offsets: Ints, lows: Labels, highs: Labels, parents: Labels, c
             b += 1
 
 
-@jit
+@reader
 def _label_runs(ny: int, offsets: Ints, lows: Labels, highs: Labels, parents: Labels, labels: Labels) -> int:
     """Number the components of runs that share a side of a cell, by their first runs; how many there are.
 
@@ -192,7 +192,7 @@ def _label_runs(ny: int, offsets: Ints, lows: Labels, highs: Labels, parents: La
     return number
 
 
-@jit
+@reader
 def _fill_runs(out: Bools, runs: Components, chosen: Bools, start: int, stop: int) -> None:
     """Set ``out`` on the runs of the chosen components, for first indices in ``[start, stop)``."""
     ny = out.shape[1]
@@ -200,4 +200,5 @@ def _fill_runs(out: Bools, runs: Components, chosen: Bools, start: int, stop: in
         for j in range(ny):
             for run in range(runs.offsets[i * ny + j], runs.offsets[i * ny + j + 1]):
                 if chosen[runs.labels[run]]:
-                    out[i, j, runs.lows[run] : runs.highs[run] + 1] = True
+                    for k in range(runs.lows[run], runs.highs[run] + 1):
+                        out[i, j, k] = True

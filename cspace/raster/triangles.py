@@ -220,7 +220,7 @@ def _copy(triangle: Floats, to: Floats) -> None:
             to[e, axis] = triangle[e, axis]
 
 
-@jit
+@inner
 def _at(plane: float, pa: float, qa: float, pc: float, qc: float) -> float:
     """Coordinate c where a segment meets a plane of axis a, computed from the nearer end for the smaller rounding."""
     t = (plane - pa) / (qa - pa)
@@ -310,7 +310,7 @@ def point_segment(x: float, y: float, z: float, p: Floats, q: Floats) -> float:
     return float(wx * wx + wy * wy + wz * wz)
 
 
-@jit
+@inner
 def cross(a: Floats, b: Floats, c: Floats) -> tuple[float, float, float]:
     """``(b - a) x (c - a)``."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]

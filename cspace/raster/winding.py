@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Bools, Floats, Ints
-from cspace.compiling import inner, jit
+from cspace.compiling import inner, jit, reader
 from cspace.threads import in_chunks
 
 _MOST_BUCKETS: Final = 1024
@@ -176,7 +176,7 @@ def turn_above(triangle: Floats, x: float, y: float, z: float) -> int:
     return turn if turn != 0 and low_y <= y < high_y and _height(y, low_y, low_z, high_y, high_z) > z else 0
 
 
-@jit
+@reader
 def _count(points: Floats, out: Ints, triangles: Floats, turns: Ints, buckets: Buckets) -> None:
     """Set ``out`` to the winding number of each point."""
     low, scale, shape, starts, entries = buckets

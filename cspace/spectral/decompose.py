@@ -439,7 +439,7 @@ def trim(cells: Cells, centers: Floats, reaches: Floats, order: Ints, only_drop:
             reaches[n] = least
 
 
-@jit
+@reader
 def polish(
     cells: Cells, tree: Tree, centers: Floats, radii: Floats, placing: tuple[Floats, float, float], room: Floats
 ) -> None:

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Floats, Ints
-from cspace.compiling import inner, jit
+from cspace.compiling import inner, jit, reader
 from cspace.errors import InputError
 from cspace.exact.triangles import trees_of
 from cspace.grid import Grid
@@ -253,7 +253,7 @@ def distance(tree: Tree, point: Floats, most: float) -> tuple[float, float]:
     return near, far
 
 
-@jit
+@reader
 def distances(tree: Tree, points: Floats, near: Floats, far: Floats) -> None:
     """Bounds of distances from points, shape (n, 3); quickest where neighbours follow one another."""
     for n in range(len(points)):

@@ -9,10 +9,10 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numba import njit
 from scipy.spatial.transform import Rotation
 
 import solids
+from cspace.compiling import reader
 from cspace.exact.triangles import DEPTH, Motion, crosses, share_apart, trees_of
 from cspace.shapes import Pieces
 from oracles import cross, dot, minus
@@ -108,7 +108,7 @@ def pieces(triangles, radius=0.0):
     return Pieces(np.asarray(triangles, dtype=float), np.full(len(triangles), radius))
 
 
-@njit
+@reader
 def share(trees, roots, motion, enough, work):
     return share_apart(trees, roots[0], (-1, roots[1]), motion, enough, work)
 
@@ -257,16 +257,14 @@ def test_a_corner_near_a_face_beside_edges_all_but_parallel() -> None:
     assert 0.0 < Pair(pieces(moved[None]), pieces(still[None])).distance() <= true * (1.0 + 1e-12)
 
 
-@njit
-def cross_each(pairs, least):
+@reader
+def cross_each(pairs, least, out):
     """What is proven of pairs of triangles, shape (n, 2, 3, 3)."""
-    out = np.empty(len(pairs), np.bool_)
     for n in range(len(pairs)):
         a, b = pairs[n, 0], pairs[n, 1]
         one = (a[0, 0], a[0, 1], a[0, 2]), (a[1, 0], a[1, 1], a[1, 2]), (a[2, 0], a[2, 1], a[2, 2])
         two = (b[0, 0], b[0, 1], b[0, 2]), (b[1, 0], b[1, 1], b[1, 2]), (b[2, 0], b[2, 1], b[2, 2])
         out[n] = crosses(one, two, least)
-    return out
 
 
 @pytest.mark.parametrize("least", [1e-12, 1e-3])
@@ -289,7 +287,8 @@ def test_triangles_that_are_proven_to_cross_do_wherever_rounding_puts_them(case,
         pairs[:, 1, 2] = pairs[:, 1, 0] + pairs[:, 1, 1]
         pairs[:, 1, 0] = 0.0
         pairs[:, 0] = flat + near[:, None] * rng.normal(size=(number, 3, 3))
-    crossing = cross_each(pairs, least)
+    crossing = np.empty(number, dtype=np.bool_)
+    cross_each(pairs, least, crossing)
     off = rng.normal(size=pairs.shape)
     off *= 0.25 * least / np.linalg.norm(off, axis=-1, keepdims=True)
     assert crossing.sum() > 10
