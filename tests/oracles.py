@@ -143,14 +143,20 @@ def overlaps_by_shifts(occupied, raster, outside):
     """Overlap of each cell with a library Raster, by adding up shifted copies of the map."""
     pad = np.array(occupied.shape) + 1
     wide = np.pad(occupied, [(n, n) for n in pad], constant_values=outside)
-    copies = np.lib.stride_tricks.sliding_window_view(wide, occupied.shape)
+    copies = np.lib.stride_tricks.sliding_window_view(wide.view(np.uint8), occupied.shape)
     # Beyond the pads all is like the pads.
     shifts = pad + np.clip(np.argwhere(raster.cells) + raster.lower, -pad, pad)
     total = np.zeros(occupied.shape, dtype=np.int64)
-    together = 2**12 // max(occupied.size, 1) + 1  # of small maps
-    for k in range(0, len(shifts), together):
-        part = copies[tuple(shifts[k : k + together].T)]
-        total += part[0] if len(part) == 1 else part.sum(axis=0)
+    together = 2**12 // max(occupied.size, 1)  # of small maps
+    if together > 1:
+        for k in range(0, len(shifts), together):
+            total += copies[tuple(shifts[k : k + together].T)].sum(axis=0, dtype=np.int64)
+        return total
+    for k in range(0, len(shifts), 255):  # as many as a byte counts, which adds up soonest
+        few = np.zeros(occupied.shape, dtype=np.uint8)
+        for shift in shifts[k : k + 255]:
+            few += copies[tuple(shift)]
+        total += few
     return total
 
 

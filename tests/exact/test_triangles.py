@@ -35,7 +35,7 @@ def segments_square(p, q, a, b):
     v, u, w = minus(q, p), minus(b, a), minus(p, a)
     vv, uu, uv, vw, uw = dot(v, v), dot(u, u), dot(u, v), dot(v, w), dot(u, w)
     area = vv * uu - uv * uv
-    s = clamped((uv * uw - vw * uu) / area) if area else Fraction(0)
+    s = clamped(Fraction(uv * uw - vw * uu, area)) if area else Fraction(0)
     t = clamped((uv * s + uw) / uu) if uu else Fraction(0)
     s = clamped((uv * t - vw) / vv) if vv else Fraction(0)
     gap = [x + s * y - t * z for x, y, z in zip(w, v, u, strict=True)]
@@ -51,7 +51,9 @@ def over_face(p, triangle):
 
 def triangles_square(first, second):
     """Squared distance of two triangles, exactly."""
-    one, two = ([[Fraction(float(x)) for x in point] for point in part] for part in (first, second))
+    # In parts of a metre of which every number is a whole one: Python is quicker with these than with fractions.
+    unit = max(float(x).as_integer_ratio()[1] for x in np.ravel([first, second]))
+    one, two = ([[int(Fraction(float(x)) * unit) for x in point] for point in part] for part in (first, second))
     best = min(
         segments_square(one[i], one[(i + 1) % 3], two[j], two[(j + 1) % 3]) for i, j in product(range(3), repeat=2)
     )
@@ -60,11 +62,13 @@ def triangles_square(first, second):
         heights = [dot(n, minus(p, face[0])) for p in points]
         for k in range(3):
             if over_face(points[k], face):
-                best = min(best, heights[k] ** 2 / dot(n, n))
+                best = min(best, Fraction(heights[k] ** 2, dot(n, n)))
             p, q, a, b = points[k], points[(k + 1) % 3], heights[k], heights[(k + 1) % 3]
-            if a * b < 0 and over_face([x + a / (a - b) * (y - x) for x, y in zip(p, q, strict=True)], face):
-                return Fraction(0)
-    return best
+            if a * b < 0:  # as many times larger, the triangle and where the edge goes through its plane are whole
+                through = [(a - b) * x + a * (y - x) for x, y in zip(p, q, strict=True)]
+                if over_face(through, [[(a - b) * x for x in corner] for corner in face]):
+                    return Fraction(0)
+    return best / unit**2
 
 
 @st.composite

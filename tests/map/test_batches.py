@@ -1,6 +1,7 @@
 """Many look-ups in one call: blocks, threads, coarse maps, numbers of any kind; and whole paths and roadmaps."""
 
 import itertools
+from functools import cache
 
 import numpy as np
 import pytest
@@ -47,6 +48,12 @@ def floating(rng, shape=(9, 8, 7), outside="free"):
 KINDS = [plane, turning, solid, yawing, floating]
 
 
+@cache
+def made(make, seed):
+    """A map that tests share."""
+    return make(np.random.default_rng(seed))
+
+
 def near(space, q, rng):
     """Ends of edges from configurations: most of them a few cells away."""
     reach = 12.0 * space.grid.spacing
@@ -91,7 +98,7 @@ def test_clearances_of_many_are_those_of_each(make):
 @pytest.mark.parametrize("dtype", ["float64", "float32", "float16", "int64", "int8", "uint16", "bool", "longdouble"])
 def test_numbers_of_any_kind(make, dtype):
     rng = np.random.default_rng(3)
-    space = make(rng)
+    space = made(make, 3)
     q = rng.uniform(0, 3, (2 * ROWS + 7, space.dof)).astype(dtype)
     if space.rotations.dof == 4:
         q[:, 3:] = np.eye(4)[rng.integers(0, 4, len(q))]
@@ -129,7 +136,7 @@ def test_arrays_of_any_layout(make):
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_the_first_bad_number_is_named(make, dtype, value):
     rng = np.random.default_rng(5)
-    space = make(rng)
+    space = made(make, 5)
     number = 2 * LEAST + 5
     for first, second in ((0, 1), (1023, 1024), (ROWS + 1, ROWS), (number - 1, LEAST + 3), (number - 1, 7)):
         q = np.full((number, space.dof), 0.5, dtype)

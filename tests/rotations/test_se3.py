@@ -70,15 +70,32 @@ def test_numbers_that_are_no_rotation_are_refused(name, wrong):
 
 def along(q0, q1, number):
     """Points of an edge as OMPL interpolates, shape (number, 7); either arc at half a turn, as the signs say."""
+    t, cosine = np.linspace(0.0, 1.0, number)[:, None], q0[3:] @ q1[3:]
+    turned = np.repeat(q0[None, 3:], number, axis=0)
+    if abs(cosine) <= 1.0 - 1e-9:
+        angle, there = math.acos(abs(cosine)), q1[3:] if cosine >= 0.0 else -q1[3:]
+        turned = (np.sin((1.0 - t) * angle) * turned + np.sin(t * angle) * there) / math.sin(angle)
+    return np.column_stack([q0[:3] + t * (q1[:3] - q0[:3]), turned])
+
+
+@settings(max_examples=30)
+@given(seeds, st.sampled_from(["any", "near", "half"]))
+def test_points_of_edges_are_those_of_ompl(seed, kind):
+    rng = np.random.default_rng(seed)
+    q0, q1 = rng.normal(size=(2, 7))
+    if kind == "near":
+        q1[3:] = rng.choice([-1.0, 1.0]) * q0[3:] + 10.0 ** rng.uniform(-9.0, 0.0) * rng.normal(size=4)
+    elif kind == "half":
+        q1[3:] = np.array([q0[6], q0[5], -q0[4], -q0[3]]) + rng.choice([-1e-10, 1e-10]) * q0[3:]
+    for q in (q0, q1):
+        q[3:] /= np.linalg.norm(q[3:])
     space = ob.SO3StateSpace()
     first, second, state = (space.allocState() for _ in range(3))
     for one, q in ((first, q0), (second, q1)):
-        one.x, one.y, one.z, one.w = (float(value) for value in q[3:])
-    points = []
-    for t in np.linspace(0.0, 1.0, number).tolist():
+        one.x, one.y, one.z, one.w = q[3:].tolist()
+    for point, t in zip(along(q0, q1, 9), np.linspace(0.0, 1.0, 9).tolist(), strict=True):
         space.interpolate(first, second, t, state)
-        points.append([*(q0[:3] + t * (q1[:3] - q0[:3])), state.x, state.y, state.z, state.w])
-    return np.array(points)
+        np.testing.assert_allclose(point[3:], [state.x, state.y, state.z, state.w], rtol=0.0, atol=1e-12)
 
 
 def firm(cells, q):
