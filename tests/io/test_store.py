@@ -41,9 +41,9 @@ def few() -> cspace.CSpace:
 
 @pytest.fixture(scope="module")
 def small(few: cspace.CSpace, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same, saved in each format beside each other."""
+    """The same, saved by each suffix beside each other."""
     folder = tmp_path_factory.mktemp("small")
-    for suffix in (".zarr", ".npz"):
+    for suffix in SUFFIXES:
         few.save(folder / f"map{suffix}")
     return folder
 
@@ -157,10 +157,9 @@ def test_a_slice_is_read_without_the_rest(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("yaw", "message"), [(np.nan, "is nan"), ([0.0, 1.0], "has shape"), ("east", "rotation is"), (1e9, "wrapped")]
 )
-def test_a_yaw_must_be_one_angle(tmp_path: Path, suffix: str, yaw: Any, message: str) -> None:
-    SPACES["turning"]().save(tmp_path / f"map{suffix}")
+def test_a_yaw_must_be_one_angle(small: Path, suffix: str, yaw: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        cspace.open_slice(tmp_path / f"map{suffix}", yaw)
+        cspace.open_slice(small / f"map{suffix}", yaw)
 
 
 # ---- what may go wrong: a lost chunk that reads as FREE is a collision -------------------------------------------
