@@ -38,6 +38,9 @@ _CURRENT: Final = ContextVar("limits", default=Limits())  # noqa: B039 - it cann
 _MOST_OF_MEMORY: Final = 0.9
 """Part of the free memory that a file may be read into."""
 
+_LEAST: Final = 2**18
+"""Bytes below which memory is not asked for: that takes longer than to read so few."""
+
 
 @contextmanager
 def raised_limits(*, max_bytes: int | None = None, max_cells: int | None = None) -> Iterator[None]:
@@ -67,8 +70,9 @@ def check_bytes(path: StrPath, size: int, what: str = "holds", memory: float = 1
 
     Raises FileError if it is over ``max_bytes``, or ``memory`` times as much does not fit into memory.
     """
-    _check(path, f"{what} {bytes_text(size)}", size, "max_bytes", bytes_text(_CURRENT.get().max_bytes), size)
-    check_memory(path, f"{what} {bytes_text(size)}", memory * size)
+    held = f"{what} {bytes_text(size)}"
+    _check(path, held, size, "max_bytes", bytes_text(_CURRENT.get().max_bytes), size)
+    check_memory(path, held, memory * size)
 
 
 def check_cells(path: StrPath, shape: Sequence[int], memory: float = 1.0) -> None:
@@ -85,8 +89,10 @@ def check_cells(path: StrPath, shape: Sequence[int], memory: float = 1.0) -> Non
 
 def check_memory(path: StrPath, declared: str, needed: float) -> None:
     """Refuse a file, by a FileError, whose reading takes ``needed`` bytes, where so many are not free."""
+    if needed < _LEAST:
+        return
     free = free_bytes()
-    if free is not None and needed > _MOST_OF_MEMORY * free:
+    if needed > _MOST_OF_MEMORY * free:
         fault = f"{declared}, and reading it takes about {bytes_text(needed)}"
         mend = "take a machine with more memory, or a smaller or coarser file"
         raise FileError(os.fspath(path), fault, f"{bytes_text(free)} of memory are free", mend)

@@ -185,6 +185,7 @@ def test_limits_may_be_lowered_and_raised(tmp_path: Path, monkeypatch: pytest.Mo
         with raised_limits(max_cells=729):
             assert Workspace.open(tmp_path / "a.3dmap").grid.size == 729
     monkeypatch.setattr("cspace.io.limits.free_bytes", lambda: 500)
+    (tmp_path / "a.3dmap").write_text("voxel 99 99 99\n")
     refused(tmp_path / "a.3dmap", "500 bytes of memory are free")
 
 
