@@ -51,8 +51,7 @@ def jit(function: F | None = None, /, **options: Any) -> Any:
 
     _announce_compiling()
     _add_parts()
-    usual = {"nogil": True, "no_cfunc_wrapper": True, "error_model": "numpy", "pipeline_class": _compiler()}
-    options = {"cache": True, **usual, **options}
+    options = {"cache": True, "nogil": True, "no_cfunc_wrapper": True, "error_model": "numpy", **options}
     cached = options.pop("cache")
     made = njit(**options)(function)
     if cached:
@@ -266,37 +265,11 @@ def inner(function: F | None = None, /, **options: Any) -> Any:
 
 
 @cache
-def _compiler() -> Any:
-    """Numba's compiler, with flags that are quick to compare.
-
-    It looks up each call by all flags of who calls, thousands of times a function, and asks two dozen of them one by
-    one each time: a twentieth of what it does.
-    """
-    from numba.core.compiler import Compiler, Flags
-
-    if not hasattr(Flags(), "_values"):  # type: ignore[no-untyped-call]
-        return Compiler
-
-    class QuickFlags(Flags):
-        def __hash__(self) -> int:
-            return hash(QuickFlags)  # what is looked up besides is hashed as well
-
-        def __eq__(self, other: object) -> bool:
-            return isinstance(other, QuickFlags) and self._values == other._values
-
-    class QuickCompiler(Compiler):
-        def __init__(self, *arguments: Any) -> None:
-            super().__init__(*arguments)  # type: ignore[no-untyped-call]
-            self.state.flags = QuickFlags(self.state.flags)  # type: ignore[no-untyped-call]
-
-    return QuickCompiler
-
-
-@cache
 def _lean_compiler() -> Any:
-    """The same with :func:`_lean_pipeline`."""
+    """Numba's compiler with :func:`_lean_pipeline`."""
+    from numba.core.compiler import CompilerBase
 
-    class LeanCompiler(_compiler()):  # type: ignore[misc]
+    class LeanCompiler(CompilerBase):
         def define_pipelines(self) -> list[Any]:
             return [_lean_pipeline(self.state)]
 
@@ -325,6 +298,8 @@ def part_options(forceinline: bool) -> dict[str, Any]:
     up. Of parts only the last time counts. Numba also types and makes ``min`` and such anew for callers of each set of
     options; so options of parts are set behind its back, and they share them with others.
     """
+    from numba.core.compiler import CompilerBase
+
     options = {"no_cpython_wrapper": True, "forceinline": forceinline}
     try:
         from llvmlite.binding import Target, parse_assembly
@@ -362,7 +337,7 @@ def part_options(forceinline: bool) -> dict[str, Any]:
             places = [f'@"{name}" = common global i8* null' for name in names]
             return parse_assembly("\n".join([str(codegen._create_empty_module("")), *places]))
 
-    class PartCompiler(_compiler()):  # type: ignore[misc]
+    class PartCompiler(CompilerBase):
         def define_pipelines(self) -> list[Any]:
             state: Any = self.state
             for name, value in options.items():
