@@ -127,12 +127,8 @@ def renew_cells(map_: MapArrays, new_outer: Bytes, new_inner: Bytes, lower: Ints
     for i in range(new_outer.shape[0]):
         for j in range(new_outer.shape[1]):
             x, y, total = lower[0] + i, lower[1] + j, np.int64(0)
-            old_row, new_row, old_within, new_within = (
-                map_.outer[x, y],
-                new_outer[i, j],
-                map_.inner[x, y],
-                new_inner[i, j],
-            )
+            old_row, new_row = map_.outer[x, y], new_outer[i, j]
+            old_within, new_within = map_.inner[x, y], new_inner[i, j]
             if sums.size > 0:
                 sums[i, j, 0] = 0
             for k in range(new_outer.shape[2]):

@@ -116,8 +116,6 @@ class Widest:
     def renew(self, boxes: Ints) -> None:
         """Note the box in which states of each slice have changed, shape (slices, 6)."""
         self.noted.append(boxes)
-        with self.lock:
-            self.cached.clear()
 
     def renewed(self, map_: Map, states: Stack) -> Widest:
         """The same with all changes followed; this one stays as it is, for searches that still use it."""
