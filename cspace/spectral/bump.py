@@ -46,14 +46,14 @@ TWO_RULES: Final = (26, 32)
 
 SAFETY: Final = 4.0  # by how much measured errors are multiplied before they are relied upon
 FEW: Final = 8  # pairs up to which each is integrated by itself, to ``PAIR_TOLERANCE``
-COUNTS: Final = (24, 48, 96, 192, 384)  # of nodes, for a pair's integral; two that follow each other must agree
+COUNTS: Final = (48, 96, 192, 384)  # of nodes, for a pair's integral; two that follow each other must agree
 REACH: Final = 3.3  # largest modulus of u in a sum; above, what an interval has left is below 1e-18 of it
 
 NODES: Final = 160
 """Nodes on either side of u = 0 for frequency 0. Two thirds of them leave 1e-14 of bumps from alpha = 0.01 to 1e4."""
 
 CHUNK: Final = 2**21  # values of the kernel held together
-IN_CACHE: Final = 2**16  # values of a product held together
+IN_CACHE: Final = 2**14  # values of a product held together
 HALF: Final = 0.5  # half the width of an interval of a table, in ``k``
 SMALL_ANGLE: Final = 0.25  # below this the series of ``x - sin(x)`` loses less than the difference
 SLACK: Final = 1e-9  # by how much a frequency may lie above a table, relative, from rounding
@@ -100,13 +100,12 @@ class Bump:
 
     def values(self, distance: Floats) -> Floats:
         """:meth:`profile` of an array, unchecked."""
-        inside = distance < 1.0
         if self.is_indicator:
-            return inside.astype(np.float64)
+            return (distance < 1.0).astype(np.float64)
         with np.errstate(divide="ignore", over="ignore"):
-            # 1 / (1 - s^-alpha), without the difference of two numbers near one; 0 at s = 0.
-            powers = np.expm1(-self.alpha * np.log(np.minimum(distance, 1.0)))
-            return np.where(inside, np.exp(-1.0 / powers), 0.0)
+            # s^-alpha - 1, without the difference of two numbers near one: infinite at s = 0, and +0 from s = 1 on.
+            powers = np.expm1(0.0 - self.alpha * np.log(np.minimum(distance, 1.0)))
+            return np.asarray(np.exp(-1.0 / powers))
 
     def radial_spectrum(self, frequency: ArrayLike, dim: int) -> Floats:
         """Fourier transform ``integral psi(x) exp(-2 pi i w.x) dx`` of the bump of radius 1, a function of ``k = |w|``.
@@ -342,14 +341,24 @@ def product_integrals(function: Radial, a: Floats, b: Floats, distance: Floats, 
         s, gap, radius = radial[part], gaps[pairs[part]], radii[pairs[part]]
         depth = np.where(first[pairs[part]] > 0.0, rise[part], radius + s - gap)
         with np.errstate(divide="ignore", over="ignore"):  # all directions are covered where centres coincide
-            covered = depth * (radius + gap - s) / (4.0 * s * gap)
-        most = 2.0 * np.arcsin(np.sqrt(np.clip(covered, 0.0, 1.0)))
-        theta = most[:, None] * x
-        square = ((s - gap) ** 2)[:, None] + 4.0 * (s * gap)[:, None] * np.sin(0.5 * theta) ** 2
-        values = function(np.sqrt(square) / radius[:, None])
-        values *= (math.pi * np.sin(theta)) ** (dim - 2)
-        totals += np.bincount(pairs[part], mass[part] * 2.0 * most * (values @ weights), len(gaps))
+            covered = np.clip(depth * (radius + gap - s) / (4.0 * s * gap), 0.0, 1.0)[:, None]
+        sines, densities = _directions(covered, x, dim)
+        square = ((s - gap) ** 2)[:, None] + 4.0 * (s * gap)[:, None] * sines
+        values = function(np.sqrt(square) / radius[:, None]) * densities
+        totals += np.bincount(pairs[part], mass[part] * (values @ weights), len(gaps))
     return np.asarray(totals * small**dim)
+
+
+def _directions(covered: Floats, x: Floats, dim: int) -> tuple[Floats, Floats]:
+    """``sin(theta / 2)^2`` from 0 to ``covered``, shape (n, 1), at parts x of the way, and ``dOmega / dx``, without a
+    sine: on a sphere the area between two circles is proportional to the difference of the former, and on a circle both
+    are fractions in ``tan(theta / 4)``."""
+    if dim == 3:
+        return covered * x, 4.0 * math.pi * covered
+    last = np.sqrt(covered) / (1.0 + np.sqrt(1.0 - covered))
+    quarter = last * x
+    share = 1.0 / (1.0 + quarter * quarter)
+    return np.asarray((2.0 * quarter * share) ** 2), np.asarray(8.0 * last * share)
 
 
 def lens_measure(a: Floats, b: Floats, distance: Floats, dim: int) -> Floats:
