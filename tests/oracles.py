@@ -108,20 +108,22 @@ def polygon_inner_offsets(vertices, spacing, reach):
 
 
 def disc_outer_offsets(center, radius, spacing, margin, reach):
-    (cx, cy), h, grown = exact(center), Fraction(spacing), Fraction(radius) + Fraction(margin)
-    offsets = set()
-    for m in product(range(-reach, reach + 1), repeat=2):
-        dx = max(Fraction(0), h * (m[0] - 1) - cx, cx - h * (m[0] + 1))
-        dy = max(Fraction(0), h * (m[1] - 1) - cy, cy - h * (m[1] + 1))
-        if dx * dx + dy * dy <= grown * grown:
-            offsets.add(m)
-    return offsets
+    """Offsets m with |m| <= reach whose box ``h (m + [-1, 1]^2)`` comes within a margin of a disc."""
+    *center, h, radius, margin = units((*center, spacing, radius, margin))
+    apart = [[max(0, h * (m - 1) - c, c - h * (m + 1)) for m in range(-reach, reach + 1)] for c in center]
+    return _offsets_within(apart, radius + margin, reach)
 
 
 def disc_inner_offsets(center, radius, spacing, reach):
-    (cx, cy), h, r = exact(center), Fraction(spacing), Fraction(radius)
-    box = product(range(-reach, reach + 1), repeat=2)
-    return {m for m in box if (h * m[0] - cx) ** 2 + (h * m[1] - cy) ** 2 <= r * r}
+    """Offsets m with |m| <= reach whose point ``h m`` lies in a closed disc."""
+    *center, h, radius = units((*center, spacing, radius))
+    return _offsets_within([[h * m - c for m in range(-reach, reach + 1)] for c in center], radius, reach)
+
+
+def _offsets_within(apart, radius, reach):
+    """Offsets that are no farther than a radius, given how far they are along each axis."""
+    (xs, ys), square = ([part * part for part in parts] for parts in apart), radius * radius
+    return {(i - reach, j - reach) for i, x in enumerate(xs) for j, y in enumerate(ys) if x + y <= square}
 
 
 def raster_offsets(raster):
@@ -192,19 +194,22 @@ def linked(wide, endless, corners=True):
     the seam of axes that are endless. The shortest one where several join the same cells.
     """
 
-    def beside(array, step, outside):
-        """What stands a step away from each cell."""
-        there = np.roll(array, [-part for part in step], axis=range(array.ndim))
-        for axis in np.flatnonzero(np.logical_and(step, np.logical_not(endless))):
-            np.moveaxis(there, axis, 0)[-1 if step[axis] > 0 else 0] = outside
-        return there
-
     numbers, links = np.arange(wide.size).reshape(wide.shape), [np.zeros((3, 0))]
-    for step in sorted(product((-1, 0, 1), repeat=wide.ndim), key=np.linalg.norm)[1:]:
+    framed = []  # with what is beside the first and the last cells
+    for array, outside in ((wide, False), (numbers, -1)):
+        for axis, wraps in enumerate(np.broadcast_to(endless, wide.ndim)):
+            widths = [(int(k == axis),) * 2 for k in range(wide.ndim)]
+            array = np.pad(array, widths, **{"mode": "wrap"} if wraps else {"constant_values": outside})
+        framed.append(np.lib.stride_tricks.sliding_window_view(array, wide.shape))
+    beside = {
+        step: tuple(array[tuple(part + 1 for part in step)] for array in framed)
+        for step in product((-1, 0, 1), repeat=wide.ndim)
+    }
+    for step in sorted(beside, key=np.linalg.norm)[1:]:
         if corners or np.abs(step).sum() == 1:
             touched = product(*({0, part} for part in step))
-            can = np.logical_and.reduce([beside(wide, part, False) for part in touched])
-            first, last = numbers[can], beside(numbers, step, -1)[can]
+            can = np.logical_and.reduce([beside[part][0] for part in touched])
+            first, last = numbers[can], beside[step][1][can]
             links.append(np.stack([first, last, np.full(len(first), np.linalg.norm(step))]))
     first, last, metres = np.concatenate(links, axis=1)
     shortest = np.unique(first * wide.size + last, return_index=True)[1]

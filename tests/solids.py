@@ -14,13 +14,23 @@ from cspace.arms import Arm
 ORIGIN, STILL = np.zeros(3), np.eye(3)
 
 
-def box(sides: Any, at: Any = ORIGIN, turn: Any = STILL) -> Any:
+class Solid(fcl.CollisionObject):  # type: ignore[misc]
+    """A solid, and how far it reaches from its middle."""
+
+    radius: float
+
+
+def box(sides: Any, at: Any = ORIGIN, turn: Any = STILL) -> Solid:
     """A box around a point, turned."""
-    return fcl.CollisionObject(fcl.Box(*np.asarray(sides, float)), fcl.Transform(turn, np.asarray(at, float)))
+    made = Solid(fcl.Box(*np.asarray(sides, float)), fcl.Transform(turn, np.asarray(at, float)))
+    made.radius = float(np.linalg.norm(sides)) / 2.0
+    return made
 
 
-def ball(radius: float, at: Any = ORIGIN) -> Any:
-    return fcl.CollisionObject(fcl.Sphere(radius), fcl.Transform(np.asarray(at, float)))
+def ball(radius: float, at: Any = ORIGIN) -> Solid:
+    made = Solid(fcl.Sphere(radius), fcl.Transform(np.asarray(at, float)))
+    made.radius = radius
+    return made
 
 
 def surface(vertices: Any, faces: Any) -> Any:
@@ -58,23 +68,33 @@ class ArmOracle:
     def __init__(self, path: Path, arm: Arm, still: dict[str, list[Any]], allowed: Any) -> None:
         """``allowed``: the pairs of names that may touch."""
         self._urdf = yourdfpy.URDF.load(str(path), load_meshes=False, build_collision_scene_graph=False)
-        self._arm, self._still = arm, still
-        self._allowed = {frozenset(pair) for pair in allowed}
+        self._arm = arm
+        parts = [(each.name, part) for each in arm.links for part in self._urdf.link_map[each.name].collisions]
+        self._parts = [(link, part.origin, box(part.geometry.box.size)) for link, part in parts]
+        placed = [(name, solid) for name, solids in still.items() for solid in solids]
+        names, self._solids = zip(*placed, *((link, solid) for link, _, solid in self._parts), strict=True)
+        free = [{name} for name in names] + [set(pair) for pair in allowed]
+        pairs = [(k, n) for n in range(len(placed), len(names)) for k in range(n) if {names[k], names[n]} not in free]
+        self._pairs = np.array(pairs).reshape(-1, 2)
+        self._reach = np.array([solid.radius for solid in self._solids])[self._pairs].sum(axis=1)
 
     def apart(self, q: Any) -> float:
         """The least distance of any pair that may not touch; zero in collision."""
         values = dict(zip(self._arm.joints, np.asarray(q, float), strict=True))
         self._urdf.update_cfg(np.array([values[name] for name in self._urdf.actuated_joint_names]))
-        solids = {each.name: list(self._parts(each.name)) for each in self._arm.links} | self._still
-        links = [each.name for each in self._arm.links]
-        pairs = [(one, other) for k, one in enumerate(links) for other in [*links[k + 1 :], *self._still]]
-        asked = [(one, other) for one, other in pairs if frozenset((one, other)) not in self._allowed]
-        return min((apart(part, solids[other]) for one, other in asked for part in solids[one]), default=np.inf)
-
-    def _parts(self, link: str) -> Any:
-        for part in self._urdf.link_map[link].collisions:
-            pose = self._urdf.get_transform(link) @ part.origin
-            yield box(part.geometry.box.size, pose[:3, 3], pose[:3, :3])
+        poses = {link: self._urdf.get_transform(link) for link in {link for link, *_ in self._parts}}
+        for link, origin, solid in self._parts:
+            pose = poses[link] @ origin
+            solid.setTransform(fcl.Transform(pose[:3, :3], pose[:3, 3]))
+        middles = np.array([solid.getTranslation() for solid in self._solids])[self._pairs]
+        gaps = np.linalg.norm(middles[:, 0] - middles[:, 1], axis=1) - self._reach
+        least = np.inf
+        for k in np.argsort(gaps):
+            if gaps[k] >= least or least == 0.0:  # the others are no nearer
+                break
+            one, other = (self._solids[n] for n in self._pairs[k])
+            least = min(least, apart(one, [other]))
+        return least
 
 
 def sampled(arm: Arm, rng: np.random.Generator, count: int) -> Any:

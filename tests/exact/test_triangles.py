@@ -26,20 +26,21 @@ ERROR = 2.0**-48
 # ---- exact arithmetic ------------------------------------------------------------------------------------------------
 
 
-def clamped(x):
-    return min(max(x, Fraction(0)), Fraction(1))
+def clamped(above, below):
+    """A quotient between 0 and 1, as a number above a number."""
+    return (0, 1) if above <= 0 else (1, 1) if above >= below else (above, below)
 
 
 def segments_square(p, q, a, b):
-    """Squared distance of two segments, exactly."""
+    """Squared distance of two segments of whole numbers, exactly."""
     v, u, w = minus(q, p), minus(b, a), minus(p, a)
     vv, uu, uv, vw, uw = dot(v, v), dot(u, u), dot(u, v), dot(v, w), dot(u, w)
     area = vv * uu - uv * uv
-    s = clamped(Fraction(uv * uw - vw * uu, area)) if area else Fraction(0)
-    t = clamped((uv * s + uw) / uu) if uu else Fraction(0)
-    s = clamped((uv * t - vw) / vv) if vv else Fraction(0)
-    gap = [x + s * y - t * z for x, y, z in zip(w, v, u, strict=True)]
-    return dot(gap, gap)
+    s, of_s = clamped(uv * uw - vw * uu, area) if area else (0, 1)
+    t, of_t = clamped(uv * s + uw * of_s, uu * of_s) if uu else (0, 1)
+    s, of_s = clamped(uv * t - vw * of_t, vv * of_t) if vv else (0, 1)
+    gap = [x * of_s * of_t + s * of_t * y - t * of_s * z for x, y, z in zip(w, v, u, strict=True)]
+    return Fraction(dot(gap, gap), (of_s * of_t) ** 2)
 
 
 def over_face(p, triangle):

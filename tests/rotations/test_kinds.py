@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import BLOCKED, FREE, CSpace
-from cspace.arrays import Floats, Ints, Matrix, Numbers
+from cspace.arrays import Bools, Floats, Ints, Matrix, Numbers
 from cspace.cli.options import configuration, rotation_cells
 from cspace.compiling import part
 from cspace.errors import InputError
@@ -101,20 +101,22 @@ def drawn(space: CSpace, n: int) -> Floats:
     return rng.uniform(low, high, (n, 4))
 
 
-def collides(space: CSpace, q: Floats) -> bool:
-    """Whether a point of the robot, of thousands, lies in an obstacle or outside."""
+def collides(space: CSpace, q: Floats) -> Bools:
+    """Whether a point of the robot, of thousands, lies in an obstacle or outside, of each configuration."""
     axes = [np.linspace(-size / 2, size / 2, n) for size, n in ((0.5, 31), (0.12, 9), (0.06, 7))]
     points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
-    cells = np.floor((Rotation.from_euler("y", q[3]).apply(points) + q[:3]) / 0.1).astype(int)
-    outside = ((cells < 0) | (cells >= space.grid.shape)).any(axis=1)
-    return bool(outside.any() or space.workspace.outer[tuple(cells.T)].any())
+    occupied, answers = np.pad(space.workspace.outer, 1, constant_values=True), np.empty(len(q), dtype=np.bool_)
+    for k, turn in enumerate(Rotation.from_euler("y", q[:, 3:]).as_matrix()):
+        cells = np.floor((turn @ points.T + q[k, :3, None]) / 0.1).astype(int) + 1
+        answers[k] = occupied[tuple(np.clip(cells, 0, np.reshape(occupied.shape, (3, 1)) - 1))].any()
+    return answers
 
 
 def test_states_are_those_of_the_robot(space: CSpace) -> None:
     assert space.axes == ("x", "y", "z", "pitch")
     q = drawn(space, 3000)
     states = space.classify(q)
-    truth = np.array([collides(space, each) for each in q])
+    truth = collides(space, q)
     assert not truth[states == FREE].any()
     assert truth[states == BLOCKED].all()
     assert (states == FREE).sum() > 100 and (states == BLOCKED).sum() > 100
@@ -137,10 +139,9 @@ def test_motions_that_are_free_are(space: CSpace) -> None:
     q1 = q0 + np.random.default_rng(4).uniform(-0.3, 0.3, q0.shape) * [1, 1, 1, 6]
     free = space.motion_is_free(q0, q1)
     assert 20 < free.sum() < len(free)
-    for a, b in zip(q0[free][:60], q1[free][:60], strict=True):
-        turn = (b[3] - a[3] + math.pi) % (2 * math.pi) - math.pi
-        for t in np.linspace(0.0, 1.0, 9):
-            assert not collides(space, np.append(a[:3] + t * (b - a)[:3], a[3] + t * turn))
+    first, steps = q0[free][:60], (q1 - q0)[free][:60]
+    steps[:, 3] = (steps[:, 3] + math.pi) % (2 * math.pi) - math.pi
+    assert not any(collides(space, first + t * steps).any() for t in np.linspace(0.0, 1.0, 9))
     check = space.edge_checker()
     assert [check(*a, *b) for a, b in zip(q0, q1, strict=True)] == free.tolist()
 
@@ -191,4 +192,4 @@ def test_exact_answers_know_how_it_turns(space: CSpace) -> None:
     q = drawn(space, 1000)
     q = q[space.classify(q) == cspace.MIXED][:60]
     free = space.is_free(q, exact=True)
-    assert free.any() and not any(collides(space, each) for each in q[free])
+    assert free.any() and not collides(space, q[free]).any()
