@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -39,8 +40,8 @@ search."""
 STEP: Final = 0.05
 """How far waypoints are moved to make a path cheaper, as a share of the state space's extent."""
 
-ROUNDS: Final = 100
-"""How often that is tried between two looks at the clock."""
+STEPS: Final = 100
+"""How often that is tried in a round, between two looks at the clock."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +223,8 @@ class _Run:
     def _first(self, deadline: Deadline) -> og.PathGeometric | None:
         """A path to begin with, for a planner that optimises what is not the length: it may find its own too late.
 
-        It is the cheapest of several, which often pass obstacles on other sides.
+        It is the cheapest of several, which often pass obstacles on other sides; one round tells which that is, for it
+        gains most of what there is to gain.
         """
         setup, best, limit = self._setup, None, deadline.left
         if self._search.objective is None or self._search.planner in IGNORE_OBJECTIVES | SECOND_THREAD:
@@ -233,26 +235,35 @@ class _Run:
             with suppress(OutOfTime):
                 setup.solve(ob.timedPlannerTerminationCondition(deadline.left))
                 if setup.haveExactSolutionPath():
-                    candidate = og.PathGeometric(setup.getSolutionPath())
-                    best = best or og.PathGeometric(candidate)
-                    self._improve(candidate, deadline)
-                    cheaper = objective.isCostBetterThan(candidate.cost(objective), best.cost(objective))
-                    if cheaper and self._edges.are_free(self._rows(candidate)):
+                    candidate = self._improved(setup.getSolutionPath(), deadline, 1)
+                    if best is None or objective.isCostBetterThan(candidate.cost(objective), best.cost(objective)):
                         best = candidate
             setup.getProblemDefinition().clearSolutionPaths()
             if deadline.left < (1.0 - SHARE) * limit:
                 break
-        return best
+        return None if best is None else self._improved(best, deadline)
 
-    def _improve(self, path: og.PathGeometric, deadline: Deadline) -> None:
+    def _improved(self, path: og.PathGeometric, deadline: Deadline, rounds: int = sys.maxsize) -> og.PathGeometric:
+        """A path made cheaper; or as it was, where that did not succeed, or is not proven free."""
+        objective, better = self._setup.getOptimizationObjective(), og.PathGeometric(path)
+        with suppress(OutOfTime):
+            self._improve(better, deadline, rounds)
+            if objective.isCostBetterThan(better.cost(objective), path.cost(objective)):
+                return better if self._edges.are_free(self._rows(better)) else og.PathGeometric(path)
+        return og.PathGeometric(path)
+
+    def _improve(self, path: og.PathGeometric, deadline: Deadline, rounds: int = sys.maxsize) -> None:
         """Cut corners, and move waypoints, as long as that makes a path cheaper and time is left."""
         setup, objective = self._setup, self._setup.getOptimizationObjective()
         simplifier = og.PathSimplifier(setup.getSpaceInformation(), setup.getGoal(), objective)
-        step, cost = STEP * setup.getStateSpace().getMaximumExtent(), objective.infiniteCost()
-        while deadline.left > 0.0 and objective.isCostBetterThan(path.cost(objective), cost):
+        step, last = STEP * setup.getStateSpace().getMaximumExtent(), objective.infiniteCost()
+        for _ in range(rounds):
             cost = path.cost(objective)
-            simplifier.partialShortcutPath(path, ROUNDS, ROUNDS)
-            simplifier.perturbPath(path, step, ROUNDS, ROUNDS)
+            if deadline.left <= 0.0 or not objective.isCostBetterThan(cost, last):
+                break
+            last = cost
+            simplifier.partialShortcutPath(path, STEPS, STEPS)
+            simplifier.perturbPath(path, step, STEPS, STEPS)
 
     def _stop(self, seconds: float) -> ob.PlannerTerminationCondition:
         """OMPL's rule for when to give up."""

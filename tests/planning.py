@@ -147,12 +147,12 @@ def least_distance(space: CSpace, points: np.ndarray) -> float:
     lower, upper, (corners, tree) = np.array(space.grid.lower), np.array(space.grid.upper), shut_corners(space)
     least = float(np.minimum(points - lower, upper - points).min())
     if len(corners):
-        middles = tree.query(points)[0]
-        for k in np.argsort(middles):
-            if middles[k] > least + space.grid.spacing / 2.0 * math.sqrt(space.grid.dim):
-                break  # no cell comes nearer than so much less than its middle
-            apart = np.maximum(corners - points[k], points[k] - corners - space.grid.spacing)
-            least = min(least, float(np.linalg.norm(np.maximum(apart, 0.0), axis=1).min()))
+        # No cell that is nearer than the least has its middle further off than by half a diagonal more.
+        reach = min(least, float(tree.query(points)[0].min())) + space.grid.spacing * math.sqrt(space.grid.dim)
+        near = cKDTree(points).sparse_distance_matrix(tree, reach, output_type="coo_matrix")
+        first, at = corners[near.col], points[near.row]
+        apart = np.maximum(first - at, at - first - space.grid.spacing)
+        least = min(least, float(np.linalg.norm(np.maximum(apart, 0.0), axis=1).min(initial=math.inf)))
     return least
 
 

@@ -18,7 +18,7 @@ from ompl import util as ou
 import planners
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, CSpace, InputError, Robot, Workspace, build
 from handmade import walled
-from planners.catalogue import IGNORE_OBJECTIVES, REFUSED, SECOND_THREAD
+from planners.catalogue import _SETTINGS, IGNORE_OBJECTIVES, REFUSED, SECOND_THREAD
 from planners.local_planner import CURVES
 from planning import (
     ANYTIME,
@@ -47,6 +47,13 @@ def options_for(curve: str | None) -> dict[str, Any]:
     return {} if curve is None else {"drive": curve, **CAR}
 
 
+@pytest.fixture
+def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For FMT and BFMT, of which OMPL alone measures all distances: of a thousand, along curves, for two seconds."""
+    few = dict.fromkeys(("FMT", "BFMT"), lambda planner: planner.setNumSamples(300))
+    monkeypatch.setattr("planners.catalogue._SETTINGS", _SETTINGS | few)
+
+
 def endpoints_in(name: str, curve: str | None) -> tuple[Any, Any]:
     """Start and goal that all planners join, also along curves."""
     return (ENDPOINTS[name][0], (3.0, 3.0, 0.0)) if curve else ENDPOINTS[name]
@@ -64,6 +71,7 @@ def patient(space: CSpace, endpoints: Any, limits: tuple[float, ...], **options:
 # ---- every planner ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("few_samples")
 @pytest.mark.parametrize(("name", "curve"), JOINED)
 @pytest.mark.parametrize("planner", NAMES)
 def test_every_planner_finds_a_certified_path(planner: str, name: str, curve: str | None) -> None:
@@ -425,6 +433,7 @@ def test_wrong_input_is_named(name: str, wrong: dict[str, Any], message: str) ->
 # ---- repeatable runs -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("few_samples")
 @pytest.mark.parametrize("planner", sorted(set(NAMES) - SECOND_THREAD))
 def test_a_seed_repeats_a_run_with_others_in_between(planner: str) -> None:
     limits: dict[str, Any] = {"time_limit": 60.0} | ({"iterations": 200} if planner in ANYTIME else {})
@@ -503,6 +512,10 @@ def test_an_objective_of_ones_own_is_called_and_keeps_away_from_walls() -> None:
     assert wide.clearance > short.clearance + 0.15 and wide.length > short.length
     assert wide.path.tolist() == same.path.tolist()
     assert (short.objective, wide.objective, same.objective) == ("length", "custom", "clearance")
+    # Of the quick paths that a planner has to beat, only the best is improved to the end.
+    calls.clear()
+    planners.plan(space, *ENDPOINTS["plane"], objective=lambda si: Counted(si, space), **options | {"iterations": 1})
+    assert 100 < len(calls) < 25_000
 
 
 @pytest.mark.parametrize(("planner", "name"), [*((each, "plane") for each in HEEDING), ("RRTstar", "space")])
