@@ -71,6 +71,7 @@ def _cache_class() -> Any:
     once, each may leave its own index beside the other's code.
     """
     from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+    from numba.core.runtime.nrt import rtsys
     from numba.core.sigutils import normalize_signature
 
     class Own:
@@ -110,7 +111,11 @@ def _cache_class() -> Any:
             self._cache_file = File(self._cache_path, self._impl.filename_base, stamp)  # type: ignore[no-untyped-call]
 
         def load_overload(self, signature: Any, target: Any) -> Any:
-            return super().load_overload(signature, target) if self._look_around(signature) else None  # type: ignore[no-untyped-call]
+            if not self._look_around(signature):
+                return None
+            # Numba would first import all that it could compile, which takes longer than all that is read here.
+            rtsys.initialize(target)
+            return self._load_overload(signature, target)  # type: ignore[no-untyped-call]
 
         def save_overload(self, signature: Any, compiled: Any) -> None:
             _refuse_recursion(self._py_func.__qualname__, compiled.library)
