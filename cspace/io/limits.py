@@ -70,9 +70,11 @@ def check_bytes(path: StrPath, size: int, what: str = "holds", memory: float = 1
 
     Raises FileError if it is over ``max_bytes``, or ``memory`` times as much does not fit into memory.
     """
-    held = f"{what} {bytes_text(size)}"
-    _check(path, held, size, "max_bytes", bytes_text(_CURRENT.get().max_bytes), size)
-    check_memory(path, held, memory * size)
+    most = _CURRENT.get().max_bytes
+    if size > most or memory * size >= _LEAST:
+        held = f"{what} {bytes_text(size)}"
+        _check(path, held, size, "max_bytes", bytes_text(most), size)
+        check_memory(path, held, memory * size)
 
 
 def check_cells(path: StrPath, shape: Sequence[int], memory: float = 1.0) -> None:

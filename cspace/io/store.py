@@ -17,6 +17,7 @@ import os
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
+from functools import cache
 from itertools import compress
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -72,6 +73,9 @@ _NUMBERS: Final = ("lower", "spacing")
 
 _LONGEST: Final = 2**28
 """Bytes of the metadata, at most."""
+
+_PART: Final = 2**20
+"""Bytes of an archive that are unpacked together."""
 
 
 class Stored(NamedTuple):
@@ -144,7 +148,8 @@ ARRAYS: Final[dict[str, Stored]] = {
 """Every array that a map may hold, but those that describe its rotation cells."""
 
 
-def stored() -> dict[str, Stored]:
+@cache
+def stored() -> Mapping[str, Stored]:
     """Every array that a map may hold."""
     arrays = dict(ARRAYS)
     for name, each in _coordinates().items():
@@ -477,7 +482,7 @@ def _opened(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, str
 
 def _proven(path: str | os.PathLike[str], name: str, digests: Mapping[str, str]) -> bytes:
     """The content of a file of the folder, which agrees with its digest."""
-    file = Path(path) / name
+    file = Path(path, name)
     if ".." in name or not file.is_file():
         raise unusable(path, f"its file {name!r} is missing")
     check_bytes(file, file.stat().st_size)
@@ -578,37 +583,44 @@ def read_npz(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, ND
             raise unusable(path, "it holds no metadata")
         if archive.getinfo("metadata.npy").file_size > _LONGEST:
             raise unusable(path, f"its metadata are over {_LONGEST} bytes long")
-        metadata = json.loads(str(_member(archive, "metadata")[()]))
+        with archive.open("metadata.npy") as text:
+            metadata = json.loads(str(np.lib.format.read_array(text, allow_pickle=False)[()]))
         digests = unseal(metadata, path)
         check_names([name for name in digests if name not in _NUMBERS], metadata, path)
         arrays = {}
         for name, digest in digests.items():
             if f"{name}.npy" not in names:
                 raise unusable(path, f"its array {name!r} is missing")
-            header = _Header(archive, name)
-            if name not in _NUMBERS:
-                check_kind(name, header, metadata, path)
-            check_bytes(path, archive.getinfo(f"{name}.npy").file_size, f"has an array {name!r} that unpacks to")
-            arrays[name] = _member(archive, name)
+            arrays[name] = _member(archive, name, metadata, path)
             if digest_of_array(arrays[name]) != digest:
                 raise unusable(path, f"its array {name!r} differs from its digest")
     check_states(arrays["state"], path)
     return metadata, arrays
 
 
-class _Header:
-    """Shape and type of a member, whose size agrees with them, before it is unpacked."""
+class _Header(NamedTuple):
+    """What a member of an archive says of its array."""
 
-    def __init__(self, archive: zipfile.ZipFile, name: str) -> None:
-        with archive.open(f"{name}.npy") as stream:
-            if np.lib.format.read_magic(stream) != (1, 0):
-                raise ValueError(f"{name} is of another version of the format of NumPy")
-            self.shape, _, self.dtype = np.lib.format.read_array_header_1_0(stream)
-            size = stream.tell() + self.dtype.itemsize * int(np.prod(self.shape, dtype=object))
-        if size != archive.getinfo(f"{name}.npy").file_size:
-            raise ValueError(f"{name} is longer or shorter than its header says")
+    shape: tuple[int, ...]
+    fortran: bool
+    dtype: np.dtype[Any]
 
 
-def _member(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+def _member(
+    archive: zipfile.ZipFile, name: str, metadata: Mapping[str, Any], path: str | os.PathLike[str]
+) -> NDArray[Any]:
+    """An array of an archive, of the kind that the map needs; what it takes is known before it is unpacked."""
+    size = archive.getinfo(f"{name}.npy").file_size
     with archive.open(f"{name}.npy") as stream:
-        return np.asarray(np.lib.format.read_array(stream, allow_pickle=False))
+        if np.lib.format.read_magic(stream) != (1, 0):
+            raise ValueError(f"{name} is of another version of the format of NumPy")
+        header = _Header(*np.lib.format.read_array_header_1_0(stream))
+        if size != stream.tell() + header.dtype.itemsize * math.prod(header.shape):
+            raise ValueError(f"{name} is longer or shorter than its header says")
+        if name not in _NUMBERS:
+            check_kind(name, header, metadata, path)
+        check_bytes(path, size, f"has an array {name!r} that unpacks to")
+        content = np.empty(size - stream.tell(), np.uint8)
+        for start in range(0, len(content), _PART):
+            content[start : start + _PART] = np.frombuffer(stream.read(_PART), np.uint8)
+    return content.view(header.dtype).reshape(header.shape, order="F" if header.fortran else "C")

@@ -82,7 +82,7 @@ def test_a_map_comes_back_as_it_was(space: cspace.CSpace, suffix: str) -> None:
         same(space, cspace.open(path))
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", [".zarr", ".npz"])
 def test_a_map_of_every_kind_comes_back_and_makes_itself_again(
     tmp_path: Path, space: cspace.CSpace, suffix: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -129,7 +129,7 @@ def test_only_what_is_there_is_stored(tmp_path: Path) -> None:
 def test_arrays_of_several_chunks_come_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, space: cspace.CSpace
 ) -> None:
-    monkeypatch.setattr(store, "CHUNK", {1: 7, 2: 6, 3: 5})
+    monkeypatch.setattr(store, "CHUNK", {1: 19, 2: 6, 3: 5})
     monkeypatch.setattr(store, "SLICE_CHUNK", {2: 6, 3: 5})
     space.save(tmp_path / "map")
     assert len(list(files(tmp_path / "map" / "state" / "c" / "0"))) > 2
@@ -472,7 +472,7 @@ def test_a_dataset_is_labelled_and_read_only(space: cspace.CSpace) -> None:
 def test_a_dataset_survives_zarr_and_netcdf(tmp_path: Path, space: cspace.CSpace) -> None:
     dataset = space.to_xarray()
     dataset.to_zarr(tmp_path / "set.zarr", zarr_format=3, consolidated=False)
-    with xarray.open_zarr(tmp_path / "set.zarr", consolidated=False) as opened:
+    with xarray.open_zarr(tmp_path / "set.zarr", consolidated=False, chunks=None) as opened:
         assert opened.identical(dataset)
     dataset.to_netcdf(tmp_path / "set.nc", engine="scipy")
     with xarray.open_dataset(tmp_path / "set.nc", engine="scipy") as opened:
@@ -483,7 +483,7 @@ def test_a_dataset_survives_zarr_and_netcdf(tmp_path: Path, space: cspace.CSpace
 def test_xarray_opens_the_folder(tmp_path: Path, space: cspace.CSpace) -> None:
     space.save(tmp_path / "map.zarr")
     expected = space.to_xarray()
-    with xarray.open_zarr(tmp_path / "map.zarr", consolidated=False) as opened:
+    with xarray.open_zarr(tmp_path / "map.zarr", consolidated=False, chunks=None) as opened:
         states = opened.state.isel(slice=opened.slice_of) if space.rotations.dof else opened.state.isel(slice=0)
         np.testing.assert_array_equal(states, expected.state)
         assert {key: opened.attrs[key] for key in expected.attrs} == expected.attrs
