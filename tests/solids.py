@@ -14,7 +14,7 @@ from cspace.arms import Arm
 ORIGIN, STILL = np.zeros(3), np.eye(3)
 
 
-class Solid(fcl.CollisionObject):  # type: ignore[misc]
+class Solid(fcl.CollisionObject):
     """A solid, and how far it reaches from its middle."""
 
     radius: float

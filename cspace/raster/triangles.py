@@ -68,7 +68,7 @@ _TRIES: Final = 3
 
 _ROUNDING: Final = 2.0**-20
 _TRIANGLES_A_THREAD: Final = 2_000
-_SLABS_A_THREAD: Final = 4
+_CUBES_A_THREAD: Final = 10_000
 
 
 def mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: float = SLACK) -> None:
@@ -164,7 +164,7 @@ def mark_within(out: Bools, parts: Swept, half: float, radius: float) -> None:
         _mark_within(out.view(np.uint8), parts, half, radius, slack, start, stop)
         return -1
 
-    in_chunks(work, len(out), _SLABS_A_THREAD)
+    in_chunks(work, len(out), 1 + len(out) * _CUBES_A_THREAD // max(1, out.size))
 
 
 @jit

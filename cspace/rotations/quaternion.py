@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
@@ -183,9 +183,9 @@ class QuaternionRotations(Rotations):
         if shape.is_round:
             return np.zeros(self.count, dtype=np.int64)
         least = np.arange(self.count)
-        for matrix, cells in self.images(shape):
+        for matrix, change in self._changes(shape):
             if (matrix == np.eye(3)).all():
-                least = np.minimum(least, least[cells])
+                least = np.minimum(least, least[self.cell_of(self.centers @ change)])
         return np.unique(least, return_inverse=True)[1].astype(np.int64)
 
     def images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
@@ -193,16 +193,22 @@ class QuaternionRotations(Rotations):
 
         These are all where M puts the axes back that S permutes, whatever their signs.
         """
-        known: dict[bytes, tuple[Floats, Floats]] = {}
+        return [(matrix, self.cell_of(self.centers @ change)) for matrix, change in self._changes(shape)]
+
+    def _changes(self, shape: Symmetric) -> Iterable[tuple[Floats, Floats]]:
+        """What :meth:`images` does to matrices, and to quaternions."""
         owns = np.array(shape.symmetries)
-        for own in owns[np.argsort(-np.linalg.det(owns), kind="stable")]:
-            # Two mirrors are two turns, each with the mirror of all three axes; the turns come first.
-            turn = self.of_matrix(own * np.linalg.det(own))
-            turns_back = product_of(np.eye(4), turn * (-1.0, -1.0, -1.0, 1.0))
-            changes = np.round(product_of(product_of(turns_back[:, None], np.eye(4)), turn))
-            for matrix, change in zip(_HALF_TURNS @ own.T, changes, strict=True):
-                known.setdefault(change.tobytes(), (matrix, change))
-        return [(matrix, self.cell_of(self.centers @ change)) for matrix, change in known.values()]
+        signs = np.linalg.det(owns)
+        # Two mirrors are two turns, each with the mirror of all three axes; the turns come first.
+        order = np.argsort(-signs, kind="stable")
+        turns = self.of_matrix(owns[order] * signs[order, None, None])[:, None, None]
+        turns_back = product_of(np.eye(4), turns * (-1.0, -1.0, -1.0, 1.0))
+        changes = np.round(product_of(product_of(turns_back.swapaxes(1, 2), np.eye(4)), turns))
+        matrices = _HALF_TURNS @ owns[order, None].swapaxes(-1, -2)
+        known: dict[bytes, tuple[Floats, Floats]] = {}
+        for matrix, change in zip(matrices.reshape(-1, 3, 3), changes.reshape(-1, 4, 4), strict=True):
+            known.setdefault(change.tobytes(), (matrix, change))
+        return known.values()
 
     def turns(self, dim: int) -> list[Turn]:
         matrices = self._matrices(self.centers, dim)
