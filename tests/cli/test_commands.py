@@ -20,7 +20,7 @@ from cspace.cli.report import progress_line
 from cspace.compiling import LOGGER
 from cspace.errors import InputError
 from cspace.memory import MESH_BYTES, build_seconds, bytes_text, map_bytes
-from cspace.plot import animate, save_plot
+from cspace.plot import animate
 from cspace.spectral import FourierOverlap
 from maps import same
 
@@ -31,6 +31,8 @@ ENDPOINTS = {
     "both.zarr": ("0.35,0.65,0.45,0", "2.15,0.65,0.45,90deg"),
     "free.zarr": ("0.35,0.65,0.45,0,0,0,1", "2.15,0.65,0.45,0,0,0.6,0.8"),
 }
+Drawn = tuple[Any, str, dict[str, Any]]
+
 SHUT = {
     "plane.zarr": "2.35,0.15",
     "turning.npz": "2.35,0.15,0",
@@ -263,51 +265,63 @@ def test_real_files(data: Path) -> None:
 # ----------------------------------------------------------------------------------------------- plan
 
 
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Drawn]:
+    """Map, name and options of each picture that would be drawn."""
+    drawn: list[Drawn] = []
+
+    def save(space: Any, file: Path, overwrite: bool = False, **options: Any) -> None:
+        drawn.append((space, str(file), options))
+
+    monkeypatch.setattr("cspace.plot.save_plot", save)
+    return drawn
+
+
+def numbers(text: str) -> list[float]:
+    """A configuration as it is given on the command line."""
+    return [math.radians(float(x[:-3])) if x.endswith("deg") else float(x) for x in text.split(",")]
+
+
 @pytest.mark.parametrize("file", ENDPOINTS)
-def test_plan_and_plot(room: Path, file: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_plan_and_plot(room: Path, file: str, drawn: list[Drawn]) -> None:
     start, goal = ENDPOINTS[file]
-    monkeypatch.setattr("cspace.plot.save_plot", partial(save_plot, dpi=30))
     printed = document(
         *("plan", file, "--start", start, "--goal", goal, "--seed", 1, "--time-limit", 5),
         *("-o", "path.csv", "-o", "path.json", "--picture", "path.png"),
     )
     assert printed["solved"] and printed["certified"]
     path = np.array(printed["path"])
-    endpoints = [
-        [math.radians(float(x[:-3])) if x.endswith("deg") else float(x) for x in q.split(",")] for q in (start, goal)
-    ]
-    np.testing.assert_allclose(path[[0, -1]], endpoints, atol=1e-12)
+    np.testing.assert_allclose(path[[0, -1]], [numbers(start), numbers(goal)], atol=1e-12)
     np.testing.assert_allclose(np.loadtxt("path.csv", delimiter=",", skiprows=1), path)
     axes = {"plane.zarr": "x,y", "turning.npz": "x,y,yaw", "space.zarr": "x,y,z", "both.zarr": "x,y,z,yaw"}
     axes["free.zarr"] = "x,y,z,qx,qy,qz,qw"
     assert Path("path.csv").read_text().splitlines()[0] == axes[file]
     assert json.loads(Path("path.json").read_text())["path"] == printed["path"]
     assert list(printed["seconds"]) == ["read", "set_up", "plan", "check", "measure", "write", "draw"]
-    assert Path("path.png").read_bytes().startswith(b"\x89PNG")
-    drawn: list[Any] = []
-    monkeypatch.setattr("cspace.plot.save_plot", lambda *_, **options: drawn.append(options["path"]))
+    space, picture, options = drawn.pop()
+    assert space.plot(**options).figure.axes  # all that is in it is made, but no pixels
+    assert picture == "path.png" and [*options["start"], *options["goal"]] == [*numbers(start), *numbers(goal)]
+    np.testing.assert_array_equal(options["path"].path, path)
     for name in ("path.csv", "path.json"):
         assert document("plot", file, "--path", name, "-o", "again.png")["picture"] == "again.png"
-        np.testing.assert_array_equal(drawn[-1], path)
+        _, picture, options = drawn.pop()
+        assert picture == "again.png"
+        np.testing.assert_array_equal(options["path"], path)
 
 
 @pytest.mark.parametrize("file", SHUT)
-def test_no_path(room: Path, file: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cspace.plot.save_plot", partial(save_plot, dpi=30))
-    result = run(
-        "plan", file, "--start", ENDPOINTS[file][0], "--goal", SHUT[file], "-o", "p.csv", "--picture", "p.png", "--json"
-    )
+def test_no_path(room: Path, file: str, drawn: list[Drawn]) -> None:
+    start, goal = ENDPOINTS[file][0], SHUT[file]
+    result = run("plan", file, "--start", start, "--goal", goal, "-o", "p.csv", "--picture", "p.png", "--json")
     assert (result.exit_code, result.stderr.count("\n")) == (1, 1), result.exception
     printed = json.loads(result.stdout)
     assert (printed["solved"], printed["path_exists"]) == (False, False)
     assert "no path exists: proven" in result.stderr
     assert "try" not in result.stderr
     assert not Path("p.csv").exists()
-    endpoints = {
-        name: [float(x) for x in q.split(",")] for name, q in (("start", ENDPOINTS[file][0]), ("goal", SHUT[file]))
-    }
-    save_plot(cspace.open(file), "own.png", dpi=30, **endpoints)
-    assert Path("p.png").read_bytes() == Path("own.png").read_bytes()
+    [(_, picture, options)] = drawn
+    assert picture == "p.png"
+    assert options == {"path": None, "start": tuple(numbers(start)), "goal": tuple(numbers(goal))}
 
 
 def test_out_of_time(room: Path) -> None:
@@ -345,7 +359,7 @@ def test_options_go_to_the_planner(room: Path, monkeypatch: pytest.MonkeyPatch) 
         assert (heard["start"], heard["goal"]) == ((-0.5, -0.25), (0.5, -0.5))
 
 
-def test_car_paths_are_drawn(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_car_paths_are_drawn(room: Path, drawn: list[Drawn], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cspace.plot.animate", partial(animate, seconds=0.2))
     printed = document(
         *("plan", "turning.npz", "--start", "0.35,0.55,0", "--goal", "0.95,0.6,0.1", "--seed", 1, "--time-limit", 5),
@@ -354,10 +368,9 @@ def test_car_paths_are_drawn(room: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert printed["solved"]
     # The table has a column more, which tells the way that the car drives.
     assert Path("path.csv").read_text().startswith("x,y,yaw,direction\n")
-    document("plot", "turning.npz", "--path", "path.csv", "-o", "path.png", "--dpi", 50)
     space, rows = cspace.open("turning.npz"), np.loadtxt("path.csv", delimiter=",", skiprows=1)
-    save_plot(space, "own.png", path=rows[:, :3], dpi=50)
-    assert Path("path.png").read_bytes() == Path("own.png").read_bytes()
+    assert document("plot", "turning.npz", "--path", "path.csv", "-o", "path.png")["picture"] == "path.png"
+    np.testing.assert_array_equal(drawn.pop()[-1]["path"], rows[:, :3])
     animate(space, rows[:, :3], "own.gif", seconds=0.2)
     assert Path("path.gif").read_bytes() == Path("own.gif").read_bytes()
 
@@ -474,8 +487,8 @@ def test_ctrl_c_while_planning(room: Path) -> None:
         "sys.argv[0] = 'cspace'\n"
         "main()\n"
     )
-    endpoints = ["--start", ENDPOINTS["plane.zarr"][0], "--goal", ENDPOINTS["plane.zarr"][1]]
-    arguments = ["plan", "plane.zarr", *endpoints, "--planner", "RRTstar", "--time-limit", "60", "-o", "path.csv"]
+    endpoints = ["--start", ENDPOINTS["turning.npz"][0], "--goal", ENDPOINTS["turning.npz"][1]]
+    arguments = ["plan", "turning.npz", *endpoints, "--planner", "RRTstar", "--time-limit", "60", "-o", "path.csv"]
     done = spawn("-c", code, *arguments, cwd=room)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "cspace: interrupted\n")
     assert not Path("path.csv").exists()

@@ -24,11 +24,11 @@ def city(tmp_path_factory):
 def test_from_city_to_path(city):
     folder, workspace = city
     options = ("--robot", "rect:0.5x0.3", "--rotations", "8", "--spacing", "0.1", "--tile", "32", "--json")
+    space = cspace.build(workspace, cspace.Robot.open("rect:0.5x0.3"), rotations=8)
     for source in ("city.zarr", "city.npy"):
         out = folder / f"map-{source}.zarr"
         printed = json.loads(run("map", str(folder / source), *options, "-o", str(out)).stdout)
         assert printed["done_percent"] == 100.0
-        space = cspace.build(workspace, cspace.Robot.open("rect:0.5x0.3"), rotations=8)
         assert printed["cells"] == dict(zip(("free", "mixed", "blocked"), space.count(), strict=True))
     done = json.loads(run("map", str(folder / "city.npy"), *options, "-o", str(out)).stdout)  # nothing is left to do
     assert done["cells"] == printed["cells"]
