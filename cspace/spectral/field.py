@@ -94,9 +94,9 @@ class OverlapField:
             for rows in np.array_split(np.arange(shape[1]), -(-grid.size // _BATCH)):
                 cells = np.stack(np.meshgrid(rows, *map(np.arange, shape[2:]), indexing="ij"), axis=-1)
                 places = grid.center_of(cells)
-                arrays[FIELDS[0]][number, rows] = placed.value(places)
-                for name, slope in zip(FIELDS[1:], np.moveaxis(placed.gradient(places), -1, 0), strict=False):
-                    arrays[name][number, rows] = slope
+                value, gradient = placed.value_and_gradient(places)
+                for name, array in zip(arrays, (value, *np.moveaxis(gradient, -1, 0)), strict=True):
+                    arrays[name][number, rows] = array
         return cls(space, {name: array.reshape(_shape(space)) for name, array in arrays.items()})
 
     @property

@@ -28,7 +28,7 @@ from cspace.spectral.bands import (
 from cspace.spectral.bump import Bump, pair_integrals
 from cspace.spectral.descriptors import ROUNDING, BallDescriptor, BallsLike, balls_of, bump_of, check_dims
 from cspace.spectral.regions import gaps
-from cspace.spectral.spectra import nufft
+from cspace.spectral.spectra import real_series
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -273,6 +273,11 @@ class FourierOverlap:
         """The derivatives of :meth:`value`, shape (..., d): metres, or square metres in space."""
         return self._sums(t, self._slopes)
 
+    def value_and_gradient(self, t: ArrayLike) -> tuple[Floats, Floats]:
+        """:meth:`value`, shape (...), and :meth:`gradient`, in less time than one after the other."""
+        sums = self._sums(t, [self._terms, *self._slopes])
+        return sums[..., 0], sums[..., 1:]
+
     def rotated(self, rotation: ArrayLike | Rotation) -> FourierOverlap:
         """The same with A turned about the origin of its frame: by an angle in the plane, radians, a matrix of shape
         (d, d) or a scipy Rotation; InputError if it is none of these.
@@ -374,7 +379,7 @@ class FourierOverlap:
         out = np.zeros((len(relative), len(sums)))
         if np.count_nonzero(inside) > FEW:
             boxes = np.stack([self._rings.box_of(terms.products / self._rings.twice) for terms in sums])
-            out[inside] = nufft(2.0 * math.pi * relative[inside] / self._rings.lengths, boxes, ACCURACY).real.T
+            out[inside] = real_series(2.0 * math.pi * relative[inside] / self._rings.lengths, boxes, ACCURACY).T
         else:
             for column, terms in zip(out.T, sums, strict=True):
                 column[:] = separate_all(relative, inside, terms, math.nan)[2][:, 0]

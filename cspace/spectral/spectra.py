@@ -115,10 +115,25 @@ def finufft_module() -> Any:
     return optional("finufft", "spectra at centers that lie on no lattice need it", "spectral")
 
 
-def nufft(points: Floats, spectra: Complexes, tolerance: float) -> Complexes:
-    """Fourier series at points, shape (n, d), radians: of coefficients (..., counts) in numpy.fft's order; (..., n)."""
-    transform, threads = getattr(finufft_module(), f"nufft{points.shape[1]}d2"), _threads(spectra.size + len(points))
-    return np.asarray(transform(*points.T.copy(), spectra, eps=tolerance, isign=1, modeord=1, nthreads=threads))
+def real_series(points: Floats, spectra: Complexes, tolerance: float) -> Floats:
+    """Fourier series of real functions at points, shape (n, d), radians: of coefficients (m, counts) in numpy.fft's
+    order; (m, n). The tolerance is relative to the root of the sum of the squares of a series' coefficients.
+
+    They are transformed two by two, one as the real part, the other, of the same size, as the imaginary one.
+    """
+    sizes = np.linalg.norm(spectra.reshape(len(spectra), -1), axis=1)
+    scaled = spectra / np.where(sizes > 0.0, sizes, 1.0).reshape(-1, *[1] * points.shape[1])
+    pairs = scaled[::2].copy()
+    pairs[: len(scaled) // 2] += 1j * scaled[1::2]
+    transform, finer = getattr(finufft_module(), f"nufft{points.shape[1]}d2"), _sampling(tolerance)
+    options = {"isign": 1, "modeord": 1, "nthreads": _threads(spectra.size + len(points)), "upsampfac": finer}
+    series = np.atleast_2d(transform(*points.T.copy(), pairs, eps=tolerance, **options))
+    parts = np.stack([series.real, series.imag], axis=1).reshape(-1, len(points))[: len(sizes)]
+    return np.asarray(parts * sizes[:, None])
+
+
+def _sampling(tolerance: float) -> float:
+    return next(finer for least, finer in SAMPLING if tolerance >= least)
 
 
 def _threads(samples: float) -> int:
@@ -224,7 +239,7 @@ class _LatticeSum:
     @cached_property
     def _plan(self) -> Any:
         demanded = max(LEAST_DEMANDED, STRICTER * self._tolerance)
-        finer = next(finer for least, finer in SAMPLING if demanded >= least)
+        finer = _sampling(demanded)
         threads = _threads(self._half.size * finer**self._half.ndim)
         options = {"eps": demanded, "isign": -1, "modeord": 1, "nthreads": threads, "upsampfac": finer}
         return finufft_module().Plan(1, self._half.shape, dtype="complex128", **options)

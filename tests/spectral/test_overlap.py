@@ -125,6 +125,10 @@ def test_gradients_are_finite_differences(dim: int) -> None:
     assert gradients == pytest.approx(np.array(slopes), abs=1e-6 * np.abs(gradients).max())
     assert overlap.gradient(ts) == pytest.approx(gradients, abs=1e-7 * np.abs(gradients).max())
     assert np.abs(gradients).max() > 1e-3
+    for places in (ts, ts[0]):
+        value, gradient = overlap.value_and_gradient(places)
+        assert value == pytest.approx(overlap.value(places), abs=1e-8 * np.abs(overlap.value(ts)).max())
+        assert gradient == pytest.approx(overlap.gradient(places), abs=1e-7 * np.abs(gradients).max())
 
 
 @pytest.mark.parametrize("dim", DIMS)
