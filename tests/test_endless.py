@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib import pyplot as plt
 from ompl import base as ob
-from scipy.sparse.csgraph import dijkstra
+from scipy.sparse.csgraph import connected_components, dijkstra
 
 import cspace
 import planners
@@ -63,21 +63,8 @@ def maps(draw: st.DrawFn, endless: tuple[bool, ...]) -> tuple[EndlessCSpace, Any
 
 def joined(states: Any, endless: tuple[bool, ...], most: int) -> Any:
     """A number for each cell of at most a state, the same for those that chains join, across seams too; or -1."""
-    numbers = np.full(states.shape, -1)
-    for number, first in enumerate(zip(*np.nonzero(states <= most), strict=True)):
-        waiting = [first] if numbers[first] < 0 else []
-        while waiting:
-            cell = waiting.pop()
-            numbers[cell] = number
-            for axis, step in itertools.product(range(states.ndim), (-1, 1)):
-                near = list(cell)
-                near[axis] += step
-                if endless[axis]:
-                    near[axis] %= states.shape[axis]
-                beside = tuple(near)
-                if 0 <= near[axis] < states.shape[axis] and states[beside] <= most and numbers[beside] < 0:
-                    waiting.append(beside)
-    return numbers
+    graph = graph_of(linked(states <= most, endless, corners=False), states.size)
+    return np.where(states <= most, connected_components(graph, directed=False)[1].reshape(states.shape), -1)
 
 
 def drawn(space: EndlessCSpace, rng: np.random.Generator, n: int) -> Any:

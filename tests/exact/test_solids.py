@@ -437,16 +437,20 @@ def test_robots_that_turn_in_space(outside, turns):
     space = cspace.build(workspace, Robot.mesh(mesh), rotations=TURNS[turns], outside=outside)
     moved, still = (surface(part.vertices, part.faces) for part in (mesh, boxes_mesh(boxes)))
 
-    def gap(place, matrix):
-        moved.setTransform(fcl.Transform(matrix, place))
-        apart = fcl.distance(moved, still, fcl.DistanceRequest(), fcl.DistanceResult())
-        at = mesh.vertices @ matrix.T + place
-        return apart if outside == "free" else min(apart, at.min(), (2.0 - at).min())
+    corners = np.array(mesh.vertices)
+
+    def gaps(places, matrices):
+        apart = np.empty(len(places))
+        for k, (place, matrix) in enumerate(zip(places, matrices, strict=True)):
+            moved.setTransform(fcl.Transform(matrix, place))
+            apart[k] = fcl.distance(moved, still, fcl.DistanceRequest(), fcl.DistanceResult())
+        at = corners @ matrices.swapaxes(1, 2) + places[:, None]
+        return apart if outside == "free" else np.minimum(apart, np.minimum(at, 2.0 - at).min(axis=(1, 2)))
 
     rotations = rng.uniform(-9.0, 9.0, (150, 1)) if turns == "yaw" else Rotation.random(150, random_state=1).as_quat()
     q0 = np.column_stack([rng.uniform(0.0, 2.0, (150, 3)), rotations])
     free = space.is_free(q0, exact=True)
-    true = np.array([gap(q[:3], turn_of(q).as_matrix()) for q in q0])
+    true = gaps(q0[:, :3], np.array([turn_of(q).as_matrix() for q in q0]))
     decided = np.abs(true) > BAND
     np.testing.assert_array_equal(free[decided], true[decided] > 0.0)
     assert 20 < free.sum() < 145
@@ -458,7 +462,7 @@ def test_robots_that_turn_in_space(outside, turns):
         answer = space.motion_is_free(first, [*(first[:3] + step), *last], exact=True)
         shares = (t if answer else t[::9])[:, None]
         turned = Rotation.from_rotvec(shares * turn) * turn_of(first)
-        least = min(map(gap, first[:3] + shares * step, turned.as_matrix()))
+        least = gaps(first[:3] + shares * step, turned.as_matrix()).min()
         assert least > 0.0 if answer else least < 0.03 * (np.abs(step).sum() + np.abs(turn).sum() + 1.0)
         proven += answer
     assert proven > 3

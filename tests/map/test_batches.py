@@ -1,7 +1,7 @@
 """Many look-ups in one call: blocks, threads, coarse maps, numbers of any kind; and whole paths and roadmaps."""
 
 import itertools
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -137,14 +137,15 @@ def test_arrays_of_any_layout(make):
 def test_the_first_bad_number_is_named(make, dtype, value):
     rng = np.random.default_rng(5)
     space = made(make, 5)
-    number = 2 * LEAST + 5
-    for first, second in ((0, 1), (1023, 1024), (ROWS + 1, ROWS), (number - 1, LEAST + 3), (number - 1, 7)):
-        q = np.full((number, space.dof), 0.5, dtype)
-        q[first, rng.integers(space.dof)] = q[second, rng.integers(space.dof)] = value
-        with pytest.raises(InputError, match=f"q number {min(first, second)} is .*(nan|inf)"):
-            space.classify(q)
-        with pytest.raises(InputError, match=f"edge number {min(first, second)} is .*(nan|inf)"):
-            space.motion_is_free(np.full(space.dof, 0.5), q)
+    half = {"q": LEAST + 2, "edge": max(ROWS, EDGES_A_THREAD) + 2}
+    ask = {"q": space.classify, "edge": partial(space.motion_is_free, np.full(space.dof, 0.5))}
+    for name, middle in half.items():
+        last = 2 * middle
+        for first, second in ((0, 1), (1023, 1024), (ROWS + 1, ROWS), (last, middle + 1), (last, 7)):
+            q = np.full((last + 1, space.dof), 0.5, dtype)
+            q[first, rng.integers(space.dof)] = q[second, rng.integers(space.dof)] = value
+            with pytest.raises(InputError, match=f"{name} number {min(first, second)} is .*(nan|inf)"):
+                ask[name](q)
     outside = configurations(space, np.full((3, space.dof), -7.0))
     outside[1, rng.integers(space.dof)] = value
     with pytest.raises(InputError, match="q number 1 is"):
