@@ -7,6 +7,7 @@ pairs joins all of them. What lies outside the map is one more component of each
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
@@ -57,12 +58,18 @@ class Tile:
         states = read_only_of(store.states_in(self.cells))
         self.components = Components(states, store.slice_of, store.rotations.neighbors, closed)
 
-    def roots(self, across: int, far: bool) -> tuple[Ints, Ints]:
-        """Components of both kinds on a face, shape (rotations, *cells of the face); -1 where a cell has none."""
-        place = self.shape[across] - 1 if far else 0
-        spans = [range(n) if axis != across else range(place, place + 1) for axis, n in enumerate(self.shape)]
-        cells = np.stack(np.meshgrid(range(turns_of(self.store)), *spans, indexing="ij"), axis=-1)
-        cells = np.take(cells, 0, axis=1 + across).astype(np.int64)
+    def roots(self) -> tuple[Ints, Ints]:
+        """Components of both kinds on all faces, one face after the other; -1 where a cell has none.
+
+        Those of a face are in the order of an array of shape (rotations, *cells of the face).
+        """
+        sides = turns_of(self.store), *self.shape
+        faces = []
+        for across, far in faces_of(len(self.shape)):
+            spans = list(map(range, sides))
+            spans[1 + across] = spans[1 + across][-1:] if far else spans[1 + across][:1]
+            faces.append(np.stack(np.meshgrid(*spans, indexing="ij"), axis=-1).reshape(-1, len(sides)))
+        cells = np.concatenate(faces).astype(np.int64)
         return self.components.of(cells), self.components.of(cells, mixed=True)
 
 
@@ -74,10 +81,7 @@ def turns_of(store: Store) -> int:
 def label(job: Job, index: Index) -> None:
     """The task: label a tile, and write what lies on its faces."""
     store = job.store
-    tile = Tile(store, index)
-    roots = [tile.roots(*face) for face in faces_of(store.grid.dim)]
-    for kind in (FREE_ONES, OPEN_ONES):
-        flat = np.concatenate([each[kind].ravel() for each in roots])
+    for kind, flat in enumerate(Tile(store, index).roots()):
         _, numbers = np.unique(flat, return_inverse=True)
         labels = numbers - numbers[flat < 0].max(initial=-1) - 1  # -1 comes first
         labels[flat < 0] = -1
@@ -90,20 +94,25 @@ def _row(store: Store, index: Index, labels: Ints) -> NDArray[np.int32]:
     return np.concatenate([made_from, labels]).astype(np.int32).reshape(*(1,) * store.grid.dim, -1)
 
 
-def read_labels(store: Store, index: Index, kind: int) -> list[Labels] | None:
-    """Labels on the faces of a tile, one array for each, shape (rotations, *cells); None where they are not there."""
-    mark = store.known(index).mark
-    row = store.optional(f"labels_{kind}", (*index, 0))
-    if row is None or row.reshape(-1)[:MARK].astype("<i4").tobytes() != mark:
-        return None
-    rest, made = row.reshape(-1)[MARK:], []
+def read_labels(store: Store, index: Index) -> list[list[Labels]] | None:
+    """Labels on the faces of a tile, of both kinds; None where they are not there.
+
+    One array for each face, shape (rotations, *cells).
+    """
+    mark, kinds = store.known(index).mark, list[list[Labels]]()
     shape = [part.stop - part.start for part in store.cells(index)]
-    for across, _ in faces_of(store.grid.dim):
-        sides = (turns_of(store), *(n for axis, n in enumerate(shape) if axis != across))
-        count = int(np.prod(sides))
-        made.append(rest[:count].reshape(sides))
-        rest = rest[count:]
-    return made
+    for kind in (FREE_ONES, OPEN_ONES):
+        row = store.optional(f"labels_{kind}", (*index, 0))
+        if row is None or row.reshape(-1)[:MARK].astype("<i4").tobytes() != mark:
+            return None
+        rest, made = row.reshape(-1)[MARK:], []
+        for across, _ in faces_of(store.grid.dim):
+            sides = (turns_of(store), *(n for axis, n in enumerate(shape) if axis != across))
+            count = math.prod(sides)
+            made.append(rest[:count].reshape(sides))
+            rest = rest[count:]
+        kinds.append(made)
+    return kinds
 
 
 class Joined:
@@ -116,19 +125,19 @@ class Joined:
         self.store = store
         self._slice_of = store.slice_of[: turns_of(store)]
         self._open = ~exterior.is_all_blocked(store.grid.shape)[self._slice_of]
-        self._tiles: OrderedDict[Index, tuple[Tile, list[Ints]]] = OrderedDict()
-        self.first: list[Ints] = []
-        self.pairs: list[Ints] = []
-        self.roots: list[Ints] = []
-        for kind in (FREE_ONES, OPEN_ONES):
-            first, pairs = self._pairs(kind)
-            self.first.append(first)
-            self.pairs.append(pairs)
-            self.roots.append(_united(int(first[-1]) + len(self._slice_of), pairs))
+        self._tiles: OrderedDict[Index, tuple[Tile, list[tuple[Ints, Ints]]]] = OrderedDict()
+        none = np.empty((0, 1 + store.grid.dim), dtype=np.int64)
+        self._last = none, np.empty((2, 0), dtype=np.int64)  # who asks for one kind often asks for the other next
+        self.first = [np.zeros(len(store) + 1, dtype=np.int64) for _ in (FREE_ONES, OPEN_ONES)]
+        self.pairs = self._pairs()
+        self.roots = [
+            _united(int(first[-1]) + len(self._slice_of), pairs)
+            for first, pairs in zip(self.first, self.pairs, strict=True)
+        ]
 
-    def labels(self, index: Index, kind: int) -> list[Labels]:
-        """Those on the faces of a tile."""
-        labels = read_labels(self.store, index, kind)
+    def labels(self, index: Index) -> list[list[Labels]]:
+        """Those on the faces of a tile, of both kinds."""
+        labels = read_labels(self.store, index)
         if labels is None:
             raise LookupError(index)
         return labels
@@ -137,43 +146,52 @@ class Joined:
         """Number of a tile."""
         return int(np.ravel_multi_index(index, self.store.counts))
 
-    def _pairs(self, kind: int) -> tuple[Ints, Ints]:
-        """First node of each tile, and pairs of nodes that are one component; the last nodes are outside the map."""
-        store, faces, first = self.store, faces_of(self.store.grid.dim), np.zeros(len(self.store) + 1, dtype=np.int64)
-        joined, beyond, turns = [np.empty((0, 2), dtype=np.int64)], list[Ints](), np.arange(len(self._slice_of))
+    def _pairs(self) -> list[Ints]:
+        """Pairs of nodes that are one component, of both kinds; notes the first node of each tile.
+
+        The last nodes are outside the map.
+        """
+        store, faces, turns = self.store, faces_of(self.store.grid.dim), np.arange(len(self._slice_of))
+        joined: list[list[Ints]] = [[np.empty((0, 2), dtype=np.int64)] for _ in self.first]
+        beyond = list[Ints]()
+        behind: dict[tuple[int, int, int], Labels] = {}  # labels on far faces, until the tile behind them comes
         for number, index in enumerate(store):
-            own, begin = self.labels(index, kind), first[number]
-            first[number + 1] = begin + max(int(face.max(initial=-1)) for face in own) + 1
-            for (across, far), labels in zip(faces, own, strict=True):
-                beside = [n + (1 if far else -1) * (axis == across) for axis, n in enumerate(index)]
-                if not 0 <= beside[across] < store.counts[across]:
-                    if kind == OPEN_ONES:
-                        along = np.broadcast_to(turns.reshape(-1, *(1,) * (labels.ndim - 1)), labels.shape)
-                        touch = (labels >= 0) & self._open[along]
-                        beyond.append(_unique(labels[touch] + begin, along[touch]))
-                elif not far:
-                    other = self.labels(tuple(beside), kind)[2 * across + 1]
-                    touch = (labels >= 0) & (other >= 0)
-                    joined.append(_unique(other[touch] + first[self.number(tuple(beside))], labels[touch] + begin))
-        joined += [np.add(pairs, (0, first[-1])) for pairs in beyond]
-        if kind == OPEN_ONES and len(turns) > 1:
+            for kind, own in enumerate(self.labels(index)):
+                first, begin = self.first[kind], self.first[kind][number]
+                first[number + 1] = begin + max(int(face.max(initial=-1)) for face in own) + 1
+                for (across, far), labels in zip(faces, own, strict=True):
+                    beside = [n + (1 if far else -1) * (axis == across) for axis, n in enumerate(index)]
+                    if not 0 <= beside[across] < store.counts[across]:
+                        if kind == OPEN_ONES:
+                            along = np.broadcast_to(turns.reshape(-1, *(1,) * (labels.ndim - 1)), labels.shape)
+                            touch = (labels >= 0) & self._open[along]
+                            beyond.append(_unique(labels[touch] + begin, along[touch]))
+                    elif far:
+                        behind[kind, across, number] = labels
+                    else:
+                        before = self.number(tuple(beside))
+                        other = behind.pop((kind, across, before))
+                        touch = (labels >= 0) & (other >= 0)
+                        joined[kind].append(_unique(other[touch] + first[before], labels[touch] + begin))
+        last = self.first[OPEN_ONES][-1]
+        joined[OPEN_ONES] += [np.add(pairs, (0, last)) for pairs in beyond]
+        if len(turns) > 1:
             near = store.rotations.neighbors
             one, other = np.nonzero(near >= 0)[0], near[near >= 0].astype(np.int64)
             both = self._open[one] & self._open[other]
-            joined.append(first[-1] + _unique(one[both], other[both]))
-        return first, np.concatenate(joined)
+            joined[OPEN_ONES].append(last + _unique(one[both], other[both]))
+        return [np.concatenate(pairs) for pairs in joined]
 
-    def nodes_of(self, cells: Ints, kind: int) -> Ints:
-        """Nodes of one kind of cells ``(rotation, x, y(, z))``, shape (n, 1 + d), in the map or not.
+    def nodes_of(self, cells: Ints) -> Ints:
+        """Nodes of cells ``(rotation, x, y(, z))``, shape (n, 1 + d), in the map or not, of both kinds, shape (2, n).
 
         -1 where a cell has none. A component that reaches no face of its tile has a node of its own, below that.
         """
-        store, nodes = self.store, np.full(len(cells), -1, dtype=np.int64)
+        store, nodes = self.store, np.full((2, len(cells)), -1, dtype=np.int64)
         turns = np.minimum(cells[:, 0], len(self._slice_of) - 1)
         inside = ((cells[:, 1:] >= 0) & (cells[:, 1:] < store.grid.shape)).all(axis=1)
-        if kind == OPEN_ONES:
-            outside = ~inside & self._open[turns]
-            nodes[outside] = self.first[kind][-1] + turns[outside]
+        outside = ~inside & self._open[turns]
+        nodes[OPEN_ONES, outside] = self.first[OPEN_ONES][-1] + turns[outside]
         tiles = cells[:, 1:] // store.tile
         for index in np.unique(tiles[inside], axis=0):
             own = np.flatnonzero(inside & (tiles == index).all(axis=1))
@@ -181,19 +199,23 @@ class Joined:
             local = cells[own] - [0, *(part.start for part in tile.cells)]
             local[:, 0] = turns[own]
             number = self.number(tuple(index.tolist()))
-            roots, (known, labels) = tile.components.of(local, kind == OPEN_ONES), faces[2 * kind : 2 * kind + 2]
-            place = np.minimum(np.searchsorted(known, roots), max(len(known) - 1, 0))
-            there = known[place] == roots if len(known) else np.zeros(len(roots), dtype=np.bool_)
-            own_nodes = -2 - (number * 2**32 + roots)  # its own, unless it reaches a face
-            own_nodes[there] = self.first[kind][number] + labels[place[there]]
-            nodes[own] = np.where(roots < 0, -1, own_nodes)
+            for kind in (FREE_ONES, OPEN_ONES):
+                roots, (known, labels) = tile.components.of(local, kind == OPEN_ONES), faces[kind]
+                place = np.minimum(np.searchsorted(known, roots), max(len(known) - 1, 0))
+                there = known[place] == roots if len(known) else np.zeros(len(roots), dtype=np.bool_)
+                own_nodes = -2 - (number * 2**32 + roots)  # its own, unless it reaches a face
+                own_nodes[there] = self.first[kind][number] + labels[place[there]]
+                nodes[kind, own] = np.where(roots < 0, -1, own_nodes)
         return nodes
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
         """Components of FREE cells, or of all that are not BLOCKED; -1 where a cell has none."""
-        nodes = self.nodes_of(cells, kind := OPEN_ONES if mixed else FREE_ONES)
-        nodes[nodes >= 0] = self.roots[kind][nodes[nodes >= 0]]
-        return nodes
+        asked, nodes = self._last
+        if not np.array_equal(asked, cells):
+            self._last = cells, (nodes := self.nodes_of(cells))
+        components: Ints = nodes[int(mixed)].copy()
+        components[components >= 0] = self.roots[int(mixed)][components[components >= 0]]
+        return components
 
     def chain(self, start: Ints, goal: Ints) -> tuple[list[Index], Ints]:
         """The fewest tiles that lead from a cell to another through FREE ones, and where one crosses into the next.
@@ -206,7 +228,7 @@ class Joined:
         from scipy.sparse.csgraph import dijkstra
 
         first, pairs = self.first[FREE_ONES], self.pairs[FREE_ONES]
-        nodes = self.nodes_of(np.stack([start, goal]), FREE_ONES)
+        nodes = self.nodes_of(np.stack([start, goal]))[FREE_ONES]
         tiles = [tuple((cell[1:] // self.store.tile).tolist()) for cell in (start, goal)]
         if nodes[0] == nodes[1] != -1:
             return tiles[:1], np.empty((0, len(start)), dtype=np.int64)
@@ -236,8 +258,8 @@ class Joined:
 
         axis = next(k for k in range(len(one)) if one[k] != other[k])
         far = other[axis] > one[axis]
-        here = self.labels(one, FREE_ONES)[2 * axis + far] == labels[0]
-        there = self.labels(other, FREE_ONES)[2 * axis + (not far)] == labels[1]
+        here = self.labels(one)[FREE_ONES][2 * axis + far] == labels[0]
+        there = self.labels(other)[FREE_ONES][2 * axis + (not far)] == labels[1]
         deep = distance_transform_edt(np.pad(here & there, 1))[(slice(1, -1),) * here.ndim]
         places = np.argwhere(deep >= min(DEEP, deep.max()))
         cells = self.store.cells(one)
@@ -251,16 +273,14 @@ class Joined:
         best[1 + axis] += 1 if far else -1
         return best
 
-    def _tile(self, index: Index) -> tuple[Tile, list[Ints]]:
+    def _tile(self, index: Index) -> tuple[Tile, list[tuple[Ints, Ints]]]:
         """A tile, and of each kind the components on its faces, ascending, with the label of each."""
         if index not in self._tiles:
             tile, pairs = Tile(self.store, index), []
-            roots = [tile.roots(*face) for face in faces_of(self.store.grid.dim)]
-            for kind in (FREE_ONES, OPEN_ONES):
-                flat = np.concatenate([each[kind].ravel() for each in roots])
-                labels = np.concatenate([face.ravel() for face in self.labels(index, kind)])
+            for flat, faces in zip(tile.roots(), self.labels(index), strict=True):
+                labels = np.concatenate([face.ravel() for face in faces])
                 known, place = np.unique(flat, return_index=True)
-                pairs += [known[known >= 0], labels[place][known >= 0].astype(np.int64)]
+                pairs.append((known[known >= 0], labels[place][known >= 0].astype(np.int64)))
             self._tiles[index] = tile, pairs
             if len(self._tiles) > HELD:
                 self._tiles.popitem(last=False)
@@ -272,7 +292,7 @@ def label_all(job: Job, client: Client | None, progress: Callable[[int], None] |
     """Label the tiles that are not labelled, or not as they are now."""
     store = job.store
     store.add_labels(MARK + _most_labels(store))
-    todo = [i for i in store if any(read_labels(store, i, kind) is None for kind in (FREE_ONES, OPEN_ONES))]
+    todo = [index for index in store if read_labels(store, index) is None]
     run(label, job, todo, client, None, progress)
 
 
