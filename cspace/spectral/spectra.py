@@ -231,10 +231,9 @@ class _LatticeSum:
                 waiting = None
         if waiting is not None:
             self._transform(waiting, Term(waiting.members[:0], waiting.strengths[:0], np.zeros_like(self.moduli)))
-        waves = [_waves(m) for m in self._counts]
-        total = self._half[np.ix_(*waves)]
-        total += self._half[np.ix_(*(-k for k in waves))].conj()
-        return total
+        total = np.roll(np.flip(self._half), 1, axis=tuple(range(self._half.ndim)))  # -k in the place of k
+        np.add(self._half, np.conj(total, out=total), out=total)
+        return total if total.shape == self._counts else total[np.ix_(*map(_waves, self._counts))]
 
     @cached_property
     def _plan(self) -> Any:
