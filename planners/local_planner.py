@@ -612,23 +612,15 @@ class CarCurves(EdgesOnMap):
     def points(self, first: Floats, last: Floats, position: Floats) -> Floats:
         """Configurations at distances in metres, shape (n,), along the curve from one to another; shape (n, 3)."""
         turns, lengths = self._word(first, last)
-        out = np.empty((len(position), 3))
-        x, y, yaw, begin = 0.0, 0.0, float(first[2]), 0.0
+        yaws = first[2] + np.cumsum([0.0, *turns * lengths])
+        begins = np.cumsum([0.0, *np.abs(lengths[:-1])])
+        corners = np.cumsum([(0.0, 0.0), *_offsets(turns, lengths, yaws[:-1])], axis=0)
         distance = position / self.radius
-        for turn, length in zip(turns.tolist(), lengths.tolist(), strict=True):
-            # Whoever lies further on is overwritten by a later piece.
-            on = np.append(distance >= begin - 1e-12, True)
-            along = np.append(distance, begin + abs(length))[on] - begin
-            along = math.copysign(1.0, length) * np.clip(along, 0.0, abs(length))
-            after = yaw + turn * along
-            if turn:
-                dx, dy = turn * (np.sin(after) - math.sin(yaw)), turn * (math.cos(yaw) - np.cos(after))
-            else:
-                dx, dy = along * math.cos(yaw), along * math.sin(yaw)
-            placed = np.stack([first[0] + self.radius * (x + dx), first[1] + self.radius * (y + dy), after], axis=-1)
-            out[on[:-1]] = placed[:-1]
-            x, y, yaw, begin = x + float(dx[-1]), y + float(dy[-1]), float(after[-1]), begin + abs(length)
-        return out
+        # Where two parts meet, a point is on the later one.
+        part = np.maximum(np.searchsorted(begins, distance + 1e-12, side="right") - 1, 0)
+        along = np.copysign(np.clip(distance - begins[part], 0.0, np.abs(lengths[part])), lengths[part])
+        places = corners[part] + _offsets(turns[part], along, yaws[part])
+        return np.column_stack([first[:2] + self.radius * places, yaws[part] + turns[part] * along])
 
     @property
     def kind(self) -> int:
@@ -741,6 +733,14 @@ def _numbered(counts: Ints) -> tuple[Ints, Ints]:
     """For ``counts[k]`` pieces of each edge k: the edge of each piece, and the piece's number on it."""
     edge = np.repeat(np.arange(len(counts)), counts)
     return edge, np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
+
+
+def _offsets(turns: Floats, lengths: Floats, yaws: Floats) -> Floats:
+    """How far parts of a curve lead from where they begin, at some yaws, in turning radii, shape (n, 2)."""
+    after = yaws + turns * lengths
+    x = np.where(turns, turns * (np.sin(after) - np.sin(yaws)), lengths * np.cos(yaws))
+    y = np.where(turns, turns * (np.cos(yaws) - np.cos(after)), lengths * np.sin(yaws))
+    return np.stack([x, y], axis=-1)
 
 
 def _canonical(yaw: float) -> float:

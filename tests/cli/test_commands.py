@@ -64,12 +64,6 @@ def test_help_is_light(tmp_path: Path) -> None:
     assert "--rotations" in done.stdout
 
 
-def test_planners_are_imported_without_parts_of_scipy_that_few_need(tmp_path: Path) -> None:
-    code = "import sys, planners\nassert not {'scipy.optimize', 'scipy.sparse', 'scipy.spatial'} & set(sys.modules)"
-    done = spawn("-c", code, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-
-
 def test_help_of_each_command_and_version() -> None:
     for command in ("demo", "map", "plan", "info", "plot", "export"):
         assert f"cspace {command}" in run(command, "-h").stdout.replace("root", "cspace")

@@ -2,8 +2,6 @@
 
 import itertools
 import math
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +15,6 @@ from ompl import util as ou
 
 import planners
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, CSpace, InputError, Robot, Workspace, build
-from handmade import walled
 from planners.catalogue import _SETTINGS, IGNORE_OBJECTIVES, REFUSED, SECOND_THREAD
 from planners.local_planner import CURVES
 from planning import (
@@ -454,29 +451,6 @@ def test_a_seed_repeats_a_run_with_others_in_between(planner: str) -> None:
         planners.plan(room("plane"), ENDPOINTS["plane"][0], (5.0, 3.0), planner="RRT")
         other = run(8)
         assert first == run(7) and (other != first or not first)
-
-
-def test_a_seed_repeats_a_run_in_another_process() -> None:
-    script = """
-import sys
-import numpy as np
-import cspace, planners
-
-def main():
-    occupied = np.zeros((40, 40), dtype=bool)
-    occupied[20, :30] = True
-    space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.15))
-    for seed in range(3):
-        found = planners.plan(space, (0.5, 0.5), (3.5, 0.5), seed=seed, time_limit=20.0)
-    print(found.path.tolist())
-
-main()
-"""
-    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    space = build(Workspace.from_array(walled((40, 40), np.s_[20, :30]), 0.1), Robot.disc(0.15))
-    paths = [planners.plan(space, (0.5, 0.5), (3.5, 0.5), seed=seed, time_limit=20.0).path.tolist() for seed in (2, 1)]
-    assert run.stdout == f"{paths[0]}\n" != f"{paths[1]}\n"
-    assert run.stderr == ""  # neither OMPL nor its bindings have anything to complain about
 
 
 def test_ompl_is_quiet_and_its_log_level_is_left_as_it_was(capfd: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,86 @@
+"""In a process of its own: what is imported, what a seed gives, and what hundreds of plans leave behind: nothing."""
+
+import json
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+import planners
+from cspace import Robot, Workspace, build
+from handmade import walled
+
+SCRIPT = """
+import gc, json, sys
+import cspace, planners
+
+needless = sorted({"scipy.optimize", "scipy.sparse", "scipy.spatial"} & set(sys.modules))
+
+import numpy as np
+import psutil
+
+def path():
+    occupied = np.zeros((40, 40), dtype=bool)
+    occupied[20, :30] = True
+    space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.15))
+    for seed in range(3):
+        found = planners.plan(space, (0.5, 0.5), (3.5, 0.5), seed=seed, time_limit=20.0)
+    return found.path.tolist()
+
+def growth(name):
+    occupied = np.zeros((60, 40, 12)[: 3 if name == "space" else 2], dtype=bool)
+    occupied[30, :26] = True
+    heeding = dict(objective="clearance", planner="RRTstar", iterations=20, time_limit=0.002)
+    ways = [dict(), dict(planner="RRT"), dict(planner="KPIECE1"), dict(planner="BITstar", iterations=50), heeding]
+    robot, rotations = cspace.Robot.disc(0.15), None
+    if name == "space":
+        robot = cspace.Robot.box((0.3, 0.3, 0.1))
+    if name == "turning":
+        robot, rotations, car = cspace.Robot.rectangle(0.4, 0.2), 12, dict(turning_radius=0.3)
+        ways += [dict(exact=True), dict(drive="differential"),
+                 dict(drive="dubins", planner="RRT", **car), dict(drive="reeds-shepp", **car),
+                 dict(drive="reeds-shepp", **car, **heeding)]
+    space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), robot, rotations=rotations)
+    rest = {"plane": (), "turning": (0.0,), "space": (0.5,)}[name]
+
+    def resident(plans):
+        for k in range(plans):
+            # The same runs again, so that the largest of them has been before what is counted.
+            planners.plan(space, (0.5, 0.5, *rest), (5.5, 0.5, *rest), seed=k % 30, **ways[k % len(ways)])
+        gc.collect()
+        return psutil.Process().memory_info().rss
+
+    before = resident(30)
+    after = resident(90)
+    return (after - before) / 2**20
+
+if __name__ == "__main__":
+    growths = {name: growth(name) for name in ("plane", "turning", "space")}
+    print(json.dumps({"needless": needless, "path": path(), "growths": growths}))
+"""
+
+
+@pytest.fixture(scope="module")
+def printed() -> dict[str, Any]:
+    run = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=False, timeout=300)
+    assert run.returncode == 0, run.stderr
+    assert run.stderr == ""  # neither OMPL nor its bindings have anything to complain about
+    document: dict[str, Any] = json.loads(run.stdout)
+    return document
+
+
+def test_planners_are_imported_without_parts_of_scipy_that_few_need(printed: dict[str, Any]) -> None:
+    assert printed["needless"] == []
+
+
+def test_a_seed_repeats_a_run_in_another_process(printed: dict[str, Any]) -> None:
+    space = build(Workspace.from_array(walled((40, 40), np.s_[20, :30]), 0.1), Robot.disc(0.15))
+    paths = [planners.plan(space, (0.5, 0.5), (3.5, 0.5), seed=seed, time_limit=20.0).path.tolist() for seed in (2, 1)]
+    assert printed["path"] == paths[0] != paths[1]
+
+
+def test_plans_leave_nothing_behind(printed: dict[str, Any]) -> None:
+    # One kept set-up is some 30 kB, so a leak of each would show as 2.6 MiB.
+    assert len(printed["growths"]) == 3 and max(printed["growths"].values()) < 1.5
