@@ -15,9 +15,9 @@ from hypothesis.extra import numpy as hnp
 from scipy import ndimage
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
-from shapely import affinity
 
 import cspace
+from benchmarks.soak.plane_geometry import placed
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Rotations, Workspace
 from cspace.angles import TURN
 from cspace.map.slices import slice_rasters
@@ -108,14 +108,14 @@ def test_no_false_answer_of_boxes_that_turn_in_space(seed, outside, margin, as_m
     q[:, 3] = np.where(rng.random(400) < 0.3, rng.choice(space.rotations.borders, 400), q[:, 3])
     low, high = middle - extents / 2, middle + extents / 2
     footprint = shapely.box(*low[:2], *high[:2])
-    placed = [affinity.translate(affinity.rotate(footprint, yaw, (0, 0), True), x, y) for x, y, _, yaw in q]
+    footprints = placed(footprint, q[:, [0, 1, 3]])
     gap = np.full(len(q), np.inf)
     for cell in H * np.argwhere(occupied):
-        flat = shapely.distance(placed, shapely.box(*cell[:2], *(cell[:2] + H)))
+        flat = shapely.distance(footprints, shapely.box(*cell[:2], *(cell[:2] + H)))
         up = np.maximum(np.maximum(cell[2] - (q[:, 2] + high[2]), q[:, 2] + low[2] - cell[2] - H), 0.0)
         gap = np.minimum(gap, np.hypot(flat, up))
     if outside == "blocked":
-        walls = shapely.bounds(placed)
+        walls = shapely.bounds(footprints)
         sides = [
             walls[:, :2],
             space.grid.upper[:2] - walls[:, 2:],

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-import shapely.affinity
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import label
@@ -16,6 +15,7 @@ from scipy.ndimage import label
 import cspace
 import planners
 from arms.test_space import at, scene
+from benchmarks.soak.plane_geometry import placed
 from cspace import BLOCKED, FREE, MIXED, CSpace, Robot
 from cspace.arms import Arm, ArmSpace, Placed, build_arm, build_arm_map
 from cspace.errors import ConfigurationError, InputError
@@ -33,14 +33,13 @@ def plane(folder: Path, limits: tuple[float, float] = (-3.0, 3.0), posts: Any = 
     return build_arm(shapes, Arm.from_urdf(planar(folder, limits=limits)))
 
 
-def touches(q: Any, posts: Any = POSTS) -> bool:
-    """Whether the bars meet a post, by shapely."""
-    bar = shapely.box(0.0, -0.05, 1.0, 0.05)
-    fore = shapely.affinity.rotate(bar, q[1], origin=(0, 0), use_radians=True)
-    fore = shapely.affinity.translate(fore, 1.0, 0.0)
-    arm = [shapely.affinity.rotate(each, q[0], origin=(0, 0), use_radians=True) for each in (bar, fore)]
+def touches(q: Any, posts: Any = POSTS) -> Any:
+    """Whether the bars meet a post, of each configuration, by shapely."""
+    (first, second), bar = np.transpose(q), shapely.box(0.0, -0.05, 1.0, 0.05)
+    upper = placed(bar, np.stack([np.zeros_like(first), np.zeros_like(first), first], axis=1))
+    fore = placed(bar, np.stack([np.cos(first), np.sin(first), first + second], axis=1))
     squares = [shapely.box(x - s / 2, y - s / 2, x + s / 2, y + s / 2) for x, y, s in posts]
-    return bool(shapely.union_all(arm).intersects(shapely.union_all(squares)))
+    return shapely.intersects(np.array([upper, fore])[:, None], np.array(squares)[:, None]).any(axis=(0, 1))
 
 
 def test_a_plane_arm_against_shapely(tmp_path: Path) -> None:
@@ -60,10 +59,10 @@ def test_a_plane_arm_against_shapely(tmp_path: Path) -> None:
             rng.random((len(sample), 2)) < 0.5, rng.integers(0, 2, (len(sample), 2)), rng.random((len(sample), 2))
         )
         points = made.grid.lower + made.grid.spacing * (sample + within)
-        wrong += [q for q in points if touches(q) == collides]
+        wrong += points[touches(points) == collides].tolist()
     assert not wrong
     free, mixed, blocked = made.count()
-    truth = np.array([touches(q) for q in rng.uniform(-3.0, 3.0, (400, 2))]).mean()
+    truth = touches(rng.uniform(-3.0, 3.0, (400, 2))).mean()
     assert mixed < 0.1 * made.grid.size
     assert free / made.grid.size - 0.05 < 1.0 - truth < (free + mixed) / made.grid.size + 0.05
     assert blocked > 0.5 * truth * made.grid.size
@@ -98,7 +97,7 @@ def test_no_path_is_a_proof(tmp_path: Path) -> None:
     assert made.path_exists(left, right) is False
     assert made.path_exists(left, (-0.9, -1.0)) is True
     q = np.stack(np.meshgrid(np.linspace(-1.5, 1.5, 61), np.linspace(-3.0, 3.0, 61), indexing="ij"), axis=-1)
-    free = ~np.array([touches(each, posts) for each in q.reshape(-1, 2)]).reshape(61, 61)
+    free = ~touches(q.reshape(-1, 2), posts).reshape(61, 61)
     parts, _ = label(free, np.ones((3, 3)))
     near = [tuple(np.abs(q - end).sum(axis=-1).argmin() // np.array([61, 1]) % 61) for end in (left, right)]
     assert parts[near[0]] != parts[near[1]]
@@ -196,7 +195,7 @@ def test_exact_answers_are_those_of_the_arm(tmp_path: Path, circle: bool) -> Non
         check, walk = each.point_checker(exact=True), each.edge_checker(exact=True)
         assert [check(*a) for a in q[:40]] == free[:40].tolist()
         assert [walk(*a, *b) for a, b in zip(q[:40], targets[:40], strict=True)] == moves[:40].tolist()
-    assert [touches(a, posts) for a in q] == (~free).tolist()
+    assert touches(q, posts).tolist() == (~free).tolist()
     mixed = free & (made.classify(q) == MIXED)
     assert mixed.sum() > 30
     outside = (-1.5, 2.1)  # in the last cell, but behind where the map ends
@@ -204,7 +203,7 @@ def test_exact_answers_are_those_of_the_arm(tmp_path: Path, circle: bool) -> Non
     plans = [planners.plan(made, a, b, exact=True, seed=1) for a, b in q[mixed][:6].reshape(3, 2, 2)]
     assert any(plan.certified for plan in plans)
     assert all(plan.certified or plan.path_exists is False for plan in plans)
-    assert not any(touches(each, posts) for plan in plans for each in plan.path)
+    assert not any(touches(plan.path, posts).any() for plan in plans)
     middle = q[mixed][0]
     check, walk = made.point_checker(exact=True), made.edge_checker(exact=True)
     assert check(*middle) and walk(*middle, *middle)
@@ -225,7 +224,7 @@ def test_the_only_way_leads_across_the_seam(tmp_path: Path) -> None:
         assert path[-1] == pytest.approx((1.0 - 2.0 * np.pi, -0.3))
         assert made.certify_path(path).all()
         assert np.all(space.certify_path(path))
-        assert not any(touches(q, ((0.7, 0.0, 0.3),)) for q in path)
+        assert not touches(path, ((0.7, 0.0, 0.3),)).any()
     with_wall = build_arm_map(endless(tmp_path, ((0.7, 0.0, 0.3), (-0.7, 0.0, 0.3))), 0.05)
     assert with_wall.path_exists(left, right) is False
 
@@ -259,7 +258,7 @@ def test_circles_against_shapely(tmp_path_factory: pytest.TempPathFactory, seed:
         sample = rng.permutation(cells[near])[:40]
         points = made.grid.lower + made.grid.spacing * (sample + rng.integers(0, 2, sample.shape))
         points = points + 2.0 * np.pi * rng.integers(-2, 3, points.shape) * circles
-        assert not any(touches(q, posts) == collides for q in points)
+        assert not (touches(points, posts) == collides).any()
     q = np.stack(np.meshgrid(*(made.grid.centers(axis) for axis in range(2)), indexing="ij"), axis=-1).reshape(-1, 2)
     for most, answer in ((FREE, True), (MIXED, False)):
         # Parts of one turn, joined where they meet at its ends.
