@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 import zarr
 
@@ -17,6 +18,7 @@ import cspace
 from commands import run
 from cspace.errors import CspaceError, InputError
 from tiles.test_build import CAR, check_half_done, random_workspace, same_states
+from waiting import until
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
@@ -28,22 +30,60 @@ pytestmark = [
 ]
 
 
+FORKS = """
+import json, os, signal, sys
+import numba, scipy, shapely, zarr
+from distributed.cli import dask_scheduler, dask_worker
+
+signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # who has ended leaves nothing behind
+for line in sys.stdin:
+    name, options, code, log = json.loads(line)
+    if process := os.fork():
+        print(process, flush=True)
+        continue
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    os.chdir("/")
+    sys.path.insert(0, code)
+    os.environ["PYTHONPATH"] = code
+    null, out = os.open(os.devnull, os.O_RDONLY), os.open(log, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+    for here, there in ((null, 0), (out, 1), (out, 2)):
+        os.dup2(here, there)
+    {"scheduler": dask_scheduler, "worker": dask_worker}[name].main(options)
+"""
+"""Runs schedulers and workers in processes that have imported dask, and nothing of ours."""
+
+
+class Process:
+    """One of them."""
+
+    def __init__(self, number):
+        self.number = number
+
+    def kill(self):
+        with suppress(ProcessLookupError):
+            os.kill(self.number, signal.SIGKILL)
+
+    def wait(self):
+        until(lambda: not psutil.pid_exists(self.number))
+
+
 class Live:
     """A scheduler and workers, each of them a process of its own."""
 
     def __init__(self, folder):
         self.folder, self.processes = folder, []
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        self.forks = subprocess.Popen([sys.executable, "-c", FORKS], cwd="/", text=True, **pipes)
         self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(folder / "scheduler"))
         while not (folder / "scheduler").exists():
             time.sleep(0.05)
         self.address = json.loads((folder / "scheduler").read_text())["address"]
 
-    def start(self, *options, code=ROOT):
-        """Run ``dask``, somewhere else than here, with a folder of code."""
-        command = [sys.executable, "-m", "dask", *options, "--no-dashboard"]
-        with (self.folder / "log").open("a") as log:
-            environment = {**os.environ, "PYTHONPATH": str(code)}
-            self.processes.append(subprocess.Popen(command, cwd="/", env=environment, stdout=log, stderr=log))
+    def start(self, name, *options, code=ROOT):
+        """Run a scheduler or a worker, somewhere else than here, with a folder of code."""
+        request = [name, [*options, "--no-dashboard"], str(code), str(self.folder / "log")]
+        print(json.dumps(request), file=self.forks.stdin, flush=True)
+        self.processes.append(Process(int(self.forks.stdout.readline())))
         return self.processes[-1]
 
     def worker(self, *more, code=ROOT):
@@ -62,7 +102,7 @@ def live(tmp_path_factory):
     yield made
     for process in made.processes:
         process.kill()
-        process.wait()
+    made.forks.communicate()
 
 
 @pytest.mark.parametrize(
