@@ -445,13 +445,38 @@ def row_entry(kernel: Any, fixed: Any, floats: int) -> Callable[[tuple[float, ..
     return partial(entry(kernel, (fixed, (0.0,) * floats), 0).func, fixed)  # type: ignore[attr-defined]
 
 
+def _remembering(usual: Callable[..., Any]) -> Callable[..., Any]:
+    """Numba's typing of calls, which remembers what came of calls of numba's own functions for some types.
+
+    Numba itself tries all that a function could mean at each call: of ``a + b``, two dozen, and first what it means for
+    arrays. What stands for overloads depends on the options of who calls, and is not remembered.
+    """
+    known: dict[Any, Any] = {}
+
+    def get_call_type(self: Any, context: Any, arguments: Any, named: Any) -> Any:
+        key = self, context, tuple(arguments)
+        signature = None if named else known.get(key)
+        if signature is None:
+            signature = usual(self, context, arguments, named)
+            if not named and self.get_impl_key(signature) is self.typing_key:
+                known[key] = signature
+        return signature
+
+    return get_call_type
+
+
 @cache
 def _announce_compiling() -> None:
     """Have numba tell when it compiles; what it reads from its cache does not count.
 
-    Meanwhile garbage is left lying: looking for it among all that numba makes takes a tenth of the time.
+    Meanwhile garbage is left lying: looking for it among all that numba makes takes a tenth of the time. And what calls
+    give is remembered (:func:`_remembering`).
     """
     from numba.core import event
+    from numba.core.types.functions import BaseFunction
+
+    usual = BaseFunction.get_call_type
+    remembering = _remembering(usual)
 
     class Announcer(event.Listener):
         def __init__(self) -> None:
@@ -468,9 +493,12 @@ def _announce_compiling() -> None:
             self.paused.append(own and gc.isenabled())
             if own:
                 gc.disable()
+                BaseFunction.get_call_type = remembering  # type: ignore[method-assign]
 
         def on_end(self, event: Any) -> None:
             if self.paused.pop():
                 gc.enable()
+            if not self.paused:
+                BaseFunction.get_call_type = usual  # type: ignore[method-assign]
 
     event.register("numba:compile", Announcer())  # type: ignore[no-untyped-call]

@@ -186,6 +186,37 @@ def double(value: float) -> float:
     return 2 * value
 
 
+def test_numba_types_calls_by_itself_again_when_a_function_is_compiled_or_refused() -> None:
+    from numba import TypingError
+    from numba.core.types.functions import BaseFunction
+    from numba.extending import overload
+
+    usual, during = BaseFunction.get_call_type, []
+
+    def look(x: object) -> object:
+        raise NotImplementedError
+
+    @overload(look, strict=False)
+    def taken(x: object) -> object:
+        during.append(BaseFunction.get_call_type)
+        return lambda x: x
+
+    def good(x: int) -> object:
+        return look(x + x + x)
+
+    def bad(x: int) -> object:
+        return look(x) + "no number"
+
+    for function in (good, bad):
+        function.__module__ = "cspace.made_up"
+    assert jit(good, cache=False)(7) == 21
+    assert during and usual not in during
+    assert BaseFunction.get_call_type is usual
+    with pytest.raises(TypingError):
+        jit(bad, cache=False)(7)
+    assert BaseFunction.get_call_type is usual
+
+
 def test_passes_that_are_left_out_are_numbas_own() -> None:
     """Else nothing would be left out, and nobody would notice."""
     from numba.core.compiler import CompilerBase, DefaultPassBuilder
