@@ -95,17 +95,18 @@ def test_high_frequencies_agree_with_a_rule_for_oscillating_integrals(alpha, dim
 
 
 @pytest.mark.parametrize("dim", DIMS)
-@pytest.mark.parametrize("alpha", [0.2, 40.0, math.inf])
-def test_the_table_tells_the_spectrum(alpha, dim):
+@pytest.mark.parametrize(("alpha", "most"), [(0.2, 60.0), (40.0, 200.0), (math.inf, 60.0)])
+def test_the_table_tells_the_spectrum(alpha, most, dim):
+    """However high it goes: each interval of a table is as good as the others; one is made in parts."""
     bump = Bump(alpha)
-    k = np.concatenate([np.random.default_rng(0).uniform(0.0, 200.0, 500), np.arange(0.0, 200.5, 0.5), [200.0]])
+    k = np.concatenate([np.random.default_rng(0).uniform(0.0, most, 500), np.arange(0.0, most + 0.5, 0.5), [most]])
     exact = bump.radial_spectrum(k, dim)
     for tolerance in (1e-6, 1e-12):
-        table = bump.table(dim, 200.0, tolerance)
+        table = bump.table(dim, most, tolerance)
         assert np.abs(table(k) - exact).max() <= tolerance * bump.radial_spectrum(0.0, dim)
-    assert table(k.reshape(2, -1)).shape == (2, len(k) // 2)
+    assert table(k[:500].reshape(2, -1)).shape == (2, 250)
     with pytest.raises(InputError, match="make it for the largest"):
-        table(np.array([202.0]))
+        table(np.array([most + 2.0]))
 
 
 @pytest.mark.parametrize("alpha", ALPHAS)

@@ -42,18 +42,16 @@ def on_grid(values, lower=0.0, spacing=0.5):
 
 
 def brute_sum(f, g):
-    total = np.zeros([n + m - 1 for n, m in zip(f.shape, g.shape, strict=True)])
-    for index in np.ndindex(*f.shape):
-        total[tuple(slice(i, i + m) for i, m in zip(index, g.shape, strict=True))] += f[index] * g
-    return total
+    """The sum of the products of all pairs of cells, each where the sum of its indices is."""
+    shape = np.add(f.shape, g.shape) - 1
+    places = np.add.outer(*(np.ravel_multi_index(np.indices(each.shape), shape).ravel() for each in (f, g)))
+    products = np.multiply.outer(f.ravel(), g.ravel())
+    return np.bincount(places.ravel(), products.ravel(), np.prod(shape)).reshape(shape)
 
 
 def dilated(f, g):
-    """The Minkowski sum of cells, one by one."""
-    total = np.zeros([n + m - 1 for n, m in zip(f.shape, g.shape, strict=True)], dtype=bool)
-    for index in np.argwhere(f):
-        total[tuple(slice(i, i + m) for i, m in zip(index, g.shape, strict=True))] |= g
-    return total
+    """The Minkowski sum of cells."""
+    return brute_sum(f, g) > 0.0
 
 
 @given(hnp.array_shapes(min_dims=2, max_dims=3, max_side=6), seeds)

@@ -53,6 +53,11 @@ def case(request: pytest.FixtureRequest) -> tuple[CSpace, FourierOverlap]:
     return build(workspace, Robot.balls(*ROBOT), rotations=turns), overlap_of(ROBOT, OBSTACLES)
 
 
+@pytest.fixture(scope="module")
+def field(case: tuple[CSpace, FourierOverlap]) -> OverlapField:
+    return OverlapField.of(*case)
+
+
 @pytest.mark.parametrize("batch", [2**20, 300])
 def test_the_field_is_the_overlap_and_its_gradient_at_the_cells(
     case: tuple[CSpace, FourierOverlap], batch: int, monkeypatch: pytest.MonkeyPatch
@@ -76,9 +81,8 @@ def test_the_field_is_the_overlap_and_its_gradient_at_the_cells(
         assert slopes == pytest.approx(placed.gradient(t), abs=1e-6 * largest / space.grid.spacing)
 
 
-def test_between_the_cells_it_is_linear(case: tuple[CSpace, FourierOverlap]) -> None:
-    space, overlap = case
-    field = OverlapField.of(space, overlap)
+def test_between_the_cells_it_is_linear(case: tuple[CSpace, FourierOverlap], field: OverlapField) -> None:
+    space, _ = case
     dim, rng = space.grid.dim, np.random.default_rng(1)
     low, high = np.array(space.grid.lower), np.array(space.grid.upper)
     q = rng.uniform(low, high, (200, dim))
@@ -114,9 +118,8 @@ def state_at(si: Any, q: np.ndarray, turning: bool) -> Any:
     return state
 
 
-def test_the_objective_weighs_length_by_the_overlap(case: tuple[CSpace, FourierOverlap]) -> None:
-    space, overlap = case
-    field = OverlapField.of(space, overlap)
+def test_the_objective_weighs_length_by_the_overlap(case: tuple[CSpace, FourierOverlap], field: OverlapField) -> None:
+    space, _ = case
     si = planners.simple_setup(space).getSpaceInformation()
     objective = planners.OverlapObjective(si, space, field, weight=4.0, full=0.01)
     turning = space.rotations.dof
@@ -142,9 +145,8 @@ def test_the_objective_weighs_length_by_the_overlap(case: tuple[CSpace, FourierO
             )
 
 
-def test_other_fields_and_values_are_refused(case: tuple[CSpace, FourierOverlap]) -> None:
+def test_other_fields_and_values_are_refused(case: tuple[CSpace, FourierOverlap], field: OverlapField) -> None:
     space, overlap = case
-    field = OverlapField.of(space, overlap)
     si = planners.simple_setup(space).getSpaceInformation()
     other = build(space.workspace, space.robot, rotations=None)
     with pytest.raises(InputError, match="another map"):
