@@ -77,7 +77,7 @@ def test_every_planner_finds_a_certified_path(planner: str, name: str, curve: st
             planners.plan(room(name), *ENDPOINTS[name], planner=planner, **options_for(curve))
         return
     space, endpoints = room(name), endpoints_in(name, curve)
-    limits = (20.0,) if planner.endswith("FMT") else (0.03, 0.2, 1.0, 20.0)
+    limits = (20.0,) if planner.endswith("FMT") else (0.01, 0.1, 1.0, 20.0)
     plan = patient(space, endpoints, limits, planner=planner, simplify=planner not in ANYTIME, **options_for(curve))
     check(space, plan, *endpoints)
     assert (plan.planner, plan.objective, plan.drive, plan.exact) == (planner, "length", curve or "holonomic", False)
@@ -533,7 +533,7 @@ def test_a_planner_that_finds_nothing_has_a_quick_path_to_improve(name: str, cur
 def test_an_objective_goes_with_turns_and_curves(curve: str | None, planner: str) -> None:
     options: dict[str, Any] = {"planner": planner, "objective": "clearance", "iterations": 60, **options_for(curve)}
     endpoints = (0.6, 1.0, 0.0), (1.2, 3.3, 1.0)
-    plan = patient(room("turning"), endpoints, (0.5, 2.0, 20.0), **options)
+    plan = patient(room("turning"), endpoints, (0.1, 2.0, 20.0), **options)
     check(room("turning"), plan, *endpoints)
 
 
