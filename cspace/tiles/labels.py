@@ -212,7 +212,7 @@ class Joined:
         """Components of FREE cells, or of all that are not BLOCKED; -1 where a cell has none."""
         asked, nodes = self._last
         if not np.array_equal(asked, cells):
-            self._last = cells, (nodes := self.nodes_of(cells))
+            self._last = cells.copy(), (nodes := self.nodes_of(cells))
         components: Ints = nodes[int(mixed)].copy()
         components[components >= 0] = self.roots[int(mixed)][components[components >= 0]]
         return components
