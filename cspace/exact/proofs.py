@@ -35,6 +35,9 @@ GOLDEN: Final = 0.618
 WAITING: Final = 1024
 """Parts of an edge that wait at a time, at most."""
 
+ANCHORS: Final = 100_000
+"""Points of configurations that are looked at together, about."""
+
 THREAD: Final = 500
 """Motions below which a second thread costs more than it saves."""
 
@@ -158,6 +161,7 @@ class BorderProofs:
         self._world = World(problem.map, self._borders, nesting)
         self._dof, self._dim, self._rotations = problem.dof, grid.dim, problem.rotations
         self._bounds = np.asarray(grid.lower), np.asarray(grid.upper)
+        self._together = 1 + ANCHORS // (1 + len(self._anchors) + len(small))
 
     @cached_property
     def edge(self) -> Callable[..., bool]:
@@ -166,7 +170,7 @@ class BorderProofs:
 
         def edge(*both: float) -> bool:
             state = kernel(both)
-            return state == FREE or (state == MIXED and not self._is_nested(np.array(both[:dof])))
+            return state == FREE or (state == MIXED and not self._are_nested(np.array([both[:dof]]))[0])
 
         return edge
 
@@ -180,8 +184,11 @@ class BorderProofs:
         in_chunks(work, len(q0), THREAD)
         free: Bools = states == FREE
         left = np.flatnonzero(states == MIXED)
-        starts, which = np.unique(q0[left], axis=0, return_inverse=True)  # many edges may begin at one configuration
-        free[left] = ~np.array([self._is_nested(q) for q in starts], dtype=np.bool_)[which.reshape(-1)]
+        if len(left):
+            # Many edges may begin at one configuration.
+            starts, which = np.unique(q0[left], axis=0, return_inverse=True)
+            nested = [self._are_nested(part) for part in np.array_split(starts, 1 + len(starts) // self._together)]
+            free[left] = ~np.concatenate(nested)[which.reshape(-1)]
         return free
 
     def excess(self, points: Floats, lengths: Floats, turns: Floats) -> float:
@@ -191,23 +198,33 @@ class BorderProofs:
 
     def _placed(self, points: Floats) -> tuple[Floats, Floats]:
         """Reference points in space, shape (n, 3), and rotation matrices, shape (n, 3, 3), of configurations."""
-        places, matrices = np.zeros((len(points), 3)), np.tile(np.eye(3), (len(points), 1, 1))
-        places[:, : self._dim] = points[:, : self._dim]
+        places, matrices = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
+        places[:, : self._dim], matrices[:, 2, 2] = points[:, : self._dim], 1.0
         matrices[:, : self._dim, : self._dim] = self._rotations.matrices(points)
         return places, matrices
 
-    def _is_nested(self, q: Floats) -> bool:
+    def _are_nested(self, q: Floats) -> Bools:
         """Whether a part of one side lies in the other, where no borders meet and compiled code does not decide."""
-        nesting, (place, turn) = self._world.nesting, (each[0] for each in self._placed(q[None]))
-        anchors, (low, high) = (self._anchors @ turn.T + place)[:, : self._dim], self._bounds
-        anchors = anchors[((low <= anchors) & (anchors <= high)).all(axis=1)]  # obstacles end where the grid does
-        if len(anchors) and any(np.any(part.contains(anchors)) for part in self._shapes):
-            return True
-        if len(nesting.stops):  # compiled code has looked at what lies in the robot
-            return False
-        near = (nesting.anchors - place) @ turn
-        near = near[((near >= nesting.low) & (near <= nesting.high)).all(axis=1)]
-        return bool(len(near) and np.any(self._robot.contains(near)))
+        nesting, (places, turns) = self._world.nesting, self._placed(q)
+        nested, (low, high) = np.zeros(len(q), dtype=np.bool_), self._bounds
+        if self._shapes:
+            anchors = (self._anchors @ turns.swapaxes(1, 2) + places[:, None])[..., : self._dim]
+            # Obstacles end where the grid does.
+            which, points = _chosen((low <= anchors) & (anchors <= high), anchors)
+            for part in self._shapes if len(points) else ():
+                nested[which[part.contains(points)]] = True
+        if len(nesting.anchors) and not len(nesting.stops):  # else compiled code has looked at what lies in the robot
+            near = (nesting.anchors - places[:, None]) @ turns
+            which, points = _chosen((near >= nesting.low) & (near <= nesting.high), near)
+            if len(points):
+                nested[which[self._robot.contains(points)]] = True
+        return nested
+
+
+def _chosen(within: Bools, points: Floats) -> tuple[Ints, Floats]:
+    """The points, shape (n, m, d), that are within along every axis, and the first index of each."""
+    chosen = np.asarray(within.all(axis=2))
+    return np.nonzero(chosen)[0], points[chosen]
 
 
 class Work(NamedTuple):

@@ -82,6 +82,14 @@ def test_batches_checkers_and_threads_answer_as_single_look_ups(make):
     assert space.is_free(np.empty((0, 3, space.dof)), exact=True).shape == (0, 3)
 
 
+def test_what_lies_within_the_other_is_found_in_parts_of_any_size(make, monkeypatch):
+    space, other = make(), make()
+    q = draw(space, np.random.default_rng(2), 60)
+    free = space.is_free(q, exact=True)
+    monkeypatch.setattr("cspace.exact.proofs.ANCHORS", 0)
+    np.testing.assert_array_equal(other.is_free(q, exact=True), free)
+
+
 def test_decided_cells_answer_without_geometry(make):
     space = make()
     q = centers(space)
