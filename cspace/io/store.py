@@ -65,6 +65,9 @@ CHUNK: Final = {1: 2**20, 2: 1024, 3: 128}
 SLICE_CHUNK: Final = {2: 4096, 3: 256}
 """The same for a chunk of a slice: all of a slice in the plane, but for huge ones."""
 
+TOGETHER: Final = 2**20
+"""Cells of an array, in layers of chunks, that are encoded together: each time takes milliseconds."""
+
 _CODECS: Final = {"bytes", "zstd", "crc32c"}
 """What a chunk may be encoded with; others may do more than decode."""
 
@@ -414,7 +417,7 @@ def read_parts(
 
 
 def _encoded(metadata: dict[str, Any], arrays: Mapping[str, Any]) -> Iterator[tuple[str, bytes]]:
-    """The files of a Zarr folder with their names, a layer of chunks at a time; last the one that seals them.
+    """The files of a Zarr folder with their names, some layers of chunks at a time; last the one that seals them.
 
     They are encoded in memory, because Zarr writes from threads that go on after an interruption.
     """
@@ -427,7 +430,7 @@ def _encoded(metadata: dict[str, Any], arrays: Mapping[str, Any]) -> Iterator[tu
     grid = grid_of(metadata)
 
     def finished(ending: str) -> Iterator[tuple[str, bytes]]:
-        for name in [name for name in files if ending in name]:
+        for name in sorted(name for name in files if ending in name):  # not as they happen to be ready
             content = files.pop(name).to_bytes()
             digests[name] = digest_of(content)
             yield name, content
@@ -439,8 +442,9 @@ def _encoded(metadata: dict[str, Any], arrays: Mapping[str, Any]) -> Iterator[tu
         stored = group.create_array(
             name, shape=array.shape, dtype=array.dtype, chunks=chunks, compressors=codecs, **options
         )
-        for start in range(0, len(array), chunks[0]):
-            stored[start : start + chunks[0]] = array[start : start + chunks[0]]
+        step = chunks[0] * max(1, TOGETHER // (chunks[0] * math.prod(array.shape[1:])))
+        for start in range(0, len(array), step):
+            stored[start : start + step] = array[start : start + step]
             yield from finished("/c/")
     yield from finished(f"/{_ROOT}")
     document = json.loads(files[_ROOT].to_bytes())

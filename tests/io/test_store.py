@@ -131,6 +131,7 @@ def test_arrays_of_several_chunks_come_back(
 ) -> None:
     monkeypatch.setattr(store, "CHUNK", {1: 19, 2: 6, 3: 5})
     monkeypatch.setattr(store, "SLICE_CHUNK", {2: 6, 3: 5})
+    monkeypatch.setattr(store, "TOGETHER", 400)  # several slices of some arrays, of others a layer
     space.save(tmp_path / "map")
     assert len(list(files(tmp_path / "map" / "state" / "c" / "0"))) > 2
     same(space, cspace.open(tmp_path / "map"))

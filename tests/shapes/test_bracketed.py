@@ -97,13 +97,12 @@ def test_maps_agree_with_fcl(kind, rotations):
 
 def test_an_upright_one_needs_one_slice_unless_it_is_off_its_axis(kind):
     make, _ = kind
-    assert make(0.2, 0.3).shape.symmetry == 0
-    assert half_turns(make(0.2, 0.3).shape) == (0, 1, 2)
-    assert make(0.2, 0.3, (0, 0, 0.4)).shape.symmetry == 0
-    assert half_turns(make(0.2, 0.3, (0, 0, 0.4)).shape) == (2,)
+    one, above = make(0.2, 0.3), make(0.2, 0.3, (0, 0, 0.4))
+    assert one.shape.symmetry == above.shape.symmetry == 0
+    assert (half_turns(one.shape), half_turns(above.shape)) == ((0, 1, 2), (2,))
     assert make(0.2, 0.3, (0.1, 0, 0)).shape.symmetry == 1
-    again = Robot.from_spec(make(0.2, 0.3).spec)
-    assert (again.shape.symmetry, again.shape.bounds[0].tolist()) == (0, make(0.2, 0.3).shape.bounds[0].tolist())
+    again = Robot.from_spec(one.spec)
+    assert (again.shape.symmetry, again.shape.bounds[0].tolist()) == (0, one.shape.bounds[0].tolist())
 
 
 def test_balls_within_are_within_the_shape_itself(kind):
