@@ -28,13 +28,15 @@ LONGEST_TURN: Final = math.radians(5.0)
 class Law(NamedTuple):
     """What a metre costs where a field has a value: ``1 + weight * max(0, offset + slope * value)**2``.
 
-    A radian of turn counts as ``turn_weight`` metres.
+    A radian of turn counts as ``turn_weight`` metres. ``by_metre`` asks for the mean cost of a metre, not for that of
+    all.
     """
 
     offset: float
     slope: float
     weight: float
     turn_weight: float
+    by_metre: bool = False
 
 
 def value_at(field: Field, map_: Map, q: Numbers) -> float:
@@ -65,12 +67,6 @@ def cost_at(map_: Map, field: Field, law: Law, q: Numbers) -> float:
 
 
 @reader
-def metre_cost(map_: Map, field: Field, law: Law, q: Numbers) -> float:
-    """The same, for Python."""
-    return cost_at(map_, field, law, q)
-
-
-@reader
 def cost_of_one(map_: Map, field: Field, law: Law, both: Numbers) -> float:
     """Cost of a straight edge between two configurations, given one after the other in ``both``.
 
@@ -83,14 +79,14 @@ def cost_of_one(map_: Map, field: Field, law: Law, both: Numbers) -> float:
     for axis in range(dim):
         square += (q1[axis] - q0[axis]) ** 2
     metres, angle = math.sqrt(square), map_.rotations.turn_of(q0, q1, 0)[0]
-    steps, total = math.ceil(max(metres / map_.spacing, angle / LONGEST_TURN)), 0.0
+    steps, total = max(1, math.ceil(max(metres / map_.spacing, angle / LONGEST_TURN))), 0.0
     for k in range(steps):
         t = (k + 0.5) / steps
         q = map_.rotations.turned(q0, q1, 0, t)
         for axis in range(dim):
             q = replaced(q, axis, between(q0[axis], q1[axis], t))
         total += cost_at(map_, field, law, q)
-    return (metres + law.turn_weight * angle) * total / max(steps, 1)
+    return (1.0 if law.by_metre else metres + law.turn_weight * angle) * total / steps
 
 
 def edge_cost(space: CSpace, field: Field, law: Law) -> Callable[..., float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cached_property
 from typing import Final
 
 from ompl import base as ob
@@ -14,7 +15,7 @@ from cspace.map.callbacks import with_wrapped_angles
 from cspace.space import CSpace
 from cspace.spectral import OverlapField
 from cspace.states import FREE
-from planners.integrals import Field, Law, metre_cost
+from planners.integrals import Field, Law, edge_cost
 from planners.local_planner import HOLONOMIC, EdgesOnMap, local_planner
 from planners.states import check_information, kind_of
 
@@ -76,7 +77,7 @@ class WeightedLength(ob.OptimizationObjective):
             raise InputError("weight", f"is {weight!r}", rule, "pass 10.0", value=weight)
         edges = edges_on_map(space, drive, turning_radius)
         self._field, self._law = field, Law(offset, slope, float(weight), edges.turn_weight)
-        self._kind, self._map, dim, dof = kind_of(space), space.record, space.grid.dim, space.dof
+        self._kind, self._space, dim, dof = kind_of(space), space, space.grid.dim, space.dof
         line = with_wrapped_angles(
             lambda *endpoints: math.dist(endpoints[:dim], endpoints[dof : dof + dim]), space.endless
         )
@@ -90,7 +91,8 @@ class WeightedLength(ob.OptimizationObjective):
 
     def stateCost(self, state: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Cost of a metre of path at a state."""
-        return ob.Cost(metre_cost(self._map, self._field, self._law, self._kind.read(state)))
+        q = self._kind.read(state)
+        return ob.Cost(self._by_metre(*q, *q))
 
     def motionCost(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Cost of an edge: the costs of a metre at the middles of its steps times their lengths."""
@@ -99,6 +101,10 @@ class WeightedLength(ob.OptimizationObjective):
     def motionCostHeuristic(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Length of the straight line, which the cost is never below."""
         return ob.Cost(self._line(first, second))
+
+    @cached_property
+    def _by_metre(self) -> Callable[..., float]:
+        return edge_cost(self._space, self._field, self._law._replace(by_metre=True))
 
     def answer_with(self, answer: Callable[[ob.State, ob.State], float] | None) -> None:
         """Give the cost of edges by a function from now on, or as before; so a plan out of time ends a search."""
