@@ -25,8 +25,15 @@ def yard(robot: Robot) -> CSpace:
     return build(block(), robot, rotations=24)
 
 
-def rendered(ax: Any) -> NDArray[np.uint8]:
-    """Pixels of a figure, the first row at the bottom as in display coordinates, shape (height, width, 3)."""
+def rendered(ax: Any, *, arranged: bool = False) -> NDArray[np.uint8]:
+    """Pixels of a figure, the first row at the bottom as in display coordinates, shape (height, width, 3).
+
+    Its axes stand anywhere in it, without words around them, unless it is to be arranged.
+    """
+    if not arranged and ax.figure.get_layout_engine() is not None:
+        ax.figure.set_layout_engine("none")
+        for each in (*ax.figure.legends, *ax.figure.texts):
+            each.set_visible(False)
     ax.figure.canvas.draw()
     return np.asarray(ax.figure.canvas.buffer_rgba())[::-1, :, :3]
 

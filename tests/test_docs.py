@@ -53,10 +53,14 @@ def write_files(folder: Path) -> None:
 
 @pytest.mark.parametrize("page", WITH_CODE)
 def test_the_code_of_a_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Blocks of Python share their names, and blocks of commands the folder. Pictures are small, and short ones."""
+    """Blocks of Python share their names, and blocks of commands the folder.
+
+    Pictures are small, and short ones; nothing is arranged in them.
+    """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("cspace.plot.animate", partial(animate, seconds=0.5))
     monkeypatch.setattr("cspace.plot.save_plot", save_small)
+    monkeypatch.setattr("matplotlib.layout_engine.ConstrainedLayoutEngine.execute", lambda engine, figure: None)
     write_files(tmp_path)
     names: dict[str, object] = {"__name__": "page"}
     for kind, text in PAGES[page]:

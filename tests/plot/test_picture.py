@@ -258,7 +258,7 @@ def test_all_is_in_the_figure(shape: tuple[int, int]) -> None:
     """Words and legend lie in the figure and hide nothing, whatever the shape of the map."""
     space = build(Workspace.from_array(np.zeros(shape, bool), 0.1), Robot.disc(0.01), outside="free")
     ax = plot(space, path=[space.grid.center_of((0, 0)), space.grid.upper])
-    image = rendered(ax)
+    image = rendered(ax, arranged=True)
     panel, legend = ax.get_window_extent(), ax.figure.legends[0].get_window_extent()
     check_within(ax.figure, panel, legend, heading_box(ax.figure))
     assert not legend.overlaps(panel)
