@@ -57,7 +57,6 @@ def growth(name):
     return (after - before) / 2**20
 
 if __name__ == "__main__":
-    gc.freeze()  # what was imported stays, and is not looked through again
     growths = {name: growth(name) for name in ("plane", "turning", "space")}
     print(json.dumps({"needless": needless, "path": path(), "growths": growths}))
 """
