@@ -94,7 +94,7 @@ def planner_named(name: str | None, drive: str = "holonomic") -> str:
 def make_planner(name: str, si: ob.SpaceInformation) -> ob.Planner:
     """A planner of OMPL, with settings that keep its steps short, so that it stops in time."""
     planner = getattr(og, name)(si)
-    _SETTINGS.get(name, lambda made: None)(planner)
+    SETTINGS.get(name, lambda made: None)(planner)
     return planner
 
 
@@ -104,7 +104,8 @@ def _no_pruning(planner: Any) -> None:
     planner.setPruning(False)
 
 
-_SETTINGS: Final[dict[str, Callable[[ob.Planner], None]]] = {"BITstar": _no_pruning}
+SETTINGS: Final[dict[str, Callable[[ob.Planner], None]]] = {"BITstar": _no_pruning}
+"""What is set of a planner when it is made."""
 
 
 @cache

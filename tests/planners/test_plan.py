@@ -15,7 +15,7 @@ from ompl import util as ou
 
 import planners
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, CSpace, InputError, Robot, Workspace, build
-from planners.catalogue import _SETTINGS, IGNORE_OBJECTIVES, REFUSED, SECOND_THREAD
+from planners.catalogue import IGNORE_OBJECTIVES, REFUSED, SECOND_THREAD, SETTINGS
 from planners.local_planner import CURVES
 from planning import (
     ANYTIME,
@@ -48,7 +48,7 @@ def options_for(curve: str | None) -> dict[str, Any]:
 def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
     """For FMT and BFMT, of which OMPL alone measures all distances: of a thousand, along curves, for two seconds."""
     few = dict.fromkeys(("FMT", "BFMT"), lambda planner: planner.setNumSamples(300))
-    monkeypatch.setattr("planners.catalogue._SETTINGS", _SETTINGS | few)
+    monkeypatch.setattr("planners.catalogue.SETTINGS", SETTINGS | few)
 
 
 def endpoints_in(name: str, curve: str | None) -> tuple[Any, Any]:
