@@ -1,5 +1,6 @@
 """What several test files share."""
 
+import atexit
 import gc
 import os
 import tempfile
@@ -56,6 +57,7 @@ def pytest_sessionfinish() -> None:
     """Garbage may hold what was left open: look for it here, and not five times, as pytest does, in all that stays."""
     gc.collect()
     gc.freeze()
+    atexit.register(gc.unfreeze)  # or OMPL's bindings complain of what is left
 
 
 @pytest.fixture(scope="session")
