@@ -151,18 +151,22 @@ ARRAYS: Final[dict[str, Stored]] = {
 """Every array that a map may hold, but those that describe its rotation cells."""
 
 
-@cache
 def stored() -> Mapping[str, Stored]:
     """Every array that a map may hold."""
+    return _stored_of(tuple(Rotations.KINDS.values()))
+
+
+@cache
+def _stored_of(kinds: tuple[type[Rotations], ...]) -> Mapping[str, Stored]:
     arrays = dict(ARRAYS)
-    for name, each in _coordinates().items():
+    for name, each in _coordinates(kinds).items():
         bounds = {"bounds": each.bounds} if each.bounds else {}
         arrays[name] = _floats(" ".join(["rotation", *each.axes]), each.about, each.units, **bounds)
     return arrays
 
 
-def _coordinates() -> dict[str, Coordinate]:
-    return {name: each for kind in Rotations.KINDS.values() for name, each in kind.COORDINATES.items()}
+def _coordinates(kinds: Iterable[type[Rotations]]) -> dict[str, Coordinate]:
+    return {name: each for kind in kinds for name, each in kind.COORDINATES.items()}
 
 
 def axes_of(name: str, dim: int) -> tuple[str, ...]:
@@ -326,7 +330,7 @@ def check_kind(name: str, array: Any, metadata: Mapping[str, Any], path: str | o
     """Raise FileError for an array, or its header, of another shape or type than the map needs."""
     dim = len(metadata["shape"])
     sizes = dict(zip(AXES, metadata["shape"], strict=False)) | {"slice": metadata["slices"]}
-    sizes |= {axis: n for each in _coordinates().values() for axis, n in each.axes.items()}
+    sizes |= {axis: n for each in _coordinates(Rotations.KINDS.values()).values() for axis, n in each.axes.items()}
     sizes |= {
         "corner": 2 * dim + 1,
         "rotation": metadata["rotations"] or 1,
