@@ -33,6 +33,13 @@ FLAGS = (
 it opens no page of its own."""
 
 
+SLOW = """
+window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 100);
+window.cancelAnimationFrame = clearTimeout;
+"""
+"""Has a page draw itself ten times a second, and not sixty."""
+
+
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """Chromium, as Debian has it."""
@@ -49,6 +56,7 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     options.add_experimental_option("prefs", {"net.network_prediction_options": 2})
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     made = webdriver.Chrome(options=options, service=Service(driver))
+    made.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": SLOW})
     yield made
     made.quit()
 
