@@ -7,6 +7,7 @@ network or other machines.
 import doctest
 import re
 import shlex
+from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -20,7 +21,9 @@ from PIL import Image
 import cspace
 from commands import run
 from cspace.demo import write_inputs
-from cspace.plot import animate, save_plot
+from cspace.plot import animate
+from cspace.plot.picture import save_figure
+from planners import Plan, plan
 
 ROOT = Path(cspace.__file__).parents[1]
 BLOCK = re.compile(r"^```(python|console)\n(.*?)^```", re.DOTALL | re.MULTILINE)
@@ -55,11 +58,13 @@ def write_files(folder: Path) -> None:
 def test_the_code_of_a_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Blocks of Python share their names, and blocks of commands the folder.
 
-    Pictures are small, and short ones; nothing is arranged in them.
+    Pictures are small, and short ones; nothing is arranged in them. Planners that always take all of their time have
+    little.
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("cspace.plot.animate", partial(animate, seconds=0.5))
-    monkeypatch.setattr("cspace.plot.save_plot", save_small)
+    monkeypatch.setattr("cspace.plot.picture.save_figure", save_small)
+    monkeypatch.setattr("planners.plan", plan_briefly)
     monkeypatch.setattr("matplotlib.layout_engine.ConstrainedLayoutEngine.execute", lambda engine, figure: None)
     write_files(tmp_path)
     names: dict[str, object] = {"__name__": "page"}
@@ -72,8 +77,17 @@ def test_the_code_of_a_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.
                 call(command, monkeypatch)
 
 
-def save_small(*arguments: Any, **options: Any) -> Path:
-    return save_plot(*arguments, **options | {"dpi": 30.0})
+def save_small(draw: Callable[[], Any], file: str, overwrite: bool, dpi: float) -> Path:
+    def drawn() -> Any:
+        figure = draw()
+        figure.set_layout_engine(None)  # or it is drawn twice
+        return figure
+
+    return save_figure(drawn, file, overwrite, dpi=30.0)
+
+
+def plan_briefly(*arguments: Any, **options: Any) -> Plan:
+    return plan(*arguments, **({"time_limit": 0.1} if "objective" in options else {}) | options)
 
 
 def call(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
