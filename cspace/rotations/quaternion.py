@@ -279,12 +279,12 @@ class QuaternionRotations(Rotations):
         from scipy.spatial.transform import Rotation
 
         inside = np.hypot(x, y) <= 1.0
-        tips = Rotation.from_rotvec(np.pi * np.column_stack([-y[inside], x[inside], np.zeros(inside.sum())]))
+        tips = Rotation.from_rotvec(np.pi * np.column_stack([-y[inside], x[inside], np.zeros(inside.sum())])).as_quat()
         marks = (("upright", 0.0, 0.0), ("tipped to x", 0.6, 0.0), ("tipped to y", 0.0, 0.72))
         dials = []
         for degrees in DIAL_HEADINGS:
-            turns = Rotation.from_euler("z", np.radians(degrees) + DIAL_STEPS)
-            rotations = np.array([(tips * turn).as_quat() for turn in turns])
+            turns = (np.radians(degrees) + DIAL_STEPS) * (0.0, 0.0, 1.0)
+            rotations = np.array([self._turned(tips, turn) for turn in turns])
             dials.append(Dial(f"heading {degrees}°", inside, rotations, () if degrees else marks))
         return dials
 
