@@ -109,8 +109,8 @@ class Seam(Components):
     def box(self, cell: Ints) -> Ints:
         number = self.of(cell)
         flat = self._pairs.reshape(-1, self._pairs.shape[-1])
-        one_each = np.unique(super().of(self._pairs), return_index=True)[1]
-        ours = [each for each in flat[one_each] if self.of(each) == number]
+        one_each = flat[np.unique(super().of(self._pairs), return_index=True)[1]]
+        ours = one_each[self.of(one_each) == number]
         boxes = np.stack([super(Seam, self).box(each) for each in (cell, *ours)])
         return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
