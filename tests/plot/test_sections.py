@@ -124,7 +124,7 @@ def test_the_other_sections_are_drawn(space: CSpace) -> None:
 def test_nothing_overlaps(shape: tuple[int, ...]) -> None:
     occupied = np.zeros(shape, bool)
     occupied[0, 0, 0] = True
-    space = build(Workspace.from_array(occupied, 0.1), Robot.ball(0.01), outside="free")
+    space = build(Workspace.from_array(occupied, 0.1), Robot.box((0.01, 0.01, 0.01)), outside="free")
     ax = plot(space, path=[space.grid.lower, space.grid.upper])
     figure = ax.figure
     figure.draw_without_rendering()
