@@ -260,13 +260,23 @@ def title(space: MapLike, stretch: Floats, heading: str | None, about: str = "")
 
 
 def frame(
-    ax: Axes, box: Floats, stretch: Floats, pair: Sequence[int] = (0, 1), *, labels: Sequence[str] | None = None
+    ax: Axes,
+    box: Floats,
+    stretch: Floats,
+    pair: Sequence[int] = (0, 1),
+    *,
+    labels: Sequence[str] | None = None,
+    limits: bool = True,
 ) -> None:
-    """Limits, scale and labels of axes that show two axes of a box, and hatching where the map ends."""
+    """Limits, scale and labels of axes that show two axes of a box, and hatching where the map ends.
+
+    Axes that share theirs with others, which have them, need no ``limits``.
+    """
     from matplotlib.ticker import MaxNLocator
 
-    ax.set_xlim(*box[:, pair[0]])
-    ax.set_ylim(*box[:, pair[1]])
+    if limits:
+        ax.set_xlim(*box[:, pair[0]])
+        ax.set_ylim(*box[:, pair[1]])
     ax.set_aspect(float(stretch[pair[1]] / stretch[pair[0]]))
     _, ground, lines = OUTSIDE
     ax.patch.set(facecolor=ground, edgecolor=lines, hatch="////", linewidth=0.0)

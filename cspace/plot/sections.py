@@ -67,7 +67,7 @@ def draw_panels(space: MapLike, route: Route, look: Look) -> Axes:
         classes.append(artists.classes_of(space, rotation, layer))
         artists.draw_cells(ax, grid, classes[-1])
         handles = artists.draw_route(ax, route, 0.6, robots=False)
-        artists.frame(ax, box, stretch)
+        artists.frame(ax, box, stretch, limits=ax is panels[0, 0])
         ax.set_title(rotations.text(rotation), loc="left", fontsize=9)
         ax.tick_params(labelsize=8)
     for ax in panels.flat[len(shown) :]:

@@ -1,5 +1,6 @@
 """Images of cells: nothing that blocks the robot vanishes between two pixels, at any zoom."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -29,15 +30,25 @@ def test_coarse_cells_hold_the_largest_class(data: st.DataObject) -> None:
         assert (blocks[i, j], least[i, j]) == (block.max(), block.min())
 
 
-def cells(classes: NDArray[np.uint8], size: tuple[int, int], view: list[float]) -> tuple[Any, NDArray[np.uint8]]:
-    """Axes of a size in pixels that show nothing but cells of side 0.5 from (-3, 7), and their pixels."""
+@cache
+def axes() -> Any:
+    """Axes without words, which show one image after the other."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(size[0] / 100, size[1] / 100), dpi=100)
+    figure = Figure(dpi=100)
     FigureCanvasAgg(figure)
     ax = figure.add_axes((0.033, 0.071, 0.9, 0.87))
     ax.set_axis_off()
+    return ax
+
+
+def cells(classes: NDArray[np.uint8], size: tuple[int, int], view: list[float]) -> tuple[Any, NDArray[np.uint8]]:
+    """Axes of a size in pixels that show nothing but cells of side 0.5 from (-3, 7), and their pixels."""
+    ax = axes()
+    ax.figure.set_size_inches(size[0] / 100, size[1] / 100)
+    for image in ax.images:
+        image.remove()
     colors = np.array([[255, 255, 255], [0, 0, 0]], np.uint8)
     ax.add_image(CellImage(ax, classes, colors, Grid((-3.0, 7.0), 0.5, classes.shape)))
     ax.set_xlim(view[0], view[1])
