@@ -276,7 +276,7 @@ class Store:
         """That of a file; None where there is none."""
         for folder in (self.metadata["aside"], "") if self.metadata["aside"] else ("",):
             with suppress(FileNotFoundError):
-                return (self.path / folder / file).read_bytes()
+                return self.path.joinpath(folder, file).read_bytes()
         return None
 
     def _chunk(self, name: str) -> tuple[tuple[int, ...], np.dtype[Any], Any]:
@@ -590,7 +590,7 @@ def _write_frame(folder: Path, metadata: Mapping[str, Any], arrays: Mapping[str,
 
 
 def _small(path: str | os.PathLike[str], name: str) -> NDArray[Any]:
-    """A small array."""
-    import zarr
-
-    return np.asarray(zarr.open_array(str(Path(path) / name), mode="r")[...])
+    """A small array, which is one chunk."""
+    shape = json.loads((Path(path) / name / ROOT).read_bytes())["shape"]
+    content = _codec(name).decode((Path(path) / _name(name, [0] * len(shape))).read_bytes())
+    return np.frombuffer(content, dtype=stored()[name].dtype).reshape(shape).copy()
