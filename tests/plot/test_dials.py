@@ -48,11 +48,12 @@ def test_discs_of_headings_and_tilts() -> None:
     assert [ax.get_title() for ax in discs] == [f"heading {k}°" for k in range(0, 360, 60)]
     rng, right = np.random.default_rng(2), 0
     for k, ax in enumerate(discs):
-        for _ in range(40):
-            radius, way = rng.uniform(0.05, 0.95), rng.uniform(-np.pi, np.pi)
-            tilt = Rotation.from_rotvec(np.pi * radius * np.array([-np.sin(way), np.cos(way), 0.0]))
-            turn = tilt * Rotation.from_rotvec([0.0, 0.0, k * np.pi / 3.0 + 1e-6])
-            right += pixel(ax, image, radius * np.cos(way), radius * np.sin(way)) == color_at(space, *turn.as_quat())
+        radius, way = rng.uniform((0.05, -np.pi), (0.95, np.pi), (40, 2)).T
+        x, y = radius * np.cos(way), radius * np.sin(way)
+        tilts = Rotation.from_rotvec(np.pi * np.stack([-y, x, np.zeros(40)], axis=-1))
+        turns = tilts * Rotation.from_rotvec([0.0, 0.0, k * np.pi / 3.0 + 1e-6])
+        for place, turn in zip(zip(x, y, strict=True), turns.as_quat(), strict=True):
+            right += pixel(ax, image, *place) == color_at(space, *turn)
     assert right >= 220  # of 240: some lie on the border of two cells, or on a word
 
 
