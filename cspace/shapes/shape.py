@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import permutations, product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -204,15 +204,9 @@ class Shape(ABC):
     @cached_property
     def symmetries(self) -> list[Floats]:
         """The matrices, shape (dim, dim), of one 1 or -1 in each row and column that map the shape to itself."""
-        lower, upper = self.bounds
-        matrices = []
-        for order in permutations(range(self.dim)):
-            for signs in product((1.0, -1.0), repeat=self.dim):
-                matrix = np.array(signs)[:, None] * np.eye(self.dim)[list(order)]
-                corners = np.sort([matrix @ lower, matrix @ upper], axis=0)
-                if (corners == [lower, upper]).all() and self.is_same(matrix):
-                    matrices.append(matrix)
-        return matrices
+        matrices, bounds = _signed_permutations(self.dim), np.array(self.bounds)
+        corners = np.sort(bounds @ matrices.mT, axis=1)
+        return [matrix for matrix in matrices[(corners == bounds).all(axis=(1, 2))] if self.is_same(matrix)]
 
     @cached_property
     def symmetry(self) -> int:
@@ -248,6 +242,13 @@ class Shape(ABC):
     @abstractmethod
     def spec(self) -> dict[str, Any]:
         """Plain numbers, strings and lists from which ``cspace.shapes.shape_from_spec`` makes it again."""
+
+
+@cache
+def _signed_permutations(dim: int) -> Floats:
+    """All matrices of one 1 or -1 in each row and column, shape (n, dim, dim)."""
+    orders, signs = permutations(np.eye(dim)), product((1.0, -1.0), repeat=dim)
+    return np.array([np.array(sign)[:, None] * order for order, sign in product(orders, signs)])
 
 
 def ordered_rows(rows: NDArray[Any]) -> tuple[NDArray[Any], Ints]:
