@@ -165,7 +165,9 @@ def test_half_a_turn_goes_the_same_way_everywhere(data: st.DataObject, exact: bo
     clearance = space.clearance_checker()
     assert [check(*q) for q in q0.tolist()] == free
     assert [edge(*a, *b) for a, b in zip(q0.tolist(), q1.tolist(), strict=True)] == edges
-    assert [bool(space.certify_path([a, b], exact=exact).all()) for a, b in zip(q0, q1, strict=True)] == edges
+    pairs = [(k, k + len(q0)) for k in range(len(q0))]
+    assert space.certify_path(np.concatenate([q0, q1]), pairs, exact=exact).tolist() == edges
+    assert [bool(space.certify_path([q0[k], q1[k]], exact=exact).all()) for k in range(4)] == edges[:4]
     assert [clearance(*q) for q in q0.tolist()] == space.clearance(q0).tolist()
     assert (space.path_exists(q0, q0) == True).tolist() == space.is_free(q0).tolist()  # noqa: E712 - True, False or None
     si = ob.SpaceInformation(planners.state_space(space))

@@ -226,7 +226,7 @@ class Shape(ABC):
 
     def is_same(self, matrix: Floats) -> bool:
         """Whether a matrix, shape (dim, dim), maps the shape to itself, to the last bit."""
-        if not np.isin(matrix, (-1.0, 0.0, 1.0)).all():
+        if not (matrix == np.sign(matrix)).all():
             return False
         return np.array_equal(self._own_features, ordered_rows(self._features(matrix) + 0.0)[0])
 
