@@ -167,7 +167,7 @@ class Joined:
                             touch = (labels >= 0) & self._open[along]
                             beyond.append(_unique(labels[touch] + begin, along[touch]))
                     elif far:
-                        behind[kind, across, number] = labels
+                        behind[kind, across, number] = labels.copy()  # and not all of its tile
                     else:
                         before = self.number(tuple(beside))
                         other = behind.pop((kind, across, before))
