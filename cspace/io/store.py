@@ -77,9 +77,6 @@ _NUMBERS: Final = ("lower", "spacing")
 _LONGEST: Final = 2**28
 """Bytes of the metadata, at most."""
 
-_PART: Final = 2**20
-"""Bytes of an archive that are unpacked together."""
-
 
 class Stored(NamedTuple):
     """How an array is stored.
@@ -628,7 +625,5 @@ def _member(
         if name not in _NUMBERS:
             check_kind(name, header, metadata, path)
         check_bytes(path, size, f"has an array {name!r} that unpacks to")
-        content = np.empty(size - stream.tell(), np.uint8)
-        for start in range(0, len(content), _PART):
-            content[start : start + _PART] = np.frombuffer(stream.read(_PART), np.uint8)
-    return content.view(header.dtype).reshape(header.shape, order="F" if header.fortran else "C")
+        stream.seek(0)
+        return np.asarray(np.lib.format.read_array(stream, allow_pickle=False))
