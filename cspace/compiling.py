@@ -274,8 +274,12 @@ def _lean_compiler() -> Any:
     """Numba's compiler with :func:`_lean_pipeline`."""
     from numba.core.compiler import CompilerBase
 
+    libraries = _libraries()
+
     class LeanCompiler(CompilerBase):
         def define_pipelines(self) -> list[Any]:
+            if libraries:
+                _set_library(self.state, libraries[0])
             return [_lean_pipeline(self.state)]
 
     return LeanCompiler
@@ -299,24 +303,62 @@ def _lean_pipeline(state: Any) -> Any:
 def part_options(forceinline: bool) -> dict[str, Any]:
     """What numba is told of a function that becomes a part of others; nothing of its own where that has changed within.
 
-    Numba optimises each function, makes machine code of it, and does so again for every one that calls it, all the way
-    up. Of parts only the last time counts. Numba also types and makes ``min`` and such anew for callers of each set of
-    options; so options of parts are set behind its back, and they share them with others.
+    Numba types and makes ``min`` and such anew for callers of each set of options; so options of parts are set behind
+    its back, and they share them with others.
     """
     from numba.core.compiler import CompilerBase
 
     options = {"no_cpython_wrapper": True, "forceinline": forceinline}
+    libraries = _libraries()
+    if libraries is None:
+        return options
+    library = libraries[1]
+
+    class PartCompiler(CompilerBase):
+        def define_pipelines(self) -> list[Any]:
+            for name, value in options.items():
+                setattr(self.state.flags, name, value)
+            _set_library(self.state, library)
+            return [_lean_pipeline(self.state)]
+
+    return {"pipeline_class": PartCompiler}
+
+
+def _set_library(state: Any, kind: Any) -> None:
+    """Have numba put the code of what it compiles in a library of ours."""
+    state.library = kind(state.targetctx.codegen(), state.func_id.func_qualname)
+    state.library.enable_object_caching()
+
+
+@cache
+def _libraries() -> tuple[Any, Any] | None:
+    """Numba's library of the code of a function, for a whole and for a part of others; None if numba changed within.
+
+    Numba has LLVM optimise each function alone, then with all that it calls for size, for the sake of references, and
+    then again for speed; and it makes machine code of it. It does so for what is called as well, all the way up. Of a
+    :func:`reader`, only the third time counts, and of parts the first.
+    """
     try:
         from llvmlite.binding import Target, parse_assembly
-        from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
+        from numba.core.codegen import CPUCodeLibrary, JITCodeLibrary, JITCPUCodegen
     except ImportError:
-        return options
+        return None
     used = {
-        JITCodeLibrary: ("_optimize_final_module", "_finalize_final_module", "_finalize_dynamic_globals"),
-        JITCPUCodegen: ("_add_module", "_create_empty_module"),
+        CPUCodeLibrary: ("_optimize_functions", "_optimize_final_module"),
+        JITCodeLibrary: ("_finalize_final_module", "_finalize_dynamic_globals"),
+        JITCPUCodegen: ("_add_module", "_create_empty_module", "_module_pass_manager"),
     }
     if not all(hasattr(kind, name) for kind, names in used.items() for name in names):
-        return options
+        return None
+
+    class Whole(JITCodeLibrary):
+        def _optimize_functions(self, module: Any) -> None:
+            module.data_layout = self._codegen._data_layout
+
+        def _optimize_final_module(self) -> None:
+            codegen: Any = self._codegen
+            passes, builder = codegen._module_pass_manager()
+            passes.run(self._final_module, builder)
 
     class Part(JITCodeLibrary):
         def _optimize_final_module(self) -> None:
@@ -342,16 +384,7 @@ def part_options(forceinline: bool) -> dict[str, Any]:
             places = [f'@"{name}" = common global i8* null' for name in names]
             return parse_assembly("\n".join([str(codegen._create_empty_module("")), *places]))
 
-    class PartCompiler(CompilerBase):
-        def define_pipelines(self) -> list[Any]:
-            state: Any = self.state
-            for name, value in options.items():
-                setattr(state.flags, name, value)
-            state.library = Part(state.targetctx.codegen(), state.func_id.func_qualname)  # type: ignore[no-untyped-call]
-            state.library.enable_object_caching()
-            return [_lean_pipeline(state)]
-
-    return {"pipeline_class": PartCompiler}
+    return Whole, Part
 
 
 def by_kind(function: Callable[..., Any], made: dict[type, Callable[..., Any]]) -> None:
@@ -469,19 +502,32 @@ def _remembering(usual: Callable[..., Any]) -> Callable[..., Any]:
 def _announce_compiling() -> None:
     """Have numba tell when it compiles; what it reads from its cache does not count.
 
-    Meanwhile garbage is left lying: looking for it among all that numba makes takes a tenth of the time. And what calls
-    give is remembered (:func:`_remembering`).
+    Meanwhile garbage is left lying: looking for it among all that numba makes takes a tenth of the time. What calls
+    give is remembered (:func:`_remembering`). And nobody hears when LLVM is locked and free again, tens of thousands of
+    times, which takes a twentieth.
     """
+    from llvmlite.binding import ffi
     from numba.core import event
     from numba.core.types.functions import BaseFunction
 
     usual = BaseFunction.get_call_type
     remembering = _remembering(usual)
+    lock: Any = getattr(ffi.lib, "_lock", None)
+    quietable = hasattr(lock, "_lock") and hasattr(lock, "_cblist")
+
+    def hear(listeners: list[Any]) -> list[Any]:
+        """Set who hears of LLVM's lock, while nobody has it; return who did."""
+        if not quietable:
+            return []
+        with lock._lock:
+            before, lock._cblist = lock._cblist, listeners
+        return cast(list[Any], before)
 
     class Announcer(event.Listener):
         def __init__(self) -> None:
             self.announced: set[str] = set()
             self.paused: list[bool] = []
+            self.listeners: list[Any] = []
 
         def on_start(self, event: Any) -> None:
             module = str(event.data["dispatcher"].py_func.__module__)
@@ -490,6 +536,8 @@ def _announce_compiling() -> None:
                 self.announced.add(module)
                 LOGGER.info("compiling %s, once per machine", module)
             # One function is compiled while another one is.
+            if not self.paused:
+                self.listeners = hear([])
             self.paused.append(own and gc.isenabled())
             if own:
                 gc.disable()
@@ -500,5 +548,6 @@ def _announce_compiling() -> None:
                 gc.enable()
             if not self.paused:
                 BaseFunction.get_call_type = usual  # type: ignore[method-assign]
+                hear(self.listeners + hear([]))
 
     event.register("numba:compile", Announcer())  # type: ignore[no-untyped-call]

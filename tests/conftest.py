@@ -7,18 +7,25 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from _pytest.runner import runtestprotocol
 from hypothesis import settings
+
+WORKER = "PYTEST_XDIST_WORKER" in os.environ
 
 # What is kept about this machine in the user's cache folder shall not change what the tests do, nor they it. Workers
 # share one folder, where what one has made, such as matplotlib's list of fonts, the other finds.
-if "PYTEST_XDIST_WORKER" not in os.environ:
+if not WORKER:
     os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="cspace-tests-")
+
+# After all that is to be done at the end, a worker goes at once: taking apart what it holds takes four seconds.
+if WORKER:
+    atexit.register(os._exit, 0)
 
 # There is a worker on each core. A second thread of numpy's linear algebra would wait there for work, and not sleep.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# Collecting tests makes millions of objects, and hardly any garbage.
-gc.set_threshold(100_000, 20, 20)
+# Collecting tests makes millions of objects, and hardly any garbage; what compiling leaves fits a worker.
+gc.set_threshold(1_000_000, 20, 20)
 
 # A test that meets a compiled kernel for the first time waits for the compiler.
 settings.register_profile("cspace", deadline=None, max_examples=50, derandomize="CI" in os.environ)
@@ -46,6 +53,19 @@ What waits for others, such as a browser, does so while there is more to do."""
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Run what takes longest first, so that no worker ends long after the other."""
     items.sort(key=lambda item: next((k for k, part in enumerate(FIRST) if f"/{part}" in item.nodeid), len(FIRST)))
+
+
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
+    """Have workers tell what came of a test, and of its fixtures only where they fail, or how long they took is asked.
+
+    Else half of the time that it takes to hand tests out goes into telling that all is well.
+    """
+    if not WORKER or item.config.getoption("durations"):
+        return None
+    for report in runtestprotocol(item, log=False, nextitem=nextitem):
+        if report.when == "call" or not report.passed:
+            item.ihook.pytest_runtest_logreport(report=report)
+    return True
 
 
 def pytest_collection_finish() -> None:

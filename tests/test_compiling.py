@@ -8,13 +8,13 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 import cspace
 from cspace import compiling
-from cspace.compiling import inner, is_own, jit
+from cspace.compiling import inner, is_own, jit, reader
 
 CODE = """
 import logging
@@ -186,12 +186,16 @@ def double(value: float) -> float:
     return 2 * value
 
 
-def test_numba_types_calls_by_itself_again_when_a_function_is_compiled_or_refused() -> None:
-    from numba import TypingError
+def test_numba_is_as_it_was_when_a_function_is_compiled_or_refused() -> None:
+    from llvmlite.binding import ffi
+    from numba import TypingError, njit
     from numba.core.types.functions import BaseFunction
     from numba.extending import overload
 
+    assert njit(double)(1.5) == 3.0
     usual, during = BaseFunction.get_call_type, []
+    listeners = list(ffi.lib._lock._cblist)
+    assert listeners
 
     def look(x: object) -> object:
         raise NotImplementedError
@@ -199,6 +203,7 @@ def test_numba_types_calls_by_itself_again_when_a_function_is_compiled_or_refuse
     @overload(look, strict=False)
     def taken(x: object) -> object:
         during.append(BaseFunction.get_call_type)
+        assert not ffi.lib._lock._cblist
         return lambda x: x
 
     def good(x: int) -> object:
@@ -212,9 +217,11 @@ def test_numba_types_calls_by_itself_again_when_a_function_is_compiled_or_refuse
     assert jit(good, cache=False)(7) == 21
     assert during and usual not in during
     assert BaseFunction.get_call_type is usual
+    assert ffi.lib._lock._cblist == listeners
     with pytest.raises(TypingError):
         jit(bad, cache=False)(7)
     assert BaseFunction.get_call_type is usual
+    assert ffi.lib._lock._cblist == listeners
 
 
 def test_passes_that_are_left_out_are_numbas_own() -> None:
@@ -242,12 +249,14 @@ def test_parts_are_for_compiled_code_alone_whatever_numba_is_like_within(
     with monkeypatch.context() as patch:
         if gone is not None:
             patch.delattr(CPUCodeLibrary, gone)
-        options = compiling.part_options.__wrapped__(False)
-    assert ("pipeline_class" in options) == (gone is None)
-    monkeypatch.setattr(compiling, "part_options", lambda forceinline: options)
+        libraries = compiling._libraries.__wrapped__()
+    assert (libraries is None) == (gone is not None)
+    monkeypatch.setattr(compiling, "_libraries", lambda: libraries)
+    for made in ("part_options", "_lean_compiler"):
+        monkeypatch.setattr(compiling, made, getattr(compiling, made).__wrapped__)
     part = inner(cache=False)(double)
 
-    @jit(cache=False)
+    @reader(cache=False)
     def quadruple(value: float) -> float:
         return part(part(value))
 
@@ -255,6 +264,8 @@ def test_parts_are_for_compiled_code_alone_whatever_numba_is_like_within(
         assert quadruple(1.5) == 6.0
         with pytest.raises(TypeError, match="double is called by compiled code alone"):
             part(1.5)
+    (compiled,) = cast(Any, quadruple).overloads.values()
+    assert (type(compiled.library).__module__ == compiling.__name__) == (gone is None)
 
 
 def test_a_part_from_the_cache_has_no_machine_code_that_callers_would_run() -> None:
