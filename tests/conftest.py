@@ -3,6 +3,7 @@
 import atexit
 import gc
 import os
+import shutil
 import tempfile
 from pathlib import Path
 
@@ -16,6 +17,7 @@ WORKER = "PYTEST_XDIST_WORKER" in os.environ
 # share one folder, where what one has made, such as matplotlib's list of fonts, the other finds.
 if not WORKER:
     os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="cspace-tests-")
+    atexit.register(shutil.rmtree, os.environ["XDG_CACHE_HOME"], ignore_errors=True)
 
 # After all that is to be done at the end, a worker goes at once: taking apart what it holds takes four seconds.
 if WORKER:
