@@ -6,6 +6,7 @@ import logging
 import math
 import threading
 import time
+from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
@@ -27,6 +28,10 @@ SECONDS: Final = 8.0
 """How long a path is played."""
 FRAMES: Final = 25.0
 """Pictures of it in a second, at most."""
+REST: Final = 2.0
+"""Between two of them, what a browser has left for people, as a multiple of the time in which it came to the first."""
+BEHIND: Final = 0.5
+"""Seconds after which a browser that has not come to a picture is waited for no longer."""
 
 
 class Page:
@@ -45,7 +50,7 @@ class Page:
     """
 
     def __init__(self, server: ViserServer, space: Any, canvas: Canvas, path: Floats) -> None:
-        self._space, self._canvas = space, canvas
+        self._server, self._space, self._canvas = server, space, canvas
         self.marks, self.plan = dict(canvas.endpoints), None  # type: dict[str, Floats], PlanLike | None
         self._path, self._proves = path, canvas.is_quick
         self._playing = threading.Event()
@@ -187,10 +192,20 @@ class Page:
                 share = min(1.0, (time.perf_counter() - began) / SECONDS)
                 panel.share.value = round(100.0 * share, 1)
                 self.go(share)
-                time.sleep(1.0 / FRAMES)
+                sent = time.perf_counter()
+                self._let_draw()
+                taken = time.perf_counter() - sent
+                time.sleep(max(1.0 / FRAMES - taken, REST * taken))
         finally:
             self._playing.clear()
             panel.play.label = "Play"
+
+    def _let_draw(self) -> None:
+        """Wait until all browsers have come to what was sent."""
+        self._server.flush()
+        for client in self._server.get_clients().values():
+            with suppress(RuntimeError, TimeoutError):  # it has left, stores nothing, or is slow
+                client.local_storage.get_item("", BEHIND)  # a browser answers in turn; what it stores does not matter
 
     def _follow(self, path: Floats) -> None:
         """Show a path, from its start."""

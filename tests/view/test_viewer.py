@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import socket
+import time
 from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -269,6 +271,19 @@ def test_other_pages_move_nothing(served: Viewer, origin: str | None, host: str,
                 client.recv(timeout=20.0)
         until(lambda: not moves or np.allclose(served.canvas.robot, q, atol=0.05))
     np.testing.assert_allclose(served.canvas.robot, q if moves else page.marks["start"], atol=0.05)
+
+
+def test_a_path_is_played_as_quickly_as_browsers_draw(served: Viewer, monkeypatch: pytest.MonkeyPatch) -> None:
+    slow = SimpleNamespace(local_storage=SimpleNamespace(get_item=lambda key, timeout: time.sleep(0.03)))
+    shares: list[float] = []
+    served.page.search()
+    assert served.page.wait(60.0)
+    monkeypatch.setattr(served.server, "get_clients", lambda: {0: slow})
+    monkeypatch.setattr(served.page, "go", shares.append)
+    monkeypatch.setattr("cspace.view.page.SECONDS", 0.08)
+    served.page.play()
+    until(lambda: shares[-1:] == [1.0])
+    assert len(shares) == 2  # in the time of one picture, and twice as long without any, the path was over
 
 
 @pytest.fixture(scope="module")
