@@ -269,6 +269,7 @@ def _check(
             f"has {robot.dim} dimensions and the workspace {workspace.grid.dim}",
             "they must agree",
             "take both in the plane or both in space" + ", or its footprint, robot.footprint()" * (robot.dim == 3),
+            value=robot,
         )
     rotations.check_dimension(robot.dim)
     if workers is not None:

@@ -178,7 +178,9 @@ class ConfigurationSpace(ABC):
             return answer_pairs(np.ascontiguousarray(points), pairs, self._edges(len(pairs), exact))
         if points.ndim < 2 or points.shape[-2] == 0:
             rule = "it must hold at least one configuration in a row"
-            raise InputError("path", f"has shape {points.shape}", rule, f"pass an array of shape (n, {self.dof})")
+            raise InputError(
+                "path", f"has shape {points.shape}", rule, f"pass an array of shape (n, {self.dof})", value=path
+            )
         q0, q1 = points[..., :-1, :], points[..., 1:, :]
         return np.asarray(answer_edges(q0, q1, self.dof, lambda number: self._edges(number, exact)))
 

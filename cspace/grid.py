@@ -38,15 +38,23 @@ def finite(values: ArrayLike, name: str) -> Floats:
     except (TypeError, ValueError) as error:
         raise InputError(name, f"is {values!r}", "it must be numeric", FLOATS, value=values) from error
     except OverflowError as error:
-        raise InputError(name, "holds a whole number", "it is larger than a float can be", FLOATS) from error
+        raise InputError(
+            name, "holds a whole number", "it is larger than a float can be", FLOATS, value=values
+        ) from error
     if array is None:
-        raise InputError(name, "has complex values", "it must be real", "pass the real parts, e.g. array.real")
+        raise InputError(
+            name, "has complex values", "it must be real", "pass the real parts, e.g. array.real", value=values
+        )
     usable = np.isfinite(array)
     if not usable.all():
         index = tuple(int(i) for i in np.argwhere(~usable)[0])
         where = f"{name}[{', '.join(map(str, index))}]" if index else name
         raise InputError(
-            where, f"is {array[index]}", "NaN and infinities are refused", "drop or replace such values first"
+            where,
+            f"is {array[index]}",
+            "NaN and infinities are refused",
+            "drop or replace such values first",
+            value=float(array[index]),
         )
     return array
 
@@ -62,6 +70,7 @@ def unmasked(values: Any, name: str) -> None:
             f"has {int(np.ma.getmaskarray(values).sum())} masked entries",
             "each must have a value",
             "fill them first, e.g. array.filled(True) for occupied cells",
+            value=values,
         )
 
 
@@ -73,9 +82,11 @@ def positive(value: Any, name: str, unit: str = "metres") -> float:
     array = finite(value, name)
     if array.ndim or array <= 0.0:
         mend = f"pass it in {unit}" + ", e.g. 0.05" * (unit == "metres")
-        raise InputError(name, f"is {value!r}", "it must be one number above zero", mend)
+        raise InputError(name, f"is {value!r}", "it must be one number above zero", mend, value=value)
     if not 1e-100 < array < 1e100:
-        raise InputError(name, f"is {value!r}", "it must lie between 1e-100 and 1e100", f"check its units ({unit})")
+        raise InputError(
+            name, f"is {value!r}", "it must lie between 1e-100 and 1e100", f"check its units ({unit})", value=value
+        )
     return float(array)
 
 
@@ -151,7 +162,7 @@ def check_dims(array: Any, name: str) -> None:
     if dims is not None and tuple(dims) != ("x", "y", "z")[: len(dims)]:
         rule = "they must be named x, y (and z), in this order"
         mend = 'rename or transpose it, e.g. array.transpose("x", "y")'
-        raise InputError(name, f"has the dimensions {tuple(dims)}", rule, mend)
+        raise InputError(name, f"has the dimensions {tuple(dims)}", rule, mend, value=array)
 
 
 def check_cells(values: ArrayLike, name: str) -> Bools:
@@ -161,13 +172,16 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
     try:
         array = np.asarray(values)
     except ValueError as error:
-        raise InputError(name, f"is ragged: {error}", "its rows must have one length", "pad or cut them") from error
+        raise InputError(
+            name, f"is ragged: {error}", "its rows must have one length", "pad or cut them", value=values
+        ) from error
     if array.ndim not in (2, 3) or array.size == 0:
         raise InputError(
             name,
             f"has shape {array.shape}",
             "it must have two or three axes and at least one cell",
             "pass an array indexed [x, y] or [x, y, z]",
+            value=values,
         )
     if array.dtype.kind == "f":
         finite(array, name)
@@ -177,6 +191,7 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
             f"has dtype {array.dtype}",
             "cells are occupied or not, so that it must be boolean",
             "compare it with a threshold first, e.g. array > 0.5",
+            value=values,
         )
     if array.dtype.kind != "b":
         wrong = np.argwhere((array != 0) & (array != 1))
@@ -187,6 +202,7 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
                 f"is {array[index]}",
                 "whole numbers must be 0 or 1",
                 "compare with a threshold first, e.g. array >= 50",
+                value=array[index].item(),
             )
     # A boolean array may hold other bytes than 0 and 1; a comparison does not.
     return frozen(np.array(array != 0, order="C"))
@@ -253,7 +269,9 @@ class Grid:
     ) -> None:
         corner = finite(lower, "lower")
         if corner.ndim != 1 or len(corner) not in (2, 3):
-            raise InputError("lower", f"is {lower!r}", "it must hold 2 or 3 coordinates", "pass e.g. (0.0, 0.0)")
+            raise InputError(
+                "lower", f"is {lower!r}", "it must hold 2 or 3 coordinates", "pass e.g. (0.0, 0.0)", value=lower
+            )
         side = positive(spacing, "spacing")
         counts = np.asarray(shape)
         if counts.shape != corner.shape or counts.dtype.kind not in "iu" or (counts <= 0).any():
@@ -262,6 +280,7 @@ class Grid:
                 f"is {tuple(np.atleast_1d(counts).tolist())}",
                 f"it must hold {len(corner)} whole numbers above zero, one for each coordinate of lower",
                 "pass the number of cells along each axis",
+                value=shape,
             )
         reach = float(np.max(np.maximum(np.abs(corner), np.abs(corner + side * counts))) / side)
         check_reach(reach, "grid", "the origin", "use a larger spacing, or move the frame's origin nearer to the map")
@@ -273,7 +292,7 @@ class Grid:
         for name, texts in (("axes", self.axes), ("units", self.units)):
             if len(texts) != self.dim or (name == "axes" and len(set(texts)) < self.dim):
                 rule = f"there must be {self.dim}, each another one"
-                raise InputError(name, f"are {', '.join(texts)}", rule, "leave them out")
+                raise InputError(name, f"are {', '.join(texts)}", rule, "leave them out", value=texts)
 
     @property
     def dim(self) -> int:

@@ -360,7 +360,11 @@ class Robot:
             robot = cls(str(spec["name"]), shape_from_spec(spec))
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
-                "spec", f"is {str(spec)[:80]}", f"it must be one that Robot.spec makes: {error}", "write it again"
+                "spec",
+                f"is {str(spec)[:80]}",
+                f"it must be one that Robot.spec makes: {error}",
+                "write it again",
+                value=spec,
             ) from error
         robot.shape.check_origin()
         return robot
@@ -396,6 +400,7 @@ class Robot:
                 f"is {source!r}",
                 "it must be a short text such as 'ball:0.3' (metres), or a file name",
                 "pass a string or a pathlib.Path",
+                value=source,
             ) from error
         kind, colon, rest = text.partition(":")
         if colon and kind == "footprint" and not rest.lstrip().startswith("["):
@@ -408,7 +413,7 @@ class Robot:
         reader, takes_solid = files.get(suffix, (None, False))
         if solid is not None and not takes_solid:
             taken = ", ".join(known for known, (_, meshes) in files.items() if meshes)
-            raise InputError("solid", f"is {solid!r} for {source}", f"it is for {taken}", "leave it out")
+            raise InputError("solid", f"is {solid!r} for {source}", f"it is for {taken}", "leave it out", value=solid)
         if colon and kind in _SHORT:
             return _from_text(text)
         if reader is not None:
@@ -417,7 +422,9 @@ class Robot:
         forms, known = ", ".join(f"{kind}:{form}" for kind, (form, _) in _SHORT.items()), ", ".join(files)
         if path and Path(path).exists():
             raise FileError(path, f"has the suffix {suffix!r}", f"a robot's are {known}", f"or pass {forms}")
-        raise InputError("robot", f"is {text!r}", "it must be a short text or a file", f"pass {forms}, or {known}")
+        raise InputError(
+            "robot", f"is {text!r}", "it must be a short text or a file", f"pass {forms}, or {known}", value=source
+        )
 
     @property
     def geometry(self) -> BaseGeometry:
@@ -508,6 +515,7 @@ def _from_text(source: str) -> Robot:
             f"after the colon must stand {form}, each above zero, in metres, and @X,Y or @X,Y,Z where its middle is "
             "not the origin",
             f"write e.g. {kind}:{'x'.join(['0.3'] * count)}",
+            value=source,
         )
     return make(*values, *[center] if at else [])
 

@@ -643,7 +643,7 @@ class CSpace(ConfigurationMap):
         point = self.checked(q, "q")
         if point.ndim != 1:
             rule = f"it must be one configuration of {self.dof} numbers"
-            raise InputError("q", f"has shape {point.shape}", rule, "ask for one at a time", value=point.shape)
+            raise InputError("q", f"has shape {point.shape}", rule, "ask for one at a time", value=q)
         center = nearest(self._seen, self._slice_of, self.rotations, self.grid, point)
         if center is None:
             raise self._nothing_free()
@@ -770,7 +770,9 @@ class CSpace(ConfigurationMap):
         shape = shape_of(obstacle, radius)
         if shape.dim != self.grid.dim:
             fault, place = f"is in {shape.place}", ("the plane", "space")[self.grid.dim - 2]
-            raise InputError("obstacle", fault, f"the map is in {place}", "pass one of as many coordinates")
+            raise InputError(
+                "obstacle", fault, f"the map is in {place}", "pass one of as many coordinates", value=obstacle
+            )
         with self._lock:
             return self._updates.place(name, shape)
 

@@ -108,12 +108,12 @@ class Patch:
         if outer.ndim != grid.dim:
             fault = f"has {outer.ndim} axes on a grid of {grid.dim}"
             mend = "pass one entry for each cell of a box, indexed in the order of the coordinates"
-            raise InputError("cells", fault, "both must have as many", mend, value=outer.shape)
+            raise InputError("cells", fault, "both must have as many", mend, value=cells)
         for low, count, size in zip(first, outer.shape, grid.shape, strict=True):
             if low < 0 or low + count > size:
                 fault = f"has shape {outer.shape} and lower is {first} on a grid of {grid.shape} cells"
                 raise InputError(
-                    "cells", fault, "the box must lie in the grid", "cut off what lies outside it", value=first
+                    "cells", fault, "the box must lie in the grid", "cut off what lies outside it", value=cells
                 )
         if inner is None:
             return cls(first, outer, outer)
@@ -121,7 +121,7 @@ class Patch:
         if within.shape != outer.shape:
             fault = f"has shape {within.shape} and cells {outer.shape}"
             mend = "pass one entry for each cell of the box"
-            raise InputError("inner", fault, "both must be the same", mend, value=within.shape)
+            raise InputError("inner", fault, "both must be the same", mend, value=inner)
         if (within > outer).any():
             lost = tuple(np.argwhere(within & ~outer)[0].tolist())
             rule = "a cell that lies in an obstacle also meets it"

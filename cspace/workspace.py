@@ -118,6 +118,7 @@ class Workspace:
                     f"has shape {cells.shape} on a grid of {self.grid.shape}",
                     "both must be the same",
                     "pass one entry for each cell, indexed in the order of the coordinates",
+                    value=cells,
                 )
         lost = np.argwhere(inner & ~outer)
         if len(lost):
@@ -126,6 +127,7 @@ class Workspace:
                 f"holds cell {tuple(lost[0].tolist())}, which is not in outer",
                 "a cell that lies in an obstacle also meets it",
                 "add it to outer",
+                value=self.inner,
             )
         object.__setattr__(self, "shapes", None if self.shapes is None else tuple(self.shapes))
         object.__setattr__(self, "unknown", unknown if unknown is not None and unknown.any() else None)
@@ -221,6 +223,7 @@ class Workspace:
                 f"is {lower!r}",
                 f"occupied has {dim} axes and lower must have as many coordinates",
                 f"pass e.g. {(0.0,) * dim}",
+                value=lower,
             )
         if isinstance(cells, Lazy):
             return LazyWorkspace(Grid(corner, spacing, cells.shape), cells, source)

@@ -707,7 +707,9 @@ def check_drive(axes: tuple[str, ...], drive: str, turning_radius: float | None,
     radius = positive(turning_radius, "turning_radius")
     if exact:
         mend = "leave exact out, or build the map with a finer spacing or more rotations"
-        raise InputError("exact", f"is True and drive is {drive!r}", "curves are proven by FREE cells alone", mend)
+        raise InputError(
+            "exact", f"is True and drive is {drive!r}", "curves are proven by FREE cells alone", mend, value=exact
+        )
     return radius
 
 

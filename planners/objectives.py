@@ -214,7 +214,7 @@ def edges_on_map(space: CSpace, drive: str, turning_radius: float | None) -> Edg
     edges = local_planner(space, False, drive, turning_radius)
     if not isinstance(edges, EdgesOnMap):
         rule, mend = "the objective weighs the cells of a map", "optimise the length of an arm's path, or a function"
-        raise InputError("objective", f"is for maps, and space is {space!r}", rule, mend)
+        raise InputError("objective", f"is for maps, and space is {space!r}", rule, mend, value=space)
     return edges
 
 

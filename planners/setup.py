@@ -173,7 +173,7 @@ def _sampler_maker(
         if sampler is not None or exact:
             other = "exact is True" if exact else "valid_state_sampler is given"
             rule = "it is for FreeStateSampler, which keeps to FREE cells"
-            raise InputError("rng", f"is given and {other}", rule, "leave one of the two out")
+            raise InputError("rng", f"is given and {other}", rule, "leave one of the two out", value=rng)
     if sampler is None:
         return ob.UniformValidStateSampler if exact else lambda info: FreeStateSampler(info, space, rng)
     made = _made(sampler, si, ob.ValidStateSampler, "valid_state_sampler")

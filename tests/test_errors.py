@@ -66,3 +66,32 @@ def test_exchanged_arguments_are_named_in_a_line(space, call, beginning):
     assert message.startswith(beginning)
     assert "\n" not in message
     assert len(message) < LONGEST + 200
+
+
+@pytest.mark.parametrize(
+    ("call", "argument", "value"),
+    [
+        (lambda space: Robot.disc(-1), "radius", -1),
+        (lambda space: Robot.disc(1e200), "radius", 1e200),
+        (lambda space: Robot.polygon([(0, 0), (1, 0)]), "polygon", [(0, 0), (1, 0)]),
+        (lambda space: Robot.balls([[0, 0]], [-0.5]), "radii", [-0.5]),
+        (lambda space: Robot.open("disc:-1"), "robot", "disc:-1"),
+        (lambda space: cspace.build(space.workspace, space.robot, margin=-1), "margin", -1),
+        (lambda space: cspace.build(space.workspace, space.robot, rotations=0), "rotations", 0),
+        (lambda space: Workspace.from_array([[0, 2]], 0.1), "occupied[0, 1]", 2),
+        (lambda space: Workspace.from_array(CELLS, 0.1, lower=(0, 0, 0)), "lower", (0, 0, 0)),
+        (lambda space: Workspace.from_array(CELLS, 0.1, lower=(0, np.inf)), "lower[1]", np.inf),
+        (lambda space: space.is_free((1, "x")), "q", (1, "x")),
+        (lambda space: space.is_free((1, 2, 3)), "q", (1, 2, 3)),
+        (lambda space: space.certify_path([1, 1]), "path", [1, 1]),
+        (lambda space: space.is_free_around((1, 1), -1), "distance", -1),
+        (lambda space: planners.plan(space, (1, 1), (2, 2), time_limit=-1), "time_limit", -1),
+        (lambda space: planners.plan(space, (1, 1), (2, 2), planner="A"), "planner", "A"),
+    ],
+)
+def test_a_value_at_fault_is_carried_with_its_rule_and_its_mend(space, call, argument, value):
+    with pytest.raises(InputError) as caught:
+        call(space)
+    error = caught.value
+    assert (error.argument, error.value) == (argument, value)
+    assert error.fault and error.rule and error.mend

@@ -106,13 +106,17 @@ def build_arm_map(
     names = arm.joints if joints is None else tuple(joints)
     for name in names:
         if name not in arm.joints:
-            raise InputError("joints", f"name {name!r}", f"there are {', '.join(arm.joints)}", "name two or three")
+            raise InputError(
+                "joints", f"name {name!r}", f"there are {', '.join(arm.joints)}", "name two or three", value=name
+            )
         if name in Rotations.all_names() or name.split() != [name]:
             rule = f"an axis of a map has a name without blanks, and none of {', '.join(Rotations.all_names())}"
             raise InputError("joints", f"name {name!r}", rule, "rename the joint in the URDF", value=name)
     if len(names) not in (2, 3) or len(set(names)) < len(names):
         rule = "a map is of two or three different joints"
-        raise InputError("joints", f"are {', '.join(names)}", rule, "name them, and pass at= for the others")
+        raise InputError(
+            "joints", f"are {', '.join(names)}", rule, "name them, and pass at= for the others", value=names
+        )
     numbers = np.array([arm.joints.index(name) for name in names])
     held = _held(space, names, at)
     intervals = np.array([_limits(space, name, limits) for name in names])
@@ -175,7 +179,9 @@ def _held(space: ArmSpace, names: Sequence[str], at: ArrayLike | None) -> Floats
         return np.zeros(space.arm.dof)
     held = space.arm.checked(at, "at")
     if held.ndim != 1:
-        raise InputError("at", f"has shape {held.shape}", "it must be one configuration of the arm", "pass one")
+        raise InputError(
+            "at", f"has shape {held.shape}", "it must be one configuration of the arm", "pass one", value=at
+        )
     for name in others:
         number = space.arm.joints.index(name)
         low, high = space.arm.lower[number], space.arm.upper[number]
@@ -193,10 +199,12 @@ def _limits(space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]
         if math.isinf(own[0]) and not space.endless[number]:
             fault = f"are missing for {name!r}, which turns for ever, and other joints by another angle"
             rule, mend = "after a turn the arm is not where it was", f"pass limits={{{name!r}: (-3.14, 3.14)}}"
-            raise InputError("limits", fault, rule, mend)
+            raise InputError("limits", fault, rule, mend, value=limits)
         if own[0] == own[1]:
             mend = "name the other joints; at= says where it is held"
-            raise InputError("joints", f"name {name!r}, which stays at {own[0]:g}", "a map is of what moves", mend)
+            raise InputError(
+                "joints", f"name {name!r}, which stays at {own[0]:g}", "a map is of what moves", mend, value=name
+            )
         return own
     given = finite(limits[name], f"limits[{name!r}]")
     if given.shape != (2,) or not own[0] <= given[0] < given[1] <= own[1]:

@@ -145,7 +145,9 @@ class Arm:
         file = os.fspath(path)
         for name, link in (("tip", tip), ("base", base)):
             if link is not None and link not in urdf.link_map:
-                raise InputError(name, f"is {link!r}", f"{file} has {', '.join(urdf.link_map)}", "name one of these")
+                raise InputError(
+                    name, f"is {link!r}", f"{file} has {', '.join(urdf.link_map)}", "name one of these", value=link
+                )
         joints = {joint.name: _joint(joint, file) for joint in urdf.robot.joints}
         return _Assembly(file, urdf, joints, base or urdf.base_link, tip).arm(srdf)
 
@@ -197,7 +199,9 @@ class Arm:
             raise InputError("name", f"is {name!r}", "a link has it", "choose another one", value=name)
         for each in (link, *touch):
             if each not in names:
-                raise InputError("link", f"is {each!r}", f"there are {', '.join(names)}", "name one of these")
+                raise InputError(
+                    "link", f"is {each!r}", f"there are {', '.join(names)}", "name one of these", value=each
+                )
         body = self.links[names.index(link)].body
         place = np.eye(4) if pose is None else rigid(pose, "pose")
         held = Solid(name, body, (placed_shared(shape, self.frames[link] @ place),))
@@ -254,13 +258,15 @@ def _joint(joint: Any, file: str) -> Joint:
     where = f"{file}: joint {joint.name!r}"
     if joint.type not in _KINDS:
         rule = f"it must be one of {', '.join(_KINDS)}"
-        raise InputError(where, f"is {joint.type}", rule, "replace it by joints of these types")
+        raise InputError(where, f"is {joint.type}", rule, "replace it by joints of these types", value=joint.type)
     kind = _KINDS[joint.type]
     frame = np.eye(4) if joint.origin is None else rigid(joint.origin, f"{where}: origin")
     axis = finite([1.0, 0.0, 0.0] if joint.axis is None else joint.axis, f"{where}: axis")
     length = float(np.linalg.norm(axis))
     if kind != STILL and not length > 0.0:
-        raise InputError(f"{where}: axis", "is zero", "a joint turns about it or slides along it", "correct it")
+        raise InputError(
+            f"{where}: axis", "is zero", "a joint turns about it or slides along it", "correct it", value=joint.axis
+        )
     lower, upper = -math.inf, math.inf
     if kind != STILL and joint.type != "continuous":
         limits = (getattr(joint.limit, "lower", None), getattr(joint.limit, "upper", None))
@@ -269,7 +275,9 @@ def _joint(joint: Any, file: str) -> Joint:
         lower, upper = (float(finite(float(limit), f"{where}: limit")) for limit in limits if limit is not None)
         if lower > upper:
             rule = "the lower one must not be above the upper one"
-            raise InputError(f"{where}: limits", f"are {lower:g} and {upper:g}", rule, "exchange them")
+            raise InputError(
+                f"{where}: limits", f"are {lower:g} and {upper:g}", rule, "exchange them", value=(lower, upper)
+            )
     mimic = joint.mimic
     leader, factor, offset = joint.name, 1.0, 0.0
     if mimic is not None and kind != STILL:
@@ -298,7 +306,9 @@ class _Assembly:
             branch, link = set(), tip
             while link != base:
                 if link not in above:
-                    raise InputError("tip", f"is {tip!r}", f"it is not below {base!r}", "name a link that is")
+                    raise InputError(
+                        "tip", f"is {tip!r}", f"it is not below {base!r}", "name a link that is", value=tip
+                    )
                 branch.add(link)
                 link = above[link].parent
         names = {joint.name for joint in self._order}
@@ -314,7 +324,9 @@ class _Assembly:
         for joint in self._order:
             if joint.leader not in names or joints[joint.leader].leader != joint.leader:
                 rule = "it must be a joint of the arm that mimics none itself"
-                raise InputError(f"{file}: joint {joint.name!r}", f"mimics {joint.leader!r}", rule, "correct it")
+                raise InputError(
+                    f"{file}: joint {joint.name!r}", f"mimics {joint.leader!r}", rule, "correct it", value=joint.leader
+                )
 
     def arm(self, srdf: str | os.PathLike[str] | None) -> Arm:
         bodies = {self._base: (0, np.eye(4))}
@@ -329,7 +341,9 @@ class _Assembly:
                 bodies[joint.child] = (body, frame @ self._held(joint))
         if len(rows) > MOST_BODIES:
             fault = f"has {len(rows)} bodies that move against each other"
-            raise InputError(self._file, fault, f"at most {MOST_BODIES} are taken", "name a base or a tip")
+            raise InputError(
+                self._file, fault, f"at most {MOST_BODIES} are taken", "name a base or a tip", value=len(rows)
+            )
         links = tuple(self._links(bodies))
         if not links:
             raise InputError(self._file, "has no collision geometry", "an arm's links need some", "add <collision>")

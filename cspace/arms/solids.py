@@ -289,7 +289,9 @@ def named_obstacles(obstacles: object) -> Mapping[str, object]:
     named = {"workspace": obstacles} if isinstance(obstacles, Workspace) else obstacles
     if not isinstance(named, Mapping):
         rule = "it must be a workspace, or name each obstacle"
-        raise InputError("obstacles", f"is a {type(obstacles).__name__}", rule, "pass e.g. {'table': shape}")
+        raise InputError(
+            "obstacles", f"is a {type(obstacles).__name__}", rule, "pass e.g. {'table': shape}", value=obstacles
+        )
     return named
 
 
@@ -303,7 +305,13 @@ def placed_obstacle(obstacle: object, name: str, base: Floats) -> Placed | None:
         If it is in the plane, or something else, its pose is no rigid motion, or its cells do not fit into memory.
     """
     rule = "obstacles are workspaces, shapes, or shapes that are placed"
-    raise InputError("obstacles", f"hold {name!r}, a {type(obstacle).__name__}", rule, "pass e.g. Robot.box(...).shape")
+    raise InputError(
+        "obstacles",
+        f"hold {name!r}, a {type(obstacle).__name__}",
+        rule,
+        "pass e.g. Robot.box(...).shape",
+        value=obstacle,
+    )
 
 
 @placed_obstacle.register
@@ -314,7 +322,9 @@ def _(obstacle: Shape, name: str, base: Floats) -> Placed | None:
 @placed_obstacle.register
 def _(obstacle: Placed, name: str, base: Floats) -> Placed:
     if obstacle.shape.dim != 3:
-        raise InputError("obstacles", f"hold {name!r}, a shape of the plane", "arms are in space", "pass a solid")
+        raise InputError(
+            "obstacles", f"hold {name!r}, a shape of the plane", "arms are in space", "pass a solid", value=obstacle
+        )
     return Placed(obstacle.shape, rigid(base @ rigid(obstacle.pose, f"pose of {name}"), name))
 
 
@@ -322,7 +332,9 @@ def _(obstacle: Placed, name: str, base: Floats) -> Placed:
 def _(obstacle: Workspace, name: str, base: Floats) -> Placed | None:
     grid = obstacle.grid
     if grid.dim != 3:
-        raise InputError("obstacles", f"hold {name!r}, a map of the plane", "arms are in space", "pass one in space")
+        raise InputError(
+            "obstacles", f"hold {name!r}, a map of the plane", "arms are in space", "pass one in space", value=obstacle
+        )
     if obstacle.shapes is not None and len(obstacle.shapes) == 1:
         return placed_obstacle(obstacle.shapes[0], name, base)
     check_memory(_CELL_BYTES * grid.size, name, grid, mend="cut it to what the arm reaches")

@@ -406,7 +406,7 @@ class ArmSpace(ConfigurationSpace):
         for name, q, dims in (("q0", start, (1,)), ("q1", goals, (2,))):
             if q.ndim not in dims or not len(q):
                 rule = f"it must be one configuration of {self.dof} numbers" + " or rows of them" * (name == "q1")
-                raise InputError(name, f"has shape {q.shape}", rule, f"pass ({', '.join(self.axes)})")
+                raise InputError(name, f"has shape {q.shape}", rule, f"pass ({', '.join(self.axes)})", value=q)
         seconds = positive(time_limit, "time_limit", "seconds")
         endpoints = np.vstack([start, goals])
         free = are_free(self.record, endpoints, endpoints)

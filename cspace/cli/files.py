@@ -23,12 +23,14 @@ def check_outputs(paths: Collection[Path], suffixes: Collection[str], overwrite:
     for path in paths:
         if path.suffix.lower() not in suffixes:
             mend = f"use one of {', '.join(suffix for suffix in suffixes if suffix)}"
-            raise InputError(str(path), f"ends in {path.suffix!r}", "the suffix says what to write", mend)
+            raise InputError(str(path), f"ends in {path.suffix!r}", "the suffix says what to write", mend, value=path)
         image = [path.with_suffix(".pgm")] if path.suffix.lower() in (".yaml", ".yml") else []
         for target in (path, *image):
             check_output(target, overwrite)
     if len({path.resolve() for path in paths}) < len(paths):
-        raise InputError(", ".join(map(str, paths)), "name one file twice", "outputs differ", "choose another name")
+        raise InputError(
+            ", ".join(map(str, paths)), "name one file twice", "outputs differ", "choose another name", value=paths
+        )
 
 
 def check_folder(folder: Path) -> None:
@@ -75,7 +77,7 @@ def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
             raise ValueError
     except OSError as error:
         rule = "a path is a CSV or JSON file"
-        raise FileError(str(file), f"cannot be read: {error.strerror}", rule) from error
+        raise FileError(str(file), f"cannot be read: {error.strerror}", rule, mend) from error
     except (ValueError, TypeError, KeyError) as error:
         rule = f"it is a CSV file with the columns {', '.join(axes)}, or a JSON file with rows of them under path"
         raise FileError(str(file), "holds no path", rule, mend) from error

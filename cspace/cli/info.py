@@ -70,7 +70,7 @@ def info(
     options = workspace_options(spacing, unknown, bounds, solid, radius)
     if robot_solid is not None and robot is None:
         fault = f"is {robot_solid}, and there is no --robot"
-        raise InputError("--robot-solid", fault, "it is for a robot", "add one, or leave it out")
+        raise InputError("--robot-solid", fault, "it is for a robot", "add one, or leave it out", value=robot_solid)
     others = given(robot=robot, rotations=rotations)
     if kind == "map":
         _refuse({**options, **others}, (), f"{file} is a saved map")
@@ -92,7 +92,9 @@ def _refuse(options: dict[str, object], taken: tuple[str, ...], what: str) -> No
     """Refuse options that have no place."""
     for name in options:
         if name not in taken:
-            raise InputError(f"--{name}", f"is given and {what}", "it is for workspaces", "leave it out")
+            raise InputError(
+                f"--{name}", f"is given and {what}", "it is for workspaces", "leave it out", value=options[name]
+            )
 
 
 def _kind(file: str) -> Kind:

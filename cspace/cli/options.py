@@ -115,7 +115,7 @@ def check_dimensions(path: Path, dim: int, robot: Robot | None, rotations: Rotat
     if robot is not None and robot.dim != dim:
         fault = f"is a {robot.name}, which has {robot.dim} dimensions, and the workspace {path} has {dim}"
         mend = "take both in the plane or both in space" + ", or its footprint, as footprint:ROBOT" * (robot.dim == 3)
-        raise InputError("--robot", fault, "they must agree", mend)
+        raise InputError("--robot", fault, "they must agree", mend, value=robot)
 
 
 def rotation_cells(text: str | None) -> Rotations:
@@ -225,7 +225,9 @@ def angle(text: str, option: str, name: str) -> float:
         raise InputError(option, fault, rule, "write e.g. 90deg or 1.57", value=text) from None
     if not unit and math.isfinite(value) and abs(value) > 2.0 * math.pi:
         rule = f"an angle without a unit is in radians, and {value:g} rad is more than a turn"
-        raise InputError(option, fault, rule, f"write {number}deg for degrees, or {number}rad if you mean it")
+        raise InputError(
+            option, fault, rule, f"write {number}deg for degrees, or {number}rad if you mean it", value=text
+        )
     return math.radians(value) if unit == "deg" else value
 
 

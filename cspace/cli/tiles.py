@@ -74,5 +74,5 @@ def part_of(space: CSpace | TiledCSpace, box: Sequence[float] | None) -> CSpace:
             raise InputError("MAP", "is in tiles", rule, "add --window, a box in metres, for a part of it")
         return space.window(box[: len(box) // 2], box[len(box) // 2 :])
     if box is not None:
-        raise InputError("--window", "is given", "it is for maps in tiles", "leave it out")
+        raise InputError("--window", "is given", "it is for maps in tiles", "leave it out", value=box)
     return space

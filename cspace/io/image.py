@@ -76,10 +76,14 @@ def read_image(path: str | os.PathLike[str], threshold: float = 0.5, dark: str =
     level = finite(threshold, "threshold")
     if level.shape != () or not 0.0 < level <= 1.0:
         raise InputError(
-            "threshold", f"is {threshold!r}", "it must be one number above 0 and at most 1", "pass e.g. 0.5"
+            "threshold",
+            f"is {threshold!r}",
+            "it must be one number above 0 and at most 1",
+            "pass e.g. 0.5",
+            value=threshold,
         )
     if dark not in SIDES:
-        raise InputError("dark", f"is {dark!r}", "it says what dark pixels are", f"pass one of {SIDES}")
+        raise InputError("dark", f"is {dark!r}", "it says what dark pixels are", f"pass one of {SIDES}", value=dark)
     image = read_shades(path, "image")
     occupied = image.where(lambda shade: (shade < level) == (dark == "occupied"))
     return occupied if image.opaque is True else occupied | ~np.asarray(image.opaque)

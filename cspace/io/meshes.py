@@ -149,6 +149,7 @@ def flattened(shape: Any, name: str) -> tuple[Floats, Ints]:
             f"is a {type(shape).__name__}",
             "a mesh is needed",
             "pass a file name, a trimesh.Trimesh, a trimesh.Scene, or vertices and faces",
+            value=shape,
         )
     surfaces = []
     for part, transform in parts:
@@ -160,6 +161,7 @@ def flattened(shape: Any, name: str) -> tuple[Floats, Ints]:
                     f"has a {what} ({type(part).__name__}) among its meshes",
                     "it would be lost",
                     "remove it, or pass the meshes alone",
+                    value=part,
                 )
             raise _without_triangles(name, f"{what} ({type(part).__name__})")
         points = finite(part.vertices, f"vertices of {name}")

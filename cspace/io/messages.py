@@ -139,12 +139,18 @@ def read_occupancy_grid(
     low, high = not_negative(free_thresh, "free_thresh", ""), not_negative(occupied_thresh, "occupied_thresh", "")
     if not 0.0 <= low < high <= 1.0:
         rule = "free_thresh must be below occupied_thresh, both from 0 to 1"
-        raise InputError("free_thresh", f"is {low:g} and occupied_thresh is {high:g}", rule, "pass e.g. 0.25 and 0.65")
+        raise InputError(
+            "free_thresh",
+            f"is {low:g} and occupied_thresh is {high:g}",
+            rule,
+            "pass e.g. 0.25 and 0.65",
+            value=free_thresh,
+        )
     width, height = (_size(msg, name) for name in ("width", "height"))
     values = _values(_field(msg, "data"))
     if values.shape != (width * height,):
         rule = f"it must have one value for each of width x height = {width} x {height} cells"
-        raise InputError("msg.data", f"has shape {values.shape}", rule, "pass the message whole")
+        raise InputError("msg.data", f"has shape {values.shape}", rule, "pass the message whole", value=values)
     percent = values.reshape(height, width).T
     known = (percent >= 0) & (percent <= 100)
     free, occupied = known & (percent / 100.0 < low), known & (percent / 100.0 >= high)
@@ -205,7 +211,9 @@ def _lacking(argument: str, path: str, kind: str) -> InputError:
 def _size(msg: object, name: str) -> int:
     value = _field(msg, f"info.{name}")
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-        raise InputError(f"msg.info.{name}", f"is {value!r}", "it must be a whole number above zero", "fill it")
+        raise InputError(
+            f"msg.info.{name}", f"is {value!r}", "it must be a whole number above zero", "fill it", value=value
+        )
     return int(value)
 
 
@@ -214,10 +222,12 @@ def _values(data: ArrayLike) -> Ints | NDArray[np.int8]:
     try:
         values = np.asarray(data)
     except ValueError as error:
-        raise InputError("msg.data", "is not one list of numbers", "it must be", "pass the message whole") from error
+        raise InputError(
+            "msg.data", "is not one list of numbers", "it must be", "pass the message whole", value=data
+        ) from error
     if values.dtype.kind not in "iu":
         fault = f"holds values of type {values.dtype}"
-        raise InputError("msg.data", fault, "they must be whole numbers, from -1 to 100", "round them")
+        raise InputError("msg.data", fault, "they must be whole numbers, from -1 to 100", "round them", value=data)
     return values
 
 
@@ -237,7 +247,13 @@ def _yaw(msg: object) -> float:
         return 0.0
     if max(abs(x), abs(y)) > _TILT * norm:
         rule = "a map lies flat, and is turned about z alone"
-        raise InputError(f"msg.{place}", f"is ({x:g}, {y:g}, {z:g}, {w:g}), which is tilted", rule, "set x and y to 0")
+        raise InputError(
+            f"msg.{place}",
+            f"is ({x:g}, {y:g}, {z:g}, {w:g}), which is tilted",
+            rule,
+            "set x and y to 0",
+            value=(x, y, z, w),
+        )
     return 2.0 * math.atan2(z, w)
 
 

@@ -85,7 +85,8 @@ def read_ros_map(path: str | os.PathLike[str], unknown: str = "occupied") -> tup
     try:
         return on_grid(header.info, free, occupied, unknown)
     except InputError as error:
-        raise FileError(header.info.source, str(error)) from error
+        fault = f"{error.argument} {error.fault}"
+        raise FileError(header.info.source, fault, error.rule, error.mend, value=error.value) from error
 
 
 class MapInfo(NamedTuple):
@@ -138,10 +139,16 @@ def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], ov
     cells = np.asarray(state)
     if cells.shape != grid.shape[:2]:
         fault = f"has shape {cells.shape} on a grid of {grid.shape}, and {target} names a ROS map"
-        raise InputError("state", fault, "it is that of a grid in the plane", "pass CSpace.state, or one slice of it")
+        raise InputError(
+            "state", fault, "it is that of a grid in the plane", "pass CSpace.state, or one slice of it", value=state
+        )
     if cells.dtype.kind not in "iu" or cells.min() < FREE or cells.max() > BLOCKED:
         raise InputError(
-            "state", "holds other values than FREE, MIXED and BLOCKED", "it is a state", "pass CSpace.state"
+            "state",
+            "holds other values than FREE, MIXED and BLOCKED",
+            "it is a state",
+            "pass CSpace.state",
+            value=state,
         )
     image = target.with_suffix(".pgm")
     header = {

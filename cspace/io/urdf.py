@@ -70,7 +70,9 @@ def read_urdf(path: str | os.PathLike[str], link: str | Sequence[str] | None = N
     links = rigid if link is None else [link] if isinstance(link, str) else list(link)
     for name in links:
         if name not in urdf.link_map:
-            raise InputError("link", f"is {name!r}", f"{file} has {', '.join(urdf.link_map)}", "name one of these")
+            raise InputError(
+                "link", f"is {name!r}", f"{file} has {', '.join(urdf.link_map)}", "name one of these", value=name
+            )
     pairs = []
     for name in links:
         pose = urdf.get_transform(name, links[0])
@@ -81,7 +83,9 @@ def read_urdf(path: str | os.PathLike[str], link: str | Sequence[str] | None = N
     has_shape = [name for name in urdf.link_map if urdf.link_map[name].collisions]
     if not pairs:
         mend = f"name links that have: {', '.join(has_shape)}" if has_shape else "add <collision> to its links"
-        raise InputError("link", f"is {', '.join(links) or 'not there'}", "no such link has collision geometry", mend)
+        raise InputError(
+            "link", f"is {', '.join(links) or 'not there'}", "no such link has collision geometry", mend, value=link
+        )
     if link is None and (left := [name for name in has_shape if name not in rigid]):
         warnings.warn(
             f"{file}: {', '.join(left)} move against {base} and are left out; name all the links that you want, and "
@@ -224,7 +228,7 @@ def _box(box: Any, path: str | os.PathLike[str], place: str) -> Pair:
 def _mesh(mesh: Any, path: str | os.PathLike[str], place: str) -> Pair:
     scale = finite(np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3), f"{place}: scale")
     if not scale.all():
-        raise InputError(f"{place}: scale", f"is {scale.tolist()}", "no factor may be zero", "correct it")
+        raise InputError(f"{place}: scale", f"is {scale.tolist()}", "no factor may be zero", "correct it", value=scale)
     surface = placed(read_mesh(_locate(str(mesh.filename), Path(path), place)), np.diag([*scale, 1.0]))
     return surface, surface
 

@@ -54,6 +54,7 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
             "holds no geometry",
             "obstacles must cover some ground",
             "pass at least one polygon, line or point, or use Workspace.from_array for a map without obstacles",
+            value=source,
         )
     _check([name for name, _ in named], np.cumsum([len(parts) for _, parts in named]), shapes)
     return shapes
@@ -78,6 +79,7 @@ def _geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
             f"is {source!r:.60}",
             "it must be a shapely geometry, GeoJSON, WKT or a file of them",
             "pass e.g. shapely.box(0, 0, 1, 1)",
+            value=source,
         )
 
 
@@ -93,6 +95,7 @@ def _from_text(source: str | os.PathLike[str], name: str) -> Iterator[tuple[str,
             f"is {os.fspath(source)[:60]!r}",
             f"a string must be WKT or a file that ends in {', '.join(SUFFIXES)}",
             "pass e.g. 'POINT (1 2)'",
+            value=source,
         )
     file = os.fspath(source)
     if suffix == ".wkt":
@@ -120,7 +123,9 @@ def _from_wkt(text: str, name: str) -> BaseGeometry:
     import shapely
 
     if "\0" in text:  # where the parser would stop without a word
-        raise GeometryError(name, "is not WKT: it holds a NUL character", "it must be text", f"mend {text[:60]!r}")
+        raise GeometryError(
+            name, "is not WKT: it holds a NUL character", "it must be text", f"mend {text[:60]!r}", value=text
+        )
     try:
         with decoding(name, "WKT geometry"):
             check_nesting(text, "(", ")")
@@ -128,7 +133,9 @@ def _from_wkt(text: str, name: str) -> BaseGeometry:
             return shapely.from_wkt(text)
     except (shapely.errors.ShapelyError, NotImplementedError, ValueError) as error:
         reason = " ".join(str(error).split())
-        raise GeometryError(name, f"is not WKT: {reason}", "it must be whole", f"mend {text[:60]!r}") from error
+        raise GeometryError(
+            name, f"is not WKT: {reason}", "it must be whole", f"mend {text[:60]!r}", value=text
+        ) from error
 
 
 def _from_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str, BaseGeometry]]:
@@ -140,7 +147,11 @@ def _from_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str,
         features = document.get("features")
         if not isinstance(features, list) or not all(isinstance(feature, Mapping) for feature in features):
             raise GeometryError(
-                name, f"has features {features!r:.60}", "they must be a list of objects", "mend the file"
+                name,
+                f"has features {features!r:.60}",
+                "they must be a list of objects",
+                "mend the file",
+                value=features,
             )
         for index, feature in enumerate(features):
             yield from _from_geojson(feature, f"{name}, feature {index}")
@@ -149,7 +160,11 @@ def _from_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str,
         inner = document.get("geometry")
         if not isinstance(inner, Mapping):
             raise GeometryError(
-                name, f"has geometry {inner!r:.60}", "an obstacle needs one", "remove the feature or mend it"
+                name,
+                f"has geometry {inner!r:.60}",
+                "an obstacle needs one",
+                "remove the feature or mend it",
+                value=inner,
             )
         yield from _from_geojson(inner, name)
         return
@@ -162,6 +177,7 @@ def _from_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str,
             f"of type {kind!r:.40} is not GeoJSON: {' '.join(str(error).split()):.200}",
             "it must hold 'type' and 'coordinates' as RFC 7946 says",
             "mend it",
+            value=document,
         ) from error
     yield name, geometry
 
@@ -193,15 +209,28 @@ def _check(names: list[str], lasts: Ints, shapes: list[BaseGeometry]) -> None:
     if len(broken):
         x, y = points[broken[0]]
         name = name_of(owners[broken[0]])
-        raise GeometryError(name, f"has a vertex at ({x}, {y})", "NaN and infinities are refused", "drop or replace it")
+        raise GeometryError(
+            name,
+            f"has a vertex at ({x}, {y})",
+            "NaN and infinities are refused",
+            "drop or replace it",
+            value=shapes[owners[broken[0]]],
+        )
     for which in np.flatnonzero(shapely.is_empty(array)):
-        raise GeometryError(name_of(which), "is empty", "an obstacle must cover some ground", "leave it out or fill it")
+        raise GeometryError(
+            name_of(which),
+            "is empty",
+            "an obstacle must cover some ground",
+            "leave it out or fill it",
+            value=shapes[which],
+        )
     for which in np.flatnonzero(shapely.has_z(array)):
         raise GeometryError(
             name_of(which),
             "has z coordinates",
             "obstacles in the plane have two",
             "drop them with shapely.force_2d, if their height does not matter",
+            value=shapes[which],
         )
     for which in np.flatnonzero(~shapely.is_valid(array)):
         raise GeometryError(
@@ -209,4 +238,5 @@ def _check(names: list[str], lasts: Ints, shapes: list[BaseGeometry]) -> None:
             f"is not valid: {shapely.is_valid_reason(array[which])}",
             "a border may not cross itself",
             "redraw it, or try shapely.make_valid",
+            value=shapes[which],
         )

@@ -76,6 +76,7 @@ def write_vti(
                 f"has shape {array.shape} and type {array.dtype}",
                 f"it must have the grid's shape {grid.shape} and be {', '.join(_TYPES)}",
                 "convert it",
+                value=array,
             )
     with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
         file.write(_vti_header(arrays, grid, about or {}).encode())
@@ -171,6 +172,7 @@ def write_border(state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike[s
                 f"is {path} for a mesh of {len(faces)} triangles",
                 f"a {suffix} file holds at most {MOST}",
                 "build the map with a larger spacing or smaller bounds",
+                value=path,
             )
         with temporary.open("wb") as file:
             WRITERS[suffix](file, vertices, faces)

@@ -81,7 +81,7 @@ def answer_edges(q0: ArrayLike, q1: ArrayLike, dof: int, query_for: Callable[[in
             shape = np.broadcast_shapes(shape, rows1.shape)
         except ValueError as error:
             fault = f"has shape {rows0.shape} and q1 {rows1.shape}"
-            raise InputError("q0", fault, "they must broadcast", "pass batches of equal shape") from error
+            raise InputError("q0", fault, "they must broadcast", "pass batches of equal shape", value=q0) from error
         rows0, rows1 = np.broadcast_to(rows0, shape), np.broadcast_to(rows1, shape)
     first, second = rows0.reshape(-1, dof), rows1.reshape(-1, dof)
     out = np.empty(len(first), dtype=np.bool_)
@@ -155,7 +155,7 @@ def _as_rows(q: ArrayLike, name: str, dof: int) -> NDArray[Any]:
     if rows.ndim == 0 or rows.shape[-1] != dof:
         rule = f"its last axis must be {dof} long, one entry for each coordinate"
         mend = "pass one configuration or a batch of them"
-        raise InputError(name, f"has shape {rows.shape}", rule, mend, value=rows.shape)
+        raise InputError(name, f"has shape {rows.shape}", rule, mend, value=q)
     return rows
 
 
@@ -213,6 +213,7 @@ def as_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
             f"has shape {pairs.shape} and type {pairs.dtype}, for vertices of shape {vertices.shape}",
             "each edge must be two whole numbers, and vertices a list of configurations",
             "pass shapes (m, 2) and (n, dof)",
+            value=edges,
         )
     wrong = (pairs < 0) | (pairs >= len(vertices))
     if wrong.any():

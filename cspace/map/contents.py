@@ -83,7 +83,9 @@ class Contents:
         for name, array, kind in (("states", self.states, np.uint8), ("overlaps", self.overlaps, np.int32)):
             if array is not None and (array.shape != shape or array.dtype != kind):
                 rule = f"it must have the map's shape {shape} and type {np.dtype(kind)}"
-                raise InputError(name, f"has shape {array.shape} and type {array.dtype}", rule, "use cspace.build")
+                raise InputError(
+                    name, f"has shape {array.shape} and type {array.dtype}", rule, "use cspace.build", value=array
+                )
             if isinstance(array, np.ndarray):
                 object.__setattr__(self, name, _writable(array))
         if self.outside != UNKNOWN:
@@ -126,12 +128,12 @@ def checked_fields(fields: Mapping[str, Floats], dim: int, shape: tuple[int, ...
     names, mend = FIELDS[: 1 + dim], "use OverlapField.of, or CSpace.with_overlap_field"
     if set(fields) != set(names):
         rule = f"of a map of {dim} axes they must be {', '.join(names)}"
-        raise InputError("fields", f"are {', '.join(fields) or 'none'}", rule, mend)
+        raise InputError("fields", f"are {', '.join(fields) or 'none'}", rule, mend, value=fields)
     for name in names:
         array = fields[name]
         if array.shape != shape or array.dtype != np.float64:
             rule = f"it must have the map's shape {shape} and type float64"
-            raise InputError(name, f"has shape {array.shape} and type {array.dtype}", rule, mend)
+            raise InputError(name, f"has shape {array.shape} and type {array.dtype}", rule, mend, value=array)
         finite(array, name)
     return {name: read_only(fields[name]) for name in names}
 

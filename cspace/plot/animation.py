@@ -84,7 +84,7 @@ def animate(
     target = Path(file)
     if target.suffix.lower() != ".gif":
         mend = f"name it e.g. {target.with_suffix('.gif').name}"
-        raise InputError(str(target), f"ends in {target.suffix!r}", "an animation's suffix is .gif", mend)
+        raise InputError(str(target), f"ends in {target.suffix!r}", "an animation's suffix is .gif", mend, value=file)
     check_animated(space.axes, "space")
     route = Route.of(space, path, None, None)
     if not len(route.points):

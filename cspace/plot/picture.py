@@ -296,7 +296,7 @@ def save_plot(
     """
     if "ax" in options:
         rule = "save_plot draws a figure of its own"
-        raise InputError("ax", "is given", rule, "use plot and ax.figure.savefig instead")
+        raise InputError("ax", "is given", rule, "use plot and ax.figure.savefig instead", value=options["ax"])
     return save_figure(lambda: space.plot(**options).figure, file, overwrite, dpi)
 
 
@@ -309,7 +309,7 @@ def save_figure(draw: Callable[[], Any], file: str | os.PathLike[str], overwrite
     target = Path(file)
     if target.suffix.lower() not in SUFFIXES:
         rule, mend = f"a picture's suffix is one of {', '.join(SUFFIXES)}", f"name it e.g. {target.stem}.png"
-        raise InputError(str(target), f"ends in {target.suffix!r}", rule, mend)
+        raise InputError(str(target), f"ends in {target.suffix!r}", rule, mend, value=file)
     dots = positive(dpi, "dpi", "pixels per inch")
     if dots > _MOST_DPI:
         rule = f"it must be at most {_MOST_DPI:,.0f} pixels per inch, which is some 20,000 pixels across"

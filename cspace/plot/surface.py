@@ -103,7 +103,7 @@ def axes_in_space(look: Look) -> tuple[Any, Floats]:
     """
     if look.ax is not None and getattr(look.ax, "name", None) != "3d":
         mend = 'use figure.add_subplot(projection="3d")'
-        raise InputError("ax", "has two dimensions", "a picture in space needs three", mend)
+        raise InputError("ax", "has two dimensions", "a picture in space needs three", mend, value=look.ax)
     angles = _angles(look.camera)
     made = look.ax or artists.new_figure(1.0, 1.0, layout=None).add_subplot(projection="3d", computed_zorder=False)
     return made, angles

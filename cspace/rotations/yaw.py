@@ -66,7 +66,8 @@ class YawRotations(Rotations):
                 raise InputError(
                     "rotations",
                     "are borders that do not ascend, or begin more than a turn from zero",
-                    mend="sort them, in radians, from one between -2 pi and 2 pi",
+                    "they must ascend, from one between -2 pi and 2 pi",
+                    "sort them, in radians",
                     value=value,
                 )
             if abs(angles[-1] - angles[0] - TURN) > ANGLE_SLACK:

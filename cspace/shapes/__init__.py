@@ -79,7 +79,7 @@ def shape_of(source: ShapeLike, radius: ArrayLike | None = None) -> Shape:
         return Mesh.of(source) if solid else Polygons(read_shapes(source))
     if getattr(source, "dtype", None) == np.bool_:
         mend = "pass cspace.shapes.Voxels.of(cells, spacing), in metres"
-        raise InputError("shape", "is an array of cells", "their size must be given", mend)
+        raise InputError("shape", "is an array of cells", "their size must be given", mend, value=source)
     several = isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim > 0)
     first = next(iter(given), {}) if several else given
     if isinstance(first, shapely.Geometry | Mapping):
@@ -87,5 +87,7 @@ def shape_of(source: ShapeLike, radius: ArrayLike | None = None) -> Shape:
     if several and np.shape(first) == (2,):
         return Polygons.of(given)
     if several and np.shape(first) == (3,):
-        raise InputError("shape", "is points", "they are balls around them", "pass their radius, 0.0 for points alone")
+        raise InputError(
+            "shape", "is points", "they are balls around them", "pass their radius, 0.0 for points alone", value=source
+        )
     return Mesh.of(given)

@@ -187,7 +187,9 @@ def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[
     """Copies of the centers, shape (n, 2) or (n, 3), and radii, shape (n,), of balls; see :meth:`Balls.of`."""
     if isinstance(centers, BallSet):
         if radii is not None:
-            raise InputError("radii", "is given beside a decomposition", "a decomposition has its own", "leave it out")
+            raise InputError(
+                "radii", "is given beside a decomposition", "a decomposition has its own", "leave it out", value=radii
+            )
         radii, centers = centers.radii, centers.centers
     elif radii is None:
         raise InputError("radii", "is missing", "balls need one number, or one for each center", "pass it in metres")
@@ -198,6 +200,7 @@ def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[
             f"has shape {points.shape}",
             "it must be (n, 2) or (n, 3) with n at least 1",
             "pass one row for each ball",
+            value=centers,
         )
     if sizes.shape not in {(), (len(points),)}:
         raise InputError(
@@ -205,7 +208,10 @@ def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[
             f"has shape {sizes.shape}",
             f"it must be one number or ({len(points)},)",
             "pass one number, or one for each center",
+            value=radii,
         )
     if (sizes < 0).any():
-        raise InputError("radii", f"holds {sizes.min():g}", "none may be below zero", "pass lengths in metres")
+        raise InputError(
+            "radii", f"holds {sizes.min():g}", "none may be below zero", "pass lengths in metres", value=radii
+        )
     return points.copy(), np.broadcast_to(sizes, len(points)).copy()

@@ -137,6 +137,7 @@ class Mesh(Shape):
                 "has no triangles",
                 "a mesh needs at least one",
                 "for a cloud of points use Workspace.from_points",
+                value=self.faces,
             )
         if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
             raise GeometryError(
@@ -144,6 +145,7 @@ class Mesh(Shape):
                 f"has shape {faces.shape} and dtype {faces.dtype}",
                 "it must be (F, 3), of whole numbers",
                 "pass three vertex numbers for each triangle",
+                value=self.faces,
             )
         low, high = int(faces.min()), int(faces.max())
         if low < 0 or high >= len(vertices):
@@ -152,6 +154,7 @@ class Mesh(Shape):
                 f"name vertex {low if low < 0 else high}",
                 f"there are {len(vertices)}, numbered from 0",
                 "pass the vertices that belong to the faces",
+                value=self.faces,
             )
         faces = np.array(faces, dtype=np.int64, order="C")
         object.__setattr__(self, "vertices", frozen(vertices))
@@ -282,6 +285,7 @@ class Mesh(Shape):
                 "has solid='fill'",
                 "what is filled depends on the spacing, and exact answers need a shape of its own",
                 "close the mesh and pass solid='auto', or ask without exact=True",
+                value=self.solid,
             )
         return Pieces(self.triangles, np.zeros(len(self.faces)))
 
@@ -368,6 +372,7 @@ class Mesh(Shape):
                 "has solid='fill'",
                 "what is filled depends on the spacing, so that a mesh alone does not decide it",
                 "ask its cells, or pass solid='auto'",
+                value=self.solid,
             )
         array = points_of(points, "points", self.dim)
         if self.solid == "surface":
@@ -404,6 +409,7 @@ class Mesh(Shape):
                 f"is damaged: {error!r}",
                 "a mesh needs vertices, faces, solid and source",
                 "write it again with Mesh.spec",
+                value=spec,
             ) from error
         mesh = cls(vertices, faces, solid, source)
         # Whoever wrote the record was warned.
@@ -505,11 +511,12 @@ def _checked_vertices(values: Any, source: str) -> Floats:
             f"has shape {vertices.shape}",
             "it must be (V, 3), in metres",
             "pass x, y, z for each",
+            value=values,
         )
     far = float(np.abs(vertices).max(initial=0.0))
     if far > _LARGEST:
         raise GeometryError(
-            f"vertices of {source}", f"reach {far:g}", f"at most {_LARGEST:g} is taken", "check the units"
+            f"vertices of {source}", f"reach {far:g}", f"at most {_LARGEST:g} is taken", "check the units", value=values
         )
     return np.array(vertices, dtype=np.float64, order="C")
 

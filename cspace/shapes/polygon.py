@@ -70,15 +70,20 @@ class Polygons(Shape):
                     f"has shape {vertices.shape}",
                     "it must be (n, 2) with n at least 3",
                     "pass its vertices in order",
+                    value=shape,
                 )
             given = [shapely.Polygon(vertices)]
         parts = [part for whole in given for part in shapely.get_parts(whole)]
         if not parts or any(part.is_empty for part in parts):
-            raise GeometryError("polygon", "is empty", "it must have an area", "pass at least three vertices")
+            raise GeometryError(
+                "polygon", "is empty", "it must have an area", "pass at least three vertices", value=shape
+            )
         for number, part in enumerate(parts):
             name = "polygon" if len(parts) == 1 else f"polygon[{number}]"
             if part.geom_type != "Polygon":
-                raise GeometryError(name, f"is a {part.geom_type}", "each part must be a Polygon", "leave others out")
+                raise GeometryError(
+                    name, f"is a {part.geom_type}", "each part must be a Polygon", "leave others out", value=part
+                )
             finite(shapely.get_coordinates(part), name)
             if not part.is_valid:
                 raise GeometryError(
@@ -86,9 +91,12 @@ class Polygons(Shape):
                     f"is not simple: {shapely.is_valid_reason(part)}",
                     "rings must not cross themselves or each other",
                     "mend it, e.g. with shapely.make_valid",
+                    value=part,
                 )
             if not part.area > 0.0:
-                raise GeometryError(name, f"has area {part.area:g}", "it must be above zero", "pass its whole border")
+                raise GeometryError(
+                    name, f"has area {part.area:g}", "it must be above zero", "pass its whole border", value=part
+                )
         return cls(parts)
 
     @cached_property

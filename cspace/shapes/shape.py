@@ -161,7 +161,9 @@ class Shape(ABC):
     @property
     def boxes(self) -> Boxes:
         """A shape that :attr:`is_boxes`, as boxes along the axes."""
-        raise GeometryError("shape", "is no union of boxes", "boxes and cells in space are", "ask for its boundary")
+        raise GeometryError(
+            "shape", "is no union of boxes", "boxes and cells in space are", "ask for its boundary", value=self
+        )
 
     @property
     def regions(self) -> list[Floats]:
@@ -175,12 +177,16 @@ class Shape(ABC):
     @property
     def outline(self) -> BaseGeometry:
         """A shape in the plane as a shapely geometry, for drawing."""
-        raise GeometryError("shape", "is in space", "an outline needs one in the plane", "ask for its surface")
+        raise GeometryError(
+            "shape", "is in space", "an outline needs one in the plane", "ask for its surface", value=self
+        )
 
     @property
     def surface(self) -> Surface:
         """A shape in space as vertices and triangles, for drawing."""
-        raise GeometryError("shape", "is in the plane", "a surface needs one in space", "ask for its outline")
+        raise GeometryError(
+            "shape", "is in the plane", "a surface needs one in space", "ask for its outline", value=self
+        )
 
     @property
     def sides(self) -> tuple[Shape, Shape]:
@@ -269,6 +275,10 @@ def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> Floats:
     point = finite(value, name)
     if point.shape != (dim,):
         raise InputError(
-            name, f"has shape {point.shape}", f"it must be {dim} numbers in metres", f"pass e.g. {(0.5,) * dim}"
+            name,
+            f"has shape {point.shape}",
+            f"it must be {dim} numbers in metres",
+            f"pass e.g. {(0.5,) * dim}",
+            value=value,
         )
     return point.copy()

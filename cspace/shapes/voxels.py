@@ -138,7 +138,9 @@ class Voxels(Shape):
         """
         bitmap = check_cells(occupied, "occupied")
         if not bitmap.any():
-            raise GeometryError("occupied", "holds no True cell", "there must be one at least", "set those it fills")
+            raise GeometryError(
+                "occupied", "holds no True cell", "there must be one at least", "set those it fills", value=occupied
+            )
         side = positive(spacing, "spacing")
         corner = check_point((0.0,) * bitmap.ndim if lower is None else lower, "lower", dim=bitmap.ndim)
         return cls(bitmap, side, corner)

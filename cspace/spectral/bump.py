@@ -151,7 +151,13 @@ class Bump:
             if abs(value - last) <= PAIR_TOLERANCE * max(value, FLOOR * min(a[0], b[0]) ** dim):
                 return value
             last = value
-        raise CspaceError("distance", f"is {distance!r}", "the integral of the two bumps must be within reach of rules")
+        raise CspaceError(
+            "distance",
+            f"is {distance!r}",
+            "the integral of the two bumps must be within reach of rules",
+            "please report it",
+            value=distance,
+        )
 
 
 def check_bump(bump: Any) -> Bump:
@@ -269,7 +275,7 @@ class RadialTable:
         k = np.asarray(frequencies, dtype=np.float64)
         if k.size and not (k.min() >= 0.0 and k.max() <= self.most * (1.0 + SLACK) + SLACK):
             fault, rule = f"reach from {k.min():g} to {k.max():g}", f"the table holds those from 0 to {self.most:g}"
-            raise InputError("frequencies", fault, rule, "make it for the largest one")
+            raise InputError("frequencies", fault, rule, "make it for the largest one", value=frequencies)
         interval = np.minimum((k / (2.0 * HALF)).astype(np.intp), self._coefficients.shape[1] - 1)
         x = k / HALF - (2.0 * interval + 1.0)
         # Clenshaw's recurrence.

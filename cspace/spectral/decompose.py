@@ -84,17 +84,17 @@ def decompose(
     if (number is None) == (tolerance is None):
         fault = f"is {number!r} and tolerance {tolerance!r}: {'neither is' if number is None else 'both are'} given"
         mend = "pass e.g. number=64, or tolerance=0.01 in metres"
-        raise InputError("number", fault, "balls are chosen by one of them", mend)
+        raise InputError("number", fault, "balls are chosen by one of them", mend, value=number)
     length = None if tolerance is None else positive(tolerance, "tolerance")
     count = None if number is None else whole(number, "number", 1, mend="pass e.g. 64")
     region = Region(shape_of(shape).sides[kind == "inner"])
     if kind == "inner" and not region.measure[1] > 0.0:
         mend = "pass kind='outer', or a shape with an area or volume"
-        raise GeometryError("shape", "has no inside", "inner balls lie inside", mend)
+        raise GeometryError("shape", "has no inside", "inner balls lie inside", mend, value=shape)
     if count is not None and not 0.0 < region.size < np.inf:
         rule = "balls are counted by the cells of a lattice, which it must have"
         fault = f"is {number}, and the shape {region.size:g} m across"
-        raise InputError("number", fault, rule, "pass a tolerance in place of a number")
+        raise InputError("number", fault, rule, "pass a tolerance in place of a number", value=number)
     for finer in FINER:
         lattice = Lattice.fine(region, count, finer) if count else Lattice.within(region, length or 0.0)
         centers, radii = (_inner if kind == "inner" else _outer)(lattice, count, length)
@@ -137,7 +137,7 @@ def _inner(lattice: Lattice, number: int | None, tolerance: float | None) -> tup
     if reached and (reached := shape_to_balls(lattice, centers, radii)[1]) > (tolerance or 0.0):
         fault = f"is {tolerance:g} m, and the shape is proven to be within {reached:g} m of {len(radii)} balls"
         rule, mend = "what is thinner than the lattice has none near", "pass a larger tolerance, or kind='outer'"
-        raise InputError("tolerance", fault, rule, mend)
+        raise InputError("tolerance", fault, rule, mend, value=tolerance)
     return centers, radii
 
 
@@ -160,7 +160,7 @@ def _outer(lattice: Lattice, number: int | None, tolerance: float | None) -> tup
     if balls is None:
         name, value = ("number", number) if tolerance is None else ("tolerance", tolerance)
         fault = f"is {value:g}, and balls that cover the shape within it were not found"
-        raise InputError(name, fault, "their union must hold all of it", "pass a larger one")
+        raise InputError(name, fault, "their union must hold all of it", "pass a larger one", value=value)
     return lattice.metres(balls.centers), balls.reaches * lattice.side
 
 

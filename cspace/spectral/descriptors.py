@@ -59,7 +59,9 @@ class Descriptor:
         values = finite(self.values, "values")
         if values.shape != self.grid.shape:
             fault = f"has shape {values.shape} on a grid of {self.grid.shape}"
-            raise InputError("values", fault, "both must be the same", "pass one value for each cell")
+            raise InputError(
+                "values", fault, "both must be the same", "pass one value for each cell", value=self.values
+            )
         values = values.copy()
         values.flags.writeable = False
         object.__setattr__(self, "values", values)
@@ -220,7 +222,9 @@ def check_sampled(descriptor: Any) -> Descriptor:
     """The descriptor, refused where it is not sampled."""
     if not isinstance(descriptor, Descriptor):
         rule, mend = "this takes descriptors sampled on a grid", "make one with sample(grid) or indicator(shape, grid)"
-        raise InputError("descriptor", f"is a {type(descriptor).__name__}, and no Descriptor", rule, mend)
+        raise InputError(
+            "descriptor", f"is a {type(descriptor).__name__}, and no Descriptor", rule, mend, value=descriptor
+        )
     return descriptor
 
 
@@ -244,7 +248,7 @@ def union(first: Descriptor | BallDescriptor, *others: Descriptor | BallDescript
     for each in balls[1:]:
         if each.bump != balls[0].bump or each.dim != balls[0].dim:
             fault = f"holds balls of {each.bump} with {each.dim} coordinates, the first {balls[0].bump}, {balls[0].dim}"
-            raise InputError("others", fault, "both must be the same", "sample them on one grid first")
+            raise InputError("others", fault, "both must be the same", "sample them on one grid first", value=each)
     centers, radii = (np.concatenate([getattr(each, name) for each in balls]) for name in ("centers", "radii"))
     return BallDescriptor(centers, radii, balls[0].bump)
 
@@ -286,7 +290,7 @@ def minkowski_sum(first: Descriptor, second: Descriptor, method: Literal["fft", 
     f, g = (check_sampled(each).grid for each in (first, second))
     if not _alike(f, g):
         fault = f"has {g.dim} axes and a spacing of {g.spacing:g} m, the first {f.dim} and {f.spacing:g} m"
-        raise InputError("second", fault, "both must be the same", "sample the descriptors alike")
+        raise InputError("second", fault, "both must be the same", "sample the descriptors alike", value=second)
     check_word(method, "method", ("fft", "direct"))
     lower = np.add(f.lower, g.lower) + 0.5 * f.spacing
     grid = Grid(lower, f.spacing, [n + m - 1 for n, m in zip(f.shape, g.shape, strict=True)])

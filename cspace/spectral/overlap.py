@@ -200,7 +200,7 @@ class FourierOverlap:
             kind = getattr(source, "kind", name[:5])
             if kind in ("inner", "outer") and kind != name[:5]:
                 mend = "decompose the shape with that kind"
-                raise InputError(name, f"is of kind {kind!r}", f"it must be {name[:5]!r}", mend)
+                raise InputError(name, f"is of kind {kind!r}", f"it must be {name[:5]!r}", mend, value=source)
         chosen, more = bump_of(bump, *given.values()), positive(swell, "swell")
         number = whole(classes, "classes", 1, mend="pass e.g. 8")
         if (inner_a is None) is not (inner_b is None):
@@ -216,7 +216,7 @@ class FourierOverlap:
         level = touching_overlap(a, b, more, ROUNDING * (a.span + b.span))
         if level <= 0.0:
             rule = f"grown balls that touched must share more than can be computed with alpha = {chosen.alpha:g}"
-            raise InputError("swell", f"is {more:g}", rule, "pass a larger swell")
+            raise InputError("swell", f"is {more:g}", rule, "pass a larger swell", value=swell)
         grown = (BallDescriptor(balls.centers, balls.radii + more, chosen) for balls in (a, b))
         made = cls(*grown, threshold=level, tolerance=tolerance, accuracy=accuracy)
         made._swell = more
@@ -344,7 +344,7 @@ class FourierOverlap:
         halves = tuple(max(1, math.floor(highest * length)) for length in lengths.tolist())
         if math.prod(2 * half + 1 for half in halves) > LARGEST or max(halves) > HIGHEST:
             fault = f"is {band!r}, which takes {' x '.join(str(2 * half + 1) for half in halves)} frequencies"
-            raise InputError("band", fault, f"at most {LARGEST} are computed", "pass a lower one")
+            raise InputError("band", fault, f"at most {LARGEST} are computed", "pass a lower one", value=band)
         return Rings.of(lengths, halves)
 
     def _place(self, a: BallDescriptor) -> None:
@@ -396,6 +396,6 @@ def _rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
         left, stretch, right = np.linalg.svd(values)
         if np.abs(stretch - 1.0).max() <= NEAR and np.linalg.det(values) > 0.0:
             return np.asarray(left @ right)
-    kinds = ("an angle in radians", "a Rotation")[dim - 2]
+    kinds, example = (("an angle in radians", "1.57"), ("a Rotation", "Rotation.identity()"))[dim - 2]
     rule = f"it must be {kinds} or a matrix of shape {dim, dim} that turns and neither stretches nor mirrors"
-    raise InputError("rotation", f"is {rotation!r}", rule, value=rotation)
+    raise InputError("rotation", f"is {rotation!r}", rule, f"pass e.g. {example}", value=rotation)

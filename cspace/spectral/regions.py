@@ -67,7 +67,9 @@ class Region:
         # Of polygons that overlap, the border is that of their union.
         self.pieces, radii = (Polygons([shape.outline]) if isinstance(shape, Polygons) else shape).boundary()
         if radii.any():
-            raise InputError("shape", "is made of balls already", "a decomposition finds such", "use them as they are")
+            raise InputError(
+                "shape", "is made of balls already", "a decomposition finds such", "use them as they are", value=shape
+            )
         self.shape, self.dim, self.bounds = shape, shape.dim, np.array(shape.bounds)
         self.size = float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
         corners = self.pieces.reshape(-1, self.dim)
@@ -168,7 +170,9 @@ class Lattice:
         usual, least = (float((region.box_volume / n) ** (1.0 / region.dim)) for n in (USUAL[region.dim], MOST))
         if tolerance < COARSEST * least:
             fault, rule = f"is {tolerance:g} m, and the shape {region.size:g} m across", "to prove it takes many cells"
-            raise InputError("tolerance", fault, rule, f"pass at least about {1.2 * COARSEST * least:.2g} m")
+            raise InputError(
+                "tolerance", fault, rule, f"pass at least about {1.2 * COARSEST * least:.2g} m", value=tolerance
+            )
         return cls(region, min(max(usual, tolerance / FINEST[region.dim]), tolerance / COARSEST))
 
     @classmethod

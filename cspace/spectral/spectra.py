@@ -299,7 +299,7 @@ def _check_counts(counts: ArrayLike, dim: int) -> tuple[int, ...]:
     free, needed = free_bytes(), BYTES[dim] * float(cells_of(shape))
     if needed > KEEP * free:
         fault = f"is {' x '.join(map(str, shape))}, which needs about {bytes_text(needed)} of memory"
-        raise InputError("counts", fault, f"{bytes_text(free)} are free", "pass smaller counts")
+        raise InputError("counts", fault, f"{bytes_text(free)} are free", "pass smaller counts", value=counts)
     return shape
 
 
@@ -308,4 +308,6 @@ def _check_fits(sizes: Floats, lengths: Floats) -> None:
     if (sizes > lengths * (1.0 + FIT_SLACK)).any():
         axis = int(np.argmax(sizes / lengths))
         fault = f"holds {lengths[axis]:g} m along {'xyz'[axis]}, and what is transformed is {sizes[axis]:g} m long"
-        raise InputError("lengths", fault, "it must fit into one period, wherever it lies", "pass a longer period")
+        raise InputError(
+            "lengths", fault, "it must fit into one period, wherever it lies", "pass a longer period", value=lengths
+        )

@@ -82,7 +82,9 @@ class Spheres:
             pair = finite(getattr(self, name), name)
             if pair.shape != (2,) or not 0.0 <= pair[0] <= pair[1]:
                 rule = "it must be two numbers, zero or above, the lower one first"
-                raise InputError(name, f"is {getattr(self, name)!r}", rule, "pass Bounds(lower, upper)")
+                raise InputError(
+                    name, f"is {getattr(self, name)!r}", rule, "pass Bounds(lower, upper)", value=getattr(self, name)
+                )
             object.__setattr__(self, name, Bounds(*pair.tolist()))
         object.__setattr__(self, "centers", frozen(centers))
         object.__setattr__(self, "radii", frozen(radii))
@@ -125,7 +127,7 @@ class Spheres:
         if solid != hasattr(axes, "get_zlim"):
             where = ("in the plane", "in space")
             mend = "add_subplot(projection='3d') makes axes for balls, and one without a projection for discs"
-            raise InputError("ax", f"is {where[not solid]}", f"the balls are {where[solid]}", mend)
+            raise InputError("ax", f"is {where[not solid]}", f"the balls are {where[solid]}", mend, value=ax)
         if solid:
             shapes: list[tuple[Shape, dict[str, Any]]] = [(Balls(self.centers, self.radii), {"color": color})]
             if self.shape is not None:

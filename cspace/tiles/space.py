@@ -282,13 +282,19 @@ class TiledCSpace(ConfigurationMap):
         corners = [grid.coordinates(corner, name) for corner, name in ((lower, "lower"), (upper, "upper"))]
         if any(corner.ndim != 1 for corner in corners) or (corners[0] > corners[1]).any():
             rule = f"it must be a lower and an upper corner of {grid.dim} numbers each"
-            raise InputError("window", f"is from {lower!r} to {upper!r}", rule, "pass them in metres")
+            raise InputError(
+                "window", f"is from {lower!r} to {upper!r}", rule, "pass them in metres", value=(lower, upper)
+            )
         first, last = map(grid.cell_of, corners)
         first, stop = np.maximum(first, 0), np.minimum(last + 1, grid.shape)
         if (first >= stop).any():
             rule = f"the map reaches from {grid.lower} to {grid.upper}"
             raise InputError(
-                "window", f"from {lower!r} to {upper!r} holds no cell of the map", rule, "pass a part of that"
+                "window",
+                f"from {lower!r} to {upper!r} holds no cell of the map",
+                rule,
+                "pass a part of that",
+                value=(lower, upper),
             )
         return self._part(first + self._job.reach[0], stop + self._job.reach[1])
 

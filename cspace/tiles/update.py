@@ -50,7 +50,9 @@ def update_store(store: Store, patch: Patch, client: Client | None, reach: Ints)
     """
     if patch.inner is not patch.outer and store.metadata["same"]:
         rule = "it was built on obstacles whose outer and inner cells are the same, and keeps one of them"
-        raise InputError("inner", f"is given for {store.path}", rule, "leave it out, or build the map anew")
+        raise InputError(
+            "inner", f"is given for {store.path}", rule, "leave it out, or build the map anew", value=patch.inner
+        )
     with _alone(store):
         store = Store.open(store.path).settled()
         old = store.obstacles_in(patch.window)
