@@ -33,7 +33,6 @@ from cspace.map.contents import Contents
 from cspace.map.storage import PackedStates, read_only, read_only_of
 from cspace.memory import is_packed
 from cspace.rotations import Rotations
-from cspace.rotations.base import Coordinate
 from cspace.shapes import Shape, shape_from_spec
 from cspace.states import BLOCKED, FIELDS, NAMES
 from cspace.version import __version__
@@ -90,12 +89,15 @@ class Stored(NamedTuple):
         What stands in for entries that were lost: never a value that would call a cell free.
     about : mapping
         Attributes, after the CF conventions.
+    sizes : mapping of str to int
+        Lengths of those axes that are the same for every map.
     """
 
     axes: tuple[str, ...]
     dtype: str
     lost: Any
     about: Mapping[str, Any]
+    sizes: Mapping[str, int] = {}
 
 
 def _stored(axes: str, dtype: str, lost: Any, name: str, **about: Any) -> Stored:
@@ -156,14 +158,11 @@ def stored() -> Mapping[str, Stored]:
 @cache
 def _stored_of(kinds: tuple[type[Rotations], ...]) -> Mapping[str, Stored]:
     arrays = dict(ARRAYS)
-    for name, each in _coordinates(kinds).items():
+    for name, each in (item for kind in kinds for item in kind.COORDINATES.items()):
         bounds = {"bounds": each.bounds} if each.bounds else {}
-        arrays[name] = _floats(" ".join(["rotation", *each.axes]), each.about, each.units, **bounds)
+        array = _floats(" ".join(["rotation", *each.axes]), each.about, each.units, **bounds)
+        arrays[name] = array._replace(sizes=each.axes)
     return arrays
-
-
-def _coordinates(kinds: Iterable[type[Rotations]]) -> dict[str, Coordinate]:
-    return {name: each for kind in kinds for name, each in kind.COORDINATES.items()}
 
 
 def axes_of(name: str, dim: int) -> tuple[str, ...]:
@@ -327,7 +326,7 @@ def check_kind(name: str, array: Any, metadata: Mapping[str, Any], path: str | o
     """Raise FileError for an array, or its header, of another shape or type than the map needs."""
     dim = len(metadata["shape"])
     sizes = dict(zip(AXES, metadata["shape"], strict=False)) | {"slice": metadata["slices"]}
-    sizes |= {axis: n for each in _coordinates(Rotations.KINDS.values()).values() for axis, n in each.axes.items()}
+    sizes |= stored()[name].sizes
     sizes |= {
         "corner": 2 * dim + 1,
         "rotation": metadata["rotations"] or 1,
