@@ -165,7 +165,7 @@ class Widest:
         TimeoutError is raised from a time on.
         """
         known, most = 0, min(self.level(start), self.level(goal))
-        top, asked = most, dict[int, Components]()
+        top, sides = most, dict[bool, tuple[int, Components]]()
         while known < most:
             keep_on(until)
             with self.lock:
@@ -173,14 +173,11 @@ class Widest:
                 ask = inside[len(inside) // 2] if inside else top if most == top else (known + most + 1) // 2
                 components = self.cached.get(ask) or join(self.states(ask))
                 first, last = components.of(np.stack([start, goal])).tolist()
-            if first == last:
-                known = ask
-            else:
-                most = ask - 1
-            # What has the answer now: others are asked no more.
-            asked = {level: each for level, each in {**asked, ask: components}.items() if level in (known, most + 1)}
+            joined = first == last
+            known, most = (ask, most) if joined else (known, ask - 1)
+            sides[joined] = ask, components  # those asked before are asked no more
         with self.lock:
-            for level, components in asked.items():
+            for level, components in sides.values():
                 self.cached.pop(level, None)
                 self.cached[level] = components
             for level in list(self.cached)[:-CACHED]:
