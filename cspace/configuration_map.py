@@ -141,10 +141,14 @@ class ConfigurationMap(ConfigurationSpace):
 
         highest = np.maximum(*pairs(states))
         passable = np.asarray(highest <= MIXED)
-        if count == 1 and len(cells) == 2 and passable.all() and self._seem_apart(cells):
+        apart, few_join = False, _unknown
+        if count == 1 and len(cells) == 2 and passable.all():
+            apart, few_join = self._hint(cells)
+        if apart:
             passable = joined(passable, mixed=True)
         free = joined(passable & (highest == FREE), mixed=False)
-        passable = free | joined(passable & ~free, mixed=True)
+        left = passable & ~free
+        passable = free | (left if left.all() and few_join() else joined(left, mixed=True))
         answers: NDArray[np.object_] = _ANSWERS[np.where(passable, free, 2), ...]
         return answers if answers.ndim else answers[()]
 
@@ -226,9 +230,12 @@ class ConfigurationMap(ConfigurationSpace):
     def _components(self) -> Joined:
         """Components of cells, joined side to side."""
 
-    def _seem_apart(self, cells: Ints) -> bool:
-        """Whether to ask first what MIXED cells join, for two cells, shape (2, 1 + d): most likely no path does."""
-        return False
+    def _hint(self, cells: Ints) -> tuple[bool, Callable[[], bool]]:
+        """Whether to ask first what MIXED cells join, for two cells, shape (2, 1 + d): most likely no path does.
+
+        Besides, what tells, where it is soon known, that MIXED cells join them.
+        """
+        return False, _unknown
 
     @abstractmethod
     def _at_one_moment(self, work: Callable[[], Result]) -> Result:
@@ -242,6 +249,11 @@ class ConfigurationMap(ConfigurationSpace):
         """Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` of configurations, in the grid or not."""
         cells = self.grid.cell_of(points[..., : self.grid.dim])
         return np.concatenate([self.rotations.cells_of(points)[..., None], cells], axis=-1)
+
+
+def _unknown() -> bool:
+    """Nothing is known soon."""
+    return False
 
 
 def _are_free(classify: Query, parts: Sequence[Any], out: NDArray[Any]) -> int:

@@ -1079,8 +1079,8 @@ class CSpace(ConfigurationMap):
 
         return Components(states, self._slice_of, self.rotations.neighbors, rim_is_open)
 
-    def _seem_apart(self, cells: Ints) -> bool:
-        return self._components.seem_apart(cells)
+    def _hint(self, cells: Ints) -> tuple[bool, Callable[[], bool]]:
+        return self._components.hint(cells)
 
     @property
     def marks(self) -> Marks:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import reduce
 from typing import Final, NamedTuple, TypeVar
 
@@ -502,20 +502,32 @@ class Components:
         """
         return self._kind(mixed).of(cells)
 
-    def seem_apart(self, cells: Ints) -> bool:
+    def hint(self, cells: Ints) -> tuple[bool, Callable[[], bool]]:
         """Whether to ask first what MIXED cells join, for two cells, shape (2, 1 + d): most likely no path does.
 
         A few slices, laid upon each other, tell it. Where components of one kind alone are made, they are asked first.
+        Besides, what tells whether MIXED cells join the two, as far as a few blocks show it: those along a way through
+        what the slices leave open.
         """
         slices = len(self._states)
         if self._kinds or slices < 2 * HINTS:
-            return list(self._kinds) == [True]
+            return list(self._kinds) == [True], lambda: False
         states = read_only(reduce(np.minimum, (self._states[k] for k in range(0, slices, slices // HINTS))))
         alone = Turns.of(np.zeros(1, dtype=np.int64), np.empty((1, 0), dtype=np.int64), 1)
-        cells = cells.copy()
-        cells[:, 0] = 0
-        one, other = OneKind(states[None], alone, True, np.array([self._rims[True].any()])).of(cells).tolist()
-        return bool(-1 != one != other != -1)
+        places = cells.copy()
+        places[:, 0] = 0
+        open_ones = OneKind(states[None], alone, True, np.array([self._rims[True].any()]))
+        one, other = open_ones.of(places).tolist()
+
+        def few_join() -> bool:
+            if not -1 != one == other:
+                return False
+            few = OneKind(self._states, self._turns, True, self._rims[True], open_ones.way(places))
+            self._kind(mixed=True)  # so that these are asked from now on
+            first, second = few.of(cells).tolist()
+            return bool(-1 != first == second)
+
+        return bool(-1 != one != other != -1), few_join
 
     def box(self, cell: Ints) -> Ints:
         """First and last cell, shape (2, d), of the box around the component of a FREE cell, shape (1 + d,)."""
@@ -533,9 +545,11 @@ class OneKind:
     The cells of each block are joined by themselves, along the runs of its rows, and so are the components of blocks
     that share a side, or the same place in neighbouring rotation cells. Union-find joins them over the whole map. Only
     what joins blocks is kept; labels of cells are made again, block by block, for each look-up.
+
+    Of some blocks alone, ``among``, numbers within a slice, all that is joined is so in the whole map too.
     """
 
-    def __init__(self, states: Stack, turns: Turns, mixed: bool, rim_is_open: Bools) -> None:
+    def __init__(self, states: Stack, turns: Turns, mixed: bool, rim_is_open: Bools, among: Ints | None = None) -> None:
         slices, self._dim = len(states), states.ndim - 1
         flat, shifts = (1,) * (3 - self._dim), SHIFTS[self._dim]
         # Each axis has room for the layer beyond; the first one of a plane has none.
@@ -549,6 +563,9 @@ class OneKind:
         later = (turns.links - np.arange(slices)[:, None]) * numbers.size
         self._steps = np.stack(after, axis=1), np.where(turns.links >= 0, later, -slices * numbers.size)
         self._changed = np.ones((slices, *shape), dtype=np.bool_)
+        self._among = np.full(self._changed.shape, among is None)
+        if among is not None:
+            self._among.reshape(slices, -1)[:, among] = True
         self._counts = np.zeros(self._changed.size, dtype=np.int32)
         self._faces: Faces | None = None
         self._struck = 0
@@ -580,6 +597,38 @@ class OneKind:
         if number not in self._boxes:
             self._boxes[number] = self._around(number)
         return self._boxes[number]
+
+    def way(self, cells: Ints) -> Ints:
+        """The blocks of the shortest chain of them between two cells that are joined, shape (2, 1 + d), and beside it.
+
+        Of the cells of a single slice.
+        """
+        number, joined, faces = int(self.of(cells[0])), self._join(), self._faces
+        base, (rows, pairs) = joined.base, faces or _no_faces()
+        ours = np.repeat(base[rows[:, 0]], rows[:, 3]) + (pairs >> BITS)
+        theirs = np.repeat(base[rows[:, 1]], rows[:, 3]) + (pairs & (MOST - 1))
+        ours, theirs = np.append(ours, theirs), np.append(theirs, ours)
+        first, last = (np.arange(*base[[block, block + 1]]) for block in self._places(cells).tolist())
+        first, last = first[joined.roots[first] == number], last[joined.roots[last] == number]
+        far, before = np.full(base[-1], base[-1]), base[:0]
+        far[first] = 0
+        while not np.array_equal(far, before):
+            before = far.copy()
+            np.minimum.at(far, ours, before[theirs] + 1)
+        way = [last[far[last].argmin()]]
+        while far[way[-1]] > 0:
+            beside = theirs[ours == way[-1]]
+            way.append(beside[far[beside].argmin()])
+        blocks = np.searchsorted(base, way, side="right") - 1
+        return np.append(blocks, rows[np.isin(rows[:, :2], blocks).any(axis=1), :2])
+
+    def _places(self, cells: Ints) -> Ints:
+        """Numbers, within a slice, of the blocks of cells, shape (n, 1 + d); the last one is beyond the grid."""
+        flat, places = 3 - self._dim, cells[:, 1:]
+        shape = self._changed.shape[1 + flat :]
+        inside = ((places >= 0) & (places < self._blocks.grid[1 + flat :])).all(axis=1, keepdims=True)
+        blocks = np.where(inside, places >> self._blocks.shifts[flat:], np.array(shape) - 1)
+        return np.asarray(np.ravel_multi_index(tuple(blocks.T), shape))
 
     def _members(self, number: int) -> tuple[Bools, Ints]:
         """Which components of blocks, of all slices, belong to a component of the map, and the blocks they are in."""
@@ -663,10 +712,11 @@ class OneKind:
                 before[-1] |= changed[0]
             for later in self._turns.links.T:
                 stale[later >= 0] |= self._changed[later[later >= 0]]
+            stale &= self._among
             faces, self._faces = self._faces, None  # none are right while some are made
             if faces is None:
-                self._changed[...], stale[...], self._struck = True, True, 0
-                faces = Faces(np.empty((0, 4), dtype=np.int32), np.empty(0, dtype=np.int32))
+                self._changed[...], stale[...], self._struck = True, self._among, 0
+                faces = _no_faces()
             sizes = len(faces.rows), len(faces.pairs)
             if self._struck * FEW_STRUCK > sizes[0]:
                 sizes = drop_struck(faces)
@@ -695,8 +745,8 @@ class OneKind:
 
         Room for labels is taken from ``rooms``, where there is any, and left there: new memory takes as long as they.
         """
-        others, changed = self._beside(own), self._changed.reshape(-1)
-        n, face = ((others >= 0) & (changed[own][:, None] | changed[others])).nonzero()
+        others, changed, among = self._beside(own), self._changed.reshape(-1), self._among.reshape(-1)
+        n, face = ((others >= 0) & among[others] & (changed[own][:, None] | changed[others])).nonzero()
         own, other = own[n], others[n, face]
         # Marks and places of all blocks from the first one on, which is quicker than to sort these and to search them.
         begin = min(own.min(initial=changed.size), other.min(initial=changed.size))
@@ -756,6 +806,10 @@ class OneKind:
         uses, changed = starts[turns.uses], self._changed.reshape(-1)
         self._struck = join_nodes(roots, base, faces, fresh, changed, uses, turns.bounds)
         return Joined(base, starts[turns.copy_of], turns.slice_of[turns.copy_of], roots)
+
+
+def _no_faces() -> Faces:
+    return Faces(np.empty((0, 4), dtype=np.int32), np.empty(0, dtype=np.int32))
 
 
 def _followed(array: Numbers, count: int, parts: Sequence[Numbers]) -> Numbers:

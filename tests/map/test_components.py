@@ -171,19 +171,51 @@ def test_a_few_slices_hint_that_a_room_is_closed():
     for outside in ([], [[5, -9, 2]]):
         for one, other in itertools.product([cells[0], cells[0] - [2, 0, 1]], [cells[1], *np.array(outside)]):
             labels = components(stack, np.arange(16), rim=True)
-            assert labels.seem_apart(np.array([one, other]))
-            assert labels.seem_apart(np.array([other, one]))
-            assert not labels.seem_apart(np.array([one, one]))
-            assert not labels.seem_apart(np.array([other, other]))
-    assert not components(stack[:15], np.arange(15)).seem_apart(cells)
+            assert labels.hint(np.array([one, other]))[0]
+            assert labels.hint(np.array([other, one]))[0]
+            assert not labels.hint(np.array([one, one]))[0]
+            assert not labels.hint(np.array([other, other]))[0]
+    assert not components(stack[:15], np.arange(15)).hint(cells)[0]
     stack[3, 20, 15] = MIXED  # in a slice that is not looked at
-    assert labels.seem_apart(cells)
+    assert labels.hint(cells)[0]
     assert len(np.unique(labels.of(cells, mixed=True))) == 1
-    assert labels.seem_apart(cells[[1, 1]])  # what is made is asked first
+    assert labels.hint(cells[[1, 1]])[0]  # what is made is asked first
     labels.of(cells)
-    assert not labels.seem_apart(cells)
+    assert not labels.hint(cells)[0]
     stack[4, 20, 15] = MIXED
-    assert not components(stack, np.arange(16)).seem_apart(cells)
+    assert not components(stack, np.arange(16)).hint(cells)[0]
+
+
+@settings(max_examples=60)
+@given(seeds, st.sampled_from(KINDS), st.sampled_from(list(BLOCKS)))
+def test_what_a_few_blocks_join_is_joined(seed, kind, blocks):
+    dim, slices, turns = kind
+    rng = np.random.default_rng(seed)
+    stack, rim, slice_of = random_stack(rng, dim, slices), rng.random(slices) < 0.5, np.arange(turns) % slices
+    cells = all_cells(stack, turns)
+    expected = by_scipy(stack, slice_of, rim, cells)[1]
+    with mock.patch("cspace.map.components.HINTS", 1):
+        for one, other in rng.integers(0, len(cells), (8, 2)):
+            few_join = components(stack, slice_of, rim, blocks).hint(cells[[one, other]])[1]
+            assert not few_join() or expected[one] == expected[other] >= 0
+
+
+def test_a_few_blocks_show_that_mixed_cells_join():
+    """Through a door that is open at one rotation alone, or around the map; they are looked at once."""
+    stack = np.zeros((16, 700, 600), dtype=np.uint8)
+    stack[:, 350] = BLOCKED
+    cells = np.array([[0, 20, 30], [7, 690, 500]])
+    assert components(stack, np.arange(16)).hint(cells)[0]
+    labels = components(stack, np.arange(16), rim=True)
+    apart, few_join = labels.hint(cells)
+    assert not apart and few_join() and few_join()
+    assert labels.hint(cells)[0]
+    for slices, joined in (([4, 5], True), ([4], True), ([], False)):
+        stack[:, 350, 200] = BLOCKED
+        stack[slices, 350, 200] = MIXED
+        assert components(stack, np.arange(16)).hint(cells)[1]() is joined
+    stack[4, 350, 200], stack[8, 349, 200], stack[4, 349, 200] = MIXED, MIXED, BLOCKED
+    assert not components(stack, np.arange(16)).hint(cells)[1]()  # the slices are open together, and none alone
 
 
 # ---- as a map answers ------------------------------------------------------------------------------------------------
