@@ -173,7 +173,7 @@ def build(
         )
     workspace = workspace.in_memory()
     grid = workspace.grid
-    slice_of = cells.slice_of(robot.shape)
+    slice_of = cells.slices_for(robot.shape)
     slices = int(slice_of.max()) + 1
     needed = map_bytes(grid.shape, slices, overlap)
     seconds = build_seconds(grid.shape, slices)

@@ -202,7 +202,7 @@ class ConfigurationMap(ConfigurationSpace):
 
     @property
     @abstractmethod
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, object]:
         """Facts about the map besides its grid, for people: plain values by name."""
 
     @abstractmethod

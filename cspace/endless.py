@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import compress, product
 from typing import TYPE_CHECKING, Any, Final, Literal, NoReturn, Unpack
 
 import numpy as np
@@ -162,9 +162,9 @@ class EndlessCSpace(CSpace):
         return Circles(self.endless)
 
     @property
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, object]:
         return {
-            "endless": [axis for axis, turns in zip(self.axes, self.endless, strict=True) if turns],
+            "endless": list(compress(self.axes, self.endless)),
             **super().facts,
         }
 
@@ -286,7 +286,7 @@ class EndlessCSpace(CSpace):
     # ---- what there is not -------------------------------------------------------------------------------------------
 
     def _none(self, what: str, mend: str) -> NoReturn:
-        circles = ", ".join(self.facts["endless"])
+        circles = ", ".join(compress(self.axes, self.endless))
         raise InputError(what, "is asked for", f"there is none of a map that closes in a circle along {circles}", mend)
 
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:

@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -81,7 +81,7 @@ class Robot:
         return self.shape.span
 
     @property
-    def spec(self) -> dict[str, Any]:
+    def spec(self) -> dict[str, object]:
         """Plain numbers, strings and lists from which :meth:`from_spec` makes the same robot again."""
         return {"name": self.name, **self.shape.spec}
 
@@ -348,7 +348,7 @@ class Robot:
         return Robot(f"footprint of {self.name}", self.shape.flattened()) if self.dim == 3 else self
 
     @classmethod
-    def from_spec(cls, spec: Mapping[str, Any]) -> Robot:
+    def from_spec(cls, spec: Mapping[str, object]) -> Robot:
         """The robot that :attr:`spec` describes.
 
         Raises

@@ -222,7 +222,7 @@ class CSpace(ConfigurationMap):
         return f"{free=}, {mixed=}, {blocked=}"
 
     @property
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, object]:
         grid, rotations, states, fields = self.grid, self.rotations, self._seen, self._contents.fields
         arrays: list[Any] = [states, *fields.values()] + ([] if self.overlaps is None else [self.overlaps])
         filled = "mean_" * bool(rotations.names) + f"free_{('area_m2', 'volume_m3')[grid.dim - 2]}"

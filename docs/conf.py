@@ -32,6 +32,20 @@ myst_heading_anchors = 3
 autodoc_typehints = "none"  # docstrings tell types, with shapes and units
 autodoc_member_order = "groupwise"
 numpydoc_show_class_members = False
+autosummary_context = {
+    "inside": {
+        "Arm": "checked",
+        "ArmSpace": "checked",
+        "CSpace": "checked, own_record, record",
+        "Mesh": "cells, check_origin, closed, is_same, measure, rasters",
+        "Robot": "rasters",
+        "Rotations": "COORDINATES, KINDS, all_limits, all_names, check_dimension, checked, compiled, dials, "
+        "draw_cells, fewer, from_coordinates, images, leading, of_coordinates, of_slices, of_value, one_cell, "
+        "preserve, sample_near, slices_for, turns",
+        "TiledCSpace": "checked",
+    }
+}
+"""What only modules of the two packages call, by class: it is left out of the page for users."""
 toc_object_entries_show_parents = "hide"
 
 nitpicky = True

@@ -61,7 +61,7 @@ def map_in(workspace, robot, states, rotations=None, **options):
     """A map of given states, shape (slices, ...), or (...) of a robot that only translates."""
     cells = Rotations.of(rotations)
     states = states[None] if states.ndim == workspace.grid.dim else states
-    return CSpace(Contents(workspace, robot, cells, cells.slice_of(robot.shape), states, **options))
+    return CSpace(Contents(workspace, robot, cells, cells.slices_for(robot.shape), states, **options))
 
 
 def made(states, kind, outside="free", spacing=0.25, rotations=None, lower=None):

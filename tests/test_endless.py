@@ -45,7 +45,7 @@ def made(states: Any, endless: tuple[bool, ...], cells: int) -> EndlessCSpace:
     grid = Grid(np.where(endless, -math.pi, -1.0), side, states.shape, tuple("abc")[: states.ndim])
     workspace = Workspace(grid, states != FREE, states > MIXED)
     robot, rotations = Robot("arm", Point.at_origin(states.ndim)), Rotations.of(None)
-    slices = rotations.slice_of(robot.shape)
+    slices = rotations.slices_for(robot.shape)
     space = map_of(Contents(workspace, robot, rotations, slices, states[np.newaxis].copy(), endless=endless))
     assert isinstance(space, EndlessCSpace)
     return space

@@ -70,7 +70,7 @@ def run(report: Report, seed: int) -> None:
 def _build(report: Report, scene: Scene, cuts: int, rng: np.random.Generator) -> tuple[CSpace, Timing]:
     """A map, and what it took, beside a loop over ready bitmaps."""
     rotations, grid = scene.rotations(cuts), scene.workspace.grid
-    slice_of = rotations.slice_of(scene.robot.shape)
+    slice_of = rotations.slices_for(scene.robot.shape)
     number = int(slice_of.max()) + 1
     states = number * grid.size
     name = f"quaternions({cuts})" if cuts else "72 yaw cells"
@@ -136,7 +136,7 @@ def _fcl(report: Report, space: CSpace, scene: Scene, rng: np.random.Generator) 
 
 def _against_queries(report: Report, space: CSpace, built: Timing, fcl: Fcl) -> None:
     """One query of FCL a state that is kept, of CPU time, extrapolated."""
-    cells = float(space.grid.size * (int(space.rotations.slice_of(space.robot.shape).max()) + 1))
+    cells = float(space.grid.size * (int(space.rotations.slices_for(space.robot.shape).max()) + 1))
     report.figure(f"one FCL query for each of {cells:.3g} states, extrapolated from {TRIED}", fcl.seconds * cells, "s")
     report.figure("one FCL query a state / ours, in CPU time", fcl.seconds * cells / built.median_cpu)
 

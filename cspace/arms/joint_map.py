@@ -158,7 +158,7 @@ def build_arm_map(
             last[last == FREE] = MIXED
     workspace = Workspace(grid, states != FREE, states == BLOCKED, source=repr(space))
     rotations, robot = Rotations.of(None), Robot(arm.name, Point.at_origin(len(names)))
-    slices = rotations.slice_of(robot.shape)
+    slices = rotations.slices_for(robot.shape)
     circles = endless * any(endless)
     intervals[list(endless)] = -math.inf, math.inf
     prove = partial(JointProofs, space.record, numbers, held, intervals)

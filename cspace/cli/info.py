@@ -253,7 +253,7 @@ class _Cells:
         self._facts: dict[str, Any] = {}
         if cells.facts:
             # A robot with a symmetry needs fewer slices than there are rotation cells.
-            self.slices = cells.count if robot is None else int(cells.slice_of(robot.shape).max()) + 1
+            self.slices = cells.count if robot is None else int(cells.slices_for(robot.shape).max()) + 1
             self._facts = {"rotations": cells.count, "slices": self.slices}
 
     def on(self, corners: Any, spacing: float | None, bounds: Any, bytes_a_cell: int, what: str) -> dict[str, Any]:

@@ -129,7 +129,7 @@ def make(
     }
     space: CSpace | TiledCSpace
     if tile is not None:
-        states = obstacles.grid.size * (int(cells.slice_of(shape.shape).max()) + 1)
+        states = obstacles.grid.size * (int(cells.slices_for(shape.shape).max()) + 1)
         with cluster(scheduler) as client, clock.step("build", states) as progress:
             settings["progress"] = progress
             space = build(obstacles, shape, store=output, tile=tile, client=client, **settings)

@@ -110,7 +110,7 @@ def _restored(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> CSpace:
     )
     rotations = Rotations.from_coordinates(arrays)
     robot = Robot.from_spec(json.loads(metadata["robot"]))
-    slice_of = rotations.slice_of(robot.shape)
+    slice_of = rotations.slices_for(robot.shape)
     for name, needed in ({"slice_of": slice_of} | rotations.coordinates).items():
         if not np.allclose(arrays[name], needed, rtol=0.0, atol=_ROUNDING):
             raise ValueError(f"its array {name!r} is not that of its rotation cells and its robot")

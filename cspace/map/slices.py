@@ -38,7 +38,7 @@ def raster_parts(robot: Robot, spacing: float, margin: float, rotations: Rotatio
     """
     if rotations.preserve(robot.shape):
         return [lambda: [(0, robot.rasters(spacing, margin))]]
-    slice_of = rotations.slice_of(robot.shape)
+    slice_of = rotations.slices_for(robot.shape)
     first, turns = np.unique(slice_of, return_index=True)[1], rotations.turns(robot.dim)
     # Of the slices that each one becomes, the least, and what makes it so; the way back is the transposed matrix.
     images = rotations.images(robot.shape)

@@ -278,7 +278,7 @@ class Rotations(ABC):
 
     @classmethod
     @abstractmethod
-    def of_value(cls, value: Any) -> Rotations:
+    def of_value(cls, value: ArrayLike | None) -> Rotations:
         """Cells of a kind from what users pass for them, checked."""
 
     @classmethod
@@ -408,7 +408,7 @@ class Rotations(ABC):
         """What to pass instead to get at most a share of the cells, for messages."""
 
     @abstractmethod
-    def slice_of(self, shape: Symmetric) -> Ints:
+    def slices_for(self, shape: Symmetric) -> Ints:
         """Number of the slice that each cell has for a robot, shape (count,).
 
         Cells whose rotations differ by one that maps the robot to itself share a slice. Slices are numbered from 0, in
@@ -417,7 +417,7 @@ class Rotations(ABC):
 
     def of_slices(self, shape: Symmetric) -> Floats:
         """A rotation of each slice of a robot, as in a configuration, shape (slices, dof)."""
-        return self.centers[np.unique(self.slice_of(shape), return_index=True)[1]]
+        return self.centers[np.unique(self.slices_for(shape), return_index=True)[1]]
 
     @abstractmethod
     def turns(self, dim: int) -> list[Turn]:
@@ -496,7 +496,7 @@ class Rotations(ABC):
         return []
 
     @property
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, object]:
         """What there is to say of the cells, for people: plain values by what they are."""
         width = float(np.degrees(2.0 * self.covering_angles.max()))
         return {"rotations": self.count, "rotation_cell_deg": round(width, 6)}

@@ -21,7 +21,7 @@ class OneRotation(Rotations):
     slack: ClassVar[float] = 0.0
 
     @classmethod
-    def of_value(cls, value: None = None) -> OneRotation:
+    def of_value(cls, value: ArrayLike | None = None) -> OneRotation:
         return cls()
 
     @classmethod
@@ -54,7 +54,7 @@ class OneRotation(Rotations):
         return 1
 
     @property
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, object]:
         return {}
 
     @property
@@ -79,7 +79,7 @@ class OneRotation(Rotations):
     def fewer(self, share: float) -> str:
         return ""
 
-    def slice_of(self, shape: Symmetric) -> Ints:
+    def slices_for(self, shape: Symmetric) -> Ints:
         return np.zeros(1, dtype=np.int64)
 
     def turns(self, dim: int) -> list[Turn]:

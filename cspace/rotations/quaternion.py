@@ -75,7 +75,7 @@ class QuaternionRotations(Rotations):
     }
 
     @classmethod
-    def of_value(cls, value: int) -> QuaternionRotations:
+    def of_value(cls, value: ArrayLike | None) -> QuaternionRotations:
         """Cells from their number of parts of an axis, see :meth:`Rotations.quaternions`."""
         return cls(whole(value, "rotations", 1, MAX_CUTS, "pass e.g. 8, for 2,048 cells of quaternions"))
 
@@ -175,7 +175,7 @@ class QuaternionRotations(Rotations):
         n = int((share * self.count / 4.0) ** (1.0 / 3.0) + 1e-9)
         return f"rotations=Rotations.quaternions({n})" if n else ""
 
-    def slice_of(self, shape: Symmetric) -> Ints:
+    def slices_for(self, shape: Symmetric) -> Ints:
         """Cells that a half turn of the robot, about one of its axes, maps to each other share a slice.
 
         In quaternions such a turn is a change of places and signs, and so maps cells to cells; a quarter turn is not.

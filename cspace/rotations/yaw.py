@@ -45,9 +45,9 @@ class YawRotations(Rotations):
     }
 
     @classmethod
-    def of_value(cls, value: Any) -> YawRotations:
+    def of_value(cls, value: ArrayLike | None) -> YawRotations:
         """Cells from a count or from their borders, see :meth:`Rotations.of`."""
-        if isinstance(value, bool) or np.ndim(value) == 0:
+        if value is None or np.ndim(value) == 0:
             mend = "pass e.g. 72, the cells' borders in radians, or Rotations.quaternions(8) for all rotations in space"
             count = whole(value, "rotations", 1, mend=mend)
             width = TURN / count
@@ -166,7 +166,7 @@ class YawRotations(Rotations):
     def fewer(self, share: float) -> str:
         return f"rotations={int(share * self.count)}" if share * self.count >= 1 else ""
 
-    def slice_of(self, shape: Symmetric) -> Ints:
+    def slices_for(self, shape: Symmetric) -> Ints:
         """Cells a symmetry apart share a slice, where all cells are equally wide."""
         cells = np.arange(self.count, dtype=np.int64)
         if shape.symmetry == 0:

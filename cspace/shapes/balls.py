@@ -136,7 +136,7 @@ class Balls(Shape):
         return np.column_stack([self.centers @ matrix.T, self.radii])
 
     @property
-    def spec(self) -> dict[str, Any]:
+    def spec(self) -> dict[str, object]:
         return {"kind": "balls", "centers": self.centers.tolist(), "radii": self.radii.tolist()}
 
     @classmethod
@@ -174,7 +174,7 @@ class Point(Balls):
         return shapely.Polygon(np.zeros((4, 2)))
 
     @property
-    def spec(self) -> dict[str, Any]:
+    def spec(self) -> dict[str, object]:
         return {"kind": "point", "dim": self.dim}
 
     @classmethod

@@ -112,7 +112,7 @@ class Bracketed(Shape):
         return self.outer, self.inner
 
     @property
-    def spec(self) -> dict[str, Any]:
+    def spec(self) -> dict[str, object]:
         sides = {"outer": self.outer.spec, "inner": self.inner.spec}
         return {"kind": "bracketed", **sides, "is_round_about_z": self._turns}
 

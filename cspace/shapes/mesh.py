@@ -228,7 +228,7 @@ class Mesh(Shape):
         return float(self.volume) if self.is_watertight else float("nan")
 
     @property
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, object]:
         closed = sum(body.closed for body in self.bodies)
         return {
             "triangles": len(self.faces),
@@ -381,7 +381,7 @@ class Mesh(Shape):
         return np.asarray(numbers.reshape(array.shape[:-1]) != 0)
 
     @property
-    def spec(self) -> dict[str, Any]:
+    def spec(self) -> dict[str, object]:
         """The mesh as plain values that JSON can hold, to the last bit."""
         return {
             "kind": "mesh",
@@ -392,7 +392,7 @@ class Mesh(Shape):
         }
 
     @classmethod
-    def from_spec(cls, spec: Mapping[str, Any]) -> Mesh:
+    def from_spec(cls, spec: Mapping[str, object]) -> Mesh:
         """The mesh of :meth:`spec`.
 
         Raises
@@ -401,8 +401,9 @@ class Mesh(Shape):
             If ``spec`` is not such a record.
         """
         try:
-            vertices, faces = _decoded(spec["vertices"], "<f8"), _decoded(spec["faces"], "<i8")
-            solid, source = spec["solid"], str(spec["source"])
+            given: Mapping[str, Any] = spec
+            vertices, faces = _decoded(given["vertices"], "<f8"), _decoded(given["faces"], "<i8")
+            solid, source = given["solid"], str(given["source"])
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
                 "spec",

@@ -188,7 +188,7 @@ class Polygons(Shape):
         return np.column_stack([endpoints.reshape(-1, 4), number])
 
     @property
-    def spec(self) -> dict[str, Any]:
+    def spec(self) -> dict[str, object]:
         return {"kind": "polygon", "wkb": [base64.b64encode(part.wkb).decode() for part in self.geometries]}
 
     @classmethod

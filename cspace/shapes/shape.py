@@ -94,7 +94,7 @@ class Shape(ABC):
         return ("the plane", "space")[self.dim - 2]
 
     @property
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, object]:
         """What there is to say of the shape, for people: plain values by what they are."""
         return {("area_m2", "volume_m3")[self.dim - 2]: self.measure}
 
@@ -246,7 +246,7 @@ class Shape(ABC):
 
     @property
     @abstractmethod
-    def spec(self) -> dict[str, Any]:
+    def spec(self) -> dict[str, object]:
         """Plain numbers, strings and lists from which ``cspace.shapes.shape_from_spec`` makes it again."""
 
 

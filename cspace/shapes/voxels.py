@@ -110,7 +110,7 @@ class Box(Shape):
         return np.hstack([corners.min(axis=0), corners.max(axis=0)])[None]
 
     @property
-    def spec(self) -> dict[str, Any]:
+    def spec(self) -> dict[str, object]:
         return {"kind": "box", "extents": self.extents.tolist(), "center": self.center.tolist()}
 
     @classmethod
@@ -267,7 +267,7 @@ class Voxels(Shape):
         return np.hstack([corners.min(axis=0), corners.max(axis=0)])
 
     @property
-    def spec(self) -> dict[str, Any]:
+    def spec(self) -> dict[str, object]:
         return {
             "kind": "cells",
             "bits": base64.b64encode(np.packbits(self.occupied).tobytes()).decode(),

@@ -62,7 +62,7 @@ def build_tiles(
     something else, or cannot be written, or the workspace has changed.
     """
     grid, cells, rotations = workspace.grid, workspace.cells, settings["rotations"]
-    slices = int(rotations.slice_of(robot.shape).max()) + 1
+    slices = int(rotations.slices_for(robot.shape).max()) + 1
     sides = tile_sides(tile, grid.shape)
     about: dict[str, Any] = {
         "lower": list(grid.lower),

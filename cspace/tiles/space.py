@@ -154,7 +154,7 @@ class TiledCSpace(ConfigurationMap):
         return f"{len(self._store)} tiles of {' x '.join(map(str, self.tile))}{share}"
 
     @property
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, object]:
         cells = {"cells": dict(zip(NAMES, self.count(), strict=True))} if self.done == 1.0 else {}
         return {"tile": list(self.tile), "done_percent": round(100.0 * self.done, 4), **cells, "version": self.version}
 

@@ -122,7 +122,7 @@ class Store:
     @cached_property
     def slice_of(self) -> Ints:
         """The slice of each rotation cell."""
-        return self.rotations.slice_of(self.robot.shape)
+        return self.rotations.slices_for(self.robot.shape)
 
     @property
     def tile(self) -> tuple[int, ...]:
@@ -192,7 +192,7 @@ class Store:
         """
         with replacing(path, folder=is_tiled) as temporary:
             _write_frame(
-                temporary, metadata, {"slice_of": rotations.slice_of(robot.shape), **rotations.coordinates, **shapes}
+                temporary, metadata, {"slice_of": rotations.slices_for(robot.shape), **rotations.coordinates, **shapes}
             )
         return cls.open(path)
 

@@ -96,7 +96,7 @@ def test_decided_cells_answer_without_geometry(make):
     q = q[space.classify(q) != MIXED]
     edges = q[:-1], q[1:]
     through = space.motion_is_free(*edges)
-    slices = space.rotations.slice_of(space.robot.shape)
+    slices = space.rotations.slices_for(space.robot.shape)
     states = space.state.reshape(-1, *space.grid.shape)[np.unique(slices, return_index=True)[1]]
     of = space.workspace, space.robot, space.rotations, slices, states
     silent = cspace.CSpace(

@@ -277,7 +277,7 @@ BAR = Robot.rectangle(1e-6, 1e-7)
 )
 def test_rotation_cells_that_share_slices(robot, turns):
     cells, shape = Rotations.of(turns), (4, 3, 2)[: robot.dim]
-    kind, slice_of = "turning any way" if cells.dof == 4 else "", cells.slice_of(robot.shape)
+    kind, slice_of = "turning any way" if cells.dof == 4 else "", cells.slices_for(robot.shape)
     workspace = Workspace.from_array(np.zeros(shape, dtype=bool), 0.25)
     for seed in range(6):
         stack = np.random.default_rng(seed).choice(np.array([0, 1, 2, 2], np.uint8), (slice_of.max() + 1, *shape))

@@ -56,7 +56,7 @@ def test_what_turns_and_mirrors_of_the_world_make_are_fresh_rasters(robot, rotat
     """Of a box, 16 cells need one raster; a cube's quarter turns, and mirrors of what has two like sides, add to it."""
     assert len(raster_parts(robot, 0.17, 0.02, rotations)) == fresh
     made, turns = slice_rasters(robot, 0.17, 0.02, rotations), rotations.turns(robot.dim)
-    for number, cell in zip(*np.unique(rotations.slice_of(robot.shape), return_index=True), strict=True):
+    for number, cell in zip(*np.unique(rotations.slices_for(robot.shape), return_index=True), strict=True):
         own = robot.rasters(0.17, 0.02, turns[cell])
         for one, other in zip(made[number], own, strict=True):
             # Pieces of the border that are as long along two of their sides may be cut across either.
@@ -119,5 +119,5 @@ def test_shared_slices_are_those_made_without_sharing(name, count, monkeypatch):
 def test_unequal_cells_share_nothing_but_a_discs():
     borders = [0.0, 1.0, math.pi, math.pi + 1.0, TURN]
     cells = Rotations.of(borders)
-    assert cells.slice_of(Robot.rectangle(0.7, 0.3).shape).tolist() == [0, 1, 2, 3]
-    assert cells.slice_of(Robot.disc(0.3).shape).tolist() == [0, 0, 0, 0]
+    assert cells.slices_for(Robot.rectangle(0.7, 0.3).shape).tolist() == [0, 1, 2, 3]
+    assert cells.slices_for(Robot.disc(0.3).shape).tolist() == [0, 0, 0, 0]

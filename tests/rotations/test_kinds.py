@@ -61,7 +61,7 @@ class PitchRotations(YawRotations):
     def preserve(self, shape: Symmetric) -> bool:
         return shape.is_round
 
-    def slice_of(self, shape: Symmetric) -> Ints:
+    def slices_for(self, shape: Symmetric) -> Ints:
         return np.zeros(self.count, np.int64) if shape.is_round else np.arange(self.count)
 
     def images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:

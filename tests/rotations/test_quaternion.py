@@ -118,7 +118,7 @@ def test_neighbors_are_the_cells_across_a_border(n):
 )
 def test_slices_are_shared_where_a_half_turn_of_the_robot_is_not_seen(robot, axes, slices):
     cells, rng = Rotations.quaternions(3), np.random.default_rng(0)
-    slice_of = cells.slice_of(robot.shape)
+    slice_of = cells.slices_for(robot.shape)
     assert half_turns(robot.shape) == axes and len(np.unique(slice_of)) == slices
     np.testing.assert_array_equal(np.unique(slice_of), np.arange(slices))
     q = Rotation.random(500, random_state=2)

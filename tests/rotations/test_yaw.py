@@ -27,7 +27,7 @@ def test_cells_share_a_slice_only_where_their_borders_are_a_symmetry_apart_but_f
     square, even = Robot.rectangle(1.0, 1.0).shape, np.linspace(0.0, TURN, 9)
     for off, slices in ((1e-15, 2), (5e-12, 2), (2e-11, 8), (1e-6, 8)):
         jittered = even + off * np.array([0, 1, 0, 0, 0, 0, 0, 0, 0])
-        assert len(np.unique(Rotations.of(jittered).slice_of(square))) == slices
+        assert len(np.unique(Rotations.of(jittered).slices_for(square))) == slices
 
 
 @given(rotation_cells(20))
