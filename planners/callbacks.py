@@ -20,7 +20,7 @@ _BATCH: Final = 256
 
 
 class StateValidityChecker(ob.StateValidityChecker):
-    """OMPL's question "is this state valid?", answered by a certified map of any space.
+    """Validity of OMPL's states, looked up in a certified map of any space.
 
     Valid means FREE; a MIXED cell is not valid, unless ``exact`` is set and the geometry proves the state free.
 
@@ -61,7 +61,7 @@ class StateValidityChecker(ob.StateValidityChecker):
 
 
 class MotionValidator(ob.MotionValidator):
-    """OMPL's question "is this motion valid?", answered exactly: every cell that the edge touches is FREE.
+    """Validity of OMPL's motions, decided exactly: a motion is valid if every cell that its edge touches is FREE.
 
     Nothing is stepped over, at any length, so OMPL's checking resolution plays no part in it. With a drive, the edge is
     what is driven, turn, line and turn, or the real curve, not a chain of samples on it. OMPL now and then takes a

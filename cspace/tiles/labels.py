@@ -153,7 +153,7 @@ class Joined:
         """
         store, faces, turns = self.store, faces_of(self.store.grid.dim), np.arange(len(self._slice_of))
         joined: list[list[Ints]] = [[np.empty((0, 2), dtype=np.int64)] for _ in self.first]
-        beyond = list[Ints]()
+        outside = list[Ints]()
         behind: dict[tuple[int, int, int], Labels] = {}  # labels on far faces, until the tile behind them comes
         for number, index in enumerate(store):
             for kind, own in enumerate(self.labels(index)):
@@ -165,7 +165,7 @@ class Joined:
                         if kind == OPEN_ONES:
                             along = np.broadcast_to(turns.reshape(-1, *(1,) * (labels.ndim - 1)), labels.shape)
                             touch = (labels >= 0) & self._open[along]
-                            beyond.append(_unique(labels[touch] + begin, along[touch]))
+                            outside.append(_unique(labels[touch] + begin, along[touch]))
                     elif far:
                         behind[kind, across, number] = labels.copy()  # and not all of its tile
                     else:
@@ -174,7 +174,7 @@ class Joined:
                         touch = (labels >= 0) & (other >= 0)
                         joined[kind].append(_unique(other[touch] + first[before], labels[touch] + begin))
         last = self.first[OPEN_ONES][-1]
-        joined[OPEN_ONES] += [np.add(pairs, (0, last)) for pairs in beyond]
+        joined[OPEN_ONES] += [np.add(pairs, (0, last)) for pairs in outside]
         if len(turns) > 1:
             near = store.rotations.neighbors
             one, other = np.nonzero(near >= 0)[0], near[near >= 0].astype(np.int64)
