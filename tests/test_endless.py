@@ -22,7 +22,7 @@ import cspace
 import planners
 from cspace import FREE, MIXED, Grid, Workspace
 from cspace.angles import shorter
-from cspace.endless import EndlessCSpace, map_of
+from cspace.endless import EndlessCSpace, Seam, map_of
 from cspace.errors import InputError
 from cspace.map.components import SHIFTS
 from cspace.map.contents import Contents
@@ -281,7 +281,13 @@ def test_the_widest_path_leads_across_the_seam(data: st.DataObject, endless: tup
                 np.testing.assert_allclose(more, np.rint(more) * endless, atol=1e-9)
                 assert space.certify_path(each).all()
             both = np.append(0, start), np.append(0, goal)
-            join = partial(space._components_of, rim_is_open=np.zeros(1, dtype=bool))
+            join = partial(
+                Seam,
+                slice_of=search.slice_of,
+                neighbors=whole.rotations.neighbors,
+                rim_is_open=np.zeros(1, dtype=bool),
+                endless=endless,
+            )
             assert search.bottleneck(*both, join, math.inf) == best
             steps = np.diff(search.shortest(*both, int(best), math.inf)[:, 1:].T)
             shape = np.array(states.shape)[:, np.newaxis]

@@ -26,7 +26,7 @@ from cspace.spectral.descriptors import check_dims
 from cspace.spectral.overlap import FourierOverlap
 from cspace.states import FIELDS
 
-_BATCH: Final = 2**20  # cells whose values are computed together
+BATCH: Final = 2**20  # cells whose values are computed together
 
 
 class Space(Protocol):
@@ -91,7 +91,7 @@ class OverlapField:
         for number in range(shape[0]):
             matrix = turns[int(np.argmax(map_.slice_of == number))].matrix
             placed = overlap if matrix is None else overlap.rotated(matrix)
-            for rows in np.array_split(np.arange(shape[1]), -(-grid.size // _BATCH)):
+            for rows in np.array_split(np.arange(shape[1]), -(-grid.size // BATCH)):
                 cells = np.stack(np.meshgrid(rows, *map(np.arange, shape[2:]), indexing="ij"), axis=-1)
                 places = grid.center_of(cells)
                 value, gradient = placed.value_and_gradient(places)

@@ -19,7 +19,7 @@ MOST: Final = 2**21
 """Blocks that are drawn at once, at most: of the whole map, and as many of a part of it."""
 _CACHED: Final = 24
 """Slices whose blocks of the whole map are cached."""
-_SLAB: Final = 2**24
+SLAB: Final = 2**24
 """Cells whose classes are made at once."""
 
 
@@ -141,7 +141,7 @@ def _classes(space: MapLike, rotation: Floats | None, box: tuple[slice, ...] = (
 def blocks(classes: Callable[[tuple[slice, ...]], Classes], part: Part) -> Blocks:
     """Blocks of a part of a map, made slab by slab from the classes of boxes of cells."""
     shape = np.subtract(part.stop, part.first)
-    rows = part.side * max(1, _SLAB // int(np.prod(shape[1:]) * part.side))
+    rows = part.side * max(1, SLAB // int(np.prod(shape[1:]) * part.side))
     others = tuple(map(slice, part.first[1:], part.stop[1:]))
     made = []
     for low in range(part.first[0], part.stop[0], rows):

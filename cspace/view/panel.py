@@ -62,7 +62,7 @@ class Panel:
         with gui.add_folder("Path"):
             self.share: Any = gui.add_slider("along it (%)", 0.0, 100.0, 0.1, 0.0)
             self.play = gui.add_button("Play")
-            self._scale = gui.add_html("")
+            self.scale = gui.add_html("")
         with gui.add_folder("Robot"):
             self.sliders: list[Any] = [
                 gui.add_slider(dial.label, dial.low, dial.high, dial.step, dial.low) for dial in canvas.dials
@@ -137,7 +137,7 @@ class Panel:
         self.share.value = 0.0
         self.share.disabled = self.play.disabled = most is None
         none = "Plan one, or open the page with a path."
-        self._scale.content = _note(none) if most is None else _scale(most, self._canvas.unit)
+        self.scale.content = _note(none) if most is None else _scale(most, self._canvas.unit)
 
 
 def _legend(rows: list[tuple[str, str]]) -> str:

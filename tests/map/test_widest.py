@@ -19,6 +19,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from cspace import FREE, MIXED, ConfigurationError, CSpace, InputError, Robot, Workspace, build
 from cspace.map import search, widest
+from cspace.map.components import Components
 from oracles import graph_of, linked
 from planning import ENDPOINTS, room, turn_between, with_state
 from strategies import seeds
@@ -97,10 +98,11 @@ def test_a_path_is_as_wide_as_any_and_no_longer_than_it_must_be(name: str, seed:
     free = np.flatnonzero(room > 0.0)
     if not len(free):
         return
+    outside = np.zeros(len(kept.levels), dtype=bool)
+    join = partial(Components, slice_of=kept.slice_of, neighbors=space.rotations.neighbors, rim_is_open=outside)
     for start, goal in rng.choice(free, (2, 2)):
         best = widest_of_all(space, start, goal)
         ends = np.array(cells[start]), np.array(cells[goal])
-        join = partial(space._components_of, rim_is_open=np.zeros(len(kept.levels), dtype=bool))
         level = kept.bottleneck(*ends, join, math.inf)
         assert kept.bottleneck(*ends[::-1], join, math.inf) == level and len(kept.cached) <= widest.CACHED
         assert abs(level / 128 - best) <= 1 / 128 + 1e-6

@@ -42,7 +42,7 @@ def test_blocks_show_the_largest_class(parts: Any, side: int, monkeypatch: pytes
     workspace, robot, rotations = parts
     space = cspace.build(workspace, robot, rotations=rotations)
     monkeypatch.setattr(level_of_detail, "MOST", space.grid.size // (side**space.grid.dim) + 1)
-    monkeypatch.setattr(level_of_detail, "_SLAB", 40)
+    monkeypatch.setattr(level_of_detail, "SLAB", 40)
     held = CellsInMemory(space)
     assert held.side == side
     rotation = space.rotations.centers[-1]
