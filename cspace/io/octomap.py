@@ -146,6 +146,7 @@ def leaves_of(records: Bytes, binary: bool, leaves: Ints, way: Ints) -> tuple[in
     full. ``way``, zeros at first, holds for each level on the way down the first cell of a node, and the inner children
     that are still to be entered, one bit each.
     """
+    # A loop and not recursion: however deep a damaged file leads, nothing is held but ``way``.
     corner, pending = way[:, :3], way[:, 3]
     nodes, count, used, depth = 1, 0, 0, 0
     entering = True
@@ -157,6 +158,7 @@ def leaves_of(records: Bytes, binary: bool, leaves: Ints, way: Ints) -> tuple[in
             used += 1
             children = np.int64(0)
             if binary:
+                # Leaves have no record of their own: they are counted and written where their parent is met.
                 kinds = first | second << 8
                 if kinds == 0:
                     return nodes, count, 3
@@ -180,6 +182,7 @@ def leaves_of(records: Bytes, binary: bool, leaves: Ints, way: Ints) -> tuple[in
                     _place(leaves[count], corner[depth], 0, 0)
                     leaves[count, 3], leaves[count, 4] = 1 << (DEPTH - depth), second
                     count += 1
+            # A node of level DEPTH is a single cell: it has no children, and in a binary tree no record either.
             if children and depth == DEPTH - binary:
                 return nodes, count, 2
             pending[depth] = children

@@ -34,6 +34,9 @@ def trace_chain(cells: Cells, slice_of: Ints, neighbors: Ints, start: Ints, goal
     if state_in(cells, slice_of[start[0]] * size + origin % size) == BLOCKED:
         return False
     target = ((goal[0] * nx + goal[1]) * ny + goal[2]) * nz + goal[3]
+    # Breadth first where a step costs 0 or 1: a MIXED cell costs one more than all that FREE cells still lead to. So it
+    # waits in ``later``, which becomes the front when nothing else is left. As the cost of a step is that of the cell
+    # that it enters, the first way into a cell is a cheapest one.
     front, ahead, later = [origin], [origin], [origin]
     ahead.clear()
     later.clear()

@@ -299,15 +299,19 @@ def best_first(graph: Graph, task: Task, trace: Trace) -> bool:
     _, si, sj, sk = _spot(graph, task.start % size)
     _, gi, gj, gk = _spot(graph, task.goal % size)
     for _ in range(STEPS):
+        # What waits is kept in lists by cost, in a circle, instead of in a heap: the next one is found without
+        # comparing any (R. Dial, "Algorithm 360: Shortest-path forest with topological ordering", 1969).
         while count > 0 and heads[lowest % RING] < 0:
             lowest += 1
         if count == 0 or lowest >= LISTS * (best + task.margin):
             return True
         if used + degree >= len(after):
             break
+        # The entry is spare from here on, for what comes to wait next: memory grows with the front alone.
         entry = heads[lowest % RING]
         cell, heads[lowest % RING], after[entry] = waiting[entry], after[entry], spare
         count, spare = count - 1, entry
+        # An entry stays where it is when a shorter way to its cell is found, which waits beside it, and is taken first.
         if came[cell] & TAKEN:
             continue
         came[cell] |= TAKEN
@@ -333,6 +337,7 @@ def best_first(graph: Graph, task: Task, trace: Trace) -> bool:
             if move >= straight:
                 if state_in(graph.cells, graph.slice_of[turn] * size + place) != FREE:
                     continue
+                # As the place in which the other rotation cell has this one, for the way back.
                 while graph.neighbors[turn, arrival - straight] != rotation:
                     arrival += 1
             ahead = _to_come(graph, task, (si, sj, sk), (gi, gj, gk), turn, (u, v, w))
