@@ -12,8 +12,8 @@ import planners
 from cspace import InputError
 from missing import output_without
 from planners.catalogue import REFUSED, make_planner, planner_named
-from planners.local_planner import DRIVES
-from planning import SPACES, room
+from planners.local_planner import CURVES, DRIVES
+from planning import CAR, SPACES, room
 
 
 def test_the_sampler_that_needs_the_last_valid_state_is_refused() -> None:
@@ -118,6 +118,15 @@ def test_names_may_be_written_in_any_case(name: str) -> None:
         assert type(planner) is getattr(og, name)
         planner.setProblemDefinition(setup.getProblemDefinition())
         planner.setup()
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_fmt_begins_with_few_samples_along_curves(drive: str) -> None:
+    """A step of it measures from many of them to all, and looks at no clock meanwhile."""
+    car = CAR if drive in CURVES else {}
+    si = planners.simple_setup(room("turning"), drive=drive, **car).getSpaceInformation()
+    for name in ("FMT", "BFMT"):
+        assert make_planner(name, si).getNumSamples() == (1000 if drive == "holonomic" else 300)
 
 
 @pytest.mark.parametrize(
