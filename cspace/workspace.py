@@ -464,7 +464,8 @@ class Workspace:
             bounding box of the mesh if left out, as for :meth:`from_polygons`. **What lies outside it is clipped.**
         solid : {"auto", "surface", "fill"}
             What has an inside: "auto", the closed parts of the mesh, with a warning if there are others; "surface",
-            nothing; "fill", whatever the surface encloses at this spacing.
+            nothing; "fill", whatever the surface encloses at this spacing, with a warning where a mesh that is open
+            encloses no cell.
         lazy : bool
             As for :meth:`from_polygons`; not for "fill", which looks at all cells at once.
 

@@ -23,6 +23,7 @@ and what comes to a place q was at most ``2 |q| sin(a / 2)`` away, so that g may
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -70,8 +71,8 @@ class Skin(NamedTuple):
     faces : ndarray of int64, shape (F, 3)
     shell : Shell or None
         What has the same inside, and lies on the surface; None for a surface without an inside.
-    fill : bool
-        Whether its inside is instead whatever its raster encloses.
+    fill : callable or None
+        Given where its inside is instead whatever its raster encloses; called with the spacing where that is nothing.
     source : str
         For messages.
     """
@@ -79,7 +80,7 @@ class Skin(NamedTuple):
     vertices: Floats
     faces: Ints
     shell: Shell | None = None
-    fill: bool = False
+    fill: Callable[[float], None] | None = None
     source: str = "robot"
 
 
@@ -119,6 +120,8 @@ def surface_cells(skin: Skin, bounds: tuple[Floats, Floats], grid: Grid) -> tupl
         enclosed &= ~touched
     elif skin.fill:
         _fill(enclosed, touched)
+        if not enclosed.any():
+            skin.fill(grid.spacing)
     touched |= enclosed
     # The window may reach out of the grid where the surface is filled.
     low, high = np.maximum(first, 0), np.minimum(stop, shape)
@@ -173,6 +176,8 @@ def surface_rasters(skin: Skin, spacing: float, margin: float = 0.0, turn: Turn 
         near = np.zeros_like(outer)
         mark_touched(near, local, -0.5, 0.5)
         _fill(inner, near)
+        if not inner.any():
+            skin.fill(spacing)
         outer |= _grown(inner, radius + widest)
         inner &= widest == 0.0
     return Raster.trimmed(outer, lower), Raster.trimmed(inner, lower)

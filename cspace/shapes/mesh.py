@@ -69,7 +69,7 @@ _HAIR: Final = 1e-6
 
 
 class MeshWarning(UserWarning):
-    """A mesh has open bodies, and nothing was said about what to do with them."""
+    """A mesh has open bodies, and nothing was said about what to do with them, or filling it added nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,8 @@ class Mesh(Shape):
       passes through itself, it is hollow.
     * ``"surface"``: nothing.
     * ``"fill"``: whatever cannot be reached from outside through the cells that the surface does not touch. It depends
-      on the spacing: gaps narrower than about a cell are closed.
+      on the spacing: gaps narrower than about a cell are closed. Where a mesh with open bodies encloses no cell at
+      all, it is a surface without an inside, and a :class:`MeshWarning` says so when its cells are made.
 
     Parameters
     ----------
@@ -444,7 +445,20 @@ class Mesh(Shape):
         from cspace.raster.surfaces import Shell, Skin
 
         shell = Shell(self.vertices, self.faces[columns], self._turns[columns]) if self.encloses else None
-        return Skin(self.vertices, self.faces[near], shell, self.solid == "fill", self.source)
+        fill = self._warn_of_nothing if self.solid == "fill" else None
+        return Skin(self.vertices, self.faces[near], shell, fill, self.source)
+
+    def _warn_of_nothing(self, spacing: float) -> None:
+        """Warn, once, where filling a mesh that is not closed added nothing to its surface."""
+        if self._warned or self.is_watertight:
+            return
+        object.__setattr__(self, "_warned", True)
+        message = (
+            f"{self.source} is open and encloses no cell of {spacing:g} m, so that filling added none; it was taken as "
+            "a surface without an inside; close its gaps, or use cells larger than they are, or ask for its surface "
+            "alone"
+        )
+        warnings.warn(message, MeshWarning, stacklevel=2)
 
     def _doubts(self) -> Iterator[str]:
         """What there is to warn of where closed bodies are taken as solid."""
