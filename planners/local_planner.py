@@ -703,7 +703,7 @@ def check_drive(axes: tuple[str, ...], drive: str, turning_radius: float | None,
         return None
     if turning_radius is None:
         rule, mend = f"drive={drive!r} needs the radius of its tightest turn", "pass it in metres, e.g. 0.5"
-        raise InputError("turning_radius", "is None", rule, mend)
+        raise InputError("turning_radius", "is missing", rule, mend)
     radius = positive(turning_radius, "turning_radius")
     if exact:
         mend = "leave exact out, or build the map with a finer spacing or more rotations"

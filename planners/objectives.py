@@ -226,7 +226,7 @@ def overlap_field(space: CSpace, field: OverlapField | None = None) -> OverlapFi
     known: OverlapField | None = space.overlap_field if field is None else field
     if known is None:
         rule, mend = "the objective needs a field", "pass one, or plan on space.with_overlap_field(overlap)"
-        raise InputError("field", "is None and the map carries none", rule, mend)
+        raise InputError("field", "is missing, and the map carries none", rule, mend)
     if known.space is not space:
         mend = "use OverlapField.of(space, ...)"
         raise InputError("field", "is that of another map", "both must be of the same", mend, value=field)

@@ -191,7 +191,8 @@ def in_options(text: str, options: Options) -> str:
 
 @contextmanager
 def about_robot() -> Iterator[None]:
-    """Within the block, errors and warnings about ``solid`` name the robot's option, ``robot_solid``."""
+    """Within the block, errors and warnings about ``solid`` name the robot's option."""
+    options = {"solid": "--robot-solid"}
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always", UserWarning)
         try:
@@ -199,11 +200,10 @@ def about_robot() -> Iterator[None]:
         except CspaceError as error:
             if error.fault is None:
                 raise
-            name = "robot_solid" if error.argument == "solid" else error.argument
-            mend = error.mend.replace("solid=", "robot_solid=")
+            name, mend = options.get(error.argument, error.argument), in_options(error.mend, options)
             raise type(error)(name, error.fault, error.rule, mend, value=error.value) from error
     for warning in heard:
-        warnings.warn(str(warning.message).replace("solid=", "robot_solid="), warning.category, stacklevel=3)
+        warnings.warn(in_options(str(warning.message), options), warning.category, stacklevel=3)
 
 
 def _option(word: str, options: Options) -> str:

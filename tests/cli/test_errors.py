@@ -72,7 +72,7 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     "time limit": ([*_PLAN, "--time-limit", "-1"], ["--time-limit is -1"]),
     "objective": ([*_PLAN, "--objective", "beauty"], ["--objective", "beauty", "length"]),
     "negative turning radius": ([*_TURN, "--drive", "dubins", "--turning-radius", "-1"], ["turning-radius is -1"]),
-    "curve without a radius": ([*_TURN, "--drive", "dubins"], ["--turning-radius is None", "--drive dubins"]),
+    "curve without a radius": ([*_TURN, "--drive", "dubins"], ["--turning-radius is missing", "--drive dubins"]),
     "radius without a curve": ([*_TURN, "--turning-radius", "1"], ["--turning-radius is 1", "--drive dubins"]),
     "curve without rotations": (
         [*_PLAN, "--drive", "dubins", "--turning-radius", "1"],

@@ -397,7 +397,7 @@ def test_a_map_without_free_cells_has_no_nearest_one() -> None:
         ("plane", {"planner": "Cubes", "objective": "clearance"}, "objective is 'clearance'"),
         ("floating", {"start": (1.0, 2.0, 3.0)}, r"7 numbers; pass \(x, y, z, qx, qy, qz, qw\)"),
         ("floating", {"start": (0.5, 0.5, 0.5, 0, 0, 0, 2)}, "start has a quaternion of norm 2; it must be 1"),
-        ("turning", {"drive": "dubins"}, "turning_radius is None.*metres"),
+        ("turning", {"drive": "dubins"}, "turning_radius is missing.*metres"),
         ("turning", {"drive": "dubins", "turning_radius": 0.0}, "turning_radius is 0.0"),
         ("turning", {"drive": "dubins", "turning_radius": math.nan}, "turning_radius is nan"),
         ("turning", {"drive": "reeds-shepp", "turning_radius": 1e-9}, "turning_radius is 1e-09.*on the spot"),
