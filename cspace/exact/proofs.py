@@ -212,7 +212,10 @@ class BorderProofs:
             # Obstacles end where the grid does.
             which, points = _chosen((low <= anchors) & (anchors <= high), anchors)
             for part in self._shapes if len(points) else ():
-                nested[which[part.contains(points)]] = True
+                inside = which[part.contains(points)]
+                nested[inside] = True
+                if len(inside) and nested.all():
+                    break
         if len(nesting.anchors) and not len(nesting.stops):  # else compiled code has looked at what lies in the robot
             near = (nesting.anchors - places[:, None]) @ turns
             which, points = _chosen((near >= nesting.low) & (near <= nesting.high), near)

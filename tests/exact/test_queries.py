@@ -2,6 +2,7 @@
 
 import math
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import trimesh
 import cspace
 from cspace import MIXED, InputError, Robot, Rotations, Workspace
 from cspace.map.contents import Contents
+from cspace.shapes import Polygons
 from handmade import configurations
 
 
@@ -88,6 +90,15 @@ def test_what_lies_within_the_other_is_found_in_parts_of_any_size(make, monkeypa
     free = space.is_free(q, exact=True)
     monkeypatch.setattr("cspace.exact.proofs.ANCHORS", 0)
     np.testing.assert_array_equal(other.is_free(q, exact=True), free)
+
+
+def test_bodies_are_asked_until_one_has_it(monkeypatch):
+    asked, contains = [], Polygons.contains
+    monkeypatch.setattr(Polygons, "contains", lambda body, points: asked.append(body) or contains(body, points))
+    workspace = Workspace.from_polygons([shapely.box(1.6, 1.6, 3.4, 3.4)], spacing=1.0, bounds=(0.0, 0.0, 5.0, 5.0))
+    space = cspace.build(replace(workspace, shapes=2 * workspace.shapes), Robot.rectangle(0.1, 0.1))
+    assert not space.is_free((1.8, 1.8), exact=True) and len(asked) == 1
+    assert space.is_free((1.2, 1.2), exact=True) and len(asked) == 3
 
 
 def test_decided_cells_answer_without_geometry(make):
