@@ -342,8 +342,9 @@ class EdgesOnMap(LocalPlanner):
             known = "one exists for a robot that also moves sideways"
             more = [more_time, *(["a smaller turning_radius"] if self.drive in CURVES else []), "another planner"]
         else:
-            known, more = "a path exists", [more_time, "planner='Cubes'"]
-        if planner in OWN:
+            asks = self.exact and self.follows_cells
+            known, more = "a path exists", [more_time, "planner='Cubes'" + " without exact=True" * asks]
+        if planner in OWN and not (planner == WIDEST and exists and more_time):
             # It asks no geometry, and mostly has looked everywhere that it can.
             other = "planner='RRTConnect'" + " with exact=True" * (exists is None)
             more = [more_time, other, finer] if more_time else [other, finer]

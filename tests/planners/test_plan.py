@@ -301,6 +301,8 @@ def test_where_a_path_exists_the_status_says_so() -> None:
         known = "one exists for a robot that also moves sideways" if curve else "a path exists"
         assert plan.status == f"no path found within 1e-06 s; {known}" and plan.path_exists is True
         assert "time_limit=1e-05" in plan.advice and ("Cubes" in plan.advice) == (not curve)
+    exact = planners.plan(room("plane"), *ENDPOINTS["plane"], time_limit=1e-6, planner="RRT", exact=True)
+    assert exact.advice.endswith("planner='Cubes' without exact=True")
 
 
 # ---- start and goal --------------------------------------------------------------------------------------------------
