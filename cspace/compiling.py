@@ -8,6 +8,7 @@ import logging
 import os
 import stat
 import sys
+import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import cache, partial
@@ -30,6 +31,35 @@ _WAITING: Final[list[FunctionType]] = []
 
 NEEDLESS: Final = {"InlineClosureLikes", "InlineInlinables", "InlineOverloads", "NopythonRewrites"}
 """Names of numba's passes that find nothing in a :func:`reader`."""
+
+
+class _Clock:
+    """Seconds, as :func:`time.perf_counter`, that stand still while a function is compiled and put into the cache.
+
+    Who is given a time limit goes by them. While one function is compiled another one may be, but by one thread alone.
+    """
+
+    def __init__(self) -> None:
+        self._stood: tuple[float, float | None] = 0.0, None  # for how long, and since when again
+
+    def __call__(self) -> float:
+        before, since = self._stood
+        return (time.perf_counter() if since is None else since) - before
+
+    def stop(self) -> bool:
+        """Stand still from now on; False where it does already."""
+        before, since = self._stood
+        if since is None:
+            self._stood = before, time.perf_counter()
+        return since is None
+
+    def go_on(self) -> None:
+        before, since = self._stood
+        if since is not None:
+            self._stood = before + time.perf_counter() - since, None
+
+
+clock: Final = _Clock()
 
 
 @overload
@@ -119,9 +149,15 @@ def _cache_class() -> Any:
 
         def save_overload(self, signature: Any, compiled: Any) -> None:
             _refuse_recursion(self._py_func.__qualname__, compiled.library)
-            with suppress(OSError):  # a folder that has gone
+            stopped = clock.stop()
+            try:
                 if self._look_around(signature):
                     super().save_overload(signature, compiled)  # type: ignore[no-untyped-call]
+            except OSError:  # a folder that has gone
+                pass
+            finally:
+                if stopped:
+                    clock.go_on()
 
         def _look_around(self, signature: Any) -> bool:
             """Note what code is made from; False where that is not ours alone."""
@@ -502,9 +538,9 @@ def _remembering(usual: Callable[..., Any]) -> Callable[..., Any]:
 def _announce_compiling() -> None:
     """Have numba tell when it compiles; what it reads from its cache does not count.
 
-    Meanwhile garbage is left lying: looking for it among all that numba makes takes a tenth of the time. What calls
-    give is remembered (:func:`_remembering`). And nobody hears when LLVM is locked and free again, tens of thousands of
-    times, which takes a twentieth.
+    Meanwhile the :data:`clock` stands still, and garbage is left lying: looking for it among all that numba makes takes
+    a tenth of the time. What calls give is remembered (:func:`_remembering`). And nobody hears when LLVM is locked and
+    free again, tens of thousands of times, which takes a twentieth.
     """
     from llvmlite.binding import ffi
     from numba.core import event
@@ -537,6 +573,7 @@ def _announce_compiling() -> None:
                 LOGGER.info("compiling %s, once per machine", module)
             # One function is compiled while another one is.
             if not self.paused:
+                clock.stop()
                 self.listeners = hear([])
             self.paused.append(own and gc.isenabled())
             if own:
@@ -549,5 +586,6 @@ def _announce_compiling() -> None:
             if not self.paused:
                 BaseFunction.get_call_type = usual  # type: ignore[method-assign]
                 hear(self.listeners + hear([]))
+                clock.go_on()
 
     event.register("numba:compile", Announcer())  # type: ignore[no-untyped-call]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bools, Floats, Ints, States
+from cspace.compiling import clock
 from cspace.configuration_map import ConfigurationMap, Result
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid, finite, not_negative, positive, whole
@@ -461,7 +461,7 @@ class CSpace(ConfigurationMap):
         straight : bool
             Whether to leave out waypoints that straight edges do not need.
         time_limit : float, optional
-            Seconds after which the search gives up; what is compiled at the first call counts. None by default.
+            Seconds after which the search gives up, without what is compiled at the first call. None by default.
 
         Returns
         -------
@@ -499,7 +499,7 @@ class CSpace(ConfigurationMap):
         from cspace.map.paths import in_time, pulled_straight, unwound, waypoints
         from cspace.map.search import GREED, TURN, Graph
 
-        until, dim, neighbors = time.perf_counter() + seconds, self.grid.dim, self.rotations.neighbors
+        until, dim, neighbors = clock() + seconds, self.grid.dim, self.rotations.neighbors
         endpoints = np.stack([self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))])
         first, last = map(self._cells_of, endpoints)
 
@@ -577,7 +577,7 @@ class CSpace(ConfigurationMap):
             if widest.noted:
                 self._widest.drop()
                 widest = self._widest.get(partial(widest.renewed, own, self._seen))
-        until = time.perf_counter() + seconds
+        until = clock() + seconds
         both = endpoints, self._cells_of(endpoints)
         join = partial(self._components_of, rim_is_open=np.zeros(len(self._seen), dtype=np.bool_))
         path = widest_path(widest, own, self.grid, both, join, straight, until)

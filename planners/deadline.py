@@ -10,12 +10,13 @@ from __future__ import annotations
 import math
 import os
 import threading
-import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from operator import itemgetter
 from types import TracebackType
 from typing import Any, Final, Protocol
+
+from cspace.compiling import clock
 
 GRACE: Final = 0.1
 """Seconds after a deadline from which on callbacks raise."""
@@ -47,13 +48,13 @@ class Deadline:
     """
 
     def __init__(self, seconds: float, refusing: Sequence[Callbacks], raising: Sequence[Callbacks] = ()) -> None:
-        self._end = time.perf_counter() + seconds
+        self._end = clock() + seconds
         self._refusing, self._raising = refusing, raising
 
     @property
     def left(self) -> float:
         """Seconds that are left, zero or above."""
-        return max(0.0, self._end - time.perf_counter())
+        return max(0.0, self._end - clock())
 
     def __enter__(self) -> Deadline:
         _watch.add(self._end, self, partial(_answer, self._refusing, _refuse))
@@ -76,7 +77,7 @@ class _Watch:
         self._wakes = math.inf
 
     def add(self, at: float, owner: object, call: Callable[[], None]) -> None:
-        """Call a function at a time, in seconds of :func:`time.perf_counter`, unless its owner is forgotten before."""
+        """Call a function at a time, by :data:`cspace.compiling.clock`, unless its owner is forgotten before."""
         with self._changed:
             self._calls.append((at, owner, call))
             if self._thread is None or not self._thread.is_alive():
@@ -95,11 +96,11 @@ class _Watch:
             while True:
                 self._call_due()
                 self._wakes = min((at for at, _, _ in self._calls), default=math.inf)
-                self._changed.wait(None if self._wakes == math.inf else self._wakes - time.perf_counter())
+                self._changed.wait(None if self._wakes == math.inf else self._wakes - clock())
 
     def _call_due(self) -> None:
         # In a function of its own, so that the thread holds on to no callback while it waits.
-        now = time.perf_counter()
+        now = clock()
         due = sorted((each for each in self._calls if each[0] <= now), key=itemgetter(0))
         self._calls = [each for each in self._calls if each[0] > now]
         for _, _, call in due:

@@ -11,18 +11,16 @@ from __future__ import annotations
 
 import itertools
 import math
-import time
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Floats, Ints
+from cspace.compiling import clock
 from cspace.configuration_space import ConfigurationSpace
 from cspace.map.chain import open_chain
-from cspace.map.points import FEW
 from cspace.memory import KEEP, free_bytes
 from cspace.space import CSpace
 from cspace.states import FREE
@@ -73,26 +71,24 @@ class Passages:
     edges : LocalPlanner
         Straight edges, proven by exact geometry.
     time_limit : float
-        Seconds, for :meth:`run`; but not for what the map makes and compiles first.
+        Seconds, for :meth:`run`; but not for what the map makes first, nor for compiling.
     """
 
     search: Search
     edges: LocalPlanner
     time_limit: float
-    began: float = field(default_factory=time.perf_counter)
+    began: float = field(default_factory=clock)
 
     def run_free(self, start: Configuration, goal: Configuration) -> SearchResult:
         """A path where FREE cells join the two: by the planner if it finds one soon, or else along such cells."""
         result = replace(self.search, iterations=SOON).run(self.edges, start, goal, self.time_limit, joined=True)
         if len(result.path):
             return result
-        left, find = max(self._left(), 1e-3), partial(self.edges.search, CUBES)
-        find((start, start), self.search.simplify, None, left)  # compiled here, and not within the limit
-        path = find((start, goal), self.search.simplify, None, left)
+        path = self.edges.search(CUBES, (start, goal), self.search.simplify, None, max(self._left(), 1e-3))
         if len(path):
-            return SearchResult(path, ALONG, time.perf_counter() - self.began)
+            return SearchResult(path, ALONG, clock() - self.began)
         result = self.search.run(self.edges, start, goal, max(self._left(), 1e-3), joined=True)
-        return replace(result, planning=time.perf_counter() - self.began - result.simplification)
+        return replace(result, planning=clock() - self.began - result.simplification)
 
     def run(self, start: Configuration, goal: Configuration) -> SearchResult:
         """A path between two configurations: by the planner alone, or else along a chain that can be walked."""
@@ -103,15 +99,8 @@ class Passages:
         worth = needed <= 0.5 * self.time_limit and 2 * math.prod(cells) <= KEEP * free_bytes()
         if self.edges.edge_checker()(*start, *goal) or not worth:
             return self.search.run(self.edges, start, goal, self.time_limit)
-        self._prepare(start)
-        return replace(self, began=time.perf_counter())._run(start, goal, cells, needed)
-
-    def _prepare(self, start: Configuration) -> None:
-        """Make and compile what chains need of the map, so that it takes no time from the search."""
-        space, here = self.edges.space, np.array([start])
-        self._chain(start, start)
-        space.classify(here), space.classify(np.repeat(here, FEW + 1, axis=0))
-        space.is_free(here, exact=True), space.motion_is_free(here, here, exact=True)
+        space.is_free(np.array([start]), exact=True)  # what exact answers need is made here, and not within the limit
+        return replace(self, began=clock())._run(start, goal, cells, needed)
 
     def _run(self, start: Configuration, goal: Configuration, cells: tuple[int, ...], needed: float) -> SearchResult:
         """The planner and the search along chains in turns, each time for twice as long."""
@@ -128,12 +117,12 @@ class Passages:
                 again = search.run(self.edges, start, goal, max(self._left(), 1e-3))
                 result = again if len(again.path) else result
             if len(result.path) or last:
-                return replace(result, planning=time.perf_counter() - self.began - result.simplification)
+                return replace(result, planning=clock() - self.began - result.simplification)
             until = self._left() - share
             while self._left() > max(until, needed):
-                looked = time.perf_counter()
+                looked = clock()
                 chain = self._chain(start, goal, closed)
-                needed = max(needed, time.perf_counter() - looked)
+                needed = max(needed, clock() - looked)
                 if not len(chain):
                     if not closed.any():
                         needed = math.inf  # there is none: the planner has the rest
@@ -144,7 +133,7 @@ class Passages:
                     by_length = self.search.simplify and self.search.objective is None
                     until = self.began + self.time_limit
                     path = shortened(space, path, len(path), exact=True, until=until) if by_length else path
-                    return SearchResult(path, THROUGH, time.perf_counter() - self.began)
+                    return SearchResult(path, THROUGH, clock() - self.began)
             share *= 2.0
             if search.seed is not None:  # else it would look again where it was
                 search = replace(search, seed=(search.seed + 1) % (2**32 - 1))
@@ -157,7 +146,7 @@ class Passages:
 
     def _left(self) -> float:
         """Seconds that are left; below zero where time is over."""
-        return self.time_limit - (time.perf_counter() - self.began)
+        return self.time_limit - (clock() - self.began)
 
     def _walk(
         self,
@@ -268,7 +257,7 @@ def shortened(
     """A path without the waypoints that a free edge to one of the next ``ahead`` can skip, as far as time allows."""
     indices, at = [0], 0
     while at < len(path) - 1:
-        if time.perf_counter() > until:
+        if clock() > until:
             return path[[*indices, *range(at + 1, len(path))]]
         after = np.arange(at + 1, min(at + 1 + ahead, len(path)))
         free = np.asarray(space.motion_is_free(path[at], path[after], exact=exact))

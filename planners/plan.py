@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from cspace.arms.space import ArmSpace
 from cspace.arrays import Floats
+from cspace.compiling import clock
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
 from cspace.grid import positive, whole
@@ -172,6 +173,7 @@ def plan(
         proven only where a path may be.
     time_limit : float
         Seconds after which the search gives up. Where it uses them up, a tenth of a second more goes to simplification.
+        What a map computes once, and what is compiled, is not within them; see :class:`planners.Times`.
     iterations : int, optional
         Stop also after so many checks of OMPL's termination condition, about one for each iteration of the planner. Not
         for PRM and PRMstar.
@@ -335,13 +337,11 @@ def _search(
         path = np.concatenate([path[:-1], result.path])
     if not legs:
         return SearchResult(path)
-    began = time.perf_counter()
+    began = clock()
     search = search_on(edges.space)
     if search.simplify and search.objective is None and edges.drive == HOLONOMIC:
         path = shortened(edges.space, path, AHEAD)
-    return SearchResult(
-        path, f"through {len(legs)} tiles", planning, simplification + time.perf_counter() - began, True
-    )
+    return SearchResult(path, f"through {len(legs)} tiles", planning, simplification + clock() - began, True)
 
 
 def _leg(
@@ -355,11 +355,11 @@ def _leg(
     if endpoints[0] == endpoints[1]:
         return SearchResult(np.array(endpoints[:1]), "the start is the goal")
     if search.planner in OWN:
-        # What is compiled, and kept, at a first search is made here, and not within the time limit.
+        # What a map keeps of a first search is made here, and not within the time limit.
         edges.search(search.planner, (endpoints[0], endpoints[0]), search.simplify, search.seed, limit)
-        began = time.perf_counter()
+        began = clock()
         path = edges.search(search.planner, endpoints, search.simplify, search.seed, limit)
-        return SearchResult(path, "", time.perf_counter() - began)
+        return SearchResult(path, "", clock() - began)
     if edges.follows_cells:
         passages = Passages(search, edges, limit)
         if edges.exact and exists is None:

@@ -37,7 +37,8 @@ class Times:
     Attributes
     ----------
     setup : float
-        Checks of the input, the look-up whether a path exists, OMPL's set-up, and what is cached before a search.
+        Checks of the input, the look-up whether a path exists, OMPL's set-up, what is cached before a search, and
+        what is compiled until it ends.
     planning : float
         The search.
     simplification : float

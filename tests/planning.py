@@ -2,11 +2,14 @@
 
 import dataclasses
 import math
+import time
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from numba.core.event import trigger_event
 from ompl import base as ob
 from scipy import ndimage
 from scipy.spatial import cKDTree
@@ -43,6 +46,12 @@ ROOMS: dict[str, Any] = {
     "floating": (walled((24, 16, 10), np.s_[11:13, :9]), Robot.box((0.3, 0.1, 0.2)), Rotations.quaternions(5)),
     "space": (walled((40, 20, 20), np.s_[13:15, :, :13], np.s_[26:28, :11]), Robot.box((0.3, 0.3, 0.1)), None),
 }
+
+
+def compile_for(seconds: float) -> None:
+    """Take as long as numba might to compile a function of ours."""
+    with trigger_event("numba:compile", {"dispatcher": SimpleNamespace(py_func=planners.plan)}):
+        time.sleep(seconds)
 
 
 @cache

@@ -6,7 +6,9 @@ import pickle
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,7 +16,7 @@ import pytest
 
 import cspace
 from cspace import compiling
-from cspace.compiling import inner, is_own, jit, reader
+from cspace.compiling import clock, inner, is_own, jit, reader
 
 CODE = """
 import logging
@@ -222,6 +224,24 @@ def test_numba_is_as_it_was_when_a_function_is_compiled_or_refused() -> None:
         jit(bad, cache=False)(7)
     assert BaseFunction.get_call_type is usual
     assert ffi.lib._lock._cblist == listeners
+
+
+def test_the_clock_stands_still_while_a_function_is_compiled_or_refused() -> None:
+    from numba import TypingError
+
+    def good(x: float) -> float:
+        return 2.0 * x + 1.0
+
+    def bad(x: float) -> object:
+        return x + "no number"  # type: ignore[operator]
+
+    for function in (double, good, bad):
+        made = jit(function, cache=False)
+        began = clock(), time.perf_counter()
+        with suppress(TypingError):
+            made(1.5)
+        assert clock() - began[0] < 0.5 * (time.perf_counter() - began[1])
+    assert clock() < clock()
 
 
 def test_passes_that_are_left_out_are_numbas_own() -> None:

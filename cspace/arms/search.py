@@ -5,14 +5,13 @@
 from __future__ import annotations
 
 import math
-import time
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from cspace.arms.proofs import Scene, Work, motion_is_free, point_is_free, work_of
 from cspace.arrays import Floats, Ints
-from cspace.compiling import inner, reader
+from cspace.compiling import clock, inner, reader
 
 STRIDE: Final = 1.0
 """Longest motion that a tree grows by, radians or metres."""
@@ -152,14 +151,14 @@ def search_path(
 
     Samples are uniform within the bounds, after the ends themselves.
     """
-    work, forest, length, end = work_of(scene), _planted(start, goals), 0, math.inf
+    work, forest, length, end = work_of(scene), _planted(start, goals), 0, clock() + seconds
     path = np.empty(forest.nodes[0].shape)
     samples = np.concatenate([goals[np.argsort(((goals - start) ** 2).sum(axis=1))], start[np.newaxis]])
-    while not length and time.perf_counter() < end:
+    while not length and clock() < end:
         if len(samples) < SLICE:
             samples = np.concatenate([samples, rng.uniform(*bounds, (SAMPLES, len(start)))])
         used, length = grow(scene, forest, samples, work, straight, path)
-        samples, end = samples[used:], min(end, time.perf_counter() + seconds)  # what compiles is not within the limit
+        samples = samples[used:]
         if forest.counts.max() + 2 >= forest.nodes.shape[1]:
             forest = _doubled(forest)
             path = np.empty(forest.nodes[0].shape)

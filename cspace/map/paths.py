@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import time
 from collections.abc import Callable, Sequence
 from typing import Final
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from cspace.angles import beside
 from cspace.arrays import Floats, Ints
+from cspace.compiling import clock
 from cspace.grid import Grid
 from cspace.rotations import Rotations
 
@@ -47,7 +47,7 @@ def waypoints(grid: Grid, rotations: Rotations, endpoints: Floats, cells: Ints, 
 def in_time(check: Check, until: float) -> Check:
     """The check, False some time after a time limit, so that a path that is pulled straight by it stays as it is."""
     end = until + PULLING
-    return check if end == math.inf else lambda *both: time.perf_counter() < end and check(*both)
+    return check if end == math.inf else lambda *both: clock() < end and check(*both)
 
 
 def pulled_straight(points: Floats, dim: int, check: Check, step: float) -> Floats:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Bytes, Floats, Ints
-from cspace.compiling import inner, reader
+from cspace.compiling import clock, inner, reader
 from cspace.map.storage import Cells, Stack, cells_of, state_in
 from cspace.states import FREE
 
@@ -110,7 +109,7 @@ class Graph(NamedTuple):
 
         Shape (n, 1 + d), where n is 0 if there is none. With more ``greed``, it is one that is found sooner. The search
         is led by the lengths of the shortest chains over ``places``, those of the map that are FREE at any rotation.
-        TimeoutError is raised from a time on, in seconds of :func:`time.perf_counter`.
+        TimeoutError is raised from a time on, in seconds of :data:`cspace.compiling.clock`.
         """
         shape, size, bound = (len(self.slice_of), *self.shape[4 - len(start) :]), math.prod(self.shape), 0.0
         first, last = (int(np.ravel_multi_index(tuple(cell), shape)) for cell in (start, goal))
@@ -213,8 +212,8 @@ class Trace(NamedTuple):
 
 
 def keep_on(until: float) -> None:
-    """Raise TimeoutError from a time on, in seconds of :func:`time.perf_counter`."""
-    if time.perf_counter() > until:
+    """Raise TimeoutError from a time on, in seconds of :data:`cspace.compiling.clock`."""
+    if clock() > until:
         raise TimeoutError
 
 

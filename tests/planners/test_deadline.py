@@ -12,7 +12,7 @@ from cspace import MIXED, Robot, Workspace, build
 from planners.catalogue import IGNORE_OBJECTIVES, REFUSED, SECOND_THREAD
 from planners.deadline import Deadline, OutOfTime
 from planners.local_planner import CURVES
-from planning import ANYTIME, CAR, ENDPOINTS, SPACES, halves, room
+from planning import ANYTIME, CAR, ENDPOINTS, SPACES, compile_for, halves, room
 
 LIMIT = 0.015
 SHORT = 0.006
@@ -108,6 +108,27 @@ def test_a_simplification_that_takes_for_ever_is_cut_off(monkeypatch: pytest.Mon
     monkeypatch.setattr("planners.setup.MotionValidator", Slow)
     plan = in_time(room("space"), ENDPOINTS["space"], seed=1)
     assert asked and (plan.certified or not plan.solved)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"planner": "RRTstar"}, {"planner": "RRTstar", "objective": "clearance"}], ids=str
+)
+def test_what_is_compiled_takes_no_time_from_the_search(
+    options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+
+    class Compiled(planners.MotionValidator):
+        def checkMotion(self, first: Any, second: Any) -> bool:  # noqa: N802 - OMPL's name
+            if not asked:
+                compile_for(0.4)
+            asked.append(1)
+            return super().checkMotion(first, second)
+
+    monkeypatch.setattr("planners.setup.MotionValidator", Compiled)
+    plan = planners.plan(room("plane"), *ENDPOINTS["plane"], time_limit=0.2, seed=1, **options)
+    assert plan.solved and len(asked) > 1
+    assert plan.times.setup >= 0.4 and plan.times.planning + plan.times.simplification < 0.45
 
 
 def test_callbacks_refuse_then_raise_and_are_as_before_afterwards() -> None:

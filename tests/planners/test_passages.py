@@ -1,7 +1,6 @@
 """Passages a hair wider than the robot: plans that cross them, and none that crosses what is no wider."""
 
 import itertools
-import time
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.map.chain import open_chain
 from placements import collides
 from planners.local_planner import EdgesOnMap
-from planning import edge
+from planning import compile_for, edge
 
 WIDTH = 0.5
 
@@ -57,7 +56,7 @@ def test_what_is_compiled_for_chains_takes_no_time_from_the_search(monkeypatch):
 
     def slow(*asked):
         if not begun:
-            time.sleep(0.6)  # as compiling takes, at the first call
+            compile_for(0.6)
         begun.append(1)
         return open_chain(*asked)
 
