@@ -27,7 +27,7 @@ if WORKER:
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # Collecting tests makes millions of objects, and hardly any garbage; what compiling leaves fits a worker.
-gc.set_threshold(10_000_000, 20, 20)
+gc.set_threshold(1_000_000, 20, 20)
 
 # A test that meets a compiled kernel for the first time waits for the compiler.
 settings.register_profile("cspace", deadline=None, max_examples=50, derandomize="CI" in os.environ)
