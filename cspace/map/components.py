@@ -8,6 +8,7 @@ from functools import reduce
 from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
+import scipy  # its parts are read when they are first used
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Ints, Words
@@ -53,6 +54,9 @@ FEW: Final = 16
 
 HINTS: Final = 8
 """Slices that hint at whether a path joins two cells, where there are at least twice as many."""
+
+SHORT: Final = 3
+"""Part of the blocks of a slice, its reciprocal, that are few enough to be labelled before all are."""
 
 _ONE, _LAST = np.uint64(1), np.uint64(63)
 
@@ -522,8 +526,11 @@ class Components:
         def few_join() -> bool:
             if not -1 != one == other:
                 return False
-            few = OneKind(self._states, self._turns, True, self._rims[True], open_ones.way(places))
+            blocks = open_ones.way(places)
             self._kind(mixed=True)  # so that these are asked from now on
+            if SHORT * len(blocks) > open_ones.count:
+                return False
+            few = OneKind(self._states, self._turns, True, self._rims[True], blocks)
             first, second = few.of(cells).tolist()
             return bool(-1 != first == second)
 
@@ -598,6 +605,11 @@ class OneKind:
             self._boxes[number] = self._around(number)
         return self._boxes[number]
 
+    @property
+    def count(self) -> int:
+        """How many blocks a slice has, with those beyond the grid."""
+        return int(self._changed[0].size)
+
     def way(self, cells: Ints) -> Ints:
         """The blocks of the shortest chain of them between two cells that are joined, shape (2, 1 + d), and beside it.
 
@@ -607,20 +619,15 @@ class OneKind:
         base, (rows, pairs) = joined.base, faces or _no_faces()
         ours = np.repeat(base[rows[:, 0]], rows[:, 3]) + (pairs >> BITS)
         theirs = np.repeat(base[rows[:, 1]], rows[:, 3]) + (pairs & (MOST - 1))
-        ours, theirs = np.append(ours, theirs), np.append(theirs, ours)
         first, last = (np.arange(*base[[block, block + 1]]) for block in self._places(cells).tolist())
-        first, last = first[joined.roots[first] == number], last[joined.roots[last] == number]
-        far, before = np.full(base[-1], base[-1]), base[:0]
-        far[first] = 0
-        while not np.array_equal(far, before):
-            before = far.copy()
-            np.minimum.at(far, ours, before[theirs] + 1)
-        way = [last[far[last].argmin()]]
-        while far[way[-1]] > 0:
-            beside = theirs[ours == way[-1]]
-            way.append(beside[far[beside].argmin()])
+        begin, end = (own[joined.roots[own] == number][0] for own in (first, last))
+        graph = scipy.sparse.coo_array((np.ones(len(ours)), (ours, theirs)), shape=(base[-1], base[-1]))
+        before = scipy.sparse.csgraph.breadth_first_order(graph.tocsr(), begin, directed=False)[1]
+        way = [end]
+        while before[way[-1]] >= 0:
+            way.append(before[way[-1]])
         blocks = np.searchsorted(base, way, side="right") - 1
-        return np.append(blocks, rows[np.isin(rows[:, :2], blocks).any(axis=1), :2])
+        return np.unique(np.append(blocks, rows[np.isin(rows[:, :2], blocks).any(axis=1), :2]))
 
     def _places(self, cells: Ints) -> Ints:
         """Numbers, within a slice, of the blocks of cells, shape (n, 1 + d); the last one is beyond the grid."""

@@ -194,14 +194,16 @@ def test_what_a_few_blocks_join_is_joined(seed, kind, blocks):
     stack, rim, slice_of = random_stack(rng, dim, slices), rng.random(slices) < 0.5, np.arange(turns) % slices
     cells = all_cells(stack, turns)
     expected = by_scipy(stack, slice_of, rim, cells)[1]
-    with mock.patch("cspace.map.components.HINTS", 1):
+    with mock.patch.multiple("cspace.map.components", HINTS=1, SHORT=0):
         for one, other in rng.integers(0, len(cells), (8, 2)):
             few_join = components(stack, slice_of, rim, blocks).hint(cells[[one, other]])[1]
             assert not few_join() or expected[one] == expected[other] >= 0
 
 
-def test_a_few_blocks_show_that_mixed_cells_join():
-    """Through a door that is open at one rotation alone, or around the map; they are looked at once."""
+@pytest.mark.parametrize("short", [0, 3])
+def test_a_few_blocks_show_that_mixed_cells_join(short, monkeypatch):
+    """Through a door that is open at one rotation alone, or around the map; they are looked at once, and if few."""
+    monkeypatch.setattr("cspace.map.components.SHORT", short)
     stack = np.zeros((16, 700, 600), dtype=np.uint8)
     stack[:, 350] = BLOCKED
     cells = np.array([[0, 20, 30], [7, 690, 500]])
@@ -213,7 +215,7 @@ def test_a_few_blocks_show_that_mixed_cells_join():
     for slices, joined in (([4, 5], True), ([4], True), ([], False)):
         stack[:, 350, 200] = BLOCKED
         stack[slices, 350, 200] = MIXED
-        assert components(stack, np.arange(16)).hint(cells)[1]() is joined
+        assert components(stack, np.arange(16)).hint(cells)[1]() is (joined and short == 0)
     stack[4, 350, 200], stack[8, 349, 200], stack[4, 349, 200] = MIXED, MIXED, BLOCKED
     assert not components(stack, np.arange(16)).hint(cells)[1]()  # the slices are open together, and none alone
 
