@@ -76,8 +76,8 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_sessionfinish() -> None:
-    """Garbage may hold what was left open: look for it here, and not five times, as pytest does, in all that stays."""
-    gc.collect()
+    """Garbage may hold what was left open: look for what is new here, and not five times, as pytest does, in all."""
+    gc.collect(0)
     gc.freeze()
     atexit.register(gc.unfreeze)  # or OMPL's bindings complain of what is left
 
