@@ -192,11 +192,13 @@ class _Run:
         return SearchResult(path, note, planning, clock() - began)
 
     def _solved(self, deadline: Deadline) -> str:
-        """Have OMPL search, and say how it ended; again after its own clock ended it, which counts compiling."""
+        """Have OMPL search, and say how it ended; again where its own clock ended it, which counts compiling."""
+        setup, counted = self._setup, self._search.iterations is not None  # then ours is asked, see :meth:`_stop`
         while True:
             began, seconds = time.perf_counter(), deadline.left
-            status: str = self._setup.solve(self._stop(seconds)).asString()
-            if time.perf_counter() - began < seconds or deadline.left <= 0.0:
+            status: str = setup.solve(self._stop(seconds)).asString()
+            in_time = time.perf_counter() - began < seconds or deadline.left <= 0.0
+            if in_time or counted or setup.haveExactSolutionPath():
                 return status
 
     def _choose_on_roadmap(self) -> None:

@@ -131,6 +131,30 @@ def test_what_is_compiled_takes_no_time_from_the_search(
     assert plan.times.setup >= 0.4 and plan.times.planning + plan.times.simplification < 0.45
 
 
+@pytest.mark.parametrize("iterations", [None, 2])
+def test_a_seed_gives_the_same_plan_whether_it_compiles_or_not(
+    iterations: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+    seconds = [0.3, 0.0]
+
+    class Compiled(planners.MotionValidator):
+        def checkMotion(self, first: Any, second: Any) -> bool:  # noqa: N802 - OMPL's name
+            if not asked[-1]:
+                compile_for(seconds[len(asked) - 1])
+            asked[-1] += 1
+            return super().checkMotion(first, second)
+
+    monkeypatch.setattr("planners.setup.MotionValidator", Compiled)
+    paths = []
+    for _ in seconds:
+        asked.append(0)
+        plan = planners.plan(room("plane"), *ENDPOINTS["plane"], time_limit=0.2, seed=1, iterations=iterations)
+        assert plan.solved == (iterations is None)
+        paths.append(plan.path.tolist())
+    assert paths[0] == paths[1] and asked[0] == asked[1] > 0
+
+
 def test_callbacks_refuse_then_raise_and_are_as_before_afterwards() -> None:
     class Asked:
         answer: Any = None
