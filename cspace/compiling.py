@@ -574,7 +574,7 @@ def _announce_compiling() -> None:
             # One function is compiled while another one is.
             if not self.paused:
                 clock.stop()
-                self.listeners = hear([])
+                self.listeners = hear([]) if own else []
             self.paused.append(own and gc.isenabled())
             if own:
                 gc.disable()
