@@ -13,11 +13,13 @@ from hypothesis import settings
 
 WORKER = "PYTEST_XDIST_WORKER" in os.environ
 
-# What is kept about this machine in the user's cache folder shall not change what the tests do, nor they it. Workers
-# share one folder, where what one has made, such as matplotlib's list of fonts, the other finds.
+# Use a temporary cache, shared by all workers, so that tests neither read nor modify the user's cache. Developers keep
+# compiled code between runs in the folder CSPACE_TEST_CACHE.
 if not WORKER:
-    os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="cspace-tests-")
-    atexit.register(shutil.rmtree, os.environ["XDG_CACHE_HOME"], ignore_errors=True)
+    kept = os.environ.get("CSPACE_TEST_CACHE")
+    os.environ["XDG_CACHE_HOME"] = kept or tempfile.mkdtemp(prefix="cspace-tests-")
+    if not kept:
+        atexit.register(shutil.rmtree, os.environ["XDG_CACHE_HOME"], ignore_errors=True)
 
 # After all that is to be done at the end, a worker goes at once: taking apart what it holds takes four seconds.
 if WORKER:
