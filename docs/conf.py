@@ -1,8 +1,11 @@
 """How Sphinx builds the documentation and runs the examples: ``sphinx-build -W --keep-going docs docs/_build``."""
 
+import inspect
 import re
 import shutil
 import warnings
+from functools import reduce
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -130,5 +133,73 @@ def at_home(app: Any, page: str, source: list[str]) -> None:
     source[0] = re.sub(r"\]\((?:\.\./)+(SECURITY|CHANGELOG)\.md\)", lambda m: f"]({up}{m[1].lower()}.md)", source[0])
 
 
+OBJECTS = {
+    "arm": "cspace.Arm",
+    "arm_space": "cspace.ArmSpace",
+    "plan": "planners.Plan",
+    "robot": "cspace.Robot",
+    "space": "cspace.CSpace",
+    "workspace": "cspace.Workspace",
+}
+"""Classes of the variables that the features table uses."""
+
+OWNERS = ("cspace", "planners", "cspace.CSpace", "cspace.spectral", "planners.Plan")
+"""Modules and classes searched, in this order, for a name without a prefix."""
+
+
+TAKE_PARAMETERS = ("cspace.build", "cspace.CSpace.is_free", "planners.plan", "cspace.CSpace.free_path")
+"""Functions searched, in this order, for a parameter without a function."""
+
+
+def find(name: str) -> Any:
+    """Return the object with a dotted name, or None if there is none."""
+    package, *parts = name.split(".")
+    try:
+        return reduce(getattr, parts, import_module(package))
+    except (AttributeError, ModuleNotFoundError, ValueError):
+        return None
+
+
+def full_name(name: str, before: str) -> str:
+    """Return the full name of a function, class or parameter in the features table.
+
+    A parameter such as ``exact=True`` links to the function that takes it. ``before`` is the full name before it in the
+    same cell, or "": names without a prefix and parameters are looked up there first.
+    """
+    if name.startswith('"'):  # another value of the parameter before
+        return before
+    if "=" in name and "(" not in name:
+        functions = [f for f in (before, *TAKE_PARAMETERS) if callable(find(f))]
+        found = [f for f in functions if name.split("=")[0] in inspect.signature(find(f)).parameters]
+    else:
+        first, _, rest = name.split("(")[0].partition(".")
+        whole = f"{OBJECTS.get(first, first) if rest else first}.{rest}".rstrip(".")
+        if rest in getattr(find(OBJECTS.get(first, "")), "__dataclass_fields__", ()):
+            return OBJECTS[first]  # whose page lists its fields
+        candidates = [f"{owner}.{whole}" for owner in (before.rpartition(".")[0], *OWNERS) if owner]
+        found = [c for c in (whole, *candidates) if "." in c and find(c) is not None]
+    if not found:
+        raise ValueError(f"docs/features.md: {name!r} is no public name; correct it, or add its owner to docs/conf.py")
+    return found[0]
+
+
+def link_features(app: Any, page: str, source: list[str]) -> None:
+    """Link each name in the first column of the features table to its place in the API."""
+    if page != "features":
+        return
+    lines = source[0].splitlines()
+    for i, line in enumerate(lines):
+        if not line.startswith("| `") or line.startswith("| `cspace "):  # commands have a page of their own
+            continue
+        _, cell, rest = line.split("|", 2)
+        before, links = "", list[str]()
+        for name in re.findall("`(.+?)`", cell):
+            before = full_name(name, before)
+            links.append(f"{{py:obj}}`{name} <{before}>`")
+        lines[i] = f"| {', '.join(links)} |{rest}"
+    source[0] = "\n".join(lines)
+
+
 def setup(app: Any) -> None:
     app.connect("source-read", at_home)
+    app.connect("source-read", link_features)
