@@ -25,7 +25,7 @@ from cspace.map.exterior import OUTSIDES, Exterior
 from cspace.map.slices import Pair, Rasters, raster_parts, slice_rasters
 from cspace.map.storage import PackedStates, Stack
 from cspace.memory import SCRATCH_BYTES, TRANSFORM_BYTES, build_seconds, check_memory, is_packed, map_bytes
-from cspace.robot import GROWN, Robot
+from cspace.robot import GROWN, Robot, robot_of
 from cspace.rotations import Rotations
 from cspace.space import CSpace
 from cspace.threads import cores, in_threads
@@ -34,6 +34,7 @@ from cspace.workspace import Workspace
 if TYPE_CHECKING:
     from distributed import Client
 
+    from cspace.shapes import ShapeLike
     from cspace.tiles.space import TiledCSpace
 
 
@@ -51,11 +52,13 @@ class BuildOptions(TypedDict, total=False):
 
 
 @overload
-def build(workspace: Workspace, robot: Robot, *, store: None = None, **options: Unpack[BuildOptions]) -> CSpace: ...
+def build(
+    workspace: Workspace, robot: Robot | ShapeLike, *, store: None = None, **options: Unpack[BuildOptions]
+) -> CSpace: ...
 @overload
 def build(
     workspace: Workspace,
-    robot: Robot,
+    robot: Robot | ShapeLike,
     *,
     store: str | os.PathLike[str],
     tile: int | Sequence[int] = 4096,
@@ -64,7 +67,7 @@ def build(
 ) -> TiledCSpace: ...
 def build(
     workspace: Workspace,
-    robot: Robot,
+    robot: Robot | ShapeLike,
     *,
     rotations: int | ArrayLike | Rotations | None = None,
     inner: bool = True,
@@ -84,8 +87,9 @@ def build(
     ----------
     workspace : Workspace
         The obstacles.
-    robot : Robot
-        The robot, of the same dimension.
+    robot : Robot, or shape
+        The robot, of the same dimension. A shape (a ``trimesh.Trimesh``, a shapely polygon, or anything else that
+        :meth:`CSpace.place` takes) is a robot whose reference point is its origin.
     rotations : int, array-like or Rotations, optional
         For a robot that turns, in space about the z axis: a number of equal cells of yaw, the first with its middle at
         0, or the borders of the cells in radians, ascending over a whole turn. For one that turns about any axis in
@@ -146,6 +150,14 @@ def build(
     True
     """
     margin, cells = not_negative(margin, "margin", GROWN), Rotations.of(rotations)
+    for name, given, kind, is_wrong, mend in (
+        ("workspace", workspace, "Workspace", not isinstance(workspace, Workspace), "Workspace.from_array(...) first"),
+        ("robot", robot, "Robot", isinstance(robot, Workspace | str | os.PathLike), "Robot.open('disc:0.3') second"),
+    ):
+        if is_wrong:
+            mend = f"call build(workspace, robot), with e.g. {mend}"
+            raise InputError(name, f"is a {type(given).__name__}", f"it must be a {kind}", mend, value=given)
+    robot = robot_of(robot)
     _check(workspace, robot, cells, method, overlap, outside, workers)
     if store is not None:
         from cspace.tiles.build import Settings, build_tiles
@@ -257,12 +269,6 @@ def _check(
     workers: int | None,
 ) -> None:
     """Refuse arguments that break their rules, before any work."""
-    for name, given, kind, mend in (
-        ("workspace", workspace, Workspace, "call build(workspace, robot), with e.g. Workspace.from_array(...) first"),
-        ("robot", robot, Robot, "call build(workspace, robot), with e.g. Robot.open('disc:0.3') second"),
-    ):
-        if not isinstance(given, kind):
-            raise InputError(name, f"is a {type(given).__name__}", f"it must be a {kind.__name__}", mend, value=given)
     if workspace.grid.dim != robot.dim:
         raise InputError(
             "robot",

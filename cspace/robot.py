@@ -18,13 +18,14 @@ from cspace.errors import FileError, InputError
 from cspace.grid import check_reach, not_negative, positive
 from cspace.raster import Raster
 from cspace.rotations import STILL, Turn
-from cspace.shapes import Balls, Box, Bracketed, Mesh, Polygons, Shape, Voxels, shape_from_spec
+from cspace.shapes import Balls, Box, Bracketed, Mesh, Polygons, Shape, Voxels, shape_from_spec, shape_of
 from cspace.shapes.bracketed import Pair, capsule, cylinder
 from cspace.shapes.shape import check_point
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
+    from cspace.shapes import ShapeLike
     from cspace.shapes.balls import BallSet
     from cspace.shapes.mesh import MeshLike, Solid
 
@@ -33,7 +34,7 @@ GROWN: Final = "it grows the robot, in metres"
 """What a margin is, for messages."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class Robot:
     """A rigid robot in the plane or in space.
 
@@ -60,6 +61,10 @@ class Robot:
 
     name: str
     shape: Shape
+
+    def __init__(self, name: str, shape: ShapeLike) -> None:
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "shape", shape_of(shape))
 
     def __repr__(self) -> str:
         return f"Robot({self.name}, in {self.shape.place})"
@@ -485,6 +490,23 @@ class Robot:
         mend = "use a larger spacing, or check the robot's units (metres) and origin"
         check_reach(far, "robot", "its reference point", mend)
         return self.shape.rasters(side, grown, turn)
+
+
+def robot_of(source: Robot | ShapeLike) -> Robot:
+    """Convert a shape, or anything that describes one, to a robot whose reference point is the origin.
+
+    Raises CspaceError as :func:`cspace.shapes.shape_of` and the constructor for that shape.
+    """
+    if isinstance(source, Robot):
+        return source
+    shape = shape_of(source, name="robot")
+    if isinstance(shape, Mesh):
+        return Robot.mesh(shape)
+    if isinstance(shape, Polygons):
+        return Robot.polygon(shape.geometries)
+    if isinstance(shape, Balls):
+        return Robot.balls(shape.centers, shape.radii)
+    return Robot(type(shape).__name__.lower(), shape)
 
 
 _SHORT: Final[dict[str, tuple[str, Callable[..., Robot]]]] = {

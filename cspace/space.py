@@ -596,8 +596,8 @@ class CSpace(ConfigurationMap):
         ----------
         n : int, optional
             How many; one, without a batch axis, if left out.
-        rng : numpy.random.Generator
-            Source of randomness; required, so that a run can be repeated.
+        rng : numpy.random.Generator, optional
+            Source of randomness. By default a new ``numpy.random.default_rng()``, which draws others at each call.
 
         Returns
         -------
@@ -609,7 +609,7 @@ class CSpace(ConfigurationMap):
         ConfigurationError
             If the map has no FREE cell.
         InputError
-            If ``n`` is negative or ``rng`` is not a Generator.
+            If ``n`` is negative or ``rng`` is neither None nor a Generator.
         """
         from cspace.map.sampling import FreeCells, sample
 
@@ -733,8 +733,9 @@ class CSpace(ConfigurationMap):
         name : str
         obstacle : shape, or array-like, shape (n, 2) or (n, 3)
             Metres, in the map's frame. In the plane what :meth:`Workspace.from_polygons` takes, such as a shapely
-            geometry, or the corners of a polygon; in space a mesh, as :meth:`Workspace.from_mesh` takes; in both points
-            with ``radius``, a decomposition into balls, or a shape of ``cspace.shapes``.
+            geometry, or three or more corners of a polygon; in space a mesh, as :meth:`Workspace.from_mesh` takes, such
+            as a ``trimesh.Trimesh``; in both points with their ``radius``, a decomposition into balls, or a shape of
+            ``cspace.shapes``.
         radius : array-like, shape () or (n,), optional
             Of the balls around the points, metres, zero or above.
 
@@ -745,9 +746,9 @@ class CSpace(ConfigurationMap):
         Raises
         ------
         InputError
-            If the name is not a string, or empty, or the obstacle is none of these, or in another dimension than the
-            map, or so far from it that rounding could matter; nothing is changed then. A :class:`GeometryError` if it
-            is empty, not finite, or a polygon that crosses itself.
+            If the name is not a string, or empty, or the obstacle is none of these, or points without a radius, or in
+            another dimension than the map, or so far from it that rounding could matter; nothing is changed then. A
+            :class:`GeometryError` if it is empty, not finite, or a polygon that crosses itself.
 
         Examples
         --------
@@ -767,7 +768,7 @@ class CSpace(ConfigurationMap):
             rule = "it must be a text that is not empty"
             raise InputError("name", f"is {name!r}", rule, 'pass e.g. "cart"', value=name)
         self._check_whole()
-        shape = shape_of(obstacle, radius)
+        shape = shape_of(obstacle, radius, "obstacle")
         if shape.dim != self.grid.dim:
             fault, place = f"is in {shape.place}", ("the plane", "space")[self.grid.dim - 2]
             raise InputError(

@@ -313,6 +313,24 @@ def test_a_build_can_be_broken_off():
         cspace.build(workspace, Robot.polygon(L_SHAPE), rotations=36, progress=stop)
 
 
+@pytest.mark.parametrize(
+    ("shape", "robot"),
+    [
+        (shapely.box(-0.25, -0.2, 0.25, 0.2), Robot.rectangle(0.5, 0.4)),
+        (L_SHAPE, Robot.polygon(L_SHAPE)),
+        (Robot.disc(0.2).shape, Robot.disc(0.2)),
+        (trimesh.creation.box((0.4, 0.2, 0.3)), Robot.mesh(trimesh.creation.box((0.4, 0.2, 0.3)))),
+        (Robot.box((0.4, 0.2, 0.3)).shape, Robot.box((0.4, 0.2, 0.3))),
+    ],
+    ids=["shapely", "corners", "disc", "trimesh", "box"],
+)
+def test_shape_is_a_robot_with_its_origin_as_reference_point(shape, robot):
+    workspace = Workspace.from_array(np.random.default_rng(1).random((12,) * robot.dim) < 0.05, 0.1)
+    space, expected = cspace.build(workspace, shape, rotations=4), cspace.build(workspace, robot, rotations=4)
+    np.testing.assert_array_equal(space.state, expected.state)
+    np.testing.assert_array_equal(Robot("named", shape).shape.bounds, robot.shape.bounds)
+
+
 WORKSPACE = Workspace.from_array(np.eye(4, dtype=bool), 0.1)
 
 
@@ -329,7 +347,9 @@ WORKSPACE = Workspace.from_array(np.eye(4, dtype=bool), 0.1)
         ({"margin": -0.1}, "margin is -0.1"),
         ({"margin": math.nan}, "margin is nan"),
         ({"workers": 0}, "workers is 0"),
-        ({"robot": shapely.box(0, 0, 1, 1)}, "robot is a Polygon"),
+        ({"robot": 0.3}, "robot is a float; a polygon or a mesh is needed"),
+        ({"robot": [(0.0, 0.0), (1.0, 0.0)]}, "robot is points; points need a radius"),
+        ({"robot": trimesh.creation.box((1, 1, 1))}, "3 dimensions and the workspace 2"),
         ({"workspace": np.eye(3)}, "workspace is a ndarray"),
         ({"workspace": Workspace.from_array(np.zeros((2, 2, 2), bool), 0.1)}, "2 dimensions and the workspace 3"),
     ],

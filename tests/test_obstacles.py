@@ -248,7 +248,8 @@ def test_what_shapes_stand_for() -> None:
     assert all((state == states[0]).all() for state in states)
     solid = cspace.build(Workspace.from_array(np.zeros((8, 8, 8), dtype=bool), 0.2), Robot.ball(0.2))
     box, states = trimesh.creation.box(bounds=[(0.5, 0.5, 0.5), (0.9, 1.1, 1.0)]), []
-    for obstacle in (box, (box.vertices, box.faces), cspace.Mesh.of(box), Box.of((0.4, 0.6, 0.5), (0.7, 0.8, 0.75))):
+    meshes = (box, trimesh.Scene([box]), (box.vertices, box.faces), cspace.Mesh.of(box))
+    for obstacle in (*meshes, Box.of((0.4, 0.6, 0.5), (0.7, 0.8, 0.75))):
         solid.place("box", obstacle)
         states.append(solid.state.copy())
     assert all((state == states[0]).all() for state in states)
@@ -270,9 +271,12 @@ def test_what_shapes_stand_for() -> None:
         ("cart", BLOCK, None, "their size must be given"),
         ("cart", shapely.Polygon(), None, "is empty"),
         ("cart", shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), None, "not simple|crosses|valid"),
-        ("cart", [(0.0, 0.0), (1.0, 1.0)], None, "at least 3"),
+        ("cart", [(0.0, 0.0), (1.0, 1.0)], None, "points need a radius; pass their radius, .* at least 3"),
+        ("cart", np.array([[0.0, 0.0], [1.0, 1.0]]), None, "points need a radius"),
+        ("cart", (1.0, 1.0), None, "points need a radius"),
+        ("cart", [(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)], None, "not simple.*if they are points, pass"),
         ("cart", [(0.0, 0.0), (1.0, np.nan), (1.0, 2.0)], None, "NaN"),
-        ("cart", [(0.0, 0.0, 1.0)], None, "pass their radius"),
+        ("cart", [(0.0, 0.0, 1.0)], None, "points need a radius; pass their radius"),
         ("cart", [(0.0, np.inf)], 0.1, "infinities"),
         ("cart", [(0.0, 0.0)], -0.1, "below zero"),
         ("cart", [(0.0, 0.0)], np.nan, "NaN"),

@@ -19,7 +19,7 @@ from cspace.arms.solids import Solid, placed_shared, rigid, scene_of
 from cspace.arrays import Bools, Floats
 from cspace.errors import InputError
 from cspace.grid import finite
-from cspace.shapes import Shape
+from cspace.shapes import ShapeLike, shape_of
 
 Names = tuple[str, str]
 """Of two links, in order."""
@@ -172,7 +172,7 @@ class Arm:
         return {link.name: whole[link.body] @ self.frames.get(link.name, np.eye(4)) for link in self.links}
 
     def attach(
-        self, name: str, shape: Shape, link: str, pose: ArrayLike | None = None, touch: Iterable[str] = ()
+        self, name: str, shape: ShapeLike, link: str, pose: ArrayLike | None = None, touch: Iterable[str] = ()
     ) -> Arm:
         """The arm with an object that a link carries, such as a tool, or a box that was grasped.
 
@@ -180,8 +180,8 @@ class Arm:
         ----------
         name : str
             A name that no link has.
-        shape : Shape
-            In space, e.g. ``Robot.box((0.1, 0.1, 0.2)).shape``.
+        shape : Shape, trimesh.Trimesh, path-like, or anything else that :meth:`cspace.CSpace.place` takes
+            In space, metres, e.g. ``trimesh.creation.box((0.1, 0.1, 0.2))``.
         link : str
             It moves with this one, and may touch it.
         pose : array-like, shape (4, 4), optional
@@ -192,8 +192,11 @@ class Arm:
         Raises
         ------
         InputError
-            If the name is taken, a link is unknown, or the pose is no rigid motion.
+            If the name is taken, a link is unknown, the shape is none or in the plane, or the pose is no rigid motion.
         """
+        solid = shape_of(shape)
+        if solid.dim != 3:
+            raise InputError("shape", "is in the plane", "arms are in space", "pass a solid", value=shape)
         names = [each.name for each in self.links]
         if name in names:
             raise InputError("name", f"is {name!r}", "a link has it", "choose another one", value=name)
@@ -204,7 +207,7 @@ class Arm:
                 )
         body = self.links[names.index(link)].body
         place = np.eye(4) if pose is None else rigid(pose, "pose")
-        held = Solid(name, body, (placed_shared(shape, self.frames[link] @ place),))
+        held = Solid(name, body, (placed_shared(solid, self.frames[link] @ place),))
         allowed = self.allowed | {pair_of(name, each): "held" for each in (link, *touch)}
         return replace(self, links=(*self.links, held), allowed=allowed)
 

@@ -7,7 +7,7 @@ import pickle
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, singledispatch
-from typing import ClassVar, Final, NamedTuple
+from typing import ClassVar, Final, NamedTuple, cast
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -23,7 +23,7 @@ from cspace.exact.boundaries import anchors_of, in_space
 from cspace.exact.triangles import Trees, box_rows, together, tree_of_rows, triangle_rows
 from cspace.grid import finite
 from cspace.memory import check_memory
-from cspace.shapes import Bracketed, Mesh, Pieces, Shape, Voxels
+from cspace.shapes import Bracketed, Mesh, Pieces, Shape, ShapeLike, Voxels, shape_of
 from cspace.workspace import Workspace
 
 PROBES: Final = 60
@@ -36,21 +36,30 @@ _BOX_BYTES: Final = 1000
 """For each of these, with the trees that hold them, at the peak: 640 to 900 were measured."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class Placed:
-    """A shape where it is in the frame of a body.
+    """A shape at a pose in the frame of a body.
 
-    Attributes
+    Parameters
     ----------
-    shape : Shape
+    shape : Shape, trimesh.Trimesh, path-like, or anything else that :func:`cspace.shapes.shape_of` takes
         In space, metres.
-    pose : ndarray of float64, shape (4, 4)
-        From its own frame to that of the body.
+    pose : array-like, shape (4, 4)
+        From the frame of the shape to that of the body.
+
+    Raises
+    ------
+    InputError
+        If it is no shape.
     """
 
     shape: Shape
     pose: Floats
     is_filled: ClassVar[bool] = False
+
+    def __init__(self, shape: ShapeLike, pose: ArrayLike) -> None:
+        object.__setattr__(self, "shape", shape_of(shape))
+        object.__setattr__(self, "pose", pose)
 
     @cached_property
     def sides(self) -> tuple[Placed, Placed]:
@@ -297,26 +306,19 @@ def named_obstacles(obstacles: object) -> Mapping[str, object]:
 
 @singledispatch
 def placed_obstacle(obstacle: object, name: str, base: Floats) -> Placed | None:
-    """An obstacle, placed by a pose, shape (4, 4); None for a workspace without any.
+    """Place an obstacle by a pose, shape (4, 4); return None for a workspace without obstacles.
 
     Raises
     ------
     InputError
         If it is in the plane, or something else, its pose is no rigid motion, or its cells do not fit into memory.
     """
-    rule = "obstacles are workspaces, shapes, or shapes that are placed"
-    raise InputError(
-        "obstacles",
-        f"hold {name!r}, a {type(obstacle).__name__}",
-        rule,
-        "pass e.g. Robot.box(...).shape",
-        value=obstacle,
-    )
-
-
-@placed_obstacle.register
-def _(obstacle: Shape, name: str, base: Floats) -> Placed | None:
-    return placed_obstacle(Placed(obstacle, np.eye(4)), name, base)
+    try:
+        shape = shape_of(cast(ShapeLike, obstacle))
+    except InputError as error:
+        fault = f"hold {name!r}, a {type(obstacle).__name__}: {error.argument} {error.fault}"
+        raise type(error)("obstacles", fault, error.rule, error.mend, value=obstacle) from error
+    return placed_obstacle(Placed(shape, np.eye(4)), name, base)
 
 
 @placed_obstacle.register

@@ -32,7 +32,7 @@ from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import not_negative, positive, whole
 from cspace.map.batches import Query, check_rng, own
-from cspace.shapes import Shape
+from cspace.shapes import ShapeLike
 from cspace.states import BLOCKED, FREE, MIXED
 from cspace.threads import in_chunks
 from cspace.workspace import Workspace
@@ -325,14 +325,15 @@ class ArmSpace(ConfigurationSpace):
         in_chunks(work, len(rows), THREAD)
         return np.maximum(out, 0.0), nearest
 
-    def sample_free(self, n: int | None, rng: np.random.Generator) -> Floats:
+    def sample_free(self, n: int | None = None, rng: np.random.Generator | None = None) -> Floats:
         """Free configurations, uniform within the limits of the joints; for continuous ones, within a turn.
 
         Parameters
         ----------
-        n : int or None
-            How many; None for one, without an axis of its own.
-        rng : numpy.random.Generator
+        n : int, optional
+            How many; by default one, without a batch axis.
+        rng : numpy.random.Generator, optional
+            Source of randomness. By default a new ``numpy.random.default_rng()``, which draws others at each call.
 
         Returns
         -------
@@ -343,7 +344,7 @@ class ArmSpace(ConfigurationSpace):
         ConfigurationError
             If none was free of very many.
         InputError
-            If ``n`` is negative or ``rng`` is not a Generator.
+            If ``n`` is negative or ``rng`` is neither None nor a Generator.
         """
         count = 1 if n is None else whole(n, "n")
         generator, ranges = check_rng(rng), self.arm.ranges()
@@ -488,7 +489,7 @@ def in_collision(space: ArmSpace, q: Floats, name: str) -> ConfigurationError:
 
 
 def build_arm(
-    obstacles: Workspace | Mapping[str, Workspace | Placed | Shape],
+    obstacles: Workspace | Mapping[str, Workspace | Placed | ShapeLike],
     arm: Arm,
     *,
     allowed: Iterable[tuple[str, str]] = (),
@@ -499,8 +500,9 @@ def build_arm(
 
     Parameters
     ----------
-    obstacles : Workspace, or mapping of str to Workspace, Placed or Shape
-        In space by name, metres. A workspace alone is called ``"workspace"``. Its mesh or point cloud is used itself,
+    obstacles : Workspace, or mapping of str to Workspace, Placed or shape
+        In space by name, metres. A shape is a ``trimesh.Trimesh``, a file of one, or anything else that
+        :meth:`CSpace.place` takes. A workspace alone is called ``"workspace"``. Its mesh or point cloud is used itself,
         of any other its cells; all beyond the grid is free. Unknown cells are obstacles as ``outer`` says, and prove no
         configuration BLOCKED.
     arm : Arm

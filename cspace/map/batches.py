@@ -226,8 +226,13 @@ def as_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
 
 
 def check_rng(rng: object) -> np.random.Generator:
-    """``rng`` itself, if it is a Generator."""
+    """Return `rng`, or a freshly seeded generator if it is None.
+
+    Raises InputError if it is anything else.
+    """
+    if rng is None:
+        return np.random.default_rng()
     if not isinstance(rng, np.random.Generator):
-        rule = "it must be a numpy.random.Generator, so that a run can be repeated"
+        rule = "it must be a numpy.random.Generator, or None for a fresh one"
         raise InputError("rng", f"is {rng!r}", rule, "pass numpy.random.default_rng(0)", value=rng)
     return rng

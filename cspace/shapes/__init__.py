@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.errors import InputError
+from cspace.errors import GeometryError, InputError
 from cspace.shapes.balls import Balls as Balls
 from cspace.shapes.balls import BallSet as BallSet
 from cspace.shapes.balls import Point as Point
@@ -52,17 +52,21 @@ def shape_from_spec(spec: Mapping[str, Any]) -> Shape:
     return _FROM_SPEC[spec["kind"]](spec)
 
 
-def shape_of(source: ShapeLike, radius: ArrayLike | None = None) -> Shape:
-    """The shape that anything stands for.
+def shape_of(source: ShapeLike, radius: ArrayLike | None = None, name: str = "shape") -> Shape:
+    """Convert anything that describes a shape to a Shape.
+
+    Every function that takes a shape calls this one.
 
     Parameters
     ----------
     source : Shape, shapely geometry, GeoJSON mapping, or iterable of these; mesh; path-like or WKT; or array-like
         What :meth:`Polygons.of`, :func:`cspace.io.vector.read_shapes` or :meth:`Mesh.of` take, metres.
     radius : array-like, shape () or (n,), optional
-        Metres. With it, or where ``source`` is a decomposition, it is balls around points, shape (n, 2) or (n, 3).
+        Metres. With it, or if ``source`` is a decomposition, the shape is balls around points, shape (n, 2) or (n, 3).
+    name : str
+        The caller's argument, for messages.
 
-    Raises InputError if it stands for none, and FileError if it names a file that is missing or malformed.
+    Raises InputError if it describes no shape, and FileError if it names a file that is missing or malformed.
     """
     import shapely
 
@@ -79,15 +83,25 @@ def shape_of(source: ShapeLike, radius: ArrayLike | None = None) -> Shape:
         return Mesh.of(source) if solid else Polygons(read_shapes(source))
     if getattr(source, "dtype", None) == np.bool_:
         mend = "pass cspace.shapes.Voxels.of(cells, spacing), in metres"
-        raise InputError("shape", "is an array of cells", "their size must be given", mend, value=source)
+        raise InputError(name, "is an array of cells", "their size must be given", mend, value=source)
     several = isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim > 0)
     first = next(iter(given), {}) if several else given
     if isinstance(first, shapely.Geometry | Mapping):
         return Polygons(read_shapes(given))
-    if several and np.shape(first) == (2,):
-        return Polygons.of(given)
-    if several and np.shape(first) == (3,):
-        raise InputError(
-            "shape", "is points", "they are balls around them", "pass their radius, 0.0 for points alone", value=source
-        )
+    if several:
+        row = np.shape(first)
+        is_point, has_corners = row == () and len(given) in (2, 3), row == (2,) and len(given) > 2
+        if has_corners:
+            try:
+                return Polygons.of(given)
+            except GeometryError as error:
+                mend = f"{error.mend}; if they are points, pass their radius"
+                raise GeometryError(error.argument, error.fault, error.rule, mend, value=source) from error
+        if is_point or row in ((2,), (3,)):
+            corners = ", or at least 3 corners of a polygon" * (row == (2,) or len(given) == 2)
+            mend = f"pass their radius, e.g. radius=0.1 in metres, 0.0 for points alone{corners}"
+            raise InputError(name, "is points", "points need a radius", mend, value=source)
+    elif not any(hasattr(given, attribute) for attribute in ("vertices", "geometry")):
+        mend = "pass e.g. shapely.box(0, 0, 1, 1), trimesh.creation.box((1, 1, 1)), or points and their radius"
+        raise InputError(name, f"is a {type(given).__name__}", "a polygon or a mesh is needed", mend, value=source)
     return Mesh.of(given)

@@ -18,12 +18,10 @@ from cspace.arrays import Bools, Floats
 from cspace.errors import InputError
 from cspace.grid import Grid, check_cells, check_word, finite
 from cspace.raster.triangles import mark_touched
-from cspace.shapes import Balls, BallSet, Mesh, Shape, check_balls, shape_of
+from cspace.shapes import Balls, BallSet, Mesh, ShapeLike, check_balls, shape_of
 from cspace.spectral.bump import Bump, check_bump
 
 if TYPE_CHECKING:
-    from shapely.geometry.base import BaseGeometry
-
     from cspace.robot import Robot
 
 
@@ -168,12 +166,12 @@ def bump_of(bump: Bump | None, *sources: object) -> Bump:
     return check_bump(bumps.pop() if bump is None and bumps else bump)
 
 
-def indicator(shape: Shape | BaseGeometry | BallDescriptor | ArrayLike, grid: Grid) -> Descriptor:
+def indicator(shape: ShapeLike, grid: Grid) -> Descriptor:
     """1 at the middles of cells that lie in a shape, 0 elsewhere.
 
     Parameters
     ----------
-    shape : shapely geometry, cspace.Mesh or other shape, set of balls, or array-like of bool, shape grid.shape
+    shape : shapely geometry, trimesh.Trimesh or other shape, set of balls, or array-like of bool, shape grid.shape
         Metres; closed sets, for which a middle on the border counts as inside, or, of a mesh, within rounding of it. An
         array gives the cells themselves.
     grid : Grid
@@ -185,12 +183,10 @@ def indicator(shape: Shape | BaseGeometry | BallDescriptor | ArrayLike, grid: Gr
 
 
 def _inside(shape: Any, grid: Grid) -> Bools:
-    from shapely import Geometry
-
     balls = isinstance(shape, BallSet)
-    known: Any = shape_of(shape) if isinstance(shape, Geometry) else shape
-    if not balls and not isinstance(known, Shape):
+    if hasattr(shape, "dtype") or isinstance(shape, list | tuple | int | float):
         return check_cells(shape, "shape")
+    known: Any = shape if balls else shape_of(shape)
     check_dims("shape", known.centers.shape[1] if balls else known.dim, grid.dim)
     if balls:
         inside = np.zeros(grid.shape, dtype=bool)

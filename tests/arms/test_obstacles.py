@@ -5,12 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial.transform import Rotation
 
 from cspace import BLOCKED, FREE, MIXED, Grid, Robot, Workspace
 from cspace.arms import Arm, ArmSpace, Placed, build_arm
 from cspace.errors import InputError
-from cspace.shapes import Voxels
+from cspace.shapes import Mesh, Voxels
 from solids import ArmOracle, ball, box, sampled
 from urdfs import joint, link, planar, random_arm, written
 
@@ -194,17 +195,36 @@ def test_cells_that_are_read_at_need(tmp_path: Path) -> None:
     assert space.classify(((0.0, 2.9), (0.0, 0.5))).tolist() == [FREE, BLOCKED]
 
 
+def test_trimesh_is_an_obstacle_and_an_attached_object(tmp_path: Path) -> None:
+    """A trimesh.Trimesh gives the answers of the Shape made from it, wherever an arm takes a shape."""
+    arm, rng = Arm.from_urdf(planar(tmp_path)), np.random.default_rng(1)
+    mesh, pose = trimesh.creation.icosphere(2, 0.4), np.eye(4)
+    pose[:3, 3] = 1.3, 0.9, 0.0
+    moved = mesh.copy().apply_transform(pose)
+    spaces = [build_arm({"ball": each}, arm) for each in (moved, Mesh.of(moved), Placed(mesh, pose))]
+    points = spaces[0].sample_free(None) * np.ones((1, 1)), rng.uniform(-3.0, 3.0, (200, 2))
+    states = [np.asarray(space.classify(np.concatenate(points))) for space in spaces]
+    assert set(states[0].tolist()) >= {FREE, BLOCKED}
+    assert (states[0] == states[1]).all() and (states[0] == states[2]).all()
+    held = [arm.attach("tool", each, "fore", pose).links[-1].parts[0] for each in (mesh, Mesh.of(mesh))]
+    assert held[0] is held[1]
+    for wrong, message in ((None, "shape is a NoneType"), (Robot.disc(0.1).shape, "shape is in the plane")):
+        with pytest.raises(InputError, match=message):
+            arm.attach("tool", wrong, "fore")
+
+
 @pytest.mark.parametrize(
     ("obstacles", "message"),
     [
         (lambda: Workspace.from_array(np.ones((2, 2), dtype=bool), 1.0), "hold 'workspace', a map of the plane"),
         (lambda: {"disc": Robot.disc(1.0).shape}, "hold 'disc', a shape of the plane"),
         (lambda: {"foot": Robot.ball(1.0).shape}, "name one 'foot'; a link has that name"),
-        (lambda: {"cat": "meow"}, "hold 'cat', a str"),
+        (lambda: {"cat": "meow"}, "hold 'cat', a str: polygons is 'meow'"),
+        (lambda: {"dog": 3}, "hold 'dog', a int: shape is a int; a polygon or a mesh is needed"),
         (lambda: {"bent": Placed(Robot.ball(1.0).shape, 2.0 * np.eye(4))}, "pose of bent has shape"),
         (lambda: [Robot.ball(1.0).shape], "obstacles is a list"),
     ],
-    ids=["plane", "disc", "taken", "kind", "pose", "list"],
+    ids=["plane", "disc", "taken", "text", "number", "pose", "list"],
 )
 def test_bad_obstacles(tmp_path: Path, obstacles: Any, message: str) -> None:
     arm = Arm.from_urdf(planar(tmp_path))

@@ -194,7 +194,8 @@ def test_shapes_and_paths(tmp_path: Path) -> None:
     assert space.certify_path([(0.0, 0.0), (0.2, 0.0), (-1.0, 0.5)]).all()
     assert not space.certify_path([(0.0, 0.0), (1.2, 0.0)]).any()
     assert space.certify_path([(0.0, 0.0)]).shape == (0,)
-    assert space.sample_free(None, np.random.default_rng(1)).shape == (2,)
+    assert space.sample_free(None, np.random.default_rng(1)).shape == space.sample_free().shape == (2,)
+    assert np.asarray(space.is_free(space.sample_free(20))).all()
     assert MIXED not in {space.classify((0.0, 0.0))}
 
 

@@ -64,6 +64,13 @@ def test_samples_repeat_with_the_seed(space):
     assert space.sample_free(0, np.random.default_rng(0)).shape == (0, space.dof)
 
 
+def test_sampling_without_rng_draws_free_configurations_anew(space):
+    first, second = space.sample_free(50), space.sample_free(50, None)
+    assert np.asarray(space.is_free(first)).all() and np.asarray(space.is_free(second)).all()
+    assert (first != second).any()
+    assert space.sample_free().shape == space.sample_free(rng=None).shape == (space.dof,)
+
+
 @pytest.mark.parametrize("free", [[0], [255], [256], [70, 511, 512], [999]])
 def test_cells_by_their_rank(free):
     """Where the FREE cells are few and lie at the ends of what is counted together."""
@@ -121,7 +128,7 @@ def test_nothing_free_is_an_error_that_says_so(kind):
 
 
 def test_what_is_refused(space):
-    for rng in (None, 3, np.random):
+    for rng in (3, "seed", np.random):
         with pytest.raises(InputError, match="rng"):
             space.sample_free(3, rng)
     for n in (-1, 2.5, "3"):

@@ -213,7 +213,9 @@ def test_indicators_of_solids():
     middles = np.stack(np.meshgrid(*(grid.centers(a) for a in range(3)), indexing="ij"), axis=-1)
     outer, cavity = trimesh.creation.box(extents=(1.0, 0.8, 0.6)), trimesh.creation.box(extents=(0.7, 0.5, 0.3))
     cavity.invert()
-    result = superlevel(indicator(Mesh.of(trimesh.util.concatenate([outer, cavity])), grid))
+    hollow_box = trimesh.util.concatenate([outer, cavity])
+    result = superlevel(indicator(Mesh.of(hollow_box), grid))
+    np.testing.assert_array_equal(result, superlevel(indicator(hollow_box, grid)))
     # Of the cavity, whose sides are at middles, the border belongs to the solid.
     within = (np.abs(middles) < np.array([0.5, 0.4, 0.3]) + 1e-12).all(axis=-1)
     hollow = (np.abs(middles) < np.array([0.35, 0.25, 0.15]) - 1e-12).all(axis=-1)
