@@ -6,11 +6,17 @@ them, and so is what the command line says in its own words.
 
 from __future__ import annotations
 
+import sys
+import warnings
 from importlib import import_module
 from typing import Any, ClassVar, Final
 
 LONGEST: Final = 240
 """Characters of a fault, at most, in a message."""
+
+
+_PACKAGES: Final = ("cspace", "planners")
+"""Top-level packages of this library."""
 
 
 class CspaceError(Exception):
@@ -82,6 +88,14 @@ def optional(package: str, use: str, extra: str) -> Any:
     except ImportError as error:
         mend = f'run: pip install "cspace[{extra}]"'
         raise MissingPackageError(package, "is not installed", use, mend) from error
+
+
+def warn_user(message: str, category: type[Warning] = UserWarning) -> None:
+    """Warn at the line outside this library that called it."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _PACKAGES:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, category, stacklevel=level)
 
 
 class ConfigurationError(InputError):

@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +25,7 @@ from cspace.shapes.shape import check_point
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
+    from cspace.io.urdf import PackageDirs
     from cspace.shapes import ShapeLike
     from cspace.shapes.balls import BallSet
     from cspace.shapes.mesh import MeshLike, Solid
@@ -306,12 +307,27 @@ class Robot:
 
     @classmethod
     def from_urdf(
-        cls, path: str | os.PathLike[str], link: str | Sequence[str] | None = None, *, solid: Solid = "auto"
+        cls,
+        path: str | os.PathLike[str],
+        link: str | Sequence[str] | None = None,
+        *,
+        solid: Solid = "auto",
+        package_dirs: PackageDirs = (),
     ) -> Robot:
         """The collision geometry of a URDF: of a link, of several, or of all that is fixed to the root.
 
         Boxes and meshes are taken as they are; cylinders and spheres are bounded by two polyhedra, as :meth:`cylinder`
-        is. Names of meshes may begin with ``package://``: they are looked for around the file.
+        is.
+
+        A mesh named ``package://PACKAGE/REST`` is the file ``PACKAGE/REST`` in the first of these folders that has it:
+
+        1. each of ``package_dirs``;
+        2. the folder of the URDF, then those above it, the nearest first;
+        3. each of the environment variable ``ROS_PACKAGE_PATH``;
+        4. ``share`` in each of ``AMENT_PREFIX_PATH``.
+
+        A mesh named ``REST`` or ``file://REST`` is that file, relative to the folder of the URDF. If no such file
+        exists, but exactly one ``REST`` in 1 and 2 does, that file is read and a warning names it.
 
         Parameters
         ----------
@@ -322,19 +338,21 @@ class Robot:
             warning names those that have geometry and are left out because they move, such as wheels.
         solid : {"auto", "surface", "fill"}
             What of the meshes has an inside, as for :meth:`mesh`.
+        package_dirs : path-like or sequence of path-like, optional
+            Folders that hold the folders of ROS packages.
 
         Raises
         ------
         FileError
-            If the file or a mesh is missing or malformed.
+            If the file or a mesh is missing or malformed, or several files could be meant by the name of a mesh.
         InputError
-            If there is no such link, the links have no collision geometry, or a size is not above zero.
+            If there is no such folder or link, the links have no collision geometry, or a size is not above zero.
         MissingPackageError
             If yourdfpy is not installed.
         """
         from cspace.io.urdf import read_urdf
 
-        outer, *inner = (Mesh(*surface, solid, Path(path).name) for surface in read_urdf(path, link))
+        outer, *inner = (Mesh(*surface, solid, Path(path).name) for surface in read_urdf(path, link, package_dirs))
         outer.check_origin()
         names = "" if link is None else f" {link if isinstance(link, str) else ', '.join(link)}"
         return cls(f"{Path(path).name}{names}", Bracketed(Mesh.of(outer), inner[0]) if inner else Mesh.of(outer))
@@ -375,7 +393,9 @@ class Robot:
         return robot
 
     @classmethod
-    def open(cls, source: str | os.PathLike[str], *, solid: Solid | None = None) -> Robot:
+    def open(
+        cls, source: str | os.PathLike[str], *, solid: Solid | None = None, package_dirs: PackageDirs | None = None
+    ) -> Robot:
         """A robot from a short text or a file.
 
         Parameters
@@ -389,11 +409,13 @@ class Robot:
             ``FILE.urdf#LINK,LINK``; or Nav2's parameters: ``.yaml``, those of one costmap as ``FILE.yaml#COSTMAP``.
         solid : {"auto", "surface", "fill"}, optional
             For a mesh, or those of a URDF: what has an inside; "auto" if left out.
+        package_dirs : path-like or sequence of path-like, optional
+            For a URDF: folders that hold the folders of ROS packages, as for :meth:`from_urdf`.
 
         Raises
         ------
         InputError
-            If the text is none of these, or ``solid`` is given for what has no mesh.
+            If the text is none of these, or ``solid`` or ``package_dirs`` is given for a robot that does not take it.
         FileError
             If the file cannot be read.
         """
@@ -409,20 +431,22 @@ class Robot:
             ) from error
         kind, colon, rest = text.partition(":")
         if colon and kind == "footprint" and not rest.lstrip().startswith("["):
-            return cls.open(rest, solid=solid).footprint()
+            return cls.open(rest, solid=solid, package_dirs=package_dirs).footprint()
         files = _files()
         path, mark, part = text.rpartition("#")
         if not mark or Path(text).suffix.lower() in files:
             path, part = text, ""
         suffix = Path(path).suffix.lower()
-        reader, takes_solid = files.get(suffix, (None, False))
-        if solid is not None and not takes_solid:
-            taken = ", ".join(known for known, (_, meshes) in files.items() if meshes)
-            raise InputError("solid", f"is {solid!r} for {source}", f"it is for {taken}", "leave it out", value=solid)
+        reader, taken = files.get(suffix, (None, ()))
+        given = {"solid": solid, "package_dirs": package_dirs}
+        options = {name: value for name, value in given.items() if value is not None}
+        for name, value in options.items():
+            if name not in taken:
+                rule = f"it is for {', '.join(known for known, (_, names) in files.items() if name in names)}"
+                raise InputError(name, f"is {value!r} for {source}", rule, "leave it out", value=value)
         if colon and kind in _SHORT:
             return _from_text(text)
         if reader is not None:
-            options = {"solid": solid} if solid else {}
             return reader(Path(path), *[part] if part else [], **options)
         forms, known = ", ".join(f"{kind}:{form}" for kind, (form, _) in _SHORT.items()), ", ".join(files)
         if path and Path(path).exists():
@@ -551,9 +575,11 @@ def _numbers(text: str, mark: str) -> list[float]:
     return values if all(map(math.isfinite, values)) else []
 
 
-def _files() -> dict[str, tuple[Callable[..., Robot], bool]]:
-    """What makes a robot of a file, by its suffix, from its path and, where it holds several, the name of one; and
-    whether it takes ``solid``, for meshes."""
+def _files() -> dict[str, tuple[Callable[..., Robot], tuple[str, ...]]]:
+    """Return, by the suffix of a file, what makes a robot of it, and the names of the options that it takes.
+
+    Its arguments are the path and, if the file holds several robots, the name of one.
+    """
     from cspace.io.meshes import SUFFIXES as MESHES
     from cspace.io.vector import SUFFIXES as POLYGONS
     from cspace.io.vector import read_shapes
@@ -564,12 +590,12 @@ def _files() -> dict[str, tuple[Callable[..., Robot], bool]]:
     def polygon(path: Path, *part: str) -> Robot:
         return Robot.polygon(read_shapes(path), name=f"polygon {path.name}")
 
-    def urdf(path: Path, *links: str, solid: Solid = "auto") -> Robot:
-        return Robot.from_urdf(path, links[0].split(",") if links else None, solid=solid)
+    def urdf(path: Path, *links: str, **options: Any) -> Robot:
+        return Robot.from_urdf(path, links[0].split(",") if links else None, **options)
 
     return {
-        **dict.fromkeys(POLYGONS, (polygon, False)),
-        **dict.fromkeys(MESHES, (mesh, True)),
-        ".urdf": (urdf, True),
-        **dict.fromkeys((".yaml", ".yml"), (Robot.from_nav2, False)),
+        **dict.fromkeys(POLYGONS, (polygon, ())),
+        **dict.fromkeys(MESHES, (mesh, ("solid",))),
+        ".urdf": (urdf, ("solid", "package_dirs")),
+        **dict.fromkeys((".yaml", ".yml"), (Robot.from_nav2, ())),
     }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import os
-import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats, StrPath, frozen
-from cspace.errors import InputError
+from cspace.errors import InputError, warn_user
 from cspace.grid import SLACK, Grid, check_bounds, check_cells, finite, positive
 from cspace.memory import MESH_BYTES, WORKSPACE_BYTES, Planned, check_memory
 from cspace.shapes import Balls, Mesh, Polygons, Shape, Voxels
@@ -721,21 +720,19 @@ def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> 
     sides = corners[1] - corners[0]
     if 0.0 < sides.max() < (_SMALL_WITHIN if bounded else _SMALL) * spacing:
         size = " m x ".join(f"{side:g}" for side in sides)
-        warnings.warn(
+        warn_user(
             f"the {what} is {size} m large and fits into one cell of {spacing:g} m; its units are probably wrong "
-            "(metres are needed): scale it, or use a smaller spacing",
-            stacklevel=4,
+            "(metres are needed): scale it, or use a smaller spacing"
         )
 
 
 def warn_of_nothing(outer: Bools, grid: Grid, corners: Floats) -> None:
     """Warn where no obstacle, of a box, shape (2, d), metres, lies in the bounds of a map: no ``outer`` cell is set."""
     if not outer.any():
-        warnings.warn(
+        warn_user(
             f"the obstacles reach from {in_metres(corners[0])} to {in_metres(corners[1])} and none lies within the "
             f"bounds, {in_metres(grid.lower)} to {in_metres(grid.upper)}; the map has no obstacle at all: check the "
-            "bounds, and the units (metres)",
-            stacklevel=4,
+            "bounds, and the units (metres)"
         )
 
 

@@ -8,7 +8,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
-from typing import Any, Final, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +21,9 @@ from cspace.arrays import Bools, Floats
 from cspace.errors import InputError
 from cspace.grid import finite
 from cspace.shapes import ShapeLike, shape_of
+
+if TYPE_CHECKING:
+    from cspace.io.urdf import PackageDirs
 
 Names = tuple[str, str]
 """Of two links, in order."""
@@ -108,6 +112,8 @@ class Arm:
         srdf: str | os.PathLike[str] | None = None,
         tip: str | None = None,
         base: str | None = None,
+        *,
+        package_dirs: PackageDirs = (),
     ) -> Arm:
         """An arm from a URDF file, with the collision geometry of its links.
 
@@ -128,19 +134,22 @@ class Arm:
             it. By default all move.
         base : str, optional
             The link in whose frame obstacles are given; only links below it are taken. By default the root of all.
+        package_dirs : path-like or sequence of path-like, optional
+            Folders that hold the folders of ROS packages.
 
         Raises
         ------
         FileError
-            If a file is missing or malformed.
+            If a file is missing or malformed, or several files could be meant by the name of a mesh.
         InputError
-            If there is no such link, no joint moves, limits are missing or upside down, an axis is zero, a joint is of
-            another type, or no link has a collision geometry.
+            If there is no such folder or link, no joint moves, limits are missing or upside down, an axis is zero, a
+            joint is of another type, or no link has a collision geometry.
         MissingPackageError
             If yourdfpy is not installed.
         """
-        from cspace.io.urdf import load_urdf
+        from cspace.io.urdf import load_urdf, package_folders
 
+        folders = package_folders(package_dirs)
         urdf = load_urdf(path)
         file = os.fspath(path)
         for name, link in (("tip", tip), ("base", base)):
@@ -149,7 +158,7 @@ class Arm:
                     name, f"is {link!r}", f"{file} has {', '.join(urdf.link_map)}", "name one of these", value=link
                 )
         joints = {joint.name: _joint(joint, file) for joint in urdf.robot.joints}
-        return _Assembly(file, urdf, joints, base or urdf.base_link, tip).arm(srdf)
+        return _Assembly(file, urdf, joints, base or urdf.base_link, tip).arm(srdf, folders)
 
     @property
     def dof(self) -> int:
@@ -331,7 +340,7 @@ class _Assembly:
                     f"{file}: joint {joint.name!r}", f"mimics {joint.leader!r}", rule, "correct it", value=joint.leader
                 )
 
-    def arm(self, srdf: str | os.PathLike[str] | None) -> Arm:
+    def arm(self, srdf: str | os.PathLike[str] | None, package_dirs: Sequence[Path]) -> Arm:
         bodies = {self._base: (0, np.eye(4))}
         rows: list[tuple[int, Floats, Joint | None]] = [(0, np.eye(4), None)]
         for joint in self._order:
@@ -347,7 +356,7 @@ class _Assembly:
             raise InputError(
                 self._file, fault, f"at most {MOST_BODIES} are taken", "name a base or a tip", value=len(rows)
             )
-        links = tuple(self._links(bodies))
+        links = tuple(self._links(bodies, package_dirs))
         if not links:
             raise InputError(self._file, "has no collision geometry", "an arm's links need some", "add <collision>")
         limits = np.array([(self._joints[name].lower, self._joints[name].upper) for name in self._moving])
@@ -397,12 +406,13 @@ class _Assembly:
             pose[:3, 3] = value * joint.axis
         return pose
 
-    def _links(self, bodies: Mapping[str, tuple[int, Floats]]) -> Iterable[Solid]:
+    def _links(self, bodies: Mapping[str, tuple[int, Floats]], package_dirs: Sequence[Path]) -> Iterable[Solid]:
         from cspace.io.urdf import find_meshes, shapes_of
 
-        find_meshes(self._urdf, bodies, self._file)
+        meshes = find_meshes(self._urdf, bodies, self._file, package_dirs)
         for name, (body, pose) in bodies.items():
-            parts = [placed_shared(shape, pose @ place) for shape, place in shapes_of(self._urdf, name, self._file)]
+            shapes = shapes_of(self._urdf, name, self._file, meshes)
+            parts = [placed_shared(shape, pose @ place) for shape, place in shapes]
             if parts:
                 yield Solid(name, body, tuple(parts))
 

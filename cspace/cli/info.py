@@ -12,6 +12,7 @@ import typer
 from cspace.cli.options import (
     Bounds,
     Json,
+    PackageDirs,
     Radius,
     SolidMesh,
     SolidRobot,
@@ -53,6 +54,7 @@ def info(
     unknown: UnknownCells = None,
     solid: SolidMesh = None,
     robot_solid: SolidRobot = None,
+    package_dirs: PackageDirs = None,
     radius: Radius = None,
     rotations: TurningCells = None,
     as_json: Json = False,
@@ -71,6 +73,9 @@ def info(
     if robot_solid is not None and robot is None:
         fault = f"is {robot_solid}, and there is no --robot"
         raise InputError("--robot-solid", fault, "it is for a robot", "add one, or leave it out", value=robot_solid)
+    if package_dirs and robot is None and kind != "robot":
+        fault = f"is {package_dirs[0]}, and there is no --robot"
+        raise InputError("--package-dir", fault, "it is for a URDF", "add one, or leave it out", value=package_dirs)
     others = given(robot=robot, rotations=rotations)
     if kind == "map":
         _refuse({**options, **others}, (), f"{file} is a saved map")
@@ -78,10 +83,10 @@ def info(
         document, drawn = describe_map(space), space.robot
     elif kind == "robot":
         _refuse({**options, **others}, ("spacing", "solid"), f"{file} is a robot")
-        drawn = Robot.open(file, **given(solid=solid))
+        drawn = Robot.open(file, **given(solid=solid, package_dirs=package_dirs or None))
         document = describe_robot(drawn, spacing)
     else:
-        drawn = None if robot is None else read_robot(robot, robot_solid)
+        drawn = None if robot is None else read_robot(robot, robot_solid, package_dirs)
         document = survey(Path(file), options, options_of(context.command), drawn, rotations)
     show({"kind": kind, **document}, as_json)
     if drawn is not None and drawn.shape.shown and not as_json:

@@ -14,6 +14,7 @@ from cspace.cli.options import (
     Json,
     MapFile,
     Overwrite,
+    PackageDirs,
     PathFile,
     Place,
     Radius,
@@ -76,6 +77,7 @@ def make(
     unknown: UnknownCells = None,
     solid: SolidMesh = None,
     robot_solid: SolidRobot = None,
+    package_dirs: PackageDirs = None,
     radius: Radius = None,
     outside: Annotated[Literal["blocked", "free"], typer.Option(help="What lies beyond the workspace.")] = "blocked",
     margin: Annotated[float, typer.Option(metavar="METRES", help="Grow the robot by this much.")] = 0.0,
@@ -114,7 +116,7 @@ def make(
     options = workspace_options(spacing, unknown, bounds, solid, radius)
     clock = Clock()
     with clock.step("read"):
-        shape = read_robot(robot, robot_solid)
+        shape = read_robot(robot, robot_solid, package_dirs)
         reader_of(workspace, options)
         check_dimensions(workspace, dimension_of(workspace), shape, cells)
         lazy = {} if tile is None else lazily(workspace, options)

@@ -70,6 +70,15 @@ SolidMesh = Annotated[
 SolidRobot = Annotated[
     Solid | None, typer.Option("--robot-solid", help="The same for a robot that is a mesh  [default: auto].")
 ]
+PackageDirs = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--package-dir",
+        metavar="DIR",
+        readable=False,
+        help="Folder that holds the ROS packages of a URDF's meshes; may be repeated.",
+    ),
+]
 Radius = Annotated[
     float | None, typer.Option("--radius", metavar="METRES", help="Of the ball around each point of a point cloud.")
 ]
@@ -95,15 +104,15 @@ def workspace_options(
     )
 
 
-def read_robot(text: str, solid: Solid | None) -> Robot:
-    """The robot that ``--robot`` and ``--robot-solid`` give.
+def read_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) -> Robot:
+    """Return the robot that ``--robot``, ``--robot-solid`` and ``--package-dir`` give.
 
     Raises CspaceError as :meth:`cspace.Robot.open`.
     """
     from cspace.robot import Robot
 
     with about_robot():
-        return Robot.open(text, **given(solid=solid))
+        return Robot.open(text, **given(solid=solid, package_dirs=package_dirs or None))
 
 
 def check_dimensions(path: Path, dim: int, robot: Robot | None, rotations: Rotations) -> None:

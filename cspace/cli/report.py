@@ -191,8 +191,8 @@ def in_options(text: str, options: Options) -> str:
 
 @contextmanager
 def about_robot() -> Iterator[None]:
-    """Within the block, errors and warnings about ``solid`` name the robot's option."""
-    options = {"solid": "--robot-solid"}
+    """Within the block, name the robot's options in errors and warnings."""
+    options = {"solid": "--robot-solid", "package_dirs": "--package-dir"}
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always", UserWarning)
         try:

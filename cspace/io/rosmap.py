@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats
-from cspace.errors import FileError, InputError
+from cspace.errors import FileError, InputError, warn_user
 from cspace.grid import SLACK, Grid, check_word
 from cspace.io.files import UNKNOWNS, Fault, decoding, replacing, suffix_of
 from cspace.io.image import Shades, read_shades
@@ -227,7 +226,7 @@ def _beside(path: str | os.PathLike[str], image: str) -> Path:
         fault = f"image is {image!r:.60}, which cannot be looked up"
         raise _fault(fault, "the name of a file", "correct it") from error
     if outside:
-        warnings.warn(f"{os.fspath(path)}: image is {image!r}, which lies outside of its folder", stacklevel=2)
+        warn_user(f"{os.fspath(path)}: image is {image!r}, which lies outside of its folder")
     return file
 
 

@@ -5,20 +5,19 @@ from __future__ import annotations
 import io
 import logging
 import os
-import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from cspace.arrays import Floats, Surface
-from cspace.errors import FileError, InputError, optional
+from cspace.errors import FileError, InputError, optional, warn_user
 from cspace.grid import finite, positive
 from cspace.io.files import Fault, decoding, read_bytes
 from cspace.io.meshes import read_mesh
@@ -55,15 +54,28 @@ _NUMBERS: Final[Mapping[str, Mapping[str, int]]] = {
 """Attributes that hold numbers, and how many."""
 
 
-def read_urdf(path: str | os.PathLike[str], link: str | Sequence[str] | None = None) -> list[Surface]:
-    """The surface of a robot's collision geometry, in the frame of the first link, metres.
+PackageDirs: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]]"
 
-    Links are those of :meth:`cspace.Robot.from_urdf`. Where something is curved, there are two: one around it and one
-    within.
+
+_PACKAGE_SCHEMES: Final = ("package", "model")
+"""Schemes of names that begin with the name of a package."""
+
+_LISTED: Final = 3
+"""Meshes that a warning names, at most."""
+
+
+def read_urdf(
+    path: str | os.PathLike[str], link: str | Sequence[str] | None = None, package_dirs: PackageDirs = ()
+) -> list[Surface]:
+    """Read the surface of a robot's collision geometry, in the frame of the first link, metres.
+
+    Links are those of :meth:`cspace.Robot.from_urdf`. If something is curved, return two surfaces: one around it and
+    one within.
 
     Raises FileError if the file or a mesh is missing or malformed; InputError if there is no such link, the links have
     no collision geometry, or a size is not above zero; and MissingPackageError if yourdfpy is not installed.
     """
+    folders = package_folders(package_dirs)
     file = os.fspath(path)
     urdf = load_urdf(path)
     base, rigid = urdf.base_link, _fixed(urdf)
@@ -73,13 +85,13 @@ def read_urdf(path: str | os.PathLike[str], link: str | Sequence[str] | None = N
             raise InputError(
                 "link", f"is {name!r}", f"{file} has {', '.join(urdf.link_map)}", "name one of these", value=name
             )
-    pairs = []
+    pairs, meshes = [], find_meshes(urdf, links, path, folders)
     for name in links:
         pose = urdf.get_transform(name, links[0])
         for number, collision in enumerate(urdf.link_map[name].collisions):
             place = f"{file}: link {name!r}, collision {number}"
             transform = pose if collision.origin is None else pose @ finite(collision.origin, f"{place}: origin")
-            pairs.append([placed(surface, transform) for surface in _sides(collision.geometry, path, place)])
+            pairs.append([placed(surface, transform) for surface in _sides(collision.geometry, meshes, place)])
     has_shape = [name for name in urdf.link_map if urdf.link_map[name].collisions]
     if not pairs:
         mend = f"name links that have: {', '.join(has_shape)}" if has_shape else "add <collision> to its links"
@@ -87,10 +99,9 @@ def read_urdf(path: str | os.PathLike[str], link: str | Sequence[str] | None = N
             "link", f"is {', '.join(links) or 'not there'}", "no such link has collision geometry", mend, value=link
         )
     if link is None and (left := [name for name in has_shape if name not in rigid]):
-        warnings.warn(
+        warn_user(
             f"{file}: {', '.join(left)} move against {base} and are left out; name all the links that you want, and "
-            "they are put where their joints are at zero",
-            stacklevel=3,
+            "they are put where their joints are at zero"
         )
     curved = any(outer is not inner for outer, inner in pairs)
     return [joined(side) for side in list(zip(*pairs, strict=True))[: 1 + curved]]
@@ -113,29 +124,56 @@ def load_urdf(path: str | os.PathLike[str]) -> URDF:
         return yourdfpy.URDF.load(plain, load_meshes=False, build_collision_scene_graph=False)
 
 
-def shapes_of(urdf: URDF, link: str, path: str | os.PathLike[str]) -> Iterator[tuple[Shape, Floats]]:
-    """The shapes of a link's collision geometry, and from the frame of each to that of the link, shape (4, 4).
+def shapes_of(
+    urdf: URDF, link: str, path: str | os.PathLike[str], meshes: Mapping[str, Path]
+) -> Iterator[tuple[Shape, Floats]]:
+    """Yield the shapes of a link's collision geometry, each with its pose in the frame of the link, shape (4, 4).
 
-    Raises FileError if a mesh is missing or malformed, and InputError if a size is not above zero.
+    ``meshes`` are the files from :func:`find_meshes`.
+
+    Raises FileError if a mesh is malformed, and InputError if a size is not above zero.
     """
     for number, collision in enumerate(urdf.link_map[link].collisions):
         place = f"{os.fspath(path)}: link {link!r}, collision {number}"
-        surface, within = _sides(collision.geometry, path, place)
+        surface, within = _sides(collision.geometry, meshes, place)
         outer = Mesh.of(Mesh(*surface, source=place))
         shape = outer if within is surface else Bracketed(outer, Mesh.of(within))
         yield shape, np.eye(4) if collision.origin is None else finite(collision.origin, f"{place}: origin")
 
 
-def find_meshes(urdf: URDF, links: Iterable[str], path: str | os.PathLike[str]) -> None:
-    """Look for the meshes of some links, before any of them is read.
+def find_meshes(
+    urdf: URDF, links: Iterable[str], path: str | os.PathLike[str], package_dirs: Sequence[Path]
+) -> dict[str, Path]:
+    """Find the mesh files of links, before any of them is read; return each by its name in the URDF.
 
-    Raises FileError if one is missing.
+    The order of the search is that of :meth:`cspace.Robot.from_urdf`. One warning names the files that were found only
+    elsewhere than their names say.
+
+    Raises FileError if a mesh is missing, or several files could be meant.
     """
+    folder = Path(path).resolve().parent
+    meshes: dict[str, Path] = {}
+    guesses: dict[str, Path] = {}
     for link in links:
         for number, collision in enumerate(urdf.link_map[link].collisions):
-            if collision.geometry.mesh is not None:
-                place = f"{os.fspath(path)}: link {link!r}, collision {number}: mesh"
-                _locate(str(collision.geometry.mesh.filename), Path(path), place)
+            if collision.geometry.mesh is None or (name := str(collision.geometry.mesh.filename)) in meshes:
+                continue
+            exact, elsewhere = _places(name, folder, package_dirs)
+            if not (found := _files(exact)[:1]):
+                place = f"{os.fspath(path)}: link {link!r}, collision {number}: mesh {name}"
+                found = _files(elsewhere)
+                _check_single(found, place, folder)
+                guesses[name] = found[0]
+            meshes[name] = found[0]
+    if guesses:
+        listed = [f"{name} from {file}" for name, file in list(guesses.items())[:_LISTED]]
+        more = f" and {len(guesses) - _LISTED} more" if len(guesses) > _LISTED else ""
+        warn_user(
+            f"{os.fspath(path)}: no mesh is where its name says; read instead, as the only file with the rest of the "
+            f"name: {', '.join(listed)}{more}; if this is wrong, pass package_dirs=FOLDER, where FOLDER holds the "
+            "folder of the package"
+        )
+    return meshes
 
 
 def _check(root: Element) -> None:
@@ -213,44 +251,90 @@ def _fixed(urdf: URDF) -> list[str]:
     return rigid
 
 
-def _sides(geometry: Any, path: str | os.PathLike[str], place: str) -> Pair:
+def _sides(geometry: Any, meshes: Mapping[str, Path], place: str) -> Pair:
     """A surface around a collision geometry, and one within; the same one where it is not curved."""
     kind = next(name for name in _NEEDED if getattr(geometry, name) is not None)
-    return _SHAPES[kind](getattr(geometry, kind), path, f"{place}: {kind}")
+    return _SHAPES[kind](getattr(geometry, kind), meshes, f"{place}: {kind}")
 
 
-def _box(box: Any, path: str | os.PathLike[str], place: str) -> Pair:
+def _box(box: Any, meshes: Mapping[str, Path], place: str) -> Pair:
     sides = check_point(box.size, f"{place}: size", 3).tolist()
     surface = Box.of([positive(side, f"{place}: size") for side in sides]).surface
     return surface, surface
 
 
-def _mesh(mesh: Any, path: str | os.PathLike[str], place: str) -> Pair:
+def _mesh(mesh: Any, meshes: Mapping[str, Path], place: str) -> Pair:
     scale = finite(np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3), f"{place}: scale")
     if not scale.all():
         raise InputError(f"{place}: scale", f"is {scale.tolist()}", "no factor may be zero", "correct it", value=scale)
-    surface = placed(read_mesh(_locate(str(mesh.filename), Path(path), place)), np.diag([*scale, 1.0]))
+    surface = placed(read_mesh(meshes[str(mesh.filename)]), np.diag([*scale, 1.0]))
     return surface, surface
 
 
-def _locate(name: str, path: Path, place: str) -> Path:
-    """The file that a URDF names; one of a package is in a folder of that name, or beside the folder of the URDF."""
-    kind, _, rest = name.rpartition("://")
-    tails = [rest, rest.partition("/")[2]] if kind == "package" else [rest]
-    folder = path.resolve().parent
-    for file in (above / tail for above in (folder, *folder.parents) for tail in tails):
-        with suppress(OSError):  # of a name that no file can have
-            if file.is_file():
-                return file
-    rule = f"it is looked for in {folder} and the folders above it"
-    raise FileError(f"{place} {name}", "does not exist", rule, "put it there, or correct its name")
+def package_folders(package_dirs: PackageDirs) -> list[Path]:
+    """Return the folders of ``package_dirs``, which may be a single one."""
+    try:
+        folders = [Path(package_dirs)] if isinstance(package_dirs, str | os.PathLike) else [*map(Path, package_dirs)]
+    except TypeError as error:
+        rule = "it must be a folder, or a list of folders"
+        raise InputError("package_dirs", f"is {package_dirs!r}", rule, "pass paths", value=package_dirs) from error
+    for folder in folders:
+        if not os.path.isdir(folder):  # noqa: PTH112 - Path.is_dir raises OSError for some names
+            rule = "each must be an existing folder that holds the folders of packages"
+            raise InputError("package_dirs", f"names {folder}", rule, "correct its name", value=folder)
+    return folders
 
 
-def _round(make: Callable[..., Pair], names: Sequence[str], shape: Any, path: Any, place: str) -> Pair:
+def _places(name: str, folder: Path, package_dirs: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+    """Return where the file of a mesh may be, in order, and where it may be if the name is not exact.
+
+    ``folder`` is that of the URDF.
+    """
+    scheme, _, rest = name.rpartition("://")
+    above = [folder, *folder.parents]
+    if scheme not in _PACKAGE_SCHEMES:
+        return [folder / rest], [each / rest for each in (*package_dirs, *above)]
+    variables = [
+        Path(each) / tail
+        for variable, tail in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share"))
+        for each in os.environ.get(variable, "").split(os.pathsep)
+        if each
+    ]
+    inside = rest.partition("/")[2]
+    return [each / rest for each in (*package_dirs, *above, *variables)], [
+        each / inside for each in (*package_dirs, *above)
+    ]
+
+
+def _files(places: Iterable[Path]) -> list[Path]:
+    """Return the places that are files, without repetitions."""
+    files: dict[Path, Path] = {}
+    for place in places:
+        with suppress(OSError):  # a name that no file can have
+            if place.is_file():
+                files.setdefault(place.resolve(), place)
+    return list(files.values())
+
+
+def _check_single(found: Sequence[Path], place: str, folder: Path) -> None:
+    """Refuse a mesh with no file, or with several files that could be meant."""
+    hint = "put it there, correct its name, or pass package_dirs=FOLDER, where FOLDER holds the folder of its package"
+    if not found:
+        rule = (
+            f"it is looked for in package_dirs, {folder} and the folders above it, ROS_PACKAGE_PATH and "
+            "AMENT_PREFIX_PATH"
+        )
+        raise FileError(place, "does not exist", rule, hint)
+    if len(found) > 1:
+        rule = f"several files could be meant: {', '.join(map(str, found))}"
+        raise FileError(place, "does not exist under its whole name", rule, hint)
+
+
+def _round(make: Callable[..., Pair], names: Sequence[str], shape: Any, meshes: Mapping[str, Path], place: str) -> Pair:
     return make(*(positive(getattr(shape, name), f"{place}: {name}") for name in names))
 
 
-_SHAPES: Final[Mapping[str, Callable[[Any, str | os.PathLike[str], str], Pair]]] = {
+_SHAPES: Final[Mapping[str, Callable[[Any, Mapping[str, Path], str], Pair]]] = {
     "box": _box,
     "cylinder": partial(_round, cylinder, ("radius", "length")),
     "sphere": partial(_round, partial(capsule, length=0.0), ("radius",)),

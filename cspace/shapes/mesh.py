@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import os
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bools, Floats, Ints, Surface, frozen
-from cspace.errors import GeometryError, InputError
+from cspace.errors import GeometryError, InputError, warn_user
 from cspace.grid import Grid, finite, points_of, unmasked
 from cspace.raster import Raster
 from cspace.rotations import STILL, Turn
@@ -195,7 +194,7 @@ class Mesh(Shape):
         if mesh.solid == "auto" and not mesh._warned:
             object.__setattr__(mesh, "_warned", True)
             for message in mesh._doubts():
-                warnings.warn(message, MeshWarning, stacklevel=2)
+                warn_user(message, MeshWarning)
         return mesh
 
     @property
@@ -320,11 +319,10 @@ class Mesh(Shape):
                 f"move it there first, by {move} for its middle",
             )
         if warn and far > size:
-            warnings.warn(
+            warn_user(
                 f"the robot's mesh is {size:g} m across and lies {far:g} m from its origin, which is its reference "
                 "point: a configuration is where that point is; unless this is meant, move the mesh there first, by "
-                f"{move} for its middle",
-                stacklevel=3,
+                f"{move} for its middle"
             )
 
     def is_same(self, matrix: Floats) -> bool:
@@ -458,7 +456,7 @@ class Mesh(Shape):
             "a surface without an inside; close its gaps, or use cells larger than they are, or ask for its surface "
             "alone"
         )
-        warnings.warn(message, MeshWarning, stacklevel=2)
+        warn_user(message, MeshWarning)
 
     def _doubts(self) -> Iterator[str]:
         """What there is to warn of where closed bodies are taken as solid."""

@@ -203,3 +203,17 @@ def test_bad_input(tmp_path: Path) -> None:
     bare = written(tmp_path, link("a"), link("b"), joint("one", "a", "b"))
     with pytest.raises(InputError, match="no collision geometry"):
         Arm.from_urdf(bare)
+
+
+def test_meshes_of_packages_are_found_in_given_folders(tmp_path: Path) -> None:
+    mesh = tmp_path / "ws" / "arm" / "meshes" / "bar.stl"
+    mesh.parent.mkdir(parents=True)
+    trimesh.creation.box((2.0, 0.1, 0.1)).export(mesh)
+    (tmp_path / "urdf").mkdir()
+    extra = '<collision><geometry><mesh filename="package://arm/meshes/bar.stl"/></geometry></collision>'
+    path = written(tmp_path / "urdf", link("a", BAR), link("b", extra=extra), joint("one", "a", "b"))
+    with pytest.raises(FileError, match=r"pass package_dirs=FOLDER"):
+        Arm.from_urdf(path)
+    arm = Arm.from_urdf(path, package_dirs=tmp_path / "ws")
+    np.testing.assert_allclose(arm.links[1].parts[0].shape.bounds[1], (1.0, 0.05, 0.05), atol=1e-6)
+    assert [link.name for link in Arm.from_urdf(path, package_dirs=[str(tmp_path / "ws")]).links] == ["a", "b"]

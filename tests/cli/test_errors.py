@@ -36,6 +36,7 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     "no rotations": ([*_FLAT, "--rotations", "0"], ["--rotations is '0'", "above zero", "72"]),
     "quaternions in the plane": ([*_FLAT, "--rotations", "quaternions:2"], ["by its yaw", "--rotations 72"]),
     "robot's solid, no mesh": ([*_CELLS, "--robot-solid", "fill"], ["solid", "ball:0.1", ".stl"]),
+    "packages, no urdf": ([*_CELLS, "--package-dir", "."], ["--package-dir", "ball:0.1", ".urdf"]),
     "solid, no mesh": ([*_CELLS, "--solid", "fill"], ["solid", "rooms.npy", "leave it out"]),
     "radius, no points": ([*_MESH, "--radius", "1"], ["radius", "cube.obj", "leave it out"]),
     "radius below zero": (["map", "cloud.xyz", *_MESH[2:], "--radius", "-1"], ["-1"]),
@@ -138,6 +139,7 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     "info of a robot with bounds": (["info", "ball:1", "--bounds", "0,0,1,1"], ["--bounds", "robot", "workspaces"]),
     "info of a mesh with a radius": (["info", "cube.obj", "--radius", "1"], ["radius", "cube.obj", "leave it out"]),
     "info of a solid without a robot": (["info", "cube.obj", "--robot-solid", "fill"], ["--robot-solid", "--robot"]),
+    "info of packages without a robot": (["info", "cube.obj", "--package-dir", "."], ["--package-dir", "--robot"]),
     "info of quaternions in the plane": (["info", "wall.wkt", "--rotations", "quaternions:2"], ["--rotations 72"]),
     "info of voxels without a spacing": (["info", "rooms.npy"], ["--spacing", "missing"]),
 }

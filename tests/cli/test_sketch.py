@@ -5,6 +5,7 @@ import io
 import numpy as np
 import pytest
 import shapely
+import trimesh
 
 import cspace
 from commands import run
@@ -68,6 +69,19 @@ def test_info_draws_the_robot_unless_a_machine_asks(tmp_path):
     )
     assert "from the side" in run("info", tmp_path / "robot.urdf").stdout
     assert "from the side" in run("info", f"{tmp_path / 'robot.urdf'}#l").stdout
+
+
+def test_meshes_of_packages_are_found_in_given_folders(tmp_path):
+    (tmp_path / "ws" / "arm").mkdir(parents=True)
+    (tmp_path / "urdf").mkdir()
+    trimesh.creation.box((1, 1, 1)).export(tmp_path / "ws" / "arm" / "link.stl")
+    urdf = tmp_path / "urdf" / "robot.urdf"
+    urdf.write_text(
+        '<robot name="r"><link name="l"><collision><geometry><mesh filename="package://arm/link.stl"/></geometry>'
+        "</collision></link></robot>"
+    )
+    assert "pass --package-dir FOLDER" in run("info", urdf).stderr
+    assert "from the side" in run("info", urdf, "--package-dir", tmp_path, "--package-dir", tmp_path / "ws").stdout
 
 
 def test_info_of_a_map_without_a_robot_draws_none(tmp_path):

@@ -1,5 +1,7 @@
 """URDF against formulas of its primitives, placed by scipy."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import shapely
@@ -110,6 +112,77 @@ def test_boxes_and_meshes_alone_stay_what_they_are(tmp_path):
         Robot.from_urdf(written(tmp_path, body.replace("NAME", "package://no/part.stl")))
 
 
+MESH = '<link name="l"><collision><geometry><mesh filename="NAME"/></geometry></collision></link>'
+
+
+def write_box(path, side):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    trimesh.creation.box((side, 1, 1)).export(path)
+    return path
+
+
+def side_of(urdf, **options):
+    """The length along x of the mesh that was read, by which the tests tell files apart."""
+    return Robot.from_urdf(urdf, **options).shape.bounds[1][0] * 2
+
+
+@pytest.fixture
+def cell(tmp_path, monkeypatch):
+    """A URDF whose package has a mesh with the same name as that of another package."""
+    for variable in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
+        monkeypatch.delenv(variable, raising=False)
+    folder = tmp_path / "ws" / "src" / "cell_description"
+    write_box(folder / "meshes" / "link.stl", 9)
+    (folder / "urdf").mkdir()
+    return written(folder / "urdf", MESH.replace("NAME", "package://arm_description/meshes/link.stl"))
+
+
+def test_packages_are_searched_in_the_documented_order_and_no_other_package_is_taken(tmp_path, monkeypatch, cell):
+    mesh, given = Path("arm_description", "meshes", "link.stl"), tmp_path / "given"
+    write_box(tmp_path / "ament" / "share" / mesh, 1)
+    write_box(tmp_path / "ros" / mesh, 2)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path}/none:{tmp_path}/ament")
+    assert side_of(cell) == 1
+    monkeypatch.setenv("ROS_PACKAGE_PATH", f":{tmp_path}/none:{tmp_path}/ros")
+    assert side_of(cell) == 2
+    write_box(tmp_path / mesh, 3)
+    assert side_of(cell) == 3
+    write_box(tmp_path / "ws" / "src" / mesh, 4)
+    assert side_of(cell) == 4
+    write_box(given / mesh, 5)
+    assert side_of(cell, package_dirs=given) == side_of(cell, package_dirs=[str(given)]) == 5
+    assert side_of(cell, package_dirs=[tmp_path / "ament" / "share", given]) == 1
+    assert Robot.open(cell, package_dirs=given).shape.bounds[1][0] == 2.5
+    assert Robot.open(f"footprint:{cell}", package_dirs=given).shape.bounds[1][0] == pytest.approx(2.5)
+
+
+def test_a_mesh_of_a_missing_package_is_read_with_a_warning_if_only_one_file_could_be_meant(tmp_path, cell):
+    with pytest.warns(
+        UserWarning, match=r"arm_description/meshes/link.stl from .*cell_description/meshes/link.stl"
+    ) as heard:
+        assert side_of(cell) == 9
+    assert [each.filename for each in heard] == [__file__]
+    write_box(tmp_path / "ws" / "meshes" / "link.stl", 4)
+    with pytest.raises(FileError, match=r"several files could be meant: .*cell_desc.*/link.stl, .*/ws/meshes/link.stl"):
+        side_of(cell)
+    relative = written(cell.parent, MESH.replace("NAME", "meshes/link.stl"), "relative.urdf")
+    with pytest.raises(FileError, match="several files could be meant"):
+        side_of(relative)
+    write_box(cell.parent / "meshes" / "link.stl", 3)
+    assert side_of(relative) == 3
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [("none", "package_dirs names none"), ([__file__], "existing folder"), (3, "package_dirs is 3"), ([3], "is .3.")],
+)
+def test_bad_package_dirs_are_refused(cell, value, message):
+    with pytest.raises(InputError, match=message):
+        Robot.from_urdf(cell, package_dirs=value)
+    with pytest.raises(InputError, match=r"package_dirs is .*it is for .urdf"):
+        Robot.open("disc:0.3", package_dirs=value)
+
+
 def test_reads_the_arms_of_others(data):
     hand = ["panda_hand", "panda_leftfinger", "panda_rightfinger"]
     gripper = Robot.from_urdf(data / "arms" / "panda" / "panda.urdf", hand)
@@ -201,6 +274,7 @@ GEOMETRY = '<link name="l"><collision><geometry>{}</geometry></collision></link>
     ],
 )
 def test_bad_files_are_told_in_a_line(tmp_path, body, error, message):
+    (tmp_path / "x.stl").touch()
     with pytest.raises(error, match=message) as caught:
         Robot.from_urdf(written(tmp_path, body))
     assert "\n" not in str(caught.value)
