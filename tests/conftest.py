@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from _pytest.runner import runtestprotocol
 from hypothesis import settings
+from hypothesis.internal.conjecture import providers
 
 WORKER = "PYTEST_XDIST_WORKER" in os.environ
 
@@ -31,9 +32,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Collecting tests makes millions of objects, and hardly any garbage; what compiling leaves fits a worker.
 gc.set_threshold(1_000_000, 20, 20)
 
-# A test that meets a compiled kernel for the first time waits for the compiler.
-settings.register_profile("cspace", deadline=None, max_examples=50, derandomize="CI" in os.environ)
+# Every run draws the same examples; the soak draws new ones, with --hypothesis-profile=new. There is no deadline
+# because the first call of a kernel compiles it.
+settings.register_profile("cspace", deadline=None, max_examples=50, derandomize=True)
+settings.register_profile("new", settings.get_profile("cspace"), derandomize=False, print_blob=True)
 settings.load_profile("cspace")
+
+# Hypothesis also draws constants from the source of the modules imported so far, which differ from worker to worker.
+providers._get_local_constants = lambda: providers._local_constants
 
 APART = ("spectral/test_bump.py", "exact/test_triangles.py")  # which compile nothing that builds of maps do
 FIRST = (
