@@ -580,6 +580,56 @@ class Workspace:
         return cls(grid, cells, cells, source=str(path), unknown=unseen)
 
     @classmethod
+    def from_moveit_scene(cls, path: StrPath, spacing: float, bounds: ArrayLike | None = None) -> Workspace:
+        """Read the obstacles of a MoveIt planning scene.
+
+        Boxes, spheres, cylinders, cones, meshes and planes are read, in the frame of their headers. If these differ,
+        ``fixed_frame_transforms`` must lead to one frame. Cylinders and cones lie between two polyhedra, as
+        :meth:`Robot.cylinder` does. A plane is a surface without an inside and ends where the bounds do.
+
+        Parameters
+        ----------
+        path : path-like
+            YAML of a ``moveit_msgs/PlanningScene``: as ROS prints it, or as MotionBenchMaker and robowflex write it.
+        spacing : float
+            Side of a cell, in metres.
+        bounds : array-like, shape (6,) or (2, 3), optional
+            As for :meth:`from_mesh`; needed if the scene has planes.
+
+        Raises
+        ------
+        FileError
+            If the file is missing or malformed, or holds an OctoMap or a primitive of another type.
+        GeometryError
+            If a mesh has no triangle, or there is no shape at all.
+        InputError
+            If ``bounds`` is reversed, a number is not usable, or the map does not fit into memory.
+
+        See Also
+        --------
+        cspace.arms.read_moveit_scene : The same obstacles for an arm.
+        """
+        from cspace.io.moveit import read_moveit_scene
+        from cspace.obstacles import Obstacle
+
+        positive(spacing, "spacing")
+        box = None if bounds is None else check_bounds(bounds, 3)
+        ball = None if box is None else (box.mean(axis=0), float(np.linalg.norm(np.ptp(box, axis=0))))
+        shapes = [part.moved() for part in read_moveit_scene(path, ball)]
+        corners = np.array([shape.bounds for shape in shapes])
+        corners = np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
+        grid = covering_grid(corners if box is None else box, spacing, MESH_BYTES)
+        warn_of_units(corners, spacing, "planning scene", box is not None)
+        outer, inner = np.zeros((2, *grid.shape), dtype=np.bool_)
+        for shape in shapes:
+            part = Obstacle.of(shape, grid)
+            window = tuple(map(slice, *part.box))
+            outer[window] |= part.outer
+            inner[window] |= part.inner
+        warn_of_nothing(outer, grid, corners)
+        return cls(grid, outer, inner, source=str(path), shapes=tuple(shapes))
+
+    @classmethod
     def open(cls, path: StrPath, **options: Unpack[OpenOptions]) -> Workspace:
         """Read a map from a file, by its suffix.
 

@@ -37,6 +37,7 @@ space = cspace.build(workspace, cspace.Robot.from_footprint(footprint, padding=0
 plan = planners.plan(space, (-3.5, -2.0, 0.0), (3.5, -2.0, 0.0), drive="differential", time_limit=5, seed=1)
 print(plan)
 save_plot(space, "ros_messages.png", True, path=plan, rotation=0.0)
+print(len(plan.to_path().poses), "poses")  # or to_path(nav_msgs.msg.Path())
 
 # %%
 # The costmap of that robot, in the convention of Nav2.

@@ -6,23 +6,27 @@ import csv
 import json
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import IO, TYPE_CHECKING, Any, Unpack, cast
+from typing import IO, TYPE_CHECKING, Any, Unpack, cast, overload
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from cspace.arms.space import ArmSpace
 from cspace.arrays import Floats
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
+from cspace.grid import finite, positive
 from cspace.io.files import replacing
+from cspace.rotations import Rotations
 from cspace.space import CSpace
 from planners.local_planner import HOLONOMIC, LocalPlanner, local_planner
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from cspace.io.messages import JointTrajectory, Message, Path
     from cspace.plot.picture import PlotOptions
 
 
@@ -232,6 +236,151 @@ class Plan:
             raise InputError("plan", "has no map", "pickling leaves the map behind", mend)
         options.setdefault("path", self)
         return cast(CSpace, self.space).plot(**options)
+
+    @overload
+    def to_path(self, msg: None = None, *, frame_id: str = "map") -> Path: ...
+    @overload
+    def to_path(self, msg: Message, *, frame_id: str = "map") -> Message: ...
+    def to_path(self, msg: Message | None = None, *, frame_id: str = "map") -> Message | Path:
+        """Return the path of a rigid robot as a ``nav_msgs/Path`` of ROS.
+
+        Parameters
+        ----------
+        msg : object, optional
+            A message to fill, of ROS 1 or 2: any object with the fields of ``nav_msgs/Path``. A new
+            :class:`cspace.io.messages.Path` if left out.
+        frame_id : str
+            Frame of the header and of each pose. The stamp of the header is kept, and copied to each pose.
+
+        Returns
+        -------
+        object
+            The message, with one pose for each row of :attr:`path`. A map of the plane gives z = 0; a robot that does
+            not turn has the identity as its orientation. The message cannot hold :attr:`direction`.
+
+        Raises
+        ------
+        InputError
+            If no path was found, the plan moves joints, or the message lacks a field.
+        """
+        from cspace.io.messages import Path, fill_path
+
+        if self._moves_joints:
+            hint = "use to_joint_trajectory()"
+            raise InputError("plan", f"moves the joints {', '.join(self.axes)}", "a path holds poses", hint)
+        self._check_solved("a message holds a path")
+        columns = dict(zip(self.axes, self.path.T, strict=True))
+        zero, one = np.zeros(len(self.path)), np.ones(len(self.path))
+        if "yaw" in columns:
+            columns |= {"qz": np.sin(columns["yaw"] / 2.0), "qw": np.cos(columns["yaw"] / 2.0)}
+        positions = np.stack([columns.get(axis, zero) for axis in ("x", "y", "z")], axis=-1)
+        quaternions = [columns.get(axis, one if axis == "qw" else zero) for axis in ("qx", "qy", "qz", "qw")]
+        return fill_path(positions, np.stack(quaternions, axis=-1), Path() if msg is None else msg, frame_id)
+
+    @overload
+    def to_joint_trajectory(
+        self,
+        msg: None = None,
+        *,
+        velocities: ArrayLike | Mapping[str, float] | None = None,
+        duration: float | None = None,
+        frame_id: str = "",
+    ) -> JointTrajectory: ...
+    @overload
+    def to_joint_trajectory(
+        self,
+        msg: Message,
+        *,
+        velocities: ArrayLike | Mapping[str, float] | None = None,
+        duration: float | None = None,
+        frame_id: str = "",
+    ) -> Message: ...
+    def to_joint_trajectory(
+        self,
+        msg: Message | None = None,
+        *,
+        velocities: ArrayLike | Mapping[str, float] | None = None,
+        duration: float | None = None,
+        frame_id: str = "",
+    ) -> Message | JointTrajectory:
+        """Return the path of an arm as a ``trajectory_msgs/JointTrajectory`` of ROS.
+
+        A plan has no times. They follow from ``velocities`` or from ``duration``, one of which is needed. Both rules
+        start and stop each motion at once: they bound no acceleration. Retime the trajectory before a real arm
+        executes it, without leaving the straight motions between its points, which are what is proven.
+
+        Parameters
+        ----------
+        msg : object, optional
+            A message to fill, of ROS 1 or 2: any object with the fields of ``trajectory_msgs/JointTrajectory``. A new
+            :class:`cspace.io.messages.JointTrajectory` if left out.
+        velocities : float, array-like of shape (dof,), or mapping of joint names to floats, optional
+            Largest speed of each joint, in rad/s (m/s for a joint that slides), above zero. Each motion between two
+            rows takes as long as its slowest joint needs.
+        duration : float, optional
+            Seconds of the whole path, above zero. Each motion takes a share in proportion to its length in the joints.
+        frame_id : str
+            Frame of the header, whose stamp is kept.
+
+        Returns
+        -------
+        object
+            The message: :attr:`axes` as names of the joints, and one point for each row of :attr:`path`, with positions
+            and ``time_from_start``. Velocities, accelerations and efforts stay empty.
+
+        Raises
+        ------
+        InputError
+            If no path was found, the plan moves no joints, neither or both of ``velocities`` and ``duration`` are
+            given, a number is not above zero, or the message lacks a field.
+        """
+        from cspace.io.messages import JointTrajectory, fill_joint_trajectory
+
+        if not self._moves_joints:
+            raise InputError("plan", f"moves {', '.join(self.axes)}", "a trajectory holds joints", "use to_path()")
+        self._check_solved("a message holds a path")
+        seconds = self._seconds(velocities, duration)
+        filled = JointTrajectory() if msg is None else msg
+        return fill_joint_trajectory(self.axes, self.path, seconds, filled, frame_id)
+
+    def _seconds(self, velocities: ArrayLike | Mapping[str, float] | None, duration: float | None) -> Floats:
+        """Return the time of each row of the path, shape (n,), by the rules of :meth:`to_joint_trajectory`."""
+        steps = np.abs(np.diff(self.path, axis=0))
+        if (velocities is None) == (duration is None):
+            fault = "and duration are " + ("left out" if duration is None else "both given")
+            hint = "pass e.g. velocities=1.0, or duration=5.0"
+            raise InputError("velocities", fault, "a plan has no times, and one of the two gives them", hint)
+        if duration is not None:
+            lengths = np.linalg.norm(steps, axis=1)
+            times = (
+                positive(duration, "duration", "seconds") * lengths / max(float(lengths.sum()), np.finfo(float).tiny)
+            )
+        else:
+            times = (steps / self._speeds(velocities)).max(axis=1)
+        return np.concatenate([[0.0], np.cumsum(times)])
+
+    def _speeds(self, velocities: ArrayLike | Mapping[str, float] | None) -> Floats:
+        """Return the largest speed of each joint, shape (dof,)."""
+        rule = f"it must be one number, or one for each of {', '.join(self.axes)}, above zero"
+        if isinstance(velocities, Mapping):
+            if missing := [joint for joint in self.axes if joint not in velocities]:
+                raise InputError("velocities", f"lacks {', '.join(missing)}", rule, "add them", value=velocities)
+            velocities = [velocities[joint] for joint in self.axes]
+        speeds = finite(cast("ArrayLike", velocities), "velocities")
+        if speeds.shape not in ((), (len(self.axes),)) or not (speeds > 0.0).all():
+            raise InputError("velocities", f"is {velocities!r}", rule, "pass rad/s, e.g. 1.0", value=velocities)
+        return np.broadcast_to(speeds, len(self.axes))
+
+    @property
+    def _moves_joints(self) -> bool:
+        """Whether a configuration is that of joints, and not a pose."""
+        known = {"x", "y", "z", *Rotations.all_names()}
+        return isinstance(self.space, ArmSpace) or not set(self.axes) <= known
+
+    def _check_solved(self, rule: str) -> None:
+        """Refuse a plan without a path."""
+        if not self.solved:
+            raise InputError("plan", f"has no path: {self.status}", rule, "check plan.solved first")
 
     def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the path as CSV: a row of names, then a row for each configuration, in full precision.

@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike
 from cspace.arms.chain import Chain
 from cspace.arms.hulls import Hulls, forest_of, hulls_of
 from cspace.arms.proofs import Scene, Solids
-from cspace.arrays import Floats, Ints
+from cspace.arrays import Floats, Ints, StrPath
 from cspace.errors import InputError
 from cspace.exact import ROUNDING
 from cspace.exact.boundaries import anchors_of, in_space
 from cspace.exact.triangles import Trees, box_rows, together, tree_of_rows, triangle_rows
-from cspace.grid import finite
+from cspace.grid import finite, positive
 from cspace.memory import check_memory
 from cspace.shapes import Bracketed, Mesh, Pieces, Shape, ShapeLike, Voxels, shape_of
 from cspace.workspace import Workspace
@@ -285,6 +285,36 @@ def rigid(pose: ArrayLike, name: str) -> Floats:
     matrix = matrix.copy()
     matrix[:3, :3] = left @ right  # the nearest rotation: digits of a file are few
     return matrix
+
+
+def read_moveit_scene(path: StrPath, *, plane_radius: float | None = None) -> dict[str, Placed]:
+    """Read the obstacles of a MoveIt planning scene, for :func:`build_arm`.
+
+    Parameters
+    ----------
+    path : path-like
+        As for :meth:`cspace.Workspace.from_moveit_scene`, which reads the same shapes.
+    plane_radius : float, optional
+        Metres around the origin of the scene: a square stands for each plane and covers what of the plane lies so near.
+        Needed if the scene has planes, and should exceed the arm's reach.
+
+    Returns
+    -------
+    dict of str to Placed
+        Shapes by the id of their collision object, in the frame of the scene. Several shapes of one object are called
+        ``id/0``, ``id/1`` and so on.
+
+    Raises
+    ------
+    FileError, GeometryError
+        As :meth:`cspace.Workspace.from_moveit_scene`.
+    InputError
+        If ``plane_radius`` is not above zero.
+    """
+    from cspace.io.moveit import read_moveit_scene
+
+    ball = None if plane_radius is None else (np.zeros(3), positive(plane_radius, "plane_radius"))
+    return {part.name: Placed(part.shape, part.pose) for part in read_moveit_scene(path, ball)}
 
 
 def named_obstacles(obstacles: object) -> Mapping[str, object]:

@@ -1,14 +1,17 @@
-"""ROS messages without ROS: what has the fields of ``nav_msgs/OccupancyGrid`` is read, and filled; so is a costmap.
+"""ROS messages without ROS: occupancy grids are read; grids, costmaps, paths and joint trajectories are filled.
 
-The classes here have the fields of the messages of ROS 2 of the same names, for those who have no ROS at hand.
+A message is any object with the right fields. The classes here have the fields of the messages of ROS 2 of the same
+names, for use without ROS.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from array import array
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import Any, Final, Protocol, TypeVar
 
 import numpy as np
@@ -118,6 +121,50 @@ class Costmap:
     data: array[int] = field(default_factory=lambda: array("B"), repr=False)
 
 
+@dataclass
+class PoseStamped:
+    """geometry_msgs/PoseStamped."""
+
+    header: Header = field(default_factory=Header)
+    pose: Pose = field(default_factory=Pose)
+
+
+@dataclass
+class Path:
+    """nav_msgs/Path."""
+
+    header: Header = field(default_factory=Header)
+    poses: list[PoseStamped] = field(default_factory=list)
+
+
+@dataclass
+class Duration:
+    """builtin_interfaces/Duration."""
+
+    sec: int = 0
+    nanosec: int = 0
+
+
+@dataclass
+class JointTrajectoryPoint:
+    """trajectory_msgs/JointTrajectoryPoint."""
+
+    positions: array[float] = field(default_factory=lambda: array("d"))
+    velocities: array[float] = field(default_factory=lambda: array("d"))
+    accelerations: array[float] = field(default_factory=lambda: array("d"))
+    effort: array[float] = field(default_factory=lambda: array("d"))
+    time_from_start: Duration = field(default_factory=Duration)
+
+
+@dataclass
+class JointTrajectory:
+    """trajectory_msgs/JointTrajectory."""
+
+    header: Header = field(default_factory=Header)
+    joint_names: list[str] = field(default_factory=list)
+    points: list[JointTrajectoryPoint] = field(default_factory=list)
+
+
 class GridMessage(Protocol):
     """What has the fields of ``nav_msgs/OccupancyGrid``; each is looked up by its name."""
 
@@ -172,6 +219,43 @@ def fill_costmap(costs: NDArray[np.uint8], grid: Grid, msg: Message, frame_id: s
     """The message with a map of costs in it; as :func:`fill_occupancy_grid`, of ``nav2_msgs/Costmap``."""
     fields = {"metadata.size_x": grid.shape[0], "metadata.size_y": grid.shape[1]}
     return _filled(msg, "nav2_msgs/Costmap", costs, grid, "metadata", fields, frame_id)
+
+
+def fill_path(positions: Floats, quaternions: Floats, msg: Message, frame_id: str) -> Message:
+    """Fill a ``nav_msgs/Path`` with poses.
+
+    ``positions``, shape (n, 3), are in metres; ``quaternions``, shape (n, 4), are x, y, z, w. Each pose gets the frame
+    and the stamp of the message. Raises InputError if the message lacks a field.
+    """
+    kind = "nav_msgs/Path"
+    make, stamp = _element_class(msg, "poses", PoseStamped), getattr(getattr(msg, "header", None), "stamp", None)
+    poses = []
+    for position, quaternion in zip(positions.tolist(), quaternions.tolist(), strict=True):
+        fields = {"header.frame_id": frame_id} | ({} if stamp is None else {"header.stamp": stamp})
+        fields |= {f"pose.position.{name}": x for name, x in zip("xyz", position, strict=True)}
+        fields |= {f"pose.orientation.{name}": x for name, x in zip("xyzw", quaternion, strict=True)}
+        poses.append(_set_fields(make(), kind, fields))
+    return _set_fields(msg, kind, {"header.frame_id": frame_id, "poses": poses})
+
+
+def fill_joint_trajectory(
+    joints: Sequence[str], positions: Floats, seconds: Floats, msg: Message, frame_id: str
+) -> Message:
+    """Fill a ``trajectory_msgs/JointTrajectory`` with positions, shape (n, dof), at seconds from its start, shape (n,).
+
+    Raises InputError if the message lacks a field.
+    """
+    kind = "trajectory_msgs/JointTrajectory"
+    make = _element_class(msg, "points", JointTrajectoryPoint)
+    points = []
+    for row, time in zip(positions.tolist(), seconds.tolist(), strict=True):
+        whole, nanoseconds = divmod(round(time * 1e9), 10**9)
+        point = make()
+        # A duration of ROS 1 has other names for the same fields.
+        names = ("secs", "nsecs") if hasattr(getattr(point, "time_from_start", None), "secs") else ("sec", "nanosec")
+        times = {f"time_from_start.{name}": n for name, n in zip(names, (whole, nanoseconds), strict=True)}
+        points.append(_set_fields(point, kind, {"positions": array("d", row), **times}))
+    return _set_fields(msg, kind, {"header.frame_id": frame_id, "joint_names": list(joints), "points": points})
 
 
 def costs_of(
@@ -277,7 +361,15 @@ def _filled(
         **{f"{origin}.orientation.{name}": x for name, x in zip("xyzw", (0.0, 0.0, 0.0, 1.0), strict=True)},
         "data": array({"i": "b", "u": "B"}[cells.dtype.kind], cells.T.tobytes()),
     }
-    for path, value in every.items():
+    return _set_fields(msg, kind, every)
+
+
+def _set_fields(msg: Message, kind: str, fields: Mapping[str, object]) -> Message:
+    """Set fields of a message, given by dotted paths.
+
+    Raises InputError if it has no such field.
+    """
+    for path, value in fields.items():
         *parents, last = path.split(".")
         target: object = msg
         for name in parents:
@@ -286,3 +378,18 @@ def _filled(
             raise _lacking("msg", path, kind)
         setattr(target, last, value)
     return msg
+
+
+def _element_class(msg: object, name: str, otherwise: Callable[[], Any]) -> Callable[[], Any]:
+    """Return the class of the elements of a list field, as a message of ROS declares it, or else ``otherwise``."""
+    declared = getattr(msg, "get_fields_and_field_types", None)  # ROS 2
+    if declared is not None:
+        kinds = dict(declared())
+    else:
+        kinds = dict(zip(getattr(msg, "__slots__", ()), getattr(msg, "_slot_types", ()), strict=False))  # ROS 1
+    named = re.search(r"(\w+)/(\w+)", kinds.get(name, ""))
+    if named is None:
+        return otherwise
+    package, message = named.groups()
+    made: Callable[[], Any] = getattr(import_module(f"{package}.msg"), message)
+    return made

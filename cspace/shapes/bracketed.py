@@ -128,6 +128,15 @@ def cylinder(radius: float, height: float) -> Pair:
     return _revolved(profile * (_WIDER, 1.0) * (1.0 + _ROUNDING)), _revolved(profile * (1.0 - _ROUNDING))
 
 
+def cone(radius: float, height: float) -> Pair:
+    """Return a surface around a cone, and one within it, metres.
+
+    The cone stands upright around the z axis, tip up; the origin is halfway up.
+    """
+    profile = np.array([(0.0, -0.5), (1.0, -0.5), (0.0, 0.5)]) * (radius, height)
+    return _revolved(profile * (_WIDER, 1.0) * (1.0 + _ROUNDING)), _revolved(profile * (1.0 - _ROUNDING))
+
+
 def capsule(radius: float, length: float) -> Pair:
     """All within ``radius`` of a segment of the z axis with its middle in the origin; a ball, where it has no length.
 
