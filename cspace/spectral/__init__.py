@@ -13,6 +13,7 @@ from cspace.spectral.field import OverlapField as OverlapField
 from cspace.spectral.overlap import FourierOverlap as FourierOverlap
 from cspace.spectral.overlap import Separation as Separation
 from cspace.spectral.overlap import Verdict as Verdict
+from cspace.spectral.polygon_sum import PolygonSum as PolygonSum
 from cspace.spectral.spectra import ball_spectrum as ball_spectrum
 from cspace.spectral.spheres import Bounds as Bounds
 from cspace.spectral.spheres import Spheres as Spheres

@@ -23,6 +23,7 @@ from cspace.spectral.bump import Bump, check_bump
 
 if TYPE_CHECKING:
     from cspace.robot import Robot
+    from cspace.spectral.polygon_sum import PolygonSum
 
 
 BallsLike: TypeAlias = "BallSet | Robot | tuple[ArrayLike, ArrayLike]"
@@ -269,28 +270,73 @@ def superlevel(descriptor: Descriptor, threshold: float = 0.0) -> Bools:
     return np.asarray(check_sampled(descriptor).values > level)
 
 
-def minkowski_sum(first: Descriptor, second: Descriptor, method: Literal["fft", "direct"] = "fft") -> Descriptor:
-    """The convolution ``h(x) = integral f(y) g(x - y) dy`` of descriptors on grids of one spacing.
+@overload
+def minkowski_sum(
+    first: BaseGeometry, second: BaseGeometry, method: Literal["fft", "direct"] = "fft"
+) -> PolygonSum: ...
+@overload
+def minkowski_sum(first: Descriptor, second: Descriptor, method: Literal["fft", "direct"] = "fft") -> Descriptor: ...
+def minkowski_sum(
+    first: Descriptor | BaseGeometry, second: Descriptor | BaseGeometry, method: Literal["fft", "direct"] = "fft"
+) -> Descriptor | PolygonSum:
+    """Compute the Minkowski sum of two descriptors, or of two geometries in the plane.
 
-    The integral is the sum over cells, times their measure. The grid of the result is larger: it holds every sum of a
-    cell of one and a cell of the other, and the middles of its cells are sums of theirs.
+    Parameters
+    ----------
+    first, second : Descriptor, or shapely geometry
+        Both of one kind. Descriptors are sampled on grids of one spacing. Geometries are polygons, lines, points, or
+        collections of these, in metres.
+    method : {"fft", "direct"}
+        Of descriptors only. "direct" adds product after product, which is faster if both are small, or one is a few
+        cells large.
 
-    Where all values are whole numbers (indicators), the sums are rounded to such: exact, also by FFT, for
-    ``|f|_2 |g|_2`` below 2^40. Where no value is below zero, the cells in which the sum is above zero are exactly the
+    Returns
+    -------
+    Descriptor
+        The convolution ``h(x) = integral f(y) g(x - y) dy``, as the sum over cells times their measure. Its grid holds
+        every sum of a cell of one and a cell of the other; the centers of its cells are sums of theirs.
+    PolygonSum
+        For geometries: ``inner`` and ``outer``, two geometries. The sum of all points of one and all points of the
+        other contains ``inner``, and ``outer`` contains the sum. Their borders lie about 2e-10 of the largest
+        coordinate apart, except where the sum is thinner than that.
+
+    Raises
+    ------
+    InputError
+        If one is a descriptor and the other is not, a descriptor is not sampled, the dimensions or spacings differ,
+        ``method`` is neither word, or polygons have too many corners.
+    GeometryError
+        If a geometry is empty, crosses itself, or is not finite.
+
+    Notes
+    -----
+    If all values of descriptors are whole numbers (indicators), the sums are rounded to such: exact, also by FFT, for
+    ``|f|_2 |g|_2`` below 2^40. If no value is below zero, the cells in which the sum is above zero are exactly the
     Minkowski sum of those of ``first`` and ``second``: the rounding of an FFT neither adds cells nor loses any.
 
-    The method "direct" sums one product after the other, which pays where both are small, or one is a few cells large.
-
-    Raises InputError if a descriptor is not sampled, the dimensions or spacings differ, or ``method`` is neither word.
+    Examples
+    --------
+    >>> import shapely
+    >>> from cspace.spectral import minkowski_sum
+    >>> inner, outer = minkowski_sum(shapely.box(0, 0, 2, 1), shapely.box(-0.5, -0.5, 0.5, 0.5))
+    >>> bool(outer.covers(shapely.box(-0.5, -0.5, 2.5, 1.5))), round(inner.area, 6)
+    (True, 6.0)
     """
-    f, g = (check_sampled(each).grid for each in (first, second))
+    from shapely import Geometry
+
+    if isinstance(first, Geometry) and isinstance(second, Geometry):
+        from cspace.spectral.polygon_sum import sum_polygons
+
+        return sum_polygons(first, second)
+    one, other = check_sampled(first), check_sampled(second)
+    f, g = one.grid, other.grid
     if not _alike(f, g):
         fault = f"has {g.dim} axes and a spacing of {g.spacing:g} m, the first {f.dim} and {f.spacing:g} m"
         raise InputError("second", fault, "both must be the same", "sample the descriptors alike", value=second)
     check_word(method, "method", ("fft", "direct"))
     lower = np.add(f.lower, g.lower) + 0.5 * f.spacing
     grid = Grid(lower, f.spacing, [n + m - 1 for n, m in zip(f.shape, g.shape, strict=True)])
-    return Descriptor(grid, _convolution(first.values, second.values, method) * f.spacing**f.dim)
+    return Descriptor(grid, _convolution(one.values, other.values, method) * f.spacing**f.dim)
 
 
 def _convolution(f: Floats, g: Floats, method: str) -> Floats:
