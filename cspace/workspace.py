@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
     from cspace.io.messages import GridMessage
+    from cspace.io.urdf import PackageDirs
     from cspace.plot.picture import WorkspaceOptions
     from cspace.shapes.balls import BallSet
     from cspace.shapes.mesh import MeshLike, Solid
@@ -580,7 +581,9 @@ class Workspace:
         return cls(grid, cells, cells, source=str(path), unknown=unseen)
 
     @classmethod
-    def from_moveit_scene(cls, path: StrPath, spacing: float, bounds: ArrayLike | None = None) -> Workspace:
+    def from_moveit_scene(
+        cls, path: StrPath, spacing: float, bounds: ArrayLike | None = None, *, package_dirs: PackageDirs = ()
+    ) -> Workspace:
         """Read the obstacles of a MoveIt planning scene.
 
         Boxes, spheres, cylinders, cones, meshes and planes are read, in the frame of their headers. If these differ,
@@ -595,6 +598,8 @@ class Workspace:
             Side of a cell, in metres.
         bounds : array-like, shape (6,) or (2, 3), optional
             As for :meth:`from_mesh`; needed if the scene has planes.
+        package_dirs : path-like, or sequence of path-like
+            Folders that hold the folders of packages, for meshes, as for :meth:`Robot.from_urdf`.
 
         Raises
         ------
@@ -615,7 +620,7 @@ class Workspace:
         positive(spacing, "spacing")
         box = None if bounds is None else check_bounds(bounds, 3)
         ball = None if box is None else (box.mean(axis=0), float(np.linalg.norm(np.ptp(box, axis=0))))
-        shapes = [part.moved() for part in read_moveit_scene(path, ball)]
+        shapes = [part.moved() for part in read_moveit_scene(path, ball, package_dirs)]
         corners = np.array([shape.bounds for shape in shapes])
         corners = np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
         grid = covering_grid(corners if box is None else box, spacing, MESH_BYTES)

@@ -7,7 +7,7 @@ import pickle
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, singledispatch
-from typing import ClassVar, Final, NamedTuple, cast
+from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -25,6 +25,9 @@ from cspace.grid import finite, positive
 from cspace.memory import check_memory
 from cspace.shapes import Bracketed, Mesh, Pieces, Shape, ShapeLike, Voxels, shape_of
 from cspace.workspace import Workspace
+
+if TYPE_CHECKING:
+    from cspace.io.urdf import PackageDirs
 
 PROBES: Final = 60
 """About how many corners of each part, and points within, are looked for in others, to prove that they collide."""
@@ -287,7 +290,9 @@ def rigid(pose: ArrayLike, name: str) -> Floats:
     return matrix
 
 
-def read_moveit_scene(path: StrPath, *, plane_radius: float | None = None) -> dict[str, Placed]:
+def read_moveit_scene(
+    path: StrPath, *, plane_radius: float | None = None, package_dirs: PackageDirs = ()
+) -> dict[str, Placed]:
     """Read the obstacles of a MoveIt planning scene, for :func:`build_arm`.
 
     Parameters
@@ -297,6 +302,8 @@ def read_moveit_scene(path: StrPath, *, plane_radius: float | None = None) -> di
     plane_radius : float, optional
         Metres around the origin of the scene: a square stands for each plane and covers what of the plane lies so near.
         Needed if the scene has planes, and should exceed the arm's reach.
+    package_dirs : path-like, or sequence of path-like
+        Folders that hold the folders of packages, for meshes, as for :meth:`cspace.Robot.from_urdf`.
 
     Returns
     -------
@@ -314,7 +321,7 @@ def read_moveit_scene(path: StrPath, *, plane_radius: float | None = None) -> di
     from cspace.io.moveit import read_moveit_scene
 
     ball = None if plane_radius is None else (np.zeros(3), positive(plane_radius, "plane_radius"))
-    return {part.name: Placed(part.shape, part.pose) for part in read_moveit_scene(path, ball)}
+    return {part.name: Placed(part.shape, part.pose) for part in read_moveit_scene(path, ball, package_dirs)}
 
 
 def named_obstacles(obstacles: object) -> Mapping[str, object]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,14 +10,14 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Floats, Surface
-from cspace.errors import GeometryError
+from cspace.arrays import Floats, StrPath, Surface
+from cspace.errors import GeometryError, warn_user
 from cspace.io.files import Fault, decoding
 from cspace.io.limits import check_memory
 from cspace.io.meshes import read_mesh
 from cspace.io.plain import read_yaml
 from cspace.io.polygons import placed, unfolded
-from cspace.io.urdf import _locate
+from cspace.io.urdf import PackageDirs, locate_meshes, package_folders
 from cspace.shapes import Balls, Box, Bracketed, Mesh, Shape
 from cspace.shapes.bracketed import Pair, cone, cylinder
 
@@ -65,7 +64,9 @@ class SceneShape(NamedTuple):
         return _moved(self.shape, self.pose)
 
 
-def read_moveit_scene(path: str | os.PathLike[str], plane_ball: Ball | None = None) -> list[SceneShape]:
+def read_moveit_scene(
+    path: StrPath, plane_ball: Ball | None = None, package_dirs: PackageDirs = ()
+) -> list[SceneShape]:
     """Read the obstacles of a planning scene.
 
     A warning lists the parts of the scene that enlarge the robot, which are not read.
@@ -77,10 +78,13 @@ def read_moveit_scene(path: str | os.PathLike[str], plane_ball: Ball | None = No
     plane_ball : (ndarray of float64, shape (3,), float), optional
         Center and radius, metres: a square stands for each plane, which has no end, and covers what of the plane lies
         in this ball.
+    package_dirs : path-like, or sequence of path-like
+        Folders that hold the folders of packages, for meshes.
 
     Raises FileError if the file is missing or malformed, or holds something else than boxes, spheres, cylinders, cones,
     meshes and planes, and GeometryError if a mesh has no triangle or the scene is without any shape.
     """
+    folders = package_folders(package_dirs)
     content = read_yaml(path, _KIND)
     with decoding(path, _KIND):
         scene = _table(content, "the file")
@@ -92,7 +96,7 @@ def read_moveit_scene(path: str | os.PathLike[str], plane_ball: Ball | None = No
         if octomap.get("data"):
             hint = "save it as .bt, read it with Workspace.from_octomap, and remove it here"
             raise Fault("holds an OctoMap", "only collision objects are read", hint)
-        reader = _Reader(path, plane_ball)
+        reader = _Reader(path, plane_ball, folders)
         objects = reader.objects(_items(world["collision_objects"], "collision_objects"))
         frames = {frame for frame, _ in objects.values()}
         to_scene = _frames(_items(scene.get("fixed_frame_transforms"), "fixed_frame_transforms"), frames)
@@ -105,17 +109,16 @@ def read_moveit_scene(path: str | os.PathLike[str], plane_ball: Ball | None = No
             raise GeometryError(os.fspath(path), "holds no shape", "a scene has one at least", "pass another file")
         if left_out := _robot_parts(scene):
             listed = ", ".join(left_out)
-            message = f"{os.fspath(path)}: {listed} enlarge the robot and are not read; use arm.attach and margin="
-            warnings.warn(message, stacklevel=3)
+            warn_user(f"{os.fspath(path)}: {listed} enlarge the robot and are not read; use arm.attach and margin=")
         return shapes
 
 
 class _Reader:
     """Makes the shapes of collision objects."""
 
-    def __init__(self, path: str | os.PathLike[str], plane_ball: Ball | None) -> None:
-        self._path, self._plane_ball = path, plane_ball
-        self._files: dict[Path, Surface] = {}
+    def __init__(self, path: StrPath, plane_ball: Ball | None, folders: Sequence[Path]) -> None:
+        self._path, self._plane_ball, self._folders = path, plane_ball, folders
+        self._meshes: dict[str, Surface] = {}
         self._count, self._bytes = 0, 0
 
     def objects(self, items: Sequence[Any]) -> dict[str, tuple[str, list[tuple[Shape, Floats]]]]:
@@ -183,15 +186,15 @@ class _Reader:
     def _mesh(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
         table = _table(item, place)
         if table.get("resource"):
-            file = _locate(str(table["resource"]), Path(self._path), f"{os.fspath(self._path)}: {place}")
-            if file not in self._files:
-                self._files[file] = read_mesh(file)
+            name = str(table["resource"])
+            if name not in self._meshes:
+                self._meshes[name] = read_mesh(locate_meshes({name: place}, self._path, self._folders)[name])
             scale = np.ones(3)
             if table.get("dimensions") is not None:
                 scale = _numbers(table["dimensions"], 3, f"dimensions of {place}")
             if not scale.all():
                 raise Fault(f"has the dimensions {scale.tolist()} at {place}", "no factor may be zero", "correct them")
-            vertices, faces = placed(self._files[file], np.diag([*scale, 1.0]))
+            vertices, faces = placed(self._meshes[name], np.diag([*scale, 1.0]))
         else:
             points = _items(table.get("vertices"), f"vertices of {place}")
             corners = [

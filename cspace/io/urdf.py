@@ -151,20 +151,31 @@ def find_meshes(
 
     Raises FileError if a mesh is missing, or several files could be meant.
     """
+    places: dict[str, str] = {}
+    for link in links:
+        for number, collision in enumerate(urdf.link_map[link].collisions):
+            if collision.geometry.mesh is not None:
+                places.setdefault(str(collision.geometry.mesh.filename), f"link {link!r}, collision {number}")
+    return locate_meshes(places, path, package_dirs)
+
+
+def locate_meshes(
+    places: Mapping[str, str], path: str | os.PathLike[str], package_dirs: Sequence[Path]
+) -> dict[str, Path]:
+    """Find the mesh files that a file names, as :func:`find_meshes` does.
+
+    ``places`` says for each name, in messages, where the file has it.
+    """
     folder = Path(path).resolve().parent
     meshes: dict[str, Path] = {}
     guesses: dict[str, Path] = {}
-    for link in links:
-        for number, collision in enumerate(urdf.link_map[link].collisions):
-            if collision.geometry.mesh is None or (name := str(collision.geometry.mesh.filename)) in meshes:
-                continue
-            exact, elsewhere = _places(name, folder, package_dirs)
-            if not (found := _files(exact)[:1]):
-                place = f"{os.fspath(path)}: link {link!r}, collision {number}: mesh {name}"
-                found = _files(elsewhere)
-                _check_single(found, place, folder)
-                guesses[name] = found[0]
-            meshes[name] = found[0]
+    for name, place in places.items():
+        exact, elsewhere = _places(name, folder, package_dirs)
+        if not (found := _files(exact)[:1]):
+            found = _files(elsewhere)
+            _check_single(found, f"{os.fspath(path)}: {place}: mesh {name}", folder)
+            guesses[name] = found[0]
+        meshes[name] = found[0]
     if guesses:
         listed = [f"{name} from {file}" for name, file in list(guesses.items())[:_LISTED]]
         more = f" and {len(guesses) - _LISTED} more" if len(guesses) > _LISTED else ""

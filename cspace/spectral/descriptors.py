@@ -22,6 +22,8 @@ from cspace.shapes import Balls, BallSet, Mesh, ShapeLike, check_balls, shape_of
 from cspace.spectral.bump import Bump, check_bump
 
 if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
     from cspace.robot import Robot
     from cspace.spectral.polygon_sum import PolygonSum
 
