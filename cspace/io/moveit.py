@@ -28,7 +28,7 @@ MAX_SHAPES: Final = 10_000
 
 _ADD, _REMOVE, _APPEND, _MOVE = range(4)
 
-_OPERATIONS: Final = {
+_OPERATIONS: Final[Mapping[object, int]] = {
     **{word: number for number, word in enumerate(("add", "remove", "append", "move"))},
     **{number: number for number in range(4)},
     **{chr(number): number for number in range(4)},
@@ -267,22 +267,23 @@ def _frames(transforms: Sequence[Any], frames: set[str]) -> dict[str, Floats]:
     """
     if len(frames) == 1:
         return dict.fromkeys(frames, np.eye(4))
-    parents = {}
+    parents: dict[str, tuple[str, Floats]] = {}
     for number, item in enumerate(transforms):
         place = f"fixed_frame_transforms[{number}]"
         entry = _table(item, place)
         header, motion = _table(entry.get("header"), place), _table(entry.get("transform"), place)
         parent = str(header.get("frame_id") or "").lstrip("/")
-        pose = {"position": motion.get("translation"), "orientation": motion.get("rotation")}
-        parents[str(entry.get("child_frame_id") or "").lstrip("/")] = parent, _pose(pose, place)
-    motions, roots = {}, set()
+        given = {"position": motion.get("translation"), "orientation": motion.get("rotation")}
+        parents[str(entry.get("child_frame_id") or "").lstrip("/")] = parent, _pose(given, place)
+    motions: dict[str, Floats] = {}
+    roots: set[str] = set()
     for frame in sorted(frames):
-        root, motion, passed = frame, np.eye(4), {frame}
+        root, to_root, passed = frame, np.eye(4), {frame}
         while root in parents and parents[root][0] not in passed:
             root, step = parents[root]
-            motion = step @ motion
+            to_root = step @ to_root
             passed.add(root)
-        motions[frame] = motion
+        motions[frame] = to_root
         roots.add(root)
     if len(roots) > 1:
         fault = f"has objects in the frames {', '.join(map(repr, sorted(frames)))}"

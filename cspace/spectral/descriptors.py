@@ -273,11 +273,11 @@ def superlevel(descriptor: Descriptor, threshold: float = 0.0) -> Bools:
 
 
 @overload
+def minkowski_sum(first: Descriptor, second: Descriptor, method: Literal["fft", "direct"] = "fft") -> Descriptor: ...
+@overload
 def minkowski_sum(
     first: BaseGeometry, second: BaseGeometry, method: Literal["fft", "direct"] = "fft"
 ) -> PolygonSum: ...
-@overload
-def minkowski_sum(first: Descriptor, second: Descriptor, method: Literal["fft", "direct"] = "fft") -> Descriptor: ...
 def minkowski_sum(
     first: Descriptor | BaseGeometry, second: Descriptor | BaseGeometry, method: Literal["fft", "direct"] = "fft"
 ) -> Descriptor | PolygonSum:
