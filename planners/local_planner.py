@@ -204,6 +204,10 @@ class LocalPlanner(ABC):
         Raises ConfigurationError if it cannot, and InputError if it is no configuration.
         """
 
+    def explain_clamping(self, q: ArrayLike, name: str) -> str:
+        """Say which joints of a start or goal :meth:`endpoint` moves onto their limits; empty if none."""
+        return ""
+
     def path_exists(self, endpoints: Endpoints) -> bool | None:
         """What is proven of a path before one is searched: that there is one, or none."""
         return None
@@ -530,12 +534,19 @@ class JointMotions(LocalPlanner):
         return ARM_STEP
 
     def endpoint(self, q: ArrayLike, name: str) -> Configuration:
-        space, point = self.space, self._point(q, name)
-        if not space.is_free(space.checked(point, name)):
+        space = self.space
+        point = space.arm.clamp(space.checked(self._point(q, name), name))
+        if not space.is_free(point):
             raise in_collision(space, point, name)
         circles = np.array(space.endless)
         point[circles] = wrapped(point[circles])
         return tuple(point.tolist())
+
+    def explain_clamping(self, q: ArrayLike, name: str) -> str:
+        arm, point = self.space.arm, self._point(q, name)
+        moved = np.abs(arm.clamp(point) - point)
+        joints = [f"{joint} by {by:.2g}" for joint, by in zip(arm.joints, moved.tolist(), strict=True) if by]
+        return f"{name} moved onto the limit of {', '.join(joints)}" if joints else ""
 
     def outlook(self, exists: bool | None, planner: str, more_time: str) -> tuple[str, list[str]]:
         return "unknown whether one exists", [more_time, "another seed", "another planner"]

@@ -276,6 +276,8 @@ def plan(
         if array is not None:
             array.flags.writeable = False
     status, advice = _status(result, name if legs else CUBES, edges, exists, limit)
+    clamping = edges.explain_clamping(start, "start"), edges.explain_clamping(goal, "goal")
+    status = "; ".join(filter(None, (status, *clamping)))
     certified = solved and result.proven and kind_of(space).same(result.path[[0, -1]], np.array(endpoints))
     length, turning = edges.measured(waypoints) if solved else (math.nan, math.nan)
     setup = searched - began - result.planning - result.simplification

@@ -72,7 +72,8 @@ class Plan:
         differential drive, those where it begins to turn or to drive: straight edges join them, so that
         :meth:`cspace.CSpace.certify_path` proves waypoints and path alike.
     start, goal : ndarray of float64, shape (dof,), read-only
-        What a path was looked for between, as planners hold it: yaw in [-pi, pi), a quaternion's norm 1.
+        What a path was looked for between, as planners hold it: yaw in [-pi, pi), a quaternion's norm 1, the joints of
+        an arm within their limits.
     axes : tuple of str
         Names of the columns of the path, those of :attr:`cspace.CSpace.axes`.
     units : tuple of str
@@ -86,7 +87,8 @@ class Plan:
         Whether every edge between the waypoints was proven free by the map, or with ``exact`` by the map and the
         geometry, checked again after OMPL was done; curves are proven along the real curve.
     status : str
-        The result in a line: that a path was found, or what is known where none was.
+        The result in a line: that a path was found, or what is known where none was; and, for an arm, how far the start
+        or goal was moved onto limits that it exceeded.
     advice : str
         What to try where the search found no path though there may be one; otherwise empty.
     length : float

@@ -182,12 +182,10 @@ def _held(space: ArmSpace, names: Sequence[str], at: ArrayLike | None) -> Floats
         raise InputError(
             "at", f"has shape {held.shape}", "it must be one configuration of the arm", "pass one", value=at
         )
-    for name in others:
-        number = space.arm.joints.index(name)
-        low, high = space.arm.lower[number], space.arm.upper[number]
-        if not low <= held[number] <= high:
-            fault = f"has {name} at {held[number]:g}"
-            raise InputError("at", fault, f"its limits are {low:g} and {high:g}", "stay within them", value=at)
+    within = space.arm.clamp(held)
+    numbers = [space.arm.joints.index(name) for name in others]
+    within[numbers] = held[numbers]
+    space.arm.check_limits(within, "at")
     return held.copy()
 
 
@@ -208,7 +206,7 @@ def _limits(space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]
         return own
     given = finite(limits[name], f"limits[{name!r}]")
     if given.shape != (2,) or not own[0] <= given[0] < given[1] <= own[1]:
-        rule = f"they must be two ascending numbers within {own[0]:g} and {own[1]:g}"
+        rule = f"they must be two ascending numbers within {own[0]:.12g} and {own[1]:.12g}"
         raise InputError(f"limits[{name!r}]", f"are {limits[name]}", rule, "correct them", value=limits[name])
     return float(given[0]), float(given[1])
 

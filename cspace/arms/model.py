@@ -18,7 +18,7 @@ from cspace.arms.chain import MOST_BODIES, SLIDES, STILL, TURNS, Chain, place_bo
 from cspace.arms.proofs import Scene, are_free
 from cspace.arms.solids import Solid, placed_shared, rigid, scene_of
 from cspace.arrays import Bools, Floats
-from cspace.errors import InputError
+from cspace.errors import ConfigurationError, InputError
 from cspace.grid import finite
 from cspace.shapes import ShapeLike, shape_of
 
@@ -33,6 +33,9 @@ _KINDS: Final = {"fixed": STILL, "revolute": TURNS, "continuous": TURNS, "prisma
 
 LOOKS: Final = 1000
 """Random configurations after which a pair is said to touch never, or always."""
+
+LIMIT_SLACK: Final = 1e-5
+"""How far beyond a limit a joint may stand, radians or metres: files round limits and configurations differently."""
 
 _FEW: Final = 4
 """Configurations in one of which most pairs are apart."""
@@ -245,6 +248,30 @@ class Arm:
         low, high = q.min(axis=0) - math.pi, q.max(axis=0) + math.pi
         return np.where(np.isinf(self.lower), low, self.lower), np.where(np.isinf(self.upper), high, self.upper)
 
+    def check_limits(self, q: Floats, name: str) -> None:
+        """Refuse configurations, shape (..., dof), more than :data:`LIMIT_SLACK` beyond a limit.
+
+        Raises
+        ------
+        ConfigurationError
+            If one is.
+        """
+        beyond = np.maximum(self.lower - q, q - self.upper)
+        if (beyond > LIMIT_SLACK).any():
+            *row, number = np.argwhere(beyond > LIMIT_SLACK)[0].tolist()
+            value = float(q[*row, number])
+            raise ConfigurationError(
+                name,
+                f"has {self.joints[number]} at {value:.12g}",
+                f"its limits are {self.lower[number]:.12g} and {self.upper[number]:.12g}",
+                f"stay within them; up to {LIMIT_SLACK:g} beyond is accepted",
+                value=value,
+            )
+
+    def clamp(self, q: Floats) -> Floats:
+        """Move configurations, shape (..., dof), onto the limits where they are beyond them."""
+        return np.asarray(q.clip(self.lower, self.upper))
+
     def checked(self, q: ArrayLike, name: str) -> Floats:
         """Configurations, shape (..., dof).
 
@@ -288,7 +315,7 @@ def _joint(joint: Any, file: str) -> Joint:
         if lower > upper:
             rule = "the lower one must not be above the upper one"
             raise InputError(
-                f"{where}: limits", f"are {lower:g} and {upper:g}", rule, "exchange them", value=(lower, upper)
+                f"{where}: limits", f"are {lower:.12g} and {upper:.12g}", rule, "exchange them", value=(lower, upper)
             )
     mimic = joint.mimic
     leader, factor, offset = joint.name, 1.0, 0.0
@@ -430,7 +457,8 @@ class _Assembly:
             axes[b], kinds[b], numbers[b] = joint.axis, joint.kind, self._moving.index(joint.leader)
             factors[b], offsets[b] = joint.factor, joint.offset
             if joint.kind == SLIDES:
-                own[b] += np.abs(joint.factor * np.array([leader.lower, leader.upper]) + joint.offset).max()
+                farthest = np.array([leader.lower - LIMIT_SLACK, leader.upper + LIMIT_SLACK])
+                own[b] += np.abs(joint.factor * farthest + joint.offset).max()
             above[b], above[b, b] = above[parent], True
         between = above[:, np.newaxis] ^ above[np.newaxis]
         return Chain(parents, frames, axes, kinds, numbers, factors, offsets, between, (between * own).sum(axis=2))

@@ -95,6 +95,10 @@ class ArmSpace(ConfigurationSpace):
     in the other, and MIXED where neither is proven. A motion moves all joints in step, along the straight line between
     two configurations, and is proven all along.
 
+    Configurations up to 1e-5 rad (m) beyond a limit are accepted, because files round limits and configurations
+    differently. Answers hold for the configuration as given. Paths stay within the limits: :meth:`free_path` and
+    :func:`planners.plan` move a start or goal onto a limit that it exceeds.
+
     Attributes
     ----------
     arm : Arm
@@ -375,7 +379,8 @@ class ArmSpace(ConfigurationSpace):
     ) -> Floats:
         """A collision-free path, proven all along, found by two trees of motions that grow towards each other.
 
-        It is the same every time for a seed, unless the time limit cuts the search off, and not the shortest.
+        It is the same every time for a seed, unless the time limit cuts the search off, and not the shortest. It begins
+        and ends within the limits: where q0 or q1 is beyond one by at most 1e-5 rad (m), at the limit.
 
         Parameters
         ----------
@@ -397,7 +402,7 @@ class ArmSpace(ConfigurationSpace):
         Raises
         ------
         ConfigurationError
-            If the start, or each goal, is not FREE, or outside the limits of a joint.
+            If the start, or each goal, is not FREE, or more than 1e-5 rad (m) beyond the limits of a joint.
         InputError
             If a configuration is not one of finite numbers, or the time limit is not above zero.
         """
@@ -409,6 +414,7 @@ class ArmSpace(ConfigurationSpace):
                 rule = f"it must be one configuration of {self.dof} numbers" + " or rows of them" * (name == "q1")
                 raise InputError(name, f"has shape {q.shape}", rule, f"pass ({', '.join(self.axes)})", value=q)
         seconds = positive(time_limit, "time_limit", "seconds")
+        start, goals = self.arm.clamp(start), self.arm.clamp(goals)
         endpoints = np.vstack([start, goals])
         free = are_free(self.record, endpoints, endpoints)
         for name, q, good in (("q0", start, free[0]), ("q1", goals[0], free[1:].any())):
@@ -464,18 +470,7 @@ class ArmSpace(ConfigurationSpace):
 
     def checked(self, q: ArrayLike, name: str = "q") -> Floats:
         points = self.arm.checked(q, name)
-        outside = (points < self.arm.lower) | (points > self.arm.upper)
-        if outside.any():
-            *_, number = np.argwhere(outside)[0]
-            value = float(points[outside][0])
-            joint, low, high = self.arm.joints[number], self.arm.lower[number], self.arm.upper[number]
-            raise ConfigurationError(
-                name,
-                f"has {joint} at {value:g}",
-                f"its limits are {low:g} and {high:g}",
-                "stay within them",
-                value=value,
-            )
+        self.arm.check_limits(points, name)
         return points
 
 

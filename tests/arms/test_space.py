@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import planners
 from cspace import BLOCKED, FREE, MIXED, Robot
 from cspace.arms import Arm, ArmSpace, Placed, build_arm
 from cspace.errors import ConfigurationError, InputError
@@ -227,3 +228,39 @@ def test_checkers_never_pass_nan(tmp_path):
     assert check(*q, *q) and space.point_checker()(*q)
     for bad in ((np.nan, 0.1), (0.0, np.nan)):
         assert not (check(*bad, *q) or check(*q, *bad) or space.point_checker()(*bad))
+
+
+HAIR = 4e-6
+"""Radians or metres; within what is accepted beyond a limit."""
+
+
+def test_plans_move_configurations_a_hair_beyond_limits_onto_them_and_say_so(tmp_path: Path) -> None:
+    space = build_arm({}, Arm.from_urdf(planar(tmp_path, limits=(-1.123456, 2.0))))
+    for planner in (None, "RRTConnect"):
+        plan = planners.plan(space, (-1.123456 - HAIR, 0.3), (2.0 + HAIR, 0.5), planner=planner, seed=1)
+        assert plan.certified
+        assert plan.path[0].tolist() == plan.start.tolist() == [-1.123456, 0.3]
+        assert plan.path[-1].tolist() == [2.0, 0.5]
+        assert plan.status.startswith("path found")
+        assert "start moved onto the limit of shoulder by 4e-06; goal moved onto" in plan.status
+    assert "moved" not in planners.plan(space, (-1.123456, 0.3), (2.0, 0.5), seed=1).status
+    path = space.free_path((-1.123456 - HAIR, 0.3), (2.0, 3.0 + HAIR), seed=1)
+    assert path[[0, -1]].tolist() == [[-1.123456, 0.3], [2.0, 3.0]]
+    for call in (space.is_free, lambda q: planners.plan(space, q, (0, 0)), lambda q: space.free_path(q, (0, 0))):
+        with pytest.raises(ConfigurationError, match=r"shoulder at -1.1234761.*limits are -1.123456 and 2; .*1e-05"):
+            call((-1.123456 - 2.01e-5, 0.3))
+
+
+def test_answers_beyond_a_limit_hold_for_the_configuration_as_given(tmp_path: Path) -> None:
+    """A rod that slides out by 0.5 m ends 1e-6 m before a wall: there it is free, and a hair farther it is not."""
+    rod = link("rod", ((1.0, 0.1, 0.1), (0, 0, 0)))
+    slide = joint("slide", "foot", "rod", axis=(1, 0, 0), kind="prismatic", limits=(-0.5, 0.5))
+    path = written(tmp_path, link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.2))), rod, slide)
+    wall = Placed(Robot.box((1.0, 1.0, 1.0)).shape, at(1.5 + 1e-6, 0, 0))
+    space = build_arm({"wall": wall}, Arm.from_urdf(path))
+    assert space.is_free((0.5,))
+    assert space.classify((0.5 + HAIR,)) == BLOCKED
+    assert not space.motion_is_free((0.0,), (0.5 + HAIR,))
+    assert not space.certify_path([(0.0,), (0.5 + HAIR,)]).any()
+    assert space.is_free((-0.5 - HAIR,))
+    assert planners.plan(space, (0.0,), (0.5 + HAIR,)).certified
