@@ -79,6 +79,11 @@ class ConfigurationMap(ConfigurationSpace):
         """Names of the numbers in a configuration: x and y, in space z, then yaw or qx, qy, qz and qw."""
         return (*self.grid.axes, *self.rotations.names)
 
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the numbers in a configuration: "m", "rad", or "1" for those of a quaternion."""
+        return (*self.grid.units, *self.rotations.units)
+
     @abstractmethod
     def count(self) -> tuple[int, int, int]:
         """Number of FREE, MIXED and BLOCKED cells, over all rotation cells."""

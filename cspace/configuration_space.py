@@ -29,6 +29,11 @@ class ConfigurationSpace(ABC):
     def axes(self) -> tuple[str, ...]:
         """Names of the numbers in a configuration."""
 
+    @property
+    @abstractmethod
+    def units(self) -> tuple[str, ...]:
+        """Units of the numbers in a configuration: "m", "rad", or "1" for those of a quaternion."""
+
     @cached_property
     def dof(self) -> int:
         """How many numbers a configuration has."""

@@ -305,6 +305,12 @@ class Grid:
         return " or ".join(dict.fromkeys(self.units))
 
     @property
+    def measure_unit(self) -> str:
+        """The unit of a cell's area or volume: "m2", "rad3", or e.g. "rad m"."""
+        powers = [(unit, self.units.count(unit)) for unit in sorted(set(self.units), reverse=True)]
+        return " ".join(f"{unit}{power}" if power > 1 else unit for unit, power in powers)
+
+    @property
     def labels(self) -> tuple[str, ...]:
         """What stands at the axes of a picture: names and units."""
         return tuple(f"{axis} ({unit})" for axis, unit in zip(self.axes, self.units, strict=True))

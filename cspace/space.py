@@ -225,7 +225,8 @@ class CSpace(ConfigurationMap):
     def facts(self) -> dict[str, object]:
         grid, rotations, states, fields = self.grid, self.rotations, self._seen, self._contents.fields
         arrays: list[Any] = [states, *fields.values()] + ([] if self.overlaps is None else [self.overlaps])
-        filled = "mean_" * bool(rotations.names) + f"free_{('area_m2', 'volume_m3')[grid.dim - 2]}"
+        measure = f"{('area', 'volume')[grid.dim - 2]}_{grid.measure_unit.replace(' ', '_')}"
+        filled = "mean_" * bool(rotations.names) + f"free_{measure}"
         free = counts_of(states)[:, FREE][self._slice_of]
         mean = float(free @ rotations.volumes / rotations.volumes.sum()) * grid.spacing**grid.dim
         return {

@@ -121,8 +121,13 @@ class LocalPlanner(ABC):
 
     @property
     @abstractmethod
-    def units(self) -> tuple[str, str]:
-        """Units of lengths and of clearances."""
+    def length_unit(self) -> str:
+        """Unit of lengths: "m", "rad", or "rad or m" if an arm's joints have both."""
+
+    @property
+    @abstractmethod
+    def distance_unit(self) -> str:
+        """Unit of clearances and obstacle distances."""
 
     @property
     def quickest(self) -> str:
@@ -233,8 +238,12 @@ class EdgesOnMap(LocalPlanner):
     own = (CUBES, WIDEST)
 
     @property
-    def units(self) -> tuple[str, str]:
-        return self.space.grid.unit, self.space.grid.unit
+    def length_unit(self) -> str:
+        return self.space.grid.unit
+
+    @property
+    def distance_unit(self) -> str:
+        return self.space.grid.unit
 
     @property
     @abstractmethod
@@ -495,7 +504,11 @@ class JointMotions(LocalPlanner):
     space: ArmSpace
     own = (BIRRT,)
     quickest = BIRRT
-    units = "rad", "m"
+    distance_unit = "m"
+
+    @property
+    def length_unit(self) -> str:
+        return " or ".join(dict.fromkeys(self.space.units))
 
     def edge_checker(self) -> Callable[..., bool]:
         return with_wrapped_angles(self.space.edge_checker(), self.space.endless)

@@ -77,7 +77,11 @@ class Plan:
     axes : tuple of str
         Names of the columns of the path, those of :attr:`cspace.CSpace.axes`.
     units : tuple of str
-        Units of the length, and of :attr:`shown_distance`: "m", or "rad" for motions of joints.
+        Units of these columns: "m", "rad", or "1" for the numbers of a quaternion.
+    length_unit : str
+        Unit of the length: "m"; of motions of joints "rad", or "rad or m" if some of them slide.
+    distance_unit : str
+        Unit of :attr:`clearance` and :attr:`obstacle_distance`: "m", or in a map of joints theirs.
     direction : ndarray of int8, shape (n,), read-only, or None
         How the robot gets to each row from the one before: 1 ahead, -1 in reverse, 0 turning on the spot; the first row
         has that of the second. None of a holonomic robot.
@@ -124,7 +128,9 @@ class Plan:
     start: Floats
     goal: Floats
     axes: tuple[str, ...]
-    units: tuple[str, str]
+    units: tuple[str, ...]
+    length_unit: str
+    distance_unit: str
     direction: NDArray[np.int8] | None
     solved: bool
     certified: bool
@@ -205,11 +211,11 @@ class Plan:
         radius = f" of {self.turning_radius:g} m" if self.turning_radius else ""
         edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}{radius}"
         endpoints = " to ".join(map(_point, self.waypoints[[0, -1]]))
-        (name, distance), (unit, distance_unit) = self.shown_distance, self.units
-        apart = "" if math.isnan(distance) else f", {name.replace('_', ' ')} {distance:.3f} {distance_unit}"
+        name, distance = self.shown_distance
+        apart = "" if math.isnan(distance) else f", {name.replace('_', ' ')} {distance:.3f} {self.distance_unit}"
         turning = f", turning {self.turning:.2f} rad" if self.turning else ""
         return [
-            f"{self.planner}: {self.status}, {proof}; {self.length:.3f} {unit}{turning}{apart}",
+            f"{self.planner}: {self.status}, {proof}; {self.length:.3f} {self.length_unit}{turning}{apart}",
             f"{len(self.waypoints)} waypoints ({', '.join(self.axes)}) from {endpoints}, {edges}",
             f"planned in {_text(self.times.planning + self.times.simplification)}, "
             f"set up in {_text(self.times.setup)}, checked in {_text(self.times.checking)}",

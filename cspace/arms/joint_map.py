@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.angles import TURN
 from cspace.arms.boxes import FINER, Cells, Inside, Interiors, depths, fill, rest_of
-from cspace.arms.chain import SLIDES, STILL, TURNS
+from cspace.arms.chain import STILL, TURNS
 from cspace.arms.proofs import Scene, Solids, are_free, work_of
 from cspace.arms.space import ArmSpace
 from cspace.arrays import Bools, Floats, Ints
@@ -128,7 +128,7 @@ def build_arm_map(
         if around * side - math.pi < math.pi:  # the last cell holds the last angle
             side = math.nextafter(side, math.inf)
     counts = _counts(intervals, side)
-    units = tuple("m" if _slides(space, number) else "rad" for number in numbers.tolist())
+    units = tuple(arm.units[number] for number in numbers.tolist())
     shape = tuple(counts.tolist())
     check_memory(_BYTES * math.prod(shape), "the map", Planned(shape, side, intervals[:, 0], intervals[:, 1], units[0]))
     grid = Grid(intervals[:, 0], side, shape, axes=names, units=units)
@@ -237,11 +237,6 @@ def _check_held(space: ArmSpace, numbers: Ints, held: Floats, still: Ints) -> No
         fault = f"has {link} touch {other!r}, or come nearer than the margin"
         rule = f"{', '.join(space.arm.joints[number] for number in numbers)} do not move them apart"
         raise ConfigurationError("at", fault, rule, "hold the other joints elsewhere", value=held)
-
-
-def _slides(space: ArmSpace, number: int) -> bool:
-    chain = space.arm.chain
-    return bool((chain.kinds[chain.numbers == number] == SLIDES).any())
 
 
 def _cells(space: ArmSpace, grid: Grid, numbers: Ints, held: Floats) -> Cells:

@@ -97,6 +97,8 @@ class Arm:
     frames : dict of str to ndarray of float64, shape (4, 4)
         From the frame of each link to that of its body.
     chain : Chain
+    units : tuple of str
+        Units of the joints: "rad", or "m" for prismatic ones.
     """
 
     name: str
@@ -107,6 +109,7 @@ class Arm:
     allowed: dict[Names, str]
     frames: dict[str, Floats]
     chain: Chain
+    units: tuple[str, ...]
 
     @classmethod
     def from_urdf(
@@ -396,6 +399,7 @@ class _Assembly:
             {},
             {name: pose for name, (_, pose) in bodies.items()},
             self._chain(rows),
+            tuple("m" if self._joints[name].kind == SLIDES else "rad" for name in self._moving),
         )
         return replace(
             arm, allowed=self._default_allowed(arm) if srdf is None else _disabled(srdf, list(self._urdf.link_map))

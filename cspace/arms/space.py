@@ -175,6 +175,11 @@ class ArmSpace(ConfigurationSpace):
         return self.arm.joints
 
     @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the numbers of a configuration: "rad", or "m" for prismatic joints."""
+        return self.arm.units
+
+    @property
     def endless(self) -> tuple[bool, ...]:
         """Which joints are continuous, so that a whole turn more is the same configuration.
 

@@ -47,7 +47,7 @@ def check_folder(folder: Path) -> None:
 
 
 def axes_of_map(file: Path) -> tuple[str, ...]:
-    """Names of the numbers of a saved map's configurations.
+    """Return the names of the numbers of a saved map's configurations.
 
     Read from its metadata alone: a map in space is large, and a wrong option is reported at once.
 
@@ -59,6 +59,24 @@ def axes_of_map(file: Path) -> tuple[str, ...]:
         return tuple(_metadata(file)["axes"].split())
     except Exception:  # Whatever is wrong with the map, opening it raises the better error.
         return open_map(file).axes
+
+
+def units_of_map(file: Path) -> tuple[str, ...]:
+    """Return the units of these numbers: "m", "rad", or "1" for those of a quaternion.
+
+    Raises FileError if the file is not a map that can be opened.
+    """
+    from cspace.io.reading import open_map
+    from cspace.rotations import Rotations
+
+    try:
+        metadata = _metadata(file)
+        axes, units = metadata["axes"].split(), metadata.get("units", "").split()
+    except Exception:  # As above.
+        return open_map(file).units
+    # Files of earlier versions have no units; they are in metres.
+    known = Rotations.all_units()
+    return (*units, *(known.get(axis, "m") for axis in axes[len(units) :]))
 
 
 def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
@@ -25,7 +25,7 @@ from cspace.cli.options import (
     rotation_cells,
     workspace_options,
 )
-from cspace.cli.report import Options, options_of, show, worded
+from cspace.cli.report import Options, options_of, show, with_unit, worded
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -112,13 +112,23 @@ def _kind(file: str) -> Kind:
 
 
 def describe_map(space: ConfigurationMap) -> dict[str, Any]:
-    """Facts about a map, by name: its robot, grid and rotations, and what is cheap to count."""
+    """Describe a map by name: its robot, grid and rotations, and what is cheap to count."""
+    grid = space.grid
+
+    def corner(name: str, numbers: Sequence[float]) -> dict[str, Any]:
+        """A corner in the unit that its numbers share, or each number by its axis."""
+        if len(set(grid.units)) == 1:
+            return {with_unit(name, grid.unit): list(numbers)}
+        names = [with_unit(axis, unit) for axis, unit in zip(grid.axes, grid.units, strict=True)]
+        return {name: dict(zip(names, numbers, strict=True))}
+
     return {
         "robot": space.robot.name,
-        "lower_m": list(space.grid.lower),
-        "upper_m": list(space.grid.upper),
-        "spacing_m": space.grid.spacing,
-        "shape": list(space.grid.shape),
+        **({} if set(grid.axes) <= set("xyz") else {"joints": list(grid.axes)}),
+        **corner("lower", grid.lower),
+        **corner("upper", grid.upper),
+        with_unit("spacing", grid.unit): grid.spacing,
+        "shape": list(grid.shape),
         "outside": space.outside,
         "margin_m": space.margin,
         **space.rotations.facts,

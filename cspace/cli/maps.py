@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cspace.cli.files import axes_of_map, check_outputs, read_path
+from cspace.cli.files import axes_of_map, check_outputs, read_path, units_of_map
 from cspace.cli.info import describe_map
 from cspace.cli.options import (
     Bounds,
@@ -184,7 +184,10 @@ def picture(
     ] = None,
     cut: Annotated[
         float | None,
-        typer.Option(metavar="METRES", help="Height above which 3d leaves cells out  [default: above the path]."),
+        typer.Option(
+            metavar="METRES",
+            help="Height, or angle of the third joint, above which 3d leaves cells out  [default: above the path].",
+        ),
     ] = None,
     dpi: Annotated[float, typer.Option(help="Pixels per inch; a picture is about 8 inches wide.")] = 150.0,
     overwrite: Overwrite = False,
@@ -197,12 +200,13 @@ def picture(
     from cspace.rotations import Rotations
 
     check_outputs([output], SUFFIXES, overwrite)
-    axes = axes_of_map(file)
+    axes, units = axes_of_map(file), units_of_map(file)
     places = [axis for axis in axes if axis not in Rotations.all_names()]
-    marks = {name: configuration(text, f"--{name}", axes) for name, text in given(start=start, goal=goal).items()}
+    ends = given(start=start, goal=goal)
+    marks = {name: configuration(text, f"--{name}", axes, units) for name, text in ends.items()}
     options = given(
         rotation=None if rotation is None else rotation_of(rotation, "--rotation", axes),
-        at=None if at is None else configuration(at, "--at", places),
+        at=None if at is None else configuration(at, "--at", places, units[: len(places)]),
         zoom=zoom,
         surface=surface,
         cut=cut,
@@ -248,10 +252,11 @@ def export(
     from cspace.cli.tiles import part_of
     from cspace.io.reading import open_map
     from cspace.io.writing import EXPORTS, check_export
+    from cspace.rotations import Rotations
 
     check_outputs([output], EXPORTS, overwrite)
     axes = axes_of_map(file)
-    check_export(output, len(set(axes) & {"x", "y", "z"}))
+    check_export(output, len([axis for axis in axes if axis not in Rotations.all_names()]))
     options = given(rotation=None if rotation is None else rotation_of(rotation, "--rotation", axes))
     clock = Clock()
     with clock.step("read"):
@@ -279,8 +284,9 @@ def view(
     """
     from cspace.io.reading import open_map
 
-    axes = axes_of_map(file)
-    marks = {name: configuration(text, f"--{name}", axes) for name, text in given(start=start, goal=goal).items()}
+    axes, units = axes_of_map(file), units_of_map(file)
+    ends = given(start=start, goal=goal)
+    marks = {name: configuration(text, f"--{name}", axes, units) for name, text in ends.items()}
     points = None if path is None else read_path(path, axes)
     clock = Clock()
     with clock.step("read"):

@@ -32,7 +32,10 @@ PathFile = Annotated[
 ]
 Place = Annotated[
     str | None,
-    typer.Option(metavar="X,Y[,Z][,TURN]", help="A configuration to mark, metres  [default: an end of the path]."),
+    typer.Option(
+        metavar="X,Y[,Z][,TURN]",
+        help="A configuration to mark, metres, or the joints of a map of joints  [default: an end of the path].",
+    ),
 ]
 
 Spacing = Annotated[
@@ -145,26 +148,38 @@ def rotation_cells(text: str | None) -> Rotations:
     return kinds[kind](int(count))
 
 
-def configuration(text: str, option: str, axes: Sequence[str]) -> tuple[float, ...]:
-    """The configuration that an option such as ``--start`` gives, in metres and radians.
+def configuration(text: str, option: str, axes: Sequence[str], units: Sequence[str] | None = None) -> tuple[float, ...]:
+    """Parse the configuration that an option such as ``--start`` gives, in the units of the axes.
+
+    ``units`` holds "m", "rad" or "1" for each axis, by default those of a rigid robot. An angle may be in degrees:
+    ``90deg``.
 
     Raises InputError if the text is not as many numbers as the axes, with commas between them; the message says what is
     expected.
     """
-    rule = f"the map's configurations are {','.join(axes)}, in metres"
-    examples = _examples()
-    rule += "".join(f", {axis} an angle" for axis in axes if examples.get(axis, "0").endswith("deg"))
-    return _rows(text, option, axes, rule, 1)[0]
+    units = _units_of(axes) if units is None else units
+    rule = f"the map's configurations are {','.join(axes)}, in {'metres' if 'm' in units else 'radians or degrees'}"
+    if "m" in units:
+        rule += "".join(f", {axis} an angle" for axis, unit in zip(axes, units, strict=True) if unit == "rad")
+    return _rows(text, option, axes, units, rule, 1)[0]
 
 
-def _examples() -> dict[str, str]:
-    """Numbers of configurations, by their names."""
+def _units_of(axes: Sequence[str]) -> list[str]:
+    """Return the units of the numbers of a rigid robot's configuration, by their names."""
     from cspace.rotations import Rotations
 
-    examples = {"x": "-1.5", "y": "2", "z": "0.5"}
+    known = Rotations.all_units()
+    return [known.get(axis, "m") for axis in axes]
+
+
+def _examples(axes: Sequence[str], units: Sequence[str]) -> list[str]:
+    """Return a number to type for each axis."""
+    from cspace.rotations import Rotations
+
+    known = {"x": "-1.5", "y": "2", "z": "0.5"}
     for kind in Rotations.KINDS.values():
-        examples |= zip(kind.names, kind.examples, strict=True)
-    return examples
+        known |= zip(kind.names, kind.examples, strict=True)
+    return [known.get(axis, "90deg" if unit == "rad" else "0.2") for axis, unit in zip(axes, units, strict=True)]
 
 
 def rotation_of(text: str, option: str, axes: Sequence[str]) -> Any:
@@ -176,25 +191,27 @@ def rotation_of(text: str, option: str, axes: Sequence[str]) -> Any:
     if not names:
         rule = f"the map's configurations are {','.join(axes)}: the robot does not turn"
         raise InputError(option, f"is {text!r}", rule, "leave it out, or build the map with --rotations 72", value=text)
-    rows = _rows(text, option, names, f"it must be {','.join(names)}, or several of them", len(text))
+    rule = f"it must be {','.join(names)}, or several of them"
+    rows = _rows(text, option, names, _units_of(names), rule, len(text))
     return rows if len(rows) > 1 else rows[0]
 
 
-def _rows(text: str, option: str, axes: Sequence[str], rule: str, most: int) -> list[tuple[float, ...]]:
-    """Numbers with commas between them, as many as the axes, once or up to ``most`` times."""
-    fields, n, examples = text.split(","), len(axes), _examples()
+def _rows(
+    text: str, option: str, axes: Sequence[str], units: Sequence[str], rule: str, most: int
+) -> list[tuple[float, ...]]:
+    """Parse numbers with commas between them, as many as the axes, once or up to ``most`` times."""
+    fields, n = text.split(","), len(axes)
     try:
         if len(fields) % n or len(fields) > most * n:
             raise ValueError
         numbers = []
         for k, field in enumerate(fields):
-            axis = axes[k % n]
-            is_angle = examples.get(axis, "0").endswith("deg")
-            numbers.append(angle(field, option, axis) if is_angle else float(field))
+            is_angle = units[k % n] == "rad"
+            numbers.append(angle(field, option, axes[k % n]) if is_angle else float(field))
     except InputError:
         raise
     except ValueError:
-        mend = f"write e.g. {option}={','.join(examples.get(axis, '0') for axis in axes)}"
+        mend = f"write e.g. {option}={','.join(_examples(axes, units))}"
         raise InputError(option, f"is {text!r}", rule, mend, value=text) from None
     return [tuple(numbers[k : k + n]) for k in range(0, len(fields), n)]
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from cspace.cli.files import axes_of_map, check_folder, check_outputs
+from cspace.cli.files import axes_of_map, check_folder, check_outputs, units_of_map
 from cspace.cli.info import describe_map
 from cspace.cli.options import Json, MapFile, Overwrite, configuration, given
-from cspace.cli.report import Clock, in_options, options_of, show
+from cspace.cli.report import Clock, in_options, options_of, show, with_unit
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -31,7 +31,8 @@ def plan(
         str,
         typer.Option(
             metavar="X,Y[,Z][,TURN]",
-            help="Where the robot is, metres; e.g. --start=-1,2, with rotations -1,2,90deg, in space -1,2,0.5.",
+            help="Where the robot is, metres; e.g. --start=-1,2, with rotations -1,2,90deg, in space -1,2,0.5; on a "
+            "map of joints 90deg,-0.5,0.2, each in radians, degrees or metres.",
         ),
     ],
     goal: Annotated[
@@ -83,8 +84,8 @@ def plan(
     check_outputs(output or [], _PATHS, overwrite)
     check_outputs([picture] if picture else [], SUFFIXES, overwrite)
     check_outputs([animate] if animate else [], (".gif",), overwrite)
-    axes = axes_of_map(file)
-    endpoints = configuration(start, "--start", axes), configuration(goal, "--goal", axes)
+    axes, units = axes_of_map(file), units_of_map(file)
+    endpoints = configuration(start, "--start", axes, units), configuration(goal, "--goal", axes, units)
     check_drive(axes, drive, turning_radius, exact)
     if animate:
         check_animated(axes, "--animate")
@@ -196,9 +197,9 @@ def _describe(plan: Plan) -> dict[str, Any]:
         name, distance = plan.shown_distance
         described |= {
             "configurations": len(plan.path),
-            "length_m": plan.length,
+            with_unit("length", plan.length_unit): plan.length,
             **({"turning_rad": plan.turning} if plan.turning else {}),
-            **({} if math.isnan(distance) else {f"{name}_m": distance}),
+            **({} if math.isnan(distance) else {with_unit(name, plan.distance_unit): distance}),
             "certified": plan.certified,
             "path": plan.path.tolist(),
         }

@@ -21,6 +21,13 @@ from cspace.errors import CspaceError
 
 _UNITS: Final = {
     "_cpu_s": " s of one core, very roughly",
+    "_rad2_m": " rad² m",
+    "_rad_m2": " rad m²",
+    "_rad_m": " rad m",
+    "_rad3": " rad³",
+    "_rad2": " rad²",
+    "_rad_or_m": " rad or m",
+    "_m_or_rad": " m or rad",
     "_m3": " m³",
     "_m2": " m²",
     "_m": " m",
@@ -28,7 +35,7 @@ _UNITS: Final = {
     "_rad": " rad",
     "_bytes": " bytes",
 }
-"""Units, by the end of a name."""
+"""Units, by the end of a name; the first that fits counts."""
 
 _MANY_BYTES: Final = 10**6
 """From here on, tables show MB and GB."""
@@ -95,6 +102,11 @@ def progress_line(label: str, cells: int = 0) -> Iterator[Callable[[int, int], N
         finally:
             LOGGER.setLevel(level)
             LOGGER.removeHandler(listener)
+
+
+def with_unit(name: str, unit: str) -> str:
+    """Return the name of a value in a document: ``length`` and ``rad or m`` give ``length_rad_or_m``."""
+    return f"{name}_{unit.replace(' ', '_')}"
 
 
 def show(document: dict[str, Any], as_json: bool) -> None:

@@ -189,6 +189,8 @@ class Rotations(ABC):
         The numbers of a rotation.
     dof : int
         How many these are.
+    units : tuple of str
+        Their units: "rad", or "1" for the numbers of a quaternion.
     examples : tuple of str
         Such numbers as texts: angles with their unit.
     limits : str
@@ -206,6 +208,7 @@ class Rotations(ABC):
     """What :attr:`coordinates` are, by their names; the first one is of this kind alone."""
 
     names: ClassVar[tuple[str, ...]] = ()
+    units: ClassVar[tuple[str, ...]] = ()
     examples: ClassVar[tuple[str, ...]] = ()
     limits: ClassVar[str] = ""
     slack: ClassVar[float] = ANGLE_SLACK
@@ -267,8 +270,14 @@ class Rotations(ABC):
 
     @staticmethod
     def all_names() -> list[str]:
-        """What the numbers of a rotation are called, of all kinds, and no others of a configuration are."""
-        return [name for kind in Rotations.KINDS.values() for name in kind.names]
+        """Return the names of the numbers of a rotation, of all kinds; no other number of a configuration has one."""
+        return list(Rotations.all_units())
+
+    @staticmethod
+    def all_units() -> dict[str, str]:
+        """Return the units of the numbers of a rotation, of all kinds, by their names."""
+        kinds = Rotations.KINDS.values()
+        return {name: unit for kind in kinds for name, unit in zip(kind.names, kind.units, strict=True)}
 
     @staticmethod
     def all_limits() -> str:

@@ -35,6 +35,7 @@ class YawRotations(Rotations):
 
     borders: tuple[float, ...]
     names = ("yaw",)
+    units = ("rad",)
     about_z = True
     examples = ("90deg",)
     limits = f"a yaw at most {MAX_ANGLE:.0f} rad"

@@ -10,7 +10,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cspace.angles import TURN, wrapped
-from cspace.arms.chain import SLIDES
 from cspace.arrays import Floats
 from cspace.errors import InputError
 from cspace.plot.arms import ROOM, ArmFigure, along_joints
@@ -52,8 +51,7 @@ class ArmCanvas(Canvas):
         self.title = arm.name
         counts = {"joint": arm.dof, "link": len(arm.links), "obstacle": len(space.obstacles)}
         self.about = ", ".join(f"{count} {name}{'s' * (count != 1)}" for name, count in counts.items())
-        sliding = set(arm.chain.numbers[arm.chain.kinds == SLIDES].tolist())
-        self._scale = np.array([1.0 if number in sliding else math.degrees(1.0) for number in range(arm.dof)])
+        self._scale = np.array([1.0 if unit == "m" else math.degrees(1.0) for unit in arm.units])
         steps = np.where(self._scale == 1.0, _MILLIMETRE, _TENTH)
         turn = np.where(space.endless, math.pi, TURN)
         lower = np.ceil(np.where(np.isinf(arm.lower), -turn, arm.lower) * self._scale / steps - 1e-6) * steps

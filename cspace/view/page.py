@@ -237,12 +237,12 @@ def _plan_text(plan: PlanLike) -> str:
         advice = f"  \nTry {plan.advice}." if plan.advice else ""
         return f"**{plan.status[:1].upper()}{plan.status[1:]}.**{advice}"
     proof = "certified: every edge is proven free" if plan.certified else "not certified"
-    (name, distance), (unit, distance_unit) = plan.shown_distance, plan.units
-    apart = "" if math.isnan(distance) else f", {name.replace('_', ' ')} at least {distance:.3f} {distance_unit}"
+    name, distance = plan.shown_distance
+    apart = "" if math.isnan(distance) else f", {name.replace('_', ' ')} at least {distance:.3f} {plan.distance_unit}"
     seconds = plan.times.planning + plan.times.simplification
     took = f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
     text = f"**{plan.status[:1].upper()}{plan.status[1:]}**, {proof}."
-    return f"{text}  \n{plan.length:.3f} {unit}{apart}  \n{plan.planner}, {took}"
+    return f"{text}  \n{plan.length:.3f} {plan.length_unit}{apart}  \n{plan.planner}, {took}"
 
 
 def _choices(space: Any) -> ChoicesLike | None:

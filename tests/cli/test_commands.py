@@ -11,9 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
 import cspace
 import planners
+import urdfs
 from commands import document, run
 from cspace.cli import app
 from cspace.cli.report import progress_line
@@ -254,6 +256,69 @@ def test_real_files(data: Path) -> None:
     assert cells["total"] == 487 * 187 * 39 == cells["occupied"] + cells["unknown"] + cells["free"]
     assert cells["unknown"] / cells["total"] == pytest.approx(0.68, abs=0.005)
     assert document("info", data / "solids/ZTunnel/obstacles.obj")["watertight"] is True
+
+
+@pytest.fixture(scope="module")
+def joints(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a map of two joints that turn, and one of a joint that turns and one that slides."""
+    pytest.importorskip("yourdfpy")
+    folder = tmp_path_factory.mktemp("joints")
+    sliding = urdfs.joint("slide", "upper", "fore", at=(1, 0, 0), kind="prismatic", limits=(-0.4, 0.7))
+    bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
+    links = urdfs.link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.2))), urdfs.link("upper", bar), urdfs.link("fore", bar)
+    for name, make in (
+        ("turning", lambda: urdfs.planar(folder)),
+        ("mixed", lambda: urdfs.written(folder, *links, urdfs.joint("shoulder", "foot", "upper"), sliding)),
+    ):
+        post = trimesh.creation.box((0.2, 0.2, 4.0)).apply_translation((1.4, 1.2, 0.0))
+        space = cspace.build_arm({"post": post}, cspace.Arm.from_urdf(make()))
+        cspace.build_arm_map(space, 0.1).save(folder / f"{name}.zarr")
+    return folder
+
+
+def test_map_of_joints_is_described_in_the_units_of_its_axes(joints: Path) -> None:
+    turning, mixed = (document("info", joints / f"{name}.zarr") for name in ("turning", "mixed"))
+    assert turning["joints"] == ["shoulder", "elbow"]
+    assert (turning["lower_rad"], turning["upper_rad"], turning["spacing_rad"]) == ([-3.0] * 2, [3.0] * 2, 0.1)
+    assert turning["free_area_rad2"] == pytest.approx(turning["cells"]["free"] * 0.01)
+    assert mixed["lower"] == {"shoulder_rad": -3.0, "slide_m": -0.4} and mixed["spacing_rad_or_m"] == 0.1
+    assert mixed["free_area_rad_m"] == pytest.approx(mixed["cells"]["free"] * 0.01)
+    for name in ("lower_m", "upper_m", "spacing_m", "free_area_m2"):
+        assert name not in turning and name not in mixed
+    lines = run("info", joints / "turning.zarr").stdout.splitlines()
+    assert "lower      (-3, -3) rad" in lines and "spacing    0.1 rad" in lines
+    assert f"free area  {turning['free_area_rad2']:.6g} rad²" in lines
+    lines = run("info", joints / "mixed.zarr").stdout.splitlines()
+    assert {"  shoulder  -3 rad", "  slide     -0.4 m", "spacing     0.1 rad or m"} <= set(lines)
+
+
+def test_joints_are_typed_in_degrees_and_planned_in_their_units(joints: Path) -> None:
+    file = joints / "turning.zarr"
+    printed = document("plan", file, "--start=-90deg,0.5", "--goal", "60deg,45deg", "--seed", 1)
+    ends = [[-math.pi / 2, 0.5], [math.pi / 3, math.pi / 4]]
+    np.testing.assert_allclose(np.array(printed["path"])[[0, -1]], ends, atol=1e-12)
+    path = np.array(printed["path"])
+    assert printed["length_rad"] == pytest.approx(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+    assert "obstacle_distance_rad" in printed and not {"length_m", "obstacle_distance_m"} & set(printed)
+    assert " rad\n" in run("plan", file, "--start=-90deg,0.5", "--goal", "60deg,45deg", "--seed", 1).stdout
+    printed = document("plan", joints / "mixed.zarr", "--start=-90deg,0.5", "--goal", "-60deg,-0.2", "--seed", 1)
+    assert "length_rad_or_m" in printed and "obstacle_distance_rad_or_m" in printed
+    ends = [[-math.pi / 2, 0.5], [-math.pi / 3, -0.2]]
+    np.testing.assert_allclose(np.array(printed["path"])[[0, -1]], ends, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("file", "start", "message"),
+    [
+        ("turning", "90,0", "--start has the shoulder '90'; an angle without a unit is in radians"),
+        ("turning", "1", "configurations are shoulder,elbow, in radians or degrees; write e.g. --start=90deg,90deg"),
+        ("mixed", "1", "shoulder,slide, in metres, shoulder an angle; write e.g. --start=90deg,0.2"),
+        ("mixed", "0,20deg", "write e.g. --start=90deg,0.2"),
+    ],
+)
+def test_wrong_numbers_of_joints_are_refused(joints: Path, file: str, start: str, message: str) -> None:
+    result = run("plan", joints / f"{file}.zarr", f"--start={start}", "--goal=0,0")
+    assert result.exit_code == 2 and message in result.stderr
 
 
 # ----------------------------------------------------------------------------------------------- plan

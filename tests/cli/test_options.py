@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from commands import run
-from cspace.cli.files import axes_of_map
+from cspace.cli.files import axes_of_map, units_of_map
 from cspace.cli.options import angle, box, configuration
 from cspace.cli.report import in_options, worded
 from cspace.errors import CspaceError, FileError, InputError
@@ -26,6 +26,7 @@ def test_axes_of_a_map_are_read_without_its_cells(
 ) -> None:
     monkeypatch.setattr("cspace.io.reading.open_map", None)
     assert axes_of_map(folder / file) == AXES[kind]
+    assert units_of_map(folder / file) == tuple("rad" if axis == "yaw" else "m" for axis in AXES[kind])
 
 
 @pytest.mark.parametrize(

@@ -50,6 +50,7 @@ def test_every_planner_finds_a_path_that_is_proven(tmp_path: Path, name: str) ->
     room = np.asarray(space.clearance(between)).min()
     assert 0.0 <= plan.clearance <= room + 1e-9
     assert plan.obstacle_distance == plan.clearance
+    assert plan.units == ("rad", "rad") and (plan.length_unit, plan.distance_unit) == ("rad", "m")
 
 
 def test_clearance_along_a_path_is_close_to_the_least(tmp_path: Path) -> None:

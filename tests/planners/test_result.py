@@ -256,9 +256,20 @@ def test_a_plan_is_read_back_from_json(plan: planners.Plan, tmp_path: Path) -> N
     for name in arrays:
         np.testing.assert_array_equal(getattr(again, name), getattr(plan, name))
     assert times == plan.times and axes == plan.axes and units == plan.units
+    assert len(units) == len(axes)
     assert direction == (None if plan.direction is None else plan.direction.tolist())
     for name in record:
         assert getattr(again, name) == getattr(plan, name)
+
+
+@pytest.mark.parametrize("name", SPACES)
+def test_each_axis_has_its_unit(name: str) -> None:
+    space, start, goal = halves(name, BLOCKED)
+    plan = planners.plan(space, start, goal)
+    assert dict(zip(plan.axes, plan.units, strict=True)) == {
+        axis: {"yaw": "rad", "q": "1"}.get(axis if axis == "yaw" else axis[0], "m") for axis in space.axes
+    }
+    assert plan.units == space.units and (plan.length_unit, plan.distance_unit) == ("m", "m")
 
 
 def test_an_unsolved_plan_is_written_without_nan(tmp_path: Path) -> None:
