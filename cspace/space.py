@@ -887,9 +887,9 @@ class CSpace(ConfigurationMap):
     def export(self, path: str | Path, *, overwrite: bool = False, rotation: ArrayLike | None = None) -> None:
         """Write the map for other programs, in the format of the suffix; see :func:`cspace.io.writing.export`.
 
-        ``.npz``; in the plane ``.yaml``, a ROS map; ``.vti`` for ParaView; in space ``.ply``, ``.obj`` and ``.stl``,
-        the border of the FREE cells. Formats of one slice need its ``rotation`` where the robot turns; ``.vti`` holds
-        that one or all of them.
+        ``.npz``; ``.nc``, netCDF; ``.vti`` for ParaView; in the plane ``.yaml``, a ROS map, and ``.tif``, a GeoTIFF; in
+        space ``.ply``, ``.obj`` and ``.stl``, the border of the FREE cells. Formats of one slice need its ``rotation``
+        if the robot turns; ``.vti`` and ``.nc`` hold that one or all of them.
         """
         from cspace.io.writing import export
 

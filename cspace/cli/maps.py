@@ -229,8 +229,8 @@ def export(
         typer.Argument(
             metavar="OUT",
             readable=False,
-            help=".npz, .zarr; .vti for ParaView; .yaml for a ROS map; in space .stl, .ply or .obj for the border of "
-            "the free space.",
+            help=".npz, .zarr; .nc (netCDF); .vti for ParaView; in the plane .yaml for a ROS map, .tif for a GeoTIFF; "
+            "in space .stl, .ply or .obj for the border of the free space.",
         ),
     ],
     rotation: Annotated[

@@ -22,12 +22,13 @@ from cspace.arrays import Floats, Ints, StrPath, frozen
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.io.files import replacing, suffix_of
+from cspace.io.geotiff import write_geotiff
 from cspace.io.rosmap import write_ros_map
 from cspace.io.store import AXES, STACKED, arrays_of, attributes_of, axes_of, metadata_of, write_npz, write_store
 from cspace.map.contents import Contents
 from cspace.memory import check_memory
 from cspace.raster.bitmaps import cell_squares
-from cspace.states import FREE
+from cspace.states import BLOCKED, FREE, MIXED
 
 if TYPE_CHECKING:
     import xarray
@@ -284,8 +285,23 @@ def _vti(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: boo
     write_vti(_Layers(contents, cells), contents.grid, path, overwrite, about)
 
 
+def _netcdf(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
+    """Write a map, or one rotation cell of it, as netCDF-3, whose arrays are indexed ``[rotation, z, y, x]``."""
+    dataset = to_xarray(contents).drop_vars(["shapes", "slice_of"], errors="ignore")
+    if "rotation" in dataset.dims and len(cells) == 1:
+        dataset = dataset.isel(rotation=cells[0])
+    dataset = dataset.transpose(..., *reversed(contents.grid.axes))
+    dataset["state"].attrs["flag_values"] = np.array([FREE, MIXED, BLOCKED], dtype=np.int8)
+    with replacing(path, overwrite) as temporary:
+        dataset.to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
+
+
+_ONLY_PLANE: Final = {3: "a GeoTIFF is plane, and the map is one in space"}
+
 _SLICES: Final[Mapping[str, tuple[Write, Mapping[int, str]]]] = {
     ".vti": (_vti, {}),
+    ".nc": (_netcdf, {}),
+    **dict.fromkeys((".tif", ".tiff"), (_slice(write_geotiff), _ONLY_PLANE)),
     **dict.fromkeys((".yaml", ".yml"), (_slice(write_ros_map), {3: "a ROS map is plane, and the map is one in space"})),
     **dict.fromkeys(
         WRITERS, (_slice(write_border), {2: "a border is a mesh in space, and the map is one of the plane"})
@@ -293,7 +309,7 @@ _SLICES: Final[Mapping[str, tuple[Write, Mapping[int, str]]]] = {
 }
 """What writes rotation cells of a map, by suffix; and why it does not in one of the dimensions."""
 
-_MANY: Final = (".vti",)
+_MANY: Final = (".vti", ".nc")
 """Formats that hold more than one rotation cell."""
 
 EXPORTS: Final = (*SAVES, *_SLICES)
@@ -335,15 +351,16 @@ def export(
         ``.npz``: one NumPy file. ``.zarr`` or no suffix: a Zarr folder. ``.vti``: cells for ParaView, with the arrays
         ``state``, ``outer``, and where the map has them ``inner``, ``unknown``, ``overlap`` and those of its overlap
         field (``penetration`` and its derivatives); of a robot that turns one for each rotation cell, ``state_00`` and
-        so on, whose rotations are the field data ``yaw``, or ``qx`` to ``qw``. ``.yaml``: a map of the plane as a ROS
-        map, with its image beside it. ``.ply``, ``.obj``, ``.stl``: the border of the free space, of a map in space;
-        STL in single precision.
+        so on, whose rotations are the field data ``yaw``, or ``qx`` to ``qw``. ``.nc``: netCDF-3 with the variables of
+        :func:`to_xarray`, indexed ``[rotation, z, y, x]``. ``.tif``, ``.tiff``: a map of the plane as a GeoTIFF in its
+        own metres, 0 FREE, 1 MIXED, 2 BLOCKED. ``.yaml``: a map of the plane as a ROS map, with its image beside it.
+        ``.ply``, ``.obj``, ``.stl``: the border of the free space, of a map in space; STL in single precision.
     overwrite : bool
         Whether an existing output may be replaced.
     rotation : array-like, shape (k,), optional
         Of a robot that turns, the rotation to write, as in a configuration: needed for formats of one slice, and for
-        ``.vti`` unless all are wanted. What the map calls free is proven for all of the rotation cell that holds it,
-        and for no other.
+        ``.vti`` and ``.nc`` unless all are wanted. What the map calls free is proven for all of the rotation cell that
+        holds it, and for no other.
 
     Raises
     ------

@@ -10,10 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rioxarray
 import trimesh
+import xarray
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from PIL import Image
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
@@ -284,14 +287,73 @@ def test_a_ros_map_is_the_slice_at_a_yaw(tmp_path: Path, name: str, suffix: str)
 def test_a_ros_map_is_plane_and_a_whole_map_takes_no_yaw(tmp_path: Path, ball: cspace.CSpace) -> None:
     with pytest.raises(InputError, match="a ROS map is plane"):
         ball.export(tmp_path / "map.yaml")
+    with pytest.raises(InputError, match="a GeoTIFF is plane"):
+        ball.export(tmp_path / "map.tif")
     for suffix in (".npz", ".zarr"):
         with pytest.raises(InputError, match="holds every slice"):
             SPACES["turning"]().export(tmp_path / f"map{suffix}", rotation=1.0)
 
 
-@pytest.mark.parametrize("suffix", [".vti", ".yaml", ".stl"])
+# ---- GeoTIFF and netCDF, as GDAL reads them --------------------------------------------------------------------------
+
+
+def of_cells(space: cspace.CSpace) -> Any:
+    """The centers of the cells, row by row from the highest y, shape (ny, nx, 2)."""
+    x, y = (space.grid.centers(axis) for axis in range(2))
+    return np.stack(np.meshgrid(x, y[::-1]), axis=-1)
+
+
+@pytest.mark.parametrize(("name", "rotation"), [("plane", None), ("grid", None), ("turning", 1.0)])
+def test_geotiff_has_every_cell_at_its_place(tmp_path: Path, name: str, rotation: float | None) -> None:
+    space = SPACES[name]()
+    space.export(tmp_path / "map.tif", rotation=rotation)
+    image = rioxarray.open_rasterio(tmp_path / "map.tif")
+    centers = of_cells(space)
+    np.testing.assert_allclose(np.stack(np.meshgrid(image.x, image.y), axis=-1), centers, atol=1e-9)
+    np.testing.assert_allclose(image.rio.bounds(), (*space.grid.lower, *space.grid.upper), atol=1e-9)
+    q = centers if rotation is None else np.concatenate([centers, np.full((*centers.shape[:2], 1), rotation)], axis=-1)
+    assert (image.values[0] == space.classify(q)).all()
+    assert 'UNIT["metre",1' in image.rio.crs.to_wkt()
+    shades = np.asarray(Image.open(tmp_path / "map.tif").convert("L"))  # as a viewer of images shows it
+    brightness = [shades[image.values[0] == state].min() for state in np.unique(image.values)]
+    assert len(brightness) > 1 and (np.diff(np.array(brightness, dtype=int)) < 0).all()
+
+
+@pytest.mark.parametrize("name", ["plane", "turning"])
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")  # of the table of bounds
+def test_netcdf_of_a_plane_map_lies_where_the_map_does(tmp_path: Path, name: str) -> None:
+    space = SPACES[name]()
+    space.export(tmp_path / "map.nc")
+    opened = rioxarray.open_rasterio(tmp_path / "map.nc", variable="state")
+    image = opened[0] if isinstance(opened, list) else opened
+    np.testing.assert_allclose(np.stack(np.meshgrid(image.x, image.y), axis=-1), of_cells(space), atol=1e-9)
+    expected = [space.state] if name == "plane" else [space.slice_at(yaw) for yaw in space.rotations.representatives]
+    assert (image["state"].values == np.stack([state.T[::-1] for state in expected])).all()
+
+
+def test_netcdf_holds_a_map_of_space_and_one_rotation(tmp_path: Path, ball: cspace.CSpace) -> None:
+    ball.export(tmp_path / "ball.nc")
+    with xarray.open_dataset(tmp_path / "ball.nc") as dataset:
+        assert dataset["state"].dims == ("z", "y", "x") and dataset["x"].attrs["units"] == "m"
+        assert (dataset["state"].transpose("x", "y", "z") == ball.state).all()
+        assert (dataset["outer"].transpose("x", "y", "z") == ball.workspace.outer).all()
+        flags = dataset["state"].attrs
+        assert dict(zip(flags["flag_meanings"].split(), flags["flag_values"].tolist(), strict=True)) == {
+            "free": cspace.FREE,
+            "mixed": cspace.MIXED,
+            "blocked": cspace.BLOCKED,
+        }
+    space = SPACES["turning"]()
+    space.export(tmp_path / "one.nc", rotation=1.0)
+    with xarray.open_dataset(tmp_path / "one.nc") as dataset:
+        assert dataset["state"].dims == ("y", "x")
+        assert (dataset["state"].values == space.slice_at(1.0).T).all()
+        assert abs(float(dataset["yaw"]) - 1.0) <= float(dataset["covering_angle"])
+
+
+@pytest.mark.parametrize("suffix", [".vti", ".yaml", ".stl", ".tif", ".nc"])
 def test_an_earlier_file_is_kept_unless_told_otherwise(tmp_path: Path, ball: cspace.CSpace, suffix: str) -> None:
-    space = SPACES["grid"]() if suffix == ".yaml" else ball
+    space = SPACES["grid"]() if suffix in (".yaml", ".tif") else ball
     path = tmp_path / f"map{suffix}"
     path.write_text("years of work")
     with pytest.raises(FileError, match="overwrite=True"):
