@@ -233,9 +233,6 @@ class EndlessCSpace(CSpace):
         cells = self._unrolled.grid.cell_of(self.rotations.canonical(points)) - self._padding
         return np.insert(np.where(self.endless, cells % self.grid.shape, cells), 0, 0, axis=-1)
 
-    def _one_free(self, q: ArrayLike, name: str) -> Floats:
-        return super()._one_free(self.rotations.canonical(as_points(q, name, self.dof)), name)
-
     # ---- joined ------------------------------------------------------------------------------------------------------
 
     def _components_of(self, states: Stack, rim_is_open: Bools) -> Components:

@@ -467,8 +467,9 @@ class CSpace(ConfigurationMap):
         Returns
         -------
         ndarray of float64, shape (n, dof)
-            Waypoints, from q0 to q1, each edge between two proven free; of length 0 where chains of FREE cells do not
-            join them, one of them lies on the border of a cell that is not FREE, or none was found in time.
+            Waypoints, from q0 to q1, each edge between two proven free, yaw in [-pi, pi); of length 0 where chains of
+            FREE cells do not join them, one of them lies on the border of a cell that is not FREE, or none was found in
+            time.
 
         Raises
         ------
@@ -517,7 +518,7 @@ class CSpace(ConfigurationMap):
             return np.empty((0, self.dof))
         cells = unwound(cells, self.grid.shape, self.endless[:dim])
         path = waypoints(self.grid, self.rotations, endpoints, cells, self.endless[:dim])
-        if still:  # the rotation stays as q0 has it, also if q1 has the same in other numbers
+        if still:  # q1 may have the same rotation in other numbers: a quaternion of the other sign
             path[:, dim:] = endpoints[0][dim:]
         if not self.certify_path(path).all():
             return np.empty((0, self.dof))
@@ -550,8 +551,9 @@ class CSpace(ConfigurationMap):
         Returns
         -------
         ndarray of float64, shape (n, dof)
-            Waypoints, from q0 to q1, each edge between two proven free; of length 0 where chains of FREE cells of the
-            grid do not join them, one of them lies on the border of a cell that is not FREE, or none was found in time.
+            Waypoints, from q0 to q1, each edge between two proven free, yaw in [-pi, pi); of length 0 where chains of
+            FREE cells of the grid do not join them, one of them lies on the border of a cell that is not FREE, or none
+            was found in time.
 
         Raises
         ------
@@ -603,7 +605,7 @@ class CSpace(ConfigurationMap):
         Returns
         -------
         ndarray of float64, shape (n, dof), or (dof,)
-            Metres, and radians.
+            Metres, and radians; yaw, and angles of continuous joints, in [-pi, pi), as OMPL's bounds require.
 
         Raises
         ------
@@ -633,6 +635,7 @@ class CSpace(ConfigurationMap):
         Returns
         -------
         ndarray of float64, shape (dof,)
+            Metres, and radians; yaw, and angles of continuous joints, in [-pi, pi), as OMPL's bounds require.
 
         Raises
         ------
@@ -1146,8 +1149,8 @@ class CSpace(ConfigurationMap):
         return answer(q, self.dof, kernel, np.int64, int)
 
     def _one_free(self, q: ArrayLike, name: str) -> Floats:
-        """One FREE configuration in the grid."""
-        point = self.checked(q, name)
+        """Return one FREE configuration in the grid, its yaw in [-pi, pi)."""
+        point = self.rotations.canonical(self.checked(q, name), name)
         if point.ndim != 1 or not self.grid.contains(point[: self.grid.dim]) or not self.is_free(point):
             rule = "it must be one FREE configuration in the grid"
             raise ConfigurationError(name, f"is {q!r}", rule, "ask nearest_free for one", value=q)

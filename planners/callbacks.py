@@ -202,7 +202,7 @@ class FreeStateSampler(ob.ValidStateSampler):
 def _points(space: CSpace, rng: np.random.Generator) -> Iterator[list[float]]:
     """FREE configurations without end."""
     while True:
-        yield from space.rotations.canonical(space.sample_free(_BATCH, rng)).tolist()
+        yield from space.sample_free(_BATCH, rng).tolist()
 
 
 def _numbers(rng: np.random.Generator) -> Iterator[float]:

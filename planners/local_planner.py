@@ -153,6 +153,10 @@ class LocalPlanner(ABC):
         check = kind_of(self.space).of_states(self.edge_checker())
         return (lambda first, second: check(first, second) and check(second, first)) if self.bidirectional else check
 
+    def wrap_yaws(self, path: Floats) -> Floats:
+        """Return a path, shape (n, dof), with its yaws in [-pi, pi)."""
+        return path
+
     def corners(self, path: Floats) -> Floats:
         """The configurations of a path, and those between where the motion changes: straight edges join them all."""
         return path
@@ -217,9 +221,29 @@ class LocalPlanner(ABC):
         """What is proven of a path before one is searched: that there is one, or none."""
         return None
 
-    @abstractmethod
-    def outlook(self, exists: bool | None, planner: str, more_time: str) -> tuple[str, list[str]]:
-        """What is known where a planner found no path, and a list of what to try, ``more_time`` among it, if any."""
+    def may_join(self, exists: bool | None) -> bool:
+        """Return False if no path of such edges can join start and goal, by what is proven of a path."""
+        return exists is not False
+
+    def known(self, exists: bool | None) -> str:
+        """Say what is known of a path if a planner found none."""
+        return "unknown whether one exists"
+
+    def limits_at(self, endpoints: Endpoints) -> list[str]:
+        """Say what limits motions at start and goal, for the status of a plan without a path."""
+        return []
+
+    def decide(self, planner: str) -> list[str]:
+        """List what to try if no chain of FREE cells joins start and goal."""
+        return []
+
+    def advise(self, exists: bool | None, planner: str, named: bool, time: str, without: list[str]) -> list[str]:
+        """List what to try if a planner found no path.
+
+        ``named`` is whether the user chose the planner, ``time`` a longer time limit, and ``without`` the options that
+        the map's own search does not take.
+        """
+        return [f"more time ({time})", "another seed", "another planner"]
 
     def _point(self, q: ArrayLike, name: str) -> Floats:
         """One configuration, its length checked."""
@@ -257,6 +281,9 @@ class EdgesOnMap(LocalPlanner):
     @abstractmethod
     def pieces(self, path: Floats, step: float, turn: float) -> Pieces:
         """A path in pieces of at most ``step`` metres and ``turn`` radians."""
+
+    def wrap_yaws(self, path: Floats) -> Floats:
+        return wrapped(path, [name == "yaw" for name in self.space.axes])
 
     def search(self, planner: str, endpoints: Endpoints, straight: bool, seed: int | None, seconds: float) -> Floats:
         find = self.space.free_path if planner == CUBES else self.space.widest_path
@@ -335,7 +362,7 @@ class EdgesOnMap(LocalPlanner):
             rule = f"a motion from or to it would touch that cell too, so the {name} must lie inside"
         nearest: Configuration | None = None
         try:
-            nearest = tuple(space.rotations.canonical(space.nearest_free(point)).tolist())
+            nearest = tuple(space.nearest_free(point).tolist())
             mend = f"the nearest is {text(nearest)}"
         except ConfigurationError:
             where = "at all" if isinstance(space, CSpace) else "near there"
@@ -345,23 +372,67 @@ class EdgesOnMap(LocalPlanner):
     def path_exists(self, endpoints: Endpoints) -> bool | None:
         return self.space.path_exists(*endpoints)
 
-    def outlook(self, exists: bool | None, planner: str, more_time: str) -> tuple[str, list[str]]:
-        space = self.space
-        finer = "a finer spacing" + " or more rotations" * bool(space.rotations.names)
+    def may_join(self, exists: bool | None) -> bool:
+        """Return False if no path of such edges can join start and goal.
+
+        Unless the geometry decides, an edge of any drive is proven only if every closed cell that it touches is FREE.
+        At each of its points, the cells of the grid that contain the point are joined to each other through sides: in
+        position and rotation they form a block. Along the edge, the cells change only at points that lie in both the
+        old and the new ones. So all cells of a path belong to one component of FREE cells, those of start and goal
+        included, and ``exists`` is True for these. No path leaves the grid, also if all around it is free: start and
+        goal lie in the grid, straight edges between such points stay there, and curves that leave it are not proven.
+        """
+        return exists is not False if self.exact else exists is True
+
+    def known(self, exists: bool | None) -> str:
         if exists is None:
-            known = "undecided whether one exists"
-            more = [*([] if self.exact or self.drive in CURVES else ["exact=True"]), finer, more_time]
-        elif self.drive != HOLONOMIC:
-            known = "one exists for a robot that also moves sideways"
-            more = [more_time, *(["a smaller turning_radius"] if self.drive in CURVES else []), "another planner"]
-        else:
-            asks = self.exact and self.follows_cells
-            known, more = "a path exists", [more_time, "planner='Cubes'" + " without exact=True" * asks]
-        if planner in OWN and not (planner == WIDEST and exists and more_time):
-            # It asks no geometry, and mostly has looked everywhere that it can.
-            other = "planner='RRTConnect'" + " with exact=True" * (exists is None)
-            more = [more_time, other, finer] if more_time else [other, finer]
-        return known, more
+            return "undecided whether one exists"
+        return "a path exists" if self.drive == HOLONOMIC else "one exists for a robot that also moves sideways"
+
+    def limits_at(self, endpoints: Endpoints) -> list[str]:
+        if self.drive == HOLONOMIC:
+            return []
+        limits = []
+        for name, q in zip(("start", "goal"), endpoints, strict=True):
+            low, high = self._free_yaws(q)
+            if high - low < TURN - ANGLE_SLACK:
+                yaws = f"{math.ceil(1e3 * low) / 1e3:g} to {math.floor(1e3 * high) / 1e3:g} rad"
+                few = ", too few to turn around" * (self.drive in ON_THE_SPOT)
+                limits.append(f"at the {name} only yaws {yaws} are proven free{few}")
+        return limits
+
+    def _free_yaws(self, q: Configuration) -> tuple[float, float]:
+        """Return the yaws to which FREE cells let the robot turn on the spot, without wrapping; a turn if unknown."""
+        rotations = self.space.rotations
+        free = self.space.is_free(np.column_stack([np.tile(q[:2], (rotations.count, 1)), rotations.centers]))
+        cell, borders = int(rotations.cell_of(q[2])), np.asarray(rotations.coordinates["yaw_bounds"])
+        if free.all() or not free[cell]:
+            return -math.pi, math.pi
+        free, widths = np.roll(free, -cell), np.roll(np.diff(borders, axis=1)[:, 0], -cell)
+        above, below = int(np.argmin(free)), int(np.argmin(free[::-1]))  # FREE cells from this one on, and before it
+        low = q[2] - (q[2] - borders[cell, 0]) % TURN
+        return low - float(widths[len(widths) - below :].sum()), low + float(widths[:above].sum())
+
+    @property
+    def _finer(self) -> str:
+        return "a finer spacing" + " or more rotations" * bool(self.space.rotations.names)
+
+    def decide(self, planner: str) -> list[str]:
+        exact = "exact=True" if planner not in OWN else "planner='RRTConnect' with exact=True"
+        part = "" if isinstance(self.space, CSpace) else " on space.window(lower, upper)"
+        wider = ["a workspace with wider bounds"] * (self.space.outside == "free")
+        return [*([] if self.drive in CURVES else [exact + part]), self._finer, *wider]
+
+    def advise(self, exists: bool | None, planner: str, named: bool, time: str, without: list[str]) -> list[str]:
+        more = f"more time ({time})"
+        if exists is None:
+            return [self._finer, more]
+        if self.drive != HOLONOMIC:
+            return [more, *["a smaller turning_radius"] * (self.drive in CURVES), "another planner"]
+        if planner == CUBES:
+            return [more, "planner='RRTConnect'"]
+        options = f" without {' and '.join(without)}" if without else ""
+        return [*[f"planner='Cubes'{options}, which finds one"] * named, more]
 
 
 class StraightEdges(EdgesOnMap):
@@ -560,9 +631,6 @@ class JointMotions(LocalPlanner):
         moved = np.abs(arm.clamp(point) - point)
         joints = [f"{joint} by {by:.2g}" for joint, by in zip(arm.joints, moved.tolist(), strict=True) if by]
         return f"{name} moved onto the limit of {', '.join(joints)}" if joints else ""
-
-    def outlook(self, exists: bool | None, planner: str, more_time: str) -> tuple[str, list[str]]:
-        return "unknown whether one exists", [more_time, "another seed", "another planner"]
 
 
 class CarCurves(EdgesOnMap):

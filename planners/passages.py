@@ -1,6 +1,7 @@
 """Passages: paths along chains of cells, where sampling all space takes long or would hardly ever find one.
 
-Where FREE cells join start and goal, the map's own search finds a path along them, if the planner finds none soon.
+If FREE cells join start and goal and the user names no planner, the map's own search finds a path along them when the
+planner finds none soon.
 
 Where the map cannot decide whether a path exists, a chain of FREE and MIXED cells leads from start to goal, if any path
 does. The planner joins the FREE stretches of the chain; the MIXED ones are crossed by samples, taken in and around the
@@ -25,6 +26,7 @@ from cspace.memory import KEEP, free_bytes
 from cspace.space import CSpace
 from cspace.states import FREE
 from planners.catalogue import CUBES
+from planners.deadline import GRACE
 from planners.local_planner import LocalPlanner
 from planners.search import Search, SearchResult
 from planners.states import Configuration
@@ -36,8 +38,8 @@ THROUGH: Final = "through undecided passages"
 ALONG: Final = "along FREE cells"
 
 SOON: Final = 10_000
-"""Iterations that the planner has to itself where FREE cells join start and goal: a fiftieth of a second. Its times
-have a long tail, and the map's own search has none; a count, and not the clock, keeps plans repeatable."""
+"""Iterations of the planner before the map's own search takes over: a fiftieth of a second. The planner's times have a
+long tail, and those of the map's own search do not; a count, and not the clock, keeps plans repeatable."""
 
 DRAWN: Final = 2000
 """Configurations that are drawn for each cell of a passage."""
@@ -80,13 +82,21 @@ class Passages:
     began: float = field(default_factory=clock)
 
     def run_free(self, start: Configuration, goal: Configuration) -> SearchResult:
-        """A path where FREE cells join the two: by the planner if it finds one soon, or else along such cells."""
-        result = replace(self.search, iterations=SOON).run(self.edges, start, goal, self.time_limit, joined=True)
+        """Find a path between two configurations that FREE cells join: by the planner, or else along such cells.
+
+        The map's own search has the rest of the time limit, and GRACE seconds at least. If it finds none in that time,
+        the planner goes on, unless its iterations are limited.
+        """
+        counted = self.search.iterations
+        soon = replace(self.search, iterations=counted or SOON)
+        result = soon.run(self.edges, start, goal, self.time_limit, joined=True)
         if len(result.path):
             return result
-        path = self.edges.search(CUBES, (start, goal), self.search.simplify, None, max(self._left(), 1e-3))
+        path = self.edges.search(CUBES, (start, goal), self.search.simplify, None, max(self._left(), GRACE))
         if len(path):
             return SearchResult(path, ALONG, clock() - self.began)
+        if counted or self._left() <= 0.0:
+            return replace(result, planning=clock() - self.began)
         result = self.search.run(self.edges, start, goal, max(self._left(), 1e-3), joined=True)
         return replace(result, planning=clock() - self.began - result.simplification)
 

@@ -46,6 +46,9 @@ MAX_SEED: Final = 2**32 - 2
 AHEAD: Final = 32
 """Waypoints that one edge may skip, at most, to shorten a path."""
 
+NO_CHAIN: Final = "no chain of FREE cells joins start and goal"
+"""Status of a plan without a search, which could only follow such a chain."""
+
 _BY_NAME: Final[dict[str, type[ClearanceObjective | OverlapObjective]]] = {
     "clearance": ClearanceObjective,
     "overlap": OverlapObjective,
@@ -129,6 +132,10 @@ def plan(
     map computes once, at the first plan (components, free blocks, compiled functions), comes on top and is listed
     separately in :attr:`Plan.times`.
 
+    *What the map knows.* Unless ``exact``, a path of any drive leads through FREE cells. So a plan ends at once if no
+    chain of them joins start and goal, and says what to try. If the drive is not holonomic and no path is found,
+    :attr:`Plan.status` names the yaws that are proven free at start and goal, where these are not all.
+
     *Maps in a store.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile, of which only those on the way
     are opened, through the middle of the FREE part of each common face. The planner has the time limit in each tile.
     Without a drive, the map's own search takes its place where it finds no path, or where no planner is named and the
@@ -140,9 +147,10 @@ def plan(
     whole turns, so that straight motions join the rows. Drives, "Cubes", "Widest", "clearance" and "overlap" are for
     maps.
 
-    *Long tails.* Where the robot turns and FREE cells join start and goal, RRTConnect mostly ends at once, and
-    sometimes takes very long. So, unless ``iterations``, an objective or another planner is given, it has ten thousand
-    iterations; then the map's own search takes over, see "Cubes".
+    *Long tails.* If FREE cells join start and goal, RRTConnect mostly ends at once, and sometimes takes very long. So,
+    if ``planner`` is left out, the drive is holonomic and the objective is the length, it has ten thousand iterations,
+    or ``iterations``; then the map's own search takes over, see "Cubes". That has the rest of the time limit, and a
+    tenth of a second at least. A planner that is named keeps the search to itself.
 
     Planners that go on improving their path (BITstar, InformedRRTstar, PRMstar, RRTstar, SORRTstar) use up the time
     limit.
@@ -175,13 +183,13 @@ def plan(
         Seconds after which the search gives up. Where it uses them up, a tenth of a second more goes to simplification.
         What a map computes once, and what is compiled, is not within them; see :class:`planners.Times`.
     iterations : int, optional
-        Stop also after so many checks of OMPL's termination condition, about one for each iteration of the planner. Not
-        for PRM and PRMstar.
+        Stop the planner also after so many checks of OMPL's termination condition, about one for each iteration. The
+        map's own search counts none. Not for PRM and PRMstar.
     simplify : bool
         Whether the path shall be shortened, by OMPL also smoothed. The outcome is kept only where it is certified and
         no worse by the objective.
     seed : int, optional
-        From 0 to 2^32 - 2.
+        From 0 to 2^32 - 2. The map's own search draws no numbers: its path is the same for every seed.
     objective : {"length", "clearance", "overlap"} or callable
         What to optimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults, and "overlap"
         :class:`planners.OverlapObjective` with the field that the map carries. A callable is given the space
@@ -247,6 +255,7 @@ def plan(
             iterations=_iterations(iterations, name),
             simplify=simplify,
             seed=None if seed is None else whole(seed, "seed", 0, MAX_SEED),
+            falls_back=planner is None and objective == "length",
         )
 
     search = search_on(edges.space)
@@ -263,7 +272,7 @@ def plan(
         rule, mend = "a path there is found part by part", "choose another, or plan on space.window(lower, upper)"
         raise InputError("planner", f"is {name!r}, on a map in a store", rule, mend, value=name)
     exists = edges.path_exists(endpoints)
-    legs = [] if exists is False else _legs(space, *map(np.array, endpoints))
+    legs = _legs(space, *map(np.array, endpoints)) if edges.may_join(exists) else []
     if planner is None and len(legs) > 1 and (objective, drive, iterations) == ("length", HOLONOMIC, None):
         name = CUBES
     result = _search(search_on, edges, legs, exists, limit)
@@ -275,7 +284,18 @@ def plan(
     for array in (path, waypoints, first, last, direction):
         if array is not None:
             array.flags.writeable = False
-    status, advice = _status(result, name if legs else CUBES, edges, exists, limit)
+    if len(result.path):
+        status, advice = "path found" + (f": {result.note}" if result.note else ""), ""
+    elif exists is False:
+        status, advice = "no path exists: proven", ""
+    elif not legs:
+        status = f"{NO_CHAIN}; {edges.known(exists)}"
+        advice = _either(edges.decide(name))
+    else:
+        status = "; ".join([_gave_up(result, limit), edges.known(exists), *edges.limits_at(endpoints)])
+        refused = {"exact=True": exact, "objective": objective != "length", "iterations": iterations is not None}
+        without = [option for option, given in refused.items() if given]
+        advice = _either(edges.advise(exists, name, planner is not None, f"time_limit={10 * limit:g}", without))
     clamping = edges.explain_clamping(start, "start"), edges.explain_clamping(goal, "goal")
     status = "; ".join(filter(None, (status, *clamping)))
     certified = solved and result.proven and kind_of(space).same(result.path[[0, -1]], np.array(endpoints))
@@ -311,7 +331,7 @@ def plan(
 
 
 def _legs(space: ConfigurationSpace, start: Floats, goal: Floats) -> list[Leg]:
-    """The parts of the space, in memory, that a path leads through; none where FREE cells of a store do not join it."""
+    """Return the parts of the space, in memory, that a path leads through; none if FREE cells do not join the two."""
     if isinstance(space, CSpace | ArmSpace):
         return [(lambda: cast(CSpace, space), start, goal)]
     return cast("TiledCSpace", space).legs(start, goal)
@@ -333,6 +353,7 @@ def _search(
         if len(legs) > 1 and not len(result.path) and edges.drive == HOLONOMIC:
             result = _leg(replace(search_on(part.space), planner=CUBES), part, endpoints, exists, limit)
         planning, simplification = planning + result.planning, simplification + result.simplification
+        result = replace(result, path=edges.wrap_yaws(result.path))
         waypoints = edges.corners(result.path)
         result = replace(result, proven=len(waypoints) > 0 and part.are_free(waypoints))
         if len(legs) == 1 or not result.proven:
@@ -368,28 +389,21 @@ def _leg(
         passages = Passages(search, edges, limit)
         if edges.exact and exists is None:
             return passages.run(*endpoints)
-        if exists and edges.space.rotations.names and search.may_stop:
+        if exists and search.falls_back:
             return passages.run_free(*endpoints)
     return search.run(edges, *endpoints, limit, joined=exists is True)
 
 
-def _status(
-    result: SearchResult, planner: str, edges: LocalPlanner, exists: bool | None, limit: float
-) -> tuple[str, str]:
-    """What came out in a line, and what to try where no path was found though there may be one."""
-    if len(result.path):
-        return "path found" + (f": {result.note}" if result.note else ""), ""
-    if exists is False:
-        return "no path exists: proven", ""
-    more_time = f"more time (time_limit={10 * limit:g})"
+def _gave_up(result: SearchResult, limit: float) -> str:
+    """Say how a search ended that found no path."""
     if result.planning >= 0.95 * limit:
-        within = f"no path found within {limit:g} s"
-    elif planner in (CUBES, WIDEST):
-        within, more_time = "no chain of FREE cells joins start and goal", ""
-    else:
-        within = f"no path found: {result.note or 'the planner gave up'} after {result.planning:.2g} s"
-    known, more = edges.outlook(exists, planner, more_time)
-    return f"{within}{result.where}; {known}", f"{', '.join(more[:-1])}, or {more[-1]}"
+        return f"no path found within {limit:g} s{result.where}"
+    return f"no path found: {result.note or 'the planner gave up'} after {result.planning:.2g} s{result.where}"
+
+
+def _either(advice: list[str]) -> str:
+    """Join alternatives: "a, b, or c"."""
+    return ", or ".join(filter(None, [", ".join(advice[:-1]), *advice[-1:]]))
 
 
 def _objective(

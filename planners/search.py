@@ -85,6 +85,8 @@ class Search:
         How often OMPL may check its termination condition.
     simplify : bool
     seed : int or None
+    falls_back : bool
+        Whether the map's own search takes over if the planner finds no path soon.
     """
 
     planner: str
@@ -92,6 +94,7 @@ class Search:
     iterations: int | None = None
     simplify: bool = True
     seed: int | None = None
+    falls_back: bool = False
 
     @property
     def may_stop(self) -> bool:

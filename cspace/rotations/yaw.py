@@ -27,6 +27,8 @@ _QUARTERS: Final = np.array([[[1, 0], [0, 1]], [[0, -1], [1, 0]], [[-1, 0], [0, 
 class YawRotations(Rotations):
     """Cells of yaw, for SE(2) in the plane and R^3 x SO(2) in space; cell ``k`` is ``[borders[k], borders[k + 1]]``.
 
+    Borders ascend over one turn, wherever it begins. A yaw that the library returns is in [-pi, pi).
+
     Attributes
     ----------
     borders : tuple of float, length n + 1
@@ -40,8 +42,8 @@ class YawRotations(Rotations):
     examples = ("90deg",)
     limits = f"a yaw at most {MAX_ANGLE:.0f} rad"
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
-        "yaw": Coordinate("representative of a rotation cell: its middle", "rad", bounds="yaw_bounds"),
-        "yaw_bounds": Coordinate("borders of a rotation cell", "rad", {"bound": 2}),
+        "yaw": Coordinate("middle of a rotation cell, in [-pi, pi)", "rad", bounds="yaw_bounds"),
+        "yaw_bounds": Coordinate("borders of a rotation cell, ascending over one turn", "rad", {"bound": 2}),
         "covering_angle": COVERING_ANGLE,
     }
 
@@ -89,11 +91,11 @@ class YawRotations(Rotations):
         return cls.of_value([*bounds[:, 0].tolist(), float(bounds[-1, 1])])
 
     def text(self, rotation: Floats) -> str:
-        angle = round(180.0 - (180.0 - math.degrees(rotation[0])) % 360.0, 1)
-        return f"yaw {angle + 0.0:g}°"  # no minus sign before zero
+        angle = (round(math.degrees(rotation[0]), 1) + 180.0) % 360.0 - 180.0
+        return f"yaw {round(angle, 1) + 0.0:g}°"  # no minus sign before zero
 
     def of_matrix(self, matrix: Floats) -> Floats:
-        return np.arctan2(matrix[1, :1], matrix[0, :1])
+        return wrapped(np.arctan2(matrix[1, :1], matrix[0, :1]))
 
     def heading(self, q: Floats) -> float | None:
         return float(q[-1])
@@ -129,9 +131,9 @@ class YawRotations(Rotations):
 
     @property
     def representatives(self) -> Floats:
-        """Middle yaw of each cell, shape (n,)."""
+        """Middle yaw of each cell, in [-pi, pi), shape (n,)."""
         edges = np.asarray(self.borders)
-        return np.asarray((edges[:-1] + edges[1:]) / 2)
+        return wrapped((edges[:-1] + edges[1:]) / 2)
 
     @property
     def covering_angles(self) -> Floats:
@@ -187,7 +189,7 @@ class YawRotations(Rotations):
 
     @property
     def centers(self) -> Floats:
-        """The middle yaw of each cell."""
+        """Middle yaw of each cell, in [-pi, pi), shape (n, 1)."""
         return self.representatives[:, None]
 
     @property
@@ -202,9 +204,9 @@ class YawRotations(Rotations):
         return np.diff(self.borders)
 
     def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
-        """Yaws uniform over cells."""
+        """Draw a yaw uniformly from each cell, in [-pi, pi)."""
         within = rng.uniform(margin, 1.0 - margin, len(cells))
-        return np.asarray(np.asarray(self.borders)[cells] + self.volumes[cells] * within)[:, None]
+        return wrapped(np.asarray(self.borders)[cells] + self.volumes[cells] * within)[:, None]
 
     def distances(self, q: Floats) -> Floats:
         return np.asarray(np.abs((self.representatives - q[..., -1:] + np.pi) % TURN - np.pi))

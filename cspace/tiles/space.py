@@ -219,10 +219,10 @@ class TiledCSpace(ConfigurationMap):
         -------
         list of (callable, ndarray of float64, ndarray of float64)
             What opens the tile as a map in memory, and the configurations, shape (dof,), from which and to which a path
-            leads through it; the last one is the first one of the next tile. Empty where FREE cells do not join
-            the two.
+            leads through it, yaw in [-pi, pi); the last one is the first one of the next tile. Empty where FREE cells
+            do not join the two.
         """
-        q0, q1 = self.checked(q0, "q0"), self.checked(q1, "q1")
+        q0, q1 = (self.rotations.canonical(self.checked(q, name), name) for q, name in ((q0, "q0"), (q1, "q1")))
         cells = [self._cells_of(q) for q in (q0, q1)]
         tiles, crossings = self._at_one_moment(lambda: self._join().chain(*cells))
         if not tiles:

@@ -100,11 +100,13 @@ def doors(robot, rotations):
 @pytest.mark.parametrize(
     ("robot", "rotations", "turn"),
     [
+        (Robot.disc(0.04), None, ()),
+        (Robot.ball(0.04), None, ()),
         (Robot.rectangle(0.5, 0.15), 36, (1.5,)),
         (Robot.box((0.5, 0.15, 0.1)), 36, (1.5,)),
         (Robot.box((0.12, 0.05, 0.05)), cspace.Rotations.quaternions(4), (0, 0, 0.6, 0.8)),
     ],
-    ids=["SE(2)", "R^3 x yaw", "SE(3)"],
+    ids=["R^2", "R^3", "SE(2)", "R^3 x yaw", "SE(3)"],
 )
 def test_what_a_planner_does_not_soon_find_goes_along_free_cells(monkeypatch, robot, rotations, turn, exact):
     space = doors(robot, rotations)

@@ -112,7 +112,7 @@ def test_yaw_is_wrapped_and_left_alone_where_it_is_wrapped_already() -> None:
 
 def test_texts() -> None:
     assert NONE.text(np.empty(0)) == ""
-    assert [YAW.text(np.array([yaw])) for yaw in (-1e-9, -math.pi, 4.0)] == ["yaw 0°", "yaw 180°", "yaw -130.8°"]
+    assert [YAW.text(np.array([yaw])) for yaw in (-1e-9, -math.pi, 4.0)] == ["yaw 0°", "yaw -180°", "yaw -130.8°"]
     about_z = [0.0, 0.0, math.sin(0.1), math.cos(0.1)]
     assert QUATERNION.text(np.array(about_z)) == QUATERNION.text(-np.array(about_z)) == "turned 11.5° about (0, 0, 1)"
     assert QUATERNION.text(np.array([0.0, 0.0, 0.0, -1.0])) == "not turned"

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace import InputError, Robot, Workspace
-from cspace.angles import ANGLE_SLACK, MAX_ANGLE, TURN
+from cspace.angles import ANGLE_SLACK, MAX_ANGLE, TURN, wrapped
 from cspace.rotations import Rotations
 from strategies import rotation_cells, seeds
 
@@ -18,7 +18,8 @@ from strategies import rotation_cells, seeds
 def test_a_count_cuts_the_circle_evenly_around_zero(count):
     cells = Rotations.of(count)
     assert cells.count == count == len(cells.representatives)
-    assert cells.representatives == pytest.approx(TURN / count * np.arange(count), abs=1e-12)
+    assert wrapped(cells.representatives - TURN / count * np.arange(count)) == pytest.approx(np.zeros(count), abs=1e-12)
+    assert (cells.representatives >= -math.pi).all() and (cells.representatives < math.pi).all()
     assert cells.covering_angles == pytest.approx(np.full(count, math.pi / count), abs=2 * ANGLE_SLACK)
     assert cells.is_uniform()
 
@@ -37,8 +38,9 @@ def test_cells_cover_the_circle_without_overlap(value):
     assert (np.diff(borders) > 0).all() and borders[-1] == borders[0] + TURN
     if np.ndim(value):
         assert borders == pytest.approx(value, abs=1e-9)
-    assert (borders[:-1] < cells.representatives).all() and (cells.representatives < borders[1:]).all()
-    reach = np.stack([borders[1:] - cells.representatives, cells.representatives - borders[:-1]])
+    middles = cells.representatives + TURN * np.floor((borders[1:] - cells.representatives) / TURN)
+    assert (borders[:-1] < middles).all() and (middles < borders[1:]).all()
+    reach = np.stack([borders[1:] - middles, middles - borders[:-1]])
     assert (cells.covering_angles >= reach).all()
 
 

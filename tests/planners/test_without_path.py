@@ -1,0 +1,239 @@
+"""What a plan does and says if its planner finds no path: the map's own search, refusals at once, reasons, advice."""
+
+import math
+import re
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from ompl import geometric as og
+
+import planners
+from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
+from handmade import KINDS, components, configurations, made, random_states
+from planners.catalogue import REFUSED
+from planners.local_planner import CURVES, DRIVES, local_planner
+from planning import CAR, SPACES, check_none, halves, room
+from strategies import seeds
+
+JOINED = [*((name, "holonomic") for name in SPACES), *(("turning", drive) for drive in DRIVES[1:])]
+TURN = 2.0 * math.pi
+
+
+def options_for(drive: str) -> dict[str, Any]:
+    return {"drive": drive, **(CAR if drive in CURVES else {})}
+
+
+# ---- a path is known -------------------------------------------------------------------------------------------------
+
+UNLUCKY = (46.88055871201929, 41.28320707718364), (12.183013811961223, 15.754237987961671)
+"""Start and goal that RRTConnect does not join within a second, on a map of offices with narrow doors."""
+
+
+@pytest.fixture(scope="module")
+def offices(data: Path) -> CSpace:
+    return build(Workspace.open(data / "maps" / "willow-full-0.05.yaml"), Robot.disc(0.3))
+
+
+def test_the_maps_own_search_takes_over_on_a_real_map(offices: CSpace) -> None:
+    for seed in range(3):
+        plan = planners.plan(offices, *UNLUCKY, seed=seed)
+        assert plan.solved and plan.certified
+        assert np.array_equal(plan.path, planners.plan(offices, *UNLUCKY, seed=seed).path)
+    late = planners.plan(offices, *UNLUCKY, time_limit=1e-6)  # it has a tenth of a second at least
+    assert late.certified and late.status == "path found: along FREE cells"
+    few = planners.plan(offices, *UNLUCKY, iterations=1)
+    assert few.certified and few.status == "path found: along FREE cells"
+
+
+def test_a_named_planner_keeps_the_search_and_the_advice_names_cubes(offices: CSpace) -> None:
+    for options, without in (({}, ""), ({"iterations": 1}, " without iterations")):
+        plan = planners.plan(offices, *UNLUCKY, planner="RRTConnect", time_limit=0.01, **options)
+        check_none(offices, plan)
+        assert plan.status.endswith("; a path exists")
+        assert plan.advice == f"planner='Cubes'{without}, which finds one, or more time (time_limit=0.1)"
+    plan = planners.plan(offices, *UNLUCKY, planner="RRTstar", time_limit=0.01, objective="clearance")
+    assert plan.solved or plan.advice.startswith("planner='Cubes' without objective, which finds one")
+    assert planners.plan(offices, *UNLUCKY, planner="Cubes").certified
+
+
+def test_the_maps_own_search_takes_over_in_a_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    occupied = np.zeros((40, 16), dtype=bool)
+    occupied[[12, 26]] = True
+    occupied[12, 2:6] = occupied[26, 9:13] = False
+    monkeypatch.setattr(planners.passages, "SOON", 1)
+    for tile in (100, 20):
+        store = tmp_path / f"{tile}.zarr"
+        tiled = build(Workspace.from_array(occupied, 0.1), Robot.disc(0.04), store=store, tile=tile)
+        plan = planners.plan(tiled, (0.35, 0.35), (3.6, 0.35), seed=0)
+        assert plan.solved and plan.certified
+
+
+# ---- no chain of FREE cells ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "drive"), JOINED)
+@pytest.mark.parametrize("planner", [None, "RRT", "PRM", "BITstar"])
+def test_a_plan_ends_at_once_if_no_chain_of_free_cells_joins_start_and_goal(
+    name: str, drive: str, planner: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if planner in REFUSED.get(drive, {}):
+        return
+    space, start, goal = halves(name, MIXED)
+    monkeypatch.setattr(og.SimpleSetup, "solve", lambda *_: pytest.fail("OMPL was run"))
+    plan = planners.plan(space, start, goal, planner=planner, time_limit=60.0, **options_for(drive))
+    check_none(space, plan)
+    assert plan.path_exists is None and plan.times.planning == 0.0
+    assert plan.status == "no chain of FREE cells joins start and goal; undecided whether one exists"
+    finer = "a finer spacing" + " or more rotations" * (name in ("turning", "yawing", "floating"))
+    assert plan.advice == (finer if drive in CURVES else f"exact=True, or {finer}")
+
+
+def test_the_advice_fits_the_map_and_the_planner(tmp_path: Path) -> None:
+    space, start, goal = halves("plane", MIXED)
+    assert planners.plan(space, start, goal, planner="Cubes").advice.startswith("planner='RRTConnect' with exact=True")
+    walls = np.zeros((60, 40), dtype=bool)
+    walls[30:32] = True  # a path leads around the map
+    options = {"store": tmp_path / "m", "tile": 15, "outside": "free"}
+    tiled = build(Workspace.from_array(walls, 0.1), Robot.disc(0.2), **options)
+    plan = planners.plan(tiled, [0.7, 3.2], [5.3, 3.2])
+    where = "exact=True on space.window(lower, upper)"
+    assert plan.advice == f"{where}, a finer spacing, or a workspace with wider bounds"
+
+
+def test_with_exact_the_planner_searches_where_no_chain_of_free_cells_leads() -> None:
+    space, start, goal = halves("plane", MIXED)
+    plan = planners.plan(space, start, goal, exact=True, time_limit=2.0, seed=0)
+    # The robot is a point to speak of, and nothing is in its way but cells that are called MIXED.
+    check_path = space.certify_path(plan.path, exact=True)
+    assert plan.solved and plan.certified and check_path.all()
+
+
+def drawn_edges(space: CSpace, rng: np.random.Generator, count: int) -> tuple[Any, Any]:
+    """Start and end of short edges in the grid, many of them on borders of cells."""
+    dim, grid = space.grid.dim, space.grid
+    lower, upper = np.array(grid.lower), np.array(grid.upper)
+    places = rng.uniform(lower, upper, (2, count, dim))
+    places[1] = np.clip(places[0] + rng.normal(size=(count, dim)) * grid.spacing, lower, upper)
+    corners = lower + np.round((places - lower) / (grid.spacing / 2.0)) * grid.spacing / 2.0
+    places = np.where(rng.random(places.shape) < 0.3, np.clip(corners, lower, upper), places)
+    turns = rng.normal(size=(2, count, space.rotations.dof))
+    turns[1] = np.where(rng.random((count, 1)) < 0.5, turns[0], turns[0] + 0.7 * turns[1])
+    q0, q1 = configurations(space, np.concatenate([places, turns], axis=-1))
+    return q0, q1
+
+
+@settings(max_examples=60)
+@given(seeds, st.sampled_from(KINDS), st.sampled_from(["free", "blocked"]))
+def test_an_edge_that_is_proven_free_never_leaves_a_component_of_free_cells(seed: int, kind: str, outside: str) -> None:
+    """So a plan that ends at once loses no path, whatever the drive, also if all around the map is free."""
+    rng = np.random.default_rng(seed)
+    states = random_states(rng, kind, mixture=(FREE, FREE, FREE, FREE, MIXED))
+    space = made(states, kind, outside)
+    joined = components(states == FREE, kind)
+    q0, q1 = drawn_edges(space, rng, 40)
+    cells = [
+        tuple(np.insert(space.grid.cell_of(q[:, : space.grid.dim]), 0, space.rotations.cells_of(q), axis=1).T)
+        for q in (q0, q1)
+    ]
+    for drive in DRIVES if kind == "turning" else DRIVES[:1]:
+        radius = 0.3 if drive in CURVES else None
+        check_edge = local_planner(space, False, drive, radius).edge_checker()
+        free = np.array([check_edge(*a, *b) for a, b in zip(q0.tolist(), q1.tolist(), strict=True)])
+        one, other = joined[cells[0]][free], joined[cells[1]][free]
+        assert (one >= 0).all() and (one == other).all()
+        assert all(space.path_exists(a, b) is True for a, b in zip(q0[free], q1[free], strict=True))
+
+
+@settings(max_examples=15)
+@given(seeds, st.sampled_from(["plane", "turning"]))
+def test_a_plan_searches_wherever_free_cells_join_start_and_goal(seed: int, kind: str) -> None:
+    rng = np.random.default_rng(seed)
+    states = random_states(rng, kind, mixture=(FREE, FREE, MIXED))
+    space, joined = made(states, kind, "free"), components(states == FREE, kind)
+    free = np.argwhere(joined >= 0)
+    if not len(free):
+        return
+    first, last = free[rng.integers(len(free), size=2)]
+    q = [np.concatenate([space.grid.center_of(cell[1:]), space.rotations.centers[cell[0]]]) for cell in (first, last)]
+    plan = planners.plan(space, *q, seed=0)
+    assert plan.solved == (joined[tuple(first)] == joined[tuple(last)])
+    if plan.solved:
+        assert plan.certified and space.certify_path(plan.path).all()
+    else:
+        assert plan.status.startswith("no chain of FREE cells") and plan.times.planning == 0.0
+
+
+def test_a_plan_ends_soon_on_a_real_map(data: Path) -> None:
+    space = build(Workspace.open(data / "maps" / "depot.yaml"), Robot.rectangle(0.6, 0.4), rotations=36)
+    rng = np.random.default_rng(0)
+    pairs = space.sample_free(400, rng).reshape(-1, 2, 3)
+    apart = [(a, b) for a, b in pairs if space.path_exists(a, b) is None]
+    for start, goal in apart[:5]:
+        began = time.perf_counter()
+        plan = planners.plan(space, start, goal, drive="differential", time_limit=30.0)
+        assert not plan.solved and time.perf_counter() - began < 5.0
+
+
+# ---- no room to turn -------------------------------------------------------------------------------------------------
+
+YAWS = re.compile(r"at the (start|goal) only yaws (\S+) to (\S+) rad are proven free")
+
+
+def free_range(space: CSpace, q: Any, step: float = 1e-3) -> tuple[float, float]:
+    """The yaws to which a robot can turn on the spot in FREE cells, by look-ups in small steps."""
+    ends = []
+    for way in (-1.0, 1.0):
+        yaw = q[2]
+        while abs(yaw - q[2]) < TURN and space.is_free([q[0], q[1], yaw + way * step]):
+            yaw += way * step
+        ends.append(yaw)
+    return ends[0], ends[1]
+
+
+@pytest.mark.parametrize("drive", DRIVES[1:])
+def test_a_failed_plan_of_a_drive_names_the_yaws_that_are_free_at_start_and_goal(drive: str) -> None:
+    occupied = np.ones((60, 60), dtype=bool)
+    occupied[5:55, 26:34] = False  # a corridor of 0.8 m
+    occupied[40:57, 15:45] = False  # and a room at its end
+    space = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(1.2, 0.4), rotations=72)
+    endpoints = (2.5, 3.0, 0.0), (2.0, 2.95, -3.11)
+    plan = planners.plan(space, *endpoints, planner="RRT", time_limit=1e-6, **options_for(drive))
+    check_none(space, plan)
+    found = {name: (float(low), float(high)) for name, low, high in YAWS.findall(plan.status)}
+    for name, q in zip(("start", "goal"), endpoints, strict=True):
+        low, high = free_range(space, q)
+        assert found[name] == pytest.approx((low, high), abs=3e-3) and found[name][0] <= q[2] <= found[name][1]
+    assert ("too few to turn around" in plan.status) == (drive not in CURVES)
+
+
+@settings(max_examples=25)
+@given(seeds)
+def test_the_yaws_that_a_status_names_are_those_that_look_ups_find_free(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    states = rng.choice(np.array([FREE, FREE, MIXED], dtype=np.uint8), (int(rng.integers(3, 9)), 4, 1))
+    states[:, 1:3] = FREE
+    space, joined = made(states, "turning", "blocked"), components(states == FREE, "turning")
+    ends = [np.array([*space.grid.center_of([x, 0]), rng.uniform(-math.pi, math.pi)]) for x in (0, 3)]
+    if not all(space.motion_is_free(q, q) for q in ends):
+        return
+    plan = planners.plan(space, *ends, drive="differential", planner="RRT", time_limit=1e-6)
+    if plan.solved or "yaws" not in plan.status:
+        assert plan.solved or plan.status.startswith("no ") or joined.size
+        return
+    found = {name: (float(low), float(high)) for name, low, high in YAWS.findall(plan.status)}
+    for name, q in zip(("start", "goal"), ends, strict=True):
+        low, high = free_range(space, q, 2e-3)
+        assert (name in found) == (high - low < TURN)
+        if name in found:
+            assert found[name] == pytest.approx((low, high), abs=5e-3)
+
+
+def test_a_robot_that_moves_sideways_is_told_nothing_of_yaws() -> None:
+    space = room("turning")
+    plan = planners.plan(space, (0.8, 0.8, 0.0), (5.0, 3.2, 2.0), planner="RRT", time_limit=1e-6)
+    assert not plan.solved and "yaws" not in plan.status

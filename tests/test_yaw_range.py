@@ -1,0 +1,139 @@
+"""Every yaw that leaves the library lies in [-pi, pi), as OMPL's bounds require."""
+
+import math
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+from unittest import mock
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from ompl import base as ob
+from ompl import geometric as og
+from ompl import util as ou
+
+import cspace
+import planners
+from cspace import Robot, Workspace, memory
+from cspace.arrays import Floats
+from cspace.errors import ConfigurationError
+from cspace.map.storage import PackedStates
+from planners.states import kind_of
+from planning import ENDPOINTS, room
+from strategies import rotation_cells, seeds
+from test_endless import maps
+
+ROOMS = {"plane": ((16, 12), Robot.rectangle(0.3, 0.1)), "space": ((9, 8, 6), Robot.box((0.2, 0.1, 0.1)))}
+CIRCLE = (True, False)
+
+
+def assert_in_range(*angles: Any) -> None:
+    for each in angles:
+        values = np.asarray(each)
+        assert (values >= -math.pi).all() and (values < math.pi).all(), values
+
+
+def ends(space: cspace.CSpace, rng: np.random.Generator) -> Floats:
+    """Two FREE configurations with room around them, whole turns off."""
+    samples = space.sample_free(50, rng)
+    good = samples[np.asarray(space.motion_is_free(samples, samples))]
+    samples = samples if len(good) < 2 else good
+    samples[:2, -1] += 2.0 * math.pi * rng.integers(-3, 4, 2)
+    return samples[:2]
+
+
+def returned_yaws(space: cspace.CSpace, rng: np.random.Generator) -> list[Any]:
+    """All yaws that a map in memory returns."""
+    yaws: list[Any] = [space.sample_free(200, rng)[:, -1], space.sample_free(rng=rng)[-1]]
+    yaws += [space.nearest_free([*q[:-1], rng.uniform(-20.0, 20.0)])[-1] for q in space.sample_free(20, rng)]
+    yaws += [space.rotations.representatives, space.rotations.centers, space.rotations.of_slices(space.robot.shape)]
+    yaws += [space.rotations.coordinates["yaw"], space.to_xarray().yaw.values]
+    first, last = ends(space, rng)
+    for straight in (True, False):
+        yaws.append(space.free_path(first, last, straight=straight)[:, -1])
+        yaws.append(space.widest_path(first, last, straight=straight)[:, -1])
+    return yaws
+
+
+@settings(max_examples=12)
+@given(rotations=rotation_cells(), kind=st.sampled_from(sorted(ROOMS)), seed=seeds)
+def test_maps_return_yaws_from_minus_pi_to_below_pi(rotations: Any, kind: str, seed: int) -> None:
+    shape, robot = ROOMS[kind]
+    rng = np.random.default_rng(seed)
+    occupied = rng.random(shape) < 0.02
+    occupied[0, 0] = True
+    workspace = Workspace.from_array(occupied, 0.1)
+    space = cspace.build(workspace, robot, rotations=rotations)
+    assume(space.count()[0] > 0)
+    with TemporaryDirectory() as folder:
+        space.save(Path(folder) / "saved.zarr")
+        tiled = cspace.build(workspace, robot, rotations=rotations, store=Path(folder) / "tiled.zarr", tile=8)
+        with mock.patch.multiple(memory, PACKED_FROM=0, PACKED_SLICES=0):
+            packed = cspace.build(workspace, robot, rotations=rotations)
+        assert isinstance(packed._seen, PackedStates)
+        opened = cspace.open(Path(folder) / "saved.zarr")
+        assert isinstance(opened, cspace.CSpace)
+        for each in (space, opened, packed, tiled.window(space.grid.lower, space.grid.upper)):
+            assert_in_range(*returned_yaws(each, rng))
+        first, last = ends(space, rng)
+        assert_in_range(tiled.nearest_free(first)[-1], tiled.rotations.centers)
+        assert_in_range(*(end[-1] for _, *both in tiled.legs(first, last) for end in both))
+
+
+@settings(max_examples=10)
+@given(maps(CIRCLE), seeds)
+def test_joint_maps_return_angles_from_minus_pi_to_below_pi(drawn: Any, seed: int) -> None:
+    space, rng = drawn[0], np.random.default_rng(seed)
+    if space.count()[0]:
+        assert_in_range(space.sample_free(100, rng)[:, 0])
+        assert_in_range([space.nearest_free(q)[0] for q in rng.uniform(-20.0, 20.0, (20, 2))])
+
+
+@pytest.mark.parametrize("name", ["turning", "yawing"])
+@pytest.mark.parametrize("planner", ["RRTConnect", "Cubes", "Widest"])
+def test_plans_return_yaws_from_minus_pi_to_below_pi(name: str, planner: str) -> None:
+    start, goal = ([*q[:-1], q[-1] + turns * 2.0 * math.pi] for q, turns in zip(ENDPOINTS[name], (1, -2), strict=True))
+    plan = planners.plan(room(name), start, goal, planner=planner, simplify=False, seed=0)
+    assert plan.solved
+    assert_in_range(plan.start[-1], plan.goal[-1], plan.path[:, -1], plan.waypoints[:, -1])
+    with pytest.raises(ConfigurationError, match="the nearest is") as caught:
+        planners.plan(room(name), [0.0] * (len(start) - 1) + [4.0], goal)
+    assert_in_range(caught.value.nearest[-1])  # type: ignore[index]
+
+
+def test_exact_plans_return_yaws_from_minus_pi_to_below_pi() -> None:
+    occupied = np.ones((40, 9), dtype=bool)
+    occupied[1:12, 1:-1] = occupied[28:39, 1:-1] = occupied[:, 3:6] = False
+    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.6, 0.29), rotations=36)
+    ends = (0.7, 0.45, -math.pi), (3.4, 0.45, -math.pi)
+    assert space.path_exists(*ends) is None
+    for seed in range(3):
+        plan = planners.plan(space, *ends, exact=True, seed=seed, time_limit=20.0, simplify=False)
+        assert plan.solved
+        assert_in_range(plan.path[:, -1], plan.waypoints[:, -1])
+
+
+@pytest.mark.parametrize("name", ["turning", "yawing"])
+def test_samples_are_valid_starts_and_goals_of_a_set_up_of_ones_own(name: str) -> None:
+    """As in a user's own script: OMPL skips a start whose yaw is not within its bounds."""
+    space, rng = room(name), np.random.default_rng(0)
+    for _ in range(30):
+        setup = og.SimpleSetup(planners.state_space(space))
+        si = setup.getSpaceInformation()
+        setup.setStateValidityChecker(planners.StateValidityChecker(si, space))
+        si.setMotionValidator(planners.MotionValidator(si, space))
+        states = []
+        for q in (
+            space.sample_free(rng=rng),
+            space.nearest_free([*rng.uniform(space.grid.lower, space.grid.upper), rng.uniform(-9.0, 9.0)]),
+        ):
+            states.append(si.allocState())
+            kind_of(space).write(states[-1], *q)
+            assert si.satisfiesBounds(states[-1]) and si.isValid(states[-1])
+        setup.setStartAndGoalStates(*states)
+        ou.setLogLevel(ou.LOG_NONE)
+        setup.setPlanner(og.RRTConnect(si))
+        setup.solve(ob.timedPlannerTerminationCondition(2.0))
+        assert setup.haveExactSolutionPath()
