@@ -85,3 +85,5 @@ joints.set(
     aspect="equal", xlabel="shoulder (rad)", ylabel="elbow (rad)", title="FREE white, BLOCKED blue, MIXED orange"
 )
 figure.savefig("arm.png", dpi=110)
+plt.close(figure)
+print("wrote arm.png")

@@ -78,3 +78,5 @@ world.set_title("from blue to pink; nothing leads to the orange one", fontsize=1
 joints.plot(ax=angles, path=plan.path, title="proof: the orange one is in another part")
 angles.plot(*behind, "X", color="#d55e00", markeredgecolor="black", markersize=11)
 figure.savefig("arm_map.png", dpi=110)
+plt.close(figure)
+print("wrote arm_map.png")

@@ -52,4 +52,6 @@ for ax, plan in zip(axes.flat, plans, strict=False):
     ax.set_title(f"{plan.planner}: {plan.length:.2f} m", fontsize=10)
 figure.supxlabel("x (m)")
 figure.supylabel("y (m)")
-plt.show()
+figure.savefig("compare_planners.png")
+plt.close(figure)
+print("wrote compare_planners.png")

@@ -38,7 +38,9 @@ figure.colorbar(image, label="yaws of 36")
 for ring in (sheet.exterior, *sheet.interiors):
     ax.plot(*ring.xy, color="#262626")
 ax.set(xlabel="x (m)", ylabel="y (m)")
-plt.show()
+figure.savefig("packing.png")
+plt.close(figure)
+print("wrote packing.png")
 
 # %%
 # ``overlap`` counts the pairs of cells, of the sheet and of the part, that coincide: of a part that leaves the sheet to

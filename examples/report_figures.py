@@ -3,20 +3,22 @@ Collision in the frequency domain, in seven figures
 ===================================================
 
 They follow those of Lysenko (2013) and of Behandish and Ilies (2016), from our own runs; ``docs/frequency.md`` tells
-what they show. Times are medians of a few runs on the machine that built this page. It needs
-``pip install "cspace[spectral]"``.
+what they show. Times are medians of a few runs on the machine that built this page. The figures are written into the
+working folder, as ``report_figures_1.png`` and so on. It needs ``pip install "cspace[spectral]"``.
 """
 
 import math
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import shapely
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson
@@ -50,6 +52,14 @@ def plain(ax: Axes, title: str, x: str, y: str) -> None:
     ax.set(xlabel=x, ylabel=y)
 
 
+def save(figure: Figure, number: int) -> None:
+    """Write a figure into the working folder, and say where."""
+    file = Path(f"report_figures_{number}.png")
+    figure.savefig(file)
+    plt.close(figure)
+    print(f"figure {number}: {file}")
+
+
 # %%
 # 1. An obstacle and its spectrum
 # -------------------------------
@@ -81,14 +91,14 @@ def sampled_spectrum(descriptor: Descriptor, period: float, count: int) -> Compl
     return np.asarray(spectrum * x[:, None] * y)
 
 
-_, (left, right) = plt.subplots(1, 2, figsize=(9.5, 4.2), layout="constrained")
+figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 4.2), layout="constrained")
 obstacle = indicator(SHAPE, cspace.Grid((0.0, 0.0), 2.0 / 512, (512, 512)))
 left.imshow(obstacle.values.T, origin="lower", extent=(0.0, 2.0, 0.0, 2.0), cmap="Greys", vmax=1.3)
 left.set(xticks=np.arange(0.0, 2.1, 0.5), yticks=np.arange(0.0, 2.1, 0.5))
 plain(left, "an obstacle", "x [m]", "y [m]")
 image = draw_modulus(right, sampled_spectrum(obstacle, PERIOD, FREQUENCIES), "spectrum of its indicator")
 add_scale(image, right)
-plt.show()
+save(figure, 1)
 
 # %%
 # 2. The bump
@@ -110,7 +120,7 @@ right.set(xlim=(0.1, 30.0), ylim=(1e-6, 1.5))
 plain(left, "the bump", "distance from the centre [radii]", r"$\psi$")
 plain(right, "how much lies in high frequencies", "frequency [cycles/radius]", "share of the energy beyond it")
 figure.legend(loc="outside right center", frameon=False)
-plt.show()
+save(figure, 2)
 
 # %%
 # 3. Balls inside a shape
@@ -118,7 +128,7 @@ plt.show()
 #
 # And their descriptor, the sum of their bumps.
 
-_, (left, right) = plt.subplots(1, 2, figsize=(9.5, 4.4), layout="constrained", sharex=True, sharey=True)
+figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 4.4), layout="constrained", sharex=True, sharey=True)
 spheres = decompose(SHAPE, kind="inner", number=48)
 spheres.plot(left, title=f"48 inner discs, {100.0 * spheres.volume_ratio:.1f} % of the area")
 grid = cspace.Grid((0.2, 0.2), 0.004, (400, 400))
@@ -128,7 +138,7 @@ image = right.imshow(np.where(values > 0.0, values, np.nan).T, origin="lower", e
 right.plot(*SHAPE.exterior.xy, color="#262626", linewidth=1.2)
 plain(right, r"the sum of their bumps, $\alpha$ = 2", "x [m]", "y [m]")
 plt.colorbar(image, ax=right, shrink=0.8, label="descriptor")
-plt.show()
+save(figure, 3)
 
 # %%
 # 4. One ball, and a shape of such balls
@@ -136,7 +146,7 @@ plt.show()
 #
 # Their spectra as images and along an axis.
 
-_, axes = plt.subplots(1, 3, figsize=(13.0, 4.0), layout="constrained", width_ratios=(1.0, 1.0, 1.1))
+figure, axes = plt.subplots(1, 3, figsize=(13.0, 4.0), layout="constrained", width_ratios=(1.0, 1.0, 1.1))
 radius, bump = 0.08, Bump(2.0)
 ticks = np.arange(0.0, 2.0, 1.25 * radius)
 centers = np.stack(np.meshgrid(ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -152,7 +162,7 @@ for spectrum, color, label in ((ball, COLORS[1], "one disc"), (shape, COLORS[0],
     axes[2].semilogy(k / PERIOD, np.abs(spectrum[k, 0]) / abs(spectrum[0, 0]), color=color, label=label)
 plain(axes[2], "both along x", "frequency along x [cycles/m]", "modulus over its value at 0")
 axes[2].legend(frameon=False)
-plt.show()
+save(figure, 4)
 
 # %%
 # 5. Minkowski sums of bitmaps
@@ -185,7 +195,7 @@ def crossover(sizes: list[int], slow: Floats, fast: Floats) -> float | None:
     return float(np.exp(np.interp(0.0, ratio[i : i + 2], np.log(sizes[i : i + 2]))))
 
 
-_, both = plt.subplots(1, 2, figsize=(9.5, 4.2), layout="constrained")
+figure, both = plt.subplots(1, 2, figsize=(9.5, 4.2), layout="constrained")
 rng = np.random.default_rng(5)
 small, large = [2, 3, 4, 6, 8, 12, 16, 24, 32, 48], [2, 3, 4, 6, 8, 12, 16]
 panels = (("n x n cells and n x n cells", small, small), ("256 x 256 cells and n x n cells", [256] * 7, large))
@@ -208,7 +218,7 @@ for ax, (title, firsts, sizes) in zip(both, panels, strict=True):
     ax.xaxis.set_minor_formatter(NullFormatter())
     ax.legend(fontsize=9, loc="upper left", framealpha=1.0)
     ax.set_ylim(top=10.0 * ax.get_ylim()[1])
-plt.show()
+save(figure, 5)
 
 # %%
 # 6. Ways to the spectrum of discs
@@ -265,7 +275,7 @@ for name, each, error, color in zip(methods, times, errors, COLORS, strict=False
     ax.loglog(numbers, each, "o-", color=color, markersize=4.0, label=name + tells)
 plain(ax, f"the spectrum of discs at {count} x {count} frequencies", "number of discs", "time [s]")
 figure.legend(loc="outside right center", frameon=False)
-plt.show()
+save(figure, 6)
 
 # %%
 # 7. Early misses
@@ -298,10 +308,10 @@ places = np.random.default_rng(7).uniform(-0.4, 2.4, (1500, 2))
 distances = np.array([SHAPE.distance(affinity.translate(part, x, y)) for x, y in places])
 grown = {swell: FourierOverlap.of_shapes(a, b, swell=swell, bump=Bump(2.0)) for swell in (0.05, 0.1, 0.2)}
 flat = {alpha: FourierOverlap.of_shapes(a, b, swell=0.1, bump=Bump(alpha)) for alpha in (8.0, math.inf)}
-_, (left, right) = plt.subplots(1, 2, figsize=(11.0, 4.6), layout="constrained", sharex=True, sharey=True)
+figure, (left, right) = plt.subplots(1, 2, figsize=(11.0, 4.6), layout="constrained", sharex=True, sharey=True)
 draw_misses(left, {f"grown by {swell:g} m": each for swell, each in grown.items()}, places, distances)
 kinds = {2.0: grown[0.1], **flat}
 draw_misses(right, {f"alpha = {alpha:g}": each for alpha, each in kinds.items()}, places, distances)
 left.set_title("discs grown by several lengths, alpha = 2", fontsize=10)
 right.set_title("bumps of several alpha, discs grown by 0.1 m", fontsize=10)
-plt.show()
+save(figure, 7)

@@ -48,4 +48,6 @@ print(f"{distances[-1]:.2f} m, certified: {space.certify_path(vertices[path]).al
 figure, ax = plt.subplots(figsize=(8, 5.5), layout="constrained")
 space.plot(ax=ax, path=vertices[path[::-1]], legend=False)
 ax.add_collection(LineCollection(vertices[edges], colors="0.6", linewidths=0.5))
-plt.show()
+figure.savefig("roadmap.png")
+plt.close(figure)
+print("wrote roadmap.png")

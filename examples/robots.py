@@ -45,4 +45,6 @@ for ax, robot in zip(axes.flat, robots, strict=False):
     ax.set_aspect("equal")
     ax.set_title(robot.name.replace(folder.name, "")[:28], fontsize=9)
 axes.flat[-1].set_visible(False)
-plt.show()
+figure.savefig("robots.png")
+plt.close(figure)
+print("wrote robots.png")

@@ -54,4 +54,6 @@ special = {253: "253, in collision", 254: "254, obstacle", 255: "255, unknown"}
 handles = [Patch(color=colors[cost], label=label) for cost, label in special.items()]
 figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
 ax.set(xlabel="x (m)", ylabel="y (m)")
-plt.show()
+figure.savefig("ros_messages.png")
+plt.close(figure)
+print("wrote ros_messages.png")

@@ -46,4 +46,6 @@ figure, axes = plt.subplots(2, 2, figsize=(9, 7), layout="constrained", sharex=T
 for ax, workspace in zip(axes.flat, workspaces, strict=True):
     workspace.plot(ax=ax, legend=False, title=Path(workspace.source).name)
     print(repr(workspace).replace(folder.name + "/", ""))
-plt.show()
+figure.savefig("sources.png")
+plt.close(figure)
+print("wrote sources.png")
