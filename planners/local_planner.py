@@ -589,9 +589,7 @@ class JointMotions(LocalPlanner):
         return bool(np.all(self.space.motion_is_free(firsts, lasts)))
 
     def search(self, planner: str, endpoints: Endpoints, straight: bool, seed: int | None, seconds: float) -> Floats:
-        turns = [(-TURN, 0.0, TURN) if circle else (0.0,) for circle in self.space.endless]
-        goals = np.array(endpoints[1]) + np.array(list(itertools.product(*turns)))
-        return self.space.free_path(endpoints[0], goals, straight=straight, seed=seed, time_limit=seconds)
+        return self.space.free_path(*endpoints, straight=straight, seed=seed, time_limit=seconds)
 
     def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
         return np.asarray(np.linalg.norm(shorter(lasts - firsts, self.space.endless), axis=1))

@@ -53,6 +53,19 @@ def planar(folder: Path, **changes: Any) -> Path:
     )
 
 
+def two_arms(folder: Path) -> Path:
+    """Two arms of seven joints each, of bars of 0.2 m, on both sides of a column."""
+    bar, axes = ((0.2, 0.08, 0.08), (0.1, 0, 0)), ((0, 0, 1), (0, 1, 0), (1, 0, 0), (0, 1, 0))
+    parts = [link("column", ((0.2, 0.3, 1.0), (-0.1, 0, -0.2)))]
+    for side, y in (("left", 0.3), ("right", -0.3)):
+        for n in range(7):
+            parent, at = (f"{side}_{n - 1}", (0.2, 0, 0)) if n else ("column", (0, y, 0))
+            parts.append(link(f"{side}_{n}", bar))
+            limits = (-3.0, 3.0) if n % 2 == 0 else (-1.9, 1.9)
+            parts.append(joint(f"{side}_joint_{n}", parent, f"{side}_{n}", at, axes[n % 4], limits=limits))
+    return written(folder, *parts)
+
+
 def random_arm(folder: Path, seed: int) -> Path:
     """Four links of one or two boxes at random places, on joints of all kinds with random axes; the last one mimics."""
     rng = np.random.default_rng(seed)

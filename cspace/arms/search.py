@@ -16,9 +16,12 @@ from cspace.compiling import clock, inner, reader
 STRIDE: Final = 1.0
 """Longest motion that a tree grows by, radians or metres."""
 
-NEAR: Final = 3.0 * STRIDE
-"""How far off samples may be for a node from which a motion was once blocked (A. Yershova and others, "Dynamic-domain
-RRTs", 2005)."""
+NEAR_PER_SQRT_JOINT: Final = 1.25 * STRIDE
+"""Radius of a blocked node's sampling domain, divided by the square root of the number of joints; radians or metres.
+
+A node from which a motion was blocked ignores farther samples (A. Yershova and others, "Dynamic-domain RRTs", 2005).
+Distances between random configurations grow with that square root.
+"""
 
 SLICE: Final = 32
 """How often a tree tries to grow between two looks at the clock."""
@@ -72,7 +75,7 @@ def stepped(forest: Forest, scene: Scene, side: int, near: int, q: Floats, work:
     for d in range(len(q)):
         nodes[new, d] = nodes[near, d] + share * (q[d] - nodes[near, d]) if share < 1.0 else q[d]
     if not (point_is_free(scene, nodes[new], work) and motion_is_free(scene, nodes[near], nodes[new], work)):
-        forest.reaches[side, near] = NEAR
+        forest.reaches[side, near] = NEAR_PER_SQRT_JOINT * math.sqrt(len(q))
         return -1
     forest.parents[side, new], forest.reaches[side, new] = near, np.inf
     forest.counts[side] = new + 1

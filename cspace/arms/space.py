@@ -13,6 +13,7 @@ import numpy as np
 import scipy  # its parts are read when they are first used
 from numpy.typing import ArrayLike
 
+from cspace.angles import TURN, beside
 from cspace.arms.chain import STILL, TURNS, place_bodies
 from cspace.arms.hulls import corners_of
 from cspace.arms.model import LOOKS, Arm, always_touch, pair_of, random_points
@@ -46,6 +47,9 @@ if TYPE_CHECKING:
 
 THREAD: Final = 20
 """Motions below which a second thread costs more than it saves."""
+
+MAX_DOUBLED_JOINTS: Final = 8
+"""Number of continuous joints that :meth:`ArmSpace.free_path` turns either way; any others turn the shorter way."""
 
 _TRIES: Final = 100_000
 """Samples of which none is free, after which sampling is given up."""
@@ -382,10 +386,11 @@ class ArmSpace(ConfigurationSpace):
         seed: int | None = None,
         time_limit: float = 5.0,
     ) -> Floats:
-        """A collision-free path, proven all along, found by two trees of motions that grow towards each other.
+        """Find a path that is proven free all along; it is not the shortest.
 
-        It is the same every time for a seed, unless the time limit cuts the search off, and not the shortest. It begins
-        and ends within the limits: where q0 or q1 is beyond one by at most 1e-5 rad (m), at the limit.
+        Two trees of motions grow towards each other. The path is the same every time for a seed, unless the time limit
+        ends the search. Continuous joints may turn either way: the path ends at the goal, or whole turns from it. It
+        begins and ends within the limits: if q0 or q1 is beyond a limit by at most 1e-5 rad (m), at the limit.
 
         Parameters
         ----------
@@ -402,7 +407,8 @@ class ArmSpace(ConfigurationSpace):
         Returns
         -------
         ndarray of float64, shape (n, dof)
-            Waypoints, each motion between two proven free; of length 0 where none was found in time.
+            Waypoints, each motion between two proven free. Continuous joints count whole turns, so that the straight
+            motions between the rows are the proven ones. Of length 0 if no path was found in time.
 
         Raises
         ------
@@ -420,13 +426,27 @@ class ArmSpace(ConfigurationSpace):
                 raise InputError(name, f"has shape {q.shape}", rule, f"pass ({', '.join(self.axes)})", value=q)
         seconds = positive(time_limit, "time_limit", "seconds")
         start, goals = self.arm.clamp(start), self.arm.clamp(goals)
-        endpoints = np.vstack([start, goals])
+        images = self._images(start, goals)
+        endpoints = np.vstack([start, images])
         free = are_free(self.record, endpoints, endpoints)
         for name, q, good in (("q0", start, free[0]), ("q1", goals[0], free[1:].any())):
             if not good:
                 raise in_collision(self, q, name)
-        rng = np.random.default_rng(seed)
-        return search_path(self.record, self.arm.ranges(endpoints), start, goals[free[1:]], rng, seconds, straight)
+        images, rng = images[free[1:]], np.random.default_rng(seed)
+        ranges = self.arm.ranges(np.vstack([start, images]))
+        return search_path(self.record, ranges, start, images, rng, seconds, straight)
+
+    def _images(self, start: Floats, goals: Floats) -> Floats:
+        """Return the goals, shape (n, dof), by either way around each continuous joint, shape (m, dof).
+
+        The first n go the shorter way; one that already does stays as it is, to the last bit.
+        """
+        images = np.where(self.endless, beside(goals, start), goals)
+        for joint in np.flatnonzero(self.endless)[:MAX_DOUBLED_JOINTS]:
+            others = images.copy()
+            others[:, joint] += np.where(images[:, joint] > start[joint], -TURN, TURN)
+            images = np.concatenate([images, others])
+        return images
 
     def _classify(self) -> Query:
         def query(parts: Sequence[Any], out: States) -> int:

@@ -1,5 +1,6 @@
 """Paths of arms: proven all along, the same for a seed, to any of several goals."""
 
+import math
 import time
 from itertools import pairwise
 from typing import Any
@@ -10,7 +11,7 @@ import pytest
 from cspace import Robot
 from cspace.arms import Arm, ArmSpace, Placed, build_arm
 from cspace.errors import ConfigurationError, InputError
-from urdfs import planar, random_arm
+from urdfs import planar, random_arm, two_arms
 
 START, GOAL = (-1.2, 0.4), (1.2, -0.4)
 IN_WALL = (0.0, 0.0)
@@ -49,6 +50,50 @@ def test_any_goal_that_is_free_will_do(space: ArmSpace) -> None:
     path = space.free_path(START, [IN_WALL, GOAL, near], seed=1)
     np.testing.assert_array_equal(path, [START, near])
     np.testing.assert_array_equal(space.free_path(START, [IN_WALL, GOAL], seed=1)[-1], GOAL)
+
+
+@pytest.mark.parametrize("turns", [-1, 0, 2])
+@pytest.mark.parametrize(("first", "last"), [(3.0, -3.0), (-3.0, 3.0)])
+def test_path_of_a_continuous_joint_takes_the_shorter_way(tmp_path: Any, first: float, last: float, turns: int) -> None:
+    space = build_arm({}, Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None)))
+    start, goal = (first, 0.4), (last + turns * 2.0 * np.pi, 0.6)
+    path = space.free_path(start, goal, seed=1)
+    assert len(path) == 2
+    np.testing.assert_array_equal(path[0], start)
+    np.testing.assert_allclose(path[1], (first + math.remainder(last - first, 2.0 * np.pi), 0.6))
+    assert space.certify_path(path).all()
+
+
+def test_path_of_a_continuous_joint_goes_the_longer_way_if_only_that_is_free(tmp_path: Any) -> None:
+    """A wall blocks the shorter way of the upper link."""
+    arm = Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None))
+    space = build_arm({"wall": box((0.1, 1.0, 1.0), -0.8, 0.0, 0.0)}, arm)
+    path = space.free_path((2.0, 0.0), (-2.0, 0.0), seed=1)
+    assert space.certify_path(path).all()
+    np.testing.assert_array_equal(path[[0, -1]], [(2.0, 0.0), (-2.0, 0.0)])
+
+
+class CountingGenerator(np.random.Generator):
+    """A generator that counts how often samples are drawn."""
+
+    batches = 0
+
+    def uniform(self, *args: Any, **options: Any) -> Any:
+        self.batches += 1
+        return super().uniform(*args, **options)
+
+
+@pytest.mark.parametrize("seed", [6, 12])
+def test_two_arms_of_seven_joints_find_a_path_with_few_samples(tmp_path: Any, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    sizes, places = rng.uniform(0.03, 0.1, (150, 3)), rng.uniform((0.35, -1.0, -0.9), (1.2, 1.0, 0.9), (150, 3))
+    boxes = {f"box {k}": box(size, *place) for k, (size, place) in enumerate(zip(sizes, places, strict=True))}
+    space = build_arm(boxes, Arm.from_urdf(two_arms(tmp_path)))
+    q0, q1 = space.sample_free(2, rng)
+    generator: Any = CountingGenerator(np.random.PCG64(1))
+    path = space.free_path(q0, q1, seed=generator, time_limit=60.0)
+    assert len(path) > 2 and space.certify_path(path).all()
+    assert generator.batches < 100
 
 
 def test_where_there_is_no_path_the_search_ends_in_time(tmp_path: Any) -> None:
