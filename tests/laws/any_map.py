@@ -1,0 +1,119 @@
+"""Maps of every space, kept in every way, with the states that they must have."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+from unittest import mock
+
+import numpy as np
+from numpy.typing import NDArray
+
+import cspace
+from cspace import Grid, Robot, Rotations, Workspace
+from cspace.endless import map_of
+from cspace.map.contents import Contents
+from cspace.shapes import Point
+
+CAR = Robot.polygon([(-0.2, -0.1), (0.3, -0.1), (0.3, 0.1), (-0.2, 0.1)])
+CRATE = Robot.box((0.3, 0.2, 0.1), (0.1, 0.0, 0.0))
+SPACES: dict[str, tuple[tuple[int, ...], Robot, Any]] = {
+    "plane": ((40, 33), Robot.disc(0.25), None),
+    "space": ((12, 14, 13), Robot.ball(0.12), None),
+    "yaw": ((30, 27), CAR, 8),
+    "yaw in space": ((10, 12, 9), CRATE, 6),
+    "quaternions": ((9, 8, 7), CRATE, Rotations.quaternions(1)),
+}
+"""For each space: the cells of the workspace, the robot and its rotation cells."""
+
+PERIODIC = {"joints": (True, False), "joints in space": (True, True, False)}
+"""Joint maps: whether each axis is periodic."""
+
+KINDS = [(space, storage) for storage in ("memory", "packed", "tiled", "saved") for space in SPACES]
+PERIODIC_KINDS = [(space, storage) for storage in ("memory", "saved") for space in PERIODIC]
+"""Kinds of maps: a space, and where the map is kept."""
+
+
+class AnyMap(NamedTuple):
+    """A map of any kind, and what an independent test needs of it.
+
+    Attributes
+    ----------
+    space : CSpace or TiledCSpace
+    states : ndarray of uint8, shape (rotations, nx, ny(, nz))
+        The state of each cell, from a build in memory, one byte each.
+    periodic : tuple of bool
+        Whether each axis of the grid is periodic.
+    occupied : ndarray of bool, shape (nx, ny(, nz))
+        The obstacle cells.
+    rebuild : callable
+        Builds the map of other obstacles, in memory.
+    """
+
+    space: Any
+    states: NDArray[np.uint8]
+    periodic: tuple[bool, ...]
+    occupied: NDArray[np.bool_]
+    rebuild: Callable[[NDArray[np.bool_]], cspace.CSpace]
+
+    def draw(self, rng: np.random.Generator, n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Draw configurations inside cells, and the cell ``(rotation, x, y(, z))`` of each."""
+        grid, centers = self.space.grid, self.space.rotations.centers
+        cells = np.column_stack([rng.integers(0, size, n) for size in self.states.shape])
+        inside = rng.uniform(0.02, 0.98, (n, grid.dim))
+        q = np.array(grid.lower) + grid.spacing * (cells[:, 1:] + inside)
+        q += 2.0 * np.pi * rng.integers(-2, 3, q.shape) * np.array(self.periodic)
+        return (np.hstack([q, centers[cells[:, 0]]]) if centers.size else q), cells
+
+
+def random_obstacles(shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.bool_]:
+    return rng.random(shape) < (0.02 if len(shape) == 2 else 0.01)
+
+
+def refuse(occupied: NDArray[np.bool_]) -> cspace.CSpace:
+    raise NotImplementedError("joint maps are not built from obstacle cells")
+
+
+def reopen(space: Any, path: Path) -> Any:
+    """Save a map in memory and open the file."""
+    space.save(path)
+    return cspace.open(path)
+
+
+def make_map(space: str, storage: str, outside: str, seed: int, folder: Path) -> AnyMap:
+    """Build a map of a space and keep it in memory, packed in two bits, in tiles, or saved and opened again."""
+    shape, robot, rotations = SPACES[space]
+    rng = np.random.default_rng(seed)
+    lower = rng.uniform(-1.0, 1.0, len(shape))
+
+    def rebuild(occupied: NDArray[np.bool_], **options: Any) -> Any:
+        workspace = Workspace.from_array(occupied, 0.1, lower)
+        return cspace.build(workspace, robot, rotations=rotations, outside=outside, **options)
+
+    occupied = random_obstacles(shape, rng)
+    plain = rebuild(occupied)
+    states = plain.state.reshape(-1, *shape)
+    made: Any = plain
+    if storage == "packed":
+        with mock.patch("cspace.builder.is_packed", lambda *sizes: True):
+            made = rebuild(occupied)
+    elif storage == "tiled":
+        made = rebuild(occupied, store=folder / "tiled.zarr", tile=7)
+    elif storage == "saved":
+        made = reopen(plain, folder / "saved.zarr")
+    return AnyMap(made, states, (False,) * len(shape), occupied, rebuild)
+
+
+def make_periodic(space: str, storage: str, seed: int, folder: Path) -> AnyMap:
+    """Make a map of joints with random states, some of whose axes are periodic."""
+    rng, count, periodic = np.random.default_rng(seed), 12, PERIODIC[space]
+    shape = tuple(count if axis else 5 for axis in periodic)
+    states = rng.choice(np.array([0, 0, 0, 1, 2], dtype=np.uint8), shape)
+    names = ("shoulder", "elbow", "wrist")[: len(shape)]
+    grid = Grid(np.where(periodic, -np.pi, -1.0), 2.0 * np.pi / count, shape, names)
+    workspace = Workspace(grid, states != cspace.FREE, states == cspace.BLOCKED)
+    robot, rotations = Robot("arm", Point.at_origin(len(shape))), Rotations.of(None)
+    slices = rotations.slices_for(robot.shape)
+    made = map_of(Contents(workspace, robot, rotations, slices, states[np.newaxis].copy(), endless=periodic))
+    if storage == "saved":
+        made = reopen(made, folder / "periodic.zarr")
+    return AnyMap(made, states[np.newaxis], periodic, workspace.outer, refuse)

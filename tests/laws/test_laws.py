@@ -1,0 +1,169 @@
+"""Laws that hold for maps of every space, however they are kept."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.sparse.csgraph import connected_components
+
+import cspace
+from cspace import BLOCKED, FREE
+from handmade import components
+from laws.any_map import (
+    KINDS,
+    PERIODIC,
+    PERIODIC_KINDS,
+    SPACES,
+    AnyMap,
+    make_map,
+    make_periodic,
+    random_obstacles,
+    reopen,
+)
+from oracles import graph_of, linked
+
+POLICIES = ("blocked", "free")
+
+
+@pytest.fixture(params=KINDS + PERIODIC_KINDS, ids="-".join)
+def any_map(request: pytest.FixtureRequest, tmp_path: Path) -> AnyMap:
+    space, storage = request.param
+    if space in PERIODIC:
+        return make_periodic(space, storage, 5, tmp_path)
+    return make_map(space, storage, POLICIES[len(space) % 2], 5, tmp_path)
+
+
+@pytest.fixture(params=KINDS, ids="-".join)
+def obstacle_map(request: pytest.FixtureRequest, tmp_path: Path) -> AnyMap:
+    """A map with obstacles in metres: any but those of joints."""
+    space, storage = request.param
+    return make_map(space, storage, POLICIES[len(space) % 2], 5, tmp_path)
+
+
+def nearby(any_map: AnyMap, q: Any, rng: np.random.Generator) -> Any:
+    """Return configurations a few cells from others, rotated by up to 0.4 radians."""
+    dim, spacing = any_map.space.grid.dim, any_map.space.grid.spacing
+    near = q + rng.normal(size=q.shape) * np.where(np.arange(q.shape[1]) < dim, 1.5 * spacing, 0.2)
+    if any_map.space.rotations.dof == 4:
+        near[:, dim:] /= np.linalg.norm(near[:, dim:], axis=1, keepdims=True)
+    return near
+
+
+def labels(any_map: AnyMap, worst: int) -> Any:
+    """Label the connected components of the cells whose state is at most ``worst``, by scipy."""
+    cells = any_map.states <= worst
+    if any(any_map.periodic):
+        graph = graph_of(linked(cells[0], any_map.periodic, corners=False), cells.size)
+        return np.where(cells, connected_components(graph, directed=False)[1].reshape(cells.shape), -1)
+    return components(cells, "any way" if any_map.space.rotations.dof == 4 else "")
+
+
+def test_classify_returns_the_state_of_the_cell(any_map: AnyMap) -> None:
+    q, cells = any_map.draw(np.random.default_rng(0), 400)
+    expected = any_map.states[tuple(cells.T)]
+    np.testing.assert_array_equal(any_map.space.classify(q), expected)
+    np.testing.assert_array_equal(any_map.space.is_free(q), expected == FREE)
+    assert any_map.space.classify(q[0]) == expected[0]
+
+
+def test_count_counts_the_states_of_all_cells(any_map: AnyMap) -> None:
+    assert any_map.space.count() == tuple(np.bincount(any_map.states.ravel(), minlength=3).tolist())
+
+
+def test_a_free_motion_has_only_free_points(any_map: AnyMap) -> None:
+    rng = np.random.default_rng(1)
+    q0, _ = any_map.draw(rng, 600)
+    q1 = nearby(any_map, q0, rng)
+    free = any_map.space.motion_is_free(q0, q1)
+    assert 0.01 < free.mean() < 0.999
+    if any_map.space.rotations.dof == 4:
+        return  # points along turns about any axis are tested with the rotations
+    for share in np.linspace(0.0, 1.0, 23):
+        between = q0[free] + share * (q1[free] - q0[free])
+        assert any_map.space.is_free(between).all()
+
+
+def test_connectivity_agrees_with_labels_by_scipy(any_map: AnyMap) -> None:
+    rng = np.random.default_rng(2)
+    (q0, cells0), (q1, cells1) = any_map.draw(rng, 150), any_map.draw(rng, 150)
+    free, passable = labels(any_map, FREE), labels(any_map, BLOCKED - 1)
+    answers = any_map.space.path_exists(q0, q1)
+    for answer, one, other in zip(answers, map(tuple, cells0), map(tuple, cells1), strict=True):
+        if free[one] >= 0 and free[one] == free[other]:
+            assert answer is True
+        if answer is False:
+            blocked = passable[one] < 0 or passable[other] < 0
+            assert blocked or passable[one] != passable[other]
+
+
+def test_clearance_is_no_larger_than_the_distance_to_any_cell_that_is_not_free(obstacle_map: AnyMap) -> None:
+    q, cells = obstacle_map.draw(np.random.default_rng(3), 60)
+    grid = obstacle_map.space.grid
+    clearance = obstacle_map.space.clearance(q)
+    for position, cell, distance in zip(q[:, : grid.dim], cells, clearance, strict=True):
+        others = np.argwhere(obstacle_map.states[cell[0]] != FREE)
+        low = np.array(grid.lower) + grid.spacing * others
+        gaps = np.maximum(0.0, np.maximum(low - position, position - low - grid.spacing))
+        nearest = np.sqrt((gaps**2).sum(axis=1)).min(initial=np.inf)
+        assert distance <= nearest + 1e-9
+
+
+def test_an_update_equals_a_rebuild(obstacle_map: AnyMap) -> None:
+    rng = np.random.default_rng(4)
+    space, shape = obstacle_map.space, obstacle_map.states.shape[1:]
+    occupied = obstacle_map.occupied.copy()
+    for _ in range(2):
+        size = rng.integers(1, 6, len(shape))
+        lower = rng.integers(0, np.array(shape) - size + 1)
+        cells = random_obstacles(tuple(size), rng) if rng.random() < 0.5 else np.ones(size, dtype=bool)
+        occupied[tuple(slice(low, low + n) for low, n in zip(lower, size, strict=True))] = cells
+        space.update(cells, lower)
+    fresh = obstacle_map.rebuild(occupied)
+    q, _ = obstacle_map.draw(rng, 300)
+    near = nearby(obstacle_map, q, rng)
+    assert space.count() == fresh.count()
+    np.testing.assert_array_equal(space.classify(q), fresh.classify(q))
+    np.testing.assert_array_equal(space.motion_is_free(q, near), fresh.motion_is_free(q, near))
+    np.testing.assert_array_equal(space.path_exists(q[:40], near[:40]), fresh.path_exists(q[:40], near[:40]))
+
+
+def test_opening_a_saved_map_gives_an_equal_map(any_map: AnyMap, tmp_path: Path) -> None:
+    space: Any = any_map.space
+    tiled = isinstance(space, cspace.TiledCSpace)
+    opened = cspace.open(space.path) if tiled else reopen(space, tmp_path / "again.zarr")
+    assert type(opened) is type(space)
+    assert (opened.grid, opened.axes, opened.outside, opened.margin) == (
+        space.grid,
+        space.axes,
+        space.outside,
+        space.margin,
+    )
+    assert opened.count() == space.count()
+    q, _ = any_map.draw(np.random.default_rng(6), 300)
+    q = np.vstack([q, nearby(any_map, q, np.random.default_rng(7))])
+    np.testing.assert_array_equal(opened.classify(q), space.classify(q))
+    np.testing.assert_array_equal(opened.motion_is_free(q[:300], q[300:]), space.motion_is_free(q[:300], q[300:]))
+
+
+@pytest.mark.parametrize("space", SPACES)
+@pytest.mark.parametrize("outside", POLICIES)
+def test_a_window_answers_as_the_whole_map(space: str, outside: str, tmp_path: Path) -> None:
+    """The window knows nothing outside of it, so that it may leave more undecided there."""
+    whole = make_map(space, "tiled", outside, 8, tmp_path)
+    tiled, rng = whole.space, np.random.default_rng(9)
+    lower, upper = np.array(tiled.grid.lower), np.array(tiled.grid.upper)
+    window = tiled.window(lower + 0.2 * (upper - lower), lower + 0.7 * (upper - lower))
+    q, _ = whole.draw(rng, 600)
+    inside = window.grid.contains(q[:, : tiled.grid.dim])
+    assert inside.sum() > 20
+    q = q[inside]
+    near = nearby(whole, q, rng)
+    np.testing.assert_array_equal(window.classify(q), tiled.classify(q))
+    free, known = window.motion_is_free(q, near), tiled.motion_is_free(q, near)
+    assert not (free & ~known).any()
+    assert (window.clearance(q) <= tiled.clearance(q) + 1e-9).all()
+    within = tiled.grid.contains(near[:, : tiled.grid.dim])  # the window also has cells around the map
+    q, near = q[within][:40], near[within][:40]
+    answers = zip(window.path_exists(q, near), tiled.path_exists(q, near), strict=True)
+    assert all(mine is None or mine == theirs for mine, theirs in answers)
