@@ -627,7 +627,8 @@ class JointMotions(LocalPlanner):
     def explain_clamping(self, q: ArrayLike, name: str) -> str:
         arm, point = self.space.arm, self._point(q, name)
         moved = np.abs(arm.clamp(point) - point)
-        joints = [f"{joint} by {by:.2g}" for joint, by in zip(arm.joints, moved.tolist(), strict=True) if by]
+        rows = zip(arm.joints, moved.tolist(), arm.units, strict=True)
+        joints = [f"{joint} by {by:.2g} {unit}" for joint, by, unit in rows if by]
         return f"{name} moved onto the limit of {', '.join(joints)}" if joints else ""
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
@@ -17,12 +17,13 @@ from numpy.typing import ArrayLike
 from cspace.arms.chain import MOST_BODIES, SLIDES, STILL, TURNS, Chain, place_bodies
 from cspace.arms.proofs import Scene, are_free
 from cspace.arms.solids import Solid, placed_shared, rigid, scene_of
-from cspace.arrays import Bools, Floats
+from cspace.arrays import Bools, Floats, frozen
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import finite
 from cspace.shapes import ShapeLike, shape_of
 
 if TYPE_CHECKING:
+    from cspace.io.srdf import EndEffector
     from cspace.io.urdf import PackageDirs
 
 Names = tuple[str, str]
@@ -99,6 +100,14 @@ class Arm:
     chain : Chain
     units : tuple of str
         Units of the joints: "rad", or "m" for prismatic ones.
+    groups : dict of str to tuple of str
+        Joints of each group of the SRDF, those that a configuration moves, in its order.
+    named_configurations : dict of str to ndarray of float64, shape (dof,), read-only
+        Group states of the SRDF, by ``"GROUP/STATE"``, such as ``"panda_arm/ready"``; by ``"STATE"`` if one has no
+        group. Joints that a state does not
+        name are at zero, or at their limit next to it.
+    end_effectors : dict of str to EndEffector
+        Those of the SRDF, each with ``parent_link``, ``group`` and ``parent_group``.
     """
 
     name: str
@@ -110,6 +119,9 @@ class Arm:
     frames: dict[str, Floats]
     chain: Chain
     units: tuple[str, ...]
+    groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    named_configurations: dict[str, Floats] = field(default_factory=dict)
+    end_effectors: dict[str, EndEffector] = field(default_factory=dict)
 
     @classmethod
     def from_urdf(
@@ -131,10 +143,11 @@ class Arm:
         path : path-like
             The URDF. Meshes are looked for as :meth:`cspace.Robot.from_urdf` says.
         srdf : path-like, optional
-            An SRDF file that says which links may touch: pairs of ``disable_collisions``, and all of a link of
-            ``disable_default_collisions`` but those of ``enable_collisions``. By default these are links joined by a
-            joint or over links without a geometry, those of one body, and those that touch in each of 100 random
-            configurations, which are always the same.
+            An SRDF file with groups, group states, end effectors, and the links that may touch: pairs of
+            ``disable_collisions``, and all of a link of ``disable_default_collisions`` except those of
+            ``enable_collisions``. Links and joints that the URDF does not have are skipped, and one warning lists them.
+            Without an SRDF, links may touch that are of one body, that a joint joins, directly or over links without a
+            geometry, or that touch in each of 100 random configurations, which are always the same.
         tip : str, optional
             Only the joints between the base and this link move; the others are held at zero, or at their limit next to
             it. By default all move.
@@ -401,8 +414,20 @@ class _Assembly:
             self._chain(rows),
             tuple("m" if self._joints[name].kind == SLIDES else "rad" for name in self._moving),
         )
+        if srdf is None:
+            return replace(arm, allowed=self._default_allowed(arm))
+        from cspace.io.srdf import read_srdf
+
+        read, start = read_srdf(srdf, self._urdf), arm.clamp(np.zeros(arm.dof)).tolist()
         return replace(
-            arm, allowed=self._default_allowed(arm) if srdf is None else _disabled(srdf, list(self._urdf.link_map))
+            arm,
+            allowed=read.allowed,
+            groups={name: tuple(joint for joint in arm.joints if joint in each) for name, each in read.groups.items()},
+            named_configurations={
+                name: frozen(np.array([state.get(*each) for each in zip(arm.joints, start, strict=True)]))
+                for name, state in read.states.items()
+            },
+            end_effectors=read.end_effectors,
         )
 
     def _default_allowed(self, arm: Arm) -> dict[Names, str]:
@@ -491,31 +516,3 @@ def always_touch(scene: Scene, points: Floats) -> Bools:
     left = np.asarray(~apart(scene, points[:_FEW]).any(axis=1))
     left[left] = ~apart(scene._replace(pairs=scene.pairs[left]), points[_FEW:]).any(axis=1)
     return left
-
-
-def _disabled(path: str | os.PathLike[str], links: Sequence[str]) -> dict[Names, str]:
-    """Pairs that an SRDF lets touch, and why; as MoveIt, it takes what is enabled before what is disabled."""
-    from cspace.io.files import Fault, decoding, read_bytes
-    from cspace.io.plain import parse_xml
-
-    data = read_bytes(path, "SRDF", memory=20.0)
-    with decoding(path, "SRDF"):
-        root = parse_xml(data)
-        if root.tag != "robot":
-            raise Fault(f"holds <{root.tag:.60}>, not <robot>", "an SRDF file describes a robot", "pass the right file")
-
-        def named(tag: str, *keys: str) -> Iterator[tuple[tuple[str, ...], str]]:
-            for element in root.iter(tag):
-                names = tuple(str(element.get(key)) for key in keys)
-                for name in names:
-                    if name not in links:
-                        raise Fault(f"names link {name!r}", "it must be one of the URDF", "pass the SRDF of this robot")
-                yield names, element.get("reason") or "SRDF"
-
-        defaults = named("disable_default_collisions", "link")
-        disabled = {pair_of(name, other): why for (name,), why in defaults for other in links if other != name}
-        for (one, other), _ in named("enable_collisions", "link1", "link2"):
-            disabled.pop(pair_of(one, other), None)
-        return disabled | {
-            pair_of(one, other): why for (one, other), why in named("disable_collisions", "link1", "link2")
-        }

@@ -191,8 +191,7 @@ def _check(root: Element) -> None:
     """Refuse what would be read in part, or misread."""
     if root.tag != "robot":
         raise Fault(f"holds <{root.tag:.60}>, not <robot>", "a URDF file describes a robot", "pass the right file")
-    if any(str(element.tag).startswith(_XACRO) for element in root.iter()):
-        raise Fault("holds macros of xacro", "they are expanded first", "run xacro robot.urdf.xacro > robot.urdf")
+    check_expanded(root)
     names = [str(element.get("name")) for element in root.findall("link")]
     if not names:
         raise Fault("has no <link>", "a robot has one at least", "pass the right file")
@@ -228,6 +227,12 @@ def _check(root: Element) -> None:
     for link in root.findall("link"):
         for number, collision in enumerate(link.findall("collision")):
             _check_geometry(collision.find("geometry"), f"link {link.get('name')!r}, collision {number}")
+
+
+def check_expanded(root: Element) -> None:
+    """Refuse a file with macros of xacro."""
+    if any(str(element.tag).startswith(_XACRO) for element in root.iter()):
+        raise Fault("holds macros of xacro", "they are expanded first", "run xacro robot.urdf.xacro > robot.urdf")
 
 
 def _check_numbers(element: Element, place: str) -> None:

@@ -90,24 +90,117 @@ def test_which_links_may_touch(tmp_path: Path) -> None:
         '<robot name="small"><group name="all"><chain base_link="a" tip_link="c"/></group>'
         '<disable_default_collisions link="b"/><enable_collisions link1="b" link2="c"/></robot>'
     )
-    assert Arm.from_urdf(path, srdf).allowed.keys() == {("a", "b"), ("b", "bare")}
+    assert Arm.from_urdf(path, srdf).allowed.keys() == {("a", "b")}
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('<robot name="small"><disable_collisions link1="foot" link2="z"/></robot>', "names link 'z'"),
-        ('<robot name="small"><disable_collisions link1="foot"/></robot>', "names link 'None'"),
+        ('<robot name="small"><disable_collisions link1="foot"/></robot>', "has a <disable_collisions> without link2"),
+        ('<robot name="small"><group/></robot>', "has a <group> without name"),
+        (
+            '<robot name="small"><group name="g"><group name="g"/></group></robot>',
+            "has the group 'g' within itself",
+        ),
+        (
+            '<robot><group_state name="s" group="g"><joint name="elbow" value="up"/></group_state></robot>',
+            "has elbow at 'up' in the state 'g/s'; it must be one finite number",
+        ),
+        ('<robot xmlns:x="http://www.ros.org/wiki/xacro"><x:if/></robot>', "macros of xacro"),
         ("<html/>", "holds <html>, not <robot>"),
         ("<robot", "arm.srdf"),
     ],
-    ids=["unknown", "missing", "other", "broken"],
+    ids=["link missing", "name missing", "loop", "no number", "xacro", "other", "broken"],
 )
 def test_bad_srdf(tmp_path: Path, text: str, message: str) -> None:
     srdf = tmp_path / "arm.srdf"
     srdf.write_text(text)
     with pytest.raises(FileError, match=message):
         Arm.from_urdf(planar(tmp_path), srdf)
+
+
+def test_srdf_names_of_missing_links_are_skipped_with_one_warning(tmp_path: Path) -> None:
+    """As MoveIt and pinocchio do; links without geometry touch nothing, so that nothing is said of them."""
+    path = written(
+        tmp_path, *(link(name, BAR) for name in "ab"), link("bare"), joint("one", "a", "b"), joint("two", "b", "bare")
+    )
+    srdf = tmp_path / "arm.srdf"
+    srdf.write_text(
+        """<robot name="small"><virtual_joint name="world" type="planar" parent_frame="map" child_link="a"/>
+        <disable_collisions link1="a" link2="bellows"/><disable_collisions link1="lost" link2="b"/>
+        <disable_collisions link1="a" link2="bare"/><disable_collisions link1="b" link2="a"/>
+        <disable_default_collisions link="bellows"/><enable_collisions link1="a" link2="bellows"/>
+        <group name="g"><link name="gone"/><joint name="two"/><joint name="world"/></group>
+        <group_state name="s" group="g"><joint name="three" value="1"/><joint name="world" value="0 0 0"/></group_state>
+        <group_state name="other" group="g"><joint name="three" value="1"/></group_state>
+        <group_state name="alone"><joint name="two" value="1"/></group_state>
+        </robot>"""
+    )
+    with pytest.warns(UserWarning, match=r"arm.srdf: names bellows, lost, gone, three, which the URDF") as heard:
+        arm = Arm.from_urdf(path, srdf)
+    assert [each.filename for each in heard] == [__file__]
+    assert arm.allowed == {("a", "b"): "SRDF"}
+    assert arm.groups == {"g": ("two",)}
+    assert {name: q.tolist() for name, q in arm.named_configurations.items()} == {"g/s": [0, 0], "alone": [0, 1]}
+
+
+def test_srdf_groups_states_and_end_effectors_are_offered(tmp_path: Path) -> None:
+    """States of two groups may have one name; joints that a state leaves out are as near to zero as they can be."""
+    path = written(
+        tmp_path,
+        *(link(name, BAR) for name in "abcdef"),
+        joint("one", "a", "b"),
+        joint("two", "b", "c", limits=(0.5, 1.0)),
+        joint("three", "c", "d", kind="continuous", limits=None),
+        joint("mount", "c", "e", kind="fixed"),
+        joint("four", "e", "f", kind="prismatic", extra='<mimic joint="one"/>'),
+    )
+    srdf = tmp_path / "arm.srdf"
+    srdf.write_text(
+        """<robot name="small"><group name="arm"><chain base_link="a" tip_link="c"/></group>
+        <group name="hand"><link name="d"/><link name="f"/></group>
+        <group name="branch"><chain base_link="d" tip_link="e"/></group>
+        <group name="all"><group name="hand"/><group name="arm"/></group><group name="none"/>
+        <group_state name="home" group="arm"><joint name="two" value="0.75"/></group_state>
+        <group_state name="home" group="hand">
+          <joint name="three" value="-4"/><joint name="four" value="9"/></group_state>
+        <end_effector name="gripper" parent_link="c" group="hand" parent_group="arm"/>
+        <end_effector name="camera" parent_link="b" group="none"/></robot>"""
+    )
+    arm = Arm.from_urdf(path, srdf)
+    assert arm.joints == ("one", "two", "three")
+    assert arm.groups == {
+        "arm": ("one", "two"),
+        "hand": ("three",),
+        "branch": ("three",),
+        "all": ("one", "two", "three"),
+        "none": (),
+    }
+    named = {name: q.tolist() for name, q in arm.named_configurations.items()}
+    assert named == {"arm/home": [0.0, 0.75, 0.0], "hand/home": [0.0, 0.5, -4.0]}
+    assert arm.end_effectors == {"gripper": ("c", "hand", "arm"), "camera": ("b", "none", "")}
+    only = Arm.from_urdf(path, srdf, tip="b")
+    assert (only.groups["all"], only.named_configurations["arm/home"].tolist()) == (("one",), [0.0])
+    bare = Arm.from_urdf(path)
+    assert bare.groups == bare.named_configurations == bare.end_effectors == {}
+
+
+@pytest.mark.filterwarnings("ignore::cspace.MeshWarning")
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_named_configurations_are_those_of_pinocchio(data: Path, name: str) -> None:
+    pin = pytest.importorskip("pinocchio")
+    urdf, srdf = (data / "arms" / name / f"{name}.{suffix}" for suffix in ("urdf", "srdf"))
+    model = pin.buildModelFromUrdf(str(urdf))
+    pin.loadReferenceConfigurations(model, str(srdf), False)
+    arm = Arm.from_urdf(urdf, srdf)
+    assert {key.partition("/")[2] for key in arm.named_configurations} == {
+        each.key() for each in model.referenceConfigurations
+    }
+    for key, q in arm.named_configurations.items():
+        group, _, state = key.partition("/")
+        theirs = model.referenceConfigurations[state]
+        for joint_name in arm.groups[group]:
+            assert q[arm.joints.index(joint_name)] == theirs[model.joints[model.getJointId(joint_name)].idx_q]
 
 
 def test_what_is_known_of_pairs(tmp_path: Path) -> None:

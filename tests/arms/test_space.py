@@ -242,7 +242,7 @@ def test_plans_move_configurations_a_hair_beyond_limits_onto_them_and_say_so(tmp
         assert plan.path[0].tolist() == plan.start.tolist() == [-1.123456, 0.3]
         assert plan.path[-1].tolist() == [2.0, 0.5]
         assert plan.status.startswith("path found")
-        assert "start moved onto the limit of shoulder by 4e-06; goal moved onto" in plan.status
+        assert "start moved onto the limit of shoulder by 4e-06 rad; goal moved onto" in plan.status
     assert "moved" not in planners.plan(space, (-1.123456, 0.3), (2.0, 0.5), seed=1).status
     path = space.free_path((-1.123456 - HAIR, 0.3), (2.0, 3.0 + HAIR), seed=1)
     assert path[[0, -1]].tolist() == [[-1.123456, 0.3], [2.0, 3.0]]
