@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import secrets
 import shlex
 import sys
 from collections.abc import Mapping
@@ -45,7 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("names", metavar="NAME", nargs="+", choices=[*BENCHMARKS, "all"], help="which ones, or all")
     parser.add_argument("--quick", action="store_true", help="smaller sizes and fewer runs, to see that all works")
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write the figures to FILE")
-    parser.add_argument("--seed", type=int, default=0, help="seed of everything random (default 0)")
+    parser.add_argument("--seed", type=int, help="seed of everything random (default 0; soak: a new one each time)")
     parser.add_argument("--checks", type=int, default=None, help="soak: checks of FREE and BLOCKED (default 10^6)")
     parser.add_argument(
         "--output",
@@ -73,9 +74,9 @@ def main(arguments: list[str] | None = None) -> int:
         report.start(name)
         run = import_module(f"benchmarks.{name}" if name == "soak" else f"benchmarks.suites.{name}").run
         if name == "soak":
-            run(report, options.seed, options.checks)
+            run(report, secrets.randbits(32) if options.seed is None else options.seed, options.checks)
         else:
-            run(report, options.seed)
+            run(report, options.seed or 0)
     if options.json is not None:
         report.write(options.json)
     if "peers" in names and folder is not None and not report.failures:

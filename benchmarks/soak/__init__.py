@@ -1,11 +1,15 @@
-"""Every answer that is called a proof, against exact geometry, a million times."""
+"""Every answer that is called a proof, against exact geometry, a million times.
+
+Each run draws new cases; ``--seed`` repeats the cases of an earlier run. ``docs/install.md``, under "Tests", says how a
+case that fails becomes a test.
+"""
 
 from __future__ import annotations
 
 from functools import partial
 
 from benchmarks.report import Report
-from benchmarks.soak import arms, band, curves, exact, files, frequency, maps, use
+from benchmarks.soak import arms, band, curves, exact, examples, files, frequency, maps, use
 from benchmarks.soak.plane_cases import draw_case
 from benchmarks.soak.space_cases import draw_solid_case
 
@@ -16,7 +20,8 @@ PLACEMENTS = 100_000
 
 
 def run(report: Report, seed: int, checks: int | None = None) -> None:
-    """Random maps of each space until enough answers were checked; then all the rest."""
+    """Check random maps of each space until enough answers were checked; then all the rest."""
+    report.note(f"--seed {seed} draws the same cases again")
     wanted = checks if checks is not None else 50_000 if report.quick else 1_000_000
     edges = min(EDGES, max(100, wanted // 100))
     maps.check(report, "robots in the plane", draw_case, seed, wanted, edges)
@@ -35,4 +40,6 @@ def run(report: Report, seed: int, checks: int | None = None) -> None:
     frequency.check(report, seed, PLACEMENTS // 50 if report.quick else PLACEMENTS)
     band.measure(report, seed, 20 if report.quick else 200)
     files.check(report, seed, 100 if report.quick else files.MUTANTS)
+    if not report.quick:
+        examples.check(report, seed)
     use.check(report, seed, *((5, 0.05) if report.quick else ()))

@@ -1,0 +1,86 @@
+"""Each package that the code imports is declared in pyproject.toml, within bounds."""
+
+import ast
+import re
+import sys
+import tomllib
+from collections.abc import Iterator
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+import cspace
+
+ROOT = Path(cspace.__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
+REQUIREMENTS = [text for texts in (PROJECT["dependencies"], *EXTRAS.values()) for text in texts]
+FILES = sorted(file for package in ("cspace", "planners") for file in (ROOT / package).rglob("*.py"))
+BROUGHT_BY_USER = {"h5py"}
+"""Packages whose objects a user passes in, and which are imported only then."""
+
+
+def normalize(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def distributions(texts: list[str]) -> set[str]:
+    """Names of the required distributions; `dask[distributed]` requires distributed too."""
+    requirements = [Requirement(text) for text in texts]
+    return {normalize(name) for found in requirements for name in (found.name, *found.extras)}
+
+
+def walk_runtime(node: ast.AST) -> Iterator[ast.AST]:
+    """Yield all nodes except those under `if TYPE_CHECKING:`."""
+    yield node
+    for child in ast.iter_child_nodes(node):
+        if not (isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"):
+            yield from walk_runtime(child)
+
+
+def imported_packages(tree: ast.AST) -> set[str]:
+    """Top-level names of the packages that code imports, without Python's own and ours."""
+    names = set()
+    for node in walk_runtime(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            names.add(str(node.module))
+    tops = {name.partition(".")[0] for name in names}
+    return tops - sys.stdlib_module_names - {"cspace", "planners"}
+
+
+def optional_packages(tree: ast.AST) -> dict[str, str]:
+    """The extra that code names, for each package that it asks for with `optional(package, use, extra)`."""
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == "optional"]
+    return {ast.literal_eval(call.args[0]): ast.literal_eval(call.args[2]) for call in calls}
+
+
+def test_every_imported_package_is_declared() -> None:
+    installed, required = packages_distributions(), distributions(PROJECT["dependencies"])
+    undeclared = []
+    for file in FILES:
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        extras = set(optional_packages(tree).values())
+        declared = required | distributions([text for extra in extras for text in EXTRAS[extra]])
+        undeclared += [
+            f"{file.relative_to(ROOT)} imports {package}"
+            for package in imported_packages(tree) - BROUGHT_BY_USER
+            if declared.isdisjoint(map(normalize, installed.get(package, [package])))
+        ]
+    assert not undeclared
+
+
+def test_extras_have_the_packages_that_code_asks_for() -> None:
+    for file in FILES:
+        for package, extra in optional_packages(ast.parse(file.read_text(encoding="utf-8"))).items():
+            assert normalize(package) in distributions(EXTRAS[extra]), f"{file.name}: {package}, {extra}"
+
+
+@pytest.mark.parametrize("text", REQUIREMENTS)
+def test_every_dependency_has_a_lower_and_an_upper_bound(text: str) -> None:
+    requirement = Requirement(text)
+    operators = {bound.operator for bound in requirement.specifier}
+    assert requirement.name == "cspace" or operators == {">=", "<"}
