@@ -47,8 +47,8 @@ class _Commands(TyperGroup):
             problem = " ".join(str(error).split())
         except MemoryError as error:
             problem = f"out of memory: {error or 'the map is too large'}; a map must fit in memory; use larger cells"
-        except KeyboardInterrupt:
-            typer.echo("cspace: interrupted", err=True)
+        except KeyboardInterrupt as interrupt:
+            typer.echo("; ".join(["cspace: interrupted", *map(str, interrupt.args)]), err=True)
             raise typer.Exit(130) from None
         typer.echo(f"cspace: {problem}", err=True)
         raise typer.Exit(2)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Sequence
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
@@ -17,11 +19,14 @@ from cspace.cli.options import (
     SolidMesh,
     SolidRobot,
     Spacing,
+    Srdf,
     TurningCells,
     UnknownCells,
     check_dimensions,
     given,
+    read_arm,
     read_robot,
+    refuse_arm_options,
     rotation_cells,
     workspace_options,
 )
@@ -29,6 +34,7 @@ from cspace.cli.report import Options, options_of, show, with_unit, worded
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
+    from cspace.arms import Arm
     from cspace.configuration_map import ConfigurationMap
     from cspace.grid import Grid
     from cspace.memory import Planned
@@ -36,13 +42,15 @@ if TYPE_CHECKING:
     from cspace.rotations import Rotations
     from cspace.shapes.mesh import Solid
 
-Kind = Literal["map", "workspace", "robot"]
+Kind = Literal["map", "workspace", "robot", "arm"]
 """What a file holds."""
 
 
 def info(
     context: typer.Context,
-    file: Annotated[str, typer.Argument(metavar="FILE", help="A saved map, a workspace, or a robot (file or spec).")],
+    file: Annotated[
+        str, typer.Argument(metavar="FILE", help="A saved map, a workspace, a robot (file or spec), or an arm.")
+    ],
     kind: Annotated[
         Kind | None, typer.Option("--as", help="What FILE holds, where its name does not tell  [default: by its name].")
     ] = None,
@@ -54,14 +62,16 @@ def info(
     unknown: UnknownCells = None,
     solid: SolidMesh = None,
     robot_solid: SolidRobot = None,
+    srdf: Srdf = None,
     package_dirs: PackageDirs = None,
     radius: Radius = None,
     rotations: TurningCells = None,
     as_json: Json = False,
 ) -> None:
-    """Show what a map, a workspace or a robot holds.
+    """Show what a map, a workspace, a robot or an arm holds.
 
-    Of a workspace also what a map of it would need, before any work.
+    Of a workspace also what a map of it would need, before any work. A URDF with joints that move is an arm; --as robot
+    shows its fixed part.
     """
     from cspace.cli.sketch import sketch
     from cspace.io.reading import open_map
@@ -73,7 +83,9 @@ def info(
     if robot_solid is not None and robot is None:
         fault = f"is {robot_solid}, and there is no --robot"
         raise InputError("--robot-solid", fault, "it is for a robot", "add one, or leave it out", value=robot_solid)
-    if package_dirs and robot is None and kind != "robot":
+    if kind != "arm":
+        refuse_arm_options(srdf, None, f"{file} is no arm")
+    if package_dirs and robot is None and kind not in ("robot", "arm"):
         fault = f"is {package_dirs[0]}, and there is no --robot"
         raise InputError("--package-dir", fault, "it is for a URDF", "add one, or leave it out", value=package_dirs)
     others = given(robot=robot, rotations=rotations)
@@ -81,6 +93,9 @@ def info(
         _refuse({**options, **others}, (), f"{file} is a saved map")
         space = open_map(file)
         document, drawn = describe_map(space), space.robot
+    elif kind == "arm":
+        _refuse({**options, **others}, (), f"{file} is an arm")
+        document, drawn = describe_arm(read_arm(Path(file), srdf, package_dirs)), None
     elif kind == "robot":
         _refuse({**options, **others}, ("spacing", "solid"), f"{file} is a robot")
         drawn = Robot.open(file, **given(solid=solid, package_dirs=package_dirs or None))
@@ -107,8 +122,37 @@ def _kind(file: str) -> Kind:
     path = Path(file)
     if path.suffix.lower() in (".zarr", ".npz") or path.is_dir():
         return "map"
+    if path.suffix.lower() == ".urdf" and _has_moving_joints(path):
+        return "arm"
     described = Path(file.partition("#")[0]).suffix.lower() == ".urdf"
     return "robot" if described or (":" in file and not path.exists()) else "workspace"
+
+
+def _has_moving_joints(path: Path) -> bool:
+    """Return True if a URDF has a joint that moves."""
+    from cspace.io.urdf import load_urdf
+
+    return any(joint.type != "fixed" for joint in load_urdf(path).robot.joints)
+
+
+def describe_arm(arm: Arm) -> dict[str, Any]:
+    """Describe an arm by name: its joints with their limits, its links with their geometry, and pairs of links."""
+    joints: dict[str, Any] = {}
+    for joint, unit, low, high in zip(arm.joints, arm.units, arm.lower.tolist(), arm.upper.tolist(), strict=True):
+        if math.isinf(high):
+            joints[joint] = "continuous"
+        else:
+            joints[with_unit(joint, unit)] = [low, high]
+    triangles = {link.name: sum(len(part.shape.surface[1]) for part in link.parts) for link in arm.links}
+    pairs = list(combinations(sorted(triangles), 2))
+    allowed = sum(pair in arm.allowed for pair in pairs)
+    return {
+        "arm": arm.name,
+        "dof": arm.dof,
+        "joints": joints,
+        "triangles_of_links": triangles,
+        "pairs_of_links": {"may_touch": allowed, "may_not_touch": len(pairs) - allowed},
+    }
 
 
 def describe_map(space: ConfigurationMap) -> dict[str, Any]:

@@ -21,13 +21,16 @@ from cspace.cli.options import (
     SolidMesh,
     SolidRobot,
     Spacing,
+    Srdf,
     TurningCells,
     UnknownCells,
     box,
     check_dimensions,
     configuration,
     given,
+    read_arm,
     read_robot,
+    refuse_arm_options,
     rotation_cells,
     rotation_of,
     workspace_options,
@@ -36,6 +39,7 @@ from cspace.cli.report import Clock, show
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
+    from cspace.arms import ArmSpace
     from cspace.builder import BuildOptions
     from cspace.space import CSpace
     from cspace.tiles.space import TiledCSpace
@@ -102,7 +106,7 @@ def make(
 ) -> None:
     """Build the map of a robot in a workspace, and save it."""
     from cspace.builder import build
-    from cspace.cli.tiles import cluster, lazily, make_room
+    from cspace.cli.tiles import cluster, lazily, make_room, resumable
     from cspace.io.formats import dimension_of
     from cspace.io.writing import SAVES
     from cspace.workspace import Workspace, reader_of
@@ -132,7 +136,7 @@ def make(
     space: CSpace | TiledCSpace
     if tile is not None:
         states = obstacles.grid.size * (int(cells.slices_for(shape.shape).max()) + 1)
-        with cluster(scheduler) as client, clock.step("build", states) as progress:
+        with resumable(output, overwrite), cluster(scheduler) as client, clock.step("build", states) as progress:
             settings["progress"] = progress
             space = build(obstacles, shape, store=output, tile=tile, client=client, **settings)
     else:
@@ -267,10 +271,14 @@ def export(
 
 
 def view(
-    file: MapFile,
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", readable=False, help="A saved map: .zarr or .npz; or an arm: .urdf.")
+    ],
     path: PathFile = None,
     start: Place = None,
     goal: Place = None,
+    srdf: Srdf = None,
+    package_dirs: PackageDirs = None,
     host: Annotated[
         str, typer.Option(metavar="ADDRESS", help="Where to serve the page; 0.0.0.0 lets all of the network in.")
     ] = "127.0.0.1",
@@ -278,18 +286,27 @@ def view(
         int | None, typer.Option(metavar="NUMBER", help="0 takes any  [default: the first free one from 8080 on].")
     ] = None,
 ) -> None:
-    """Show a map on a page in the browser, and plan there.
+    """Show a map or an arm on a page in the browser, and plan there.
 
     Ctrl-C ends it.
     """
+    from cspace.arms import build_arm
     from cspace.io.reading import open_map
 
-    axes, units = axes_of_map(file), units_of_map(file)
+    clock = Clock()
+    space: CSpace | TiledCSpace | ArmSpace | None = None
+    if file.suffix.lower() == ".urdf":
+        with clock.step("read"):
+            space = build_arm({}, read_arm(file, srdf, package_dirs))
+        axes, units = space.axes, space.arm.units
+    else:
+        refuse_arm_options(srdf, package_dirs, f"{file} is no URDF")
+        axes, units = axes_of_map(file), units_of_map(file)
     ends = given(start=start, goal=goal)
     marks = {name: configuration(text, f"--{name}", axes, units) for name, text in ends.items()}
     points = None if path is None else read_path(path, axes)
-    clock = Clock()
-    with clock.step("read"):
-        space = open_map(file)
+    if space is None:
+        with clock.step("read"):
+            space = open_map(file)
     options: ViewOptions = {"host": host, **given(path=points, port=port, **marks)}  # type: ignore[typeddict-item]
     space.view(**options)

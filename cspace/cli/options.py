@@ -13,6 +13,7 @@ from cspace.cli.report import about_robot
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
+    from cspace.arms import Arm
     from cspace.robot import Robot
     from cspace.rotations import Rotations
 
@@ -87,6 +88,12 @@ Radius = Annotated[
 ]
 
 
+Srdf = Annotated[
+    Path | None,
+    typer.Option("--srdf", metavar="FILE", readable=False, help="For an arm: which links may touch, and its groups."),
+]
+
+
 def workspace_options(
     spacing: float | None, unknown: Unknown | None, bounds: str | None, solid: Solid | None, radius: float | None
 ) -> dict[str, Any]:
@@ -116,6 +123,26 @@ def read_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) 
 
     with about_robot():
         return Robot.open(text, **given(solid=solid, package_dirs=package_dirs or None))
+
+
+def read_arm(file: Path, srdf: Path | None, package_dirs: list[Path] | None) -> Arm:
+    """Read the arm of a URDF, and of an SRDF if there is one.
+
+    Raises CspaceError as :meth:`cspace.Arm.from_urdf`.
+    """
+    from cspace.arms import Arm
+
+    return Arm.from_urdf(file, srdf, package_dirs=package_dirs or ())
+
+
+def refuse_arm_options(srdf: Path | None, package_dirs: list[Path] | None, what: str) -> None:
+    """Refuse the options of a URDF for another file.
+
+    Raises InputError if one is given.
+    """
+    for option, value in (("--srdf", srdf), ("--package-dir", package_dirs)):
+        if value:
+            raise InputError(option, f"is given, and {what}", "it is for a URDF", "leave it out", value=value)
 
 
 def check_dimensions(path: Path, dim: int, robot: Robot | None, rotations: Rotations) -> None:

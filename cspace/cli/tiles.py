@@ -30,6 +30,20 @@ def make_room(output: Path, overwrite: bool) -> None:
         shutil.rmtree(output)
 
 
+@contextmanager
+def resumable(output: Path, overwrite: bool) -> Iterator[None]:
+    """Say of an interruption in the block, if a store has been begun, that the same command resumes."""
+    from cspace.tiles.store import is_tiled
+
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        if not is_tiled(output):
+            raise
+        command = "the same command without --overwrite" if overwrite else "the same command"
+        raise KeyboardInterrupt(f"{command} resumes with {output}") from interrupt
+
+
 def lazily(workspace: Path, options: dict[str, Any]) -> dict[str, Any]:
     """The option that makes the reader of a workspace leave the cells in their file, if it has it."""
     from cspace.workspace import reader_of

@@ -292,6 +292,65 @@ def test_map_of_joints_is_described_in_the_units_of_its_axes(joints: Path) -> No
     assert {"  shoulder  -3 rad", "  slide     -0.4 m", "spacing     0.1 rad or m"} <= set(lines)
 
 
+@pytest.fixture
+def arm_file(tmp_path: Path) -> Path:
+    pytest.importorskip("yourdfpy")
+    bar, foot = ((1.0, 0.1, 0.1), (0.5, 0, 0)), ((0.05, 0.05, 0.05), (0, 0, -0.2))
+    links = urdfs.link("foot", foot), urdfs.link("upper", bar), urdfs.link("fore", bar), urdfs.link("tool", bar, bar)
+    joints = (
+        urdfs.joint("shoulder", "foot", "upper", limits=(-1.0, 2.0)),
+        urdfs.joint("elbow", "upper", "fore", at=(1, 0, 0), kind="continuous", limits=None),
+        urdfs.joint("slide", "fore", "tool", at=(1, 0, 0), kind="prismatic", limits=(0.0, 0.3)),
+    )
+    return urdfs.written(tmp_path, *links, *joints)
+
+
+def test_arm_is_described_by_joints_links_and_pairs(arm_file: Path, tmp_path: Path) -> None:
+    printed = document("info", arm_file)
+    assert (printed["kind"], printed["arm"], printed["dof"]) == ("arm", "small", 3)
+    assert printed["joints"] == {"shoulder_rad": [-1.0, 2.0], "elbow": "continuous", "slide_m": [0.0, 0.3]}
+    assert printed["triangles_of_links"] == {"foot": 12, "upper": 12, "fore": 12, "tool": 24}
+    assert sum(printed["pairs_of_links"].values()) == 6
+    (tmp_path / "arm.srdf").write_text(
+        '<robot name="small"><disable_collisions link1="foot" link2="upper" reason="Adjacent"/></robot>'
+    )
+    counts = document("info", arm_file, "--srdf", tmp_path / "arm.srdf")["pairs_of_links"]
+    assert counts == {"may_touch": 1, "may_not_touch": 5}
+    lines = run("info", arm_file).stdout.splitlines()
+    assert {"  shoulder          (-1, 2) rad", "  elbow             continuous"} <= set(lines)
+    fixed = run("info", arm_file, "--as", "robot", "--json")
+    assert "move against foot" in fixed.stderr and json.loads(fixed.stdout)["kind"] == "robot"
+
+
+def test_arm_is_viewed_with_marks_and_a_path(arm_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: dict[str, Any] = {}
+    monkeypatch.setattr(cspace.ArmSpace, "view", lambda space, **options: seen.update(options, space=space))
+    (tmp_path / "path.csv").write_text("shoulder,elbow,slide\n0,0,0\n0.5,1,0.1\n")
+    options = ["--start=-45deg,0,0.1", "--path", tmp_path / "path.csv", "--port", 0]
+    assert run("view", arm_file, *options).exit_code == 0
+    assert seen["space"].axes == ("shoulder", "elbow", "slide") and seen["port"] == 0
+    assert seen["start"] == pytest.approx((-math.pi / 4, 0.0, 0.1)) and seen["path"] == [[0, 0, 0], [0.5, 1, 0.1]]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["info", "arm.urdf", "--spacing", "0.1"], "--spacing is given and arm.urdf is an arm"),
+        (["info", "disc:0.3", "--srdf", "a.srdf"], "--srdf is given, and disc:0.3 is no arm"),
+        (["view", "map.zarr", "--srdf", "a.srdf"], "--srdf is given, and map.zarr is no URDF"),
+        (["view", "arm.urdf", "--start", "1,2"], "--start is '1,2'"),
+        (["view", "absent.urdf"], "absent.urdf"),
+    ],
+    ids=["spacing", "srdf of a robot", "srdf of a map", "start", "absent"],
+)
+def test_options_of_arms_are_checked(
+    arm_file: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], expected: str
+) -> None:
+    monkeypatch.chdir(arm_file.parent)
+    result = run(*arguments)
+    assert result.exit_code == 2 and expected in result.stderr and result.stderr.count("\n") == 1
+
+
 def test_joints_are_typed_in_degrees_and_planned_in_their_units(joints: Path) -> None:
     file = joints / "turning.zarr"
     printed = document("plan", file, "--start=-90deg,0.5", "--goal", "60deg,45deg", "--seed", 1)

@@ -7,6 +7,7 @@ import pytest
 import zarr
 
 import cspace
+import cspace.builder
 from commands import run
 from cspace.plot import save_plot
 
@@ -44,6 +45,49 @@ def test_from_city_to_path(city):
     part = cspace.open(folder / "part.zarr")
     assert part.outside == "unknown"
     assert part.is_free([2.0, 2.0, 0.0]) == space.is_free([2.0, 2.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("stop_at", "options", "expected"),
+    [
+        (5, (), "cspace: interrupted; the same command resumes with {out}\n"),
+        (5, ("--overwrite",), "cspace: interrupted; the same command without --overwrite resumes with {out}\n"),
+        (None, (), "cspace: interrupted\n"),
+    ],
+    ids=["in the middle", "overwriting", "before the first tile"],
+)
+def test_interruption_says_whether_the_same_command_resumes(city, tmp_path, monkeypatch, stop_at, options, expected):
+    out = tmp_path / "stopped.zarr"
+    build = cspace.builder.build
+
+    def stopped(*arguments, **settings):
+        def stop(done, total):
+            if done == stop_at:
+                raise KeyboardInterrupt
+
+        if stop_at is None:
+            raise KeyboardInterrupt
+        return build(*arguments, **{**settings, "progress": stop, "workers": 1})
+
+    cells = str(city[0] / "city.npy")
+    command = ("map", cells, "--robot", "disc:0.2", "--spacing", "0.1", "--tile", "20", "-o", str(out))
+    with monkeypatch.context() as patch:
+        patch.setattr("cspace.builder.build", stopped)
+        result = run(*command, *options)
+    assert (result.exit_code, result.stderr) == (130, expected.format(out=out))
+    if stop_at:
+        assert 0.0 < json.loads(run("info", str(out), "--json").stdout)["done_percent"] < 100.0
+        assert json.loads(run(*command, "--json").stdout)["done_percent"] == 100.0
+
+
+def test_interruption_of_a_map_in_memory_promises_nothing(city, tmp_path, monkeypatch):
+    def stop(*arguments, **settings):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("cspace.builder.build", stop)
+    out = tmp_path / "map.zarr"
+    result = run("map", str(city[0] / "city.npy"), "--robot", "disc:0.2", "--spacing", "0.1", "-o", str(out))
+    assert (result.exit_code, result.stderr) == (130, "cspace: interrupted\n") and not out.exists()
 
 
 def test_a_half_done_store(city, monkeypatch):
