@@ -146,12 +146,15 @@ def describe_arm(arm: Arm) -> dict[str, Any]:
     triangles = {link.name: sum(len(part.shape.surface[1]) for part in link.parts) for link in arm.links}
     pairs = list(combinations(sorted(triangles), 2))
     allowed = sum(pair in arm.allowed for pair in pairs)
+    named = {name: q.tolist() for name, q in arm.named_configurations.items()}
     return {
         "arm": arm.name,
         "dof": arm.dof,
         "joints": joints,
         "triangles_of_links": triangles,
         "pairs_of_links": {"may_touch": allowed, "may_not_touch": len(pairs) - allowed},
+        **({"groups": {name: list(members) for name, members in arm.groups.items()}} if arm.groups else {}),
+        **({"named_configurations": named} if named else {}),
     }
 
 

@@ -312,10 +312,14 @@ def test_arm_is_described_by_joints_links_and_pairs(arm_file: Path, tmp_path: Pa
     assert printed["triangles_of_links"] == {"foot": 12, "upper": 12, "fore": 12, "tool": 24}
     assert sum(printed["pairs_of_links"].values()) == 6
     (tmp_path / "arm.srdf").write_text(
-        '<robot name="small"><disable_collisions link1="foot" link2="upper" reason="Adjacent"/></robot>'
+        '<robot name="small"><group name="arm"><joint name="shoulder"/><joint name="elbow"/></group>'
+        '<group_state name="home" group="arm"><joint name="shoulder" value="0.5"/><joint name="elbow" value="1"/>'
+        '</group_state><disable_collisions link1="foot" link2="upper" reason="Adjacent"/></robot>'
     )
-    counts = document("info", arm_file, "--srdf", tmp_path / "arm.srdf")["pairs_of_links"]
-    assert counts == {"may_touch": 1, "may_not_touch": 5}
+    printed = document("info", arm_file, "--srdf", tmp_path / "arm.srdf")
+    assert printed["pairs_of_links"] == {"may_touch": 1, "may_not_touch": 5}
+    assert printed["groups"] == {"arm": ["shoulder", "elbow"]}
+    assert printed["named_configurations"]["arm/home"][:2] == [0.5, 1.0]
     lines = run("info", arm_file).stdout.splitlines()
     assert {"  shoulder          (-1, 2) rad", "  elbow             continuous"} <= set(lines)
     fixed = run("info", arm_file, "--as", "robot", "--json")
