@@ -43,11 +43,11 @@ class Obstacle(NamedTuple):
         Raises InputError if it is so far from the grid that rounding could reach the certificate's slack, or its inside
         depends on the spacing.
         """
-        shape.boundary()  # exact look-ups will need it
+        shape.outer.boundary()  # exact look-ups will need it
         turn = grid.spacing * np.array(grid.shape) * (endless or np.zeros(grid.dim))
         low, high = (
             np.floor(np.divide(corner + more - grid.lower, turn, out=np.zeros(grid.dim), where=turn > 0.0)).astype(int)
-            for corner, more in zip(shape.bounds, (-grid.spacing, grid.spacing), strict=True)
+            for corner, more in zip(shape.outer.bounds, (-grid.spacing, grid.spacing), strict=True)
         )
         times = product(*map(range, low.tolist(), (high + 1).tolist()))
         parts = [cls._clipped(shape, Grid(grid.lower + turn * each, grid.spacing, grid.shape)) for each in times]
@@ -64,7 +64,7 @@ class Obstacle(NamedTuple):
 
     @classmethod
     def _clipped(cls, shape: Shape, grid: Grid) -> Obstacle:
-        low, high = ((corner - grid.lower) / grid.spacing for corner in shape.bounds)
+        low, high = ((corner - grid.lower) / grid.spacing for corner in shape.outer.bounds)
         first, stop = (np.clip(np.floor(cell), 0, grid.shape).astype(np.int64) for cell in (low - 1.0, high + 2.0))
         # The cells are those of a build to the bit, as they are counted from the same corner, and fewer.
         outer, inner = shape.cells(Grid(grid.lower, grid.spacing, np.maximum(stop, 1).tolist()))

@@ -18,8 +18,8 @@ from cspace.errors import FileError, InputError
 from cspace.grid import check_reach, not_negative, positive
 from cspace.raster import Raster
 from cspace.rotations import STILL, Turn
-from cspace.shapes import Balls, Box, Bracketed, Mesh, Polygons, Shape, Voxels, shape_from_spec, shape_of
-from cspace.shapes.bracketed import Pair, capsule, cylinder
+from cspace.shapes import Balls, BoundedShape, Box, Mesh, Polygons, Shape, Voxels, shape_from_spec, shape_of
+from cspace.shapes.bounded import Pair, capsule, cylinder
 from cspace.shapes.shape import check_point
 
 if TYPE_CHECKING:
@@ -203,7 +203,7 @@ class Robot:
         """The robot between two solids of revolution, moved."""
         shift = check_point(center, dim=3)
         outer, inner = (Mesh.of((vertices + shift, faces)) for vertices, faces in sides)
-        return cls(name, Bracketed(outer, inner, is_round_about_z=not shift[:2].any()))
+        return cls(name, BoundedShape(outer, inner, is_round_about_z=not shift[:2].any()))
 
     @classmethod
     def mesh(cls, shape: MeshLike, *, solid: Solid = "auto", name: str | None = None) -> Robot:
@@ -355,7 +355,7 @@ class Robot:
         outer, *inner = (Mesh(*surface, solid, Path(path).name) for surface in read_urdf(path, link, package_dirs))
         outer.check_origin()
         names = "" if link is None else f" {link if isinstance(link, str) else ', '.join(link)}"
-        return cls(f"{Path(path).name}{names}", Bracketed(Mesh.of(outer), inner[0]) if inner else Mesh.of(outer))
+        return cls(f"{Path(path).name}{names}", BoundedShape(Mesh.of(outer), inner[0]) if inner else Mesh.of(outer))
 
     def footprint(self) -> Robot:
         """The projection of this robot onto the ground, for maps in the plane.
@@ -459,28 +459,29 @@ class Robot:
     def geometry(self) -> BaseGeometry:
         """The shape of a robot in the plane, in its frame, as a shapely geometry in metres, for drawing.
 
-        Discs are drawn as polygons of 128 corners; the rasters never use this.
+        Discs are drawn as polygons of 128 corners. A shape that is known by an outer and an inner shape, such as a
+        :meth:`footprint`, is drawn as the outer one. The rasters never use this.
         """
-        return self.shape.outline
+        return self.shape.outer.outline
 
     @property
     def surface(self) -> Surface:
         """The shape of a robot in space, in its frame, as vertices (V, 3) and triangles (F, 3), for drawing.
 
-        Balls are drawn with flat faces; the rasters never use this.
+        Balls are drawn with flat faces; a shape that is known by an outer and an inner shape, such as a
+        :meth:`cylinder`, is drawn as the outer one. The rasters never use this.
         """
-        return self.shape.surface
+        return self.shape.outer.surface
 
     @property
     def inscribed_radius(self) -> float:
-        """Radius of the circle around the reference point that fits into a robot in the plane, metres; 0 outside of it.
+        """Radius of a circle around the reference point that lies in a robot in the plane, metres; 0 if there is none.
 
-        Discs count as polygons of 128 corners.
+        It is the largest such circle within rounding, with two exceptions, of which a lower bound is given: several
+        discs, and a robot that is known by an outer and an inner shape, such as a :meth:`footprint`, whose inner shape
+        counts.
         """
-        import shapely
-
-        shape, origin = self.shape.outline, shapely.Point(0.0, 0.0)
-        return float(shapely.distance(shape.boundary, origin)) if shapely.covers(shape, origin) else 0.0
+        return self.shape.inner.inscribed_radius
 
     def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
         """The discrete robot at a spacing, as two sets of offsets.

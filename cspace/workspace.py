@@ -369,7 +369,7 @@ class Workspace:
         Where ``kind`` names the shape, a warning says if the units of the points that it was made of, or else of its
         corners, can hardly be metres. ``cost`` is in bytes a cell.
         """
-        corners = np.stack(shape.bounds)
+        corners = np.stack(shape.outer.bounds)
         grid = covering_grid(corners if box is None else box, spacing, 0 if lazy else cost)
         if kind:
             extent = corners if points is None else np.stack([points.min(axis=0), points.max(axis=0)])
@@ -621,7 +621,7 @@ class Workspace:
         box = None if bounds is None else check_bounds(bounds, 3)
         ball = None if box is None else (box.mean(axis=0), float(np.linalg.norm(np.ptp(box, axis=0))))
         shapes = [part.moved() for part in read_moveit_scene(path, ball, package_dirs)]
-        corners = np.array([shape.bounds for shape in shapes])
+        corners = np.array([shape.outer.bounds for shape in shapes])
         corners = np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
         grid = covering_grid(corners if box is None else box, spacing, MESH_BYTES)
         warn_of_units(corners, spacing, "planning scene", box is not None)

@@ -23,7 +23,7 @@ from cspace.exact.boundaries import anchors_of, in_space
 from cspace.exact.triangles import Trees, box_rows, together, tree_of_rows, triangle_rows
 from cspace.grid import finite, positive
 from cspace.memory import check_memory
-from cspace.shapes import Bracketed, Mesh, Pieces, Shape, ShapeLike, Voxels, shape_of
+from cspace.shapes import BoundedShape, ExactShape, Mesh, Pieces, Shape, ShapeLike, Voxels, shape_of
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -66,10 +66,17 @@ class Placed:
 
     @cached_property
     def sides(self) -> tuple[Placed, Placed]:
-        """It from outside, and from within, where it is known by two others."""
-        outer, inner = self.shape.sides
+        """The outer and the inner shape, placed alike; the same object twice if the shape is exact."""
+        outer, inner = self.shape.outer, self.shape.inner
         placed = replace(self, shape=outer)
         return placed, placed if inner is outer else replace(self, shape=inner)
+
+    @property
+    def _exact(self) -> ExactShape:
+        """The shape of one of the :attr:`sides`; what follows is for these alone."""
+        if not isinstance(self.shape, ExactShape):
+            raise TypeError("the shape has an outer and an inner side; name one of Placed.sides")
+        return self.shape
 
     def moved(self, points: Floats) -> Floats:
         """Points of its own frame in that of the body, shape (..., 3)."""
@@ -78,7 +85,7 @@ class Placed:
     @cached_property
     def border(self) -> Pieces:
         """Its border, as triangles."""
-        simplices, radii = self.shape.boundary()
+        simplices, radii = self._exact.boundary()
         return in_space([Pieces(self.moved(simplices), radii)])
 
     @property
@@ -101,9 +108,9 @@ class Placed:
     @cached_property
     def surface(self) -> tuple[Floats, Ints]:
         """The triangles that enclose something, shape (n, 3, 3), and how often each counts."""
-        if not self.shape.encloses or self.shape.boundary().simplices.shape[1] < 3:
+        if not self._exact.encloses or self._exact.boundary().simplices.shape[1] < 3:
             return np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)
-        vertices, faces = self.shape.surface
+        vertices, faces = self._exact.surface
         return Mesh(self.moved(vertices), faces).closed  # corners stay shared to the last bit
 
     @cached_property
@@ -116,14 +123,14 @@ class Placed:
         """Some corners of its border, and points of a lattice that lie in it, shape (n, 3)."""
         corners = np.unique(self.border.simplices.reshape(-1, 3), axis=0)
         corners = corners[:: -(-len(corners) // PROBES)]
-        if not self.shape.encloses:
+        if not self._exact.encloses:
             return corners
-        lower, upper = self.shape.bounds
+        lower, upper = self._exact.bounds
         sides = upper - lower
         step = max(float(np.cbrt(sides.prod() / PROBES)), float(sides.max()) / PROBES)
         counts = np.maximum(1, np.rint(sides / step)).astype(np.int64)
         lattice = lower + (np.indices(tuple(counts.tolist())).reshape(3, -1).T + 0.5) * sides / counts
-        return np.concatenate([corners, self.moved(lattice[self.shape.contains(lattice)])])
+        return np.concatenate([corners, self.moved(lattice[self._exact.contains(lattice)])])
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,13 +148,13 @@ class Still(Placed):
     @cached_property
     def is_filled(self) -> bool:  # type: ignore[override]
         """Whether its rows are solids."""
-        return self.shape.is_boxes or self.shape.boundary().simplices.shape[1] == 1
+        return self._exact.is_boxes or self._exact.boundary().simplices.shape[1] == 1
 
     @property
     def rows(self) -> tuple[Floats, Floats]:
         """Rows of a tree, and 1 for those that could lie in a link as a whole, else 0."""
-        if self.shape.is_boxes:
-            lows, highs, sizes = self.shape.boxes
+        if self._exact.is_boxes:
+            lows, highs, sizes = self._exact.boxes
             return box_rows(lows, highs, self.pose), (sizes <= self.reach).astype(np.float64)
         rows = triangle_rows(self.border)
         return rows, np.full(len(rows), float(self.is_filled))
@@ -387,4 +394,4 @@ def _(obstacle: Workspace, name: str, base: Floats) -> Placed | None:
     needed = _CELL_BYTES * grid.size + _BOX_BYTES * rows
     check_memory(needed, name, grid, mend=f"cut it to what the arm reaches: its cells are {rows} boxes")
     outer, inner = (Voxels(side.copy() if held.live else side, grid.spacing, np.asarray(grid.lower)) for side in sides)
-    return Placed(outer if sides[0] is sides[1] else Bracketed(outer, inner), base)
+    return Placed(outer if sides[0] is sides[1] else BoundedShape(outer, inner), base)

@@ -119,7 +119,7 @@ class ArmSpace(ConfigurationSpace):
     ) -> None:
         self.arm, self.obstacles, self.margin = arm, dict(obstacles), margin
         may_touch = arm.allowed.keys() | {pair_of(*pair) for pair in allowed}
-        sizes = [np.subtract(*part.shape.bounds) for link in arm.links for part in link.parts]
+        sizes = [np.subtract(*part.shape.outer.bounds) for link in arm.links for part in link.parts]
         reach = max(float(np.linalg.norm(size)) for size in sizes)
         placed = [Solid(name, 0, (Still(each.shape, each.pose, reach),)) for name, each in obstacles.items()]
         self._groups = _grouped(arm.links, placed, may_touch)

@@ -184,17 +184,20 @@ def describe_map(space: ConfigurationMap) -> dict[str, Any]:
 
 
 def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]:
-    """Facts about a robot, by name, and how many cells it is across where a spacing is known (metres)."""
+    """Describe a robot: facts by name, and the cells that it is across if a spacing (metres) is known.
+
+    A robot that is known by an outer and an inner shape is described by the facts of both.
+    """
     import numpy as np
 
     from cspace.workspace import covering_shape
 
-    shape = robot.shape
-    corners = np.array(shape.bounds)
+    shapes = {"outer": robot.shape.outer, "inner": robot.shape.inner}
+    corners = np.array(shapes["outer"].bounds)
+    facts = {name: {**describe_box(np.array(shape.bounds)), **shape.facts} for name, shape in shapes.items()}
     return {
         "robot": robot.name,
-        **describe_box(corners),
-        **shape.facts,
+        **(facts["outer"] if shapes["inner"] is shapes["outer"] else facts),
         **({} if spacing is None else {"cells_across": covering_shape(corners, spacing)}),
     }
 

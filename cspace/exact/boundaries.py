@@ -14,7 +14,7 @@ from cspace.map.record import Map
 from cspace.raster.bitmaps import rectangle_triangles
 from cspace.robot import Robot
 from cspace.rotations import Rotations
-from cspace.shapes import Pieces, Shape
+from cspace.shapes import ExactShape, Pieces
 from cspace.shapes.bodies import least_joined
 from cspace.workspace import Workspace
 
@@ -92,7 +92,7 @@ def obstacle_border(workspace: Workspace, *, walled: bool) -> Obstacles:
     Raises InputError if an obstacle is a mesh whose inside depends on the spacing.
     """
     borders, error = [], 0.0
-    for shape in workspace.obstacles:
+    for shape in (each.outer for each in workspace.obstacles):
         whole = shape.boundary()
         pieces = clipped(whole, workspace.grid)
         if pieces is not whole:
@@ -177,7 +177,7 @@ def _cut(simplices: Floats, axis: int, wall: float, sign: float) -> Floats:
     return np.concatenate(parts)
 
 
-def _lids(shape: Shape, workspace: Workspace) -> Iterator[Floats]:
+def _lids(shape: ExactShape, workspace: Workspace) -> Iterator[Floats]:
     """Where a shape is cut open on the border of the grid."""
     grid, (low, high) = workspace.grid, shape.bounds
     for axis in range(grid.dim):
@@ -186,7 +186,7 @@ def _lids(shape: Shape, workspace: Workspace) -> Iterator[Floats]:
                 yield from _LIDS[grid.dim](shape, workspace, axis, upper)
 
 
-def _cells_on(shape: Shape, workspace: Workspace, axis: int, upper: int) -> Iterator[Floats]:
+def _cells_on(shape: ExactShape, workspace: Workspace, axis: int, upper: int) -> Iterator[Floats]:
     """In space: the outer cells on a side of the grid, across an axis."""
     columns = np.moveaxis(workspace.outer, axis, 0)
     sides = np.zeros((columns.shape[0] + 1, *columns.shape[1:]), dtype=np.bool_)
@@ -194,7 +194,7 @@ def _cells_on(shape: Shape, workspace: Workspace, axis: int, upper: int) -> Iter
     yield rectangle_triangles(sides, axis, workspace.grid.spacing, workspace.grid.lower)
 
 
-def _filled_on(shape: Shape, workspace: Workspace, axis: int, upper: int) -> Iterator[Floats]:
+def _filled_on(shape: ExactShape, workspace: Workspace, axis: int, upper: int) -> Iterator[Floats]:
     """In the plane: what of a side of the grid, across an axis, lies in the shape."""
     return (_lid(region, workspace.grid, axis, upper) for region in shape.regions)
 

@@ -114,10 +114,10 @@ class BorderProofs:
     """Proofs for one robot among the obstacles of one workspace; each kernel is compiled at its first call."""
 
     def __init__(self, problem: Problem) -> None:
-        workspace, self._robot = problem.workspace, problem.robot.shape
+        workspace, self._robot = problem.workspace, problem.robot.shape.outer
         borders, grid = obstacle_border(workspace, walled=problem.walled), workspace.grid
         # Balls and points have no inside but what is near their middle: the distance decides.
-        parts = zip(workspace.shapes or (), borders.pieces, strict=False)
+        parts = zip((each.outer for each in workspace.shapes or ()), borders.pieces, strict=False)
         self._shapes = [shape for shape, part in parts if shape.encloses and part.simplices.shape[1] == grid.dim]
         border, still = in_space([self._robot.boundary()]), in_space(borders.pieces)
         # Over the plane the walls rise so high that it is their sides that are near.

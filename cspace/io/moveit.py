@@ -18,8 +18,8 @@ from cspace.io.meshes import read_mesh
 from cspace.io.plain import read_yaml
 from cspace.io.polygons import placed, unfolded
 from cspace.io.urdf import PackageDirs, locate_meshes, package_folders
-from cspace.shapes import Balls, Box, Bracketed, Mesh, Shape
-from cspace.shapes.bracketed import Pair, cone, cylinder
+from cspace.shapes import Balls, BoundedShape, Box, ExactShape, Mesh, Shape
+from cspace.shapes.bounded import Pair, cone, cylinder
 
 _KIND: Final = "planning scene"
 
@@ -231,7 +231,7 @@ class _Reader:
 
 def _bounded(make: Callable[[float, float], Pair], height: float, radius: float) -> Shape:
     outer, inner = make(radius, height)
-    return Bracketed(Mesh.of(outer), Mesh.of(inner), is_round_about_z=True)
+    return BoundedShape(Mesh.of(outer), Mesh.of(inner), is_round_about_z=True)
 
 
 _BOX: Final = "box", ("x", "y", "z"), lambda *sides: Box.of(sides)
@@ -248,9 +248,14 @@ _PRIMITIVES: Final[Mapping[Any, tuple[str, tuple[str, ...], Callable[..., Shape]
 
 def _moved(shape: Shape, pose: Floats) -> Shape:
     """Return a shape moved by a rigid motion, shape (4, 4)."""
-    if isinstance(shape, Bracketed):
+    if isinstance(shape, BoundedShape):
         upright = shape.is_round_about_z and np.array_equal(pose[:3, 2], (0.0, 0.0, 1.0)) and not pose[:2, 3].any()
-        return Bracketed(_moved(shape.outer, pose), _moved(shape.inner, pose), is_round_about_z=bool(upright))
+        outer, inner = _moved_exact(shape.outer, pose), _moved_exact(shape.inner, pose)
+        return BoundedShape(outer, inner, is_round_about_z=bool(upright))
+    return _moved_exact(shape.outer, pose)
+
+
+def _moved_exact(shape: ExactShape, pose: Floats) -> ExactShape:
     if isinstance(shape, Balls):
         return Balls.of(shape.centers @ pose[:3, :3].T + pose[:3, 3], shape.radii)
     if isinstance(shape, Box) and np.array_equal(pose[:3, :3], np.eye(3)):

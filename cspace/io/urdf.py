@@ -24,7 +24,7 @@ from cspace.io.meshes import read_mesh
 from cspace.io.plain import parse_xml
 from cspace.io.polygons import joined, placed
 from cspace.shapes import Box, Mesh, Shape
-from cspace.shapes.bracketed import Bracketed, Pair, capsule, cylinder
+from cspace.shapes.bounded import BoundedShape, Pair, capsule, cylinder
 from cspace.shapes.shape import check_point
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def shapes_of(
         place = f"{os.fspath(path)}: link {link!r}, collision {number}"
         surface, within = _sides(collision.geometry, meshes, place)
         outer = Mesh.of(Mesh(*surface, source=place))
-        shape = outer if within is surface else Bracketed(outer, Mesh.of(within))
+        shape = outer if within is surface else BoundedShape(outer, Mesh.of(within))
         yield shape, np.eye(4) if collision.origin is None else finite(collision.origin, f"{place}: origin")
 
 

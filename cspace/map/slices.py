@@ -24,7 +24,7 @@ Rasters = Callable[[], list[tuple[int, Pair]]]
 def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[Pair]:
     """Outer and inner raster of the robot for each slice."""
     parts = raster_parts(robot, spacing, margin, rotations)
-    cells = float(np.prod(np.ptp(robot.shape.bounds, axis=0) / spacing + 1.0))
+    cells = float(np.prod(np.ptp(robot.shape.outer.bounds, axis=0) / spacing + 1.0))
     threads = cores() if len(parts) * cells > CELLS_A_THREAD else 1
     made = dict(itertools.chain.from_iterable(in_threads(lambda part: part(), parts, threads)))
     return [made[number] for number in range(len(made))]

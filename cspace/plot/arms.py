@@ -73,8 +73,8 @@ class ArmFigure:
         self.links = {}
         for link in arm.links:
             back = np.linalg.inv(arm.frames.get(link.name, np.eye(4)))
-            self.links[link.name] = joined([placed(part.shape.surface, back @ part.pose) for part in link.parts])
-        self.obstacles = {name: placed(each.shape.surface, each.pose) for name, each in space.obstacles.items()}
+            self.links[link.name] = joined([placed(part.shape.outer.surface, back @ part.pose) for part in link.parts])
+        self.obstacles = {name: placed(each.shape.outer.surface, each.pose) for name, each in space.obstacles.items()}
         self.moving = [link.name for link in arm.links if link.body]
         depth = [0]
         for parent in arm.chain.parents[1:].tolist():

@@ -320,7 +320,7 @@ def _stations(points: Floats, every: float | None, figurine: Figurine, zoom: flo
 
 def _plane_parts(shape: Shape) -> tuple[Floats, list[Floats], Floats, Floats]:
     """Points, rings, nose and triangles of a robot in the plane."""
-    outlines = rings(shape.outline)
+    outlines = rings(shape.outer.outline)
     points = np.concatenate(outlines)
     (left, bottom), (right, top) = points.min(axis=0), points.max(axis=0)
     middle, half, back = (bottom + top) / 2, (top - bottom) / 5, right - 0.25 * (right - left)
@@ -330,7 +330,7 @@ def _plane_parts(shape: Shape) -> tuple[Floats, list[Floats], Floats, Floats]:
 
 def _solid_parts(shape: Shape) -> tuple[Floats, list[Floats], Floats, Floats]:
     """The same of a robot in space."""
-    points, faces = simplified(*shape.surface)
+    points, faces = simplified(*shape.outer.surface)
     return points, [], np.empty((0, 2)), points[faces]
 
 

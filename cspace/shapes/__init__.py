@@ -15,11 +15,12 @@ from cspace.shapes.balls import Balls as Balls
 from cspace.shapes.balls import BallSet as BallSet
 from cspace.shapes.balls import Point as Point
 from cspace.shapes.balls import check_balls as check_balls
-from cspace.shapes.bracketed import Bracketed as Bracketed
+from cspace.shapes.bounded import BoundedShape as BoundedShape
 from cspace.shapes.mesh import Mesh as Mesh
 from cspace.shapes.mesh import MeshLike as MeshLike
 from cspace.shapes.mesh import MeshWarning as MeshWarning
 from cspace.shapes.polygon import Polygons as Polygons
+from cspace.shapes.shape import ExactShape as ExactShape
 from cspace.shapes.shape import Pieces as Pieces
 from cspace.shapes.shape import Shape as Shape
 from cspace.shapes.voxels import Box as Box
@@ -36,7 +37,7 @@ ShapeLike: TypeAlias = (
 _FROM_SPEC: Final[dict[str, Callable[[Mapping[str, Any]], Shape]]] = {
     "balls": Balls.from_spec,
     "box": Box.from_spec,
-    "bracketed": lambda spec: Bracketed.from_spec(spec, shape_from_spec),
+    "bounded": lambda spec: BoundedShape.from_spec(spec, shape_from_spec),
     "cells": Voxels.from_spec,
     "mesh": Mesh.from_spec,
     "point": Point.from_spec,

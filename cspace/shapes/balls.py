@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Final, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,10 +14,17 @@ from cspace.errors import InputError
 from cspace.grid import Grid, finite, points_of
 from cspace.raster import Raster
 from cspace.rotations import STILL, Turn
-from cspace.shapes.shape import Pieces, Shape
+from cspace.shapes.shape import ExactShape, Pieces
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
+
+
+_SIDES: Final = 128
+"""Sides of the polygons that stand for discs in drawings."""
+
+_POLYGON_AREA: Final = _SIDES / 2 * math.sin(2 * math.pi / _SIDES) / math.pi
+"""Area of such a polygon divided by the area of the disc around it."""
 
 
 @runtime_checkable
@@ -30,7 +38,7 @@ class BallSet(Protocol):
     def radii(self) -> Floats: ...
 
 
-class Balls(Shape):
+class Balls(ExactShape):
     """A union of balls.
 
     ``centers`` have the shape (n, dim), and ``radii``, zero or above, (n,); metres.
@@ -69,8 +77,14 @@ class Balls(Shape):
     @property
     def measure(self) -> float:
         if self.dim == 2:
-            return float(self.outline.area)
+            return float(self.outline.area) / _POLYGON_AREA
         return float(4.0 / 3.0 * np.pi * self.radii[0] ** 3) if len(self.radii) == 1 else float("nan")
+
+    @property
+    def inscribed_radius(self) -> float:
+        # The outline, of polygons in the discs, gives less than one disc around the origin may.
+        around = self.radii - np.linalg.norm(self.centers, axis=1)
+        return max(super().inscribed_radius, float(around.max()))
 
     def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
         from cspace.raster.boxes import Rounded, rounded_rasters
@@ -107,7 +121,7 @@ class Balls(Shape):
             return super().outline
         import shapely
 
-        return shapely.union_all(shapely.buffer(shapely.points(self.centers), self.radii, quad_segs=32))
+        return shapely.union_all(shapely.buffer(shapely.points(self.centers), self.radii, quad_segs=_SIDES // 4))
 
     @property
     def surface(self) -> Surface:

@@ -19,11 +19,13 @@ from cspace.grid import Grid, finite, points_of, unmasked
 from cspace.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes.bodies import Body, find_bodies
-from cspace.shapes.bracketed import Bracketed
+from cspace.shapes.bounded import BoundedShape
 from cspace.shapes.polygon import Polygons
-from cspace.shapes.shape import Pieces, Shape, ordered_rows
+from cspace.shapes.shape import ExactShape, Pieces, Shape, ordered_rows
 
 if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
     from cspace.raster.surfaces import Skin
     from cspace.raster.winding import Buckets, Winding
 
@@ -67,12 +69,16 @@ _HAIR: Final = 1e-6
 """By how much what holds a mesh's shadow is larger than that, metres."""
 
 
+_CRACK: Final = 2.0**-40
+"""Width of a hole in a mesh's shadow up to which rounding has opened it, as part of the span."""
+
+
 class MeshWarning(UserWarning):
     """A mesh has open bodies, and nothing was said about what to do with them, or filling it added nothing."""
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh(Shape):
+class Mesh(ExactShape):
     """Triangles in space, in metres.
 
     The triangles themselves are always part of the shape. What they enclose is, by ``solid``:
@@ -294,17 +300,30 @@ class Mesh(Shape):
         return self.vertices, self.faces
 
     def flattened(self) -> Shape:
-        """What lies between the union of the triangles' shadows grown by a micrometre, and shrunk by as much.
+        """Project the mesh: the union of the triangles' shadows, grown and shrunk by a micrometre.
 
         That covers the rounding of the union.
         """
         import shapely
 
-        shadow = shapely.union_all(shapely.polygons(self.boundary().simplices[..., :2]))
-        around, within = (shadow.buffer(by, join_style="mitre") for by in (_HAIR, -_HAIR))
+        corners = self.boundary().simplices[..., :2]
+        sides = np.roll(corners, -1, axis=1) - corners
+        lengths = np.linalg.norm(sides, axis=-1)
+        twice_area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
+        # Unions and buffers lose triangles that are seen edge-on: their longest sides stand for them.
+        is_line = 4.0 * twice_area <= _HAIR * lengths.max(axis=1)
+        shadow = _without_cracks(shapely.union_all(shapely.polygons(corners[~is_line])), _CRACK * self.span)
+        within = shadow.buffer(-_HAIR, join_style="mitre")
         if within.is_empty:
             raise GeometryError(self.source, "is flat, seen from above", "it must have an area there", "check its axes")
-        return Bracketed(Polygons.of(around), Polygons.of(within))
+        first = lengths[is_line].argmax(axis=1)[:, None]
+        ends = np.take_along_axis(corners[is_line], np.hstack([first, (first + 1) % 3])[..., None], axis=1)
+        lines = shapely.linestrings(ends)
+        near = shadow.buffer(_HAIR / 2.0, join_style="mitre")
+        shapely.prepare(near)
+        apart = shapely.buffer(lines[~shapely.covers(near, lines)], _HAIR, cap_style="square")
+        around = shapely.union_all([shadow.buffer(_HAIR, join_style="mitre"), *apart])
+        return BoundedShape(Polygons.of(around), Polygons.of(within))
 
     def check_origin(self, warn: bool = False) -> None:
         lower, upper = self.bounds
@@ -503,6 +522,20 @@ def _merged_faces(points: Floats, faces: Ints) -> Floats:
     named = kinds[:, 1:].astype(np.int64)
     last = np.where(named[:, 2:] < 0, 0.0, points[named[:, 2]])
     return np.column_stack([kinds[:, 0], counts, points[named[:, 0]], points[named[:, 1]], last])
+
+
+def _without_cracks(shadow: BaseGeometry, width: float) -> BaseGeometry:
+    """Fill holes that are at most ``width`` wide, metres.
+
+    If one of them is real, that changes no proof: no cell of an obstacle fits into it.
+    """
+    import shapely
+
+    def filled(part: Any) -> BaseGeometry:
+        holes = [hole for hole in part.interiors if not shapely.Polygon(hole).buffer(-width / 2.0).is_empty]
+        return shapely.Polygon(part.exterior, holes)
+
+    return shapely.MultiPolygon([filled(part) for part in shapely.get_parts(shadow)])
 
 
 def _arrays_of(shape: Any) -> tuple[Any, Any, str]:

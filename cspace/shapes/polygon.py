@@ -16,7 +16,7 @@ from cspace.grid import Grid, finite, points_of
 from cspace.raster import Raster
 from cspace.raster.bitmaps import point_segments, polygon_outline
 from cspace.rotations import STILL, Turn
-from cspace.shapes.shape import Pieces, Shape
+from cspace.shapes.shape import ExactShape, Pieces
 
 if TYPE_CHECKING:
     from shapely import STRtree
@@ -26,7 +26,7 @@ _NOUGHT: Final = 1e-200
 """Coordinates below this are zero, metres: shapely goes wrong on numbers whose products vanish."""
 
 
-class Polygons(Shape):
+class Polygons(ExactShape):
     """A union of polygons, lines and points of the plane.
 
     The geometries, of shapely, are valid, not empty, and without z; metres.

@@ -18,7 +18,7 @@ from cspace.raster import Raster
 from cspace.raster.bitmaps import boundary_segments, cell_boxes, cell_faces, cell_squares, held_by_cells
 from cspace.rotations import STILL, Turn
 from cspace.shapes.polygon import Polygons
-from cspace.shapes.shape import Boxes, Pieces, Shape, check_point
+from cspace.shapes.shape import Boxes, ExactShape, Pieces, check_point
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -32,7 +32,7 @@ _FACES = np.array([t for a, b, c, d in _QUADS for t in ((a, b, c), (a, c, d))], 
 """Triangles of a box on the corners above, facing outward."""
 
 
-class Box(Shape):
+class Box(ExactShape):
     """A box along the axes in space.
 
     ``extents``, shape (3,), are the lengths of its sides, above zero; metres.
@@ -119,7 +119,7 @@ class Box(Shape):
         return cls.of(spec["extents"], spec["center"])
 
 
-class Voxels(Shape):
+class Voxels(ExactShape):
     """The union of the closed cells ``lower + side * (i + [0, 1]^dim)`` where ``occupied[i]`` is set.
 
     There are two axes or three, and one cell is set at least; metres.

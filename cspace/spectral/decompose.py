@@ -87,8 +87,8 @@ def decompose(
         raise InputError("number", fault, "balls are chosen by one of them", mend, value=number)
     length = None if tolerance is None else positive(tolerance, "tolerance")
     count = None if number is None else whole(number, "number", 1, mend="pass e.g. 64")
-    region = Region(shape_of(shape).sides[kind == "inner"])
-    if kind == "inner" and not region.measure[1] > 0.0:
+    region = Region(shape_of(shape))
+    if kind == "inner" and not region.inner.measure[1] > 0.0:
         mend = "pass kind='outer', or a shape with an area or volume"
         raise GeometryError("shape", "has no inside", "inner balls lie inside", mend, value=shape)
     if count is not None and not 0.0 < region.size < np.inf:
@@ -321,9 +321,9 @@ class Cover:
 
     def polish(self, centers: Floats, radii: Floats) -> None:
         """Move balls that lie in the shape, as large as it allows, to where they hold more cells; in place."""
-        region, lattice = self._lattice.region, self._lattice
-        placing = lattice.corner, lattice.side, region.slack
-        polish(self._cells, region.tree, centers, radii, placing, np.empty((2, 3)))
+        lattice, border = self._lattice, self._lattice.region.inner
+        placing = lattice.corner, lattice.side, border.slack
+        polish(self._cells, border.tree, centers, radii, placing, np.empty((2, 3)))
 
 
 @inner

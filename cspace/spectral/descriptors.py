@@ -18,7 +18,7 @@ from cspace.arrays import Bools, Floats
 from cspace.errors import InputError
 from cspace.grid import Grid, check_cells, check_word, finite
 from cspace.raster.triangles import mark_touched
-from cspace.shapes import Balls, BallSet, Mesh, ShapeLike, check_balls, shape_of
+from cspace.shapes import Balls, BallSet, ExactShape, Mesh, ShapeLike, check_balls, shape_of
 from cspace.spectral.bump import Bump, check_bump
 
 if TYPE_CHECKING:
@@ -196,6 +196,9 @@ def _inside(shape: Any, grid: Grid) -> Bools:
         for window, squares in _near_balls(known.centers, np.maximum(known.radii, _TINY), grid):
             inside[window] |= squares <= 1.0
         return inside
+    if not isinstance(known, ExactShape):
+        rule = "cells are decided by one that is known exactly"
+        raise InputError("shape", "is known by an outer and an inner shape", rule, "pass shape.outer or shape.inner")
     middles = np.meshgrid(*(grid.centers(axis) for axis in range(grid.dim)), indexing="ij")
     inside = known.contains(np.stack(middles, axis=-1))
     if isinstance(known, Mesh):  # which calls the points of some sides in, and those of others out

@@ -17,7 +17,7 @@ from cspace.exact.triangles import trees_of
 from cspace.grid import Grid
 from cspace.memory import check_memory
 from cspace.raster.triangles import point_segment, point_triangle
-from cspace.shapes import Balls, Pieces, Polygons, Shape
+from cspace.shapes import Balls, ExactShape, Pieces, Polygons, Shape
 from cspace.threads import in_chunks
 
 ROUNDING: Final = 2.0**-44
@@ -55,23 +55,21 @@ BOXES: Final = 1_000_000  # boxes that are looked at together, at most
 DIRECTIONS: Final = 200  # points of each sphere whose distance from the shape is measured
 
 
-class Region:
-    """A closed set with its signed distance; a plane lies in space as x = 0.
+class Border:
+    """The border of an exact shape, and distances from it; a plane lies in space as x = 0.
 
-    ``pieces``, segments (n, 2, 2) or triangles (n, 3, 3), hold the border, and maybe more. ``bounds`` are the corners
-    of the bounding box, shape (2, d), and ``size`` is its diagonal; by ``slack`` a distance may be wrong. All is in
-    metres.
+    ``pieces``, segments (n, 2, 2) or triangles (n, 3, 3), contain the border, and maybe more. ``slack`` is the largest
+    error of a distance. All is in metres.
     """
 
-    def __init__(self, shape: Shape) -> None:
+    def __init__(self, shape: ExactShape) -> None:
         # Of polygons that overlap, the border is that of their union.
         self.pieces, radii = (Polygons([shape.outline]) if isinstance(shape, Polygons) else shape).boundary()
         if radii.any():
             raise InputError(
                 "shape", "is made of balls already", "a decomposition finds such", "use them as they are", value=shape
             )
-        self.shape, self.dim, self.bounds = shape, shape.dim, np.array(shape.bounds)
-        self.size = float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
+        self.shape, self.dim = shape, shape.dim
         corners = self.pieces.reshape(-1, self.dim)
         self.slack = ROUNDING * float(np.abs(corners).max())
         if self.dim == 3:
@@ -87,29 +85,13 @@ class Region:
             return abs(self.shape.measure), abs(self.shape.measure)
         return _volume(self.shape)
 
-    @property
-    def box_volume(self) -> float:
-        """Of the bounding box, whose sides are taken to be at least a thousandth of its diagonal long."""
-        return float(np.prod(np.maximum(self.bounds[1] - self.bounds[0], 1e-3 * self.size)))
-
-    def grid_at(self, spacing: float) -> Grid:
-        """A grid that covers the set, with cells of this side (metres), and no larger; InputError if too many."""
-        counts = np.ceil((self.bounds[1] - self.bounds[0]) / spacing) + 1.0
-        mend = "use a larger tolerance or fewer balls"
-        if float(np.prod(counts)) > 1.5 * MOST:
-            fault = f"or number needs a lattice of {' x '.join(f'{n:.4g}' for n in counts)} cells of {spacing:g} m"
-            raise InputError("tolerance", fault, f"at most {MOST} are looked at", mend)
-        grid = Grid(self.bounds.mean(axis=0) - 0.5 * spacing * counts, spacing, counts.astype(np.int64))
-        check_memory(BYTES * float(grid.size), "the lattice of the balls", grid, mend=mend)
-        return grid
-
     def depths(self, points: Floats) -> Floats:
         """A lower bound of the signed distance from the border, above zero inside, shape (n,), metres."""
         near, far = self._distances(points)
         return np.where(self.shape.contains(points), near, -far) - self.slack
 
     def gaps(self, points: Floats) -> Floats:
-        """A lower bound of the distance from points (n, d) to the set, shape (n,), metres."""
+        """A lower bound of the distance from points (n, d) to the shape, shape (n,), metres."""
         outside, gaps = ~self.shape.contains(points), np.zeros(len(points))
         gaps[outside] = np.maximum(self._distances(points[outside])[0] - self.slack, 0.0)
         return gaps
@@ -139,6 +121,49 @@ class Region:
         (boxes, spans, rows), _ = trees_of([Pieces(triangles, doubts)], about_z=False)
         corners = np.ascontiguousarray(rows[:, :9]).reshape(-1, 3, 3)
         return Tree(corners, rows[:, 9].copy(), boxes, spans, self.dim == 3)
+
+
+class Region:
+    """A shape to be decomposed, by the borders of its outer and of its inner shape, which are the same if it is exact.
+
+    ``bounds`` are the corners of a box that contains it, shape (2, d), and ``size`` is the diagonal of that; metres.
+    """
+
+    def __init__(self, shape: Shape) -> None:
+        self.shape, self.dim, self.bounds = shape, shape.dim, np.array(shape.outer.bounds)
+        self.outer = self.inner = Border(shape.outer)
+        if shape.inner is not shape.outer:
+            self.inner = Border(shape.inner)
+        self.size = float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
+
+    @property
+    def measure(self) -> tuple[float, float]:
+        """Bounds of the area or volume."""
+        return self.inner.measure[0], self.outer.measure[1]
+
+    @property
+    def box_volume(self) -> float:
+        """Of the bounding box, whose sides are taken to be at least a thousandth of its diagonal long."""
+        return float(np.prod(np.maximum(self.bounds[1] - self.bounds[0], 1e-3 * self.size)))
+
+    def grid_at(self, spacing: float) -> Grid:
+        """A grid that covers the set, with cells of this side (metres), and no larger; InputError if too many."""
+        counts = np.ceil((self.bounds[1] - self.bounds[0]) / spacing) + 1.0
+        mend = "use a larger tolerance or fewer balls"
+        if float(np.prod(counts)) > 1.5 * MOST:
+            fault = f"or number needs a lattice of {' x '.join(f'{n:.4g}' for n in counts)} cells of {spacing:g} m"
+            raise InputError("tolerance", fault, f"at most {MOST} are looked at", mend)
+        grid = Grid(self.bounds.mean(axis=0) - 0.5 * spacing * counts, spacing, counts.astype(np.int64))
+        check_memory(BYTES * float(grid.size), "the lattice of the balls", grid, mend=mend)
+        return grid
+
+    def depths(self, points: Floats) -> Floats:
+        """A lower bound of how deep points lie in the shape, negative outside, shape (n,), metres."""
+        return self.inner.depths(points)
+
+    def gaps(self, points: Floats) -> Floats:
+        """A lower bound of the distance from points (n, d) to the shape, shape (n,), metres."""
+        return self.outer.gaps(points)
 
 
 class Lattice:
@@ -288,7 +313,7 @@ def measure_of_balls(centers: Floats, radii: Floats) -> tuple[float, float]:
     return max(0.0, inner * (1.0 - SNAPPED) - slack), outer * (1.0 + SNAPPED) + slack
 
 
-def _volume(shape: Shape) -> tuple[float, float]:
+def _volume(shape: ExactShape) -> tuple[float, float]:
     """Bounds of the volume of a shape in space: by its inner and its outer cells."""
     lower, upper = np.array(shape.bounds)
     spacing = float(np.cbrt(np.prod(np.maximum(upper - lower, 1e-3 * (upper - lower).max())) / MEASURED))
@@ -305,7 +330,7 @@ def shape_to_balls(lattice: Lattice, centers: Floats, radii: Floats) -> tuple[fl
     """
     region, half, dim = lattice.region, 0.5 * lattice.side, lattice.region.dim
     slack = ROUNDED * (region.size + float(np.abs(region.bounds).max()))
-    low = float(gaps(region.pieces.reshape(-1, dim), 0.0, centers, radii)[0].max())
+    low = float(gaps(region.inner.pieces.reshape(-1, dim), 0.0, centers, radii)[0].max())
     middles, high = lattice.metres(lattice.middles), 0.0
     halves = 0.5 * np.array(list(product((-1.0, 1.0), repeat=dim)))
     for level in range(LEVELS + 1):

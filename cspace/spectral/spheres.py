@@ -14,7 +14,7 @@ from cspace.errors import FileError, InputError
 from cspace.grid import check_word, finite
 from cspace.io.files import replacing, suffix_of
 from cspace.io.plain import read_json, read_yaml
-from cspace.shapes import Balls, Shape
+from cspace.shapes import Balls, ExactShape, Shape
 from cspace.spectral.descriptors import check_solid_balls
 
 if TYPE_CHECKING:
@@ -129,9 +129,9 @@ class Spheres:
             mend = "add_subplot(projection='3d') makes axes for balls, and one without a projection for discs"
             raise InputError("ax", f"is {where[not solid]}", f"the balls are {where[solid]}", mend, value=ax)
         if solid:
-            shapes: list[tuple[Shape, dict[str, Any]]] = [(Balls(self.centers, self.radii), {"color": color})]
+            shapes: list[tuple[ExactShape, dict[str, Any]]] = [(Balls(self.centers, self.radii), {"color": color})]
             if self.shape is not None:
-                shapes.append((self.shape, {"color": (0, 0, 0, 0), "edgecolor": "#26262680", "linewidth": 0.5}))
+                shapes.append((self.shape.outer, {"color": (0, 0, 0, 0), "edgecolor": "#26262680", "linewidth": 0.5}))
             for (vertices, faces), style in ((shape.surface, style) for shape, style in shapes):
                 axes.plot_trisurf(*vertices.T, triangles=faces, **style)
         else:
@@ -140,7 +140,7 @@ class Spheres:
             discs.set_edgecolor((color, 0.75))
             axes.add_collection(discs)
             if self.shape is not None:
-                axes.add_collection(LineCollection(list(self.shape.boundary().simplices), colors="#262626"))
+                axes.add_collection(LineCollection(list(self.shape.outer.boundary().simplices), colors="#262626"))
             axes.autoscale_view()
         axes.set(aspect="equal", **{f"{name}label": f"{name} [m]" for name in "xyz"[: self.dim]})
         text = f"{len(self)} {self.kind} {'balls' if solid else 'discs'}, within {self.hausdorff.upper:.3g} m"

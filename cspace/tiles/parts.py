@@ -69,7 +69,7 @@ def _shapes(store: Store, grid: Grid, box: Box) -> tuple[Shape, ...] | None:
         around = np.ones(grid.shape, dtype=np.bool_)
         around[tuple(slice(max(0, -part.start), n - part.start) for part, n in sides)] = False
         return (*store.shapes, Voxels(around, grid.spacing, np.asarray(grid.lower)))
-    whole, bounds = store.grid, [shape.bounds for shape in store.shapes]
+    whole, bounds = store.grid, [shape.outer.bounds for shape in store.shapes]
     # What of them lies beyond a map that is free around it does not count.
     inside = all((low >= whole.lower).all() and (high <= whole.upper).all() for low, high in bounds)
     return store.shapes if inside else None

@@ -179,14 +179,14 @@ def _facing(solid: Bools, axis: int, up: int, rim: bool) -> Ints:
 
 def robot_surface(robot: RobotLike, height: float) -> Surface:
     """The surface of a robot in its frame; one in the plane becomes a slab of some height."""
-    return _slab(robot, height) if robot.dim == 2 else robot.shape.surface
+    return _slab(robot, height) if robot.dim == 2 else robot.shape.outer.surface
 
 
 def _slab(robot: RobotLike, height: float) -> Surface:
     """The outline of a robot in the plane, as high as a wall, with a top and no bottom."""
     import shapely
 
-    outline = robot.shape.outline
+    outline = robot.shape.outer.outline
     parts = shapely.get_parts(shapely.orient_polygons(shapely.constrained_delaunay_triangles(outline)))
     top = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
     triangles = [np.concatenate([top, np.full((*top.shape[:2], 1), height)], axis=2)]

@@ -308,5 +308,5 @@ def test_meshes_of_packages_are_found_in_given_folders(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"pass package_dirs=FOLDER"):
         Arm.from_urdf(path)
     arm = Arm.from_urdf(path, package_dirs=tmp_path / "ws")
-    np.testing.assert_allclose(arm.links[1].parts[0].shape.bounds[1], (1.0, 0.05, 0.05), atol=1e-6)
+    np.testing.assert_allclose(arm.links[1].parts[0].shape.outer.bounds[1], (1.0, 0.05, 0.05), atol=1e-6)
     assert [link.name for link in Arm.from_urdf(path, package_dirs=[str(tmp_path / "ws")]).links] == ["a", "b"]

@@ -212,7 +212,7 @@ def test_no_thin_obstacle_on_the_way_is_missed(tmp_path: Path, seed: int) -> Non
         for _ in range(12):
             q0, q1 = sampled(arm, rng, 2)
             part = each.parts[int(rng.integers(len(each.parts)))]
-            low, high = part.shape.bounds
+            low, high = part.shape.outer.bounds
             point = part.pose[:3, :3] @ rng.uniform(low, high) + part.pose[:3, 3]
             pose = arm.poses(q0 + rng.uniform() * (q1 - q0))[each.name]
             there = pose[:3, :3] @ point + pose[:3, 3]

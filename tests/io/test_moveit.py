@@ -145,7 +145,7 @@ def test_objects_of_several_shapes_and_operations(tmp_path):
     new = primitive("sphere", (0.2,), name="cup")
     read = read_moveit_scene(scene(tmp_path, table, old, gone, new, more, {"id": "gone", "operation": 1}))
     assert list(read) == ["table/0", "table/1", "cup/0", "cup/1"]
-    assert read["cup/0"].shape.bounds[1][0] == 0.2 and read["cup/1"].pose[2, 3] == 2.0
+    assert read["cup/0"].shape.outer.bounds[1][0] == 0.2 and read["cup/1"].pose[2, 3] == 2.0
 
 
 def test_meshes_are_read_from_the_scene_and_from_files(tmp_path):
@@ -174,7 +174,7 @@ def test_planes_reach_as_far_as_the_bounds(tmp_path, place, coef):
     layers = np.flatnonzero(workspace.outer.any(axis=(0, 1)))
     assert workspace.outer[:, :, layers].all() and layers.tolist() in ([4, 5], [4], [5]) and not workspace.inner.any()
     ground = read_moveit_scene(path, plane_radius=7.0)["ground"]
-    lower, upper = ground.shape.bounds
+    lower, upper = ground.shape.outer.bounds
     assert lower[2] == pytest.approx(-0.5) == upper[2] and (upper - lower)[:2].min() >= 14.0 - 1e-9
     with pytest.raises(FileError, match=r"a plane has no end.*pass bounds for a workspace, or plane_radius"):
         Workspace.from_moveit_scene(path, 0.2)

@@ -70,7 +70,7 @@ def test_the_fixed_base_is_its_primitives(tmp_path):
     with pytest.warns(UserWarning, match="wheel move against base and are left out; name all the links"):
         robot = Robot.from_urdf(written(tmp_path))
     points = np.random.default_rng(0).uniform(-0.8, 0.9, (30_000, 3))
-    truth, (outer, inner) = in_parts(points, PARTS), robot.shape.sides
+    truth, (outer, inner) = in_parts(points, PARTS), (robot.shape.outer, robot.shape.inner)
     assert truth.sum() > 800
     assert outer.contains(points[truth]).all()
     assert truth[inner.contains(points)].all()
@@ -82,11 +82,11 @@ def test_the_fixed_base_is_its_primitives(tmp_path):
 def test_links_are_placed_in_the_frame_of_the_first(tmp_path):
     path = written(tmp_path)
     wheels = Robot.from_urdf(path, ["base", "wheel"])
-    assert wheels.shape.bounds[1][1] == pytest.approx(0.425)
-    assert Robot.open(f"{path}#base,wheel").shape.bounds[1][1] == pytest.approx(0.425)
+    assert wheels.shape.outer.bounds[1][1] == pytest.approx(0.425)
+    assert Robot.open(f"{path}#base,wheel").shape.outer.bounds[1][1] == pytest.approx(0.425)
     head = Robot.from_urdf(path, "head")
-    assert np.allclose(head.shape.bounds, [[-0.25] * 3, [0.25] * 3], atol=0.001)
-    turned = Robot.from_urdf(path, ["head", "base"]).shape.sides[0]
+    assert np.allclose(head.shape.outer.bounds, [[-0.25] * 3, [0.25] * 3], atol=0.001)
+    turned = Robot.from_urdf(path, ["head", "base"]).shape.outer
     matrix = np.linalg.inv(PARTS[2][0])
     points = np.random.default_rng(1).uniform(-0.8, 0.8, (5000, 3))
     truth = in_parts(points, [(matrix @ PARTS[0][0], PARTS[0][1])])
@@ -105,8 +105,8 @@ def test_boxes_and_meshes_alone_stay_what_they_are(tmp_path):
         f"file://{tmp_path}/my_robot/meshes/part.stl",
     ):
         robot = Robot.from_urdf(written(tmp_path / "my_robot" / "urdf", body.replace("NAME", name)))
-        assert np.allclose(robot.shape.bounds, [[-0.7, -1.4, -0.1], [0.7, 1.4, 0.1]], atol=1e-6)
-        assert robot.shape.sides == (robot.shape, robot.shape)
+        assert np.allclose(robot.shape.outer.bounds, [[-0.7, -1.4, -0.1], [0.7, 1.4, 0.1]], atol=1e-6)
+        assert robot.shape.outer is robot.shape.inner is robot.shape
         assert robot.shape.volume == pytest.approx(torus.volume, rel=1e-5)
     with pytest.raises(FileError, match=r"link 'l', collision 0: mesh package://no/part.stl: does not exist"):
         Robot.from_urdf(written(tmp_path, body.replace("NAME", "package://no/part.stl")))
@@ -123,7 +123,7 @@ def write_box(path, side):
 
 def side_of(urdf, **options):
     """The length along x of the mesh that was read, by which the tests tell files apart."""
-    return Robot.from_urdf(urdf, **options).shape.bounds[1][0] * 2
+    return Robot.from_urdf(urdf, **options).shape.outer.bounds[1][0] * 2
 
 
 @pytest.fixture
@@ -152,8 +152,8 @@ def test_packages_are_searched_in_the_documented_order_and_no_other_package_is_t
     write_box(given / mesh, 5)
     assert side_of(cell, package_dirs=given) == side_of(cell, package_dirs=[str(given)]) == 5
     assert side_of(cell, package_dirs=[tmp_path / "ament" / "share", given]) == 1
-    assert Robot.open(cell, package_dirs=given).shape.bounds[1][0] == 2.5
-    assert Robot.open(f"footprint:{cell}", package_dirs=given).shape.bounds[1][0] == pytest.approx(2.5)
+    assert Robot.open(cell, package_dirs=given).shape.outer.bounds[1][0] == 2.5
+    assert Robot.open(f"footprint:{cell}", package_dirs=given).shape.outer.bounds[1][0] == pytest.approx(2.5)
 
 
 def test_a_mesh_of_a_missing_package_is_read_with_a_warning_if_only_one_file_could_be_meant(tmp_path, cell):
@@ -187,7 +187,7 @@ def test_reads_the_arms_of_others(data):
     hand = ["panda_hand", "panda_leftfinger", "panda_rightfinger"]
     gripper = Robot.from_urdf(data / "arms" / "panda" / "panda.urdf", hand)
     # The hand is 0.204 m wide, and its fingers end 0.112 m above its frame (measured in the meshes of the folder).
-    assert np.ptp(gripper.shape.bounds, axis=0).tolist() == pytest.approx([0.0632, 0.2045, 0.1381], abs=2e-3)
+    assert np.ptp(gripper.shape.outer.bounds, axis=0).tolist() == pytest.approx([0.0632, 0.2045, 0.1381], abs=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -205,16 +205,17 @@ def test_a_footprint_is_the_shadow(make, area):
     robot = make()
     footprint = robot.footprint()
     assert footprint.dim == 2
-    assert footprint.shape.measure == pytest.approx(area, rel=0.02)
-    lower, upper = robot.shape.bounds
-    assert np.allclose(footprint.shape.bounds, [lower[:2], upper[:2]], atol=2e-6)
+    assert footprint.shape.outer.measure == pytest.approx(area, rel=0.02)
+    lower, upper = robot.shape.outer.bounds
+    assert np.allclose(footprint.shape.outer.bounds, [lower[:2], upper[:2]], atol=2e-6)
     assert Robot.from_spec(footprint.spec).spec == footprint.spec
     assert footprint.shape.symmetry == robot.shape.symmetry
 
 
 def test_the_shadow_of_a_mesh_lies_between_its_two_sides():
     mesh = trimesh.creation.icosphere(1).apply_translation((0.3, 0.2, 0))
-    outer, inner = Robot.mesh(mesh).footprint().shape.sides
+    flat = Robot.mesh(mesh).footprint().shape
+    outer, inner = flat.outer, flat.inner
     hull = shapely.convex_hull(shapely.multipoints(mesh.vertices[:, :2]))
     assert shapely.covers(outer.outline, hull)
     assert shapely.covers(hull, inner.outline)
@@ -314,4 +315,4 @@ def test_elements_of_others_do_not_matter_nor_does_a_namespace_that_xacro_left(t
     names = 'xmlns:xacro="http://www.ros.org/wiki/xacro" xmlns:sensor="http://playerstage.sourceforge.net/gazebo"'
     ball = GEOMETRY.format('<sphere radius="1"/>')
     path.write_text(f'<robot name="r" {names}>{ball}<sensor:camera/></robot>')
-    assert Robot.from_urdf(path).shape.bounds[1][0] == pytest.approx(1.0, rel=0.05)
+    assert Robot.from_urdf(path).shape.outer.bounds[1][0] == pytest.approx(1.0, rel=0.05)

@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
+import shapely
 import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
@@ -314,6 +315,33 @@ def test_arrays_of_a_mesh_belong_to_it():
     assert np.stack(mesh.bounds).tolist() == [[0, 0, 0], [1, 1, 1]]
     with pytest.raises(ValueError, match="read-only"):
         mesh.vertices[0, 0] = 1.0
+
+
+@given(seeds, st.integers(0, 4))
+def test_a_footprint_holds_triangles_seen_edge_on(seed, count):
+    rng = np.random.default_rng(seed)
+    triangles = np.concatenate([rng.uniform(-1, 1, (count + 1, 3, 3)), rng.uniform(-3, 3, (6, 3, 3))])
+    edge_on = triangles[count + 1 :]
+    edge_on[:2, 2, :2] = edge_on[:2, 0, :2]
+    edge_on[2:4, 2, :2] = edge_on[2:4, :2, :2].mean(axis=1)
+    edge_on[4, 1:, :2] = edge_on[4, :1, :2]
+    edge_on[5, 2, :2] = edge_on[5, 0, :2] + rng.uniform(-1, 1, 2) * 10.0 ** rng.uniform(-17, -5)
+    mesh = Mesh.of((triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)), "surface")
+    flat = mesh.flattened()
+    weights = rng.dirichlet(np.ones(3), (len(triangles), 200))
+    points = (weights @ triangles)[..., :2].reshape(-1, 2)
+    corners = triangles[..., :2].reshape(-1, 2)
+    assert flat.outer.contains(np.concatenate([points, corners])).all()
+    inside = points[flat.inner.contains(points)]
+    shadows = shapely.polygons(triangles[[*range(count + 1), -1], :, :2])
+    assert (shapely.distance(shadows[:, None], shapely.points(inside)).min(axis=0) < 1e-12).all()
+    assert len(inside) > 20
+
+
+@pytest.mark.parametrize("make", [Robot.capsule, Robot.cylinder])
+def test_a_footprint_has_no_cracks(make):
+    flat = make(1.0, 1.0).footprint().shape
+    assert [len(ring.interiors) for side in (flat.outer, flat.inner) for ring in side.geometries] == [0, 0]
 
 
 @pytest.mark.parametrize("folder", ["ZTunnel", "LTunnel"])

@@ -45,14 +45,14 @@ def shape(request):
 
 
 def grid_around(shape, spacing=0.09):
-    lower, upper = shape.bounds
+    lower, upper = shape.outer.bounds
     lower = lower - 2.3 * spacing
     return Grid(lower, spacing, tuple((np.ceil((upper - lower) / spacing) + 3).astype(int).tolist()))
 
 
 def points_of(shape, rng, count=2000):
     """Random points of the boundary."""
-    simplices, radii = shape.boundary()
+    simplices, radii = shape.outer.boundary()
     which = rng.integers(len(simplices), size=count)
     weights = rng.dirichlet(np.ones(simplices.shape[1]), count)
     way = rng.normal(size=(count, shape.dim))
@@ -70,15 +70,15 @@ def test_a_spec_makes_the_same_shape_again(shape):
 
 
 def test_cells_agree_with_points(shape):
-    """Middles of inner cells lie in the shape, those of cells that are not outer do not; borders are in outer cells."""
+    """Middles of inner cells lie in the inner shape, middles outside outer cells in no outer one; so do borders."""
     grid, rng = grid_around(shape), np.random.default_rng(0)
     outer, inner = shape.cells(grid)
-    within = shape.contains(grid.center_of(np.moveaxis(np.indices(grid.shape), 0, -1)))
+    middles = grid.center_of(np.moveaxis(np.indices(grid.shape), 0, -1))
     assert not (inner & ~outer).any()
-    assert within[inner].all()
-    assert not within[~outer].any()
+    assert shape.inner.contains(middles)[inner].all()
+    assert not shape.outer.contains(middles)[~outer].any()
     points = points_of(shape, rng)
-    if shape.encloses:
+    if shape.inner.encloses:
         # What another part holds is no border of the whole.
         assert inner.any()
     assert outer[tuple(grid.cell_of(points).T)].all()
@@ -88,9 +88,9 @@ def test_rasters_agree_with_points(shape):
     spacing, rng = 0.09, np.random.default_rng(1)
     outer, inner = shape.rasters(spacing)
     lattice = np.moveaxis(np.indices(outer.cells.shape), 0, -1) + outer.lower
-    assert not shape.contains(spacing * lattice)[~outer.cells].any()
+    assert not shape.outer.contains(spacing * lattice)[~outer.cells].any()
     if inner.count:
-        assert shape.contains(spacing * (np.argwhere(inner.cells) + inner.lower)).all()
+        assert shape.inner.contains(spacing * (np.argwhere(inner.cells) + inner.lower)).all()
     points = points_of(shape, rng) / spacing
     for corner in np.ndindex((2,) * shape.dim):
         offsets = np.floor(points).astype(int) + corner - outer.lower
@@ -100,7 +100,7 @@ def test_rasters_agree_with_points(shape):
 def test_the_outer_cells_are_those_of_the_raster_of_a_point_robot(shape):
     """A shape as an obstacle and as a robot that is asked at the origin's cell: one definition, two rasters."""
     spacing = 0.11
-    reach = int(np.ceil(max(np.abs(shape.bounds).max() / spacing, 1))) + 2
+    reach = int(np.ceil(max(np.abs(shape.outer.bounds).max() / spacing, 1))) + 2
     outer, _ = shape.cells(Grid((-reach * spacing,) * shape.dim, spacing, (2 * reach,) * shape.dim))
     robot, _ = shape.rasters(spacing)
     # An offset m is in the raster where one of the 2^d cells around h m meets the shape.
@@ -114,19 +114,19 @@ def test_the_outer_cells_are_those_of_the_raster_of_a_point_robot(shape):
 
 
 def test_the_boundary_and_the_drawing_fill_the_bounds(shape):
-    lower, upper = shape.bounds
+    lower, upper = shape.outer.bounds
     points = points_of(shape, np.random.default_rng(2))
     assert (points >= lower - 1e-9).all()
     assert (points <= upper + 1e-9).all()
     if shape.dim == 2:
-        drawn = np.reshape(shape.outline.bounds, (2, 2))
+        drawn = np.reshape(shape.outer.outline.bounds, (2, 2))
         with pytest.raises(GeometryError, match="outline"):
-            _ = shape.surface
+            _ = shape.outer.surface
     else:
-        vertices, faces = shape.surface
+        vertices, faces = shape.outer.surface
         drawn = np.array([vertices[faces].min(axis=(0, 1)), vertices[faces].max(axis=(0, 1))])
         with pytest.raises(GeometryError, match="surface"):
-            _ = shape.outline
+            _ = shape.outer.outline
     assert np.allclose(drawn, [lower, upper], atol=0.02)
 
 
@@ -174,11 +174,11 @@ def test_round_shapes():
 
 def test_points_are_checked(shape):
     with pytest.raises(InputError, match=f"{shape.dim} long"):
-        shape.contains(np.zeros((2, 5)))
+        shape.outer.contains(np.zeros((2, 5)))
     with pytest.raises(InputError, match="nan"):
-        shape.contains([np.nan] * shape.dim)
-    assert shape.contains(np.empty((0, shape.dim))).shape == (0,)
-    assert shape.contains(np.full((2, 3, shape.dim), 1e6)).tolist() == [[False] * 3] * 2
+        shape.outer.contains([np.nan] * shape.dim)
+    assert shape.outer.contains(np.empty((0, shape.dim))).shape == (0,)
+    assert shape.outer.contains(np.full((2, 3, shape.dim), 1e6)).tolist() == [[False] * 3] * 2
 
 
 def test_a_workspace_knows_its_obstacles():

@@ -175,7 +175,7 @@ def test_pictures(shape, text):
     ax = spheres.plot()
     assert f"6 inner {text}" in ax.get_title()
     low, high = ax.get_xlim()
-    assert low < spheres.shape.bounds[0][0] < spheres.shape.bounds[1][0] < high
+    assert low < spheres.shape.outer.bounds[0][0] < spheres.shape.outer.bounds[1][0] < high
     assert len(ax.collections) == 2
     ax.figure.canvas.draw()
     again = spheres.plot(ax, title="mine")

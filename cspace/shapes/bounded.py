@@ -1,10 +1,10 @@
-"""Shapes that are known by two others, one around them and one within; and solids of revolution, which are."""
+"""Shapes that are known by an outer and an inner shape, such as solids of revolution."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,10 +13,7 @@ from cspace.arrays import Bools, Floats, Surface
 from cspace.grid import Grid
 from cspace.raster import Raster
 from cspace.rotations import STILL, Turn
-from cspace.shapes.shape import Pieces, Shape
-
-if TYPE_CHECKING:
-    from shapely.geometry.base import BaseGeometry
+from cspace.shapes.shape import ExactShape, Shape
 
 SIDES: Final = 64
 """Sides of the polygons that stand for circles: their radii differ by 0.12 % from those that they touch."""
@@ -34,63 +31,37 @@ Pair = tuple[Surface, Surface]
 """Two surfaces, the first of which encloses a solid that encloses the second."""
 
 
-class Bracketed(Shape):
-    """A shape that lies between two others.
+class BoundedShape(Shape):
+    """A shape that is known only by an exact shape around it and an exact shape within it.
 
-    What is FREE is proven for the outer one and what is BLOCKED for the inner one, so that both hold for the shape.
-    Exact answers, which only ever prove that a configuration is free, and drawings are about the outer one.
+    FREE is proven for the outer shape and BLOCKED for the inner one, so that both hold for the shape itself. Exact
+    answers prove only FREE, for the outer shape; drawings show the outer shape.
 
     Parameters
     ----------
-    outer, inner : Shape
-        Of one dimension; the shape encloses ``inner``, and ``outer`` encloses it.
+    outer, inner : ExactShape
+        Of the same dimension; ``outer`` contains the shape, which contains ``inner``.
     is_round_about_z : bool
-        Whether every rotation about the z axis maps the shape to itself, whatever the two others look like.
+        Whether every rotation about the z axis maps the shape to itself, even if it does not so map the bounds.
     """
 
-    def __init__(self, outer: Shape, inner: Shape, is_round_about_z: bool = False) -> None:
-        self.outer, self.inner, self.dim = outer, inner, outer.dim
+    def __init__(self, outer: ExactShape, inner: ExactShape, is_round_about_z: bool = False) -> None:
+        self._outer, self._inner, self.dim = outer, inner, outer.dim
         self._turns = is_round_about_z
 
     @property
-    def encloses(self) -> bool:  # type: ignore[override]
-        return self.outer.encloses
+    def outer(self) -> ExactShape:
+        return self._outer
 
     @property
-    def span(self) -> float:
-        return self.outer.span
-
-    @property
-    def bounds(self) -> tuple[Floats, Floats]:
-        return self.outer.bounds
-
-    @property
-    def measure(self) -> float:
-        return self.outer.measure
+    def inner(self) -> ExactShape:
+        return self._inner
 
     def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
         return self.outer.rasters(spacing, margin, turn)[0], self.inner.rasters(spacing, 0.0, turn)[1]
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
         return self.outer.cells(grid)[0], self.inner.cells(grid)[1]
-
-    def contains(self, points: ArrayLike) -> Bools:
-        return self.outer.contains(points)
-
-    def boundary(self) -> Pieces:
-        return self.outer.boundary()
-
-    @property
-    def regions(self) -> list[Floats]:
-        return self.outer.regions
-
-    @property
-    def outline(self) -> BaseGeometry:
-        return self.outer.outline
-
-    @property
-    def surface(self) -> Surface:
-        return self.outer.surface
 
     @property
     def is_round(self) -> bool:
@@ -105,21 +76,17 @@ class Bracketed(Shape):
         return np.concatenate([np.insert(part, 0, number, axis=1) for number, part in enumerate(rows)])
 
     def flattened(self) -> Shape:
-        return Bracketed(self.outer.flattened().sides[0], self.inner.flattened().sides[1], self._turns)
-
-    @property
-    def sides(self) -> tuple[Shape, Shape]:
-        return self.outer, self.inner
+        return BoundedShape(self.outer.flattened().outer, self.inner.flattened().inner, self._turns)
 
     @property
     def spec(self) -> dict[str, object]:
         sides = {"outer": self.outer.spec, "inner": self.inner.spec}
-        return {"kind": "bracketed", **sides, "is_round_about_z": self._turns}
+        return {"kind": "bounded", **sides, "is_round_about_z": self._turns}
 
     @classmethod
-    def from_spec(cls, spec: Mapping[str, Any], of: Callable[[Mapping[str, Any]], Shape]) -> Bracketed:
-        """The shape of a :attr:`spec`, of which ``of`` makes the two others."""
-        return cls(of(spec["outer"]), of(spec["inner"]), bool(spec["is_round_about_z"]))
+    def from_spec(cls, spec: Mapping[str, Any], of: Callable[[Mapping[str, Any]], Shape]) -> BoundedShape:
+        """Make the shape of a :attr:`spec`; ``of`` makes its two exact shapes."""
+        return cls(of(spec["outer"]).outer, of(spec["inner"]).inner, bool(spec["is_round_about_z"]))
 
 
 def cylinder(radius: float, height: float) -> Pair:

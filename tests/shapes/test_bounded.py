@@ -1,9 +1,14 @@
 """Cylinders and capsules against their formulas: what is proven for the shapes around and within holds for them."""
 
+import math
+
 import fcl
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 import cspace
@@ -61,12 +66,91 @@ def test_rasters_hold_for_the_shape_itself(kind, angle, spacing):
 def test_the_two_sides_are_as_near_as_stated(kind):
     make, inside = kind
     shape, rng = make(RADIUS, LENGTH).shape, np.random.default_rng(4)
-    outer, inner = shape.sides
+    outer, inner = shape.outer, shape.inner
     points = rng.uniform(-1, 1, (20_000, 3)) * (0.4, 0.4, 0.7)
     assert inside(points[outer.contains(points)], 0.0025 * RADIUS).all()
     assert outer.contains(points[inside(points)]).all()
     assert inside(points[inner.contains(points)]).all()
     assert inner.contains(points[inside(points, -0.0025 * RADIUS)]).all()
+
+
+ONE_SIDED = (
+    *("boundary", "bounds", "boxes", "contains", "encloses", "facts", "inscribed_radius", "is_boxes", "measure"),
+    *("outline", "regions", "surface"),
+)
+
+
+@pytest.mark.parametrize("name", ONE_SIDED)
+def test_facts_are_asked_of_the_outer_or_the_inner_shape(kind, name):
+    shape = kind[0](RADIUS, LENGTH).shape
+    assert hasattr(type(shape.outer), name)
+    assert hasattr(type(shape.inner), name)
+    assert not hasattr(shape, name)
+
+
+lengths = st.floats(0.01, 10.0)
+
+
+@given(lengths, lengths, st.tuples(*[st.floats(-3.0, 3.0)] * 3))
+@pytest.mark.parametrize("name", KINDS)
+def test_outer_and_inner_shapes_enclose_exact_values(name, radius, length, center):
+    robot = KINDS[name][0](radius, length, center)
+    ends = 4.0 / 3.0 * math.pi * radius**3 if name == "capsule" else 0.0
+    volume = math.pi * radius**2 * length + ends
+    half = np.array([radius, radius, length / 2.0 + (radius if name == "capsule" else 0.0)])
+    shape, flat = robot.shape, robot.footprint().shape
+    assert shape.inner.measure < volume < shape.outer.measure < 1.01 * shape.inner.measure
+    assert flat.inner.measure < math.pi * radius**2 < flat.outer.measure
+    sizes = [np.subtract(*side.bounds[::-1]) for side in (shape.inner, shape.outer)]
+    assert (sizes[0] <= 2.0 * half * (1.0 + 1e-12) + 1e-12).all()
+    assert (2.0 * half <= sizes[1] * (1.0 + 1e-12) + 1e-12).all()
+    fits = max(radius - math.hypot(*center[:2]), 0.0)
+    assert fits - 0.002 * radius - 2e-6 <= robot.footprint().inscribed_radius <= fits
+    assert flat.outer.inscribed_radius >= fits
+
+
+@pytest.mark.parametrize("radius", [0.2, 0.3, 0.45])
+def test_no_cell_of_a_costmap_costs_nothing_within_the_inflation_radius(kind, radius):
+    make, _ = kind
+    space = cspace.build(
+        Workspace.from_array(np.eye(40, dtype=bool), 0.1), make(radius, 1.0).footprint(), outside="free"
+    )
+    middles = space.grid.center_of(np.indices((40, 40)).reshape(2, -1).T)
+    occupied = middles[np.eye(40, dtype=bool).ravel()]
+    gaps = np.maximum(np.abs(middles[:, None] - occupied) - 0.05, 0.0)
+    apart = np.linalg.norm(gaps, axis=-1).min(axis=1).reshape(40, 40)
+    for reach in (0.5, 0.7, 1.0):
+        costs = np.array(space.to_costmap(inflation_radius=reach, cost_scaling_factor=1.0).data).reshape(40, 40).T
+        assert (apart[costs == 0] > reach).all()
+        assert (costs == 0).any()
+
+
+@pytest.mark.parametrize("way", [{"tolerance": 0.06}, {"number": 20}], ids=["tolerance", "number"])
+@pytest.mark.parametrize("side", ["inner", "outer"])
+def test_bounds_of_a_decomposition_hold_for_the_shape_itself(kind, side, way):
+    make, inside = kind
+    balls = decompose(make(RADIUS, LENGTH).shape, kind=side, **way)
+    ends = 4.0 / 3.0 * math.pi * RADIUS**3 if make == Robot.capsule else 0.0
+    low, high = balls.shape_measure
+    assert low < math.pi * RADIUS**2 * LENGTH + ends < high < 1.01 * low
+    rng = np.random.default_rng(8)
+    angle, height = rng.uniform(0, 2 * math.pi, 4000), rng.uniform(-LENGTH / 2, LENGTH / 2, 4000)
+    side_points = np.stack([RADIUS * np.cos(angle), RADIUS * np.sin(angle), height], axis=1)
+    points = np.concatenate([points_within(inside, rng), side_points])
+    if side == "inner":
+        gap = float((cdist(points, balls.centers) - balls.radii).min(axis=1).max())
+    else:
+        assert ((cdist(points, balls.centers) - balls.radii).min(axis=1) <= 0.0).all()
+        way_out = rng.normal(size=(300, 1, 3))
+        rim = balls.centers + balls.radii[:, None] * way_out / np.linalg.norm(way_out, axis=-1, keepdims=True)
+        across, along = np.linalg.norm(rim[..., :2], axis=-1), np.abs(rim[..., 2])
+        up = np.maximum(along - LENGTH / 2, 0.0)
+        gaps = np.hypot(np.maximum(across - RADIUS, 0.0), up) if not ends else np.hypot(across, up) - RADIUS
+        gap = float(gaps.max())
+    assert gap <= balls.hausdorff.upper
+    assert balls.hausdorff.lower <= gap + 0.05
+    if "tolerance" in way:
+        assert balls.hausdorff.upper <= 1.1 * way["tolerance"]
 
 
 BOXES = (((1.0, 0.8, 0.6), (0.9, 0.8, 0.4)), ((0.3, 1.2, 1.5), (2.0, 1.2, 1.0)))
@@ -102,7 +186,7 @@ def test_an_upright_one_needs_one_slice_unless_it_is_off_its_axis(kind):
     assert (half_turns(one.shape), half_turns(above.shape)) == ((0, 1, 2), (2,))
     assert make(0.2, 0.3, (0.1, 0, 0)).shape.symmetry == 1
     again = Robot.from_spec(one.spec)
-    assert (again.shape.symmetry, again.shape.bounds[0].tolist()) == (0, one.shape.bounds[0].tolist())
+    assert (again.shape.symmetry, again.shape.outer.bounds[0].tolist()) == (0, one.shape.outer.bounds[0].tolist())
 
 
 def test_balls_within_are_within_the_shape_itself(kind):
