@@ -149,7 +149,7 @@ def test_bad_spheres(changes, message):
         ([], {"number": 3}, GeometryError, "no geometry"),
         (shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), {"number": 3}, GeometryError, "not valid"),
         (shapely.LineString([(0, 0), (1, 1)]), {"number": 3}, GeometryError, "no inside"),
-        ([(0, 0), (1, 1)], {"number": 3}, GeometryError, "at least 3"),
+        ([(0, 0), (1, 1)], {"number": 3}, InputError, "at least 3"),
         (TRIANGLE, {"number": 3}, GeometryError, "no inside"),
         (Mesh(TRIANGLE.vertices, TRIANGLE.faces, "fill"), {"number": 3}, InputError, "fill"),
         (Robot.disc(1.0).shape, {"number": 3}, InputError, "balls already"),
