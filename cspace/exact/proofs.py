@@ -284,9 +284,10 @@ def arc_state(world: World, q0: Numbers, q1: Numbers, arc: int, work: Work) -> i
     (map_, borders, nesting), parts, size = world, work.parts, 0.0
     scale = borders.scale
     for axis in range(len(map_.lower)):
-        size += abs(q0[axis]) + abs(q1[axis])
-    if not size <= 2.0 * MAX_COORDINATE * map_.spacing:
-        return BLOCKED
+        length = abs(q0[axis]) + abs(q1[axis])
+        if not length <= 2.0 * MAX_COORDINATE * map_.spacing:  # nor is NaN
+            return BLOCKED
+        size += length
     angle, jump = map_.rotations.turn_of(q0, q1, arc)
     step = minus(place_of(map_, q1, scale), place_of(map_, q0, scale))
     least, spacing = borders.least + 2.0 * ROUNDING * scale * size + jump * borders.rho, scale * map_.spacing
