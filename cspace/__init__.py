@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cspace.arms import build_arm as build_arm
     from cspace.arms import build_arm_map as build_arm_map
     from cspace.builder import build as build
+    from cspace.errors import AngleWarning as AngleWarning
     from cspace.errors import ConfigurationError as ConfigurationError
     from cspace.errors import CspaceError as CspaceError
     from cspace.errors import FileError as FileError
@@ -43,6 +44,7 @@ _HOME = {
     "build_arm": ("cspace.arms", "build_arm"),
     "build_arm_map": ("cspace.arms", "build_arm_map"),
     "build": ("cspace.builder", "build"),
+    "AngleWarning": ("cspace.errors", "AngleWarning"),
     "ConfigurationError": ("cspace.errors", "ConfigurationError"),
     "CspaceError": ("cspace.errors", "CspaceError"),
     "FileError": ("cspace.errors", "FileError"),

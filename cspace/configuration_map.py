@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.angles import warn_of_degrees
 from cspace.arrays import Bools, Floats, Ints
 from cspace.configuration_space import ConfigurationSpace
 from cspace.grid import Grid
@@ -98,7 +99,7 @@ class ConfigurationMap(ConfigurationSpace):
 
     def checked(self, q: ArrayLike, name: str = "q") -> Floats:
         points = as_points(q, name, self.dof)
-        answer(points, self.dof, self._classify(), np.uint8, int, name)  # raises where one is not finite
+        answer(points, self.dof, self._classify(), np.uint8, int, name, self._angles)  # raises where one is not finite
         return points
 
     @overload
@@ -131,6 +132,9 @@ class ConfigurationMap(ConfigurationSpace):
         states = np.empty(len(both), dtype=np.uint8)
         if self._classify()([both], states) >= 0:
             self.checked(q0, "q0"), self.checked(q1, "q1")  # one of them raises
+        for points, name in zip(endpoints, ("q0", "q1"), strict=True):
+            if points.ndim == 1:
+                warn_of_degrees(points, self._angles, name)
         cells, count = self._cells_of(both), endpoints[0].size // self.dof
 
         def pairs(values: NDArray[Any]) -> list[NDArray[Any]]:
@@ -180,7 +184,7 @@ class ConfigurationMap(ConfigurationSpace):
         float or ndarray of float64, shape (...)
             Metres.
         """
-        return answer(q, self.dof, self._clearances(), np.float64, float)
+        return answer(q, self.dof, self._clearances(), np.float64, float, angles=self._angles)
 
     # ---- seen --------------------------------------------------------------------------------------------------------
 

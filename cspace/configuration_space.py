@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.angles import angle_axes
 from cspace.arrays import Bools, Floats
 from cspace.errors import InputError
 from cspace.map.batches import Many, One, Query, answer, answer_edges, answer_pairs, as_pairs
@@ -43,6 +44,11 @@ class ConfigurationSpace(ABC):
     def endless(self) -> tuple[bool, ...]:
         """Which numbers are angles of continuous joints, where a whole turn more is the same configuration."""
         return (False,) * self.dof
+
+    @cached_property
+    def _angles(self) -> dict[int, str]:
+        """Index and name of the numbers of a configuration that are wrapped."""
+        return angle_axes(self.axes, self.endless)
 
     @abstractmethod
     def checked(self, q: ArrayLike, name: str = "q") -> Floats:
@@ -88,8 +94,13 @@ class ConfigurationSpace(ABC):
             If the last axis is not dof long, or a value is NaN or infinite.
         ConfigurationError
             If one is outside the limits of an arm's joint.
+
+        Warns
+        -----
+        AngleWarning
+            If the yaw, or the angle of a continuous joint, of a single configuration is beyond a whole turn.
         """
-        return answer(q, self.dof, self._classify(), np.uint8, int)
+        return answer(q, self.dof, self._classify(), np.uint8, int, angles=self._angles)
 
     @overload
     def is_free(self, q: One, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
@@ -101,7 +112,7 @@ class ConfigurationSpace(ABC):
         With ``exact``, the geometry itself decides in MIXED cells of a map; see :mod:`cspace.exact`. For an arm it
         always does.
         """
-        return answer(q, self.dof, self._frees(exact), np.bool_, bool)
+        return answer(q, self.dof, self._frees(exact), np.bool_, bool, angles=self._angles)
 
     @overload
     def motion_is_free(self, q0: One, q1: One, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
@@ -133,7 +144,7 @@ class ConfigurationSpace(ABC):
         InputError, ConfigurationError
             As :meth:`classify`.
         """
-        return answer_edges(q0, q1, self.dof, lambda number: self._edges(number, exact))
+        return answer_edges(q0, q1, self.dof, lambda number: self._edges(number, exact), self._angles)
 
     def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Bools:
         """Whether each edge of a path, of paths, or of a roadmap is proven collision-free all along.

@@ -90,6 +90,10 @@ def optional(package: str, use: str, extra: str) -> Any:
         raise MissingPackageError(package, "is not installed", use, mend) from error
 
 
+class AngleWarning(UserWarning):
+    """An angle is beyond a whole turn, as if it were in degrees; it is used as radians."""
+
+
 def warn_user(message: str, category: type[Warning] = UserWarning) -> None:
     """Warn at the line outside this library that called it."""
     frame, level = sys._getframe(1), 2

@@ -324,7 +324,7 @@ class CSpace(ConfigurationMap):
         bool or ndarray of bool, shape (...)
         """
         reach = not_negative(distance, "distance"), not_negative(angle, "angle", "pass it in radians")
-        return answer(q, self.dof, self._around_is_free(*reach), np.bool_, bool)
+        return answer(q, self.dof, self._around_is_free(*reach), np.bool_, bool, angles=self._angles)
 
     def obstacle_distance(self, q: ArrayLike, lengths: ArrayLike = 0.0, turns: ArrayLike = 0.0) -> float:
         """Lower bound of the robot's distance from the obstacles, at all configurations or along all pieces of a path.
@@ -1146,7 +1146,7 @@ class CSpace(ConfigurationMap):
         sums = derived.get(lambda: Sums(workspace.outer if outer else workspace.inner))
         runs = self._runs.get(lambda: Runs.of([outer for outer, _ in self._rasters]))
         kernel = in_pieces(partial(overlaps, self.record, sums.counts, runs, int(walled)))
-        return answer(q, self.dof, kernel, np.int64, int)
+        return answer(q, self.dof, kernel, np.int64, int, angles=self._angles)
 
     def _one_free(self, q: ArrayLike, name: str) -> Floats:
         """Return one FREE configuration in the grid, its yaw in [-pi, pi)."""

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from ompl import base as ob
 
-from cspace.angles import ANGLE_SLACK, TURN, shorter, wrapped
+from cspace.angles import ANGLE_SLACK, TURN, angle_axes, shorter, warn_of_degrees, wrapped
 from cspace.arms.space import ArmSpace, in_collision
 from cspace.arrays import Floats, Ints
 from cspace.configuration_map import ConfigurationMap
@@ -338,7 +338,9 @@ class EdgesOnMap(LocalPlanner):
 
     def endpoint(self, q: ArrayLike, name: str) -> Configuration:
         space = self.space
-        point: Configuration = tuple(space.rotations.canonical(self._point(q, name), name).tolist())
+        given = self._point(q, name)
+        point: Configuration = tuple(space.rotations.canonical(given, name).tolist())
+        warn_of_degrees(given, angle_axes(space.axes, space.endless), name)
         inside = all(low <= x <= high for low, x, high in zip(space.grid.lower, point, space.grid.upper, strict=False))
         if inside and _stays_free(space, point, self.exact):
             return point
@@ -617,7 +619,9 @@ class JointMotions(LocalPlanner):
 
     def endpoint(self, q: ArrayLike, name: str) -> Configuration:
         space = self.space
-        point = space.arm.clamp(space.checked(self._point(q, name), name))
+        given = self._point(q, name)
+        point = space.arm.clamp(space.checked(given, name))
+        warn_of_degrees(given, angle_axes(space.axes, space.endless), name)
         if not space.is_free(point):
             raise in_collision(space, point, name)
         circles = np.array(space.endless)

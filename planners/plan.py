@@ -229,6 +229,11 @@ def plan(
         the map carries no overlap field. Also if a drive is unknown, the map is not one of (x, y, yaw), the turning
         radius is missing or not above zero, or ``exact`` is wanted along a curve.
 
+    Warns
+    -----
+    AngleWarning
+        If the yaw, or the angle of a continuous joint, of start or goal is beyond a whole turn, as degrees are.
+
     Examples
     --------
     >>> import numpy as np, cspace, planners

@@ -17,7 +17,7 @@ from cspace.cli.info import info
 from cspace.cli.maps import export, make, picture, view
 from cspace.cli.planning import demo, plan
 from cspace.cli.report import Options, in_options, options_of, worded
-from cspace.errors import CspaceError
+from cspace.errors import AngleWarning, CspaceError
 
 _MISUSE: tuple[Any, ...] = typer.BadParameter.__mro__[1:2]
 """What typer raises where a command line is not one of its own, under a name that depends on its version."""
@@ -33,6 +33,7 @@ class _Commands(TyperGroup):
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("default", UserWarning)
+                warnings.simplefilter("ignore", AngleWarning)  # options name the unit of such an angle
                 warnings.showwarning = warn
                 return super().invoke(ctx)
         except BrokenPipeError:

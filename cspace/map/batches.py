@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from cspace.angles import warn_of_degrees
 from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import FLOATS, unmasked
@@ -32,6 +33,8 @@ One = Sequence[float] | np.ndarray[tuple[int], np.dtype[Number]]
 Many = NDArray[Number] | Sequence[Sequence[float]] | Sequence[NDArray[Number]] | Sequence[Sequence[Sequence[float]]]
 """A batch of them, shape (..., dof)."""
 
+NO_ANGLES: Final[Mapping[int, str]] = {}
+
 EDGES_A_THREAD: Final = 2_000
 """Edges below which a second thread costs more than it saves."""
 
@@ -40,7 +43,13 @@ ROWS: Final = 8_192
 
 
 def answer(
-    q: ArrayLike, dof: int, query: Query, dtype: type[D], scalar: Callable[[Any], S], name: str = "q"
+    q: ArrayLike,
+    dof: int,
+    query: Query,
+    dtype: type[D],
+    scalar: Callable[[Any], S],
+    name: str = "q",
+    angles: Mapping[int, str] = NO_ANGLES,
 ) -> S | NDArray[D]:
     """The answer for one configuration, or an array of answers for a batch.
 
@@ -57,6 +66,8 @@ def answer(
         Makes the answer to a single configuration.
     name : str
         What error messages call the configurations.
+    angles : mapping of int to str
+        Numbers of a single configuration, by index and name, that are probably in degrees if beyond a whole turn.
 
     Raises InputError if the last axis is not d long, or a value is not a finite number.
     """
@@ -66,16 +77,24 @@ def answer(
     bad = query([flat], out)
     if bad >= 0:
         raise _not_usable(flat[bad], name, bad)
+    if angles and points.ndim == 1:
+        warn_of_degrees(points, angles, name)
     return out.reshape(points.shape[:-1]) if points.ndim > 1 else scalar(out[0])
 
 
-def answer_edges(q0: ArrayLike, q1: ArrayLike, dof: int, query_for: Callable[[int], Query]) -> bool | Bools:
+def answer_edges(
+    q0: ArrayLike,
+    q1: ArrayLike,
+    dof: int,
+    query_for: Callable[[int], Query],
+    angles: Mapping[int, str] = NO_ANGLES,
+) -> bool | Bools:
     """True or False for straight edges; as :func:`answer`, with two batches that broadcast.
 
     ``query_for(n)`` answers for n edges.
     """
     rows0, rows1 = _as_rows(q0, "q0", dof), _as_rows(q1, "q1", dof)
-    shape = rows0.shape
+    given, shape = ((rows0, "q0"), (rows1, "q1")), rows0.shape
     if rows1.shape != shape:
         try:
             shape = np.broadcast_shapes(shape, rows1.shape)
@@ -88,6 +107,10 @@ def answer_edges(q0: ArrayLike, q1: ArrayLike, dof: int, query_for: Callable[[in
     bad = query_for(len(out))([first, second], out)
     if bad >= 0:
         raise _not_usable(np.concatenate([first[bad], second[bad]]), "edge", bad)
+    if angles:
+        for rows, name in given:
+            if rows.ndim == 1:
+                warn_of_degrees(rows, angles, name)
     return out.reshape(shape[:-1]) if len(shape) > 1 else bool(out[0])
 
 

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.angles import ANGLE_SLACK
+from cspace.angles import ANGLE_SLACK, angle_axes, warn_of_degrees
 from cspace.arrays import Bools, Floats, Ints, Matrix, Numbers
 from cspace.errors import InputError
 from cspace.grid import finite
@@ -336,7 +336,9 @@ class Rotations(ABC):
         if numbers.shape != (self.dof,):
             rule = f"a rotation is given by {', '.join(self.names)}" if self.names else "the robot does not turn"
             raise InputError(name, f"has shape {numbers.shape}", rule, "pass one rotation", value=rotation)
-        return self._canonical(numbers, name)
+        canonical = self._canonical(numbers, name)
+        warn_of_degrees(numbers, angle_axes(self.names), name)
+        return canonical
 
     @abstractmethod
     def text(self, rotation: Floats) -> str:

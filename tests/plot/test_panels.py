@@ -35,7 +35,7 @@ def test_each_panel_shows_its_slice(space: CSpace) -> None:
 
 
 def test_the_yaws_that_are_shown(space: CSpace) -> None:
-    assert yaws_of(plot(space, view="panels")) == [f"yaw {yaw}°" for yaw in (0, 60, 120, 180, -120, -60)]
+    assert yaws_of(plot(space, view="panels")) == [f"yaw {yaw}°" for yaw in (0, 60, 120, -180, -120, -60)]
     assert yaws_of(plot(space, rotation=np.radians([10, 350]))) == ["yaw 10°", "yaw -10°"]
     assert yaws_of(plot(space, rotation=0.0, view="panels")) == ["yaw 0°"]
     # Half of the slices of a rectangle around its middle differ, and one of a disc's.

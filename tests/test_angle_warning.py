@@ -1,0 +1,109 @@
+"""An angle beyond a whole turn, as degrees are, is used as radians, with a warning at the user's line."""
+
+import math
+import warnings
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cspace
+import planners
+from cspace import AngleWarning, CSpace, Robot, Workspace
+from planners.states import kind_of
+from test_endless import made
+
+Call = Callable[[CSpace, tuple[float, ...]], object]
+
+FREE_Q = 1.0, 1.0, 0.5
+CALLS: dict[str, tuple[str, Call]] = {
+    "start": ("start", lambda space, q: planners.plan(space, q, FREE_Q)),
+    "goal": ("goal", lambda space, q: planners.plan(space, FREE_Q, q)),
+    "classify": ("q", lambda space, q: space.classify(q)),
+    "is_free": ("q", lambda space, q: space.is_free(np.array(q))),
+    "exact": ("q", lambda space, q: space.is_free(q, exact=True)),
+    "clearance": ("q", lambda space, q: space.clearance(list(q))),
+    "motion_is_free": ("q1", lambda space, q: space.motion_is_free(FREE_Q, q)),
+    "path_exists": ("q0", lambda space, q: space.path_exists(q, FREE_Q)),
+    "free_path": ("q1", lambda space, q: space.free_path(FREE_Q, q)),
+    "widest_path": ("q0", lambda space, q: space.widest_path(q, FREE_Q)),
+    "free_reach": ("q", lambda space, q: space.free_reach(q)),
+    "nearest_free": ("q", lambda space, q: space.nearest_free(q)),
+    "is_free_around": ("q", lambda space, q: space.is_free_around(q, 0.1)),
+    "overlap": ("q", lambda space, q: space.overlap(q)),
+    "slice_at": ("rotation", lambda space, q: space.slice_at(q[2:])),
+    "to_costmap": ("rotation", lambda space, q: space.to_costmap(rotation=q[2])),
+}
+
+
+@cache
+def turning() -> CSpace:
+    workspace = Workspace.from_array(np.eye(30, dtype=bool)[::-1], 0.1)
+    return cspace.build(workspace, Robot.rectangle(0.2, 0.1), rotations=12)
+
+
+def heard(call: Callable[[], object]) -> list[warnings.WarningMessage]:
+    """The warnings of a call, as Python prints them by default."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("default")
+        call()
+    return caught
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_a_yaw_in_degrees_is_warned_of_once_by_its_argument(call: str) -> None:
+    name, ask = CALLS[call]
+
+    def repeat() -> None:
+        for yaw in (90.0, -180.0, 7.0):
+            ask(turning(), (1.0, 1.0, yaw))
+
+    heard(repeat)  # what is compiled at the first call makes Python forget what it has printed
+    (warning,) = heard(repeat)
+    assert warning.category is AngleWarning and warning.filename == __file__
+    message = (
+        f"{name}: yaw is beyond a whole turn; angles are in radians, and whole turns are ignored; use numpy.radians"
+    )
+    assert str(warning.message).startswith(message)
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_angles_up_to_a_whole_turn_are_taken_without_a_warning(call: str) -> None:
+    for yaw in (2.0 * math.pi, -2.0 * math.pi, 4.0):
+        assert not heard(lambda yaw=yaw: CALLS[call][1](turning(), (1.0, 1.0, yaw)))  # type: ignore[misc]
+
+
+def test_batches_and_callbacks_are_not_checked() -> None:
+    space, q = turning(), (1.0, 1.0, 90.0)
+    si = planners.simple_setup(space).getSpaceInformation()
+    state = si.allocState()
+    kind_of(space).write(state, *q)
+    for ask in (
+        lambda: space.is_free([q, q]),
+        lambda: space.certify_path([q, q]),
+        lambda: space.point_checker()(*q),
+        lambda: space.edge_checker()(*q, *q),
+        lambda: planners.StateValidityChecker(si, space).isValid(state),
+    ):
+        assert not heard(ask)
+
+
+def test_a_map_in_a_store_warns_too(tmp_path: Path) -> None:
+    workspace = Workspace.from_array(np.eye(30, dtype=bool)[::-1], 0.1)
+    tiled = cspace.build(workspace, Robot.rectangle(0.2, 0.1), rotations=12, store=tmp_path / "m", tile=16)
+    for ask in (lambda: tiled.is_free((1.0, 1.0, 90.0)), lambda: planners.plan(tiled, (1.0, 1.0, 90.0), FREE_Q)):
+        (warning,) = heard(ask)
+        assert warning.category is AngleWarning and warning.filename == __file__
+
+
+def test_continuous_joints_are_checked_and_other_numbers_are_not() -> None:
+    space = made(np.zeros((8, 6), dtype=np.uint8), (True, False), 8)
+    (warning,) = heard(lambda: space.is_free((90.0, 0.0)))
+    assert "q: a is beyond a whole turn" in str(warning.message)
+    (warning,) = heard(lambda: planners.plan(space, (0.0, 0.0), (90.0, 0.0)))
+    assert "goal: a is beyond a whole turn" in str(warning.message)
+    plane: Any = cspace.build(Workspace.from_array(np.zeros((300, 9), dtype=bool), 1.0), Robot.disc(0.1))
+    assert not heard(lambda: plane.is_free((90.0, 4.0)))
