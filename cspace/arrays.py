@@ -25,6 +25,8 @@ Matrix = tuple[Row, Row, Row]
 Surface = tuple[Floats, Ints]
 """Triangles: vertices, shape (V, 3), metres, and the numbers of their corners among these, shape (F, 3)."""
 
+Box = tuple[slice, ...]
+"""Cells along each axis."""
 
 StrPath = str | os.PathLike[str]
 """The name of a file."""
@@ -54,3 +56,13 @@ def in_blocks(cells: NDArray[Cell], starts: Sequence[Ints], most: np.ufunc = np.
 def block_starts(shape: Sequence[int], side: int) -> list[Ints]:
     """The first cells, along each axis, of blocks of so many cells."""
     return [np.arange(0, n, side) for n in shape]
+
+
+def shared(box: Sequence[slice], other: Sequence[slice]) -> tuple[Box, Box]:
+    """Intersect two boxes of cells; return the intersection in the indices of each box."""
+    pairs = [(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(box, other, strict=True)]
+    here, there = (
+        tuple(slice(low - part.start, high - part.start) for (low, high), part in zip(pairs, each, strict=True))
+        for each in (box, other)
+    )
+    return here, there

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bools, Floats, Ints, frozen
 from cspace.errors import InputError
@@ -21,7 +21,35 @@ look-up stays below it, so that no answer depends on how a floating-point number
 MAX_COORDINATE: Final = 2.0**22
 """Largest coordinate in cells, measured from the origin, for which :data:`SLACK` covers the rounding."""
 
+MAX_COUNT: Final = 2**53
+"""Largest whole number that is taken as a count: floats hold all of them up to here."""
+
 FLOATS: Final = "pass floats, in metres or radians; of a scipy Rotation, those of as_quat()"
+
+
+def real_numbers(values: ArrayLike, name: str) -> NDArray[Any]:
+    """Return values as an array of real numbers that float64 can hold; it keeps whole numbers and booleans.
+
+    Raises InputError if a value is not a real number.
+    """
+    unmasked(values, name)
+    try:
+        array = np.asarray(values)
+        if values is None or array.dtype.kind in "US":
+            raise TypeError("texts and None are no numbers")
+        if array.dtype.kind not in "fiubc":
+            array = np.asarray(array, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(name, f"is {values!r}", "it must be numeric", FLOATS, value=values) from error
+    except OverflowError as error:
+        raise InputError(
+            name, "holds a whole number", "it is larger than a float can be", FLOATS, value=values
+        ) from error
+    if array.dtype.kind == "c":
+        raise InputError(
+            name, "has complex values", "it must be real", "pass the real parts, e.g. array.real", value=values
+        )
+    return array
 
 
 def finite(values: ArrayLike, name: str) -> Floats:
@@ -29,22 +57,7 @@ def finite(values: ArrayLike, name: str) -> Floats:
 
     Raises InputError if a value is not a real number, is NaN or is infinite.
     """
-    unmasked(values, name)
-    try:
-        given = np.asarray(values)
-        if values is None or given.dtype.kind in "US":
-            raise TypeError("texts and None are no numbers")
-        array = np.asarray(given, dtype=np.float64) if given.dtype.kind != "c" else None
-    except (TypeError, ValueError) as error:
-        raise InputError(name, f"is {values!r}", "it must be numeric", FLOATS, value=values) from error
-    except OverflowError as error:
-        raise InputError(
-            name, "holds a whole number", "it is larger than a float can be", FLOATS, value=values
-        ) from error
-    if array is None:
-        raise InputError(
-            name, "has complex values", "it must be real", "pass the real parts, e.g. array.real", value=values
-        )
+    array = np.asarray(real_numbers(values, name), dtype=np.float64)
     usable = np.isfinite(array)
     if not usable.all():
         index = tuple(int(i) for i in np.argwhere(~usable)[0])
@@ -102,14 +115,16 @@ def not_negative(value: Any, name: str, mend: str = "pass it in metres") -> floa
 
 
 def whole(value: Any, name: str, least: int = 0, most: int | None = None, mend: str = "pass e.g. 100") -> int:
-    """``value`` as a whole number from ``least`` to ``most``.
+    """Return a whole number from ``least`` to ``most``, or to :data:`MAX_COUNT` by default.
 
-    Raises InputError if it is none.
+    Raises InputError if the value is not one.
     """
     try:
         number = None if isinstance(value, bool) else operator.index(value)
     except TypeError:
         number = None
+    if number is not None and number > MAX_COUNT and most is None:
+        most = MAX_COUNT
     if number is None or number < least or (most is not None and number > most):
         span = f"from {least} to {most}" if most is not None else ("above zero" if least == 1 else f"from {least} on")
         raise InputError(name, f"is {value!r}", f"it must be a whole number {span}", mend, value=value)
@@ -382,7 +397,7 @@ class Grid:
         ndarray of float64, shape (..., d)
             Metres.
         """
-        return np.asarray(self.lower + self.spacing * (np.asarray(cells) + 0.5))
+        return np.asarray(self.lower + self.spacing * (real_numbers(cells, "cells") + 0.5))
 
     def centers(self, axis: int) -> Floats:
         """Coordinates of the cells' middle points along one axis, in metres, shape (shape[axis],)."""

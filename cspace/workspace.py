@@ -203,7 +203,7 @@ class Workspace:
             If an array is empty, not boolean or of the wrong shape, or a number is not usable.
         """
         from cspace.io.formats import read_cells, read_zarr_array
-        from cspace.tiles.sources import Lazy, is_away
+        from cspace.tiles.sources import Lazy, check_no_chunk_missing, is_away
 
         positive(spacing, "spacing", "metres, after the array of cells")
         source, array = "array", occupied
@@ -213,6 +213,7 @@ class Workspace:
                 array = read_zarr_array(array)
             else:
                 array = read_cells(array) if lazy else np.asarray(read_cells(array))
+        check_no_chunk_missing(array)
         away = inner is None and is_away(array)
         cells = Lazy(array) if away else check_cells(array, "occupied")
         dim = len(cells.shape)

@@ -68,6 +68,34 @@ def test_exchanged_arguments_are_named_in_a_line(space, call, beginning):
     assert len(message) < LONGEST + 200
 
 
+LARGE = 10**400
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda space: space.is_free([LARGE, 1]),
+        lambda space: space.is_free([[1, 1], [1, -LARGE]], exact=True),
+        lambda space: space.clearance([LARGE, 1]),
+        lambda space: space.path_exists([LARGE, 1], [1, 1]),
+        lambda space: space.motion_is_free([1, 1], [1, LARGE]),
+        lambda space: space.nearest_free([LARGE, 1]),
+        lambda space: space.sample_free(LARGE),
+        lambda space: space.update([[1]], (LARGE, 0)),
+        lambda space: space.grid.center_of([LARGE, 1]),
+        lambda space: planners.plan(space, (LARGE, 1), (1, 1)),
+        lambda space: cspace.build(space.workspace, Robot.rectangle(0.2, 0.1), rotations=LARGE),
+        lambda space: Robot.disc(LARGE),
+        lambda space: Workspace.from_mesh(([[0, 0, LARGE], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), 0.1),
+        lambda space: Workspace.from_mesh(([[0, 0, 1], [1, 0, 0], [0, 1, 0]], [[0, 1, LARGE]]), 0.1),
+    ],
+)
+def test_whole_numbers_beyond_floats_are_refused_in_a_line(space, call):
+    with pytest.raises(InputError) as caught:
+        call(space)
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("call", "argument", "value"),
     [

@@ -61,6 +61,7 @@ Rng = np.random.Generator
 def families(folder: Path) -> dict[str, Path]:
     """One small file of each family, written into a folder; a store is a folder."""
     import trimesh
+    import zarr
     from PIL import Image
 
     from cspace.spectral import Bounds, Spheres
@@ -73,6 +74,8 @@ def families(folder: Path) -> dict[str, Path]:
     plane.export(folder / "map.yaml", rotation=0.0)
     for name in ("saved.npz", "saved.zarr", "forged.npz", "forged.zarr"):
         plane.save(folder / name)
+    cspace.build(plane.workspace, plane.robot, rotations=4, store=folder / "tiles", tile=4)
+    zarr.create_array(str(folder / "cells.zarr"), data=cells, chunks=(4, 4), config={"write_empty_chunks": True})
     for suffix in ("png", "bmp", "tif", "jpg"):
         Image.fromarray(np.where(cells, 0, 255).astype(np.uint8)).save(folder / f"image.{suffix}")
     put("grid.map", "type octile\nheight 3\nwidth 4\nmap\n.@@.\n....\nT.GW\n")
@@ -140,11 +143,13 @@ def open_file(path: Path) -> object:
         return Spheres.open(path)
     if path.name.startswith(("saved", "forged")):
         return cspace.open(path)
+    if path.name == "tiles":
+        return cspace.open(path).is_free(np.random.default_rng(0).random((100, 3)) * (0.6, 0.5, 3.0))
     if path.name.startswith("robot"):
         return Robot.open(path)
     path = path.with_name("map.yaml") if path.name == "map.pgm" else path
     spaced = path.suffix not in (".yaml", ".bt", ".ot")
-    return Workspace.open(path, **({"spacing": 0.5} if spaced else {}))
+    return Workspace.open(path, **({"spacing": 0.5} if spaced else {})).outer
 
 
 def mutant(content: bytes, other: bytes, rng: Rng) -> bytes:

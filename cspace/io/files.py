@@ -11,7 +11,7 @@ import shutil
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, Final, overload
 
 import numpy as np
@@ -139,6 +139,24 @@ def read_bytes(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> 
         return file.read_bytes()
     except OSError as error:
         raise unreadable(file, kind, error) from error
+
+
+def read_part(folder: str | os.PathLike[str], name: str, kind: str) -> bytes | None:
+    """Read a file of a folder by the name that other files of the folder give it; None if it is missing.
+
+    Raises FileError if the name leads out of the folder, or as :func:`existing`.
+    """
+    part = PurePath(name)
+    if part.drive or part.root or ".." in part.parts:
+        rule, hint = "a folder is read without any file outside of it", "do not trust it; fetch it again"
+        raise FileError(os.fspath(folder), f"names a file {name!r}", rule, hint)
+    file = Path(folder, part)
+    try:
+        return read_bytes(file, kind)
+    except FileError:
+        if os.path.lexists(file):
+            raise
+        return None
 
 
 def read_text(path: str | os.PathLike[str], kind: str, memory: float = 4.0) -> str:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from cspace.arrays import StrPath
 from cspace.errors import InputError
+from cspace.io.chunks import ZarrArray
 from cspace.io.files import decoding, existing, suffix_of
 from cspace.io.ply import read_ply_header
 
@@ -87,15 +88,11 @@ def read_cells(path: str | os.PathLike[str]) -> NDArray[Any]:
     return array
 
 
-def read_zarr_array(path: str | os.PathLike[str]) -> Any:
+def read_zarr_array(path: str | os.PathLike[str]) -> ZarrArray:
     """The array of a folder in the Zarr format, whose values are read where it is indexed.
 
     Raises FileError if there is none.
     """
-    import zarr
-
     if not Path(path).is_dir():
         existing(path, "Zarr array")
-    rule = "it must be a folder with one array of booleans, and not a saved map"
-    with decoding(path, "Zarr array", rule, "write it with zarr.save_array"):
-        return zarr.open_array(os.fspath(path), mode="r")
+    return ZarrArray(path)

@@ -24,7 +24,12 @@ ROUNDED: Final = 1e-6
 
 
 TRIED: Final = 500
-"""Corners of a polygon that a fan may go around, at most: to try them all takes the square of their number."""
+"""Most corners of a polygon that are tried as the centre of its fan: to try all takes the square of their number."""
+
+MIN_WORK: Final = 2**26
+WORK_PER_CORNER: Final = 16
+"""Corners that may be visited in all fans tried for a file: `WORK_PER_CORNER` times its corners, at least `MIN_WORK`.
+Visiting a million takes 0.1 s."""
 
 
 _LEFT: Final = frozenset(
@@ -78,14 +83,20 @@ def triangulated(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
         raise Fault(f"has a face that names vertex {wrong[0]}, counted from 0, of {len(vertices)}")
     firsts = np.cumsum(sizes) - sizes
     faces = [np.empty((0, 3), dtype=np.int64)]
+    work = max(MIN_WORK, WORK_PER_CORNER * len(corners))
     for size in np.unique(sizes):
         polygons = corners[firsts[sizes == size, None] + np.arange(size)]
-        faces.append(polygons if size == 3 else _fans(vertices, polygons))
+        if size > 3:
+            polygons, work = _fans(vertices, polygons, work)
+        faces.append(polygons)
     return np.concatenate(faces)
 
 
-def _fans(vertices: Floats, polygons: Ints) -> Ints:
-    """Triangles of polygons with as many corners each, shape (P, n), n > 3."""
+def _fans(vertices: Floats, polygons: Ints, work: int) -> tuple[Ints, int]:
+    """Cut polygons of equally many corners, shape (P, n), n > 3, into triangles; return these and the work left.
+
+    At most `work` corners are visited.
+    """
     points = vertices[polygons]
     # A value that is not finite is refused later, by name.
     points = np.where(np.isfinite(points).all(axis=(1, 2), keepdims=True), points, 0.0)
@@ -101,19 +112,21 @@ def _fans(vertices: Floats, polygons: Ints) -> Ints:
     apex = np.full(len(polygons), -1, dtype=np.int64)
     for first in range(min(count, TRIED)):
         left = np.flatnonzero(apex < 0)
-        around = np.roll(points[left], -first, axis=1)
-        spokes = around[:, 1:] - around[:, :1]
+        work -= len(left) * count
+        if not len(left) or work < 0:
+            break
+        spokes = np.roll(points[left] - points[left, first : first + 1], -first, axis=1)[:, 1:]
         areas = np.einsum("pij,pj->pi", np.cross(spokes[:, :-1], spokes[:, 1:]), normal[left])
         apex[left[(areas >= -(slack * size)[left, None]).all(axis=1)]] = first
     if (apex < 0).any():
         raise _refused(
             polygons[np.argmin(apex)],
-            f"go around a shape that bends or crosses itself; none of its first {TRIED} corners sees it whole",
+            "go around a shape that bends or crosses itself; none of the corners that were tried sees it whole",
         )
     order = (apex[:, None] + np.arange(count)) % count
     turned = polygons[np.arange(len(polygons))[:, None], order]
     fans = np.stack([np.broadcast_to(turned[:, :1], (len(turned), count - 2)), turned[:, 1:-1], turned[:, 2:]], axis=2)
-    return np.asarray(fans.reshape(-1, 3))
+    return np.asarray(fans.reshape(-1, 3)), work
 
 
 def _planes(points: Floats, size: Floats, slack: Floats) -> tuple[Floats, Bools]:
@@ -124,7 +137,7 @@ def _planes(points: Floats, size: Floats, slack: Floats) -> tuple[Floats, Bools]
     normal = total / np.where(length > 0.0, length, 1.0)[:, None]
     flat = np.abs(np.einsum("pij,pj->pi", points, normal)).max(axis=1) <= slack
     if thin.any():
-        _, _, axes = np.linalg.svd(points[thin])
+        _, _, axes = np.linalg.svd(points[thin], full_matrices=False)
         off = np.abs(points[thin] @ axes[:, 1:].transpose(0, 2, 1)).max(axis=(1, 2))
         flat[thin] = off <= slack[thin]
         normal[thin] = 0.0

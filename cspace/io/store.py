@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 
 from cspace.errors import FileError
 from cspace.grid import Grid
-from cspace.io.files import decoding, existing, replacing
+from cspace.io.chunks import Layout
+from cspace.io.files import decoding, existing, read_bytes, read_part, replacing
 from cspace.io.limits import check_bytes
 from cspace.map.contents import Contents
 from cspace.map.storage import PackedStates, read_only, read_only_of
@@ -66,9 +67,6 @@ SLICE_CHUNK: Final = {2: 4096, 3: 256}
 
 TOGETHER: Final = 2**20
 """Cells of an array, in layers of chunks, that are encoded together: each time takes milliseconds."""
-
-_CODECS: Final = {"bytes", "zstd", "crc32c"}
-"""What a chunk may be encoded with; others may do more than decode."""
 
 _NUMBERS: Final = ("lower", "spacing")
 """Members that repeat the metadata, for those who read the file without this library."""
@@ -469,11 +467,9 @@ def _chunks(shape: tuple[int, ...], axes: tuple[str, ...]) -> tuple[int, ...]:
 
 def _opened(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, str]]:
     """Metadata, checked, and the digest of each file."""
-    root = Path(path) / _ROOT
-    if not root.is_file():
+    if not Path(path, _ROOT).exists():
         raise unusable(path, f"it holds no {_ROOT}")
-    check_bytes(root, root.stat().st_size, memory=8.0)
-    content = root.read_bytes()
+    content = read_bytes(Path(path, _ROOT), "saved map", memory=8.0)
     document = json.loads(content)
     metadata: dict[str, Any] = document["attributes"]
     digests = unseal(metadata, path)
@@ -486,11 +482,9 @@ def _opened(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, str
 
 def _proven(path: str | os.PathLike[str], name: str, digests: Mapping[str, str]) -> bytes:
     """The content of a file of the folder, which agrees with its digest."""
-    file = Path(path, name)
-    if ".." in name or not file.is_file():
+    content = read_part(path, name, "part of a saved map")
+    if content is None:
         raise unusable(path, f"its file {name!r} is missing")
-    check_bytes(file, file.stat().st_size)
-    content = file.read_bytes()
     if digest_of(content) != digests[name]:
         raise unusable(path, f"its file {name!r} differs from its digest")
     return content
@@ -503,40 +497,31 @@ def _array(
     files: Mapping[str, bytes],
     number: int | None = None,
 ) -> Any:
-    """One array, or slice ``number`` of it."""
-    import zarr
-    from zarr.core.buffer import default_buffer_prototype
-    from zarr.storage import MemoryStore
-
-    # Before zarr looks for what decodes it, which may be any package that is installed.
-    codecs = {codec["name"] for codec in json.loads(files[f"{name}/{_ROOT}"])["codecs"]}
-    if not codecs <= _CODECS:
-        raise unusable(path, f"its array {name!r} is encoded with {', '.join(map(str, codecs))}")
-    buffer = default_buffer_prototype().buffer.from_bytes
-    ours = {file[len(name) + 1 :]: buffer(files[file]) for file in files if file.startswith(f"{name}/")}
-    array = zarr.open_array(MemoryStore(ours), mode="r", zarr_format=3)
+    """Decode one array, or slice `number` of it, from the files of a map."""
+    with decoding_map(Path(path) / name):
+        array = Layout.parse(json.loads(files[f"{name}/{_ROOT}"]))
     # Before reading: a forged shape could ask for more memory than there is.
     check_kind(name, array, metadata, path)
     has_overlap = "overlap" in {file.split("/")[0] for file in files}
     packed = name == "state" and number is None and is_packed(array.shape[1:], array.shape[0], has_overlap)
-    size = array.nbytes // 4 if packed else array.nbytes if number is None else array.nbytes // array.shape[0]
+    size = math.prod(array.shape) * array.dtype.itemsize
+    size = size // 4 if packed else size if number is None else size // array.shape[0]
     check_bytes(Path(path) / name, size, "unpacks to")
-    front = () if number is None else (number,)
-    chunks = np.ndindex(array.cdata_shape[len(front) :])
-    lacking = sum(array.metadata.encode_chunk_key((*front, *chunk)) not in ours for chunk in chunks)
-    if lacking:
-        raise unusable(path, f"its array {name!r} lacks {lacking} chunks")
+
+    def part(first: int, stop: int) -> NDArray[Any]:
+        box = slice(first, stop), *(slice(0, n) for n in array.shape[1:])
+        with decoding_map(Path(path) / name):
+            values = array.read(box, lambda key: files.get(f"{name}/{key}"))
+        if name == "state":
+            check_states(values, path)
+        return values
+
     if packed:
         states = PackedStates(array.shape)
         for k in range(len(states)):
-            values = np.asarray(array[k])
-            check_states(values, path)
-            states.write(k, values)
+            states.write(k, part(k, k + 1)[0])
         return states
-    values = np.asarray(array[... if number is None else number])
-    if name == "state":
-        check_states(values, path)
-    return values
+    return part(0, array.shape[0]) if number is None else part(number, number + 1)[0]
 
 
 def _is_ours(folder: Path) -> bool:

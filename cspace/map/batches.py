@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from cspace.angles import warn_of_degrees
 from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
-from cspace.grid import FLOATS, unmasked
+from cspace.grid import real_numbers, unmasked
 from cspace.rotations import Rotations
 from cspace.threads import LEAST, in_chunks
 
@@ -168,13 +168,7 @@ def as_points(q: ArrayLike, name: str, dof: int) -> Floats:
 
 def _as_rows(q: ArrayLike, name: str, dof: int) -> NDArray[Any]:
     """``q`` with its last axis checked, in numbers that turn into float64 without fail, later and a part at a time."""
-    unmasked(q, name)
-    try:
-        rows = np.asarray(q)
-        if rows.dtype.kind not in "fiub":
-            rows = np.asarray(rows, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(name, f"is {q!r}", "it must be numeric", FLOATS, value=q) from error
+    rows = real_numbers(q, name)
     if rows.ndim == 0 or rows.shape[-1] != dof:
         rule = f"its last axis must be {dof} long, one entry for each coordinate"
         mend = "pass one configuration or a batch of them"

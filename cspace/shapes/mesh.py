@@ -64,6 +64,11 @@ SOLIDS: Final = ("auto", "surface", "fill")
 """What of a mesh is solid: its closed bodies, nothing but the surface, or whatever its raster encloses."""
 
 _LARGEST: Final = 1e100
+_SMALLEST: Final = 1e-100
+"""The largest coordinate of a mesh lies between these, or is zero."""
+
+_NOUGHT: Final = 1e-200
+"""Coordinates below this are taken as zero, because quotients of smaller ones overflow."""
 
 _HAIR: Final = 1e-6
 """By how much what holds a mesh's shadow is larger than that, metres."""
@@ -564,7 +569,15 @@ def _checked_vertices(values: Any, source: str) -> Floats:
         raise GeometryError(
             f"vertices of {source}", f"reach {far:g}", f"at most {_LARGEST:g} is taken", "check the units", value=values
         )
-    return np.array(vertices, dtype=np.float64, order="C")
+    if 0.0 < far < _SMALLEST:
+        raise GeometryError(
+            f"vertices of {source}",
+            f"reach {far:g}",
+            f"at least {_SMALLEST:g} is taken",
+            "check the units",
+            value=values,
+        )
+    return np.array(np.where(np.abs(vertices) < _NOUGHT, 0.0, vertices), dtype=np.float64, order="C")
 
 
 def _encoded(array: NDArray[Any], dtype: str) -> str:

@@ -19,7 +19,7 @@ from cspace.arrays import Ints
 from cspace.map.components import Components
 from cspace.map.exterior import Exterior
 from cspace.map.storage import read_only_of
-from cspace.tiles.store import Index, Store
+from cspace.tiles.store import LABEL_MARK, Index, Store
 from cspace.tiles.work import Job, run
 
 if TYPE_CHECKING:
@@ -29,9 +29,6 @@ Labels = NDArray[np.int32]
 
 FREE_ONES, OPEN_ONES = 0, 1
 """The two kinds of components: of FREE cells, and of cells that are not BLOCKED."""
-
-MARK: Final = 8
-"""Numbers that hold a digest."""
 
 DEEP: Final = 8.0
 """Cells from the border of a common face beyond which a crossing lies well enough."""
@@ -63,7 +60,7 @@ class Tile:
 
         Those of a face are in the order of an array of shape (rotations, *cells of the face).
         """
-        sides = turns_of(self.store), *self.shape
+        sides = self.store.label_count, *self.shape
         faces = []
         for across, far in faces_of(len(self.shape)):
             spans = list(map(range, sides))
@@ -71,11 +68,6 @@ class Tile:
             faces.append(np.stack(np.meshgrid(*spans, indexing="ij"), axis=-1).reshape(-1, len(sides)))
         cells = np.concatenate(faces).astype(np.int64)
         return self.components.of(cells), self.components.of(cells, mixed=True)
-
-
-def turns_of(store: Store) -> int:
-    """Rotation cells that are labelled: one where there is a single slice."""
-    return store.rotations.count if store.slices > 1 else 1
 
 
 def label(job: Job, index: Index) -> None:
@@ -103,11 +95,11 @@ def read_labels(store: Store, index: Index) -> list[list[Labels]] | None:
     shape = [part.stop - part.start for part in store.cells(index)]
     for kind in (FREE_ONES, OPEN_ONES):
         row = store.optional(f"labels_{kind}", (*index, 0))
-        if row is None or row.reshape(-1)[:MARK].astype("<i4").tobytes() != mark:
+        if row is None or row.reshape(-1)[:LABEL_MARK].astype("<i4").tobytes() != mark:
             return None
-        rest, made = row.reshape(-1)[MARK:], []
+        rest, made = row.reshape(-1)[LABEL_MARK:], []
         for across, _ in faces_of(store.grid.dim):
-            sides = (turns_of(store), *(n for axis, n in enumerate(shape) if axis != across))
+            sides = (store.label_count, *(n for axis, n in enumerate(shape) if axis != across))
             count = math.prod(sides)
             made.append(rest[:count].reshape(sides))
             rest = rest[count:]
@@ -123,7 +115,7 @@ class Joined:
 
     def __init__(self, store: Store, exterior: Exterior) -> None:
         self.store = store
-        self._slice_of = store.slice_of[: turns_of(store)]
+        self._slice_of = store.slice_of[: store.label_count]
         self._open = ~exterior.is_all_blocked(store.grid.shape)[self._slice_of]
         self._tiles: OrderedDict[Index, tuple[Tile, list[tuple[Ints, Ints]]]] = OrderedDict()
         none = np.empty((0, 1 + store.grid.dim), dtype=np.int64)
@@ -291,14 +283,9 @@ class Joined:
 def label_all(job: Job, client: Client | None, progress: Callable[[int], None] | None = None) -> None:
     """Label the tiles that are not labelled, or not as they are now."""
     store = job.store
-    store.add_labels(MARK + _most_labels(store))
+    store.add_labels()
     todo = [index for index in store if read_labels(store, index) is None]
     run(label, job, todo, client, None, progress)
-
-
-def _most_labels(store: Store) -> int:
-    """Cells on all faces of a tile, over the rotation cells."""
-    return turns_of(store) * sum(2 * int(np.prod(store.tile)) // side for side in store.tile)
 
 
 def _unique(one: NDArray[Any], other: NDArray[Any]) -> Ints:

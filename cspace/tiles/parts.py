@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Bools, Bytes, Ints, in_blocks
+from cspace.arrays import Bools, Box, Bytes, Ints, in_blocks
 from cspace.grid import Grid
 from cspace.map.contents import Contents
 from cspace.map.exterior import UNKNOWN
@@ -15,7 +15,6 @@ from cspace.memory import WORKSPACE_BYTES, check_memory, map_bytes
 from cspace.shapes import Shape, Voxels
 from cspace.space import CSpace
 from cspace.states import BLOCKED, FREE, MIXED
-from cspace.tiles.sources import Box
 from cspace.tiles.store import Index, Known, Store
 from cspace.tiles.work import Job, run
 from cspace.workspace import Workspace

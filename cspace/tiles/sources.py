@@ -6,20 +6,19 @@ import hashlib
 import json
 import mmap
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, Protocol
 
 import numpy as np
 
-from cspace.arrays import Bools
+from cspace.arrays import Bools, Box
 from cspace.errors import FileError
 from cspace.grid import Grid, check_cells, check_dims
+from cspace.io.chunks import MISSING, ZarrArray, missing_chunk
+from cspace.io.files import decoding
 from cspace.shapes import Shape
-
-Box = tuple[slice, ...]
-"""Cells along each axis."""
 
 _AWAY: Final = frozenset({"dask", "h5py", "tensorstore", "xarray", "zarr"})
 """Packages whose arrays are read when they are indexed."""
@@ -78,13 +77,12 @@ class Lazy:
         check_dims(getattr(array, "variable", None), "occupied")  # of xarray
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
-        try:
+        rule, hint = "a part of it is missing or damaged", "copy it from where it is whole, and build the map anew"
+        with decoding(self.name, "array of cells", rule, hint):
             part = self.array[box]
             if hasattr(part, "compute"):  # not on the cluster that this may run on, which could wait for itself
                 part = part.compute(scheduler="synchronous")
             cells = check_cells(np.asarray(part), "occupied")
-        except (OSError, ValueError, IndexError) as error:
-            raise changed(self.name, f"a part of it cannot be read any more ({error})") from error
         if cells.shape != tuple(part.stop - part.start for part in box):
             raise changed(self.name, "it has another shape now")
         return cells, cells
@@ -208,8 +206,21 @@ class Drawn:
         return hashlib.sha256(json.dumps(self.shape.spec, sort_keys=True).encode()).hexdigest()
 
 
+def check_no_chunk_missing(array: Any) -> None:
+    """Refuse an open array of zarr with missing chunks, unless its attributes say that they hold the fill value.
+
+    Raises FileError.
+    """
+    if type(array).__module__.partition(".")[0] == "zarr" and array.attrs.get(MISSING) != "fill_value":
+        with decoding(Lazy(array).name, "Zarr array"):
+            if array.nchunks_initialized < array.nchunks:
+                raise missing_chunk(f"{array.nchunks - array.nchunks_initialized} of {array.nchunks} chunks")
+
+
 def is_away(array: Any) -> bool:
     """Whether an array is one that is read when it is indexed, and not before."""
+    if isinstance(array, ZarrArray):
+        return True
     if not (hasattr(array, "shape") and hasattr(array, "dtype") and hasattr(array, "__getitem__")):
         return False
     data = getattr(array, "variable", None)
@@ -222,12 +233,3 @@ def changed(name: str, what: str) -> FileError:
     """The error for a source that is not what it was."""
     rule = "the workspace of a map must stay as it is while the map is built"
     return FileError(name, f"has changed: {what}", rule, "build the map anew, into another store")
-
-
-def shared(box: Sequence[slice], other: Sequence[slice]) -> tuple[Box, Box]:
-    """The cells that two boxes share, counted from the first cell of each."""
-    pairs = [(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(box, other, strict=True)]
-    return tuple(
-        tuple(slice(low - part.start, high - part.start) for (low, high), part in zip(pairs, each, strict=True))
-        for each in (box, other)
-    )  # type: ignore[return-value]

@@ -29,12 +29,16 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bools, Ints
-from cspace.errors import FileError
+from cspace.arrays import Bools, Box, Ints, shared
+from cspace.errors import CspaceError, FileError
 from cspace.grid import Grid
-from cspace.io.files import replacing
+from cspace.io.chunks import Layout, unpack
+from cspace.io.files import read_part, replacing
+from cspace.io.limits import check_bytes
+from cspace.io.plain import read_json
 from cspace.io.store import (
     AXES,
+    CHUNK,
     VERSION,
     decoding_map,
     digest_of,
@@ -53,7 +57,6 @@ from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Shape
 from cspace.states import BLOCKED, MIXED
-from cspace.tiles.sources import Box, shared
 from cspace.version import __version__
 
 FORMAT: Final = "cspace-tiles"
@@ -66,6 +69,9 @@ LEVEL: Final = 1
 
 DIGESTED: Final = ("state", "outer", "inner")
 """Arrays whose chunks have digests in the records of their tiles."""
+
+LABEL_MARK: Final = 8
+"""Numbers of 32 bits before the labels of a tile: the digest of what they were made from."""
 
 _DIGEST: Final = 4
 """Whole numbers of 64 bits in a digest."""
@@ -205,7 +211,7 @@ class Store:
         root = Path(path) / ROOT
         with decoding_map(path):
             moment = _moment(root)
-            metadata = json.loads(root.read_bytes())["attributes"]
+            metadata = read_json(root, "store of tiles")["attributes"]
             digests = unseal(metadata, path, FORMAT)
             if metadata["aside"] and (
                 metadata["aside"].strip("/.") != metadata["aside"][1:] or "/" in metadata["aside"]
@@ -214,14 +220,15 @@ class Store:
             if min(*metadata["tile"], metadata["depth"], metadata["slices"]) < 1:
                 raise unusable(path, "its tiles hold nothing")
             for file, digest in digests.items():
-                if ".." in file or digest_of((Path(path) / file).read_bytes()) != digest:
+                content = read_part(path, file, "part of a store of tiles")
+                if content is None or digest_of(content) != digest:
                     raise unusable(path, f"its file {file!r} differs from its digest")
             turns = {name: _small(path, name) for name in turns_of(file.split("/")[0] for file in digests)}
             return cls(Path(path), metadata, Rotations.from_coordinates(turns), moment)
 
     def sealed(self, **changes: Any) -> None:
         """Write the metadata anew, with some of it changed."""
-        document = json.loads((self.path / ROOT).read_bytes())
+        document = read_json(self.path / ROOT, "store of tiles")
         digests = unseal(document["attributes"], self.path, FORMAT)
         document["attributes"] = seal({**self.metadata, **changes}, digests)
         _write(self.path / ROOT, json.dumps(document, indent=2).encode())
@@ -261,9 +268,11 @@ class Store:
         return self._decoded(name, index, content)
 
     def _decoded(self, name: str, index: Sequence[int], content: bytes) -> NDArray[Any]:
-        shape, dtype, _ = self._chunk(name)
-        with decoding_map(self.path / _name(name, index)):
-            return np.frombuffer(_codec(name).decode(content), dtype=dtype).reshape(shape)
+        file, (shape, dtype, _) = self.path / _name(name, index), self._chunk(name)
+        with decoding_map(file):
+            size = math.prod(shape) * dtype.itemsize
+            check_bytes(file, size, "unpacks to")
+            return unpack(content, "zstd", size).view(dtype).reshape(shape)
 
     def optional(self, name: str, index: Sequence[int]) -> NDArray[Any] | None:
         """A chunk of what may be missing, or damaged, and is made again then."""
@@ -275,8 +284,8 @@ class Store:
     def _content(self, file: str) -> bytes | None:
         """That of a file; None where there is none."""
         for folder in (self.metadata["aside"], "") if self.metadata["aside"] else ("",):
-            with suppress(FileNotFoundError):
-                return self.path.joinpath(folder, file).read_bytes()
+            if (content := read_part(self.path / folder, file, "part of a store of tiles")) is not None:
+                return content
         return None
 
     def _chunk(self, name: str) -> tuple[tuple[int, ...], np.dtype[Any], Any]:
@@ -288,10 +297,15 @@ class Store:
             return (*(1,) * self.grid.dim, self._label_width), np.dtype("<i4"), -1
         return shapes.get(name, self.tile), np.dtype(stored()[name].dtype), stored()[name].lost
 
-    @cached_property
+    @property
+    def label_count(self) -> int:
+        """Rotation cells that are labelled: one if there is a single slice."""
+        return self.rotations.count if self.slices > 1 else 1
+
+    @property
     def _label_width(self) -> int:
-        """Numbers in a chunk of labels."""
-        return int(json.loads((self.path / "labels_0" / ROOT).read_bytes())["shape"][-1])
+        """Numbers in a chunk of labels: a digest, and those of the cells on all faces of a tile, over rotations."""
+        return LABEL_MARK + self.label_count * sum(2 * math.prod(self.tile) // side for side in self.tile)
 
     # ---- tiles -------------------------------------------------------------------------------------------------------
 
@@ -396,9 +410,11 @@ class Store:
         box = [low, high] if (low <= high).all() else [low * 0, low * 0 - 1]
         return {"counts": counts.tolist(), "box": [corner.tolist() for corner in box]}
 
-    def add_labels(self, width: int) -> None:
-        """Have room for labels of components, of so many numbers for each tile."""
+    def add_labels(self) -> None:
+        """Describe the arrays of labels of components to software that reads Zarr."""
         import zarr
+
+        width = self._label_width
 
         for kind, what in enumerate(("FREE cells", "cells that are not BLOCKED")):
             if not (self.path / f"labels_{kind}" / ROOT).exists():
@@ -483,9 +499,8 @@ def columns(slices: int, dim: int, layers: int) -> int:
 def is_tiled(path: str | os.PathLike[str]) -> bool:
     """Whether a folder is the store of a tiled map, whole or not."""
     try:
-        attributes = json.loads((Path(path) / ROOT).read_bytes())["attributes"]
-        return bool(attributes["format"] == FORMAT)
-    except (OSError, ValueError, KeyError, TypeError):
+        return bool(read_json(Path(path) / ROOT, "saved map")["attributes"]["format"] == FORMAT)
+    except (CspaceError, KeyError, TypeError):
         return False
 
 
@@ -561,7 +576,7 @@ def _write_frame(folder: Path, metadata: Mapping[str, Any], arrays: Mapping[str,
     group = zarr.create_group(str(folder), zarr_format=3)
     large = {"state": ((slices, *grid.shape), (depth, *tile)), "outer": (grid.shape, tile)}
     large |= {} if metadata["same"] else {"inner": (grid.shape, tile)}
-    small = {name: (array.shape, array.shape) for name, array in arrays.items()}
+    small = {name: (array.shape, (min(len(array), CHUNK[1]), *array.shape[1:])) for name, array in arrays.items()}
     for name, (shape, chunks) in {**large, **small}.items():
         dtype, codecs, options = stored()[name].dtype, [_zarr_codec(name)], zarr_options(name, grid)
         made = group.create_array(name, shape=shape, dtype=dtype, chunks=chunks, compressors=codecs, **options)
@@ -590,7 +605,12 @@ def _write_frame(folder: Path, metadata: Mapping[str, Any], arrays: Mapping[str,
 
 
 def _small(path: str | os.PathLike[str], name: str) -> NDArray[Any]:
-    """A small array, which is one chunk."""
-    shape = json.loads((Path(path) / name / ROOT).read_bytes())["shape"]
-    content = _codec(name).decode((Path(path) / _name(name, [0] * len(shape))).read_bytes())
-    return np.frombuffer(content, dtype=stored()[name].dtype).reshape(shape).copy()
+    """Read a small array.
+
+    Raises errors as :meth:`cspace.io.chunks.Layout.read`.
+    """
+    layout = Layout.parse(read_json(Path(path, name, ROOT), "part of a store of tiles"))
+    if layout.dtype != stored()[name].dtype:
+        raise unusable(path, f"its array {name!r} is {layout.dtype}")
+    whole = tuple(slice(0, n) for n in layout.shape)
+    return layout.read(whole, lambda key: read_part(path, f"{name}/{key}", "part of a store of tiles"))

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cspace.arrays import Bools, Ints
+from cspace.arrays import Bools, Box, Ints, shared
 from cspace.errors import InputError
-from cspace.tiles.sources import Box, shared
 from cspace.tiles.store import Index, Store, aside_name
 from cspace.tiles.work import Job, run
 from cspace.update import Patch, Update

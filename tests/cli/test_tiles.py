@@ -17,7 +17,7 @@ def city(tmp_path_factory):
     folder = tmp_path_factory.mktemp("city")
     occupied = np.zeros((120, 100), dtype=bool)
     occupied[40:60, 20:50] = occupied[80:90, 40:100] = True
-    zarr.create_array(str(folder / "city.zarr"), data=occupied, chunks=(50, 50))
+    zarr.create_array(str(folder / "city.zarr"), data=occupied, chunks=(50, 50), config={"write_empty_chunks": True})
     np.save(folder / "city.npy", occupied)
     return folder, cspace.Workspace.from_array(occupied, 0.1)
 

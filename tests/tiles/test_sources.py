@@ -16,13 +16,15 @@ from cspace.errors import FileError, InputError
 from cspace.raster.winding import Buckets
 from tiles.test_build import ARM, CAR, random_workspace, same_states
 
+FILLED = {"write_empty_chunks": True}
+
 
 def lazy_arrays(cells, folder):
     """The same cells as arrays of every kind that is not read before it is indexed."""
     da, xarray = pytest.importorskip("dask.array"), pytest.importorskip("xarray")
     np.save(folder / "a.npy", cells)
     mapped = np.load(folder / "a.npy", mmap_mode="r")
-    stored = zarr.create_array(str(folder / "a.zarr"), data=cells.astype(np.uint8), chunks=(10, 10))
+    stored = zarr.create_array(str(folder / "a.zarr"), data=cells.astype(np.uint8), chunks=(10, 10), config=FILLED)
     lazily = da.from_array(cells, chunks=(13, 7))
     return {
         "memmap": mapped,
