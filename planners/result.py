@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace.io.messages import JointTrajectory, Message, Path
+    from cspace.plot.animation import AnimationOptions
     from cspace.plot.picture import PlotOptions
 
 
@@ -244,6 +245,37 @@ class Plan:
             raise InputError("plan", "has no map", "pickling leaves the map behind", mend)
         options.setdefault("path", self)
         return cast(CSpace, self.space).plot(**options)
+
+    def animate(
+        self, file: str | os.PathLike[str], overwrite: bool = False, **options: Unpack[AnimationOptions]
+    ) -> None:
+        """Draw the robot on its way into an animated GIF: in the plane, in space, or an arm.
+
+        Parameters
+        ----------
+        file : path-like
+            A name that ends in .gif.
+        overwrite : bool
+            Whether an existing file may be replaced.
+        **options
+            Of :func:`cspace.plot.animate`: ``seconds``, ``rate``, ``title``, ``camera`` and ``progress``.
+
+        Raises
+        ------
+        InputError
+            If no path was found, the plan was pickled, which leaves the map behind, or as :func:`cspace.plot.animate`.
+        FileError
+            If the file exists and may not be replaced, or cannot be written.
+        """
+        from cspace.plot import animate
+        from cspace.tiles.space import TiledCSpace
+
+        self._check_solved("an animation shows a path")
+        if self.space is None:
+            hint = "draw it with cspace.plot.animate(space, plan, file)"
+            raise InputError("plan", "has no map", "pickling leaves the map behind", hint)
+        space = self.space.overview() if isinstance(self.space, TiledCSpace) else cast(CSpace, self.space)
+        animate(space, self.path, file, overwrite, **options)
 
     @overload
     def to_path(self, msg: None = None, *, frame_id: str = "map") -> Path: ...

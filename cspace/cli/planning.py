@@ -77,7 +77,6 @@ def plan(
     from cspace.io.reading import open_map
     from cspace.plot import SUFFIXES, save_plot
     from cspace.plot import animate as save_animation
-    from cspace.plot.animation import check_animated
     from cspace.space import CSpace
     from planners.local_planner import check_drive
 
@@ -87,8 +86,6 @@ def plan(
     axes, units = axes_of_map(file), units_of_map(file)
     endpoints = configuration(start, "--start", axes, units), configuration(goal, "--goal", axes, units)
     check_drive(axes, drive, turning_radius, exact)
-    if animate:
-        check_animated(axes, "--animate")
     clock = Clock()
     with clock.step("read"):
         space: Any = open_map(file)

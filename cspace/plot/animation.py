@@ -1,11 +1,12 @@
-"""animate: a robot along a path, beside the C-obstacle that changes as it turns."""
+"""animate: a robot along a path; in the plane beside the C-obstacle that changes as it turns."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypedDict, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +16,15 @@ from cspace.errors import InputError
 from cspace.grid import positive
 from cspace.io.files import replacing
 from cspace.plot import artists
-from cspace.plot.route import HasPath, MapLike, Route
+from cspace.plot.arms import MovingArm, along_joints
+from cspace.plot.route import HasAxes, HasPath, Look, MapLike, Route, polyline
+from cspace.plot.surface import paint_surface, robot_polygons
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
+
 
 _LONG = 7.5
 """Length of the longer side of each of the two panels, in inches."""
@@ -28,12 +32,24 @@ _DPI = 72.0
 _MOST_FRAMES: Final = 1000
 _COLORS: Final = 96
 """Colours of the animation; few keep the file small, and the pictures are flat."""
+_ALIKE: Final = 24
+"""Levels of red, green or blue, out of 255, by which colours are alike."""
 _REST: Final = 1200
 """Milliseconds that the last frame stands."""
 
 
+class AnimationOptions(TypedDict, total=False):
+    """Options of :func:`animate`."""
+
+    seconds: float
+    rate: float
+    title: str
+    camera: ArrayLike
+    progress: Callable[[int, int], None]
+
+
 def animate(
-    space: MapLike,
+    space: HasAxes,
     path: ArrayLike | HasPath,
     file: str | os.PathLike[str],
     overwrite: bool = False,
@@ -41,17 +57,19 @@ def animate(
     seconds: float = 6.0,
     rate: float = 10.0,
     title: str | None = None,
+    camera: ArrayLike | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Draw a robot that drives along a path into an animated GIF.
+    """Draw a robot that moves along a path into an animated GIF.
 
-    One panel shows the robot among the obstacles; the other, on the same axes, its reference point in the slice of the
-    map at its rotation. The robot's speed is even, where a turn counts as the distance that its farthest point moves.
+    In the plane, one panel shows the robot among the obstacles; the other, on the same axes, its reference point in the
+    slice of the map at its rotation. In space, and for an arm, one picture in three dimensions shows the robot among
+    the obstacles. The robot's speed is even: a turn counts as the distance that its farthest point moves, and for an
+    arm the speed is that in its joints.
 
     Parameters
     ----------
-    space : CSpace
-        The map.
+    space : CSpace or ArmSpace
     path : array-like, shape (n, dof), or Plan
         Configurations, joined by straight edges, in metres and radians; or anything whose ``path`` attribute holds
         them.
@@ -64,7 +82,9 @@ def animate(
     rate : float
         Frames in a second, at most 50.
     title : str, optional
-        By default the robot and the side of a cell. Pass ``""`` for none.
+        By default the robot and the side of a cell, or the arm's name. Pass ``""`` for none.
+    camera : array-like, shape (2,), optional
+        In space: elevation and azimuth in degrees.
     progress : callable, optional
         Called with (frames drawn, frames in all).
 
@@ -85,33 +105,56 @@ def animate(
     if target.suffix.lower() != ".gif":
         mend = f"name it e.g. {target.with_suffix('.gif').name}"
         raise InputError(str(target), f"ends in {target.suffix!r}", "an animation's suffix is .gif", mend, value=file)
-    check_animated(space.axes, "space")
-    route = Route.of(space, path, None, None)
-    if not len(route.points):
+    points = polyline(space, path)
+    if not len(points):
         mend = "pass a path that was found"
         raise InputError("path", "is empty", "an animation needs at least one configuration", mend, value=path)
     pause, count = _timing(seconds, rate)
+    shares = np.linspace(0.0, 1.0, count if bool((points != points[0]).any()) else 1)
     with replacing(target, overwrite) as temporary:
-        moves = bool((route.points != route.points[0]).any())
-        shares = np.linspace(0.0, 1.0, count if moves else 1)
-        stage = Stage(space, route, title)
+        draw, along = _scene(space, points, title, camera)
         frames = []
-        for number, q in enumerate(route.along(shares)):
-            frames.append(stage.frame(q))
+        for number, q in enumerate(along(shares)):
+            frames.append(draw(q))
             if progress is not None:
                 progress(number + 1, len(shares))
         _write(frames, temporary, pause)
     return target
 
 
-def check_animated(axes: Sequence[str], argument: str) -> None:
-    """Refuse maps that are not animated, by the axes of their configurations.
+Draw = Callable[[Floats], NDArray[np.uint8]]
+Along = Callable[[Floats], Floats]
 
-    Raises InputError if it is one in space.
-    """
-    if "z" in axes:
-        rule, mend = "an animation shows the robot in the plane", "draw a picture, which shows a path in space too"
-        raise InputError(argument, "is for a map in space", rule, mend)
+
+def _scene(space: HasAxes, points: Floats, title: str | None, camera: ArrayLike | None) -> tuple[Draw, Along]:
+    """Return what draws a configuration as pixels, and what gives configurations at shares of the path's length."""
+    arm = getattr(space, "arm", None)
+    if arm is not None:
+        moving = MovingArm(space, points, Look(title=arm.name if title is None else title, camera=camera))
+        return partial(_pixels, moving.axes, moving.move), partial(along_joints, points)
+    space = cast("MapLike", space)
+    route = Route.of(space, points, None, None)
+    if space.grid.dim == 2:
+        if camera is not None:
+            raise InputError("camera", "is given for a map of the plane", "it is for space", "leave it out")
+        return Stage(space, route, title).frame, route.along
+    stops = route.along(np.linspace(0.0, 1.0, 64))
+    seen = Route(route.points, route.marks, stops, route.figurine)
+    axes, painting = paint_surface(space, seen, Look(title=title, camera=camera), moving=True)
+
+    def move(q: Floats) -> None:
+        painting.move(robot_polygons(route.figurine, q[np.newaxis]))
+
+    return partial(_pixels, axes, move), route.along
+
+
+def _pixels(axes: Axes, move: Callable[[Floats], None], q: Floats) -> NDArray[np.uint8]:
+    """Return the pixels of a picture after a robot has moved, shape (height, width, 3)."""
+    canvas: Any = axes.figure.canvas
+    axes.figure.set_dpi(_DPI)
+    move(q)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
 def _timing(seconds: float, rate: float) -> tuple[int, int]:
@@ -214,16 +257,31 @@ def _panels(box: Floats, labels: Sequence[str]) -> tuple[Any, tuple[Axes, Axes]]
     return figure, (first, second)
 
 
+def _palette(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Choose at most 96 of some colours, shape (n, 3), the commonest first.
+
+    Half of them are unlike each other, so that a thin line keeps its colour beside many shades of something else.
+    """
+    chosen: list[int] = []
+    left = np.arange(len(colors))
+    while len(left) and len(chosen) < _COLORS // 2:
+        chosen.append(int(left[0]))
+        left = left[np.abs(colors[left].astype(np.int16) - colors[left[0]]).max(axis=1) > _ALIKE]
+    others = [number for number in range(min(len(colors), 2 * _COLORS)) if number not in chosen]
+    return colors[[*chosen, *others[: _COLORS - len(chosen)]]]
+
+
 def _write(frames: list[NDArray[np.uint8]], file: Path, pause: int) -> None:
     """Write frames as a GIF that repeats for ever."""
     from PIL import Image
 
-    # The commonest colours of some of the frames, without dithering, which would flicker and swell the file.
+    # Without dithering, which would flicker and swell the file.
     pixels = np.concatenate([frame.reshape(-1, 3) for frame in frames[:: max(1, len(frames) // 6)]])
     colors, counts = np.unique(pixels @ np.array([65536, 256, 1], np.uint32), return_counts=True)
-    chosen = colors[np.argsort(-counts, kind="stable")[:_COLORS]]
+    colors = colors[np.argsort(-counts, kind="stable")]
+    table = np.stack([colors >> 16, colors >> 8 & 255, colors & 255], axis=-1).astype(np.uint8)
     model = Image.new("P", (1, 1))
-    model.putpalette(np.stack([chosen >> 16, chosen >> 8 & 255, chosen & 255], axis=-1).astype(np.uint8).tobytes())
+    model.putpalette(_palette(table).tobytes())
     images = [Image.fromarray(frame).quantize(palette=model, dither=Image.Dither.NONE) for frame in frames]
     images[0].save(
         file,

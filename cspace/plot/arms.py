@@ -14,12 +14,12 @@ from cspace.plot.route import Look, marked, polyline, simplified
 from cspace.plot.surface import (
     MOST,
     SURFACES,
+    Painting,
     axes_in_space,
     direction_of,
     dotted,
     frame_in_space,
     lit,
-    paint,
     ribbon,
 )
 
@@ -40,6 +40,12 @@ _RISE: Final = 30.0
 """Degrees above the ground from which one looks."""
 _FINE: Final = 0.05
 """Longest side of a triangle that is drawn, as part of the picture: large ones are sorted wrongly among small ones."""
+
+
+_FACES: Final = 1000
+"""Triangles of a moving link, at most, before they are divided: pictures of an animation are many."""
+_SEEN: Final = 24
+"""Configurations along a path that must lie in view."""
 
 
 class ArmPlotOptions(TypedDict, total=False):
@@ -117,7 +123,7 @@ def draw_arm(
     title: str | None = None,
 ) -> Axes:
     """Draw an arm among obstacles; as :meth:`cspace.ArmSpace.plot`."""
-    points, figure = polyline(space, path), ArmFigure(space)
+    points = polyline(space, path)
     marks = marked(space, path, points, None, None)
     stand = marks.get("goal", np.zeros(space.dof).clip(space.arm.lower, space.arm.upper))
     stand = space.checked(stand if q is None else q, "q")
@@ -125,38 +131,76 @@ def draw_arm(
     ghosts = along_joints(points, np.linspace(0.0, 1.0, GHOSTS + 1)[:-1]) if len(points) > 1 else points[:0]
     if marks and not len(points):
         ghosts = marks["start"][np.newaxis]
-    links = [(PALE, placed[name]) for placed in map(figure.placed, ghosts) for name in figure.moving]
-    links += [(artists.ROBOT_FILL, link) for link in figure.placed(stand).values()]
-    corners = np.concatenate([vertices for _, (vertices, _) in links])
+    return _paint(space, points, ghosts, stand, look, moving=False)[0]
+
+
+class MovingArm:
+    """An arm among obstacles along a path, in three dimensions, whose links move.
+
+    ``points``, shape (n, dof), are the path.
+
+    Attributes
+    ----------
+    axes : matplotlib.axes.Axes
+    """
+
+    def __init__(self, space: Any, points: Floats, look: Look) -> None:
+        ghosts = along_joints(points, np.linspace(0.0, 1.0, _SEEN))
+        self.axes, self._painting, longest = _paint(space, points, ghosts, points[-1], look, moving=True)
+        self._arm, figure = space.arm, ArmFigure(space)
+        self._links = {name: _polygons(figure.links[name], longest, _FACES) for name in figure.moving}
+
+    def move(self, q: Floats) -> None:
+        """Show the arm at a configuration, shape (dof,)."""
+        poses = self._arm.poses(q)
+        parts = [part @ poses[name][:3, :3].T + poses[name][:3, 3] for name, part in self._links.items()]
+        self._painting.move(np.concatenate(parts))
+
+
+def _paint(
+    space: Any, points: Floats, ghosts: Floats, stand: Floats, look: Look, *, moving: bool
+) -> tuple[Axes, Painting, float]:
+    """Draw an arm where it stands, pale arms where its ghosts are, and the curve of its path.
+
+    If the arm is ``moving``, its moving links are left out, and the ghosts say only where it will be. Return the axes,
+    what was painted, and the longest side of a triangle, metres.
+    """
+    figure = ArmFigure(space)
+    pale = [(PALE, placed[name]) for placed in map(figure.placed, ghosts) for name in figure.moving]
+    links = [(name, link) for name, link in figure.placed(stand).items()]
+    corners = np.concatenate([vertices for _, (vertices, _) in (*pale, *links)])
+    still = [(artists.ROBOT_FILL, link) for name, link in links if not (moving and name in figure.moving)]
+    still = still if moving else pale + still
     low, high = corners.min(axis=0), corners.max(axis=0)
     room = ROOM * float(np.max(high - low))
     azimuth = math.degrees(figure.front(low, high))
-    drawn, angles = axes_in_space(look._replace(camera=(_RISE, azimuth) if camera is None else camera))
+    drawn, angles = axes_in_space(look._replace(camera=(_RISE, azimuth) if look.camera is None else look.camera))
     blocks = [(SURFACES["obstacles"][1], _within(each, low - room, high + room)) for each in figure.obstacles.values()]
     blocks = [(color, each) for color, each in blocks if len(each[1])]
     corners = np.concatenate([corners, *(vertices[faces].reshape(-1, 3) for _, (vertices, faces) in blocks)])
     box = np.stack([corners.min(axis=0), corners.max(axis=0)])
     towards = direction_of(angles)
-    polygons = [_polygons(each, _FINE * float(np.ptp(box, axis=0).max())) for _, each in (*links, *blocks)]
-    colors = [lit(part, towards, color) for part, (color, _) in zip(polygons, (*links, *blocks), strict=True)]
+    longest = _FINE * float(np.ptp(box, axis=0).max())
+    polygons = [np.empty((0, 4, 3)), *(_polygons(each, longest) for _, each in (*still, *blocks))]
+    parts = zip(polygons[1:], (*still, *blocks), strict=True)
+    colors = [np.empty((0, 3)), *(lit(part, towards, color) for part, (color, _) in parts)]
     handles = [artists.patch("arm", artists.ROBOT_FILL)]
     if len(points) > 1:
         curve = figure.tips(along_joints(points, np.linspace(0.0, 1.0, 200)))
         polygons.append(ribbon(curve, towards, box))
         colors.append(np.tile(lit(polygons[-1][:1], towards, artists.PATH), (len(polygons[-1]), 1)))
-        handles += [
-            artists.patch("arm along the path", PALE),
-            *dotted(drawn, curve, f"path of {figure.tip}, dotted behind something"),
-        ]
-    elif len(ghosts):
+        if not moving:
+            handles.append(artists.patch("arm along the path", PALE))
+        handles += dotted(drawn, curve, f"path of {figure.tip}, dotted behind something")
+    elif len(ghosts) and not moving:
         handles.append(artists.patch("arm at the start", PALE))
     if blocks:
         handles.insert(0, artists.patch(*SURFACES["obstacles"]))
-    paint(drawn, polygons, colors)
-    frame_in_space(drawn, box, angles, fit=ax is None)
+    painting = Painting(drawn, polygons, colors, towards)
+    frame_in_space(drawn, box, angles, fit=look.ax is None)
     artists.annotate(drawn, space, look, np.ones(3), "", handles)
     axes: Axes = drawn
-    return axes
+    return axes, painting, longest
 
 
 def _within(surface: Surface, low: Floats, high: Floats) -> Surface:
@@ -170,9 +214,9 @@ def _within(surface: Surface, low: Floats, high: Floats) -> Surface:
     return np.asarray(mesh.vertices), np.asarray(mesh.faces)
 
 
-def _polygons(surface: Surface, longest: float) -> Floats:
+def _polygons(surface: Surface, longest: float, most: int = MOST) -> Floats:
     """The triangles of a surface, none larger than that, each with its last corner twice, shape (n, 4, 3)."""
     from trimesh.remesh import subdivide_to_size
 
-    vertices, faces = subdivide_to_size(*simplified(*surface, MOST), longest)  # type: ignore[no-untyped-call]
+    vertices, faces = subdivide_to_size(*simplified(*surface, most), longest)  # type: ignore[no-untyped-call]
     return np.asarray(vertices[faces][:, [0, 1, 2, 2]])

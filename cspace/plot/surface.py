@@ -12,7 +12,7 @@ from cspace.arrays import Bools, Floats, Ints, block_starts, in_blocks
 from cspace.errors import InputError
 from cspace.grid import Grid, check_word, finite
 from cspace.plot import artists
-from cspace.plot.route import Look, MapLike, Route, within
+from cspace.plot.route import Figurine, Look, MapLike, Route, within
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,8 +54,39 @@ class Faces(NamedTuple):
     marked: Bools
 
 
+class Painting:
+    """Polygons of four corners in three dimensions, sorted together by their distance from the camera.
+
+    ``polygons``, each of shape (n, 4, 3), have colours, each of shape (n, 3). Those that :meth:`move` adds are replaced
+    by its next call.
+    """
+
+    def __init__(self, ax: Any, polygons: Sequence[Floats], colors: Sequence[Floats], towards: Floats) -> None:
+        from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
+
+        self._polygons, self._colors, self._towards = np.concatenate(polygons), np.concatenate(colors), towards
+        paint = self._colors
+        style: dict[str, Any] = {"facecolors": paint, "edgecolors": paint, "linewidths": 0.5, "rasterized": True}
+        # One collection, because matplotlib sorts the polygons of a collection, and not those of several.
+        self._collection = Poly3DCollection(self._polygons, zorder=1, **style)
+        ax.add_collection3d(self._collection, autolim=False)
+
+    def move(self, polygons: Floats) -> None:
+        """Show a robot by its polygons, shape (n, 4, 3), instead of where it was."""
+        paint = np.concatenate([self._colors, lit(polygons, self._towards, artists.ROBOT_FILL)])
+        self._collection.set_verts(np.concatenate([self._polygons, polygons]))
+        self._collection.set_facecolor(paint)
+        self._collection.set_edgecolor(paint)
+        self._collection.set_linewidth(1.0)  # at the few pixels of an animation, thinner edges leave gaps between faces
+
+
 def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
     """Draw in three dimensions; as :func:`cspace.plot.plot`."""
+    return paint_surface(space, route, look)[0]
+
+
+def paint_surface(space: MapLike, route: Route, look: Look, *, moving: bool = False) -> tuple[Axes, Painting]:
+    """Draw in three dimensions, and return what was painted; the robots themselves are left out if ``moving``."""
     surface = look.surface or next(iter(SURFACES))
     check_word(surface, "surface", tuple(SURFACES), "or leave it out")
     ax, angles = axes_in_space(look)
@@ -69,9 +100,10 @@ def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
     polygons, colors = [faces.corners], [_shaded(faces, [color for _, color in looks], box)]
     handles = [artists.patch(*looks[number]) for number in np.unique(faces.marked).tolist()]
     if surface == "obstacles" and len(route.stations):
-        polygons.append(_triangles(route))
-        colors.append(lit(polygons[-1], towards, artists.ROBOT_FILL))
         handles.append(artists.patch("robot", artists.ROBOT_FILL))
+        if not moving:
+            polygons.append(robot_polygons(route.figurine, route.stations))
+            colors.append(lit(polygons[-1], towards, artists.ROBOT_FILL))
     if len(route.points) > 1:
         lengths = route.figurine.travelled(route.points)
         shares = np.union1d(np.linspace(0.0, 1.0, 400), lengths / max(lengths[-1], np.finfo(float).tiny))
@@ -85,7 +117,7 @@ def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
         for axis in range(3) if route.cut else ():
             line = within(line, axis, box[0, axis], box[1, axis])
         handles += dotted(ax, line, "path, dotted behind something")
-    paint(ax, polygons, colors)
+    painting = Painting(ax, polygons, colors, towards)
     handles += artists.draw_marks(ax, route.marks, pair=(0, 1, 2))
     frame_in_space(ax, box, angles, labels=space.grid.labels, fit=look.ax is None)
     about = [f"cut at {space.grid.axes[2]} = {top:.4g} {space.grid.units[2]}"] * (top < space.grid.upper[2]) + [
@@ -93,7 +125,7 @@ def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
     ]
     artists.annotate(ax, space, look, stretch, ", ".join(filter(None, about)), handles)
     axes: Axes = ax
-    return axes
+    return axes, painting
 
 
 def axes_in_space(look: Look) -> tuple[Any, Floats]:
@@ -107,16 +139,6 @@ def axes_in_space(look: Look) -> tuple[Any, Floats]:
     angles = _angles(look.camera)
     made = look.ax or artists.new_figure(1.0, 1.0, layout=None).add_subplot(projection="3d", computed_zorder=False)
     return made, angles
-
-
-def paint(ax: Any, polygons: Sequence[Floats], colors: Sequence[Floats]) -> None:
-    """Draw polygons of four corners, each of shape (n, 4, 3), in their colours, each of shape (n, 3)."""
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
-
-    # One collection, so that matplotlib sorts all of them together by how far they are.
-    paint = np.concatenate(colors)
-    style: dict[str, Any] = {"facecolors": paint, "edgecolors": paint, "linewidths": 0.5, "rasterized": True}
-    ax.add_collection3d(Poly3DCollection(np.concatenate(polygons), zorder=1, **style), autolim=False)
 
 
 def dotted(ax: Any, line: Floats, label: str) -> list[Any]:
@@ -236,15 +258,15 @@ def _shaded(faces: Faces, colors: Sequence[str], box: Floats) -> Floats:
     return np.asarray(bright[:, np.newaxis] * np.array([_rgb(color) for color in colors])[faces.marked.astype(int)])
 
 
-def _triangles(route: Route) -> Floats:
-    """The robot's triangles at the stations, each with its last corner twice, shape (n, 4, 3)."""
-    triangles = route.figurine.triangles
-    while len(triangles) < 200:  # large ones are sorted wrongly among small faces
+def robot_polygons(figurine: Figurine, stations: Floats) -> Floats:
+    """Return the robot's triangles at configurations, each with its last corner twice, shape (n, 4, 3)."""
+    triangles = figurine.triangles
+    while 0 < len(triangles) < 200:  # large ones are sorted wrongly among small faces
         a, b, c = np.moveaxis(triangles, 1, 0)
         ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
         parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
         triangles = np.concatenate([np.stack(part, axis=1) for part in parts])
-    corners = np.concatenate([route.figurine.placed(triangles, q) for q in route.stations])
+    corners = np.concatenate([figurine.placed(triangles, q) for q in stations])
     return np.concatenate([corners, corners[:, 2:]], axis=1)
 
 

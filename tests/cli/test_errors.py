@@ -80,7 +80,6 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
         ["--drive is 'dubins'", "(x, y)", "in the plane"],
     ),
     "animation suffix": ([*_TURN, "--animate", "path.mp4"], ["path.mp4", ".gif"]),
-    "animation in space": ([*_FLY, "--animate", "new.gif"], ["--animate", "in space"]),
     "path suffix": ([*_PLAN, "-o", "path.txt"], ["path.txt", ".csv", ".json"]),
     "path exists": ([*_PLAN, "-o", "notes.csv"], ["notes.csv: exists", "--overwrite"]),
     "path twice": ([*_PLAN, "-o", "a.csv", "-o", "./a.csv"], ["twice"]),

@@ -1,6 +1,7 @@
 """Animations: the robot where it is, the slice of its yaw, and nothing half-written."""
 
 import math
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -9,13 +10,16 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
-from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace, build
+import planners
+from cspace import BLOCKED, FREE, MIXED, Arm, CSpace, Robot, Workspace, build, build_arm
+from cspace.arms import Placed
 from cspace.errors import FileError, InputError
 from cspace.plot import animate
 from cspace.plot.animation import Stage
 from cspace.plot.artists import CLASSES
 from cspace.plot.route import Route
 from pictures import yard
+from urdfs import planar
 
 Image = pytest.importorskip("PIL.Image")
 ROBOT = (0x3F, 0xB7, 0x95)
@@ -99,6 +103,79 @@ def test_the_drawing_is_true(space: CSpace) -> None:
             assert pixel(plane, x, y) == table["obstacle" if hit else names[state]]
             shown.add(state)
         assert shown == {FREE, MIXED, BLOCKED}
+
+
+# ---- in space, and arms ----------------------------------------------------------------------------------------------
+
+BLUE = (0x00, 0x72, 0xB2)
+
+
+def greens(frame: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """The pixels of a robot, in whatever light; the legend's below are left out."""
+    red, green, blue = np.moveaxis(frame.astype(int), -1, 0)
+    found: NDArray[np.bool_] = (green > red + 40) & (green > blue + 10)
+    found[int(0.9 * len(found)) :] = False
+    return found
+
+
+def center(frame: NDArray[np.uint8]) -> NDArray[np.float64]:
+    return np.argwhere(greens(frame)).mean(axis=0)
+
+
+@pytest.fixture(scope="module")
+def hall() -> CSpace:
+    """A hall with a wall across it that leaves a gap above."""
+    cells = np.zeros((40, 20, 20), dtype=bool)
+    cells[19:21, :, :10] = cells[:, :, 0] = True
+    return build(Workspace.from_array(cells, 0.1), Robot.box((0.4, 0.3, 0.2)), rotations=8)
+
+
+def test_robot_in_space_moves_along_its_path(hall: CSpace, tmp_path: Path) -> None:
+    calls: list[tuple[int, int]] = []
+    path = [(0.6, 1.0, 0.4, 0.0), (0.6, 1.0, 1.5, 1.0), (3.4, 1.0, 1.5, 1.0)]
+    view: dict[str, Any] = {"camera": (0.0, -90.0), "seconds": 1, "progress": lambda *call: calls.append(call)}
+    pixels, times, _ = frames(animate(hall, path, tmp_path / "fly.gif", rate=8, **view))
+    assert len(pixels) == 9 and calls == [(number, 9) for number in range(1, 10)] and times[-1] == 1200
+    rows, columns = np.array([center(frame) for frame in pixels]).T
+    # Seen from the side: first up, then to the right, to one scale.
+    up, right = rows[0] - rows[-1], columns[-1] - columns[0]
+    assert up / 1.1 == pytest.approx(right / 2.8, rel=0.05) and right > 100
+    assert (np.diff(rows) < 1.0).all() and (np.diff(columns) > -1.0).all()
+    assert (np.abs(pixels[0].astype(int) - BLUE).max(axis=-1) < 30).sum() > 50  # the path keeps its colour
+
+
+def test_robot_in_space_is_hidden_by_what_is_before_it(hall: CSpace, tmp_path: Path) -> None:
+    """Seen along x, it is behind the wall at first."""
+    path = [(0.6, 1.0, 0.5, 0.0), (3.4, 1.0, 0.5, 0.0)]
+    for number, azimuth in enumerate((0.0, 180.0)):
+        file = animate(hall, path, tmp_path / f"{number}.gif", camera=(0.0, azimuth), seconds=0.2, rate=5)
+        shown = [int(greens(frame).sum()) for frame in frames(file)[0]]
+        assert shown[number] < 0.2 * shown[1 - number]
+
+
+def test_links_of_an_arm_move_and_its_foot_stays(tmp_path: Path) -> None:
+    pytest.importorskip("yourdfpy")
+    post = np.eye(4)
+    post[:3, 3] = 1.6, -1.6, 0.0
+    arm = build_arm({"post": Placed(Robot.box((0.2, 0.2, 0.6)).shape, post)}, Arm.from_urdf(planar(tmp_path)))
+    plan = planners.plan(arm, (0.0, 0.0), (1.5, 0.0), time_limit=20)
+    plan.animate(tmp_path / "arm.gif", camera=(90.0, -90.0), seconds=0.8, rate=5)
+    pixels = frames(tmp_path / "arm.gif")[0]
+    assert len(pixels) == 5
+    first, last = greens(pixels[0]), greens(pixels[-1])
+    spans = [np.ptp(np.argwhere(shown), axis=0) for shown in (first, last)]
+    assert spans[0][1] > 3 * spans[0][0] and spans[1][0] > 3 * spans[1][1]  # along x, then along y
+    assert (first & last).any()
+    with pytest.raises(InputError, match="plan has no map"):
+        pickle.loads(pickle.dumps(plan)).animate(tmp_path / "again.gif")
+
+
+def test_camera_is_for_space(space: CSpace, hall: CSpace, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="camera is given for a map of the plane"):
+        animate(space, PATH, tmp_path / "a.gif", camera=(30, 30))
+    with pytest.raises(InputError, match="camera is"):
+        animate(hall, [(1, 1, 1, 0)], tmp_path / "a.gif", camera=(120, 0))
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_slice_changes_with_the_yaw_alone(space: CSpace, tmp_path: Path) -> None:
