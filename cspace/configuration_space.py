@@ -150,8 +150,8 @@ class ConfigurationSpace(ABC):
         """Whether each edge of a path, of paths, or of a roadmap is proven collision-free all along.
 
         The edges are those of :meth:`motion_is_free`, answered alike: straight, and the robot turns along the shorter
-        arc, as OMPL interpolates. Many edges are proven in threads, and on a map by blocks of cells, which cross free
-        space in larger steps; the answers are the same.
+        arc, as OMPL interpolates; for arms see :meth:`cspace.ArmSpace.certify_path`. Many edges are proven in threads,
+        and on a map by blocks of cells, which cross free space in larger steps; the answers are the same.
 
         Parameters
         ----------

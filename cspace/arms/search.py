@@ -83,10 +83,21 @@ def stepped(forest: Forest, scene: Scene, side: int, near: int, q: Floats, work:
 
 
 @inner
-def join(scene: Scene, forest: Forest, first: int, second: int, work: Work, straight: bool, path: Floats) -> int:
+def is_within(q0: Floats, q1: Floats, spans: Floats) -> bool:
+    """Return whether each joint moves by at most its span, shape (dof,)."""
+    within = True
+    for d in range(len(q0)):
+        within &= abs(q1[d] - q0[d]) <= spans[d]
+    return within
+
+
+@inner
+def join(
+    scene: Scene, forest: Forest, first: int, second: int, work: Work, straight: bool, spans: Floats, path: Floats
+) -> int:
     """Write the way from the first tree's root to one of the second's by two nodes where they meet; its length.
 
-    It leaves out nodes that straight motions do not need, if it may.
+    If ``straight``, leave out nodes that straight motions within the spans of the joints do not need.
     """
     stop = 0
     for side in range(2):
@@ -104,7 +115,9 @@ def join(scene: Scene, forest: Forest, first: int, second: int, work: Work, stra
     here, rows = 0, 1
     while here < stop - 1:
         ahead = stop - 1 if straight else here + 1
-        while ahead > here + 1 and not motion_is_free(scene, path[rows - 1], path[ahead], work):
+        while ahead > here + 1 and not (
+            is_within(path[rows - 1], path[ahead], spans) and motion_is_free(scene, path[rows - 1], path[ahead], work)
+        ):
             ahead = here + (ahead - here) // 2
         for d in range(path.shape[1]):
             path[rows, d] = path[ahead, d]
@@ -113,7 +126,9 @@ def join(scene: Scene, forest: Forest, first: int, second: int, work: Work, stra
 
 
 @reader
-def grow(scene: Scene, forest: Forest, samples: Floats, work: Work, straight: bool, path: Floats) -> tuple[int, int]:
+def grow(
+    scene: Scene, forest: Forest, samples: Floats, work: Work, straight: bool, spans: Floats, path: Floats
+) -> tuple[int, int]:
     """Grow the smaller tree towards each sample, shape (n, dof): how many were used, and how long a path is.
 
     There is none where the trees have not met by a proven one yet: after so many tries, or where room is scarce.
@@ -137,7 +152,7 @@ def grow(scene: Scene, forest: Forest, samples: Floats, work: Work, straight: bo
             at, far = stepped(forest, scene, other, at, target, work), far - STRIDE
         if at >= 0 and far <= 0.0:
             first, second = (new, at) if side == 0 else (at, new)
-            return k + 1, join(scene, forest, first, second, work, straight, path)
+            return k + 1, join(scene, forest, first, second, work, straight, spans, path)
     return len(samples), 0
 
 
@@ -149,6 +164,7 @@ def search_path(
     rng: np.random.Generator,
     seconds: float,
     straight: bool,
+    spans: Floats,
 ) -> Floats:
     """A proven path from a free configuration to one of some free goals, shape (n, dof); empty where none was found.
 
@@ -160,7 +176,7 @@ def search_path(
     while not length and clock() < end:
         if len(samples) < SLICE:
             samples = np.concatenate([samples, rng.uniform(*bounds, (SAMPLES, len(start)))])
-        used, length = grow(scene, forest, samples, work, straight, path)
+        used, length = grow(scene, forest, samples, work, straight, spans, path)
         samples = samples[used:]
         if forest.counts.max() + 2 >= forest.nodes.shape[1]:
             forest = _doubled(forest)

@@ -32,7 +32,7 @@ from cspace.arrays import Bools, Floats, Ints, States
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import not_negative, positive, whole
-from cspace.map.batches import Query, check_rng, own
+from cspace.map.batches import Query, as_pairs, check_rng, own
 from cspace.shapes import ShapeLike
 from cspace.states import BLOCKED, FREE, MIXED
 from cspace.threads import in_chunks
@@ -57,6 +57,10 @@ _TRIES: Final = 100_000
 
 _SHARES: Final = (0.95, 0.8, 0.6, 0.4, 0.2, 0.1, 0.03)
 """Parts of the clearance at some of its points that are tried as a bound for all of a path."""
+
+
+_ROUNDING: Final = 1e-9
+"""Radians that rounding may add to half a turn."""
 
 
 class Contact(NamedTuple):
@@ -284,9 +288,10 @@ class ArmSpace(ConfigurationSpace):
         Raises
         ------
         ConfigurationError, InputError
-            As :meth:`is_free`.
+            As :meth:`certify_path`.
         """
         path = self.checked(path, "path").reshape(-1, self.dof)
+        self._check_spans(path[:-1], path[1:])
         middles = 0.5 * (path[:-1] + path[1:])
         most = float(np.min(self.clearance(np.concatenate([path, middles]))))
         if len(path) < 2 or math.isinf(most):
@@ -407,8 +412,9 @@ class ArmSpace(ConfigurationSpace):
         Returns
         -------
         ndarray of float64, shape (n, dof)
-            Waypoints, each motion between two proven free. Continuous joints count whole turns, so that the straight
-            motions between the rows are the proven ones. Of length 0 if no path was found in time.
+            Waypoints, each motion between two proven free. Continuous joints count whole turns, and turn by at most
+            half a turn from row to row, so that the straight motions between the rows are the proven ones. Of length 0
+            if no path was found in time.
 
         Raises
         ------
@@ -434,7 +440,66 @@ class ArmSpace(ConfigurationSpace):
                 raise in_collision(self, q, name)
         images, rng = images[free[1:]], np.random.default_rng(seed)
         ranges = self.arm.ranges(np.vstack([start, images]))
-        return search_path(self.record, ranges, start, images, rng, seconds, straight)
+        return search_path(self.record, ranges, start, images, rng, seconds, straight, self._spans)
+
+    @property
+    def _spans(self) -> Floats:
+        """The most that each joint may move between rows of a path: half a turn if continuous, else any distance."""
+        return np.where(self.endless, math.pi + _ROUNDING, math.inf)
+
+    def _check_spans(self, q0: Floats, q1: Floats, pairs: Ints | None = None) -> None:
+        """Refuse edges, shape (..., n, dof), that turn a continuous joint by more than half a turn.
+
+        ``pairs`` are the rows that each edge joins; by default a row and the next.
+        """
+        steps = np.abs(q1 - q0)
+        for *path, edge, joint in np.argwhere(steps > self._spans)[:1].tolist():
+            first, last = (edge, edge + 1) if pairs is None else pairs[edge].tolist()
+            raise InputError(
+                "path",
+                f"turns {self.axes[joint]} by {steps[*path, edge, joint]:.6g} rad from row {first} to row {last}",
+                "a continuous joint turns by at most half a turn along an edge, so that its motion is the shorter way",
+                "add whole turns to the rows (numpy.unwrap), or rows between them",
+                value=(first, last),
+            )
+
+    def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Bools:
+        """Return whether each edge of a path, of paths, or of a roadmap is proven collision-free all along.
+
+        The edges are those of :meth:`motion_is_free`: all joints move in step, each from its number to the other. An
+        edge that turns a continuous joint by more than half a turn is refused: planners and controllers that wrap
+        angles would go the shorter way, which is another motion. Along all other edges both are the same.
+
+        Parameters
+        ----------
+        path : array-like, shape (n, dof) or (..., n, dof)
+            Configurations, radians and metres: those of a path in order, of several paths of equal length, or the
+            vertices of a roadmap. Continuous joints count whole turns: 3.1 is followed by 3.2, not by 3.2 - 2 pi.
+        edges : array-like of int, shape (m, 2), optional
+            Indices, from 0, of the two vertices of each edge; ``path`` must then have shape (n, dof). By default each
+            configuration is joined to the next.
+        exact : bool
+            Ignored: the geometry of an arm always decides.
+
+        Returns
+        -------
+        ndarray of bool, shape (n - 1,), (..., n - 1) or (m,)
+            A path of one configuration has no edges, and nothing is proven of it.
+
+        Raises
+        ------
+        InputError
+            If an edge turns a continuous joint by more than half a turn; or as :meth:`cspace.CSpace.certify_path`.
+        ConfigurationError
+            If a configuration is more than 1e-5 rad (m) beyond a limit.
+        """
+        points = self.checked(path, "path")
+        if edges is not None:
+            pairs = as_pairs(edges, points)
+            self._check_spans(points[pairs[:, 0]], points[pairs[:, 1]], pairs)
+        elif points.ndim > 1:
+            self._check_spans(points[..., :-1, :], points[..., 1:, :])
+        return super().certify_path(path, edges, exact=exact)
 
     def _images(self, start: Floats, goals: Floats) -> Floats:
         """Return the goals, shape (n, dof), by either way around each continuous joint, shape (m, dof).

@@ -71,6 +71,7 @@ def test_path_of_a_continuous_joint_goes_the_longer_way_if_only_that_is_free(tmp
     path = space.free_path((2.0, 0.0), (-2.0, 0.0), seed=1)
     assert space.certify_path(path).all()
     np.testing.assert_array_equal(path[[0, -1]], [(2.0, 0.0), (-2.0, 0.0)])
+    assert np.abs(np.diff(path[:, 0])).max() <= np.pi  # so that it is clear to all which way the joint turns
 
 
 class CountingGenerator(np.random.Generator):

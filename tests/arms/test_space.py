@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import planners
@@ -264,3 +266,59 @@ def test_answers_beyond_a_limit_hold_for_the_configuration_as_given(tmp_path: Pa
     assert not space.certify_path([(0.0,), (0.5 + HAIR,)]).any()
     assert space.is_free((-0.5 - HAIR,))
     assert planners.plan(space, (0.0,), (0.5 + HAIR,)).certified
+
+
+def distances_to_bars(q: Any, point: Any) -> Any:
+    """Distances of a point in the plane z = 0 to the two bars of ``planar``, shape (n,), by its own kinematics."""
+    shoulder, elbow = np.asarray(q).T
+    angles, origins = (shoulder, shoulder + elbow), (np.zeros_like(shoulder), np.exp(1j * shoulder))
+    gaps = []
+    for angle, origin in zip(angles, origins, strict=True):
+        local = (complex(*point) - origin) * np.exp(-1j * angle)
+        beyond = [np.maximum(np.abs(local.real - 0.5) - 0.5, 0.0), np.maximum(np.abs(local.imag) - 0.05, 0.0)]
+        gaps.append(np.hypot(*beyond))
+    return np.minimum(*gaps)
+
+
+ANGLE = st.floats(-8.0, 8.0)
+
+
+@given(
+    q0=st.tuples(ANGLE, st.floats(-2.5, 2.5)),
+    turn=st.floats(-np.pi, np.pi),
+    elbow=st.floats(-2.5, 2.5),
+    radius=st.floats(0.3, 2.1),
+    direction=st.floats(-np.pi, np.pi),
+)
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_certified_motions_turn_continuous_joints_the_shorter_way(
+    tmp_path: Path, q0: Any, turn: float, elbow: float, radius: float, direction: float
+) -> None:
+    """A small ball lies in the way of the shorter motion, or not; that of wrapped angles is refused."""
+    arm = Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None))
+    point = radius * np.cos(direction), radius * np.sin(direction)
+    ball = {"ball": Placed(Robot.ball(0.1).shape, at(*point, 0.0))}
+    space = build_arm(ball, arm, allowed=[("foot", "ball")])
+    q1 = (q0[0] + turn, elbow)
+    near = distances_to_bars(np.linspace(q0, q1, 2000), point).min()
+    certified = space.certify_path([q0, q1])[0]
+    assert near > 0.1 if certified else near < 0.12
+    assert certified == space.motion_is_free(q0, q1) == space.certify_path([q1, q0], [(1, 0)])[0]
+    if abs(turn) < 3.1:
+        for whole in (-2.0 * np.pi, 2.0 * np.pi):
+            with pytest.raises(InputError, match=r"path turns shoulder by .* rad from row 0 to row 1; .*numpy.unwrap"):
+                space.certify_path([q0, (q1[0] + whole, elbow)])
+
+
+def test_long_turns_of_continuous_joints_are_refused_in_paths_and_roadmaps(tmp_path: Path) -> None:
+    space = build_arm({}, Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None)))
+    rows = [(0.0, 0.0), (np.pi, 1.0), (4.0, 0.0), (-2.0, 0.0)]
+    assert space.certify_path(rows[:3]).all()
+    for call in (space.certify_path, space.path_clearance, lambda path: space.certify_path([[path[0]] * 4, path])):
+        with pytest.raises(InputError, match="path turns shoulder by 6 rad from row 2 to row 3"):
+            call(rows)
+    with pytest.raises(InputError, match="path turns shoulder by 4 rad from row 2 to row 0"):
+        space.certify_path(rows, [(0, 1), (2, 0)])
+    assert space.certify_path(rows, [(0, 1), (1, 2), (0, 3)]).all()
+    limited = build_arm({}, Arm.from_urdf(planar(tmp_path)))
+    assert limited.certify_path([(-3.0, 0.0), (3.0, 0.0)]).all()
