@@ -189,7 +189,7 @@ def test_options_are_checked_before_any_work(room: Path, monkeypatch: pytest.Mon
         *("negative spacing", "no rotations", "bounds of words", "bounds reversed", "robot of the plane, mesh"),
         *("robot of the plane", "robot of space", "map exists", "start of three numbers", "start without a yaw"),
         *("degrees without a unit", "curve without a radius", "negative turning radius", "curve without rotations"),
-        *("animation suffix", "animation in space", "path twice", "yaw in degrees", "yaw without rotations"),
+        *("animation suffix", "path twice", "yaw in degrees", "yaw without rotations"),
         *("panels without rotations", "view of the plane", "point of two", "point of 3d", "surface of sections"),
         *("export at a yaw", "info of a map with a spacing", "info of a robot of the plane"),
     ):
