@@ -643,10 +643,10 @@ class Workspace:
         ----------
         path : path-like
             ``.yaml``, ``.yml`` (ROS map); ``.map``, ``.3dmap`` (MovingAI); ``.geojson``, ``.json``, ``.wkt``
-            (polygons); ``.png``, ``.pgm``, ``.ppm``, ``.jpg``, ``.bmp`` and the like (image); ``.stl``, ``.obj``,
-            ``.ply``, ``.off``, ``.glb``, ``.gltf``, ``.dae`` (mesh); ``.bt``, ``.ot`` (OctoMap); ``.xyz``, ``.txt``,
-            ``.csv``, ``.pcd``, and ``.ply`` without faces (point cloud); ``.npy`` (boolean array, or rows of three
-            floats: points); ``.zarr`` (boolean array, which is read at need).
+            (polygons); ``.png``, ``.pgm``, ``.ppm``, ``.pbm``, ``.pnm``, ``.jpg``, ``.jpeg``, ``.bmp``, ``.tif``,
+            ``.tiff`` (image); ``.stl``, ``.obj``, ``.ply``, ``.off``, ``.glb``, ``.gltf``, ``.dae`` (mesh); ``.bt``,
+            ``.ot`` (OctoMap); ``.xyz``, ``.txt``, ``.csv``, ``.pcd``, and ``.ply`` without faces (point cloud);
+            ``.npy`` (boolean array, or rows of three floats: points); ``.zarr`` (boolean array, read when needed).
         **options
             What the method for that format takes: ``spacing`` for all but ROS maps and OctoMaps (needed for all but
             MovingAI), ``unknown``, ``threshold``, ``dark``, ``lower``, ``bounds``, ``solid``, ``radius``.

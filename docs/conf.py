@@ -37,8 +37,8 @@ autodoc_member_order = "groupwise"
 numpydoc_show_class_members = False
 autosummary_context = {
     "inside": {
-        "Arm": "checked",
-        "ArmSpace": "checked",
+        "Arm": "check_limits, checked, clamp, ranges",
+        "ArmSpace": "checked, contact",
         "CSpace": "checked, own_record, record",
         "Mesh": "cells, check_origin, closed, is_same, measure, rasters",
         "Robot": "rasters",
@@ -46,6 +46,7 @@ autosummary_context = {
         "draw_cells, fewer, from_coordinates, images, leading, of_coordinates, of_slices, of_value, one_cell, "
         "preserve, sample_near, slices_for, turns",
         "TiledCSpace": "checked",
+        "Workspace": "in_memory",
     }
 }
 """What only modules of the two packages call, by class: it is left out of the page for users."""

@@ -1,5 +1,6 @@
 """Workspaces from arrays, and the choice of a reader by suffix."""
 
+import inspect
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 
 from cspace import Grid, Workspace
 from cspace.errors import FileError, InputError
-from cspace.io.formats import METHODS, dimension_of
+from cspace.io.formats import FORMATS, dimension_of
 from cspace.memory import check_memory
 from cspace.workspace import covering_grid, covering_shape
 
@@ -159,9 +160,10 @@ def test_open_with_wrong_options(files: Path, name: str, options: dict[str, Any]
         Workspace.open(files / name, **options)
 
 
-@pytest.mark.parametrize("suffix", METHODS)
+@pytest.mark.parametrize("suffix", FORMATS)
 def test_missing_files_and_folders_are_named(tmp_path: Path, suffix: str) -> None:
-    options = {} if suffix in (".yaml", ".yml", ".map", ".3dmap", ".bt", ".ot") else {"spacing": 1.0}
+    spacing = inspect.signature(getattr(Workspace, FORMATS[suffix].method)).parameters.get("spacing")
+    options = {} if spacing is None or spacing.default is not inspect.Parameter.empty else {"spacing": 1.0}
     path = tmp_path / f"absent{suffix}"
     with pytest.raises(FileError, match=f"absent{suffix}: does not exist"):
         Workspace.open(path, **options)
@@ -330,10 +332,3 @@ def test_dimensions_of_an_array_by_its_header(tmp_path: Path) -> None:
     for array, dim in ((np.zeros((3, 3), bool), 2), (np.zeros((3, 3, 3), bool), 3), (np.zeros((4, 3)), 3)):
         np.save(tmp_path / "a.npy", array)
         assert dimension_of(tmp_path / "a.npy") == dim
-
-
-@pytest.mark.parametrize("suffix", METHODS)
-def test_every_suffix_has_dimensions(suffix: str) -> None:
-    assert Workspace.open.__doc__ is not None
-    images = {".pbm", ".pnm", ".jpeg", ".tif", ".tiff"}
-    assert suffix in images or f"``{suffix}``" in Workspace.open.__doc__

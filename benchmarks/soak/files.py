@@ -89,6 +89,8 @@ def families(folder: Path) -> dict[str, Path]:
     box = trimesh.creation.box((1.0, 2.0, 3.0))
     for suffix in ("stl", "obj", "ply", "off", "glb"):
         box.export(folder / f"box.{suffix}")
+    gltf = trimesh.exchange.gltf.export_gltf(trimesh.Scene(box), embed_buffers=True)
+    put("box.gltf", gltf["model.gltf"])
     put("text.stl", trimesh.exchange.stl.export_stl_ascii(box))
     put("text.ply", trimesh.exchange.ply.export_ply(box, encoding="ascii"))
     corners, faces = (" ".join(map(str, table.reshape(-1).tolist())) for table in (box.vertices, box.faces))

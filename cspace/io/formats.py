@@ -7,58 +7,78 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import StrPath
 from cspace.errors import InputError
+from cspace.io import meshes, rosmap, vector
 from cspace.io.chunks import ZarrArray
 from cspace.io.files import decoding, existing, suffix_of
 from cspace.io.ply import read_ply_header
 
 _KIND: Final = "NumPy array"
 
-METHODS: Final[dict[str, str]] = {
-    **dict.fromkeys((".yaml", ".yml"), "from_ros_map"),
-    **dict.fromkeys((".map", ".3dmap"), "from_movingai"),
-    **dict.fromkeys((".geojson", ".json", ".wkt"), "from_polygons"),
-    **dict.fromkeys((".npy", ".zarr"), "from_array"),
-    **dict.fromkeys((".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".dae"), "from_mesh"),
-    **dict.fromkeys((".bt", ".ot"), "from_octomap"),
-    **dict.fromkeys((".xyz", ".txt", ".csv", ".pcd"), "from_points"),
-    **dict.fromkeys((".png", ".pgm", ".ppm", ".pbm", ".pnm", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"), "from_image"),
+
+class Format(NamedTuple):
+    """How the files of a suffix are read.
+
+    Attributes
+    ----------
+    method : str
+        The classmethod of ``Workspace`` that reads them.
+    dimension : int or None
+        2 in the plane, 3 in space; None if each file says.
+    """
+
+    method: str
+    dimension: int | None
+
+
+_IMAGES: Final = (".png", ".pgm", ".ppm", ".pbm", ".pnm", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+
+FORMATS: Final[dict[str, Format]] = {
+    **dict.fromkeys(rosmap.SUFFIXES, Format("from_ros_map", 2)),
+    ".map": Format("from_movingai", 2),
+    ".3dmap": Format("from_movingai", 3),
+    **dict.fromkeys(vector.SUFFIXES, Format("from_polygons", 2)),
+    **dict.fromkeys((".npy", ".zarr"), Format("from_array", None)),
+    **dict.fromkeys(meshes.SUFFIXES, Format("from_mesh", 3)),
+    **dict.fromkeys((".bt", ".ot"), Format("from_octomap", 3)),
+    **dict.fromkeys((".xyz", ".txt", ".csv", ".pcd"), Format("from_points", 3)),
+    **dict.fromkeys(_IMAGES, Format("from_image", 2)),
 }
-"""The classmethod of ``Workspace`` that reads a file, by its suffix."""
+"""How the file of a workspace is read, by its suffix."""
 
 
 def method_of(path: StrPath) -> str:
-    """Name of the classmethod of ``Workspace`` that reads a file: by its suffix, and else by how the file begins.
+    """Return the name of the classmethod of ``Workspace`` that reads a file: by its suffix, then by how it begins.
 
     Raises InputError if the suffix is unknown, and FileError if the file had to be looked into and is missing or
     malformed.
     """
-    suffix = suffix_of(path, METHODS, "the suffix says which format to read")
+    suffix = suffix_of(path, FORMATS, "the suffix says which format to read")
     if suffix == ".npy":
         array = read_npy(path)
         return "from_points" if array.dtype.kind == "f" and array.shape[1:] == (3,) else "from_array"
     if suffix == ".ply":
         return "from_mesh" if read_ply_header(path).faces else "from_points"
-    return METHODS[suffix]
+    return FORMATS[suffix].method
 
 
 def dimension_of(path: StrPath) -> int:
-    """Dimensions of a workspace's file, without reading it, or no more than its header.
+    """Return the dimension of a workspace's file, reading no more than its header.
 
     Raises InputError or FileError as :func:`method_of`.
     """
-    method = method_of(path)
-    if method == "from_array":
-        read = read_zarr_array if Path(path).suffix.lower() == ".zarr" else read_npy
-        return int(read(path).ndim)
-    in_space = method in ("from_mesh", "from_octomap", "from_points") or Path(path).suffix.lower() == ".3dmap"
-    return 3 if in_space else 2
+    method, suffix = method_of(path), Path(path).suffix.lower()
+    dimension = FORMATS[suffix].dimension
+    if dimension is None:
+        array = read_zarr_array(path) if suffix == ".zarr" else read_npy(path)
+        dimension = 3 if method == "from_points" else int(array.ndim)
+    return dimension
 
 
 def read_npy(path: str | os.PathLike[str]) -> NDArray[Any]:

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from cspace import Workspace
 from cspace.errors import FileError, GeometryError, InputError
-from cspace.io.formats import METHODS
-from cspace.io.points import READERS, read_points, unpack_lzf
+from cspace.io.points import read_points, unpack_lzf
 from strategies import seeds
 
 CLOUD = np.array([[0.0, 1.5, -2.25], [3.0, 4.0, 5.0], [1e3, -0.125, 7.75], [3.0, 4.0, 5.0], [0.5, 0.5, 0.5]])
@@ -431,7 +430,3 @@ def test_other_elements_of_a_ply_are_left(tmp_path, text):
     path = write(tmp_path, "scan.ply", text)
     assert read_points(path).shape == (4, 3)
     assert Workspace.open(path, spacing=0.5).source == str(path)
-
-
-def test_every_cloud_is_a_workspace():
-    assert set(READERS) <= set(METHODS)

@@ -1,0 +1,173 @@
+"""Lists that are kept in several places agree: formats, short texts of robots, public names."""
+
+import dataclasses
+import inspect
+import re
+import runpy
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+from unittest import mock
+
+import pytest
+
+import cspace
+import cspace.arms
+import cspace.plot
+import cspace.spectral
+import planners
+from benchmarks.soak import files as soak
+from commands import run
+from cspace import InputError, Robot, Workspace
+from cspace.io import points, writing
+from cspace.io.formats import FORMATS, dimension_of
+from cspace.spectral import spheres
+
+ROOT = Path(cspace.__file__).parents[1]
+DOCS = ROOT / "docs"
+SAME_CONTENT = {
+    ".yml": ".yaml",
+    ".json": ".geojson",
+    ".jpeg": ".jpg",
+    ".tiff": ".tif",
+    **dict.fromkeys((".ppm", ".pbm", ".pnm"), ".pgm"),
+    ".txt": ".xyz",
+    "": ".zarr",
+}
+"""Suffixes whose files are read by the same code as those of another suffix."""
+
+
+def quoted(text: str) -> list[str]:
+    """Return what stands between backticks, once or twice."""
+    return re.findall(r"`+([^`]+)`+", text)
+
+
+def table(page: str) -> list[list[str]]:
+    """Return the cells of the rows of all tables of a page."""
+    lines = (DOCS / page).read_text(encoding="utf-8").splitlines()
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| ")]
+
+
+def robot_hint() -> str:
+    """Return the hint that lists everything that describes a robot."""
+    with pytest.raises(InputError) as caught:
+        Robot.open("nothing")
+    return str(caught.value.mend)
+
+
+def robot_forms() -> dict[str, str]:
+    """Return the form of each short text of a robot, such as RADIUS for disc."""
+    return dict(re.findall(r"(\w+):(\S+),\s", robot_hint()))
+
+
+def robot_suffixes() -> list[str]:
+    """Return the suffixes of the files that describe a robot."""
+    return re.findall(r"\.[a-z]\w*", robot_hint())
+
+
+# ---- formats of files ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def families(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    made: dict[str, Path] = soak.families(tmp_path_factory.mktemp("families"))
+    return made
+
+
+def test_every_reader_of_points_has_a_format() -> None:
+    by_points = {suffix for suffix, known in FORMATS.items() if known.method == "from_points"}
+    assert by_points | {".npy", ".ply"} == set(points.READERS)
+
+
+def test_every_format_is_in_the_docstring_and_in_the_docs() -> None:
+    documented = {}
+    for first, _, dimension, *_ in (row for row in table("files.md") if row[0].startswith("`.") and len(row) == 3):
+        documented |= dict.fromkeys(quoted(first), {"plane": 2, "space": 3, "either": None}[dimension])
+    assert documented == {suffix: known.dimension for suffix, known in FORMATS.items()}
+    assert set(FORMATS) <= set(quoted(str(Workspace.open.__doc__)))
+
+
+def test_every_format_has_a_family_of_damaged_files(families: dict[str, Path]) -> None:
+    suffixes = {Path(name).suffix for name in families}
+    read = {*FORMATS, *robot_suffixes(), *writing.SAVES, *spheres.READERS}
+    assert {SAME_CONTENT.get(suffix, suffix) for suffix in read} <= suffixes
+
+
+def test_the_dimension_of_every_format_is_that_of_its_workspace(families: dict[str, Path]) -> None:
+    for name, path in families.items():
+        opened: Any = soak.open_file(path)
+        if isinstance(opened, Workspace):
+            assert dimension_of(path) == opened.grid.dim, name
+
+
+# ---- robots ----------------------------------------------------------------------------------------------------------
+
+
+def test_every_short_text_of_a_robot_is_documented() -> None:
+    forms = robot_forms()
+    assert "disc" in forms
+    texts = {f"{kind}:{form}" for kind, form in forms.items()}
+    assert texts <= set(quoted(str(Robot.open.__doc__)))
+    assert texts <= set(quoted((DOCS / "cli.md").read_text(encoding="utf-8")))
+    described = re.sub(r"[^\w:]+", " ", run("map", "--help").output)
+    assert [kind for kind in forms if f"{kind}:" not in described] == []
+    examples = {text for row in table("robots.md") for text in quoted(row[0]) if text.partition(":")[0] in forms}
+    assert {text.partition(":")[0] for text in examples} == set(forms)
+    for text in examples - {"footprint:[[0.3,0.2],...]", "footprint:robot.urdf"}:
+        assert isinstance(Robot.open(text), Robot)
+
+
+def test_every_file_of_a_robot_is_documented() -> None:
+    page = " ".join(quoted((DOCS / "robots.md").read_text(encoding="utf-8")))
+    docstring = str(Robot.open.__doc__)
+    suffixes = set(robot_suffixes()) - {".yml"}
+    assert ".stl" in suffixes
+    assert [suffix for suffix in suffixes if suffix not in page or suffix not in docstring] == []
+
+
+# ---- the features table ----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def conf() -> dict[str, Any]:
+    """The configuration of the documentation, without Sphinx."""
+    gallery = {name: mock.MagicMock(ModuleType) for name in ("sphinx_gallery", "sphinx_gallery.scrapers")}
+    gallery["sphinx_gallery.sorting"] = mock.MagicMock()
+    gallery["sphinx_gallery.scrapers"].figure_rst = None
+    with mock.patch.dict(sys.modules, gallery):
+        return runpy.run_path(str(DOCS / "conf.py"))
+
+
+def features() -> list[list[str]]:
+    """Return the names of each row of the features table, without commands."""
+    cells = (row[0] for row in table("features.md"))
+    return [quoted(cell) for cell in cells if cell.startswith("`") and not cell.startswith("`cspace ")]
+
+
+def test_every_name_of_the_features_table_is_public(conf: dict[str, Any]) -> None:
+    for names in features():
+        before = ""
+        for name in names:
+            before = conf["full_name"](name, before)
+
+
+def test_every_public_function_is_in_the_features_table(conf: dict[str, Any]) -> None:
+    """Methods that the API leaves out are not public, nor are records and errors features."""
+    known = {word for names in features() for name in names for word in re.findall(r"\w+", name)}
+    classes = [conf["find"](name) for name in {*conf["OBJECTS"].values(), "cspace.TiledCSpace"}]
+    missing = []
+    for module in (cspace, planners):
+        for name in module.__all__:
+            value = getattr(module, name)
+            is_record = inspect.isclass(value) and (
+                dataclasses.is_dataclass(value) or issubclass(value, tuple | Warning | Exception)
+            )
+            if callable(value) and not is_record and value not in classes and name not in known:
+                missing.append(f"{module.__name__}.{name}")
+    for kind in classes:
+        inside = re.split(", ?", conf["autosummary_context"]["inside"].get(kind.__name__, ""))
+        for name, value in inspect.getmembers(kind, callable):
+            if not name.startswith("_") and not inspect.isclass(value) and name not in {*known, *inside}:
+                missing.append(f"{kind.__name__}.{name}")
+    assert missing == []
