@@ -220,6 +220,10 @@ class EndlessCSpace(CSpace):
     def _marks(self, *, cells: bool, lasting: bool = False) -> Marks:
         return self._unrolled._marks(cells=cells, lasting=lasting)
 
+    def _inflated(self, limit: float, number: int | None) -> Floats:
+        inside = tuple(slice(pad, pad + n) for pad, n in zip(self._padding.tolist(), self.grid.shape, strict=True))
+        return self._unrolled._inflated(limit, number)[inside]
+
     def _problem(self) -> Problem:
         return super()._problem()._replace(workspace=self._unrolled.workspace)
 

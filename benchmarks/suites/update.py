@@ -63,28 +63,34 @@ def _moves(report: Report, floor: Workspace, name: str) -> None:
     """An obstacle that moves in a real map with 72 yaw cells, by 0.16 m a step and from end to end.
 
     Components and distances were asked for before. A move is one call and the first question of each kind after it, so
-    that nothing is put off; the robot is not symmetric, and no two yaw cells share a slice.
+    that nothing is put off; the robot is not symmetric, and no two yaw cells share a slice. Costmaps are timed apart.
     """
     report.section(f"{name}, {' x '.join(map(str, floor.grid.shape))} cells x 72 yaws; trolley of 1.2 m x 0.8 m")
     space = cspace.build(floor, Robot.rectangle(0.9, 0.6, (0.15, 0.0)), rotations=72)
     q = space.sample_free(MOVES + 3, np.random.default_rng(1))
     space.path_exists(q[-1], q[-2])
     space.clearance(q[-3])
+    cspace.build(floor, Robot.disc(0.2)).to_costmap()  # compiles
+    first = Timing(None)
+    first.take(space.to_costmap)
+    report.timing("costmap", first)
     trolley, turns = shapely.box(-0.6, -0.4, 0.6, 0.4), list(enumerate(np.arange(MOVES) * 0.08))
     boxes = {
         "steps round a circle": [(*(q[0, :2] + 2.0 * np.array([np.cos(a), np.sin(a)])), 9.0 * k) for k, a in turns],
         "leaps across the map": [(*q[k, :2], 9.0 * k) for k in range(MOVES)],
     }
     for way, places in boxes.items():
-        move, asked, distance = Timing(None), Timing(None), Timing(None)
+        move, asked, distance, costs = Timing(None), Timing(None), Timing(None), Timing(None)
         for x, y, angle in places:
             moved = affinity.translate(affinity.rotate(trolley, angle, origin=(0, 0)), x, y)
             move.take(lambda moved=moved: space.place("trolley", moved))
             asked.take(lambda: space.path_exists(q[-1], q[-2]))
             distance.take(lambda: space.clearance(q[-3]))
+            costs.take(space.to_costmap)
         report.timing(f"{way}: place", move)
         report.timing(f"{way}: path_exists after it", asked)
         report.timing(f"{way}: clearance after that", distance)
+        report.timing(f"{way}: costmap after that", costs)
         each = [sum(taken) for taken in zip(move.cpu, asked.cpu, distance.cpu, strict=True)]
         most = MOST if name == FLOORS[-1] else None
         report.figure(f"{way}: all three, CPU time in the median", 1e3 * float(np.median(each)), "ms", most=most)
@@ -92,6 +98,7 @@ def _moves(report: Report, floor: Workspace, name: str) -> None:
     report.check(bool((space.state == fresh.state).all()), "states equal those of a build")
     answers = [one.path_exists(q[:20], q[20:40]) for one in (space, fresh)]
     report.check(np.array_equal(*answers), "path_exists equals that of a build")
+    report.check(space.to_costmap().data == fresh.to_costmap().data, "costmap equals that of a build")
 
 
 def _compare(

@@ -261,13 +261,14 @@ def fill_joint_trajectory(
 def costs_of(
     clearance: Floats, lethal: Bools, unknown: Bools | None, inscribed: float, scaling: float, radius: float
 ) -> NDArray[np.uint8]:
-    """Costs of Nav2's inflation layer, shape (nx, ny), from the clearance of each cell, metres.
+    """Compute costs of Nav2's inflation layer, shape (nx, ny), from each cell's clearance in metres.
 
-    That is zero where a robot may be in collision. ``lethal`` cells meet an obstacle, and of ``unknown`` ones nothing
-    is known. ``inscribed`` is the radius of the robot's inscribed circle, metres; ``scaling`` is
-    ``cost_scaling_factor``, per metre, and ``radius`` is ``inflation_radius``, metres, from the obstacles.
+    The clearance is zero where a robot may be in collision; above ``radius - inscribed`` it may be infinite. ``lethal``
+    cells meet an obstacle; nothing is known of ``unknown`` cells. ``inscribed`` is the radius of the robot's inscribed
+    circle, metres; ``scaling`` is ``cost_scaling_factor``, per metre, and ``radius`` is ``inflation_radius``, metres,
+    from the obstacles.
     """
-    costs = ((INSCRIBED - 1) * np.exp(-scaling * clearance)).astype(np.uint8)
+    costs = ((INSCRIBED - 1) * np.exp(-scaling * np.minimum(clearance, radius))).astype(np.uint8)
     costs[clearance + inscribed > radius] = 0
     taken = clearance <= 0.0
     costs[taken] = INSCRIBED

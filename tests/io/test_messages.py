@@ -6,6 +6,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from PIL import Image
 from scipy.spatial import cKDTree
 
@@ -166,6 +169,51 @@ def test_the_best_rotation_counts_unless_one_is_told(spaces):
     each = [np.array(space.to_costmap(rotation=yaw).data) for yaw in space.rotations.representatives]
     assert (best == np.min(each, axis=0)).all()
     assert (each[0] != each[1]).any()
+
+
+def costs_by_hand(space, radius, scaling, rotation=None):
+    """Costs from a look-up of the clearance for each cell's middle and each rotation."""
+    turns = space.rotations.centers if rotation is None else np.array([[rotation]])
+    middles = space.grid.center_of(np.indices(space.grid.shape).reshape(2, -1).T)
+    each = [space.clearance(np.hstack([middles, np.tile(turn, (len(middles), 1))])) for turn in turns]
+    clearance, inscribed = np.max(each, axis=0).reshape(space.grid.shape), space.robot.inscribed_radius + space.margin
+    costs = np.floor(252 * np.exp(-scaling * clearance))
+    costs[clearance + inscribed > radius] = 0
+    costs[clearance == 0] = 253
+    costs[(clearance == 0) & space.workspace.outer] = 254
+    return costs
+
+
+@settings(max_examples=30)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    rotations=st.sampled_from([None, 5, 8]),
+    outside=st.sampled_from(["blocked", "free"]),
+    changes=st.lists(st.tuples(st.booleans(), st.sampled_from([0.2, 0.55, 1.0, 30.0])), min_size=1, max_size=4),
+)
+def test_costs_follow_obstacles_that_come_and_go(seed, rotations, outside, changes):
+    rng = np.random.default_rng(seed)
+    occupied = rng.random((24, 30)) < rng.choice([0.0, 0.005, 0.05])
+    workspace, robot = Workspace.from_array(occupied, 0.1, (3.0, -2.0)), Robot.rectangle(0.5, 0.2, (0.1, 0.0))
+    space = cspace.build(workspace, robot, rotations=rotations, outside=outside)
+    for comes, radius in changes:
+        options = {"inflation_radius": radius, "cost_scaling_factor": 2.0}
+        costs = np.array(space.to_costmap(**options).data).reshape(30, 24).T
+        np.testing.assert_array_equal(costs, costs_by_hand(space, radius, 2.0))
+        if rotations:
+            one = np.array(space.to_costmap(rotation=1.0, **options).data).reshape(30, 24).T
+            np.testing.assert_array_equal(one, costs_by_hand(space, radius, 2.0, 1.0))
+        x, y = rng.uniform((2.5, -2.5), (6.0, 1.5))
+        if comes or "cart" not in space.placed:
+            space.place("cart", shapely.box(x, y, x + 0.5, y + 0.3))
+        else:
+            space.remove("cart")
+
+
+def test_an_inflation_of_very_many_cells_is_refused():
+    space = cspace.build(Workspace.from_array(np.zeros((16_001, 1), dtype=bool), 0.1), Robot.disc(0.05))
+    with pytest.raises(InputError, match=r"inflation_radius reaches 16001 cells .*; at most 16000 cells are searched"):
+        space.to_costmap(inflation_radius=1e6)
 
 
 def test_what_nothing_is_known_of_is_so_in_a_costmap():
