@@ -672,7 +672,7 @@ class CSpace(ConfigurationMap):
         copies its cells. Then :attr:`workspace` shows the current ones, which are the obstacles from then on; its
         ``shapes`` are None, and look-ups with ``exact=True`` use the outer cells instead. What :meth:`place` has placed
         stays on top. An overlap field belongs to the obstacles as they were, and is dropped. A map built without
-        ``inner`` gets no BLOCKED cells; nor does one from a file that has none where there could be some.
+        ``inner`` gets no BLOCKED cells, also after it is saved and opened.
 
         What look-ups have cached follows the change at their next call, but for the counts of FREE cells for
         :meth:`sample_free` and the geometry for ``exact=True``, which are made again.

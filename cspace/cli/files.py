@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import os
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -54,9 +53,10 @@ def axes_of_map(file: Path) -> tuple[str, ...]:
     Raises FileError if the file is not a map that can be opened.
     """
     from cspace.io.reading import open_map
+    from cspace.io.store import read_metadata
 
     try:
-        return tuple(_metadata(file)["axes"].split())
+        return tuple(read_metadata(file)["axes"].split())
     except Exception:  # Whatever is wrong with the map, opening it raises the better error.
         return open_map(file).axes
 
@@ -67,10 +67,11 @@ def units_of_map(file: Path) -> tuple[str, ...]:
     Raises FileError if the file is not a map that can be opened.
     """
     from cspace.io.reading import open_map
+    from cspace.io.store import read_metadata
     from cspace.rotations import Rotations
 
     try:
-        metadata = _metadata(file)
+        metadata = read_metadata(file)
         axes, units = metadata["axes"].split(), metadata.get("units", "").split()
     except Exception:  # As above.
         return open_map(file).units
@@ -93,10 +94,7 @@ def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
         points = [[float(value) for value in row] for row in rows]
         if any(len(point) != len(points[0]) for point in points):
             raise ValueError
-    except OSError as error:
-        rule = "a path is a CSV or JSON file"
-        raise FileError(str(file), f"cannot be read: {error.strerror}", rule, mend) from error
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, TypeError, KeyError, csv.Error) as error:
         rule = f"it is a CSV file with the columns {', '.join(axes)}, or a JSON file with rows of them under path"
         raise FileError(str(file), "holds no path", rule, mend) from error
     if names != tuple(axes) and (names or (points and len(points[0]) != len(axes))):
@@ -109,25 +107,16 @@ def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
 
 def _table(file: Path) -> tuple[tuple[str, ...], Any]:
     """Names of a path's columns, where the file has them, and its configurations."""
-    text = file.read_text(encoding="utf-8")
+    from cspace.io.files import read_text
+    from cspace.io.plain import read_json
+
     if file.suffix.lower() == ".json":
-        record = json.loads(text)
+        record = read_json(file, "path")
         if not isinstance(record, dict):
             raise ValueError
         return tuple(record.get("axes", ())), record["path"]
-    rows = list(csv.reader(text.splitlines()))
+    rows = list(csv.reader(read_text(file, "path").splitlines()))
     # A car's path has a column more: whether it drives ahead or back.
     columns = [number for number, name in enumerate(rows[0] if rows else ()) if name != "direction"]
     names = tuple(rows[0][number] for number in columns)
     return names, [[row[number] for number in columns] if len(row) == len(rows[0]) else row for row in rows[1:]]
-
-
-def _metadata(file: Path) -> Any:
-    """The metadata of a saved map, unchecked."""
-    if file.is_dir():
-        return json.loads((file / "zarr.json").read_text(encoding="utf-8"))["attributes"]
-    import numpy as np
-
-    # Opened here: np.load would leave a damaged file open.
-    with file.open("rb") as stream, np.load(stream, allow_pickle=False) as members:
-        return json.loads(str(members["metadata"][()]))

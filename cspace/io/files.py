@@ -8,11 +8,12 @@ from __future__ import annotations
 import io
 import os
 import shutil
+import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePath
-from typing import Any, Final, overload
+from typing import Any, Final, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,17 @@ _LONGEST_HEADER: Final = 2**16
 
 _LONGEST_NUMBER: Final = 64
 """Bytes of a number that are read many at a time."""
+
+_ASIDE: Final = ".cspace-"
+"""Beginning of the names of outputs that are not complete, or are being replaced."""
+
+_MAX_READS: Final = 1000
+"""Times that an output is read at most, if each time another process replaces it."""
+
+_PAUSE: Final = 0.002
+"""Seconds between two of these."""
+
+Result = TypeVar("Result")
 
 _SHOWN: Final = 60
 """Characters of a wrong line that a message quotes."""
@@ -327,9 +339,38 @@ def _check_target(target: Path, overwrite: bool, folder: Callable[[Path], bool] 
     raise FileError(str(target), *fault)
 
 
+def retry_if_replaced(path: str | os.PathLike[str], read: Callable[[], Result]) -> Result:
+    """Read an output; read it again if another process replaced it meanwhile.
+
+    A folder that :func:`replacing` writes is missing for an instant, between the two renames, and a reader may find
+    some files of the old folder and some of the new one.
+
+    Raises what `read` raises if the output stays as it is.
+    """
+    for _ in range(_MAX_READS - 1):
+        before = _moment(path)
+        try:
+            return read()
+        except FileError:
+            is_between = before is None and any(Path(os.path.realpath(path)).parent.glob(f"{_ASIDE}*"))
+            if _moment(path) == before and not is_between:
+                raise
+            time.sleep(_PAUSE)
+    return read()
+
+
+def _moment(path: str | os.PathLike[str]) -> tuple[int, int, int] | None:
+    """Return what differs between a file or folder and the one that replaces it; None if nothing is there."""
+    try:
+        status = Path(path).stat()
+    except (OSError, TypeError, ValueError):
+        return None
+    return status.st_ino, status.st_mtime_ns, status.st_ctime_ns
+
+
 def _beside(target: Path) -> Path:
     """A fresh name in the folder of ``target``: only within one folder is a rename sure to be atomic."""
-    return target.with_name(f".cspace-{uuid.uuid4().hex[:12]}{target.suffix}")
+    return target.with_name(f"{_ASIDE}{uuid.uuid4().hex[:12]}{target.suffix}")
 
 
 def _move(temporary: Path, target: Path) -> None:

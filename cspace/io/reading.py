@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.endless import map_of
 from cspace.errors import FileError
-from cspace.io.files import look_up
-from cspace.io.store import grid_of, read_npz, read_parts, read_store, shapes_from, unusable
+from cspace.io.files import look_up, retry_if_replaced
+from cspace.io.store import grid_of, read_npz, read_slice, read_store, shapes_from, unusable
 from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior
 from cspace.robot import Robot
@@ -55,6 +55,11 @@ def open_map(path: str | os.PathLike[str]) -> CSpace | TiledCSpace:
     >>> cspace.open("map.zarr").count() == space.count()
     True
     """
+    return retry_if_replaced(path, lambda: _opened(path))
+
+
+def _opened(path: str | os.PathLike[str]) -> CSpace | TiledCSpace:
+    """Open a map that no other process replaces."""
     if (folder := _is_folder(path)) and is_tiled(path):
         return TiledCSpace.open(path)
     metadata, arrays = read_store(path) if folder else read_npz(path)
@@ -90,12 +95,17 @@ def open_slice(path: str | os.PathLike[str], rotation: ArrayLike = ()) -> NDArra
     FileError
         As :func:`cspace.open`, of what is read.
     """
-    if not _is_folder(path):
-        return cast(CSpace, open_map(path)).slice_at(rotation)  # only folders hold tiles
-    _, table = read_parts(path)
-    rotations = Rotations.from_coordinates(table)
-    _, parts = read_parts(path, int(table["slice_of"][rotations.cells_of(rotations.checked(rotation))]))
-    return parts["state"]
+
+    def number_of(table: Mapping[str, NDArray[Any]]) -> int:
+        rotations = Rotations.from_coordinates(table)
+        return int(table["slice_of"][rotations.cells_of(rotations.checked(rotation))])
+
+    def read() -> NDArray[np.uint8]:
+        if _is_folder(path):
+            return read_slice(path, number_of)
+        return cast(CSpace, _opened(path)).slice_at(rotation)  # only folders hold tiles
+
+    return retry_if_replaced(path, read)
 
 
 def _restored(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> CSpace:
@@ -129,6 +139,7 @@ def _restored(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> CSpace:
             arrays.get("overlap"),
             {name: arrays[name].reshape(leading) for name in FIELDS if name in arrays},
             None if "exterior" not in arrays else Exterior(np.array(arrays["exterior"])),
+            bool(metadata["inner"]) if "inner" in metadata else None,
             endless=tuple(axis in endless for axis in workspace.grid.axes) if endless else (),
         )
     )

@@ -15,7 +15,7 @@ import json
 import math
 import os
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from functools import cache
 from itertools import compress
@@ -28,8 +28,9 @@ from numpy.typing import NDArray
 from cspace.errors import FileError
 from cspace.grid import Grid
 from cspace.io.chunks import Layout
-from cspace.io.files import decoding, existing, read_bytes, read_part, replacing
+from cspace.io.files import decoding, existing, look_up, read_bytes, read_part, replacing
 from cspace.io.limits import check_bytes
+from cspace.io.plain import read_json
 from cspace.map.contents import Contents
 from cspace.map.storage import PackedStates, read_only, read_only_of
 from cspace.memory import is_packed
@@ -201,8 +202,9 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
     """All of a map but its arrays, as plain values: text, numbers and lists of numbers.
 
     ``lower`` and ``spacing`` in metres; ``axes`` the names of the numbers of a configuration and ``units`` of those of
-    the cells; ``endless`` the axes that close in a circle, if there are any; ``rotations`` the number of rotation
-    cells; ``robot`` as JSON text for ``Robot.from_spec``.
+    the cells; ``endless`` the axes that close in a circle, if there are any; ``inner`` 1 if BLOCKED is proven and 0 if
+    not, left out if that is unknown; ``rotations`` the number of rotation cells; ``robot`` as JSON text for
+    ``Robot.from_spec``.
     """
     grid = contents.grid
     return {
@@ -218,6 +220,7 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
         "outside": contents.outside,
         "margin": float(contents.margin),
         "precision": contents.precision,
+        **({} if contents.proves_blocked is None else {"inner": int(contents.proves_blocked)}),
         "rotations": contents.rotations.count,
         "slices": len(contents.states),
         "robot": contents.robot.definition,
@@ -396,22 +399,27 @@ def read_store(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, 
         return metadata, {name: _array(path, name, metadata, files) for name in names}
 
 
-def read_parts(
-    path: str | os.PathLike[str], number: int | None = None
-) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Metadata and the arrays of the rotation cells; or, with ``number``, that slice of the states, and nothing else.
+def read_slice(
+    path: str | os.PathLike[str], number_of: Callable[[Mapping[str, NDArray[Any]]], int]
+) -> NDArray[np.uint8]:
+    """Read the states of one slice of a map that :func:`write_store` wrote.
 
-    What is read is checked as :func:`read_store` does; damage elsewhere goes unnoticed.
+    `number_of` gives the number of the slice from the arrays of the rotation cells. Nothing else is read; what is read
+    is checked as :func:`read_store` does.
 
-    Raises FileError as :func:`read_store`, of what is read.
+    Raises FileError as :func:`read_store`, and what `number_of` raises.
     """
     with decoding_map(path):
         metadata, digests = _opened(path)
-        names = ("state",) if number is not None else ("slice_of", *turns_of(name.split("/")[0] for name in digests))
-        wanted = [f"state/c/{number}/"] if number is not None else [f"{name}/c/" for name in names]
-        wanted += [f"{name}/{_ROOT}" for name in names]
-        files = {name: _proven(path, name, digests) for name in digests if name.startswith(tuple(wanted))}
-        return metadata, {name: _array(path, name, metadata, files, number) for name in names}
+
+        def read(names: Sequence[str], chunks: str = "c/", number: int | None = None) -> dict[str, NDArray[Any]]:
+            wanted = tuple(f"{name}/{part}" for name in names for part in (_ROOT, chunks))
+            files = {file: _proven(path, file, digests) for file in digests if file.startswith(wanted)}
+            return {name: _array(path, name, metadata, files, number) for name in names}
+
+        table = read(("slice_of", *turns_of(file.split("/")[0] for file in digests)))
+        number = number_of(table)
+        return read(("state",), f"c/{number}/", number)["state"]
 
 
 def _encoded(metadata: dict[str, Any], arrays: Mapping[str, Any]) -> Iterator[tuple[str, bytes]]:
@@ -570,10 +578,7 @@ def read_npz(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, ND
             raise unusable(path, "it has members whose names climb out of it, or twice the same")
         if "metadata.npy" not in names:
             raise unusable(path, "it holds no metadata")
-        if archive.getinfo("metadata.npy").file_size > _LONGEST:
-            raise unusable(path, f"its metadata are over {_LONGEST} bytes long")
-        with archive.open("metadata.npy") as text:
-            metadata = json.loads(str(np.lib.format.read_array(text, allow_pickle=False)[()]))
+        metadata = _metadata(archive, path)
         digests = unseal(metadata, path)
         check_names([name for name in digests if name not in _NUMBERS], metadata, path)
         arrays = {}
@@ -585,6 +590,26 @@ def read_npz(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, ND
                 raise unusable(path, f"its array {name!r} differs from its digest")
     check_states(arrays["state"], path)
     return metadata, arrays
+
+
+def read_metadata(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Read the metadata of a saved map or a store of tiles, unchecked.
+
+    Raises FileError if they cannot be read.
+    """
+    if look_up(path, "saved map")[1] == "a folder":
+        document = read_json(Path(path, _ROOT), "saved map")
+        return dict(document["attributes"])
+    with decoding_map(path), existing(path, "saved map").open("rb") as stream, zipfile.ZipFile(stream) as archive:
+        return _metadata(archive, path)
+
+
+def _metadata(archive: zipfile.ZipFile, path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Read the metadata of an archive."""
+    if archive.getinfo("metadata.npy").file_size > _LONGEST:
+        raise unusable(path, f"its metadata are over {_LONGEST} bytes long")
+    metadata: dict[str, Any] = json.loads(str(_member(archive, "metadata", {}, path)[()]))
+    return metadata
 
 
 class _Header(NamedTuple):
@@ -606,7 +631,7 @@ def _member(
         header = _Header(*np.lib.format.read_array_header_1_0(stream))
         if size != stream.tell() + header.dtype.itemsize * math.prod(header.shape):
             raise ValueError(f"{name} is longer or shorter than its header says")
-        if name not in _NUMBERS:
+        if name not in ("metadata", *_NUMBERS):
             check_kind(name, header, metadata, path)
         check_bytes(path, size, f"has an array {name!r} that unpacks to")
         stream.seek(0)

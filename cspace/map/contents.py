@@ -50,7 +50,8 @@ class Contents:
     exterior : Exterior or None
         What is known outside the grid; computed from the robot's rasters at need, if None.
     proves_blocked : bool or None
-        Whether BLOCKED is proven; None where that is not known, as of a map from a file.
+        Whether BLOCKED is proven; None if that is not known, as of a map from a file of an
+        earlier version.
     endless : tuple of bool
         Which axes close in a circle: continuous joints of an arm. Empty where there is none.
     prove : callable or None
