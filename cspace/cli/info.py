@@ -30,7 +30,7 @@ from cspace.cli.options import (
     rotation_cells,
     workspace_options,
 )
-from cspace.cli.report import Options, options_of, show, with_unit, worded
+from cspace.cli.report import ByName, Options, options_of, show, with_unit, worded
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def _has_moving_joints(path: Path) -> bool:
 
 def describe_arm(arm: Arm) -> dict[str, Any]:
     """Describe an arm by name: its joints with their limits, its links with their geometry, and pairs of links."""
-    joints: dict[str, Any] = {}
+    joints = ByName()
     for joint, unit, low, high in zip(arm.joints, arm.units, arm.lower.tolist(), arm.upper.tolist(), strict=True):
         if math.isinf(high):
             joints[joint] = "continuous"
@@ -146,14 +146,14 @@ def describe_arm(arm: Arm) -> dict[str, Any]:
     triangles = {link.name: sum(len(part.shape.outer.surface[1]) for part in link.parts) for link in arm.links}
     pairs = list(combinations(sorted(triangles), 2))
     allowed = sum(pair in arm.allowed for pair in pairs)
-    named = {name: q.tolist() for name, q in arm.named_configurations.items()}
+    named = ByName({name: q.tolist() for name, q in arm.named_configurations.items()})
     return {
         "arm": arm.name,
         "dof": arm.dof,
         "joints": joints,
-        "triangles_of_links": triangles,
+        "triangles_of_links": ByName(triangles),
         "pairs_of_links": {"may_touch": allowed, "may_not_touch": len(pairs) - allowed},
-        **({"groups": {name: list(members) for name, members in arm.groups.items()}} if arm.groups else {}),
+        **({"groups": ByName({name: list(members) for name, members in arm.groups.items()})} if arm.groups else {}),
         **({"named_configurations": named} if named else {}),
     }
 

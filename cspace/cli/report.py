@@ -138,6 +138,10 @@ def show(document: dict[str, Any], as_json: bool) -> None:
     typer.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
 
 
+class ByName(dict[str, Any]):
+    """A part of a document whose names are a file's own, such as joints: :func:`show` prints them as they are."""
+
+
 def _finite(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: _finite(item) for name, item in value.items()}
@@ -147,10 +151,12 @@ def _finite(value: Any) -> Any:
 
 
 def _rows(document: dict[str, Any], indent: str = "") -> Iterator[tuple[str, str]]:
-    """Names and values; a nested document becomes a heading, whose value is empty, and what it holds."""
+    """Yield names and values; a nested document becomes a heading with an empty value, then its rows."""
     for name, value in document.items():
         end, unit = next(((end, unit) for end, unit in _UNITS.items() if name.endswith(end)), ("", ""))
-        label = name.removesuffix(end).replace("_", " ")
+        label = name.removesuffix(end)
+        if not isinstance(document, ByName):
+            label = label.replace("_", " ")
         if isinstance(value, dict):
             yield indent + label, ""
             yield from _rows(value, indent + "  ")

@@ -300,7 +300,7 @@ def arm_file(tmp_path: Path) -> Path:
     joints = (
         urdfs.joint("shoulder", "foot", "upper", limits=(-1.0, 2.0)),
         urdfs.joint("elbow", "upper", "fore", at=(1, 0, 0), kind="continuous", limits=None),
-        urdfs.joint("slide", "fore", "tool", at=(1, 0, 0), kind="prismatic", limits=(0.0, 0.3)),
+        urdfs.joint("slide_out", "fore", "tool", at=(1, 0, 0), kind="prismatic", limits=(0.0, 0.3)),
     )
     return urdfs.written(tmp_path, *links, *joints)
 
@@ -308,7 +308,7 @@ def arm_file(tmp_path: Path) -> Path:
 def test_arm_is_described_by_joints_links_and_pairs(arm_file: Path, tmp_path: Path) -> None:
     printed = document("info", arm_file)
     assert (printed["kind"], printed["arm"], printed["dof"]) == ("arm", "small", 3)
-    assert printed["joints"] == {"shoulder_rad": [-1.0, 2.0], "elbow": "continuous", "slide_m": [0.0, 0.3]}
+    assert printed["joints"] == {"shoulder_rad": [-1.0, 2.0], "elbow": "continuous", "slide_out_m": [0.0, 0.3]}
     assert printed["triangles_of_links"] == {"foot": 12, "upper": 12, "fore": 12, "tool": 24}
     assert sum(printed["pairs_of_links"].values()) == 6
     (tmp_path / "arm.srdf").write_text(
@@ -321,7 +321,8 @@ def test_arm_is_described_by_joints_links_and_pairs(arm_file: Path, tmp_path: Pa
     assert printed["groups"] == {"arm": ["shoulder", "elbow"]}
     assert printed["named_configurations"]["arm/home"][:2] == [0.5, 1.0]
     lines = run("info", arm_file).stdout.splitlines()
-    assert {"  shoulder          (-1, 2) rad", "  elbow             continuous"} <= set(lines)
+    shown = {"  shoulder          (-1, 2) rad", "  elbow             continuous", "  slide_out         (0, 0.3) m"}
+    assert shown <= set(lines)
     fixed = run("info", arm_file, "--as", "robot", "--json")
     assert "move against foot" in fixed.stderr and json.loads(fixed.stdout)["kind"] == "robot"
 
@@ -329,10 +330,10 @@ def test_arm_is_described_by_joints_links_and_pairs(arm_file: Path, tmp_path: Pa
 def test_arm_is_viewed_with_marks_and_a_path(arm_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: dict[str, Any] = {}
     monkeypatch.setattr(cspace.ArmSpace, "view", lambda space, **options: seen.update(options, space=space))
-    (tmp_path / "path.csv").write_text("shoulder,elbow,slide\n0,0,0\n0.5,1,0.1\n")
+    (tmp_path / "path.csv").write_text("shoulder,elbow,slide_out\n0,0,0\n0.5,1,0.1\n")
     options = ["--start=-45deg,0,0.1", "--path", tmp_path / "path.csv", "--port", 0]
     assert run("view", arm_file, *options).exit_code == 0
-    assert seen["space"].axes == ("shoulder", "elbow", "slide") and seen["port"] == 0
+    assert seen["space"].axes == ("shoulder", "elbow", "slide_out") and seen["port"] == 0
     assert seen["start"] == pytest.approx((-math.pi / 4, 0.0, 0.1)) and seen["path"] == [[0, 0, 0], [0.5, 1, 0.1]]
 
 
