@@ -60,10 +60,10 @@ print(space.path_exists(start, store_room))
 # Plan
 # ----
 #
-# Any geometric planner of OMPL, by its name. A plan is checked again when it is there: ``certified`` means that each
-# edge was proven free by the map.
+# By default RRTConnect searches, and then the map itself; ``planner`` names any geometric planner of OMPL. A plan is
+# checked again when it is there: ``certified`` means that each edge was proven free by the map.
 
-plan = planners.plan(space, start, goal, planner="RRTConnect", seed=4)
+plan = planners.plan(space, start, goal, seed=4)
 print(plan)
 save_plot(space, "mobile_robots_2.png", True, path=plan)
 

@@ -2,7 +2,6 @@
 
 import math
 import re
-import time
 from pathlib import Path
 from typing import Any
 
@@ -168,15 +167,13 @@ def test_a_plan_searches_wherever_free_cells_join_start_and_goal(seed: int, kind
         assert plan.status.startswith("no chain of FREE cells") and plan.times.planning == 0.0
 
 
-def test_a_plan_ends_soon_on_a_real_map(data: Path) -> None:
-    space = build(Workspace.open(data / "maps" / "depot.yaml"), Robot.rectangle(0.6, 0.4), rotations=36)
-    rng = np.random.default_rng(0)
-    pairs = space.sample_free(400, rng).reshape(-1, 2, 3)
-    apart = [(a, b) for a, b in pairs if space.path_exists(a, b) is None]
-    for start, goal in apart[:5]:
-        began = time.perf_counter()
-        plan = planners.plan(space, start, goal, drive="differential", time_limit=30.0)
-        assert not plan.solved and time.perf_counter() - began < 5.0
+def test_a_plan_ends_at_once_on_a_real_map(offices: CSpace) -> None:
+    pairs = offices.sample_free(200, np.random.default_rng(0)).reshape(-1, 2, 2)
+    apart = [pair for pair in pairs if offices.path_exists(*pair) is None]
+    assert len(apart) > 10
+    for start, goal in apart:
+        plan = planners.plan(offices, start, goal, time_limit=60.0)
+        assert plan.status.startswith("no chain of FREE cells") and plan.times.planning == 0.0
 
 
 # ---- no room to turn -------------------------------------------------------------------------------------------------
