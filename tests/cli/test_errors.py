@@ -48,7 +48,7 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     "no mesh": (["map", "empty.stl", *_MESH[2:]], ["empty.stl"]),
     "no octomap": (["map", "empty.bt", "--robot", "ball:0.1", "-o", "new.zarr"], ["empty.bt"]),
     "absurd units": ([*_MESH, "--spacing", "1e-6"], ["memory", "spacing of at least"]),
-    "map as a workspace": (["map", "space.zarr", *_CELLS[2:]], ["space.zarr: cannot be read", "not a saved map"]),
+    "map as a workspace": (["map", "space.zarr", *_CELLS[2:]], ["space.zarr: holds no array", "not a saved map"]),
     "map suffix": ([*_FLAT, "-o", "new.xyz"], ["new.xyz", ".zarr", ".npz"]),
     "map exists": ([*_FLAT, "-o", "plane.zarr"], ["plane.zarr: exists", "--overwrite"]),
     "map in no folder": ([*_FLAT, "-o", "absent/new.zarr"], ["absent", "folder"]),

@@ -1,5 +1,7 @@
 """Laws that hold for maps of every space, however they are kept."""
 
+import inspect
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +26,29 @@ from laws.any_map import (
 from oracles import graph_of, linked
 
 POLICIES = ("blocked", "free")
+BATCH_QUERIES: dict[str, tuple[int, tuple[float, ...]]] = {
+    "classify": (1, ()),
+    "is_free": (1, ()),
+    "is_free_around": (1, (0.1, 0.05)),
+    "clearance": (1, ()),
+    "overlap": (1, ()),
+    "contains_robot": (1, ()),
+    "motion_is_free": (2, ()),
+    "path_exists": (2, ()),
+}
+"""Queries that take one configuration or any batch: how many configurations each takes, and what comes after them."""
+
+NOT_ON_JOINT_MAPS = ("overlap", "contains_robot")
+"""Queries that need obstacles in metres."""
+
+IN_MEMORY = [kind for kind in KINDS + PERIODIC_KINDS if kind[1] != "tiled"]
+QUERIES_OF_KINDS = [
+    pytest.param(kind, name, id="-".join((*kind, name)))
+    for kind in KINDS + PERIODIC_KINDS
+    for name in BATCH_QUERIES
+    if (kind[1] != "tiled" or hasattr(cspace.TiledCSpace, name))
+    and (kind[0] not in PERIODIC or name not in NOT_ON_JOINT_MAPS)
+]
 
 
 @pytest.fixture(params=KINDS + PERIODIC_KINDS, ids="-".join)
@@ -167,3 +192,82 @@ def test_a_window_answers_as_the_whole_map(space: str, outside: str, tmp_path: P
     q, near = q[within][:40], near[within][:40]
     answers = zip(window.path_exists(q, near), tiled.path_exists(q, near), strict=True)
     assert all(mine is None or mine == theirs for mine, theirs in answers)
+
+
+def public_queries(kind: type) -> set[str]:
+    """Return the names of the methods that take configurations or a path of them."""
+    methods = {name: getattr(kind, name) for name in dir(kind) if not name.startswith("_") and name != "checked"}
+    parameters = {name: [*inspect.signature(f).parameters] for name, f in methods.items() if inspect.isfunction(f)}
+    return {name for name, names in parameters.items() if {"q", "q0", "edges"} & set(names)}
+
+
+@pytest.mark.parametrize("kind", [cspace.CSpace, cspace.TiledCSpace])
+def test_every_query_is_tested_on_maps_of_every_kind(kind: type) -> None:
+    here = Path(__file__).read_text(encoding="utf-8")
+    assert "classify" in public_queries(kind)
+    assert {name for name in public_queries(kind) - set(BATCH_QUERIES) if f"space.{name}(" not in here} == set()
+
+
+@pytest.mark.parametrize(("any_map", "name"), QUERIES_OF_KINDS, indirect=["any_map"])
+def test_a_batch_is_answered_as_each_of_its_configurations(any_map: AnyMap, name: str) -> None:
+    count, options = BATCH_QUERIES[name]
+    query = getattr(any_map.space, name)
+    rng = np.random.default_rng(10)
+    q, _ = any_map.draw(rng, 24)
+    given = [q, nearby(any_map, q, rng)][:count]
+    answers = query(*given, *options)
+    singles = [query(*row, *options) for row in zip(*given, strict=True)]
+    assert list(answers) == singles
+    shaped = query(*(part.reshape(2, 3, 4, -1) for part in given), *options)
+    assert shaped.shape == (2, 3, 4)
+    np.testing.assert_array_equal(shaped.ravel(), answers)
+
+
+@pytest.mark.parametrize("any_map", IN_MEMORY, indirect=True, ids="-".join)
+def test_paths_of_the_maps_own_search_are_certified(any_map: AnyMap) -> None:
+    space: Any = any_map.space
+    rng = np.random.default_rng(11)
+    q0, q1 = space.sample_free(12, rng), space.sample_free(12, rng)
+    found = 0
+    for start, goal in zip(q0, q1, strict=True):
+        for path in (space.free_path(start, goal), space.widest_path(start, goal)):
+            if len(path):
+                found += 1
+                assert space.certify_path(path).all()
+                np.testing.assert_allclose(path[0], start, atol=1e-9)
+        lower, upper = space.free_reach(start)
+        dim = space.grid.dim
+        assert (lower <= start[:dim] + 1e-9).all() and (start[:dim] <= upper + 1e-9).all()
+    assert found
+
+
+def test_the_nearest_free_configuration_is_free(any_map: AnyMap) -> None:
+    q, _ = any_map.draw(np.random.default_rng(12), 20)
+    for configuration in q:
+        assert any_map.space.is_free(any_map.space.nearest_free(configuration))
+
+
+@pytest.mark.parametrize("obstacle_map", [kind for kind in KINDS if kind in IN_MEMORY], indirect=True, ids="-".join)
+def test_the_obstacle_distance_of_a_batch_is_that_of_its_nearest_configuration(obstacle_map: AnyMap) -> None:
+    space: Any = obstacle_map.space
+    q = space.sample_free(12, np.random.default_rng(14))
+    singles = [space.obstacle_distance(configuration[np.newaxis]) for configuration in q]
+    assert space.obstacle_distance(q) == pytest.approx(min(singles))
+
+
+@pytest.mark.parametrize("name", SPACES)
+def test_legs_are_joined_within_their_tiles(name: str, tmp_path: Path) -> None:
+    whole = make_map(name, "tiled", "free", 8, tmp_path)
+    space: Any = whole.space
+    space.label()
+    q, _ = whole.draw(np.random.default_rng(13), 40)
+    joined = [pair for pair in itertools.pairwise(q) if space.path_exists(*pair) is True][:4]
+    assert joined
+    for q0, q1 in joined:
+        legs = space.legs(q0, q1)
+        np.testing.assert_allclose(legs[0][1][: space.grid.dim], q0[: space.grid.dim])
+        np.testing.assert_allclose(legs[-1][2][: space.grid.dim], q1[: space.grid.dim])
+        for open_tile, start, goal in legs:
+            assert open_tile().path_exists(start, goal) is True
+        for before, after in itertools.pairwise(legs):
+            np.testing.assert_array_equal(before[2], after[1])
