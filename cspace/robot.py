@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Surface
@@ -18,9 +17,7 @@ from cspace.errors import FileError, InputError
 from cspace.grid import check_reach, not_negative, positive
 from cspace.raster import Raster
 from cspace.rotations import STILL, Turn
-from cspace.shapes import Balls, BoundedShape, Box, Mesh, Polygons, Shape, Voxels, shape_from_spec, shape_of
-from cspace.shapes.bounded import Pair, capsule, cylinder
-from cspace.shapes.shape import check_point
+from cspace.shapes import Balls, BoundedShape, Mesh, Polygons, Shape, Voxels, primitives, shape_from_spec, shape_of
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -39,10 +36,10 @@ GROWN: Final = "it grows the robot, in metres"
 class Robot:
     """A rigid robot in the plane or in space.
 
-    Make one with :meth:`polygon`, :meth:`rectangle`, :meth:`disc`, :meth:`from_footprint` or :meth:`from_nav2` in the
-    plane, :meth:`mesh`, :meth:`box`, :meth:`ball`, :meth:`cylinder`, :meth:`capsule` or :meth:`from_urdf` in space, and
-    :meth:`balls`, :meth:`cells` or :meth:`open` in either. The reference point, whose position is the configuration, is
-    the origin; it may lie anywhere, also outside the shape.
+    Make one with :meth:`polygon`, :meth:`rectangle`, :meth:`disc`, :meth:`ellipse`, :meth:`from_footprint` or
+    :meth:`from_nav2` in the plane, :meth:`mesh`, :meth:`box`, :meth:`ball`, :meth:`cylinder`, :meth:`capsule` or
+    :meth:`from_urdf` in space, and :meth:`balls`, :meth:`cells` or :meth:`open` in either. The reference point, whose
+    position is the configuration, is the origin; it may lie anywhere, also outside the shape.
 
     Attributes
     ----------
@@ -121,24 +118,44 @@ class Robot:
     @classmethod
     def rectangle(cls, length: float, width: float, center: ArrayLike = (0.0, 0.0)) -> Robot:
         """A rectangle, ``length`` along x and ``width`` along y around ``center`` in the robot's frame (metres)."""
-        import shapely
+        return cls(*primitives.rectangle(length, width, center))
 
-        half_length, half_width = positive(length, "length") / 2, positive(width, "width") / 2
-        x, y = check_point(center).tolist()
-        box = shapely.box(x - half_length, y - half_width, x + half_length, y + half_width)
-        return cls.polygon(box, name=f"rectangle {length:g} m x {width:g} m")
+    @classmethod
+    def ellipse(cls, radius_x: float, radius_y: float, center: ArrayLike = (0.0, 0.0)) -> Robot:
+        """An ellipse with semi-axes along x and y.
+
+        It is known by two polygons of 64 corners, one around it, whose corners reach at most 0.13 % farther, and one
+        within: FREE is proven for the first and BLOCKED for the second, so that both hold for the ellipse.
+
+        Parameters
+        ----------
+        radius_x, radius_y : float
+            Semi-axes, half the length along x and along y, metres, above zero.
+        center : array-like, shape (2,)
+            Middle of the ellipse in the robot's frame, metres.
+
+        Raises
+        ------
+        InputError
+            If a size is not above zero, or the center is over 10^9 times as far from the reference point.
+
+        Examples
+        --------
+        >>> import cspace
+        >>> cspace.Robot.ellipse(0.5, 0.3)
+        Robot(ellipse 0.5 m x 0.3 m, in the plane)
+        """
+        return cls(*primitives.ellipse(radius_x, radius_y, center))
 
     @classmethod
     def disc(cls, radius: float, center: ArrayLike = (0.0, 0.0)) -> Robot:
         """A disc of ``radius`` around ``center`` in the robot's frame (metres)."""
-        size = positive(radius, "radius")
-        return cls.balls([check_point(center)], [size])
+        return cls(*primitives.disc(radius, center))
 
     @classmethod
     def ball(cls, radius: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
         """A ball of ``radius`` around ``center`` in the robot's frame (metres)."""
-        size = positive(radius, "radius")
-        return cls.balls([check_point(center, dim=3)], [size])
+        return cls(*primitives.ball(radius, center))
 
     @classmethod
     def balls(cls, centers: ArrayLike | BallSet, radii: ArrayLike | None = None) -> Robot:
@@ -175,8 +192,7 @@ class Robot:
         center : array-like, shape (3,)
             Middle of the box in the robot's frame, metres.
         """
-        box = Box.of(extents, center)
-        return cls(f"box {' m x '.join(f'{side:g}' for side in box.extents)} m", box)
+        return cls(*primitives.box(extents, center))
 
     @classmethod
     def cylinder(cls, radius: float, height: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
@@ -185,8 +201,7 @@ class Robot:
         It is bounded by two prisms of 64 sides, one around it, whose radius is 0.12 % larger, and one within: FREE is
         proven for the first and BLOCKED for the second, so that both hold for the cylinder.
         """
-        sizes = positive(radius, "radius"), positive(height, "height")
-        return cls._revolved(cylinder(*sizes), center, f"cylinder {radius:g} m, {height:g} m high")
+        return cls(*primitives.cylinder(radius, height, center))
 
     @classmethod
     def capsule(cls, radius: float, length: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
@@ -195,15 +210,7 @@ class Robot:
         It is ``length + 2 * radius`` high. It is bounded by two polyhedra, as a :meth:`cylinder` is; the outer one
         reaches 0.24 % of the radius farther.
         """
-        sizes = positive(radius, "radius"), positive(length, "length")
-        return cls._revolved(capsule(*sizes), center, f"capsule {radius:g} m, {length:g} m long")
-
-    @classmethod
-    def _revolved(cls, sides: Pair, center: ArrayLike, name: str) -> Robot:
-        """The robot between two solids of revolution, moved."""
-        shift = check_point(center, dim=3)
-        outer, inner = (Mesh.of((vertices + shift, faces)) for vertices, faces in sides)
-        return cls(name, BoundedShape(outer, inner, is_round_about_z=not shift[:2].any()))
+        return cls(*primitives.capsule(radius, length, center))
 
     @classmethod
     def mesh(cls, shape: MeshLike, *, solid: Solid = "auto", name: str | None = None) -> Robot:
@@ -273,10 +280,8 @@ class Robot:
         InputError
             If the padding is negative.
         """
-        from cspace.io.nav2 import corners_of
-
-        corners = corners_of(footprint)
-        return cls.polygon(corners + not_negative(padding, "padding") * np.sign(corners), name=name)
+        made = primitives.footprint(footprint, padding)
+        return cls(name or made.name, made.shape)
 
     @classmethod
     def from_nav2(cls, path: str | os.PathLike[str], costmap: str | None = None) -> Robot:
@@ -401,12 +406,12 @@ class Robot:
         Parameters
         ----------
         source : str or Path
-            ``disc:RADIUS``, ``rect:LENGTHxWIDTH``, ``ball:RADIUS``, ``box:XxYxZ``, ``cylinder:RADIUSxHEIGHT``,
-            ``capsule:RADIUSxLENGTH`` (metres), each followed by its center where that is not the origin, as in
-            ``rect:4.5x1.9@1.3,0``; ``footprint:[[X,Y],...]``, or ``footprint:`` and a robot in space, for its
-            projection; a file of polygons: ``.geojson``, ``.json`` or ``.wkt``; a mesh: ``.stl``, ``.obj``, ``.ply``,
-            ``.off``, ``.glb``, ``.gltf``, ``.dae``; a robot's description: ``.urdf``, links of it as
-            ``FILE.urdf#LINK,LINK``; or Nav2's parameters: ``.yaml``, those of one costmap as ``FILE.yaml#COSTMAP``.
+            ``disc:RADIUS``, ``rect:LENGTHxWIDTH``, ``ellipse:RADIUS_X,RADIUS_Y``, ``ball:RADIUS``, ``box:XxYxZ``,
+            ``cylinder:RADIUSxHEIGHT``, ``capsule:RADIUSxLENGTH`` (metres), each followed by its center where that is
+            not the origin, as in ``rect:4.5x1.9@1.3,0``; ``footprint:[[X,Y],...]``, or ``footprint:`` and a robot in
+            space, for its projection; a file of polygons: ``.geojson``, ``.json`` or ``.wkt``; a mesh: ``.stl``,
+            ``.obj``, ``.ply``, ``.off``, ``.glb``, ``.gltf``, ``.dae``; a robot's description: ``.urdf``, links of it
+            as ``FILE.urdf#LINK,LINK``; or Nav2's parameters: ``.yaml``, those of one costmap as ``FILE.yaml#COSTMAP``.
         solid : {"auto", "surface", "fill"}, optional
             For a mesh, or those of a URDF: what has an inside; "auto" if left out.
         package_dirs : path-like or sequence of path-like, optional
@@ -430,7 +435,7 @@ class Robot:
                 value=source,
             ) from error
         kind, colon, rest = text.partition(":")
-        if colon and kind == "footprint" and not rest.lstrip().startswith("["):
+        if colon and kind == primitives.FOOTPRINT and not rest.lstrip().startswith("["):
             return cls.open(rest, solid=solid, package_dirs=package_dirs).footprint()
         files = _files()
         path, mark, part = text.rpartition("#")
@@ -444,11 +449,11 @@ class Robot:
             if name not in taken:
                 rule = f"it is for {', '.join(known for known, (_, names) in files.items() if name in names)}"
                 raise InputError(name, f"is {value!r} for {source}", rule, "leave it out", value=value)
-        if colon and kind in _SHORT:
-            return _from_text(text)
+        if primitives.is_short_text(text):
+            return cls(*primitives.parse_short_text(text, "robot"))
         if reader is not None:
             return reader(Path(path), *[part] if part else [], **options)
-        forms, known = ", ".join(f"{kind}:{form}" for kind, (form, _) in _SHORT.items()), ", ".join(files)
+        forms, known = ", ".join(primitives.SHORT_TEXTS), ", ".join(files)
         if path and Path(path).exists():
             raise FileError(path, f"has the suffix {suffix!r}", f"a robot's are {known}", f"or pass {forms}")
         raise InputError(
@@ -524,6 +529,8 @@ def robot_of(source: Robot | ShapeLike) -> Robot:
     """
     if isinstance(source, Robot):
         return source
+    if isinstance(source, str) and primitives.is_short_text(source):
+        return Robot(*primitives.parse_short_text(source, "robot"))
     shape = shape_of(source, name="robot")
     if isinstance(shape, Mesh):
         return Robot.mesh(shape)
@@ -532,48 +539,6 @@ def robot_of(source: Robot | ShapeLike) -> Robot:
     if isinstance(shape, Balls):
         return Robot.balls(shape.centers, shape.radii)
     return Robot(type(shape).__name__.lower(), shape)
-
-
-_SHORT: Final[dict[str, tuple[str, Callable[..., Robot]]]] = {
-    "disc": ("RADIUS", Robot.disc),
-    "rect": ("LENGTHxWIDTH", Robot.rectangle),
-    "ball": ("RADIUS", Robot.ball),
-    "box": ("XxYxZ", lambda x, y, z, *center: Robot.box((x, y, z), *center)),
-    "cylinder": ("RADIUSxHEIGHT", Robot.cylinder),
-    "capsule": ("RADIUSxLENGTH", Robot.capsule),
-    "footprint": ("[[X,Y],...]", Robot.from_footprint),
-}
-"""Short texts: what follows the colon, and what makes the robot."""
-
-
-def _from_text(source: str) -> Robot:
-    """The robot of a short text such as ``rect:0.9x0.6`` or ``disc:0.3@0.1,0``."""
-    kind, _, rest = source.partition(":")
-    form, make = _SHORT[kind]
-    if form.startswith("["):
-        return make(rest)
-    sizes, at, place = rest.partition("@")
-    values, center = _numbers(sizes, "x"), _numbers(place, ",")
-    count = form.count("x") + 1
-    if len(values) != count or min(values) <= 0.0 or bool(at) != bool(center):
-        raise InputError(
-            "robot",
-            f"is {source!r}",
-            f"after the colon must stand {form}, each above zero, in metres, and @X,Y or @X,Y,Z where its middle is "
-            "not the origin",
-            f"write e.g. {kind}:{'x'.join(['0.3'] * count)}",
-            value=source,
-        )
-    return make(*values, *[center] if at else [])
-
-
-def _numbers(text: str, mark: str) -> list[float]:
-    """Finite numbers with a mark between them; none where the text holds anything else."""
-    try:
-        values = [float(word) for word in text.split(mark)]
-    except ValueError:
-        return []
-    return values if all(map(math.isfinite, values)) else []
 
 
 def _files() -> dict[str, tuple[Callable[..., Robot], tuple[str, ...]]]:

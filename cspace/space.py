@@ -740,8 +740,9 @@ class CSpace(ConfigurationMap):
         obstacle : shape, or array-like, shape (n, 2) or (n, 3)
             Metres, in the map's frame. In the plane what :meth:`Workspace.from_polygons` takes, such as a shapely
             geometry, or three or more corners of a polygon; in space a mesh, as :meth:`Workspace.from_mesh` takes, such
-            as a ``trimesh.Trimesh``; in both points with their ``radius``, a decomposition into balls, or a shape of
-            ``cspace.shapes``.
+            as a ``trimesh.Trimesh``; in both points with their ``radius``, a decomposition into balls, a shape of
+            ``cspace.shapes``, a robot, or the short text of one, such as ``"ellipse:0.5,0.3@2,1"``. The reference point
+            of a robot is then the origin of the map.
         radius : array-like, shape () or (n,), optional
             Of the balls around the points, metres, zero or above.
 

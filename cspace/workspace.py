@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeAlias, TypedDict, Unpack
@@ -16,7 +16,7 @@ from cspace.arrays import Bools, Floats, StrPath, frozen
 from cspace.errors import InputError, warn_user
 from cspace.grid import SLACK, Grid, check_bounds, check_cells, finite, positive
 from cspace.memory import MESH_BYTES, WORKSPACE_BYTES, Planned, check_memory
-from cspace.shapes import Balls, Mesh, Polygons, Shape, Voxels
+from cspace.shapes import Balls, Mesh, Polygons, Shape, ShapeLike, Voxels, shape_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -383,6 +383,73 @@ class Workspace:
         warn_of_nothing(outer, grid, corners)
         return cls(grid, outer, inner, source=source, shapes=(shape,))
 
+    @classmethod
+    def from_shapes(cls, shapes: Iterable[ShapeLike], spacing: float, bounds: ArrayLike | None = None) -> Workspace:
+        """Make a workspace of shapes of any kind, all in the plane or all in space.
+
+        Parameters
+        ----------
+        shapes : iterable of Shape, Robot, shapely geometry, trimesh.Trimesh, str, ...
+            Each is what :meth:`cspace.CSpace.place` takes, also a robot or a short text such as
+            ``"ellipse:0.5,0.3@2,1"``, whose reference point is then the origin of the map. Metres.
+        spacing : float
+            Side of a cell, in metres.
+        bounds : array-like, shape (2 d,) or (2, d), optional
+            Lower, then upper corner of the map, in metres; the bounding box of the shapes if left out. **What lies
+            outside it is clipped.**
+
+        Raises
+        ------
+        InputError
+            If there is no shape, one is not usable, they are not all in the plane or all in space, or the map does not
+            fit into memory. For shapes with names, build the map first and :meth:`cspace.CSpace.place` each of them.
+        FileError
+            If a file is missing or malformed.
+
+        Examples
+        --------
+        >>> import cspace, shapely
+        >>> shapes = [shapely.box(0, 0, 1, 3), cspace.Robot.disc(0.5, (3, 1)), "ellipse:0.6,0.3@2,2.5"]
+        >>> cspace.Workspace.from_shapes(shapes, 0.1, bounds=(0, 0, 4, 3))
+        Workspace(3 shapes: 40 x 30 cells of 0.1 m, 42.5 % occupied)
+        """
+        positive(spacing, "spacing")
+        mend = "pass a list of them"
+        if isinstance(shapes, Mapping):
+            mend += "; obstacles with names are placed in a map, with space.place(name, shape)"
+        if isinstance(shapes, Mapping | str) or not isinstance(shapes, Iterable):
+            raise InputError("shapes", f"is a {type(shapes).__name__}", "it must be several shapes", mend, value=shapes)
+        made = [shape_of(shape, name=f"shapes[{number}]") for number, shape in enumerate(shapes)]
+        if not made:
+            mend = "pass at least one, or use Workspace.from_array for a map without obstacles"
+            raise InputError("shapes", "holds no shape", "obstacles must cover some ground", mend, value=shapes)
+        for number, shape in enumerate(made):
+            if shape.dim != made[0].dim:
+                rule = f"shapes[0] is in {made[0].place}, and all must be alike"
+                raise InputError(f"shapes[{number}]", f"is in {shape.place}", rule, "leave it out", value=shape)
+        box = None if bounds is None else check_bounds(bounds, made[0].dim)
+        return cls._of_shapes(made, spacing, box, f"{len(made)} shape{'s' * (len(made) > 1)}", "set of shapes")
+
+    @classmethod
+    def _of_shapes(
+        cls, shapes: Sequence[Shape], spacing: float, box: Floats | None, source: str, kind: str
+    ) -> Workspace:
+        """Make a workspace of several shapes of one dimension; arguments are those of :meth:`_of`."""
+        from cspace.obstacles import Obstacle
+
+        bounds = np.array([shape.outer.bounds for shape in shapes])
+        corners = np.stack([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
+        grid = covering_grid(corners if box is None else box, spacing, MESH_BYTES)
+        warn_of_units(corners, spacing, kind, box is not None)
+        outer, inner = np.zeros((2, *grid.shape), dtype=np.bool_)
+        for shape in shapes:
+            part = Obstacle.of(shape, grid)
+            window = tuple(map(slice, *part.box))
+            outer[window] |= part.outer
+            inner[window] |= part.inner
+        warn_of_nothing(outer, grid, corners)
+        return cls(grid, outer, inner, source=source, shapes=tuple(shapes))
+
     def in_memory(self) -> Workspace:
         """The same workspace, with all its cells in memory."""
         return self
@@ -616,24 +683,12 @@ class Workspace:
         cspace.arms.read_moveit_scene : The same obstacles for an arm.
         """
         from cspace.io.moveit import read_moveit_scene
-        from cspace.obstacles import Obstacle
 
         positive(spacing, "spacing")
         box = None if bounds is None else check_bounds(bounds, 3)
         ball = None if box is None else (box.mean(axis=0), float(np.linalg.norm(np.ptp(box, axis=0))))
         shapes = [part.moved() for part in read_moveit_scene(path, ball, package_dirs)]
-        corners = np.array([shape.outer.bounds for shape in shapes])
-        corners = np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
-        grid = covering_grid(corners if box is None else box, spacing, MESH_BYTES)
-        warn_of_units(corners, spacing, "planning scene", box is not None)
-        outer, inner = np.zeros((2, *grid.shape), dtype=np.bool_)
-        for shape in shapes:
-            part = Obstacle.of(shape, grid)
-            window = tuple(map(slice, *part.box))
-            outer[window] |= part.outer
-            inner[window] |= part.inner
-        warn_of_nothing(outer, grid, corners)
-        return cls(grid, outer, inner, source=str(path), shapes=tuple(shapes))
+        return cls._of_shapes(shapes, spacing, box, str(path), "planning scene")
 
     @classmethod
     def open(cls, path: StrPath, **options: Unpack[OpenOptions]) -> Workspace:

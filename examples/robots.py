@@ -30,7 +30,7 @@ urdf.write_text(URDF)
 # %%
 # ``Robot.open`` takes them all. On a map in the plane a robot in space is its projection, ``footprint``.
 
-texts = ["disc:0.3", "rect:0.9x0.5@0.2,0", "footprint:[[0.4,0.3],[0.4,-0.3],[-0.2,-0.2],[-0.2,0.2]]"]
+texts = ["disc:0.3", "rect:0.9x0.5@0.2,0", "ellipse:0.5,0.3", "footprint:[[0.4,0.3],[0.4,-0.3],[-0.2,-0.2],[-0.2,0.2]]"]
 texts += ["cylinder:0.3x1.2", "capsule:0.2x0.8", str(urdf)]
 robots = [cspace.Robot.open(text) for text in texts]
 robots.append(cspace.Robot.cells(np.tri(5, dtype=bool), spacing=0.1, lower=(-0.2, -0.2)))
@@ -44,7 +44,11 @@ for ax, robot in zip(axes.flat, robots, strict=False):
     ax.plot(0, 0, "k+", markersize=10)
     ax.set_aspect("equal")
     ax.set_title(robot.name.replace(folder.name, "")[:28], fontsize=9)
-axes.flat[-1].set_visible(False)
 figure.savefig("robots.png")
 plt.close(figure)
 print("wrote robots.png")
+
+# %%
+# Robots and their short texts are obstacles as well.
+
+print(cspace.Workspace.from_shapes(["ellipse:0.5,0.3@1,1", cspace.Robot.disc(0.4, (3, 1)), "rect:4x0.1@2,2"], 0.05))

@@ -260,9 +260,24 @@ def test_what_shapes_stand_for() -> None:
     assert (solid.state == states[0]).all() and list(solid.placed) == ["box"]
 
 
+def test_robots_and_their_short_texts_are_obstacles() -> None:
+    space, other = room(), room()
+    for text in ("disc:0.3@1,1", "rect:0.5x0.3@2,1", "ellipse:0.5,0.3@2,2", "footprint:[[1,1],[2,1],[1,2]]"):
+        space.place("e", text)
+        other.place("e", Robot.open(text))
+        np.testing.assert_array_equal(space.state, other.state)
+        assert space.placed["e"].spec == Robot.open(text).shape.spec
+        assert not space.is_free(space.placed["e"].outer.bounds[0] + 0.2, exact=True)
+
+
 @pytest.mark.parametrize(
     ("name", "obstacle", "radius", "message"),
     [
+        ("cart", Robot.ball(0.3), None, "is in space"),
+        ("cart", "ball:0.3", None, "is in space"),
+        ("cart", "cube:0.3", None, "obstacle is 'cube:0.3'; it must be a short text, WKT, or a file"),
+        ("cart", "ellipse:0.3", None, "must stand RADIUS_X,RADIUS_Y"),
+        ("cart", cspace.arms.Placed(Robot.ball(0.3), np.eye(4)), None, "is a Placed"),
         ("", CART, None, "not empty"),
         (3, CART, None, "not empty"),
         (None, CART, None, "not empty"),

@@ -3,6 +3,7 @@ import pytest
 import shapely
 
 from cspace import FileError, GeometryError, InputError, Mesh, Robot
+from cspace.shapes import shape_of
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 
@@ -18,10 +19,24 @@ def test_the_geometry_is_the_shape():
 
 
 @pytest.mark.parametrize(
-    ("text", "bounds"), [("disc:0.3", (-0.3, -0.3, 0.3, 0.3)), ("rect:0.9x0.6", (-0.45, -0.3, 0.45, 0.3))]
+    ("text", "robot"),
+    [
+        ("disc:0.3", Robot.disc(0.3)),
+        ("rect:0.9x0.6", Robot.rectangle(0.9, 0.6)),
+        ("rect:4.5x1.9@1.3,0", Robot.rectangle(4.5, 1.9, (1.3, 0))),
+        ("ellipse:0.5,0.3", Robot.ellipse(0.5, 0.3)),
+        ("ellipse:0.5,0.3@2,-1", Robot.ellipse(0.5, 0.3, (2, -1))),
+        ("ball:0.3", Robot.ball(0.3)),
+        ("box:0.6x0.5x0.2@1,2,3", Robot.box((0.6, 0.5, 0.2), (1, 2, 3))),
+        ("cylinder:0.3x1.2", Robot.cylinder(0.3, 1.2)),
+        ("capsule:0.3x1.2", Robot.capsule(0.3, 1.2)),
+        ("footprint:[[0,0],[1,0],[0,1]]", Robot.polygon([(0, 0), (1, 0), (0, 1)])),
+        ("footprint:cylinder:0.3x1.2", Robot.cylinder(0.3, 1.2).footprint()),
+    ],
 )
-def test_opens_short_texts(text, bounds):
-    assert Robot.open(text).geometry.bounds == pytest.approx(bounds)
+def test_short_texts_make_robots_and_shapes(text, robot):
+    assert Robot.open(text).spec == robot.spec
+    assert shape_of(text).spec == shape_of(robot).spec == robot.shape.spec
 
 
 def test_opens_polygon_files(tmp_path, data):
@@ -57,6 +72,10 @@ def test_opens_polygon_files(tmp_path, data):
         (lambda: Robot.open("disc:-0.3"), "above zero"),
         (lambda: Robot.open("rect:0.3"), "LENGTHxWIDTH"),
         (lambda: Robot.open("cube:0.3"), "disc:RADIUS"),
+        (lambda: Robot.open("ellipse:0.3x0.2"), "must stand RADIUS_X,RADIUS_Y, each above zero"),
+        (lambda: Robot.open("ellipse:0.3,-0.2"), "above zero"),
+        (lambda: Robot.ellipse(0.3, 0.0), "radius_y is 0.0; it must be one number above zero"),
+        (lambda: Robot.ellipse(0.3, 0.2, (1e9, 0.0)), "center is .*; at most 1e.09 times the radius"),
         (lambda: Robot.from_spec({"kind": "teapot"}), "teapot"),
         (lambda: Robot.disc(1.0).rasters(0.1, -0.1), "margin is -0.1"),
         (lambda: Robot.disc(1.0).rasters(0.0), "spacing is 0.0"),

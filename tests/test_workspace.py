@@ -13,7 +13,8 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cspace import Grid, Workspace
+import cspace
+from cspace import Grid, Robot, Workspace
 from cspace.errors import FileError, InputError
 from cspace.io.formats import FORMATS, dimension_of
 from cspace.memory import check_memory
@@ -332,3 +333,46 @@ def test_dimensions_of_an_array_by_its_header(tmp_path: Path) -> None:
     for array, dim in ((np.zeros((3, 3), bool), 2), (np.zeros((3, 3, 3), bool), 3), (np.zeros((4, 3)), 3)):
         np.save(tmp_path / "a.npy", array)
         assert dimension_of(tmp_path / "a.npy") == dim
+
+
+def test_shapes_of_any_kind_make_a_workspace():
+    shapes = [shapely.box(0, 0, 1, 3), Robot.disc(0.5, (3, 1)), "ellipse:0.6,0.3@2,2.5", [(1, 1), (2, 1), (1, 2)]]
+    workspace = Workspace.from_shapes(iter(shapes), 0.1, (0, 0, 4, 3))
+    empty = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+    space = cspace.build(empty, Robot.disc(0.2), outside="free")
+    for number, shape in enumerate(shapes):
+        space.place(str(number), shape)
+    assert (workspace.outer == space.workspace.outer).all()
+    assert (workspace.inner == space.workspace.inner).all()
+    built = cspace.build(workspace, Robot.disc(0.2), outside="free")
+    assert (built.state == space.state).all()
+    q = np.random.default_rng(0).uniform((0, 0), (4, 3), (500, 2))
+    assert (built.is_free(q, exact=True) == space.is_free(q, exact=True)).all()
+    polygons = [shapely.box(0, 0, 1, 3), shapely.box(2, 1, 2.55, 4)]
+    one, other = Workspace.from_shapes(polygons, 0.1), Workspace.from_polygons(polygons, 0.1)
+    assert (one.grid, one.outer.tolist(), one.inner.tolist()) == (
+        other.grid,
+        other.outer.tolist(),
+        other.inner.tolist(),
+    )
+    solids = Workspace.from_shapes([Robot.cylinder(0.3, 1.0), trimesh.creation.box((1, 1, 1))], 0.1)
+    assert solids.grid.dim == 3
+
+
+@pytest.mark.parametrize(
+    ("shapes", "message"),
+    [
+        ([], "shapes holds no shape"),
+        ({"cart": shapely.box(0, 0, 1, 1)}, r"shapes is a dict; .* space\.place\(name, shape\)"),
+        ("disc:0.3", "shapes is a str; it must be several shapes; pass a list"),
+        (shapely.box(0, 0, 1, 1), "shapes is a Polygon"),
+        (Robot.disc(1.0), "shapes is a Robot"),
+        ([Robot.disc(1.0), Robot.ball(1.0)], r"shapes\[1\] is in space; shapes\[0\] is in the plane"),
+        ([Robot.disc(1.0), "cube:1"], r"shapes\[1\] is 'cube:1'; it must be a short text"),
+        ([Robot.disc(1.0), None], r"shapes\[1\] is a NoneType"),
+    ],
+    ids=["none", "named", "text", "polygon", "robot", "dimensions", "unknown text", "no shape"],
+)
+def test_from_shapes_refuses(shapes, message):
+    with pytest.raises(InputError, match=message):
+        Workspace.from_shapes(shapes, 0.1)

@@ -60,6 +60,11 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
     return shapes
 
 
+def is_wkt(text: str) -> bool:
+    """Return True if a text begins as a geometry in WKT does."""
+    return bool(_WKT.match(text))
+
+
 def _geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
     """Every geometry of ``source``, with a name for messages."""
     import shapely
@@ -87,7 +92,7 @@ def _from_text(source: str | os.PathLike[str], name: str) -> Iterator[tuple[str,
     """A WKT string or a file."""
     suffix = Path(source).suffix.lower()
     if suffix not in SUFFIXES:
-        if isinstance(source, str) and _WKT.match(source):
+        if isinstance(source, str) and is_wkt(source):
             yield name, _from_wkt(source, name)
             return
         raise InputError(

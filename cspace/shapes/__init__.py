@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,7 @@ from cspace.shapes.mesh import Mesh as Mesh
 from cspace.shapes.mesh import MeshLike as MeshLike
 from cspace.shapes.mesh import MeshWarning as MeshWarning
 from cspace.shapes.polygon import Polygons as Polygons
+from cspace.shapes.primitives import SHORT_TEXTS, is_short_text, parse_short_text
 from cspace.shapes.shape import ExactShape as ExactShape
 from cspace.shapes.shape import Pieces as Pieces
 from cspace.shapes.shape import Shape as Shape
@@ -29,8 +30,19 @@ from cspace.shapes.voxels import Voxels as Voxels
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
+
+class HasShape(Protocol):
+    """A robot, or anything else with a name and a shape."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def shape(self) -> Shape: ...
+
+
 ShapeLike: TypeAlias = (
-    "Shape | BaseGeometry | Mapping[str, object] | Iterable[BaseGeometry] | MeshLike | BallSet | ArrayLike"
+    "Shape | HasShape | BaseGeometry | Mapping[str, object] | Iterable[BaseGeometry] | MeshLike | BallSet | ArrayLike"
 )
 """What :func:`shape_of` takes."""
 
@@ -60,8 +72,10 @@ def shape_of(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
 
     Parameters
     ----------
-    source : Shape, shapely geometry, GeoJSON mapping, or iterable of these; mesh; path-like or WKT; or array-like
-        What :meth:`Polygons.of`, :func:`cspace.io.vector.read_shapes` or :meth:`Mesh.of` take, metres.
+    source : Shape, Robot, shapely geometry, GeoJSON mapping, or iterable of these; mesh; str or path; or array-like
+        What :meth:`Polygons.of`, :func:`cspace.io.vector.read_shapes` or :meth:`Mesh.of` take, metres. A string is a
+        short text such as ``"ellipse:0.5,0.3"`` (:data:`cspace.shapes.primitives.FORMS`), WKT, or the path of a file of
+        polygons or a mesh.
     radius : array-like, shape () or (n,), optional
         Metres. With it, or if ``source`` is a decomposition, the shape is balls around points, shape (n, 2) or (n, 3).
     name : str
@@ -71,7 +85,6 @@ def shape_of(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
     """
     import shapely
 
-    from cspace.io.meshes import SUFFIXES
     from cspace.io.vector import read_shapes
 
     if isinstance(source, Shape) and radius is None:
@@ -80,8 +93,9 @@ def shape_of(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
     if radius is not None or isinstance(source, BallSet):
         return Balls.of(given, radius)
     if isinstance(source, str | os.PathLike):
-        solid = Path(source).suffix.lower() in SUFFIXES
-        return Mesh.of(source) if solid else Polygons(read_shapes(source))
+        return _shape_of_text(source, name)
+    if isinstance(getattr(source, "name", None), str) and isinstance(shape := getattr(source, "shape", None), Shape):
+        return shape
     if getattr(source, "dtype", None) == np.bool_:
         mend = "pass cspace.shapes.Voxels.of(cells, spacing), in metres"
         raise InputError(name, "is an array of cells", "their size must be given", mend, value=source)
@@ -106,3 +120,21 @@ def shape_of(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
         mend = "pass e.g. shapely.box(0, 0, 1, 1), trimesh.creation.box((1, 1, 1)), or points and their radius"
         raise InputError(name, f"is a {type(given).__name__}", "a polygon or a mesh is needed", mend, value=source)
     return Mesh.of(given)
+
+
+def _shape_of_text(source: str | os.PathLike[str], name: str) -> Shape:
+    """Make the shape of a short text, of WKT, or of a file of polygons or a mesh."""
+    from cspace.io.meshes import SUFFIXES as MESHES
+    from cspace.io.vector import SUFFIXES as POLYGONS
+    from cspace.io.vector import is_wkt, read_shapes
+
+    suffix = Path(source).suffix.lower()
+    if isinstance(source, str) and is_short_text(source):
+        return parse_short_text(source, name).shape
+    if suffix in MESHES:
+        return Mesh.of(source)
+    if suffix in POLYGONS or (isinstance(source, str) and is_wkt(source)):
+        return Polygons(read_shapes(source))
+    rule = f"it must be a short text, WKT, or a file that ends in {', '.join((*POLYGONS, *MESHES))}"
+    mend = f"pass {', '.join(SHORT_TEXTS)}, or what Robot.open makes of other files"
+    raise InputError(name, f"is {os.fspath(source)[:60]!r}", rule, mend, value=source)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats, Surface
+from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.raster import Raster
 from cspace.rotations import STILL, Turn
@@ -23,6 +24,9 @@ _WIDER: Final = 1.0 / math.cos(math.pi / SIDES)
 
 _ROUNDING: Final = 2.0**-40
 """By how much of itself a solid around another one is larger than it need be, for its corners are rounded."""
+
+_BLURRED: Final = 2.0**-20
+"""Largest part of itself by which an ellipse's polygons may be larger or smaller to allow for rounding."""
 
 _QUARTERS: Final = ((1, 0), (0, 1), (-1, 0), (0, -1))
 """Cosine and sine of 0 to 3 quarter turns."""
@@ -122,6 +126,30 @@ def capsule(radius: float, length: float) -> Pair:
     return _revolved(outer * (1.0 + _ROUNDING)), _revolved(profile(1.0) * (1.0 - _ROUNDING))
 
 
+def ellipse(radii: tuple[float, float], center: Floats) -> tuple[Floats, Floats]:
+    """Return the corners of a polygon around an ellipse and of one within it, shape (SIDES, 2) each, metres.
+
+    ``radii`` are the semi-axes along x and y. Scaled along the axes to a circle of radius 1, the corners lie on circles
+    whose radii leave room for the rounding of corners, also at a center far from the origin.
+
+    Raises InputError if the center is so far from the origin that rounding blurs the ellipse.
+    """
+    slack = _ROUNDING + 2.0**-50 * float((1.0 + np.abs(center) / radii).max())
+    if slack > _BLURRED:
+        rule = f"at most {_BLURRED * 2.0**50:.1g} times the radius along each axis keeps its shape in floating point"
+        raise InputError("center", f"is {tuple(center.tolist())}", rule, "check the units (metres)", value=center)
+    ring = _ring() * radii
+    return center + _WIDER * (1.0 + slack) * ring, center + (1.0 - slack) * ring
+
+
+def _ring() -> Floats:
+    """Return the corners of a polygon in the unit circle, shape (SIDES, 2); quarter turns map it to itself exactly."""
+    angle = np.linspace(0.0, math.pi / 2.0, SIDES // 4 + 1)
+    cosines = np.append(np.cos(angle)[:-1], 0.0)
+    quarter = np.stack([cosines, cosines[::-1]], axis=1)[:-1]
+    return np.concatenate([np.stack([quarter @ (c, -s), quarter @ (s, c)], axis=1) for c, s in _QUARTERS])
+
+
 def _revolved(profile: Floats) -> Surface:
     """The surface that a polygon makes about the z axis, with as many sides as there are to stand for a circle.
 
@@ -129,10 +157,7 @@ def _revolved(profile: Floats) -> Surface:
     is its own mirror image. That is, for each corner, shape (n, 2), its distance from the axis and its height, from the
     lowest to the highest, which are on the axis.
     """
-    angle = np.linspace(0.0, math.pi / 2.0, SIDES // 4 + 1)
-    cosines = np.append(np.cos(angle)[:-1], 0.0)
-    quarter = np.stack([cosines, cosines[::-1]], axis=1)[:-1]
-    ring = np.concatenate([np.stack([quarter @ (c, -s), quarter @ (s, c)], axis=1) for c, s in _QUARTERS])
+    ring = _ring()
     rings = [np.insert(radius * ring, 2, height, axis=1) for radius, height in profile[1:-1].tolist()]
     poles = np.array([(0.0, 0.0, profile[0, 1]), (0.0, 0.0, profile[-1, 1])])
     first, count = np.arange(SIDES), SIDES * len(rings)

@@ -1,6 +1,7 @@
 """Cylinders and capsules against their formulas: what is proven for the shapes around and within holds for them."""
 
 import math
+from fractions import Fraction
 
 import fcl
 import numpy as np
@@ -107,6 +108,56 @@ def test_outer_and_inner_shapes_enclose_exact_values(name, radius, length, cente
     fits = max(radius - math.hypot(*center[:2]), 0.0)
     assert fits - 0.002 * radius - 2e-6 <= robot.footprint().inscribed_radius <= fits
     assert flat.outer.inscribed_radius >= fits
+
+
+semi_axes, coordinates = st.floats(1e-3, 1e3), st.floats(-1e5, 1e5)
+
+
+@given(semi_axes, semi_axes, st.tuples(coordinates, coordinates))
+def test_an_ellipse_lies_between_its_polygons_in_rational_arithmetic(a, b, center):
+    shape = Robot.ellipse(a, b, center).shape
+
+    def scaled(side):
+        """Corners in the frame in which the ellipse is the unit circle, exactly."""
+        points = np.asarray(side.geometries[0].exterior.coords)[:-1]
+        return [
+            tuple((Fraction(x) - Fraction(c)) / Fraction(r) for x, c, r in zip(p, center, (a, b), strict=True))
+            for p in points.tolist()
+        ]
+
+    assert all(x * x + y * y <= 1 for x, y in scaled(shape.inner))
+    corners = scaled(shape.outer)
+    for (x, y), (u, v) in zip(corners, [*corners[1:], corners[0]], strict=True):
+        across = x * v - y * u
+        assert across > 0
+        assert across**2 >= (u - x) ** 2 + (v - y) ** 2
+    assert max(x * x + y * y for x, y in corners) < Fraction(1.0025)
+
+
+def test_an_ellipse_has_the_symmetries_of_one():
+    assert Robot.ellipse(0.5, 0.3).shape.symmetry == 2
+    assert Robot.ellipse(0.5, 0.5).shape.symmetry == 0
+    assert Robot.ellipse(0.5, 0.3, (0.1, 0)).shape.symmetry == 1
+    again = Robot.from_spec(Robot.ellipse(0.5, 0.5).spec)
+    assert again.shape.is_round
+
+
+@pytest.mark.parametrize("rotations", [None, 12])
+def test_maps_of_an_ellipse_agree_with_its_equation(rotations):
+    a, b = 0.43, 0.18
+    workspace = Workspace.from_points(np.random.default_rng(0).uniform(0, 3, (12, 2)), 0.05, (0, 0, 3, 3))
+    points = workspace.shapes[0].centers
+    space = cspace.build(workspace, Robot.ellipse(a, b), rotations=rotations, outside="free")
+    q = np.random.default_rng(1).uniform(0, 3, (4000, 2))
+    yaw = np.random.default_rng(2).uniform(-3, 3, 4000) * (rotations is not None)
+    full = q if rotations is None else np.column_stack([q, yaw])
+    x, y = np.moveaxis(points - q[:, None], -1, 0)
+    c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+    hit = ((((c * x + s * y) / a) ** 2 + ((c * y - s * x) / b) ** 2) <= 1.0).any(axis=1)
+    states = space.classify(full)
+    assert not hit[states == cspace.FREE].any()
+    assert not hit[space.is_free(full, exact=True)].any()
+    assert min(np.bincount(states, minlength=3)[[cspace.FREE, cspace.MIXED]]) > 100
 
 
 @pytest.mark.parametrize("radius", [0.2, 0.3, 0.45])
