@@ -203,6 +203,7 @@ class Workspace:
             If an array is empty, not boolean or of the wrong shape, or a number is not usable.
         """
         from cspace.io.formats import read_cells, read_zarr_array
+        from cspace.io.limits import check_cells as check_file_cells
         from cspace.tiles.sources import Lazy, check_no_chunk_missing, is_away
 
         positive(spacing, "spacing", "metres, after the array of cells")
@@ -212,7 +213,10 @@ class Workspace:
             if Path(array).suffix.lower() == ".zarr":
                 array = read_zarr_array(array)
             else:
-                array = read_cells(array) if lazy else np.asarray(read_cells(array))
+                array = read_cells(source)
+                if not lazy:
+                    check_file_cells(source, array.shape, memory=WORKSPACE_BYTES)
+                    array = np.asarray(array)
         check_no_chunk_missing(array)
         away = inner is None and is_away(array)
         cells = Lazy(array) if away else check_cells(array, "occupied")

@@ -169,8 +169,8 @@ def test_missing_files_and_folders_are_named(tmp_path: Path, suffix: str) -> Non
     with pytest.raises(FileError, match=f"absent{suffix}: does not exist"):
         Workspace.open(path, **options)
     path.mkdir()
-    what = "/zarr.json: does not exist" if suffix == ".zarr" else ": is a folder"
-    with pytest.raises(FileError, match=f"absent{suffix}{what}"):
+    what = "holds no array" if suffix == ".zarr" else "is a folder"
+    with pytest.raises(FileError, match=f"absent{suffix}: {what}"):
         Workspace.open(path, **options)
 
 

@@ -234,12 +234,12 @@ class ZarrArray:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.filename = Path(path)
         with decoding(path, _KIND, _RULE, _MEND):
-            document, attributes = self.filename / "zarr.json", None
-            if not look_up(document, _KIND)[1] and look_up(self.filename / ".zarray", _KIND)[1]:
-                document, attributes = self.filename / ".zarray", {}
-                if look_up(self.filename / ".zattrs", _KIND)[1]:
-                    attributes = read_json(self.filename / ".zattrs", _KIND)
-            self._layout = Layout.parse(read_json(document, _KIND), attributes)
+            document, attributes = self._read_json("zarr.json"), None
+            if document is None:
+                document, attributes = self._read_json(".zarray"), self._read_json(".zattrs")
+            if document is None:
+                raise Fault("holds no array", _RULE, _MEND)
+            self._layout = Layout.parse(document, attributes)
         self.shape, self.dtype, self.ndim = self._layout.shape, self._layout.dtype, len(self._layout.shape)
 
     def __getitem__(self, box: Sequence[slice]) -> NDArray[Any]:
@@ -252,6 +252,10 @@ class ZarrArray:
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.asarray(self[tuple(slice(0, n) for n in self.shape)], dtype=dtype)
+
+    def _read_json(self, name: str) -> Any:
+        file = self.filename / name
+        return read_json(file, _KIND) if look_up(file, _KIND)[1] else None
 
     def _content(self, name: str) -> bytes | None:
         return read_part(self.filename, name, "chunk")

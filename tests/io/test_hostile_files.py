@@ -2,10 +2,14 @@
 
 import json
 import os
+import re
 import shutil
 import struct
+import subprocess
+import sys
 import time
 import tracemalloc
+import zipfile
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -389,6 +393,88 @@ def test_what_is_no_plain_file_is_refused(tmp_path: Path, kind: str) -> None:
     path.mkdir() if kind == "folder" else os.mkfifo(path)
     with pytest.raises(FileError, match="plain file"):
         Workspace.open(path, spacing=0.1)
+
+
+AUDITED = """
+import sys, warnings
+from pathlib import Path
+from benchmarks.soak import files as soak
+
+names = sorted(Path(sys.argv[1]).iterdir())
+assert all(soak.attempt(name) == "opened" for name in names)  # what is imported and compiled is so now
+seen = []
+
+def audit(event, arguments):
+    starts = event.startswith(("socket.", "subprocess.", "os.exec", "os.fork", "os.posix_spawn", "os.system", "import"))
+    changes = event in ("os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.link", "os.symlink", "os.truncate")
+    writes = event == "open" and (set(arguments[1] or "") & set("wax+") or (arguments[2] or 0) & 0o103)
+    if starts or changes or writes:
+        seen.append((event, str(arguments)[:100]))
+
+sys.addaudithook(audit)
+for name in names:
+    soak.attempt(name)
+print(sorted(set(seen)))
+"""
+
+
+def test_opening_starts_no_process_and_writes_sends_and_imports_nothing(families: dict[str, Path]) -> None:
+    folder = next(iter(families.values())).parent
+    code = [sys.executable, "-c", AUDITED, str(folder)]
+    done = subprocess.run(code, capture_output=True, text=True, check=True, timeout=300)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("name", ["box.dae", "robot.urdf"])
+@pytest.mark.parametrize("levels", [300, 100_000])
+def test_elements_within_elements_are_refused(
+    families: dict[str, Path], tmp_path: Path, name: str, levels: int
+) -> None:
+    head, end = re.match(r"(<\w+[^>]*>)(.*)", families[name].read_text(), re.DOTALL).groups()  # type: ignore[union-attr]
+    (tmp_path / name).write_text(f"{head}{'<extra>' * levels}{'</extra>' * levels}{end}")
+    with pytest.raises(FileError, match="more than 256 elements within each other"):
+        Mesh.of(tmp_path / name) if name == "box.dae" else cspace.Robot.from_urdf(tmp_path / name)
+
+
+def test_an_archive_with_a_member_twice_is_refused(families: dict[str, Path], tmp_path: Path) -> None:
+    shutil.copy(families["saved.npz"], tmp_path / "map.npz")
+    with zipfile.ZipFile(tmp_path / "map.npz", "a") as archive, pytest.warns(UserWarning, match="Duplicate"):
+        archive.writestr("outer.npy", b"")
+    refused(tmp_path / "map.npz", "twice the same")
+
+
+def test_metadata_of_an_archive_that_declare_gigabytes_are_refused(families: dict[str, Path], tmp_path: Path) -> None:
+    header = b"{'descr': '<U300000000', 'fortran_order': False, 'shape': ()}".ljust(117) + b"\n"
+    with (
+        zipfile.ZipFile(families["saved.npz"]) as whole,
+        zipfile.ZipFile(tmp_path / "map.npz", "w") as archive,
+    ):
+        for name in whole.namelist():
+            content = b"\x93NUMPY\1\0v\0" + header if name == "metadata.npy" else whole.read(name)
+            archive.writestr(name, content)
+    tracemalloc.start()
+    refused(tmp_path / "map.npz", "longer or shorter than its header says")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 10_000_000
+
+
+def test_arrays_in_memory_keep_to_the_limit_of_cells(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.zeros((20, 20), dtype=bool))
+    with raised_limits(max_cells=399):
+        refused(tmp_path / "a.npy", "20 x 20 cells, 400 in all; at most 399", spacing=0.1)
+        assert Workspace.open(tmp_path / "a.npy", spacing=0.1, lazy=True).grid.size == 400
+
+
+def test_a_link_out_of_the_folder_of_a_gltf_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "secret.bin").write_bytes(bytes(36))
+    (tmp_path / "inner" / "a.bin").symlink_to(tmp_path / "secret.bin")
+    content = glb_of_places(1, False)
+    header = json.loads(content[20 : 20 + struct.unpack("<I", content[12:16])[0]])
+    header["buffers"][0]["uri"] = "a.bin"
+    (tmp_path / "inner" / "a.gltf").write_text(json.dumps(header))
+    refused(tmp_path / "inner" / "a.gltf", "outside of its folder", spacing=0.1)
 
 
 def test_names_that_are_none_are_refused() -> None:
