@@ -135,9 +135,14 @@ class Workspace:
         object.__setattr__(self, "inner", outer if np.array_equal(inner, outer) else inner)
 
     def __repr__(self) -> str:
-        grid, percent = self.grid, 100.0 * np.count_nonzero(self.outer) / self.outer.size
+        grid, occupied, unknown = self.grid, np.count_nonzero(self.outer), ""
+        if self.unknown is not None:
+            count, taken = np.count_nonzero(self.unknown), np.count_nonzero(self.outer & self.unknown)
+            occupied -= taken
+            unknown = f", {100.0 * count / self.outer.size:.3g} % unknown"
+            unknown += {0: ", taken as free", count: ", taken as occupied"}.get(taken, "")
         cells = f"{' x '.join(map(str, grid.shape))} cells of {grid.spacing:g} {grid.unit}"
-        return f"Workspace({self.source}: {cells}, {percent:.3g} % occupied)"
+        return f"Workspace({self.source}: {cells}, {100.0 * occupied / self.outer.size:.3g} % occupied{unknown})"
 
     def _repr_html_(self) -> str:
         """The repr and a small picture, for notebooks."""

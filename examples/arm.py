@@ -78,7 +78,7 @@ space.plot(
 joints = figure.add_subplot(1, 2, 2)
 colors = ListedColormap(["#ffffff", "#d55e00", "#a6d3ee"])  # FREE, MIXED, BLOCKED
 joints.pcolormesh(angles, angles, states.T, cmap=colors, vmin=0, vmax=2)
-joints.plot(*path.T, color="#0072b2", linewidth=2.0)
+joints.plot(*path.T, color="#6a1b9a", linewidth=2.0)
 joints.plot(*start, "o", color="white", mec="black")
 joints.plot(*goal, "*", color="#cc79a7", mec="black", markersize=12)
 joints.set(

@@ -45,7 +45,7 @@ print(len(plan.to_path().poses), "poses")  # or to_path(nav_msgs.msg.Path())
 costmap = space.to_costmap(cost_scaling_factor=3.0, inflation_radius=0.8)  # or to_costmap(nav2_msgs.msg.Costmap())
 costs = np.array(costmap.data).reshape(costmap.metadata.size_y, costmap.metadata.size_x)
 colors = plt.get_cmap("YlOrBr")(np.linspace(0.0, 0.8, 256))
-colors[253:] = [to_rgba(color) for color in ("#a6d3ee", "#262626", "#4a5a56")]
+colors[253:] = [to_rgba(color) for color in ("#a6d3ee", "#262626", "#6f5320")]
 figure, ax = plt.subplots(figsize=(7.5, 5), layout="constrained")
 (x0, y0), (x1, y1) = space.grid.lower, space.grid.upper
 image = ax.imshow(costs, origin="lower", extent=(x0, x1, y0, y1), cmap=ListedColormap(colors), vmin=0, vmax=255)

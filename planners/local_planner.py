@@ -15,7 +15,7 @@ import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
@@ -24,7 +24,7 @@ from ompl import base as ob
 
 from cspace.angles import ANGLE_SLACK, TURN, angle_axes, shorter, warn_of_degrees, wrapped
 from cspace.arms.space import ArmSpace, in_collision
-from cspace.arrays import Floats, Ints
+from cspace.arrays import Bools, Floats, Ints
 from cspace.configuration_map import ConfigurationMap
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import finite, positive
@@ -165,10 +165,18 @@ class LocalPlanner(ABC):
         """A path without the turns that it does not need, where that is proven too."""
         return path
 
-    def are_free(self, path: Floats) -> bool:
-        """Whether every edge of a path is proven free; of a path of one configuration, whether that is."""
+    def edges_are_free(self, path: Floats) -> Bools:
+        """Return whether each edge of a path is proven free, shape (n - 1,).
+
+        Of a path of one configuration, whether that is, shape (1,).
+        """
         check, rows = self.edge_checker(), path.tolist()
-        return all(check(*a, *b) for a, b in itertools.pairwise(rows if len(rows) > 1 else 2 * rows))
+        pairs = itertools.pairwise(rows if len(rows) > 1 else 2 * rows)
+        return np.array([check(*a, *b) for a, b in pairs], dtype=np.bool_)
+
+    def are_free(self, path: Floats) -> bool:
+        """Return True if every edge of a path is proven free; of a path of one configuration, if that is."""
+        return bool(self.edges_are_free(path).all())
 
     @abstractmethod
     def search(self, planner: str, endpoints: Endpoints, straight: bool, seed: int | None, seconds: float) -> Floats:
@@ -284,6 +292,19 @@ class EdgesOnMap(LocalPlanner):
 
     def wrap_yaws(self, path: Floats) -> Floats:
         return wrapped(path, [name == "yaw" for name in self.space.axes])
+
+    def edges_are_free(self, path: Floats) -> Bools:
+        space: Any = self.space
+        if isinstance(space, CSpace):
+            return super().edges_are_free(path)
+        # A map in a store has no edge checker; a window around each edge does.
+        grid, free = space.grid, []
+        for edge in np.stack([path[:-1], path[1:]], axis=1) if len(path) > 1 else [path]:
+            places = np.concatenate([edge, self.pieces(edge, grid.spacing, DENSE_TURN).middles])[:, : grid.dim]
+            room = 2.0 * grid.spacing
+            window = space.window(places.min(axis=0) - room, places.max(axis=0) + room)
+            free += replace(self, space=window).edges_are_free(edge).tolist()
+        return np.array(free, dtype=np.bool_)
 
     def search(self, planner: str, endpoints: Endpoints, straight: bool, seed: int | None, seconds: float) -> Floats:
         find = self.space.free_path if planner == CUBES else self.space.widest_path
@@ -586,9 +607,9 @@ class JointMotions(LocalPlanner):
     def edge_checker(self) -> Callable[..., bool]:
         return with_wrapped_angles(self.space.edge_checker(), self.space.endless)
 
-    def are_free(self, path: Floats) -> bool:
+    def edges_are_free(self, path: Floats) -> Bools:
         firsts, lasts = (path[:-1], path[1:]) if len(path) > 1 else (path, path)
-        return bool(np.all(self.space.motion_is_free(firsts, lasts)))
+        return np.asarray(self.space.motion_is_free(firsts, lasts))
 
     def search(self, planner: str, endpoints: Endpoints, straight: bool, seed: int | None, seconds: float) -> Floats:
         return self.space.free_path(*endpoints, straight=straight, seed=seed, time_limit=seconds)

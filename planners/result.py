@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arms.space import ArmSpace
-from cspace.arrays import Floats
+from cspace.arrays import Bools, Floats
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
 from cspace.grid import finite, positive
@@ -89,8 +89,9 @@ class Plan:
     solved : bool
         Whether the path reaches the goal. What OMPL calls an approximate solution does not, and is not kept.
     certified : bool
-        Whether every edge between the waypoints was proven free by the map, or with ``exact`` by the map and the
-        geometry, checked again after OMPL was done; curves are proven along the real curve.
+        Whether every edge between the waypoints was proven free **when it was planned**, by the map, or with ``exact``
+        by the map and the geometry, checked again after OMPL was done; curves are proven along the real curve. It stays
+        as it is when obstacles change afterwards: :meth:`recheck` proves the edges now.
     status : str
         The result in a line: that a path was found, or what is known where none was; and, for an arm, how far the start
         or goal was moved onto limits that it exceeded.
@@ -188,11 +189,68 @@ class Plan:
         return ("clearance", self.clearance) if math.isnan(distance) else ("obstacle_distance", distance)
 
     @property
+    def distance_text(self) -> str:
+        """:attr:`shown_distance` in words, as a plan prints it; empty if neither distance is known."""
+        name, distance = self.shown_distance
+        words = name.replace("_", " ")
+        if math.isnan(distance):
+            return ""
+        if distance == 0.0:
+            return f"{words} not proven to be more than 0"
+        number = f"{distance:.3f}" if distance >= 5e-4 else f"{distance:.1g}"
+        return f"{words} {number} {self.distance_unit}"
+
+    @property
     def _edges(self) -> LocalPlanner | None:
         """The local planner of the path's edges on the map; None without a path, and without a map."""
-        if not self.solved or self.space is None:
-            return None
-        return local_planner(cast(CSpace, self.space), self.exact, self.drive, self.turning_radius)
+        return self._edges_on(self.space) if self.solved and self.space is not None else None
+
+    def _edges_on(self, space: ConfigurationSpace) -> LocalPlanner:
+        return local_planner(cast(CSpace, space), self.exact, self.drive, self.turning_radius)
+
+    def recheck(self, space: ConfigurationSpace | None = None) -> Bools:
+        """Prove each edge of the path again, among the obstacles as they are now.
+
+        Edges are proven as they were by the plan: with its ``exact``, and along its drive or curves.
+
+        Parameters
+        ----------
+        space : CSpace, TiledCSpace or ArmSpace, optional
+            Where to prove them; by default the map that it was planned on.
+
+        Returns
+        -------
+        ndarray of bool, shape (m - 1,)
+            For each edge from a waypoint to the next, whether it is proven free now. Shape (1,) of a path of one
+            configuration.
+
+        Raises
+        ------
+        InputError
+            If the plan has no path, or was pickled and ``space`` is left out, or ``space`` has other axes.
+
+        Examples
+        --------
+        >>> import numpy as np, shapely, cspace, planners
+        >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
+        >>> plan = planners.plan(space, (1.0, 1.5), (3.0, 1.5))
+        >>> plan.recheck()
+        array([ True])
+        >>> update = space.place("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
+        >>> plan.certified, plan.recheck()
+        (True, array([False]))
+        """
+        if not self.solved:
+            raise InputError("plan", "has no path", f"the search ended with: {self.status}", "plan again")
+        space = self.space if space is None else space
+        if space is None:
+            rule, mend = "pickling leaves the map behind", "pass the map: plan.recheck(space)"
+            raise InputError("plan", "has no map", rule, mend)
+        if space.axes != self.axes:
+            fault, rule = f"has the axes {', '.join(space.axes)}", f"the plan has {', '.join(self.axes)}"
+            raise InputError("space", fault, rule, "pass a map of the same robot", value=space)
+        return self._edges_on(space).edges_are_free(self.waypoints)
 
     def __repr__(self) -> str:
         return "Plan(" + "\n     ".join(self._lines()) + ")"
@@ -208,19 +266,28 @@ class Plan:
         if not self.solved:
             between = f"from {_point(self.start)} to {_point(self.goal)} ({', '.join(self.axes)})"
             return [f"{self.planner}: {self.status}", between, *([f"try {self.advice}"] if self.advice else [])]
-        proof = "certified" if self.certified else "not certified"
         radius = f" of {self.turning_radius:g} m" if self.turning_radius else ""
         edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}{radius}"
         endpoints = " to ".join(map(_point, self.waypoints[[0, -1]]))
-        name, distance = self.shown_distance
-        apart = "" if math.isnan(distance) else f", {name.replace('_', ' ')} {distance:.3f} {self.distance_unit}"
+        apart = f", {self.distance_text}" if self.distance_text else ""
         turning = f", turning {self.turning:.2f} rad" if self.turning else ""
         return [
-            f"{self.planner}: {self.status}, {proof}; {self.length:.3f} {self.length_unit}{turning}{apart}",
+            f"{self.planner}: {self.status}, {self._proof}; {self.length:.3f} {self.length_unit}{turning}{apart}",
             f"{len(self.waypoints)} waypoints ({', '.join(self.axes)}) from {endpoints}, {edges}",
             f"planned in {_text(self.times.planning + self.times.simplification)}, "
             f"set up in {_text(self.times.setup)}, checked in {_text(self.times.checking)}",
         ]
+
+    @property
+    def _proof(self) -> str:
+        """What is proven of the path: when it was planned, and now."""
+        if not self.certified:
+            return "not certified"
+        if self.space is None:
+            return "certified when planned"
+        free = self.recheck()
+        lost = f"{np.count_nonzero(~free)} of {len(free)} edges no longer proven free"
+        return "certified" if free.all() else f"certified when planned, {lost}"
 
     def plot(self, **options: Unpack[PlotOptions]) -> Axes:
         """Draw the map with the path and the robot along it; an overview of a map in tiles.

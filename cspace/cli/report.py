@@ -37,6 +37,9 @@ _UNITS: Final = {
 }
 """Units, by the end of a name; the first that fits counts."""
 
+_LOWER_BOUNDS: Final = ("obstacle distance", "clearance")
+"""Labels of proven lower bounds, for which zero says only that nothing was proven."""
+
 _MANY_BYTES: Final = 10**6
 """From here on, tables show MB and GB."""
 
@@ -160,6 +163,8 @@ def _rows(document: dict[str, Any], indent: str = "") -> Iterator[tuple[str, str
         if isinstance(value, dict):
             yield indent + label, ""
             yield from _rows(value, indent + "  ")
+        elif label in _LOWER_BOUNDS and value == 0.0:
+            yield indent + label, "not proven to be more than 0"
         elif not (isinstance(value, list) and value and isinstance(value[0], list)):
             yield indent + label, _text(value, unit)
 

@@ -7,20 +7,23 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict
 
 import numpy as np
 
-from cspace.arrays import Floats, Surface
+from cspace.arrays import Bools, Floats, Surface
 from cspace.io.polygons import joined, placed
 from cspace.plot import artists
-from cspace.plot.route import Look, marked, polyline, simplified
+from cspace.plot.route import Look, lost_steps, marked, polyline, simplified, with_gaps
 from cspace.plot.surface import (
     MOST,
     SURFACES,
     Painting,
     axes_in_space,
+    dashed,
     direction_of,
     dotted,
     frame_in_space,
     lit,
+    path_colors,
     ribbon,
+    steps_at,
 )
 
 if TYPE_CHECKING:
@@ -107,9 +110,14 @@ class ArmFigure:
         return np.stack([self._arm.poses(q)[self.tip][:3] @ self._middle for q in points])
 
 
+def joint_lengths(points: Floats) -> Floats:
+    """Return the length of a path in the joints up to each row, shape (n,)."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+
+
 def along_joints(points: Floats, shares: Floats) -> Floats:
     """Configurations at shares, from 0 to 1, of the length of a path in the joints, shape (n, dof)."""
-    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    lengths = joint_lengths(points)
     return np.stack([np.interp(shares * lengths[-1], lengths, column) for column in points.T], axis=-1)
 
 
@@ -131,7 +139,7 @@ def draw_arm(
     ghosts = along_joints(points, np.linspace(0.0, 1.0, GHOSTS + 1)[:-1]) if len(points) > 1 else points[:0]
     if marks and not len(points):
         ghosts = marks["start"][np.newaxis]
-    return _paint(space, points, ghosts, stand, look, moving=False)[0]
+    return _paint(space, points, ghosts, stand, look, lost_steps(space, path))[0]
 
 
 class MovingArm:
@@ -146,7 +154,7 @@ class MovingArm:
 
     def __init__(self, space: Any, points: Floats, look: Look) -> None:
         ghosts = along_joints(points, np.linspace(0.0, 1.0, _SEEN))
-        self.axes, self._painting, longest = _paint(space, points, ghosts, points[-1], look, moving=True)
+        self.axes, self._painting, longest = _paint(space, points, ghosts, points[-1], look)
         self._arm, figure = space.arm, ArmFigure(space)
         self._links = {name: _polygons(figure.links[name], longest, _FACES) for name in figure.moving}
 
@@ -158,13 +166,15 @@ class MovingArm:
 
 
 def _paint(
-    space: Any, points: Floats, ghosts: Floats, stand: Floats, look: Look, *, moving: bool
+    space: Any, points: Floats, ghosts: Floats, stand: Floats, look: Look, lost: Bools | None = None
 ) -> tuple[Axes, Painting, float]:
     """Draw an arm where it stands, pale arms where its ghosts are, and the curve of its path.
 
-    If the arm is ``moving``, its moving links are left out, and the ghosts say only where it will be. Return the axes,
-    what was painted, and the longest side of a triangle, metres.
+    ``lost`` are the steps of the path that are no longer proven free. If it is None, the arm moves: its moving links
+    are left out, and the ghosts say only where it will be. Return the axes, what was painted, and the longest side of a
+    triangle, metres.
     """
+    moving, lost = lost is None, np.zeros(0, dtype=np.bool_) if lost is None else lost
     figure = ArmFigure(space)
     pale = [(PALE, placed[name]) for placed in map(figure.placed, ghosts) for name in figure.moving]
     links = [(name, link) for name, link in figure.placed(stand).items()]
@@ -186,12 +196,14 @@ def _paint(
     colors = [np.empty((0, 3)), *(lit(part, towards, color) for part, (color, _) in parts)]
     handles = [artists.patch("arm", artists.ROBOT_FILL)]
     if len(points) > 1:
-        curve = figure.tips(along_joints(points, np.linspace(0.0, 1.0, 200)))
+        shares = np.linspace(0.0, 1.0, 200)
+        curve = figure.tips(along_joints(points, shares))
         polygons.append(ribbon(curve, towards, box))
-        colors.append(np.tile(lit(polygons[-1][:1], towards, artists.PATH), (len(polygons[-1]), 1)))
+        colors.append(path_colors(shares, joint_lengths(points), lost))
         if not moving:
             handles.append(artists.patch("arm along the path", PALE))
         handles += dotted(drawn, curve, f"path of {figure.tip}, dotted behind something")
+        handles += dashed(drawn, with_gaps(curve, steps_at(shares, joint_lengths(points), lost)))
     elif len(ghosts) and not moving:
         handles.append(artists.patch("arm at the start", PALE))
     if blocks:

@@ -25,23 +25,27 @@ if TYPE_CHECKING:
 
 Classes = NDArray[np.uint8]
 
-# What a cell shows, the most important last: a pixel that covers many cells shows the largest. The hues are from Okabe
+# What a cell shows, the most important last: a pixel that covers many cells shows the largest. Most hues are from Okabe
 # and Ito (2008), which the colour-blind tell apart, and their lightness differs, so that they part in grey print too.
+# Unknown cells are brown, which no other class is.
 CLASSES: Final = (
     ("free", "#ffffff"),
     ("free at some rotations", "#f3e79b"),
-    ("unknown, taken as free", "#a6b6b0"),
+    ("unknown, taken as free", "#c8ab78"),
     ("obstacle, free for the reference point", "#999999"),
     ("undecided (MIXED)", "#d55e00"),
     ("C-obstacle (BLOCKED)", "#a6d3ee"),
-    ("unknown, taken as obstacle", "#475955"),
+    ("unknown, taken as obstacle", "#6f5320"),
     ("obstacle", "#262626"),
 )
 OPEN, PARTLY, ASSUMED, HOLLOW, UNDECIDED, COLLIDES, UNSEEN, OBSTACLE = range(len(CLASSES))
 OVER_ALL: Final = {OPEN: "free at every rotation", COLLIDES: "C-obstacle at every rotation"}
 """What classes are called where all rotations are shown at once."""
 
-PATH: Final = "#0072b2"
+PATH: Final = "#6a1b9a"
+"""A path. Purple, also where it is drawn faint, is no colour of a map."""
+LOST: Final = "#ff1493"
+"""Edges of a path that are no longer proven free."""
 ROBOT: Final = "#009e73"
 ROBOT_FILL: Final = "#3fb795"
 """A robot that is drawn filled."""
@@ -50,6 +54,10 @@ DARK: Final = "#00614a"
 GOAL: Final = "#cc79a7"
 OUTSIDE: Final = ("outside the grid", "#f2f2f2", "#c4c4c4")
 """Name, ground and hatching of what the map does not show."""
+LOST_STYLE: Final[dict[str, Any]] = {"color": LOST, "linestyle": (0, (1.8, 1.0)), "dash_capstyle": "butt"}
+"""How such edges are drawn as lines."""
+NO_LONGER: Final = "path, no longer proven free"
+"""What the legend calls :data:`LOST`."""
 LONG: Final = 6.5
 """Length of the longer side of the axes, in inches."""
 THIN: Final = 12.0
@@ -142,13 +150,20 @@ def patch(label: str, color: str, edge: str = "#555555", **style: Any) -> Patch:
     return Patch(facecolor=color, edgecolor=edge, linewidth=0.6, label=label, **style)
 
 
-def draw_path(ax: Axes, points: Floats, width: float = 1.8) -> list[Any]:
-    """Draw a path by its first two numbers; gives its legend entry."""
-    if not len(points):
-        return []
-    line = ax.plot(*points[:, :2].T, color=PATH, linewidth=width, label="path", zorder=4)
-    line[0].set(solid_joinstyle="round", path_effects=[halo(width + 1.6)])
-    return list(line)
+def draw_path(ax: Axes, points: Floats, width: float = 1.8, lost: Floats | None = None) -> list[Any]:
+    """Draw a path by its first two numbers, and its `lost` parts over it; return the legend entries.
+
+    ``lost`` holds the edges that are no longer proven free, as :attr:`Route.lost_parts`.
+    """
+    lines: list[Any] = []
+    if len(points):
+        lines += ax.plot(*points[:, :2].T, color=PATH, linewidth=width, label="path", zorder=4)
+        lines[0].set(solid_joinstyle="round", path_effects=[halo(width + 1.6)])
+    if lost is not None and len(lost):
+        # White below the dashes, so that the path itself does not fill their gaps.
+        ax.plot(*lost[:, :2].T, color="white", linewidth=1.6 * width + 1.6, label="_", zorder=4.1)
+        lines += ax.plot(*lost[:, :2].T, label=NO_LONGER, linewidth=1.6 * width, zorder=4.2, **LOST_STYLE)
+    return lines
 
 
 def halo(width: float, alpha: float = 1.0) -> AbstractPathEffect:
@@ -309,7 +324,7 @@ def drawn_size(box: Floats, long: float = LONG) -> tuple[float, float]:
 
 def draw_route(ax: Axes, route: Route, scale: float = 1.0, *, robots: bool = True) -> list[Any]:
     """Draw path, robots and marks from above; gives their legend entries."""
-    handles = draw_path(ax, route.points, 1.8 if robots else 1.2)
+    handles = draw_path(ax, route.drawn, 1.8 if robots else 1.2, route.lost_parts)
     if robots:
         handles += draw_robots(ax, route.figurine, route.stations)
     return handles + draw_marks(ax, route.marks, scale, rotations=route.figurine.rotations)

@@ -20,7 +20,19 @@ from cspace.grid import Grid, positive
 from cspace.io.files import replacing
 from cspace.plot import artists
 from cspace.plot.dials import draw_dials
-from cspace.plot.route import Figurine, HasPath, Look, MapLike, Part, Route, WorkspaceLike, marked, section_point
+from cspace.plot.route import (
+    Figurine,
+    HasPath,
+    Look,
+    MapLike,
+    Part,
+    Route,
+    WorkspaceLike,
+    lost_steps,
+    marked,
+    section_point,
+    with_gaps,
+)
 from cspace.plot.sections import draw_panels, draw_sections
 from cspace.plot.surface import draw_surface
 from cspace.rotations import OneRotation, Rotations
@@ -106,7 +118,8 @@ def plot(
     There, the path is solid, and the robot drawn, where the robot reaches the section; elsewhere the path is faint. Or
     it is drawn in three dimensions, cut open above the path, which is dotted where something is in front of it.
 
-    A map with rotations may also be drawn as panels side by side, one for each of a few rotations; or as its rotations
+    A map with rotations may also be drawn as panels side by side, one for each of a few rotations, with the part of the
+    path on which the robot is turned most nearly so (rotations that share a slice count as one); or as its rotations
     at one position: a ring of yaws, or discs of all rotations, one for each of six headings, in whose middle the robot
     is upright, and tipped over towards a side outwards, until at the rim it is upside down.
 
@@ -120,7 +133,8 @@ def plot(
         some, and at none; panels show six of them.
     path : array-like, shape (n, dof), or Plan, optional
         Configurations to join by straight edges, in metres and radians; or anything whose ``path`` attribute holds
-        them.
+        them. Edges of a certified plan that are no longer proven free, e.g. after :meth:`cspace.CSpace.place`, are
+        dashed in another colour.
     start, goal : array-like, shape (dof,), optional
         Configurations to mark; if left out, the endpoints of the path. An arrow shows a yaw.
     ax : matplotlib.axes.Axes, optional
@@ -424,10 +438,11 @@ def _robot(robot: Any) -> tuple[Floats, Any]:
 def _plan(plan: Any) -> tuple[Floats, Any]:
     """Box and painter of a path, from above."""
     points = np.asarray(plan.path)[:, :2]
+    lost = with_gaps(points, lost_steps(plan, plan))
     marks = {name: q[:2] for name, q in marked(plan, plan, points, None, None).items()}
 
     def draw(ax: Any) -> None:
-        artists.draw_path(ax, points)
+        artists.draw_path(ax, points, lost=lost)
         artists.draw_marks(ax, marks, 0.8)
 
     return _around(np.vstack([points, *marks.values()])), draw

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
@@ -216,6 +216,10 @@ class Route:
     figurine : Figurine
     cut : bool
         Whether what leaves the grid is not shown.
+    lost : ndarray of bool, shape (n - 1,)
+        Which steps of the path are drawn as no longer proven free.
+    shown : ndarray of bool, shape (n - 1,), or None
+        Which steps of the path are drawn; all of them if None.
     """
 
     points: Floats
@@ -223,6 +227,8 @@ class Route:
     stations: Floats
     figurine: Figurine
     cut: bool = False
+    lost: Bools = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    shown: Bools | None = None
 
     @classmethod
     def of(
@@ -240,6 +246,7 @@ class Route:
             marks,
             np.concatenate([_stations(points, every, figurine, zoom or 1.0), *(q[np.newaxis] for q in marks.values())]),
             figurine,
+            lost=lost_steps(space, path),
         )
 
     def within(self, grid: Grid) -> Route:
@@ -264,6 +271,16 @@ class Route:
         """Configurations at shares, from 0 to 1, of the path's length, shape (n, dof)."""
         return self.figurine.along(self.points, shares)
 
+    @property
+    def drawn(self) -> Floats:
+        """The points of the path that are drawn, with gaps where it is not :attr:`shown`."""
+        return self.points if self.shown is None else with_gaps(self.points, self.shown)
+
+    @property
+    def lost_parts(self) -> Floats:
+        """The :attr:`lost` steps, as :func:`with_gaps` returns them, shape (k, dof)."""
+        return with_gaps(self.points, self.lost)
+
 
 def rings(geometry: Any) -> list[Floats]:
     """Closed outlines of a geometry, holes included, each of shape (n, 2)."""
@@ -284,6 +301,38 @@ def polyline(space: HasAxes, path: Any) -> Floats:
         mend = f"pass one configuration ({', '.join(space.axes)}) in a row"
         raise InputError("path", f"has shape {points.shape}", f"it must be (n, {len(space.axes)})", mend, value=path)
     return points
+
+
+def lost_steps(space: HasAxes, path: Any) -> Bools:
+    """Return which steps of a plan's path lie on edges that are no longer proven free, shape (n - 1,).
+
+    The edges are proven on the map that is drawn, or, if that is another view of the plan's map, such as an overview,
+    on the plan's map itself. None are lost of a path that is no plan, or was not certified.
+    """
+    steps = np.zeros(max(len(getattr(path, "path", ())) - 1, 0), dtype=np.bool_)
+    planned = getattr(path, "space", None)
+    if planned is None or not len(steps) or not getattr(path, "certified", False):
+        return steps
+    is_same = type(space) is type(planned) and getattr(space, "grid", None) == getattr(planned, "grid", None)
+    lost = ~path.recheck(space if is_same else planned)
+    # Waypoints are rows of the path; the steps from one to the next lie on one edge.
+    first = 0
+    for waypoint, is_lost in zip(path.waypoints[1:], lost.tolist(), strict=False):
+        last = first + 1 + int((path.path[first + 1 :] == waypoint).all(axis=1).argmax())
+        steps[first:last] = is_lost
+        first = last
+    return steps
+
+
+def with_gaps(points: Floats, chosen: Bools) -> Floats:
+    """Return the rows of the chosen steps of a path, and a row of NaN after each run of them.
+
+    A line through all rows has gaps where no step is chosen, shape (n - 1,).
+    """
+    steps = np.flatnonzero(chosen)
+    runs = np.split(steps, np.flatnonzero(np.diff(steps) > 1) + 1) if len(steps) else []
+    gap = np.full((1, points.shape[1]), np.nan)
+    return np.concatenate([points[:0], *(part for run in runs for part in (points[run[0] : run[-1] + 2], gap))])
 
 
 def marked(space: HasAxes, path: Any, points: Floats, start: Any, goal: Any) -> dict[str, Floats]:

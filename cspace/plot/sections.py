@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from cspace.arrays import Floats
+from cspace.arrays import Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import finite
 from cspace.plot import artists
@@ -28,6 +29,9 @@ _WIDE: Final = 9.0
 """Width and height that panels share at most, in inches."""
 _MOST: Final = 64
 """Panels that a picture can hold."""
+_NEAREST: Final = "path, in the panel of the nearest rotation"
+_FINE_TURN: Final = math.radians(2.0)
+"""Radians between two points of a path for each of which its panel is looked up."""
 
 
 def draw_sections(space: MapLike, route: Route, look: Look) -> Axes:
@@ -62,11 +66,15 @@ def draw_panels(space: MapLike, route: Route, look: Look) -> Axes:
     grid, layer = artists.section(space.grid, point)
     panels = _grid_of_panels(len(shown), box)
     classes: list[artists.Classes] = []
-    for ax, given in zip(panels.flat, shown, strict=False):
-        rotation = rotations.checked(given)
+    entries: dict[str, Any] = {}
+    shown = np.array([rotations.checked(given) for given in shown])
+    for ax, rotation, part in zip(panels.flat, shown, _parts_of(space, route, shown), strict=False):
         classes.append(artists.classes_of(space, rotation, layer))
         artists.draw_cells(ax, grid, classes[-1])
-        handles = artists.draw_route(ax, route, 0.6, robots=False)
+        for entry in artists.draw_route(ax, part, 0.6, robots=False):
+            if entry.get_label() == "path" and len(shown) > 1:
+                entry.set_label(_NEAREST)
+            entries.setdefault(entry.get_label(), entry)
         artists.frame(ax, box, stretch, limits=ax is panels[0, 0])
         ax.set_title(rotations.text(rotation), loc="left", fontsize=9)
         ax.tick_params(labelsize=8)
@@ -82,7 +90,9 @@ def draw_panels(space: MapLike, route: Route, look: Look) -> Axes:
     about = rotations.describe(None).replace("over all rotations, ", "")
     names = zip(space.grid.axes[2:], point[2:], space.grid.units[2:], strict=True)
     about = ", ".join([about, *(f"{name} = {height:.4g} {unit}" for name, height, unit in names)])
-    artists.annotate(first, space, look, stretch, about, artists.cell_legend(classes, space, box) + handles)
+    artists.annotate(
+        first, space, look, stretch, about, artists.cell_legend(classes, space, box) + list(entries.values())
+    )
     return first
 
 
@@ -139,7 +149,8 @@ def _draw_route(ax: Axes, pair: tuple[int, int], across: int, route: Route, plac
         look: dict[str, Any] = {"color": artists.PATH, "alpha": 0.45, "linewidth": 1.0, "zorder": 3.5}
         far = ax.plot(*route.points[:, pair].T, label="path, away from the section", **look)
         low, high = place - _spread(route)[::-1, across]
-        handles += artists.draw_path(ax, within(route.points, across, low, high)[:, pair]) + far
+        near = within(route.points, across, low, high)
+        handles += artists.draw_path(ax, near[:, pair], lost=route.lost_parts[:, pair]) + far
     extents = [route.figurine.extent(q)[:, across] for q in route.stations]
     reaching = [q for q, (low, high) in zip(route.stations, extents, strict=True) if low <= place <= high]
     handles += artists.draw_robots(ax, route.figurine, np.array(reaching), pair)
@@ -151,6 +162,46 @@ def _spread(route: Route) -> Floats:
     """How far the robot reaches from its reference point along each axis, anywhere on the path, shape (2, 3)."""
     reaches = [route.figurine.extent(q) - q[:3] for q in route.along(np.linspace(0.0, 1.0, 65))]
     return np.stack([np.min(reaches, axis=0)[0], np.max(reaches, axis=0)[1]])
+
+
+def _parts_of(space: MapLike, route: Route, shown: Floats) -> list[Route]:
+    """Return the part of a route in each panel: where the robot is turned most nearly as the panel shows it.
+
+    Rotations that share a slice are alike. ``shown`` are the rotations of the panels, shape (k, dof).
+    """
+    rotations, slices, dim = space.rotations, space.rotations.slices_for(space.robot.shape), space.grid.dim
+    alike = [rotations.centers[slices == slices[rotations.cells_of(rotation)]] for rotation in shown]
+
+    def panel_of(q: Floats) -> Ints:
+        """The panels of configurations, shape (n,); of two that are as near, the first."""
+        if len(shown) == 1:
+            return np.zeros(len(q), dtype=np.int64)
+        angles = np.full((len(shown), len(q)), np.inf)
+        for nearest, centers in zip(angles, alike, strict=True):
+            for center in centers:
+                turned = np.concatenate([q[:, :dim], np.broadcast_to(center, (len(q), len(center)))], axis=1)
+                np.minimum(nearest, np.linalg.norm(rotations.steps(q, turned)[:, dim:], axis=1), out=nearest)
+        return np.asarray(angles.argmin(axis=0))
+
+    points, lost = route.points, route.lost
+    if len(points) > 1:
+        # Between two rows the robot turns evenly; the path is cut where another panel becomes the nearest.
+        steps = rotations.steps(points[:-1], points[1:])
+        counts = np.ceil(np.linalg.norm(steps[:, dim:], axis=1) / _FINE_TURN).astype(np.int64).clip(1)
+        step = np.repeat(np.arange(len(counts)), counts)
+        share = (np.arange(len(step)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[step]
+        rows = rotations.moved(points[step], share[:, np.newaxis] * steps[step])
+        middles = rotations.moved(rows, 0.5 * steps[step] / counts[step, np.newaxis])
+        points, lost = np.concatenate([rows, points[-1:]]), lost[step] if len(lost) else lost
+        owners = panel_of(middles)
+    ends = {name: int(panel_of(q[np.newaxis])[0]) for name, q in route.marks.items()}
+    parts = []
+    for number in range(len(shown)):
+        marks = {name: q for name, q in route.marks.items() if ends[name] == number}
+        own = owners == number if len(points) > 1 else np.zeros(0, dtype=np.bool_)
+        is_lost = lost & own if len(lost) else lost
+        parts.append(replace(route, points=points, marks=marks, shown=own, lost=is_lost))
+    return parts
 
 
 def _distinct(space: MapLike) -> Floats:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 SURFACES: Final = {"obstacles": ("obstacle", "#7a7a7a"), "free": ("border of the free space", "#ffffff")}
 """What may be drawn, its name in the legend and its colour in full light: dark as obstacles, white as free space."""
-UNSEEN: Final = (artists.CLASSES[artists.UNSEEN][0], "#93b5b0")
+UNSEEN: Final = (artists.CLASSES[artists.UNSEEN][0], "#c9a468")
 """The same of obstacles that nothing is known of."""
 CAMERA: Final = (40.0, -62.0)
 """Elevation and azimuth in degrees where the caller does not say."""
@@ -112,11 +112,15 @@ def paint_surface(space: MapLike, route: Route, look: Look, *, moving: bool = Fa
             axis=(1, 2)
         )  # pictures in space are not cut by matplotlib
         polygons.append(strips[inside])
-        colors.append(np.tile(_rgb(artists.PATH), (len(polygons[-1]), 1)))
+        colors.append(path_colors(shares, lengths, route.lost)[inside])
         line = route.points[:, :3]
         for axis in range(3) if route.cut else ():
             line = within(line, axis, box[0, axis], box[1, axis])
         handles += dotted(ax, line, "path, dotted behind something")
+        lost = route.lost_parts[:, :3]
+        if route.cut:
+            lost = np.where(((lost >= box[0]) & (lost <= box[1])).all(axis=1, keepdims=True), lost, np.nan)
+        handles += dashed(ax, lost)
     painting = Painting(ax, polygons, colors, towards)
     handles += artists.draw_marks(ax, route.marks, pair=(0, 1, 2))
     frame_in_space(ax, box, angles, labels=space.grid.labels, fit=look.ax is None)
@@ -139,6 +143,13 @@ def axes_in_space(look: Look) -> tuple[Any, Floats]:
     angles = _angles(look.camera)
     made = look.ax or artists.new_figure(1.0, 1.0, layout=None).add_subplot(projection="3d", computed_zorder=False)
     return made, angles
+
+
+def dashed(ax: Any, lost: Floats) -> list[Any]:
+    """Draw lines with gaps, shape (n, 3), where a path is no longer proven free, over all else; return their entry."""
+    if not len(lost):
+        return []
+    return list(ax.plot(*lost.T, label=artists.NO_LONGER, linewidth=2.2, zorder=4.5, **artists.LOST_STYLE))
 
 
 def dotted(ax: Any, line: Floats, label: str) -> list[Any]:
@@ -285,6 +296,22 @@ def ribbon(points: Floats, towards: Floats, box: Floats) -> Floats:
     aside = np.cross(steps, towards)
     aside *= half / np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), np.finfo(float).tiny)
     return np.stack([points[:-1] - aside, points[:-1] + aside, points[1:] + aside, points[1:] - aside], axis=1)
+
+
+def steps_at(shares: Floats, lengths: Floats, lost: Bools) -> Bools:
+    """Return whether each stretch between shares of a path's length is no longer proven free, shape (n - 1,).
+
+    ``lengths``, shape (m,), are those up to each row, and ``lost``, shape (m - 1,), the steps no longer proven free.
+    """
+    middles = (shares[:-1] + shares[1:]) / 2.0 * lengths[-1]
+    steps = np.clip(np.searchsorted(lengths, middles, side="right") - 1, 0, len(lengths) - 2)
+    return lost[steps] if len(lost) else np.zeros(len(steps), dtype=np.bool_)
+
+
+def path_colors(shares: Floats, lengths: Floats, lost: Bools) -> Floats:
+    """Return the colours of the strips between shares of a path's length, shape (n - 1, 3); as :func:`steps_at`."""
+    is_lost = steps_at(shares, lengths, lost)[:, np.newaxis]
+    return np.where(is_lost, _rgb(artists.LOST), _rgb(artists.PATH))
 
 
 def _rgb(color: str) -> Floats:

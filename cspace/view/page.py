@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import threading
 import time
 from contextlib import suppress
@@ -237,8 +236,7 @@ def _plan_text(plan: PlanLike) -> str:
         advice = f"  \nTry {plan.advice}." if plan.advice else ""
         return f"**{plan.status[:1].upper()}{plan.status[1:]}.**{advice}"
     proof = "certified: every edge is proven free" if plan.certified else "not certified"
-    name, distance = plan.shown_distance
-    apart = "" if math.isnan(distance) else f", {name.replace('_', ' ')} at least {distance:.3f} {plan.distance_unit}"
+    apart = f", {plan.distance_text}" if plan.distance_text else ""
     seconds = plan.times.planning + plan.times.simplification
     took = f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
     text = f"**{plan.status[:1].upper()}{plan.status[1:]}**, {proof}."

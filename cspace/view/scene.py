@@ -10,7 +10,18 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Floats, Ints, Surface
 from cspace.grid import Grid
-from cspace.plot.artists import CLASSES, COLLIDES, OBSTACLE, PARTLY, PATH, ROBOT_FILL, UNDECIDED, UNSEEN, Classes
+from cspace.plot.artists import (
+    CLASSES,
+    COLLIDES,
+    LOST,
+    OBSTACLE,
+    PARTLY,
+    PATH,
+    ROBOT_FILL,
+    UNDECIDED,
+    UNSEEN,
+    Classes,
+)
 from cspace.plot.route import RobotLike, rings
 from cspace.plot.surface import SURFACES
 from cspace.plot.surface import UNSEEN as DIM
@@ -53,7 +64,7 @@ KINDS: Final = {
 SECTION: Final = "section"
 """What is called so among them: the cells that a height cuts, or, of a map in the plane, the ground."""
 
-LOW: Final = "#d55e00"
+LOW: Final = LOST
 HIGH: Final = PATH
 """Colours of a path where its clearance is zero, and where it is largest."""
 PIXELS: Final = 1024

@@ -1,5 +1,6 @@
 """Texts of options: configurations, angles, boxes; what the library says, in options."""
 
+import json
 import math
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from commands import run
 from cspace.cli.files import axes_of_map, units_of_map
 from cspace.cli.options import angle, box, configuration
-from cspace.cli.report import in_options, worded
+from cspace.cli.report import in_options, show, worded
 from cspace.errors import CspaceError, FileError, InputError
 
 AXES = {"plane": ("x", "y"), "turning": ("x", "y", "yaw"), "space": ("x", "y", "z"), "both": ("x", "y", "z", "yaw")}
@@ -125,3 +126,12 @@ def test_errors_are_worded_from_their_fields(error: CspaceError, expected: str) 
 
 def test_the_list_of_commands_has_whole_sentences() -> None:
     assert "..." not in run("--help").stdout.partition("Commands:")[2]
+
+
+@pytest.mark.parametrize("name", ["clearance_m", "obstacle_distance_rad"])
+def test_bound_of_zero_is_printed_as_not_proven(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    show({name: 0.0, "length_m": 0.0}, as_json=False)
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0].endswith("not proven to be more than 0") and printed[1].endswith("0 m")
+    show({name: 0.0}, as_json=True)
+    assert json.loads(capsys.readouterr().out) == {name: 0.0}

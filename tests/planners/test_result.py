@@ -181,7 +181,73 @@ def test_where_no_geometry_can_be_asked_the_room_is_that_of_the_map(tmp_path: Pa
     tiled = build(Workspace.from_array(occupied, 0.1), Robot.disc(0.2), store=tmp_path / "map", tile=30)
     plan = planners.plan(tiled, (1.0, 1.0), (1.0, 5.0))
     assert math.isnan(plan.obstacle_distance) and plan.shown_distance == ("clearance", plan.clearance)
-    assert f" m, clearance {plan.clearance:.3f} m\n" in repr(plan)
+    assert plan.clearance == 0.0 and " m, clearance not proven to be more than 0\n" in repr(plan)
+
+
+# ---- proofs, then and now --------------------------------------------------------------------------------------------
+
+
+def middle_of(plan: planners.Plan, edge: int) -> np.ndarray:
+    """The place in the middle of an edge of a path."""
+    first, last = (int((plan.path == q).all(axis=1).argmax()) for q in plan.waypoints[edge : edge + 2])
+    return plan.path[(first + last) // 2, : plan.space.grid.dim]
+
+
+def test_recheck_proves_each_edge_among_the_obstacles_of_now(plan: planners.Plan) -> None:
+    """Edges that are proven free are free at every row; one with an obstacle on it is not."""
+    assert plan.recheck().all() and plan.recheck().shape == (len(plan.waypoints) - 1,)
+    space = copy.deepcopy(plan.space)
+    longest = int(np.linalg.norm(np.diff(plan.waypoints[:, : space.grid.dim], axis=0), axis=1).argmax())
+    space.place("post", [middle_of(plan, longest)], radius=0.05)
+    free = plan.recheck(space)
+    assert free.dtype == np.bool_ and not free[longest]
+    rows = [int((plan.path == q).all(axis=1).argmax()) for q in plan.waypoints]
+    for is_free, first, last in zip(free, rows, rows[1:], strict=False):
+        if is_free and last > first:
+            assert np.asarray(space.is_free(plan.path[first : last + 1])).all()
+    assert plan.certified and plan.recheck().all()  # on its own map, which has no post
+    space.remove("post")
+    assert plan.recheck(space).all()
+
+
+def test_plan_says_that_it_was_proven_when_planned() -> None:
+    space = build(Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1), Robot.disc(0.3))
+    plan = planners.plan(space, (1.0, 1.5), (3.0, 1.5))
+    assert ", certified; 2.000 m, obstacle distance 0.700 m" in repr(plan)
+    space.place("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
+    assert ", certified when planned, 1 of 1 edges no longer proven free; 2.000 m" in repr(plan) and plan.certified
+    assert ", obstacle distance not proven to be more than 0\n" in repr(plan)
+    again = pickle.loads(pickle.dumps(plan))
+    assert "certified when planned; " in repr(again)
+    assert not again.recheck(space).any()
+    with pytest.raises(InputError, match=r"plan has no map; .* plan.recheck\(space\)"):
+        again.recheck()
+    with pytest.raises(InputError, match="space has the axes x, y, yaw; the plan has x, y"):
+        plan.recheck(room("turning"))
+    with pytest.raises(InputError, match="plan has no path"):
+        planners.plan(*halves("plane", BLOCKED)).recheck()
+    there = planners.plan(space, (1.0, 0.7), (1.0, 0.7))
+    assert there.recheck().tolist() == [True]
+
+
+def test_old_plan_is_drawn_with_the_edges_that_are_no_longer_free() -> None:
+    wall = shapely.box(1.9, 0.0, 2.1, 1.6)
+    space = build(Workspace.from_polygons([wall], 0.05, (0.0, 0.0, 4.0, 3.0)), Robot.disc(0.2))
+    plan = planners.plan(space, (0.5, 0.5), (3.5, 0.5), planner="Cubes")
+    name = "path, no longer proven free"
+    assert name not in [text.get_text() for text in plan.plot().figure.legends[0].get_texts()]
+    space.place("cart", shapely.box(0.9, 0.7, 1.4, 1.2))
+    free = plan.recheck()
+    assert free.any() and not free.all()
+    for ax in (plan.plot(), space.plot(path=plan), plan.plot(zoom=1.5)):
+        (line,) = (line for line in ax.lines if line.get_label() == name)
+        drawn = np.asarray(line.get_xydata())
+        rows = np.flatnonzero(~free)
+        assert np.array_equal(drawn[np.isfinite(drawn).all(axis=1)], plan.path[rows[0] : rows[-1] + 2])
+        assert line.get_linestyle() == "--"
+        assert name in [text.get_text() for text in ax.figure.legends[0].get_texts()]
+    assert len(thumbnail(plan)) > 0
+    assert not any(line.get_label() == name for line in space.plot(path=plan.path).lines)  # rows alone are no plan
 
 
 # ---- what it says ----------------------------------------------------------------------------------------------------

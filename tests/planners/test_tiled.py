@@ -106,6 +106,14 @@ def test_what_a_plan_in_memory_takes(options, tmp_path):
     edges = local_planner(space, False, options.get("drive", "holonomic"), options.get("turning_radius"))
     assert edges.are_free(plan.waypoints)
     assert plan.clearance == pytest.approx(edges.clearance(plan.waypoints))
+    assert plan.recheck().all() and "found, certified" in repr(plan).replace(plan.status, "found")
+    middle = plan.path[len(plan.path) // 2, :2]
+    tiled.update(np.ones((2, 2), dtype=bool), tiled.grid.cell_of(middle).tolist())
+    space.update(np.ones((2, 2), dtype=bool), space.grid.cell_of(middle).tolist())
+    free = plan.recheck()
+    np.testing.assert_array_equal(free, edges.edges_are_free(plan.waypoints))
+    assert not free.all() and "no longer proven free" in repr(plan)
+    assert "path, no longer proven free" in [line.get_label() for line in plan.plot().lines]
 
 
 def test_a_robot_that_turns_finds_its_way(tmp_path):

@@ -8,11 +8,12 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 import cspace
+import planners
 from cspace.arms import Placed
 from cspace.errors import ConfigurationError, InputError
 from cspace.plot.animation import Stage
 from cspace.plot.arms import GHOSTS, PALE, along_joints
-from cspace.plot.artists import PATH, ROBOT_FILL
+from cspace.plot.artists import LOST, PATH, ROBOT_FILL
 from cspace.plot.route import Route
 from cspace.plot.surface import SURFACES
 from urdfs import planar
@@ -69,6 +70,18 @@ def test_a_path_is_drawn_as_pale_arms_and_a_line(space: cspace.ArmSpace) -> None
     np.testing.assert_allclose(np.array(line.get_data_3d())[:, 0], middle, atol=1e-9)
     assert len(painted(ax, PATH))
     assert ax.get_figure().get_suptitle() == "on its way"
+
+
+def test_edges_that_another_scene_blocks_are_drawn_apart(space: cspace.ArmSpace) -> None:
+    plan = planners.plan(space, (0.0, 0.0), (1.2, 0.0), seed=1)
+    assert plan.certified and not len(painted(space.plot(path=plan), LOST))
+    tip = np.eye(4)
+    tip[:3, 3] = 1.9 * np.cos(0.6), 1.9 * np.sin(0.6), 0.0
+    again = cspace.build_arm({"box": Placed(cspace.Robot.box((0.1, 0.1, 0.1)).shape, tip)}, space.arm)
+    assert not plan.recheck(again).all()
+    ax = again.plot(path=plan)
+    assert len(painted(ax, LOST))
+    assert "path, no longer proven free" in [text.get_text() for text in ax.get_figure().legends[0].get_texts()]
 
 
 def test_a_floor_is_cut_where_the_arm_is_far(space: cspace.ArmSpace) -> None:

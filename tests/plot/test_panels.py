@@ -1,4 +1,4 @@
-"""Panels: one for each yaw, each the slice of its yaw, with the path in every one."""
+"""Panels: one for each yaw, each the slice of its yaw, with the part of the path that is nearest to that yaw."""
 
 import math
 from typing import Any
@@ -44,12 +44,38 @@ def test_the_yaws_that_are_shown(space: CSpace) -> None:
     assert len(yaws_of(plot(build(space.workspace, Robot.disc(0.3), rotations=24), view="panels"))) == 1
 
 
-def test_path_and_marks_in_every_panel(space: CSpace) -> None:
-    first = plot(space, rotation=[0.0, 1.0], path=[(1, 1, 0), (2, 3, 1)])
-    for ax in first.figure.axes:
-        drawn = {line.get_label(): line.get_xydata().tolist() for line in ax.lines if line.get_label()[0] != "_"}
-        assert drawn == {"path": [[1, 1], [2, 3]], "start": [[1, 1]], "goal": [[2, 3]]}
-    assert labels(first)[4:] == ["path", "start", "goal"]
+def lines_of(ax: Any) -> dict[str, Any]:
+    """Points of the lines in a panel, by their labels, without gaps."""
+    drawn = {line.get_label(): np.asarray(line.get_xydata()) for line in ax.lines if line.get_label()[0] != "_"}
+    return {label: points[np.isfinite(points).all(axis=1)] for label, points in drawn.items()}
+
+
+def test_panel_draws_the_part_of_the_path_nearest_to_its_yaw(space: CSpace) -> None:
+    # The robot turns by a radian for each metre along x, so that x tells the yaw.
+    path = np.array([(x, 2.0, x - 1.0) for x in (1.0, 2.5, 4.0, 5.5, 7.0)])
+    yaws, length = np.radians(np.arange(6) * 60.0), 0.0
+    first = plot(space, rotation=yaws, path=path)
+    for ax, yaw in zip(first.figure.axes, yaws.tolist(), strict=True):
+        drawn = lines_of(ax)
+        (part,) = (points for label, points in drawn.items() if label.startswith("path"))
+        off = (part[:, 0] - 1.0 - yaw + math.pi) % (2.0 * math.pi) - math.pi
+        assert (np.abs(off) <= math.radians(32.0)).all() and (part[:, 1] == 2.0).all()
+        steps = np.diff(np.sort(part[:, 0]))
+        length += steps[steps < 0.05].sum()
+        assert ("start" in drawn, "goal" in drawn) == (yaw == 0.0, yaw == 0.0)  # the goal is at 6 rad, or -16 degrees
+    assert length == pytest.approx(6.0)  # each part in one panel
+    assert labels(first)[4:] == ["path, in the panel of the nearest rotation", "start", "goal"]
+
+
+def test_yaws_that_share_a_slice_share_a_panel(space: CSpace) -> None:
+    around = build(space.workspace, Robot.rectangle(1.0, 0.4), rotations=24)  # half a turn maps it to itself
+    path = [(1.0, 4.0, math.pi), (3.0, 4.0, math.pi), (4.0, 4.0, -math.pi / 2)]
+    panels = {ax.get_title(loc="left"): lines_of(ax) for ax in plot(around, view="panels", path=path).figure.axes}
+    name = "path, in the panel of the nearest rotation"
+    assert panels["yaw 0°"][name][0].tolist() == [1.0, 4.0] and "start" in panels["yaw 0°"]
+    assert panels["yaw 90°"][name][-1].tolist() == [4.0, 4.0] and "goal" in panels["yaw 90°"]
+    one = plot(around, rotation=0.0, view="panels", path=path)
+    np.testing.assert_allclose(lines_of(one)["path"][[0, -1]], [(1.0, 4.0), (4.0, 4.0)])
 
 
 @pytest.mark.parametrize(

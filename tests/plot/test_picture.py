@@ -23,6 +23,7 @@ from cspace.errors import FileError, InputError
 from cspace.plot import artists, plot, save_plot
 from cspace.plot.artists import CLASSES
 from cspace.plot.route import rings
+from cspace.view import scene
 from pictures import COLORS, block, check_within, class_of, heading, heading_box, labels, pixel, rendered, yard
 
 
@@ -123,6 +124,41 @@ def test_colors_part_in_grey_print_and_mean_one_thing() -> None:
     colors = [color for _, color in CLASSES] + [artists.PATH, artists.ROBOT, artists.GOAL, artists.OUTSIDE[1]]
     apart = [np.abs(np.subtract(to_rgb(one), to_rgb(two))).max() for i, one in enumerate(colors) for two in colors[:i]]
     assert min(apart) > 0.04
+
+
+def lab(color: Any) -> Any:
+    """CIELAB of an sRGB colour, for the distance that people see between two: 2 is just noticeable."""
+    given = np.array(to_rgb(color))
+    linear = np.where(given <= 0.04045, given / 12.92, ((given + 0.055) / 1.055) ** 2.4)
+    xyz = np.array([(0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505)]) @ linear
+    x, y, z = np.cbrt(xyz / (0.9505, 1.0, 1.089))
+    return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
+
+
+def test_obstacle_unknown_and_free_differ_plainly() -> None:
+    colors = dict(CLASSES)
+    for word in ("free", "obstacle"):
+        three = [lab(colors[name]) for name in ("free", "obstacle", f"unknown, taken as {word}")]
+        apart = [np.linalg.norm(three[i] - three[j]) for i, j in ((0, 1), (0, 2), (1, 2))]
+        assert min(apart) > 35.0
+
+
+def test_colors_of_a_path_are_none_of_the_map() -> None:
+    """Also faint, as it is drawn away from a section: over white, at 45 %."""
+    faint = 0.45 * np.array(to_rgb(artists.PATH)) + 0.55
+    low, high = scene.LOW, scene.HIGH
+    for color in (artists.PATH, artists.LOST, low, high, faint):
+        assert min(np.linalg.norm(lab(color) - lab(other)) for _, other in CLASSES) > 30.0
+
+
+def test_repr_says_what_is_occupied_and_what_is_unknown(data: Path) -> None:
+    sandbox = data / "maps/tb3_sandbox.yaml"
+    image = np.asarray(Image.open(sandbox.with_suffix(".pgm")))
+    occupied, unknown = (100.0 * np.count_nonzero(image == value) / image.size for value in (0, 205))
+    shares = f"{occupied:.3g} % occupied, {unknown:.3g} % unknown"
+    assert f" m, {shares}, taken as occupied)" in repr(Workspace.from_ros_map(sandbox))
+    assert f" m, {shares}, taken as free)" in repr(Workspace.from_ros_map(sandbox, "free"))
+    assert repr(Workspace.from_array(np.eye(2, dtype=bool), 0.1)).endswith("2 x 2 cells of 0.1 m, 50 % occupied)")
 
 
 @pytest.mark.parametrize("taken", ["free", "occupied"])
