@@ -166,7 +166,7 @@ class Arm:
         MissingPackageError
             If yourdfpy is not installed.
         """
-        from cspace.io.urdf import load_urdf, package_folders
+        from cspace.io.urdf import load_urdf, package_folders, root_link
 
         folders = package_folders(package_dirs)
         urdf = load_urdf(path)
@@ -177,7 +177,7 @@ class Arm:
                     name, f"is {link!r}", f"{file} has {', '.join(urdf.link_map)}", "name one of these", value=link
                 )
         joints = {joint.name: _joint(joint, file) for joint in urdf.robot.joints}
-        return _Assembly(file, urdf, joints, base or urdf.base_link, tip).arm(srdf, folders)
+        return _Assembly(file, urdf, joints, base or root_link(urdf), tip).arm(srdf, folders)
 
     @property
     def dof(self) -> int:

@@ -78,20 +78,22 @@ def read_urdf(
     folders = package_folders(package_dirs)
     file = os.fspath(path)
     urdf = load_urdf(path)
-    base, rigid = urdf.base_link, _fixed(urdf)
+    base, rigid = root_link(urdf), _fixed(urdf)
     links = rigid if link is None else [link] if isinstance(link, str) else list(link)
     for name in links:
         if name not in urdf.link_map:
             raise InputError(
                 "link", f"is {name!r}", f"{file} has {', '.join(urdf.link_map)}", "name one of these", value=name
             )
-    pairs, meshes = [], find_meshes(urdf, links, path, folders)
+    pairs, meshes, poses = [], find_meshes(urdf, links, path, folders), _zero_poses(urdf)
     for name in links:
-        pose = urdf.get_transform(name, links[0])
+        pose: Floats = np.linalg.solve(poses[links[0]], poses[name]).astype(np.float64)
         for number, collision in enumerate(urdf.link_map[name].collisions):
             place = f"{file}: link {name!r}, collision {number}"
             transform = pose if collision.origin is None else pose @ finite(collision.origin, f"{place}: origin")
-            pairs.append([placed(surface, transform) for surface in _sides(collision.geometry, meshes, place)])
+            outer, inner = _sides(collision.geometry, meshes, place)
+            moved = placed(outer, transform)
+            pairs.append((moved, moved if inner is outer else placed(inner, transform)))
     has_shape = [name for name in urdf.link_map if urdf.link_map[name].collisions]
     if not pairs:
         mend = f"name links that have: {', '.join(has_shape)}" if has_shape else "add <collision> to its links"
@@ -121,7 +123,8 @@ def load_urdf(path: str | os.PathLike[str]) -> URDF:
         root = parse_xml(data)
         _check(root)
         plain = io.BytesIO(ElementTree.tostring(root))
-        return yourdfpy.URDF.load(plain, load_meshes=False, build_collision_scene_graph=False)
+        # Without its scene graphs: placing the links of a long chain by them takes cubic time.
+        return yourdfpy.URDF.load(plain, load_meshes=False, build_scene_graph=False, build_collision_scene_graph=False)
 
 
 def shapes_of(
@@ -201,9 +204,10 @@ def _check(root: Element) -> None:
         for element in root.findall(kind):
             _check_numbers(element, f"{kind} {element.get('name')!r}")
     parents: dict[str, str] = {}
+    known = set(names)
     for joint in root.findall("joint"):
         links = [getattr(joint.find(end), "attrib", {}).get("link") for end in ("parent", "child")]
-        if not all(end in names for end in links):
+        if not all(end in known for end in links):
             fault = f"joins {links[0]!r} to {links[1]!r} by the joint {joint.get('name')!r}"
             raise Fault(fault, "both must be links of it", "correct the names")
         axis = getattr(joint.find("axis"), "attrib", {}).get("xyz", "1")
@@ -215,12 +219,15 @@ def _check(root: Element) -> None:
                 f"joins {child!r} to {parents[child]!r} and {parent!r}", "a link has one parent", "drop a joint"
             )
         parents[child] = parent
+    rooted: set[str] = set()
     for name in names:
-        above = [name]
-        while above[-1] in parents and len(above) <= len(names):
-            above.append(parents[above[-1]])
-        if len(above) > len(names):
-            raise Fault(f"joins {name!r} in a loop of joints", "links are a tree", "drop a joint")
+        above, child = {name}, name
+        while child in parents and child not in rooted:
+            child = parents[child]
+            if child in above:
+                raise Fault(f"joins {name!r} in a loop of joints", "links are a tree", "drop a joint")
+            above.add(child)
+        rooted |= above
     if len(names) - len(parents) != 1:
         loose = ", ".join(name for name in names if name not in parents) or "none"
         raise Fault(f"has these links without a parent: {loose}", "one is the root of all others", "join them")
@@ -259,12 +266,48 @@ def _check_geometry(geometry: Element | None, place: str) -> None:
             raise Fault(f"lacks the {name} of the {shapes[0].tag} of {place}", "it must be there", "add it")
 
 
+def root_link(urdf: URDF) -> str:
+    """Return the link without a parent."""
+    children = {joint.child for joint in urdf.robot.joints}
+    return next(str(name) for name in urdf.link_map if name not in children)
+
+
+def _children(urdf: URDF) -> dict[str, list[Any]]:
+    """Return the joints below each link."""
+    below: dict[str, list[Any]] = {name: [] for name in urdf.link_map}
+    for joint in urdf.robot.joints:
+        below[joint.parent].append(joint)
+    return below
+
+
 def _fixed(urdf: URDF) -> list[str]:
     """The root and the links that only fixed joints part from it."""
-    rigid = [urdf.base_link]
+    rigid, below = [root_link(urdf)], _children(urdf)
     for name in rigid:  # which grows meanwhile
-        rigid += [joint.child for joint in urdf.robot.joints if joint.parent == name and joint.type == "fixed"]
+        rigid += [joint.child for joint in below[name] if joint.type == "fixed"]
     return rigid
+
+
+def _zero_poses(urdf: URDF) -> dict[str, Floats]:
+    """Return the pose of each link in the frame of the root, shape (4, 4), with the joints at zero.
+
+    A joint that mimics another one is at its offset.
+    """
+    from scipy.spatial.transform import Rotation
+
+    root, below = root_link(urdf), _children(urdf)
+    poses, order = {root: np.eye(4)}, [root]
+    for name in order:  # which grows meanwhile
+        for joint in below[name]:
+            motion = np.eye(4)
+            offset = joint.mimic.offset if joint.mimic is not None else None
+            if offset and joint.type in ("revolute", "continuous"):
+                motion[:3, :3] = Rotation.from_rotvec(offset * joint.axis / np.linalg.norm(joint.axis)).as_matrix()
+            elif offset and joint.type == "prismatic":
+                motion[:3, 3] = offset * joint.axis / np.linalg.norm(joint.axis)
+            poses[joint.child] = poses[name] @ (np.eye(4) if joint.origin is None else joint.origin) @ motion
+            order.append(joint.child)
+    return poses
 
 
 def _sides(geometry: Any, meshes: Mapping[str, Path], place: str) -> Pair:

@@ -1,5 +1,6 @@
 """URDF against formulas of its primitives, placed by scipy."""
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import shapely
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from cspace import FileError, InputError, Robot
+from cspace import FileError, InputError, Mesh, Robot
 from missing import output_without
 
 BASE = """
@@ -220,6 +221,47 @@ def test_the_shadow_of_a_mesh_lies_between_its_two_sides():
     assert shapely.covers(outer.outline, hull)
     assert shapely.covers(hull, inner.outline)
     assert shapely.hausdorff_distance(outer.outline.boundary, inner.outline.boundary) < 1e-5
+
+
+def chain(count, kind="fixed", extra=""):
+    """Links of a box each, one metre apart, each turned by 0.01 rad against the one before."""
+    box = '<collision><geometry><box size="0.5 0.4 0.3"/></geometry></collision>'
+    links = "".join(f'<link name="l{k}">{box}</link>' for k in range(count))
+    joints = (
+        f'<joint name="j{k}" type="{kind}"><parent link="l{k}"/><child link="l{k + 1}"/>{extra}'
+        '<origin xyz="1 0 0" rpy="0 0 0.01"/><axis xyz="0 0 2"/></joint>'
+        for k in range(count - 1)
+    )
+    return links + "".join(joints)
+
+
+def test_chains_of_links_are_read_in_linear_time_and_placed_where_they_are(tmp_path):
+    seconds = {}
+    for count in (100, 800):
+        path = written(tmp_path, chain(count))
+        began = time.process_time()
+        shape = Robot.from_urdf(path).shape
+        seconds[count] = time.process_time() - began
+        centers = shape.vertices.reshape(count, -1, 3).mean(axis=1)
+        places = np.cumsum(np.exp(0.01j * np.arange(count))) - np.exp(0.01j * np.arange(count))
+        assert np.allclose(centers, np.stack([places.real, places.imag, np.zeros(count)], axis=1), atol=1e-9)
+    assert seconds[800] < 30 * max(seconds[100], 0.05)
+
+
+@pytest.mark.parametrize(
+    ("kind", "end"),
+    [("continuous", (1.0, 0.0)), ("prismatic", (1 - 0.5 * np.sin(0.01), 0.5 * np.cos(0.01))), ("fixed", (1.0, 0.0))],
+)
+def test_joints_that_mimic_stand_at_their_offset(tmp_path, kind, end):
+    mimic = '<mimic joint="j0" offset="0.5"/>'
+    path = written(tmp_path, chain(3, kind, mimic).replace(mimic, "", 1).replace("0 0 2", "0 2 0"))
+    shape = Robot.from_urdf(path, ["l1", "l2"]).shape
+    center = shape.vertices[-8:].mean(axis=0)
+    assert np.allclose(center[:2], end, atol=1e-12)
+    matrix = Rotation.from_euler("z", 0.01) * Rotation.from_rotvec((0.0, 0.5 * (kind == "continuous"), 0.0))
+    sides = np.abs(matrix.as_matrix() @ np.diag((0.5, 0.4, 0.3))).sum(axis=1)
+    assert np.allclose(np.ptp(shape.vertices[-8:], axis=0), sides)
+    assert isinstance(shape, Mesh)  # boxes need no second surface
 
 
 JOINT = '<joint name="j" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
