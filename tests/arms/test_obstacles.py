@@ -219,7 +219,7 @@ def test_trimesh_is_an_obstacle_and_an_attached_object(tmp_path: Path) -> None:
         (lambda: Workspace.from_array(np.ones((2, 2), dtype=bool), 1.0), "hold 'workspace', a map of the plane"),
         (lambda: {"disc": Robot.disc(1.0).shape}, "hold 'disc', a shape of the plane"),
         (lambda: {"foot": Robot.ball(1.0).shape}, "name one 'foot'; a link has that name"),
-        (lambda: {"cat": "meow"}, "hold 'cat', a str: polygons is 'meow'"),
+        (lambda: {"cat": "meow"}, "hold 'cat', a str: shape is 'meow'"),
         (lambda: {"dog": 3}, "hold 'dog', a int: shape is a int; a polygon or a mesh is needed"),
         (lambda: {"bent": Placed(Robot.ball(1.0).shape, 2.0 * np.eye(4))}, "pose of bent has shape"),
         (lambda: [Robot.ball(1.0).shape], "obstacles is a list"),
