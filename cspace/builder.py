@@ -22,9 +22,9 @@ from cspace.errors import InputError
 from cspace.grid import check_word, not_negative, whole
 from cspace.map.contents import Contents
 from cspace.map.exterior import OUTSIDES, Exterior
-from cspace.map.slices import Pair, Rasters, raster_parts, slice_rasters
+from cspace.map.slices import Pair, Rasters, raster_bytes, raster_parts, slice_rasters
 from cspace.map.storage import PackedStates, Stack
-from cspace.memory import SCRATCH_BYTES, TRANSFORM_BYTES, build_seconds, check_memory, is_packed, map_bytes
+from cspace.memory import SCRATCH_BYTES, SLICE_BYTES, TRANSFORM_BYTES, build_seconds, check_memory, is_packed, map_bytes
 from cspace.robot import GROWN, Robot, robot_of
 from cspace.rotations import Rotations
 from cspace.space import CSpace
@@ -187,9 +187,12 @@ def build(
     grid = workspace.grid
     slice_of = cells.slices_for(robot.shape)
     slices = int(slice_of.max()) + 1
-    needed = map_bytes(grid.shape, slices, overlap)
-    seconds = build_seconds(grid.shape, slices)
-    check_memory(needed, "the map", grid, fixed=TRANSFORM_BYTES, fewer=cells.fewer, seconds=seconds)
+    about_rasters = raster_bytes(robot, grid.spacing, margin, cells, slices)
+    if is_packed(grid.shape, slices, overlap):
+        about_rasters = min(about_rasters, SLICE_BYTES * slices)  # only some are there at a time
+    needed = map_bytes(grid.shape, slices, overlap) + about_rasters
+    check_fits = partial(check_memory, grid=grid, fewer=cells.fewer, slices=slices, rasters=about_rasters)
+    check_fits(needed, "the map", fixed=TRANSFORM_BYTES, seconds=build_seconds(grid.shape, slices))
     rasters, exterior, overlaps = None, None, None
     states: Stack
 
@@ -202,7 +205,7 @@ def build(
         own = engines * max(correlation.engine.bytes_needed(grid.shape, side, workers) for side in sides)
         if own > TRANSFORM_BYTES:  # what every build may take was looked at
             what = "the map, with what its engine needs for this robot,"
-            check_memory(needed + own - TRANSFORM_BYTES, what, grid, fewer=cells.fewer)
+            check_fits(needed + own - TRANSFORM_BYTES, what)
         return correlation, sides
 
     if is_packed(grid.shape, slices, overlap):

@@ -26,6 +26,13 @@ TRANSFORM_BYTES: Final = 2**27
 JOINED_BYTES: Final = 0.1
 """For each state, to join cells into components: measured, 0.06; more where FREE and other cells alternate."""
 
+SLICE_BYTES: Final = 2_500
+"""For each slice of a robot that turns: its rotation, and what its rasters take beside their cells. Measured: 1,900 to
+2,500."""
+
+RASTER_CELL_BYTES: Final = {2: 4, 3: 10}
+"""For each cell of a slice's rasters, with the runs made of them, by dimension. Measured: 2 to 4, and 8 to 11."""
+
 PACKED_FROM: Final = 2**29
 """States above which a map keeps each in two bits: it is four times smaller. Up to here, in a byte, it is quicker."""
 
@@ -105,11 +112,14 @@ def check_memory(
     fewer: Callable[[float], str] | None = None,
     seconds: float = 0.0,
     later: float = 0.0,
+    slices: int = 1,
+    rasters: float = 0.0,
 ) -> None:
     """Refuse work that does not fit into memory; the message gives the spacing that would fit, or else ``mend``.
 
-    It needs so many bytes, of which ``fixed`` do not depend on the number of cells of ``grid``, and the others are
-    proportional to it. ``what`` says who needs them: "the map". ``mend`` helps where another spacing cannot be
+    It needs so many bytes, of which ``fixed`` do not depend on the number of cells of ``grid``. Of these bytes,
+    ``rasters`` are for the robot's rasters and proportional to the number of slices; all others are proportional to the
+    number of cells. ``what`` says who needs them: "the map". ``mend`` helps where another spacing cannot be
     chosen; ``fewer`` names the rotation cells that take at most a share of the memory, an empty text where none do.
     ``seconds`` are those of one core. Where more is needed next, of what this is for, the advice is for ``later``.
     """
@@ -117,20 +127,23 @@ def check_memory(
     if needed <= KEEP * free:
         return
     if mend is None:
-        bytes_a_cell = (max(needed, later) - fixed) / float(np.prod(np.asarray(grid.shape, dtype=float)))
-        coarser = fitting_spacing(np.array([grid.lower, grid.upper]), grid.spacing, bytes_a_cell, _ROOM * free - fixed)
-        mend = (
-            "no spacing helps; take a machine with more memory"
-            if coarser is None
-            else f"use a spacing of at least {coarser:g} {grid.unit}, or smaller bounds, or check the units (metres)"
-        )
-        rotations = fewer((_ROOM * free - fixed) / (needed - fixed)) if fewer else ""
+        # A robot's rasters are the same on a smaller map, and not much smaller at a coarser spacing.
+        left, whole = _ROOM * free - fixed, max(needed, later) - fixed
+        bytes_a_cell = (whole - rasters) / float(np.prod(np.asarray(grid.shape, dtype=float)))
+        coarser = fitting_spacing(np.array([grid.lower, grid.upper]), grid.spacing, bytes_a_cell, left - rasters)
+        rotations = fewer(left / (needed - fixed)) if fewer else ""
+        if coarser is not None:
+            mend = f"use a spacing of at least {coarser:g} {grid.unit}, or smaller bounds, or check the units (metres)"
+        else:
+            mend = f"{'' if rotations else 'no spacing helps; '}take a machine with more memory"
         mend = f"use {rotations}, or {mend.removeprefix('use ')}" if rotations else mend
     cells = " x ".join(f"{n:.4g}" if n > _COUNTED else str(n) for n in grid.shape)
+    turning = f" x {slices:,} slices" if slices > 1 else ""
+    needs = bytes_text(needed)
     time = f", and very roughly {time_text(seconds)} of one core" if seconds else ""
     raise InputError(
         what,
-        f"has {cells} cells of {grid.spacing:g} {grid.unit} and needs about {bytes_text(needed)} of memory{time}",
+        f"has {cells} cells of {grid.spacing:g} {grid.unit}{turning} and needs about {needs} of memory{time}",
         f"at most {bytes_text(KEEP * free)} may be taken, which is {KEEP:.0%} of what is free",
         mend,
         value=needed,

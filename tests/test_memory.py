@@ -3,11 +3,23 @@
 import math
 import subprocess
 import sys
+import time
 
+import numpy as np
 import pytest
 
 import cspace
-from cspace.memory import WORKSPACE_BYTES, build_seconds, bytes_text, check_memory, map_bytes, time_text
+from cspace.map.slices import raster_bytes, slice_rasters
+from cspace.memory import (
+    RASTER_CELL_BYTES,
+    SLICE_BYTES,
+    WORKSPACE_BYTES,
+    build_seconds,
+    bytes_text,
+    check_memory,
+    map_bytes,
+    time_text,
+)
 
 LIMITED = """
 import resource, psutil, cspace
@@ -42,6 +54,60 @@ def test_the_spacing_that_a_workspace_is_advised_fits_its_map(monkeypatch):
     spacing = float(error.value.mend.split("at least ")[1].split()[0])
     shape = [math.ceil(40.0 / spacing)] * 2
     check_memory(WORKSPACE_BYTES * math.prod(shape) + map_bytes(shape), "the map", cspace.Grid((0, 0), spacing, shape))
+
+
+@pytest.mark.parametrize("store", [False, True], ids=["in memory", "in tiles"])
+@pytest.mark.parametrize(
+    "rotations", [10**7, np.linspace(0, 2 * math.pi, 10**6)], ids=["a count of yaws", "borders of yaws"]
+)
+def test_build_refuses_more_yaws_than_there_may_be_at_once(tmp_path, rotations, store):
+    workspace, robot = cspace.Workspace.from_array(np.eye(9, dtype=bool), 0.1), cspace.Robot.rectangle(0.3, 0.1)
+    options = {"store": tmp_path / "map.zarr"} if store else {}
+    began = time.process_time()
+    with pytest.raises(cspace.InputError, match=r"rotations .* at most 65536 cells|rotations .* from 1 to 65536"):
+        cspace.build(workspace, robot, rotations=rotations, **options)
+    assert time.process_time() - began < 1.0 and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("store", [False, True], ids=["in memory", "in tiles"])
+@pytest.mark.parametrize("kind", ["yaw", "quaternions"])
+def test_build_counts_the_rasters_of_all_slices(tmp_path, monkeypatch, kind, store):
+    """A map of a few cells, whose states take next to nothing."""
+    if kind == "yaw":
+        workspace, robot = (
+            cspace.Workspace.from_array(np.eye(9, dtype=bool), 0.1),
+            cspace.Robot.rectangle(3.0, 1.0, (0.2, 0.0)),
+        )
+        rotations, advice = cspace.Rotations.of(60_000), r"use rotations=\d+, or take a machine with more memory"
+    else:
+        workspace, robot = (
+            cspace.Workspace.from_array(np.eye(2)[None] > 0, 0.1),
+            cspace.Robot.box((0.9, 0.5, 0.1), (0.1, 0.1, 0.1)),
+        )
+        rotations, advice = cspace.Rotations.quaternions(24), r"use rotations=Rotations.quaternions\(\d+\), or take"
+    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 3 * 10**8)
+    monkeypatch.setattr("cspace.robot.Robot.rasters", None)
+    options = {"store": tmp_path / "map.zarr"} if store else {}
+    with pytest.raises(cspace.InputError, match=rf"x [\d,]+ slices and needs about .* [MG]B of memory.*{advice}"):
+        cspace.build(workspace, robot, rotations=rotations, **options)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("robot", "rotations", "spacing"),
+    [
+        (cspace.Robot.rectangle(3.0, 1.5, (0.3, 0.05)), cspace.Rotations.of(500), 0.1),
+        (cspace.Robot.rectangle(4.0, 0.1), cspace.Rotations.of(501), 0.1),
+        (cspace.Robot.box((0.3, 0.18, 0.15), (0.03, 0.02, 0.01)), cspace.Rotations.quaternions(4), 0.1),
+        (cspace.Robot.box((1.0, 0.6, 0.5), (0.03, 0.02, 0.01)), cspace.Rotations.of(40), 0.1),
+    ],
+    ids=["car", "bar", "small box", "box"],
+)
+def test_estimate_of_rasters_is_near_what_they_take(robot, rotations, spacing):
+    pairs = slice_rasters(robot, spacing, 0.0, rotations)
+    cells = sum(raster.cells.size for pair in pairs for raster in pair)
+    needed = SLICE_BYTES * len(pairs) + RASTER_CELL_BYTES[robot.dim] * cells
+    assert 0.9 * needed < raster_bytes(robot, spacing, 0.0, rotations, len(pairs)) < 3.0 * needed
 
 
 def test_joining_cells_is_refused_before_it_begins(monkeypatch):

@@ -314,7 +314,7 @@ class _Cells:
     """The cells of a map to be: of its grid, and of its rotations where the robot turns."""
 
     def __init__(self, names: Options, robot: Robot | None, cells: Rotations) -> None:
-        self._names, self.slices, self._fewer = names, 1, cells.fewer
+        self._names, self.slices, self._robot, self._rotations = names, 1, robot, cells
         self._facts: dict[str, Any] = {}
         if cells.facts:
             # A robot with a symmetry needs fewer slices than there are rotation cells.
@@ -348,6 +348,7 @@ class _Cells:
 
     def memory(self, grid: Grid | Planned, bytes_a_cell: int, **advice: Any) -> dict[str, Any]:
         """What a map of so many cells needs at most, and whether it is there; ``advice`` as for ``check_memory``."""
+        from cspace.map.slices import raster_bytes
         from cspace.memory import (
             TRANSFORM_BYTES,
             WORKSPACE_BYTES,
@@ -361,8 +362,11 @@ class _Cells:
 
         shape = grid.shape
         cells = cells_of(shape)
-        read, workspace, states = bytes_a_cell * cells, WORKSPACE_BYTES * cells, map_bytes(shape, self.slices)
-        needed = max(read, workspace + states)
+        read, workspace, rasters = bytes_a_cell * cells, WORKSPACE_BYTES * cells, 0.0
+        if self._robot is not None and not is_packed(shape, self.slices):
+            rasters = raster_bytes(self._robot, grid.spacing, 0.0, self._rotations, self.slices)
+        states = map_bytes(shape, self.slices) + rasters
+        needed = int(max(read, workspace + states))
         memory: dict[str, Any] = {
             "map_bytes": cells * self.slices // (4 if is_packed(shape, self.slices) else 1),
             "needed_bytes": needed,
@@ -374,11 +378,12 @@ class _Cells:
         def fewer(share: float) -> str:
             # Fewer rotations leave the workspace as large as it is.
             left = share * (needed - TRANSFORM_BYTES) - max(workspace, read - TRANSFORM_BYTES)
-            return self._fewer(left / (states - TRANSFORM_BYTES)) if left > 0.0 else ""
+            return self._rotations.fewer(left / (states - TRANSFORM_BYTES)) if left > 0.0 else ""
 
         try:
             fixed = TRANSFORM_BYTES if needed > read else 0
-            check_memory(needed, "the map", grid, fixed=fixed, fewer=fewer, seconds=seconds, **advice)
+            advice |= {"seconds": seconds, "slices": self.slices, "rasters": rasters}
+            check_memory(needed, "the map", grid, fixed=fixed, fewer=fewer, **advice)
         except InputError as error:
             memory |= {"fits": False, "problem": worded(error, self._names)}
         return {**self._facts, "memory": memory, "build_cpu_s": float(f"{seconds:.1g}")}

@@ -8,10 +8,14 @@ from functools import partial
 
 import numpy as np
 
+from cspace.memory import RASTER_CELL_BYTES, SLICE_BYTES
 from cspace.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.threads import cores, in_threads
+
+SAMPLED_ROTATIONS = 32
+"""Rotations, about, at which the size of a robot's rasters is estimated."""
 
 CELLS_A_THREAD = 50_000
 """Cells of the robot's box, over all slices, below which a second thread costs more than it saves."""
@@ -28,6 +32,18 @@ def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: Rotati
     threads = cores() if len(parts) * cells > CELLS_A_THREAD else 1
     made = dict(itertools.chain.from_iterable(in_threads(lambda part: part(), parts, threads)))
     return [made[number] for number in range(len(made))]
+
+
+def raster_bytes(robot: Robot, spacing: float, margin: float, rotations: Rotations, slices: int) -> float:
+    """Estimate the memory for the rasters of so many slices, from the robot's bounds at some rotations, in bytes."""
+    if slices == 1:
+        return 0.0
+    centers = rotations.centers[:: max(1, rotations.count // SAMPLED_ROTATIONS)]
+    matrices = rotations.matrices(np.hstack([np.zeros((len(centers), robot.dim)), centers]))
+    corners = np.array(list(itertools.product(*zip(*robot.shape.outer.bounds, strict=True))))
+    sides = np.ptp(corners @ matrices.swapaxes(1, 2), axis=1) + 2.0 * margin
+    cells = 2.0 * float(np.prod(sides / spacing + 2.0, axis=1).mean())  # of the outer and the inner raster
+    return slices * (SLICE_BYTES + RASTER_CELL_BYTES[robot.dim] * cells)
 
 
 def raster_parts(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[Rasters]:

@@ -221,14 +221,14 @@ class Rotations(ABC):
         Parameters
         ----------
         value : int, sequence of float, Rotations or None
-            A number of equal cells of yaw, the first of which has its middle at 0; or n + 1 borders of such cells in
-            radians, ascending, the last one a whole turn after the first; or what this gave before. None for a robot
-            that only translates.
+            A number of equal cells of yaw, from 1 to 2^16, the first of which has its middle at 0; or n + 1 borders of
+            such cells in radians, ascending, the last one a whole turn after the first; or what this gave before. None
+            for a robot that only translates.
 
         Raises
         ------
         InputError
-            If the count is not a whole number above zero, or the borders do not ascend over a whole turn.
+            If the count is not a whole number from 1 to 2^16, or the borders do not ascend over a whole turn.
         """
         if isinstance(value, Rotations):
             return value

@@ -17,6 +17,9 @@ from cspace.errors import InputError
 from cspace.grid import finite, whole
 from cspace.rotations.base import COVERING_ANGLE, DIAL_STEPS, Coordinate, Dial, Rotations, Symmetric, Turn
 
+MAX_YAWS: Final = 2**16
+"""Largest number of yaw cells, each 0.0055 degrees wide: at 100 m from the axis they are as wide as a cell of 1 cm."""
+
 DIAL_HOLE: Final = 0.6
 """Inner radius of a ring of yaws; the outer one is 1."""
 
@@ -52,10 +55,13 @@ class YawRotations(Rotations):
         """Cells from a count or from their borders, see :meth:`Rotations.of`."""
         if value is None or np.ndim(value) == 0:
             mend = "pass e.g. 72, the cells' borders in radians, or Rotations.quaternions(8) for all rotations in space"
-            count = whole(value, "rotations", 1, mend=mend)
+            count = whole(value, "rotations", 1, MAX_YAWS, mend)
             width = TURN / count
             borders = [(k - 0.5) * width for k in range(count)]
         else:
+            if np.size(value) > MAX_YAWS + 1:
+                fault, rule = f"has {np.size(value)} borders", f"at most {MAX_YAWS} cells are taken"
+                raise InputError("rotations", fault, rule, "pass fewer, e.g. 72 cells", value=value)
             angles = finite(value, "rotations")
             if angles.ndim != 1 or len(angles) < 2:
                 raise InputError(

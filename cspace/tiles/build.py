@@ -14,6 +14,8 @@ from cspace.correlation import Progress
 from cspace.engines import choose
 from cspace.errors import FileError, InputError
 from cspace.io.store import digest_of_array, shapes_array
+from cspace.map.slices import raster_bytes
+from cspace.memory import check_memory
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.tiles.space import TiledCSpace
@@ -64,6 +66,8 @@ def build_tiles(
     grid, cells, rotations = workspace.grid, workspace.cells, settings["rotations"]
     slices = int(rotations.slices_for(robot.shape).max()) + 1
     sides = tile_sides(tile, grid.shape)
+    needed = raster_bytes(robot, grid.spacing, settings["margin"], rotations, slices)  # each process has all of them
+    check_memory(needed, "the map", grid, fewer=rotations.fewer, slices=slices, rasters=needed)
     about: dict[str, Any] = {
         "lower": list(grid.lower),
         "spacing": grid.spacing,

@@ -189,7 +189,8 @@ def test_info_tells_the_slices_of_a_robot_that_turns(room: Path, robot: str | No
     printed = document("info", "wall.wkt", "--spacing", 0.01, "--rotations", 72, *more)
     assert (printed["rotations"], printed["slices"]) == (72, slices)
     assert printed["memory"]["map_bytes"] == slices * 100 * 100
-    assert printed["memory"]["needed_bytes"] == 2 * 10_000 + map_bytes((100, 100), slices)
+    rasters = printed["memory"]["needed_bytes"] - 2 * 10_000 - map_bytes((100, 100), slices)
+    assert 0 <= rasters < 36 * 10_000 and (rasters > 0) == (slices == 36)  # without a robot there are none
     assert printed["build_cpu_s"] == pytest.approx(build_seconds((100, 100), slices), rel=0.5)
 
 

@@ -68,7 +68,7 @@ def test_borders_may_be_given_as_degrees_turned_to_radians():
 @pytest.mark.parametrize(
     ("value", "message"),
     [
-        (0, "rotations is 0; it must be a whole number above zero"),
+        (0, "rotations is 0; it must be a whole number from 1 to 65536"),
         (-72, "rotations is -72"),
         (7.5, "rotations is 7.5"),
         (True, "rotations is True"),
