@@ -131,7 +131,7 @@ def _bounds(rng: Rng, shape: Shape, spacing: float, corner: Floats, extent: Floa
         return np.concatenate([corner, corner + extent])
     if rng.random() < 0.5:
         return None
-    low, high = shape.outer.bounds
+    low, high = shape.bounds
     return np.concatenate([low - rng.uniform(0.1, 4.0, 3) * spacing, high + rng.uniform(0.1, 4.0, 3) * spacing])
 
 
