@@ -56,7 +56,11 @@ def existing(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> Pa
         raise FileError(str(file), "does not exist", f"{_one(kind)} is to be read", "check the name and the folder")
     if what != "file":
         raise FileError(str(file), f"is {what}", f"{_one(kind)} is read from a plain file", "pass the file itself")
-    check_bytes(file, file.stat().st_size, memory=memory)
+    try:
+        size = file.stat().st_size
+    except OSError as error:  # it was removed just now
+        raise unreadable(path, kind, error) from error
+    check_bytes(file, size, memory=memory)
     return file
 
 

@@ -86,10 +86,23 @@ def triangulated(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
     work = max(MIN_WORK, WORK_PER_CORNER * len(corners))
     for size in np.unique(sizes):
         polygons = corners[firsts[sizes == size, None] + np.arange(size)]
+        if size > 4:
+            _check_repeats(polygons)
         if size > 3:
             polygons, work = _fans(vertices, polygons, work)
         faces.append(polygons)
     return np.concatenate(faces)
+
+
+def _check_repeats(polygons: Ints) -> None:
+    """Refuse polygons, shape (P, n), that name few vertices again and again: two bytes of text become a triangle.
+
+    A polygon around holes names the ends of the bridges to them twice, so that half of its corners are distinct.
+    """
+    ascending = np.sort(polygons, axis=1)
+    distinct = 1 + np.count_nonzero(ascending[:, 1:] != ascending[:, :-1], axis=1)
+    if (2 * distinct < polygons.shape[1]).any():
+        raise _refused(polygons[np.argmin(distinct)], f"name {distinct.min()} vertices again and again")
 
 
 def _fans(vertices: Floats, polygons: Ints, work: int) -> tuple[Ints, int]:

@@ -285,34 +285,48 @@ def test_a_face_of_many_corners_takes_time_as_long_as_it_is(tmp_path: Path) -> N
     refused(tmp_path / "a.obj", "bends or crosses itself", spacing=0.1)
 
 
-POLYGONS = {
-    "a.obj": lambda corners: f"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf {' '.join(str(n + 1) for n in corners)}\n",
-    "a.off": lambda corners: f"OFF\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n{len(corners)} {' '.join(map(str, corners))}\n",
-    "a.ply": lambda corners: (
-        "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
-        f"element face 1\nproperty list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n{len(corners)} "
-        f"{' '.join(map(str, corners))}\n"
-    ),
-}
+SQUARE = ["0 0 0", "1 0 0", "1 1 0", "0 1 0"]
 
 
-@pytest.mark.parametrize("name", POLYGONS)
+def polygon_in(path: Path, vertices: list[str], corners: list[int]) -> Path:
+    """Write a file of one face."""
+    face, count = " ".join(map(str, corners)), len(vertices)
+    head = "".join(f"property float {axis}\n" for axis in "xyz")
+    ply = f"ply\nformat ascii 1.0\nelement vertex {count}\n{head}element face 1\n"
+    texts = {
+        ".obj": [*(f"v {vertex}" for vertex in vertices), "f " + " ".join(str(corner + 1) for corner in corners)],
+        ".off": ["OFF", f"{count} 1 0", *vertices, f"{len(corners)} {face}"],
+        ".ply": [f"{ply}property list int int vertex_indices\nend_header", *vertices, f"{len(corners)} {face}"],
+    }
+    path.write_text("\n".join(texts[path.suffix]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("name", ["a.obj", "a.off", "a.ply"])
 def test_a_face_of_coincident_corners_takes_memory_as_large_as_it_is(tmp_path: Path, name: str) -> None:
     count = 5_000  # of which the square is 200 MB
-    (tmp_path / name).write_text(POLYGONS[name]([0] * count))
-    Mesh.of(tmp_path / name, "surface")
+    path = polygon_in(tmp_path / name, ["0 0 0"] * count, [*range(count)])
+    Mesh.of(path, "surface")
     tracemalloc.start()
-    mesh = Mesh.of(tmp_path / name, "surface")
+    mesh = Mesh.of(path, "surface")
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert len(mesh.faces) == count - 2
     assert peak < 20_000_000
 
 
+@pytest.mark.parametrize("name", ["a.obj", "a.off", "a.ply"])
+@pytest.mark.parametrize("corners", [[0] * 60_000, [0, 1, 2, 3] * 15_000], ids=["one corner", "many rounds"])
+def test_a_face_that_names_few_vertices_again_and_again_is_refused(
+    tmp_path: Path, name: str, corners: list[int]
+) -> None:
+    refused(polygon_in(tmp_path / name, SQUARE, corners), "vertices again and again", spacing=0.1)
+
+
 def test_fans_of_a_file_are_tried_in_time_as_long_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cspace.io.polygons.MIN_WORK", 0)
-    there, back = [0, 1, 2, 3] * 400, [3, 2, 1, 0] * 200
-    (tmp_path / "a.obj").write_text(POLYGONS["a.obj"](there + back))
+    vertices = [*SQUARE * 400, *SQUARE[::-1] * 200]
+    polygon_in(tmp_path / "a.obj", vertices, [*range(len(vertices))])
     visited: list[int] = []
     cross = np.cross
     monkeypatch.setattr(np, "cross", lambda a, b: visited.append(a.size) or cross(a, b))
