@@ -67,6 +67,30 @@ class ConfigurationMap(ConfigurationSpace):
 
     @property
     @abstractmethod
+    def slice_of(self) -> Ints:
+        """The slice of each rotation cell, shape (rotation cells,); read-only.
+
+        Rotation cells that a symmetry of the robot maps to each other share a slice.
+        """
+
+    @property
+    def slice_rotations(self) -> Floats:
+        """One rotation for each slice, as it stands in a configuration, shape (slices, k); k is 0, 1 or 4.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.rectangle(0.4, 0.2), rotations=8)
+        >>> space.slice_of
+        array([0, 1, 2, 3, 0, 1, 2, 3])
+        >>> len(space.slice_rotations)
+        4
+        """
+        return self.rotations.centers[np.unique(self.slice_of, return_index=True)[1]]
+
+    @property
+    @abstractmethod
     def outside(self) -> str:
         """What lies outside the workspace: "blocked" or "free", and around a part of a larger map "unknown"."""
 

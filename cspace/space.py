@@ -187,6 +187,10 @@ class CSpace(ConfigurationMap):
         return self._contents.grid
 
     @property
+    def slice_of(self) -> Ints:
+        return read_only(self._slice_of)
+
+    @property
     def state(self) -> NDArray[np.uint8]:
         """State of each cell, shape (nx, ny) or (nx, ny, nz); of a robot that turns (rotations, nx, ny(, nz)).
 

@@ -43,7 +43,7 @@ autosummary_context = {
         "Mesh": "cells, check_origin, closed, is_same, measure, rasters",
         "Robot": "rasters",
         "Rotations": "COORDINATES, KINDS, all_limits, all_names, check_dimension, checked, compiled, dials, "
-        "draw_cells, fewer, from_coordinates, images, leading, of_coordinates, of_slices, of_value, one_cell, "
+        "draw_cells, fewer, from_coordinates, images, leading, of_coordinates, of_value, one_cell, "
         "preserve, sample_near, slices_for, turns",
         "TiledCSpace": "checked",
         "Workspace": "in_memory",

@@ -235,6 +235,6 @@ def overlap_field(space: CSpace, field: OverlapField | None = None) -> OverlapFi
 
 def _largest_free(space: CSpace, field: OverlapField) -> float:
     """Largest overlap in a FREE cell, or one where there is none above zero."""
-    parts = zip(field.cells, space.rotations.of_slices(space.robot.shape), strict=True)
+    parts = zip(field.cells, space.slice_rotations, strict=True)
     largest = max(float(values[space.slice_at(rotation) == FREE].max(initial=0.0)) for values, rotation in parts)
     return largest if largest > 0.0 else 1.0

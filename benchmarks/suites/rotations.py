@@ -136,7 +136,7 @@ def _fcl(report: Report, space: CSpace, scene: Scene, rng: np.random.Generator) 
 
 def _against_queries(report: Report, space: CSpace, built: Timing, fcl: Fcl) -> None:
     """One query of FCL a state that is kept, of CPU time, extrapolated."""
-    cells = float(space.grid.size * (int(space.rotations.slices_for(space.robot.shape).max()) + 1))
+    cells = float(space.grid.size * (len(space.slice_rotations)))
     report.figure(f"one FCL query for each of {cells:.3g} states, extrapolated from {TRIED}", fcl.seconds * cells, "s")
     report.figure("one FCL query a state / ours, in CPU time", fcl.seconds * cells / built.median_cpu)
 

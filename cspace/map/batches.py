@@ -115,9 +115,14 @@ def answer_edges(
 
 
 def answer_pairs(vertices: Floats, pairs: Ints, query: Query) -> Bools:
-    """True or False for each edge, shape (m, 2), between vertices, shape (n, d); all must be finite and in range."""
+    """Return True or False for each edge, shape (m, 2), between vertices, shape (n, d).
+
+    Raises InputError, with the number of the edge, if a vertex is not usable.
+    """
     out = np.empty(len(pairs), dtype=np.bool_)
-    query([_Chosen(vertices, pairs[:, 0]), _Chosen(vertices, pairs[:, 1])], out)
+    bad = query([_Chosen(vertices, pairs[:, 0]), _Chosen(vertices, pairs[:, 1])], out)
+    if bad >= 0:
+        raise _not_usable(vertices[pairs[bad]].reshape(-1), "edge", bad)
     return out
 
 

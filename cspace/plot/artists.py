@@ -72,7 +72,7 @@ def classes_of(space: MapLike, rotation: Floats | None, layer: tuple[Any, ...] =
     ground = ground_of(space.workspace, layer) * np.uint8(space.robot.shape.shown)  # or all of it OPEN
     if rotation is not None:
         return classes_at(ground, space.slice_at(rotation)[layer])
-    stack = (space.slice_at(each)[layer] for each in space.rotations.of_slices(space.robot.shape))
+    stack = (space.slice_at(each)[layer] for each in space.slice_rotations)
     least = most = next(stack)
     for states in stack:
         least, most = np.minimum(least, states), np.maximum(most, states)

@@ -212,6 +212,7 @@ class Bare:
         self.grid: Grid = workspace.grid
         self.axes = ("x", "y", "z")[: self.grid.dim]
         self.rotations = Rotations.of(None)
+        self.slice_of, self.slice_rotations = np.zeros(1, dtype=np.int64), self.rotations.centers
         dot = Balls(np.zeros((1, self.grid.dim)), np.ones(1))
         self.robot = Nobody(Path(workspace.source).name, self.grid.dim, dot)
 

@@ -68,6 +68,10 @@ class MapLike(Protocol):
     @property
     def rotations(self) -> Rotations: ...
     @property
+    def slice_of(self) -> Ints: ...
+    @property
+    def slice_rotations(self) -> Floats: ...
+    @property
     def robot(self) -> RobotLike: ...
     @property
     def workspace(self) -> WorkspaceLike: ...
@@ -168,6 +172,7 @@ class Part:
         corner, shape = whole.lower + whole.spacing * first, (stop - first).tolist()
         self.grid = Grid(corner, whole.spacing, shape, whole.axes, whole.units)
         self.axes, self.rotations, self.robot = space.axes, space.rotations, space.robot
+        self.slice_of, self.slice_rotations = space.slice_of, space.slice_rotations
 
     @property
     def workspace(self) -> WorkspaceLike:

@@ -206,7 +206,7 @@ def _parts_of(space: MapLike, route: Route, shown: Floats) -> list[Route]:
 
 def _distinct(space: MapLike) -> Floats:
     """Representatives of at most so many rotation cells whose slices differ, spread evenly, shape (n, dof)."""
-    every = space.rotations.of_slices(space.robot.shape)
+    every = space.slice_rotations
     count = min(PANELS, len(every))
     return every[np.arange(count) * len(every) // count]
 

@@ -426,10 +426,6 @@ class Rotations(ABC):
         the order of the first cells that have them.
         """
 
-    def of_slices(self, shape: Symmetric) -> Floats:
-        """A rotation of each slice of a robot, as in a configuration, shape (slices, dof)."""
-        return self.centers[np.unique(self.slices_for(shape), return_index=True)[1]]
-
     @abstractmethod
     def turns(self, dim: int) -> list[Turn]:
         """The cells as shapes in the plane or in space meet them."""

@@ -20,6 +20,7 @@ from cspace.map.batches import own as owned
 from cspace.map.derived import Lock
 from cspace.map.exterior import Exterior
 from cspace.map.record import Map
+from cspace.map.storage import read_only
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.space import CSpace
@@ -50,6 +51,9 @@ AROUND: Final = {2: 1024, 3: 256}
 CACHE_BYTES: Final = 2**29
 """Memory for decoded tiles, unless ``cache_bytes`` says otherwise: 2 x 10^9 states."""
 
+ROWS_IN_A_PIECE: Final = 2**18
+"""Configurations, or edges, of a batch that are copied and answered at a time."""
+
 _OF_A_WHOLE: Final = ("place", "placed", "remove")
 """What only a map answers that is whole, and in memory."""
 
@@ -59,8 +63,8 @@ class TiledCSpace(ConfigurationMap):
 
     :func:`cspace.build` makes it with a ``store``, and :func:`cspace.open` opens it. Its answers are those of the same
     map in memory, :class:`cspace.CSpace`, look-up by look-up. It takes one configuration, shape (dof,), or any batch,
-    shape (..., dof); a batch reads each tile once. :meth:`window` gives a part of it as a map in memory, for
-    everything else.
+    shape (..., dof); a batch is answered in pieces of 262,144 configurations, each of which reads a tile at most once.
+    :meth:`window` gives a part of it as a map in memory, for everything else.
 
     A store that is half done opens too: :attr:`done` is the share, and look-ups refuse.
 
@@ -112,6 +116,10 @@ class TiledCSpace(ConfigurationMap):
     @property
     def rotations(self) -> Rotations:
         return self._store.rotations
+
+    @property
+    def slice_of(self) -> Ints:
+        return read_only(self._store.slice_of)
 
     @property
     def outside(self) -> str:
@@ -359,7 +367,10 @@ class TiledCSpace(ConfigurationMap):
 
     def _in_windows(self, parts: Sequence[Any], out: NDArray[Any]) -> int:
         """Fill ``out`` with the clearance of configurations, block by block of them."""
-        rows, near = owned(parts[0]), AROUND[self.grid.dim] // 16
+        return _in_pieces(self._clearances_of, parts, out)
+
+    def _clearances_of(self, rows: Floats, out: Floats) -> int:
+        near = AROUND[self.grid.dim] // 16
         bad = self._classify()([rows], np.empty(len(rows), dtype=np.uint8))
         if bad >= 0:
             return bad
@@ -388,8 +399,12 @@ class TiledCSpace(ConfigurationMap):
 
     def _query(self, kernel: Kernel, passed: int, least: int, parts: Sequence[Any], out: NDArray[Any]) -> int:
         """Fill ``out`` by a kernel of rows, shape (n, dof); ``passed`` is its result where all cells are FREE."""
-        rows = [owned(part) for part in parts]
-        return self._at_one_moment(lambda: self._in_turns(kernel, rows, out, passed, least))
+
+        def work(*rows_and_out: Any) -> int:
+            *rows, answers = rows_and_out
+            return self._in_turns(kernel, rows, answers, passed, least)
+
+        return self._at_one_moment(lambda: _in_pieces(work, parts, out))
 
     @property
     def _now(self) -> Store:
@@ -468,6 +483,16 @@ class TiledCSpace(ConfigurationMap):
             fault = f"is {self.done:.1%} done"
             mend = "run the same build again: only what is missing is done"
             raise FileError(self.path, fault, "a map is looked up once all of it is there", mend)
+
+
+def _in_pieces(kernel: Kernel, parts: Sequence[Any], out: NDArray[Any]) -> int:
+    """Fill ``out`` by a kernel of rows, which are copied a piece at a time; return the first bad row, or -1."""
+    for start in range(0, len(out), ROWS_IN_A_PIECE):
+        piece = slice(start, start + ROWS_IN_A_PIECE)
+        bad = kernel(*(owned(part[piece]) for part in parts), out[piece])
+        if bad >= 0:
+            return start + bad
+    return -1
 
 
 def _run(kernel: Kernel, map_: Map, rows: list[Floats], out: NDArray[Any], start: int, stop: int) -> int:

@@ -106,7 +106,7 @@ class CellsInStore:
 
     def __init__(self, space: Any) -> None:
         self._space, self.grid = space, space.grid
-        slices = int(space.rotations.slices_for(space.robot.shape).max()) + 1
+        slices = len(space.slice_rotations)
         self.side = math.ceil((space.grid.size * slices / (_CACHED * MOST)) ** (1.0 / space.grid.dim))
         self.side = max(self.side, math.ceil((space.grid.size / MOST) ** (1.0 / space.grid.dim)))
 

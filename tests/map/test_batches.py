@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import cspace
 from cspace import InputError, Robot, Workspace
 from cspace.map import mip
-from cspace.map.batches import EDGES_A_THREAD, ROWS
+from cspace.map.batches import EDGES_A_THREAD, ROWS, answer_pairs
 from cspace.map.mip import CELLS_AN_EDGE
 from cspace.rotations import Rotations
 from cspace.threads import LEAST
@@ -269,3 +269,10 @@ def test_refuses_what_is_no_path_and_no_roadmap(path, edges, message):
     space = plane(np.random.default_rng(0))
     with pytest.raises(InputError, match=message):
         space.certify_path(path, edges)
+
+
+def test_an_edge_between_unusable_vertices_is_named_by_its_number():
+    space = plane(np.random.default_rng(0))
+    vertices = np.array([(0.1, 0.1), (0.2, 0.2), (np.nan, 0.3)])
+    with pytest.raises(InputError, match=r"edge number 2 is \(0.1, 0.1, nan, 0.3\)"):
+        answer_pairs(vertices, np.array([(0, 1), (1, 0), (0, 2)]), space._edges(3, exact=False))

@@ -2,11 +2,13 @@
 
 import pickle
 import threading
+import tracemalloc
 
 import numpy as np
 import pytest
 
 import cspace
+import cspace.tiles.space
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.tiles.cache import Cache
 from cspace.tiles.store import Store
@@ -76,6 +78,46 @@ def test_decoded_tiles_take_no_more_memory_than_they_may(limit):
         cache.begin()
         cache.load([number])
         assert cache.cells.packed.nbytes <= max(limit, 13) and cache.cells.places[number] >= 0
+
+
+@pytest.mark.parametrize("name", ["plane", "yaw", "space yaw"])
+def test_slices_are_those_of_the_map(name, tmp_path):
+    space, tiled = pair(name, tmp_path)
+    for each in (space, tiled, pickle.loads(pickle.dumps(space))):
+        assert each.slice_rotations.shape == (each.slice_of.max() + 1, space.dof - space.grid.dim)
+        full = np.hstack([np.zeros((len(each.slice_rotations), space.grid.dim)), each.slice_rotations])
+        assert each.slice_of[each.rotations.cells_of(full)].tolist() == list(range(len(full)))
+        with pytest.raises(ValueError, match="read-only"):
+            each.slice_of[0] = 7
+
+
+def test_batches_in_pieces_answer_as_one(tmp_path, monkeypatch):
+    space, tiled = pair("yaw", tmp_path)
+    q = configurations(space, 3000, np.random.default_rng(1))
+    edges = np.random.default_rng(2).integers(0, 3000, (2000, 2))
+    whole = [tiled.classify(q), tiled.certify_path(q, edges), tiled.clearance(q[:300])]
+    monkeypatch.setattr(cspace.tiles.space, "ROWS_IN_A_PIECE", 77)
+    pieces = [tiled.classify(q), tiled.certify_path(q, edges), tiled.clearance(q[:300])]
+    for one, other in zip(whole, pieces, strict=True):
+        np.testing.assert_array_equal(one, other)
+    q[100, 0] = np.nan
+    for look_up in (tiled.classify, tiled.clearance, lambda q: tiled.motion_is_free(q, q)):
+        with pytest.raises(InputError, match="number 100 is"):
+            look_up(q)
+
+
+def test_a_roadmap_of_many_edges_is_copied_a_piece_at_a_time(tmp_path):
+    """Whole, the ends of two million edges take 96 MB, and what the look-up copies of them again as much."""
+    space, tiled = pair("yaw", tmp_path)
+    vertices = configurations(space, 200, np.random.default_rng(1))
+    edges = np.random.default_rng(2).integers(0, 200, (2_000_000, 2))
+    tiled.certify_path(vertices, edges[:10])
+    tracemalloc.start()
+    answers = tiled.certify_path(vertices, edges)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 60e6
+    np.testing.assert_array_equal(answers[:500], space.certify_path(vertices, edges[:500]))
 
 
 def test_an_edge_reads_the_tiles_that_it_passes(tmp_path, monkeypatch):
