@@ -188,7 +188,7 @@ def carried(request: pytest.FixtureRequest) -> CSpace:
 
 def without(space: CSpace, fields: Any = None) -> CSpace:
     """The same map with other arrays for a field, or none."""
-    options = {name: getattr(space, name) for name in ("outside", "margin", "precision")}
+    options = {name: getattr(space, name) for name in ("outside", "margin", "precision")} | {"proves_blocked": True}
     states, counts = space.record.states.copy(), space.overlaps
     overlaps = None if counts is None else counts.reshape(states.shape)
     return map_in(
