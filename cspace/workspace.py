@@ -665,7 +665,7 @@ class Workspace:
 
         Boxes, spheres, cylinders, cones, meshes and planes are read, in the frame of their headers. If these differ,
         ``fixed_frame_transforms`` must lead to one frame. Cylinders and cones lie between two polyhedra, as
-        :meth:`Robot.cylinder` does. A plane is a surface without an inside and ends where the bounds do.
+        :meth:`cspace.Robot.cylinder` does. A plane is a surface without an inside and ends where the bounds do.
 
         Parameters
         ----------
@@ -676,7 +676,7 @@ class Workspace:
         bounds : array-like, shape (6,) or (2, 3), optional
             As for :meth:`from_mesh`; needed if the scene has planes.
         package_dirs : path-like, or sequence of path-like
-            Folders that hold the folders of packages, for meshes, as for :meth:`Robot.from_urdf`.
+            Folders that hold the folders of packages, for meshes, as for :meth:`cspace.Robot.from_urdf`.
 
         Raises
         ------

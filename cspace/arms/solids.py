@@ -45,7 +45,7 @@ class Placed:
 
     Parameters
     ----------
-    shape : Shape, trimesh.Trimesh, path-like, or anything else that :func:`cspace.shapes.shape_of` takes
+    shape : Shape, trimesh.Trimesh, path-like, or anything else that ``cspace.shapes.shape_of`` takes
         In space, metres.
     pose : array-like, shape (4, 4)
         From the frame of the shape to that of the body.
@@ -300,7 +300,7 @@ def rigid(pose: ArrayLike, name: str) -> Floats:
 def read_moveit_scene(
     path: StrPath, *, plane_radius: float | None = None, package_dirs: PackageDirs = ()
 ) -> dict[str, Placed]:
-    """Read the obstacles of a MoveIt planning scene, for :func:`build_arm`.
+    """Read the obstacles of a MoveIt planning scene, for :func:`cspace.build_arm`.
 
     Parameters
     ----------
