@@ -15,8 +15,8 @@ LONGEST: Final = 240
 """Characters of a fault, at most, in a message."""
 
 
-_PACKAGES: Final = ("cspace", "planners")
-"""Top-level packages of this library."""
+_NOT_THE_USERS: Final = frozenset({"cspace", "planners", *sys.stdlib_module_names})
+"""Top-level modules of this library, and of the standard library, which calls back into it."""
 
 
 class CspaceError(Exception):
@@ -97,7 +97,7 @@ class AngleWarning(UserWarning):
 def warn_user(message: str, category: type[Warning] = UserWarning) -> None:
     """Warn at the line outside this library that called it."""
     frame, level = sys._getframe(1), 2
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _PACKAGES:
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _NOT_THE_USERS:
         frame, level = frame.f_back, level + 1
     warnings.warn(message, category, stacklevel=level)
 

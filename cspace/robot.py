@@ -342,7 +342,7 @@ class Robot:
             left out, that of the root and of the links that fixed joints join to it, in the frame of the root; a
             warning names those that have geometry and are left out because they move, such as wheels.
         solid : {"auto", "surface", "fill"}
-            What of the meshes has an inside, as for :meth:`mesh`.
+            What of the whole geometry has an inside, boxes and other primitives included, as for :meth:`mesh`.
         package_dirs : path-like or sequence of path-like, optional
             Folders that hold the folders of ROS packages.
 

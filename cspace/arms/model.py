@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 
 Names = tuple[str, str]
 """Of two links, in order."""
+
+Inside: TypeAlias = Literal["auto", "surface"]
+"""What of a link's mesh has an inside: its closed bodies, or nothing."""
 
 _KINDS: Final = {"fixed": STILL, "revolute": TURNS, "continuous": TURNS, "prismatic": SLIDES}
 """What joints do, by their type in a URDF."""
@@ -131,6 +134,7 @@ class Arm:
         tip: str | None = None,
         base: str | None = None,
         *,
+        solid: Inside = "auto",
         package_dirs: PackageDirs = (),
     ) -> Arm:
         """An arm from a URDF file, with the collision geometry of its links.
@@ -153,6 +157,9 @@ class Arm:
             it. By default all move.
         base : str, optional
             The link in whose frame obstacles are given; only links below it are taken. By default the root of all.
+        solid : {"auto", "surface"}
+            What of the meshes has an inside: their closed bodies, or nothing. What ``"fill"`` means elsewhere depends
+            on a spacing, which the proofs of an arm do not have.
         package_dirs : path-like or sequence of path-like, optional
             Folders that hold the folders of ROS packages.
 
@@ -168,6 +175,9 @@ class Arm:
         """
         from cspace.io.urdf import load_urdf, package_folders, root_link
 
+        if solid not in ("auto", "surface"):
+            rule = "it says what of the meshes has an inside"
+            raise InputError("solid", f"is {solid!r}", rule, "use 'auto' or 'surface'", value=solid)
         folders = package_folders(package_dirs)
         urdf = load_urdf(path)
         file = os.fspath(path)
@@ -177,7 +187,7 @@ class Arm:
                     name, f"is {link!r}", f"{file} has {', '.join(urdf.link_map)}", "name one of these", value=link
                 )
         joints = {joint.name: _joint(joint, file) for joint in urdf.robot.joints}
-        return _Assembly(file, urdf, joints, base or root_link(urdf), tip).arm(srdf, folders)
+        return _Assembly(file, urdf, joints, base or root_link(urdf), tip).arm(srdf, folders, solid)
 
     @property
     def dof(self) -> int:
@@ -214,7 +224,7 @@ class Arm:
             It moves with this one, and may touch it.
         pose : array-like, shape (4, 4), optional
             From the object's frame to that of the link; by default they are the same.
-        touch : iterable of str
+        touch : str or iterable of str
             Other links that it may touch.
 
         Raises
@@ -226,9 +236,16 @@ class Arm:
         if solid.dim != 3:
             raise InputError("shape", "is in the plane", "arms are in space", "pass a solid", value=shape)
         names = [each.name for each in self.links]
+        if not isinstance(name, str):
+            raise InputError("name", f"is {name!r}", "it must be a string", "pass e.g. 'tool'", value=name)
+        try:
+            others = [touch] if isinstance(touch, str) else list(touch)
+        except TypeError as error:
+            rule = "it must be names of links"
+            raise InputError("touch", f"is {touch!r}", rule, "pass a list of strings", value=touch) from error
         if name in names:
             raise InputError("name", f"is {name!r}", "a link has it", "choose another one", value=name)
-        for each in (link, *touch):
+        for each in (link, *others):
             if each not in names:
                 raise InputError(
                     "link", f"is {each!r}", f"there are {', '.join(names)}", "name one of these", value=each
@@ -236,7 +253,7 @@ class Arm:
         body = self.links[names.index(link)].body
         place = np.eye(4) if pose is None else rigid(pose, "pose")
         held = Solid(name, body, (placed_shared(solid, self.frames[link] @ place),))
-        allowed = self.allowed | {pair_of(name, each): "held" for each in (link, *touch)}
+        allowed = self.allowed | {pair_of(name, each): "held" for each in (link, *others)}
         return replace(self, links=(*self.links, held), allowed=allowed)
 
     @cached_property
@@ -372,18 +389,24 @@ class _Assembly:
             for joint in self._order
             if joint.kind != STILL and joint.leader == joint.name and joint.child in branch
         ]
+        for joint in self._order:
+            if joint.leader not in joints:
+                rule = f"the URDF has no such joint; it has {', '.join(joints)}"
+            elif joint.leader not in names:
+                rule = f"that joint is not below the base {base!r}"
+            elif joints[joint.leader].leader != joint.leader:
+                rule = "that joint mimics another one itself"
+            else:
+                continue
+            raise InputError(
+                f"{file}: joint {joint.name!r}", f"mimics {joint.leader!r}", rule, "correct it", value=joint.leader
+            )
         if not self._moving:
             raise InputError(
                 file, "has no joint that moves there", "an arm has one at least", "name another base or tip"
             )
-        for joint in self._order:
-            if joint.leader not in names or joints[joint.leader].leader != joint.leader:
-                rule = "it must be a joint of the arm that mimics none itself"
-                raise InputError(
-                    f"{file}: joint {joint.name!r}", f"mimics {joint.leader!r}", rule, "correct it", value=joint.leader
-                )
 
-    def arm(self, srdf: str | os.PathLike[str] | None, package_dirs: Sequence[Path]) -> Arm:
+    def arm(self, srdf: str | os.PathLike[str] | None, package_dirs: Sequence[Path], inside: Inside) -> Arm:
         bodies = {self._base: (0, np.eye(4))}
         rows: list[tuple[int, Floats, Joint | None]] = [(0, np.eye(4), None)]
         for joint in self._order:
@@ -399,7 +422,7 @@ class _Assembly:
             raise InputError(
                 self._file, fault, f"at most {MOST_BODIES} are taken", "name a base or a tip", value=len(rows)
             )
-        links = tuple(self._links(bodies, package_dirs))
+        links = tuple(self._links(bodies, package_dirs, inside))
         if not links:
             raise InputError(self._file, "has no collision geometry", "an arm's links need some", "add <collision>")
         limits = np.array([(self._joints[name].lower, self._joints[name].upper) for name in self._moving])
@@ -462,12 +485,14 @@ class _Assembly:
             pose[:3, 3] = value * joint.axis
         return pose
 
-    def _links(self, bodies: Mapping[str, tuple[int, Floats]], package_dirs: Sequence[Path]) -> Iterable[Solid]:
+    def _links(
+        self, bodies: Mapping[str, tuple[int, Floats]], package_dirs: Sequence[Path], inside: Inside
+    ) -> Iterable[Solid]:
         from cspace.io.urdf import find_meshes, shapes_of
 
         meshes = find_meshes(self._urdf, bodies, self._file, package_dirs)
         for name, (body, pose) in bodies.items():
-            shapes = shapes_of(self._urdf, name, self._file, meshes)
+            shapes = shapes_of(self._urdf, name, self._file, meshes, inside)
             parts = [placed_shared(shape, pose @ place) for shape, place in shapes]
             if parts:
                 yield Solid(name, body, tuple(parts))

@@ -39,6 +39,12 @@ _PAUSE: Final = 0.002
 
 Result = TypeVar("Result")
 
+_POINTER: Final = b"version https://git-lfs.github.com/spec/v1"
+"""First bytes of a pointer of git-lfs."""
+
+_MAX_POINTER_BYTES: Final = 1024
+"""Largest size of a pointer of git-lfs, bytes, by its specification."""
+
 _SHOWN: Final = 60
 """Characters of a wrong line that a message quotes."""
 
@@ -49,7 +55,7 @@ def existing(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> Pa
     ``kind`` says in messages what it should be, such as "ROS map"; each of its bytes takes ``memory`` bytes when read.
 
     Raises InputError if ``path`` is not a file name, and FileError if nothing is there, or no plain file, or one that
-    is too large (:mod:`cspace.io.limits`).
+    is too large (:mod:`cspace.io.limits`), or a pointer of git-lfs.
     """
     file, what = look_up(path, kind)
     if not what:
@@ -60,8 +66,22 @@ def existing(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> Pa
         size = file.stat().st_size
     except OSError as error:  # it was removed just now
         raise unreadable(path, kind, error) from error
+    if size <= _MAX_POINTER_BYTES:
+        _refuse_pointer(file, kind)
     check_bytes(file, size, memory=memory)
     return file
+
+
+def _refuse_pointer(file: Path, kind: str) -> None:
+    """Refuse a pointer that git-lfs leaves in place of a large file."""
+    try:
+        with file.open("rb") as stream:
+            is_pointer = stream.read(len(_POINTER)) == _POINTER
+    except OSError as error:
+        raise unreadable(file, kind, error) from error
+    if is_pointer:
+        rule = f"the {kind} itself has not been fetched"
+        raise FileError(str(file), "is a pointer of git-lfs", rule, "run git lfs pull in its repository")
 
 
 def look_up(path: str | os.PathLike[str], kind: str) -> tuple[Path, str]:

@@ -30,6 +30,8 @@ from cspace.shapes.shape import check_point
 if TYPE_CHECKING:
     from yourdfpy import URDF
 
+    from cspace.shapes.mesh import Solid
+
 _KIND: Final = "URDF"
 
 _NEEDED: Final[Mapping[str, tuple[str, ...]]] = {
@@ -128,18 +130,19 @@ def load_urdf(path: str | os.PathLike[str]) -> URDF:
 
 
 def shapes_of(
-    urdf: URDF, link: str, path: str | os.PathLike[str], meshes: Mapping[str, Path]
+    urdf: URDF, link: str, path: str | os.PathLike[str], meshes: Mapping[str, Path], solid: Solid
 ) -> Iterator[tuple[Shape, Floats]]:
     """Yield the shapes of a link's collision geometry, each with its pose in the frame of the link, shape (4, 4).
 
-    ``meshes`` are the files from :func:`find_meshes`.
+    ``meshes`` are the files from :func:`find_meshes`; ``solid`` says what of them has an inside.
 
     Raises FileError if a mesh is malformed, and InputError if a size is not above zero.
     """
     for number, collision in enumerate(urdf.link_map[link].collisions):
         place = f"{os.fspath(path)}: link {link!r}, collision {number}"
         surface, within = _sides(collision.geometry, meshes, place)
-        outer = Mesh.of(Mesh(*surface, source=place))
+        outer = Mesh(*surface, solid if collision.geometry.mesh is not None else "auto", place)
+        outer.warn_if_open(fills=False)
         shape = outer if within is surface else BoundedShape(outer, Mesh.of(within))
         yield shape, np.eye(4) if collision.origin is None else finite(collision.origin, f"{place}: origin")
 

@@ -119,7 +119,14 @@ def shape_of(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
     elif not any(hasattr(given, attribute) for attribute in ("vertices", "geometry")):
         mend = "pass e.g. shapely.box(0, 0, 1, 1), trimesh.creation.box((1, 1, 1)), or points and their radius"
         raise InputError(name, f"is a {type(given).__name__}", "a polygon or a mesh is needed", mend, value=source)
-    return Mesh.of(given)
+    return _mesh(given)
+
+
+def _mesh(source: MeshLike) -> Mesh:
+    """Make a mesh for a function that takes shapes, and has no option ``solid``."""
+    mesh = Mesh.convert(source)
+    mesh.warn_if_open("cspace.Mesh.of(mesh, solid={!r})", fills=False)
+    return mesh
 
 
 def _shape_of_text(source: str | os.PathLike[str], name: str) -> Shape:
@@ -132,7 +139,7 @@ def _shape_of_text(source: str | os.PathLike[str], name: str) -> Shape:
     if isinstance(source, str) and is_short_text(source):
         return parse_short_text(source, name).shape
     if suffix in MESHES:
-        return Mesh.of(source)
+        return _mesh(source)
     if suffix in POLYGONS or (isinstance(source, str) and is_wkt(source)):
         return Polygons(read_shapes(source))
     rule = f"it must be a short text, WKT, or a file that ends in {', '.join((*POLYGONS, *MESHES))}"

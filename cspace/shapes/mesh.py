@@ -197,16 +197,28 @@ class Mesh(ExactShape):
         MeshWarning
             If the mesh is read with ``solid="auto"`` and a body is open; once for each Mesh.
         """
-        if isinstance(shape, Mesh):
-            mesh = shape if solid in ("auto", shape.solid) else cls(shape.vertices, shape.faces, solid, shape.source)
-        else:
-            vertices, faces, source = _arrays_of(shape)
-            mesh = cls(vertices, faces, solid, source)
-        if mesh.solid == "auto" and not mesh._warned:
-            object.__setattr__(mesh, "_warned", True)
-            for message in mesh._doubts():
-                warn_user(message, MeshWarning)
+        mesh = cls.convert(shape, solid)
+        mesh.warn_if_open()
         return mesh
+
+    @classmethod
+    def convert(cls, shape: MeshLike, solid: Solid = "auto") -> Mesh:
+        """Make a mesh as :meth:`of` does, without a warning."""
+        if isinstance(shape, Mesh):
+            return shape if solid in ("auto", shape.solid) else cls(shape.vertices, shape.faces, solid, shape.source)
+        vertices, faces, source = _arrays_of(shape)
+        return cls(vertices, faces, solid, source)
+
+    def warn_if_open(self, option: str = "solid={!r}", fills: bool = True) -> None:
+        """Warn, once for a mesh with ``solid="auto"``, of bodies that have no inside.
+
+        ``option`` is the form in which the function that the user called takes ``solid``; ``fills`` says whether it
+        takes ``"fill"``.
+        """
+        if self.solid == "auto" and not self._warned:
+            object.__setattr__(self, "_warned", True)
+            for message in self._doubts(option, fills):
+                warn_user(message, MeshWarning)
 
     @property
     def triangles(self) -> Floats:
@@ -482,27 +494,30 @@ class Mesh(ExactShape):
         )
         warn_user(message, MeshWarning)
 
-    def _doubts(self) -> Iterator[str]:
-        """What there is to warn of where closed bodies are taken as solid."""
+    def _doubts(self, option: str, fills: bool) -> Iterator[str]:
+        """Yield what there is to warn of if closed bodies are taken as solid."""
+        surface, fill = option.format("surface"), option.format("fill")
         open_bodies = [body for body in self.bodies if not body.closed]
         hollow = sum(body.closed and body.volume == 0.0 for body in self.bodies)
         if not self.bodies:
             yield (
                 f"no triangle of {self.source} has an area; it was taken as a surface without an inside; pass "
-                "solid='surface' to say so"
+                f"{surface} to say so"
             )
         if open_bodies:
             yield (
                 f"{len(open_bodies)} of {len(self.bodies)} bodies of {self.source} are open "
                 f"({sum(len(body.faces) for body in open_bodies)} of {len(self.faces)} triangles); they were taken as "
-                "surfaces without an inside; pass solid='surface' if no body has one, or solid='fill' to fill what the "
-                "cells enclose"
+                f"surfaces without an inside; close their gaps, or pass {surface} if no body has an inside"
+                + f", or {fill} to fill what the cells enclose"
+                * fills
             )
         if hollow:
             yield (
                 f"the volumes that {hollow} of {len(self.bodies)} bodies of {self.source} wind round cancel; where "
-                "windings do, as where a surface is drawn once for each side, a body is hollow; pass solid='fill' to "
-                "fill what the cells enclose"
+                "windings do, as where a surface is drawn once for each side, a body is hollow; draw each surface once"
+                + f", or pass {fill} to fill what the cells enclose"
+                * fills
             )
 
 

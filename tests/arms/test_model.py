@@ -9,6 +9,7 @@ import pytest
 import trimesh
 import yourdfpy
 
+from cspace import MeshWarning, Robot
 from cspace.arms import Arm, Placed, build_arm
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.shapes import Mesh
@@ -271,10 +272,13 @@ def test_bad_input(tmp_path: Path) -> None:
             Arm.from_urdf(path, **options)
     with pytest.raises(InputError, match="is not below"):
         Arm.from_urdf(path, base="fore", tip="foot")
+    alone = planar(tmp_path, extra='<mimic joint="lost"/>')
+    with pytest.raises(InputError, match="joint 'shoulder' mimics 'lost'; the URDF has no such joint"):
+        Arm.from_urdf(alone, tip="upper")  # no other joint moves there
+    path = planar(tmp_path)
     with pytest.raises(InputError, match="no joint that moves"):
         Arm.from_urdf(path, base="fore")
     arm = Arm.from_urdf(path)
-    from cspace import Robot
 
     ball = Robot.ball(0.1).shape
     with pytest.raises(InputError, match="a link has it"):
@@ -310,3 +314,105 @@ def test_meshes_of_packages_are_found_in_given_folders(tmp_path: Path) -> None:
     arm = Arm.from_urdf(path, package_dirs=tmp_path / "ws")
     np.testing.assert_allclose(arm.links[1].parts[0].shape.outer.bounds[1], (1.0, 0.05, 0.05), atol=1e-6)
     assert [link.name for link in Arm.from_urdf(path, package_dirs=[str(tmp_path / "ws")]).links] == ["a", "b"]
+
+
+OPEN_MESH = '<collision><geometry><mesh filename="open.stl"/></geometry></collision>'
+
+
+def arm_with_open_mesh(folder: Path) -> Path:
+    box = trimesh.creation.box((0.4, 0.4, 0.4))
+    trimesh.Trimesh(box.vertices, box.faces[1:], process=False).export(folder / "open.stl")
+    return written(folder, link("a", BAR), link("b", extra=OPEN_MESH), joint("one", "a", "b"))
+
+
+def test_warnings_of_open_meshes_name_an_option_that_the_caller_takes(tmp_path: Path) -> None:
+    path = arm_with_open_mesh(tmp_path)
+    with pytest.warns(MeshWarning, match=r"link 'b', collision 0 are open") as heard:
+        Arm.from_urdf(path)
+    assert [each.filename for each in heard] == [__file__]
+    assert "pass solid='surface'" in str(heard[0].message) and "fill" not in str(heard[0].message)
+    arm = Arm.from_urdf(path, solid="surface")  # warns of nothing
+    ball = {"ball": Robot.ball(0.05).shape}
+    assert build_arm(ball, arm, allowed=[("a", "ball")]).is_free((0.0,))
+    options: Any = {"solid": "fill"}
+    with pytest.raises(InputError, match=r"solid is 'fill'.*use 'auto' or 'surface'"):
+        Arm.from_urdf(path, **options)
+    with pytest.warns(MeshWarning, match=r"pass solid='surface' .*, or solid='fill'") as heard:
+        Robot.from_urdf(path, "b")
+    assert [each.filename for each in heard] == [__file__]
+
+
+def test_warnings_of_open_shapes_name_what_makes_surfaces_of_them(tmp_path: Path) -> None:
+    """Neither ``attach`` nor ``build_arm`` has an option ``solid``."""
+    box = trimesh.creation.box((0.1, 0.1, 0.1))
+    open_box = trimesh.Trimesh(box.vertices, box.faces[1:], process=False)
+    arm = Arm.from_urdf(planar(tmp_path))
+    may = [("foot", "tool"), ("upper", "tool")]
+    for call in (lambda: arm.attach("tool", open_box, "fore"), lambda: build_arm({"tool": open_box}, arm, allowed=may)):
+        with pytest.warns(MeshWarning, match=r"pass cspace.Mesh.of\(mesh, solid='surface'\)") as heard:
+            call()
+        assert [each.filename for each in heard] == [__file__]
+    arm.attach("tool", Mesh.of(open_box, solid="surface"), "fore")
+
+
+def test_boxes_keep_their_inside_when_meshes_are_surfaces(tmp_path: Path) -> None:
+    path = written(
+        tmp_path, link("a", BAR), link("b", ((2, 2, 2), (9, 0, 0))), joint("one", "a", "b", limits=(-0.01, 0.01))
+    )
+    inside = Placed(Robot.ball(0.1).shape, np.array([[1, 0, 0, 9], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]))
+    for solid in ("auto", "surface"):
+        options: Any = {"solid": solid}
+        with pytest.raises(ConfigurationError, match="b touches 'ball'"):
+            build_arm({"ball": inside}, Arm.from_urdf(path, **options))
+
+
+@pytest.mark.parametrize(
+    ("leader", "base", "message"),
+    [
+        ("lost", None, r"joint 'two' mimics 'lost'; the URDF has no such joint; it has one, two, three"),
+        ("one", "b", r"joint 'two' mimics 'one'; that joint is not below the base 'b'"),
+        ("three", None, r"joint 'two' mimics 'three'; that joint mimics another one itself"),
+    ],
+    ids=["unknown", "above the base", "itself a follower"],
+)
+def test_joints_that_mimic_what_they_cannot_are_refused(
+    tmp_path: Path, leader: str, base: str | None, message: str
+) -> None:
+    path = written(
+        tmp_path,
+        *(link(name, BAR) for name in "abcd"),
+        joint("one", "a", "b"),
+        joint("two", "b", "c", extra=f'<mimic joint="{leader}"/>'),
+        joint("three", "c", "d", extra='<mimic joint="one"/>' if leader == "three" else ""),
+    )
+    with pytest.raises(InputError, match=message):
+        Arm.from_urdf(path, base=base)
+
+
+@pytest.mark.parametrize(
+    ("shape", "message"),
+    [
+        (None, "shape is a NoneType"),
+        (5, "shape is a int"),
+        ("no such text", "shape is 'no such text'"),
+        (np.zeros((3, 3)), "shape is points"),
+        (Robot.disc(1.0), "shape is in the plane; arms are in space"),
+        (trimesh.Trimesh(), "without triangles"),
+        ((np.eye(3), [[0, 1, 5]]), "name vertex 5"),
+        (lambda: None, "shape is a function"),
+    ],
+    ids=["none", "number", "text", "points", "plane", "empty", "vertex", "function"],
+)
+def test_attach_refuses_what_is_no_shape(tmp_path: Path, shape: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Arm.from_urdf(planar(tmp_path)).attach("tool", shape, "fore")
+
+
+def test_attach_takes_one_name_of_a_link_and_refuses_other_types(tmp_path: Path) -> None:
+    arm, ball = Arm.from_urdf(planar(tmp_path)), Robot.ball(0.1)
+    assert arm.attach("tool", ball, "fore", touch="upper").allowed["tool", "upper"] == "held"
+    bad: Any = 5
+    with pytest.raises(InputError, match="touch is 5; it must be names of links"):
+        arm.attach("tool", ball, "fore", touch=bad)
+    with pytest.raises(InputError, match="name is 5; it must be a string"):
+        arm.attach(bad, ball, "fore")
