@@ -51,7 +51,7 @@ def write_files(folder: Path) -> None:
     (folder / "room.yaml").write_text("\n".join([*lines, "occupied_thresh: 0.65", "free_thresh: 0.196", ""]))
     field = np.zeros((800, 600), dtype=bool)
     field[300:320, :400] = True
-    zarr.save_array(folder / "occupied.zarr", field, config={"write_empty_chunks": True})
+    zarr.create_array(folder / "occupied.zarr", data=field, config={"write_empty_chunks": True})
 
 
 @pytest.mark.parametrize("page", WITH_CODE)

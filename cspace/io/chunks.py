@@ -39,7 +39,7 @@ _ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 
 _KIND: Final = "Zarr array"
 _RULE: Final = "it must be a folder with one array of booleans, and not a saved map"
-_MEND: Final = "write it with zarr.save_array"
+_MEND: Final = "write it with zarr.create_array"
 
 
 def unpack(content: bytes, compressor: str, size: int) -> Bytes:
@@ -210,8 +210,8 @@ def missing_chunk(name: str) -> Fault:
     return Fault(
         f"lacks {name}",
         "a chunk that was lost would pass for free space",
-        "copy the array again, or write it with config={'write_empty_chunks': True}; if missing chunks hold the fill "
-        f'value, set array.attrs["{MISSING}"] = "fill_value"',
+        "copy the array again, or write it with zarr.create_array(..., config={'write_empty_chunks': True}); "
+        f'if missing chunks hold the fill value, set array.attrs["{MISSING}"] = "fill_value"',
     )
 
 
@@ -232,7 +232,7 @@ class ZarrArray:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.filename = Path(path)
+        self.filename = Path(path).absolute()  # workers have other working folders
         with decoding(path, _KIND, _RULE, _MEND):
             document, attributes = self._read_json("zarr.json"), None
             if document is None:
@@ -249,6 +249,9 @@ class ZarrArray:
         """
         with decoding(self.filename, _KIND):
             return self._layout.read(box, self._content)
+
+    def __reduce__(self) -> tuple[type[ZarrArray], tuple[Path]]:
+        return ZarrArray, (self.filename,)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.asarray(self[tuple(slice(0, n) for n in self.shape)], dtype=dtype)

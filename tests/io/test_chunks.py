@@ -3,6 +3,7 @@
 import gzip
 import json
 import os
+import pickle
 import shutil
 import signal
 import struct
@@ -113,6 +114,16 @@ def test_zstd_frames_without_a_size_are_read(array: Path, monkeypatch: pytest.Mo
     (array / "c/0/0").write_bytes(b"\x28\xb5\x2f\xfd\x00\x00" + struct.pack("<I", 1 | 1 << 1 | 100 << 3)[:3] + b"\1")
     assert bytes(frame[:4]) == b"\x28\xb5\x2f\xfd"
     assert cells_of(array).all()
+
+
+def test_a_pickled_array_is_found_from_another_folder(array: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(array.parent)
+    content = pickle.dumps(ZarrArray(array.name))
+    monkeypatch.chdir("/")
+    np.testing.assert_array_equal(pickle.loads(content), np.ones((20, 20)))
+    shutil.rmtree(array)
+    with pytest.raises(FileError, match="holds no array"):
+        pickle.loads(content)
 
 
 # ---- what is refused ---------------------------------------------------------------------------------------------

@@ -170,7 +170,7 @@ def dask_setup(worker):
 def test_the_command_on_a_live_cluster(live, tmp_path, monkeypatch):
     """With a bar of tiles and cells; interrupted, and gone on with; from a folder that is not the workers' own."""
     workspace = random_workspace((300, 250))
-    zarr.save_array(tmp_path / "site.zarr", workspace.outer, config={"write_empty_chunks": True})
+    zarr.create_array(tmp_path / "site.zarr", data=workspace.outer, config={"write_empty_chunks": True})
     (tmp_path / "waits.py").write_text(WAITS.format(str(tmp_path / "go on")))
     live.worker("--preload", str(tmp_path / "waits.py"))
     command = ["map", "site.zarr", "--spacing", "0.1", "--robot", "rect:0.5x0.2", "--rotations", "8", "--tile", "25"]
