@@ -64,7 +64,8 @@ class Srdf(NamedTuple):
 def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
     """Read the SRDF of a robot.
 
-    What names links or joints that the URDF does not have is skipped, and one warning lists them.
+    What names links or joints that the URDF does not have is skipped, and so are pairs that name a link without
+    collision geometry. One warning lists them all.
 
     Raises FileError if the file is missing or malformed.
     """
@@ -76,11 +77,13 @@ def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
         check_expanded(root)
         reader = _Reader(root, urdf)
         srdf = Srdf(reader.allowed(), reader.groups(), reader.states(), reader.end_effectors())
+    skipped = []
     if reader.unknown:
-        warn_user(
-            f"{os.fspath(path)}: names {', '.join(reader.unknown)}, which the URDF does not have; what names them was "
-            "skipped: pairs that may touch, members of groups, and values of states"
-        )
+        skipped.append(f"{', '.join(reader.unknown)}, which the URDF does not have")
+    if reader.bare:
+        skipped.append(f"{', '.join(reader.bare)}, without collision geometry")
+    if skipped:
+        warn_user(f"{os.fspath(path)}: names {'; and '.join(skipped)}; such pairs, members and values are skipped")
     return srdf
 
 
@@ -93,6 +96,7 @@ class _Reader:
         self._kinds = {joint.name: joint.type for joint in urdf.robot.joints}
         self._kinds |= {_attribute(each, "name"): "virtual" for each in root.iter("virtual_joint")}
         self.unknown: dict[str, None] = {}
+        self.bare: dict[str, None] = {}
 
     def _known(self, names: Iterable[str], there: Container[str]) -> bool:
         """Return whether all names are there; note the others."""
@@ -109,6 +113,7 @@ class _Reader:
         for (one, other), _ in self._named("enable_collisions", "link1", "link2"):
             allowed.pop(_sorted(one, other), None)
         for (one, other), why in self._named("disable_collisions", "link1", "link2"):
+            self.bare |= dict.fromkeys(name for name in (one, other) if name not in solid)
             if one in solid and other in solid:
                 allowed[_sorted(one, other)] = why
         return allowed

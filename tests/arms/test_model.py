@@ -120,8 +120,7 @@ def test_bad_srdf(tmp_path: Path, text: str, message: str) -> None:
         Arm.from_urdf(planar(tmp_path), srdf)
 
 
-def test_srdf_names_of_missing_links_are_skipped_with_one_warning(tmp_path: Path) -> None:
-    """As MoveIt and pinocchio do; links without geometry touch nothing, so that nothing is said of them."""
+def test_srdf_names_of_missing_and_bare_links_are_skipped_with_one_warning(tmp_path: Path) -> None:
     path = written(
         tmp_path, *(link(name, BAR) for name in "ab"), link("bare"), joint("one", "a", "b"), joint("two", "b", "bare")
     )
@@ -137,7 +136,7 @@ def test_srdf_names_of_missing_links_are_skipped_with_one_warning(tmp_path: Path
         <group_state name="alone"><joint name="two" value="1"/></group_state>
         </robot>"""
     )
-    with pytest.warns(UserWarning, match=r"arm.srdf: names bellows, lost, gone, three, which the URDF") as heard:
+    with pytest.warns(UserWarning, match=r"bellows, lost, gone, three, which the URDF.* bare, without coll") as heard:
         arm = Arm.from_urdf(path, srdf)
     assert [each.filename for each in heard] == [__file__]
     assert arm.allowed == {("a", "b"): "SRDF"}
@@ -186,7 +185,7 @@ def test_srdf_groups_states_and_end_effectors_are_offered(tmp_path: Path) -> Non
     assert bare.groups == bare.named_configurations == bare.end_effectors == {}
 
 
-@pytest.mark.filterwarnings("ignore::cspace.MeshWarning")
+@pytest.mark.filterwarnings("ignore::cspace.MeshWarning", "ignore:.*without collision geometry")
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_named_configurations_are_those_of_pinocchio(data: Path, name: str) -> None:
     pin = pytest.importorskip("pinocchio")
