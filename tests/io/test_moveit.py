@@ -91,6 +91,7 @@ def test_primitives_are_bounded_by_the_cells(tmp_path, kind, sizes, places, angl
 
 
 @pytest.mark.filterwarnings("ignore::cspace.MeshWarning")  # the gripper of the UR5 is open
+@pytest.mark.filterwarnings("ignore:.*without collision geometry")
 @pytest.mark.parametrize("robot", ["panda", "ur5"])
 def test_problems_of_motion_bench_maker_are_the_same_obstacles(tmp_path, robot, data):
     """The scenes of a benchmark, written in the layout of planning scenes, against the shapes made by hand."""
