@@ -220,7 +220,7 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
                 value=array[index].item(),
             )
     # A boolean array may hold other bytes than 0 and 1; a comparison does not.
-    return frozen(np.array(array != 0, order="C"))
+    return frozen(np.not_equal(array, 0, order="C"))
 
 
 def check_reach(far: float, name: str, origin: str, mend: str) -> None:

@@ -658,6 +658,47 @@ class Workspace:
         return cls(grid, cells, cells, source=str(path), unknown=unseen)
 
     @classmethod
+    def from_nrrd(
+        cls,
+        path: StrPath,
+        spacing: float | None = None,
+        lower: ArrayLike | None = None,
+        *,
+        threshold: float | None = None,
+    ) -> Workspace:
+        """Read a grid of values in the NRRD format, such as a label map of 3D Slicer.
+
+        The header is attached to the values, which are raw or compressed with gzip. Voxels must be cubes along the
+        axes of the file's space; axes that run downward or in another order are turned. Lengths are metres, unless the
+        file names another unit, such as mm.
+
+        Parameters
+        ----------
+        path : path-like
+            Of two or three axes.
+        spacing : float, optional
+            Side of a cell, in metres; that of the file if left out.
+        lower : array-like, shape (d,), optional
+            Lower corner of the grid, in metres. If left out, half a cell before the file's ``space origin``, which is
+            the center of its first voxel, or the origin if the file has none.
+        threshold : float, optional
+            Voxels of at least this value are occupied. If left out, all must be 0, free, or 1, occupied.
+
+        Raises
+        ------
+        InputError
+            If a number is not usable, neither you nor the file give the spacing, or values are not 0 and 1 and
+            ``threshold`` is left out.
+        FileError
+            If the file is missing, truncated or malformed, holds NaN, is detached from its values, or its voxels are
+            not cubes along the axes.
+        """
+        from cspace.io.nrrd import read_nrrd
+
+        grid, cells = read_nrrd(path, spacing, lower, threshold)
+        return cls(grid, cells, cells, source=str(path))
+
+    @classmethod
     def from_moveit_scene(
         cls, path: StrPath, spacing: float, bounds: ArrayLike | None = None, *, package_dirs: PackageDirs = ()
     ) -> Workspace:
@@ -710,10 +751,12 @@ class Workspace:
             (polygons); ``.png``, ``.pgm``, ``.ppm``, ``.pbm``, ``.pnm``, ``.jpg``, ``.jpeg``, ``.bmp``, ``.tif``,
             ``.tiff`` (image); ``.stl``, ``.obj``, ``.ply``, ``.off``, ``.glb``, ``.gltf``, ``.dae`` (mesh); ``.bt``,
             ``.ot`` (OctoMap); ``.xyz``, ``.txt``, ``.csv``, ``.pcd``, and ``.ply`` without faces (point cloud);
-            ``.npy`` (boolean array, or rows of three floats: points); ``.zarr`` (boolean array, read when needed).
+            ``.npy`` (boolean array, or rows of three floats: points); ``.zarr`` (boolean array, read when needed);
+            ``.nrrd`` (grid of values).
         **options
             What the method for that format takes: ``spacing`` for all but ROS maps and OctoMaps (needed for all but
-            MovingAI), ``unknown``, ``threshold``, ``dark``, ``lower``, ``bounds``, ``solid``, ``radius``.
+            MovingAI, and NRRD files that hold it), ``unknown``, ``threshold``, ``dark``, ``lower``, ``bounds``,
+            ``solid``, ``radius``.
 
         Raises
         ------

@@ -8,6 +8,7 @@ whoever means harm would write them.
 
 from __future__ import annotations
 
+import gzip
 import io
 import json
 import multiprocessing
@@ -120,6 +121,11 @@ def families(folder: Path) -> dict[str, Path]:
     inner, taken, free = (np.float32(value).tobytes() for value in (0.8, 0.8, -0.4))
     nodes = (inner + b"\1") * 15 + inner + b"\x11" + taken + b"\0" + free + b"\0"
     put("tree.ot", b"# Octomap OcTree file\nid OcTree\nsize 18\nres 0.1\ndata\n" + nodes)
+    values = np.where(cells, 3, 0).astype("<u2").tobytes(order="F")
+    head = "NRRD0004\ntype: ushort\ndimension: 2\nsizes: 6 5\nendian: little\nspace dimension: 2\n"
+    head += 'space directions: (100,0) (0,100)\nspace origin: (50,-50)\nspace units: "mm" "mm"\n'
+    put("grid.nrrd", f"{head}encoding: raw\n\n".encode() + values)
+    put("packed.nrrd", f"{head}encoding: gzip\n\n".encode() + gzip.compress(values))
     points = np.random.default_rng(0).random((9, 3))
     put("points.xyz", "\n".join(" ".join(map(repr, row)) for row in points.tolist()))
     put("points.csv", "\n".join(",".join(map(repr, row)) for row in points.tolist()))
@@ -150,8 +156,8 @@ def open_file(path: Path) -> object:
     if path.name.startswith("robot"):
         return Robot.open(path)
     path = path.with_name("map.yaml") if path.name == "map.pgm" else path
-    spaced = path.suffix not in (".yaml", ".bt", ".ot")
-    return Workspace.open(path, **({"spacing": 0.5} if spaced else {})).outer
+    options = {".yaml": {}, ".bt": {}, ".ot": {}, ".nrrd": {"threshold": 1.0}}.get(path.suffix, {"spacing": 0.5})
+    return Workspace.open(path, **options).outer
 
 
 def mutant(content: bytes, other: bytes, rng: Rng) -> bytes:

@@ -17,6 +17,7 @@ from cspace.errors import InputError
 from cspace.io import meshes, rosmap, vector
 from cspace.io.chunks import ZarrArray
 from cspace.io.files import decoding, existing, suffix_of
+from cspace.io.nrrd import read_nrrd_dimension
 from cspace.io.ply import read_ply_header
 
 _KIND: Final = "NumPy array"
@@ -47,6 +48,7 @@ FORMATS: Final[dict[str, Format]] = {
     **dict.fromkeys((".npy", ".zarr"), Format("from_array", None)),
     **dict.fromkeys(meshes.SUFFIXES, Format("from_mesh", 3)),
     **dict.fromkeys((".bt", ".ot"), Format("from_octomap", 3)),
+    ".nrrd": Format("from_nrrd", None),
     **dict.fromkeys((".xyz", ".txt", ".csv", ".pcd"), Format("from_points", 3)),
     **dict.fromkeys(_IMAGES, Format("from_image", 2)),
 }
@@ -75,6 +77,8 @@ def dimension_of(path: StrPath) -> int:
     """
     method, suffix = method_of(path), Path(path).suffix.lower()
     dimension = FORMATS[suffix].dimension
+    if method == "from_nrrd":
+        return read_nrrd_dimension(path)
     if dimension is None:
         array = read_zarr_array(path) if suffix == ".zarr" else read_npy(path)
         dimension = 3 if method == "from_points" else int(array.ndim)
