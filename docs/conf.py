@@ -175,8 +175,9 @@ def full_name(name: str, before: str) -> str:
     else:
         first, _, rest = name.split("(")[0].partition(".")
         whole = f"{OBJECTS.get(first, first) if rest else first}.{rest}".rstrip(".")
-        if rest in getattr(find(OBJECTS.get(first, "")), "__dataclass_fields__", ()):
-            return OBJECTS[first]  # whose page lists its fields
+        owner = OBJECTS.get(first, "") if rest else before
+        if (rest or first) in getattr(find(owner), "__dataclass_fields__", ()):
+            return owner  # whose page lists its fields
         candidates = [f"{owner}.{whole}" for owner in (before.rpartition(".")[0], *OWNERS) if owner]
         found = [c for c in (whole, *candidates) if "." in c and find(c) is not None]
     if not found:
