@@ -120,7 +120,7 @@ class Workspace:
                     "pass one entry for each cell, indexed in the order of the coordinates",
                     value=cells,
                 )
-        lost = np.argwhere(inner & ~outer)
+        lost = np.argwhere(inner & ~outer) if inner is not outer else np.empty((0, 0))
         if len(lost):
             raise InputError(
                 "inner",
@@ -132,7 +132,7 @@ class Workspace:
         object.__setattr__(self, "shapes", None if self.shapes is None else tuple(self.shapes))
         object.__setattr__(self, "unknown", unknown if unknown is not None and unknown.any() else None)
         object.__setattr__(self, "outer", outer)
-        object.__setattr__(self, "inner", outer if np.array_equal(inner, outer) else inner)
+        object.__setattr__(self, "inner", outer if inner is outer or np.array_equal(inner, outer) else inner)
 
     def __repr__(self) -> str:
         grid, occupied, unknown = self.grid, np.count_nonzero(self.outer), ""
