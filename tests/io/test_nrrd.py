@@ -41,7 +41,7 @@ def write(
     head += [f"sizes: {' '.join(map(str, values.shape))}", f"encoding: {encoding}", f"endian: {endian}"]
     head += [*lines, "colour:=red", "", ""]
     body = values.astype({"little": "<", "big": ">"}[endian] + TYPES[kind]).tobytes(order="F")
-    path.write_bytes("\n".join(head).encode() + (body if encoding == "raw" else gzip.compress(body)))
+    path.write_bytes("\n".join(head).encode() + (body if encoding == "raw" else gzip.compress(body, mtime=0)))
     return path
 
 
@@ -131,9 +131,13 @@ PLAIN = "NRRD0004\ntype: uchar\ndimension: 2\nsizes: 3 2\nencoding: raw\nspacing
         (PLAIN, b"", "has no empty line"),
         (PLAIN + "\n", b"\0" * 5, "holds fewer values than its header declares"),
         (PLAIN + "\n", b"\0" * 7, "holds more values than its header declares"),
-        (PLAIN.replace("raw", "gzip") + "\n", gzip.compress(bytes(5)), "fewer values"),
-        (PLAIN.replace("raw", "gzip") + "\n", gzip.compress(bytes(7)), "more values"),
-        (PLAIN.replace("raw", "gzip") + "\n", gzip.compress(bytes(6))[:-3], "cannot be read as a grid in NRRD"),
+        (PLAIN.replace("raw", "gzip") + "\n", gzip.compress(bytes(5), mtime=0), "fewer values"),
+        (PLAIN.replace("raw", "gzip") + "\n", gzip.compress(bytes(7), mtime=0), "more values"),
+        (
+            PLAIN.replace("raw", "gzip") + "\n",
+            gzip.compress(bytes(6), mtime=0)[:-3],
+            "cannot be read as a grid in NRRD",
+        ),
         (PLAIN.replace("raw", "gzip") + "\n", b"not packed", "cannot be read as a grid in NRRD"),
         (PLAIN.replace("raw", "bzip2") + "\n", b"", "has the encoding 'bzip2'; raw and gzip are read"),
         (PLAIN.replace("uchar", "block") + "\n", b"", "has values of type 'block'"),
@@ -209,7 +213,7 @@ def test_files_that_unpack_to_gigabytes_take_little(tmp_path: Path, sizes: str, 
     path = tmp_path / "bomb.nrrd"
     with path.open("wb") as file:
         file.write(f"{head}\n".encode())
-        part = gzip.compress(bytes(2**24))
+        part = gzip.compress(bytes(2**24), mtime=0)
         for _ in range(unpacked // 2**24):
             file.write(part)
     assert path.stat().st_size < 10_000_000
