@@ -28,6 +28,7 @@ BENCHMARKS = {
     "mesh": "100,000 triangles into 256^3 cells, beside trimesh's voxelizer: time, and cells that it misses",
     "frequency": "spectra of 10,000 balls, Minkowski sums, 10^5 overlaps, each against the direct way; early misses",
     "tiles": "maps in tiles: builds against memory, one and two workers, 65,536^2 cells and 16,384^2 x 16 yaws",
+    "images": "reading a map from a PNG of 16,384 x 16,384 pixels, against Pillow's decoding alone",
     "startup": "seconds that `cspace --help` and `import cspace` add to Python and numpy",
     "soak": "every FREE, BLOCKED, free edge or curve, MISS and HIT against exact geometry; the band; files; in use",
 }

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Bools, Floats, Ints, frozen
+from cspace.arrays import Bools, Floats, Ints, frozen, in_c_order
 from cspace.errors import InputError
 
 SLACK: Final = 2.0**-26
@@ -219,8 +219,8 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
                 "compare with a threshold first, e.g. array >= 50",
                 value=array[index].item(),
             )
-    # A boolean array may hold other bytes than 0 and 1; a comparison does not.
-    return frozen(np.not_equal(array, 0, order="C"))
+    # A boolean array may hold other bytes than 0 and 1; a comparison of bytes, which also copies, does not.
+    return frozen(in_c_order((array.view(np.uint8) if array.dtype.kind == "b" else array) != 0))
 
 
 def check_reach(far: float, name: str, origin: str, mend: str) -> None:

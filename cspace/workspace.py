@@ -120,11 +120,10 @@ class Workspace:
                     "pass one entry for each cell, indexed in the order of the coordinates",
                     value=cells,
                 )
-        lost = np.argwhere(inner & ~outer) if inner is not outer else np.empty((0, 0))
-        if len(lost):
+        if inner is not outer and (lost := inner > outer).any():
             raise InputError(
                 "inner",
-                f"holds cell {tuple(lost[0].tolist())}, which is not in outer",
+                f"holds cell {tuple(np.argwhere(lost)[0].tolist())}, which is not in outer",
                 "a cell that lies in an obstacle also meets it",
                 "add it to outer",
                 value=self.inner,

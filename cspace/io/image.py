@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bools, Floats
+from cspace.arrays import Bools, Floats, copy_transposed
 from cspace.errors import InputError
 from cspace.grid import finite
 from cspace.io.files import Fault, decoding, existing, read_bytes
@@ -28,6 +28,9 @@ FORMATS: Final = ("PNG", "PPM", "BMP", "JPEG", "TIFF")
 
 COLOUR_MODES: Final = ("P", "RGB", "RGBX", "RGBA", "RGBa", "LA", "La", "PA", "CMYK", "YCbCr", "HSV")
 SIDES: Final = ("occupied", "free")
+
+ROWS_PER_BAND: Final = 64
+"""Rows of an image that are read together, so that they stay in the cache."""
 
 _BYTES_A_PIXEL: Final = 12
 """Memory while an image in colour is read."""
@@ -58,8 +61,21 @@ class Shades:
     opaque: Bools | bool
 
     def where(self, test: Callable[[Floats], Bools]) -> Bools:
-        """Pixels whose shade, from 0 (black) to 1 (white), passes a test of shades."""
-        return np.asarray(test(np.arange(self.most + 1) / float(self.most))[self.levels])
+        """Return the pixels whose shade, from 0 (black) to 1 (white), passes a test of shades.
+
+        Levels are compared with the ends of the ranges that pass, which is much quicker than a table of all levels.
+        """
+        passes, passing = test(np.arange(self.most + 1) / float(self.most)), None
+        for first, stop in np.flatnonzero(np.diff(passes, prepend=False, append=False)).reshape(-1, 2).tolist():
+            chosen = self.levels >= first if first else self.levels < stop
+            if first and stop <= self.most:
+                chosen &= self.levels < stop
+            passing = chosen if passing is None else passing | chosen
+        return np.zeros(self.levels.shape, dtype=np.bool_) if passing is None else passing
+
+    def among_opaque(self, pixels: Bools) -> Bools:
+        """Return those of some pixels that are opaque."""
+        return pixels if self.opaque is True else pixels & self.opaque
 
 
 def read_image(path: str | os.PathLike[str], threshold: float = 0.5, dark: str = "occupied") -> Bools:
@@ -85,8 +101,9 @@ def read_image(path: str | os.PathLike[str], threshold: float = 0.5, dark: str =
     if dark not in SIDES:
         raise InputError("dark", f"is {dark!r}", "it says what dark pixels are", f"pass one of {SIDES}", value=dark)
     image = read_shades(path, "image")
-    occupied = image.where(lambda shade: (shade < level) == (dark == "occupied"))
-    return occupied if image.opaque is True else occupied | ~np.asarray(image.opaque)
+    if image.opaque is True:
+        return image.where(lambda shade: (shade < level) == (dark == "occupied"))
+    return ~image.among_opaque(image.where(lambda shade: (shade < level) == (dark == "free")))
 
 
 def read_shades(path: str | os.PathLike[str], kind: str) -> Shades:
@@ -117,27 +134,40 @@ def read_shades(path: str | os.PathLike[str], kind: str) -> Shades:
 
 
 def _shades(image: Image) -> Shades:
-    opaque: Bools | bool = True
-    levels: NDArray[Any] | None = None
-    most = 255
-    if image.mode in ("1", "L") and not image.has_transparency_data:
-        levels = np.asarray(image.convert("L"))
+    is_clear, most = image.has_transparency_data, 255
+    if image.mode in ("1", "L") and not is_clear:
+        channels = "L"
     # Mode "I" means 16 bits in these formats, and an unknown range in others.
-    elif image.mode.startswith("I;16") or (image.mode == "I" and image.format in ("PNG", "PPM")):
-        wide = np.asarray(image)
-        if not image.has_transparency_data and wide.min() >= 0 and wide.max() <= 65535:
-            levels, most = wide.astype(np.uint16), 65535
+    elif (image.mode.startswith("I;16") or (image.mode == "I" and image.format in ("PNG", "PPM"))) and not is_clear:
+        channels, most = image.mode, 65535
     elif image.mode in ("1", "L", *COLOUR_MODES):
-        channels = np.asarray(image.convert("RGBA" if image.has_transparency_data else "RGB"))
-        if image.has_transparency_data:
-            opaque = np.ascontiguousarray((channels[:, :, 3] == 255)[::-1].T)
-        levels, most = channels[:, :, 0].astype(np.uint16), 3 * 255
-        levels += channels[:, :, 1]
-        levels += channels[:, :, 2]
-    if levels is None:
-        raise Fault(
-            f"has image mode {image.mode!r}",
-            "pixels must be grey of up to 16 bits without transparency, or colour of 8 bits",
-            "convert it, e.g. to an 8-bit grey PNG",
-        )
-    return Shades(np.ascontiguousarray(levels[::-1].T), most, opaque)
+        channels, most = "RGBA" if is_clear else "RGB", 3 * 255
+    else:
+        raise _unknown_pixels(image)
+    levels = np.empty(image.size, dtype=np.uint8 if most == 255 else np.uint16)
+    opaque = np.empty(image.size, dtype=np.bool_) if channels == "RGBA" else None
+    for top in range(0, image.height, ROWS_PER_BAND):
+        # Rows from the top become columns from the far end; what is between is small enough for the cache.
+        low, high = image.height - min(top + ROWS_PER_BAND, image.height), image.height - top
+        band = image.crop((0, top, image.width, image.height - low))
+        band = band if band.mode == channels else band.convert(channels)
+        if most == 3 * 255:
+            red, green, blue, *alpha = (np.asarray(channel)[::-1] for channel in band.split())
+            rows = np.add(red, green, dtype=np.uint16)
+            rows += blue
+            if opaque is not None:
+                copy_transposed(alpha[0] == 255, opaque[:, low:high])
+        else:
+            rows = np.asarray(band)[::-1]
+            if most == 65535 and (rows.min() < 0 or rows.max() > most):
+                raise _unknown_pixels(image)
+        copy_transposed(rows, levels[:, low:high])
+    return Shades(levels, most, True if opaque is None else opaque)
+
+
+def _unknown_pixels(image: Image) -> Fault:
+    return Fault(
+        f"has image mode {image.mode!r}",
+        "pixels must be grey of up to 16 bits without transparency, or colour of 8 bits",
+        "convert it, e.g. to an 8-bit grey PNG",
+    )

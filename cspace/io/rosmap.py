@@ -112,16 +112,20 @@ class MapInfo(NamedTuple):
 def on_grid(info: MapInfo, free: Bools, occupied: Bools, unknown: str) -> tuple[Grid, Bools, Bools, Bools]:
     """The cells of a map on an upright grid, as :func:`read_ros_map` returns them.
 
-    What is neither free nor occupied is unknown. Raises InputError if no grid can lie there, and FileError if it has
-    more cells than are read, or than fit into memory.
+    What is neither free nor occupied is unknown. ``free`` and ``occupied`` may be overwritten.
+
+    Raises InputError if no grid can lie there, and FileError if it has more cells than are read, or than fit into
+    memory.
     """
-    solid = ~free if unknown == "occupied" else occupied
+    unsure = free | occupied
+    np.logical_not(unsure, out=unsure)
+    solid = np.logical_not(free, out=free) if unknown == "occupied" else occupied
     turns = _quarter_turns(info.yaw, solid.shape)
     if turns is None:
-        return _turned(info, solid, ~(free | occupied), solid_around=unknown == "occupied")
+        return _turned(info, solid, unsure, solid_around=unknown == "occupied")
     lower, _ = _extent(info, solid.shape, *QUARTERS[turns])
     cells = np.rot90(solid, turns)
-    return Grid(lower, info.resolution, cells.shape), cells, cells, np.rot90(~(free | occupied), turns)
+    return Grid(lower, info.resolution, cells.shape), cells, cells, np.rot90(unsure, turns)
 
 
 def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], overwrite: bool = False) -> None:
@@ -250,12 +254,12 @@ def _trinary(header: _Header, image: Shades) -> tuple[Bools, Bools]:
         image.where(lambda shade: _probability(header, shade) < header.free_thresh),
         image.where(lambda shade: _probability(header, shade) >= header.occupied_thresh),
     )
-    return free & image.opaque, occupied & image.opaque
+    return image.among_opaque(free), image.among_opaque(occupied)
 
 
 def _scale(header: _Header, image: Shades) -> tuple[Bools, Bools]:
     free = image.where(lambda shade: _probability(header, shade) < header.free_thresh)
-    return free & image.opaque, ~free & image.opaque
+    return image.among_opaque(free), image.among_opaque(~free)
 
 
 def _raw(header: _Header, image: Shades) -> tuple[Bools, Bools]:

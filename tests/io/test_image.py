@@ -95,6 +95,32 @@ def test_what_is_not_opaque_is_occupied(tmp_path: Path, mode: str, dark: str) ->
     assert occupied.tolist() == [dark == "occupied", True, True, dark == "free"]
 
 
+@pytest.mark.parametrize("mode", ["1", "L", "I;16", "P", "RGB", "RGBA", "LA"])
+@pytest.mark.parametrize("size", [(1, 200), (130, 70), (257, 193)], ids=str)
+def test_cells_of_every_pixel_are_those_of_its_shade(tmp_path: Path, mode: str, size: tuple[int, int]) -> None:
+    """Images of several bands of rows, against numbers that Pillow gives for each pixel."""
+    rng, (width, height) = np.random.default_rng(0), size
+    grey = rng.integers(0, 256, (height, width), dtype=np.uint8)
+    if mode == "I;16":
+        Image.fromarray(
+            grey.astype(np.uint16) * 257 - (grey > 0) * rng.integers(0, 256, grey.shape).astype(np.uint16)
+        ).save(tmp_path / "map.png")
+    else:
+        colours = rng.integers(0, 256, (height, width, 4), dtype=np.uint8)
+        colours[..., 3] = rng.choice([0, 254, 255], (height, width), p=[0.1, 0.1, 0.8])
+        Image.fromarray(colours, "RGBA").convert(mode.replace("P", "RGB")).convert(mode).save(tmp_path / "map.png")
+    with Image.open(tmp_path / "map.png") as image:
+        assert image.mode == mode
+        rgba = np.array(image if mode == "I;16" else image.convert("RGBA"), dtype=np.float64)
+    shade = rgba / 65535 if mode == "I;16" else rgba[..., :3].sum(axis=2) / 765
+    clear = np.zeros(shade.shape, dtype=bool) if mode == "I;16" else rgba[..., 3] < 255
+    for dark in ("occupied", "free"):
+        expected = ((shade < 0.4) == (dark == "occupied")) | clear
+        np.testing.assert_array_equal(
+            Workspace.from_image(tmp_path / "map.png", 1.0, threshold=0.4, dark=dark).outer, expected[::-1].T
+        )
+
+
 def test_transparent_palette_entry(tmp_path: Path) -> None:
     Image.fromarray(PIXELS).convert("P").save(tmp_path / "map.png", transparency=255)
     assert np.array_equal(read_shades(tmp_path / "map.png", "image")[1], (PIXELS != 255)[::-1].T)
