@@ -320,17 +320,24 @@ def piece_lies_in(scene: Scene, i: int, j: int, work: Work, deep: float) -> bool
 
 @inner
 def encloses(solids: Solids, surface: int, point: Row, deep: float) -> bool:
-    """Whether a point lies in a closed surface, so far from its triangles."""
+    """Return whether a point lies in a closed surface and more than ``deep`` from its triangles.
+
+    If ``deep`` is negative, the distance from the triangles does not matter.
+    """
     x, y, z = point
     box = solids.boxes[surface]
     if not (box[0] <= x <= box[3] and box[1] <= y <= box[4] and box[2] <= z <= box[5]):
         return False
-    turns, near = 0, np.inf
+    turns = 0
     for t in range(solids.firsts[surface], solids.firsts[surface + 1]):
         turns += turn_above(solids.triangles[t], x, y, z) * solids.turns[t]
-        if deep >= 0.0:
-            near = min(near, point_triangle(x, y, z, solids.triangles[t]))
-    return turns != 0 and near > deep
+    if turns == 0:
+        return False
+    if deep >= 0.0:  # the distances cost far more than the turns, and few points get here
+        for t in range(solids.firsts[surface], solids.firsts[surface + 1]):
+            if point_triangle(x, y, z, solids.triangles[t]) <= deep:
+                return False
+    return True
 
 
 @inner
@@ -424,12 +431,14 @@ def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, work: Wo
 
 @reader
 def are_blocked(scene: Scene, points: Floats, out: Bools, work: Work) -> None:
-    """Whether the borders of a pair of solids cross, or a point of one lies in the other one, by more than rounding."""
+    """Prove configurations BLOCKED: two borders cross, or one encloses a point of the other, beyond rounding."""
     for k in range(len(points)):
         least = least_of(scene, points[k], points[k])
         place(scene.chain, points[k], points[k], 0.0, work.poses)
         out[k] = False
         for n in range(len(scene.pairs)):
-            out[k] = out[k] or borders_cross(scene, n, work, least)
+            # Solids whose hulls are apart have no borders that cross, and they have far fewer hulls than triangles.
+            if not out[k] and excess_of(scene, n, STILL, least, 0.0, work) < 0.0:
+                out[k] = borders_cross(scene, n, work, least)
         for n in range(len(scene.pairs)):
             out[k] = out[k] or is_nested(scene, n, work, least)
