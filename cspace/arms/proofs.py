@@ -22,10 +22,10 @@ from cspace.arms.hulls import CACHED, Hulls, least_excess
 from cspace.arrays import Bools, Floats, Ints, Row
 from cspace.compiling import inner, reader
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
-from cspace.exact.triangles import DEPTH, Trees, crosses, pierces
+from cspace.exact.triangles import DEPTH, Trees, box_of, crosses, pierces
 from cspace.raster.triangles import point_triangle
 from cspace.raster.winding import turn_above
-from cspace.vectors import row_of
+from cspace.vectors import dot, row_of
 
 WAITING: Final = 1024
 """Parts of a motion that wait at a time, at most."""
@@ -361,6 +361,8 @@ def borders_cross(scene: Scene, n: int, work: Work, least: float) -> bool:
             continue
         if abs(z - against[2]) > hz + against[5]:
             continue
+        if k == 1 and is_beside(one, other, box, trees.triangles[piece]):
+            continue
         if m == 1 and k == 1:
             p, q = trees.triangles[row], trees.triangles[piece]
             corners = (
@@ -378,6 +380,29 @@ def borders_cross(scene: Scene, n: int, work: Work, least: float) -> bool:
         else:
             nodes[top, 0], nodes[top + 1, 0], nodes[top + 1, 1] = a + 1, a + 2 * (m // 2), b
             top += 2
+    return False
+
+
+@inner
+def is_beside(one: Floats, other: Floats, box: Floats, piece: Floats) -> bool:
+    """Return whether a box of the frame that one pose places lies beyond a side of a solid box of the other.
+
+    ``piece`` is a row of :attr:`cspace.exact.triangles.Trees.triangles`; of what is no box, False.
+    """
+    if piece[9] >= 0.0:
+        return False
+    middle, u, v, w = box_of(piece, transformed(one, other, row_of(box, 0)))
+    axes = u, v, w
+    for k in range(3):
+        axis, reach = axes[k], 0.0
+        for i in range(3):
+            # The side of the first box along its own axis i, as the second one's frame has it.
+            x = other[0, 0] * one[0, i] + other[1, 0] * one[1, i] + other[2, 0] * one[2, i]
+            y = other[0, 1] * one[0, i] + other[1, 1] * one[1, i] + other[2, 1] * one[2, i]
+            z = other[0, 2] * one[0, i] + other[1, 2] * one[1, i] + other[2, 2] * one[2, i]
+            reach += box[3 + i] * abs(dot((x, y, z), axis))
+        if abs(dot(middle, axis)) > reach + dot(axis, axis):
+            return True
     return False
 
 
