@@ -181,7 +181,7 @@ def check_dims(array: Any, name: str) -> None:
 
 
 def check_cells(values: ArrayLike, name: str) -> Bools:
-    """A read-only copy of a boolean array of two or three axes."""
+    """Return a read-only boolean array of two or three axes: a copy, unless the array itself can be kept."""
     check_dims(values, name)
     unmasked(values, name)
     try:
@@ -219,8 +219,12 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
                 "compare with a threshold first, e.g. array >= 50",
                 value=array[index].item(),
             )
-    # A boolean array may hold other bytes than 0 and 1; a comparison of bytes, which also copies, does not.
-    return frozen(in_c_order((array.view(np.uint8) if array.dtype.kind == "b" else array) != 0))
+    # A boolean array may hold other bytes than 0 and 1, which a comparison of bytes makes 1.
+    stored = array.view(np.uint8) if array.dtype.kind == "b" else array
+    ours = values is array and array.base is None and not array.flags.writeable and array.flags.c_contiguous
+    if ours and array.dtype.kind == "b" and stored.max() <= 1:
+        return array
+    return frozen(in_c_order(stored != 0))
 
 
 def check_reach(far: float, name: str, origin: str, mend: str) -> None:

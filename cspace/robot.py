@@ -342,7 +342,8 @@ class Robot:
             left out, that of the root and of the links that fixed joints join to it, in the frame of the root; a
             warning names those that have geometry and are left out because they move, such as wheels.
         solid : {"auto", "surface", "fill"}
-            What of the whole geometry has an inside, boxes and other primitives included, as for :meth:`mesh`.
+            What of the geometry has an inside, as for :meth:`mesh`. Boxes, cylinders and spheres are solid, so that
+            "surface" is for links of meshes alone.
         package_dirs : path-like or sequence of path-like, optional
             Folders that hold the folders of ROS packages.
 
@@ -351,13 +352,15 @@ class Robot:
         FileError
             If the file or a mesh is missing or malformed, or several files could be meant by the name of a mesh.
         InputError
-            If there is no such folder or link, the links have no collision geometry, or a size is not above zero.
+            If there is no such folder or link, the links have no collision geometry, a size is not above zero, or
+            ``solid`` is "surface" and a link has a box, a cylinder or a sphere.
         MissingPackageError
             If yourdfpy is not installed.
         """
         from cspace.io.urdf import read_urdf
 
-        outer, *inner = (Mesh(*surface, solid, Path(path).name) for surface in read_urdf(path, link, package_dirs))
+        surfaces = read_urdf(path, link, package_dirs, solid != "surface")
+        outer, *inner = (Mesh(*surface, solid, Path(path).name) for surface in surfaces)
         outer.check_origin()
         names = "" if link is None else f" {link if isinstance(link, str) else ', '.join(link)}"
         return cls(f"{Path(path).name}{names}", BoundedShape(Mesh.of(outer), inner[0]) if inner else Mesh.of(outer))

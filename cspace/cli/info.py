@@ -94,8 +94,8 @@ def info(
         space = open_map(file)
         document, drawn = describe_map(space), space.robot
     elif kind == "arm":
-        _refuse({**options, **others}, (), f"{file} is an arm")
-        document, drawn = describe_arm(read_arm(Path(file), srdf, package_dirs)), None
+        _refuse({**options, **others}, ("solid",), f"{file} is an arm")
+        document, drawn = describe_arm(read_arm(Path(file), srdf, solid, package_dirs)), None
     elif kind == "robot":
         _refuse({**options, **others}, ("spacing", "solid"), f"{file} is a robot")
         drawn = Robot.open(file, **given(solid=solid, package_dirs=package_dirs or None))

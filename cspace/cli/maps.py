@@ -278,6 +278,7 @@ def view(
     start: Place = None,
     goal: Place = None,
     srdf: Srdf = None,
+    solid: SolidMesh = None,
     package_dirs: PackageDirs = None,
     host: Annotated[
         str, typer.Option(metavar="ADDRESS", help="Where to serve the page; 0.0.0.0 lets all of the network in.")
@@ -297,10 +298,10 @@ def view(
     space: CSpace | TiledCSpace | ArmSpace | None = None
     if file.suffix.lower() == ".urdf":
         with clock.step("read"):
-            space = build_arm({}, read_arm(file, srdf, package_dirs))
+            space = build_arm({}, read_arm(file, srdf, solid, package_dirs))
         axes, units = space.axes, space.arm.units
     else:
-        refuse_arm_options(srdf, package_dirs, f"{file} is no URDF")
+        refuse_arm_options(srdf, package_dirs, f"{file} is no URDF", solid)
         axes, units = axes_of_map(file), units_of_map(file)
     ends = given(start=start, goal=goal)
     marks = {name: configuration(text, f"--{name}", axes, units) for name, text in ends.items()}

@@ -125,22 +125,25 @@ def read_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) 
         return Robot.open(text, **given(solid=solid, package_dirs=package_dirs or None))
 
 
-def read_arm(file: Path, srdf: Path | None, package_dirs: list[Path] | None) -> Arm:
+def read_arm(file: Path, srdf: Path | None, solid: Solid | None, package_dirs: list[Path] | None) -> Arm:
     """Read the arm of a URDF, and of an SRDF if there is one.
 
     Raises CspaceError as :meth:`cspace.Arm.from_urdf`.
     """
     from cspace.arms import Arm
 
-    return Arm.from_urdf(file, srdf, package_dirs=package_dirs or ())
+    options: dict[str, Any] = given(solid=solid)  # which may be "fill": the arm refuses that by name
+    return Arm.from_urdf(file, srdf, package_dirs=package_dirs or (), **options)
 
 
-def refuse_arm_options(srdf: Path | None, package_dirs: list[Path] | None, what: str) -> None:
+def refuse_arm_options(
+    srdf: Path | None, package_dirs: list[Path] | None, what: str, solid: Solid | None = None
+) -> None:
     """Refuse the options of a URDF for another file.
 
     Raises InputError if one is given.
     """
-    for option, value in (("--srdf", srdf), ("--package-dir", package_dirs)):
+    for option, value in (("--srdf", srdf), ("--solid", solid), ("--package-dir", package_dirs)):
         if value:
             raise InputError(option, f"is given, and {what}", "it is for a URDF", "leave it out", value=value)
 

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from cspace.arrays import Bools, Bytes, Ints
+from cspace.arrays import Bools, Bytes, Ints, frozen
 from cspace.compiling import inner, reader
 from cspace.grid import Grid, check_word
 from cspace.io.files import UNKNOWNS, Fault, decoding, header_lines, read_bytes
@@ -66,7 +66,7 @@ def read_octomap(path: str | os.PathLike[str], unknown: str = "occupied") -> tup
     fill_leaves(occupied, np.ascontiguousarray(leaves[leaves[:, 4] == 1, :4]), True)
     if unknown == "occupied":
         occupied |= unseen
-    return grid, occupied, unseen
+    return grid, frozen(occupied), frozen(unseen)
 
 
 def _split(content: bytes) -> tuple[_Header, int]:

@@ -67,12 +67,15 @@ _LISTED: Final = 3
 
 
 def read_urdf(
-    path: str | os.PathLike[str], link: str | Sequence[str] | None = None, package_dirs: PackageDirs = ()
+    path: str | os.PathLike[str],
+    link: str | Sequence[str] | None = None,
+    package_dirs: PackageDirs = (),
+    primitives: bool = True,
 ) -> list[Surface]:
     """Read the surface of a robot's collision geometry, in the frame of the first link, metres.
 
     Links are those of :meth:`cspace.Robot.from_urdf`. If something is curved, return two surfaces: one around it and
-    one within.
+    one within. Without ``primitives``, only meshes are taken, and anything else is refused.
 
     Raises FileError if the file or a mesh is missing or malformed; InputError if there is no such link, the links have
     no collision geometry, or a size is not above zero; and MissingPackageError if yourdfpy is not installed.
@@ -92,6 +95,14 @@ def read_urdf(
         pose: Floats = np.linalg.solve(poses[links[0]], poses[name]).astype(np.float64)
         for number, collision in enumerate(urdf.link_map[name].collisions):
             place = f"{file}: link {name!r}, collision {number}"
+            if not primitives and collision.geometry.mesh is None:
+                raise InputError(
+                    "solid",
+                    f"is 'surface', and {place} is a box, a cylinder or a sphere, which is solid",
+                    "only a mesh can be a surface without an inside",
+                    "leave it out, or name links that have only meshes",
+                    value="surface",
+                )
             transform = pose if collision.origin is None else pose @ finite(collision.origin, f"{place}: origin")
             outer, inner = _sides(collision.geometry, meshes, place)
             moved = placed(outer, transform)

@@ -62,11 +62,9 @@ class Buckets(NamedTuple):
             if count == 1 or numbers.sum() <= _ENTRIES_A_TRIANGLE * len(triangles):
                 break
             count //= 2
-        which = np.repeat(np.arange(len(triangles)), numbers)
-        rank = np.arange(len(which)) - np.repeat(np.cumsum(numbers) - numbers, numbers)
-        bucket = (first[which, 0] + rank // columns[which]) * count + first[which, 1] + rank % columns[which]
-        starts = np.concatenate([[0], np.cumsum(np.bincount(bucket, minlength=count * count))])
-        return cls(low, scale, np.full(2, count, dtype=np.int64), starts, which[np.argsort(bucket, kind="stable")])
+        starts, entries = np.zeros(count * count + 1, dtype=np.int64), np.empty(numbers.sum(), dtype=np.int64)
+        _fill(first, last, count, starts, entries)
+        return cls(low, scale, np.full(2, count, dtype=np.int64), starts, entries)
 
     def near(self, lower: Floats, upper: Floats) -> Ints:
         """Numbers, ascending, of all triangles that meet a box of space, and of some that are near it."""
@@ -74,7 +72,29 @@ class Buckets(NamedTuple):
         (first, left), (last, right) = np.clip(np.floor(corners[0]), *corners[1:]).astype(np.int64)
         rows = np.arange(first, last + 1) * self.shape[1]
         runs = zip(self.starts[rows + left].tolist(), self.starts[rows + right + 1].tolist(), strict=True)
-        return np.unique(np.concatenate([self.entries[start:stop] for start, stop in runs]))
+        chosen = np.zeros(int(self.entries.max()) + 1, dtype=np.bool_)
+        for start, stop in runs:
+            chosen[self.entries[start:stop]] = True
+        return np.flatnonzero(chosen)
+
+
+@reader
+def _fill(first: Ints, last: Ints, count: int, starts: Ints, entries: Ints) -> None:
+    """Sort triangles into buckets, by the first and the last row and column of each, shape (n, 2)."""
+    for t in range(len(first)):
+        for row in range(first[t, 0], last[t, 0] + 1):
+            for column in range(first[t, 1], last[t, 1] + 1):
+                starts[row * count + column] += 1
+    stop = 0
+    for b in range(len(starts)):
+        stop += starts[b]
+        starts[b] = stop
+    # Backwards, so that each bucket ends up with its triangles in order, and its start where it begins.
+    for t in range(len(first) - 1, -1, -1):
+        for row in range(first[t, 0], last[t, 0] + 1):
+            for column in range(first[t, 1], last[t, 1] + 1):
+                starts[row * count + column] -= 1
+                entries[starts[row * count + column]] = t
 
 
 class Winding:

@@ -328,6 +328,17 @@ def test_arm_is_described_by_joints_links_and_pairs(arm_file: Path, tmp_path: Pa
     assert "move against foot" in fixed.stderr and json.loads(fixed.stdout)["kind"] == "robot"
 
 
+def test_open_meshes_of_an_arm_are_said_to_be_surfaces(tmp_path: Path) -> None:
+    box = trimesh.creation.box((0.2, 0.2, 0.2))
+    box.update_faces(np.arange(10))
+    box.export(tmp_path / "open.stl")
+    mesh = '<collision><geometry><mesh filename="open.stl"/></geometry></collision>'
+    links = urdfs.link("foot", extra=mesh), urdfs.link("upper", ((1.0, 0.1, 0.1), (0, 0, 0)))
+    path = urdfs.written(tmp_path, *links, urdfs.joint("shoulder", "foot", "upper", at=(2, 0, 0)))
+    assert "--solid surface" in run("info", path).stderr
+    assert not run("info", path, "--solid", "surface").stderr
+
+
 def test_arm_is_viewed_with_marks_and_a_path(arm_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: dict[str, Any] = {}
     monkeypatch.setattr(cspace.ArmSpace, "view", lambda space, **options: seen.update(options, space=space))
@@ -344,10 +355,12 @@ def test_arm_is_viewed_with_marks_and_a_path(arm_file: Path, tmp_path: Path, mon
         (["info", "arm.urdf", "--spacing", "0.1"], "--spacing is given and arm.urdf is an arm"),
         (["info", "disc:0.3", "--srdf", "a.srdf"], "--srdf is given, and disc:0.3 is no arm"),
         (["view", "map.zarr", "--srdf", "a.srdf"], "--srdf is given, and map.zarr is no URDF"),
+        (["view", "map.zarr", "--solid", "surface"], "--solid is given, and map.zarr is no URDF"),
+        (["info", "arm.urdf", "--solid", "fill"], "--solid is 'fill'"),
         (["view", "arm.urdf", "--start", "1,2"], "--start is '1,2'"),
         (["view", "absent.urdf"], "absent.urdf"),
     ],
-    ids=["spacing", "srdf of a robot", "srdf of a map", "start", "absent"],
+    ids=["spacing", "srdf of a robot", "srdf of a map", "solid of a map", "solid of an arm", "start", "absent"],
 )
 def test_options_of_arms_are_checked(
     arm_file: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], expected: str

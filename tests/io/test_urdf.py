@@ -264,6 +264,18 @@ def test_joints_that_mimic_stand_at_their_offset(tmp_path, kind, end):
     assert isinstance(shape, Mesh)  # boxes need no second surface
 
 
+def test_boxes_and_cylinders_of_links_are_no_surfaces(tmp_path):
+    """An obstacle within the box must not be FREE because the mesh beside it is open."""
+    trimesh.creation.box((1.0, 1.0, 1.0)).export(tmp_path / "box.stl")
+    mesh = '<collision><geometry><mesh filename="box.stl"/></geometry></collision>'
+    path = written(tmp_path, chain(2).replace("</link>", mesh + "</link>", 1))
+    with pytest.raises(InputError, match=r"solid is 'surface', and .* link 'l0', collision 0 is a box"):
+        Robot.from_urdf(path, solid="surface")
+    alone = written(tmp_path, f'<link name="l">{mesh}</link>')
+    assert not Robot.from_urdf(alone, solid="surface").shape.contains([[0.0, 0.0, 0.0]]).any()
+    assert Robot.from_urdf(alone).shape.contains([[0.0, 0.0, 0.0]]).all()
+
+
 JOINT = '<joint name="j" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
 OTHER = JOINT.replace('"j"', '"k"')
 GEOMETRY = '<link name="l"><collision><geometry>{}</geometry></collision></link>'
