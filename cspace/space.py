@@ -42,7 +42,7 @@ from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Shape, ShapeLike, shape_of
 from cspace.states import FREE, MIXED, NAMES
-from cspace.workspace import Workspace
+from cspace.workspace import Workspace, copied
 
 if TYPE_CHECKING:
     import xarray
@@ -119,7 +119,7 @@ class CSpace(ConfigurationMap):
         rasters: Sequence[tuple[Raster, Raster]] | None = None,
     ) -> None:
         if contents.workspace.live:  # another map's, which updates it
-            contents = replace(contents, workspace=replace(contents.workspace, live=False))
+            contents = replace(contents, workspace=copied(contents.workspace))
         self._contents = contents
         # Updates write into the contents' states; all others see these.
         self._seen = read_only_of(contents.states)

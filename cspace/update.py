@@ -33,7 +33,7 @@ from cspace.obstacles import Box, Obstacle, ObstacleLayers
 from cspace.raster import Raster
 from cspace.shapes import Shape
 from cspace.states import BLOCKED
-from cspace.workspace import Workspace
+from cspace.workspace import Workspace, copied
 
 BATCH: Final = 64
 """Slices of states in two bits that are made bytes together."""
@@ -212,10 +212,7 @@ class Updater:
             self._packed = contents.states
         else:
             states = contents.states.reshape(-1, *self._shape)
-        own = Workspace(
-            *(workspace.grid, workspace.outer, workspace.inner, workspace.source, workspace.unknown, workspace.shapes),
-            live=True,
-        )
+        own = copied(workspace, live=True)
         outer, inner = _writable(own, self._shape)
         self._map = MapArrays(
             states,

@@ -830,6 +830,14 @@ class LazyWorkspace(Workspace):
         return LazyWorkspace, (self.grid, self.cells, self.source, self.shapes)
 
 
+def copied(workspace: Workspace, live: bool = False) -> Workspace:
+    """Return a workspace with arrays of its own; ``live`` ones are written by the updates of a map."""
+    outer = frozen(workspace.outer.copy())
+    inner = outer if workspace.inner is workspace.outer else frozen(workspace.inner.copy())
+    unknown = None if workspace.unknown is None else frozen(workspace.unknown.copy())
+    return Workspace(workspace.grid, outer, inner, workspace.source, unknown, workspace.shapes, live)
+
+
 def reader_of(path: StrPath, options: Iterable[str] = ()) -> Callable[..., Workspace]:
     """The classmethod that reads a workspace's file, which must take some options.
 

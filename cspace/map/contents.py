@@ -110,9 +110,11 @@ class Contents:
 
     def copy(self) -> Contents:
         """A copy in arrays of its own, but for those that are never written."""
+        from cspace.workspace import copied
+
         return replace(
             self,
-            workspace=replace(self.workspace, live=False),
+            workspace=copied(self.workspace),
             states=self.states.copy(),
             overlaps=None if self.overlaps is None else self.overlaps.copy(),
             exterior=None if self.exterior is None else Exterior(self.exterior.table.copy()),
