@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Bytes, Ints, Words
-from cspace.compiling import inner, reader
+from cspace.compiling import kernel
 from cspace.engines.dilation import FOUR, dilate_block, spread
 from cspace.unaligned import load
 
@@ -107,7 +107,7 @@ class Notes(NamedTuple):
     table: Words
 
 
-@reader
+@kernel
 def renew(map_: MapArrays, outer: Bytes, inner: Bytes, lower: Ints, notes: Notes) -> None:
     """Write new cells, and what follows from them, in one call, so that an interrupt finds all of it done or nothing.
 
@@ -120,7 +120,7 @@ def renew(map_: MapArrays, outer: Bytes, inner: Bytes, lower: Ints, notes: Notes
         renew_states(map_, notes)
 
 
-@inner
+@kernel
 def renew_cells(map_: MapArrays, new_outer: Bytes, new_inner: Bytes, lower: Ints, changed: Ints, sums: Ints) -> None:
     """Write the new cells of a box into a workspace; note those that differ, and sum up what is added to outer ones."""
     tallies, shape = map_.tallies, map_.outer.shape
@@ -149,7 +149,7 @@ def renew_cells(map_: MapArrays, new_outer: Bytes, new_inner: Bytes, lower: Ints
                 changed[6] += 1
 
 
-@inner
+@kernel
 def _include(row: Ints, start: int, x: int, y: int, z: int) -> None:
     """Widen the box that a row has from ``start`` on, by a cell."""
     _widen(row, start, x, x)
@@ -157,14 +157,14 @@ def _include(row: Ints, start: int, x: int, y: int, z: int) -> None:
     _widen(row, start + 2, z, z)
 
 
-@inner
+@kernel
 def _widen(row: Ints, at: int, first: int, last: int) -> None:
     """Widen a box along one axis."""
     row[at] = min(row[at], first)
     row[at + 3] = max(row[at + 3], last)
 
 
-@reader
+@kernel
 def extents(tallies: Ints, shape: Ints, layers: Ints) -> None:
     """First and last layer along each axis that is not empty, from numbers of cells in each; (0, -1) without any."""
     start = 0
@@ -178,7 +178,7 @@ def extents(tallies: Ints, shape: Ints, layers: Ints) -> None:
         start += shape[axis]
 
 
-@inner
+@kernel
 def renew_states(map_: MapArrays, notes: Notes) -> None:
     """States of all configurations that a changed box of cells can touch."""
     reach, words, whole = notes.reach, notes.words, notes.rows[len(map_.states)]
@@ -225,14 +225,14 @@ def renew_states(map_: MapArrays, notes: Notes) -> None:
         whole[COUNT] += map_.weights[s] * row[COUNT]
 
 
-@inner
+@kernel
 def _fours_of(robots: Robots, s: int, wanted: bool) -> tuple[int, int]:
     """Where the fours of a slice are; none where the robot meets the outside from everywhere, and no cell matters."""
     first: int = robots.fours_stops[s - 1] if s > 0 else 0
     return first, first if robots.fixed[s] or not wanted else robots.fours_stops[s]
 
 
-@inner
+@kernel
 def _settle(line: Bytes, z: int, state: np.uint8, x: int, y: int, row: Ints) -> None:
     """Write the state of a cell, and note it if it is another."""
     if state != line[z]:
@@ -241,7 +241,7 @@ def _settle(line: Bytes, z: int, state: np.uint8, x: int, y: int, row: Ints) -> 
         _include(row, CHANGED, x, y, z)
 
 
-@inner
+@kernel
 def _reach(runs: Ints, reach: Ints) -> None:
     """Widen the bounds of offsets by those of runs."""
     for n in range(len(runs)):
@@ -249,7 +249,7 @@ def _reach(runs: Ints, reach: Ints) -> None:
             _widen(reach, axis, runs[n, axis], runs[n, axis] + (runs[n, 3] - 1 if axis == 2 else 0))
 
 
-@inner
+@kernel
 def _look(changed: Ints, reach: Ints, row: Ints) -> bool:
     """Note the cells that changed ones can matter to; False, and nothing is noted, without any.
 
@@ -264,7 +264,7 @@ def _look(changed: Ints, reach: Ints, row: Ints) -> bool:
     return True
 
 
-@inner
+@kernel
 def _pack(cells: Bytes, row: Ints, reach: Ints, outside: bool, tall: int, wide: int, words: Words) -> None:
     """The cells that those of a row can meet, which may stick out of the map, in rows of words; a layer has ``tall``.
 
@@ -284,7 +284,7 @@ def _pack(cells: Bytes, row: Ints, reach: Ints, outside: bool, tall: int, wide: 
             words[k] = ~words[k]
 
 
-@inner
+@kernel
 def _meet(words: Words, runs: Ints, row: Ints, reach: Ints, tall: int, wide: int, table: Words, result: Words) -> None:
     """Whether a robot meets any packed cell from each of those of a row, whose rows are as long."""
     size = ((row[3] - row[0]) * tall + row[4] - row[1] + 1) * wide
@@ -300,7 +300,7 @@ def _meet(words: Words, runs: Ints, row: Ints, reach: Ints, tall: int, wide: int
             result[k] = 0
 
 
-@inner
+@kernel
 def _pack_row(cells: Bytes, flip: bool, begin: int, end: int, first: int, words: Words) -> None:
     """Put cells, each 0 or 1, or what they are not, into words that are 0 from bit ``first`` on."""
     turn, eights = _BYTE if flip else np.uint64(0), (end - begin) >> 3
@@ -321,7 +321,7 @@ def _pack_row(cells: Bytes, flip: bool, begin: int, end: int, first: int, words:
         words[bit >> 6] |= ((np.uint64(cells[begin + k]) ^ turn) & np.uint64(1)) << np.uint64(bit & 63)
 
 
-@inner
+@kernel
 def renew_overlaps(overlaps: NDArray[np.int32], sums: Ints, lower: Ints, box: Ints, robots: Robots) -> None:
     """Add the overlaps with changed cells to stored ones, shape (slices, nx, ny, nz).
 

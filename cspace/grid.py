@@ -406,3 +406,20 @@ class Grid:
     def centers(self, axis: int) -> Floats:
         """Coordinates of the cells' middle points along one axis, in metres, shape (shape[axis],)."""
         return np.asarray(self.lower[axis] + self.spacing * (np.arange(self.shape[axis]) + 0.5))
+
+
+def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> Floats:
+    """The coordinates of one point, shape (dim,).
+
+    Raises InputError if there are not as many numbers, or one is not finite.
+    """
+    point = finite(value, name)
+    if point.shape != (dim,):
+        raise InputError(
+            name,
+            f"has shape {point.shape}",
+            f"it must be {dim} numbers in metres",
+            f"pass e.g. {(0.5,) * dim}",
+            value=value,
+        )
+    return point.copy()

@@ -22,7 +22,7 @@ from cspace.shapes import Balls, BoundedShape, Mesh, Polygons, Shape, Voxels, pr
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-    from cspace.io.urdf import PackageDirs
+    from cspace.files.urdf import PackageDirs
     from cspace.shapes import ShapeLike
     from cspace.shapes.balls import BallSet
     from cspace.shapes.mesh import MeshLike, Solid
@@ -303,7 +303,7 @@ class Robot:
         GeometryError
             If the corners make no polygon.
         """
-        from cspace.io.nav2 import read_nav2
+        from cspace.files.nav2 import read_nav2
 
         base = read_nav2(path, costmap)
         if base.corners:
@@ -357,7 +357,7 @@ class Robot:
         MissingPackageError
             If yourdfpy is not installed.
         """
-        from cspace.io.urdf import read_urdf
+        from cspace.shapes.links import read_urdf
 
         surfaces = read_urdf(path, link, package_dirs, solid != "surface")
         outer, *inner = (Mesh(*surface, solid, Path(path).name) for surface in surfaces)
@@ -549,9 +549,9 @@ def _files() -> dict[str, tuple[Callable[..., Robot], tuple[str, ...]]]:
 
     Its arguments are the path and, if the file holds several robots, the name of one.
     """
-    from cspace.io.meshes import SUFFIXES as MESHES
-    from cspace.io.vector import SUFFIXES as POLYGONS
-    from cspace.io.vector import read_shapes
+    from cspace.files.meshes import SUFFIXES as MESHES
+    from cspace.files.vector import SUFFIXES as POLYGONS
+    from cspace.files.vector import read_shapes
 
     def mesh(path: Path, *part: str, solid: Solid = "auto") -> Robot:
         return Robot.mesh(path, solid=solid, name=f"mesh {path.name}")

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
     from cspace.exact.boundaries import Problem
     from cspace.exact.queries import Exact
-    from cspace.io.messages import Costmap, OccupancyGrid
+    from cspace.files.messages import Costmap, OccupancyGrid
     from cspace.map.components import Components
     from cspace.map.inflation import Inflation
     from cspace.map.mip import Marks, Mip
@@ -883,26 +883,26 @@ class CSpace(ConfigurationMap):
     # ---- files and pictures ------------------------------------------------------------------------------------------
 
     def to_xarray(self) -> xarray.Dataset:
-        """The map with named dimensions, coordinates and units; see :func:`cspace.io.writing.to_xarray`."""
-        from cspace.io.writing import to_xarray
+        """The map with named dimensions, coordinates and units; see :func:`cspace.export.maps.to_xarray`."""
+        from cspace.export.maps import to_xarray
 
         return to_xarray(self._contents)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Save as a Zarr folder, which :func:`cspace.open` reads; see :func:`cspace.io.writing.save`."""
-        from cspace.io.writing import save
+        """Save as a Zarr folder, which :func:`cspace.open` reads; see :func:`cspace.store.saved.save`."""
+        from cspace.store.saved import save
 
         with self._lock:  # of cells, and of what they were proven against, all is of one moment
             save(replace(self._contents, exterior=self._exterior), path, overwrite=overwrite)
 
     def export(self, path: str | Path, *, overwrite: bool = False, rotation: ArrayLike | None = None) -> None:
-        """Write the map for other programs, in the format of the suffix; see :func:`cspace.io.writing.export`.
+        """Write the map for other programs, in the format of the suffix; see :func:`cspace.export.maps.export`.
 
         ``.npz``; ``.nc``, netCDF; ``.vti`` for ParaView; in the plane ``.yaml``, a ROS map, and ``.tif``, a GeoTIFF; in
         space ``.ply``, ``.obj`` and ``.stl``, the border of the FREE cells. Formats of one slice need its ``rotation``
         if the robot turns; ``.vti`` and ``.nc`` hold that one or all of them.
         """
-        from cspace.io.writing import export
+        from cspace.export.maps import export
 
         with self._lock:
             export(self._contents, path, overwrite=overwrite, rotation=rotation)
@@ -927,7 +927,7 @@ class CSpace(ConfigurationMap):
         ----------
         msg : object, optional
             A message to fill, of ROS 1 or 2: what has the fields of ``nav_msgs/OccupancyGrid``. A new
-            :class:`cspace.io.messages.OccupancyGrid` if left out.
+            :class:`cspace.files.messages.OccupancyGrid` if left out.
         rotation : array-like, shape (k,), optional
             Of a robot that turns: the one to take. If left out, 0 is free, and 100 blocked, at every rotation.
         frame_id : str
@@ -943,7 +943,8 @@ class CSpace(ConfigurationMap):
         InputError
             If the map is one in space, the message lacks a field, or ``rotation`` is none of the map.
         """
-        from cspace.io.messages import OccupancyGrid, fill_occupancy_grid
+        from cspace.export.messages import fill_occupancy_grid
+        from cspace.files.messages import OccupancyGrid
 
         state = self._flat_state() if rotation is None else self.slice_at(rotation)
         return fill_occupancy_grid(state, self.grid, OccupancyGrid() if msg is None else msg, frame_id)
@@ -970,7 +971,8 @@ class CSpace(ConfigurationMap):
         Parameters
         ----------
         msg : object, optional
-            A message to fill: what has the fields of ``nav2_msgs/Costmap``. A new :class:`cspace.io.messages.Costmap`
+            A message to fill: what has the fields of ``nav2_msgs/Costmap``. A new
+            :class:`cspace.files.messages.Costmap`
             if left out.
         inflation_radius : float
             Metres from the obstacles, zero or above; the clearance and the radius of the robot's inscribed circle,
@@ -993,7 +995,8 @@ class CSpace(ConfigurationMap):
         InputError
             If the map is one in space, the message lacks a field, or an argument is not usable.
         """
-        from cspace.io.messages import Costmap, costs_of, fill_costmap
+        from cspace.export.messages import costs_of, fill_costmap
+        from cspace.files.messages import Costmap
 
         radius = not_negative(inflation_radius, "inflation_radius")
         scaling = not_negative(cost_scaling_factor, "cost_scaling_factor", "pass it per metre")

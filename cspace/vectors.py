@@ -3,31 +3,31 @@
 from __future__ import annotations
 
 from cspace.arrays import Floats, Row
-from cspace.compiling import inner
+from cspace.compiling import always_inline, kernel
 
 
-@inner(forceinline=True)
+@always_inline
 def row_of(numbers: Floats, first: int) -> Row:
     """Three of some numbers."""
     return numbers[first], numbers[first + 1], numbers[first + 2]
 
 
-@inner(forceinline=True)
+@always_inline
 def minus(a: Row, b: Row) -> Row:
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@inner(forceinline=True)
+@always_inline
 def dot(a: Row, b: Row) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@inner(forceinline=True)
+@always_inline
 def cross(a: Row, b: Row) -> Row:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@inner
+@kernel
 def nearest_of_triangle(p: Row, a1: Row, a2: Row) -> Row:
     """The point of a triangle with one corner in the origin that is nearest to p, as well as rounding allows.
 

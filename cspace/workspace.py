@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeAlias, TypedDict, Unpack
@@ -13,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats, StrPath, frozen
-from cspace.errors import InputError, warn_user
-from cspace.grid import SLACK, Grid, check_bounds, check_cells, finite, positive
+from cspace.errors import FileError, InputError, warn_user
+from cspace.files.access import UNKNOWNS
+from cspace.grid import SLACK, Grid, check_bounds, check_cells, check_word, finite, positive
 from cspace.memory import MESH_BYTES, WORKSPACE_BYTES, Planned, check_memory
 from cspace.shapes import Balls, Mesh, Polygons, Shape, ShapeLike, Voxels, shape_of
 
@@ -22,8 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from shapely.geometry.base import BaseGeometry
 
-    from cspace.io.messages import GridMessage
-    from cspace.io.urdf import PackageDirs
+    from cspace.files.messages import GridMessage
+    from cspace.files.urdf import PackageDirs
     from cspace.plot.picture import WorkspaceOptions
     from cspace.shapes.balls import BallSet
     from cspace.shapes.mesh import MeshLike, Solid
@@ -208,8 +210,8 @@ class Workspace:
         InputError
             If an array is empty, not boolean or of the wrong shape, or a number is not usable.
         """
-        from cspace.io.formats import read_cells, read_zarr_array
-        from cspace.io.limits import check_cells as check_file_cells
+        from cspace.files.formats import read_cells, read_zarr_array
+        from cspace.files.limits import check_cells as check_file_cells
         from cspace.tiles.sources import Lazy, check_no_chunk_missing, is_away
 
         positive(spacing, "spacing", "metres, after the array of cells")
@@ -246,7 +248,7 @@ class Workspace:
         """A ROS map: a YAML file and the PGM or PNG image beside it.
 
         Modes, thresholds, ``negate`` and the origin with its yaw are honoured as
-        :func:`cspace.io.rosmap.read_ros_map` says.
+        :func:`cspace.files.rosmap.read_ros_map` says.
 
         Parameters
         ----------
@@ -262,9 +264,13 @@ class Workspace:
         FileError
             If the YAML or its image is missing or malformed.
         """
-        from cspace.io.rosmap import read_ros_map
+        from cspace.files.rosmap import read_ros_map
+        from cspace.raster.upright import upright
 
-        grid, outer, inner, unseen = read_ros_map(path, unknown)
+        check_word(unknown, "unknown", UNKNOWNS)
+        image = read_ros_map(path)
+        with _placing(path):
+            grid, outer, inner, unseen = upright(*image, unknown)
         return cls(grid, outer, inner, source=str(path), unknown=unseen)
 
     @classmethod
@@ -276,10 +282,11 @@ class Workspace:
         Parameters
         ----------
         msg : object
-            With the fields of ``nav_msgs/OccupancyGrid``, of ROS 1 or 2 or :class:`cspace.io.messages.OccupancyGrid`:
-            ``info.resolution``, ``width``, ``height`` and ``origin``, and ``data``, row by row in per cent, -1 where
-            nothing is known. A yaw of the origin is honoured as that of a ROS map is. A resolution in single precision,
-            as messages keep it, is the shortest number that becomes it: 0.05, and not 0.0500000007.
+            With the fields of ``nav_msgs/OccupancyGrid``, of ROS 1 or 2 or
+            :class:`cspace.files.messages.OccupancyGrid`: ``info.resolution``, ``width``, ``height`` and ``origin``, and
+            ``data``, row by row in per cent, -1 where nothing is known. A yaw of the origin is honoured as that of a
+            ROS map is. A resolution in single precision, as messages keep it, is the shortest number that becomes it:
+            0.05, and not 0.0500000007.
         unknown : {"occupied", "free"}
             What unknown cells are: those of -1, and those between the thresholds.
         free_thresh, occupied_thresh : float
@@ -294,9 +301,11 @@ class Workspace:
         FileError
             If a turned map takes more cells than are read, or than fit into memory.
         """
-        from cspace.io.messages import read_occupancy_grid
+        from cspace.files.messages import read_occupancy_grid
+        from cspace.raster.upright import upright
 
-        grid, outer, inner, unseen = read_occupancy_grid(msg, unknown, free_thresh, occupied_thresh)
+        check_word(unknown, "unknown", UNKNOWNS)
+        grid, outer, inner, unseen = upright(*read_occupancy_grid(msg, free_thresh, occupied_thresh), unknown)
         return cls(grid, outer, inner, source="occupancy grid", unknown=unseen)
 
     @classmethod
@@ -331,7 +340,7 @@ class Workspace:
         FileError
             If the file is missing or cannot be decoded.
         """
-        from cspace.io.image import read_image
+        from cspace.files.image import read_image
 
         cells = read_image(path, threshold, dark)
         corner = (0.0, 0.0) if lower is None else lower
@@ -357,7 +366,7 @@ class Workspace:
         FileError
             If the file is missing, truncated or malformed; the message names the line.
         """
-        from cspace.io.movingai import read_3dmap, read_map
+        from cspace.files.movingai import read_3dmap, read_map
 
         solid = str(path).lower().endswith(".3dmap")
         cells = read_3dmap(path) if solid else read_map(path)
@@ -509,7 +518,7 @@ class Workspace:
         FileError
             If the file is missing or malformed.
         """
-        from cspace.io.vector import SUFFIXES, read_shapes
+        from cspace.files.vector import SUFFIXES, read_shapes
 
         positive(spacing, "spacing")
         box = None if bounds is None else check_bounds(bounds)
@@ -624,7 +633,7 @@ class Workspace:
         FileError
             If the file is missing, truncated or malformed.
         """
-        from cspace.io.points import read_points
+        from cspace.files.points import read_points
 
         positive(spacing, "spacing")
         named = isinstance(points, str | os.PathLike)
@@ -653,9 +662,12 @@ class Workspace:
         FileError
             If the file is missing, truncated or malformed.
         """
-        from cspace.io.octomap import read_octomap
+        from cspace.files.octomap import read_octomap
 
-        grid, cells, unseen = read_octomap(path, unknown)
+        check_word(unknown, "unknown", UNKNOWNS)
+        lower, spacing, cells, unseen = read_octomap(path, unknown == "occupied")
+        with _placing(path):
+            grid = Grid(lower, spacing, cells.shape)
         return cls(grid, cells, cells, source=str(path), unknown=unseen)
 
     @classmethod
@@ -694,9 +706,11 @@ class Workspace:
             If the file is missing, truncated or malformed, holds NaN, is detached from its values, or its voxels are
             not cubes along the axes.
         """
-        from cspace.io.nrrd import read_nrrd
+        from cspace.files.nrrd import read_nrrd
 
-        grid, cells = read_nrrd(path, spacing, lower, threshold)
+        corner, side, cells = read_nrrd(path, spacing, lower, threshold)
+        with _placing(path):
+            grid = Grid(corner, side, cells.shape)
         return cls(grid, cells, cells, source=str(path))
 
     @classmethod
@@ -733,7 +747,7 @@ class Workspace:
         --------
         cspace.arms.read_moveit_scene : The same obstacles for an arm.
         """
-        from cspace.io.moveit import read_moveit_scene
+        from cspace.shapes.moveit import read_moveit_scene
 
         positive(spacing, "spacing")
         box = None if bounds is None else check_bounds(bounds, 3)
@@ -830,6 +844,16 @@ class LazyWorkspace(Workspace):
         return LazyWorkspace, (self.grid, self.cells, self.source, self.shapes)
 
 
+@contextmanager
+def _placing(path: StrPath) -> Iterator[None]:
+    """Within the block, name the file if its cells make no grid."""
+    try:
+        yield
+    except InputError as error:
+        fault = f"{error.argument} {error.fault}"
+        raise FileError(os.fspath(path), fault, error.rule, error.mend, value=error.value) from error
+
+
 def copied(workspace: Workspace, live: bool = False) -> Workspace:
     """Return a workspace with arrays of its own; ``live`` ones are written by the updates of a map."""
     outer = frozen(workspace.outer.copy())
@@ -844,7 +868,7 @@ def reader_of(path: StrPath, options: Iterable[str] = ()) -> Callable[..., Works
     Raises InputError if the suffix is unknown, or an option does not apply, and FileError if the file had to be looked
     into and is missing.
     """
-    from cspace.io.formats import method_of
+    from cspace.files.formats import method_of
 
     reader: Callable[..., Workspace] = getattr(Workspace, method_of(path))
     known = _options_of(reader)

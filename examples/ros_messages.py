@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 import cspace
 import planners
-from cspace.io.messages import OccupancyGrid
+from cspace.files.messages import OccupancyGrid
 from cspace.plot import save_plot
 
 # %%

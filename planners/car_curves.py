@@ -15,7 +15,7 @@ import numpy as np
 
 from cspace.angles import TURN
 from cspace.arrays import Floats, Ints
-from cspace.compiling import entry, inner, jit
+from cspace.compiling import bind_kernel, jit, kernel
 from cspace.map.points import around_is_free
 from cspace.map.record import Map
 from cspace.space import CSpace
@@ -62,13 +62,13 @@ def prover(space: CSpace, kind: int, radius: float) -> Callable[..., float]:
     map_ = space.record
     # A curve that leaves the grid is not proven, whatever is known out there.
     map_ = map_._replace(exterior=np.full_like(map_.exterior, MIXED))
-    return entry(proven_length, (map_, kind, radius), 6)
+    return bind_kernel(proven_length, (map_, kind, radius), 6)
 
 
 def cost(space: CSpace, kind: int, radius: float, field: Field, law: Law) -> Callable[..., float]:
     """:func:`curve_cost` of the floats of two configurations."""
     fixed = (space.record, field, law, (kind, radius))
-    query = entry(curve_cost, (*fixed, (0.0,) * 6), 0).func  # type: ignore[attr-defined]
+    query = bind_kernel(curve_cost, (*fixed, (0.0,) * 6), 0).func  # type: ignore[attr-defined]
     return lambda *endpoints: query(*fixed, endpoints)
 
 
@@ -128,7 +128,7 @@ def curve_cost(map_: Map, field: Field, law: Law, curve: tuple[int, float], both
     return total
 
 
-@inner
+@kernel
 def _word_is_free(map_: Map, radius: float, q0: Pose, turns: Ints, lengths: Floats, spare: float) -> bool:
     """Whether every configuration within ``spare`` of a word, but for its ends, lies in FREE cells of the grid.
 
@@ -173,7 +173,7 @@ def shortest(kind: int, radius: float, q0: Pose, q1: Pose) -> tuple[Ints, Floats
     return turns[0], lengths[0], gap
 
 
-@inner
+@kernel
 def reverse(turns: Ints, lengths: Floats) -> None:
     """Drive a word from its end to its start."""
     for k in range(3):
@@ -181,7 +181,7 @@ def reverse(turns: Ints, lengths: Floats) -> None:
         lengths[k], lengths[4 - k] = -lengths[4 - k], -lengths[k]
 
 
-@inner
+@kernel
 def swaps(kind: int, q0: Pose, q1: Pose) -> bool:
     """Whether a curve is that from the second configuration to the first, reversed.
 
@@ -192,7 +192,7 @@ def swaps(kind: int, q0: Pose, q1: Pose) -> bool:
     return q1[0] < q0[0] or q1[1] < q0[1] or (q1[1] == q0[1] and q1[2] < q0[2])
 
 
-@inner(_nrt=True)  # it makes arrays
+@jit  # it makes arrays
 def tied_words(
     kind: int, radius: float, endpoints: tuple[Pose, Pose], tie: float, turns: Ints, lengths: Floats
 ) -> tuple[int, float]:
@@ -229,13 +229,13 @@ def tied_words(
     return count, gap
 
 
-@inner
+@kernel
 def total_length(lengths: Floats) -> float:
     total: float = abs(lengths[0]) + abs(lengths[1]) + abs(lengths[2]) + abs(lengths[3]) + abs(lengths[4])
     return total
 
 
-@inner
+@kernel
 def onwards(pose: Pose, turn: int, length: float) -> Pose:
     """The end of a piece; everything in turning radii."""
     x, y, yaw = pose
@@ -251,14 +251,14 @@ def _around(angle: float) -> float:
     return angle - TURN * math.floor((angle + math.pi) / TURN)
 
 
-@inner(_nrt=True)  # it makes arrays
+@jit  # it makes arrays
 def _ahead(angle: float, snap: float) -> float:
     """An arc driven forwards, in [0, 2 pi), and 0 where it is a whole turn but for ``snap``."""
     angle -= TURN * math.floor(angle / TURN)
     return 0.0 if angle > TURN - snap else angle
 
 
-@inner
+@kernel
 def _gap(turns: Ints, lengths: Floats, goal: Pose) -> float:
     """By how much the end of a word misses a configuration."""
     pose = (0.0, 0.0, 0.0)
@@ -269,7 +269,7 @@ def _gap(turns: Ints, lengths: Floats, goal: Pose) -> float:
     return missed
 
 
-@inner
+@kernel
 def is_new(turns: Ints, lengths: Floats, count: int) -> int:
     """1 where the word in row ``count`` is none of those before it, otherwise 0."""
     for row in range(count):
@@ -282,7 +282,7 @@ def is_new(turns: Ints, lengths: Floats, count: int) -> int:
     return 1
 
 
-@inner
+@kernel
 def _candidates(kind: int, goal: Pose, turns: Ints, lengths: Floats) -> int:
     """Write all words that might lead from the origin to a configuration, and give their number."""
     x, y, phi = goal
@@ -311,7 +311,7 @@ def _candidates(kind: int, goal: Pose, turns: Ints, lengths: Floats) -> int:
     return count
 
 
-@inner
+@kernel
 def _tau_omega(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[float, float]:
     """First and last arc of the words of four arcs."""
     delta = _around(u - v)
@@ -323,7 +323,7 @@ def _tau_omega(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[f
     return t, _around(t - u + v - phi)
 
 
-@inner
+@kernel
 def _form(form: int, x: float, y: float, phi: float) -> tuple[Turns, Lengths]:
     """Turns and lengths of a word to (x, y, phi) of one form; all zeros where the form does not get there."""
     half, none = 0.5 * math.pi, ((0, 0, 0, 0, 0), (0.0, 0.0, 0.0, 0.0, 0.0))

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Floats
-from cspace.compiling import by_kind, entry, inner, reader
+from cspace.compiling import bind_kernel, dispatch_on_type, kernel
 from cspace.map.clearance import clearance_at
 from cspace.map.edges import between
 from cspace.map.mip import Marks, PlaneMarks, SpaceMarks
@@ -56,23 +56,23 @@ def _overlap(field: Floats, map_: Map, q: Numbers) -> float:
     return field_at(map_, field, q)
 
 
-by_kind(value_at, {object: _no_value, PlaneMarks: _clearance, SpaceMarks: _clearance, np.ndarray: _overlap})
+dispatch_on_type(value_at, {object: _no_value, PlaneMarks: _clearance, SpaceMarks: _clearance, np.ndarray: _overlap})
 
 
-@inner
+@kernel
 def cost_at(map_: Map, field: Field, law: Law, q: Numbers) -> float:
     """Cost of a metre at a configuration."""
     penalty = max(0.0, law.offset + law.slope * value_at(field, map_, q))
     return 1.0 + law.weight * penalty * penalty
 
 
-@reader
+@kernel
 def cost_of_one(map_: Map, field: Field, law: Law, both: Numbers) -> float:
     """Cost of a straight edge between two configurations, given one after the other in ``both``.
 
     The integral takes the middles of steps of at most one cell and 5 degrees.
     """
-    q0 = map_.lower + map_.rotations.origin()
+    q0 = map_.lower + map_.rotations.zeros()
     q1, dof, dim, square = q0, len(q0), len(map_.lower), 0.0
     for axis in range(dof):
         q0, q1 = replaced(q0, axis, both[axis]), replaced(q1, axis, both[dof + axis])
@@ -92,5 +92,5 @@ def cost_of_one(map_: Map, field: Field, law: Law, both: Numbers) -> float:
 def edge_cost(space: CSpace, field: Field, law: Law) -> Callable[..., float]:
     """``cost(*q0, *q1)`` of straight edges of a map."""
     fixed = (space.record, field, law)
-    query = entry(cost_of_one, (*fixed, (0.0,) * (2 * space.dof)), 0).func  # type: ignore[attr-defined]
+    query = bind_kernel(cost_of_one, (*fixed, (0.0,) * (2 * space.dof)), 0).func  # type: ignore[attr-defined]
     return lambda *endpoints: query(*fixed, endpoints)

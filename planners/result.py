@@ -17,8 +17,8 @@ from cspace.arms.space import ArmSpace
 from cspace.arrays import Bools, Floats
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
+from cspace.files.access import replacing
 from cspace.grid import finite, positive
-from cspace.io.files import replacing
 from cspace.rotations import Rotations
 from cspace.space import CSpace
 from planners.local_planner import HOLONOMIC, LocalPlanner, local_planner
@@ -26,7 +26,8 @@ from planners.local_planner import HOLONOMIC, LocalPlanner, local_planner
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cspace.io.messages import JointTrajectory, Message, Path
+    from cspace.export.messages import Message
+    from cspace.files.messages import JointTrajectory, Path
     from cspace.plot.animation import AnimationOptions
     from cspace.plot.picture import PlotOptions
 
@@ -355,7 +356,7 @@ class Plan:
         ----------
         msg : object, optional
             A message to fill, of ROS 1 or 2: any object with the fields of ``nav_msgs/Path``. A new
-            :class:`cspace.io.messages.Path` if left out.
+            :class:`cspace.files.messages.Path` if left out.
         frame_id : str
             Frame of the header and of each pose. The stamp of the header is kept, and copied to each pose.
 
@@ -370,7 +371,8 @@ class Plan:
         InputError
             If no path was found, the plan moves joints, or the message lacks a field.
         """
-        from cspace.io.messages import Path, fill_path
+        from cspace.export.messages import fill_path
+        from cspace.files.messages import Path
 
         if self._moves_joints:
             hint = "use to_joint_trajectory()"
@@ -420,7 +422,7 @@ class Plan:
         ----------
         msg : object, optional
             A message to fill, of ROS 1 or 2: any object with the fields of ``trajectory_msgs/JointTrajectory``. A new
-            :class:`cspace.io.messages.JointTrajectory` if left out.
+            :class:`cspace.files.messages.JointTrajectory` if left out.
         velocities : float, array-like of shape (dof,), or mapping of joint names to floats, optional
             Largest speed of each joint, in rad/s (m/s for a joint that slides), above zero. Each motion between two
             rows takes as long as its slowest joint needs.
@@ -441,7 +443,8 @@ class Plan:
             If no path was found, the plan moves no joints, neither or both of ``velocities`` and ``duration`` are
             given, a number is not above zero, or the message lacks a field.
         """
-        from cspace.io.messages import JointTrajectory, fill_joint_trajectory
+        from cspace.export.messages import fill_joint_trajectory
+        from cspace.files.messages import JointTrajectory
 
         if not self._moves_joints:
             raise InputError("plan", f"moves {', '.join(self.axes)}", "a trajectory holds joints", "use to_path()")

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from cspace import FileError, GeometryError
-from cspace.io.meshes import read_mesh
+from cspace.files.meshes import read_mesh
 
 CORNERS = np.array([(0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0), (0, 0, 4), (4, 0, 4), (4, 4, 4), (0, 4, 4)], float)
 QUADS = np.array([(4, 3, 2, 1), (5, 6, 7, 8), (1, 2, 6, 5), (2, 3, 7, 6), (3, 4, 8, 7), (4, 1, 5, 8)]) - 1

@@ -1,5 +1,6 @@
 """Compiled functions: the log says what is compiled, what is kept is used while it is true, and none is needed."""
 
+import ast
 import json
 import os
 import pickle
@@ -10,13 +11,15 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, cast
+from types import ModuleType
+from typing import Any
 
 import pytest
 
 import cspace
+import planners
 from cspace import compiling
-from cspace.compiling import clock, inner, is_own, jit, reader
+from cspace.compiling import clock, digest, is_own, jit
 
 CODE = """
 import logging
@@ -77,13 +80,13 @@ def test_an_installation_that_may_not_be_written_works_without_a_cache(tmp_path:
 
 CALLEE = """
 from typing import NamedTuple
-from cspace.compiling import jit, part
+from cspace.compiling import compilable, jit
 
 @jit
 def helper(value: float) -> float:
     return value + {added}
 
-@part
+@compilable
 class Record(NamedTuple):
     value: float
 
@@ -162,68 +165,8 @@ def test_a_function_is_compiled_anew_when_one_that_it_calls_has_changed(run: Cal
     assert run() == (41.0, 1)
 
 
-# ---- parts of others -------------------------------------------------------------------------------------------------
-
-
-def even(count: int) -> bool:
-    return count == 0 or odd(count - 1)
-
-
-def odd(count: int) -> bool:
-    return count > 0 and even(count - 1)
-
-
-@pytest.mark.parametrize("made", [jit, inner])
-def test_functions_that_call_each_other_in_a_circle_are_refused(
-    made: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Read back from a file, they would take the process with them."""
-    for function in (even, odd):
-        monkeypatch.setitem(globals(), function.__name__, made(function))
-    with pytest.raises(NotImplementedError, match=r"calls itself.* write a loop"):
-        even.compile("(int64,)")  # type: ignore[attr-defined]
-
-
 def double(value: float) -> float:
     return 2 * value
-
-
-def test_numba_is_as_it_was_when_a_function_is_compiled_or_refused() -> None:
-    from llvmlite.binding import ffi
-    from numba import TypingError, njit
-    from numba.core.types.functions import BaseFunction
-    from numba.extending import overload
-
-    assert njit(double)(1.5) == 3.0
-    usual, during = BaseFunction.get_call_type, []
-    listeners = list(ffi.lib._lock._cblist)
-    assert listeners
-
-    def look(x: object) -> object:
-        raise NotImplementedError
-
-    @overload(look, strict=False)
-    def taken(x: object) -> object:
-        during.append(BaseFunction.get_call_type)
-        assert not ffi.lib._lock._cblist
-        return lambda x: x
-
-    def good(x: int) -> object:
-        return look(x + x + x)
-
-    def bad(x: int) -> object:
-        return look(x) + "no number"
-
-    for function in (good, bad):
-        function.__module__ = "cspace.made_up"
-    assert jit(good, cache=False)(7) == 21
-    assert during and usual not in during
-    assert BaseFunction.get_call_type is usual
-    assert ffi.lib._lock._cblist == listeners
-    with pytest.raises(TypingError):
-        jit(bad, cache=False)(7)
-    assert BaseFunction.get_call_type is usual
-    assert ffi.lib._lock._cblist == listeners
 
 
 def test_the_clock_stands_still_while_a_function_is_compiled_or_refused() -> None:
@@ -236,7 +179,8 @@ def test_the_clock_stands_still_while_a_function_is_compiled_or_refused() -> Non
         return x + "no number"  # type: ignore[operator]
 
     for function in (double, good, bad):
-        made = jit(function, cache=False)
+        made: Any = jit(function)
+        made._cache.flush()
         began = clock(), time.perf_counter()
         with suppress(TypingError):
             made(1.5)
@@ -244,57 +188,39 @@ def test_the_clock_stands_still_while_a_function_is_compiled_or_refused() -> Non
     assert clock() < clock()
 
 
-def test_passes_that_are_left_out_are_numbas_own() -> None:
-    """Else nothing would be left out, and nobody would notice."""
-    from numba.core.compiler import CompilerBase, DefaultPassBuilder
+def test_a_digest_covers_every_module_that_a_module_imports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An edit changes the digests of the modules that import the edited one, at any depth, and no others."""
 
-    seen = []
+    def digests() -> list[str]:
+        compiling._source.cache_clear()
+        return [digest([f"cspace.probe_{name}"]) for name in "abc"]
 
-    class Seeing(CompilerBase):
-        def define_pipelines(self) -> list[Any]:
-            made: Any = DefaultPassBuilder.define_nopython_pipeline(self.state)  # type: ignore[no-untyped-call]
-            seen.extend(each.__name__ for each, _ in made.passes)
-            return [made]
-
-    assert jit(cache=False, pipeline_class=Seeing)(double)(1.5) == 3.0
-    assert set(seen) >= compiling.NEEDLESS
-
-
-@pytest.mark.parametrize("gone", [None, "_optimize_final_module"])
-def test_parts_are_for_compiled_code_alone_whatever_numba_is_like_within(
-    gone: str | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from numba.core.codegen import CPUCodeLibrary
-
-    with monkeypatch.context() as patch:
-        if gone is not None:
-            patch.delattr(CPUCodeLibrary, gone)
-        libraries = compiling._libraries.__wrapped__()
-    assert (libraries is None) == (gone is not None)
-    monkeypatch.setattr(compiling, "_libraries", lambda: libraries)
-    for made in ("part_options", "_lean_compiler"):
-        monkeypatch.setattr(compiling, made, getattr(compiling, made).__wrapped__)
-    part = inner(cache=False)(double)
-
-    @reader(cache=False)
-    def quadruple(value: float) -> float:
-        return part(part(value))
-
-    for _ in range(2):
-        assert quadruple(1.5) == 6.0
-        with pytest.raises(TypeError, match="double is called by compiled code alone"):
-            part(1.5)
-    (compiled,) = cast(Any, quadruple).overloads.values()
-    assert (type(compiled.library).__module__ == compiling.__name__) == (gone is None)
+    texts = {"a": "from cspace.probe_b import x", "b": "from cspace import (\n    probe_c,\n)", "c": "y = 1"}
+    for name, text in texts.items():
+        (tmp_path / f"{name}.py").write_text(text)
+        module = ModuleType(f"cspace.probe_{name}")
+        module.__file__ = str(tmp_path / f"{name}.py")
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+    before = digests()
+    (tmp_path / "b.py").write_text(texts["b"] + "\n")
+    after = digests()
+    assert [one == other for one, other in zip(before, after, strict=True)] == [False, False, True]
+    (tmp_path / "c.py").write_text("y = 2")
+    assert not set(digests()) & {*before, *after}
+    compiling._source.cache_clear()
 
 
-def test_a_part_from_the_cache_has_no_machine_code_that_callers_would_run() -> None:
-    """It was never optimised: a caller that is compiled later took twice the time."""
-    part: Any = inner(cache=False)(double)
-    part.compile("(float64,)")
-    (compiled,) = part.overloads.values()
-    library, name = compiled.library, compiled.fndesc.llvm_func_name
-    assert library.codegen.unserialize_library(library.serialize_using_object_code()).get_pointer_to_function(name) == 0
+def test_no_field_of_a_record_has_the_name_of_a_compiled_method() -> None:
+    """Compiled code would take the field for the method."""
+    fields, methods = set[str](), set[str]()
+    for file in [each for package in (cspace, planners) for each in Path(package.__file__).parent.rglob("*.py")]:
+        for record in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(record, ast.ClassDef) and "NamedTuple" in map(ast.unparse, record.bases):
+                fields |= {ast.unparse(each.target) for each in record.body if isinstance(each, ast.AnnAssign)}
+                if "compilable" in map(ast.unparse, record.decorator_list):
+                    methods |= {each.name for each in record.body if isinstance(each, ast.FunctionDef)}
+    assert len(methods) > 10 and len(fields) > 100
+    assert not fields & methods
 
 
 # ---- what was compiled is the user's own -----------------------------------------------------------------------------

@@ -1,12 +1,12 @@
 """Words in arrays of bytes against numpy's views, wherever they begin."""
 
 import numpy as np
+from numba import njit
 
-from cspace.compiling import jit
 from cspace.unaligned import load, store
 
 
-@jit(cache=False)
+@njit
 def swapped(octets, first, second):
     """Exchange two words."""
     word = load(octets, first)

@@ -16,7 +16,7 @@ import cspace
 import handmade
 import planners
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
-from cspace.io import rosmap
+from cspace.export import images
 from cspace.map.components import Components
 from handmade import walled
 from updates import BLOCK, World, agree, check, checkers, room, worlds
@@ -339,7 +339,7 @@ def test_what_is_saved_is_of_one_moment(tmp_path: Path, monkeypatch: pytest.Monk
     """An update waits, or the states would be those of obstacles that have gone."""
     space = room()
     changing = threading.Thread(target=lambda: space.update(BLOCK, (10, 10)))
-    module: Any = np if name == "map.npz" else rosmap
+    module: Any = np if name == "map.npz" else images
     step = "savez_compressed" if name == "map.npz" else "suffix_of"
     begun = getattr(module, step)
 

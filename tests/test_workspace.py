@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import cspace
 from cspace import Grid, Robot, Workspace
 from cspace.errors import FileError, InputError
-from cspace.io.formats import FORMATS, dimension_of
+from cspace.files.formats import FORMATS, dimension_of
 from cspace.memory import check_memory
 from cspace.workspace import covering_grid, covering_shape
 

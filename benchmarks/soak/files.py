@@ -31,7 +31,7 @@ import shapely
 
 import cspace
 from cspace import CspaceError, Robot, Workspace
-from cspace.io import store
+from cspace.store import saved as store
 
 if TYPE_CHECKING:
     from benchmarks.report import Report

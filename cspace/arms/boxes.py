@@ -24,7 +24,7 @@ import numpy as np
 from cspace.arms.chain import SLIDES, TURNS, place
 from cspace.arms.proofs import Scene, Solids, Work, excess_of, is_nested, least_of, transformed
 from cspace.arrays import Floats, Ints, Row, States
-from cspace.compiling import inner, reader
+from cspace.compiling import kernel
 from cspace.exact import ADVANCE
 from cspace.exact.triangles import box_of
 from cspace.grid import SLACK
@@ -155,7 +155,7 @@ class Inside(NamedTuple):
     balls: Interiors
 
 
-@reader
+@kernel
 def fill(scene: Scene, inside: Inside, cells: Cells, rest: Rest, states: States, work: Work) -> None:
     """States of the cells of a block, the first that waits, which all pairs of solids wait for."""
     blocks, waiting, counts, left, empty = rest
@@ -190,7 +190,7 @@ def fill(scene: Scene, inside: Inside, cells: Cells, rest: Rest, states: States,
             top += 2
 
 
-@inner
+@kernel
 def write(states: States, block: Ints, state: int) -> None:
     """Give all cells of a block a state."""
     for i in range(block[0], block[3]):
@@ -199,7 +199,7 @@ def write(states: States, block: Ints, state: int) -> None:
                 states[i, j, k] = state
 
 
-@inner
+@kernel
 def are_near(scene: Scene, pair: int, box: Box, work: Work) -> bool:
     """Whether the borders of a pair of solids may touch somewhere in a box.
 
@@ -212,7 +212,7 @@ def are_near(scene: Scene, pair: int, box: Box, work: Work) -> bool:
     return excess_of(scene, pair, (0.0, moved, moved), box.least, 0.0, work) < 0.0
 
 
-@inner
+@kernel
 def displacement_bounds(scene: Scene, a: int, b: int, box: Box, work: Work) -> tuple[float, float]:
     """How far the origin of body ``a`` can move within a box, as seen from body ``b``, and how far the body can turn.
 
@@ -244,7 +244,7 @@ def displacement_bounds(scene: Scene, a: int, b: int, box: Box, work: Work) -> t
     return slide, angle
 
 
-@inner
+@kernel
 def middle_of(cells: Cells, scene: Scene, block: Ints, box: Box) -> float:
     """Put the middle of a block of cells into a box, and half of its sides, rounding of look-ups included.
 
@@ -258,7 +258,7 @@ def middle_of(cells: Cells, scene: Scene, block: Ints, box: Box) -> float:
     return least_of(scene, box.middle, box.middle)
 
 
-@inner
+@kernel
 def longest(cells: Cells, block: Ints) -> int:
     """The axis along which a block moves the arm the farthest; -1 of a cell."""
     chosen, most = -1, 0.0
@@ -269,7 +269,7 @@ def longest(cells: Cells, block: Ints) -> int:
     return chosen
 
 
-@inner
+@kernel
 def collide(inside: Inside, pairs: Ints, box: Box, work: Work) -> bool:
     """Whether some pair of solids is proven to collide at every configuration of a box."""
     for pair in pairs:
@@ -279,7 +279,7 @@ def collide(inside: Inside, pairs: Ints, box: Box, work: Work) -> bool:
     return False
 
 
-@inner
+@kernel
 def ball_meets(inside: Inside, i: int, j: int, box: Box, work: Work) -> bool:
     """Whether solid j meets, all over a box, what a ball in solid i keeps of itself; or its middle, deep enough."""
     scene, balls, solids = inside.scene, inside.balls, inside.scene.solids
@@ -307,7 +307,7 @@ def ball_meets(inside: Inside, i: int, j: int, box: Box, work: Work) -> bool:
     return False
 
 
-@inner
+@kernel
 def reaches_piece(solids: Solids, j: int, point: Row, rest: float, work: Work) -> bool:
     """Whether a box or ball of a solid lies in reach of a point; below zero, whether the point lies so deep in one."""
     trees, nodes, near, (x, y, z) = solids.trees, work.nodes, max(rest, 0.0), point
@@ -327,7 +327,7 @@ def reaches_piece(solids: Solids, j: int, point: Row, rest: float, work: Work) -
     return False
 
 
-@inner
+@kernel
 def depth_in_row(row: Floats, point: Row) -> float:
     """How deep a point lies in a box or ball; below zero outside, and in what is neither."""
     if row[9] >= 0.0:
@@ -343,7 +343,7 @@ def depth_in_row(row: Floats, point: Row) -> float:
     return -math.sqrt(square) if square > 0.0 else deep
 
 
-@inner
+@kernel
 def bounds_of_depth(inside: Inside, surface: int, parts: int, point: Row) -> tuple[float, float]:
     """How deep a point in the box of a closed surface, or near it, lies at least and about at most; below zero outside.
 
@@ -366,7 +366,7 @@ def bounds_of_depth(inside: Inside, surface: int, parts: int, point: Row) -> tup
     return deep - distance, deep + distance
 
 
-@inner
+@kernel
 def depth(solids: Solids, surface: int, x: float, y: float, z: float) -> float:
     """How deep a point lies in a closed surface, at least; below zero outside."""
     box, turns, least = solids.boxes[surface], 0, np.inf
@@ -377,7 +377,7 @@ def depth(solids: Solids, surface: int, x: float, y: float, z: float) -> float:
     return least if turns != 0 else -least - THIN * (box[3] - box[0] + box[4] - box[1] + box[5] - box[2])
 
 
-@reader
+@kernel
 def depths(solids: Solids, surface: int, points: Floats, out: Floats) -> None:
     """How deep points, shape (n, 3), lie in a closed surface."""
     for n in range(len(points)):

@@ -28,7 +28,7 @@ import numpy as np
 
 from cspace.arms.hulls import Flight
 from cspace.arrays import Bools, Floats, Ints, Row
-from cspace.compiling import inner, reader
+from cspace.compiling import always_inline, kernel
 from cspace.map.batches import own
 from cspace.vectors import cross, dot
 
@@ -70,7 +70,7 @@ class Chain(NamedTuple):
     lengths: Floats
 
 
-@inner
+@kernel
 def place(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Floats) -> None:
     """Write the poses and velocities of all bodies at a part ``t`` of a motion into ``poses``, shape (b, 3, 6).
 
@@ -124,7 +124,7 @@ def place(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Floats) -> None
                 out[i, 5] += rate * u[i]
 
 
-@inner
+@kernel
 def flight_of(one: Floats, other: Floats, half: float, bend: float, most: float, least: float) -> Flight:
     """How one of two placed bodies moves as seen from the other one."""
     px, py, pz = other[0, 3], other[1, 3], other[2, 3]
@@ -146,7 +146,7 @@ def flight_of(one: Floats, other: Floats, half: float, bend: float, most: float,
     )
 
 
-@inner(forceinline=True)
+@always_inline
 def _row(axis: Row, pose: Floats) -> Row:
     """A row of the product of a transposed rotation, whose column is given, and another rotation."""
     return (
@@ -156,7 +156,7 @@ def _row(axis: Row, pose: Floats) -> Row:
     )
 
 
-@inner
+@kernel
 def bounds_of(chain: Chain, a: int, b: int, rho: float, q0: Floats, q1: Floats) -> tuple[float, float, float]:
     """Along all of a motion: how far points of a body, up to ``rho`` from its origin, move as seen from another one.
 
@@ -179,7 +179,7 @@ def bounds_of(chain: Chain, a: int, b: int, rho: float, q0: Floats, q1: Floats) 
     return far, bent, turned
 
 
-@reader
+@kernel
 def _place_at(chain: Chain, q: Floats, poses: Floats) -> None:
     place(chain, q, q, 0.0, poses)
 

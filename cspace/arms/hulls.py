@@ -32,7 +32,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Floats, Ints, Matrix, Row
-from cspace.compiling import inner, reader
+from cspace.compiling import always_inline, kernel
 from cspace.exact.triangles import bounds_of_rows, boxes_of, most
 from cspace.raster.triangles import THIN, point_triangle
 from cspace.vectors import cross, dot, minus
@@ -214,7 +214,7 @@ def _hull_of(points: Floats, volume: float) -> tuple[Floats, float, float, bool]
     return corners, grown, float(-heights.min()), is_whole
 
 
-@reader
+@kernel
 def farthest(points: Floats, triangles: Floats) -> float:
     """How far the farthest point is from the nearest one of some triangles, none of which is thin."""
     most = 0.0
@@ -272,7 +272,7 @@ def corners_of(hulls: Hulls, node: int) -> tuple[Floats, float]:
     return box[:3] + signs * box[3:6], 0.0
 
 
-@inner
+@kernel
 def least_excess(
     hulls: Hulls, one: int, other: int, flight: Flight, enough: float, work: Ints, directions: Floats
 ) -> float:
@@ -373,13 +373,13 @@ def least_excess(
     return min(best, -1e-300) if moves else best
 
 
-@inner(forceinline=True)
+@always_inline
 def at_rest(flight: Flight) -> Flight:
     """The flight at its middle moment alone, where nothing moves."""
     return Flight(flight.matrix, flight.place, flight.spin, flight.drift, 0.0, 0.0, 0.0, flight.least)
 
 
-@inner
+@kernel
 def excess_between(
     hulls: Hulls, a: int, b: int, flight: Flight, speed: float, enough: float, n: Row
 ) -> tuple[float, bool, Row]:
@@ -431,7 +431,7 @@ def excess_between(
     return best, gap > 0.0, direction
 
 
-@inner
+@kernel
 def highest(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
     """The corner of a hull that is farthest along a direction, and how far that is."""
     first, stop, best, at = hulls.nodes[node, 1], hulls.nodes[node, 2], -math.inf, 0
@@ -453,18 +453,18 @@ def highest(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
     return (xs[at], ys[at], zs[at]), best
 
 
-@inner(forceinline=True)
+@always_inline
 def scaled(a: Row, factor: float) -> Row:
     return factor * a[0], factor * a[1], factor * a[2]
 
 
-@inner(forceinline=True)
+@always_inline
 def moved(flight: Flight, p: Row) -> Row:
     x, y, z = flight.matrix
     return dot(x, p) + flight.place[0], dot(y, p) + flight.place[1], dot(z, p) + flight.place[2]
 
 
-@inner(forceinline=True)
+@always_inline
 def turned_back(matrix: Matrix, n: Row) -> Row:
     x, y, z = matrix
     return (
@@ -474,7 +474,7 @@ def turned_back(matrix: Matrix, n: Row) -> Row:
     )
 
 
-@inner
+@kernel
 def nearest(w: Row, p: Row, q: Row, r: Row, count: int) -> tuple[Row, Row, Row, Row, int]:
     """The point nearest to the origin of a simplex with one more corner, the corners that it is of, and how many.
 
@@ -498,7 +498,7 @@ def nearest(w: Row, p: Row, q: Row, r: Row, count: int) -> tuple[Row, Row, Row, 
     return best
 
 
-@inner
+@kernel
 def in_triangle(a: Row, b: Row, c: Row) -> tuple[Row, Row, Row, Row, int]:
     """:func:`nearest` of a triangle, whose corners may coincide (C. Ericson, 2005, section 5.1.5)."""
     ab, ac = minus(b, a), minus(c, a)
@@ -524,6 +524,6 @@ def in_triangle(a: Row, b: Row, c: Row) -> tuple[Row, Row, Row, Row, int]:
     return scaled(n, dot(n, a) / dot(n, n)), a, b, c, 3
 
 
-@inner(forceinline=True)
+@always_inline
 def along_edge(a: Row, u: Row, t: float) -> Row:
     return a[0] + t * u[0], a[1] + t * u[1], a[2] + t * u[2]

@@ -23,8 +23,8 @@ from cspace.grid import finite
 from cspace.shapes import ShapeLike, shape_of
 
 if TYPE_CHECKING:
-    from cspace.io.srdf import EndEffector
-    from cspace.io.urdf import PackageDirs
+    from cspace.files.srdf import EndEffector
+    from cspace.files.urdf import PackageDirs
 
 Names = tuple[str, str]
 """Of two links, in order."""
@@ -173,7 +173,7 @@ class Arm:
         MissingPackageError
             If yourdfpy is not installed.
         """
-        from cspace.io.urdf import load_urdf, package_folders, root_link
+        from cspace.files.urdf import load_urdf, package_folders, root_link
 
         if solid not in ("auto", "surface"):
             rule = "it says what of the meshes has an inside"
@@ -439,7 +439,7 @@ class _Assembly:
         )
         if srdf is None:
             return replace(arm, allowed=self._default_allowed(arm))
-        from cspace.io.srdf import read_srdf
+        from cspace.files.srdf import read_srdf
 
         read, start = read_srdf(srdf, self._urdf), arm.clamp(np.zeros(arm.dof)).tolist()
         return replace(
@@ -488,7 +488,8 @@ class _Assembly:
     def _links(
         self, bodies: Mapping[str, tuple[int, Floats]], package_dirs: Sequence[Path], inside: Inside
     ) -> Iterable[Solid]:
-        from cspace.io.urdf import find_meshes, shapes_of
+        from cspace.files.urdf import find_meshes
+        from cspace.shapes.links import shapes_of
 
         meshes = find_meshes(self._urdf, bodies, self._file, package_dirs)
         for name, (body, pose) in bodies.items():

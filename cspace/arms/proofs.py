@@ -20,7 +20,7 @@ import numpy as np
 from cspace.arms.chain import Chain, bounds_of, flight_of, place
 from cspace.arms.hulls import CACHED, Hulls, least_excess
 from cspace.arrays import Bools, Floats, Ints, Row
-from cspace.compiling import inner, reader
+from cspace.compiling import always_inline, kernel
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.triangles import DEPTH, Trees, box_of, crosses, pierces
 from cspace.raster.triangles import point_triangle
@@ -160,7 +160,7 @@ def are_free(scene: Scene, firsts: Floats, lasts: Floats) -> Bools:
     return out
 
 
-@reader
+@kernel
 def motions_are_free(scene: Scene, firsts: Floats, lasts: Floats, out: Bools, work: Work) -> None:
     """Whether all configurations of motions are free, shapes (n, dof); one that ends where it starts is a point."""
     for k in range(len(firsts)):
@@ -168,7 +168,7 @@ def motions_are_free(scene: Scene, firsts: Floats, lasts: Floats, out: Bools, wo
         out[k] = point_is_free(scene, lasts[k], work) and motion_is_free(scene, firsts[k], lasts[k], work)
 
 
-@inner
+@kernel
 def least_of(scene: Scene, q0: Floats, q1: Floats) -> float:
     """What a distance has to exceed on a motion: what a joint's value is off by moves all that hangs on it."""
     chain, size = scene.chain, 0.0
@@ -178,7 +178,7 @@ def least_of(scene: Scene, q0: Floats, q1: Floats) -> float:
     return scene.least + ROUNDING * 2.0**-9 * size * scene.far
 
 
-@inner
+@kernel
 def point_is_free(scene: Scene, q: Floats, work: Work) -> bool:
     """Whether a configuration is proven free."""
     place(scene.chain, q, q, 0.0, work.poses)
@@ -189,7 +189,7 @@ def point_is_free(scene: Scene, q: Floats, work: Work) -> bool:
     return True
 
 
-@inner
+@kernel
 def motion_is_free(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
     """Whether all configurations of a motion are proven free, the last of which is."""
     chain, solids, parts, left = scene.chain, scene.solids, work.parts, work.left
@@ -245,7 +245,7 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
     return True
 
 
-@inner
+@kernel
 def excess_of(
     scene: Scene, n: int, bounds: tuple[float, float, float], least: float, enough: float, work: Work
 ) -> float:
@@ -265,7 +265,7 @@ def excess_of(
     return excess
 
 
-@inner
+@kernel
 def is_nested(scene: Scene, n: int, work: Work, deep: float) -> bool:
     """Whether an anchor of one solid of a pair lies in a closed surface of the other, so far from its triangles.
 
@@ -277,7 +277,7 @@ def is_nested(scene: Scene, n: int, work: Work, deep: float) -> bool:
     return bool(scene.solids.filled[j] and piece_lies_in(scene, j, i, work, deep))
 
 
-@inner
+@kernel
 def anchor_lies_in(scene: Scene, i: int, j: int, work: Work, deep: float) -> bool:
     """Whether an anchor of solid i lies in a closed surface of solid j, as :func:`is_nested`."""
     solids = scene.solids
@@ -289,7 +289,7 @@ def anchor_lies_in(scene: Scene, i: int, j: int, work: Work, deep: float) -> boo
     return False
 
 
-@inner
+@kernel
 def piece_lies_in(scene: Scene, i: int, j: int, work: Work, deep: float) -> bool:
     """The same of the middles of boxes and balls of solid i that could lie in solid j as a whole."""
     solids, nodes = scene.solids, work.nodes
@@ -318,7 +318,7 @@ def piece_lies_in(scene: Scene, i: int, j: int, work: Work, deep: float) -> bool
     return False
 
 
-@inner
+@kernel
 def encloses(solids: Solids, surface: int, point: Row, deep: float) -> bool:
     """Return whether a point lies in a closed surface and more than ``deep`` from its triangles.
 
@@ -340,7 +340,7 @@ def encloses(solids: Solids, surface: int, point: Row, deep: float) -> bool:
     return True
 
 
-@inner
+@kernel
 def borders_cross(scene: Scene, n: int, work: Work, least: float) -> bool:
     """Whether the first solid's border crosses that of the second one, or leads into a box or ball of it.
 
@@ -383,7 +383,7 @@ def borders_cross(scene: Scene, n: int, work: Work, least: float) -> bool:
     return False
 
 
-@inner
+@kernel
 def is_beside(one: Floats, other: Floats, box: Floats, piece: Floats) -> bool:
     """Return whether a box of the frame that one pose places lies beyond a side of a solid box of the other.
 
@@ -406,7 +406,7 @@ def is_beside(one: Floats, other: Floats, box: Floats, piece: Floats) -> bool:
     return False
 
 
-@inner(forceinline=True)
+@always_inline
 def transformed(one: Floats, other: Floats, p: Row) -> Row:
     """A point of the frame that one pose places, in that of another."""
     x = one[0, 0] * p[0] + one[0, 1] * p[1] + one[0, 2] * p[2] + one[0, 3] - other[0, 3]
@@ -419,7 +419,7 @@ def transformed(one: Floats, other: Floats, p: Row) -> Row:
     )
 
 
-@inner
+@kernel
 def half_sides(one: Floats, other: Floats, h: Row) -> Row:
     """Half the sides of what holds a box of one frame, in another, by half its own."""
     half = (0.0, 0.0, 0.0)
@@ -433,7 +433,7 @@ def half_sides(one: Floats, other: Floats, h: Row) -> Row:
     return half
 
 
-@reader
+@kernel
 def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, work: Work) -> None:
     """Lower bounds of the distances of all pairs at configurations, shape (n, dof): below zero where nothing is proven.
 
@@ -454,7 +454,7 @@ def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, work: Wo
                 nearest[k, 0], nearest[k, 1], nearest[k, 2] = n, nodes[0, 0], nodes[0, 1]
 
 
-@reader
+@kernel
 def are_blocked(scene: Scene, points: Floats, out: Bools, work: Work) -> None:
     """Prove configurations BLOCKED: two borders cross, or one encloses a point of the other, beyond rounding."""
     for k in range(len(points)):

@@ -11,7 +11,7 @@ import numpy as np
 
 from cspace.arms.proofs import Scene, Work, motion_is_free, point_is_free, work_of
 from cspace.arrays import Floats, Ints
-from cspace.compiling import clock, inner, reader
+from cspace.compiling import clock, kernel
 
 STRIDE: Final = 1.0
 """Longest motion that a tree grows by, radians or metres."""
@@ -52,7 +52,7 @@ class Forest(NamedTuple):
     counts: Ints
 
 
-@inner
+@kernel
 def nearest_to(forest: Forest, side: int, q: Floats) -> tuple[int, float]:
     """The node of a tree nearest to a configuration, and how far off it is."""
     nodes, best, at = forest.nodes[side], np.inf, -1
@@ -65,7 +65,7 @@ def nearest_to(forest: Forest, side: int, q: Floats) -> tuple[int, float]:
     return at, math.sqrt(best)
 
 
-@inner
+@kernel
 def stepped(forest: Forest, scene: Scene, side: int, near: int, q: Floats, work: Work) -> int:
     """Grow a tree from a node by a stride towards a configuration, or to it: the new node, or -1 if it is blocked."""
     new, nodes, square = forest.counts[side], forest.nodes[side], 0.0
@@ -82,7 +82,7 @@ def stepped(forest: Forest, scene: Scene, side: int, near: int, q: Floats, work:
     return int(new)
 
 
-@inner
+@kernel
 def is_within(q0: Floats, q1: Floats, spans: Floats) -> bool:
     """Return whether each joint moves by at most its span, shape (dof,)."""
     within = True
@@ -91,7 +91,7 @@ def is_within(q0: Floats, q1: Floats, spans: Floats) -> bool:
     return within
 
 
-@inner
+@kernel
 def join(
     scene: Scene, forest: Forest, first: int, second: int, work: Work, straight: bool, spans: Floats, path: Floats
 ) -> int:
@@ -125,7 +125,7 @@ def join(
     return rows
 
 
-@reader
+@kernel
 def grow(
     scene: Scene, forest: Forest, samples: Floats, work: Work, straight: bool, spans: Floats, path: Floats
 ) -> tuple[int, int]:

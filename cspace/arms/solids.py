@@ -27,7 +27,7 @@ from cspace.shapes import BoundedShape, ExactShape, Mesh, Pieces, Shape, ShapeLi
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
-    from cspace.io.urdf import PackageDirs
+    from cspace.files.urdf import PackageDirs
 
 PROBES: Final = 60
 """About how many corners of each part, and points within, are looked for in others, to prove that they collide."""
@@ -325,7 +325,7 @@ def read_moveit_scene(
     InputError
         If ``plane_radius`` is not above zero.
     """
-    from cspace.io.moveit import read_moveit_scene
+    from cspace.shapes.moveit import read_moveit_scene
 
     ball = None if plane_radius is None else (np.zeros(3), positive(plane_radius, "plane_radius"))
     return {part.name: Placed(part.shape, part.pose) for part in read_moveit_scene(path, ball, package_dirs)}

@@ -17,7 +17,7 @@ def check_outputs(paths: Collection[Path], suffixes: Collection[str], overwrite:
     Raises InputError if a suffix, in lower case, is none of the ``suffixes``, or two outputs have the same name, and
     FileError if a folder is missing or may not be written, or if an output exists and may not be replaced.
     """
-    from cspace.io.files import check_output
+    from cspace.files.access import check_output
 
     for path in paths:
         if path.suffix.lower() not in suffixes:
@@ -52,8 +52,8 @@ def axes_of_map(file: Path) -> tuple[str, ...]:
 
     Raises FileError if the file is not a map that can be opened.
     """
-    from cspace.io.reading import open_map
-    from cspace.io.store import read_metadata
+    from cspace.store.opening import open_map
+    from cspace.store.saved import read_metadata
 
     try:
         return tuple(read_metadata(file)["axes"].split())
@@ -66,9 +66,9 @@ def units_of_map(file: Path) -> tuple[str, ...]:
 
     Raises FileError if the file is not a map that can be opened.
     """
-    from cspace.io.reading import open_map
-    from cspace.io.store import read_metadata
     from cspace.rotations import Rotations
+    from cspace.store.opening import open_map
+    from cspace.store.saved import read_metadata
 
     try:
         metadata = read_metadata(file)
@@ -107,8 +107,8 @@ def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
 
 def _table(file: Path) -> tuple[tuple[str, ...], Any]:
     """Names of a path's columns, where the file has them, and its configurations."""
-    from cspace.io.files import read_text
-    from cspace.io.plain import read_json
+    from cspace.files.access import read_text
+    from cspace.files.plain import read_json
 
     if file.suffix.lower() == ".json":
         record = read_json(file, "path")

@@ -74,8 +74,8 @@ def info(
     shows its fixed part.
     """
     from cspace.cli.sketch import sketch
-    from cspace.io.reading import open_map
     from cspace.robot import Robot
+    from cspace.store.opening import open_map
 
     drawn: Robot | None
     kind = kind or _kind(file)
@@ -130,7 +130,7 @@ def _kind(file: str) -> Kind:
 
 def _has_moving_joints(path: Path) -> bool:
     """Return True if a URDF has a joint that moves."""
-    from cspace.io.urdf import load_urdf
+    from cspace.files.urdf import load_urdf
 
     return any(joint.type != "fixed" for joint in load_urdf(path).robot.joints)
 
@@ -220,7 +220,7 @@ def survey(
     Raises InputError if the suffix is not known, an option does not apply to it, or the robot is of another dimension,
     and FileError if the file is missing or malformed.
     """
-    from cspace.io.formats import dimension_of
+    from cspace.files.formats import dimension_of
     from cspace.workspace import Workspace, reader_of
 
     reader = reader_of(path, options)
@@ -260,7 +260,7 @@ def _mesh(path: Path, solid: Solid = "auto") -> tuple[Any, dict[str, Any]]:
 
 
 def _points(path: Path, radius: float = 0.0) -> tuple[Any, dict[str, Any]]:
-    from cspace.io.points import read_points
+    from cspace.files.points import read_points
     from cspace.shapes import Balls
 
     balls = Balls.of(read_points(path), radius)
@@ -270,7 +270,7 @@ def _points(path: Path, radius: float = 0.0) -> tuple[Any, dict[str, Any]]:
 def _polygons(path: Path) -> tuple[Any, dict[str, Any]]:
     import shapely
 
-    from cspace.io.vector import read_shapes
+    from cspace.files.vector import read_shapes
 
     shapes = read_shapes(path)
     points = int(shapely.get_num_coordinates(shapes).sum())

@@ -107,8 +107,8 @@ def make(
     """Build the map of a robot in a workspace, and save it."""
     from cspace.builder import build
     from cspace.cli.tiles import cluster, lazily, make_room, resumable
-    from cspace.io.formats import dimension_of
-    from cspace.io.writing import SAVES
+    from cspace.files.formats import dimension_of
+    from cspace.store.saved import SAVES
     from cspace.workspace import Workspace, reader_of
 
     cells = rotation_cells(rotations)
@@ -198,10 +198,10 @@ def picture(
     as_json: Json = False,
 ) -> None:
     """Draw a map, and a path on it, into a picture."""
-    from cspace.io.reading import open_map
     from cspace.plot import SUFFIXES, save_plot
     from cspace.plot.picture import view_of
     from cspace.rotations import Rotations
+    from cspace.store.opening import open_map
 
     check_outputs([output], SUFFIXES, overwrite)
     axes, units = axes_of_map(file), units_of_map(file)
@@ -254,9 +254,9 @@ def export(
 ) -> None:
     """Write a saved map for other software."""
     from cspace.cli.tiles import part_of
-    from cspace.io.reading import open_map
-    from cspace.io.writing import EXPORTS, check_export
+    from cspace.export.maps import EXPORTS, check_export
     from cspace.rotations import Rotations
+    from cspace.store.opening import open_map
 
     check_outputs([output], EXPORTS, overwrite)
     axes = axes_of_map(file)
@@ -292,7 +292,7 @@ def view(
     Ctrl-C ends it.
     """
     from cspace.arms import build_arm
-    from cspace.io.reading import open_map
+    from cspace.store.opening import open_map
 
     clock = Clock()
     space: CSpace | TiledCSpace | ArmSpace | None = None

@@ -22,7 +22,7 @@ def make_room(output: Path, overwrite: bool) -> None:
     Raises InputError if the suffix is not that of a store, and FileError if there is something else, or nothing can be
     written.
     """
-    from cspace.tiles.store import is_tiled
+    from cspace.store.tiled import is_tiled
 
     there = is_tiled(output)
     check_outputs([output], (".zarr",), overwrite=there)
@@ -33,7 +33,7 @@ def make_room(output: Path, overwrite: bool) -> None:
 @contextmanager
 def resumable(output: Path, overwrite: bool) -> Iterator[None]:
     """Say of an interruption in the block, if a store has been begun, that the same command resumes."""
-    from cspace.tiles.store import is_tiled
+    from cspace.store.tiled import is_tiled
 
     try:
         yield

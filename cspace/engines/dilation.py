@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Bytes, Ints, Words
-from cspace.compiling import inner, reader
+from cspace.compiling import always_inline, kernel
 from cspace.raster import Raster, runs_of
 from cspace.threads import cores, in_threads
 from cspace.unaligned import load, store
@@ -260,7 +260,7 @@ class Board:
             settle_block(near, table, scratch, rows, add, out)
 
 
-@inner
+@kernel
 def dilate_block(near: Words, runs: Words, spare: Words, more: Words, result: Words) -> bool:
     """Whether some cell of a set lies at each place from the first word on, moved by any offset of a robot's runs.
 
@@ -289,14 +289,14 @@ def dilate_block(near: Words, runs: Words, spare: Words, more: Words, result: Wo
     return True
 
 
-@inner(forceinline=True)
+@always_inline
 def _shifted(words: Words, k: np.uint64, shift: np.uint64) -> np.uint64:
     """The word that begins so many bits after the beginning of word k."""
     word: np.uint64 = (words[k] >> shift) | ((words[k + _ONE] << _ONE) << (_LAST - shift))
     return word
 
 
-@inner
+@kernel
 def _widen(now: Words, step: int, then: Words) -> None:
     """``then[k] = now[k] | now[k + step]``, bit by bit; the last ``step`` bits, and a word, are left out."""
     jump, shift = step >> 6, np.uint64(step & 63)
@@ -304,7 +304,7 @@ def _widen(now: Words, step: int, then: Words) -> None:
         then[k] = now[k] | _shifted(now, np.uint64(jump + k), shift)
 
 
-@inner
+@kernel
 def _unite(now: Words, four: Words, result: Words) -> None:
     """Add four runs to a result."""
     a, b, c, d = four[1], four[3], four[5], four[7]
@@ -316,7 +316,7 @@ def _unite(now: Words, four: Words, result: Words) -> None:
         )
 
 
-@inner
+@kernel
 def unpack(octets: Bytes, rows: Rows, any_set: bool, add: bool, out: Bytes) -> None:
     """Write rows of bits into ``out``, shape (layers, rows, cells), or add them; those past its rows are left out.
 
@@ -341,13 +341,13 @@ def unpack(octets: Bytes, rows: Rows, any_set: bool, add: bool, out: Bytes) -> N
             line[k] = line[k] + bit if add else bit
 
 
-@inner(forceinline=True)
+@always_inline
 def spread(byte: np.uint64) -> np.uint64:
     """The bits of a byte, as 0 or 1 in each byte of a word."""
     return ((((byte * _REPEAT) & _SELECT) + _CARRY) >> np.uint64(7)) & _REPEAT
 
 
-@reader
+@kernel
 def settle_block(near: Words, runs: Words, scratch: Scratch, rows: Rows, add: bool, out: NDArray[np.uint8]) -> None:
     """Dilate the rows from the first, which begins a word, to before the last; write or add them."""
     any_set = dilate_block(near, runs, scratch.now, scratch.then, scratch.result)

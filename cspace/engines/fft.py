@@ -21,7 +21,7 @@ import scipy  # its parts are read when they are first used
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Floats, Ints
-from cspace.compiling import jit, reader
+from cspace.compiling import jit, kernel
 from cspace.engines.tiling import Tiling, choose_tiling
 from cspace.raster import Raster
 from cspace.threads import cores, in_threads
@@ -297,7 +297,7 @@ class _TileRun:
         return np.asarray(scipy.fft.irfft(product, n=self.tiling.tile[-1], axis=-1, overwrite_x=True))
 
 
-@reader
+@kernel
 def count_lines(occupied: NDArray[np.uint8], first: Ints, length: int, outside: bool, counts: Ints) -> int:
     """Obstacle cells of each line along the last axis of a tile whose first cell is given, and of the whole tile.
 
@@ -322,7 +322,7 @@ def count_lines(occupied: NDArray[np.uint8], first: Ints, length: int, outside: 
     return total
 
 
-@reader
+@kernel
 def add_lines(
     occupied: NDArray[np.uint8],
     first: Ints,
@@ -379,7 +379,7 @@ def round_sums(sums: Floats, missing: float) -> None:
         flat[k] = (flat[k] + missing) + NEAREST
 
 
-@reader
+@kernel
 def mark_digit(
     whole: Ints,
     mask: int,

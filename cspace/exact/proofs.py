@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Bools, Floats, Ints, Matrix, Row, States
-from cspace.compiling import inner, jit, reader, row_entry
+from cspace.compiling import bind_row_kernel, jit, kernel
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.boundaries import Problem, anchors_of, in_space, obstacle_border, parts_of
 from cspace.exact.triangles import DEPTH, Motion, Trees, half_sides, placed, share_apart, trees_of
@@ -166,7 +166,7 @@ class BorderProofs:
     @cached_property
     def edge(self) -> Callable[..., bool]:
         dof = self._dof
-        kernel = row_entry(prove_edge, self._world, 2 * dof)
+        kernel = bind_row_kernel(prove_edge, self._world, 2 * dof)
 
         def edge(*both: float) -> bool:
             state = kernel(both)
@@ -242,7 +242,7 @@ def room() -> Work:
     return Work(np.empty((WAITING, 2)), np.full(DEPTH, -1))
 
 
-@reader
+@kernel
 def prove_edges(world: World, first: Floats, second: Floats, work: Work, out: States) -> None:
     """:func:`edge_state` of edges, shapes (n, dof)."""
     for k in range(first.shape[0]):
@@ -261,7 +261,7 @@ def prove_edge(world: World, both: Numbers) -> int:
     return edge_state(world, q0, q1, work)
 
 
-@inner
+@kernel
 def edge_state(world: World, q0: Numbers, q1: Numbers, work: Work) -> int:
     """FREE where all configurations of an edge are free, and BLOCKED where that is not proven.
 
@@ -274,7 +274,7 @@ def edge_state(world: World, q0: Numbers, q1: Numbers, work: Work) -> int:
     return state
 
 
-@inner
+@kernel
 def arc_state(world: World, q0: Numbers, q1: Numbers, arc: int, work: Work) -> int:
     """The same along one of the shortest arcs.
 
@@ -346,7 +346,7 @@ def arc_state(world: World, q0: Numbers, q1: Numbers, arc: int, work: Work) -> i
     return nested
 
 
-@inner
+@kernel
 def is_within(borders: Borders, motion: Motion, part: float) -> bool:
     """Whether the box around a robot stays within the walls for a part of a motion."""
     box, wall = borders.trees.boxes[borders.robot], borders.trees.boxes[borders.walls]
@@ -359,7 +359,7 @@ def is_within(borders: Borders, motion: Motion, part: float) -> bool:
     return True
 
 
-@reader
+@kernel
 def least_excess(borders: Borders, places: Floats, matrices: Floats, spans: Floats, work: Ints) -> float:
     """By how much the least distance on pieces of a path exceeds what it has to; zero if not proven to.
 
@@ -381,7 +381,7 @@ def least_excess(borders: Borders, places: Floats, matrices: Floats, spans: Floa
     return best
 
 
-@inner
+@kernel
 def place_of(map_: Map, q: Numbers, scale: float) -> Row:
     """The reference point of the robot, in space and in lengths of trees."""
     z = 0.0
@@ -390,7 +390,7 @@ def place_of(map_: Map, q: Numbers, scale: float) -> Row:
     return scale * q[0], scale * q[1], scale * z
 
 
-@inner
+@kernel
 def nested_at(nesting: Nesting, map_: Map, q: Numbers, matrix: Matrix) -> int:
     """Whether a part of one side lies in the other, where no borders meet: FREE, BLOCKED, or MIXED for unknown."""
     place, lower, state, k = place_of(map_, q, 1.0), place_of(map_, map_.lower, 1.0), FREE, 0
@@ -436,7 +436,7 @@ def nested_at(nesting: Nesting, map_: Map, q: Numbers, matrix: Matrix) -> int:
     return state
 
 
-@inner
+@kernel
 def is_filled(nesting: Nesting, x: float, y: float) -> bool:
     """Whether a point that is not on the border lies in a region of the robot, by the parity of a ray to the right."""
     first = 0

@@ -34,7 +34,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cspace.arrays import Floats, Ints, Matrix, Row
-from cspace.compiling import inner
+from cspace.compiling import always_inline, kernel
 from cspace.shapes import Pieces
 from cspace.vectors import cross, dot, minus, nearest_of_triangle, row_of
 
@@ -205,7 +205,7 @@ def most(values: Floats, spans: Ints) -> Floats:
     return np.asarray(np.maximum.reduceat(np.append(values, 0.0), bounds)[::2]) if len(spans) else np.empty(0)
 
 
-@inner
+@kernel
 def share_apart(trees: Trees, robot: int, others: tuple[int, int], motion: Motion, enough: float, work: Ints) -> float:
     """The part of a motion, ``enough`` at most, within which no triangle of a robot can reach others.
 
@@ -262,21 +262,21 @@ def share_apart(trees: Trees, robot: int, others: tuple[int, int], motion: Motio
     return best
 
 
-@inner(forceinline=True)
+@always_inline
 def half_sides(motion: Motion, box: Floats) -> Row:
     """Half the sides of the box around a node's box where the robot is placed, and what a distance has to exceed."""
     (x, y, z), least = motion.matrix, motion.least
     return extent(x, box) + least, extent(y, box) + least, extent(z, box) + least
 
 
-@inner
+@kernel
 def extent(n: Row, box: Floats) -> float:
     """Half of what a node's box takes up along a unit vector."""
     half: float = abs(n[0]) * box[3] + abs(n[1]) * box[4] + abs(n[2]) * box[5]
     return half
 
 
-@inner
+@kernel
 def share_of_pair(p: Floats, q: Floats, motion: Motion, turn: float, enough: float) -> float:
     """:func:`share_apart` of two triangles, of which the first moves by ``turn`` at most as the robot turns."""
     # All from the first corner of the robot's triangle: it is at the origin.
@@ -300,20 +300,20 @@ def share_of_pair(p: Floats, q: Floats, motion: Motion, turn: float, enough: flo
     return min(max(best, share_along(normal, pair)), enough)
 
 
-@inner
+@kernel
 def corners_from(q: Floats, origin: Row) -> Corners:
     """The corners of a triangle of a tree, seen from a point."""
     x, y, z = origin
     return (q[0] - x, q[1] - y, q[2] - z), (q[3] - x, q[4] - y, q[5] - z), (q[6] - x, q[7] - y, q[8] - z)
 
 
-@inner(forceinline=True)
+@always_inline
 def sides_of(a: Corners) -> Corners:
     """The sides of a triangle, each from its corner to the next one."""
     return minus(a[1], a[0]), minus(a[2], a[1]), minus(a[0], a[2])
 
 
-@inner
+@kernel
 def share_along(n: Row, pair: Pair) -> float:
     """:func:`share_apart` of two triangles, by their projections onto a line; -1 where too near, or n too short."""
     (_, a1, a2), (b0, b1, b2), square = pair.a, pair.b, dot(n, n)
@@ -328,7 +328,7 @@ def share_along(n: Row, pair: Pair) -> float:
     return excess / (abs(dot(n, pair.step)) / length + pair.turn)
 
 
-@inner
+@kernel
 def box_of(q: Floats, origin: Row) -> Box:
     """A box of a tree, seen from a point."""
     u, v = row_of(q, 3), row_of(q, 6)
@@ -337,7 +337,7 @@ def box_of(q: Floats, origin: Row) -> Box:
     return minus(row_of(q, 0), origin), u, v, (factor * w[0], factor * w[1], factor * w[2])
 
 
-@inner
+@kernel
 def pierces(corners: Corners, q: Floats, deep: float) -> bool:
     """Whether a point of a triangle is found in a box or ball of a tree, farther from its border than ``deep``."""
     a0 = corners[0]
@@ -361,7 +361,7 @@ def pierces(corners: Corners, q: Floats, deep: float) -> bool:
     return False
 
 
-@inner
+@kernel
 def crosses(a: Corners, b: Corners, least: float) -> bool:
     """Whether a side of one triangle is proven to lead through the inside of the other one.
 
@@ -370,7 +370,7 @@ def crosses(a: Corners, b: Corners, least: float) -> bool:
     return _leads_through(a, b, least) or _leads_through(b, a, least)
 
 
-@inner
+@kernel
 def _leads_through(a: Corners, b: Corners, least: float) -> bool:
     """Whether a side of the first triangle does so.
 
@@ -387,7 +387,7 @@ def _leads_through(a: Corners, b: Corners, least: float) -> bool:
     return False
 
 
-@inner
+@kernel
 def _side_of(p: Row, a: Row, b: Row, c: Row, least: float) -> int:
     """On which side of a plane through three points another one is, 1 or -1; 0 where rounding decides.
 
@@ -400,7 +400,7 @@ def _side_of(p: Row, a: Row, b: Row, c: Row, least: float) -> int:
     return 1 if volume > doubt else -1 if volume < -doubt else 0
 
 
-@inner
+@kernel
 def nearest_of_box(p: Row, box: Box, part: float) -> Row:
     """The point that is nearest to another one, of a part of a box about its middle, as well as rounding allows."""
     x, y, z = box[0]
@@ -412,7 +412,7 @@ def nearest_of_box(p: Row, box: Box, part: float) -> Row:
     return x, y, z
 
 
-@inner
+@kernel
 def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
     """The shortest way between two segments, from p along u and from q along v, as well as rounding lets it be found.
 
@@ -427,14 +427,14 @@ def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
     return r[0] + s * u[0] - t * v[0], r[1] + s * u[1] - t * v[1], r[2] + s * u[2] - t * v[2]
 
 
-@inner(forceinline=True)
+@always_inline
 def placed(motion: Motion, p: Row) -> Row:
     """A point of the robot where it is placed."""
     (x, y, z), place = turned(motion, p), motion.place
     return place[0] + x, place[1] + y, place[2] + z
 
 
-@inner(forceinline=True)
+@always_inline
 def turned(motion: Motion, p: Row) -> Row:
     """A vector of the robot where it is placed."""
     x, y, z = motion.matrix

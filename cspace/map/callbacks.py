@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple, TypeVar
 
 from cspace.angles import MAX_JOINT_ANGLE, TURN
 from cspace.arrays import Numbers
-from cspace.compiling import entry, part, reader
+from cspace.compiling import bind_kernel, compilable, jit
 from cspace.map.edges import edge_is_free
 from cspace.map.points import state_at
 from cspace.map.record import Map
@@ -30,12 +30,12 @@ def point_checker(map_: Map, dof: int) -> Callable[..., bool]:
 
 def edge_checker(map_: Map, dof: int) -> Callable[..., bool]:
     """``check(*q0, *q1)``: whether an edge is FREE all along."""
-    return entry(_compiled(_OF_TWO[dof], nogil=True), (Edge(map_),), 2 * dof)
+    return bind_kernel(_compiled(_OF_TWO[dof], nogil=True), (Edge(map_),), 2 * dof)
 
 
 def callback(query: Any, dof: int, nogil: bool = True) -> Callable[..., Any]:
     """``call(*q)``: the method ``answer`` of a record, for the floats of one configuration."""
-    return entry(_compiled(_OF_ONE[dof], nogil), (query,), dof)
+    return bind_kernel(_compiled(_OF_ONE[dof], nogil), (query,), dof)
 
 
 def with_wrapped_angles(check: Callable[..., T], endless: Sequence[bool]) -> Callable[..., T]:
@@ -72,7 +72,7 @@ def below_half_a_turn(check: Callable[..., bool], endless: Sequence[bool]) -> Ca
     return lambda *both: all(abs(both[dof + k] - both[k]) < 0.499 * TURN for k in circles) and check(*both)
 
 
-@part
+@compilable
 class Point(NamedTuple):
     """Whether a configuration is FREE."""
 
@@ -82,7 +82,7 @@ class Point(NamedTuple):
         return self.map_.rotations.is_usable(q) and state_at(self.map_, q) == FREE
 
 
-@part
+@compilable
 class Edge(NamedTuple):
     """Whether an edge is FREE all along."""
 
@@ -117,4 +117,4 @@ def _compiled(written: FunctionType, nogil: bool) -> Any:
     """One of these; numba keeps it by its name."""
     named = FunctionType(written.__code__, written.__globals__)
     named.__qualname__ = f"spread_{'without' if nogil else 'with'}_lock"
-    return reader(nogil=nogil)(named)
+    return jit(named, _nrt=False, nogil=nogil)

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Floats, Words
-from cspace.compiling import by_kind, inner, part, reader
+from cspace.compiling import always_inline, compilable, dispatch_on_type, kernel
 from cspace.grid import SLACK
 from cspace.map.callbacks import callback
 from cspace.map.mip import ROWS, SHIFT, SIDE, Marks, PlaneMarks, SpaceMarks
@@ -57,7 +57,7 @@ ROUNDING: Final = 2.0**-40
 """Share by which a distance is raised that must not be below the true one, whatever was rounded."""
 
 
-@inner
+@kernel
 def clearance_at(map_: Map, marks: Marks, q: Numbers, most: float) -> float:
     """Lower bound of the distance from a configuration to the nearest one that is not FREE, in cells.
 
@@ -83,7 +83,7 @@ def clearance_at(map_: Map, marks: Marks, q: Numbers, most: float) -> float:
     return max(0.0, math.sqrt(best) * (1.0 - 2.0**-48) - 4.0 * SLACK)
 
 
-@inner
+@kernel
 def square_outside(map_: Map, s: int, place: Place) -> float:
     """Squared distance to what is not FREE outside the grid, in cells; infinite where all is."""
     dim, table = len(map_.lower), map_.exterior
@@ -132,7 +132,7 @@ def _close_in_plane(marks: PlaneMarks, s: int, place: Place, best: float) -> tup
     return FAR_ROWS, nearest_in_rows(marks, s, place, best)
 
 
-@inner
+@kernel
 def nearest_around(marks: SpaceMarks, s: int, place: Place, best: float) -> float:
     """The same of the eight cells, along each axis, around a place in the grid."""
     _, count, wide, long, _ = marks.cells.shape
@@ -159,7 +159,7 @@ def nearest_around(marks: SpaceMarks, s: int, place: Place, best: float) -> floa
         best = nearest_in_word(word, place, (first_y, first_z), x_gap * x_gap, 0.0, best)
 
 
-@inner
+@kernel
 def nearest_in_rows(marks: PlaneMarks, s: int, place: Place, best: float) -> float:
     """The same of a place in the plane, row by row of blocks, as far as words around the place go."""
     y, number, count = int(place[1]) >> SHIFT, int(place[2]) >> SHIFT, marks.cells.shape[1] // ROWS
@@ -191,7 +191,7 @@ def nearest_in_rows(marks: PlaneMarks, s: int, place: Place, best: float) -> flo
     return best
 
 
-@inner(forceinline=True)
+@always_inline
 def nearest_in_eight(marks: PlaneMarks, s: int, block: int, place: Place, best: float) -> float:
     """The same of the eight rows of cells of a row of blocks, of which a cell near the place is marked.
 
@@ -210,7 +210,7 @@ def nearest_in_eight(marks: PlaneMarks, s: int, block: int, place: Place, best: 
     return best
 
 
-@inner
+@kernel
 def nearest_in_row(marks: PlaneMarks, s: int, row: int, block: int, place: Place, best: float) -> float:
     """The same of a row of blocks in the plane, from a block on and away from the place."""
     z, first, last = int(place[2]), block << SHIFT, (block << SHIFT) + SIDE - 1
@@ -231,7 +231,7 @@ def nearest_in_row(marks: PlaneMarks, s: int, row: int, block: int, place: Place
     return best
 
 
-@inner(forceinline=True)
+@always_inline
 def word_from(row: Words, number: int) -> np.uint64:
     """The 64 bits of a row of the plane from a cell, or a block, on; it may lie as many before the first one."""
     index, shift = (number + 64) >> 6, np.uint64(number & 63)
@@ -239,7 +239,7 @@ def word_from(row: Words, number: int) -> np.uint64:
     return word
 
 
-@inner(forceinline=True)
+@always_inline
 def nearest_square(marks: Marks, s: int, place: Place, best: float) -> float:
     """Squared distance to the nearest cell of a slice that is not FREE; ``best``, if that is less."""
     _, nx, ny, nz = marks.nodes.shape
@@ -269,7 +269,7 @@ def nearest_square(marks: Marks, s: int, place: Place, best: float) -> float:
                     word &= ~(ALL << np.uint64(8 * n))
 
 
-@inner(forceinline=True)
+@always_inline
 def nearest_in_node(marks: Marks, s: int, node: Cell, place: Place, gaps: tuple[float, float], best: float) -> float:
     """The same of a block of blocks."""
     layers = marks.blocks[s, node[0], node[1], node[2]]
@@ -349,12 +349,12 @@ def _nearest_in_space(marks: SpaceMarks, s: int, block: Cell, place: Place, best
         best = nearest_in_word(word, place, (first_y, first_z), x_square, y_least, best)
 
 
-by_kind(nearest_close, {SpaceMarks: _close_in_space, PlaneMarks: _close_in_plane})
-by_kind(seen_in_node, {SpaceMarks: _seen_in_space, PlaneMarks: _seen_in_plane})
-by_kind(nearest_in_block, {SpaceMarks: _nearest_in_space, PlaneMarks: _nearest_in_plane})
+dispatch_on_type(nearest_close, {SpaceMarks: _close_in_space, PlaneMarks: _close_in_plane})
+dispatch_on_type(seen_in_node, {SpaceMarks: _seen_in_space, PlaneMarks: _seen_in_plane})
+dispatch_on_type(nearest_in_block, {SpaceMarks: _nearest_in_space, PlaneMarks: _nearest_in_plane})
 
 
-@inner(forceinline=True)
+@always_inline
 def nearest_in_word(
     word: np.uint64, place: Place, first: tuple[int, int], x_square: float, y_least: float, best: float
 ) -> float:
@@ -371,7 +371,7 @@ def nearest_in_word(
     return best
 
 
-@inner(forceinline=True)
+@always_inline
 def least_squares(layers: Words, place: Place, size: float, first_y: int, first_z: int) -> tuple[float, float]:
     """Squared distances along y, and along z, to the nearest block of a size that any of some layers marks."""
     every = np.uint64(0)
@@ -387,7 +387,7 @@ def least_squares(layers: Words, place: Place, size: float, first_y: int, first_
     return y_gap * y_gap, z_gap * z_gap
 
 
-@inner(forceinline=True)
+@always_inline
 def window(place: Place, size: float, first_y: int, first_z: int, best: float, but_y: float, but_z: float) -> np.uint64:
     """The bits of a word of blocks of a size that may be nearer than the square root of ``best``.
 
@@ -400,27 +400,27 @@ def window(place: Place, size: float, first_y: int, first_z: int, best: float, b
     return (column * COLUMN) & layer
 
 
-@inner(forceinline=True)
+@always_inline
 def near_parts(place: float, size: float, first: int, best: float, others: float) -> tuple[int, int]:
     """The first and the last of eight blocks along an axis that may be so near; none is lost by rounding."""
     reach, at = math.sqrt(max(best * (1.0 + ROUNDING) - others, 0.0)) / size + ROUNDING, place / size - first
     return int(min(max(at - reach, 0.0), SIZE - 1.0)), int(min(max(at + reach, 0.0), SIZE - 1.0))
 
 
-@inner(forceinline=True)
+@always_inline
 def gap(place: float, number: int, size: float) -> float:
     """Distance along an axis from a place to a block, or a cell, of a size, by its number."""
     return max(0.0, number * size - place, place - (number + 1) * size)
 
 
-@inner(forceinline=True)
+@always_inline
 def around(place: float, size: float, first: int, stop: int) -> tuple[int, int]:
     """The blocks below and above a place, of those from ``first`` on and before ``stop``."""
     above = int(min(max(place / size, float(first)), stop - 1.0))
     return above - 1, above
 
 
-@inner(forceinline=True)
+@always_inline
 def nearer(place: float, size: float, first: int, stop: int, below: int, above: int) -> tuple[int, float, int, int]:
     """The nearer one of the next blocks below and above, its distance, and the next ones after it."""
     low = gap(place, below, size) if below >= first else math.inf
@@ -430,7 +430,7 @@ def nearer(place: float, size: float, first: int, stop: int, below: int, above: 
     return above, high, below, above + 1
 
 
-@inner(forceinline=True)
+@always_inline
 def nearest_part(word: np.uint64, wide: np.uint64, place: float, size: float, first: int) -> tuple[int, float]:
     """The nearest of eight blocks along an axis, from ``first`` on, that a word marks, and its distance.
 
@@ -445,10 +445,10 @@ def nearest_part(word: np.uint64, wide: np.uint64, place: float, size: float, fi
     return (below, low) if low < high else (above, high)
 
 
-@reader
+@kernel
 def clearances(map_: Map, marks: Marks, points: Floats, out: Floats) -> int:
     """Clearances of configurations, shape (n, dof), in metres; the index of the first one that is not usable, or -1."""
-    last, dim = map_.lower + map_.rotations.origin(), len(map_.lower)
+    last, dim = map_.lower + map_.rotations.zeros(), len(map_.lower)
     known = math.inf
     for n in range(points.shape[0]):
         q = configuration(map_, points, n)
@@ -466,7 +466,7 @@ def clearances(map_: Map, marks: Marks, points: Floats, out: Floats) -> int:
     return -1
 
 
-@part
+@compilable
 class Clearance(NamedTuple):
     """The clearance of a configuration, in metres."""
 

@@ -12,7 +12,7 @@ import scipy  # its parts are read when they are first used
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Ints, Words
-from cspace.compiling import inner, reader
+from cspace.compiling import always_inline, kernel
 from cspace.map.storage import Cells, Stack, bits_from, cells_of, expect, ones_in, read_only, row_in, state_in
 from cspace.raster.components import unite
 from cspace.threads import cores, in_threads
@@ -174,7 +174,7 @@ class Joined(NamedTuple):
 # ---- compiled passes -------------------------------------------------------------------------------------------------
 
 
-@inner
+@kernel
 def pack(blocks: Blocks, segment: int, words: Words) -> None:
     """Pack the cells of blocks that follow each other along the last axis, a word for each row.
 
@@ -202,14 +202,14 @@ def pack(blocks: Blocks, segment: int, words: Words) -> None:
             words[n * height + row] = ~(blocked if blocks.mixed else taken) | (rim & bits_from(inside))
 
 
-@inner(forceinline=True)
+@always_inline
 def runs_in(word: np.uint64) -> int:
     """Number of runs of a word."""
     number: int = ones_in(word & ~(word << _ONE))
     return number
 
 
-@inner(forceinline=True)
+@always_inline
 def number_at(labels: Labels, row: int, bit: np.uint64) -> int:
     """The component of a cell of a row, given as its bit."""
     run = runs_in(labels.words[row] & (bit | (bit - _ONE))) - 1
@@ -217,7 +217,7 @@ def number_at(labels: Labels, row: int, bit: np.uint64) -> int:
     return number
 
 
-@inner(forceinline=True)
+@always_inline
 def runs_apart(word: np.uint64, other: np.uint64) -> np.uint64:
     """The last cells of those runs of a word that have no cell in another one."""
     # A carry from the first cell of each run ends where the other has a cell, or behind the run, or leaves the word.
@@ -226,7 +226,7 @@ def runs_apart(word: np.uint64, other: np.uint64) -> np.uint64:
     return ((carried & ~word) >> _ONE) | (np.uint64(carried < apart) << _LAST)
 
 
-@inner
+@kernel
 def continue_row(labels: Labels, at: int, before: tuple[int, int], parent: Nodes, components: int) -> int:
     """Number the runs of a row by those of two rows before it that they touch; the number of components.
 
@@ -257,7 +257,7 @@ def continue_row(labels: Labels, at: int, before: tuple[int, int], parent: Nodes
     return components
 
 
-@reader
+@kernel
 def label_blocks(blocks: Blocks, segments: Ints, starts: Ints, labels: Labels, parent: Nodes) -> None:
     """Label the cells of blocks, given by their numbers; ``parent``, shape (MOST,), is room for their components.
 
@@ -316,7 +316,7 @@ class Faces(NamedTuple):
     pairs: Nodes
 
 
-@reader
+@kernel
 def meet_blocks(
     labels: Labels, shifts: tuple[int, int, int], beside: Ints, parent: Nodes, faces: Faces
 ) -> tuple[int, int]:
@@ -367,7 +367,7 @@ def meet_blocks(
     return n_faces, n_pairs
 
 
-@reader
+@kernel
 def drop_struck(faces: Faces) -> tuple[int, int]:
     """Move the faces that were not struck out to the front; how many rows and pairs there are of them."""
     rows, pairs = faces
@@ -385,7 +385,7 @@ def drop_struck(faces: Faces) -> tuple[int, int]:
     return n_faces, n_pairs
 
 
-@reader
+@kernel
 def join_nodes(roots: Nodes, base: Nodes, faces: Faces, fresh: int, changed: Bools, starts: Ints, bounds: Ints) -> int:
     """Join the nodes of components that meet: each becomes the lowest one of those that it is joined to.
 
@@ -418,7 +418,7 @@ def join_nodes(roots: Nodes, base: Nodes, faces: Faces, fresh: int, changed: Boo
     return struck
 
 
-@reader
+@kernel
 def look_up(blocks: Blocks, joined: Joined, cells: Ints, components: Ints) -> int:
     """Components of cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``, by their states; how many are left.
 
@@ -454,7 +454,7 @@ def look_up(blocks: Blocks, joined: Joined, cells: Ints, components: Ints) -> in
     return asked
 
 
-@reader
+@kernel
 def look_into(joined: Joined, cells: Ints, places: Nodes, labels: Labels, components: Ints) -> None:
     """Components of the cells that :func:`look_up` left, in blocks that have labels.
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from cspace.arrays import Bools, Floats, Words
-from cspace.compiling import inner, reader
+from cspace.compiling import always_inline, kernel
 from cspace.grid import SLACK
 from cspace.map.mip import ONE, SHIFT, SIDE
 from cspace.map.points import (
@@ -39,7 +39,7 @@ UPRIGHT = 2.0**-500
 """Cells between two places that count as one: what is divided by less would overflow."""
 
 
-@reader
+@kernel
 def edges_are_free(map_: Map, blocks: Words | None, first: Floats, second: Floats, out: Bools) -> int:
     """``edge_is_free`` of edges, shapes (n, dof); the index of the first edge that is not usable, or -1."""
     for k in range(first.shape[0]):
@@ -50,7 +50,7 @@ def edges_are_free(map_: Map, blocks: Words | None, first: Floats, second: Float
     return -1
 
 
-@inner(forceinline=True)
+@always_inline
 def edge_is_free(map_: Map, blocks: Words | None, q0: Numbers, q1: Numbers) -> bool:
     """Whether every closed cell within SLACK of an edge is FREE.
 
@@ -70,7 +70,7 @@ def edge_is_free(map_: Map, blocks: Words | None, q0: Numbers, q1: Numbers) -> b
             return False
 
 
-@inner
+@kernel
 def along(map_: Map, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
     """The configuration at t in [0, 1] along one of the shortest arcs, see ``arc_count``."""
     q = map_.rotations.turned(q0, q1, arc, t)
@@ -79,7 +79,7 @@ def along(map_: Map, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
     return q
 
 
-@inner(forceinline=True)
+@always_inline
 def between(first: float, second: float, t: float) -> float:
     """The number at t in [0, 1] on the way from one to another, never outside."""
     if t == 0.0:
@@ -90,7 +90,7 @@ def between(first: float, second: float, t: float) -> float:
     return min(max(value, min(first, second)), max(first, second))
 
 
-@inner(forceinline=True)
+@always_inline
 def segment_is_free(map_: Map, blocks: Words | None, number: int, first: Numbers, last: Numbers) -> bool:
     """The same of a segment in one slice, by the positions of its endpoints."""
     inside: bool = np.bool_(True)  # type: ignore[assignment]  # of one type for the compiler from the start
@@ -120,7 +120,7 @@ def segment_is_free(map_: Map, blocks: Words | None, number: int, first: Numbers
     return slabs_are_free(part, p, q, low, high)
 
 
-@inner
+@kernel
 def probes_are_free(part: Slice, p: Numbers, q: Numbers) -> bool:
     """Whether some points of a segment in the grid lie in FREE cells: its end, its middle, its quarters, ...
 
@@ -143,7 +143,7 @@ def probes_are_free(part: Slice, p: Numbers, q: Numbers) -> bool:
     return True
 
 
-@inner(forceinline=True)
+@always_inline
 def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]:
     """The first and last t in [0, 1] at which ``p + t (q - p)`` lies in some cells of a line, widened by SLACK.
 
@@ -157,14 +157,14 @@ def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]
     return max(min(a, b), 0.0), min(max(a, b), 1.0)
 
 
-@inner(forceinline=True)
+@always_inline
 def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, int]:
     """First and last cell that ``p + t (q - p)`` is in for t in [start, stop], with SLACK."""
     a, b = p + start * (q - p), p + stop * (q - p)
     return math.ceil(min(a, b) - SLACK) - 1, math.floor(max(a, b) + SLACK)
 
 
-@inner
+@kernel
 def slabs_are_free(part: Slice, p: Numbers, q: Numbers, low: Cell, high: Cell) -> bool:
     """Whether the cells of a segment from ``low`` to ``high`` are FREE.
 
@@ -188,7 +188,7 @@ def slabs_are_free(part: Slice, p: Numbers, q: Numbers, low: Cell, high: Cell) -
     return True
 
 
-@inner
+@kernel
 def blocks_are_free(part: Slice, blocks: Words, number: int, p: Numbers, q: Numbers) -> bool:
     """The same of a segment in the grid: it is cut into slabs of blocks, and walked only in those that are not FREE."""
     ground: int = np.int64(0)  # type: ignore[assignment]  # the compiler gets one type for all three

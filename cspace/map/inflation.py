@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Floats, Ints, States
-from cspace.compiling import inner, reader
+from cspace.compiling import kernel
 from cspace.errors import InputError
 from cspace.grid import SLACK
 from cspace.map.derived import Lock
@@ -141,7 +141,7 @@ def _around(windows: list[Ints]) -> Ints:
     return np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
 
 
-@reader
+@kernel
 def raise_squares(
     states: States,
     exterior: Ints,
@@ -190,7 +190,7 @@ def raise_squares(
                 result[k] = max(result[k], min(best[k], top))
 
 
-@inner
+@kernel
 def read_row(states: States, table: Ints, x: int, y: int, mask: States) -> None:
     """Write the states of a row of cells from ``(x, y)`` on; all that is not FREE outside the grid counts as taken."""
     nx, ny = states.shape

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Ints, States, Words
-from cspace.compiling import by_kind, inner, reader
+from cspace.compiling import always_inline, dispatch_on_type, kernel
 from cspace.map.derived import Lock
 from cspace.map.storage import Stack, read_only
 from cspace.states import FREE
@@ -171,7 +171,7 @@ class Mip:
         self._nodes[part][every] = marks.blocks[every].any(axis=-1)
 
 
-@inner(forceinline=True)
+@always_inline
 def flipped(word: np.uint64) -> np.uint64:
     """The bits of eight bytes, bit i of byte k as bit k of byte i (Warren, Hacker's Delight, 2012)."""
     for shift, mask in ((7, 0x00AA00AA00AA00AA), (14, 0x0000CCCC0000CCCC), (28, 0x00000000F0F0F0F0)):
@@ -199,10 +199,10 @@ def _mark_layer_in_plane(marks: PlaneMarks, s: int, i: int, b: int, first: int, 
             eight >>= np.uint64(SIDE)
 
 
-by_kind(mark_layer, {SpaceMarks: _mark_layer_in_space, PlaneMarks: _mark_layer_in_plane})
+dispatch_on_type(mark_layer, {SpaceMarks: _mark_layer_in_space, PlaneMarks: _mark_layer_in_plane})
 
 
-@reader
+@kernel
 def mark(states: States, marks: Marks, room: tuple[States, Words, Words], boxes: Ints) -> None:
     """Mark what boxes of cells touch; see :class:`SpaceMarks`.
 
@@ -236,14 +236,14 @@ def mark(states: States, marks: Marks, room: tuple[States, Words, Words], boxes:
                     layer[z >> SHIFT] = word | bit if met[c] != 0 else word & ~bit
 
 
-@inner
+@kernel
 def put(row: Words, number: int, mask: np.uint64, bits: np.uint64) -> None:
     """Replace bits of a row, from the one of a number on; they lie in one word."""
     shift = np.uint64(number & 63)
     row[(number >> 6) + 1] = (row[(number >> 6) + 1] & ~(mask << shift)) | bits << shift
 
 
-@inner
+@kernel
 def add_bit(into: States, cells: States, bit: np.uint8) -> None:
     """Set a bit of the bytes whose cells are not FREE."""
     for k in range(cells.shape[0]):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Floats, Ints
-from cspace.compiling import inner, reader
+from cspace.compiling import kernel
 from cspace.map.points import Numbers, cell_of, configuration, is_usable, layered
 from cspace.map.record import Map
 from cspace.raster import Raster, runs_of
@@ -65,7 +65,7 @@ class Runs(NamedTuple):
         return cls(rows, np.searchsorted(owner, np.arange(len(rasters)), side="right"))
 
 
-@reader
+@kernel
 def overlaps(map_: Map, counts: Counts, runs: Runs, outside: int, points: Floats, out: Ints) -> int:
     """Overlaps of the robot with obstacle cells at configurations; the first one that is not usable, or -1.
 
@@ -79,7 +79,7 @@ def overlaps(map_: Map, counts: Counts, runs: Runs, outside: int, points: Floats
     return -1
 
 
-@inner
+@kernel
 def overlap_at(map_: Map, counts: Counts, runs: Runs, outside: int, q: Numbers) -> int:
     """The same at one configuration, summed run by run."""
     nx, ny, nz = counts.shape[0], counts.shape[1], counts.shape[2] - 1
@@ -99,7 +99,7 @@ def overlap_at(map_: Map, counts: Counts, runs: Runs, outside: int, q: Numbers) 
     return total
 
 
-@reader
+@kernel
 def renew_counts(counts: Counts, cells: Bools, box: Ints) -> None:
     """Running counts of columns through a box whose cells have changed, given by its first cell and its last one."""
     for x in range(box[0], box[3] + 1):

@@ -13,7 +13,7 @@ import numpy as np
 from numba.cpython.unsafe.tuple import tuple_setitem
 
 from cspace.arrays import Bools, Floats, Ints, States
-from cspace.compiling import inner, jit, reader
+from cspace.compiling import always_inline, jit, kernel
 from cspace.grid import MAX_COORDINATE, SLACK
 from cspace.map.record import Map
 from cspace.map.storage import Cells, state_in
@@ -50,26 +50,26 @@ INSIDE, UNSURE = 255, 254
 # ---- one configuration -----------------------------------------------------------------------------------------------
 
 
-@inner(forceinline=True)
+@always_inline
 def configuration(map_: Map, points: Floats, k: int) -> Numbers:
     """Row k of an array of configurations as a tuple."""
-    q = map_.lower + map_.rotations.origin()
+    q = map_.lower + map_.rotations.zeros()
     for axis in range(len(q)):
         q = replaced(q, axis, points[k, axis])
     return q
 
 
-@inner(forceinline=True)
+@always_inline
 def halves(map_: Map, both: Numbers) -> tuple[Numbers, Numbers]:
     """Two configurations that are given in a row."""
-    q0 = map_.lower + map_.rotations.origin()
+    q0 = map_.lower + map_.rotations.zeros()
     q1, dof = q0, len(q0)
     for axis in range(dof):
         q0, q1 = replaced(q0, axis, both[axis]), replaced(q1, axis, both[dof + axis])
     return q0, q1
 
 
-@inner(forceinline=True)
+@always_inline
 def is_usable(map_: Map, q: Numbers) -> bool:
     """Whether all is finite, and the rotation exact enough."""
     usable = map_.rotations.is_usable(q)
@@ -78,7 +78,7 @@ def is_usable(map_: Map, q: Numbers) -> bool:
     return usable
 
 
-@inner
+@kernel
 def cell_of(map_: Map, q: Numbers) -> tuple[bool, int, Cell]:
     """Whether a configuration lies in the grid, its cell's number, all slices in a row, and the cell.
 
@@ -98,7 +98,7 @@ def cell_of(map_: Map, q: Numbers) -> tuple[bool, int, Cell]:
     return inside, number, cell
 
 
-@inner(forceinline=True)  # a call takes as long as what it does
+@always_inline  # a call takes as long as what it does
 def state_at(map_: Map, q: Numbers) -> int:
     """State of one configuration."""
     inside, number, cell = cell_of(map_, q)
@@ -115,7 +115,7 @@ def state_at(map_: Map, q: Numbers) -> int:
 # ---- batches ---------------------------------------------------------------------------------------------------------
 
 
-@inner
+@kernel
 def codes_of(map_: Map, numbers: Floats, slices: Ints, cells: Ints, codes: States) -> int:
     """Cells of configurations, whose numbers are in a row, and a code for each; how many are UNSURE.
 
@@ -125,7 +125,7 @@ def codes_of(map_: Map, numbers: Floats, slices: Ints, cells: Ints, codes: State
     instructions.
     """
     dim, shape = len(map_.lower), map_.states.shape
-    dof = dim + len(map_.rotations.origin())
+    dof = dim + len(map_.rotations.zeros())
     # As tuples: what lies in arrays would be read again after every write.
     sizes, first, last = map_.lower, map_.lower, map_.lower
     for axis in range(dim):
@@ -135,7 +135,7 @@ def codes_of(map_: Map, numbers: Floats, slices: Ints, cells: Ints, codes: State
     # Which is known to the compiler: it leaves out the rest.
     exterior, several = np.uint8(map_.exterior[0, 2 * dim]), dof > dim
     left = 0
-    q = map_.lower + map_.rotations.origin()
+    q = map_.lower + map_.rotations.zeros()
     for k in range(cells.shape[0]):
         for axis in range(dof):
             q = replaced(q, axis, numbers[np.uint64(dof * k + axis)])  # unsigned: no index is counted from the end
@@ -156,7 +156,7 @@ def codes_of(map_: Map, numbers: Floats, slices: Ints, cells: Ints, codes: State
     return left
 
 
-@inner
+@kernel
 def read_states(flat: Cells, cells: Ints, codes: States, out: States) -> None:
     """States of points with given cells and codes.
 
@@ -175,7 +175,7 @@ def classify(map_: Map, points: Floats, out: States) -> int:
     return kernel(map_, points, out)
 
 
-@reader
+@kernel
 def classify_few(map_: Map, points: Floats, out: States) -> int:
     """The same, one by one."""
     for k in range(points.shape[0]):
@@ -190,7 +190,7 @@ def classify_few(map_: Map, points: Floats, out: States) -> int:
 def classify_many(map_: Map, points: Floats, out: States) -> int:
     """The same, step by step for all of a block."""
     # As the length of a tuple, which the compiler knows: it takes numbers of several points at once.
-    dof, numbers, size = len(map_.lower + map_.rotations.origin()), points.reshape(-1), min(BLOCK, len(points))
+    dof, numbers, size = len(map_.lower + map_.rotations.zeros()), points.reshape(-1), min(BLOCK, len(points))
     cells, codes, slices = np.empty(size, np.int64), np.empty(size, np.uint8), np.empty(size, np.int64)
     for first in range(0, points.shape[0], BLOCK):
         last = min(first + BLOCK, points.shape[0])
@@ -214,7 +214,7 @@ def classify_many(map_: Map, points: Floats, out: States) -> int:
 # What walks over cells is written for three axes; the plane is space with one layer of cells along the first.
 
 
-@inner
+@kernel
 def layered(cell: Cell, layer: int) -> Cell:
     """A cell ``(slice, x, y)`` or ``(slice, x, y, z)`` along three axes, without the slice."""
     three = (layer, layer, layer)
@@ -244,7 +244,7 @@ class Slice(NamedTuple):
     high: Cell
 
 
-@inner(forceinline=True)
+@always_inline
 def slice_of(map_: Map, number: int, inside: bool) -> Slice:
     """A slice by its number, as if all were FREE outside the grid, or with the box of cells there that are MIXED.
 
@@ -262,7 +262,7 @@ def slice_of(map_: Map, number: int, inside: bool) -> Slice:
     return Slice(map_.cells, number * size, shape, low, high)
 
 
-@inner(forceinline=True)
+@always_inline
 def run_is_free(part: Slice, i: int, j: int, first: int, last: int) -> bool:
     """Whether the cells ``first <= k <= last`` of the column (i, j) are FREE, if all outside grid and box is."""
     nx, ny, nz = part.shape
@@ -279,7 +279,7 @@ def run_is_free(part: Slice, i: int, j: int, first: int, last: int) -> bool:
     return (not in_box) | (in_grid & (low >= 0) & (high < nz))
 
 
-@inner
+@kernel
 def box_is_free(map_: Map, number: int, q: Numbers, distance: float) -> bool:
     """Whether every closed cell within SLACK of all positions within ``distance`` along each axis is FREE."""
     dim, reach, total, inside = len(map_.lower), distance / map_.spacing + SLACK, 0.0, True
@@ -307,7 +307,7 @@ def box_is_free(map_: Map, number: int, q: Numbers, distance: float) -> bool:
     return True
 
 
-@reader
+@kernel
 def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out: Bools) -> int:
     """Whether all is FREE within a distance along each axis and within an angle of configurations.
 
@@ -321,7 +321,7 @@ def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out
     return -1
 
 
-@inner
+@kernel
 def around_is_free(map_: Map, q: Numbers, distance: float, angle: float) -> bool:
     """The same of one configuration that is usable."""
     cursor = map_.rotations.first_around(q, angle)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Bytes, Floats, Ints
-from cspace.compiling import inner, jit, reader
+from cspace.compiling import jit, kernel
 from cspace.grid import Grid
 from cspace.map.storage import Cells, PackedStates, Stack, row_in
 from cspace.rotations import Rotations
@@ -36,7 +36,7 @@ _PAIRS = np.uint64(0x3333333333333333)
 # ---- drawing ---------------------------------------------------------------------------------------------------------
 
 
-@reader
+@kernel
 def find_chunks(states: Bytes, each: bool, chunks: Chunks, stops: Ints) -> None:
     """Numbers of the chunks of slices, shape (slices, cells), that have a FREE cell; with ``each``, of the FREE cells.
 
@@ -60,7 +60,7 @@ def find_chunks(states: Bytes, each: bool, chunks: Chunks, stops: Ints) -> None:
         stops[s] = count
 
 
-@reader
+@kernel
 def pick(states: Bytes, each: bool, chunks: Chunks, stops: Ints, slices: Ints, draws: Floats, drawn: Ints) -> int:
     """Go on with drawing FREE cells, ``drawn[0]`` of which are there, by numbers from 0 to 1; how many there are now.
 
@@ -84,7 +84,7 @@ def pick(states: Bytes, each: bool, chunks: Chunks, stops: Ints, slices: Ints, d
     return int(done)
 
 
-@reader
+@kernel
 def find_ranks(cells: Cells, size: int, slices: Ints, ranks: Ints, drawn: Ints) -> None:
     """The FREE cells of slices of a size that have so many FREE ones before them; 0 where there is none left."""
     for n in range(len(slices)):
@@ -100,7 +100,7 @@ def find_ranks(cells: Cells, size: int, slices: Ints, ranks: Ints, drawn: Ints) 
             left -= count
 
 
-@inner
+@kernel
 def ones_in(word: np.uint64) -> int:
     """How many bits of a word are set."""
     word -= (word >> _ONE) & np.uint64(0x5555555555555555)
@@ -214,13 +214,13 @@ def nearest_cell(cells: Bytes, place: Floats, low: Ints, high: Ints) -> Ints:
                     z += 1 if side == 0 else -1
 
 
-@reader
+@kernel
 def middle_of(value: float, count: int) -> int:
     """The cell along an axis whose middle is nearest to a value."""
     return int(min(max(math.floor(min(max(value, 0.0), float(count))), 0), count - 1))
 
 
-@reader
+@kernel
 def cost(cell: int, value: float, count: int, scale: float) -> float:
     """What a cell along an axis adds to the squared distance, but for what all cells share; over a scale."""
     middle = count / 2.0
@@ -228,7 +228,7 @@ def cost(cell: int, value: float, count: int, scale: float) -> float:
     return offset * offset / scale - 2.0 * offset * ((value - middle) / scale)
 
 
-@reader
+@kernel
 def next_layer(low: Ints, high: Ints, axis: int, value: float, count: int, scale: float) -> tuple[int, float]:
     """The next cell along an axis by its cost, and the cost; -1 after the last.
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Bytes, Floats, Ints
-from cspace.compiling import clock, inner, reader
+from cspace.compiling import clock, kernel
 from cspace.map.storage import Cells, Stack, cells_of, state_in
 from cspace.states import FREE
 
@@ -217,7 +217,7 @@ def keep_on(until: float) -> None:
         raise TimeoutError
 
 
-@inner
+@kernel
 def _spot(graph: Graph, cell: int) -> Spot:
     nx, ny, nz = graph.shape
     # A division takes as long as all else; in the plane, and of one rotation, one is enough.
@@ -228,7 +228,7 @@ def _spot(graph: Graph, cell: int) -> Spot:
     return rotation, i, cell // nz, cell % nz
 
 
-@inner
+@kernel
 def _moved(graph: Graph, at: Spot, move: int, sign: int) -> Place:
     """Where a move leads, or leads from: in again along axes that close; -1 along others where there is no cell."""
     (nx, ny, nz), moves = graph.shape, graph.moves
@@ -238,12 +238,12 @@ def _moved(graph: Graph, at: Spot, move: int, sign: int) -> Place:
     return _around(i, nx, graph.rings[0]), _around(j, ny, graph.rings[1]), _around(k, nz, graph.rings[2])
 
 
-@inner
+@kernel
 def _around(i: int, count: int, ring: int) -> int:
     return i % count if ring == count else i if i < count else -1
 
 
-@inner
+@kernel
 def _open(graph: Graph, first: int, at: Spot) -> int:
     """The moves from a place of a slice, which begins with a cell, that touch FREE cells alone, by bits."""
     (nx, ny, nz), (_, i, j, k), place = graph.shape, at, (at[1] * graph.shape[1] + at[2]) * graph.shape[2] + at[3]
@@ -263,7 +263,7 @@ def _open(graph: Graph, first: int, at: Spot) -> int:
     return allowed
 
 
-@inner
+@kernel
 def _on_empty_grid(graph: Graph, one: Place, other: Place) -> float:
     """Length of the shortest chain of moves with nothing between."""
     i, j, k = abs(one[0] - other[0]), abs(one[1] - other[1]), abs(one[2] - other[2])
@@ -273,7 +273,7 @@ def _on_empty_grid(graph: Graph, one: Place, other: Place) -> float:
     return most + (math.sqrt(2.0) - 1.0) * middle + (math.sqrt(3.0) - math.sqrt(2.0)) * least
 
 
-@inner
+@kernel
 def _to_come(graph: Graph, task: Task, start: Place, goal: Place, rotation: int, at: Place) -> float:
     """The least that the way from a cell to the goal can cost."""
     ahead = _on_empty_grid(graph, at, goal)
@@ -284,7 +284,7 @@ def _to_come(graph: Graph, task: Task, start: Place, goal: Place, rotation: int,
     return ahead + float(task.ahead[rotation])
 
 
-@reader
+@kernel
 def best_first(graph: Graph, task: Task, trace: Trace) -> bool:
     """Whether a search is through; else it goes on from there: it also ends where there is no room, and now and then.
 
@@ -361,7 +361,7 @@ def best_first(graph: Graph, task: Task, trace: Trace) -> bool:
     return False
 
 
-@reader
+@kernel
 def back(graph: Graph, came: Bytes, start: int, goal: int, cells: Ints) -> int:
     """How many cells lead from one to another, by the moves that each was reached by; written where there is room."""
     cell, count, straight = goal, 0, len(graph.moves)

@@ -18,7 +18,7 @@ from numba.extending import intrinsic
 from numpy.typing import DTypeLike, NDArray
 
 from cspace.arrays import Bytes, Ints, frozen
-from cspace.compiling import by_kind, inner, reader
+from cspace.compiling import always_inline, dispatch_on_type, kernel
 from cspace.errors import InputError
 from cspace.memory import KEEP, bytes_text, free_bytes
 from cspace.states import FREE
@@ -134,7 +134,7 @@ compared: Any = intrinsic(_compare)
 ones_in: Any = intrinsic(_count)
 
 
-@inner(forceinline=True)
+@always_inline
 def word_at(packed: Bytes, number: int) -> np.uint64:
     """The word that begins with a cell."""
     shift = np.uint64(2 * (number & 3))
@@ -142,7 +142,7 @@ def word_at(packed: Bytes, number: int) -> np.uint64:
     return word | np.uint64(packed[(number >> 2) + 8]) << _ONE << (np.uint64(63) - shift)
 
 
-@inner(forceinline=True)
+@always_inline
 def spread(word: np.uint64) -> np.uint64:
     """The eight pairs of bits that a word begins with, each in a byte of its own."""
     word = (word & np.uint64(0xFF)) | ((word & np.uint64(0xFF00)) << np.uint64(24))
@@ -150,7 +150,7 @@ def spread(word: np.uint64) -> np.uint64:
     return (word & np.uint64(0x3000300030003)) | ((word & np.uint64(0xC000C000C000C)) << np.uint64(6))
 
 
-@inner(forceinline=True)
+@always_inline
 def parted(word: np.uint64) -> np.uint64:
     """The even bits of a word, side by side, and then the odd ones (Warren, Hacker's Delight, 2012)."""
     for k in range(5):
@@ -222,7 +222,7 @@ def _tiled_in(cells: TileCells, number: int) -> int:
     return int((np.uint64(cells.packed[place >> _TWO]) >> (_TWO * (place & _THREE))) & _THREE)
 
 
-@inner(forceinline=True)
+@always_inline
 def bits_from(number: int) -> np.uint64:
     """The bits of a word from a number on, which may be 64."""
     return ~np.uint64(0) << np.uint64(number) if number < 64 else np.uint64(0)
@@ -249,15 +249,15 @@ def _row_of_bits(cells: TwoBits, number: int, count: int) -> Halves:
     return taken | bits_from(count), blocked | bits_from(count)
 
 
-by_kind(state_in, {np.ndarray: _byte_in, TwoBits: _bits_in, TileCells: _tiled_in})
-by_kind(row_in, {np.ndarray: _row_of_bytes, TwoBits: _row_of_bits})
-by_kind(expect, {np.ndarray: _byte_soon, TwoBits: _bits_soon})
+dispatch_on_type(state_in, {np.ndarray: _byte_in, TwoBits: _bits_in, TileCells: _tiled_in})
+dispatch_on_type(row_in, {np.ndarray: _row_of_bytes, TwoBits: _row_of_bits})
+dispatch_on_type(expect, {np.ndarray: _byte_soon, TwoBits: _bits_soon})
 
 
 # ---- packing ---------------------------------------------------------------------------------------------------------
 
 
-@reader
+@kernel
 def pack(states: Bytes, packed: Bytes) -> None:
     """Pack states into bytes, four into each; what is left of the last one is 0."""
     eights, pairs = states[: len(states) // 8 * 8].view(np.uint64), packed[: len(states) // 8 * 2].view(np.uint16)
@@ -272,7 +272,7 @@ def pack(states: Bytes, packed: Bytes) -> None:
         packed[k >> 2] |= states[k] << np.uint8(2 * (k & 3))
 
 
-@reader
+@kernel
 def unpack(packed: Bytes, states: Bytes) -> None:
     """Write the states that bytes hold, four each."""
     pairs, eights = packed[: len(packed) // 2 * 2].view(np.uint16), states[: len(packed) // 2 * 8].view(np.uint64)

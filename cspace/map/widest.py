@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Bytes, Floats, Ints
-from cspace.compiling import jit, reader
+from cspace.compiling import jit, kernel
 from cspace.grid import Grid
 from cspace.map.callbacks import below_half_a_turn, edge_checker
 from cspace.map.components import Components
@@ -270,7 +270,7 @@ def renew_levels(levels: Levels, state: Bytes, box: Ints, walls: Bools) -> None:
 # and W. Hesselink, "A general algorithm for computing distance transforms in linear time", 2000.
 
 
-@reader
+@kernel
 def begin(states: Bytes, squares: Squares, walled: bool, start: int, stop: int) -> int:
     """Write squares of the distances within each row from ``start`` on and before ``stop``."""
     n = states.shape[1]

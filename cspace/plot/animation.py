@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Floats
 from cspace.errors import InputError
+from cspace.files.access import replacing
 from cspace.grid import positive
-from cspace.io.files import replacing
 from cspace.plot import artists
 from cspace.plot.arms import MovingArm, along_joints
 from cspace.plot.route import HasAxes, HasPath, Look, MapLike, Route, polyline

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict
 import numpy as np
 
 from cspace.arrays import Bools, Floats, Surface
-from cspace.io.polygons import joined, placed
+from cspace.files.polygons import joined, placed
 from cspace.plot import artists
 from cspace.plot.route import Look, lost_steps, marked, polyline, simplified, with_gaps
 from cspace.plot.surface import (

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Floats
 from cspace.errors import InputError
+from cspace.files.access import replacing
 from cspace.grid import Grid, positive
-from cspace.io.files import replacing
 from cspace.plot import artists
 from cspace.plot.dials import draw_dials
 from cspace.plot.route import (

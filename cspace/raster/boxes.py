@@ -38,7 +38,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cspace.arrays import Bools, Floats
-from cspace.compiling import reader
+from cspace.compiling import kernel
 from cspace.grid import SLACK, Grid, check_reach
 from cspace.raster import Raster, blank
 from cspace.raster.segments import OBSTACLE
@@ -143,7 +143,7 @@ def _in_slabs(out: Bools, boxes: Rounded, b0: float, b1: float) -> None:
     in_chunks(work, out.shape[0], 1 if columns > _COLUMNS_A_THREAD else out.shape[0])
 
 
-@reader
+@kernel
 def _mark(out: Bools, boxes: Rounded, b0: float, b1: float, start: int, stop: int) -> None:
     """Set ``out[i]``, for first indices in ``[start, stop)``, where the gaps to a box are no longer than its radius.
 

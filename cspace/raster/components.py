@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Ints
-from cspace.compiling import inner, reader
+from cspace.compiling import kernel
 from cspace.threads import in_chunks
 
 Labels = NDArray[np.int32]
@@ -103,7 +103,7 @@ class Components(NamedTuple):
             in_chunks(work, self.shape[0], _SLABS_A_THREAD)
 
 
-@reader
+@kernel
 def _count_runs(blocked: Bools, counts: Ints, start: int, stop: int) -> None:
     """Set ``counts[i * ny + j]``, for first indices in ``[start, stop)``, to the number of runs in that column."""
     _, ny, nz = blocked.shape
@@ -117,7 +117,7 @@ def _count_runs(blocked: Bools, counts: Ints, start: int, stop: int) -> None:
             counts[i * ny + j] = number
 
 
-@reader
+@kernel
 def _list_runs(blocked: Bools, offsets: Ints, lows: Labels, highs: Labels, start: int, stop: int) -> None:
     """Write first and last index of each run, for first indices in ``[start, stop)``, from the column's offset on."""
     _, ny, nz = blocked.shape
@@ -136,7 +136,7 @@ def _list_runs(blocked: Bools, offsets: Ints, lows: Labels, highs: Labels, start
                 highs[run] = nz - 1
 
 
-@inner
+@kernel
 def find(parents: Labels, node: int) -> int:
     """The root of a node; the way there is halved (Tarjan, 1975)."""
     while parents[node] != node:
@@ -145,7 +145,7 @@ def find(parents: Labels, node: int) -> int:
     return node
 
 
-@inner
+@kernel
 def unite(parents: Labels, a: int, b: int) -> bool:
     """Join two nodes, the lower root on top; whether they were apart."""
     a, b = find(parents, a), find(parents, b)
@@ -155,7 +155,7 @@ def unite(parents: Labels, a: int, b: int) -> bool:
     return True
 
 
-@inner
+@kernel
 def _join_columns(offsets: Ints, lows: Labels, highs: Labels, parents: Labels, column: int, other: int) -> None:
     """Join the runs of two neighbouring columns that overlap."""
     a, b = offsets[column], offsets[other]
@@ -168,7 +168,7 @@ def _join_columns(offsets: Ints, lows: Labels, highs: Labels, parents: Labels, c
             b += 1
 
 
-@reader
+@kernel
 def _label_runs(ny: int, offsets: Ints, lows: Labels, highs: Labels, parents: Labels, labels: Labels) -> int:
     """Number the components of runs that share a side of a cell, by their first runs; how many there are.
 
@@ -192,7 +192,7 @@ def _label_runs(ny: int, offsets: Ints, lows: Labels, highs: Labels, parents: La
     return number
 
 
-@reader
+@kernel
 def _fill_runs(out: Bools, runs: Components, chosen: Bools, start: int, stop: int) -> None:
     """Set ``out`` on the runs of the chosen components, for first indices in ``[start, stop)``."""
     ny = out.shape[1]

@@ -39,7 +39,7 @@ from typing import Final
 import numpy as np
 
 from cspace.arrays import Bools, Floats
-from cspace.compiling import inner, reader
+from cspace.compiling import kernel
 from cspace.grid import SLACK, Grid, check_reach
 from cspace.raster import Raster, blank
 from cspace.rotations import STILL, Turn
@@ -140,7 +140,7 @@ def _cut(segments: Floats, turn: Turn) -> Floats:
     return np.hstack([first, last])
 
 
-@inner
+@kernel
 def _segment_over_slab(px: float, py: float, qx: float, qy: float, x0: float, x1: float) -> tuple[float, float]:
     """y-interval of a segment over the slab ``x0 <= x <= x1``; (inf, -inf) where they do not meet."""
     if max(px, qx) < x0 or min(px, qx) > x1:
@@ -154,7 +154,7 @@ def _segment_over_slab(px: float, py: float, qx: float, qy: float, x0: float, x1
     return min(y0, y1), max(y0, y1)
 
 
-@inner
+@kernel
 def _disc_over_slab(cx: float, cy: float, radius: float, x0: float, x1: float) -> tuple[float, float]:
     """y-interval of a disc over the slab ``x0 <= x <= x1``; (inf, -inf) where they do not meet."""
     dx = max(max(0.0, x0 - cx), cx - x1)
@@ -164,7 +164,7 @@ def _disc_over_slab(cx: float, cy: float, radius: float, x0: float, x1: float) -
     return cy - half, cy + half
 
 
-@reader
+@kernel
 def mark_touched(out: Bools, segments: Floats, radii: Floats, b0: float, b1: float, slack: float) -> None:
     """Set ``out[i]`` where box ``i`` comes within ``slack`` of a segment grown by its radius.
 
@@ -203,7 +203,7 @@ def mark_touched(out: Bools, segments: Floats, radii: Floats, b0: float, b1: flo
                 out[i, j] = True
 
 
-@reader
+@kernel
 def mark_inside(out: Bools, segments: Floats, c: float) -> None:
     """Set ``out[i, j]`` where the point ``(i + c, j + c)`` is inside closed curves, by even-odd parity.
 

@@ -46,7 +46,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Bools, Bytes, Floats
-from cspace.compiling import inner, jit
+from cspace.compiling import jit, kernel
 from cspace.grid import SLACK
 from cspace.threads import in_chunks
 from cspace.vectors import nearest_of_triangle
@@ -212,7 +212,7 @@ def cut_to(triangles: Floats, longest: float, part: float = 0.0, about_z: bool =
     return done[:number]
 
 
-@inner
+@kernel
 def _copy(triangle: Floats, to: Floats) -> None:
     """Number by number: what may not fit as a whole takes two seconds of compiling, for the words of its error."""
     for e in range(3):
@@ -220,7 +220,7 @@ def _copy(triangle: Floats, to: Floats) -> None:
             to[e, axis] = triangle[e, axis]
 
 
-@inner
+@kernel
 def _at(plane: float, pa: float, qa: float, pc: float, qc: float) -> float:
     """Coordinate c where a segment meets a plane of axis a, computed from the nearer end for the smaller rounding."""
     t = (plane - pa) / (qa - pa)
@@ -229,7 +229,7 @@ def _at(plane: float, pa: float, qa: float, pc: float, qc: float) -> float:
     return qc + (plane - qa) / (pa - qa) * (pc - qc)
 
 
-@inner
+@kernel
 def _clip_to_slab(triangle: Floats, x0: float, x1: float, polygon: Floats) -> int:
     """The (y, z) of the corners, in order, of the part of a triangle over ``x0 <= x <= x1``; their number."""
     n = 0
@@ -248,7 +248,7 @@ def _clip_to_slab(triangle: Floats, x0: float, x1: float, polygon: Floats) -> in
     return n
 
 
-@inner
+@kernel
 def _span_over_slab(polygon: Floats, n: int, y0: float, y1: float) -> tuple[float, float]:
     """z-interval of the part of a convex polygon (y, z) over ``y0 <= y <= y1``; (inf, -inf) where there is none."""
     low, high = math.inf, -math.inf
@@ -296,7 +296,7 @@ def _mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: fl
                     out[i, j, k] = True
 
 
-@inner
+@kernel
 def point_segment(x: float, y: float, z: float, p: Floats, q: Floats) -> float:
     """Squared distance between a point and a segment."""
     dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
@@ -310,7 +310,7 @@ def point_segment(x: float, y: float, z: float, p: Floats, q: Floats) -> float:
     return float(wx * wx + wy * wy + wz * wz)
 
 
-@inner
+@kernel
 def cross(a: Floats, b: Floats, c: Floats) -> tuple[float, float, float]:
     """``(b - a) x (c - a)``."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -318,7 +318,7 @@ def cross(a: Floats, b: Floats, c: Floats) -> tuple[float, float, float]:
     return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
 
 
-@inner
+@kernel
 def point_triangle(x: float, y: float, z: float, triangle: Floats) -> float:
     """Distance between a point and a triangle; up to ``THIN`` times its longest side less for a thin one."""
     square, longest = math.inf, 0.0
@@ -344,14 +344,14 @@ def point_triangle(x: float, y: float, z: float, triangle: Floats) -> float:
     return min(distance, float(abs(nx * (p[0] - x) + ny * (p[1] - y) + nz * (p[2] - z))))
 
 
-@inner
+@kernel
 def _box_point(dx: float, dy: float, dz: float, half: float) -> float:
     """Distance of a point from a cube about the origin."""
     dx, dy, dz = max(abs(dx) - half, 0.0), max(abs(dy) - half, 0.0), max(abs(dz) - half, 0.0)
     return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@inner
+@kernel
 def _box_edges(p: Floats, q: Floats, center: Floats, half: float) -> float:
     """Smallest distance of a segment from the edges of a cube, where both are met between their ends; else inf."""
     best = math.inf
@@ -370,7 +370,7 @@ def _box_edges(p: Floats, q: Floats, center: Floats, half: float) -> float:
     return best
 
 
-@inner
+@kernel
 def _box_triangle(triangle: Floats, center: Floats, half: float) -> float:
     """Distance of a triangle from a cube that it does not meet."""
     best = math.inf
@@ -386,7 +386,7 @@ def _box_triangle(triangle: Floats, center: Floats, half: float) -> float:
     return best
 
 
-@inner
+@kernel
 def _is_near(triangle: Floats, center: Floats, half: float, most: float, slack: float) -> bool:
     """Whether a triangle comes within a distance of a cube that it does not meet; or perhaps within ``slack`` more."""
     cx, cy, cz = center
@@ -498,7 +498,7 @@ def _mark_within(out: Bytes, parts: Swept, half: float, radius: float, slack: fl
                 row[k] = row[k] > 0
 
 
-@inner
+@kernel
 def _slope(triangle: Floats, near: float, half: float) -> tuple[float, float, float, float]:
     """The plane of a triangle as heights: how they grow with x and y, the one at its middle, how far from it to look.
 

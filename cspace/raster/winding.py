@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Bools, Floats, Ints
-from cspace.compiling import inner, jit, reader
+from cspace.compiling import jit, kernel
 from cspace.threads import in_chunks
 
 _MOST_BUCKETS: Final = 1024
@@ -78,7 +78,7 @@ class Buckets(NamedTuple):
         return np.flatnonzero(chosen)
 
 
-@reader
+@kernel
 def _fill(first: Ints, last: Ints, count: int, starts: Ints, entries: Ints) -> None:
     """Sort triangles into buckets, by the first and the last row and column of each, shape (n, 2)."""
     for t in range(len(first)):
@@ -138,13 +138,13 @@ def mark_enclosed(out: Bools, triangles: Floats, turns: Ints) -> None:
     in_chunks(work, len(out), _SLABS_A_THREAD)
 
 
-@inner
+@kernel
 def _bucket_of(value: float, low: float, scale: float, count: int) -> int:
     """Bucket of a coordinate."""
     return int(min(max(math.floor((value - low) * scale), 0), count - 1))
 
 
-@inner
+@kernel
 def _chord(triangle: Floats, x: float) -> tuple[int, float, float, float, float]:
     """The part of a triangle that a plane across x cuts: which way it faces, and (y, z) of its lower and upper end.
 
@@ -180,7 +180,7 @@ def _chord(triangle: Floats, x: float) -> tuple[int, float, float, float, float]
     return turn, low_y, low_z, high_y, high_z
 
 
-@inner
+@kernel
 def _height(y: float, low_y: float, low_z: float, high_y: float, high_z: float) -> float:
     """Where the line from one point to another is at y, from the nearer end."""
     t = (y - low_y) / (high_y - low_y)
@@ -189,14 +189,14 @@ def _height(y: float, low_y: float, low_z: float, high_y: float, high_z: float) 
     return high_z + (y - high_y) / (low_y - high_y) * (low_z - high_z)
 
 
-@inner
+@kernel
 def turn_above(triangle: Floats, x: float, y: float, z: float) -> int:
     """1 where a triangle lies above a point and faces up, -1 where it faces down, 0 where it does not lie there."""
     turn, low_y, low_z, high_y, high_z = _chord(triangle, x)
     return turn if turn != 0 and low_y <= y < high_y and _height(y, low_y, low_z, high_y, high_z) > z else 0
 
 
-@reader
+@kernel
 def _count(points: Floats, out: Ints, triangles: Floats, turns: Ints, buckets: Buckets) -> None:
     """Set ``out`` to the winding number of each point."""
     low, scale, shape, starts, entries = buckets

@@ -114,7 +114,7 @@ class CompiledRotations(Protocol):
     def slice_of(self) -> Sequence[int] | Ints:
         """The slice of each rotation cell."""
 
-    def origin(self) -> Numbers:
+    def zeros(self) -> Numbers:
         """What the numbers of a rotation in a configuration are counted from, a yaw from the first border; a tuple."""
 
     def is_usable(self, q: Numbers) -> bool:

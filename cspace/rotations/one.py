@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Floats, Ints, Matrix, Numbers
-from cspace.compiling import part
+from cspace.compiling import compilable
 from cspace.rotations.base import STILL, Rotations, Symmetric, Turn
 
 
@@ -119,13 +119,13 @@ class OneRotation(Rotations):
         return OneCell((0,))
 
 
-@part
+@compilable
 class OneCell(NamedTuple):
     """What compiled look-ups get of a robot that only translates."""
 
     slice_of: tuple[int]
 
-    def origin(self) -> tuple[()]:
+    def zeros(self) -> tuple[()]:
         return ()
 
     def is_usable(self, q: Numbers) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Floats, Ints, Matrix, Numbers, frozen
-from cspace.compiling import part
+from cspace.compiling import compilable
 from cspace.errors import InputError
 from cspace.grid import finite, whole
 from cspace.rotations.base import COVERING_ANGLE, DIAL_STEPS, Coordinate, Dial, Rotations, Symmetric, Turn
@@ -389,14 +389,14 @@ def product_of(first: Floats, second: Floats) -> Floats:
     )
 
 
-@part
+@compilable
 class QuaternionCells(NamedTuple):
     """What compiled look-ups get of quaternion cells: the borders along each axis of a chart, and the slices."""
 
     borders: Floats
     slice_of: Ints
 
-    def origin(self) -> tuple[float, float, float, float]:
+    def zeros(self) -> tuple[float, float, float, float]:
         return (0.0, 0.0, 0.0, 0.0)
 
     def is_usable(self, q: Numbers) -> bool:
@@ -470,7 +470,7 @@ class QuaternionCells(NamedTuple):
         )
 
 
-@part
+@compilable
 def part_of(borders: Floats, quotient: float) -> int:
     """The part of an axis that holds a quotient, a border belonging to the part above it."""
     parts = borders.shape[0] - 1
@@ -485,7 +485,7 @@ def part_of(borders: Floats, quotient: float) -> int:
     return int(k)
 
 
-@part
+@compilable
 def chart_of(x: float, y: float, z: float, w: float) -> int:
     """The component of the largest modulus; the first of equals."""
     chart, most = 0, abs(x)
@@ -496,7 +496,7 @@ def chart_of(x: float, y: float, z: float, w: float) -> int:
     return 3 if abs(w) > most else chart
 
 
-@part
+@compilable
 def split(q: Numbers, chart: int) -> tuple[float, float, float, float]:
     """A component of a quaternion, and the others in their order."""
     x, y, z, w = q
@@ -509,7 +509,7 @@ def split(q: Numbers, chart: int) -> tuple[float, float, float, float]:
     return w, x, y, z
 
 
-@part
+@compilable
 def parts_of(borders: Floats, q: Numbers) -> tuple[int, int, int, int]:
     """Chart of a quaternion, and the parts that hold its quotients there."""
     chart = chart_of(q[0], q[1], q[2], q[3])
@@ -517,27 +517,27 @@ def parts_of(borders: Floats, q: Numbers) -> tuple[int, int, int, int]:
     return chart, part_of(borders, a / largest), part_of(borders, b / largest), part_of(borders, c / largest)
 
 
-@part
+@compilable
 def cell_of_parts(borders: Floats, chart: int, i: int, j: int, k: int) -> int:
     """Number of a cell."""
     n = borders.shape[0] - 1
     return int(((chart * n + i) * n + j) * n + k)
 
 
-@part
+@compilable
 def is_unit(q: Numbers) -> bool:
     """Whether the norm of a quaternion is 1, but for what is normalised away."""
     return abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) <= 2.0 * NORM_SLACK  # nor is NaN
 
 
-@part
+@compilable
 def normalised(q: Numbers, scale: float) -> Numbers:
     """A quaternion as long as a scale."""
     scale /= math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return q[0] * scale, q[1] * scale, q[2] * scale, q[3] * scale
 
 
-@part
+@compilable
 def begin_arc(a: Numbers, b: Numbers, other: bool) -> Walk:
     """A walk from one unit quaternion to another, no farther than a right angle and a rounding error.
 
@@ -554,7 +554,7 @@ def begin_arc(a: Numbers, b: Numbers, other: bool) -> Walk:
     return a, b, 0.0, 0.0, tangent, math.atan(tangent), other, dot > 1.0 - EQUAL, True
 
 
-@part
+@compilable
 def arc_endpoints(q0: Numbers, q1: Numbers, arc: int) -> tuple[Numbers, Numbers, float]:
     """Unit quaternions between which SLERP goes along one of the shortest arcs, and the angle between them."""
     a, b = normalised(q0[-4:], 1.0), normalised(q1[-4:], 1.0)
@@ -563,13 +563,13 @@ def arc_endpoints(q0: Numbers, q1: Numbers, arc: int) -> tuple[Numbers, Numbers,
     return a, b, 2.0 * begin_arc(a, b, False)[5]
 
 
-@part
+@compilable
 def both_arcs(a: Numbers, b: Numbers) -> bool:
     """Whether both arcs between two unit quaternions are equally long but for rounding: then both are walked."""
     return abs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]) <= QUOTIENT_SLACK
 
 
-@part
+@compilable
 def leaving(
     share: float, largest: float, largest1: float, other: float, other1: float, low: float, high: float
 ) -> float:
@@ -586,7 +586,7 @@ def leaving(
     return share
 
 
-@part
+@compilable
 def next_part(borders: Floats, walk: Walk) -> tuple[int, float, float, Walk]:
     """The next cell of a walk, where the walk is in it, widened by QUOTIENT_SLACK, and the rest of the walk.
 
@@ -618,7 +618,7 @@ def next_part(borders: Floats, walk: Walk) -> tuple[int, float, float, Walk]:
     return (cell, 0.0, 1.0, rest) if equal else (cell, start, stop, rest)
 
 
-@part
+@compilable
 def parts_around(borders: Floats, largest: float, other: float, reach: float) -> tuple[int, int]:
     """First and last part of an axis that the quaternions near one may be in; the first above the last if none.
 
@@ -639,7 +639,7 @@ def parts_around(borders: Floats, largest: float, other: float, reach: float) ->
     return part_of(borders, math.tan(low) - QUOTIENT_SLACK), part_of(borders, math.tan(high) + QUOTIENT_SLACK)
 
 
-@part
+@compilable
 def next_chart(borders: Floats, q: Numbers, reach: float, chart: int) -> Look:
     """Begin with the cells of a chart."""
     largest, a, b, c = split(q, chart)
@@ -651,7 +651,7 @@ def next_chart(borders: Floats, q: Numbers, reach: float, chart: int) -> Look:
     return q, reach, chart, (i, i1, j, j1, k, k1), i, j, k
 
 
-@part
+@compilable
 def slerp(q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
     """The unit quaternion at t."""
     a, b, angle = arc_endpoints(q0, q1, arc)

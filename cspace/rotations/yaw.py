@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.angles import ANGLE_SLACK, MAX_ANGLE, TURN, wrapped
 from cspace.arrays import Floats, Ints, Matrix, Numbers
-from cspace.compiling import part
+from cspace.compiling import compilable
 from cspace.errors import InputError
 from cspace.grid import finite, whole
 from cspace.rotations.base import COVERING_ANGLE, DIAL_STEPS, Coordinate, Dial, Rotations, Symmetric, Turn
@@ -269,7 +269,7 @@ class YawRotations(Rotations):
         return YawCells(np.array(self.borders), np.ascontiguousarray(slice_of))
 
 
-@part
+@compilable
 class YawCells(NamedTuple):
     """What compiled look-ups get of yaw cells.
 
@@ -279,7 +279,7 @@ class YawCells(NamedTuple):
     borders: Floats
     slice_of: Ints
 
-    def origin(self) -> tuple[float]:
+    def zeros(self) -> tuple[float]:
         return (self.borders[0],)
 
     def is_usable(self, q: Numbers) -> bool:
@@ -343,13 +343,13 @@ class YawCells(NamedTuple):
         return (cosine, -sine, 0.0), (sine, cosine, 0.0), (0.0, 0.0, 1.0)
 
 
-@part
+@compilable
 def in_turn(borders: Floats, yaw: float) -> float:
     """A yaw from the first border to the last, but for rounding."""
     return yaw - math.floor((yaw - float(borders[0])) / TURN) * TURN
 
 
-@part
+@compilable
 def cell_of_wrapped(borders: Floats, yaw: float) -> int:
     """Rotation cell of a wrapped yaw, a border belonging to the cell above it: guessed as if all were equally wide."""
     count = borders.shape[0] - 1
@@ -367,7 +367,7 @@ def cell_of_wrapped(borders: Floats, yaw: float) -> int:
     return low
 
 
-@part
+@compilable
 def first_cell(borders: Floats, least: float) -> int:
     """First cell, widened by ANGLE_SLACK, that holds an angle."""
     turns = math.floor((least - borders[0]) / TURN)
@@ -376,7 +376,7 @@ def first_cell(borders: Floats, least: float) -> int:
     return int(k + turns * (borders.shape[0] - 1) - (1 if on_border else 0))
 
 
-@part
+@compilable
 def widened(borders: Floats, cell: int) -> tuple[int, float, float]:
     """A cell's own number, and its borders widened by ANGLE_SLACK."""
     count = borders.shape[0] - 1
@@ -385,7 +385,7 @@ def widened(borders: Floats, cell: int) -> tuple[int, float, float]:
     return k, borders[k] + turns * TURN - ANGLE_SLACK, borders[k + 1] + turns * TURN + ANGLE_SLACK
 
 
-@part
+@compilable
 def shorter_turn(first: float, second: float) -> float:
     """Signed angle from one yaw to another along the shorter arc, in [-pi, pi]."""
     turn = second - first
@@ -393,7 +393,7 @@ def shorter_turn(first: float, second: float) -> float:
     return turn - TURN if turn > math.pi else turn
 
 
-@part
+@compilable
 def share(low: float, high: float, start: float, turn: float) -> tuple[float, float]:
     """The parameters between which a turn from a yaw is between two angles."""
     if turn == 0.0:
@@ -403,7 +403,7 @@ def share(low: float, high: float, start: float, turn: float) -> tuple[float, fl
     return min(a, b), max(a, b)
 
 
-@part
+@compilable
 def yaw_arc(q0: Numbers, q1: Numbers, arc: int) -> float:
     """Signed angle from one yaw to another along the shorter arc, or along the other one."""
     turn = shorter_turn(q0[-1], q1[-1])

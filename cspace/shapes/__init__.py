@@ -73,7 +73,7 @@ def shape_of(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
     Parameters
     ----------
     source : Shape, Robot, shapely geometry, GeoJSON mapping, or iterable of these; mesh; str or path; or array-like
-        What :meth:`Polygons.of`, :func:`cspace.io.vector.read_shapes` or :meth:`Mesh.of` take, metres. A string is a
+        What :meth:`Polygons.of`, :func:`cspace.files.vector.read_shapes` or :meth:`Mesh.of` take, metres. A string is a
         short text such as ``"ellipse:0.5,0.3"`` (:data:`cspace.shapes.primitives.FORMS`), WKT, or the path of a file of
         polygons or a mesh.
     radius : array-like, shape () or (n,), optional
@@ -85,7 +85,7 @@ def shape_of(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
     """
     import shapely
 
-    from cspace.io.vector import read_shapes
+    from cspace.files.vector import read_shapes
 
     if isinstance(source, Shape) and radius is None:
         return source
@@ -131,9 +131,9 @@ def _mesh(source: MeshLike) -> Mesh:
 
 def _shape_of_text(source: str | os.PathLike[str], name: str) -> Shape:
     """Make the shape of a short text, of WKT, or of a file of polygons or a mesh."""
-    from cspace.io.meshes import SUFFIXES as MESHES
-    from cspace.io.vector import SUFFIXES as POLYGONS
-    from cspace.io.vector import is_wkt, read_shapes
+    from cspace.files.meshes import SUFFIXES as MESHES
+    from cspace.files.vector import SUFFIXES as POLYGONS
+    from cspace.files.vector import is_wkt, read_shapes
 
     suffix = Path(source).suffix.lower()
     if isinstance(source, str) and is_short_text(source):

@@ -560,7 +560,7 @@ def _without_cracks(shadow: BaseGeometry, width: float) -> BaseGeometry:
 
 def _arrays_of(shape: Any) -> tuple[Any, Any, str]:
     """Vertices, faces and a name."""
-    from cspace.io.meshes import flattened, read_mesh
+    from cspace.files.meshes import flattened, read_mesh
 
     if isinstance(shape, (str, os.PathLike)):
         return *read_mesh(shape), Path(shape).name

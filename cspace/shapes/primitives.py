@@ -9,13 +9,13 @@ from typing import Final, NamedTuple
 from numpy.typing import ArrayLike
 
 from cspace.errors import InputError
-from cspace.grid import not_negative, positive
+from cspace.grid import check_point, not_negative, positive
 from cspace.shapes import bounded
 from cspace.shapes.balls import Balls
 from cspace.shapes.bounded import BoundedShape, Pair
 from cspace.shapes.mesh import Mesh
 from cspace.shapes.polygon import Polygons
-from cspace.shapes.shape import Shape, check_point
+from cspace.shapes.shape import Shape
 from cspace.shapes.voxels import Box
 
 
@@ -83,7 +83,7 @@ def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
     """Make a polygon from a footprint as Nav2 writes it, ``"[[0.3, 0.2], ...]"``, or from its corners; metres."""
     import numpy as np
 
-    from cspace.io.nav2 import corners_of
+    from cspace.files.nav2 import corners_of
 
     points = corners_of(corners)
     polygon = Polygons.of(points + not_negative(padding, "padding") * np.sign(points))

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bools, Floats, Ints, Surface
-from cspace.errors import GeometryError, InputError
-from cspace.grid import Grid, finite
+from cspace.errors import GeometryError
+from cspace.grid import Grid
 from cspace.raster import Raster
 from cspace.rotations import STILL, Turn
 
@@ -306,20 +306,3 @@ def ordered_rows(rows: NDArray[Any]) -> tuple[NDArray[Any], Ints]:
     numbers = np.empty(len(rows), dtype=np.int64)
     numbers[order] = np.cumsum(fresh) - 1
     return rows[fresh], numbers
-
-
-def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> Floats:
-    """The coordinates of one point, shape (dim,).
-
-    Raises InputError if there are not as many numbers, or one is not finite.
-    """
-    point = finite(value, name)
-    if point.shape != (dim,):
-        raise InputError(
-            name,
-            f"has shape {point.shape}",
-            f"it must be {dim} numbers in metres",
-            f"pass e.g. {(0.5,) * dim}",
-            value=value,
-        )
-    return point.copy()

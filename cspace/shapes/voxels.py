@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats, Surface, frozen
 from cspace.errors import GeometryError
-from cspace.grid import Grid, check_cells, points_of, positive
+from cspace.grid import Grid, check_cells, check_point, points_of, positive
 from cspace.raster import Raster
 from cspace.raster.bitmaps import boundary_segments, cell_boxes, cell_faces, cell_squares, held_by_cells
 from cspace.rotations import STILL, Turn
 from cspace.shapes.polygon import Polygons
-from cspace.shapes.shape import Boxes, ExactShape, Pieces, check_point
+from cspace.shapes.shape import Boxes, ExactShape, Pieces
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Bytes, Floats, Ints
-from cspace.compiling import inner, reader
+from cspace.compiling import kernel
 from cspace.spectral.bump import (
     FLOOR,
     PAIR_TOLERANCE,
@@ -206,7 +206,7 @@ class Terms(NamedTuple):
 # ---- compiled sums, ring by ring -------------------------------------------------------------------------------------
 
 
-@inner
+@kernel
 def add_phases(share: float, first: int, last: int, phases: Complexes) -> None:
     """Set ``phases[middle + k]`` to exp(2 pi i k share) for ``first <= |k| <= last``.
 
@@ -222,7 +222,7 @@ def add_phases(share: float, first: int, last: int, phases: Complexes) -> None:
         phases[middle - k] = value.conjugate()
 
 
-@inner
+@kernel
 def add_terms(terms: Terms, phases: Complexes, start: int, stop: int) -> float:
     """Sum of the real parts of ``products * exp(2 pi i k.t)`` over a stretch of frequencies."""
     products, indices = terms.products, terms.indices
@@ -236,7 +236,7 @@ def add_terms(terms: Terms, phases: Complexes, start: int, stop: int) -> float:
     return total
 
 
-@reader
+@kernel
 def separate(place: Floats, terms: Terms, threshold: float, phases: Complexes) -> tuple[int, int, float, float]:
     """Sum ring after ring until the sum decides: the verdict, the number of frequencies, the sum and its bound.
 
@@ -275,7 +275,7 @@ def separate_all(places: Floats, near: Bools, terms: Terms, threshold: float) ->
     return out
 
 
-@reader
+@kernel
 def separate_each(
     places: Floats, numbers: Ints, terms: Terms, threshold: float, phases: Complexes, out: tuple[Bytes, Ints, Floats]
 ) -> None:

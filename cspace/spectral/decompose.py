@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Floats, Ints
-from cspace.compiling import inner, jit, reader
+from cspace.compiling import jit, kernel
 from cspace.errors import GeometryError, InputError
 from cspace.grid import check_word, positive, whole
 from cspace.shapes import ShapeLike, shape_of
@@ -326,13 +326,13 @@ class Cover:
         polish(self._cells, border.tree, centers, radii, placing, np.empty((2, 3)))
 
 
-@inner
+@kernel
 def _span(center: float, length: float, count: int) -> tuple[int, int]:
     """The middles within a length of a center along an axis: the first, and the one after the last."""
     return max(0, math.ceil(center - length - 0.5)), min(count, math.floor(center + length + 0.5))
 
 
-@inner
+@kernel
 def _find_rows(cells: Cells, center: Floats, reach: float) -> int:
     """Fill ``cells.rows`` with the rows of cells that a ball holds; how many there are."""
     nx, ny, nz = cells.times.shape
@@ -356,7 +356,7 @@ def _find_rows(cells: Cells, center: Floats, reach: float) -> int:
     return count
 
 
-@inner
+@kernel
 def _add(cells: Cells, rows: int, step: int) -> None:
     """Count a ball, whose rows were found, in (``step`` 1) or out (-1)."""
     times, sums = cells.times, cells.sums
@@ -370,7 +370,7 @@ def _add(cells: Cells, rows: int, step: int) -> None:
         cells.opens[i, j] = sums[i, j, times.shape[2]]
 
 
-@inner
+@kernel
 def _gain(cells: Cells, center: Floats, reach: float) -> int:
     """How many cells a ball holds that none holds so far; quick in rows of which few are left."""
     nx, ny, nz = cells.times.shape
@@ -419,7 +419,7 @@ def choose(cells: Cells, centers: Floats, reaches: Floats, bounds: Floats, left:
     return count
 
 
-@reader
+@kernel
 def trim(cells: Cells, centers: Floats, reaches: Floats, order: Ints, only_drop: bool) -> None:
     """Cut balls, in an order, to the cells that only they hold; ``reaches`` become zero where there are none."""
     for n in order:
@@ -439,7 +439,7 @@ def trim(cells: Cells, centers: Floats, reaches: Floats, order: Ints, only_drop:
             reaches[n] = least
 
 
-@reader
+@kernel
 def polish(
     cells: Cells, tree: Tree, centers: Floats, radii: Floats, placing: tuple[Floats, float, float], room: Floats
 ) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Floats, Numbers
-from cspace.compiling import inner, part, reader
+from cspace.compiling import compilable, kernel
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.map.batches import Many, One, answer, in_pieces
@@ -145,7 +145,7 @@ def _shape(space: Space) -> tuple[int, ...]:
     return (*space.rotations.leading(space.record.states.shape[0]), *space.grid.shape)
 
 
-@inner
+@kernel
 def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
     """A field, linear between the middles of cells, at a configuration."""
     dim = len(map_.lower)
@@ -167,7 +167,7 @@ def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
     return max(total, 0.0)
 
 
-@part
+@compilable
 class Field(NamedTuple):
     """The value of a field at a configuration."""
 
@@ -178,7 +178,7 @@ class Field(NamedTuple):
         return field_at(self.map_, self.values, q)
 
 
-@reader
+@kernel
 def fields_at(map_: Map, values: Floats, points: Floats, out: Floats) -> int:
     """``field_at`` for many configurations; the index of the first that is not usable, or -1."""
     for k in range(len(points)):

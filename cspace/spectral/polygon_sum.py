@@ -18,7 +18,7 @@ import numpy as np
 
 from cspace.arrays import Floats
 from cspace.errors import GeometryError, InputError
-from cspace.io.vector import read_shapes
+from cspace.files.vector import read_shapes
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Floats, Ints
-from cspace.compiling import inner, jit, reader
+from cspace.compiling import jit, kernel
 from cspace.errors import InputError
 from cspace.exact.triangles import trees_of
 from cspace.grid import Grid
@@ -241,7 +241,7 @@ class Tree(NamedTuple):
     solid: bool
 
 
-@inner
+@kernel
 def _to_box(point: Floats, box: Floats) -> float:
     """Distance from a point to a box."""
     square = 0.0
@@ -250,7 +250,7 @@ def _to_box(point: Floats, box: Floats) -> float:
     return math.sqrt(square)
 
 
-@inner(_nrt=True)  # it makes arrays
+@jit  # it makes arrays
 def distance(tree: Tree, point: Floats, most: float) -> tuple[float, float]:
     """Bounds of the distance from a point to the nearest piece, if they are below ``most``, and else ``most``."""
     near, far = most, most
@@ -282,7 +282,7 @@ def distance(tree: Tree, point: Floats, most: float) -> tuple[float, float]:
     return near, far
 
 
-@reader
+@kernel
 def distances(tree: Tree, points: Floats, near: Floats, far: Floats) -> None:
     """Bounds of distances from points, shape (n, 3); quickest where neighbours follow one another."""
     for n in range(len(points)):

@@ -13,13 +13,13 @@ import numpy as np
 from cspace.correlation import Progress
 from cspace.engines import choose
 from cspace.errors import FileError, InputError
-from cspace.io.store import digest_of_array, shapes_array
 from cspace.map.slices import raster_bytes
 from cspace.memory import check_memory
 from cspace.robot import Robot
 from cspace.rotations import Rotations
+from cspace.store.saved import digest_of_array, shapes_array
+from cspace.store.tiled import CHUNK_CELLS, Index, Store, is_tiled
 from cspace.tiles.space import TiledCSpace
-from cspace.tiles.store import CHUNK_CELLS, Index, Store, is_tiled
 from cspace.tiles.work import Job, run
 from cspace.workspace import Workspace
 

@@ -15,7 +15,7 @@ from cspace.memory import WORKSPACE_BYTES, check_memory, map_bytes
 from cspace.shapes import Shape, Voxels
 from cspace.space import CSpace
 from cspace.states import BLOCKED, FREE, MIXED
-from cspace.tiles.store import Index, Known, Store
+from cspace.store.tiled import Index, Known, Store
 from cspace.tiles.work import Job, run
 from cspace.workspace import Workspace
 

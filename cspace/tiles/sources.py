@@ -15,9 +15,9 @@ import numpy as np
 
 from cspace.arrays import Bools, Box
 from cspace.errors import FileError
+from cspace.files.access import decoding
+from cspace.files.chunks import MISSING, ZarrArray, missing_chunk
 from cspace.grid import Grid, check_cells, check_dims
-from cspace.io.chunks import MISSING, ZarrArray, missing_chunk
-from cspace.io.files import decoding
 from cspace.shapes import Shape
 
 _AWAY: Final = frozenset({"dask", "h5py", "tensorstore", "xarray", "zarr"})

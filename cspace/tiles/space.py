@@ -25,12 +25,12 @@ from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.space import CSpace
 from cspace.states import FREE, NAMES
+from cspace.store.tiled import Record, Store
 from cspace.threads import LEAST, in_chunks
 from cspace.tiles.cache import Cache
 from cspace.tiles.labels import Joined, label_all
 from cspace.tiles.parts import overview_of, window_of
 from cspace.tiles.sources import Held
-from cspace.tiles.store import Record, Store
 from cspace.tiles.update import update_store
 from cspace.tiles.work import Job
 from cspace.update import Patch, Update
@@ -70,7 +70,7 @@ class TiledCSpace(ConfigurationMap):
 
     Parameters
     ----------
-    store : cspace.tiles.store.Store
+    store : cspace.store.tiled.Store
     cache_bytes : int
         Memory for decoded tiles, of which there is always one; a state takes two bits.
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from cspace.arrays import Bools, Box, Ints, shared
 from cspace.errors import InputError
-from cspace.tiles.store import Index, Store, aside_name
+from cspace.store.tiled import Index, Store, aside_name
 from cspace.tiles.work import Job, run
 from cspace.update import Patch, Update
 

@@ -18,15 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Ints
-from cspace.compiling import reader
+from cspace.compiling import kernel
 from cspace.correlation import Correlation, sides_of
 from cspace.errors import CspaceError, FileError, InputError, optional
 from cspace.map.slices import Pair, slice_rasters
 from cspace.memory import KEEP, bytes_text, free_bytes
 from cspace.states import BLOCKED, MIXED
+from cspace.store.tiled import Index, Record, Store
 from cspace.threads import cores, in_threads
 from cspace.tiles.sources import Source, changed
-from cspace.tiles.store import Index, Record, Store
 from cspace.version import __version__
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ PAUSE: Final = (0.01, 0.02, 0.2)
 done until then is fetched at once, since a message for each tile would take a tenth of the time."""
 
 
-@reader
+@kernel
 def tally(states: NDArray[np.uint8]) -> tuple[int, int]:
     """Number of MIXED and of BLOCKED states."""
     mixed, blocked = 0, 0

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from numba import njit
 
 from cspace import Robot
 from cspace.arms import Arm, Placed, build_arm
 from cspace.arms.chain import Chain, bounds_of
 from cspace.arms.hulls import TILE, corners_of, forest_of
-from cspace.compiling import jit
 from cspace.shapes import Mesh, Shape
 from urdfs import joint, link, random_arm, written
 
@@ -78,7 +78,7 @@ def test_a_forest_is_its_parts() -> None:
         assert (np.abs(part.boxes[0, :3] - above[:3]) + part.boxes[0, 3:6] <= above[3:6] + 1e-12).all()
 
 
-@jit(cache=False)
+@njit
 def bounds(chain: Chain, a: int, b: int, rho: float, q0: Any, q1: Any) -> tuple[float, float, float]:
     return bounds_of(chain, a, b, rho, q0, q1)
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import solids
-from cspace.compiling import reader
+from cspace.compiling import kernel
 from cspace.exact.triangles import DEPTH, Motion, crosses, share_apart, trees_of
 from cspace.shapes import Pieces
 from oracles import cross, dot, minus
@@ -113,7 +113,7 @@ def pieces(triangles, radius=0.0):
     return Pieces(np.asarray(triangles, dtype=float), np.full(len(triangles), radius))
 
 
-@reader
+@kernel
 def share(trees, roots, motion, enough, work):
     return share_apart(trees, roots[0], (-1, roots[1]), motion, enough, work)
 
@@ -262,7 +262,7 @@ def test_a_corner_near_a_face_beside_edges_all_but_parallel() -> None:
     assert 0.0 < Pair(pieces(moved[None]), pieces(still[None])).distance() <= true * (1.0 + 1e-12)
 
 
-@reader
+@kernel
 def cross_each(pairs, least, out):
     """What is proven of pairs of triangles, shape (n, 2, 3, 3)."""
     for n in range(len(pairs)):

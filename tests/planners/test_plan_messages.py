@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 import planners
 from cspace import InputError, Robot
 from cspace.arms import Arm, Placed, build_arm
-from cspace.io import messages
+from cspace.files import messages
 from planning import ENDPOINTS, SPACES, room
 from urdfs import joint, link, planar, written
 

@@ -16,7 +16,7 @@ import cspace
 from cspace import BLOCKED, FREE, CSpace
 from cspace.arrays import Bools, Floats, Ints, Matrix, Numbers
 from cspace.cli.options import configuration, rotation_cells
-from cspace.compiling import part
+from cspace.compiling import compilable
 from cspace.errors import InputError
 from cspace.rotations import Rotations, Turn
 from cspace.rotations.base import COVERING_ANGLE, Coordinate, Symmetric
@@ -25,7 +25,7 @@ from cspace.rotations.yaw import YawCells, YawRotations
 COUNT = 8
 
 
-@part
+@compilable
 class PitchCells(YawCells):
     """Angles as of yaw cells, but about y."""
 

@@ -18,7 +18,7 @@ from cspace import (
     Robot,
     Workspace,
 )
-from cspace.io.meshes import SUFFIXES, read_mesh
+from cspace.files.meshes import SUFFIXES, read_mesh
 from cspace.shapes.mesh import Mesh, MeshWarning
 from oracles import winding_numbers
 from strategies import seeds

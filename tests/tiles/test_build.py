@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace.errors import FileError, InputError
-from cspace.tiles.store import Store
+from cspace.store.tiled import Store
 
 CAR = cspace.Robot.polygon([(-0.2, -0.1), (0.3, -0.1), (0.3, 0.1), (-0.2, 0.1)])
 ARM = cspace.Robot.box((0.3, 0.2, 0.1), (0.1, 0.0, 0.0))

@@ -10,8 +10,8 @@ import pytest
 import cspace
 import cspace.tiles.space
 from cspace.errors import ConfigurationError, FileError, InputError
+from cspace.store.tiled import Store
 from cspace.tiles.cache import Cache
-from cspace.tiles.store import Store
 from handmade import walled
 from tiles.test_build import SPACES, random_workspace
 

@@ -1,0 +1,1 @@
+"""Maps for other software, one theme per module."""

@@ -1,0 +1,224 @@
+"""Maps for other software, by the suffix of the file, or as labelled arrays for analysis."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace.arrays import Ints, StrPath, frozen
+from cspace.errors import InputError
+from cspace.export.borders import WRITERS, write_border
+from cspace.export.images import write_geotiff, write_ros_map
+from cspace.export.vti import write_vti
+from cspace.files.access import replacing, suffix_of
+from cspace.grid import Grid
+from cspace.map.contents import Contents
+from cspace.states import BLOCKED, FREE, MIXED
+from cspace.store.saved import AXES, SAVES, STACKED, SUFFIX_RULE, arrays_of, attributes_of, axes_of, metadata_of
+
+if TYPE_CHECKING:
+    import xarray
+
+
+class _Layers(Mapping[str, NDArray[Any]]):
+    """The arrays of some rotation cells of a map, each taken from its stack when it is read.
+
+    Those of one cell keep their names; those of several have the number of the cell behind them.
+    """
+
+    def __init__(self, contents: Contents, cells: Sequence[int]) -> None:
+        self._arrays = arrays_of(contents)
+        last = "" if len(cells) == 1 else f"_{{:0{len(str(cells[-1]))}d}}"
+        self._places: dict[str, tuple[str, int | None]] = {}
+        for name in STACKED:
+            if name in self._arrays:
+                self._places |= {name + last.format(k): (name, int(contents.slice_of[k])) for k in cells}
+        self._places |= {name: (name, None) for name in ("outer", "inner", "unknown") if name in self._arrays}
+
+    def __getitem__(self, key: str) -> NDArray[Any]:
+        name, number = self._places[key]
+        array: NDArray[Any] = self._arrays[name] if number is None else self._arrays[name][number]
+        return array
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+
+Write = Callable[[Contents, Sequence[int], StrPath, bool], None]
+
+
+def _slice(write: Callable[[NDArray[np.uint8], Grid, StrPath, bool], None]) -> Write:
+    """What writes the slice of one rotation cell by a function of its states."""
+    return lambda contents, cells, path, overwrite: write(
+        contents.states[int(contents.slice_of[cells[0]])], contents.grid, path, overwrite
+    )
+
+
+def _vti(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
+    rotations = contents.rotations
+    about = dict(zip(rotations.names, rotations.centers[cells].T, strict=True))
+    write_vti(_Layers(contents, cells), contents.grid, path, overwrite, about)
+
+
+def _netcdf(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
+    """Write a map, or one rotation cell of it, as netCDF-3, whose arrays are indexed ``[rotation, z, y, x]``."""
+    dataset = to_xarray(contents).drop_vars(["shapes", "slice_of"], errors="ignore")
+    if "rotation" in dataset.dims and len(cells) == 1:
+        dataset = dataset.isel(rotation=cells[0])
+    dataset = dataset.transpose(..., *reversed(contents.grid.axes))
+    dataset["state"].attrs["flag_values"] = np.array([FREE, MIXED, BLOCKED], dtype=np.int8)
+    with replacing(path, overwrite) as temporary:
+        dataset.to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
+
+
+_ONLY_PLANE: Final = {3: "a GeoTIFF is plane, and the map is one in space"}
+
+_SLICES: Final[Mapping[str, tuple[Write, Mapping[int, str]]]] = {
+    ".vti": (_vti, {}),
+    ".nc": (_netcdf, {}),
+    **dict.fromkeys((".tif", ".tiff"), (_slice(write_geotiff), _ONLY_PLANE)),
+    **dict.fromkeys((".yaml", ".yml"), (_slice(write_ros_map), {3: "a ROS map is plane, and the map is one in space"})),
+    **dict.fromkeys(
+        WRITERS, (_slice(write_border), {2: "a border is a mesh in space, and the map is one of the plane"})
+    ),
+}
+"""What writes rotation cells of a map, by suffix; and why it does not in one of the dimensions."""
+
+_MANY: Final = (".vti", ".nc")
+"""Formats that hold more than one rotation cell."""
+
+EXPORTS: Final = (*SAVES, *_SLICES)
+"""All formats, by suffix."""
+
+
+def export(
+    contents: Contents, path: str | os.PathLike[str], overwrite: bool = False, *, rotation: ArrayLike | None = None
+) -> None:
+    """Write a map for other software.
+
+    Parameters
+    ----------
+    contents : Contents
+    path : path-like
+        ``.npz``: one NumPy file. ``.zarr`` or no suffix: a Zarr folder. ``.vti``: cells for ParaView, with the arrays
+        ``state``, ``outer``, and where the map has them ``inner``, ``unknown``, ``overlap`` and those of its overlap
+        field (``penetration`` and its derivatives); of a robot that turns one for each rotation cell, ``state_00`` and
+        so on, whose rotations are the field data ``yaw``, or ``qx`` to ``qw``. ``.nc``: netCDF-3 with the variables of
+        :func:`to_xarray`, indexed ``[rotation, z, y, x]``. ``.tif``, ``.tiff``: a map of the plane as a GeoTIFF in its
+        own metres, 0 FREE, 1 MIXED, 2 BLOCKED. ``.yaml``: a map of the plane as a ROS map, with its image beside it.
+        ``.ply``, ``.obj``, ``.stl``: the border of the free space, of a map in space; STL in single precision.
+    overwrite : bool
+        Whether an existing output may be replaced.
+    rotation : array-like, shape (k,), optional
+        Of a robot that turns, the rotation to write, as in a configuration: needed for formats of one slice, and for
+        ``.vti`` and ``.nc`` unless all are wanted. What the map calls free is proven for all of the rotation cell that
+        holds it, and for no other.
+
+    Raises
+    ------
+    InputError
+        If the suffix is another one, the format cannot hold the map, or ``rotation`` is missing or has no place.
+    FileError
+        If the output exists and may not be replaced, or cannot be written.
+    """
+    suffix = check_export(path, contents.grid.dim)
+    if suffix in _SLICES:
+        cells: Sequence[int] = range(contents.rotations.count)
+        if rotation is not None or suffix not in _MANY:
+            cells = [contents.rotations.one_cell(rotation, "rotation", f"{Path(path)} holds one slice")]
+        _SLICES[suffix][0](contents, cells, path, overwrite)
+        return
+    if rotation is not None:
+        rule = f"a {suffix or 'Zarr'} map holds every slice"
+        raise InputError("rotation", f"is {rotation!r}", rule, "leave it out", value=rotation)
+    SAVES[suffix](contents, path, overwrite)
+
+
+def check_export(path: StrPath, dim: int) -> str:
+    """The suffix of a file that can hold maps of a dimension.
+
+    Raises InputError if no format has it, or that one holds maps of the other dimension.
+    """
+    suffix = suffix_of(path, EXPORTS, SUFFIX_RULE)
+    refused = _SLICES[suffix][1] if suffix in _SLICES else {}
+    if dim in refused:
+        mend = "write another format, e.g. .vti"
+        raise InputError("path", f"is {Path(path)}", refused[dim], mend, value=path)
+    return suffix
+
+
+def to_xarray(contents: Contents) -> xarray.Dataset:
+    """A map as an xarray Dataset, with everything that is needed to rebuild it.
+
+    Parameters
+    ----------
+    contents : Contents
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions ``x``, ``y`` and in space ``z``, or the joints of an arm, with the middles of the cells, in metres or
+        radians. Variables ``state`` (uint8, flags free, mixed and blocked), ``outer`` and ``inner`` (bool, the
+        workspace) and, where the map has them, ``overlap`` (int32), ``penetration`` and its derivatives
+        ``penetration_x`` and so on (float64), and ``shapes`` (bytes of JSON text, which makes the obstacles again). The
+        arrays are read-only; copy the Dataset to change it. Attributes are text, numbers and lists of numbers:
+        ``lower``, ``spacing``, ``outside``, ``margin``, ``precision``, ``rotations`` (their number), ``robot`` (JSON
+        text for ``Robot.from_spec``), ``workspace_source`` and the versions.
+
+        For a robot that turns, ``state``, ``overlap`` and the field have the dimension ``rotation`` before those of the
+        cells, with the coordinates ``yaw`` (the representative, radians), ``yaw_bounds`` (its borders),
+        ``covering_angle`` and ``slice_of``. A state holds for all yaw angles between the bounds.
+
+    Notes
+    -----
+    Arrays are those of the map, not copies, with one exception: where a symmetry of the robot makes some, but not all,
+    rotation cells share slices (a rectangle about its middle), these are copied out, a slice for each rotation cell.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, cspace.Robot.rectangle(0.4, 0.2), rotations=8)
+    >>> dataset = space.to_xarray()
+    >>> free = (dataset.state == cspace.FREE).mean("y")
+    >>> free.sizes
+    Frozen({'rotation': 8, 'x': 30})
+    >>> one = dataset.state.isel(rotation=int(space.rotations.cell_of(0.3)))
+    >>> float(one.yaw)
+    0.0
+    """
+    import xarray
+
+    dim, cells = contents.grid.dim, contents.rotations.leading(contents.rotations.count)
+    variables: dict[str, Any] = {}
+    labels: dict[str, Any] = {}
+    contents = replace(contents, exterior=None)  # it labels no cells
+    for name, array in ({"inner": contents.workspace.inner} | arrays_of(contents)).items():
+        axes = axes_of(name, dim)
+        if axes[0] == "slice":
+            array = _by_rotation(np.asarray(array), contents.slice_of).reshape(*cells, *contents.grid.shape)
+            axes = ("rotation", *axes[1:])[-array.ndim :]
+        if "rotation" in axes and not cells:
+            continue
+        place = labels if name in (*AXES, *contents.rotations.COORDINATES, "slice_of") else variables
+        place[name] = (axes, array, attributes_of(name, contents.grid))
+    dataset = xarray.Dataset(variables, coords=labels, attrs=metadata_of(contents))
+    return dataset.rename(dict(zip(AXES, contents.grid.axes, strict=False)))
+
+
+def _by_rotation(stack: NDArray[Any], slice_of: Ints) -> NDArray[Any]:
+    """A slice for each rotation cell, copied only where some, but not all, share one."""
+    if len(stack) == len(slice_of):
+        return stack
+    if len(stack) == 1:
+        return np.broadcast_to(stack, (len(slice_of), *stack.shape[1:]))
+    return frozen(stack[slice_of])

@@ -1,0 +1,156 @@
+"""ROS messages without ROS, filled: occupancy grids, costmaps, paths and joint trajectories.
+
+A message is any object with the right fields, such as those of :mod:`cspace.files.messages`.
+"""
+
+from __future__ import annotations
+
+import re
+from array import array
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
+from typing import Any, Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.arrays import Bools, Floats
+from cspace.errors import InputError
+from cspace.files.messages import JointTrajectoryPoint, PoseStamped, lacking
+from cspace.grid import Grid
+from cspace.states import BLOCKED, FREE, MIXED
+
+Message = TypeVar("Message")
+
+LETHAL, INSCRIBED, NO_INFORMATION = 254, 253, 255
+"""Costs of Nav2: an obstacle is there; a robot there is in collision, however it is turned; nothing is known."""
+
+OCCUPANCY: Final = {FREE: 0, MIXED: -1, BLOCKED: 100}
+"""Value of each state in an occupancy grid, in per cent; -1 is unknown."""
+
+
+def fill_occupancy_grid(state: NDArray[np.uint8], grid: Grid, msg: Message, frame_id: str) -> Message:
+    """The message, which is changed, with a map of states in it: free 0, undecided -1, blocked 100.
+
+    Raises InputError if the grid is not plane, or a field is missing.
+    """
+    values = np.array([OCCUPANCY[each] for each in sorted(OCCUPANCY)], dtype=np.int8)
+    fields = {"info.width": grid.shape[0], "info.height": grid.shape[1]}
+    return _filled(msg, "nav_msgs/OccupancyGrid", values[state], grid, "info", fields, frame_id)
+
+
+def fill_costmap(costs: NDArray[np.uint8], grid: Grid, msg: Message, frame_id: str) -> Message:
+    """The message with a map of costs in it; as :func:`fill_occupancy_grid`, of ``nav2_msgs/Costmap``."""
+    fields = {"metadata.size_x": grid.shape[0], "metadata.size_y": grid.shape[1]}
+    return _filled(msg, "nav2_msgs/Costmap", costs, grid, "metadata", fields, frame_id)
+
+
+def fill_path(positions: Floats, quaternions: Floats, msg: Message, frame_id: str) -> Message:
+    """Fill a ``nav_msgs/Path`` with poses.
+
+    ``positions``, shape (n, 3), are in metres; ``quaternions``, shape (n, 4), are x, y, z, w. Each pose gets the frame
+    and the stamp of the message. Raises InputError if the message lacks a field.
+    """
+    kind = "nav_msgs/Path"
+    make, stamp = _element_class(msg, "poses", PoseStamped), getattr(getattr(msg, "header", None), "stamp", None)
+    poses = []
+    for position, quaternion in zip(positions.tolist(), quaternions.tolist(), strict=True):
+        fields = {"header.frame_id": frame_id} | ({} if stamp is None else {"header.stamp": stamp})
+        fields |= {f"pose.position.{name}": x for name, x in zip("xyz", position, strict=True)}
+        fields |= {f"pose.orientation.{name}": x for name, x in zip("xyzw", quaternion, strict=True)}
+        poses.append(_set_fields(make(), kind, fields))
+    return _set_fields(msg, kind, {"header.frame_id": frame_id, "poses": poses})
+
+
+def fill_joint_trajectory(
+    joints: Sequence[str], positions: Floats, seconds: Floats, msg: Message, frame_id: str
+) -> Message:
+    """Fill a ``trajectory_msgs/JointTrajectory`` with positions, shape (n, dof), at seconds from its start, shape (n,).
+
+    Raises InputError if the message lacks a field.
+    """
+    kind = "trajectory_msgs/JointTrajectory"
+    make = _element_class(msg, "points", JointTrajectoryPoint)
+    points = []
+    for row, time in zip(positions.tolist(), seconds.tolist(), strict=True):
+        whole, nanoseconds = divmod(round(time * 1e9), 10**9)
+        point = make()
+        # A duration of ROS 1 has other names for the same fields.
+        names = ("secs", "nsecs") if hasattr(getattr(point, "time_from_start", None), "secs") else ("sec", "nanosec")
+        times = {f"time_from_start.{name}": n for name, n in zip(names, (whole, nanoseconds), strict=True)}
+        points.append(_set_fields(point, kind, {"positions": array("d", row), **times}))
+    return _set_fields(msg, kind, {"header.frame_id": frame_id, "joint_names": list(joints), "points": points})
+
+
+def costs_of(
+    clearance: Floats, lethal: Bools, unknown: Bools | None, inscribed: float, scaling: float, radius: float
+) -> NDArray[np.uint8]:
+    """Compute costs of Nav2's inflation layer, shape (nx, ny), from each cell's clearance in metres.
+
+    The clearance is zero where a robot may be in collision; above ``radius - inscribed`` it may be infinite. ``lethal``
+    cells meet an obstacle; nothing is known of ``unknown`` cells. ``inscribed`` is the radius of the robot's inscribed
+    circle, metres; ``scaling`` is ``cost_scaling_factor``, per metre, and ``radius`` is ``inflation_radius``, metres,
+    from the obstacles.
+    """
+    costs = ((INSCRIBED - 1) * np.exp(-scaling * np.minimum(clearance, radius))).astype(np.uint8)
+    costs[clearance + inscribed > radius] = 0
+    taken = clearance <= 0.0
+    costs[taken] = INSCRIBED
+    costs[taken & lethal] = LETHAL
+    if unknown is not None:
+        costs[taken & unknown] = NO_INFORMATION
+    return costs
+
+
+def _filled(
+    msg: Message,
+    kind: str,
+    cells: NDArray[np.int8] | NDArray[np.uint8],
+    grid: Grid,
+    about: str,
+    fields: Mapping[str, object],
+    frame_id: str,
+) -> Message:
+    if cells.shape != grid.shape[:2]:
+        raise InputError("the map", "is one in space", f"{kind} is plane", "cut it, or export another format")
+    origin = f"{about}.origin"
+    every = {
+        "header.frame_id": frame_id,
+        f"{about}.resolution": grid.spacing,
+        **fields,
+        **{f"{origin}.position.{name}": x for name, x in zip("xyz", (*grid.lower, 0.0), strict=True)},
+        **{f"{origin}.orientation.{name}": x for name, x in zip("xyzw", (0.0, 0.0, 0.0, 1.0), strict=True)},
+        "data": array({"i": "b", "u": "B"}[cells.dtype.kind], cells.T.tobytes()),
+    }
+    return _set_fields(msg, kind, every)
+
+
+def _set_fields(msg: Message, kind: str, fields: Mapping[str, object]) -> Message:
+    """Set fields of a message, given by dotted paths.
+
+    Raises InputError if it has no such field.
+    """
+    for path, value in fields.items():
+        *parents, last = path.split(".")
+        target: object = msg
+        for name in parents:
+            target = getattr(target, name, None)
+        if not hasattr(target, last):
+            raise lacking("msg", path, kind)
+        setattr(target, last, value)
+    return msg
+
+
+def _element_class(msg: object, name: str, otherwise: Callable[[], Any]) -> Callable[[], Any]:
+    """Return the class of the elements of a list field, as a message of ROS declares it, or else ``otherwise``."""
+    declared = getattr(msg, "get_fields_and_field_types", None)  # ROS 2
+    if declared is not None:
+        kinds = dict(declared())
+    else:
+        kinds = dict(zip(getattr(msg, "__slots__", ()), getattr(msg, "_slot_types", ()), strict=False))  # ROS 1
+    named = re.search(r"(\w+)/(\w+)", kinds.get(name, ""))
+    if named is None:
+        return otherwise
+    package, message = named.groups()
+    made: Callable[[], Any] = getattr(import_module(f"{package}.msg"), message)
+    return made

@@ -1,0 +1,106 @@
+"""VTK image data for ParaView: an XML header, then the arrays raw, each after its length in bytes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.arrays import Floats
+from cspace.errors import InputError
+from cspace.files.access import replacing
+from cspace.grid import Grid
+
+_TYPES: Final = {
+    "uint8": ("UInt8", "|u1"),
+    "bool": ("UInt8", "|u1"),
+    "int32": ("Int32", "<i4"),
+    "float64": ("Float64", "<f8"),
+}
+"""How VTK names a type, and how it is stored."""
+
+_SLAB: Final = 2**24
+"""Cells that are turned from [x, y, z] into VTK's order at once."""
+
+
+def write_vti(
+    arrays: Mapping[str, NDArray[Any]],
+    grid: Grid,
+    path: str | os.PathLike[str],
+    overwrite: bool = False,
+    about: Mapping[str, Floats] | None = None,
+) -> None:
+    """Write arrays over the cells of a grid, by name, as a ``.vti`` file.
+
+    They become cell data, the first of which is shown; the origin is the lower corner of the grid. A plane grid becomes
+    an image at z = 0. Arrays are of uint8, bool, which is stored as uint8, 0 and 1, int32 or float64. ``about``, arrays
+    of float64, shape (n,), become field data: numbers about the whole.
+
+    Raises InputError if an array has another shape or type, and FileError as :func:`cspace.files.access.replacing`.
+    """
+    for name, array in arrays.items():
+        if array.shape != grid.shape or str(array.dtype) not in _TYPES:
+            raise InputError(
+                name,
+                f"has shape {array.shape} and type {array.dtype}",
+                f"it must have the grid's shape {grid.shape} and be {', '.join(_TYPES)}",
+                "convert it",
+                value=array,
+            )
+    with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
+        file.write(_vti_header(arrays, grid, about or {}).encode())
+        for numbers in (about or {}).values():
+            file.write(np.array(8 * numbers.size, dtype="<u8").tobytes() + numbers.astype("<f8").tobytes())
+        for array in arrays.values():
+            kind = np.dtype(_TYPES[str(array.dtype)][1])
+            file.write(np.array(array.size * kind.itemsize, dtype="<u8").tobytes())
+            for slab in _slabs(array, kind):
+                file.write(slab.data)
+        file.write(b"\n  </AppendedData>\n</VTKFile>\n")
+
+
+def _vti_header(arrays: Mapping[str, NDArray[Any]], grid: Grid, about: Mapping[str, Floats]) -> str:
+    """Everything before the first array."""
+    missing = 3 - grid.dim
+    extent = " ".join(f"0 {count}" for count in (*grid.shape, *[0] * missing))
+    origin = " ".join(map(repr, (*grid.lower, *[0.0] * missing)))
+    offset = 0
+
+    def declared(parts: Mapping[str, NDArray[Any]], counted: bool) -> str:
+        nonlocal offset
+        lines = []
+        for name, array in parts.items():
+            kind, stored = _TYPES[str(array.dtype)]
+            count = f' NumberOfTuples="{array.size}"' * counted
+            place = f'{count} format="appended" offset="{offset}"'
+            lines.append(f'        <DataArray type="{kind}" Name={quoteattr(name)}{place}/>\n')
+            offset += 8 + array.size * np.dtype(stored).itemsize
+        return "".join(lines)
+
+    fields = f"      <FieldData>\n{declared(about, True)}      </FieldData>\n" if about else ""
+    return (
+        '<?xml version="1.0"?>\n'
+        '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
+        f'  <ImageData WholeExtent="{extent}" Origin="{origin}" '
+        f'Spacing="{" ".join([repr(grid.spacing)] * 3)}">\n'
+        f'{fields}    <Piece Extent="{extent}">\n'
+        f"      <CellData Scalars={quoteattr(next(iter(arrays)))}>\n{declared(arrays, False)}      </CellData>\n"
+        '    </Piece>\n  </ImageData>\n  <AppendedData encoding="raw">\n   _'
+    )
+
+
+def _slabs(array: NDArray[Any], kind: np.dtype[Any]) -> Iterator[NDArray[Any]]:
+    """The values of an array in VTK's order, x fastest, a slab of the last axis at a time."""
+    layers = array.reshape(array.shape[0], -1, array.shape[-1])
+    step = max(1, _SLAB * layers.shape[-1] // layers.size)
+    for start in range(0, layers.shape[-1], step):
+        part = layers[..., start : start + step]
+        turned = np.empty(part.shape[::-1], dtype=kind)
+        for j in range(part.shape[1]):
+            # Gathered first: to turn it where its rows lie far apart takes five times as long.
+            turned[:, j] = np.ascontiguousarray(part[:, j]).T
+        yield turned

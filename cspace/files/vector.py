@@ -1,0 +1,247 @@
+"""Plane geometries from shapely objects, GeoJSON and WKT."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from cspace.arrays import Ints
+from cspace.errors import FileError, GeometryError, InputError
+from cspace.files.access import decoding, read_text
+from cspace.files.limits import check_memory
+from cspace.files.plain import check_nesting, read_json
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+SUFFIXES: Final = (".geojson", ".json", ".wkt")
+
+_KIND: Final = "file of polygons"
+
+_FIRST_COLLECTION: Final = 4
+"""Type number of a multipoint in GEOS; those above are collections as well."""
+
+_BYTES_A_POINT: Final = 1000.0
+"""What a point of a file takes at most, as an object of its own and once more within its collection."""
+
+_WKT: Final = re.compile(
+    r"\s*(POINT|LINESTRING|LINEARRING|POLYGON|MULTI\w+|GEOMETRYCOLLECTION)\s*(?:(?:ZM|Z|M)\s*)?(?:\(|EMPTY)",
+    re.IGNORECASE,
+)
+
+
+def read_shapes(source: Any) -> list[BaseGeometry]:
+    """The parts of all obstacles that a source describes: polygons, lines, rings and points, each valid and not empty.
+
+    A source is a shapely geometry; GeoJSON as a mapping (geometry, Feature or FeatureCollection); a WKT string; a
+    file that ends in ``.geojson``, ``.json`` (GeoJSON) or ``.wkt`` (one geometry, or one on each line; nothing counts
+    them, and one that is cut between two lines reads as fewer); or an iterable of these. Coordinates are metres; no
+    coordinate system is looked at. Polygons are filled; lines, rings and points are obstacles without an inside.
+
+    Raises GeometryError if there is no geometry, or one is malformed, empty, self-crossing, or has coordinates that
+    are not finite or three for each point.
+    """
+    named = [(name, _parts(shape)) for name, shape in _geometries(source, "polygons")]
+    shapes = [part for _, parts in named for part in parts]
+    if not shapes:
+        raise GeometryError(
+            "polygons",
+            "holds no geometry",
+            "obstacles must cover some ground",
+            "pass at least one polygon, line or point, or use Workspace.from_array for a map without obstacles",
+            value=source,
+        )
+    _check([name for name, _ in named], np.cumsum([len(parts) for _, parts in named]), shapes)
+    return shapes
+
+
+def is_wkt(text: str) -> bool:
+    """Return True if a text begins as a geometry in WKT does."""
+    return bool(_WKT.match(text))
+
+
+def _geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
+    """Every geometry of ``source``, with a name for messages."""
+    import shapely
+
+    if isinstance(source, shapely.Geometry):
+        yield name, source
+    elif isinstance(source, Mapping):
+        yield from _from_geojson(source, name)
+    elif isinstance(source, str | os.PathLike):
+        yield from _from_text(source, name)
+    elif isinstance(source, Iterable):
+        for index, item in enumerate(source):
+            yield from _geometries(item, f"{name}[{index}]")
+    else:
+        raise InputError(
+            name,
+            f"is {source!r:.60}",
+            "it must be a shapely geometry, GeoJSON, WKT or a file of them",
+            "pass e.g. shapely.box(0, 0, 1, 1)",
+            value=source,
+        )
+
+
+def _from_text(source: str | os.PathLike[str], name: str) -> Iterator[tuple[str, BaseGeometry]]:
+    """A WKT string or a file."""
+    suffix = Path(source).suffix.lower()
+    if suffix not in SUFFIXES:
+        if isinstance(source, str) and is_wkt(source):
+            yield name, _from_wkt(source, name)
+            return
+        raise InputError(
+            name,
+            f"is {os.fspath(source)[:60]!r}",
+            f"a string must be WKT or a file that ends in {', '.join(SUFFIXES)}",
+            "pass e.g. 'POINT (1 2)'",
+            value=source,
+        )
+    file = os.fspath(source)
+    if suffix == ".wkt":
+        text = read_text(source, _KIND, memory=10.0)
+        points = 1 + text.count(",")
+        check_memory(file, f"holds {points:,} points", _BYTES_A_POINT * points)
+        lines = [line for line in text.split("\n") if line.strip()]
+        if lines and all(_WKT.match(line) for line in lines):
+            for number, line in enumerate(lines, start=1):
+                yield f"{file}, geometry {number}", _from_wkt(line, f"{file}, geometry {number}")
+        elif _WKT.match(text):
+            yield file, _from_wkt(text, file)
+        else:
+            raise FileError(file, f"begins with {text[:40]!r}", "it must hold WKT", "write e.g. 'POINT (1 2)'")
+        return
+    document = read_json(source, _KIND, each_list=_BYTES_A_POINT)
+    if not isinstance(document, dict):
+        raise FileError(
+            file, f"holds a JSON {type(document).__name__}", "GeoJSON is an object", "write e.g. {'type': ...}"
+        )
+    yield from _from_geojson(document, file)
+
+
+def _from_wkt(text: str, name: str) -> BaseGeometry:
+    import shapely
+
+    if "\0" in text:  # where the parser would stop without a word
+        raise GeometryError(
+            name, "is not WKT: it holds a NUL character", "it must be text", f"mend {text[:60]!r}", value=text
+        )
+    try:
+        with decoding(name, "WKT geometry"):
+            check_nesting(text, "(", ")")
+        with np.errstate(invalid="ignore"):  # NaN is refused by name later
+            return shapely.from_wkt(text)
+    except (shapely.errors.ShapelyError, NotImplementedError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise GeometryError(
+            name, f"is not WKT: {reason}", "it must be whole", f"mend {text[:60]!r}", value=text
+        ) from error
+
+
+def _from_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str, BaseGeometry]]:
+    """A geometry, Feature or FeatureCollection."""
+    from shapely.geometry import shape
+
+    kind = document.get("type")
+    if kind == "FeatureCollection":
+        features = document.get("features")
+        if not isinstance(features, list) or not all(isinstance(feature, Mapping) for feature in features):
+            raise GeometryError(
+                name,
+                f"has features {features!r:.60}",
+                "they must be a list of objects",
+                "mend the file",
+                value=features,
+            )
+        for index, feature in enumerate(features):
+            yield from _from_geojson(feature, f"{name}, feature {index}")
+        return
+    if kind == "Feature":
+        inner = document.get("geometry")
+        if not isinstance(inner, Mapping):
+            raise GeometryError(
+                name,
+                f"has geometry {inner!r:.60}",
+                "an obstacle needs one",
+                "remove the feature or mend it",
+                value=inner,
+            )
+        yield from _from_geojson(inner, name)
+        return
+    try:
+        with np.errstate(invalid="ignore"):
+            geometry = shape(document)
+    except Exception as error:  # What lists of anything but numbers lead shapely to may be anything.
+        raise GeometryError(
+            name,
+            f"of type {kind!r:.40} is not GeoJSON: {' '.join(str(error).split()):.200}",
+            "it must hold 'type' and 'coordinates' as RFC 7946 says",
+            "mend it",
+            value=document,
+        ) from error
+    yield name, geometry
+
+
+def _parts(shape: BaseGeometry) -> list[BaseGeometry]:
+    """The simple geometries of a collection, however deep it is nested; of a simple one itself."""
+    import shapely
+
+    parts = np.array([shape], dtype=object)
+    while (nested := (shapely.get_type_id(parts) >= _FIRST_COLLECTION) & ~shapely.is_empty(parts)).any():
+        inner, owners = shapely.get_parts(parts[nested], return_index=True)
+        places = np.concatenate([np.flatnonzero(~nested), np.flatnonzero(nested)[owners]])
+        parts = np.concatenate([parts[~nested], inner])[np.argsort(places, kind="stable")]
+    return list(parts)
+
+
+def _check(names: list[str], lasts: Ints, shapes: list[BaseGeometry]) -> None:
+    """Raise GeometryError for the first shape that breaks a rule."""
+    import shapely
+
+    def name_of(which: np.integer) -> str:
+        source = int(np.searchsorted(lasts, which, side="right"))
+        first = int(lasts[source - 1]) if source else 0
+        return names[source] if lasts[source] - first == 1 else f"{names[source]}, part {which - first}"
+
+    array = np.array(shapes, dtype=object)
+    points, owners = shapely.get_coordinates(array, return_index=True)
+    broken = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if len(broken):
+        x, y = points[broken[0]]
+        name = name_of(owners[broken[0]])
+        raise GeometryError(
+            name,
+            f"has a vertex at ({x}, {y})",
+            "NaN and infinities are refused",
+            "drop or replace it",
+            value=shapes[owners[broken[0]]],
+        )
+    for which in np.flatnonzero(shapely.is_empty(array)):
+        raise GeometryError(
+            name_of(which),
+            "is empty",
+            "an obstacle must cover some ground",
+            "leave it out or fill it",
+            value=shapes[which],
+        )
+    for which in np.flatnonzero(shapely.has_z(array)):
+        raise GeometryError(
+            name_of(which),
+            "has z coordinates",
+            "obstacles in the plane have two",
+            "drop them with shapely.force_2d, if their height does not matter",
+            value=shapes[which],
+        )
+    for which in np.flatnonzero(~shapely.is_valid(array)):
+        raise GeometryError(
+            name_of(which),
+            f"is not valid: {shapely.is_valid_reason(array[which])}",
+            "a border may not cross itself",
+            "redraw it, or try shapely.make_valid",
+            value=shapes[which],
+        )

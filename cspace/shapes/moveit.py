@@ -1,0 +1,350 @@
+"""Obstacles of MoveIt planning scenes in YAML, as ROS prints the message and as MotionBenchMaker writes it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from cspace.arrays import Floats, StrPath, Surface
+from cspace.errors import GeometryError, warn_user
+from cspace.files.access import Fault, decoding
+from cspace.files.limits import check_memory
+from cspace.files.meshes import read_mesh
+from cspace.files.plain import read_yaml
+from cspace.files.polygons import placed, unfolded
+from cspace.files.urdf import PackageDirs, locate_meshes, package_folders
+from cspace.shapes import Balls, BoundedShape, Box, ExactShape, Mesh, Shape
+from cspace.shapes.bounded import Pair, cone, cylinder
+
+_KIND: Final = "planning scene"
+
+MAX_SHAPES: Final = 10_000
+"""Largest number of shapes in one scene."""
+
+_ADD, _REMOVE, _APPEND, _MOVE = range(4)
+
+_OPERATIONS: Final[Mapping[object, int]] = {
+    **{word: number for number, word in enumerate(("add", "remove", "append", "move"))},
+    **{number: number for number in range(4)},
+    **{chr(number): number for number in range(4)},
+}
+"""Operations of a collision object, as words, numbers, or the byte that ROS 2 prints."""
+
+_PARTS: Final = {"primitives": "primitive_poses", "meshes": "mesh_poses", "planes": "plane_poses"}
+"""Lists of shapes in a collision object, and the list that holds the pose of each."""
+
+_NO_ROTATION: Final = (0.0, 0.0, 0.0, 1.0)
+
+Ball = tuple[Floats, float]
+
+
+class SceneShape(NamedTuple):
+    """A shape of a planning scene.
+
+    Attributes
+    ----------
+    name : str
+        Id of its collision object; with ``/0``, ``/1`` and so on if that holds several shapes.
+    shape : Shape
+    pose : ndarray of float64, shape (4, 4)
+        From the frame of the shape to that of the scene.
+    """
+
+    name: str
+    shape: Shape
+    pose: Floats
+
+    def moved(self) -> Shape:
+        """Return the shape in the frame of the scene."""
+        return _moved(self.shape, self.pose)
+
+
+def read_moveit_scene(
+    path: StrPath, plane_ball: Ball | None = None, package_dirs: PackageDirs = ()
+) -> list[SceneShape]:
+    """Read the obstacles of a planning scene.
+
+    A warning lists the parts of the scene that enlarge the robot, which are not read.
+
+    Parameters
+    ----------
+    path : path-like
+        YAML of a ``moveit_msgs/PlanningScene``, or of its ``world``.
+    plane_ball : (ndarray of float64, shape (3,), float), optional
+        Center and radius, metres: a square stands for each plane, which has no end, and covers what of the plane lies
+        in this ball.
+    package_dirs : path-like, or sequence of path-like
+        Folders that hold the folders of packages, for meshes.
+
+    Raises FileError if the file is missing or malformed, or holds something else than boxes, spheres, cylinders, cones,
+    meshes and planes, and GeometryError if a mesh has no triangle or the scene is without any shape.
+    """
+    folders = package_folders(package_dirs)
+    content = read_yaml(path, _KIND)
+    with decoding(path, _KIND):
+        scene = _table(content, "the file")
+        world = _table(scene.get("world", scene), "world")
+        if "collision_objects" not in world:
+            rule = "a planning scene lists its obstacles there"
+            raise Fault("has no world.collision_objects", rule, "pass the YAML of a moveit_msgs/PlanningScene")
+        octomap = _table(_table(world.get("octomap"), "octomap").get("octomap"), "octomap")
+        if octomap.get("data"):
+            hint = "save it as .bt, read it with Workspace.from_octomap, and remove it here"
+            raise Fault("holds an OctoMap", "only collision objects are read", hint)
+        reader = _Reader(path, plane_ball, folders)
+        objects = reader.objects(_items(world["collision_objects"], "collision_objects"))
+        frames = {frame for frame, _ in objects.values()}
+        to_scene = _frames(_items(scene.get("fixed_frame_transforms"), "fixed_frame_transforms"), frames)
+        shapes = [
+            SceneShape(name if len(parts) == 1 else f"{name}/{number}", shape, to_scene[frame] @ pose)
+            for name, (frame, parts) in objects.items()
+            for number, (shape, pose) in enumerate(parts)
+        ]
+        if not shapes:
+            raise GeometryError(os.fspath(path), "holds no shape", "a scene has one at least", "pass another file")
+        if left_out := _robot_parts(scene):
+            listed = ", ".join(left_out)
+            warn_user(f"{os.fspath(path)}: {listed} enlarge the robot and are not read; use arm.attach and margin=")
+        return shapes
+
+
+class _Reader:
+    """Makes the shapes of collision objects."""
+
+    def __init__(self, path: StrPath, plane_ball: Ball | None, folders: Sequence[Path]) -> None:
+        self._path, self._plane_ball, self._folders = path, plane_ball, folders
+        self._meshes: dict[str, Surface] = {}
+        self._count, self._bytes = 0, 0
+
+    def objects(self, items: Sequence[Any]) -> dict[str, tuple[str, list[tuple[Shape, Floats]]]]:
+        """Return the frame, and shapes with their poses in it, of each object by its id, after all operations."""
+        objects: dict[str, tuple[str, list[tuple[Shape, Floats]]]] = {}
+        for number, item in enumerate(items):
+            entry = _table(item, f"collision_objects[{number}]")
+            name = str(entry.get("id") or f"object {number}")
+            operation = entry.get("operation") or _ADD
+            operation = operation.lower() if isinstance(operation, str) else operation
+            if operation not in _OPERATIONS or _OPERATIONS[operation] == _MOVE:
+                rule = "it must be add, append or remove (0, 2 or 1)"
+                raise Fault(f"has the operation {operation!r} at object {name!r}", rule, "write the scene as it is")
+            if _OPERATIONS[operation] == _REMOVE:
+                objects.pop(name, None)
+                continue
+            header = _table(entry.get("header"), f"the header of object {name!r}")
+            frame = str(header.get("frame_id") or "").lstrip("/")
+            parts = list(self._parts(entry, f"object {name!r}"))
+            if not parts:
+                rule = "it must have primitives, meshes or planes"
+                raise Fault(f"has no shape at object {name!r}", rule, "add them, or remove the object")
+            if _OPERATIONS[operation] == _APPEND and name in objects:
+                if objects[name][0] != frame:
+                    fault = f"appends to object {name!r} in frame {frame!r}, which is in frame {objects[name][0]!r}"
+                    raise Fault(fault, "both must be the same", "write both in one frame")
+                parts = [*objects[name][1], *parts]
+            objects[name] = frame, parts
+        return objects
+
+    def _parts(self, entry: Mapping[str, Any], place: str) -> Iterator[tuple[Shape, Floats]]:
+        whole = _pose(entry.get("pose"), f"the pose of {place}")
+        makers: dict[str, Callable[[Any, str, Floats], tuple[Shape, Floats]]]
+        makers = {"primitives": self._primitive, "meshes": self._mesh, "planes": self._plane}
+        for name, poses_name in _PARTS.items():
+            items = _items(entry.get(name), f"{name} of {place}")
+            poses = _items(entry.get(poses_name), f"{poses_name} of {place}")
+            if len(poses) != len(items) and (poses or len(items) > 1):
+                fault = f"has {len(items)} {name} and {len(poses)} {poses_name} at {place}"
+                raise Fault(fault, "there must be a pose for each", "add or remove some")
+            for number, item in enumerate(items):
+                self._count += 1
+                if self._count > MAX_SHAPES:
+                    raise Fault(f"holds more than {MAX_SHAPES} shapes", "no more are read", "split the scene")
+                here = f"{name}[{number}] of {place}"
+                pose = _pose(poses[number] if poses else None, f"{poses_name}[{number}] of {place}")
+                yield makers[name](item, here, whole @ pose)
+
+    def _primitive(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
+        table = _table(item, place)
+        kind = table.get("type")
+        kind = kind.lower() if isinstance(kind, str) else kind
+        if isinstance(kind, bool) or kind not in _PRIMITIVES:
+            known = ", ".join(f"{name} ({key})" for key, (name, _, _) in _PRIMITIVES.items() if isinstance(key, int))
+            raise Fault(f"has the type {kind!r} at {place}", f"it must be one of {known}", "write such a primitive")
+        name, sizes, make = _PRIMITIVES[kind]
+        given = _items(table.get("dimensions"), f"dimensions of {place}")
+        values = _numbers(given, len(given), f"dimensions of {place}")
+        # Lists of three numbers are common, the last ones zero where the shape has fewer.
+        if len(values) < len(sizes) or values[len(sizes) :].any() or not (values[: len(sizes)] > 0.0).all():
+            rule = f"a {name} has {', '.join(sizes)}, metres above zero"
+            raise Fault(f"has the dimensions {values.tolist()} at {place}", rule, "correct them")
+        return make(*values[: len(sizes)].tolist()), pose
+
+    def _mesh(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
+        table = _table(item, place)
+        if table.get("resource"):
+            name = str(table["resource"])
+            if name not in self._meshes:
+                self._meshes[name] = read_mesh(locate_meshes({name: place}, self._path, self._folders)[name])
+            scale = np.ones(3)
+            if table.get("dimensions") is not None:
+                scale = _numbers(table["dimensions"], 3, f"dimensions of {place}")
+            if not scale.all():
+                raise Fault(f"has the dimensions {scale.tolist()} at {place}", "no factor may be zero", "correct them")
+            vertices, faces = placed(self._meshes[name], np.diag([*scale, 1.0]))
+        else:
+            points = _items(table.get("vertices"), f"vertices of {place}")
+            corners = [
+                _items(_table(each, place).get("vertex_indices") if isinstance(each, dict) else each, place)
+                for each in _items(table.get("triangles"), f"triangles of {place}")
+            ]
+            vertices = np.array([_numbers(each, 3, f"vertices of {place}") for each in points]).reshape(-1, 3)
+            if any(
+                len(each) != 3 or not all(type(n) is int and 0 <= n < len(points) for n in each) for each in corners
+            ):
+                fault = f"has a triangle that is not three numbers of its {len(points)} vertices at {place}"
+                raise Fault(fault, "vertices are counted from 0", "correct it")
+            faces = np.array(corners, dtype=np.int64).reshape(-1, 3)
+        self._bytes += unfolded(len(vertices), len(faces))
+        check_memory(self._path, "holds meshes", self._bytes)
+        return Mesh(vertices, faces, source=f"{os.fspath(self._path)}: {place}"), pose
+
+    def _plane(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
+        if self._plane_ball is None:
+            hint = "pass bounds for a workspace, or plane_radius for an arm"
+            raise Fault(f"has a plane, {place}", "a plane has no end, and an obstacle needs one", hint)
+        *normal, offset = _numbers(_table(item, place).get("coef"), 4, f"coef of {place}").tolist()
+        length = float(np.linalg.norm(normal))
+        if not length > 0.0:
+            raise Fault(f"has the coef {[*normal, offset]} at {place}", "a, b and c may not all be zero", "correct it")
+        direction = pose[:3, :3] @ np.divide(normal, length)
+        center, radius = self._plane_ball
+        # A point x of the shape's own frame lies in the plane where normal . x + offset = 0.
+        foot = center - direction * (direction @ (center - pose[:3, 3]) + offset / length)
+        across = np.linalg.svd(direction[np.newaxis])[2][1:]
+        corners = foot + radius * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]) @ across
+        return Mesh(corners, np.array([(0, 1, 2), (0, 2, 3)]), "surface", place), np.eye(4)
+
+
+def _bounded(make: Callable[[float, float], Pair], height: float, radius: float) -> Shape:
+    outer, inner = make(radius, height)
+    return BoundedShape(Mesh.of(outer), Mesh.of(inner), is_round_about_z=True)
+
+
+_BOX: Final = "box", ("x", "y", "z"), lambda *sides: Box.of(sides)
+_SPHERE: Final = "sphere", ("radius",), lambda radius: Balls.of([(0.0, 0.0, 0.0)], radius)
+_CYLINDER: Final = "cylinder", ("height", "radius"), partial(_bounded, cylinder)
+_CONE: Final = "cone", ("height", "radius"), partial(_bounded, cone)
+
+_PRIMITIVES: Final[Mapping[Any, tuple[str, tuple[str, ...], Callable[..., Shape]]]] = {
+    **{kind[0]: kind for kind in (_BOX, _SPHERE, _CYLINDER, _CONE)},
+    **dict(enumerate((_BOX, _SPHERE, _CYLINDER, _CONE), start=1)),
+}
+"""Primitives by the name and by the number of their type: name, dimensions in order, and what makes the shape."""
+
+
+def _moved(shape: Shape, pose: Floats) -> Shape:
+    """Return a shape moved by a rigid motion, shape (4, 4)."""
+    if isinstance(shape, BoundedShape):
+        upright = shape.is_round_about_z and np.array_equal(pose[:3, 2], (0.0, 0.0, 1.0)) and not pose[:2, 3].any()
+        outer, inner = _moved_exact(shape.outer, pose), _moved_exact(shape.inner, pose)
+        return BoundedShape(outer, inner, is_round_about_z=bool(upright))
+    return _moved_exact(shape.outer, pose)
+
+
+def _moved_exact(shape: ExactShape, pose: Floats) -> ExactShape:
+    if isinstance(shape, Balls):
+        return Balls.of(shape.centers @ pose[:3, :3].T + pose[:3, 3], shape.radii)
+    if isinstance(shape, Box) and np.array_equal(pose[:3, :3], np.eye(3)):
+        return Box.of(shape.extents, shape.center + pose[:3, 3])
+    if isinstance(shape, Mesh):
+        return Mesh(*placed((shape.vertices, shape.faces), pose), shape.solid, shape.source)
+    return Mesh(*placed(shape.surface, pose))
+
+
+def _frames(transforms: Sequence[Any], frames: set[str]) -> dict[str, Floats]:
+    """Return the motion from each frame that objects are in to the one frame of the scene.
+
+    If all are in one frame, it is the frame of the scene. Otherwise the transforms must lead to one frame.
+    """
+    if len(frames) == 1:
+        return dict.fromkeys(frames, np.eye(4))
+    parents: dict[str, tuple[str, Floats]] = {}
+    for number, item in enumerate(transforms):
+        place = f"fixed_frame_transforms[{number}]"
+        entry = _table(item, place)
+        header, motion = _table(entry.get("header"), place), _table(entry.get("transform"), place)
+        parent = str(header.get("frame_id") or "").lstrip("/")
+        given = {"position": motion.get("translation"), "orientation": motion.get("rotation")}
+        parents[str(entry.get("child_frame_id") or "").lstrip("/")] = parent, _pose(given, place)
+    motions: dict[str, Floats] = {}
+    roots: set[str] = set()
+    for frame in sorted(frames):
+        root, to_root, passed = frame, np.eye(4), {frame}
+        while root in parents and parents[root][0] not in passed:
+            root, step = parents[root]
+            to_root = step @ to_root
+            passed.add(root)
+        motions[frame] = to_root
+        roots.add(root)
+    if len(roots) > 1:
+        fault = f"has objects in the frames {', '.join(map(repr, sorted(frames)))}"
+        raise Fault(fault, "fixed_frame_transforms must lead from all to one frame", "write all in one frame")
+    return motions
+
+
+def _robot_parts(scene: Mapping[str, Any]) -> list[str]:
+    """Return the parts of a scene that enlarge the robot, as text."""
+    state = _table(scene.get("robot_state"), "robot_state")
+    attached = _items(state.get("attached_collision_objects"), "attached_collision_objects")
+    names = [str(_table(_table(each, "").get("object"), "").get("id")) for each in attached]
+    found = [f"attached objects ({', '.join(names)})"] if names else []
+    for key, field, neutral in (("link_padding", "padding", 0.0), ("link_scale", "scale", 1.0)):
+        if any(_table(each, key).get(field, neutral) != neutral for each in _items(scene.get(key), key)):
+            found.append(key)
+    return found
+
+
+def _pose(value: Any, place: str) -> Floats:
+    """Return a rigid motion, shape (4, 4); the identity if there is none. MoveIt normalises quaternions, too."""
+    table = _table(value, place)
+    given = table.get("position"), table.get("orientation")
+    position = np.zeros(3) if given[0] is None else _numbers(given[0], 3, f"position of {place}")
+    quaternion = np.array(_NO_ROTATION) if given[1] is None else _numbers(given[1], 4, f"orientation of {place}")
+    matrix = np.eye(4)
+    matrix[:3, 3] = position
+    if quaternion[:3].any():
+        from scipy.spatial.transform import Rotation
+
+        matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
+    return matrix
+
+
+def _table(value: Any, place: str) -> Mapping[str, Any]:
+    """Return a table; an empty one for nothing."""
+    if value is not None and not isinstance(value, dict):
+        raise Fault(f"has {str(value)[:40]!r} as {place}", "it must be a table of names and values", "correct it")
+    return value or {}
+
+
+def _items(value: Any, place: str) -> Sequence[Any]:
+    """Return a list; an empty one for nothing."""
+    if value is not None and not isinstance(value, list):
+        raise Fault(f"has {str(value)[:40]!r} as {place}", "it must be a list", "correct it")
+    return value or []
+
+
+def _numbers(value: Any, count: int, place: str) -> Floats:
+    """Return numbers, shape (count,), of a list, or of a table of x, y, z and w."""
+    if isinstance(value, dict):
+        value = [value.get(name) for name in "xyzw"[:count]] if len(value) == count else None
+    if (
+        not isinstance(value, list)
+        or len(value) != count
+        or not all(type(each) in (int, float) and abs(each) < 1e100 for each in value)
+    ):
+        raise Fault(f"has {str(value)[:60]} as {place}", f"it must be {count} finite numbers", "correct it")
+    return np.array(value, dtype=np.float64)

@@ -1,0 +1,1 @@
+"""Saved maps: whole ones, and those in tiles."""

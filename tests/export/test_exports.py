@@ -1,0 +1,365 @@
+"""Maps written for other programs: the border of the free space as a mesh, VTK images, and ROS maps."""
+
+from collections import Counter
+from collections.abc import Callable
+from fractions import Fraction
+from itertools import product
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+import rioxarray
+import trimesh
+import xarray
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from PIL import Image
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkIOXML import vtkXMLImageDataReader
+
+import cspace
+from cspace.errors import FileError, InputError
+from cspace.export import borders as writing
+from cspace.export import vti
+from cspace.export.borders import WRITERS, free_border
+from cspace.export.vti import write_vti
+from maps import SPACES
+
+states = hnp.arrays(np.uint8, st.tuples(*[st.integers(1, 5)] * 3), elements=st.integers(0, 2)).filter(
+    lambda state: bool((state == cspace.FREE).any())
+)
+
+Surface = tuple[np.ndarray, np.ndarray]
+
+
+def bordered(
+    state: np.ndarray, lower: tuple[float, ...] = (0.0, 0.0, 0.0), spacing: float = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
+    return free_border(state, cspace.Grid(lower, spacing, state.shape))
+
+
+# ---- the border of the free space --------------------------------------------------------------------------------
+
+
+def squares(state: np.ndarray) -> Counter[tuple[tuple[int, ...], tuple[int, ...]]]:
+    """Twice the middle and the outward normal of each side of a FREE cell beyond which is none, by brute force."""
+    free = {tuple(cell.tolist()) for cell in np.argwhere(state == cspace.FREE)}
+    normals = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
+    return Counter(
+        (tuple(2 * i + 1 + n for i, n in zip(cell, normal, strict=True)), normal)
+        for cell, normal in product(free, normals)
+        if tuple(i + n for i, n in zip(cell, normal, strict=True)) not in free
+    )
+
+
+@given(state=states)
+@settings(max_examples=60)
+def test_the_border_is_that_of_the_free_cells_and_closed(state: np.ndarray) -> None:
+    vertices, faces = bordered(state)
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 1])
+    np.testing.assert_array_equal(np.abs(normals).sum(axis=1), 1.0)
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    np.testing.assert_array_equal(np.sort(high - low, axis=1), np.tile([0.0, 1.0, 1.0], (len(faces), 1)))
+    sides = Counter(
+        (tuple(middle), tuple(normal))
+        for middle, normal in zip((low + high).astype(int).tolist(), normals.astype(int).tolist(), strict=True)
+    )
+    assert sides == Counter({square: 2 * count for square, count in squares(state).items()})
+    # Two triangles of half a square each fill it only if they differ.
+    assert len({tuple(sorted(face)) for face in faces.tolist()}) == len(faces)
+    assert len(np.unique(vertices, axis=0)) == len(vertices)
+    assert np.array_equal(np.unique(faces), np.arange(len(vertices)))
+    edges = Counter((face[i], face[i - 2]) for face in faces.tolist() for i in range(3))
+    assert set(Counter(tuple(sorted(edge)) for edge in edges.elements()).values()) <= {2, 4}
+    assert all(edges[a, b] == edges[b, a] for a, b in edges)
+
+
+@given(state=states, spacing=st.sampled_from([0.1, 0.37, 2.0]), shift=st.floats(-50.0, 50.0))
+@settings(max_examples=30)
+def test_the_border_encloses_the_volume_of_the_free_cells(state: np.ndarray, spacing: float, shift: float) -> None:
+    vertices, faces = bordered(state, (shift, -shift, 0.5), spacing)
+    volume = Fraction(0)
+    for a, b, c in np.vectorize(Fraction, otypes=[object])(vertices - vertices[0])[faces]:
+        volume += sum(a[i] * (b[i - 2] * c[i - 1] - b[i - 1] * c[i - 2]) for i in range(3))
+    assert float(volume / 6) == pytest.approx(np.count_nonzero(state == cspace.FREE) * spacing**3, rel=1e-9)
+    for axis, n in enumerate(state.shape):
+        assert np.isin(vertices[:, axis], (shift, -shift, 0.5)[axis] + spacing * np.arange(n + 1)).all()
+
+
+@pytest.fixture(scope="module")
+def ball() -> cspace.CSpace:
+    """A ball among voxels; no two FREE cells touch in an edge only."""
+    cells = np.zeros((20, 18, 16), dtype=bool)
+    cells[4:9, 5:8, 3:12] = cells[13, 12, 8] = True
+    workspace = cspace.Workspace.from_array(cells, 0.1, (-0.7, 3.0, 0.3))
+    return cspace.build(workspace, cspace.Robot.ball(0.13), outside="free", overlap=True)
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_a_mesh_file_reads_back(tmp_path: Path, ball: cspace.CSpace, suffix: str) -> None:
+    path = tmp_path / f"free{suffix.upper()}"
+    ball.export(path)
+    mesh = trimesh.load_mesh(path)
+    assert mesh.is_watertight and mesh.is_winding_consistent
+    assert mesh.volume == pytest.approx(ball.count()[0] * ball.grid.spacing**3, rel=1e-5)
+    vertices, faces = free_border(ball.state, ball.grid)
+    exact = vertices if suffix != ".stl" else vertices.astype(np.float32).astype(np.float64)
+    np.testing.assert_array_equal(np.sort(mesh.triangles, axis=None), np.sort(exact[faces], axis=None))
+    if suffix == ".stl":
+        assert not path.read_bytes().startswith(b"solid")  # which readers would take for an STL file in text
+        return
+    # The others keep every bit, and share vertices; our own reader says so too.
+    own = cspace.shapes.Mesh.of(path, "surface")
+    np.testing.assert_array_equal(own.vertices, vertices)
+    np.testing.assert_array_equal(own.faces, faces)
+
+
+def test_stl_holds_unit_normals_and_what_single_precision_keeps_apart(tmp_path: Path) -> None:
+    vertices, faces = bordered(np.zeros((2, 3, 1), np.uint8), (1e-30, 0.0, 0.0), 1e-30)
+    with (tmp_path / "free.stl").open("wb") as file:
+        WRITERS[".stl"](file, vertices, faces)
+    content = (tmp_path / "free.stl").read_bytes()
+    rows = np.frombuffer(content[84:], np.uint8).reshape(-1, 50)[:, :48].copy().view("<f4").reshape(-1, 4, 3)
+    edges = np.diff(vertices[faces] / 1e-30, axis=1)
+    np.testing.assert_allclose(rows[:, 0], np.cross(edges[:, 0], edges[:, 1]), atol=1e-6)
+    np.testing.assert_array_equal(rows[:, 1:], vertices[faces].astype(np.float32))
+    for spacing in (1e-60, 1e60):
+        mesh = bordered(np.zeros((2, 2, 2), np.uint8), spacing=spacing)
+        with (
+            (tmp_path / "free").open("wb") as file,
+            pytest.raises(InputError, match=r"do not keep apart in single precision.*write .ply or .obj"),
+        ):
+            WRITERS[".stl"](file, *mesh)
+
+
+@pytest.mark.parametrize("far", [2.0**22 - 6, -(2.0**22) + 6, 1e5])
+def test_far_from_the_origin_an_stl_is_closed_still(far: float) -> None:
+    vertices, faces = bordered(np.zeros((5, 4, 3), np.uint8), (far * 0.1, 0.0, -far * 0.1), 0.1)
+    single = vertices.astype(np.float32)
+    assert len(np.unique(single, axis=0)) == len(vertices)
+    assert trimesh.Trimesh(single.astype(float), faces, process=False).is_watertight
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_blocks_do_not_show_and_too_many_triangles_are_refused(
+    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state, grid = np.zeros((2, 2, 3), np.uint8), cspace.Grid((0.0,) * 3, 1.0, (2, 2, 3))
+    written = []
+    for rows in (writing.BLOCK, 1, 7):
+        monkeypatch.setattr(writing, "BLOCK", rows)
+        writing.write_border(state, grid, tmp_path / f"free{suffix}", overwrite=True)
+        written.append((tmp_path / f"free{suffix}").read_bytes())
+    assert written[0] == written[1] == written[2]
+    monkeypatch.setattr(writing, "MOST", 11)
+    with pytest.raises(InputError, match=r"64 triangles; .* at most 11"):
+        writing.write_border(state, grid, tmp_path / f"free{suffix}", overwrite=True)
+    assert (tmp_path / f"free{suffix}").read_bytes() == written[0]
+
+
+def test_what_has_no_border_is_refused(tmp_path: Path, ball: cspace.CSpace, monkeypatch: pytest.MonkeyPatch) -> None:
+    full = cspace.build(cspace.Workspace.from_array(np.ones((3, 3, 3), bool), 0.1), cspace.Robot.ball(0.1))
+    with pytest.raises(InputError, match=r"the map has no FREE cell; a border needs at least one; build it with"):
+        full.export(tmp_path / "free.stl")
+    with pytest.raises(InputError, match="a border is a mesh in space"):
+        SPACES["plane"]().export(tmp_path / "free.ply")
+    with pytest.raises(InputError, match=r"rotation has shape .*the robot does not turn"):
+        ball.export(tmp_path / "free.stl", rotation=0.5)
+    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 1000)
+    with pytest.raises(InputError, match=r"the border of the free space .* of memory; at most"):
+        ball.export(tmp_path / "free.stl")
+    assert not list(tmp_path.iterdir())
+
+
+# ---- VTK images --------------------------------------------------------------------------------------------------
+
+
+def read(path: Path) -> tuple[Any, dict[str, np.ndarray]]:
+    """The image and its cell arrays, indexed in the order of the coordinates, as VTK reads them."""
+    reader = vtkXMLImageDataReader()
+    assert reader.CanReadFile(str(path))
+    reader.SetFileName(str(path))
+    reader.Update()
+    assert reader.GetErrorCode() == 0
+    image = reader.GetOutput()
+    cells, data = [max(1, n - 1) for n in image.GetDimensions()], image.GetCellData()
+    return image, {
+        data.GetArrayName(i): vtk_to_numpy(data.GetArray(i)).reshape(cells[::-1]).T
+        for i in range(data.GetNumberOfArrays())
+    }
+
+
+@given(data=st.data())
+@settings(max_examples=30)
+def test_vtk_finds_what_was_written(data: st.DataObject) -> None:
+    dim = data.draw(st.integers(2, 3))
+    shape = data.draw(st.tuples(*[st.integers(1, 9)] * dim))
+    lower = data.draw(st.tuples(*[st.floats(-100.0, 100.0)] * dim))
+    grid = cspace.Grid(lower, data.draw(st.floats(1e-3, 50.0)), shape)
+    arrays = {
+        "state": data.draw(hnp.arrays(np.uint8, shape)),
+        "outer": data.draw(hnp.arrays(bool, shape)),
+        "overlap": data.draw(hnp.arrays(np.int32, shape)),
+        "penetration": data.draw(hnp.arrays(np.float64, shape)),
+    }
+    with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(vti, "_SLAB", data.draw(st.sampled_from([1, 50, 2**24])))
+        path = Path(folder) / "map.vti"
+        write_vti(arrays, grid, path)
+        image, arrays_read = read(path)
+    assert list(arrays_read) == list(arrays)
+    for name, array in arrays.items():
+        assert arrays_read[name].dtype == (np.uint8 if array.dtype == bool else array.dtype)
+        np.testing.assert_array_equal(arrays_read[name], array.reshape(arrays_read[name].shape))
+    missing = (0.0,) * (3 - dim)
+    assert image.GetOrigin() == (*grid.lower, *missing)
+    assert image.GetSpacing() == (grid.spacing,) * 3
+    assert image.GetExtent() == tuple(n for count in (*shape, *missing) for n in (0, count))
+    assert image.GetCellData().GetScalars().GetName() == "state"
+
+
+@pytest.mark.parametrize("make", SPACES.values(), ids=SPACES)
+def test_a_map_of_every_kind_in_vtk_is_the_slice_at_a_rotation(
+    tmp_path: Path, make: Callable[[], cspace.CSpace]
+) -> None:
+    space = make()
+    turn = space.rotations.centers[-1]
+    space.export(tmp_path / "map.vti", rotation=turn if len(turn) else None)
+    image, arrays = read(tmp_path / "map.vti")
+    expected = space.to_xarray()
+    if len(turn):
+        expected = expected.isel(rotation=-1)
+    names = {name for name in expected if expected[name].dims == expected.state.dims}
+    names -= {"inner"} if space.workspace.inner is space.workspace.outer else set()
+    assert set(arrays) == names
+    for name in names:
+        np.testing.assert_array_equal(arrays[name].reshape(space.grid.shape), expected[name])
+    origin, spacing = np.array(image.GetOrigin()), np.array(image.GetSpacing())
+    points = np.random.default_rng(3).uniform(space.grid.lower, space.grid.upper, (50, space.grid.dim))
+    flat = np.pad(points, ((0, 0), (0, 3 - space.grid.dim)))
+    cells = [image.ComputeCellId(np.floor((point - origin) / spacing).astype(int)) for point in flat]
+    q = np.hstack([points, np.tile(turn, (50, 1))])
+    np.testing.assert_array_equal(arrays["state"].ravel(order="F")[cells], space.classify(q))
+
+
+@pytest.mark.parametrize("name", ["turning", "symmetric", "round", "solid_turning", "field"])
+def test_vtk_finds_every_rotation_in_one_file(tmp_path: Path, name: str) -> None:
+    space = SPACES[name]()
+    space.export(tmp_path / "map.vti")
+    image, arrays = read(tmp_path / "map.vti")
+    cells, rotations = space.to_xarray(), image.GetFieldData()
+    count = space.rotations.count
+    for number in range(count):
+        key = f"state_{number:0{len(str(count - 1))}d}"
+        np.testing.assert_array_equal(arrays[key].reshape(space.grid.shape), cells.state.isel(rotation=number))
+    turns = np.array([[rotations.GetArray(axis).GetValue(k) for axis in space.rotations.names] for k in range(count)])
+    np.testing.assert_array_equal(turns, space.rotations.centers)
+    assert len([key for key in arrays if key.startswith("state")]) == count
+    assert image.GetCellData().GetScalars().GetName() == min(key for key in arrays if key.startswith("state"))
+
+
+@pytest.mark.parametrize("array", [np.zeros((3, 3), np.uint8), np.zeros((3, 2), np.float32), np.zeros((3, 2, 1), bool)])
+def test_arrays_that_are_not_over_the_grid_are_refused(tmp_path: Path, array: np.ndarray) -> None:
+    with pytest.raises(InputError, match=r"state has shape .* it must have the grid's shape \(3, 2\) and be uint8"):
+        write_vti({"state": array}, cspace.Grid((0.0, 0.0), 1.0, (3, 2)), tmp_path / "map.vti")
+    assert not list(tmp_path.iterdir())
+
+
+# ---- ROS maps, and what holds for all ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["grid", "turning", "field"])
+@pytest.mark.parametrize("suffix", [".yaml", ".yml"])
+def test_a_ros_map_is_the_slice_at_a_yaw(tmp_path: Path, name: str, suffix: str) -> None:
+    space = SPACES[name]()
+    yaw = None if not space.rotations.dof else 1.0
+    space.export(tmp_path / f"map{suffix}", rotation=yaw)
+    for unknown, expected in (("occupied", cspace.FREE), ("free", cspace.MIXED)):
+        workspace = cspace.Workspace.from_ros_map(tmp_path / f"map{suffix}", unknown=unknown)
+        np.testing.assert_array_equal(workspace.outer, space.slice_at(yaw or ()) > expected)
+    if yaw is not None:
+        with pytest.raises(InputError, match="rotation is missing"):
+            space.export(tmp_path / f"other{suffix}")
+
+
+def test_a_ros_map_is_plane_and_a_whole_map_takes_no_yaw(tmp_path: Path, ball: cspace.CSpace) -> None:
+    with pytest.raises(InputError, match="a ROS map is plane"):
+        ball.export(tmp_path / "map.yaml")
+    with pytest.raises(InputError, match="a GeoTIFF is plane"):
+        ball.export(tmp_path / "map.tif")
+    for suffix in (".npz", ".zarr"):
+        with pytest.raises(InputError, match="holds every slice"):
+            SPACES["turning"]().export(tmp_path / f"map{suffix}", rotation=1.0)
+
+
+# ---- GeoTIFF and netCDF, as GDAL reads them --------------------------------------------------------------------------
+
+
+def of_cells(space: cspace.CSpace) -> Any:
+    """The centers of the cells, row by row from the highest y, shape (ny, nx, 2)."""
+    x, y = (space.grid.centers(axis) for axis in range(2))
+    return np.stack(np.meshgrid(x, y[::-1]), axis=-1)
+
+
+@pytest.mark.parametrize(("name", "rotation"), [("plane", None), ("grid", None), ("turning", 1.0)])
+def test_geotiff_has_every_cell_at_its_place(tmp_path: Path, name: str, rotation: float | None) -> None:
+    space = SPACES[name]()
+    space.export(tmp_path / "map.tif", rotation=rotation)
+    image = rioxarray.open_rasterio(tmp_path / "map.tif")
+    centers = of_cells(space)
+    np.testing.assert_allclose(np.stack(np.meshgrid(image.x, image.y), axis=-1), centers, atol=1e-9)
+    np.testing.assert_allclose(image.rio.bounds(), (*space.grid.lower, *space.grid.upper), atol=1e-9)
+    q = centers if rotation is None else np.concatenate([centers, np.full((*centers.shape[:2], 1), rotation)], axis=-1)
+    assert (image.values[0] == space.classify(q)).all()
+    assert 'UNIT["metre",1' in image.rio.crs.to_wkt()
+    shades = np.asarray(Image.open(tmp_path / "map.tif").convert("L"))  # as a viewer of images shows it
+    brightness = [shades[image.values[0] == state].min() for state in np.unique(image.values)]
+    assert len(brightness) > 1 and (np.diff(np.array(brightness, dtype=int)) < 0).all()
+
+
+@pytest.mark.parametrize("name", ["plane", "turning"])
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")  # of the table of bounds
+def test_netcdf_of_a_plane_map_lies_where_the_map_does(tmp_path: Path, name: str) -> None:
+    space = SPACES[name]()
+    space.export(tmp_path / "map.nc")
+    opened = rioxarray.open_rasterio(tmp_path / "map.nc", variable="state")
+    image = opened[0] if isinstance(opened, list) else opened
+    np.testing.assert_allclose(np.stack(np.meshgrid(image.x, image.y), axis=-1), of_cells(space), atol=1e-9)
+    expected = [space.state] if name == "plane" else [space.slice_at(yaw) for yaw in space.rotations.representatives]
+    assert (image["state"].values == np.stack([state.T[::-1] for state in expected])).all()
+
+
+def test_netcdf_holds_a_map_of_space_and_one_rotation(tmp_path: Path, ball: cspace.CSpace) -> None:
+    ball.export(tmp_path / "ball.nc")
+    with xarray.open_dataset(tmp_path / "ball.nc") as dataset:
+        assert dataset["state"].dims == ("z", "y", "x") and dataset["x"].attrs["units"] == "m"
+        assert (dataset["state"].transpose("x", "y", "z") == ball.state).all()
+        assert (dataset["outer"].transpose("x", "y", "z") == ball.workspace.outer).all()
+        flags = dataset["state"].attrs
+        assert dict(zip(flags["flag_meanings"].split(), flags["flag_values"].tolist(), strict=True)) == {
+            "free": cspace.FREE,
+            "mixed": cspace.MIXED,
+            "blocked": cspace.BLOCKED,
+        }
+    space = SPACES["turning"]()
+    space.export(tmp_path / "one.nc", rotation=1.0)
+    with xarray.open_dataset(tmp_path / "one.nc") as dataset:
+        assert dataset["state"].dims == ("y", "x")
+        assert (dataset["state"].values == space.slice_at(1.0).T).all()
+        assert abs(float(dataset["yaw"]) - 1.0) <= float(dataset["covering_angle"])
+
+
+@pytest.mark.parametrize("suffix", [".vti", ".yaml", ".stl", ".tif", ".nc"])
+def test_an_earlier_file_is_kept_unless_told_otherwise(tmp_path: Path, ball: cspace.CSpace, suffix: str) -> None:
+    space = SPACES["grid"]() if suffix in (".yaml", ".tif") else ball
+    path = tmp_path / f"map{suffix}"
+    path.write_text("years of work")
+    with pytest.raises(FileError, match="overwrite=True"):
+        space.export(path)
+    assert path.read_text() == "years of work"
+    space.export(path, overwrite=True)
+    assert path.read_bytes() != b"years of work"

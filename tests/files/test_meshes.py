@@ -1,0 +1,265 @@
+"""Files of meshes: the triangles that come back are those of the file, all of them, or an error says why not."""
+
+import struct
+import tracemalloc
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cspace import FileError, GeometryError, InputError
+from cspace.files.meshes import read_mesh
+from cspace.files.polygons import triangulated
+from mesh_files import BOX, CORNERS, FACES, FAR, QUADS, SECOND, VERTICES, check_boxes, check_refused, lines, read
+
+# OBJ
+
+
+@pytest.mark.parametrize("second", [QUADS - 8, QUADS + 9], ids=["relative", "absolute"])
+def test_relative_corners_of_obj_count_back_from_where_they_stand(tmp_path, second):
+    text = f"o a\n{VERTICES}{lines('f', QUADS - 8)}o b\n{lines('v', CORNERS + FAR)}{lines('f', second)}"
+    check_boxes(read(tmp_path, "two.obj", text), 2)
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda text: text.replace("f ", "f\t"),
+        lambda text: text.replace("f ", " f "),
+        lambda text: text.replace("f ", "F "),
+        lambda text: text.replace("f ", "f  ").replace("\n", "  \r\n"),
+        lambda text: text.replace("\n", "\r"),
+        lambda text: text.replace("v ", "v\t").replace("v\t", " V\t", 3),
+        lambda text: text.replace("\n", " # a comment\n"),
+        lambda text: text.replace("\n", " # path C:\\folder\\\n"),
+        lambda text: text.replace(" ", " \\\n ", 200),
+        lambda text: text.replace("f 1", "f \\\r\n1"),
+        lambda text: text.replace("\nf", "\ng part\\one\nusemtl a#b\nl 1 2 3\np 1\nf"),
+        lambda text: text.rstrip(),
+        lambda text: text.replace(".0\n", ".0 1\n"),
+        lambda text: text.replace(".0\n", ".0 0.5 0.5 0.5\n"),
+    ],
+)
+def test_statements_of_obj_are_read_however_they_are_laid_out(tmp_path, write):
+    check_boxes(read(tmp_path, "laid.obj", VERTICES + FACES + write(SECOND)), 2)
+    check_boxes(read(tmp_path, "laid.obj", write(VERTICES + FACES)))
+
+
+def test_obj_may_begin_with_a_mark_of_its_coding(tmp_path):
+    check_boxes(read(tmp_path, "mark.obj", b"\xef\xbb\xbf" + (VERTICES + FACES).encode()))
+
+
+@pytest.mark.parametrize("corner", ["{0}", "{0}/1", "{0}//1", "{0}/1/1"])
+def test_corners_of_obj_may_name_more_than_a_vertex(tmp_path, corner):
+    faces = lines("f", [[corner.format(number) for number in quad] for quad in QUADS + 1])
+    check_boxes(read(tmp_path, "slashes.obj", f"{VERTICES}vt 0 0\nvn 0 0 1\n{faces}"))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("surf 0 1 0 1 1 2 3\n", "'surf'"),
+        ("curv 0 1 1 2\n", "'curv'"),
+        ("call other.obj\n", "'call'"),
+        ("fo 1 2 3\n", "'fo'"),
+        ("1 2 3\n", "no statement"),
+        ("ff 1 2 3\n", "no statement"),
+        ("f 1 2\n", "2 corners"),
+        ("f 0 1 2\n", "vertex 0"),
+        ("f 1 2 9\n", "vertex 8"),
+        ("f 1 2 -9\n", "vertex -1"),
+        ("f 1 2 3.5\n", "no whole number"),
+        ("f 1 2 /3\n", "no whole number"),
+        ("v 1 2\n", "2 numbers"),
+        ("v 1 2 3 2\n", "weights"),
+        ("mtllib C:\\\nf 1 2 3\n", "backslash"),
+        ("usemtl \\\n\tF\t1 2 3\n", "backslash"),
+        ("\0", "not text"),
+    ],
+)
+def test_what_an_obj_reader_cannot_tell_is_refused(tmp_path, text, message):
+    check_refused(tmp_path, "odd.obj", VERTICES + FACES + text, message)
+
+
+def test_a_large_obj_is_read_whole(tmp_path):
+    sphere = trimesh.creation.icosphere(subdivisions=6)
+    file = tmp_path / "sphere.obj"
+    file.write_text(lines("v", sphere.vertices.tolist()) + lines("f", sphere.faces + 1))
+    vertices, faces = read_mesh(file)
+    assert np.array_equal(vertices, sphere.vertices)
+    assert np.array_equal(faces, sphere.faces)
+
+
+# Polygons
+
+
+def area_of(points, sizes):
+    faces = triangulated(np.array(points, float), np.arange(len(points)), np.array(sizes))
+    return trimesh.Trimesh(points, faces, process=False).area
+
+
+@given(st.integers(3, 12), st.integers(0, 2**32 - 1))
+def test_flat_convex_polygons_keep_their_area_wherever_they_lie(count, seed):
+    rng = np.random.default_rng(seed)
+    angles = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
+    x, y = np.cos(angles), np.sin(angles)
+    shoelace = 0.5 * abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+    turn = trimesh.transformations.random_rotation_matrix(rng.random(3))[:3, :3]
+    points = np.stack([x, y, np.zeros(count)], axis=1) @ turn.T + rng.uniform(-3, 3, 3)
+    assert area_of(points, [count]) == pytest.approx(shoelace, rel=1e-9)
+
+
+@pytest.mark.parametrize("first", range(6))
+def test_bent_polygons_that_one_corner_sees_keep_their_area(first):
+    corner = np.array([(0, 0, 1), (3, 0, 1), (3, 1, 1), (1, 1, 1), (1, 3, 1), (0, 3, 1)], float)
+    assert area_of(np.roll(corner, first, axis=0), [6]) == pytest.approx(5.0)
+    dart = np.array([(0, 0, 0), (2, 1, 0), (4, 0, 0), (2, 4, 0)], float)
+    assert area_of(np.roll(dart, first, axis=0), [4]) == pytest.approx(6.0)
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        ([(0, 0, 0), (1, 0, 0.01), (1, 1, 0), (0, 1, 0.01)], "one plane"),
+        ([(0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 1, 0)], "no area"),
+        ([(0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 2, 0)], "crosses itself"),
+        ([(0, 0, 0), (4, 0, 0), (4, 3, 0), (3, 3, 0), (3, 1, 0), (1, 1, 0), (1, 3, 0), (0, 3, 0)], "bends"),
+    ],
+)
+def test_polygons_without_one_surface_are_refused(tmp_path, points, message):
+    face = f"f {' '.join(map(str, range(1, len(points) + 1)))}\n"
+    check_refused(tmp_path, "bent.obj", lines("v", points) + "f 1 2 3\n" + face, message, GeometryError)
+
+
+def test_polygons_without_an_area_and_of_huge_or_tiny_size_do_no_harm(tmp_path):
+    line = [(0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0)]
+    assert area_of(line, [4]) == 0.0
+    assert area_of([(1, 1, 1)] * 4, [4]) == 0.0
+    for scale in (1e-160, 1e90):
+        face = triangulated(CORNERS * scale, QUADS.reshape(-1), np.full(6, 4))
+        assert face.shape == (12, 3)
+    with pytest.raises(InputError, match="is nan; NaN"):
+        read(tmp_path, "nan.obj", "v 0 0 nan\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
+
+
+# STL
+
+
+def binary_stl(count=12, shift=0.0):
+    raw = bytearray(trimesh.Trimesh(CORNERS + shift, BOX.faces, process=False).export(file_type="stl"))
+    raw[80:84] = struct.pack("<I", count)
+    return bytes(raw)
+
+
+def text_stl(shift=0.0, name=""):
+    text = trimesh.Trimesh(CORNERS + shift, BOX.faces, process=False).export(file_type="stl_ascii")
+    return text.replace("solid ", f"solid {name}", 1)
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda text: text,
+        str.upper,
+        lambda text: text.replace("\n", "\r\n"),
+        lambda text: text.replace("\n", "\r"),
+        lambda text: text.replace("solid ", "solid endsolid vertex normal 1 2 3 facet ", 1),
+        lambda text: text.replace("\nfacet", "\n\t facet").replace("endsolid", "\tendsolid"),
+        lambda text: text.replace("solid ", "solid ünïcode ", 1),
+    ],
+)
+def test_all_solids_of_a_text_stl_are_read(tmp_path, write):
+    check_boxes(read(tmp_path, "two.stl", write(text_stl()) + "\n" + write(text_stl(FAR))), 2)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (binary_stl(6), "declares 6 triangles and has bytes for 12"),
+        (binary_stl(13), "declares 13 triangles and has bytes for 12"),
+        (binary_stl()[:60], "truncated"),
+        (b"solid " + binary_stl(6)[6:], "solid"),
+        (text_stl() + text_stl(FAR).replace("endsolid", ""), "endsolid"),
+        (text_stl() + text_stl(FAR).replace("endsolid", "endsol"), "endsolid"),
+        (text_stl().replace("endsolid", "") + text_stl(FAR), "endsolid"),
+        (text_stl() + text_stl(FAR).partition("facet")[2], "endsolid"),
+        (
+            text_stl()
+            + text_stl(FAR).replace(
+                "solid", "solid " + text_stl().partition("solid")[2].partition("endsolid")[0].replace("\n", " ")
+            ),
+            "own",
+        ),
+        (text_stl() + text_stl(FAR).replace("vertex", "vertix", 1), "whole ones"),
+        (text_stl() + text_stl(FAR).replace("endfacet\n", "", 1), "words"),
+        (text_stl().replace(".0 ", ".0, "), "malformed"),
+        (b" 4\xff0".join(text_stl().encode().rsplit(b" 4.0", 1)), "malformed"),  # which is neither 4.0 nor 40
+        (text_stl().encode().replace(b" 4.0", b" 4.0\0", 1), "not text"),
+        (text_stl() + text_stl(FAR).partition("facet")[2].partition("endsolid")[0], "endsolid"),
+    ],
+)
+def test_stl_files_that_hold_other_than_they_say_are_refused(tmp_path, content, message):
+    check_refused(tmp_path, "odd.stl", content, message, FileError)
+
+
+# OFF
+
+
+POINTS = "".join(f"{x} {y} {z}\n" for x, y, z in CORNERS)
+SIDES = "".join(f"4 {' '.join(map(str, quad))}\n" for quad in QUADS)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"OFF\n8 6 0\n{POINTS}{SIDES}",
+        f"OFF 8 6 0\n{POINTS}{SIDES}",
+        f"# one\nOFF # two\n\n8 6\n{POINTS}\n# 4 0 1 2 3\n{SIDES}",
+        f"COFF\n8 6 12\n{POINTS.replace(chr(10), ' 255 0 0 255' + chr(10))}{SIDES}",
+        f"STCNOFF\n8 6 12\n{POINTS.replace(chr(10), ' 0 0 1 255 0 0 255 0 0' + chr(10))}{SIDES}",
+        f"OFF\n8 6 0\n{POINTS}{SIDES.replace(chr(10), ' 255 0 0' + chr(10))}",
+        f"OFF\r\n8 7 0\r\n{POINTS}{SIDES.replace('4 3 2 1 0', '3 3 2 1 0.5 0.5 0.5' + chr(10) + '3 3 1 0 7')}",
+    ],
+)
+def test_off_files_are_read_with_their_colours_and_comments(tmp_path, text):
+    check_boxes(read(tmp_path, "box.off", text))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (f"OFF\n8 5 0\n{POINTS}{SIDES}", "14 lines"),
+        (f"OFF\n8 7 0\n{POINTS}{SIDES}", "14 lines"),
+        (f"OFF\n8 6 0\n{POINTS}{SIDES[:-3]}", "fewer corners"),
+        (f"OFF\n8 6 0\n{POINTS}{SIDES.replace('4 3', '2 3', 1)}", "2 corners"),
+        (f"OFF\n8 6 0\n{POINTS}{SIDES.replace('4 3', '4 8', 1)}", "vertex 8"),
+        (f"OFF\n8 6 0\n{POINTS}{SIDES.replace('4 3', '4 -1', 1)}", "vertex -1"),
+        (f"OFF\n8 6 0\n{POINTS.replace('4.0 4.0 4.0', '4.0 4.0')}{SIDES}", "alike"),
+        (f"4OFF\n8 6 0\n{POINTS.replace(chr(10), ' 2' + chr(10))}{SIDES}", "4OFF"),
+        (f"OFF BINARY\n8 6 0\n{POINTS}{SIDES}", "binary"),
+        (f"8 6 0\n{POINTS}{SIDES}", "begin with OFF"),
+    ],
+)
+def test_off_files_that_hold_other_than_they_say_are_refused(tmp_path, text, message):
+    check_refused(tmp_path, "odd.off", text, message)
+
+
+# ---- what both texts share -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".off"])
+def test_one_long_word_does_not_make_all_of_them_wide(tmp_path, suffix):
+    long = f"0.{'0' * 100_000}1"
+    points, faces = f"v {long} 0 0\n" + "v 1 0 0\nv 0 1 0\n" * 500, "f 1 2 3\n"
+    if suffix == ".off":
+        points, faces = f"OFF\n1001 1 0\n{points}".replace("v ", ""), "3 0 1 2\n"
+    (tmp_path / f"long{suffix}").write_text(points + faces)
+    read_mesh(tmp_path / f"long{suffix}")  # what is imported and compiled
+    tracemalloc.start()
+    vertices, triangles = read_mesh(tmp_path / f"long{suffix}")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert (vertices[:2] == [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]).all() and triangles.tolist() == [[0, 1, 2]]
+    assert peak < 2**24

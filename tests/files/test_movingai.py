@@ -1,0 +1,86 @@
+"""MovingAI maps."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cspace import Grid, Workspace
+from cspace.errors import FileError
+from cspace.files.movingai import read_map
+
+MAPS = ["AR0011SR", "Berlin_1_1024", "arena", "brc504d", "maze512-32-0", "random512-10-0"]
+
+TINY = "type octile\nheight 2\nwidth 3\nmap\n.GS\n@.W\n"
+
+
+def test_tiny_map_by_hand(tmp_path: Path) -> None:
+    path = tmp_path / "tiny.map"
+    path.write_text(TINY)
+    workspace = Workspace.from_movingai(path, 0.5)
+    assert workspace.grid == Grid((0.0, 0.0), 0.5, (3, 2))
+    assert workspace.outer.tolist() == [[True, False], [False, False], [True, False]]
+    assert workspace.inner is workspace.outer
+    assert workspace.source == str(path)
+
+
+def test_every_letter(tmp_path: Path) -> None:
+    (tmp_path / "all.map").write_text("type octile\nwidth 7\nheight 1\nmap\n.GS@OTW")
+    assert read_map(tmp_path / "all.map").tolist() == [[False]] * 3 + [[True]] * 4
+
+
+def test_windows_line_ends(tmp_path: Path) -> None:
+    (tmp_path / "tiny.map").write_bytes(TINY.replace("\n", "\r\n").encode() + b"\r\n\r\n")
+    assert read_map(tmp_path / "tiny.map").sum() == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "line 1 is ''"),
+        ("type tile\nheight 1\nwidth 1\nmap\n.", "line 1 is 'type tile'"),
+        ("type octile", "line 2 is missing"),
+        ("type octile\nheight two\nwidth 1\nmap\n.", "line 2 is 'height two'"),
+        ("type octile\nheight 0\nwidth 1\nmap\n.", "line 2 is 'height 0'"),
+        ("type octile\nheight " + "9" * 5000 + "\nwidth 1\nmap\n.", "line 2 is 'height 999"),
+        ("type octile\nheight -1\nwidth 1\nmap\n.", "line 2 is 'height -1'"),
+        ("type octile\nheight 1\nheight 1\nmap\n.", "line 3 is 'height 1'"),
+        ("type octile\nheight 1\nwidth 1\n.", "line 4 is '.'"),
+        ("type octile\nheight 1\nwidth 1", "line 4 is missing"),
+        ("type octile\nheight 2\nwidth 3\nmap\n...\n..", "line 6 has 2 characters, and the header says width 3"),
+        ("type octile\nheight 2\nwidth 3\nmap\n...\n....", "line 6 has 4 characters"),
+        ("type octile\nheight 2\nwidth 3\nmap\n...", "ends at line 5 with 1 rows, and the header says height 2"),
+        ("type octile\nheight 1\nwidth 3\nmap\n...\n...", "ends at line 6 with 2 rows"),
+        ("type octile\nheight 2\nwidth 3\nmap\n...\n.x.", "line 6, column 2 is 'x'"),
+        ("type octile\nheight 2\nwidth 3\nmap\n...\n. .", "line 6, column 2 is ' '"),
+    ],
+)
+def test_malformed_maps(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "bad.map").write_text(text)
+    with pytest.raises(FileError, match=message):
+        read_map(tmp_path / "bad.map")
+
+
+def test_a_map_that_is_not_text(tmp_path: Path) -> None:
+    (tmp_path / "bad.map").write_bytes(b"type octile\n\xff\xfe")
+    with pytest.raises(FileError, match="byte 12 is not UTF-8"):
+        read_map(tmp_path / "bad.map")
+
+
+def test_a_truncated_real_map(data: Path, tmp_path: Path) -> None:
+    whole = (data / "movingai" / "arena.map").read_bytes()
+    (tmp_path / "cut.map").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(FileError, match=r"cut\.map: (line \d+ has|ends at)"):
+        read_map(tmp_path / "cut.map")
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_real_maps_against_a_plain_reading(data: Path, name: str) -> None:
+    path = data / "movingai" / f"{name}.map"
+    lines = path.read_text().splitlines()
+    height, width, rows = int(lines[1].split()[1]), int(lines[2].split()[1]), lines[4:]
+    workspace = Workspace.from_movingai(path)
+    assert workspace.grid == Grid((0.0, 0.0), 1.0, (width, height))
+    assert workspace.outer.sum() == sum(row.count(letter) for row in rows for letter in "@OTW")
+    for x, y in np.random.default_rng(0).integers((width, height), size=(500, 2)).tolist():
+        assert workspace.outer[x, y] == (rows[height - 1 - y][x] in "@OTW")

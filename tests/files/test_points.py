@@ -1,0 +1,432 @@
+"""Point clouds: every format and encoding, whole, truncated and damaged."""
+
+import contextlib
+import io
+import struct
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cspace import Workspace
+from cspace.errors import FileError, GeometryError, InputError
+from cspace.files.points import read_points, unpack_lzf
+from strategies import seeds
+
+CLOUD = np.array([[0.0, 1.5, -2.25], [3.0, 4.0, 5.0], [1e3, -0.125, 7.75], [3.0, 4.0, 5.0], [0.5, 0.5, 0.5]])
+"""Single precision holds it."""
+
+
+def pack_lzf(data: bytes) -> bytes:
+    """LZF: copies of at least three bytes that were met before, and literals."""
+    out, literals, seen, at = bytearray(), bytearray(), {}, 0
+
+    def flush():
+        for start in range(0, len(literals), 32):
+            part = literals[start : start + 32]
+            out.append(len(part) - 1)
+            out.extend(part)
+        literals.clear()
+
+    while at < len(data):
+        key = data[at : at + 3]
+        back = at - seen.get(key, -1) - 1 if key in seen and len(key) == 3 else None
+        seen[key] = at
+        if back is None or back >= 8192:
+            literals.append(data[at])
+            at += 1
+            continue
+        length = 3
+        while length < 264 and at + length < len(data) and data[at + length] == data[at + length - back - 1]:
+            length += 1
+        flush()
+        if length - 2 < 7:
+            out.append((length - 2) << 5 | back >> 8)
+        else:
+            out.extend((7 << 5 | back >> 8, length - 9))
+        out.append(back & 255)
+        at += length
+    flush()
+    return bytes(out)
+
+
+def pcd(points, data, fields="rgb x _ y z", sizes="4 4 1 8 4", types="U F U F F", counts="1 1 3 1 1"):
+    """A PCD file with other fields before, between and after the coordinates, of several types."""
+    header = (
+        f"# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS {fields}\nSIZE {sizes}\nTYPE {types}\n"
+        f"COUNT {counts}\nWIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(points)}\nDATA {data}\n"
+    ).encode()
+    rows = [(7 * n, x, 1, 2, 3, y, z) for n, (x, y, z) in enumerate(points)]
+    if data == "ascii":
+        return header + "".join(" ".join(map(str, row)) + "\n" for row in rows).encode()
+    if data == "binary":
+        return header + b"".join(struct.pack("<If3Bdf", *row) for row in rows)
+    columns = [[row[0] for row in rows], [row[1] for row in rows], [v for row in rows for v in row[2:5]]]
+    columns += [[row[5] for row in rows], [row[6] for row in rows]]
+    plain = b"".join(struct.pack(f"<{len(c)}{k}", *c) for c, k in zip(columns, "IfBdf", strict=True))
+    packed = pack_lzf(plain)
+    return header + struct.pack("<II", len(packed), len(plain)) + packed
+
+
+ENCODINGS = ["ascii", "binary", "binary_compressed"]
+
+
+def ply(points, form):
+    cloud = trimesh.PointCloud(points)
+    return cloud.export(file_type="ply", encoding=form)
+
+
+def write(tmp_path, name, content):
+    path = tmp_path / name
+    path.unlink(missing_ok=True)  # disks are slow to write over what is there
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+def refused(path, error=FileError):
+    with pytest.raises(error) as caught:
+        read_points(path)
+    assert str(path) in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_pcd_in_every_encoding(tmp_path, encoding):
+    many = np.random.default_rng(1).integers(-1000, 1000, (3000, 3)) / 8
+    many[1000:2000] = many[0]
+    for cloud in (CLOUD, many):
+        points = read_points(write(tmp_path, "cloud.pcd", pcd(cloud, encoding)))
+        assert points.dtype == np.float64 and points.flags.c_contiguous and (points == cloud).all()
+
+
+def test_pcd_without_counts_and_with_integers(tmp_path):
+    text = "VERSION .7\nFIELDS z y x\nSIZE 2 4 8\nTYPE I U F\nWIDTH 2\nHEIGHT 1\nDATA binary\n"
+    body = struct.pack("<hId", -3, 2, 1.5) + struct.pack("<hId", 30, 20, 0.1)
+    points = read_points(write(tmp_path, "cloud.pcd", text.encode() + body))
+    assert (points == [[1.5, 2, -3], [0.1, 20, 30]]).all()
+
+
+def test_pcd_with_windows_line_ends(tmp_path):
+    content = pcd(CLOUD, "ascii").replace(b"\n", b"\r\n")
+    assert (read_points(write(tmp_path, "cloud.pcd", content)) == CLOUD).all()
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_truncated_pcd(tmp_path, encoding):
+    content = pcd(CLOUD, encoding)
+    body = content.index(b"DATA")
+    for length in range(0, len(content) - 1, 7):
+        message = refused(write(tmp_path, "cloud.pcd", content[:length]))
+        if length > body + 30 and encoding == "binary":
+            record = 4 + 4 + 3 + 8 + 4
+            left = (length - content.index(b"\n", body) - 1) // record
+            assert f"holds {left} points, and its header says 5" in message
+
+
+def test_truncated_pcd_counts(tmp_path):
+    content = pcd(CLOUD, "ascii")
+    lines = content.decode().splitlines()
+    assert "holds 3 points, and its header says 5" in refused(write(tmp_path, "a.pcd", "\n".join(lines[:-2]) + "\n"))
+    assert f"line {len(lines)} is" in refused(write(tmp_path, "b.pcd", content[:-8]))
+    packed = pcd(CLOUD, "binary_compressed")
+    size = len(packed) - packed.index(b"compressed\n") - len(b"compressed\n") - 8
+    message = refused(write(tmp_path, "c.pcd", packed[:-10]))
+    assert f"holds {size - 10} bytes of packed points, and its header says {size}" in message
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("FIELDS rgb x _ y z\n", "", "no FIELDS"),
+        ("DATA binary\n", "", "line 11"),
+        ("DATA binary", "DATA zip", "DATA 'zip'"),
+        ("POINTS 5", "POINTS 6", "6 points in 5 x 1"),
+        ("POINTS 5", "POINTS five", "malformed header"),
+        ("POINTS 5", "POINTS", "malformed header"),
+        ("POINTS 5\n", "", None),
+        ("WIDTH 5\n", "", None),
+        ("WIDTH 5\n", "WEITE 5\n", "line 7 is 'WEITE 5'"),
+        ("rgb x _ y z", "rgb x _ y w", "fields rgb x _ y w"),
+        ("rgb x _ y z", "z x _ y z", "once each"),
+        ("COUNT 1 1 3 1 1", "COUNT 1 3 1 1 1", "once each"),
+        ("SIZE 4 4 1 8 4", "SIZE 4 4 1 8", "types"),
+        ("SIZE 4 4 1 8 4", "SIZE 4 4 1 8 3", "types"),
+        ("SIZE 4 4 1 8 4", "SIZE 4 4 1 8 1", "types"),
+        ("TYPE U F U F F", "TYPE U F U F X", "types"),
+        ("WIDTH 5\nHEIGHT 1\n", "WIDTH -5\nHEIGHT -1\n", "do not agree"),
+    ],
+)
+def test_pcd_headers(tmp_path, old, new, message):
+    content = pcd(CLOUD, "binary")
+    assert old.encode() in content
+    path = write(tmp_path, "cloud.pcd", content.replace(old.encode(), new.encode()))
+    if message is None:
+        assert (read_points(path) == CLOUD).all()
+    else:
+        assert message in refused(path)
+
+
+def test_damaged_packed_pcd(tmp_path):
+    content = pcd(CLOUD, "binary_compressed")
+    start = content.index(b"compressed\n") + len(b"compressed\n")
+    packed, plain = struct.unpack("<II", content[start : start + 8])
+    wrong = content[:start] + struct.pack("<II", packed, plain + 1) + content[start + 8 :]
+    assert f"says {plain + 1} bytes" in refused(write(tmp_path, "a.pcd", wrong))
+    short = content[:start] + struct.pack("<II", packed - 1, plain) + content[start + 8 :]
+    assert "does not unpack" in refused(write(tmp_path, "b.pcd", short))
+    back = content[:start] + struct.pack("<II", 3, plain) + b"\x20\xff\xff"
+    assert "does not unpack" in refused(write(tmp_path, "c.pcd", back))
+
+
+@given(seeds, st.integers(0, 3000), st.sampled_from([1, 2, 5, 256]))
+def test_lzf_there_and_back(seed, size, letters):
+    data = np.random.default_rng(seed).integers(0, letters, size).astype(np.uint8).tobytes()
+    out = np.empty(size, dtype=np.uint8)
+    assert unpack_lzf(np.frombuffer(pack_lzf(data), dtype=np.uint8), out) == size
+    assert out.tobytes() == data
+
+
+@given(st.binary(max_size=100), st.integers(0, 50))
+def test_no_bytes_crash_the_unpacker(packed, size):
+    out = np.zeros(size + 64, dtype=np.uint8)
+    written = unpack_lzf(np.frombuffer(packed, dtype=np.uint8), out[:size])
+    assert -1 <= written <= size
+    assert not out[size:].any()
+
+
+@pytest.mark.parametrize(
+    "packed",
+    [b"\x20\x00", b"\x00a\x20\x01", b"\x01a", b"\x00a\xe0", b"\x00a\xe0\x01", b"\x00a\x20", b"\x00a\xe0\xff\x00"],
+)
+def test_damaged_lzf(packed):
+    assert unpack_lzf(np.frombuffer(packed, dtype=np.uint8), np.zeros(64, dtype=np.uint8)) == -1
+
+
+@pytest.mark.parametrize("form", ["binary", "ascii"])
+def test_ply(tmp_path, form):
+    assert (read_points(write(tmp_path, "cloud.ply", ply(CLOUD, form))) == CLOUD).all()
+
+
+def test_vertices_of_a_ply_mesh(tmp_path):
+    mesh = trimesh.creation.icosphere(1)
+    points = read_points(write(tmp_path, "ball.ply", mesh.export(file_type="ply")))
+    assert np.allclose(points, mesh.vertices, atol=1e-6)
+
+
+def npy(array):
+    stream = io.BytesIO()
+    np.save(stream, array)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("cloud.ply", ply(CLOUD, "binary")), ("cloud.ply", ply(CLOUD, "ascii")), ("cloud.npy", npy(CLOUD))],
+)
+def test_truncated_ply_and_npy(tmp_path, name, content):
+    for length in range(0, len(content) - 6, 9):
+        refused(write(tmp_path, name, content[:length]))
+
+
+STRIPS = """ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+element tristrips 1
+property list int int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+1 1 1
+4 0 1 2 3
+"""
+
+TEXT = "\n".join(" ".join(map(str, row)) for row in CLOUD.tolist())
+
+
+@pytest.mark.parametrize("name", ["cloud.xyz", "cloud.txt", "cloud.csv", "CLOUD.XYZ"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        TEXT,
+        "# x y z\n\n" + TEXT + "\n\n",
+        TEXT.replace(" ", ", "),
+        TEXT.replace(" ", ","),
+        TEXT.replace(" ", "\t"),
+        TEXT.replace("\n", "\r\n") + "\r\n",
+        TEXT.replace("\n", " 0.5 255 # noise\n") + " 1 2",
+        "  " + TEXT.replace("\n", "\n   "),
+    ],
+)
+def test_text(tmp_path, name, text):
+    assert (read_points(write(tmp_path, name, text)) == CLOUD).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (TEXT + "\n1 2", "line 6 is '1 2'; it must hold 3 columns"),
+        (TEXT + "\n\n1 2 3 4", "line 7 is '1 2 3 4'; it must hold 3 columns"),
+        ("x y z\n" + TEXT, "line 1 is 'x y z'; it must hold numbers alone"),
+        ("# head\n1 2 3\n1 2 abc", "line 3 is '1 2 abc'; it must hold numbers"),
+        ("1,2,3\n4 5 6", "line 2 is '4 5 6'"),
+        ("1,2,3\n4,,6", "line 2 is '4,,6'"),
+        ("1;2;3", "line 1 is '1;2;3'"),
+        ("1 2\n3 4", "has 2 columns"),
+        (TEXT.encode() + b"\xff", "not text"),
+        ("ply\nformat ascii 1.0\nelement vertex 1\nproperty float a\nend_header\n1\n", "x, y and z"),
+        (STRIPS.replace("vertex 4", "vertex " + "9" * 5000), "no whole PLY header"),
+    ],
+)
+def test_malformed_text(tmp_path, text, message):
+    assert message in refused(write(tmp_path, "cloud.ply" if text[:3] == "ply" else "cloud.xyz", text))
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32, np.int16])
+def test_npy(tmp_path, dtype):
+    array = np.round(CLOUD).astype(dtype)
+    np.save(tmp_path / "cloud.npy", np.asfortranarray(array))
+    assert (read_points(tmp_path / "cloud.npy") == array).all()
+
+
+@pytest.mark.parametrize(
+    "array", [np.zeros(3), np.zeros((4, 2)), np.zeros((4, 4)), np.zeros((4, 3), bool), np.zeros((4, 3), complex)]
+)
+def test_npy_of_another_shape_or_type(tmp_path, array):
+    np.save(tmp_path / "cloud.npy", array)
+    assert "shape (n, 3)" in refused(tmp_path / "cloud.npy")
+
+
+def empty_and_broken(points):
+    """The same cloud in every format."""
+    rows = "\n".join(" ".join(map(str, row)) for row in points.tolist())
+    plain = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n"
+    plain += "property float x\nproperty float y\nproperty float z\nend_header\n" + rows
+    yield "cloud.xyz", "# cloud\n" + rows
+    yield "cloud.ply", plain + "\n"
+    for encoding in ENCODINGS:
+        yield "cloud.pcd", pcd(points, encoding)
+
+
+@pytest.mark.parametrize(("name", "content"), list(empty_and_broken(np.zeros((0, 3)))))
+def test_empty_clouds_are_refused(tmp_path, name, content):
+    assert "no point" in refused(write(tmp_path, name, content), GeometryError)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"), list(empty_and_broken(np.array([[1, 2, 3], [np.nan] * 3, [1, np.inf, 2], [4, 5, 6]])))
+)
+def test_points_that_are_not_finite_are_counted_and_refused(tmp_path, name, content):
+    message = refused(write(tmp_path, name, content), GeometryError)
+    assert "2 points of 4" in message
+    assert "np.isfinite(points).all(axis=1)" in message
+
+
+def test_other_names_are_refused(tmp_path):
+    with pytest.raises(InputError, match=r"'\.las'.*\.npy, \.xyz, \.txt, \.csv, \.ply, \.pcd"):
+        read_points(tmp_path / "cloud.las")
+    with pytest.raises(InputError, match="must be a file name"):
+        read_points(3)
+    for name in ("a.npy", "a.xyz", "a.ply", "a.pcd"):
+        assert "does not exist" in refused(tmp_path / name)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize("count", ["999999999999", "600000000", "1" + "0" * 30])
+@pytest.mark.parametrize("number", [5, 0])
+def test_pcd_with_absurd_counts(tmp_path, encoding, count, number):
+    content = pcd(CLOUD[:number], encoding).replace(b"COUNT 1 1 3 1 1", f"COUNT {count} 1 3 1 1".encode())
+    assert "bytes for each point, by SIZE and COUNT" in refused(write(tmp_path, "cloud.pcd", content))
+
+
+def test_pcd_that_would_unpack_to_more_than_it_can(tmp_path, monkeypatch):
+    content = (
+        pcd(CLOUD, "binary_compressed")
+        .replace(b"WIDTH 5", b"WIDTH 150000000")
+        .replace(b"POINTS 5", b"POINTS 150000000")
+    )
+    start = content.index(b"compressed\n") + len(b"compressed\n")
+    packed = struct.unpack("<I", content[start : start + 4])[0]
+    content = content[:start] + struct.pack("<II", packed, 23 * 150000000) + content[start + 8 :]
+    assert "one stands for 88 at most" in refused(write(tmp_path, "cloud.pcd", content))
+
+
+def test_pcd_of_equal_points_packs_well(tmp_path):
+    points = np.full((5000, 3), 0.5)
+    content = pcd(points, "binary_compressed", "x y z", "4 4 4", "F F F", "1 1 1")
+    start = content.index(b"compressed\n") + len(b"compressed\n")
+    packed = pack_lzf(np.full(15000, 0.5, "<f4").tobytes())
+    path = write(tmp_path, "cloud.pcd", content[:start] + struct.pack("<II", len(packed), 60000) + packed)
+    assert len(packed) < 60000 / 80
+    assert (read_points(path) == points).all()
+
+
+def npy_header(shape, kind="<f8", version=1):
+    stream = io.BytesIO()
+    writer = {1: np.lib.format.write_array_header_1_0, 2: np.lib.format.write_array_header_2_0}[version]
+    writer(stream, {"shape": shape, "fortran_order": False, "descr": kind})
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        *[
+            npy_header(shape, version=version) + bytes(100)
+            for version in (1, 2)
+            for shape in [(2**70, 3), (2**62, 3), (10**12, 3), (5, 3), (-1, 3), (0, 2**70)]
+        ],
+        b"",
+        b"\x93NUMPY garbage",
+        b"PK\x03\x04" + bytes(50),
+        b"\x93NUMPY\x03\x00" + bytes(100),
+        b"\x93NUMPY\x09\x00" + bytes(100),
+        npy_header((4, 3)).replace(b"<f8", b"<q9") + bytes(96),
+        npy_header((4, 3)).replace(b"(4, 3)", b"(4, 3 ") + bytes(96),
+        npy_header((4, 3)).replace(b"(4, 3)", b"4, 3, ") + bytes(96),
+        npy_header((4, 3)).replace(b"(4, 3)", b"((((((") + bytes(96),
+        npy_header((4, 3)).replace(b"'<f8'", b"'|O' ") + bytes(96),
+    ],
+)
+def test_npy_of_another_format_or_size(tmp_path, content):
+    path = write(tmp_path, "cloud.npy", content)
+    message = refused(path)
+    assert message.count("cannot be read") == 1
+    assert "write it with numpy.save" in message
+    with pytest.raises(FileError, match="cannot be read"):
+        Workspace.open(path, spacing=0.1)
+
+
+@given(st.integers(0, 127), st.integers(0, 255))
+def test_damaged_npy_headers(tmp_path_factory, at, byte):
+    content = bytearray(npy_header((4, 3)) + np.arange(12.0).tobytes())
+    content[at] = byte
+    path = write(tmp_path_factory.mktemp("npy"), "cloud.npy", bytes(content))
+    with contextlib.suppress(FileError, GeometryError):
+        assert read_points(path).shape[1] == 3
+
+
+def test_surfaces_of_a_ply_that_are_no_faces_are_refused(tmp_path):
+    path = write(tmp_path, "strips.ply", STRIPS)
+    assert "elements tristrips" in refused(path, GeometryError)
+    with pytest.raises(GeometryError, match="elements tristrips with lists, which may be surfaces"):
+        Workspace.open(path, spacing=0.1)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        STRIPS.replace("tristrips 1", "tristrips 0").replace("4 0 1 2 3\n", ""),
+        STRIPS.replace("tristrips", "range_grid"),
+        STRIPS.replace("tristrips 1\nproperty list int int", "camera 1\nproperty float").replace("4 0 1 2 3", "7"),
+    ],
+)
+def test_other_elements_of_a_ply_are_left(tmp_path, text):
+    path = write(tmp_path, "scan.ply", text)
+    assert read_points(path).shape == (4, 3)
+    assert Workspace.open(path, spacing=0.5).source == str(path)

@@ -1,0 +1,521 @@
+"""A saved map opens as it was, or does not open at all."""
+
+import io
+import json
+import os
+import shutil
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray
+import zarr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cspace
+from cspace.errors import FileError, InputError
+from cspace.files.limits import raised_limits
+from cspace.store import saved as store
+from maps import SPACES, SUFFIXES, files, refused, same
+from strategies import bitmaps, robots, rotation_cells
+
+YAWS = (-7.0, 0.0, 0.3, 3.1, 4.0)
+
+
+@pytest.fixture(scope="module", params=SPACES)
+def space(request: pytest.FixtureRequest) -> cspace.CSpace:
+    return SPACES[request.param]()
+
+
+@pytest.fixture(scope="module")
+def few() -> cspace.CSpace:
+    """A turning map of a few cells, FREE nearly everywhere."""
+    workspace = cspace.Workspace.from_polygons("POLYGON ((0 0, 0.05 0, 0 0.05, 0 0))", 0.1, (0, 0, 0.4, 0.3))
+    return cspace.build(workspace, cspace.Robot.rectangle(0.2, 0.1), rotations=4, outside="free")
+
+
+@pytest.fixture(scope="module")
+def small(few: cspace.CSpace, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same, saved by each suffix beside each other."""
+    folder = tmp_path_factory.mktemp("small")
+    for suffix in SUFFIXES:
+        few.save(folder / f"map{suffix}")
+    return folder
+
+
+def pair() -> cspace.CSpace:
+    """A map of two cells."""
+    return cspace.build(cspace.Workspace.from_array([[0, 1]], 0.1), cspace.Robot.disc(0.05))
+
+
+@st.composite
+def built(draw: st.DrawFn) -> cspace.CSpace:
+    """Maps of random cells and robots."""
+    outer = draw(bitmaps())
+    inner = outer & draw(st.sampled_from([True, False]))
+    lower = draw(st.tuples(*[st.floats(-100.0, 100.0)] * 2))
+    workspace = cspace.Workspace.from_array(outer, draw(st.floats(0.05, 3.0)), lower, inner=inner)
+    return cspace.build(
+        workspace,
+        draw(robots(1.5)),
+        rotations=draw(st.none() | rotation_cells(5)),
+        outside=draw(st.sampled_from(["blocked", "free"])),
+        margin=draw(st.sampled_from([0.0, 0.1])),
+        overlap=draw(st.booleans()),
+    )
+
+
+# ---- what is saved is what opens ---------------------------------------------------------------------------------
+
+
+@given(space=built(), suffix=st.sampled_from(SUFFIXES))
+@settings(max_examples=25)
+def test_a_map_comes_back_as_it_was(space: cspace.CSpace, suffix: str) -> None:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"map{suffix}"
+        space.save(path)
+        same(space, cspace.open(path))
+
+
+@pytest.mark.parametrize("suffix", [".zarr", ".npz"])
+def test_a_map_of_every_kind_comes_back_and_makes_itself_again(
+    tmp_path: Path, space: cspace.CSpace, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / f"map{suffix.upper()}"
+    space.save(path)
+    assert list(tmp_path.iterdir()) == [path]
+    with monkeypatch.context() as patch:
+        patch.setattr("cspace.space.slice_rasters", None)  # which look-ups of a saved map need not
+        opened = cspace.open(str(path))
+        same(space, opened)
+        np.testing.assert_array_equal(opened.record.exterior, space.record.exterior)
+    again = cspace.build(
+        opened.workspace, opened.robot, rotations=opened.rotations, margin=opened.margin, outside=opened.outside
+    )
+    np.testing.assert_array_equal(again.state, space.state)
+    q = np.random.default_rng(1).uniform(space.grid.lower, space.grid.upper, (50, space.grid.dim))
+    turns = {0: np.zeros((50, 0)), 1: np.linspace(-9, 9, 50)[:, None]}.get(space.rotations.dof, space.rotations.centers)
+    q = np.hstack([q, np.resize(turns, (50, turns.shape[1]))])
+    np.testing.assert_array_equal(opened.is_free(q, exact=True), space.is_free(q, exact=True))
+    for turn in YAWS if space.rotations.dof == 1 else space.rotations.centers[::20]:
+        np.testing.assert_array_equal(cspace.open_slice(path, turn), space.slice_at(turn))
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_what_is_unknown_comes_back(tmp_path: Path, suffix: str) -> None:
+    cells = np.eye(9, dtype=bool)
+    workspace = cspace.Workspace(cspace.Grid((0.0, 0.0), 0.1, (9, 9)), cells, cells, unknown=cells[::-1])
+    cspace.build(workspace, cspace.Robot.disc(0.1)).save(tmp_path / f"map{suffix}")
+    again = cspace.open(tmp_path / f"map{suffix}").workspace.unknown
+    assert again is not None
+    np.testing.assert_array_equal(again, cells[::-1])
+
+
+@given(inner=st.booleans(), robot=robots(0.5), cells=bitmaps(), suffix=st.sampled_from([*SUFFIXES, "tiles"]))
+@settings(max_examples=20)
+def test_updates_after_opening_are_those_of_a_build(
+    inner: bool, robot: cspace.Robot, cells: np.ndarray[Any, Any], suffix: str
+) -> None:
+    """Also on a map without BLOCKED cells, which does not show by itself whether it was built with `inner`."""
+    empty = cspace.Workspace.from_array(np.zeros_like(cells), 0.1)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"map{suffix}"
+        if suffix == "tiles":
+            cspace.build(empty, robot, inner=inner, outside="free", store=path, tile=4)
+        else:
+            cspace.build(empty, robot, inner=inner, outside="free").save(path)
+        opened = cspace.open(path)
+        opened.update(cells, (0,) * cells.ndim)
+        again = cspace.build(cspace.Workspace.from_array(cells, 0.1), robot, inner=inner, outside="free")
+        assert opened.count() == again.count()
+        q = again.grid.center_of(np.argwhere(np.ones(cells.shape)))
+        np.testing.assert_array_equal(opened.classify(q), again.classify(q))
+
+
+def test_only_what_is_there_is_stored(tmp_path: Path) -> None:
+    space = SPACES["grid"]()
+    for suffix in SUFFIXES:
+        space.save(tmp_path / f"map{suffix}")
+        path = tmp_path / f"map{suffix}"
+        held = np.load(path).files if suffix == ".npz" else [entry.name for entry in path.iterdir()]
+        assert {"state", "outer", "x"} <= set(held)
+        assert not set(held) & {"inner", "unknown", "overlap", "shapes", "z", "yaw", "penetration"}
+
+
+def test_arrays_of_several_chunks_come_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, space: cspace.CSpace
+) -> None:
+    monkeypatch.setattr(store, "CHUNK", {1: 19, 2: 6, 3: 5})
+    monkeypatch.setattr(store, "SLICE_CHUNK", {2: 6, 3: 5})
+    monkeypatch.setattr(store, "TOGETHER", 400)  # several slices of some arrays, of others a layer
+    space.save(tmp_path / "map")
+    assert len(list(files(tmp_path / "map" / "state" / "c" / "0"))) > 2
+    same(space, cspace.open(tmp_path / "map"))
+    turn = space.rotations.centers[-1]
+    np.testing.assert_array_equal(cspace.open_slice(tmp_path / "map", turn), space.slice_at(turn))
+
+
+def test_a_slice_is_read_without_the_rest(tmp_path: Path) -> None:
+    space = SPACES["turning"]()
+    space.save(tmp_path / "map")
+    number = int(space.rotations.cell_of(1.5))
+    for name in ("outer", "overlap", "x"):
+        shutil.rmtree(tmp_path / "map" / name)
+    for chunk in (tmp_path / "map" / "state" / "c").iterdir():
+        if chunk.name != str(number):
+            shutil.rmtree(chunk)
+    np.testing.assert_array_equal(cspace.open_slice(tmp_path / "map", 1.5), space.slice_at(1.5))
+    with pytest.raises(FileError, match="is missing"):
+        cspace.open_slice(tmp_path / "map", -0.5)
+    refused(tmp_path / "map", "is missing")
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize(
+    ("yaw", "message"), [(np.nan, "is nan"), ([0.0, 1.0], "has shape"), ("east", "rotation is"), (1e9, "wrapped")]
+)
+def test_a_yaw_must_be_one_angle(small: Path, suffix: str, yaw: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        cspace.open_slice(small / f"map{suffix}", yaw)
+
+
+# ---- what may go wrong: a lost chunk that reads as FREE is a collision -------------------------------------------
+
+
+def changed_bytes(file: Path, masks: list[int]) -> Iterator[None]:
+    """Change one byte after another, each for a while; in place, for disks are slow to write files anew."""
+    with file.open("r+b", buffering=0) as opened:
+        for at, (byte, mask) in enumerate(zip(file.read_bytes(), masks, strict=True)):
+            for value in (byte ^ mask, byte):
+                opened.seek(at)
+                opened.write(bytes([value]))
+                if value != byte:
+                    yield
+
+
+def test_no_byte_of_a_store_may_change_go_or_come(tmp_path: Path) -> None:
+    path, space = tmp_path / "map", pair()
+    space.save(path)
+    for file in files(path):
+        content = file.read_bytes()
+        for _ in changed_bytes(file, [1 << (at % 8) for at in range(len(content))]):
+            refused(path)
+        for other in (content[: len(content) // 2], content[:-1], content + b"\n", b""):
+            file.write_bytes(other)
+            refused(path)
+        file.unlink()
+        refused(path)
+        file.write_bytes(content)
+    same(space, cspace.open(path))
+
+
+def test_no_byte_of_an_npz_changes_the_map(tmp_path: Path, small: Path) -> None:
+    path = tmp_path / "map.npz"
+    pair().save(path)
+    size, (metadata, arrays) = path.stat().st_size, store.read_npz(path)
+    caught = 0
+    for _ in changed_bytes(path, [0x55] * size):
+        try:
+            saved_metadata, opened = store.read_npz(path)
+        except FileError:
+            caught += 1
+        else:  # Some bytes, such as the time of a member, mean nothing.
+            assert saved_metadata == metadata and opened.keys() == arrays.keys()
+            assert all(np.array_equal(opened[name], arrays[name]) for name in arrays)
+    assert caught > size // 2
+    shutil.copy(small / "map.npz", path)
+    for length in reversed(range(0, path.stat().st_size, 41)):
+        os.truncate(path, length)
+        refused(path, "copy it again from where it is whole, or build it again")
+
+
+def test_lost_and_swapped_chunks_are_no_states(tmp_path: Path) -> None:
+    path = tmp_path / "map"
+    SPACES["turning"]().save(path)
+    one, two = (path / "state" / "c" / number / "0" / "0" for number in "01")
+    contents = one.read_bytes(), two.read_bytes()
+    one.write_bytes(contents[1])
+    two.write_bytes(contents[0])
+    refused(path, "differs from its digest")
+    two.unlink()
+    # Neither for other software, which reads the fill value.
+    assert (np.asarray(zarr.open_array(path / "state", mode="r")[1]) == 255).all()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"format": "cspace-ap"},
+        {"format_version": 1, "library_version": "0.0.9"},
+        {"format_version": "2"},
+        {"digest": "0"},
+        {"margin": 0.5},
+        {"digests": ""},
+        {"shape": [4]},
+        {"rotations": 0},
+    ],
+)
+@pytest.mark.parametrize("suffix", [".zarr", ".npz"])
+def test_changed_metadata_are_refused(tmp_path: Path, small: Path, suffix: str, change: dict[str, Any]) -> None:
+    path = tmp_path / f"map{suffix}"
+    if suffix == ".npz":
+        with np.load(small / "map.npz") as held:
+            members = dict(held)
+        members["metadata"] = json.dumps(json.loads(str(members["metadata"])) | change)
+        np.savez(path, **members)
+    else:
+        shutil.copytree(small / "map.zarr", path)
+        document = json.loads((path / "zarr.json").read_text())
+        document["attributes"] |= change
+        (path / "zarr.json").write_text(json.dumps(document, indent=2))
+    refused(path, "version 2 only" if "format_version" in change else "")
+
+
+FORGED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
+    ({}, {"state": np.full((2, 4, 3), 3, np.uint8)}, "holds 3, which is none of the states"),
+    ({}, {"state": np.zeros((1, 4, 3), np.uint8)}, "'state' is uint8 (1, 4, 3) where"),
+    ({}, {"state": np.zeros((2, 4, 3), np.int8)}, "'state' is int8"),
+    ({}, {"outer": None}, "it holds no outer"),
+    ({}, {"x": None}, "it holds no x"),
+    ({}, {"yaw_bounds": None}, "it holds no yaw_bounds"),
+    ({}, {"slice_of": np.arange(4)}, "'slice_of' is not that of its rotation cells and its robot"),
+    ({}, {"yaw": np.zeros(4)}, "'yaw' is not that of its rotation cells"),
+    ({}, {"covering_angle": np.zeros(4)}, "'covering_angle' is not that"),
+    ({}, {"yaw_bounds": np.zeros((4, 2))}, "its parts make no map"),
+    ({}, {"yaw_bounds": np.full((4, 2), np.nan)}, "its parts make no map"),
+    ({}, {"penetration": np.zeros((2, 4, 3))}, "its parts make no map"),
+    ({}, {"overlap": np.zeros((2, 4, 3))}, "'overlap' is float64"),
+    *[
+        ({}, {"shapes": np.frombuffer(text, np.int8)}, "'shapes' tells of no obstacles")
+        for text in (b"\0\0", b"\xff\xff", b"7", b"[7]", b"[{}]", b'[{"kind": "cone"}]', b"[" * 99999)
+    ],
+    *[
+        ({}, {"shapes": np.frombuffer(json.dumps([spec]).encode(), np.int8)}, "'shapes' tells of no obstacles")
+        for spec in (
+            {"kind": "polygon", "wkb": ["AAAA"]},
+            {"kind": "balls", "centers": [[0, 0]], "radii": [-1]},
+            {"kind": "balls", "centers": [[0, float("nan")]], "radii": [1]},
+            {"kind": "mesh", "vertices": "", "faces": "AAAA", "solid": "auto", "source": ""},
+        )
+    ],
+    ({"robot": "{}"}, {}, "its parts make no map"),
+    ({"robot": "["}, {}, "its parts make no map"),
+    ({"spacing": -1.0}, {}, "its parts make no map"),
+    ({"spacing": "wide"}, {}, "its parts make no map"),
+    ({"outside": "wet"}, {}, "its parts make no map"),
+    ({"shape": [4]}, {}, ""),
+    ({"shape": "ab"}, {}, ""),
+    ({"slices": 10**12}, {}, "is needed"),
+]
+
+
+@pytest.mark.parametrize("suffix", [".zarr", ".npz"])
+@pytest.mark.parametrize(("metadata", "content", "message"), FORGED, ids=range(len(FORGED)))
+def test_what_makes_no_map_is_refused_though_its_digests_agree(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    few: cspace.CSpace,
+    suffix: str,
+    metadata: dict[str, Any],
+    content: dict[str, Any],
+    message: str,
+) -> None:
+    plain_metadata, plain_arrays = store.metadata_of, store.arrays_of
+
+    def arrays_of(contents: Any) -> dict[str, Any]:
+        changed = plain_arrays(contents) | content
+        return {name: array for name, array in changed.items() if array is not None}
+
+    monkeypatch.setattr(store, "metadata_of", lambda contents: plain_metadata(contents) | metadata)
+    monkeypatch.setattr(store, "arrays_of", arrays_of)
+    try:
+        few.save(tmp_path / f"map{suffix}")
+    except (KeyError, TypeError, ValueError, OverflowError):
+        pytest.skip("the store itself refuses to hold it")
+    refused(tmp_path / f"map{suffix}", message)
+
+
+def test_a_store_that_unpacks_to_more_than_there_is_is_refused(tmp_path: Path, small: Path) -> None:
+    with raised_limits(max_bytes=20):
+        refused(small / "map.zarr", "at most 20 bytes are read")
+        refused(small / "map.npz", "at most 20 bytes are read")
+    # An archive of a few kilobytes that unpacks to gigabytes.
+    with zipfile.ZipFile(small / "map.npz") as whole, zipfile.ZipFile(tmp_path / "map.npz", "w", 8) as bomb:
+        for name in whole.namelist():
+            content = whole.read(name)
+            bomb.writestr(name, content + bytes(2**26) if name == "outer.npy" else content)
+    refused(tmp_path / "map.npz", "longer or shorter than its header says")
+
+
+@pytest.mark.parametrize("name", ["../climbs.npy", "a/b.npy", "/root.npy", "a\\b.npy", "C:a.npy"])
+def test_an_archive_with_names_that_climb_is_refused(tmp_path: Path, small: Path, name: str) -> None:
+    shutil.copy(small / "map.npz", tmp_path / "map.npz")
+    with zipfile.ZipFile(tmp_path / "map.npz", "a") as archive:
+        archive.writestr(name, b"")
+    refused(tmp_path / "map.npz", "climb")
+
+
+def test_an_npz_is_never_unpickled(tmp_path: Path, small: Path) -> None:
+    with np.load(small / "map.npz") as held:
+        members: dict[str, Any] = dict(held)
+    for name in ("state", "metadata"):
+        np.savez(tmp_path / "map.npz", **members | {name: np.array([{"a": 1}], dtype=object)})
+        refused(tmp_path / "map.npz", "usable map")
+
+
+def test_other_files_by_that_name_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "other.npz"
+    buffer = io.BytesIO()
+    np.save(buffer, np.zeros(3))
+    for content in (b"", b"no archive", buffer.getvalue()):
+        path.write_bytes(content)
+        refused(path, "usable map")
+    np.savez(path, state=np.zeros((3, 3), np.uint8))
+    refused(path, "it holds no metadata")
+    for folder in ("empty", "strange"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "strange" / "zarr.json").write_text("[]")
+    refused(tmp_path / "empty", "it holds no zarr.json")
+    refused(tmp_path / "strange", "usable map")
+    refused(tmp_path / "absent", "does not exist")
+    (tmp_path / "map.txt").write_text("hello")
+    refused(tmp_path / "map.txt", "is not a saved map")
+    for wrong in (7, None):
+        with pytest.raises(InputError, match="file name"):
+            cspace.open(wrong)
+
+
+# ---- writing: complete, or not there -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, MemoryError])
+@pytest.mark.parametrize("old", [False, True])
+def test_an_interrupted_save_leaves_no_half_map(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stop: type[BaseException], old: bool
+) -> None:
+    path, space, earlier = tmp_path / "map", pair(), SPACES["grid"]()
+    space.save(path)
+    number = len(list(files(path)))
+    shutil.rmtree(path)
+    if old:
+        earlier.save(path)
+    write = Path.write_bytes
+    for limit in range(number):
+        written = 0
+
+        def stub(file: Path, content: bytes, limit: int = limit) -> int:
+            nonlocal written
+            written += 1
+            if written <= limit:
+                return write(file, content)
+            write(file, content[: len(content) // 2])
+            raise stop
+
+        with monkeypatch.context() as patch, pytest.raises(stop):
+            patch.setattr(Path, "write_bytes", stub)
+            space.save(path, overwrite=True)
+        assert list(tmp_path.iterdir()) == ([path] if old else [])
+    if old:
+        same(earlier, cspace.open(path))
+    space.save(path, overwrite=True)
+    same(space, cspace.open(path))
+
+
+def test_an_interrupted_archive_leaves_no_half_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small: Path
+) -> None:
+    def stub(file: Any, **_: object) -> None:
+        file.write(b"PK half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(np, "savez_compressed", stub)
+    with pytest.raises(KeyboardInterrupt):
+        cspace.open(small / "map.zarr").export(tmp_path / "map.npz")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_saved_map_is_kept_unless_told_otherwise(tmp_path: Path, small: Path, suffix: str) -> None:
+    path, space = tmp_path / f"map{suffix}", cspace.open(small / "map.zarr")
+    SPACES["grid"]().save(path)
+    with pytest.raises(FileError, match="overwrite=True"):
+        space.save(path)
+    same(SPACES["grid"](), cspace.open(path))
+    space.save(path, overwrite=True)
+    same(space, cspace.open(path))
+
+
+def test_overwriting_removes_nothing_but_a_map(tmp_path: Path, small: Path) -> None:
+    path, space = tmp_path / "map", cspace.open(small / "map.zarr")
+    space.save(path)
+    (path / "state" / "zarr.json").unlink()  # a damaged map is one too
+    space.save(path, overwrite=True)
+    (path / "notes.txt").write_text("years of work")
+    with pytest.raises(FileError, match="holds more than an earlier output"):
+        space.save(path, overwrite=True)
+    assert (path / "notes.txt").read_text() == "years of work"
+    with pytest.raises(InputError, match=r"\.tiff.*says which format"):
+        space.save(tmp_path / "map.tiff")
+
+
+# ---- what other software finds -----------------------------------------------------------------------------------
+
+
+def test_a_dataset_is_labelled_and_read_only(space: cspace.CSpace) -> None:
+    dataset, dim = space.to_xarray(), space.grid.dim
+    turns = {} if not space.rotations.dof else {"rotation": space.rotations.count}
+    assert dict(dataset.state.sizes) == turns | dict(zip("xyz", space.grid.shape, strict=False))
+    for axis, name in enumerate("xyz"[:dim]):
+        np.testing.assert_array_equal(dataset[name], space.grid.centers(axis))
+        assert dataset[name].attrs["units"] == "m"
+    assert all(dataset[name].attrs["long_name"] for name in dataset.variables)
+    flags = dataset.state.attrs
+    assert dict(zip(flags["flag_meanings"].split(), flags["flag_values"], strict=True)) == {
+        "free": cspace.FREE,
+        "mixed": cspace.MIXED,
+        "blocked": cspace.BLOCKED,
+    }
+    places = np.stack(np.meshgrid(*(dataset[name] for name in "xyz"[:dim]), indexing="ij"), axis=-1)
+    rotations = {0: np.zeros((1, 0)), 1: dataset.get("yaw"), 4: dataset.get("quaternion")}[space.rotations.dof]
+    every = dataset.state.values.reshape(-1, *space.grid.shape)
+    for turn, states in zip(np.reshape(np.asarray(rotations), (len(every), -1)), every, strict=True):
+        q = np.concatenate([places, np.broadcast_to(turn, (*places.shape[:-1], len(turn)))], axis=-1)
+        np.testing.assert_array_equal(states, space.classify(q))
+    with pytest.raises(ValueError, match="read-only"):
+        dataset.state.values[...] = 0
+    dataset.copy(deep=True).state[...] = 0
+
+
+def test_a_dataset_survives_zarr_and_netcdf(tmp_path: Path, space: cspace.CSpace) -> None:
+    dataset = space.to_xarray()
+    dataset.to_zarr(tmp_path / "set.zarr", zarr_format=3, consolidated=False)
+    with xarray.open_zarr(tmp_path / "set.zarr", consolidated=False, chunks=None) as opened:
+        assert opened.identical(dataset)
+    dataset.to_netcdf(tmp_path / "set.nc", engine="scipy")
+    with xarray.open_dataset(tmp_path / "set.nc", engine="scipy") as opened:
+        for name in dataset.variables:
+            np.testing.assert_array_equal(opened[name], dataset[name])
+
+
+def test_xarray_opens_the_folder(tmp_path: Path, space: cspace.CSpace) -> None:
+    space.save(tmp_path / "map.zarr")
+    expected = space.to_xarray()
+    with xarray.open_zarr(tmp_path / "map.zarr", consolidated=False, chunks=None) as opened:
+        states = opened.state.isel(slice=opened.slice_of) if space.rotations.dof else opened.state.isel(slice=0)
+        np.testing.assert_array_equal(states, expected.state)
+        assert {key: opened.attrs[key] for key in expected.attrs} == expected.attrs
+        assert opened.state.attrs == expected.state.attrs
+
+
+def test_numpy_reads_an_npz_without_this_library(tmp_path: Path, space: cspace.CSpace) -> None:
+    space.export(tmp_path / "map.npz")
+    with np.load(tmp_path / "map.npz", allow_pickle=False) as held:
+        states = held["state"][held["slice_of"]]
+        np.testing.assert_array_equal(states if space.rotations.dof else states[0], space.state)
+        assert (tuple(held["lower"]), held["spacing"]) == (space.grid.lower, space.grid.spacing)
+        assert json.loads(str(held["metadata"]))["outside"] == space.outside
