@@ -25,14 +25,14 @@ if TYPE_CHECKING:
     from cspace.errors import InputError as InputError
     from cspace.errors import MissingPackageError as MissingPackageError
     from cspace.grid import Grid as Grid
+    from cspace.opening import open_map
+    from cspace.opening import open_slice as open_slice
     from cspace.robot import Robot as Robot
     from cspace.rotations import Rotations as Rotations
     from cspace.shapes.mesh import Mesh as Mesh
     from cspace.shapes.mesh import MeshWarning as MeshWarning
     from cspace.space import CSpace as CSpace
     from cspace.spectral import Spheres as Spheres
-    from cspace.store.opening import open_map
-    from cspace.store.opening import open_slice as open_slice
     from cspace.tiles.space import TiledCSpace as TiledCSpace
     from cspace.workspace import Workspace as Workspace
 
@@ -52,8 +52,8 @@ _HOME = {
     "InputError": ("cspace.errors", "InputError"),
     "MissingPackageError": ("cspace.errors", "MissingPackageError"),
     "Grid": ("cspace.grid", "Grid"),
-    "open": ("cspace.store.opening", "open_map"),
-    "open_slice": ("cspace.store.opening", "open_slice"),
+    "open": ("cspace.opening", "open_map"),
+    "open_slice": ("cspace.opening", "open_slice"),
     "Mesh": ("cspace.shapes", "Mesh"),
     "MeshWarning": ("cspace.shapes", "MeshWarning"),
     "Robot": ("cspace.robot", "Robot"),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Bools
 from cspace.engines import ENGINES, Engine, choose
-from cspace.map.slices import Pair
+from cspace.engines.slices import Pair
 from cspace.raster import Raster
 
 Progress = Callable[[int, int], None]

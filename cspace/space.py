@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import Bools, Floats, Ints, States
 from cspace.compiling import clock
 from cspace.configuration_map import ConfigurationMap, Result
+from cspace.engines.slices import slice_rasters
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid, finite, not_negative, positive, whole
 from cspace.map.batches import (
@@ -34,7 +35,6 @@ from cspace.map.contents import Contents
 from cspace.map.derived import Derived, Lock
 from cspace.map.exterior import UNKNOWN, Exterior
 from cspace.map.record import Map
-from cspace.map.slices import slice_rasters
 from cspace.map.storage import PackedStates, Stack, cells_of, check_bytes, counts_of, read_only, read_only_of, record_of
 from cspace.memory import JOINED_BYTES, check_memory
 from cspace.raster import Raster

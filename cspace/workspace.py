@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from cspace.plot.picture import WorkspaceOptions
     from cspace.shapes.balls import BallSet
     from cspace.shapes.mesh import MeshLike, Solid
-    from cspace.tiles.sources import Source
+    from cspace.sources import Source
 
 _IN_TILES = "build its map tile by tile, with cspace.build(..., store='map.zarr')"
 Geometries: TypeAlias = "BaseGeometry | Mapping[str, object] | StrPath | Iterable[Geometries]"
@@ -212,7 +212,7 @@ class Workspace:
         """
         from cspace.files.formats import read_cells, read_zarr_array
         from cspace.files.limits import check_cells as check_file_cells
-        from cspace.tiles.sources import Lazy, check_no_chunk_missing, is_away
+        from cspace.sources import Lazy, check_no_chunk_missing, is_away
 
         positive(spacing, "spacing", "metres, after the array of cells")
         source, array = "array", occupied
@@ -395,7 +395,7 @@ class Workspace:
             extent = corners if points is None else np.stack([points.min(axis=0), points.max(axis=0)])
             warn_of_units(extent, spacing, kind, box is not None)
         if lazy:
-            from cspace.tiles.sources import Drawn
+            from cspace.sources import Drawn
 
             return LazyWorkspace(grid, Drawn(shape, grid), source, (shape,))
         outer, inner = shape.cells(grid)
@@ -476,7 +476,7 @@ class Workspace:
     @property
     def cells(self) -> Source:
         """What the cells are read from, a box at a time."""
-        from cspace.tiles.sources import Held
+        from cspace.sources import Held
 
         return Held(self.outer, self.inner)
 
@@ -798,7 +798,7 @@ class LazyWorkspace(Workspace):
     Parameters
     ----------
     grid : Grid
-    cells : cspace.tiles.sources.Source
+    cells : cspace.sources.Source
     source : str
         What it is read from.
     shapes : tuple or None

@@ -20,7 +20,7 @@ import cspace
 from benchmarks.soak.plane_geometry import placed
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Rotations, Workspace
 from cspace.angles import TURN
-from cspace.map.slices import slice_rasters
+from cspace.engines.slices import slice_rasters
 from oracles import overlaps_by_shifts
 from strategies import robots, seeds, solid_robots, stars
 

@@ -1,10 +1,11 @@
-"""Imports run one way: no circle of modules, with those within functions and for type checkers counted."""
+"""Imports point one way: no module imports in a circle, and no room imports from a room above it."""
 
 import ast
 from collections.abc import Iterator
 from graphlib import TopologicalSorter
 from importlib.util import find_spec
 from pathlib import Path
+from typing import NamedTuple
 
 FOLDERS = [Path(str(spec.origin)).parent for name in ("cspace", "planners") if (spec := find_spec(name))]
 FILES = {
@@ -13,21 +14,92 @@ FILES = {
     for file in folder.rglob("*.py")
 }
 
+ORDER = [
+    "cspace",  # the public names
+    "cspace.__main__ cspace.cli cspace.demo",
+    "planners",
+    "cspace.plot cspace.view",
+    "cspace.export",
+    "cspace.arms",
+    "cspace.space cspace.configuration_map cspace.configuration_space cspace.builder cspace.opening cspace.endless "
+    "cspace.update cspace.changes cspace.tiles",
+    "cspace.store",
+    "cspace.spectral",
+    "cspace.exact",
+    "cspace.map",
+    "cspace.engines cspace.correlation",
+    "cspace.robot cspace.workspace cspace.obstacles cspace.sources",
+    "cspace.shapes",
+    "cspace.raster",
+    "cspace.rotations",
+    "cspace.files",
+    "cspace.memory",
+    "cspace.grid",
+    "cspace.angles cspace.arrays cspace.compiling cspace.errors cspace.states cspace.threads cspace.unaligned "
+    "cspace.vectors cspace.version",
+]
+"""Rooms from top to bottom; a room is a folder or a module, and those on one line may import each other."""
 
-def imported(name: str) -> Iterator[str]:
-    """Modules that a module imports, wherever it does so, by name."""
-    for node in ast.walk(ast.parse(FILES[name].read_text(encoding="utf-8"))):
+LEVELS = {room: level for level, rooms in enumerate(ORDER) for room in rooms.split()}
+
+EXCEPTIONS = {
+    ("cspace.arms.space", "cspace.plot"),
+    ("cspace.arms.space", "cspace.view"),
+    ("cspace.configuration_map", "cspace.plot"),
+    ("cspace.configuration_map", "cspace.view"),
+    ("cspace.configuration_space", "cspace.view"),
+    ("cspace.endless", "cspace.plot"),
+    ("cspace.robot", "cspace.plot"),
+    ("cspace.space", "cspace.export"),
+    ("cspace.space", "cspace.plot"),
+    ("cspace.space", "cspace.view"),
+    ("cspace.tiles.space", "cspace.view"),
+    ("cspace.workspace", "cspace.plot"),
+}
+"""Upward imports (importing module, imported room) that still exist; remove them, add none."""
+
+
+class Import(NamedTuple):
+    """An import statement of one module by another, anywhere in a file."""
+
+    module: str
+    line: int
+    imported: str
+
+
+def room(module: str) -> str:
+    """Return the room of a module."""
+    return module.partition(".")[0] if module.startswith("planners") else ".".join(module.split(".")[:2])
+
+
+def imports(module: str) -> Iterator[Import]:
+    """Yield the imports of a module, including those in functions and for type checkers."""
+    for node in ast.walk(ast.parse(FILES[module].read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            yield from (Import(module, node.lineno, alias.name) for alias in node.names if alias.name in FILES)
         elif isinstance(node, ast.ImportFrom):
-            assert not node.level, f"{name} imports by a relative name"
+            assert not node.level, f"{module} imports by a relative name"
             for alias in node.names:
                 inner = f"{node.module}.{alias.name}"
-                yield inner if inner in FILES else str(node.module)
+                imported = inner if inner in FILES else str(node.module)
+                if imported in FILES:
+                    yield Import(module, node.lineno, imported)
 
 
-def test_no_circle() -> None:
-    graph = {name: {other for other in imported(name) if other in FILES and other != name} for name in FILES}
+def test_imports_form_no_circle() -> None:
+    graph = {module: {other.imported for other in imports(module)} - {module} for module in FILES}
     assert len(list(TopologicalSorter(graph).static_order())) == len(FILES)
-    plan = {name.split(".")[1] for name, others in graph.items() if name.startswith("cspace.") and "planners" in others}
-    assert plan == {"cli"}  # maps know nothing of those who plan on them
+
+
+def test_each_room_has_one_place_in_the_order() -> None:
+    assert {room(module) for module in FILES} == LEVELS.keys()
+    assert len(LEVELS) == sum(len(rooms.split()) for rooms in ORDER)
+
+
+def test_imports_between_rooms_point_down() -> None:
+    upward = [
+        found for module in FILES for found in imports(module) if LEVELS[room(found.imported)] < LEVELS[room(module)]
+    ]
+    unexpected = [found for found in upward if (found.module, room(found.imported)) not in EXCEPTIONS]
+    assert not unexpected, "\n".join(f"{FILES[i.module]}:{i.line} imports {i.imported}" for i in unexpected)
+    assert {(found.module, room(found.imported)) for found in upward} == EXCEPTIONS  # remove those that are gone

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import cspace
-from cspace.map.slices import raster_bytes, slice_rasters
+from cspace.engines.slices import raster_bytes, slice_rasters
 from cspace.memory import (
     RASTER_CELL_BYTES,
     SLICE_BYTES,

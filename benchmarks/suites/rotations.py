@@ -20,7 +20,7 @@ from benchmarks.suites.rotation_scenes import TRIED, Fcl, Scene
 from benchmarks.timing import Timing, interleave, one_core
 from cspace import BLOCKED, FREE, CSpace
 from cspace.arrays import Floats
-from cspace.map.slices import slice_rasters
+from cspace.engines.slices import slice_rasters
 
 SLICES = 6
 """Slices that SciPy convolves."""

@@ -52,7 +52,7 @@ def axes_of_map(file: Path) -> tuple[str, ...]:
 
     Raises FileError if the file is not a map that can be opened.
     """
-    from cspace.store.opening import open_map
+    from cspace.opening import open_map
     from cspace.store.saved import read_metadata
 
     try:
@@ -66,8 +66,8 @@ def units_of_map(file: Path) -> tuple[str, ...]:
 
     Raises FileError if the file is not a map that can be opened.
     """
+    from cspace.opening import open_map
     from cspace.rotations import Rotations
-    from cspace.store.opening import open_map
     from cspace.store.saved import read_metadata
 
     try:

@@ -74,8 +74,8 @@ def info(
     shows its fixed part.
     """
     from cspace.cli.sketch import sketch
+    from cspace.opening import open_map
     from cspace.robot import Robot
-    from cspace.store.opening import open_map
 
     drawn: Robot | None
     kind = kind or _kind(file)
@@ -348,7 +348,7 @@ class _Cells:
 
     def memory(self, grid: Grid | Planned, bytes_a_cell: int, **advice: Any) -> dict[str, Any]:
         """What a map of so many cells needs at most, and whether it is there; ``advice`` as for ``check_memory``."""
-        from cspace.map.slices import raster_bytes
+        from cspace.engines.slices import raster_bytes
         from cspace.memory import (
             TRANSFORM_BYTES,
             WORKSPACE_BYTES,

@@ -198,10 +198,10 @@ def picture(
     as_json: Json = False,
 ) -> None:
     """Draw a map, and a path on it, into a picture."""
+    from cspace.opening import open_map
     from cspace.plot import SUFFIXES, save_plot
     from cspace.plot.picture import view_of
     from cspace.rotations import Rotations
-    from cspace.store.opening import open_map
 
     check_outputs([output], SUFFIXES, overwrite)
     axes, units = axes_of_map(file), units_of_map(file)
@@ -255,8 +255,8 @@ def export(
     """Write a saved map for other software."""
     from cspace.cli.tiles import part_of
     from cspace.export.maps import EXPORTS, check_export
+    from cspace.opening import open_map
     from cspace.rotations import Rotations
-    from cspace.store.opening import open_map
 
     check_outputs([output], EXPORTS, overwrite)
     axes = axes_of_map(file)
@@ -292,7 +292,7 @@ def view(
     Ctrl-C ends it.
     """
     from cspace.arms import build_arm
-    from cspace.store.opening import open_map
+    from cspace.opening import open_map
 
     clock = Clock()
     space: CSpace | TiledCSpace | ArmSpace | None = None

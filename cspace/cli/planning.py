@@ -74,10 +74,10 @@ def plan(
 ) -> None:
     """Plan a path on a saved map. The exit code is 1 where none is found."""
     import planners
+    from cspace.opening import open_map
     from cspace.plot import SUFFIXES, save_plot
     from cspace.plot import animate as save_animation
     from cspace.space import CSpace
-    from cspace.store.opening import open_map
     from planners.local_planner import check_drive
 
     check_outputs(output or [], _PATHS, overwrite)

@@ -12,8 +12,8 @@ import numpy as np
 
 from cspace.correlation import Progress
 from cspace.engines import choose
+from cspace.engines.slices import raster_bytes
 from cspace.errors import FileError, InputError
-from cspace.map.slices import raster_bytes
 from cspace.memory import check_memory
 from cspace.robot import Robot
 from cspace.rotations import Rotations

@@ -23,6 +23,7 @@ from cspace.map.record import Map
 from cspace.map.storage import read_only
 from cspace.robot import Robot
 from cspace.rotations import Rotations
+from cspace.sources import Held
 from cspace.space import CSpace
 from cspace.states import FREE, NAMES
 from cspace.store.tiled import Record, Store
@@ -30,7 +31,6 @@ from cspace.threads import LEAST, in_chunks
 from cspace.tiles.cache import Cache
 from cspace.tiles.labels import Joined, label_all
 from cspace.tiles.parts import overview_of, window_of
-from cspace.tiles.sources import Held
 from cspace.tiles.update import update_store
 from cspace.tiles.work import Job
 from cspace.update import Patch, Update

@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from cspace.arrays import Bools, Ints
 from cspace.compiling import kernel
 from cspace.correlation import Correlation, sides_of
+from cspace.engines.slices import Pair, slice_rasters
 from cspace.errors import CspaceError, FileError, InputError, optional
-from cspace.map.slices import Pair, slice_rasters
 from cspace.memory import KEEP, bytes_text, free_bytes
+from cspace.sources import Source, changed
 from cspace.states import BLOCKED, MIXED
 from cspace.store.tiled import Index, Record, Store
 from cspace.threads import cores, in_threads
-from cspace.tiles.sources import Source, changed
 from cspace.version import __version__
 
 if TYPE_CHECKING:

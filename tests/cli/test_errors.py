@@ -183,7 +183,7 @@ def test_options_are_checked_before_any_work(room: Path, monkeypatch: pytest.Mon
     def work(*_: object, **__: object) -> None:
         raise AssertionError("work began")
 
-    for name in ("store.opening.open_map", "workspace.Workspace.open", "shapes.mesh.Mesh.of"):
+    for name in ("opening.open_map", "workspace.Workspace.open", "shapes.mesh.Mesh.of"):
         monkeypatch.setattr(f"cspace.{name}", work)
     for name in (
         *("negative spacing", "no rotations", "bounds of words", "bounds reversed", "robot of the plane, mesh"),
@@ -234,7 +234,7 @@ def test_what_comes_from_outside(
     def fail(_: object) -> None:
         raise error
 
-    monkeypatch.setattr("cspace.store.opening.open_map", fail)
+    monkeypatch.setattr("cspace.opening.open_map", fail)
     result = run("info", "plane.zarr")
     assert (result.exit_code, result.stdout, result.stderr.count("\n")) == (code, "", bool(message))
     assert message in result.stderr

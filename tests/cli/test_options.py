@@ -25,7 +25,7 @@ OPTIONS = {name: f"--{name.replace('_', '-')}" for name in ("solid", "spacing", 
 def test_axes_of_a_map_are_read_without_its_cells(
     folder: Path, monkeypatch: pytest.MonkeyPatch, file: str, kind: str
 ) -> None:
-    monkeypatch.setattr("cspace.store.opening.open_map", None)
+    monkeypatch.setattr("cspace.opening.open_map", None)
     assert axes_of_map(folder / file) == AXES[kind]
     assert units_of_map(folder / file) == tuple("rad" if axis == "yaw" else "m" for axis in AXES[kind])
 

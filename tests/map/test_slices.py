@@ -12,7 +12,7 @@ import cspace
 import oracles
 from cspace import Robot, Workspace
 from cspace.angles import TURN
-from cspace.map.slices import raster_parts, slice_rasters
+from cspace.engines.slices import raster_parts, slice_rasters
 from cspace.rotations import Rotations, Turn
 from cspace.shapes import Shape
 from strategies import robots
