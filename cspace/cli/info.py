@@ -73,11 +73,9 @@ def info(
     Of a workspace also what a map of it would need, before any work. A URDF with joints that move is an arm; --as robot
     shows its fixed part.
     """
-    from cspace.cli.sketch import sketch
     from cspace.opening import open_map
     from cspace.robot import Robot
 
-    drawn: Robot | None
     kind = kind or _kind(file)
     options = workspace_options(spacing, unknown, bounds, solid, radius)
     if robot_solid is not None and robot is None:
@@ -91,21 +89,18 @@ def info(
     others = given(robot=robot, rotations=rotations)
     if kind == "map":
         _refuse({**options, **others}, (), f"{file} is a saved map")
-        space = open_map(file)
-        document, drawn = describe_map(space), space.robot
+        document = describe_map(open_map(file))
     elif kind == "arm":
         _refuse({**options, **others}, ("solid",), f"{file} is an arm")
-        document, drawn = describe_arm(read_arm(Path(file), srdf, solid, package_dirs)), None
+        document = describe_arm(read_arm(Path(file), srdf, solid, package_dirs))
     elif kind == "robot":
         _refuse({**options, **others}, ("spacing", "solid"), f"{file} is a robot")
-        drawn = Robot.open(file, **given(solid=solid, package_dirs=package_dirs or None))
-        document = describe_robot(drawn, spacing)
+        described = Robot.open(file, **given(solid=solid, package_dirs=package_dirs or None))
+        document = describe_robot(described, spacing)
     else:
-        drawn = None if robot is None else read_robot(robot, robot_solid, package_dirs)
-        document = survey(Path(file), options, options_of(context.command), drawn, rotations)
+        beside = None if robot is None else read_robot(robot, robot_solid, package_dirs)
+        document = survey(Path(file), options, options_of(context.command), beside, rotations)
     show({"kind": kind, **document}, as_json)
-    if drawn is not None and drawn.shape.shown and not as_json:
-        typer.echo(sketch(drawn))
 
 
 def _refuse(options: dict[str, object], taken: tuple[str, ...], what: str) -> None:

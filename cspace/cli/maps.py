@@ -13,10 +13,10 @@ from cspace.cli.options import (
     Bounds,
     Json,
     MapFile,
+    Mark,
     Overwrite,
     PackageDirs,
     PathFile,
-    Place,
     Radius,
     SolidMesh,
     SolidRobot,
@@ -29,6 +29,7 @@ from cspace.cli.options import (
     configuration,
     given,
     read_arm,
+    read_marks,
     read_robot,
     refuse_arm_options,
     rotation_cells,
@@ -156,15 +157,15 @@ def picture(
         Path, typer.Option("--output", "-o", metavar="PNG", readable=False, help="The picture: .png, .pdf or .svg.")
     ],
     path: PathFile = None,
-    start: Place = None,
-    goal: Place = None,
+    start: Mark = None,
+    goal: Mark = None,
     robot_every: Annotated[
         float | None, typer.Option(metavar="METRES", help="Path between two drawn robots  [default: chosen].")
     ] = None,
     rotation: Annotated[
         str | None,
         typer.Option(
-            metavar="TURN[,...]",
+            metavar="ROTATION[,...]",
             help="Show the slice at this rotation, e.g. 90deg or 0,0,0,1, or a panel for each  [default: all of them].",
         ),
     ] = None,
@@ -206,8 +207,7 @@ def picture(
     check_outputs([output], SUFFIXES, overwrite)
     axes, units = axes_of_map(file), units_of_map(file)
     places = [axis for axis in axes if axis not in Rotations.all_names()]
-    ends = given(start=start, goal=goal)
-    marks = {name: configuration(text, f"--{name}", axes, units) for name, text in ends.items()}
+    marks = read_marks(start, goal, axes, units)
     options = given(
         rotation=None if rotation is None else rotation_of(rotation, "--rotation", axes),
         at=None if at is None else configuration(at, "--at", places, units[: len(places)]),
@@ -239,7 +239,7 @@ def export(
     ],
     rotation: Annotated[
         str | None,
-        typer.Option(metavar="TURN", help="Only the slice at this rotation, e.g. 90deg or 0,0,0,1."),
+        typer.Option(metavar="ROTATION", help="Only the slice at this rotation, e.g. 90deg or 0,0,0,1."),
     ] = None,
     window: Annotated[
         str | None,
@@ -275,8 +275,8 @@ def view(
         Path, typer.Argument(metavar="FILE", readable=False, help="A saved map: .zarr or .npz; or an arm: .urdf.")
     ],
     path: PathFile = None,
-    start: Place = None,
-    goal: Place = None,
+    start: Mark = None,
+    goal: Mark = None,
     srdf: Srdf = None,
     solid: SolidMesh = None,
     package_dirs: PackageDirs = None,
@@ -303,8 +303,7 @@ def view(
     else:
         refuse_arm_options(srdf, package_dirs, f"{file} is no URDF", solid)
         axes, units = axes_of_map(file), units_of_map(file)
-    ends = given(start=start, goal=goal)
-    marks = {name: configuration(text, f"--{name}", axes, units) for name, text in ends.items()}
+    marks = read_marks(start, goal, axes, units)
     points = None if path is None else read_path(path, axes)
     if space is None:
         with clock.step("read"):

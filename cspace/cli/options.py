@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import typer
 
@@ -31,10 +31,13 @@ MapFile = Annotated[Path, typer.Argument(metavar="MAP", readable=False, help="A 
 PathFile = Annotated[
     Path | None, typer.Option("--path", metavar="FILE", readable=False, help="A path to show: .csv or .json.")
 ]
-Place = Annotated[
+CONFIGURATION: Final = "X,Y[,Z][,ROTATION]"
+"""Placeholder of a configuration in the help."""
+
+Mark = Annotated[
     str | None,
     typer.Option(
-        metavar="X,Y[,Z][,TURN]",
+        metavar=CONFIGURATION,
         help="A configuration to mark, metres, or the joints of a map of joints  [default: an end of the path].",
     ),
 ]
@@ -192,6 +195,17 @@ def configuration(text: str, option: str, axes: Sequence[str], units: Sequence[s
     if "m" in units:
         rule += "".join(f", {axis} an angle" for axis, unit in zip(axes, units, strict=True) if unit == "rad")
     return _rows(text, option, axes, units, rule, 1)[0]
+
+
+def read_marks(
+    start: str | None, goal: str | None, axes: Sequence[str], units: Sequence[str]
+) -> dict[str, tuple[float, ...]]:
+    """Parse ``--start`` and ``--goal``, if given, by name.
+
+    Raises InputError as :func:`configuration`.
+    """
+    ends = given(start=start, goal=goal)
+    return {name: configuration(text, f"--{name}", axes, units) for name, text in ends.items()}
 
 
 def _units_of(axes: Sequence[str]) -> list[str]:

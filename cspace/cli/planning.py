@@ -10,7 +10,7 @@ import typer
 
 from cspace.cli.files import axes_of_map, check_folder, check_outputs, units_of_map
 from cspace.cli.info import describe_map
-from cspace.cli.options import Json, MapFile, Overwrite, configuration, given
+from cspace.cli.options import CONFIGURATION, Json, MapFile, Overwrite, configuration, given
 from cspace.cli.report import Clock, in_options, options_of, show, with_unit
 from cspace.errors import InputError
 
@@ -30,13 +30,13 @@ def plan(
     start: Annotated[
         str,
         typer.Option(
-            metavar="X,Y[,Z][,TURN]",
+            metavar=CONFIGURATION,
             help="Where the robot is, metres; e.g. --start=-1,2, with rotations -1,2,90deg, in space -1,2,0.5; on a "
             "map of joints 90deg,-0.5,0.2, each in radians, degrees or metres.",
         ),
     ],
     goal: Annotated[
-        str, typer.Option(metavar="X,Y[,Z][,TURN]", help="Where it goes; TURN is a yaw, e.g. 90deg, or QX,QY,QZ,QW.")
+        str, typer.Option(metavar=CONFIGURATION, help="Where it goes; ROTATION is a yaw, e.g. 90deg, or QX,QY,QZ,QW.")
     ],
     output: Annotated[
         list[Path] | None,

@@ -339,6 +339,24 @@ def test_open_meshes_of_an_arm_are_said_to_be_surfaces(tmp_path: Path) -> None:
     assert not run("info", path, "--solid", "surface").stderr
 
 
+def test_meshes_of_ros_packages_are_found_in_given_folders(tmp_path: Path) -> None:
+    (tmp_path / "ws" / "arm").mkdir(parents=True)
+    (tmp_path / "urdf").mkdir()
+    trimesh.creation.box((1, 2, 3)).export(tmp_path / "ws" / "arm" / "link.stl")
+    urdf = tmp_path / "urdf" / "robot.urdf"
+    mesh = '<collision><geometry><mesh filename="package://arm/link.stl"/></geometry></collision>'
+    urdf.write_text(f'<robot name="r"><link name="l">{mesh}</link></robot>')
+    assert "pass --package-dir FOLDER" in run("info", urdf).stderr
+    printed = document("info", urdf, "--package-dir", tmp_path, "--package-dir", tmp_path / "ws")
+    assert printed["extents_m"] == pytest.approx([1.0, 2.0, 3.0])
+
+
+def test_help_names_a_configuration_alike_in_all_commands() -> None:
+    for command in ("plan", "plot", "view"):
+        printed = run(command, "--help").stdout
+        assert all(f"{option} X,Y[,Z][,ROTATION]" in " ".join(printed.split()) for option in ("--start", "--goal"))
+
+
 def test_arm_is_viewed_with_marks_and_a_path(arm_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: dict[str, Any] = {}
     monkeypatch.setattr(cspace.ArmSpace, "view", lambda space, **options: seen.update(options, space=space))
