@@ -17,13 +17,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from PIL import Image
 
 import cspace
 from benchmarks.soak import files as soak
 from cspace import FileError, InputError, Workspace
 from cspace.errors import CspaceError
+from cspace.files.access import Fault
 from cspace.files.limits import raised_limits
+from cspace.files.plain import parse_xml, read_yaml
 from cspace.shapes import Mesh
 
 
@@ -82,6 +86,30 @@ def ros_map(tmp_path: Path, **changes: str) -> Path:
 )
 def test_yaml_holds_plain_values(tmp_path: Path, changes: dict[str, str], message: str) -> None:
     refused(ros_map(tmp_path, **changes), message)
+
+
+TEXT = st.text(st.characters(max_codepoint=0xD7FF))  # because YAML escapes the others otherwise
+SCALARS = st.none() | st.booleans() | st.integers(-(10**17), 10**17) | st.floats(allow_nan=False) | TEXT
+DOCUMENTS = st.recursive(SCALARS, lambda item: st.lists(item) | st.dictionaries(TEXT, item), max_leaves=9)
+
+
+@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(document=DOCUMENTS)
+def test_read_yaml_agrees_with_the_json_parser(tmp_path: Path, document: object) -> None:
+    (tmp_path / "a.yaml").write_text(json.dumps(document).replace("Infinity", ".inf"), encoding="utf-8")
+    assert read_yaml(tmp_path / "a.yaml", "file") == document
+
+
+def test_xml_is_refused_by_its_entities_and_its_depth() -> None:
+    for text, message in (
+        ('<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "declares an entity"),
+        ('<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]><a>&b;</a>', "declares an entity"),
+        ("<a>" * 257 + "</a>" * 257, "more than 256 elements"),
+        ("<a>", "is no XML"),
+    ):
+        with pytest.raises(Fault, match=message):
+            parse_xml(text.encode())
+    assert len(list(parse_xml(("<a>" * 256 + "</a>" * 256).encode()).iter())) == 256
 
 
 def test_yaml_that_is_plain_is_read(tmp_path: Path) -> None:
