@@ -58,6 +58,9 @@ def open_map(path: str | os.PathLike[str]) -> CSpace | TiledCSpace:
     return retry_if_replaced(path, lambda: _opened(path))
 
 
+open = open_map  # noqa: A001 - its public name, cspace.open
+
+
 def _opened(path: str | os.PathLike[str]) -> CSpace | TiledCSpace:
     """Open a map that no other process replaces."""
     if (folder := _is_folder(path)) and is_tiled(path):

@@ -1,6 +1,8 @@
 """Imports point one way: no module imports in a circle, and no room imports from a room above it."""
 
 import ast
+import subprocess
+import sys
 from collections.abc import Iterator
 from graphlib import TopologicalSorter
 from importlib.util import find_spec
@@ -103,3 +105,13 @@ def test_imports_between_rooms_point_down() -> None:
     unexpected = [found for found in upward if (found.module, room(found.imported)) not in EXCEPTIONS]
     assert not unexpected, "\n".join(f"{FILES[i.module]}:{i.line} imports {i.imported}" for i in unexpected)
     assert {(found.module, room(found.imported)) for found in upward} == EXCEPTIONS  # remove those that are gone
+
+
+def test_public_names_are_imported_at_their_first_use() -> None:
+    code = """
+import sys, cspace
+assert "numpy" not in sys.modules, "import cspace is not light"
+assert cspace.open is cspace.open and len(cspace.__all__) == len(set(cspace.__all__)) == 27
+assert all(hasattr(cspace, name) for name in cspace.__all__) and not hasattr(cspace, "nothing")
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
