@@ -30,6 +30,7 @@ PERIODIC = {"joints": (True, False), "joints in space": (True, True, False)}
 
 KINDS = [(space, storage) for storage in ("memory", "packed", "tiled", "saved") for space in SPACES]
 PERIODIC_KINDS = [(space, storage) for storage in ("memory", "saved") for space in PERIODIC]
+ALL_KINDS = KINDS + PERIODIC_KINDS
 """Kinds of maps: a space, and where the map is kept."""
 
 
@@ -39,8 +40,10 @@ class AnyMap(NamedTuple):
     Attributes
     ----------
     space : CSpace or TiledCSpace
+    memory : CSpace
+        The same map in memory, one byte a cell.
     states : ndarray of uint8, shape (rotations, nx, ny(, nz))
-        The state of each cell, from a build in memory, one byte each.
+        The state of each cell of ``memory``.
     periodic : tuple of bool
         Whether each axis of the grid is periodic.
     occupied : ndarray of bool, shape (nx, ny(, nz))
@@ -50,6 +53,7 @@ class AnyMap(NamedTuple):
     """
 
     space: Any
+    memory: cspace.CSpace
     states: NDArray[np.uint8]
     periodic: tuple[bool, ...]
     occupied: NDArray[np.bool_]
@@ -79,14 +83,19 @@ def reopen(space: Any, path: Path) -> Any:
     return cspace.open(path)
 
 
-def make_map(space: str, storage: str, outside: str, seed: int, folder: Path) -> AnyMap:
-    """Build a map of a space and keep it in memory, packed in two bits, in tiles, or saved and opened again."""
+def make_map(space: str, storage: str, outside: str, seed: int, folder: Path, thin: bool = False) -> AnyMap:
+    """Build a map of a space and keep it in memory, packed in two bits, in tiles, or saved and opened again.
+
+    If ``thin``, the obstacles fill only half of the cells that they touch.
+    """
     shape, robot, rotations = SPACES[space]
     rng = np.random.default_rng(seed)
     lower = rng.uniform(-1.0, 1.0, len(shape))
+    filled = np.random.default_rng(seed).random(shape) < 0.5
 
     def rebuild(occupied: NDArray[np.bool_], **options: Any) -> Any:
-        workspace = Workspace.from_array(occupied, 0.1, lower)
+        inner = occupied & filled if thin else None
+        workspace = Workspace.from_array(occupied, 0.1, lower, inner=inner)
         return cspace.build(workspace, robot, rotations=rotations, outside=outside, **options)
 
     occupied = random_obstacles(shape, rng)
@@ -100,7 +109,7 @@ def make_map(space: str, storage: str, outside: str, seed: int, folder: Path) ->
         made = rebuild(occupied, store=folder / "tiled.zarr", tile=7)
     elif storage == "saved":
         made = reopen(plain, folder / "saved.zarr")
-    return AnyMap(made, states, (False,) * len(shape), occupied, rebuild)
+    return AnyMap(made, plain, states, (False,) * len(shape), occupied, rebuild)
 
 
 def make_periodic(space: str, storage: str, seed: int, folder: Path) -> AnyMap:
@@ -113,7 +122,8 @@ def make_periodic(space: str, storage: str, seed: int, folder: Path) -> AnyMap:
     workspace = Workspace(grid, states != cspace.FREE, states == cspace.BLOCKED)
     robot, rotations = Robot("arm", Point.at_origin(len(shape))), Rotations.of(None)
     slices = rotations.slices_for(robot.shape)
-    made = map_of(Contents(workspace, robot, rotations, slices, states[np.newaxis].copy(), endless=periodic))
+    memory = map_of(Contents(workspace, robot, rotations, slices, states[np.newaxis].copy(), endless=periodic))
+    made = memory
     if storage == "saved":
         made = reopen(made, folder / "periodic.zarr")
-    return AnyMap(made, states[np.newaxis], periodic, workspace.outer, refuse)
+    return AnyMap(made, memory, states[np.newaxis], periodic, workspace.outer, refuse)

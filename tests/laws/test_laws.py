@@ -2,6 +2,7 @@
 
 import inspect
 import itertools
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,12 @@ import pytest
 from scipy.sparse.csgraph import connected_components
 
 import cspace
-from cspace import BLOCKED, FREE
+from cspace import BLOCKED, FREE, MIXED
 from handmade import components
 from laws.any_map import (
+    ALL_KINDS,
     KINDS,
     PERIODIC,
-    PERIODIC_KINDS,
     SPACES,
     AnyMap,
     make_map,
@@ -24,6 +25,7 @@ from laws.any_map import (
     reopen,
 )
 from oracles import graph_of, linked
+from placements import draw_configurations
 
 POLICIES = ("blocked", "free")
 BATCH_QUERIES: dict[str, tuple[int, tuple[float, ...]]] = {
@@ -41,29 +43,27 @@ BATCH_QUERIES: dict[str, tuple[int, tuple[float, ...]]] = {
 NOT_ON_JOINT_MAPS = ("overlap", "contains_robot")
 """Queries that need obstacles in metres."""
 
-IN_MEMORY = [kind for kind in KINDS + PERIODIC_KINDS if kind[1] != "tiled"]
+IN_MEMORY = [kind for kind in ALL_KINDS if kind[1] != "tiled"]
 QUERIES_OF_KINDS = [
     pytest.param(kind, name, id="-".join((*kind, name)))
-    for kind in KINDS + PERIODIC_KINDS
+    for kind in ALL_KINDS
     for name in BATCH_QUERIES
     if (kind[1] != "tiled" or hasattr(cspace.TiledCSpace, name))
     and (kind[0] not in PERIODIC or name not in NOT_ON_JOINT_MAPS)
 ]
 
 
-@pytest.fixture(params=KINDS + PERIODIC_KINDS, ids="-".join)
-def any_map(request: pytest.FixtureRequest, tmp_path: Path) -> AnyMap:
-    space, storage = request.param
+def make(kind: tuple[str, str], folder: Path) -> AnyMap:
+    space, storage = kind
     if space in PERIODIC:
-        return make_periodic(space, storage, 5, tmp_path)
-    return make_map(space, storage, POLICIES[len(space) % 2], 5, tmp_path)
+        return make_periodic(space, storage, 5, folder)
+    return make_map(space, storage, POLICIES[len(space) % 2], 5, folder)
 
 
-@pytest.fixture(params=KINDS, ids="-".join)
-def obstacle_map(request: pytest.FixtureRequest, tmp_path: Path) -> AnyMap:
-    """A map with obstacles in metres: any but those of joints."""
-    space, storage = request.param
-    return make_map(space, storage, POLICIES[len(space) % 2], 5, tmp_path)
+@pytest.fixture(scope="module", params=ALL_KINDS, ids="-".join)
+def any_map(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> AnyMap:
+    """A map that tests share; none changes it."""
+    return make(request.param, tmp_path_factory.mktemp("any"))
 
 
 def nearby(any_map: AnyMap, q: Any, rng: np.random.Generator) -> Any:
@@ -122,20 +122,22 @@ def test_connectivity_agrees_with_labels_by_scipy(any_map: AnyMap) -> None:
             assert blocked or passable[one] != passable[other]
 
 
-def test_clearance_is_no_larger_than_the_distance_to_any_cell_that_is_not_free(obstacle_map: AnyMap) -> None:
-    q, cells = obstacle_map.draw(np.random.default_rng(3), 60)
-    grid = obstacle_map.space.grid
-    clearance = obstacle_map.space.clearance(q)
+@pytest.mark.parametrize("any_map", KINDS, indirect=True, ids="-".join)
+def test_clearance_is_no_larger_than_the_distance_to_any_cell_that_is_not_free(any_map: AnyMap) -> None:
+    q, cells = any_map.draw(np.random.default_rng(3), 60)
+    grid = any_map.space.grid
+    clearance = any_map.space.clearance(q)
     for position, cell, distance in zip(q[:, : grid.dim], cells, clearance, strict=True):
-        others = np.argwhere(obstacle_map.states[cell[0]] != FREE)
+        others = np.argwhere(any_map.states[cell[0]] != FREE)
         low = np.array(grid.lower) + grid.spacing * others
         gaps = np.maximum(0.0, np.maximum(low - position, position - low - grid.spacing))
         nearest = np.sqrt((gaps**2).sum(axis=1)).min(initial=np.inf)
         assert distance <= nearest + 1e-9
 
 
-def test_an_update_equals_a_rebuild(obstacle_map: AnyMap) -> None:
-    rng = np.random.default_rng(4)
+@pytest.mark.parametrize("kind", KINDS, ids="-".join)
+def test_an_update_equals_a_rebuild(kind: tuple[str, str], tmp_path: Path) -> None:
+    obstacle_map, rng = make(kind, tmp_path), np.random.default_rng(4)
     space, shape = obstacle_map.space, obstacle_map.states.shape[1:]
     occupied = obstacle_map.occupied.copy()
     for _ in range(2):
@@ -174,24 +176,32 @@ def test_opening_a_saved_map_gives_an_equal_map(any_map: AnyMap, tmp_path: Path)
 @pytest.mark.parametrize("space", SPACES)
 @pytest.mark.parametrize("outside", POLICIES)
 def test_a_window_answers_as_the_whole_map(space: str, outside: str, tmp_path: Path) -> None:
-    """The window knows nothing outside of it, so that it may leave more undecided there."""
-    whole = make_map(space, "tiled", outside, 8, tmp_path)
-    tiled, rng = whole.space, np.random.default_rng(9)
-    lower, upper = np.array(tiled.grid.lower), np.array(tiled.grid.upper)
-    window = tiled.window(lower + 0.2 * (upper - lower), lower + 0.7 * (upper - lower))
-    q, _ = whole.draw(rng, 600)
-    inside = window.grid.contains(q[:, : tiled.grid.dim])
-    assert inside.sum() > 20
-    q = q[inside]
-    near = nearby(whole, q, rng)
-    np.testing.assert_array_equal(window.classify(q), tiled.classify(q))
-    free, known = window.motion_is_free(q, near), tiled.motion_is_free(q, near)
-    assert not (free & ~known).any()
-    assert (window.clearance(q) <= tiled.clearance(q) + 1e-9).all()
-    within = tiled.grid.contains(near[:, : tiled.grid.dim])  # the window also has cells around the map
-    q, near = q[within][:40], near[within][:40]
-    answers = zip(window.path_exists(q, near), tiled.path_exists(q, near), strict=True)
-    assert all(mine is None or mine == theirs for mine, theirs in answers)
+    """Outside of the window, the window knows nothing: configurations are MIXED there, and fewer pairs are decided."""
+    whole = make_map(space, "tiled", outside, 8, tmp_path, thin=outside == "free")
+    tiled, memory, grid, rng = whole.space, whole.memory, whole.space.grid, np.random.default_rng(9)
+    size = np.subtract(grid.upper, grid.lower)
+    for low, high in ((0.2, 0.7), (0.0, 0.4), (0.6, 1.3)):
+        lower, upper = grid.lower + low * size, grid.lower + high * size
+        window = tiled.window(lower, upper)
+        all_of_it = window.grid.contains([grid.lower, grid.upper]).all()
+        assert window.outside == (outside if all_of_it else "unknown")
+        # A motion on the border of the map touches cells beyond it, which the window has and the map lacks.
+        lower, upper = lower + 0.0137, np.minimum(upper, grid.upper) - 0.0137
+        q, _ = whole.draw(rng, 300)
+        q[:, : grid.dim] = rng.uniform(lower, upper, (300, grid.dim))
+        near = nearby(whole, q, rng)
+        near[:, : grid.dim] = np.clip(near[:, : grid.dim], lower, upper)
+        for name in ("classify", "overlap", "contains_robot"):
+            np.testing.assert_array_equal(getattr(window, name)(q), getattr(memory, name)(q), name)
+        np.testing.assert_array_equal(window.is_free(q[:60], exact=True), memory.is_free(q[:60], exact=True))
+        np.testing.assert_array_equal(window.motion_is_free(q, near), tiled.motion_is_free(q, near))
+        assert (window.clearance(q) <= memory.clearance(q) + 1e-9).all()
+        answers = zip(window.path_exists(q[:40], near[:40]), tiled.path_exists(q[:40], near[:40]), strict=True)
+        assert all(mine is None or mine == theirs for mine, theirs in answers)
+        q[:, : grid.dim] = rng.uniform(grid.lower - 9 * size, grid.upper + 9 * size, (300, grid.dim))
+        q = q[~window.grid.contains(q[:, : grid.dim])]
+        for copied in (window, pickle.loads(pickle.dumps(window))):
+            assert all_of_it or (copied.classify(q) == MIXED).all()
 
 
 def public_queries(kind: type) -> set[str]:
@@ -223,6 +233,28 @@ def test_a_batch_is_answered_as_each_of_its_configurations(any_map: AnyMap, name
     np.testing.assert_array_equal(shaped.ravel(), answers)
 
 
+@pytest.mark.parametrize("any_map", [kind for kind in ALL_KINDS if kind[1] != "memory"], indirect=True, ids="-".join)
+def test_a_map_answers_alike_however_it_is_kept(any_map: AnyMap) -> None:
+    """Configurations in the grid and around it, many of them on borders of cells."""
+    space, memory = any_map.space, any_map.memory
+    rng = np.random.default_rng(15)
+    q = draw_configurations(memory, rng, 1000)
+    near = nearby(any_map, q, rng)
+    for name, (count, options) in BATCH_QUERIES.items():
+        periodic = any(any_map.periodic) and name in NOT_ON_JOINT_MAPS
+        if (
+            periodic
+            or not hasattr(type(space), name)
+            or (name == "clearance" and isinstance(space, cspace.TiledCSpace))
+        ):
+            continue  # tiled maps look for obstacles as far as a few tiles
+        given = [q[:300], near[:300]] if name == "path_exists" else [q, near][:count]
+        np.testing.assert_array_equal(getattr(space, name)(*given, *options), getattr(memory, name)(*given, *options))
+    edges = rng.integers(0, 50, (40, 2))
+    for roadmap in ((near[:50],), (q[:50], edges)):
+        np.testing.assert_array_equal(space.certify_path(*roadmap), memory.certify_path(*roadmap))
+
+
 @pytest.mark.parametrize("any_map", IN_MEMORY, indirect=True, ids="-".join)
 def test_paths_of_the_maps_own_search_are_certified(any_map: AnyMap) -> None:
     space: Any = any_map.space
@@ -247,9 +279,9 @@ def test_the_nearest_free_configuration_is_free(any_map: AnyMap) -> None:
         assert any_map.space.is_free(any_map.space.nearest_free(configuration))
 
 
-@pytest.mark.parametrize("obstacle_map", [kind for kind in KINDS if kind in IN_MEMORY], indirect=True, ids="-".join)
-def test_the_obstacle_distance_of_a_batch_is_that_of_its_nearest_configuration(obstacle_map: AnyMap) -> None:
-    space: Any = obstacle_map.space
+@pytest.mark.parametrize("any_map", [kind for kind in KINDS if kind in IN_MEMORY], indirect=True, ids="-".join)
+def test_the_obstacle_distance_of_a_batch_is_that_of_its_nearest_configuration(any_map: AnyMap) -> None:
+    space: Any = any_map.space
     q = space.sample_free(12, np.random.default_rng(14))
     singles = [space.obstacle_distance(configuration[np.newaxis]) for configuration in q]
     assert space.obstacle_distance(q) == pytest.approx(min(singles))

@@ -84,26 +84,16 @@ def test_a_map_is_the_same_in_two_bits(name, method, monkeypatch):
     assert steps[-1] == slices
 
 
-def test_every_answer_is_the_same_in_two_bits(monkeypatch, tmp_path):
+def test_searches_samples_files_and_copies_are_the_same_in_two_bits(monkeypatch, tmp_path):
     one, two = both("SE(2)", monkeypatch, outside="free")
     q = RNG.uniform((-0.5, -0.5, -4.0), (2.6, 4.0, 4.0), (3000, 3))
-    for box in (None, (3, 4, True), (5, 5, False), (0, 0, True)):
-        if box is not None:
-            cells = np.full((4, 3), box[2])
-            cells[1, 1] = not box[2]
-            assert one.update(cells, box[:2]) == two.update(cells, box[:2])
-        for answer in ("classify", "is_free", "clearance", "overlap", "contains_robot"):
-            np.testing.assert_array_equal(getattr(one, answer)(q), getattr(two, answer)(q))
+    for low, filled in (((3, 4), True), ((5, 5), False), ((0, 0), True)):
+        cells = np.full((4, 3), filled)
+        cells[1, 1] = not filled
+        assert one.update(cells, low) == two.update(cells, low)
+        np.testing.assert_array_equal(one.classify(q), two.classify(q))
         np.testing.assert_array_equal(one.classify(q[:9]), two.classify(q[:9]))
-        np.testing.assert_array_equal(one.is_free_around(q, 0.1, 0.2), two.is_free_around(q, 0.1, 0.2))
-        near = q + RNG.normal(size=q.shape) * 0.2
-        free = one.motion_is_free(q, near)
-        assert 0.1 < free.mean() < 0.9
-        np.testing.assert_array_equal(free, two.motion_is_free(q, near))
-        np.testing.assert_array_equal(one.certify_path(q), two.certify_path(q))
-        np.testing.assert_array_equal(one.path_exists(q, near), two.path_exists(q, near))
-        samples = two.sample_free(300, np.random.default_rng(0))
-        assert one.is_free(samples).all()
+        assert one.is_free(two.sample_free(300, np.random.default_rng(0))).all()
         assert one.count() == two.count()
     inside = q[one.is_free(q) & one.grid.contains(q[:, :2])]
     np.testing.assert_array_equal(one.free_reach(inside[0]), two.free_reach(inside[0]))

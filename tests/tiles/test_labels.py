@@ -1,13 +1,12 @@
 """Components over tiles: the answers of the same map in memory."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
 from handmade import walled
-from tiles.test_build import CAR, SPACES, random_workspace
+from tiles.test_build import CAR, random_workspace
 
 
 def endpoints(space, n, rng):
@@ -26,18 +25,6 @@ def same_answers(tiled, space, rng, n=300):
     np.testing.assert_array_equal(tiled.path_exists(q0, q1), expected)
     assert tiled.path_exists(q0[0], q1[0]) is expected[0]
     return {str(answer) for answer in expected}
-
-
-@pytest.mark.parametrize("name", SPACES)
-@pytest.mark.parametrize("outside", ["blocked", "free"])
-def test_answers_are_those_of_the_map_in_memory(name, outside, tmp_path):
-    shape, robot, rotations = SPACES[name]
-    workspace, options = random_workspace(shape, 3), {"rotations": rotations, "outside": outside}
-    space = cspace.build(workspace, robot, **options)
-    tile = 7 if len(shape) == 3 else 13  # one at least has neighbours on all sides
-    tiled = cspace.build(workspace, robot, store=tmp_path / "m", tile=tile, **options)
-    same_answers(tiled, space, np.random.default_rng(0))
-    same_answers(cspace.open(tmp_path / "m"), space, np.random.default_rng(1), 50)
 
 
 @settings(max_examples=4)

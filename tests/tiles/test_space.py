@@ -37,27 +37,17 @@ def configurations(space, n, rng):
     return np.hstack([position, turn])
 
 
-@pytest.mark.parametrize("name", ["plane", "yaw", "space yaw"])
-@pytest.mark.parametrize("outside", ["blocked", "free"])
-def test_answers_are_those_of_the_map_in_memory(name, outside, tmp_path):
-    space, tiled = pair(name, tmp_path, outside)
+def test_a_cache_of_any_size_answers_as_the_map_in_memory(tmp_path):
+    space, tiled = pair("space yaw", tmp_path, "free")
     rng = np.random.default_rng(1)
     q = configurations(space, 3000, rng)
-    near = q.copy()
-    near[:, : space.grid.dim] += rng.normal(size=(len(q), space.grid.dim)) * rng.choice([0.1, 0.5, 3.0], (len(q), 1))
-    near[:, space.grid.dim :] += rng.normal(size=(len(q), space.dof - space.grid.dim)) * 0.3
+    near = q + rng.normal(size=q.shape) * rng.choice([0.1, 0.5, 3.0], (len(q), 1))
     assert 0.002 < space.motion_is_free(q, near).mean() < 0.99
     for limit in (1, 400, 2**29):  # one tile at a time, a few, all
         tiled = cspace.TiledCSpace.open(tiled.path, cache_bytes=limit)
         np.testing.assert_array_equal(tiled.classify(q), space.classify(q))
         np.testing.assert_array_equal(tiled.motion_is_free(q, near), space.motion_is_free(q, near))
-    np.testing.assert_array_equal(tiled.is_free(q.reshape(30, 100, -1)), space.is_free(q.reshape(30, 100, -1)))
-    np.testing.assert_array_equal(tiled.certify_path(near[:50]), space.certify_path(near[:50]))
-    edges = rng.integers(0, 50, (40, 2))
-    np.testing.assert_array_equal(tiled.certify_path(q[:50], edges), space.certify_path(q[:50], edges))
-    assert type(tiled.is_free(q[0])) is bool
-    assert type(tiled.classify(q[0])) is int
-    assert tiled.motion_is_free(q[0], near[0]) is space.motion_is_free(q[0], near[0])
+    assert (type(tiled.is_free(q[0])), type(tiled.classify(q[0]))) == (bool, int)
 
 
 @pytest.mark.parametrize("name", SPACES)
@@ -137,15 +127,10 @@ def test_an_edge_reads_the_tiles_that_it_passes(tmp_path, monkeypatch):
 def test_what_is_opened(tmp_path):
     space, _ = pair("yaw", tmp_path)
     opened = cspace.open(tmp_path / "m.zarr")
-    assert isinstance(opened, cspace.TiledCSpace)
-    copied = pickle.loads(pickle.dumps(opened))
-    for each in (opened, copied):
-        assert (each.grid, each.axes, each.dof, each.outside) == (space.grid, space.axes, space.dof, space.outside)
-        assert each.robot.spec == space.robot.spec
-        assert each.rotations == space.rotations
+    for each in (opened, pickle.loads(pickle.dumps(opened))):
+        assert (each.grid, each.axes, each.outside, each.dof) == (space.grid, space.axes, space.outside, space.dof)
+        assert (each.robot.spec, each.rotations) == (space.robot.spec, space.rotations)
     assert "tiles of 7 x 7" in repr(opened)
-    space.save(tmp_path / "saved.zarr")
-    assert isinstance(cspace.open(tmp_path / "saved.zarr"), cspace.CSpace)
     for name in ("sample_free", "free_reach", "state"):
         with pytest.raises(ConfigurationError, match="window"):
             getattr(opened, name)

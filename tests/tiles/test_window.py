@@ -1,7 +1,5 @@
 """Parts of a stored map: within the box that was asked for, they answer as the whole map does."""
 
-import pickle
-
 import numpy as np
 import pytest
 import shapely
@@ -25,40 +23,6 @@ def within(space, lower, upper, n, rng):
     """Configurations in a box, off the borders of cells, where rounding may choose either."""
     position = rng.uniform(lower, upper, (n, len(lower)))
     return np.hstack([position, rng.uniform(-4, 4, (n, space.dof - len(lower)))])
-
-
-@pytest.mark.parametrize("name", ["plane", "yaw", "space yaw"])
-@pytest.mark.parametrize("outside", ["blocked", "free"])
-def test_a_window_answers_as_the_whole(name, outside, tmp_path):
-    space, tiled = build_both(name, outside, tmp_path)
-    rng, grid = np.random.default_rng(0), space.grid
-    size = np.subtract(grid.upper, grid.lower)
-    for k, (low, high) in enumerate([(0.3, 0.6), (0.0, 0.4), (0.7, 1.3)]):
-        lower, upper = grid.lower + low * size, grid.lower + high * size
-        window = tiled.window(lower, upper)
-        assert window.outside == "unknown"
-        # An edge on the very border of the map touches cells beyond it, which the window has and the map has not.
-        lower, upper = lower + 0.0137, np.minimum(upper, grid.upper) - 0.0137
-        q = within(space, lower, upper, 300, rng)
-        p = within(space, lower, upper, 300, rng)
-        p[:, : grid.dim] = np.clip(q[:, : grid.dim] + rng.normal(size=(300, grid.dim)) * 0.1, lower, upper)
-        for method in ("classify", "is_free", "overlap", "contains_robot"):
-            ours, theirs = (getattr(each, method)(q) for each in (window, space))
-            np.testing.assert_array_equal(ours, theirs, err_msg=f"{method} {k}")
-        np.testing.assert_array_equal(window.motion_is_free(q, p), space.motion_is_free(q, p))
-        np.testing.assert_array_equal(window.is_free(q[:60], exact=True), space.is_free(q[:60], exact=True))
-        assert (window.clearance(q) <= space.clearance(q) + 1e-9).all()
-        answers = zip(window.path_exists(q, p).ravel(), space.path_exists(q, p).ravel(), strict=True)
-        assert all(own in (None, other) for own, other in answers)
-        again = pickle.loads(pickle.dumps(window))
-        far = within(space, grid.lower - 9 * size, grid.upper + 9 * size, 300, rng)
-        outer = ~window.grid.contains(far[:, : grid.dim])
-        for each in (window, again):
-            assert (each.classify(far)[outer] == cspace.MIXED).all()
-        first = np.round(np.subtract(window.grid.lower, grid.lower) / grid.spacing).astype(int)
-        low, high = np.maximum(first, 0), np.minimum(first + window.grid.shape, grid.shape)
-        ours, theirs = (tuple(slice(a, b) for a, b in zip(low - by, high - by, strict=True)) for by in (first, 0))
-        np.testing.assert_array_equal(window.record.states[(..., *ours)], space.record.states[(..., *theirs)])
 
 
 def triangles():
