@@ -4,42 +4,30 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Bytes, Ints
-from cspace.changes import (
-    CHANGED,
-    COUNT,
-    LOOKED,
-    ROW,
-    MapArrays,
-    Notes,
-    Robots,
-    extents,
-    renew,
-)
-from cspace.engines.dilation import FOUR, WORD, Runs, collide, in_space
+from cspace.arrays import Bools, Ints, frozen, shared
+from cspace.correlation import Correlation, Sides, sides_of
+from cspace.engines.dilation import Runs, collide, in_space
 from cspace.errors import InputError
 from cspace.grid import Grid, check_cells
 from cspace.map.contents import Contents
-from cspace.map.exterior import Exterior, reached
+from cspace.map.exterior import Exterior
 from cspace.map.storage import PackedStates
+from cspace.memory import SCRATCH_BYTES
 from cspace.obstacles import Box, Obstacle, ObstacleLayers
 from cspace.raster import Raster
 from cspace.shapes import Shape
 from cspace.states import BLOCKED
 from cspace.workspace import Workspace, copied
 
-BATCH: Final = 64
-"""Slices of states in two bits that are made bytes together."""
-
-_NOWHERE: Final = np.array([1, 1, 1, 0, 0, 0])
-_NO_OVERLAPS: Final = np.empty((0, 0, 0, 0), dtype=np.int32)
+_NEVER: Final = 2**62
+"""Least offset of a raster without offsets, whose greatest offset is its negative."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,20 +167,21 @@ class Change:
 
 
 class Updater:
-    """What changes a map with its workspace, of which it makes a copy.
+    """Update a map in place when cells of its workspace change.
 
-    Every cell of configurations from which some offset of the robot can fall on a changed cell is decided afresh, by
-    the direct engine's dilation of the part of the workspace around. No other cell can change.
+    The state of a cell depends on the workspace cells under the robot's rasters. So the cells of a slice that a changed
+    box can reach form a window around it. The engine computes the window from the part of the workspace around it.
 
     Parameters
     ----------
     contents : Contents
-        As they are before the first update; their states and overlaps are written to.
+        The map. Updates write into its states and overlaps, and into a copy of its workspace.
     rasters : sequence of (outer, inner) Raster
-        The robot's, for each slice.
+        The robot's rasters, for each slice.
     exterior : Exterior
+        Updates write into its boxes.
     renew : callable
-        Called with each change, to bring up to date what depends on the map; again if it was interrupted.
+        Called with each :class:`Change`, to refresh what depends on the map; called again if it was interrupted.
     """
 
     def __init__(
@@ -202,38 +191,21 @@ class Updater:
         exterior: Exterior,
         renew: Callable[[Change], None],
     ) -> None:
-        walled = contents.outside == "blocked"
-        workspace, shape, blocked = contents.workspace, contents.grid.shape, contents.proves_blocked
-        self._grid, self._endless, self._flat = contents.grid, contents.endless, (1,) * (3 - len(shape))
+        blocked, counts, shape = contents.proves_blocked, contents.overlaps is not None, contents.grid.shape
+        self._grid, self._endless, self._layers = contents.grid, contents.endless, contents.layers
+        self._states, self._overlaps = contents.states, contents.overlaps
         self._rasters, self._exterior, self._renew_map = rasters, exterior, renew
-        self._shape = (*self._flat, *shape)
-        self._packed, states = None, np.empty((0, *self._shape), dtype=np.uint8)
-        if isinstance(contents.states, PackedStates):
-            self._packed = contents.states
-        else:
-            states = contents.states.reshape(-1, *self._shape)
-        own = copied(workspace, live=True)
-        outer, inner = _writable(own, self._shape)
-        self._map = MapArrays(
-            states,
-            _NO_OVERLAPS if contents.overlaps is None else contents.overlaps.reshape(states.shape),
-            outer,
-            inner,
-            np.empty(0, dtype=np.int64) if walled else _tallies(outer),
-            _robots([outer for outer, _ in rasters], self._shape, walled),
-            _robots([inner for _, inner in rasters], self._shape, walled),
-            np.bincount(contents.slice_of, minlength=len(contents.states)),
-            inner is outer,
-            _proves_blocked(contents, rasters) if blocked is None else blocked,
-            walled,
-        )
-        self._row = np.array([*self._shape, -1, -1, -1, *self._shape, -1, -1, -1, 0])
-        self._spans, self._most = _spans(self._map.far, self._map.near)
-        self._workspace, self._layers = own, contents.layers
-        self._reach = np.max([outer.cells.shape for outer, _ in rasters], axis=0)
+        self._sides = sides_of(rasters, _proves_blocked(contents, rasters) if blocked is None else blocked)
+        self._engine = Correlation.by("fft" if counts else "direct", self._sides, contents.outside, None)
+        self._reach = _reach(self._sides, shape, contents.outside == "blocked", counts)
+        self._size = np.max([outer.cells.shape for outer, _ in rasters], axis=0)
+        self._weights = np.bincount(contents.slice_of, minlength=len(contents.states))
+        self._nowhere = np.array([*in_space(shape), -1, -1, -1])
+        self._workspace = copied(contents.workspace, live=True)
+        self._layer_counts = _layer_counts(self._workspace.outer) if contents.outside == "free" else []
 
     def update(self, patch: Patch) -> Update:
-        """Write a patch into the cells that stay, and bring all that the map holds up to date."""
+        """Change the cells that stay, and update all that the map holds."""
         stays = self._workspace if self._layers is None else self._layers
         same = zip((stays.outer, stays.inner), (patch.outer, patch.inner), strict=True)
         known = stays.unknown is None or not stays.unknown[patch.window].any()
@@ -250,7 +222,7 @@ class Updater:
         return update
 
     def place(self, name: str, shape: Shape | None) -> Update:
-        """Place an obstacle of a name, in place of the one that had it, or take that away; nothing else changes."""
+        """Place the obstacle of a name, in place of the one that had it, or remove it; nothing else changes."""
         placed = None if shape is None else Obstacle.of(shape, self._grid, self._endless)
         if self._layers is None:
             self._layers = _still(self._workspace)
@@ -261,11 +233,11 @@ class Updater:
         return self._follow_layers(self._layers, boxes)
 
     def _are_apart(self, box: Box, other: Box) -> bool:
-        """Whether no configuration can touch both boxes of cells, so that two changes look at less than one."""
-        return bool((np.maximum(other[0] - box[1], box[0] - other[1]) >= self._reach).any())
+        """Return True if no configuration can touch both boxes, so that two changes cost less than one."""
+        return bool((np.maximum(other[0] - box[1], box[0] - other[1]) >= self._size).any())
 
     def _follow_layers(self, layers: ObstacleLayers, boxes: Sequence[Box]) -> Update:
-        """Have the map show boxes of cells as the layers have them, one after the other, and all their shapes."""
+        """Copy boxes of cells, one after the other, and all shapes, from the layers to the map."""
         self._show(layers.obstacles)
         patches = [Patch(tuple(first.tolist()), *layers.cells(first, stop)) for first, stop in boxes]
         try:
@@ -279,173 +251,190 @@ class Updater:
         return Update.of(updates, len(layers.grid.shape))
 
     def _show(self, shapes: tuple[Shape, ...] | None) -> None:
-        """Have the workspace, which follows all changes, show other shapes."""
+        """Replace the shapes of the workspace."""
         object.__setattr__(self._workspace, "shapes", shapes)
 
+    def _renew_shown(self) -> None:
+        """Refresh what depends on the workspace's shapes and layers, which may change where no cell does."""
+        _complete(partial(self._renew, self._nowhere, np.tile(self._nowhere, (len(self._weights), 1)), 0))
+
+    def _renew(self, cells: Ints, states: Ints, changed: int) -> None:
+        self._renew_map(Change(self._workspace, self._layers, cells, states, changed))
+
     def _write(self, patch: Patch) -> Update:
-        """Write a patch into the workspace, and bring all that the map holds up to date."""
-        if self._map.one and patch.inner is not patch.outer:
-            self._part(patch)
-        if (unknown := self._workspace.unknown) is not None:
-            unknown.setflags(write=True)
-            unknown[patch.window] = patch.unknown
-            unknown.setflags(write=False)
-        low = np.array([*(0,) * len(self._flat), *patch.lower], dtype=np.int64)
-        outer = patch.outer.view(np.uint8).reshape(*self._flat, *patch.outer.shape)
-        inner = patch.inner.view(np.uint8).reshape(outer.shape)
-        if self._packed is None:
-            notes = self._notes(outer.shape)
-            renew(self._map, outer, inner, low, notes)
-            changed, renewed = notes.changed, notes.rows
-            self._follow(changed, renewed)
-        else:
-            with ThreadPoolExecutor(1) as pool:  # where no interrupt gets
-                work = pool.submit(self._renew_packed, self._packed, outer, inner, low)
-                try:
-                    wait([work])
-                finally:
-                    changed, renewed = work.result()
-                    self._follow(changed, renewed)
-        if not changed[6]:
+        """Write a patch into the workspace, and update all that the map holds."""
+        old, dim = self._workspace, len(patch.lower)
+        differ = old.outer[patch.window] != patch.outer
+        if old.inner is not old.outer or patch.inner is not patch.outer:
+            differ |= old.inner[patch.window] != patch.inner
+        occupied = int(np.count_nonzero(differ))
+        if not occupied:
+            self._write_cells(patch)  # the unknown ones
             return Update(0, patch.lower, patch.lower, 0)
-        whole, dim = renewed[-1].tolist(), len(patch.lower)
-        first, last = whole[LOOKED + 3 - dim : LOOKED + 3], whole[LOOKED + 6 - dim : LOOKED + 6]
-        if first[0] > last[0]:
-            return Update(int(changed[6]), patch.lower, patch.lower, 0)
-        return Update(int(changed[6]), tuple(first), tuple(n + 1 for n in last), whole[COUNT])
+        box = self._boxes(differ[np.newaxis], patch.lower)[0]
+        # Cell k depends on the cells k + m, where m is an offset of the robot.
+        first = np.maximum(box[3 - dim : 3] - self._reach[:, 1], 0)
+        stop = np.minimum(box[6 - dim :] - self._reach[:, 0] + 1, self._grid.shape)
+        notes: list[tuple[Ints, Ints]] = []
+        counts = self._count_layers(patch)
+        _complete(partial(self._apply, patch, box, first, stop, counts, notes))
+        used = (first < stop).all(axis=1)
+        if not used.any():
+            return Update(occupied, patch.lower, patch.lower, 0)
+        lower, upper = first[used].min(axis=0), stop[used].max(axis=0)
+        changed = int(self._weights @ np.concatenate([each for _, each in notes]))
+        return Update(occupied, tuple(lower.tolist()), tuple(upper.tolist()), changed)
 
-    def _renew_packed(self, packed: PackedStates, outer: Bytes, inner: Bytes, low: Ints) -> tuple[Ints, Ints]:
-        """What :func:`cspace.changes.renew` does, with states in two bits: slices become bytes in batches."""
-        map_, notes, rows, whole = self._map, self._notes(outer.shape), [], np.zeros((0, ROW), dtype=np.int64)
-        renew(map_, outer, inner, low, notes)
-        for start in range(0, len(packed) if notes.changed[6] else 0, BATCH):
-            stop = min(start + BATCH, len(packed))
-            states = packed[start:stop].reshape(-1, *self._shape)
-            far, near = map_.far.of(start, stop), map_.near.of(start, stop)
-            part = map_._replace(states=states, far=far, near=near, weights=map_.weights[start:stop])
-            renewed = self._rows(len(states))
-            renew(part, outer[:0], inner[:0], low, notes._replace(rows=renewed))
-            for number in np.flatnonzero(renewed[:-1, COUNT]).tolist():
-                packed.write(start + number, states[number])
-            rows.append(renewed[:-1])
-            whole = np.concatenate([whole, renewed[-1:]])
-        least, most = whole.min(axis=0, initial=2**62), whole.max(axis=0, initial=-1)
-        for first in (LOOKED, CHANGED):
-            least[first + 3 : first + 6] = most[first + 3 : first + 6]
-        least[COUNT] = whole[:, COUNT].sum()
-        return notes.changed, np.concatenate([*rows, least[None]])
+    def _apply(
+        self, patch: Patch, box: Ints, first: Ints, stop: Ints, counts: list[Ints], notes: list[tuple[Ints, Ints]]
+    ) -> None:
+        """Update the states, then the workspace, then what depends on the map; a second call completes the first.
 
-    def _notes(self, patch: tuple[int, ...]) -> Notes:
-        """Room for what an update by a patch of a shape says of itself, and for what it needs for that."""
-        counts = [min(cells, size + span) for cells, size, span in zip(self._shape, patch, self._spans, strict=True)]
-        layers, tall, bits = (count + span for count, span in zip(counts, self._spans, strict=True))
-        wide = (bits + WORD - 1) // WORD
-        return Notes(
-            self._row[CHANGED:].copy(),
-            self._rows(len(self._map.states)),
-            np.empty(6, dtype=np.int64),
-            np.empty((*patch[:2], patch[2] + 1) if self._map.overlaps.size else (0, 0, 0), dtype=np.int64),
-            np.empty((5, layers * tall * wide + 2 * wide + 3), dtype=np.uint64),
-            np.empty((self._most, 1 + 2 * FOUR), dtype=np.uint64),
+        ``notes`` gets, for each batch of slices, the boxes around the states that differ, and their numbers. If the
+        first batch fails, for want of memory, the map stays as it is.
+        """
+        used, cells = np.asarray((first < stop).all(axis=1)), self._grid.size
+        if not isinstance(self._states, PackedStates) and used.any():
+            cells = int(np.prod(stop[used].max(axis=0) - first[used].min(axis=0)))
+        each = max(1, SCRATCH_BYTES // cells)
+        for number, start in enumerate(range(0, len(used), each)):
+            batch = slice(start, start + each)
+            self._update_slices(patch, batch, first[batch][used[batch]], stop[batch][used[batch]], notes, number)
+        self._write_cells(patch)
+        if counts:
+            self._layer_counts = counts
+            used_layers = [np.flatnonzero(each) for each in counts]
+            dim, ends = len(counts), np.array([[each[0], each[-1]] if len(each) else [0, -1] for each in used_layers])
+            around = Exterior.around(self._grid.shape, ends.T.reshape(2, dim), self._rasters, "free")
+            self._exterior.boxes[...] = around.boxes
+        boxes, changed = map(np.concatenate, zip(*notes, strict=True))
+        self._renew(box, boxes, int(self._weights @ changed))
+
+    def _update_slices(
+        self, patch: Patch, batch: slice, first: Ints, stop: Ints, notes: list[tuple[Ints, Ints]], number: int
+    ) -> None:
+        """Compute the window that holds the boxes from ``first`` to before ``stop`` in a batch of slices."""
+        whole, reach = self._states[batch], self._reach[batch]
+        if not len(first):
+            if number == len(notes):
+                notes.append((np.tile(self._nowhere, (len(whole), 1)), np.zeros(len(whole), dtype=np.int64)))
+            return
+        low, high = first.min(axis=0), stop.max(axis=0)
+        begin = np.maximum(low + reach[:, 0].min(axis=0), 0)
+        end = np.minimum(high + reach[:, 1].max(axis=0), self._grid.shape)
+        outer, inner = self._cells_after(patch, tuple(map(slice, begin.tolist(), end.tolist())))
+        sides = [[raster.moved((low - begin).tolist()) for raster in side[batch]] for side in self._sides]
+        window = (slice(None), *map(slice, low.tolist(), high.tolist()))
+        old = whole[window]
+        states = np.empty(old.shape, dtype=np.uint8)
+        overlaps = None if self._overlaps is None else np.empty(old.shape, dtype=np.int32)
+        self._engine.fill(outer, inner, sides, states, overlaps)
+        differ = old != states
+        changed = np.count_nonzero(differ, axis=tuple(range(1, differ.ndim)))
+        if number == len(notes):
+            notes.append((self._boxes(differ, low), changed))
+        old[...] = states
+        if isinstance(self._states, PackedStates):  # which gave a copy
+            for k in np.flatnonzero(changed).tolist():
+                self._states.write(batch.start + k, whole[k])
+        if self._overlaps is not None and overlaps is not None:
+            self._overlaps[batch][window] = overlaps
+
+    def _boxes(self, differ: Bools, lower: Sequence[int] | Ints) -> Ints:
+        """Return the boxes around the set cells of windows whose first cell is ``lower``, as in :class:`Change`."""
+        front, axes = 3 - (differ.ndim - 1), range(1, differ.ndim)
+        boxes = np.zeros((len(differ), 6), dtype=np.int64)
+        for axis, low in zip(axes, lower, strict=True):
+            used = np.asarray(differ.any(axis=tuple(other for other in axes if other != axis)))
+            boxes[:, front + axis - 1] = low + used.argmax(axis=1)
+            boxes[:, front + axis + 2] = low + used.shape[1] - 1 - used[:, ::-1].argmax(axis=1)
+        boxes[~used.any(axis=1)] = self._nowhere
+        return boxes
+
+    def _cells_after(self, patch: Patch, window: tuple[slice, ...]) -> tuple[Bools, Bools]:
+        """Return a window of the workspace as it is with the patch; one array if inner and outer cells are the same."""
+        here, there = shared(window, patch.window)
+        outer, inner = self._workspace.outer[window].copy(), self._workspace.inner
+        inner = outer if self._are_same(patch) else inner[window].copy()
+        inner[here] = patch.inner[there]
+        outer[here] = patch.outer[there]
+        return outer, inner
+
+    def _are_same(self, patch: Patch) -> bool:
+        """Return True if inner and outer cells share an array, and still do with the patch."""
+        return self._workspace.inner is self._workspace.outer and (
+            patch.inner is patch.outer or np.array_equal(patch.inner, patch.outer)
         )
 
-    def _rows(self, slices: int) -> Ints:
-        """Rows of slices, and one of all of them, of which nothing has changed."""
-        rows = np.empty((slices + 1, ROW), dtype=np.int64)
-        rows[:] = self._row
-        return rows
+    def _write_cells(self, patch: Patch) -> None:
+        """Write a patch into the workspace; inner cells get an array of their own when they first differ."""
+        old, window = self._workspace, patch.window
+        if old.inner is old.outer and not self._are_same(patch):
+            outer, inner = old.outer.copy(), old.outer.copy()
+            outer[window], inner[window] = patch.outer, patch.inner
+            parts = frozen(outer), frozen(inner), old.source, old.unknown, old.shapes
+            self._workspace = Workspace(old.grid, *parts, live=True)
+        else:
+            _overwrite(old.outer, window, patch.outer)
+            if old.inner is not old.outer:
+                _overwrite(old.inner, window, patch.inner)
+        if self._workspace.unknown is not None:
+            _overwrite(self._workspace.unknown, window, patch.unknown)
 
-    def _follow(self, changed: Ints, renewed: Ints) -> None:
-        """Have all that depends on the map follow the changed cells and the renewed states."""
-        if changed[6]:
-            self._renew(changed[:6], renewed[:-1, CHANGED : CHANGED + 6], int(renewed[-1, COUNT]))
+    def _count_layers(self, patch: Patch) -> list[Ints]:
+        """Return the numbers of outer cells in the layers along each axis with the patch; none if unused."""
+        if not self._layer_counts:
+            return []
+        counts = [each.copy() for each in self._layer_counts]
+        olds, news = (_layer_counts(each) for each in (self._workspace.outer[patch.window], patch.outer))
+        for count, part, old, new in zip(counts, patch.window, olds, news, strict=True):
+            count[part] += new - old
+        return counts
 
-    def _renew(self, box: Ints, states: Ints, changed: int) -> None:
-        """Have all that depends on the map follow the change."""
-        change = Change(self._workspace, self._layers, box, states, changed)
-        try:
-            self._renew_parts(change)
-        except BaseException:  # Ctrl-C, too: what was begun has to be done, and may be done again
-            self._renew_parts(change)
-            raise
 
-    def _renew_shown(self) -> None:
-        """The same of what the workspace shows, which may be another where no cell is."""
-        self._renew(_NOWHERE, np.tile(_NOWHERE, (len(self._map.weights), 1)), 0)
+def _complete(work: Callable[[], None]) -> None:
+    """Call ``work``, and call it again if it was interrupted: it must not stay half done."""
+    try:
+        work()
+    except BaseException:  # Ctrl-C, too
+        work()
+        raise
 
-    def _renew_parts(self, change: Change) -> None:
-        if not self._map.walled:
-            self._move_border()
-        self._renew_map(change)
 
-    def _part(self, patch: Patch) -> None:
-        """Give the inner cells an array of their own, where a patch makes them differ from the outer ones."""
-        if np.array_equal(patch.outer, patch.inner):
-            return
-        window, old = patch.window, self._workspace
-        outer, inner = old.outer.copy(), old.outer.copy()
-        outer[window], inner[window] = patch.outer, patch.inner
-        self._workspace = Workspace(old.grid, outer, inner, old.source, old.unknown, old.shapes, live=True)
-        views = _writable(self._workspace, self._shape)
-        for cells in views:  # the patch itself is still to come
-            cells.reshape(old.grid.shape)[window] = old.outer[window]
-        self._map = self._map._replace(outer=views[0], inner=views[1], one=False)
-
-    def _move_border(self) -> None:
-        """Bring up to date what is known outside the grid, where all outside the workspace is free."""
-        dim = 3 - len(self._flat)
-        layers = np.empty(6, dtype=np.int64)
-        extents(self._map.tallies, np.array(self._shape, dtype=np.int64), layers)
-        changed = layers.reshape(2, 3)[:, -dim:]
-        obstacles = np.repeat([0, -1], dim) if (changed[0] > changed[1]).any() else changed.ravel()
-        self._exterior.boxes[...] = [reached(obstacles, outer) for outer, _ in self._rasters]
+def _overwrite(array: Bools, window: tuple[slice, ...], values: Bools | bool) -> None:
+    """Write into an array that is read-only for all others."""
+    array.setflags(write=True)
+    array[window] = values
+    array.setflags(write=False)
 
 
 def _still(workspace: Workspace) -> ObstacleLayers:
-    """A workspace that stays, with nothing placed in it."""
+    """Return the layers of a workspace in which nothing is placed."""
     unknown = None if workspace.unknown is None else workspace.unknown.copy()
     return ObstacleLayers(workspace.grid, workspace.outer.copy(), workspace.inner.copy(), unknown, workspace.shapes)
 
 
-def _writable(workspace: Workspace, shape: tuple[int, ...]) -> tuple[Bytes, Bytes]:
-    """Views of a workspace's outer and inner cells that may be written; they themselves stay read-only."""
-
-    def view(cells: Bools) -> Bytes:
-        cells.setflags(write=True)
-        written = cells.view(np.uint8).reshape(shape)
-        cells.setflags(write=False)
-        return written
-
-    outer = view(workspace.outer)
-    return outer, outer if workspace.inner is workspace.outer else view(workspace.inner)
+def _layer_counts(cells: Bools) -> list[Ints]:
+    """Return the number of set cells in each layer along each axis."""
+    axes = set(range(cells.ndim))
+    return [np.count_nonzero(cells, axis=tuple(axes - {axis})) for axis in sorted(axes)]
 
 
-def _tallies(outer: Bytes) -> Ints:
-    """Numbers of cells in each layer along each axis, one axis after the other."""
-    axes = {0, 1, 2}
-    return np.concatenate([outer.sum(axis=tuple(axes - {axis}), dtype=np.int64) for axis in axes])
+def _reach(sides: Sides, shape: Sequence[int], walled: bool, counts: bool) -> Ints:
+    """Return the least and the greatest offset in each slice that decide about cells, shape (slices, 2, d).
 
-
-def _robots(rasters: Sequence[Raster], shape: tuple[int, ...], walled: bool) -> Robots:
-    """The offsets of rasters, one for each slice, on a map of a shape of three axes."""
-    runs = Runs.of(rasters, in_space(shape))
-    rows, fours = [each.table[each.news] for each in runs], [each.table for each in runs]
-    return Robots(
-        np.concatenate(rows),
-        np.cumsum([len(part) for part in rows]),
-        np.concatenate(fours),
-        np.cumsum([len(part) for part in fours]),
-        np.array([each.clipped and walled for each in runs]),
-    )
-
-
-def _spans(*robots: Robots) -> tuple[list[int], int]:
-    """How far apart offsets of a slice lie along each axis at most, and its number of rows of four."""
-    runs = np.concatenate([each.runs for each in robots])
-    first, last = runs[:, :3], runs[:, :3].copy()
-    last[:, 2] += runs[:, 3] - 1
-    fours = [np.diff(each.fours_stops, prepend=0).max() for each in robots]
-    return (last.max(axis=0, initial=0) - first.min(axis=0, initial=0)).tolist(), int(max(fours)) // FOUR
+    A robot that meets blocked cells outside the grid from everywhere depends on no cell, unless overlaps are counted.
+    """
+    reach = np.empty((len(sides), len(sides[0]), 2, 3), dtype=np.int64)
+    reach[:, :, 0], reach[:, :, 1] = _NEVER, -_NEVER
+    for number, side in enumerate(sides):
+        for row, runs in zip(reach[number], Runs.of(side, in_space(shape)), strict=True):
+            if len(runs.table) and not (runs.clipped and walled and not (counts and number == 0)):
+                last = runs.table[:, :3].copy()
+                last[:, 2] += runs.table[:, 3] - 1
+                row[:] = runs.table[:, :3].min(axis=0), last.max(axis=0)
+    dim = len(shape)
+    return np.stack([reach[:, :, 0].min(axis=0), reach[:, :, 1].max(axis=0)], axis=1)[..., 3 - dim :]
 
 
 def _proves_blocked(contents: Contents, rasters: Sequence[tuple[Raster, Raster]]) -> bool:

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 import cspace
 import handmade
 import planners
-from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
+from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace, update
+from cspace.correlation import Correlation
 from cspace.export import images
 from cspace.map.components import Components
 from handmade import walled
@@ -301,6 +302,48 @@ def test_an_interrupted_update_leaves_a_map_that_is_right(
         space.update(cells, (4, 5))
     check(space, world.build(), world)
     agree(ours, checkers(world.build()), world)
+
+
+@pytest.mark.parametrize("number", [0, 2, 7], ids=["first batch", "third batch", "never"])
+def test_an_update_interrupted_between_batches_of_slices_is_completed(
+    number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(update, "SCRATCH_BYTES", 1)  # a slice at a time
+    space = room("free", Robot.rectangle(0.6, 0.4, (0.3, 0.1)), 5)
+    calls, fill = [], Correlation.fill
+
+    def interrupt(*args: Any) -> str:
+        calls.append(args)
+        if len(calls) == number + 1:
+            raise KeyboardInterrupt
+        return fill(*args)
+
+    monkeypatch.setattr(Correlation, "fill", interrupt)
+    try:
+        space.update(BLOCK, (18, 13))
+    except KeyboardInterrupt:
+        assert number < 5
+    monkeypatch.setattr(Correlation, "fill", fill)
+    occupied = np.zeros((40, 30), dtype=bool)
+    occupied[18:22, 13:17] = True
+    fresh = cspace.build(Workspace.from_array(occupied, 0.1), space.robot, outside="free", rotations=5)
+    np.testing.assert_array_equal(space.state, fresh.state)
+    np.testing.assert_array_equal(space.workspace.outer, occupied)
+
+
+def test_an_update_without_memory_for_its_window_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    space = room()
+
+    def fail(*args: Any) -> str:
+        raise MemoryError
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Correlation, "fill", fail)
+        with pytest.raises(MemoryError):
+            space.update(BLOCK, (18, 13))
+    assert not space.workspace.outer.any()
+    np.testing.assert_array_equal(space.state, room().state)
+    assert space.update(BLOCK, (18, 13)).occupied == 16
 
 
 # ---- threads ---------------------------------------------------------------------------------------------------------

@@ -25,7 +25,8 @@ from cspace.threads import cores, in_threads
 from cspace.unaligned import load, store
 
 Cells = NDArray[np.uint8]
-Task: TypeAlias = tuple[Words, Cells, tuple[int, int]]
+Task: TypeAlias = tuple[Words, int, Cells, tuple[int, int]]
+"""Runs, as :meth:`Board.placed` gives them; their last word; results; and a block of rows of these."""
 
 COUNTS: Final = False
 """This engine finds only whether there is any overlap."""
@@ -82,11 +83,13 @@ def collide(
     longest = max(int(table[-1, 3]) for _, table, _ in live)
     cells = occupied.view(np.uint8).reshape(shape)
     board = Board(cells, results, [raster for raster, _, _ in live], longest, outside)
+    placed, stops = board.placed(np.concatenate([table for _, table, _ in live])), [0]
+    stops += np.cumsum([len(table) // FOUR for _, table, _ in live]).tolist()
+    reaches = np.maximum.reduceat(placed[:, 1::2].max(axis=1), stops[:-1]).tolist()
     tasks: list[Task] = []
-    for _, offsets, view in live:
-        table = board.placed(offsets)
-        tasks += [(table, view, block) for block in board.blocks(table)]
-    work = sum(FOUR * len(table) * (last - first) * board.cells for table, _, (first, last) in tasks) // WORD
+    for (a, b), reach, (_, _, view) in zip(itertools.pairwise(stops), reaches, live, strict=True):
+        tasks += [(placed[a:b], reach, view, block) for block in board.blocks(reach)]
+    work = sum(FOUR * len(table) * (last - first) * board.cells for table, _, _, (first, last) in tasks) // WORD
     threads = (workers or cores()) if work >= LEAST else 1
     parts = min(len(tasks), TASKS * threads)
     groups = [tasks[len(tasks) * k // parts : len(tasks) * (k + 1) // parts] for k in range(parts)]
@@ -210,7 +213,8 @@ class Board:
         outside: bool,
     ) -> None:
         self.results = results
-        self.pads, (total, self.rows, self.cells) = padded(occupied.shape, results, rasters)
+        self.pads, sizes = padded(occupied.shape, results, rasters)
+        total, self.rows, self.cells = sizes.tolist()
         # A block is read past the last run's place, as far as the longest run reaches, and two words more.
         self.padding = longest // WORD + 3
         words = np.full(total * self.cells // WORD + 2 + self.padding, ~np.uint64(0) if outside else np.uint64(0))
@@ -230,7 +234,7 @@ class Board:
         self._buffers = threading.local()
 
     def placed(self, runs: Ints) -> Words:
-        """The runs of a table, FOUR of one length in a row: it, and the word and the shift of each."""
+        """The runs of tables, FOUR of one length in a row: it, and the word and the shift of each."""
         steps = np.array([self.rows * self.cells, self.cells, 1])
         words, shifts = np.divmod((runs[:, :3] + self.pads) @ steps, WORD)
         placed = np.empty((len(runs) // FOUR, 1 + 2 * FOUR), dtype=np.uint64)
@@ -238,24 +242,27 @@ class Board:
         placed[:, 1::2], placed[:, 2::2] = words.reshape(-1, FOUR), shifts.reshape(-1, FOUR)
         return placed
 
-    def blocks(self, table: Words) -> list[tuple[int, int]]:
-        """First row, and the one after the last, of the parts in which results are made; the first begins a word."""
+    def blocks(self, reach: int) -> list[tuple[int, int]]:
+        """First row, and the one after the last, of the parts in which results are made; the first begins a word.
+
+        ``reach`` is the last word of any run.
+        """
         rows = (self.results[0] - 1) * self.rows + self.results[1]
-        each = max(BLOCK, int(table[:, 1::2].max())) * WORD / self.cells
+        each = max(BLOCK, reach) * WORD / self.cells
         number = max(1, round(rows / each))
         return list(itertools.pairwise([*(rows * k // number // OCTET * OCTET for k in range(number)), rows]))
 
     def settle(self, add: bool, tasks: Sequence[Task]) -> None:
         """Make the results of blocks of rows for robots, and write them."""
         buffers = self._buffers
-        for table, out, part in tasks:
+        for table, last, out, part in tasks:
             size = -(-(part[1] - part[0]) * self.cells // WORD)
-            reach = size + int(table[:, 1::2].max()) + self.padding
+            reach = size + last + self.padding
             if getattr(buffers, "size", 0) < reach:
                 buffers.arrays, buffers.size = [np.empty(reach, np.uint64) for _ in range(3)], reach
             now, then, words = buffers.arrays
             scratch = Scratch(now[:reach], then[:reach], words[:size], words[:size].view(np.uint8))
-            rows = Rows(*part, int(self.cells) // OCTET, int(self.rows))
+            rows = Rows(*part, self.cells // OCTET, self.rows)
             near = self.words[rows.first * rows.octets // OCTET :][:reach]
             settle_block(near, table, scratch, rows, add, out)
 
