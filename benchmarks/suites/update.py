@@ -21,7 +21,7 @@ from cspace.engines import ENGINES
 SIZE, ACROSS, BOX = 4096, 65, 32
 """Cells of the map, of the disc, and of the side of the box that changes, for which the target is meant."""
 
-LEAST = 50.0
+LEAST = 30.0
 """How many times longer a build should take than an update."""
 
 UPDATES = 200
