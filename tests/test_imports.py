@@ -24,7 +24,7 @@ ORDER = [
     "cspace.export",
     "cspace.arms",
     "cspace.space cspace.configuration_map cspace.configuration_space cspace.builder cspace.opening cspace.endless "
-    "cspace.update cspace.changes cspace.tiles",
+    "cspace.update cspace.tiles",
     "cspace.store",
     "cspace.spectral",
     "cspace.exact",
