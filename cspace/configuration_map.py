@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar, Unpack, overload
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,17 +17,12 @@ from cspace.grid import Grid
 from cspace.map.batches import Kernel, Many, One, Query, answer, as_points, in_pieces
 from cspace.robot import Robot
 from cspace.rotations import Rotations
+from cspace.shown import MapPlot
 from cspace.states import FREE, MIXED
 from cspace.threads import LEAST
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from cspace.exact.queries import Exact
-    from cspace.plot.picture import PlotOptions
-    from cspace.plot.route import MapLike
-    from cspace.view.level_of_detail import Cells
-    from cspace.view.viewer import MakeCanvas
 
 Result = TypeVar("Result")
 
@@ -41,7 +36,7 @@ class Joined(Protocol):
         """Numbers of the components of FREE cells, or of all that are not BLOCKED; -1 where there is none."""
 
 
-class ConfigurationMap(ConfigurationSpace):
+class ConfigurationMap(ConfigurationSpace, MapPlot):
     """A certified map of a robot's configurations, with the look-ups that all maps share.
 
     :class:`cspace.CSpace` holds it in memory, :class:`cspace.TiledCSpace` reads it from a store. Each brings its own
@@ -210,22 +205,6 @@ class ConfigurationMap(ConfigurationSpace):
         """
         return answer(q, self.dof, self._clearances(), np.float64, float, angles=self._angles)
 
-    # ---- seen --------------------------------------------------------------------------------------------------------
-
-    def plot(self, **options: Unpack[PlotOptions]) -> Axes:
-        """Draw the map, or an overview of one in tiles; see :func:`cspace.plot.plot`, which takes the same.
-
-        No window is opened; a notebook shows the axes as the picture.
-        """
-        from cspace.plot import plot
-
-        return plot(self._drawn(), **options)
-
-    def _canvas(self) -> MakeCanvas:
-        from cspace.view.map_canvas import MapCanvas
-
-        return partial(MapCanvas, self, self._in_blocks())
-
     # ---- what differs ------------------------------------------------------------------------------------------------
 
     @property
@@ -237,10 +216,6 @@ class ConfigurationMap(ConfigurationSpace):
     @abstractmethod
     def facts(self) -> dict[str, object]:
         """Facts about the map besides its grid, for people: plain values by name."""
-
-    @abstractmethod
-    def _drawn(self) -> MapLike:
-        """What is drawn of it."""
 
     @abstractmethod
     def _clearances(self) -> Query:
@@ -273,10 +248,6 @@ class ConfigurationMap(ConfigurationSpace):
     @abstractmethod
     def _at_one_moment(self, work: Callable[[], Result]) -> Result:
         """The result of some work, all of which sees the map as it is at one moment."""
-
-    @abstractmethod
-    def _in_blocks(self) -> Cells:
-        """Its cells, to be drawn on a page."""
 
     def _cells_of(self, points: Floats) -> Ints:
         """Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` of configurations, in the grid or not."""

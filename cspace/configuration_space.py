@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import TYPE_CHECKING, Unpack, overload
+from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,12 +13,10 @@ from cspace.angles import angle_axes
 from cspace.arrays import Bools, Floats
 from cspace.errors import InputError
 from cspace.map.batches import Many, One, Query, answer, answer_edges, answer_pairs, as_pairs
-
-if TYPE_CHECKING:
-    from cspace.view.viewer import MakeCanvas, Viewer, ViewOptions
+from cspace.shown import SpaceView
 
 
-class ConfigurationSpace(ABC):
+class ConfigurationSpace(SpaceView, ABC):
     """The configurations of a robot, and the look-ups that are the same for all robots.
 
     :class:`cspace.CSpace` and :class:`cspace.TiledCSpace` read cells, :class:`cspace.ArmSpace` tests the geometry. Each
@@ -200,42 +198,6 @@ class ConfigurationSpace(ABC):
         q0, q1 = points[..., :-1, :], points[..., 1:, :]
         return np.asarray(answer_edges(q0, q1, self.dof, lambda number: self._edges(number, exact)))
 
-    def view(self, *, block: bool = True, **options: Unpack[ViewOptions]) -> Viewer:
-        """Show the space on a page in the browser, and plan there; needs viser: ``pip install "cspace[view]"``.
-
-        The page shows obstacles and the robot, with the border of the C-obstacle of a map, or the closest pair of an
-        arm. Start and goal are set there, paths planned and played, and the page says what is proven. It is served on
-        this machine alone, unless ``host`` says otherwise, and its address is printed if ``block`` is set.
-
-        Parameters
-        ----------
-        block : bool
-            Whether to wait until Ctrl-C is pressed. If not, :meth:`cspace.view.Viewer.close` ends the page.
-        path : array-like, shape (n, dof), or Plan, optional
-            A path to show.
-        start, goal : array-like, shape (dof,), optional
-            Where the two are at first; by default the endpoints of the path, or FREE configurations far apart.
-        host : str
-            Address to serve on; by default "127.0.0.1". Who can reach it can plan there, and move the page.
-        port : int, optional
-            By default the first free one from 8080 on.
-
-        Returns
-        -------
-        cspace.view.Viewer
-            The page: its ``url``, its ``plan``, ``refresh()`` for a map that was updated, ``close()``.
-
-        Raises
-        ------
-        InputError
-            If the path or a configuration has the wrong shape, the port is taken, or the host is none of this machine.
-        MissingPackageError
-            If viser is not installed.
-        """
-        from cspace.view.viewer import opened
-
-        return opened(self, self._canvas(), block, options)
-
     # ---- what differs ------------------------------------------------------------------------------------------------
 
     @abstractmethod
@@ -249,7 +211,3 @@ class ConfigurationSpace(ABC):
     @abstractmethod
     def _edges(self, number: int, exact: bool) -> Query:
         """The kernel of whether edges are free, chosen for a ``number`` of them."""
-
-    @abstractmethod
-    def _canvas(self) -> MakeCanvas:
-        """What draws it on a page."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import compress, product
-from typing import TYPE_CHECKING, Any, Final, Literal, NoReturn, Unpack
+from typing import TYPE_CHECKING, Any, Final, Literal, NoReturn
 
 import numpy as np
 import scipy  # its parts are read when they are first used
@@ -32,13 +32,10 @@ from cspace.threads import LEAST
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from cspace.exact.boundaries import Problem
     from cspace.map.mip import Marks
     from cspace.map.record import Map
     from cspace.map.storage import Stack
-    from cspace.plot.picture import PlotOptions
     from cspace.spectral import FourierOverlap
     from cspace.update import Change
 
@@ -269,20 +266,6 @@ class EndlessCSpace(CSpace):
                     outer, inner = change.workspace.outer[box], change.workspace.inner[box]
                     unrolled.update(outer, low.tolist(), inner=inner)
         super()._renew(change)
-
-    # ---- seen --------------------------------------------------------------------------------------------------------
-
-    def plot(self, **options: Unpack[PlotOptions]) -> Axes:
-        """As :meth:`CSpace.plot`; where a path leads across a seam, the map is drawn as far as it goes."""
-        from cspace.plot.route import polyline
-
-        shape, path = np.array(self.grid.shape), polyline(self, options.get("path"))
-        cells = np.concatenate([[0 * shape, shape - 1], self.grid.cell_of(path)])
-        first, last = (
-            np.where(self.endless, *each) for each in ((cells.min(axis=0), 0), (cells.max(axis=0), shape - 1))
-        )
-        across = (first < 0).any() or (last >= shape).any()
-        return self._over(first, last + 1).plot(**options) if across else super().plot(**options)
 
     # ---- what there is not -------------------------------------------------------------------------------------------
 

@@ -18,6 +18,7 @@ from cspace.grid import check_reach, not_negative, positive
 from cspace.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes import Balls, BoundedShape, Mesh, Polygons, Shape, Voxels, primitives, shape_from_spec, shape_of
+from cspace.shown import NotebookPicture
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -33,7 +34,7 @@ GROWN: Final = "it grows the robot, in metres"
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Robot:
+class Robot(NotebookPicture):
     """A rigid robot in the plane or in space.
 
     Make one with :meth:`polygon`, :meth:`rectangle`, :meth:`disc`, :meth:`ellipse`, :meth:`from_footprint` or
@@ -66,12 +67,6 @@ class Robot:
 
     def __repr__(self) -> str:
         return f"Robot({self.name}, in {self.shape.place})"
-
-    def _repr_html_(self) -> str:
-        """The repr and a small picture, for notebooks."""
-        from cspace.plot import as_html
-
-        return as_html(self, [repr(self)])
 
     @property
     def dim(self) -> int:

@@ -7,8 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack, overload
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,15 +40,13 @@ from cspace.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Shape, ShapeLike, shape_of
+from cspace.shown import MapExport
 from cspace.states import FREE, MIXED, NAMES
 from cspace.workspace import Workspace, copied
 
 if TYPE_CHECKING:
-    import xarray
-
     from cspace.exact.boundaries import Problem
     from cspace.exact.queries import Exact
-    from cspace.files.messages import Costmap, OccupancyGrid
     from cspace.map.components import Components
     from cspace.map.inflation import Inflation
     from cspace.map.mip import Marks, Mip
@@ -59,21 +56,9 @@ if TYPE_CHECKING:
     from cspace.spectral.field import OverlapField
     from cspace.spectral.overlap import FourierOverlap
     from cspace.update import Change, Update, Updater
-    from cspace.view.level_of_detail import Cells
-
-Message = TypeVar("Message")
 
 
-class CostmapOptions(TypedDict, total=False):
-    """What :meth:`CSpace.to_costmap` takes beside a message."""
-
-    inflation_radius: float
-    cost_scaling_factor: float
-    rotation: ArrayLike | None
-    frame_id: str
-
-
-class CSpace(ConfigurationMap):
+class CSpace(ConfigurationMap, MapExport):
     """Certified map of a robot's configurations, in R^2, R^3, SE(2), R^3 x SO(2) or SE(3).
 
     They are ``(x, y)`` in the plane and ``(x, y, z)`` in space, followed by a yaw where the robot turns about z, or a
@@ -245,12 +230,6 @@ class CSpace(ConfigurationMap):
             **({"overlap_field": True} if fields else {}),
             "memory_bytes": sum(array.nbytes for array in arrays),
         }
-
-    def _repr_html_(self) -> str:
-        """The repr and a small picture, for notebooks."""
-        from cspace.plot import as_html
-
-        return as_html(self, [repr(self)])
 
     def __reduce__(self) -> tuple[type[CSpace], tuple[Contents]]:
         """A copy or a pickle has the contents of the map, without caches and locks."""
@@ -880,135 +859,12 @@ class CSpace(ConfigurationMap):
         fields = self._contents.fields
         return OverlapField(self, fields) if fields else None
 
-    # ---- files and pictures ------------------------------------------------------------------------------------------
+    # ---- what files and messages are made from -----------------------------------------------------------------------
 
-    def to_xarray(self) -> xarray.Dataset:
-        """The map with named dimensions, coordinates and units; see :func:`cspace.export.maps.to_xarray`."""
-        from cspace.export.maps import to_xarray
-
-        return to_xarray(self._contents)
-
-    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Save as a Zarr folder, which :func:`cspace.open` reads; see :func:`cspace.store.saved.save`."""
-        from cspace.store.saved import save
-
-        with self._lock:  # of cells, and of what they were proven against, all is of one moment
-            save(replace(self._contents, exterior=self._exterior), path, overwrite=overwrite)
-
-    def export(self, path: str | Path, *, overwrite: bool = False, rotation: ArrayLike | None = None) -> None:
-        """Write the map for other programs, in the format of the suffix; see :func:`cspace.export.maps.export`.
-
-        ``.npz``; ``.nc``, netCDF; ``.vti`` for ParaView; in the plane ``.yaml``, a ROS map, and ``.tif``, a GeoTIFF; in
-        space ``.ply``, ``.obj`` and ``.stl``, the border of the FREE cells. Formats of one slice need its ``rotation``
-        if the robot turns; ``.vti`` and ``.nc`` hold that one or all of them.
-        """
-        from cspace.export.maps import export
-
+    def _write(self, write: Callable[[Contents], None], *, exterior: bool = False) -> None:
+        """Call ``write`` with the contents of one moment, with the states outside the grid if ``exterior`` is set."""
         with self._lock:
-            export(self._contents, path, overwrite=overwrite, rotation=rotation)
-
-    @overload
-    def to_occupancy_grid(
-        self, msg: None = None, *, rotation: ArrayLike | None = None, frame_id: str = "map"
-    ) -> OccupancyGrid: ...
-    @overload
-    def to_occupancy_grid(
-        self, msg: Message, *, rotation: ArrayLike | None = None, frame_id: str = "map"
-    ) -> Message: ...
-    def to_occupancy_grid(
-        self, msg: Message | None = None, *, rotation: ArrayLike | None = None, frame_id: str = "map"
-    ) -> Message | OccupancyGrid:
-        """A map of the plane as an occupancy grid of ROS: FREE is 0, BLOCKED 100 and MIXED -1, which is unknown.
-
-        :meth:`Workspace.from_occupancy_grid` reads it back as the cells that are not FREE, or with ``unknown="free"``
-        as those that are BLOCKED.
-
-        Parameters
-        ----------
-        msg : object, optional
-            A message to fill, of ROS 1 or 2: what has the fields of ``nav_msgs/OccupancyGrid``. A new
-            :class:`cspace.files.messages.OccupancyGrid` if left out.
-        rotation : array-like, shape (k,), optional
-            Of a robot that turns: the one to take. If left out, 0 is free, and 100 blocked, at every rotation.
-        frame_id : str
-            Of the header, whose stamp is left as it is.
-
-        Returns
-        -------
-        object
-            The message.
-
-        Raises
-        ------
-        InputError
-            If the map is one in space, the message lacks a field, or ``rotation`` is none of the map.
-        """
-        from cspace.export.messages import fill_occupancy_grid
-        from cspace.files.messages import OccupancyGrid
-
-        state = self._flat_state() if rotation is None else self.slice_at(rotation)
-        return fill_occupancy_grid(state, self.grid, OccupancyGrid() if msg is None else msg, frame_id)
-
-    @overload
-    def to_costmap(self, msg: None = None, **options: Unpack[CostmapOptions]) -> Costmap: ...
-    @overload
-    def to_costmap(self, msg: Message, **options: Unpack[CostmapOptions]) -> Message: ...
-    def to_costmap(
-        self,
-        msg: Message | None = None,
-        *,
-        inflation_radius: float = 0.55,
-        cost_scaling_factor: float = 10.0,
-        rotation: ArrayLike | None = None,
-        frame_id: str = "map",
-    ) -> Message | Costmap:
-        """A map of the plane as a costmap of Nav2, inflated by the robot itself instead of by a circle.
-
-        254 is an obstacle, 255 unknown, 253 not proven free for the robot; a FREE cell costs
-        ``252 * exp(-cost_scaling_factor * clearance)``, rounded down, with the clearance of its middle, which stands
-        for Nav2's distance less the inscribed radius; and 0 farther from obstacles than ``inflation_radius``.
-
-        Parameters
-        ----------
-        msg : object, optional
-            A message to fill: what has the fields of ``nav2_msgs/Costmap``. A new
-            :class:`cspace.files.messages.Costmap`
-            if left out.
-        inflation_radius : float
-            Metres from the obstacles, zero or above; the clearance and the radius of the robot's inscribed circle,
-            margin included, are held against it. The defaults of this and the next are Nav2's.
-        cost_scaling_factor : float
-            Per metre, zero or above.
-        rotation : array-like, shape (k,), optional
-            Of a robot that turns: the one to take. If left out, the one of the largest clearance, cell by cell. That
-            takes some nanoseconds for each cell and slice at the first call; after an update, only around its changes.
-        frame_id : str
-            Of the header, whose stamp is left as it is.
-
-        Returns
-        -------
-        object
-            The message.
-
-        Raises
-        ------
-        InputError
-            If the map is one in space, the message lacks a field, or an argument is not usable.
-        """
-        from cspace.export.messages import costs_of, fill_costmap
-        from cspace.files.messages import Costmap
-
-        radius = not_negative(inflation_radius, "inflation_radius")
-        scaling = not_negative(cost_scaling_factor, "cost_scaling_factor", "pass it per metre")
-        if self.grid.dim == 3:
-            raise InputError("the map", "is one in space", "a costmap is plane", "build one of the plane")
-        number = None
-        if rotation is not None:
-            number = int(self._slice_of[int(self.rotations.cells_of(self.rotations.checked(rotation)))])
-        inscribed, spacing = self.robot.inscribed_radius + self.margin, self.grid.spacing
-        clearance = spacing * self._inflated((radius - inscribed) / spacing, number)
-        costs = costs_of(clearance, self.workspace.outer, self.workspace.unknown, inscribed, scaling, radius)
-        return fill_costmap(costs, self.grid, Costmap() if msg is None else msg, frame_id)
+            write(replace(self._contents, exterior=self._exterior) if exterior else self._contents)
 
     def _inflated(self, limit: float, number: int | None) -> Floats:
         """Return the clearance of each cell's middle, in cells: the largest of all slices, or that of one.
@@ -1030,14 +886,6 @@ class CSpace(ConfigurationMap):
             np.minimum(least, self._seen[number], out=least)
             np.maximum(most, self._seen[number], out=most)
         return np.where(least == most, least, MIXED).astype(np.uint8)
-
-    def _drawn(self) -> CSpace:
-        return self
-
-    def _in_blocks(self) -> Cells:
-        from cspace.view.level_of_detail import CellsInMemory
-
-        return CellsInMemory(self)
 
     # ---- what is derived at the first call ---------------------------------------------------------------------------
 

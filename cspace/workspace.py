@@ -19,14 +19,13 @@ from cspace.files.access import UNKNOWNS
 from cspace.grid import SLACK, Grid, check_bounds, check_cells, check_word, finite, positive
 from cspace.memory import MESH_BYTES, WORKSPACE_BYTES, Planned, check_memory
 from cspace.shapes import Balls, Mesh, Polygons, Shape, ShapeLike, Voxels, shape_of
+from cspace.shown import WorkspacePlot
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from shapely.geometry.base import BaseGeometry
 
     from cspace.files.messages import GridMessage
     from cspace.files.urdf import PackageDirs
-    from cspace.plot.picture import WorkspaceOptions
     from cspace.shapes.balls import BallSet
     from cspace.shapes.mesh import MeshLike, Solid
     from cspace.sources import Source
@@ -65,7 +64,7 @@ class OpenOptions(TypedDict, total=False):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Workspace:
+class Workspace(WorkspacePlot):
     """The obstacles, as two sets of closed cells: those that meet an obstacle, and those that lie in obstacles.
 
     A map that is itself a grid has both the same. Make one with a ``from_...`` method or :meth:`open`.
@@ -146,35 +145,6 @@ class Workspace:
             unknown += {0: ", taken as free", count: ", taken as occupied"}.get(taken, "")
         cells = f"{' x '.join(map(str, grid.shape))} cells of {grid.spacing:g} {grid.unit}"
         return f"Workspace({self.source}: {cells}, {100.0 * occupied / self.outer.size:.3g} % occupied{unknown})"
-
-    def _repr_html_(self) -> str:
-        """The repr and a small picture, for notebooks."""
-        from cspace.plot import as_html
-
-        return as_html(self, [repr(self)])
-
-    def plot(self, **options: Unpack[WorkspaceOptions]) -> Axes:
-        """Draw the obstacles; no window is opened.
-
-        Parameters
-        ----------
-        **options
-            Of :func:`cspace.plot.plot`: ``view``, ``at``, ``zoom``, ``cut``, ``camera``, ``ax``, ``legend`` and
-            ``title``, by default the source and the side of a cell.
-
-        Returns
-        -------
-        matplotlib.axes.Axes
-            The axes, which a notebook shows as the picture; ``ax.figure`` is the figure.
-
-        Raises
-        ------
-        InputError
-            As :func:`cspace.plot.plot`.
-        """
-        from cspace.plot.picture import Bare, plot
-
-        return plot(Bare(self), **options)
 
     @classmethod
     def from_array(

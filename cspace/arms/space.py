@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
-from functools import partial
 from itertools import combinations
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Unpack
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy  # its parts are read when they are first used
@@ -34,16 +33,10 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.grid import not_negative, positive, whole
 from cspace.map.batches import Query, as_pairs, check_rng, own
 from cspace.shapes import ShapeLike
+from cspace.shown import ArmPlot
 from cspace.states import BLOCKED, FREE, MIXED
 from cspace.threads import in_chunks
 from cspace.workspace import Workspace
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from cspace.plot.arms import ArmPlotOptions
-    from cspace.view.viewer import MakeCanvas
-
 
 THREAD: Final = 20
 """Motions below which a second thread costs more than it saves."""
@@ -95,7 +88,7 @@ class Group(NamedTuple):
         return Solid(", ".join(member.name for member in self.members), self.members[0].body, parts)
 
 
-class ArmSpace(ConfigurationSpace):
+class ArmSpace(ConfigurationSpace, ArmPlot):
     """The configurations of an arm among obstacles; :func:`build_arm` makes one.
 
     A configuration is FREE where no link touches an obstacle, or another link that it may not touch, by the collision
@@ -196,42 +189,6 @@ class ArmSpace(ConfigurationSpace):
         chain, circles = self.arm.chain, np.isinf(self.arm.upper)
         circles[chain.numbers[(chain.kinds != STILL) & ((chain.kinds != TURNS) | (chain.factors % 1.0 != 0.0))]] = False
         return tuple(circles.tolist())
-
-    def plot(self, **options: Unpack[ArmPlotOptions]) -> Axes:
-        """Draw the arm among its obstacles, in three dimensions, and a path as pale arms with the curve of its end.
-
-        No window is opened; a notebook shows the axes as the picture.
-
-        Parameters
-        ----------
-        q : array-like, shape (dof,), optional
-            Where the arm is; by default at the end of the path, or at zero.
-        path : array-like, shape (n, dof), or Plan, optional
-        camera : array-like, shape (2,), optional
-            Elevation and azimuth in degrees.
-        ax : matplotlib.axes.Axes, optional
-            In three dimensions; by default of a new figure.
-        legend : bool
-        title : str, optional
-            By default the arm's name.
-
-        Returns
-        -------
-        matplotlib.axes.Axes
-
-        Raises
-        ------
-        InputError, ConfigurationError
-            If a configuration has the wrong shape or is outside the limits, or ``ax`` has two dimensions.
-        """
-        from cspace.plot.arms import draw_arm
-
-        return draw_arm(self, **options)
-
-    def _canvas(self) -> MakeCanvas:
-        from cspace.view.arm_canvas import ArmCanvas
-
-        return partial(ArmCanvas, self)
 
     def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """A quick ``is_free`` of floats, ``check(*q)``, as :meth:`cspace.CSpace.point_checker`."""

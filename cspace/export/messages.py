@@ -9,16 +9,19 @@ import re
 from array import array
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
-from typing import Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypedDict, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bools, Floats
 from cspace.errors import InputError
-from cspace.files.messages import JointTrajectoryPoint, PoseStamped, lacking
-from cspace.grid import Grid
+from cspace.files.messages import Costmap, JointTrajectoryPoint, OccupancyGrid, PoseStamped, lacking
+from cspace.grid import Grid, not_negative
 from cspace.states import BLOCKED, FREE, MIXED
+
+if TYPE_CHECKING:
+    from cspace.space import CSpace
 
 Message = TypeVar("Message")
 
@@ -27,6 +30,45 @@ LETHAL, INSCRIBED, NO_INFORMATION = 254, 253, 255
 
 OCCUPANCY: Final = {FREE: 0, MIXED: -1, BLOCKED: 100}
 """Value of each state in an occupancy grid, in per cent; -1 is unknown."""
+
+
+class CostmapOptions(TypedDict, total=False):
+    """Options of :meth:`cspace.CSpace.to_costmap` besides the message."""
+
+    inflation_radius: float
+    cost_scaling_factor: float
+    rotation: ArrayLike | None
+    frame_id: str
+
+
+def occupancy_grid_of(
+    space: CSpace, msg: Message | None, rotation: ArrayLike | None, frame_id: str
+) -> Message | OccupancyGrid:
+    """Fill an occupancy grid with the states of a map; see :meth:`cspace.CSpace.to_occupancy_grid`."""
+    state = space._flat_state() if rotation is None else space.slice_at(rotation)
+    return fill_occupancy_grid(state, space.grid, OccupancyGrid() if msg is None else msg, frame_id)
+
+
+def costmap_of(
+    space: CSpace,
+    msg: Message | None,
+    inflation_radius: float,
+    cost_scaling_factor: float,
+    rotation: ArrayLike | None,
+    frame_id: str,
+) -> Message | Costmap:
+    """Fill a costmap with the clearances of a map; see :meth:`cspace.CSpace.to_costmap`."""
+    radius = not_negative(inflation_radius, "inflation_radius")
+    scaling = not_negative(cost_scaling_factor, "cost_scaling_factor", "pass it per metre")
+    if space.grid.dim == 3:
+        raise InputError("the map", "is one in space", "a costmap is plane", "build one of the plane")
+    number = None
+    if rotation is not None:
+        number = int(space.slice_of[int(space.rotations.cells_of(space.rotations.checked(rotation)))])
+    inscribed, spacing = space.robot.inscribed_radius + space.margin, space.grid.spacing
+    clearance = spacing * space._inflated((radius - inscribed) / spacing, number)
+    costs = costs_of(clearance, space.workspace.outer, space.workspace.unknown, inscribed, scaling, radius)
+    return fill_costmap(costs, space.grid, Costmap() if msg is None else msg, frame_id)
 
 
 def fill_occupancy_grid(state: NDArray[np.uint8], grid: Grid, msg: Message, frame_id: str) -> Message:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
+
+    from cspace.configuration_map import ConfigurationMap
 
 SUFFIXES: Final = (".png", ".pdf", ".svg", ".jpg")
 """Kinds of picture that can be written."""
@@ -261,14 +263,8 @@ def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -
     return kind
 
 
-class Drawable(Protocol):
-    """What draws itself: a map, be it in memory, in a store, or one that closes in a circle."""
-
-    def plot(self, **options: Unpack[PlotOptions]) -> Axes: ...
-
-
 def save_plot(
-    space: Drawable,
+    space: ConfigurationMap,
     file: str | os.PathLike[str],
     overwrite: bool = False,
     *,

@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from cspace.exact.queries import Exact
-    from cspace.view.level_of_detail import Cells
 
 
 Leg = tuple[Callable[[], CSpace], Floats, Floats]
@@ -321,14 +320,6 @@ class TiledCSpace(ConfigurationMap):
         """
         count = whole(most, "most", 1, mend="pass e.g. 1024")
         return self._at_one_moment(lambda: overview_of(self._job, count, client))
-
-    def _drawn(self) -> CSpace:
-        return self.overview()
-
-    def _in_blocks(self) -> Cells:
-        from cspace.view.level_of_detail import CellsInStore
-
-        return CellsInStore(self)
 
     def update(
         self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None, client: Client | None = None

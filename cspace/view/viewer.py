@@ -6,10 +6,16 @@ import html
 import sys
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypedDict
+from functools import partial, singledispatch
+from typing import TYPE_CHECKING, Any, TypedDict
 
+from cspace.arms.space import ArmSpace
 from cspace.arrays import Floats
 from cspace.plot.route import HasAxes, marked, polyline
+from cspace.tiles.space import TiledCSpace
+from cspace.view.arm_canvas import ArmCanvas
+from cspace.view.level_of_detail import CellsInMemory, CellsInStore
+from cspace.view.map_canvas import MapCanvas
 from cspace.view.server import serve, stop
 
 if TYPE_CHECKING:
@@ -126,9 +132,25 @@ class Viewer:
         return f'<iframe src="{html.escape(self.url)}" width="100%" height="640" style="border:0"></iframe>'
 
 
-def opened(space: HasAxes, canvas: MakeCanvas, block: bool, options: ViewOptions) -> Viewer:
-    """A page of a space, which is waited for if ``block`` is set."""
-    viewer = Viewer(space, canvas, **options)
+@singledispatch
+def canvas_of(space: Any) -> MakeCanvas:
+    """Return what draws a space on a page: a map in memory, unless another kind is registered."""
+    return partial(MapCanvas, space, CellsInMemory(space))
+
+
+@canvas_of.register(TiledCSpace)
+def _(space: TiledCSpace) -> MakeCanvas:
+    return partial(MapCanvas, space, CellsInStore(space))
+
+
+@canvas_of.register(ArmSpace)
+def _(space: ArmSpace) -> MakeCanvas:
+    return partial(ArmCanvas, space)
+
+
+def opened(space: Any, block: bool, options: ViewOptions) -> Viewer:
+    """Open a page of a space; wait until it is closed if ``block`` is set."""
+    viewer = Viewer(space, canvas_of(space), **options)
     if block:
         sys.stdout.write(f"{viewer.url}  Ctrl-C ends it\n")
         sys.stdout.flush()

@@ -1,0 +1,38 @@
+"""plot_map: the picture of each kind of map, as a map in memory."""
+
+from __future__ import annotations
+
+from functools import singledispatch
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cspace.endless import EndlessCSpace
+from cspace.plot.picture import plot
+from cspace.plot.route import polyline
+from cspace.tiles.space import TiledCSpace
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@singledispatch
+def plot_map(space: Any, **options: Any) -> Axes:
+    """Draw a map, with the options of :func:`cspace.plot.plot`."""
+    return plot(space, **options)
+
+
+@plot_map.register(TiledCSpace)
+def _(space: TiledCSpace, **options: Any) -> Axes:
+    return plot(space.overview(), **options)
+
+
+@plot_map.register(EndlessCSpace)
+def _(space: EndlessCSpace, **options: Any) -> Axes:
+    """Draw one turn of each continuous joint, or as many as the path crosses."""
+    shape, path = np.array(space.grid.shape), polyline(space, options.get("path"))
+    cells = np.concatenate([[0 * shape, shape - 1], space.grid.cell_of(path)])
+    first = np.where(space.endless, cells.min(axis=0), 0)
+    last = np.where(space.endless, cells.max(axis=0), shape - 1)
+    crosses = (first < 0).any() or (last >= shape).any()
+    return plot(space._over(first, last + 1) if crosses else space, **options)
