@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from cspace.plot.picture import PlotOptions, WorkspaceOptions
     from cspace.space import CSpace
     from cspace.view.viewer import Viewer, ViewOptions
+    from cspace.workspace import Workspace
 
 Message = TypeVar("Message")
 
@@ -60,9 +61,10 @@ class WorkspacePlot(NotebookPicture):
         InputError
             As :func:`cspace.plot.plot`.
         """
-        from cspace.plot.picture import Bare, plot
+        from cspace.plot.picture import plot
+        from cspace.plot.route import Bare
 
-        return plot(Bare(self), **options)
+        return plot(Bare(cast("Workspace", self)), **options)
 
 
 class MapPlot:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Floats
 from cspace.grid import Grid
-from cspace.plot.route import Figurine, Look, MapLike, Route, WorkspaceLike
+from cspace.plot.route import Figurine, Ground, Look, MapLike, Route
 from cspace.rotations import Rotations
 from cspace.states import BLOCKED, FREE, MIXED
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.patheffects import AbstractPathEffect
 
     from cspace.plot.cell_image import CellImage
+    from cspace.workspace import Workspace
 
 Classes = NDArray[np.uint8]
 
@@ -81,7 +82,7 @@ def classes_of(space: MapLike, rotation: Floats | None, layer: tuple[Any, ...] =
     return classes
 
 
-def ground_of(workspace: WorkspaceLike, layer: tuple[Any, ...] = ()) -> Classes:
+def ground_of(workspace: Workspace | Ground, layer: tuple[Any, ...] = ()) -> Classes:
     """Classes of the cells of a workspace alone: open or obstacle, and known or not."""
     occupied = workspace.outer[layer]
     known = np.where(occupied, np.uint8(OBSTACLE), np.uint8(OPEN))

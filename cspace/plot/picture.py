@@ -9,15 +9,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cspace.arrays import Floats
 from cspace.errors import InputError
 from cspace.files.access import replacing
-from cspace.grid import Grid, positive
+from cspace.grid import positive
 from cspace.plot import artists
 from cspace.plot.dials import draw_dials
 from cspace.plot.route import (
@@ -27,7 +26,6 @@ from cspace.plot.route import (
     MapLike,
     Part,
     Route,
-    WorkspaceLike,
     lost_steps,
     marked,
     section_point,
@@ -36,9 +34,6 @@ from cspace.plot.route import (
 from cspace.plot.sections import draw_panels, draw_sections
 from cspace.plot.surface import draw_surface
 from cspace.rotations import OneRotation, Rotations
-from cspace.shapes.balls import Balls
-from cspace.shapes.shape import Shape
-from cspace.states import BLOCKED, FREE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -204,31 +199,6 @@ def plot(
         # The figure belongs to no window that a notebook would show, and axes have no picture of their own there.
         vars(drawn)["_repr_html_"] = partial(_html_of, drawn.figure)
     return drawn
-
-
-class Bare:
-    """A workspace as pictures of maps see it: without a robot, FREE where it is open and BLOCKED in obstacles."""
-
-    def __init__(self, workspace: Any) -> None:
-        self.workspace: WorkspaceLike = workspace
-        self.grid: Grid = workspace.grid
-        self.axes = ("x", "y", "z")[: self.grid.dim]
-        self.rotations = Rotations.of(None)
-        self.slice_of, self.slice_rotations = np.zeros(1, dtype=np.int64), self.rotations.centers
-        dot = Balls(np.zeros((1, self.grid.dim)), np.ones(1))
-        self.robot = Nobody(Path(workspace.source).name, self.grid.dim, dot)
-
-    def slice_at(self, rotation: Floats, /) -> NDArray[np.uint8]:
-        """States of a robot that is a point, at the middle of a cell."""
-        return np.where(self.workspace.outer, np.uint8(BLOCKED), np.uint8(FREE))
-
-
-class Nobody(NamedTuple):
-    """Stands for the robot where there is none: not drawn, and named after the obstacles."""
-
-    name: str
-    dim: int
-    shape: Shape
 
 
 def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -> str:

@@ -5,16 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, NamedTuple, Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import Grid, finite, positive
+from cspace.robot import Robot
 from cspace.rotations import Rotations
+from cspace.shapes.balls import Balls
 from cspace.shapes.shape import Shape
+from cspace.states import BLOCKED, FREE
+
+if TYPE_CHECKING:
+    from cspace.configuration_space import ConfigurationSpace
+    from cspace.space import CSpace
+    from cspace.workspace import Workspace
 
 MANY: Final = 12
 """About how many robots are drawn along a path when the caller does not say."""
@@ -31,51 +40,11 @@ class HasPath(Protocol):
     def path(self) -> Floats: ...
 
 
-class RobotLike(Protocol):
-    """What pictures need of a robot."""
+MapLike: TypeAlias = "CSpace | Part | Bare"
+"""What pictures show: a map in memory, a part of one, or a workspace without a robot."""
 
-    @property
-    def name(self) -> str: ...
-    @property
-    def dim(self) -> int: ...
-    @property
-    def shape(self) -> Shape: ...
-
-
-class WorkspaceLike(Protocol):
-    """What pictures need of a workspace."""
-
-    @property
-    def outer(self) -> Bools: ...
-    @property
-    def unknown(self) -> Bools | None: ...
-
-
-class HasAxes(Protocol):
-    """A space whose configurations have names for their numbers."""
-
-    @property
-    def axes(self) -> tuple[str, ...]: ...
-
-
-class MapLike(Protocol):
-    """What pictures need of a map; :class:`cspace.CSpace` has it all."""
-
-    @property
-    def grid(self) -> Grid: ...
-    @property
-    def axes(self) -> tuple[str, ...]: ...
-    @property
-    def rotations(self) -> Rotations: ...
-    @property
-    def slice_of(self) -> Ints: ...
-    @property
-    def slice_rotations(self) -> Floats: ...
-    @property
-    def robot(self) -> RobotLike: ...
-    @property
-    def workspace(self) -> WorkspaceLike: ...
-    def slice_at(self, rotation: Floats, /) -> NDArray[np.uint8]: ...
+HasAxes: TypeAlias = "ConfigurationSpace | MapLike"
+"""A space whose configurations have named numbers."""
 
 
 class Figurine:
@@ -98,7 +67,7 @@ class Figurine:
     shown : bool
     """
 
-    def __init__(self, robot: RobotLike, rotations: Rotations) -> None:
+    def __init__(self, robot: Robot, rotations: Rotations) -> None:
         self.dim, self.rotations, self.shown = robot.dim, rotations, robot.shape.shown
         self.points, self.rings, self.nose, self.triangles = _DRAWN[robot.dim](robot.shape)
         self.reach = float(np.linalg.norm(self.points, axis=1).max())
@@ -163,26 +132,45 @@ class Part:
     """
 
     def __init__(self, space: MapLike, point: Floats, zoom: float) -> None:
-        whole = space.grid
+        whole: Grid = space.grid
         side = math.ceil(max(whole.shape) / zoom)
         begin = np.rint((point - whole.lower) / whole.spacing - 0.5 * side).astype(np.int64)
         first = np.clip(begin, 0, np.array(whole.shape) - 1)
         stop = np.clip(begin + side, first + 1, whole.shape)
         self._space, self._box = space, tuple(map(slice, first.tolist(), stop.tolist()))
         corner, shape = whole.lower + whole.spacing * first, (stop - first).tolist()
-        self.grid = Grid(corner, whole.spacing, shape, whole.axes, whole.units)
-        self.axes, self.rotations, self.robot = space.axes, space.rotations, space.robot
-        self.slice_of, self.slice_rotations = space.slice_of, space.slice_rotations
+        self.grid: Grid = Grid(corner, whole.spacing, shape, whole.axes, whole.units)
+        self.axes: tuple[str, ...] = space.axes
+        self.rotations: Rotations = space.rotations
+        self.robot: Robot = space.robot
+        self.slice_of: Ints = space.slice_of
+        self.slice_rotations: Floats = space.slice_rotations
 
     @property
-    def workspace(self) -> WorkspaceLike:
+    def workspace(self) -> Ground:
         """Its cells."""
         workspace = self._space.workspace
         return Ground(workspace.outer[self._box], None if workspace.unknown is None else workspace.unknown[self._box])
 
-    def slice_at(self, rotation: Floats, /) -> NDArray[np.uint8]:
+    def slice_at(self, rotation: ArrayLike, /) -> NDArray[np.uint8]:
         """States of its cells at a rotation."""
         return self._space.slice_at(rotation)[self._box]
+
+
+class Bare:
+    """A workspace as pictures of maps see it: without a robot, FREE where it is open and BLOCKED in obstacles."""
+
+    def __init__(self, workspace: Workspace) -> None:
+        self.workspace, self.grid = workspace, workspace.grid
+        self.axes = ("x", "y", "z")[: self.grid.dim]
+        self.rotations = Rotations.of(None)
+        self.slice_of, self.slice_rotations = np.zeros(1, dtype=np.int64), self.rotations.centers
+        dot = Balls(np.zeros((1, self.grid.dim)), np.ones(1))
+        self.robot = Robot(Path(workspace.source).name, dot)  # not drawn, and named after the obstacles
+
+    def slice_at(self, rotation: ArrayLike, /) -> NDArray[np.uint8]:
+        """States of a robot that is a point, at the middle of a cell."""
+        return np.where(self.workspace.outer, np.uint8(BLOCKED), np.uint8(FREE))
 
 
 class Ground(NamedTuple):

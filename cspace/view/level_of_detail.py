@@ -6,14 +6,17 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
 from cspace.arrays import Floats, Ints, block_starts, in_blocks
 from cspace.grid import Grid
 from cspace.plot.artists import Classes, classes_of, ground_of
-from cspace.plot.route import MapLike
+
+if TYPE_CHECKING:
+    from cspace.space import CSpace
+    from cspace.tiles.space import TiledCSpace
 
 MOST: Final = 2**21
 """Blocks that are drawn at once, at most: of the whole map, and as many of a part of it."""
@@ -49,40 +52,29 @@ class Part(NamedTuple):
     side: int
 
 
-class Cells(Protocol):
-    """The cells of a map as the page draws them, in memory or in a store."""
-
-    grid: Grid
-    side: int
-    """Cells along an axis of a block of the whole map."""
-    quick: bool
-    """Whether the components of the cells are soon known; of a map in a store they take long, and are written there."""
-
-    @property
-    def near(self) -> Any:
-        """A map in memory, of the same configurations, to sample from."""
-
-    def whole(self, rotation: Floats | None) -> Blocks:
-        """The whole map at a rotation; without one, the workspace alone."""
-
-    def part(self, rotation: Floats | None, part: Part) -> Blocks:
-        """A part of it."""
-
-    def forget(self) -> None:
-        """Drop what is cached: the map has changed."""
-
-
 class CellsInMemory:
-    """The cells of a :class:`cspace.CSpace`."""
+    """The cells of a :class:`cspace.CSpace` as the page draws them.
+
+    Attributes
+    ----------
+    grid : Grid
+    side : int
+        Cells along an axis of a block of the whole map.
+    near : CSpace
+        The map, or an overview of it, to sample configurations from.
+    quick : bool
+        Whether the components of the cells are soon known; those of a map in a store take long, and are written there.
+    """
 
     quick = True
 
-    def __init__(self, space: MapLike) -> None:
+    def __init__(self, space: CSpace) -> None:
         self.near, self.grid = space, space.grid
         self.side = math.ceil((space.grid.size / MOST) ** (1.0 / space.grid.dim))
         self._cached: OrderedDict[int, Blocks] = OrderedDict()
 
     def whole(self, rotation: Floats | None) -> Blocks:
+        """Return the blocks of the whole map at a rotation; without one, of the workspace alone."""
         number = -1 if rotation is None else int(self.near.rotations.cells_of(rotation))
         if number not in self._cached:
             everything = Part((0,) * self.grid.dim, self.grid.shape, self.side)
@@ -93,9 +85,11 @@ class CellsInMemory:
         return self._cached[number]
 
     def part(self, rotation: Floats | None, part: Part) -> Blocks:
+        """Return the blocks of a part of the map."""
         return blocks(lambda box: _classes(self.near, rotation, box), part)
 
     def forget(self) -> None:
+        """Drop what is cached, because the map has changed."""
         self._cached.clear()
 
 
@@ -104,14 +98,14 @@ class CellsInStore:
 
     quick = False
 
-    def __init__(self, space: Any) -> None:
+    def __init__(self, space: TiledCSpace) -> None:
         self._space, self.grid = space, space.grid
         slices = len(space.slice_rotations)
         self.side = math.ceil((space.grid.size * slices / (_CACHED * MOST)) ** (1.0 / space.grid.dim))
         self.side = max(self.side, math.ceil((space.grid.size / MOST) ** (1.0 / space.grid.dim)))
 
     @cached_property
-    def near(self) -> Any:
+    def near(self) -> CSpace:
         return self._space.overview(math.ceil(max(self.grid.shape) / self.side))
 
     def whole(self, rotation: Floats | None) -> Blocks:
@@ -133,7 +127,11 @@ class CellsInStore:
         self.__dict__.pop("near", None)
 
 
-def _classes(space: MapLike, rotation: Floats | None, box: tuple[slice, ...] = ()) -> Classes:
+Cells: TypeAlias = CellsInMemory | CellsInStore
+"""The cells of a map as the page draws them."""
+
+
+def _classes(space: CSpace, rotation: Floats | None, box: tuple[slice, ...] = ()) -> Classes:
     """Classes of a box of cells at a rotation; without one, those of the workspace alone."""
     return ground_of(space.workspace, box) if rotation is None else classes_of(space, rotation, box)
 

@@ -22,10 +22,11 @@ from cspace.plot.artists import (
     UNSEEN,
     Classes,
 )
-from cspace.plot.route import RobotLike, rings
+from cspace.plot.route import rings
 from cspace.plot.surface import SURFACES
 from cspace.plot.surface import UNSEEN as DIM
 from cspace.raster.bitmaps import rectangles
+from cspace.robot import Robot
 from cspace.view.level_of_detail import Blocks, Part
 
 Color = tuple[int, int, int]
@@ -188,12 +189,12 @@ def _facing(solid: Bools, axis: int, up: int, rim: bool) -> Ints:
     return corners if up else corners[:, ::-1]
 
 
-def robot_surface(robot: RobotLike, height: float) -> Surface:
+def robot_surface(robot: Robot, height: float) -> Surface:
     """The surface of a robot in its frame; one in the plane becomes a slab of some height."""
     return _slab(robot, height) if robot.dim == 2 else robot.shape.outer.surface
 
 
-def _slab(robot: RobotLike, height: float) -> Surface:
+def _slab(robot: Robot, height: float) -> Surface:
     """The outline of a robot in the plane, as high as a wall, with a top and no bottom."""
     import shapely
 
