@@ -21,10 +21,10 @@ from cspace.engines import ENGINES, METHODS
 from cspace.engines.slices import Pair, Rasters, raster_bytes, raster_parts, slice_rasters
 from cspace.errors import InputError
 from cspace.grid import check_word, not_negative, whole
+from cspace.limits import SCRATCH_BYTES, SLICE_BYTES, TRANSFORM_BYTES, build_seconds, check_memory, is_packed, map_bytes
 from cspace.map.contents import Contents
 from cspace.map.exterior import OUTSIDES, Exterior
 from cspace.map.storage import PackedStates, Stack
-from cspace.memory import SCRATCH_BYTES, SLICE_BYTES, TRANSFORM_BYTES, build_seconds, check_memory, is_packed, map_bytes
 from cspace.robot import GROWN, Robot, robot_of
 from cspace.rotations import Rotations
 from cspace.space import CSpace

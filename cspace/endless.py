@@ -21,11 +21,11 @@ from cspace.angles import MAX_JOINT_ANGLE, shorter, wrapped
 from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import Grid
+from cspace.limits import check_memory
 from cspace.map.batches import Kernel, Query, as_points, in_pieces
 from cspace.map.components import Components
 from cspace.map.contents import Contents
 from cspace.map.derived import Derived
-from cspace.memory import check_memory
 from cspace.rotations import OneRotation, Rotations
 from cspace.space import CSpace
 from cspace.threads import LEAST

@@ -18,6 +18,7 @@ from cspace.configuration_map import ConfigurationMap, Result
 from cspace.engines.slices import slice_rasters
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid, finite, not_negative, positive, whole
+from cspace.limits import JOINED_BYTES, check_memory
 from cspace.map.batches import (
     EDGES_A_THREAD,
     Many,
@@ -35,7 +36,6 @@ from cspace.map.derived import Derived, Lock
 from cspace.map.exterior import UNKNOWN, Exterior
 from cspace.map.record import Map
 from cspace.map.storage import PackedStates, Stack, cells_of, check_bytes, counts_of, read_only, read_only_of, record_of
-from cspace.memory import JOINED_BYTES, check_memory
 from cspace.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations

@@ -16,10 +16,10 @@ from cspace.correlation import Correlation, Sides, sides_of
 from cspace.engines.dilation import Runs, collide, in_space
 from cspace.errors import InputError
 from cspace.grid import Grid, check_cells
+from cspace.limits import SCRATCH_BYTES
 from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior
 from cspace.map.storage import PackedStates
-from cspace.memory import SCRATCH_BYTES
 from cspace.obstacles import Box, Obstacle, ObstacleLayers
 from cspace.raster import Raster
 from cspace.shapes import Shape

@@ -17,7 +17,7 @@ from cspace.arrays import Bools, Floats, StrPath, frozen
 from cspace.errors import FileError, InputError, warn_user
 from cspace.files.access import UNKNOWNS
 from cspace.grid import SLACK, Grid, check_bounds, check_cells, check_word, finite, positive
-from cspace.memory import MESH_BYTES, WORKSPACE_BYTES, Planned, check_memory
+from cspace.limits import MESH_BYTES, WORKSPACE_BYTES, Planned, check_memory
 from cspace.shapes import Balls, Mesh, Polygons, Shape, ShapeLike, Voxels, shape_of
 from cspace.shown import WorkspacePlot
 
@@ -181,7 +181,7 @@ class Workspace(WorkspacePlot):
             If an array is empty, not boolean or of the wrong shape, or a number is not usable.
         """
         from cspace.files.formats import read_cells, read_zarr_array
-        from cspace.files.limits import check_cells as check_file_cells
+        from cspace.limits import check_cells as check_file_cells
         from cspace.sources import Lazy, check_no_chunk_missing, is_away
 
         positive(spacing, "spacing", "metres, after the array of cells")

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from cspace.arrays import Bools, Floats, Ints
 from cspace.compiling import clock
 from cspace.configuration_space import ConfigurationSpace
+from cspace.limits import KEEP, free_bytes
 from cspace.map.chain import open_chain
-from cspace.memory import KEEP, free_bytes
 from cspace.space import CSpace
 from cspace.states import FREE
 from planners.catalogue import CUBES

@@ -372,7 +372,7 @@ def test_refuses(arguments, message):
 
 def test_a_map_that_does_not_fit_is_refused_before_any_work(monkeypatch):
     workspace = Workspace.from_array(np.zeros((30, 20, 10), bool), 0.1)
-    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 10**8)
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**8)
     with pytest.raises(
         InputError, match=r"30 x 20 x 10 cells .* about 134 MB .* at most 95 MB may be taken.*no spacing helps"
     ):

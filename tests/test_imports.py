@@ -36,7 +36,7 @@ ORDER = [
     "cspace.raster",
     "cspace.rotations",
     "cspace.files",
-    "cspace.memory",
+    "cspace.limits",
     "cspace.grid",
     "cspace.angles cspace.arrays cspace.compiling cspace.errors cspace.states cspace.threads cspace.unaligned "
     "cspace.vectors cspace.version",

@@ -10,7 +10,7 @@ import pytest
 
 import cspace
 from cspace.engines.slices import raster_bytes, slice_rasters
-from cspace.memory import (
+from cspace.limits import (
     RASTER_CELL_BYTES,
     SLICE_BYTES,
     WORKSPACE_BYTES,
@@ -39,7 +39,7 @@ def test_a_limit_of_the_process_counts():
 
 
 def test_what_does_not_fit_is_refused_with_figures_and_a_spacing_that_would(monkeypatch):
-    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 10**9)
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**9)
     check_memory(0.95e9, "the map", cspace.Grid((0.0,) * 3, 0.1, (1000,) * 3))
     with pytest.raises(cspace.InputError, match=r"at most 950 MB may be taken, which is 95% .* at least 0.11 m"):
         check_memory(1e9, "the map", cspace.Grid((0.0,) * 3, 0.1, (1000,) * 3))
@@ -48,7 +48,7 @@ def test_what_does_not_fit_is_refused_with_figures_and_a_spacing_that_would(monk
 
 
 def test_the_spacing_that_a_workspace_is_advised_fits_its_map(monkeypatch):
-    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 10**9)
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**9)
     with pytest.raises(cspace.InputError, match="use a spacing of at least") as error:
         cspace.Workspace.from_points([(0.0, 0.0), (40.0, 40.0)], 0.001)
     spacing = float(error.value.mend.split("at least ")[1].split()[0])
@@ -85,7 +85,7 @@ def test_build_counts_the_rasters_of_all_slices(tmp_path, monkeypatch, kind, sto
             cspace.Robot.box((0.9, 0.5, 0.1), (0.1, 0.1, 0.1)),
         )
         rotations, advice = cspace.Rotations.quaternions(24), r"use rotations=Rotations.quaternions\(\d+\), or take"
-    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 3 * 10**8)
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 3 * 10**8)
     monkeypatch.setattr("cspace.robot.Robot.rasters", None)
     options = {"store": tmp_path / "map.zarr"} if store else {}
     with pytest.raises(cspace.InputError, match=rf"x [\d,]+ slices and needs about .* [MG]B of memory.*{advice}"):
@@ -112,7 +112,7 @@ def test_estimate_of_rasters_is_near_what_they_take(robot, rotations, spacing):
 
 def test_joining_cells_is_refused_before_it_begins(monkeypatch):
     space = cspace.build(cspace.Workspace.from_array([[False] * 99] * 99, 0.1), cspace.Robot.disc(0.1), rotations=8)
-    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 100)
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 100)
     with pytest.raises(cspace.InputError, match=r"the map, to join its cells, .* use a spacing of at least"):
         space.path_exists((1.0, 1.0, 0.0), (2.0, 2.0, 0.0))
     monkeypatch.undo()

@@ -17,7 +17,7 @@ import cspace
 from cspace import Grid, Robot, Workspace
 from cspace.errors import FileError, InputError
 from cspace.files.formats import FORMATS, dimension_of
-from cspace.memory import check_memory
+from cspace.limits import check_memory
 from cspace.workspace import covering_grid, covering_shape
 
 L_SHAPE = [[1, 1, 0], [0, 1, 0]]
@@ -296,7 +296,7 @@ sizes = st.floats(1e-6, 1e6)
 def test_the_spacing_that_a_refusal_advises_fits(sides: list[float], spacing: float, low: float, free: int) -> None:
     corners = np.array([np.full(len(sides), low), low + np.array(sides)])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cspace.memory.free_bytes", lambda: free)
+        patch.setattr("cspace.limits.free_bytes", lambda: free)
         try:
             covering_grid(corners, spacing, 8)
         except InputError as error:
@@ -305,7 +305,9 @@ def test_the_spacing_that_a_refusal_advises_fits(sides: list[float], spacing: fl
                 assert "reaches" in str(error)
                 return
             advised = float(match[1])
-            assert covering_grid(corners, advised, 8).shape
+            # Roughly: a cell that is cut by the upper bound counts in part.
+            cells = np.prod(np.maximum(1.0, (corners[1] - corners[0]) / advised))
+            assert 8.0 * cells <= 0.85 * free and Grid(corners[0], advised, (1,) * len(sides))
             # Nor is it much larger than it must be: by a tenth for its two digits, and for what is left free.
             finer = covering_shape(corners, advised / 1.12)
             far = np.abs(corners).max() / (advised / 1.12) > 0.99 * 2**22
@@ -313,7 +315,7 @@ def test_the_spacing_that_a_refusal_advises_fits(sides: list[float], spacing: fl
 
 
 def test_the_spacing_that_a_refusal_tells_where_an_axis_is_one_cell(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 8_000_000)
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 8_000_000)
     corners = np.array([(0.0, 0.0, 0.0), (1e6, 1e-3, 1e-3)])
     with pytest.raises(InputError, match=r"use a spacing of at least 1\.3 m"):
         covering_grid(corners, 0.01, 8)

@@ -26,8 +26,8 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.exact.boundaries import Problem, Proofs
 from cspace.exact.proofs import BorderProofs
 from cspace.grid import Grid, finite, positive
+from cspace.limits import Planned, check_memory
 from cspace.map.contents import Contents
-from cspace.memory import Planned, check_memory
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Point

@@ -22,7 +22,7 @@ from cspace.exact import ROUNDING
 from cspace.exact.boundaries import anchors_of, in_space
 from cspace.exact.triangles import Trees, box_rows, together, tree_of_rows, triangle_rows
 from cspace.grid import finite, positive
-from cspace.memory import check_memory
+from cspace.limits import check_memory
 from cspace.shapes import BoundedShape, ExactShape, Mesh, Pieces, Shape, ShapeLike, Voxels, shape_of
 from cspace.workspace import Workspace
 

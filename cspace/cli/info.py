@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from cspace.arms import Arm
     from cspace.configuration_map import ConfigurationMap
     from cspace.grid import Grid
-    from cspace.memory import Planned
+    from cspace.limits import Planned
     from cspace.robot import Robot
     from cspace.rotations import Rotations
     from cspace.shapes.mesh import Solid
@@ -237,7 +237,7 @@ def _shapes(
 ) -> dict[str, Any]:
     """A file of shapes, which are put on a grid: their box, facts about them, and the grid."""
     from cspace.grid import check_bounds
-    from cspace.memory import MESH_BYTES, WORKSPACE_BYTES
+    from cspace.limits import MESH_BYTES, WORKSPACE_BYTES
 
     if bounds is not None:
         check_bounds(bounds, 2 if kind == "from_polygons" else 3)
@@ -284,7 +284,7 @@ def _grid(cells: _Cells, read: Callable[..., Any], reader: Callable[..., Any]) -
     """A file that is itself a grid; of a sensor map, unknown cells are counted apart."""
     import numpy as np
 
-    from cspace.memory import FIXED_CELLS, WORKSPACE_BYTES
+    from cspace.limits import FIXED_CELLS, WORKSPACE_BYTES
 
     senses = "unknown" in inspect.signature(reader).parameters
     workspace = read(unknown="free") if senses else read()
@@ -321,7 +321,7 @@ class _Cells:
         import numpy as np
 
         from cspace.grid import Grid, check_bounds
-        from cspace.memory import Planned, cells_of
+        from cspace.limits import Planned, cells_of
         from cspace.workspace import covering_shape, warn_of_units
 
         corners = np.stack(corners)
@@ -344,7 +344,7 @@ class _Cells:
     def memory(self, grid: Grid | Planned, bytes_a_cell: int, **advice: Any) -> dict[str, Any]:
         """What a map of so many cells needs at most, and whether it is there; ``advice`` as for ``check_memory``."""
         from cspace.engines.slices import raster_bytes
-        from cspace.memory import (
+        from cspace.limits import (
             TRANSFORM_BYTES,
             WORKSPACE_BYTES,
             build_seconds,

@@ -178,7 +178,7 @@ def _text(value: Any, unit: str) -> str:
         return f"({', '.join(_text(item, '') for item in value)}){unit}"
     if isinstance(value, int):
         if unit == _UNITS["_bytes"] and value >= _MANY_BYTES:
-            from cspace.memory import bytes_text
+            from cspace.limits import bytes_text
 
             return bytes_text(value)
         return f"{value:,}{unit}"

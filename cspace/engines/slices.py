@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from cspace.memory import RASTER_CELL_BYTES, SLICE_BYTES
+from cspace.limits import RASTER_CELL_BYTES, SLICE_BYTES
 from cspace.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations

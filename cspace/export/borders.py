@@ -18,7 +18,7 @@ from cspace.arrays import Floats, Ints
 from cspace.errors import InputError
 from cspace.files.access import replacing
 from cspace.grid import Grid
-from cspace.memory import check_memory
+from cspace.limits import check_memory
 from cspace.raster.bitmaps import cell_squares
 from cspace.states import FREE
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Floats, Ints
 from cspace.errors import CspaceError, FileError, InputError
-from cspace.files.limits import check_bytes
+from cspace.limits import check_bytes
 
 _LONGEST_HEADER: Final = 2**16
 """Bytes in which a text header before binary data must end."""
@@ -55,7 +55,7 @@ def existing(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> Pa
     ``kind`` says in messages what it should be, such as "ROS map"; each of its bytes takes ``memory`` bytes when read.
 
     Raises InputError if ``path`` is not a file name, and FileError if nothing is there, or no plain file, or one that
-    is too large (:mod:`cspace.files.limits`), or a pointer of git-lfs.
+    is too large (:mod:`cspace.limits`), or a pointer of git-lfs.
     """
     file, what = look_up(path, kind)
     if not what:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from cspace.arrays import Bytes, shared
 from cspace.files.access import Fault, decoding, look_up, read_part
 from cspace.files.plain import read_json
-from cspace.memory import bytes_text
+from cspace.limits import bytes_text
 
 COMPRESSORS: Final = ("zstd", "gzip", "blosc")
 """Compressors that are read; beside them, only the codecs "bytes" and "crc32c" are."""

@@ -12,9 +12,9 @@ import numpy as np
 
 from cspace.arrays import Floats, Ints, Surface
 from cspace.files.access import Fault, read_bytes
-from cspace.files.limits import check_bytes
 from cspace.files.plain import parse_xml
 from cspace.files.polygons import joined, placed, triangulated, unfolded, unread
+from cspace.limits import check_bytes
 
 Named = dict[str, Element | None]
 """Elements by their ids; none where two have one."""

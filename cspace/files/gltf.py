@@ -18,9 +18,9 @@ import numpy as np
 
 from cspace.arrays import Floats
 from cspace.files.access import Fault, read_bytes
-from cspace.files.limits import check_bytes
 from cspace.files.plain import check_nesting
 from cspace.files.polygons import unfolded, unread
+from cspace.limits import check_bytes
 
 _KIND: Final = "mesh"
 

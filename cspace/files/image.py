@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from cspace.arrays import Bools, Floats, copy_transposed
 from cspace.errors import InputError
 from cspace.files.access import Fault, decoding, existing, read_bytes
-from cspace.files.limits import check_cells
 from cspace.grid import finite
+from cspace.limits import check_cells
 
 if TYPE_CHECKING:
     from PIL.Image import Image

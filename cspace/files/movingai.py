@@ -15,7 +15,7 @@ import numpy as np
 
 from cspace.arrays import Bools
 from cspace.files.access import Fault, decoding, is_count, read_text
-from cspace.files.limits import check_cells
+from cspace.limits import check_cells
 
 PASSABLE: Final = ".GS"
 BLOCKED: Final = "@OTW"

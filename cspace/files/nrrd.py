@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import Bools, Floats
 from cspace.errors import InputError
 from cspace.files.access import Fault, decoding, existing, header_lines, is_count, read_bytes
-from cspace.files.limits import check_cells
 from cspace.grid import check_point, finite, positive
+from cspace.limits import check_cells
 
 KIND: Final = "grid in NRRD"
 

@@ -12,7 +12,7 @@ import numpy as np
 from cspace.arrays import Bools, Bytes, Floats, Ints, frozen
 from cspace.compiling import kernel
 from cspace.files.access import Fault, decoding, header_lines, read_bytes
-from cspace.files.limits import check_cells
+from cspace.limits import check_cells
 
 KIND: Final = "OctoMap"
 
@@ -46,7 +46,7 @@ def read_octomap(path: str | os.PathLike[str], unknown_is_occupied: bool = True)
     the file holds no other threshold. Cells without a leaf are occupied if ``unknown_is_occupied``.
 
     Raises FileError if the file is missing, is no OctoMap, is of another
-    type, is truncated or damaged, knows no cell, or so many that they are too large (:mod:`cspace.files.limits`).
+    type, is truncated or damaged, knows no cell, or so many that they are too large (:mod:`cspace.limits`).
     """
     # A leaf of five numbers for each byte at most.
     content = read_bytes(path, KIND, memory=80.0)

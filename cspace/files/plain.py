@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from cspace.files.access import Fault, decoding, read_text
-from cspace.files.limits import check_memory
+from cspace.limits import check_file_memory
 
 _MAX_LEVELS: Final = 64
 """Maximum depth of nested lists, tables and brackets."""
@@ -99,7 +99,7 @@ def read_json(path: str | os.PathLike[str], kind: str, each_list: float = 0.0) -
     with decoding(path, "JSON file", f"a {kind} is one", "mend that place"):
         check_nesting(text, "[{", "]}")
         lists = text.count("[")
-        check_memory(path, f"holds {lists:,} lists", each_list * lists + 20.0 * len(text))
+        check_file_memory(path, f"holds {lists:,} lists", each_list * lists + 20.0 * len(text))
         return json.loads(text, parse_int=_integer)
 
 

@@ -13,8 +13,8 @@ import numpy as np
 from cspace.arrays import Ints
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.files.access import decoding, read_text
-from cspace.files.limits import check_memory
 from cspace.files.plain import check_nesting, read_json
+from cspace.limits import check_file_memory
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -106,7 +106,7 @@ def _from_text(source: str | os.PathLike[str], name: str) -> Iterator[tuple[str,
     if suffix == ".wkt":
         text = read_text(source, _KIND, memory=10.0)
         points = 1 + text.count(",")
-        check_memory(file, f"holds {points:,} points", _BYTES_A_POINT * points)
+        check_file_memory(file, f"holds {points:,} points", _BYTES_A_POINT * points)
         lines = [line for line in text.split("\n") if line.strip()]
         if lines and all(_WKT.match(line) for line in lines):
             for number, line in enumerate(lines, start=1):

@@ -20,7 +20,7 @@ from numpy.typing import DTypeLike, NDArray
 from cspace.arrays import Bytes, Ints, frozen
 from cspace.compiling import always_inline, dispatch_on_type, kernel
 from cspace.errors import InputError
-from cspace.memory import KEEP, bytes_text, free_bytes
+from cspace.limits import KEEP, bytes_text, free_bytes
 from cspace.states import FREE
 from cspace.unaligned import load
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from cspace.arrays import Bools, Floats, Ints, frozen
 from cspace.errors import InputError
-from cspace.memory import free_bytes
+from cspace.limits import free_bytes
 
 MAX_CELLS = 2**28
 

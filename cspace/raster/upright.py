@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 
 from cspace.arrays import Bools, Floats
-from cspace.files.limits import check_cells
 from cspace.files.rosmap import MapInfo
 from cspace.grid import SLACK, Grid
+from cspace.limits import check_cells
 from cspace.raster.bitmaps import boundary_segments
 from cspace.raster.segments import outline_cells
 

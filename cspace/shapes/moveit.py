@@ -13,11 +13,11 @@ import numpy as np
 from cspace.arrays import Floats, StrPath, Surface
 from cspace.errors import GeometryError, warn_user
 from cspace.files.access import Fault, decoding
-from cspace.files.limits import check_memory
 from cspace.files.meshes import read_mesh
 from cspace.files.plain import read_yaml
 from cspace.files.polygons import placed, unfolded
 from cspace.files.urdf import PackageDirs, locate_meshes, package_folders
+from cspace.limits import check_file_memory
 from cspace.shapes import Balls, BoundedShape, Box, ExactShape, Mesh, Shape
 from cspace.shapes.bounded import Pair, cone, cylinder
 
@@ -209,7 +209,7 @@ class _Reader:
                 raise Fault(fault, "vertices are counted from 0", "correct it")
             faces = np.array(corners, dtype=np.int64).reshape(-1, 3)
         self._bytes += unfolded(len(vertices), len(faces))
-        check_memory(self._path, "holds meshes", self._bytes)
+        check_file_memory(self._path, "holds meshes", self._bytes)
         return Mesh(vertices, faces, source=f"{os.fspath(self._path)}: {place}"), pose
 
     def _plane(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:

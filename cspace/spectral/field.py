@@ -15,12 +15,12 @@ from cspace.arrays import Floats, Numbers
 from cspace.compiling import compilable, kernel
 from cspace.errors import InputError
 from cspace.grid import Grid
+from cspace.limits import check_memory
 from cspace.map.batches import Many, One, answer, in_pieces
 from cspace.map.callbacks import callback
 from cspace.map.contents import checked_fields
 from cspace.map.points import configuration, is_usable, replaced
 from cspace.map.record import Map
-from cspace.memory import check_memory
 from cspace.rotations import Rotations
 from cspace.spectral.descriptors import check_dims
 from cspace.spectral.overlap import FourierOverlap

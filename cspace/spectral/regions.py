@@ -15,7 +15,7 @@ from cspace.compiling import jit, kernel
 from cspace.errors import InputError
 from cspace.exact.triangles import trees_of
 from cspace.grid import Grid
-from cspace.memory import check_memory
+from cspace.limits import check_memory
 from cspace.raster.triangles import point_segment, point_triangle
 from cspace.shapes import Balls, ExactShape, Pieces, Polygons, Shape
 from cspace.threads import in_chunks

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import Floats
 from cspace.errors import InputError, optional
 from cspace.grid import finite
-from cspace.memory import KEEP, bytes_text, cells_of, free_bytes
+from cspace.limits import KEEP, bytes_text, cells_of, free_bytes
 from cspace.spectral.bump import (
     HALF,
     LEAST_TOLERANCE,

@@ -28,12 +28,11 @@ from numpy.typing import NDArray
 from cspace.errors import FileError
 from cspace.files.access import decoding, existing, look_up, read_bytes, read_part, replacing, suffix_of
 from cspace.files.chunks import Layout
-from cspace.files.limits import check_bytes
 from cspace.files.plain import read_json
 from cspace.grid import Grid
+from cspace.limits import check_bytes, is_packed
 from cspace.map.contents import Contents
 from cspace.map.storage import PackedStates, read_only, read_only_of
-from cspace.memory import is_packed
 from cspace.rotations import Rotations
 from cspace.shapes import Shape, shape_from_spec
 from cspace.states import BLOCKED, FIELDS, NAMES

@@ -33,11 +33,10 @@ from cspace.arrays import Bools, Box, Ints, shared
 from cspace.errors import CspaceError, FileError
 from cspace.files.access import read_part, replacing
 from cspace.files.chunks import Layout, unpack
-from cspace.files.limits import check_bytes
 from cspace.files.plain import read_json
 from cspace.grid import Grid
+from cspace.limits import check_bytes, is_packed
 from cspace.map.storage import PackedStates, Stack
-from cspace.memory import is_packed
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Shape

@@ -14,7 +14,7 @@ from cspace.correlation import Progress
 from cspace.engines import choose
 from cspace.engines.slices import raster_bytes
 from cspace.errors import FileError, InputError
-from cspace.memory import check_memory
+from cspace.limits import check_memory
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.store.saved import digest_of_array, shapes_array

@@ -9,9 +9,9 @@ import numpy as np
 
 from cspace.arrays import Bools, Box, Bytes, Ints, in_blocks
 from cspace.grid import Grid
+from cspace.limits import WORKSPACE_BYTES, check_memory, map_bytes
 from cspace.map.contents import Contents
 from cspace.map.exterior import UNKNOWN
-from cspace.memory import WORKSPACE_BYTES, check_memory, map_bytes
 from cspace.shapes import Shape, Voxels
 from cspace.space import CSpace
 from cspace.states import BLOCKED, FREE, MIXED

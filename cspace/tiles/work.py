@@ -22,7 +22,7 @@ from cspace.compiling import kernel
 from cspace.correlation import Correlation, sides_of
 from cspace.engines.slices import Pair, slice_rasters
 from cspace.errors import CspaceError, FileError, InputError, optional
-from cspace.memory import KEEP, bytes_text, free_bytes
+from cspace.limits import KEEP, bytes_text, free_bytes
 from cspace.sources import Source, changed
 from cspace.states import BLOCKED, MIXED
 from cspace.store.tiled import Index, Record, Store

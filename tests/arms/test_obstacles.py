@@ -180,7 +180,7 @@ def test_cells_that_become_too_many_boxes(tmp_path: Path, monkeypatch: pytest.Mo
     scattered = np.indices((24, 24, 24)).sum(axis=0) % 2 == 0
     away = np.eye(4)
     away[:3, 3] = 9.0
-    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 6_000_000)
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 6_000_000)
     build_arm(Workspace.from_array(np.indices((24, 24, 24))[0] % 2 == 0, 0.1), arm, at=away)
     with pytest.raises(InputError, match=r"needs about .* its cells are 6912 boxes"):
         build_arm(Workspace.from_array(scattered, 0.1), arm, at=away)

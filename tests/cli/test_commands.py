@@ -21,7 +21,7 @@ from cspace.cli import app
 from cspace.cli.report import progress_line
 from cspace.compiling import LOGGER
 from cspace.errors import InputError
-from cspace.memory import MESH_BYTES, build_seconds, bytes_text, map_bytes
+from cspace.limits import MESH_BYTES, build_seconds, bytes_text, map_bytes
 from cspace.plot import animate
 from cspace.spectral import FourierOverlap
 from maps import same
@@ -209,7 +209,7 @@ def test_info_tells_what_does_not_fit(room: Path, monkeypatch: pytest.MonkeyPatc
     result = run("map", "cube.obj", "--spacing", 1e-7, "--robot", "ball:0.1", "-o", "new.zarr")
     assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
     assert "use a spacing of at least" in result.stderr
-    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 1_000_000)
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1_000_000)
     printed = document("info", "rooms.3dmap")["memory"]
     assert printed["fits"] is False
     assert "a machine with more memory, or cut the file" in printed["problem"]

@@ -169,7 +169,7 @@ def test_what_has_no_border_is_refused(tmp_path: Path, ball: cspace.CSpace, monk
         SPACES["plane"]().export(tmp_path / "free.ply")
     with pytest.raises(InputError, match=r"rotation has shape .*the robot does not turn"):
         ball.export(tmp_path / "free.stl", rotation=0.5)
-    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 1000)
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1000)
     with pytest.raises(InputError, match=r"the border of the free space .* of memory; at most"):
         ball.export(tmp_path / "free.stl")
     assert not list(tmp_path.iterdir())

@@ -26,8 +26,8 @@ from benchmarks.soak import files as soak
 from cspace import FileError, InputError, Workspace
 from cspace.errors import CspaceError
 from cspace.files.access import Fault
-from cspace.files.limits import raised_limits
 from cspace.files.plain import parse_xml, read_yaml
+from cspace.limits import raised_limits
 from cspace.shapes import Mesh
 
 
@@ -217,9 +217,9 @@ def test_limits_may_be_lowered_and_raised(tmp_path: Path, monkeypatch: pytest.Mo
         refused(tmp_path / "a.3dmap", r"raised_limits\(max_cells=729\)")
         with raised_limits(max_cells=729):
             assert Workspace.open(tmp_path / "a.3dmap").grid.size == 729
-    monkeypatch.setattr("cspace.files.limits.free_bytes", lambda: 500)
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 500)
     (tmp_path / "a.3dmap").write_text("voxel 99 99 99\n")
-    refused(tmp_path / "a.3dmap", "500 bytes of memory are free")
+    refused(tmp_path / "a.3dmap", "needs about 970 kB of memory; at most 475 bytes may be taken")
 
 
 @pytest.mark.parametrize(
@@ -234,9 +234,9 @@ def test_points_count_by_what_they_take_as_objects(
 ) -> None:
     """Four bytes of text become an object of hundreds."""
     (tmp_path / name).write_text(content)
-    monkeypatch.setattr("cspace.files.limits.free_bytes", lambda: 10**6)
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**6)
     refused(tmp_path / name, message, spacing=0.1)
-    monkeypatch.setattr("cspace.files.limits.free_bytes", lambda: 10**7)
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**7)
     assert Workspace.open(tmp_path / name, spacing=0.1, bounds=(0, 0, 2, 2)).grid.shape == (20, 20)
 
 

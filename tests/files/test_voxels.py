@@ -267,7 +267,7 @@ def test_no_bytes_crash_the_reader(tmp_path_factory, nodes, header, size):
     path = tmp_path_factory.getbasetemp() / "any.bt"
     path.write_bytes(header.format(size).encode() + nodes)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cspace.memory.free_bytes", lambda: 10**7)
+        patch.setattr("cspace.limits.free_bytes", lambda: 10**7)
         try:
             _, occupied, _ = read_octomap(path)
         except (FileError, InputError):

@@ -256,6 +256,6 @@ def test_refuses_wrong_endpoints_and_too_little_memory(monkeypatch: pytest.Monke
         space.widest_path((3.1, 1.0), (9.0, 5.0))
     with pytest.raises(InputError, match="q1 has shape"):
         space.widest_path((1.0, 1.0), (9.0, 5.0, 1.0))
-    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 1000)
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1000)
     with pytest.raises(InputError, match=r"to find its widest path.* needs about .* of memory.*at most 950 bytes"):
         space.widest_path(*ENDPOINTS["plane"])

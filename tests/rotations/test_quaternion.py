@@ -153,6 +153,6 @@ def test_refuses_what_is_no_rotation_in_space():
 
 def test_what_would_fit_is_named(monkeypatch):
     workspace = Workspace.from_array(np.zeros((50, 50, 50), bool), 0.1)
-    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 200_000_000)
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 200_000_000)
     with pytest.raises(InputError, match=r"use rotations=Rotations.quaternions\(5\), or a spacing of at least 0.14 m"):
         cspace.build(workspace, Robot.box((0.3, 0.2, 0.1)), rotations=Rotations.quaternions(8))

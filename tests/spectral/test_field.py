@@ -262,10 +262,10 @@ def test_values_that_are_no_numbers_are_refused(value: float) -> None:
 def test_a_field_that_does_not_fit_into_memory_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     space, overlap = scene("plane")
     needed = 3 * 8 * space.grid.size
-    monkeypatch.setattr("cspace.memory.free_bytes", lambda: needed)
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: needed)
     with pytest.raises(InputError, match=r"the overlap field has 40 x 32 cells .* may be taken.* use a spacing of"):
         space.with_overlap_field(overlap)
-    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 2 * needed)
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 2 * needed)
     space.with_overlap_field(overlap)
 
 

@@ -164,7 +164,7 @@ def test_refusals(shape, options, error, message):
 
 
 def test_memory_is_looked_at(monkeypatch):
-    monkeypatch.setattr("cspace.memory.free_bytes", lambda: 10_000)
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10_000)
     with pytest.raises(InputError, match="memory"):
         decompose(RECTANGLE, number=5)
 

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace.errors import FileError, InputError
-from cspace.files.limits import raised_limits
+from cspace.limits import raised_limits
 from cspace.store import saved as store
 from maps import SPACES, SUFFIXES, files, refused, same
 from strategies import bitmaps, robots, rotation_cells

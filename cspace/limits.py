@@ -1,16 +1,23 @@
-"""Memory: how much a map takes, checked before any work; and very roughly how long a build takes."""
+"""Limits of files and of memory, checked before any work; and very rough times of builds.
+
+A file of a few bytes can declare a map of terabytes. So every reader states, from the size of the file or from its
+header, what it is about to take; every build does so from its grid. Too much is refused with the figures.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Floats
-from cspace.errors import InputError
+from cspace.arrays import Floats, StrPath
+from cspace.errors import CspaceError, FileError, InputError
 from cspace.grid import MAX_COORDINATE, Grid
 from cspace.threads import cores
 
@@ -51,11 +58,32 @@ FIXED_CELLS: Final = (
 )
 """What helps where a file says how large its cells are."""
 
+_MIN_CHECKED_BYTES: Final = 2**18
+"""Smaller files are read without asking for the free memory, because that takes longer."""
+
 _COUNTED: Final = 2**53
 """Counts of cells up to here are printed to the last one."""
 
 _ROOM: Final = 0.85 * KEEP
 """Part of the free memory that a spacing is advised for: what is free changes."""
+
+
+class Limits(NamedTuple):
+    """Largest size of one file.
+
+    Attributes
+    ----------
+    max_bytes : int
+        Bytes of a file, or of what it unpacks to.
+    max_cells : int
+        Cells, voxels or pixels of its grid.
+    """
+
+    max_bytes: int = 2**32
+    max_cells: int = 2**29
+
+
+_LIMITS: Final = ContextVar("limits", default=Limits())  # noqa: B039 - it cannot be changed
 
 
 def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> int:
@@ -90,6 +118,63 @@ def free_bytes() -> int:
     import psutil
 
     return int(min(psutil.virtual_memory().available, _left_by_container(), _left_by_limit()))
+
+
+@contextmanager
+def raised_limits(*, max_bytes: int | None = None, max_cells: int | None = None) -> Iterator[None]:
+    """Change the limits of files within a ``with`` block.
+
+    Parameters
+    ----------
+    max_bytes, max_cells : int, optional
+        The largest file in bytes, and the most cells of a map; unchanged if left out.
+
+    Examples
+    --------
+    >>> with raised_limits(max_cells=2**33):
+    ...     pass  # e.g. workspace = cspace.Workspace.open("city.png", spacing=0.05)
+    """
+    now = _LIMITS.get()
+    most = now.max_bytes if max_bytes is None else max_bytes
+    token = _LIMITS.set(Limits(most, now.max_cells if max_cells is None else max_cells))
+    try:
+        yield
+    finally:
+        _LIMITS.reset(token)
+
+
+def check_bytes(path: StrPath, size: int, what: str = "holds", memory: float = 1.0) -> None:
+    """Refuse a file that holds, or for example "unpacks to" (``what``), too many bytes.
+
+    Raises FileError if it is over ``max_bytes``, or ``memory`` times as much does not fit into memory.
+    """
+    most = _LIMITS.get().max_bytes
+    if size > most or memory * size >= _MIN_CHECKED_BYTES:
+        held = f"{what} {bytes_text(size)}"
+        _check_limit(path, held, size, "max_bytes", bytes_text(most), size)
+        check_file_memory(path, held, memory * size)
+
+
+def check_cells(path: StrPath, shape: Sequence[int], memory: float = 1.0) -> None:
+    """Refuse a grid, as a file declares it, that is too large.
+
+    Raises FileError if there are more than ``max_cells``, or ``memory`` bytes for each do not fit into memory.
+    """
+    count = cells_of(shape)
+    declared = f"declares {' x '.join(f'{n}' if n < 2**53 else f'{n:.4g}' for n in shape)} cells"
+    most = f"{_LIMITS.get().max_cells:.4g}"
+    _check_limit(path, f"{declared}, {count:.4g} in all", count, "max_cells", most, tuple(shape))
+    check_file_memory(path, declared, memory * count)
+
+
+def check_file_memory(path: StrPath, declared: str, needed: float) -> None:
+    """Refuse a file that takes more memory to read than is free.
+
+    ``declared`` says what the file holds, and ``needed`` is in bytes. Raises FileError.
+    """
+    if needed >= _MIN_CHECKED_BYTES and needed > KEEP * (free := free_bytes()):
+        hint = "take a machine with more memory, or a smaller or coarser file"
+        raise out_of_memory(os.fspath(path), declared, needed, free, hint, error=FileError)
 
 
 class Planned(NamedTuple):
@@ -129,8 +214,8 @@ def check_memory(
     if mend is None:
         # A robot's rasters are the same on a smaller map, and not much smaller at a coarser spacing.
         left, whole = _ROOM * free - fixed, max(needed, later) - fixed
-        bytes_a_cell = (whole - rasters) / float(np.prod(np.asarray(grid.shape, dtype=float)))
-        coarser = fitting_spacing(np.array([grid.lower, grid.upper]), grid.spacing, bytes_a_cell, left - rasters)
+        bytes_a_cell = max((whole - rasters) / float(np.prod(np.asarray(grid.shape, dtype=float))), 1e-9)
+        coarser = fitting_spacing(np.array([grid.lower, grid.upper]), grid.spacing, (left - rasters) / bytes_a_cell)
         rotations = fewer(left / (needed - fixed)) if fewer else ""
         if coarser is not None:
             mend = f"use a spacing of at least {coarser:g} {grid.unit}, or smaller bounds, or check the units (metres)"
@@ -139,40 +224,49 @@ def check_memory(
         mend = f"use {rotations}, or {mend.removeprefix('use ')}" if rotations else mend
     cells = " x ".join(f"{n:.4g}" if n > _COUNTED else str(n) for n in grid.shape)
     turning = f" x {slices:,} slices" if slices > 1 else ""
-    needs = bytes_text(needed)
     time = f", and very roughly {time_text(seconds)} of one core" if seconds else ""
-    raise InputError(
-        what,
-        f"has {cells} cells of {grid.spacing:g} {grid.unit}{turning} and needs about {needs} of memory{time}",
+    raise out_of_memory(what, f"has {cells} cells of {grid.spacing:g} {grid.unit}{turning}", needed, free, mend, time)
+
+
+def out_of_memory(
+    argument: str,
+    problem: str,
+    needed: float,
+    free: float,
+    hint: str,
+    time: str = "",
+    *,
+    error: type[CspaceError] = InputError,
+) -> CspaceError:
+    """Return the error for work that needs more bytes than may be taken of those that are free."""
+    return error(
+        argument,
+        f"{problem} and needs about {bytes_text(needed)} of memory{time}",
         f"at most {bytes_text(KEEP * free)} may be taken, which is {KEEP:.0%} of what is free",
-        mend,
+        hint,
         value=needed,
     )
 
 
-def fitting_spacing(corners: Floats, spacing: float, bytes_a_cell: float, free: float) -> float | None:
-    """The least spacing, to two digits, from ``spacing`` on, at which a grid over a box fits into memory.
+def fitting_spacing(corners: Floats, spacing: float, max_cells: float) -> float | None:
+    """Estimate the spacing, to two digits, at which a box has at most ``max_cells`` cells.
 
-    The corners of the box have the shape (2, d), metres. None where not even a grid of one cell fits; the grid also
-    keeps to :data:`cspace.grid.MAX_COORDINATE`.
+    The corners of the box have the shape (2, d), metres. The result is at least ``spacing``, and keeps the grid to
+    :data:`cspace.grid.MAX_COORDINATE`. None if not even one cell fits.
     """
-    sides, reach = corners[1] - corners[0], float(np.abs(corners).max())
-
-    def fits(side: float) -> bool:
-        with np.errstate(over="ignore"):
-            cells = np.prod(np.maximum(1.0, np.ceil(sides / side)))
-        # The last cell may reach one cell past the box.
-        return bool(bytes_a_cell * cells <= free) and reach <= (MAX_COORDINATE - 1.0) * side
-
-    least, enough = spacing, max(spacing, float(sides.max()), reach)
-    if not fits(enough):
+    if max_cells < 1.0:
         return None
-    while enough > 1.001 * least:
-        middle = math.sqrt(least) * math.sqrt(enough)
-        least, enough = (least, middle) if fits(middle) else (middle, enough)
+    fitting = max(spacing, float(np.abs(corners).max()) / (MAX_COORDINATE - 1.0))
+    # Sides shorter than the spacing are one cell, so only the longer sides count.
+    sides = np.sort(corners[1] - corners[0])[::-1].tolist()
+    for count in range(len(sides), 0, -1):
+        side = math.exp((sum(math.log(max(s, 1e-300)) for s in sides[:count]) - math.log(max_cells)) / count)
+        if side <= sides[count - 1]:
+            fitting = max(fitting, side)
+            break
     # Rounded up: in decimal digits, as it is going to be printed.
-    unit = 10.0 ** (math.floor(math.log10(enough)) - 1)
-    return float(f"{math.ceil(enough / unit) * unit:.2g}")
+    unit = 10.0 ** (math.floor(math.log10(fitting)) - 1)
+    return float(f"{math.ceil(fitting / unit) * unit:.2g}")
 
 
 def bytes_text(size: float) -> str:
@@ -221,3 +315,9 @@ def _left_by_limit() -> float:
         return math.inf
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     return math.inf if limit == resource.RLIM_INFINITY else max(0, limit - psutil.Process().memory_info().vms)
+
+
+def _check_limit(path: StrPath, fault: str, number: int, limit: str, most: str, value: object) -> None:
+    if number > getattr(_LIMITS.get(), limit):
+        mend = f"raise it with cspace.limits.raised_limits({limit}={number}), if the file is meant to be so large"
+        raise FileError(os.fspath(path), fault, f"at most {most} are read", mend, value=value)
