@@ -38,6 +38,7 @@ def test_lists_and_three_axes_are_accepted() -> None:
     workspace = Workspace.from_array([[[True, False]], [[False, False]]], 1.0)
     assert workspace.grid == Grid((0.0, 0.0, 0.0), 1.0, (2, 1, 2))
     assert workspace.outer.sum() == 1
+    assert not Workspace.from_array(np.ma.array(np.zeros((3, 2), bool)), 0.1).outer.any()  # nothing is masked
 
 
 def test_arrays_are_read_only_copies() -> None:
@@ -91,6 +92,7 @@ def test_repr_is_short() -> None:
         ({"lower": (0.0, float("inf"))}, r"lower\[1\] is inf"),
         ({"inner": np.zeros((3, 2), dtype=bool)}, r"inner has shape \(3, 2\)"),
         ({"inner": np.ones((2, 3), dtype=bool)}, r"holds cell \(0, 2\)"),
+        ({"occupied": np.ma.array(np.zeros((3, 2), bool), mask=[[True, False]] * 3)}, "3 masked"),
     ],
 )
 def test_bad_arrays(arguments: dict[str, Any], message: str) -> None:
@@ -187,13 +189,6 @@ def test_npy_file_of_floats(tmp_path: Path) -> None:
     np.save(tmp_path / "floats.npy", np.full((2, 2), 0.5))
     with pytest.raises(InputError, match="dtype float64"):
         Workspace.open(tmp_path / "floats.npy", spacing=1.0)
-
-
-def test_masked_cells_are_refused():
-    cells = np.ma.array(np.zeros((3, 2), bool), mask=[[True, False]] * 3)
-    with pytest.raises(InputError, match="3 masked"):
-        Workspace.from_array(cells, 0.1)
-    assert not Workspace.from_array(np.ma.array(np.zeros((3, 2), bool)), 0.1).outer.any()
 
 
 def test_labelled_cells_must_be_in_the_order_of_the_coordinates():

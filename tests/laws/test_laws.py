@@ -3,6 +3,7 @@
 import inspect
 import itertools
 import pickle
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -44,13 +45,6 @@ NOT_ON_JOINT_MAPS = ("overlap", "contains_robot")
 """Queries that need obstacles in metres."""
 
 IN_MEMORY = [kind for kind in ALL_KINDS if kind[1] != "tiled"]
-QUERIES_OF_KINDS = [
-    pytest.param(kind, name, id="-".join((*kind, name)))
-    for kind in ALL_KINDS
-    for name in BATCH_QUERIES
-    if (kind[1] != "tiled" or hasattr(cspace.TiledCSpace, name))
-    and (kind[0] not in PERIODIC or name not in NOT_ON_JOINT_MAPS)
-]
 
 
 def make(kind: tuple[str, str], folder: Path) -> AnyMap:
@@ -64,6 +58,13 @@ def make(kind: tuple[str, str], folder: Path) -> AnyMap:
 def any_map(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> AnyMap:
     """A map that tests share; none changes it."""
     return make(request.param, tmp_path_factory.mktemp("any"))
+
+
+def queries_of(any_map: AnyMap) -> Iterator[tuple[str, int, tuple[float, ...]]]:
+    """Yield each query that a map answers, how many configurations it takes, and what comes after them."""
+    for name, (count, options) in BATCH_QUERIES.items():
+        if hasattr(type(any_map.space), name) and not (any(any_map.periodic) and name in NOT_ON_JOINT_MAPS):
+            yield name, count, options
 
 
 def nearby(any_map: AnyMap, q: Any, rng: np.random.Generator) -> Any:
@@ -218,19 +219,17 @@ def test_every_query_is_tested_on_maps_of_every_kind(kind: type) -> None:
     assert {name for name in public_queries(kind) - set(BATCH_QUERIES) if f"space.{name}(" not in here} == set()
 
 
-@pytest.mark.parametrize(("any_map", "name"), QUERIES_OF_KINDS, indirect=["any_map"])
-def test_a_batch_is_answered_as_each_of_its_configurations(any_map: AnyMap, name: str) -> None:
-    count, options = BATCH_QUERIES[name]
-    query = getattr(any_map.space, name)
+def test_a_batch_is_answered_as_each_of_its_configurations(any_map: AnyMap) -> None:
     rng = np.random.default_rng(10)
     q, _ = any_map.draw(rng, 24)
-    given = [q, nearby(any_map, q, rng)][:count]
-    answers = query(*given, *options)
-    singles = [query(*row, *options) for row in zip(*given, strict=True)]
-    assert list(answers) == singles
-    shaped = query(*(part.reshape(2, 3, 4, -1) for part in given), *options)
-    assert shaped.shape == (2, 3, 4)
-    np.testing.assert_array_equal(shaped.ravel(), answers)
+    near = nearby(any_map, q, rng)
+    for name, count, options in queries_of(any_map):
+        query, given = getattr(any_map.space, name), [q, near][:count]
+        answers = query(*given, *options)
+        assert list(answers) == [query(*row, *options) for row in zip(*given, strict=True)], name
+        shaped = query(*(part.reshape(2, 3, 4, -1) for part in given), *options)
+        assert shaped.shape == (2, 3, 4)
+        np.testing.assert_array_equal(shaped.ravel(), answers, name)
 
 
 @pytest.mark.parametrize("any_map", [kind for kind in ALL_KINDS if kind[1] != "memory"], indirect=True, ids="-".join)
@@ -240,14 +239,9 @@ def test_a_map_answers_alike_however_it_is_kept(any_map: AnyMap) -> None:
     rng = np.random.default_rng(15)
     q = draw_configurations(memory, rng, 1000)
     near = nearby(any_map, q, rng)
-    for name, (count, options) in BATCH_QUERIES.items():
-        periodic = any(any_map.periodic) and name in NOT_ON_JOINT_MAPS
-        if (
-            periodic
-            or not hasattr(type(space), name)
-            or (name == "clearance" and isinstance(space, cspace.TiledCSpace))
-        ):
-            continue  # tiled maps look for obstacles as far as a few tiles
+    for name, count, options in queries_of(any_map):
+        if name == "clearance" and isinstance(space, cspace.TiledCSpace):
+            continue  # tiled maps look for obstacles only a few tiles away
         given = [q[:300], near[:300]] if name == "path_exists" else [q, near][:count]
         np.testing.assert_array_equal(getattr(space, name)(*given, *options), getattr(memory, name)(*given, *options))
     edges = rng.integers(0, 50, (40, 2))

@@ -1,5 +1,6 @@
 """Look-ups on a map that stays in its store: those of the same map in memory."""
 
+import itertools
 import pickle
 import threading
 import tracemalloc
@@ -166,15 +167,10 @@ def test_what_a_planner_of_ones_own_needs(tmp_path):
         cspace.build(workspace, cspace.Robot.disc(9.0), store=tmp_path / "n", tile=15).nearest_free(start)
 
 
-@pytest.mark.parametrize("q", [[np.nan, 0.0, 0.0], [0.0, 0.0], [[0.0, 0.0, np.inf]]])
-def test_configurations_that_are_none(q, tmp_path):
+def test_configurations_that_are_none(tmp_path):
     _, tiled = pair("yaw", tmp_path)
-    for look_up in (
-        tiled.classify,
-        tiled.is_free,
-        lambda q: tiled.motion_is_free(q, q),
-        lambda q: tiled.certify_path([q, q]),
-    ):
+    look_ups = tiled.classify, tiled.is_free, lambda q: tiled.motion_is_free(q, q), lambda q: tiled.certify_path([q, q])
+    for q, look_up in itertools.product(([np.nan, 0.0, 0.0], [0.0, 0.0], [[0.0, 0.0, np.inf]]), look_ups):
         with pytest.raises(InputError):
             look_up(q)
 
