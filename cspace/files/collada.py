@@ -1,5 +1,7 @@
 """COLLADA: the triangles of a scene, where its nodes put them, in metres."""
 
+# COLLADA is read here because pycollada drops what it does not know and warns on NumPy 2.5.
+
 from __future__ import annotations
 
 import math

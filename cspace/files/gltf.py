@@ -5,6 +5,8 @@ are, leaves out instances, skins and morphs, and loses what hangs below a node w
 here by name; the triangles of the rest are counted, and its bounds compared with those that the header declares.
 """
 
+# trimesh reads the arrays. The header is read here because trimesh 5.2 drops or moves parts of a scene silently.
+
 from __future__ import annotations
 
 import io

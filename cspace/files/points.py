@@ -1,5 +1,7 @@
 """Point clouds, by the suffix of the file; among them ``.pcd``, of the Point Cloud Library (Rusu and Cousins, 2011)."""
 
+# PCD is read here because pypcd4 1.5 trusts the sizes that a header declares, and needs two more packages.
+
 from __future__ import annotations
 
 import math

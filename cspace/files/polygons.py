@@ -3,6 +3,8 @@
 Those two are texts of vertices and polygons.
 """
 
+# OBJ, OFF and polygons of four or more corners are read here because trimesh 5.2 and meshio move or lose their faces.
+
 from __future__ import annotations
 
 import re
