@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 import cspace
-from cspace import Robot, Workspace, builder, memory
+from cspace import Robot, Workspace, builder, limits
 from cspace.errors import InputError
 from cspace.map import storage
 from cspace.map.chain import open_chain
@@ -44,7 +44,7 @@ def both(name, monkeypatch, **options):
     """A map with a byte a state, and with two bits."""
     workspace, robot, rotations = CASES[name]()
     bytes_ = cspace.build(workspace, robot, rotations=rotations, **options)
-    monkeypatch.setattr(memory, "PACKED_FROM", 0)
+    monkeypatch.setattr(limits, "PACKED_FROM", 0)
     bits = cspace.build(workspace, robot, rotations=rotations, **options)
     size = bytes_.record.states.size
     assert bits.facts["memory_bytes"] < size // 4 + 20 < bytes_.facts["memory_bytes"] == size
@@ -130,7 +130,7 @@ def test_what_would_not_fit_as_bytes_is_refused(monkeypatch, tmp_path):
 
 
 def test_maps_with_overlap_counts_store_bytes(monkeypatch):
-    monkeypatch.setattr(memory, "PACKED_FROM", 0)
+    monkeypatch.setattr(limits, "PACKED_FROM", 0)
     workspace, robot, rotations = CASES["SE(2)"]()
     space = cspace.build(workspace, robot, rotations=rotations, overlap=True)
     assert space.facts["memory_bytes"] == 5 * space.record.states.size
