@@ -88,15 +88,18 @@ def test_yaml_holds_plain_values(tmp_path: Path, changes: dict[str, str], messag
     refused(ros_map(tmp_path, **changes), message)
 
 
-TEXT = st.text(st.characters(max_codepoint=0xD7FF))  # because YAML escapes the others otherwise
-SCALARS = st.none() | st.booleans() | st.integers(-(10**17), 10**17) | st.floats(allow_nan=False) | TEXT
+# YAML escapes characters beyond these otherwise, and a key of it has at most 1,024 characters, escapes included.
+TEXT = st.text(st.characters(max_codepoint=0xD7FF), max_size=100)
+SCALARS = (
+    st.none() | st.booleans() | st.integers(-(10**17), 10**17) | st.floats(allow_nan=False, allow_infinity=False) | TEXT
+)
 DOCUMENTS = st.recursive(SCALARS, lambda item: st.lists(item) | st.dictionaries(TEXT, item), max_leaves=9)
 
 
 @settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(document=DOCUMENTS)
 def test_read_yaml_agrees_with_the_json_parser(tmp_path: Path, document: object) -> None:
-    (tmp_path / "a.yaml").write_text(json.dumps(document).replace("Infinity", ".inf"), encoding="utf-8")
+    (tmp_path / "a.yaml").write_text(json.dumps(document), encoding="utf-8")
     assert read_yaml(tmp_path / "a.yaml", "file") == document
 
 
