@@ -4,6 +4,9 @@ from .arms import Arm as Arm
 from .arms import ArmSpace as ArmSpace
 from .arms import build_arm as build_arm
 from .arms import build_arm_map as build_arm_map
+from .arrays import BLOCKED as BLOCKED
+from .arrays import FREE as FREE
+from .arrays import MIXED as MIXED
 from .builder import build as build
 from .errors import AngleWarning as AngleWarning
 from .errors import ConfigurationError as ConfigurationError
@@ -21,9 +24,7 @@ from .shapes.mesh import Mesh as Mesh
 from .shapes.mesh import MeshWarning as MeshWarning
 from .space import CSpace as CSpace
 from .spectral import Spheres as Spheres
-from .states import BLOCKED as BLOCKED
-from .states import FREE as FREE
-from .states import MIXED as MIXED
 from .tiles.space import TiledCSpace as TiledCSpace
-from .version import __version__ as __version__
 from .workspace import Workspace as Workspace
+
+__version__: str

@@ -1,4 +1,4 @@
-"""Types that all rooms share, of arrays by what they hold; arrays that are not to be written, and blocks of entries."""
+"""Array types and cell states that all rooms share, and functions on plain arrays."""
 
 import os
 from collections.abc import Sequence
@@ -32,6 +32,20 @@ Box = tuple[slice, ...]
 StrPath = str | os.PathLike[str]
 """The name of a file."""
 
+FREE: Final = 0
+"""State of a cell in which every configuration is proven collision-free."""
+
+MIXED: Final = 1
+"""State of a cell that is not decided at this resolution."""
+
+BLOCKED: Final = 2
+"""State of a cell in which every configuration is proven to be in collision."""
+
+STATE_NAMES: Final = ("free", "mixed", "blocked")
+"""Name of each state, by its value."""
+
+FIELD_NAMES: Final = ("penetration", "penetration_x", "penetration_y", "penetration_z")
+"""Names of a map's overlap field in files: the overlap of descriptors, and its derivatives along the axes."""
 
 BAND_BYTES: Final = 16
 """Bytes of a row that are written together when a plane is transposed: 8 to 16 are quickest, 64 take twice as long."""

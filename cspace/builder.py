@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, TypedDict, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cspace.check import check_word, not_negative, whole
 from cspace.correlation import Correlation, Progress, Sides, sides_of
 from cspace.engines import ENGINES, METHODS
 from cspace.engines.slices import Pair, Rasters, raster_bytes, raster_parts, slice_rasters
 from cspace.errors import InputError
-from cspace.grid import check_word, not_negative, whole
 from cspace.limits import SCRATCH_BYTES, SLICE_BYTES, TRANSFORM_BYTES, build_seconds, check_memory, is_packed, map_bytes
 from cspace.map.contents import Contents
 from cspace.map.exterior import OUTSIDES, Exterior
@@ -282,7 +282,7 @@ def _check(
         )
     rotations.check_dimension(robot.dim)
     if workers is not None:
-        whole(workers, "workers", 1, mend="leave it out for all cores")
+        whole(workers, "workers", 1, hint="leave it out for all cores")
     check_word(method, "method", METHODS, "leave it out")
     if overlap and method != "auto" and not ENGINES[method].COUNTS:
         raise InputError(

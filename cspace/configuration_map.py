@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.angles import warn_of_degrees
-from cspace.arrays import Bools, Floats, Ints
+from cspace.arrays import FREE, MIXED, Bools, Floats, Ints
 from cspace.configuration_space import ConfigurationSpace
 from cspace.grid import Grid
 from cspace.map.batches import Kernel, Many, One, Query, answer, as_points, in_pieces
 from cspace.robot import Robot
 from cspace.rotations import Rotations
+from cspace.rotations.base import warn_of_degrees
 from cspace.shown import MapPlot
-from cspace.states import FREE, MIXED
 from cspace.threads import LEAST
 
 if TYPE_CHECKING:

@@ -9,10 +9,11 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.angles import angle_axes
 from cspace.arrays import Bools, Floats
+from cspace.check import check_pairs
 from cspace.errors import InputError
-from cspace.map.batches import Many, One, Query, answer, answer_edges, answer_pairs, as_pairs
+from cspace.map.batches import Many, One, Query, answer, answer_edges, answer_pairs
+from cspace.rotations.base import angle_axes
 from cspace.shown import SpaceView
 
 
@@ -188,7 +189,7 @@ class ConfigurationSpace(SpaceView, ABC):
         """
         points = self.checked(path, "path")
         if edges is not None:
-            pairs = as_pairs(edges, points)
+            pairs = check_pairs(edges, points)
             return answer_pairs(np.ascontiguousarray(points), pairs, self._edges(len(pairs), exact))
         if points.ndim < 2 or points.shape[-2] == 0:
             rule = "it must hold at least one configuration in a row"

@@ -17,7 +17,6 @@ import numpy as np
 import scipy  # its parts are read when they are first used
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.angles import MAX_JOINT_ANGLE, shorter, wrapped
 from cspace.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
 from cspace.grid import Grid
@@ -27,6 +26,7 @@ from cspace.map.components import Components
 from cspace.map.contents import Contents
 from cspace.map.derived import Derived
 from cspace.rotations import OneRotation, Rotations
+from cspace.rotations.base import MAX_JOINT_ANGLE, shorter, wrapped
 from cspace.space import CSpace
 from cspace.threads import LEAST
 from cspace.workspace import Workspace
@@ -34,8 +34,7 @@ from cspace.workspace import Workspace
 if TYPE_CHECKING:
     from cspace.exact.boundaries import Problem
     from cspace.map.mip import Marks
-    from cspace.map.record import Map
-    from cspace.map.storage import Stack
+    from cspace.map.storage import Map, Stack
     from cspace.spectral import FourierOverlap
     from cspace.update import Change
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Floats, Ints, frozen, in_c_order
+from cspace.arrays import Bools, Floats, Ints
+from cspace.check import check_points, finite, positive, real_numbers
 from cspace.errors import InputError
 
 SLACK: Final = 2.0**-26
@@ -20,211 +20,6 @@ look-up stays below it, so that no answer depends on how a floating-point number
 
 MAX_COORDINATE: Final = 2.0**22
 """Largest coordinate in cells, measured from the origin, for which :data:`SLACK` covers the rounding."""
-
-MAX_COUNT: Final = 2**53
-"""Largest whole number that is taken as a count: floats hold all of them up to here."""
-
-FLOATS: Final = "pass floats, in metres or radians; of a scipy Rotation, those of as_quat()"
-
-
-def real_numbers(values: ArrayLike, name: str) -> NDArray[Any]:
-    """Return values as an array of real numbers that float64 can hold; it keeps whole numbers and booleans.
-
-    Raises InputError if a value is not a real number.
-    """
-    unmasked(values, name)
-    try:
-        array = np.asarray(values)
-        if values is None or array.dtype.kind in "US":
-            raise TypeError("texts and None are no numbers")
-        if array.dtype.kind not in "fiubc":
-            array = np.asarray(array, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(name, f"is {values!r}", "it must be numeric", FLOATS, value=values) from error
-    except OverflowError as error:
-        raise InputError(
-            name, "holds a whole number", "it is larger than a float can be", FLOATS, value=values
-        ) from error
-    if array.dtype.kind == "c":
-        raise InputError(
-            name, "has complex values", "it must be real", "pass the real parts, e.g. array.real", value=values
-        )
-    return array
-
-
-def finite(values: ArrayLike, name: str) -> Floats:
-    """``values`` as a float64 array.
-
-    Raises InputError if a value is not a real number, is NaN or is infinite.
-    """
-    array = np.asarray(real_numbers(values, name), dtype=np.float64)
-    usable = np.isfinite(array)
-    if not usable.all():
-        index = tuple(int(i) for i in np.argwhere(~usable)[0])
-        where = f"{name}[{', '.join(map(str, index))}]" if index else name
-        raise InputError(
-            where,
-            f"is {array[index]}",
-            "NaN and infinities are refused",
-            "drop or replace such values first",
-            value=float(array[index]),
-        )
-    return array
-
-
-def unmasked(values: Any, name: str) -> None:
-    """Refuse masked entries: what a mask hides is neither free nor occupied.
-
-    Raises InputError if ``values`` is a masked array with masked entries.
-    """
-    if isinstance(values, np.ma.MaskedArray) and np.ma.getmaskarray(values).any():
-        raise InputError(
-            name,
-            f"has {int(np.ma.getmaskarray(values).sum())} masked entries",
-            "each must have a value",
-            "fill them first, e.g. array.filled(True) for occupied cells",
-            value=values,
-        )
-
-
-def positive(value: Any, name: str, unit: str = "metres") -> float:
-    """``value`` as a float above zero.
-
-    Raises InputError if it is not one number, not finite, or not above zero.
-    """
-    array = finite(value, name)
-    if array.ndim or array <= 0.0:
-        mend = f"pass it in {unit}" + ", e.g. 0.05" * (unit == "metres")
-        raise InputError(name, f"is {value!r}", "it must be one number above zero", mend, value=value)
-    if not 1e-100 < array < 1e100:
-        raise InputError(
-            name, f"is {value!r}", "it must lie between 1e-100 and 1e100", f"check its units ({unit})", value=value
-        )
-    return float(array)
-
-
-def not_negative(value: Any, name: str, mend: str = "pass it in metres") -> float:
-    """``value`` as a float, zero or above.
-
-    Raises InputError if it is not one number, not finite, or negative.
-    """
-    array = finite(value, name)
-    if array.ndim or array < 0.0:
-        raise InputError(name, f"is {value!r}", "it must be one number, zero or above", mend, value=value)
-    return float(array)
-
-
-def whole(value: Any, name: str, least: int = 0, most: int | None = None, mend: str = "pass e.g. 100") -> int:
-    """Return a whole number from ``least`` to ``most``, or to :data:`MAX_COUNT` by default.
-
-    Raises InputError if the value is not one.
-    """
-    try:
-        number = None if isinstance(value, bool) else operator.index(value)
-    except TypeError:
-        number = None
-    if number is not None and number > MAX_COUNT and most is None:
-        most = MAX_COUNT
-    if number is None or number < least or (most is not None and number > most):
-        span = f"from {least} to {most}" if most is not None else ("above zero" if least == 1 else f"from {least} on")
-        raise InputError(name, f"is {value!r}", f"it must be a whole number {span}", mend, value=value)
-    return number
-
-
-def check_word(value: Any, name: str, choices: Sequence[Any], mend: str = "pass one of them") -> None:
-    """Refuse what is none of a few words, or numbers.
-
-    Raises InputError if it is none, or of another type.
-    """
-    if isinstance(value, bool) or not isinstance(value, str | int) or value not in choices:
-        *most, last = map(repr, choices)
-        raise InputError(name, f"is {value!r}", f"it must be {', '.join(most)} or {last}", mend, value=value)
-
-
-def points_of(values: ArrayLike, name: str, dim: int) -> Floats:
-    """``values`` as float64 numbers, shape (..., dim).
-
-    Raises InputError if the last axis is not ``dim`` long, or a value is not finite.
-    """
-    array = finite(values, name)
-    if array.ndim == 0 or array.shape[-1] != dim:
-        rule, mend = f"its last axis must be {dim} long, one entry for each coordinate", "pass one of them or a batch"
-        raise InputError(name, f"has shape {array.shape}", rule, mend, value=values)
-    return array
-
-
-def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
-    """The lower and upper corner of a map, shape (2, dim), given so, or as ``xmin, ymin, (zmin,) xmax, ymax(, zmax)``.
-
-    Raises InputError if there are not as many numbers, or an upper one is not above its lower one.
-    """
-    box = finite(bounds, "bounds")
-    names = [f"{axis}{end}" for end in ("min", "max") for axis in "xyz"[:dim]]
-    mend = f"pass ({', '.join(names)}) in metres"
-    if box.shape not in ((2 * dim,), (2, dim)):
-        rule = f"it must hold {('four', 'six')[dim - 2]} numbers"
-        raise InputError("bounds", f"is {bounds!r}", rule, f"{mend}, or the lower and the upper corner", value=bounds)
-    corners = box.reshape(2, dim)
-    if (corners[1] <= corners[0]).any():
-        rule = f"{', '.join(names[dim:])} must be above {', '.join(names[:dim])}"
-        raise InputError("bounds", f"is {box.tolist()}", rule, mend, value=bounds)
-    return corners
-
-
-def check_dims(array: Any, name: str) -> None:
-    """Refuse an array whose dimensions have names, as those of xarray do, other than x, y (and z) in this order."""
-    dims = getattr(array, "dims", None)
-    if dims is not None and tuple(dims) != ("x", "y", "z")[: len(dims)]:
-        rule = "they must be named x, y (and z), in this order"
-        mend = 'rename or transpose it, e.g. array.transpose("x", "y")'
-        raise InputError(name, f"has the dimensions {tuple(dims)}", rule, mend, value=array)
-
-
-def check_cells(values: ArrayLike, name: str) -> Bools:
-    """Return a read-only boolean array of two or three axes: a copy, unless the array itself can be kept."""
-    check_dims(values, name)
-    unmasked(values, name)
-    try:
-        array = np.asarray(values)
-    except ValueError as error:
-        raise InputError(
-            name, f"is ragged: {error}", "its rows must have one length", "pad or cut them", value=values
-        ) from error
-    if array.ndim not in (2, 3) or array.size == 0:
-        raise InputError(
-            name,
-            f"has shape {array.shape}",
-            "it must have two or three axes and at least one cell",
-            "pass an array indexed [x, y] or [x, y, z]",
-            value=values,
-        )
-    if array.dtype.kind == "f":
-        finite(array, name)
-    if array.dtype.kind not in "biu":
-        raise InputError(
-            name,
-            f"has dtype {array.dtype}",
-            "cells are occupied or not, so that it must be boolean",
-            "compare it with a threshold first, e.g. array > 0.5",
-            value=values,
-        )
-    if array.dtype.kind != "b":
-        wrong = np.argwhere((array != 0) & (array != 1))
-        if len(wrong):
-            index = tuple(wrong[0].tolist())
-            raise InputError(
-                f"{name}[{', '.join(map(str, index))}]",
-                f"is {array[index]}",
-                "whole numbers must be 0 or 1",
-                "compare with a threshold first, e.g. array >= 50",
-                value=array[index].item(),
-            )
-    # A boolean array may hold other bytes than 0 and 1, which a comparison of bytes makes 1.
-    stored = array.view(np.uint8) if array.dtype.kind == "b" else array
-    ours = values is array and array.base is None and not array.flags.writeable and array.flags.c_contiguous
-    if ours and array.dtype.kind == "b" and stored.max() <= 1:
-        return array
-    return frozen(in_c_order(stored != 0))
 
 
 def check_reach(far: float, name: str, origin: str, mend: str) -> None:
@@ -352,7 +147,7 @@ class Grid:
         InputError
             If the last axis is not d long, or a value is not finite.
         """
-        return points_of(points, name, self.dim)
+        return check_points(points, name, self.dim)
 
     def contains(self, points: ArrayLike) -> Bools:
         """Whether points lie in the closed box of the grid.
@@ -406,20 +201,3 @@ class Grid:
     def centers(self, axis: int) -> Floats:
         """Coordinates of the cells' middle points along one axis, in metres, shape (shape[axis],)."""
         return np.asarray(self.lower[axis] + self.spacing * (np.arange(self.shape[axis]) + 0.5))
-
-
-def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> Floats:
-    """The coordinates of one point, shape (dim,).
-
-    Raises InputError if there are not as many numbers, or one is not finite.
-    """
-    point = finite(value, name)
-    if point.shape != (dim,):
-        raise InputError(
-            name,
-            f"has shape {point.shape}",
-            f"it must be {dim} numbers in metres",
-            f"pass e.g. {(0.5,) * dim}",
-            value=value,
-        )
-    return point.copy()

@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.arrays import FIELD_NAMES
 from cspace.endless import map_of
 from cspace.errors import FileError
 from cspace.files.access import look_up, retry_if_replaced
@@ -18,7 +19,6 @@ from cspace.map.exterior import Exterior
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.space import CSpace
-from cspace.states import FIELDS
 from cspace.store.saved import grid_of, read_npz, read_slice, read_store, shapes_from, unusable
 from cspace.store.tiled import is_tiled
 from cspace.tiles.space import TiledCSpace
@@ -140,7 +140,7 @@ def _restored(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> CSpace:
             metadata["margin"],
             metadata["precision"],
             arrays.get("overlap"),
-            {name: arrays[name].reshape(leading) for name in FIELDS if name in arrays},
+            {name: arrays[name].reshape(leading) for name in FIELD_NAMES if name in arrays},
             None if "exterior" not in arrays else Exterior(np.array(arrays["exterior"])),
             bool(metadata["inner"]) if "inner" in metadata else None,
             endless=tuple(axis in endless for axis in workspace.grid.axes) if endless else (),

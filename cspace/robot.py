@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, Final
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Surface
+from cspace.check import not_negative, positive
 from cspace.errors import FileError, InputError
-from cspace.grid import check_reach, not_negative, positive
+from cspace.grid import check_reach
 from cspace.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes import Balls, BoundedShape, Mesh, Polygons, Shape, Voxels, primitives, shape_from_spec, shape_of

@@ -14,10 +14,11 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from cspace.arrays import Bools, Box
+from cspace.check import check_cells, check_dims
 from cspace.errors import FileError
 from cspace.files.access import decoding
 from cspace.files.chunks import MISSING, ZarrArray, missing_chunk
-from cspace.grid import Grid, check_cells, check_dims
+from cspace.grid import Grid
 from cspace.shapes import Shape
 
 _AWAY: Final = frozenset({"dask", "h5py", "tensorstore", "xarray", "zarr"})

@@ -12,36 +12,34 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Bools, Floats, Ints, States
+from cspace.arrays import FREE, MIXED, STATE_NAMES, Bools, Floats, Ints, States
+from cspace.check import check_rng, finite, not_negative, positive, whole
 from cspace.compiling import clock
 from cspace.configuration_map import ConfigurationMap, Result
 from cspace.engines.slices import slice_rasters
 from cspace.errors import ConfigurationError, InputError
-from cspace.grid import Grid, finite, not_negative, positive, whole
+from cspace.grid import Grid
 from cspace.limits import JOINED_BYTES, check_memory
-from cspace.map.batches import (
-    EDGES_A_THREAD,
-    Many,
-    One,
-    Query,
-    answer,
-    as_points,
-    check_rng,
-    in_pieces,
-    own,
-    side_by_side,
-)
+from cspace.map.batches import EDGES_A_THREAD, Many, One, Query, answer, as_points, in_pieces, own, side_by_side
 from cspace.map.contents import Contents
 from cspace.map.derived import Derived, Lock
 from cspace.map.exterior import UNKNOWN, Exterior
-from cspace.map.record import Map
-from cspace.map.storage import PackedStates, Stack, cells_of, check_bytes, counts_of, read_only, read_only_of, record_of
+from cspace.map.storage import (
+    Map,
+    PackedStates,
+    Stack,
+    cells_of,
+    check_bytes,
+    counts_of,
+    read_only,
+    read_only_of,
+    record_of,
+)
 from cspace.raster import Raster
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Shape, ShapeLike, shape_of
 from cspace.shown import MapExport
-from cspace.states import FREE, MIXED, NAMES
 from cspace.workspace import Workspace, copied
 
 if TYPE_CHECKING:
@@ -223,7 +221,7 @@ class CSpace(ConfigurationMap, MapExport):
         return {
             **({"slices": len(states)} if rotations.names else {}),
             "workspace": self.workspace.source,
-            "cells": dict(zip(NAMES, self.count(), strict=True)),
+            "cells": dict(zip(STATE_NAMES, self.count(), strict=True)),
             filled: mean,
             "precision": self.precision,
             "overlaps": self.overlaps is not None,

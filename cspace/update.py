@@ -11,11 +11,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Bools, Ints, frozen, shared
+from cspace.arrays import BLOCKED, Bools, Ints, frozen, shared
+from cspace.check import check_cells
 from cspace.correlation import Correlation, Sides, sides_of
 from cspace.engines.dilation import Runs, collide, in_space
 from cspace.errors import InputError
-from cspace.grid import Grid, check_cells
+from cspace.grid import Grid
 from cspace.limits import SCRATCH_BYTES
 from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior
@@ -23,7 +24,6 @@ from cspace.map.storage import PackedStates
 from cspace.obstacles import Box, Obstacle, ObstacleLayers
 from cspace.raster import Raster
 from cspace.shapes import Shape
-from cspace.states import BLOCKED
 from cspace.workspace import Workspace, copied
 
 _NEVER: Final = 2**62

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats, StrPath, frozen
+from cspace.check import check_bounds, check_cells, check_word, finite, positive
 from cspace.errors import FileError, InputError, warn_user
 from cspace.files.access import UNKNOWNS
-from cspace.grid import SLACK, Grid, check_bounds, check_cells, check_word, finite, positive
+from cspace.grid import SLACK, Grid
 from cspace.limits import MESH_BYTES, WORKSPACE_BYTES, Planned, check_memory
 from cspace.shapes import Balls, Mesh, Polygons, Shape, ShapeLike, Voxels, shape_of
 from cspace.shown import WorkspacePlot

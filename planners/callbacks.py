@@ -10,7 +10,7 @@ import numpy as np
 from ompl import base as ob
 from ompl import util as ou
 
-from cspace.map.batches import check_rng
+from cspace.check import check_rng
 from cspace.space import CSpace
 from planners.local_planner import HOLONOMIC, local_planner
 from planners.states import check_information, kind_of

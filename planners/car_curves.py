@@ -13,13 +13,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cspace.angles import TURN
-from cspace.arrays import Floats, Ints
+from cspace.arrays import MIXED, Floats, Ints
 from cspace.compiling import bind_kernel, jit, kernel
 from cspace.map.points import around_is_free
-from cspace.map.record import Map
+from cspace.map.storage import Map
+from cspace.rotations.base import TURN
 from cspace.space import CSpace
-from cspace.states import MIXED
 from planners.integrals import LONGEST_TURN, Field, Law, cost_at
 
 Pose = tuple[float, float, float]

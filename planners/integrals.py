@@ -14,7 +14,7 @@ from cspace.map.clearance import clearance_at
 from cspace.map.edges import between
 from cspace.map.mip import Marks, PlaneMarks, SpaceMarks
 from cspace.map.points import Numbers, replaced
-from cspace.map.record import Map
+from cspace.map.storage import Map
 from cspace.space import CSpace
 from cspace.spectral.field import field_at
 

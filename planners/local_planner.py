@@ -22,15 +22,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from ompl import base as ob
 
-from cspace.angles import ANGLE_SLACK, TURN, angle_axes, shorter, warn_of_degrees, wrapped
 from cspace.arms.space import ArmSpace, in_collision
-from cspace.arrays import Bools, Floats, Ints
+from cspace.arrays import BLOCKED, FREE, STATE_NAMES, Bools, Floats, Ints
+from cspace.check import check_flag, finite, positive
 from cspace.configuration_map import ConfigurationMap
 from cspace.errors import ConfigurationError, InputError
-from cspace.grid import finite, positive
 from cspace.map.callbacks import with_wrapped_angles
+from cspace.rotations.base import ANGLE_SLACK, TURN, angle_axes, shorter, warn_of_degrees, wrapped
 from cspace.space import CSpace
-from cspace.states import BLOCKED, FREE, NAMES
 from planners.catalogue import BIRRT, CUBES, OWN, WIDEST, planner_named
 from planners.states import TURN_WEIGHT, Configuration, check_space, kind_of
 
@@ -378,7 +377,7 @@ class EdgesOnMap(LocalPlanner):
             reason = "is in collision, or cannot be told from it"
             rule = f"the {name} must be proven collision-free, by the map or by the geometry"
         elif state != FREE:
-            reason = f"lies in a {NAMES[state].upper()} cell"
+            reason = f"lies in a {STATE_NAMES[state].upper()} cell"
             rule = f"the {name} must be FREE, which is to say proven collision-free"
         else:
             reason = "is FREE but lies on the border of a cell that is not"
@@ -828,12 +827,6 @@ def check_drive(axes: tuple[str, ...], drive: str, turning_radius: float | None,
             "exact", f"is True and drive is {drive!r}", "curves are proven by FREE cells alone", mend, value=exact
         )
     return radius
-
-
-def check_flag(value: bool, name: str) -> None:
-    """Refuse, by an InputError, what is neither True nor False."""
-    if not isinstance(value, bool | np.bool_):
-        raise InputError(name, f"is {value!r}", "it must be True or False", "pass one of them", value=value)
 
 
 def text(point: Iterable[float]) -> str:

@@ -9,12 +9,12 @@ from typing import Final
 
 from ompl import base as ob
 
+from cspace.arrays import FREE
+from cspace.check import finite, positive
 from cspace.errors import InputError
-from cspace.grid import finite, positive
 from cspace.map.callbacks import with_wrapped_angles
 from cspace.space import CSpace
 from cspace.spectral import OverlapField
-from cspace.states import FREE
 from planners.integrals import Field, Law, edge_cost
 from planners.local_planner import HOLONOMIC, EdgesOnMap, local_planner
 from planners.states import check_information, kind_of

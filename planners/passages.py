@@ -18,13 +18,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bools, Floats, Ints
+from cspace.arrays import FREE, Bools, Floats, Ints
 from cspace.compiling import clock
 from cspace.configuration_space import ConfigurationSpace
 from cspace.limits import KEEP, free_bytes
 from cspace.map.chain import open_chain
 from cspace.space import CSpace
-from cspace.states import FREE
 from planners.catalogue import CUBES
 from planners.deadline import GRACE
 from planners.local_planner import LocalPlanner

@@ -13,23 +13,13 @@ from numpy.typing import ArrayLike
 
 from cspace.arms.space import ArmSpace
 from cspace.arrays import Floats
+from cspace.check import check_flag, positive, whole
 from cspace.compiling import clock
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
-from cspace.grid import positive, whole
 from cspace.space import CSpace
 from planners.catalogue import BIRRT, CUBES, IGNORE_OBJECTIVES, OWN, SECOND_THREAD, WIDEST, planner_named, planner_names
-from planners.local_planner import (
-    CAR_AXES,
-    CURVES,
-    DRIVES,
-    HOLONOMIC,
-    ON_THE_SPOT,
-    LocalPlanner,
-    check_flag,
-    local_planner,
-    text,
-)
+from planners.local_planner import CAR_AXES, CURVES, DRIVES, HOLONOMIC, ON_THE_SPOT, LocalPlanner, local_planner, text
 from planners.objectives import ClearanceObjective, OverlapObjective, WeightedLength, edges_on_map, overlap_field
 from planners.passages import Passages, shortened
 from planners.result import Plan, Times

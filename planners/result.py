@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arms.space import ArmSpace
 from cspace.arrays import Bools, Floats
+from cspace.check import finite, positive
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
 from cspace.files.access import replacing
-from cspace.grid import finite, positive
 from cspace.rotations import Rotations
 from cspace.space import CSpace
 from planners.local_planner import HOLONOMIC, LocalPlanner, local_planner

@@ -9,8 +9,8 @@ from ompl import base as ob
 from ompl import geometric as og
 
 from cspace.arms.space import ArmSpace
+from cspace.check import check_rng
 from cspace.errors import InputError
-from cspace.map.batches import check_rng
 from cspace.space import CSpace
 from planners.callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
 from planners.local_planner import HOLONOMIC, LocalPlanner, local_planner

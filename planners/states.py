@@ -9,10 +9,10 @@ from typing import Final, TypeVar
 import numpy as np
 from ompl import base as ob
 
-from cspace.angles import shorter
 from cspace.arrays import Floats
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
+from cspace.rotations.base import shorter
 
 Configuration = tuple[float, ...]
 T = TypeVar("T")

@@ -19,8 +19,8 @@ from scipy.spatial.transform import Rotation
 import cspace
 from benchmarks.soak.plane_geometry import placed
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Rotations, Workspace
-from cspace.angles import TURN
 from cspace.engines.slices import slice_rasters
+from cspace.rotations.base import TURN
 from oracles import overlaps_by_shifts
 from strategies import robots, seeds, solid_robots, stars
 

@@ -21,7 +21,6 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 import cspace
 import planners
 from cspace import FREE, MIXED, Grid, Workspace
-from cspace.angles import shorter
 from cspace.endless import EndlessCSpace, Seam, map_of
 from cspace.errors import InputError
 from cspace.map.components import SHIFTS
@@ -30,6 +29,7 @@ from cspace.map.widest import Widest
 from cspace.plot import save_plot
 from cspace.robot import Robot
 from cspace.rotations import Rotations
+from cspace.rotations.base import shorter
 from cspace.shapes import Point
 from handmade import map_in
 from oracles import graph_of, linked, segment_meets_block

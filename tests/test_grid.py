@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import Grid, InputError
-from cspace.grid import check_word, whole
+from cspace.check import check_word, whole
 
 
 def test_holds_plain_immutable_values():

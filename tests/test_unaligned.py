@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from cspace.unaligned import load, store
+from cspace.kernels import load, store
 
 
 @njit

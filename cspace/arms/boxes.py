@@ -23,16 +23,15 @@ import numpy as np
 
 from cspace.arms.chain import SLIDES, TURNS, place
 from cspace.arms.proofs import Scene, Solids, Work, excess_of, is_nested, least_of, transformed
-from cspace.arrays import Floats, Ints, Row, States
+from cspace.arrays import BLOCKED, FREE, MIXED, Floats, Ints, Row, States
 from cspace.compiling import kernel
 from cspace.exact import ADVANCE
 from cspace.exact.triangles import box_of
 from cspace.grid import SLACK
+from cspace.kernels import cross, dot, minus, row_of
 from cspace.map.points import replaced
 from cspace.raster.triangles import THIN, point_triangle
 from cspace.raster.winding import turn_above
-from cspace.states import BLOCKED, FREE, MIXED
-from cspace.vectors import cross, dot, minus, row_of
 
 WAITING: Final = 96
 """Blocks that wait at a time, at most: one for each halving of three axes of 2^31 cells, and some."""

@@ -29,8 +29,8 @@ import numpy as np
 from cspace.arms.hulls import Flight
 from cspace.arrays import Bools, Floats, Ints, Row
 from cspace.compiling import always_inline, kernel
+from cspace.kernels import cross, dot
 from cspace.map.batches import own
-from cspace.vectors import cross, dot
 
 MOST_BODIES: Final = 64
 

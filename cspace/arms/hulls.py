@@ -34,8 +34,8 @@ import numpy as np
 from cspace.arrays import Floats, Ints, Matrix, Row
 from cspace.compiling import always_inline, kernel
 from cspace.exact.triangles import bounds_of_rows, boxes_of, most
+from cspace.kernels import cross, dot, minus
 from cspace.raster.triangles import THIN, point_triangle
-from cspace.vectors import cross, dot, minus
 
 TILE: Final = 16
 """Triangles that lie together and are tested as one hull, at most."""

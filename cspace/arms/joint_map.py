@@ -14,25 +14,25 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.angles import TURN
 from cspace.arms.boxes import FINER, Cells, Inside, Interiors, depths, fill, rest_of
 from cspace.arms.chain import STILL, TURNS
 from cspace.arms.proofs import Scene, Solids, are_free, work_of
 from cspace.arms.space import ArmSpace
-from cspace.arrays import Bools, Floats, Ints
+from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints
+from cspace.check import finite, positive
 from cspace.correlation import Progress
 from cspace.endless import map_of
 from cspace.errors import ConfigurationError, InputError
 from cspace.exact.boundaries import Problem, Proofs
 from cspace.exact.proofs import BorderProofs
-from cspace.grid import Grid, finite, positive
+from cspace.grid import Grid
 from cspace.limits import Planned, check_memory
 from cspace.map.contents import Contents
 from cspace.robot import Robot
 from cspace.rotations import Rotations
+from cspace.rotations.base import TURN
 from cspace.shapes import Point
 from cspace.space import CSpace
-from cspace.states import BLOCKED, FREE, MIXED
 from cspace.threads import cores, in_threads
 from cspace.workspace import Workspace
 

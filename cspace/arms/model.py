@@ -18,8 +18,8 @@ from cspace.arms.chain import MOST_BODIES, SLIDES, STILL, TURNS, Chain, place_bo
 from cspace.arms.proofs import Scene, are_free
 from cspace.arms.solids import Solid, placed_shared, rigid, scene_of
 from cspace.arrays import Bools, Floats, frozen
+from cspace.check import finite
 from cspace.errors import ConfigurationError, InputError
-from cspace.grid import finite
 from cspace.shapes import ShapeLike, shape_of
 
 if TYPE_CHECKING:

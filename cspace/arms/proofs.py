@@ -23,9 +23,9 @@ from cspace.arrays import Bools, Floats, Ints, Row
 from cspace.compiling import always_inline, kernel
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.triangles import DEPTH, Trees, box_of, crosses, pierces
+from cspace.kernels import dot, row_of
 from cspace.raster.triangles import point_triangle
 from cspace.raster.winding import turn_above
-from cspace.vectors import dot, row_of
 
 WAITING: Final = 1024
 """Parts of a motion that wait at a time, at most."""

@@ -17,11 +17,11 @@ from cspace.arms.chain import Chain
 from cspace.arms.hulls import Hulls, forest_of, hulls_of
 from cspace.arms.proofs import Scene, Solids
 from cspace.arrays import Floats, Ints, StrPath
+from cspace.check import finite, positive
 from cspace.errors import InputError
 from cspace.exact import ROUNDING
 from cspace.exact.boundaries import anchors_of, in_space
 from cspace.exact.triangles import Trees, box_rows, together, tree_of_rows, triangle_rows
-from cspace.grid import finite, positive
 from cspace.limits import check_memory
 from cspace.shapes import BoundedShape, ExactShape, Mesh, Pieces, Shape, ShapeLike, Voxels, shape_of
 from cspace.workspace import Workspace

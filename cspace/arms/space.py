@@ -12,7 +12,6 @@ import numpy as np
 import scipy  # its parts are read when they are first used
 from numpy.typing import ArrayLike
 
-from cspace.angles import TURN, beside
 from cspace.arms.chain import STILL, TURNS, place_bodies
 from cspace.arms.hulls import corners_of
 from cspace.arms.model import LOOKS, Arm, always_touch, pair_of, random_points
@@ -27,14 +26,14 @@ from cspace.arms.solids import (
     scene_of,
     scene_within,
 )
-from cspace.arrays import Bools, Floats, Ints, States
+from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
+from cspace.check import check_pairs, check_rng, not_negative, positive, whole
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
-from cspace.grid import not_negative, positive, whole
-from cspace.map.batches import Query, as_pairs, check_rng, own
+from cspace.map.batches import Query, own
+from cspace.rotations.base import TURN, beside
 from cspace.shapes import ShapeLike
 from cspace.shown import ArmPlot
-from cspace.states import BLOCKED, FREE, MIXED
 from cspace.threads import in_chunks
 from cspace.workspace import Workspace
 
@@ -452,7 +451,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         points = self.checked(path, "path")
         if edges is not None:
-            pairs = as_pairs(edges, points)
+            pairs = check_pairs(edges, points)
             self._check_spans(points[pairs[:, 0]], points[pairs[:, 1]], pairs)
         elif points.ndim > 1:
             self._check_spans(points[..., :-1, :], points[..., 1:, :])

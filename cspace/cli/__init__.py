@@ -72,7 +72,7 @@ app = typer.Typer(
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from cspace.version import __version__
+        from cspace import __version__
 
         typer.echo(f"cspace {__version__}")
         raise typer.Exit

@@ -236,7 +236,7 @@ def _shapes(
     cells: _Cells, path: Path, kind: str, *, spacing: float | None = None, bounds: Any = None, **options: Any
 ) -> dict[str, Any]:
     """A file of shapes, which are put on a grid: their box, facts about them, and the grid."""
-    from cspace.grid import check_bounds
+    from cspace.check import check_bounds
     from cspace.limits import MESH_BYTES, WORKSPACE_BYTES
 
     if bounds is not None:
@@ -320,7 +320,8 @@ class _Cells:
         """The grid that shapes would be put on, and its memory."""
         import numpy as np
 
-        from cspace.grid import Grid, check_bounds
+        from cspace.check import check_bounds
+        from cspace.grid import Grid
         from cspace.limits import Planned, cells_of
         from cspace.workspace import covering_shape, warn_of_units
 

@@ -104,7 +104,7 @@ def workspace_options(
 
     Raises InputError if ``bounds`` is not a box, or a number is out of range.
     """
-    from cspace.grid import positive
+    from cspace.check import positive
 
     if spacing is not None:
         positive(spacing, "spacing")
@@ -266,7 +266,7 @@ def box(text: str, option: str) -> tuple[float, ...]:
     Raises InputError if the text is not four numbers, or six in space, with commas between them, or the box has no
     inside.
     """
-    from cspace.grid import check_bounds
+    from cspace.check import check_bounds
 
     try:
         values = tuple(map(float, text.split(",")))

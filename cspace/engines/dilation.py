@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Bytes, Ints, Words
 from cspace.compiling import always_inline, kernel
+from cspace.kernels import load, store
 from cspace.raster import Raster, runs_of
 from cspace.threads import cores, in_threads
-from cspace.unaligned import load, store
 
 Cells = NDArray[np.uint8]
 Task: TypeAlias = tuple[Words, int, Cells, tuple[int, int]]

@@ -12,19 +12,18 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats, Ints, Matrix, Row, States
+from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Matrix, Row, States
 from cspace.compiling import bind_row_kernel, jit, kernel
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.boundaries import Problem, anchors_of, in_space, obstacle_border, parts_of
 from cspace.exact.triangles import DEPTH, Motion, Trees, half_sides, placed, share_apart, trees_of
 from cspace.grid import MAX_COORDINATE
+from cspace.kernels import dot, minus, row_of
 from cspace.map.edges import along, edge_is_free
 from cspace.map.points import Numbers, configuration, halves, state_at
-from cspace.map.record import Map
+from cspace.map.storage import Map
 from cspace.shapes import Box, Pieces
-from cspace.states import BLOCKED, FREE, MIXED
 from cspace.threads import in_chunks
-from cspace.vectors import dot, minus, row_of
 
 SLIDE: Final = 2.0
 """Longest part of an edge that one distance is to prove, in cells: longer ones take a search far and wide."""

@@ -7,13 +7,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats, Ints
+from cspace.arrays import FREE, MIXED, Bools, Floats, Ints
 from cspace.exact.boundaries import Problem, Proofs
 from cspace.exact.proofs import BorderProofs
 from cspace.map.batches import own
 from cspace.map.edges import edges_are_free
 from cspace.map.points import classify
-from cspace.states import FREE, MIXED
 
 
 class Exact:

@@ -35,8 +35,8 @@ import numpy as np
 
 from cspace.arrays import Floats, Ints, Matrix, Row
 from cspace.compiling import always_inline, kernel
+from cspace.kernels import cross, dot, minus, nearest_of_triangle, row_of
 from cspace.shapes import Pieces
-from cspace.vectors import cross, dot, minus, nearest_of_triangle, row_of
 
 Corners = tuple[Row, Row, Row]
 Box = tuple[Row, Row, Row, Row]

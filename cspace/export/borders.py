@@ -14,13 +14,12 @@ from typing import IO, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Floats, Ints
+from cspace.arrays import FREE, Floats, Ints
 from cspace.errors import InputError
 from cspace.files.access import replacing
 from cspace.grid import Grid
 from cspace.limits import check_memory
 from cspace.raster.bitmaps import cell_squares
-from cspace.states import FREE
 
 _BYTES: Final = 160
 """For each square of the border: its corners, its triangles, and its share of the vertices."""

@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace.arrays import BLOCKED, FREE, MIXED
 from cspace.errors import InputError
 from cspace.files.access import replacing, suffix_of
 from cspace.files.rosmap import SUFFIXES
 from cspace.grid import Grid
-from cspace.states import BLOCKED, FREE, MIXED
 
 LEVELS: Final = {FREE: 254, MIXED: 205, BLOCKED: 0}
 """Grey of each state in a written map, as the ROS tools write free, unknown and occupied."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Ints, StrPath, frozen
+from cspace.arrays import BLOCKED, FREE, MIXED, Ints, StrPath, frozen
 from cspace.errors import InputError
 from cspace.export.borders import WRITERS, write_border
 from cspace.export.images import write_geotiff, write_ros_map
@@ -19,7 +19,6 @@ from cspace.export.vti import write_vti
 from cspace.files.access import replacing, suffix_of
 from cspace.grid import Grid
 from cspace.map.contents import Contents
-from cspace.states import BLOCKED, FREE, MIXED
 from cspace.store.saved import AXES, SAVES, STACKED, SUFFIX_RULE, arrays_of, attributes_of, axes_of, metadata_of
 
 if TYPE_CHECKING:

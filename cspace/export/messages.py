@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Bools, Floats
+from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats
+from cspace.check import not_negative
 from cspace.errors import InputError
 from cspace.files.messages import Costmap, JointTrajectoryPoint, OccupancyGrid, PoseStamped, lacking
-from cspace.grid import Grid, not_negative
-from cspace.states import BLOCKED, FREE, MIXED
+from cspace.grid import Grid
 
 if TYPE_CHECKING:
     from cspace.space import CSpace

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Floats, copy_transposed
+from cspace.check import finite
 from cspace.errors import InputError
 from cspace.files.access import Fault, decoding, existing, read_bytes
-from cspace.grid import finite
 from cspace.limits import check_cells
 
 if TYPE_CHECKING:

@@ -19,13 +19,13 @@ from typing import Any, Final
 import numpy as np
 
 from cspace.arrays import Floats, Ints, Surface
+from cspace.check import finite
 from cspace.errors import GeometryError, InputError
 from cspace.files.access import Fault, decoding, existing, numbers_of, read_bytes, suffix_of
 from cspace.files.collada import read_collada
 from cspace.files.gltf import load_gltf
 from cspace.files.ply import read_ply
 from cspace.files.polygons import joined, placed, read_obj, read_off, triangulated
-from cspace.grid import finite
 
 # What trimesh logs of a bad file is said by the one error that is raised for it.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bools, Ints
+from cspace.check import finite, not_negative, positive
 from cspace.errors import InputError
 from cspace.files.rosmap import MapInfo
-from cspace.grid import finite, not_negative, positive
 
 _TILT: Final = 1e-6
 """Components of a quaternion, of norm 1, below which a map is taken to lie flat."""

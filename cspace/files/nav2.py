@@ -11,9 +11,9 @@ from typing import Any, Final, NamedTuple
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Floats
+from cspace.check import finite, not_negative, positive
 from cspace.errors import FileError, GeometryError
 from cspace.files.plain import read_yaml
-from cspace.grid import finite, not_negative, positive
 
 PADDING: Final = 0.01
 """Metres of ``footprint_padding`` where a file does not say."""

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bools, Floats
+from cspace.check import check_point, finite, positive
 from cspace.errors import InputError
 from cspace.files.access import Fault, decoding, existing, header_lines, is_count, read_bytes
-from cspace.grid import check_point, finite, positive
 from cspace.limits import check_cells
 
 KIND: Final = "grid in NRRD"

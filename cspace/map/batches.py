@@ -9,11 +9,11 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from cspace.angles import warn_of_degrees
 from cspace.arrays import Bools, Floats, Ints
+from cspace.check import check_rows
 from cspace.errors import InputError
-from cspace.grid import real_numbers, unmasked
 from cspace.rotations import Rotations
+from cspace.rotations.base import warn_of_degrees
 from cspace.threads import LEAST, in_chunks
 
 Kernel = Callable[..., int]
@@ -71,7 +71,7 @@ def answer(
 
     Raises InputError if the last axis is not d long, or a value is not a finite number.
     """
-    points = _as_rows(q, name, dof)
+    points = check_rows(q, name, dof)
     flat = points.reshape(-1, dof)
     out = np.empty(len(flat), dtype=dtype)
     bad = query([flat], out)
@@ -93,7 +93,7 @@ def answer_edges(
 
     ``query_for(n)`` answers for n edges.
     """
-    rows0, rows1 = _as_rows(q0, "q0", dof), _as_rows(q1, "q1", dof)
+    rows0, rows1 = check_rows(q0, "q0", dof), check_rows(q1, "q1", dof)
     given, shape = ((rows0, "q0"), (rows1, "q1")), rows0.shape
     if rows1.shape != shape:
         try:
@@ -168,17 +168,7 @@ class _Chosen:
 
 def as_points(q: ArrayLike, name: str, dof: int) -> Floats:
     """``q`` as float64 with its last axis checked; whether it is finite is left to the kernels."""
-    return np.asarray(_as_rows(q, name, dof), dtype=np.float64)
-
-
-def _as_rows(q: ArrayLike, name: str, dof: int) -> NDArray[Any]:
-    """``q`` with its last axis checked, in numbers that turn into float64 without fail, later and a part at a time."""
-    rows = real_numbers(q, name)
-    if rows.ndim == 0 or rows.shape[-1] != dof:
-        rule = f"its last axis must be {dof} long, one entry for each coordinate"
-        mend = "pass one configuration or a batch of them"
-        raise InputError(name, f"has shape {rows.shape}", rule, mend, value=q)
-    return rows
+    return np.asarray(check_rows(q, name, dof), dtype=np.float64)
 
 
 def in_pieces(kernel: Kernel, least: int = LEAST) -> Query:
@@ -218,43 +208,3 @@ def _not_usable(values: NDArray[Any], name: str, index: int) -> InputError:
     numbers = tuple(values.astype(np.float64).tolist())
     mend = "mend or drop those that are not so first"
     return InputError(name, f"number {index} is {numbers}", Rotations.all_limits(), mend, value=numbers)
-
-
-def as_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
-    """Edges as pairs of indices of vertices, checked."""
-    unmasked(edges, "edges")
-    try:
-        pairs = np.asarray(edges)
-    except ValueError as error:
-        mend = "pass indices of shape (m, 2)"
-        raise InputError("edges", f"is {edges!r}", "it must be pairs of vertices", mend, value=edges) from error
-    pairs = pairs.astype(np.int64).reshape(0, 2) if pairs.size == 0 else pairs
-    if pairs.dtype.kind not in "iu" or pairs.ndim != 2 or pairs.shape[1] != 2 or vertices.ndim != 2:
-        raise InputError(
-            "edges",
-            f"has shape {pairs.shape} and type {pairs.dtype}, for vertices of shape {vertices.shape}",
-            "each edge must be two whole numbers, and vertices a list of configurations",
-            "pass shapes (m, 2) and (n, dof)",
-            value=edges,
-        )
-    wrong = (pairs < 0) | (pairs >= len(vertices))
-    if wrong.any():
-        number = int(np.argwhere(wrong)[0, 0])
-        pair = tuple(pairs[number].tolist())
-        rule = f"there are {len(vertices)} vertices, counted from 0"
-        mend = f"pass indices from 0 to {len(vertices) - 1}"
-        raise InputError("edge", f"number {number} is {pair}", rule, mend, value=pair)
-    return pairs.astype(np.int64, copy=False)
-
-
-def check_rng(rng: object) -> np.random.Generator:
-    """Return `rng`, or a freshly seeded generator if it is None.
-
-    Raises InputError if it is anything else.
-    """
-    if rng is None:
-        return np.random.default_rng()
-    if not isinstance(rng, np.random.Generator):
-        rule = "it must be a numpy.random.Generator, or None for a fresh one"
-        raise InputError("rng", f"is {rng!r}", rule, "pass numpy.random.default_rng(0)", value=rng)
-    return rng

@@ -11,13 +11,12 @@ from functools import cache
 from types import FunctionType
 from typing import Any, Final, NamedTuple, TypeVar
 
-from cspace.angles import MAX_JOINT_ANGLE, TURN
-from cspace.arrays import Numbers
+from cspace.arrays import FREE, Numbers
 from cspace.compiling import bind_kernel, compilable, jit
 from cspace.map.edges import edge_is_free
 from cspace.map.points import state_at
-from cspace.map.record import Map
-from cspace.states import FREE
+from cspace.map.storage import Map
+from cspace.rotations.base import MAX_JOINT_ANGLE, TURN
 
 T = TypeVar("T")
 

@@ -6,11 +6,9 @@ import math
 
 import numpy as np
 
-from cspace.arrays import Bools, Bytes, Ints
+from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Bytes, Ints
 from cspace.compiling import jit
-from cspace.map.record import Map
-from cspace.map.storage import Cells, check_bytes, state_in
-from cspace.states import BLOCKED, FREE, MIXED
+from cspace.map.storage import Cells, Map, check_bytes, state_in
 
 START, CLOSED = 254, 255
 """How a cell was reached: not at all, if 0; by the steps from 1 to 6, down and up along x, y and z; from 7 on, out of

@@ -13,15 +13,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Floats, Words
+from cspace.arrays import FREE, Floats, Words
 from cspace.compiling import always_inline, compilable, dispatch_on_type, kernel
 from cspace.grid import SLACK
 from cspace.map.callbacks import callback
 from cspace.map.mip import ROWS, SHIFT, SIDE, Marks, PlaneMarks, SpaceMarks
 from cspace.map.points import FAR, Cell, Numbers, configuration, is_usable, replaced, state_at
-from cspace.map.record import Map
-from cspace.map.storage import zeros_above, zeros_below
-from cspace.states import FREE
+from cspace.map.storage import Map, zeros_above, zeros_below
 
 Place = tuple[float, float, float]
 

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Floats, Ints
+from cspace.arrays import FIELD_NAMES, Floats, Ints
+from cspace.check import check_word, finite
 from cspace.errors import InputError
-from cspace.grid import Grid, check_word, finite
+from cspace.grid import Grid
 from cspace.map.exterior import OUTSIDES, UNKNOWN, Exterior
 from cspace.map.storage import Stack, read_only
 from cspace.rotations import Rotations
-from cspace.states import FIELDS
 
 if TYPE_CHECKING:
     from cspace.obstacles import ObstacleLayers
@@ -123,12 +123,12 @@ class Contents:
 
 
 def checked_fields(fields: Mapping[str, Floats], dim: int, shape: tuple[int, ...]) -> dict[str, Floats]:
-    """The arrays of an overlap field, in the order of :data:`cspace.states.FIELDS`, not to be written.
+    """The arrays of an overlap field, in the order of :data:`cspace.arrays.FIELD_NAMES`, not to be written.
 
     Raises InputError if one is missing or there are others, or one has another shape or type, or holds what is not
     finite.
     """
-    names, mend = FIELDS[: 1 + dim], "use OverlapField.of, or CSpace.with_overlap_field"
+    names, mend = FIELD_NAMES[: 1 + dim], "use OverlapField.of, or CSpace.with_overlap_field"
     if set(fields) != set(names):
         rule = f"of a map of {dim} axes they must be {', '.join(names)}"
         raise InputError("fields", f"are {', '.join(fields) or 'none'}", rule, mend, value=fields)

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats, Words
+from cspace.arrays import FREE, Bools, Floats, Words
 from cspace.compiling import always_inline, kernel
 from cspace.grid import SLACK
 from cspace.map.mip import ONE, SHIFT, SIDE
@@ -25,9 +25,7 @@ from cspace.map.points import (
     run_is_free,
     slice_of,
 )
-from cspace.map.record import Map
-from cspace.map.storage import state_in
-from cspace.states import FREE
+from cspace.map.storage import Map, state_in
 
 FINEST = 1.0 / 16.0
 """Least distance of points that are looked at before an edge is walked, as a part of the edge."""

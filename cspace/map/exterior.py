@@ -8,9 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from cspace.arrays import Bools, Ints
+from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Ints
 from cspace.raster import Raster
-from cspace.states import BLOCKED, FREE, MIXED
 
 OUTSIDES: Final = ("blocked", "free")
 """What lies outside the grid."""

@@ -15,13 +15,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Floats, Ints, States
+from cspace.arrays import FREE, Floats, Ints, States
 from cspace.compiling import kernel
 from cspace.errors import InputError
 from cspace.grid import SLACK
 from cspace.map.derived import Lock
 from cspace.map.storage import Stack
-from cspace.states import FREE
 from cspace.threads import in_chunks
 
 Squares = NDArray[np.int32]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cspace.arrays import Bools, Floats, Ints
 from cspace.compiling import kernel
 from cspace.map.points import Numbers, cell_of, configuration, is_usable, layered
-from cspace.map.record import Map
+from cspace.map.storage import Map
 from cspace.raster import Raster, runs_of
 
 Counts = NDArray[np.int16] | NDArray[np.int32]

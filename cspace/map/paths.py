@@ -9,11 +9,11 @@ from typing import Final
 
 import numpy as np
 
-from cspace.angles import beside
 from cspace.arrays import Floats, Ints
 from cspace.compiling import clock
 from cspace.grid import Grid
 from cspace.rotations import Rotations
+from cspace.rotations.base import beside
 
 Check = Callable[..., bool]
 

@@ -12,12 +12,10 @@ from typing import NamedTuple, Protocol, TypeVar
 import numpy as np
 from numba.cpython.unsafe.tuple import tuple_setitem
 
-from cspace.arrays import Bools, Floats, Ints, States
+from cspace.arrays import FREE, MIXED, Bools, Floats, Ints, States
 from cspace.compiling import always_inline, jit, kernel
 from cspace.grid import MAX_COORDINATE, SLACK
-from cspace.map.record import Map
-from cspace.map.storage import Cells, state_in
-from cspace.states import FREE, MIXED
+from cspace.map.storage import Cells, Map, state_in
 
 Numbers = tuple[float, ...]
 Cell = tuple[int, ...]

@@ -8,12 +8,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bytes, Floats, Ints
+from cspace.arrays import FREE, Bytes, Floats, Ints
 from cspace.compiling import jit, kernel
 from cspace.grid import Grid
 from cspace.map.storage import Cells, PackedStates, Stack, row_in
 from cspace.rotations import Rotations
-from cspace.states import FREE
 
 Chunks = NDArray[np.int32]
 

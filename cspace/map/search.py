@@ -9,10 +9,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bytes, Floats, Ints
+from cspace.arrays import FREE, Bytes, Floats, Ints
 from cspace.compiling import clock, kernel
 from cspace.map.storage import Cells, Stack, cells_of, state_in
-from cspace.states import FREE
 
 Costs = NDArray[np.float32]
 Place = tuple[int, int, int]

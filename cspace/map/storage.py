@@ -17,12 +17,12 @@ from numba.cpython.unsafe.numbers import leading_zeros, trailing_zeros
 from numba.extending import intrinsic
 from numpy.typing import DTypeLike, NDArray
 
-from cspace.arrays import Bytes, Ints, frozen
+from cspace.arrays import FREE, Bytes, Ints, frozen
 from cspace.compiling import always_inline, dispatch_on_type, kernel
 from cspace.errors import InputError
+from cspace.kernels import load
 from cspace.limits import KEEP, bytes_text, free_bytes
-from cspace.states import FREE
-from cspace.unaligned import load
+from cspace.rotations import CompiledRotations
 
 Halves = tuple[np.uint64, np.uint64]
 
@@ -415,3 +415,37 @@ def check_bytes(states: int) -> None:
             "ask for one rotation at a time, with slice_at",
             value=states,
         )
+
+
+class Map(NamedTuple):
+    """States over rotation cells times cells of a grid, in the plane or in space, whether the robot turns or not.
+
+    The arrays are views of the map's own: an update of the workspace is seen through the record.
+
+    Attributes
+    ----------
+    states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz), or TwoBits
+        FREE, MIXED or BLOCKED; read-only, in C order. Compiled code reads its shape alone.
+    cells : ndarray of uint8, shape (slices * nx * ny,) or (slices * nx * ny * nz,), or TwoBits
+        The same in a row; compiled code reads it by :mod:`cspace.map.storage` alone.
+    rotations : NamedTuple
+        The rotation cells, and the slice that each has; look-ups call its methods alone.
+    lower, upper : tuple of float, length d
+        Corners of the grid, metres.
+    spacing : float
+    exterior : ndarray of int64, shape (slices, 2 d + 1)
+        What lies outside the grid: :attr:`cspace.map.exterior.Exterior.table`.
+    """
+
+    states: Cells
+    cells: Cells
+    rotations: CompiledRotations
+    lower: tuple[float, ...]
+    spacing: float
+    upper: tuple[float, ...]
+    exterior: Ints
+
+    @property
+    def slice_of(self) -> Ints:
+        """The slice of each rotation cell, shape (rotations,)."""
+        return np.asarray(self.rotations.slice_of)

@@ -20,18 +20,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bools, Bytes, Floats, Ints
+from cspace.arrays import FREE, MIXED, Bools, Bytes, Floats, Ints
 from cspace.compiling import jit, kernel
 from cspace.grid import Grid
 from cspace.map.callbacks import below_half_a_turn, edge_checker
 from cspace.map.components import Components
 from cspace.map.derived import Lock
 from cspace.map.paths import in_time, pulled_straight, unwound, waypoints
-from cspace.map.record import Map
 from cspace.map.search import Graph, keep_on
-from cspace.map.storage import Stack, read_only
+from cspace.map.storage import Map, Stack, read_only
 from cspace.rotations import Rotations
-from cspace.states import FREE, MIXED
 from cspace.threads import cores, in_chunks, in_threads
 
 Levels = NDArray[np.uint16]

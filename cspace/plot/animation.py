@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Floats
+from cspace.check import positive
 from cspace.errors import InputError
 from cspace.files.access import replacing
-from cspace.grid import positive
 from cspace.plot import artists
 from cspace.plot.arms import MovingArm, along_joints
 from cspace.plot.route import HasAxes, HasPath, Look, MapLike, Route, polyline

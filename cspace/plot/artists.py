@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Floats
+from cspace.arrays import BLOCKED, FREE, MIXED, Floats
 from cspace.grid import Grid
 from cspace.plot.route import Figurine, Ground, Look, MapLike, Route
 from cspace.rotations import Rotations
-from cspace.states import BLOCKED, FREE, MIXED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from cspace.arrays import Floats
+from cspace.arrays import MIXED, Floats
 from cspace.plot import artists
 from cspace.plot.route import Look, MapLike, Route, section_point
-from cspace.states import MIXED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
 import numpy as np
 
 from cspace.arrays import Floats
+from cspace.check import positive
 from cspace.errors import InputError
 from cspace.files.access import replacing
-from cspace.grid import positive
 from cspace.plot import artists
 from cspace.plot.dials import draw_dials
 from cspace.plot.route import (

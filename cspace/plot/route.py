@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Bools, Floats, Ints
+from cspace.arrays import BLOCKED, FREE, Bools, Floats, Ints
+from cspace.check import finite, positive
 from cspace.errors import InputError
-from cspace.grid import Grid, finite, positive
+from cspace.grid import Grid
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes.balls import Balls
 from cspace.shapes.shape import Shape
-from cspace.states import BLOCKED, FREE
 
 if TYPE_CHECKING:
     from cspace.configuration_space import ConfigurationSpace

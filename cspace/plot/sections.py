@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cspace.arrays import Floats, Ints
+from cspace.check import finite
 from cspace.errors import InputError
-from cspace.grid import finite
 from cspace.plot import artists
 from cspace.plot.route import Look, MapLike, Route, section_point, within
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Bools, Floats, Ints, block_starts, in_blocks
+from cspace.check import check_word, finite
 from cspace.errors import InputError
-from cspace.grid import Grid, check_word, finite
+from cspace.grid import Grid
 from cspace.plot import artists
 from cspace.plot.route import Figurine, Look, MapLike, Route, within
 

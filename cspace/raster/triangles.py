@@ -48,8 +48,8 @@ import numpy as np
 from cspace.arrays import Bools, Bytes, Floats
 from cspace.compiling import jit, kernel
 from cspace.grid import SLACK
+from cspace.kernels import nearest_of_triangle
 from cspace.threads import in_chunks
-from cspace.vectors import nearest_of_triangle
 
 THIN: Final = 2.0**-12
 """Height of a triangle over its longest side below which its plane is not used."""

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Floats, Ints, Matrix, Numbers, frozen
+from cspace.check import finite, whole
 from cspace.compiling import compilable
 from cspace.errors import InputError
-from cspace.grid import finite, whole
 from cspace.rotations.base import COVERING_ANGLE, DIAL_STEPS, Coordinate, Dial, Rotations, Symmetric, Turn
 
 NORM_SLACK: Final = 1e-6

@@ -10,12 +10,23 @@ from typing import Any, ClassVar, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.angles import ANGLE_SLACK, MAX_ANGLE, TURN, wrapped
 from cspace.arrays import Floats, Ints, Matrix, Numbers
+from cspace.check import finite, whole
 from cspace.compiling import compilable
 from cspace.errors import InputError
-from cspace.grid import finite, whole
-from cspace.rotations.base import COVERING_ANGLE, DIAL_STEPS, Coordinate, Dial, Rotations, Symmetric, Turn
+from cspace.rotations.base import (
+    ANGLE_SLACK,
+    COVERING_ANGLE,
+    DIAL_STEPS,
+    MAX_ANGLE,
+    TURN,
+    Coordinate,
+    Dial,
+    Rotations,
+    Symmetric,
+    Turn,
+    wrapped,
+)
 
 MAX_YAWS: Final = 2**16
 """Largest number of yaw cells, each 0.0055 degrees wide: at 100 m from the axis they are as wide as a cell of 1 cm."""

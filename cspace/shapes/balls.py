@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats, Surface, frozen
+from cspace.check import check_points, finite
 from cspace.errors import InputError
-from cspace.grid import Grid, finite, points_of
+from cspace.grid import Grid
 from cspace.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes.shape import ExactShape, Pieces
@@ -101,7 +102,7 @@ class Balls(ExactShape):
     def contains(self, points: ArrayLike) -> Bools:
         from scipy.spatial import cKDTree
 
-        array = points_of(points, "points", self.dim)
+        array = check_points(points, "points", self.dim)
         inside = np.zeros(array.shape[:-1], dtype=np.bool_)
         different, which = np.unique(self.radii, return_inverse=True)
         if len(different) <= 8:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cspace.arrays import Floats, Surface
+from cspace.check import check_point, finite, positive
 from cspace.errors import InputError, warn_user
 from cspace.files.meshes import read_mesh
 from cspace.files.polygons import joined, placed
@@ -24,7 +25,6 @@ from cspace.files.urdf import (
     root_link,
     zero_poses,
 )
-from cspace.grid import check_point, finite, positive
 from cspace.shapes.bounded import BoundedShape, Pair, capsule, cylinder
 from cspace.shapes.mesh import Mesh, Solid
 from cspace.shapes.shape import Shape

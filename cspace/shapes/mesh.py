@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bools, Floats, Ints, Surface, frozen
+from cspace.check import check_points, finite, unmasked
 from cspace.errors import GeometryError, InputError, warn_user
-from cspace.grid import Grid, finite, points_of, unmasked
+from cspace.grid import Grid
 from cspace.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes.bodies import Body, find_bodies
@@ -409,7 +410,7 @@ class Mesh(ExactShape):
                 "ask its cells, or pass solid='auto'",
                 value=self.solid,
             )
-        array = points_of(points, "points", self.dim)
+        array = check_points(points, "points", self.dim)
         if self.solid == "surface":
             return np.zeros(array.shape[:-1], dtype=np.bool_)
         numbers = self._winding.numbers((array - self.bounds[0]).reshape(-1, 3))

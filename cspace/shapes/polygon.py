@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats
+from cspace.check import check_points, finite
 from cspace.errors import GeometryError
-from cspace.grid import Grid, finite, points_of
+from cspace.grid import Grid
 from cspace.raster import Raster
 from cspace.raster.bitmaps import point_segments, polygon_outline
 from cspace.rotations import STILL, Turn
@@ -160,7 +161,7 @@ class Polygons(ExactShape):
     def contains(self, points: ArrayLike) -> Bools:
         import shapely
 
-        array = points_of(points, "points", self.dim)
+        array = check_points(points, "points", self.dim)
         shapely.prepare(self.outline)
         return np.asarray(shapely.intersects_xy(self.outline, array[..., 0], array[..., 1]))
 

@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 
 from numpy.typing import ArrayLike
 
+from cspace.check import check_point, not_negative, positive
 from cspace.errors import InputError
-from cspace.grid import check_point, not_negative, positive
 from cspace.shapes import bounded
 from cspace.shapes.balls import Balls
 from cspace.shapes.bounded import BoundedShape, Pair

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats, Surface, frozen
+from cspace.check import check_cells, check_point, check_points, positive
 from cspace.errors import GeometryError
-from cspace.grid import Grid, check_cells, check_point, points_of, positive
+from cspace.grid import Grid
 from cspace.raster import Raster
 from cspace.raster.bitmaps import boundary_segments, cell_boxes, cell_faces, cell_squares, held_by_cells
 from cspace.rotations import STILL, Turn
@@ -85,7 +86,7 @@ class Box(ExactShape):
         return rounded_cells(Rounded(self.lower[None], self.upper[None], np.zeros(1)), grid)
 
     def contains(self, points: ArrayLike) -> Bools:
-        array = points_of(points, "points", self.dim)
+        array = check_points(points, "points", self.dim)
         return np.asarray(((self.lower <= array) & (array <= self.upper)).all(axis=-1))
 
     def boundary(self) -> Pieces:
@@ -190,7 +191,7 @@ class Voxels(ExactShape):
         return outer, held_by_cells(self.occupied, starts, 1.0, self.side / grid.spacing)
 
     def contains(self, points: ArrayLike) -> Bools:
-        array = points_of(points, "points", self.dim)
+        array = check_points(points, "points", self.dim)
         place = (array - self.lower) / self.side
         padded = np.pad(self.occupied, 1)
         most = np.asarray(self.occupied.shape) + 1

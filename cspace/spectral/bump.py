@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Floats
+from cspace.check import check_word, finite, not_negative, positive, unmasked
 from cspace.errors import CspaceError, InputError
-from cspace.grid import check_word, finite, not_negative, positive, unmasked
 
 Radial = Callable[[Floats], Floats]
 

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Floats, Ints
+from cspace.check import check_word, positive, whole
 from cspace.compiling import jit, kernel
 from cspace.errors import GeometryError, InputError
-from cspace.grid import check_word, positive, whole
 from cspace.shapes import ShapeLike, shape_of
 from cspace.spectral.bump import VOLUME
 from cspace.spectral.regions import (
@@ -86,7 +86,7 @@ def decompose(
         mend = "pass e.g. number=64, or tolerance=0.01 in metres"
         raise InputError("number", fault, "balls are chosen by one of them", mend, value=number)
     length = None if tolerance is None else positive(tolerance, "tolerance")
-    count = None if number is None else whole(number, "number", 1, mend="pass e.g. 64")
+    count = None if number is None else whole(number, "number", 1, hint="pass e.g. 64")
     region = Region(shape_of(shape))
     if kind == "inner" and not region.inner.measure[1] > 0.0:
         mend = "pass kind='outer', or a shape with an area or volume"

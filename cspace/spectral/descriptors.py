@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats
+from cspace.check import check_cells, check_word, finite
 from cspace.errors import InputError
-from cspace.grid import Grid, check_cells, check_word, finite
+from cspace.grid import Grid
 from cspace.raster.triangles import mark_touched
 from cspace.shapes import Balls, BallSet, ExactShape, Mesh, ShapeLike, check_balls, shape_of
 from cspace.spectral.bump import Bump, check_bump

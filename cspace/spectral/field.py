@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple, Protocol, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import Floats, Numbers
+from cspace.arrays import FIELD_NAMES, Floats, Numbers
 from cspace.compiling import compilable, kernel
 from cspace.errors import InputError
 from cspace.grid import Grid
@@ -20,11 +20,10 @@ from cspace.map.batches import Many, One, answer, in_pieces
 from cspace.map.callbacks import callback
 from cspace.map.contents import checked_fields
 from cspace.map.points import configuration, is_usable, replaced
-from cspace.map.record import Map
+from cspace.map.storage import Map
 from cspace.rotations import Rotations
 from cspace.spectral.descriptors import check_dims
 from cspace.spectral.overlap import FourierOverlap
-from cspace.states import FIELDS
 
 BATCH: Final = 2**20  # cells whose values are computed together
 
@@ -51,7 +50,7 @@ class OverlapField:
     ----------
     space : CSpace
     arrays : mapping of str to ndarray of float64, shape (nx, ny(, nz)), or (slices, ...) of a robot that turns
-        By the names in ``cspace.states.FIELDS``: the overlap, metres to the power of the dimension, and its
+        By the names in ``cspace.arrays.FIELD_NAMES``: the overlap, metres to the power of the dimension, and its
         derivatives along the axes, one power less.
 
     Raises InputError if arrays are missing or superfluous, or one has not the shape and type of the map's, or is not
@@ -86,7 +85,7 @@ class OverlapField:
         check_dims("overlap", overlap.dim, grid.dim)
         shape, count = map_.states.shape, 1 + grid.dim
         check_memory(8.0 * count * math.prod(shape), "the overlap field", grid)
-        arrays = {name: np.empty(shape) for name in FIELDS[:count]}
+        arrays = {name: np.empty(shape) for name in FIELD_NAMES[:count]}
         turns = space.rotations.turns(grid.dim)
         for number in range(shape[0]):
             matrix = turns[int(np.argmax(map_.slice_of == number))].matrix
@@ -102,7 +101,7 @@ class OverlapField:
     @property
     def values(self) -> Floats:
         """The overlap at the middle of each cell, shape (nx, ny(, nz)), or (slices, ...) of a robot that turns."""
-        return self.arrays[FIELDS[0]]
+        return self.arrays[FIELD_NAMES[0]]
 
     @property
     def cells(self) -> Floats:

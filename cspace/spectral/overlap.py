@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bytes, Floats, Ints
+from cspace.check import check_points, finite, not_negative, positive, whole
 from cspace.errors import InputError
-from cspace.grid import finite, not_negative, points_of, positive, whole
 from cspace.map.batches import Many, One
 from cspace.spectral.bands import (
     Rings,
@@ -202,7 +202,7 @@ class FourierOverlap:
                 mend = "decompose the shape with that kind"
                 raise InputError(name, f"is of kind {kind!r}", f"it must be {name[:5]!r}", mend, value=source)
         chosen, more = bump_of(bump, *given.values()), positive(swell, "swell")
-        number = whole(classes, "classes", 1, mend="pass e.g. 8")
+        number = whole(classes, "classes", 1, hint="pass e.g. 8")
         if (inner_a is None) is not (inner_b is None):
             raise InputError("inner_a", "is given without inner_b, or b without a", "a hit needs both", "pass both")
         sets = [
@@ -306,7 +306,7 @@ class FourierOverlap:
 
         ``t`` is in metres, shape (..., d); without ``swelling`` the swollen balls are not looked at.
         """
-        places = points_of(t, "t", self.dim)
+        places = check_points(t, "t", self.dim)
         verdicts, counts, sums = self._decide(np.ascontiguousarray(places.reshape(-1, self.dim)), swelling)
         if places.ndim == 1:
             return Separation(Verdict(int(verdicts[0])), int(counts[0]), *sums[0].tolist())
@@ -373,7 +373,7 @@ class FourierOverlap:
 
     def _sums(self, t: ArrayLike, sums: list[Terms]) -> Floats:
         """Several sums of terms at placements, shape (..., sums)."""
-        places = points_of(t, "t", self.dim)
+        places = check_points(t, "t", self.dim)
         relative = self._relative(places.reshape(-1, self.dim))
         inside = (np.abs(relative) <= self._limits).all(axis=-1)
         out = np.zeros((len(relative), len(sums)))

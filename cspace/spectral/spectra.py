@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Floats
+from cspace.check import finite
 from cspace.errors import InputError, optional
-from cspace.grid import finite
 from cspace.limits import KEEP, bytes_text, cells_of, free_bytes
 from cspace.spectral.bump import (
     HALF,

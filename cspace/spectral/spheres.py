@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 from cspace.arrays import Floats, frozen
+from cspace.check import check_word, finite
 from cspace.errors import FileError, InputError
 from cspace.files.access import replacing, suffix_of
 from cspace.files.plain import read_json, read_yaml
-from cspace.grid import check_word, finite
 from cspace.shapes import Balls, ExactShape, Shape
 from cspace.spectral.descriptors import check_solid_balls
 

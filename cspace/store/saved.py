@@ -25,6 +25,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace import __version__
+from cspace.arrays import BLOCKED, FIELD_NAMES, STATE_NAMES
 from cspace.errors import FileError
 from cspace.files.access import decoding, existing, look_up, read_bytes, read_part, replacing, suffix_of
 from cspace.files.chunks import Layout
@@ -35,8 +37,6 @@ from cspace.map.contents import Contents
 from cspace.map.storage import PackedStates, read_only, read_only_of
 from cspace.rotations import Rotations
 from cspace.shapes import Shape, shape_from_spec
-from cspace.states import BLOCKED, FIELDS, NAMES
-from cspace.version import __version__
 
 FORMAT: Final = "cspace-map"
 VERSION: Final = 2
@@ -44,7 +44,7 @@ VERSION: Final = 2
 
 AXES: Final = ("x", "y", "z")
 
-STACKED: Final = ("state", "overlap", *FIELDS)
+STACKED: Final = ("state", "overlap", *FIELD_NAMES)
 """Arrays that hold one slice after the other."""
 
 _WHOLE: Final = (
@@ -106,7 +106,7 @@ def _floats(axes: str, name: str, units: str, **about: str) -> Stored:
     return _stored(axes, "float64", math.nan, name, units=units, **about)
 
 
-_FIELD_NAMES: Final = (
+_FIELD_NOTES: Final = (
     "overlap of the descriptors of robot and obstacles",
     *(f"its derivative along {axis}" for axis in AXES),
 )
@@ -117,8 +117,8 @@ ARRAYS: Final[dict[str, Stored]] = {
         "uint8",
         255,
         "state of the configurations in a cell",
-        flag_values=list(range(len(NAMES))),
-        flag_meanings=" ".join(NAMES),
+        flag_values=list(range(len(STATE_NAMES))),
+        flag_meanings=" ".join(STATE_NAMES),
     ),
     "outer": _stored("cells", "bool", True, "workspace cells that meet an obstacle"),
     "inner": _stored("cells", "bool", True, "workspace cells that lie in obstacles"),
@@ -127,7 +127,8 @@ ARRAYS: Final[dict[str, Stored]] = {
         "slice cells", "int32", -1, "number of coinciding pairs of obstacle cell and robot offset", units="1"
     ),
     **{
-        name: _stored("slice cells", "float64", math.inf, what) for name, what in zip(FIELDS, _FIELD_NAMES, strict=True)
+        name: _stored("slice cells", "float64", math.inf, what)
+        for name, what in zip(FIELD_NAMES, _FIELD_NOTES, strict=True)
     },
     "slice_of": _stored(
         "rotation",
@@ -181,8 +182,8 @@ def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
     if name in AXES:
         number = AXES.index(name)
         about |= {"long_name": f"{grid.axes[number]} of the middle of a cell", "units": grid.units[number]}
-    if name in FIELDS:
-        power = dim - (name != FIELDS[0])
+    if name in FIELD_NAMES:
+        power = dim - (name != FIELD_NAMES[0])
         about["units"] = "m" if power == 1 else f"m{power}"
     return about
 
@@ -231,7 +232,7 @@ def arrays_of(contents: Contents) -> dict[str, Any]:
     """The arrays of a map, by the names of :func:`stored`. No cells are copied; states may be in two bits each.
 
     ``inner`` is there only if it differs from ``outer``, ``unknown`` only if there are such cells, ``overlap`` only if
-    the map was built with it, :data:`FIELDS` only if it carries an overlap field, those of the
+    the map was built with it, :data:`FIELD_NAMES` only if it carries an overlap field, those of the
     rotation cells only if the robot turns, and ``shapes`` only if the obstacles are known as such.
     """
     workspace, grid = contents.workspace, contents.grid

@@ -29,7 +29,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bools, Box, Ints, shared
+from cspace import __version__
+from cspace.arrays import BLOCKED, MIXED, Bools, Box, Ints, shared
 from cspace.errors import CspaceError, FileError
 from cspace.files.access import read_part, replacing
 from cspace.files.chunks import Layout, unpack
@@ -40,7 +41,6 @@ from cspace.map.storage import PackedStates, Stack
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Shape
-from cspace.states import BLOCKED, MIXED
 from cspace.store.saved import (
     AXES,
     CHUNK,
@@ -56,7 +56,6 @@ from cspace.store.saved import (
     unusable,
     zarr_options,
 )
-from cspace.version import __version__
 
 FORMAT: Final = "cspace-tiles"
 ROOT: Final = "zarr.json"

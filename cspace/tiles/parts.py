@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Bools, Box, Bytes, Ints, in_blocks
+from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Box, Bytes, Ints, in_blocks
 from cspace.grid import Grid
 from cspace.limits import WORKSPACE_BYTES, check_memory, map_bytes
 from cspace.map.contents import Contents
 from cspace.map.exterior import UNKNOWN
 from cspace.shapes import Shape, Voxels
 from cspace.space import CSpace
-from cspace.states import BLOCKED, FREE, MIXED
 from cspace.store.tiled import Index, Known, Store
 from cspace.tiles.work import Job, run
 from cspace.workspace import Workspace

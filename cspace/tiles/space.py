@@ -10,22 +10,21 @@ from typing import TYPE_CHECKING, Any, Final, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import Bools, Floats, Ints
+from cspace.arrays import FREE, STATE_NAMES, Bools, Floats, Ints
+from cspace.check import whole
 from cspace.configuration_map import ConfigurationMap, Result
 from cspace.correlation import Progress
 from cspace.errors import ConfigurationError, FileError, InputError
-from cspace.grid import Grid, whole
+from cspace.grid import Grid
 from cspace.map.batches import EDGES_A_THREAD, Kernel, Query
 from cspace.map.batches import own as owned
 from cspace.map.derived import Lock
 from cspace.map.exterior import Exterior
-from cspace.map.record import Map
-from cspace.map.storage import read_only
+from cspace.map.storage import Map, read_only
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.sources import Held
 from cspace.space import CSpace
-from cspace.states import FREE, NAMES
 from cspace.store.tiled import Record, Store
 from cspace.threads import LEAST, in_chunks
 from cspace.tiles.cache import Cache
@@ -162,7 +161,7 @@ class TiledCSpace(ConfigurationMap):
 
     @property
     def facts(self) -> dict[str, object]:
-        cells = {"cells": dict(zip(NAMES, self.count(), strict=True))} if self.done == 1.0 else {}
+        cells = {"cells": dict(zip(STATE_NAMES, self.count(), strict=True))} if self.done == 1.0 else {}
         return {"tile": list(self.tile), "done_percent": round(100.0 * self.done, 4), **cells, "version": self.version}
 
     def __reduce__(self) -> tuple[Callable[..., TiledCSpace], tuple[str, int]]:
@@ -318,7 +317,7 @@ class TiledCSpace(ConfigurationMap):
         client : dask.distributed.Client, optional
             As for :func:`cspace.build`.
         """
-        count = whole(most, "most", 1, mend="pass e.g. 1024")
+        count = whole(most, "most", 1, hint="pass e.g. 1024")
         return self._at_one_moment(lambda: overview_of(self._job, count, client))
 
     def update(

@@ -17,17 +17,16 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bools, Ints
+from cspace import __version__
+from cspace.arrays import BLOCKED, MIXED, Bools, Ints
 from cspace.compiling import kernel
 from cspace.correlation import Correlation, sides_of
 from cspace.engines.slices import Pair, slice_rasters
 from cspace.errors import CspaceError, FileError, InputError, optional
 from cspace.limits import KEEP, bytes_text, free_bytes
 from cspace.sources import Source, changed
-from cspace.states import BLOCKED, MIXED
 from cspace.store.tiled import Index, Record, Store
 from cspace.threads import cores, in_threads
-from cspace.version import __version__
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cspace.angles import TURN, wrapped
-from cspace.arrays import Floats
+from cspace.arrays import BLOCKED, FREE, MIXED, Floats
 from cspace.errors import InputError
 from cspace.plot.arms import ROOM, ArmFigure, along_joints
 from cspace.plot.artists import CLASSES, COLLIDES, UNDECIDED
-from cspace.states import BLOCKED, FREE, MIXED
+from cspace.rotations.base import TURN, wrapped
 from cspace.view.canvas import MARKS, Canvas, Dial, as_light, far_apart, samples, state_text
 from cspace.view.scene import KINDS, ROBOT, rgb
 

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Floats, Surface
+from cspace.arrays import BLOCKED, FREE, MIXED, Floats, Surface
 from cspace.errors import ConfigurationError
 from cspace.plot.artists import GOAL
-from cspace.states import BLOCKED, FREE, MIXED
 from cspace.view.scene import path_colors, rgb
 
 if TYPE_CHECKING:

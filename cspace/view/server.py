@@ -10,8 +10,8 @@ from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
+from cspace.check import whole
 from cspace.errors import InputError, optional
-from cspace.grid import whole
 
 if TYPE_CHECKING:
     from viser import ViserServer

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import handmade
 from cspace import FREE, MIXED
-from cspace.angles import MAX_ANGLE
+from cspace.rotations.base import MAX_ANGLE
 from handmade import Outside, outsides
 from placements import draw_configurations
 from strategies import seeds

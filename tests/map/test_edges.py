@@ -14,8 +14,8 @@ import cspace
 import handmade
 import oracles
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
-from cspace.angles import ANGLE_SLACK, TURN
 from cspace.rotations import Rotations
+from cspace.rotations.base import ANGLE_SLACK, TURN
 from handmade import Outside, but, cells_around, map_of, outsides, state_of, states, walled
 from planning import edge
 from strategies import rotation_cells, seeds

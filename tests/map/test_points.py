@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 import cspace
 import handmade
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
-from cspace.angles import ANGLE_SLACK, MAX_ANGLE, TURN
 from cspace.rotations import Rotations
+from cspace.rotations.base import ANGLE_SLACK, MAX_ANGLE, TURN
 from handmade import Outside, but, map_of, outsides, state_of, states, walled
 from strategies import rotation_cells, seeds
 

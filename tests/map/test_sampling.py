@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 import handmade
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
-from cspace.angles import TURN
 from cspace.rotations import Rotations
+from cspace.rotations.base import TURN
 from strategies import rotation_cells, seeds
 
 BORDERS = [-1.0, -0.8, 0.5, 0.6, 3.0, TURN - 1]

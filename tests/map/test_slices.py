@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 import cspace
 import oracles
 from cspace import Robot, Workspace
-from cspace.angles import TURN
 from cspace.engines.slices import raster_parts, slice_rasters
 from cspace.rotations import Rotations, Turn
+from cspace.rotations.base import TURN
 from cspace.shapes import Shape
 from strategies import robots
 

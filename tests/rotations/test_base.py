@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cspace import InputError
-from cspace.angles import wrapped
 from cspace.rotations import Rotations
+from cspace.rotations.base import wrapped
 
 NONE, YAW, QUATERNION = Rotations.of(None), Rotations.of(1), Rotations.quaternions(1)
 RNG = np.random.default_rng(5)

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace import InputError, Robot, Workspace
-from cspace.angles import ANGLE_SLACK, MAX_ANGLE, TURN, wrapped
 from cspace.rotations import Rotations
+from cspace.rotations.base import ANGLE_SLACK, MAX_ANGLE, TURN, wrapped
 from strategies import rotation_cells, seeds
 
 

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 import planners
 from cspace import FREE, CSpace, InputError, Robot, Workspace, build
+from cspace.arrays import FIELD_NAMES
 from cspace.rotations import Rotations
 from cspace.spectral import FourierOverlap, OverlapField
-from cspace.states import FIELDS
 from handmade import map_in
 from maps import same
 
@@ -204,7 +204,7 @@ def test_the_map_is_the_same_and_the_field_that_of_the_overlap(kind: str) -> Non
     same(space, without(made))
     assert space.overlap_field is None and made.overlap_field is not None
     assert made.overlap_field.space is made and made.overlap_field.values.max() > 0.0
-    assert list(made.overlap_field.arrays) == list(FIELDS[: 1 + space.grid.dim])
+    assert list(made.overlap_field.arrays) == list(FIELD_NAMES[: 1 + space.grid.dim])
     for name, array in made.overlap_field.arrays.items():
         np.testing.assert_array_equal(array, expected.arrays[name])
         with pytest.raises(ValueError, match="read-only"):
@@ -212,7 +212,7 @@ def test_the_map_is_the_same_and_the_field_that_of_the_overlap(kind: str) -> Non
     assert made.clearance(made.nearest_free([0.0] * space.dof)) == clearance
     assert (kind == "shared") == (space.rotations.dof and len(space.record.states) < space.rotations.count)
     again = build(made.workspace, made.robot, rotations=made.rotations)
-    assert again.overlap_field is None and not set(FIELDS) & set(again.to_xarray())
+    assert again.overlap_field is None and not set(FIELD_NAMES) & set(again.to_xarray())
 
 
 @pytest.mark.parametrize("kind", [*KINDS, "turning"])
@@ -234,10 +234,10 @@ def test_an_update_lets_the_field_go_and_leaves_other_maps(kind: str) -> None:
     ("fields", "message"),
     [
         ({"penetration": (3, 2)}, "fields are penetration; .* must be penetration, penetration_x, penetration_y"),
-        (dict.fromkeys(FIELDS, (3, 2)), "penetration_z; of a map of 2 axes they must be"),
-        (dict.fromkeys([*FIELDS[:2], "depth"], (3, 2)), "fields are penetration, penetration_x, depth"),
-        (dict.fromkeys(FIELDS[:3], (2, 3)), r"penetration has shape \(2, 3\) .* the map's shape \(3, 2\)"),
-        (dict.fromkeys(FIELDS[:3], (1, 3, 2)), r"penetration has shape \(1, 3, 2\)"),
+        (dict.fromkeys(FIELD_NAMES, (3, 2)), "penetration_z; of a map of 2 axes they must be"),
+        (dict.fromkeys([*FIELD_NAMES[:2], "depth"], (3, 2)), "fields are penetration, penetration_x, depth"),
+        (dict.fromkeys(FIELD_NAMES[:3], (2, 3)), r"penetration has shape \(2, 3\) .* the map's shape \(3, 2\)"),
+        (dict.fromkeys(FIELD_NAMES[:3], (1, 3, 2)), r"penetration has shape \(1, 3, 2\)"),
     ],
 )
 def test_half_a_field_is_refused(fields: dict[str, tuple[int, ...]], message: str) -> None:
@@ -251,12 +251,12 @@ def test_half_a_field_is_refused(fields: dict[str, tuple[int, ...]], message: st
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_values_that_are_no_numbers_are_refused(value: float) -> None:
     space = build(Workspace.from_array(np.zeros((3, 2), dtype=bool), 0.1), Robot.disc(0.01))
-    arrays = {name: np.zeros((3, 2)) for name in FIELDS[:3]}
+    arrays = {name: np.zeros((3, 2)) for name in FIELD_NAMES[:3]}
     arrays["penetration_y"][2, 1] = value
     with pytest.raises(InputError, match=r"penetration_y\[2, 1\] is (nan|-?inf)"):
         without(space, arrays)
     with pytest.raises(InputError, match="type float32"):
-        without(space, {name: np.zeros((3, 2), np.float32) for name in FIELDS[:3]})
+        without(space, {name: np.zeros((3, 2), np.float32) for name in FIELD_NAMES[:3]})
 
 
 def test_a_field_that_does_not_fit_into_memory_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
