@@ -1,5 +1,6 @@
 """What is drawn in a figure: its pixels, its words, the colours of its classes."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -74,3 +75,17 @@ def class_of(space: CSpace, states: set[int], occupied: bool) -> str:
     if occupied:
         return "obstacle, free for the reference point" if best == FREE else "obstacle"
     return "free at some rotations" if best == FREE and len(states) > 1 else NAMES[best]
+
+
+def check_cells(
+    space: CSpace, ax: Any, image: NDArray[np.uint8], cells: NDArray[np.int64], rotations: Sequence[Any]
+) -> set[str]:
+    """Check that cells of a map in the plane have the colours of their states at rotations; return what they show."""
+    seen = set()
+    for cell in cells:
+        x, y = space.grid.center_of(cell)
+        states = {int(space.classify((x, y, *rotation))) for rotation in rotations}
+        name = class_of(space, states, bool(space.workspace.outer[tuple(cell)]))
+        assert pixel(ax, image, x, y) == COLORS[name]
+        seen.add(name)
+    return seen

@@ -1,10 +1,9 @@
 """Dials: the state of each rotation at one position."""
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
-from cspace import CSpace, InputError, Robot, Rotations, Workspace, build
+from cspace import CSpace, Robot, Rotations, Workspace, build
 from cspace.plot import plot
 from pictures import COLORS, class_of, labels, pixel, rendered
 
@@ -55,13 +54,3 @@ def test_discs_of_headings_and_tilts() -> None:
         for place, turn in zip(zip(x, y, strict=True), turns.as_quat(), strict=True):
             right += pixel(ax, image, *place) == color_at(space, *turn)
     assert right >= 220  # of 240: some lie on the border of two cells, or on a word
-
-
-def test_only_maps_with_rotations_have_dials() -> None:
-    flat = build(Workspace.from_array(np.zeros((9, 9), bool), 0.1), Robot.disc(0.1))
-    with pytest.raises(InputError, match="view"):
-        plot(flat, view="rotations")
-    with pytest.raises(InputError, match="rotation"):
-        plot(room(4), view="rotations", rotation=0.0)
-    with pytest.raises(InputError, match="must lie in the grid"):
-        plot(room(4), view="rotations", at=(9.0, 0.0, 0.0))

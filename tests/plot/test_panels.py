@@ -6,42 +6,35 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cspace import CSpace, InputError, Robot, Rotations, Workspace, build
+from cspace import CSpace, Robot, Rotations, Workspace, build
 from cspace.plot import plot
-from pictures import COLORS, check_within, class_of, heading, heading_box, labels, pixel, rendered, yard
-
-
-@pytest.fixture(scope="module")
-def space() -> CSpace:
-    return yard(Robot.rectangle(1.2, 0.4, center=(0.3, 0.0)))
+from pictures import COLORS, check_cells, class_of, heading, labels, pixel, rendered
 
 
 def yaws_of(ax: Any) -> list[str]:
     return [panel.get_title(loc="left") for panel in ax.figure.axes]
 
 
-def test_each_panel_shows_its_slice(space: CSpace) -> None:
+def test_each_panel_shows_its_slice(turning: CSpace) -> None:
     yaws = [0.0, 0.7, math.pi / 2, -2.0]
-    first = plot(space, rotation=yaws)
+    first = plot(turning, rotation=yaws)
     image, panels = rendered(first), first.figure.axes
     assert first is panels[0]
     assert (len(panels), len(first.figure.legends)) == (4, 1)
     for ax, yaw in zip(panels, yaws, strict=True):
         assert (ax.get_xlim(), ax.get_ylim(), ax.get_aspect()) == ((0.0, 8.0), (0.0, 5.0), 1.0)
-        for cell in np.random.default_rng(1).integers(0, space.grid.shape, (200, 2)):
-            x, y = space.grid.center_of(cell)
-            name = class_of(space, {int(space.classify((x, y, yaw)))}, bool(space.workspace.outer[tuple(cell)]))
-            assert pixel(ax, image, x, y) == COLORS[name]
+        cells = np.random.default_rng(1).integers(0, turning.grid.shape, (100, 2))
+        check_cells(turning, ax, image, cells, [(yaw,)])
 
 
-def test_the_yaws_that_are_shown(space: CSpace) -> None:
-    assert yaws_of(plot(space, view="panels")) == [f"yaw {yaw}°" for yaw in (0, 60, 120, -180, -120, -60)]
-    assert yaws_of(plot(space, rotation=np.radians([10, 350]))) == ["yaw 10°", "yaw -10°"]
-    assert yaws_of(plot(space, rotation=0.0, view="panels")) == ["yaw 0°"]
+def test_the_yaws_that_are_shown(turning: CSpace) -> None:
+    assert yaws_of(plot(turning, view="panels")) == [f"yaw {yaw}°" for yaw in (0, 60, 120, -180, -120, -60)]
+    assert yaws_of(plot(turning, rotation=np.radians([10, 350]))) == ["yaw 10°", "yaw -10°"]
+    assert yaws_of(plot(turning, rotation=0.0, view="panels")) == ["yaw 0°"]
     # Half of the slices of a rectangle around its middle differ, and one of a disc's.
-    around = build(space.workspace, Robot.rectangle(1.0, 0.4), rotations=24)
+    around = build(turning.workspace, Robot.rectangle(1.0, 0.4), rotations=24)
     assert yaws_of(plot(around, view="panels")) == [f"yaw {yaw}°" for yaw in (0, 30, 60, 90, 120, 150)]
-    assert len(yaws_of(plot(build(space.workspace, Robot.disc(0.3), rotations=24), view="panels"))) == 1
+    assert len(yaws_of(plot(build(turning.workspace, Robot.disc(0.3), rotations=24), view="panels"))) == 1
 
 
 def lines_of(ax: Any) -> dict[str, Any]:
@@ -50,11 +43,11 @@ def lines_of(ax: Any) -> dict[str, Any]:
     return {label: points[np.isfinite(points).all(axis=1)] for label, points in drawn.items()}
 
 
-def test_panel_draws_the_part_of_the_path_nearest_to_its_yaw(space: CSpace) -> None:
+def test_panel_draws_the_part_of_the_path_nearest_to_its_yaw(turning: CSpace) -> None:
     # The robot turns by a radian for each metre along x, so that x tells the yaw.
     path = np.array([(x, 2.0, x - 1.0) for x in (1.0, 2.5, 4.0, 5.5, 7.0)])
     yaws, length = np.radians(np.arange(6) * 60.0), 0.0
-    first = plot(space, rotation=yaws, path=path)
+    first = plot(turning, rotation=yaws, path=path)
     for ax, yaw in zip(first.figure.axes, yaws.tolist(), strict=True):
         drawn = lines_of(ax)
         (part,) = (points for label, points in drawn.items() if label.startswith("path"))
@@ -67,8 +60,8 @@ def test_panel_draws_the_part_of_the_path_nearest_to_its_yaw(space: CSpace) -> N
     assert labels(first)[4:] == ["path, in the panel of the nearest rotation", "start", "goal"]
 
 
-def test_yaws_that_share_a_slice_share_a_panel(space: CSpace) -> None:
-    around = build(space.workspace, Robot.rectangle(1.0, 0.4), rotations=24)  # half a turn maps it to itself
+def test_yaws_that_share_a_slice_share_a_panel(turning: CSpace) -> None:
+    around = build(turning.workspace, Robot.rectangle(1.0, 0.4), rotations=24)  # half a turn maps it to itself
     path = [(1.0, 4.0, math.pi), (3.0, 4.0, math.pi), (4.0, 4.0, -math.pi / 2)]
     panels = {ax.get_title(loc="left"): lines_of(ax) for ax in plot(around, view="panels", path=path).figure.axes}
     name = "path, in the panel of the nearest rotation"
@@ -76,24 +69,6 @@ def test_yaws_that_share_a_slice_share_a_panel(space: CSpace) -> None:
     assert panels["yaw 90°"][name][-1].tolist() == [4.0, 4.0] and "goal" in panels["yaw 90°"]
     one = plot(around, rotation=0.0, view="panels", path=path)
     np.testing.assert_allclose(lines_of(one)["path"][[0, -1]], [(1.0, 4.0), (4.0, 4.0)])
-
-
-@pytest.mark.parametrize(
-    ("count", "shape"), [(1, (90, 20)), (7, (90, 20)), (3, (20, 90)), (7, (1, 200)), (36, (20, 90))]
-)
-def test_any_number_of_panels_of_any_shape(count: int, shape: tuple[int, int]) -> None:
-    workspace = Workspace.from_array(np.zeros(shape, bool), 0.1)
-    space = build(workspace, Robot.rectangle(0.2, 0.1, center=(0.03, 0.0)), rotations=8, outside="free")
-    figure = plot(space, rotation=np.linspace(0, 6, count), view="panels").figure
-    assert len(figure.axes) == count
-    assert max(figure.get_size_inches()) < 20
-    if count < 8:
-        figure.draw_without_rendering()
-        outer = [figure.legends[0].get_window_extent(), heading_box(figure)]
-        panels = [ax.get_tightbbox() for ax in figure.axes]
-        check_within(figure, *outer, *panels)
-        assert not any(box.overlaps(panel) for box in outer for panel in panels)
-        assert all(min(ax.get_window_extent().width, ax.get_window_extent().height) > 15 for ax in figure.axes)
 
 
 def test_panels_at_rotations_about_any_axis() -> None:
@@ -115,5 +90,3 @@ def test_panels_at_rotations_about_any_axis() -> None:
                 assert pixel(ax, image, x, y) == COLORS[name]
     assert len(yaws_of(plot(space, view="panels"))) == 6
     assert "turned 90° about (1, 0, 0), in a rotation cell of " in heading(plot(space, rotation=turns[1]))
-    with pytest.raises(InputError, match="given by qx, qy, qz, qw"):
-        plot(space, rotation=(0.0, 0.0, 1.0))

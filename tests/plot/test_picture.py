@@ -2,6 +2,7 @@
 
 import base64
 import io
+import itertools
 import math
 import os
 import subprocess
@@ -19,45 +20,27 @@ from PIL import Image
 
 import cspace
 from cspace import FREE, CSpace, Robot, Workspace, build
-from cspace.errors import FileError, InputError
-from cspace.plot import artists, plot, save_plot
+from cspace.plot import artists, plot
 from cspace.plot.artists import CLASSES
 from cspace.plot.route import rings
 from cspace.view import scene
-from pictures import COLORS, block, check_within, class_of, heading, heading_box, labels, pixel, rendered, yard
-
-
-@pytest.fixture(scope="module")
-def space() -> CSpace:
-    return build(block(), Robot.disc(0.32))
-
-
-@pytest.fixture(scope="module")
-def turning() -> CSpace:
-    """The robot is long, and its reference point off its middle."""
-    return yard(Robot.rectangle(1.2, 0.4, center=(0.3, 0.0)))
-
+from pictures import COLORS, check_cells, check_within, class_of, heading, heading_box, labels, pixel, rendered
 
 # ----------------------------------------------------------------------------------------------- cells
 
 
 @pytest.mark.parametrize("yaw", ["none", None, 0.0, 1.2, -2.0, 7.0])
-def test_every_pixel_shows_its_cell(space: CSpace, turning: CSpace, yaw: Any) -> None:
+def test_each_pixel_shows_the_state_of_its_cell(flat: CSpace, turning: CSpace, yaw: Any) -> None:
     """One slice, or, without a yaw, all of them: asked of the map configuration by configuration."""
-    shown = space if yaw == "none" else turning
+    shown = flat if yaw == "none" else turning
     ax = plot(shown, rotation=None if yaw == "none" else yaw)
-    image, seen = rendered(ax), set()
     yaws = [()] if yaw == "none" else [(yaw,)] if yaw is not None else [(q,) for q in turning.rotations.representatives]
-    for cell in np.random.default_rng(2).integers(0, shown.grid.shape, (400, 2)):
-        x, y = shown.grid.center_of(cell)
-        states = {int(shown.classify((x, y, *more))) for more in yaws}
-        seen.add(class_of(shown, states, bool(shown.workspace.outer[tuple(cell)])))
-        assert pixel(ax, image, x, y) == COLORS[class_of(shown, states, bool(shown.workspace.outer[tuple(cell)]))]
-    assert len(seen) == (5 if yaw is None else 4)
+    cells = np.random.default_rng(2).integers(0, shown.grid.shape, (400, 2))
+    assert len(check_cells(shown, ax, rendered(ax), cells, yaws)) == (5 if yaw is None else 4)
 
 
-def test_metres_and_names(space: CSpace) -> None:
-    ax = plot(space)
+def test_axes_are_in_metres_and_named(flat: CSpace) -> None:
+    ax = plot(flat)
     assert (ax.get_xlim(), ax.get_ylim(), ax.get_aspect()) == ((0.0, 8.0), (0.0, 5.0), 1.0)
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("x (m)", "y (m)")
     assert heading(ax) == "disc 0.32 m, cells of 0.1 m"
@@ -73,10 +56,10 @@ def test_the_title_tells_yaw_and_width(turning: CSpace) -> None:
     assert "3 rotation cells of 10° to 260°" in heading(plot(uneven))
 
 
-def test_the_legend_names_what_is_there(space: CSpace, turning: CSpace) -> None:
-    assert labels(plot(space)) == ["obstacle", "C-obstacle (BLOCKED)", "undecided (MIXED)", "free"]
-    assert labels(plot(space, path=[(1, 1), (1, 4), (7, 4)]))[4:] == ["path", "robot", "start", "goal"]
-    assert labels(plot(space, legend=False)) == []
+def test_the_legend_names_what_is_there(flat: CSpace, turning: CSpace) -> None:
+    assert labels(plot(flat)) == ["obstacle", "C-obstacle (BLOCKED)", "undecided (MIXED)", "free"]
+    assert labels(plot(flat, path=[(1, 1), (1, 4), (7, 4)]))[4:] == ["path", "robot", "start", "goal"]
+    assert labels(plot(flat, legend=False)) == []
     assert labels(plot(turning)) == [
         *(
             "obstacle",
@@ -100,6 +83,8 @@ def test_outside_the_grid_the_picture_says_nothing(outside: str) -> None:
     assert not shown & set(COLORS.values())
     assert "outside the grid" in labels(ax)
     assert "outside the grid" not in labels(plot(space))
+    high = build(Workspace.from_array(np.zeros((5, 5, 5), bool), 0.1), Robot.ball(0.1), outside=outside)
+    assert "outside the grid" in labels(plot(high, start=(-1.0, 0.2, 0.2)))
 
 
 def test_obstacles_that_the_reference_point_may_enter() -> None:
@@ -185,32 +170,12 @@ def test_what_is_unknown_is_drawn_apart(taken: str) -> None:
 # ----------------------------------------------------------------------------------------------- a part, and notebooks
 
 
-def test_zoom_shows_a_part(turning: CSpace) -> None:
-    """A square around the point, a quarter as long as the map, with its cells and what of the path is in there."""
-    path = [(1.0, 3.0, 0.0), (4.0, 3.0, 0.0), (7.0, 4.0, 1.0)]
-    ax = plot(turning, rotation=0.0, zoom=4.0, at=(4.5, 2.5), path=path)
-    assert (*ax.get_xlim(), *ax.get_ylim()) == pytest.approx((3.5, 5.5, 1.5, 3.5))
-    image = rendered(ax)
-    grid = turning.grid
-    for cell in np.random.default_rng(2).integers((36, 16), (54, 27), (100, 2)):
-        x, y = grid.center_of(cell)
-        name = class_of(turning, {int(turning.classify((x, y, 0.0)))}, bool(turning.workspace.outer[tuple(cell)]))
-        assert pixel(ax, image, x, y) == COLORS[name]
-    assert "start" not in labels(ax)
-    assert "outside the grid" not in labels(ax)
-    assert {"path", "robot"} <= set(labels(ax))
-    # It goes to the middle of the path by itself, and ends where the map does.
-    assert np.mean(plot(turning, zoom=4.0, path=[(2, 1, 0), (2, 4, 0)]).get_xlim()) == pytest.approx(2.0)
-    assert plot(turning, zoom=4.0, at=(0.2, 0.1)).get_xlim() == pytest.approx((0.0, 1.2))
-    assert len(plot(turning, zoom=1e9, at=(4.51, 2.51)).images[0].get_extent()) == 4
-
-
-def test_a_notebook_shows_the_figure(space: CSpace) -> None:
+def test_a_notebook_shows_the_figure(flat: CSpace) -> None:
     """As a picture, where the figure is its own; axes of the caller are shown by whoever made them."""
-    html = vars(space.plot())["_repr_html_"]()
+    html = vars(flat.plot())["_repr_html_"]()
     png = base64.b64decode(html.split("base64,")[1].split('"')[0])
     assert Image.open(io.BytesIO(png)).size[0] > 400
-    assert not hasattr(space.plot(ax=Figure().add_subplot()), "_repr_html_")
+    assert not hasattr(flat.plot(ax=Figure().add_subplot()), "_repr_html_")
 
 
 # ----------------------------------------------------------------------------------------------- path, robots, marks
@@ -224,37 +189,32 @@ def boxes(ax: Any, number: int = 0) -> list[Any]:
     return [outline.get_extents() for outline in ax.collections[number].get_paths()]
 
 
-def test_path_and_marks_are_where_they_belong(space: CSpace) -> None:
+def test_path_and_marks_are_where_they_belong(flat: CSpace) -> None:
     class WithPath:
         path = np.array([(1.0, 1.0), (1.0, 4.0), (7.0, 4.0)])
 
     for path in (WithPath(), WithPath.path.tolist()):
-        assert drawn(plot(space, path=path)) == {
+        assert drawn(plot(flat, path=path)) == {
             "path": WithPath.path.tolist(),
             "start": [[1.0, 1.0]],
             "goal": [[7.0, 4.0]],
         }
-    assert drawn(plot(space, start=(1, 2))) == {"start": [[1.0, 2.0]]}
+    assert drawn(plot(flat, start=(1, 2))) == {"start": [[1.0, 2.0]]}
 
 
-def test_robots_along_the_path(space: CSpace) -> None:
-    ax = plot(space, path=[(1, 1), (1, 4), (7, 4)], robot_every=1.0)
-    middles = np.array([[(box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2] for box in boxes(ax)])
+def test_robots_are_drawn_along_the_path_and_turned(flat: CSpace, turning: CSpace) -> None:
+    drawn = boxes(plot(flat, path=[(1, 1), (1, 4), (7, 4)], robot_every=1.0))
+    middles = np.array([[(box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2] for box in drawn])
     between = [(1, 2), (1, 3), (1, 4), (2, 4), (3, 4), (4, 4), (5, 4), (6, 4)]
     np.testing.assert_allclose(middles, [*between, (1, 1), (7, 4)], atol=1e-9)
-    np.testing.assert_allclose([box.width for box in boxes(ax)], 0.64, atol=1e-9)
-    assert len(boxes(plot(space, path=[(1, 1), (7, 4)], robot_every=float("inf")))) == 2
-    assert 5 < len(boxes(plot(space, path=[(1, 1), (7, 4)]))) < 20
-    assert len(boxes(plot(space, path=[(1.0, 1.0)]))) == 2
-
-
-def test_robots_are_turned(turning: CSpace) -> None:
-    ax = plot(turning, path=[(2, 1, math.pi / 2), (2, 4, math.pi / 2)], robot_every=1.0)
-    robots = boxes(ax)
-    np.testing.assert_allclose([(box.x0, box.x1) for box in robots], [(1.8, 2.2)] * 4, atol=1e-9)
+    np.testing.assert_allclose([box.width for box in drawn], 0.64, atol=1e-9)
+    assert len(boxes(plot(flat, path=[(1, 1), (7, 4)], robot_every=float("inf")))) == 2
+    assert 5 < len(boxes(plot(flat, path=[(1, 1), (7, 4)]))) < 20
+    assert len(boxes(plot(flat, path=[(1.0, 1.0)]))) == 2
     # The reference point is 0.3 m behind the middle, and the ends come last.
-    np.testing.assert_allclose([box.y0 for box in robots], np.array([2.0, 3.0, 1.0, 4.0]) - 0.3, atol=1e-9)
-    np.testing.assert_allclose([box.height for box in robots], 1.2, atol=1e-9)
+    drawn = boxes(plot(turning, path=[(2, 1, math.pi / 2), (2, 4, math.pi / 2)], robot_every=1.0))
+    expected = [(1.8, 2.2, y - 0.3, y + 0.9) for y in (2.0, 3.0, 1.0, 4.0)]
+    np.testing.assert_allclose([(box.x0, box.x1, box.y0, box.y1) for box in drawn], expected, atol=1e-9)
     assert 4 <= len(boxes(plot(turning, path=[(3, 3, 0), (3, 3, 3.0)]))) < 20  # a turn on the spot
     middle = boxes(plot(turning, path=[(2, 2, 3.0), (5, 2, -3.0)], robot_every=2.0))[0]  # the shorter way round
     np.testing.assert_allclose((middle.x0, middle.x1, middle.height), (3.5 - 0.9, 3.5 + 0.3, 0.4), atol=1e-9)
@@ -289,30 +249,82 @@ def test_holes_of_the_robot_stay_open() -> None:
 # ----------------------------------------------------------------------------------------------- figures
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 300), (300, 1), (2, 3), (300, 10), (60, 50), (50, 60)])
-def test_all_is_in_the_figure(shape: tuple[int, int]) -> None:
-    """Words and legend lie in the figure and hide nothing, whatever the shape of the map."""
-    space = build(Workspace.from_array(np.zeros(shape, bool), 0.1), Robot.disc(0.01), outside="free")
-    ax = plot(space, path=[space.grid.center_of((0, 0)), space.grid.upper])
-    image = rendered(ax, arranged=True)
-    panel, legend = ax.get_window_extent(), ax.figure.legends[0].get_window_extent()
-    check_within(ax.figure, panel, legend, heading_box(ax.figure))
-    assert not legend.overlaps(panel)
-    assert not legend.overlaps(ax.xaxis.label.get_window_extent())
-    assert min(panel.width, panel.height) > 60
-    assert ("stretched" in heading(ax)) == (max(shape) / min(shape) > 12)
-    assert image.shape[0] * image.shape[1] < 2_000_000
+def stage(view: str, shape: tuple[int, ...], count: int) -> Any:
+    """Axes of a picture of an empty map of a shape, in a view, with a path from corner to corner."""
+    turns = {"rotations": 8} if view == "panels" else {}
+    robot = Robot.box((0.01, 0.01, 0.01)) if len(shape) == 3 else Robot.rectangle(0.2, 0.1, center=(0.03, 0.0))
+    space = build(Workspace.from_array(np.zeros(shape, bool), 0.1), robot, outside="free", **turns)  # type: ignore[arg-type]
+    if view == "panels":
+        return plot(space, rotation=np.linspace(0, 6, count), view=view)
+    return plot(space, view=view, path=[space.grid.lower, space.grid.upper])
 
 
-def test_axes_of_the_caller(space: CSpace) -> None:
+@pytest.mark.parametrize(
+    ("view", "shape", "count", "stretched"),
+    [
+        *[
+            ("plane", shape, 1, max(shape) / min(shape) > 12)
+            for shape in [(1, 1), (1, 300), (2, 3), (300, 10), (50, 60)]
+        ],
+        *[("panels", (90, 20), count, False) for count in (1, 7)],
+        *[("panels", shape, count, False) for count, shape in [(3, (20, 90)), (7, (1, 200)), (36, (20, 90))]],
+        *[("sections", shape, 3, max(shape) / min(shape) > 24) for shape in [(60, 24, 5), (8, 8, 60), (300, 2, 1)]],
+        *[("sections", shape, 3, max(shape) / min(shape) > 24) for shape in [(1, 1, 300), (1, 1, 1)]],
+    ],
+)
+def test_words_legend_and_panels_lie_in_the_figure_and_hide_nothing(
+    view: str, shape: tuple[int, ...], count: int, stretched: bool
+) -> None:
+    ax = stage(view, shape, count)
+    figure = ax.figure
+    assert len(figure.axes) == count and max(figure.get_size_inches()) < 20
+    if count > 7:
+        return
+    figure.draw_without_rendering()
+    words = [figure.legends[0].get_window_extent(), heading_box(figure)]
+    panels = [panel.get_window_extent() if view == "sections" else panel.get_tightbbox() for panel in figure.axes]
+    words += [panel.texts[0].get_window_extent() for panel in figure.axes if view == "sections"]
+    check_within(figure, *words, *panels)
+    apart = itertools.combinations([*words, *panels], 2) if view == "sections" else itertools.product(words, panels)
+    assert not any(one.overlaps(other) for one, other in apart)
+    sides = [side for panel in figure.axes for side in panel.get_window_extent().size]
+    assert min(sides) > {"plane": 60, "panels": 15, "sections": 25}[view]
+    assert ("stretched" in heading(ax)) == stretched or view == "panels"
+    assert figure.bbox.width * figure.bbox.height < 2_500_000 or view == "panels"
+
+
+def test_zoom_shows_a_part_of_each_view(flat: CSpace, turning: CSpace, hall: CSpace) -> None:
+    path = [(1.0, 3.0, 0.0), (4.0, 3.0, 0.0), (7.0, 4.0, 1.0)]
+    ax = plot(turning, rotation=0.0, zoom=4.0, at=(4.5, 2.5), path=path)
+    assert (*ax.get_xlim(), *ax.get_ylim()) == pytest.approx((3.5, 5.5, 1.5, 3.5))
+    check_cells(turning, ax, rendered(ax), np.random.default_rng(2).integers((36, 16), (54, 27), (100, 2)), [(0.0,)])
+    assert not {"start", "outside the grid"} & set(labels(ax)) and {"path", "robot"} <= set(labels(ax))
+    # It goes to the middle of the path by itself, and ends where the map does.
+    assert np.mean(plot(turning, zoom=4.0, path=[(2, 1, 0), (2, 4, 0)]).get_xlim()) == pytest.approx(2.0)
+    assert plot(turning, zoom=4.0, at=(0.2, 0.1)).get_xlim() == pytest.approx((0.0, 1.2))
+    assert len(plot(turning, zoom=1e9, at=(4.51, 2.51)).images[0].get_extent()) == 4
+    path = [(0.6, 3.2, 1.2), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
+    sides = [(2.0, 4.0), (0.2, 2.2), (0.0, 2.0)]
+    panels = plot(hall, zoom=3.0, at=(3.0, 1.2, 1.0), path=path).figure.axes
+    for panel, (right, up) in zip(panels, [(0, 1), (0, 2), (1, 2)], strict=True):
+        limits = sorted([panel.get_xlim(), panel.get_ylim()])
+        np.testing.assert_allclose(limits, sorted([sides[right], sides[up]]))
+    solid = plot(hall, view="3d", path=path, zoom=3.0, at=(3.0, 1.2, 1.0))
+    np.testing.assert_allclose([solid.get_xlim(), solid.get_ylim(), solid.get_zlim()], sides)
+    line = next(np.transpose(one.get_data_3d()) for one in solid.lines if one.get_label().startswith("path"))
+    np.testing.assert_allclose([np.nanmin(line, axis=0)[0], np.nanmax(line, axis=0)[0]], sides[0])
+    assert "goal" not in labels(solid)
+
+
+def test_axes_of_the_caller(flat: CSpace) -> None:
     figure = Figure(figsize=(9, 4))
     left, right = figure.subplots(1, 2)
-    assert plot(space, ax=right) is right
+    assert plot(flat, ax=right) is right
     assert (len(left.images), len(right.images)) == (0, 1)
     assert "disc" in right.get_title()
     assert not figure.legends
     assert right.get_legend() is not None
-    assert plot(space, ax=left, title="mine").get_title() == "mine"
+    assert plot(flat, ax=left, title="mine").get_title() == "mine"
 
 
 def test_no_window_and_no_display(tmp_path: Path) -> None:
@@ -329,79 +341,3 @@ def test_no_window_and_no_display(tmp_path: Path) -> None:
     environment["MPLCONFIGDIR"] = matplotlib.get_cachedir()  # which knows the fonts
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-
-
-# ----------------------------------------------------------------------------------------------- files and bad input
-
-
-@pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg", ".jpg"])
-def test_files(space: CSpace, tmp_path: Path, suffix: str) -> None:
-    file = tmp_path / f"map{suffix}"
-    file.write_text("precious")
-    with pytest.raises(FileError, match="exists"):
-        save_plot(space, file)
-    assert file.read_text() == "precious"
-    save_plot(space, file, overwrite=True, path=[(1, 1), (1, 4)])
-    begin = {".png": b"\x89PNG", ".pdf": b"%PDF", ".svg": b"<?xml", ".jpg": b"\xff\xd8"}[suffix]
-    assert file.read_bytes().startswith(begin)
-    assert [entry.name for entry in tmp_path.iterdir()] == [file.name]
-    with pytest.raises(FileError, match="folder"):
-        save_plot(space, tmp_path / "absent" / "map.png")
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"path": [1.0, 2.0]}, "path has shape (2,)"),
-        ({"path": [(1.0, 2.0, 3.0)]}, "path has shape (1, 3)"),
-        ({"path": [(1.0, float("nan"))]}, "path[0, 1] is nan"),
-        ({"start": [(1.0, 2.0)]}, "start has shape (1, 2)"),
-        ({"goal": (1.0, float("inf"))}, "goal[1] is inf"),
-        ({"path": [(1, 1), (2, 2)], "robot_every": 0.0}, "robot_every is 0.0"),
-        ({"robot_every": float("nan")}, "robot_every is nan"),
-        ({"dpi": 0}, "dpi is 0"),
-        ({"ax": None}, "ax is given"),
-        ({"rotation": 0.5}, "rotation is 0.5; the map has no rotations"),
-        ({"view": "3d"}, "view is '3d'"),
-        ({"view": "panels"}, "it must be plane"),
-        ({"at": (1, 1, 1), "zoom": 2.0}, "at has shape (3,); it must be (2,)"),
-        ({"at": (1, 1)}, "at is given without zoom; all of the map is drawn; add e.g. zoom=8"),
-        ({"zoom": 0.5}, "zoom is 0.5; it must be at least 1, all of the map"),
-        ({"zoom": math.nan}, "zoom is nan"),
-        ({"zoom": 2.0, "at": (9.0, 1.0)}, "at is (9, 1); it must lie in the grid"),
-        ({"cut": 1.0}, "cut is given; it goes with the view 3d"),
-        ({"file": "map.xyz"}, "suffix is one of .png, .pdf, .svg, .jpg; name it e.g. map.png"),
-    ],
-)
-def test_bad_input(space: CSpace, tmp_path: Path, options: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError) as caught:
-        save_plot(space, tmp_path / options.pop("file", "map.png"), **options)
-    assert message in str(caught.value)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"path": [(1.0, 2.0)]}, "path has shape (1, 2); it must be (n, 3)"),
-        ({"start": (1.0, 2.0)}, "start has shape (2,); it must be (3,); pass one configuration (x, y, yaw)"),
-        ({"goal": (1.0, 2.0, float("inf"))}, "goal[2] is inf"),
-        ({"rotation": float("nan")}, "rotation is nan"),
-        ({"rotation": [0.0, 1.0], "view": "plane"}, "rotation has shape (2,); a rotation is given by yaw"),
-        ({"rotation": 1e9}, "rotation has a yaw of 1e+09 rad"),
-        ({"rotation": "north"}, "rotation is 'north'"),
-        ({"rotation": []}, "rotation gives 0 rotations; from 1 to 64 panels can be shown"),
-        ({"rotation": np.zeros(65)}, "rotation gives 65 rotations"),
-        ({"rotation": [0.0, float("nan")]}, "rotation[1] is nan"),
-    ],
-)
-def test_bad_input_of_a_robot_that_turns(turning: CSpace, options: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError) as caught:
-        plot(turning, **options)
-    assert message in str(caught.value)
-
-
-@pytest.mark.parametrize("wrong", [3, "x", [1, 2]])
-def test_axes_of_another_type_are_refused(space: CSpace, wrong: Any) -> None:
-    with pytest.raises(InputError, match=r"ax is a .*axes of matplotlib"):
-        space.plot(ax=wrong)

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cspace import FREE, CSpace, Grid, Robot, Workspace, build
-from cspace.errors import InputError
 from cspace.plot import artists, plot, surface
 from cspace.plot.surface import border_faces
 from pictures import check_within, heading, heading_box, labels, rendered
@@ -21,17 +20,6 @@ from pictures import check_within, heading, heading_box, labels, rendered
 GRID = Grid((-1.0, 2.0, 0.5), 0.5, (5, 4, 3))
 TOWARDS = np.array([0.6, -0.5, 0.7])
 PATH = [(0.6, 3.2, 1.2), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
-
-
-@pytest.fixture(scope="module")
-def space() -> CSpace:
-    """6 m x 4 m x 2.4 m; a floor, a wall with a window, a block."""
-    occupied = np.zeros((60, 40, 24), bool)
-    occupied[..., 0] = True
-    occupied[28:32] = True
-    occupied[28:32, 6:18, 4:16] = False
-    occupied[45:52, 20:30, :14] = True
-    return build(Workspace.from_array(occupied, 0.1), Robot.box((0.5, 0.4, 0.3)))
 
 
 def places(faces: surface.Faces) -> set[tuple[int, ...]]:
@@ -107,28 +95,28 @@ def polygons(ax: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 @pytest.mark.parametrize("shown", ["obstacles", "free"])
-def test_faces_border_what_is_shown(space: CSpace, shown: str) -> None:
+def test_faces_border_what_is_shown(hall: CSpace, shown: str) -> None:
     """Behind each face lies an obstacle, or a cell that is not FREE; before it neither."""
-    ax = plot(space, view="3d", surface=shown)
+    ax = plot(hall, view="3d", surface=shown)
     corners, colors = polygons(ax)
     assert len(corners) > 500
-    solid = space.workspace.outer if shown == "obstacles" else space.state != FREE
+    solid = hall.workspace.outer if shown == "obstacles" else hall.state != FREE
     normal = np.argmin(np.ptp(corners, axis=1), axis=1)
     towards = surface.direction_of(np.array(surface.CAMERA))
     step = 0.05 * np.sign(towards[normal])[:, np.newaxis] * (np.arange(3) == normal[:, np.newaxis])
     middles = corners.mean(axis=1)
-    assert solid[tuple(space.grid.cell_of(middles - step).T)].all()
+    assert solid[tuple(hall.grid.cell_of(middles - step).T)].all()
     ahead = middles + step
-    inside = space.grid.contains(ahead)
-    faced = solid[tuple(space.grid.cell_of(ahead[inside]).T)]
+    inside = hall.grid.contains(ahead)
+    faced = solid[tuple(hall.grid.cell_of(ahead[inside]).T)]
     assert not faced.any() or shown == "free"  # a peeled layer of a band may remain before the rest
     full = to_rgb(surface.SURFACES[shown][1])
     assert (colors <= np.array(full) + 1e-9).all()
     assert len(np.unique(colors.round(3), axis=0)) > 3
 
 
-def test_path_and_robots_are_sorted_with_the_faces(space: CSpace) -> None:
-    ax = plot(space, view="3d", path=PATH, robot_every=1.0)
+def test_path_and_robots_are_sorted_with_the_faces(hall: CSpace) -> None:
+    ax = plot(hall, view="3d", path=PATH, robot_every=1.0)
     corners, colors = polygons(ax)
     blue = np.abs(colors - to_rgb(artists.PATH)).max(axis=1) < 1e-6
     ribbon = corners[blue].mean(axis=1)
@@ -147,22 +135,6 @@ def test_path_and_robots_are_sorted_with_the_faces(space: CSpace) -> None:
     assert labels(ax) == ["obstacle", "robot", "path, dotted behind something", "start", "goal"]
 
 
-def test_zoom_shows_a_part(space: CSpace) -> None:
-    """Cells, path and robots of a cube around the middle of the path, and nothing beyond it."""
-    ax = plot(space, view="3d", path=PATH, zoom=3.0, at=(3.0, 1.2, 1.0))
-    limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
-    np.testing.assert_allclose(limits, [(2.0, 4.0), (0.2, 2.2), (0.0, 2.0)])
-    corners, colors = polygons(ax)
-    robots = colors[:, 1] > colors[:, 0] + 0.1  # those at the border are drawn whole
-    shown = corners[~robots].reshape(-1, 3)
-    assert (shown >= limits[:, 0] - 1e-9).all()
-    assert (shown <= limits[:, 1] + 1e-9).all()
-    line = next(np.transpose(one.get_data_3d()) for one in ax.lines if one.get_label().startswith("path"))
-    assert np.nanmin(line, axis=0)[0] == pytest.approx(2.0)
-    assert np.nanmax(line, axis=0)[0] == pytest.approx(4.0)
-    assert "goal" not in labels(ax)
-
-
 def test_what_is_unknown_has_its_own_colour() -> None:
     """Blocks of cells that are all unknown, whether cells are joined or not."""
     outer = np.zeros((12, 12, 6), bool)
@@ -178,17 +150,17 @@ def test_what_is_unknown_has_its_own_colour() -> None:
     assert labels(ax) == ["obstacle", "unknown, taken as obstacle"]
 
 
-def test_the_cut_is_above_the_path(space: CSpace) -> None:
-    assert "cut at z = 1.35 m" in heading(plot(space, view="3d", path=PATH))
-    corners, _ = polygons(plot(space, view="3d", path=PATH))
+def test_the_cut_is_above_the_path(hall: CSpace) -> None:
+    assert "cut at z = 1.35 m" in heading(plot(hall, view="3d", path=PATH))
+    corners, _ = polygons(plot(hall, view="3d", path=PATH))
     assert corners[..., 2].max() == pytest.approx(1.4)
-    assert polygons(plot(space, view="3d", path=PATH, cut=2.4))[0][..., 2].max() == pytest.approx(2.4)
-    assert polygons(plot(space, view="3d"))[0][..., 2].max() == pytest.approx(2.4)
+    assert polygons(plot(hall, view="3d", path=PATH, cut=2.4))[0][..., 2].max() == pytest.approx(2.4)
+    assert polygons(plot(hall, view="3d"))[0][..., 2].max() == pytest.approx(2.4)
 
 
 @pytest.mark.parametrize("camera", [None, (90.0, 0.0), (10.0, 80.0)])
-def test_the_picture_fits(space: CSpace, camera: Any) -> None:
-    ax = plot(space, view="3d", path=PATH, camera=camera)
+def test_the_picture_fits(hall: CSpace, camera: Any) -> None:
+    ax = plot(hall, view="3d", path=PATH, camera=camera)
     rendered(ax)
     figure = ax.figure
     texts = [figure.legends[0].get_window_extent(), heading_box(figure)]
@@ -204,28 +176,10 @@ def test_the_picture_fits(space: CSpace, camera: Any) -> None:
     assert np.ptp(shown, axis=0).max() > 0.5 * min(figure.bbox.width, figure.bbox.height)
 
 
-def test_axes_of_the_caller_and_nothing_to_draw(space: CSpace) -> None:
+def test_axes_of_the_caller_and_nothing_to_draw(hall: CSpace) -> None:
     ax = Figure().add_subplot(projection="3d")
-    assert plot(space, view="3d", ax=ax) is ax
+    assert plot(hall, view="3d", ax=ax) is ax
     assert ax.get_title() == "box 0.5 m x 0.4 m x 0.3 m, cells of 0.1 m"
     empty = build(Workspace.from_array(np.zeros((4, 4, 4), bool), 0.1), Robot.ball(0.01), outside="free")
     rendered(plot(empty, view="3d"))
     assert labels(plot(empty, view="3d", start=(0.2, 0.2, 0.2))) == ["robot", "start"]
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"surface": "walls"}, "surface is 'walls'; it must be 'obstacles' or 'free'"),
-        ({"camera": (91.0, 0.0)}, "camera is (91.0, 0.0)"),
-        ({"camera": 30.0}, "the elevation from -90 to 90"),
-        ({"cut": 0.0}, "cut is 0.0; it must be one height in the grid, above 0 and up to 2.4"),
-        ({"cut": 9.0}, "cut is 9.0"),
-        ({"at": (1, 1, 1)}, "at is given without zoom"),
-        ({"ax": Figure().add_subplot()}, "ax has two dimensions"),
-    ],
-)
-def test_bad_input(space: CSpace, options: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError) as caught:
-        plot(space, view="3d", **options)
-    assert message in str(caught.value)

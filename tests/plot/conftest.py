@@ -1,0 +1,30 @@
+"""Maps that tests of pictures share; none changes them."""
+
+import numpy as np
+import pytest
+
+from cspace import CSpace, Robot, Workspace, build
+from pictures import block, yard
+
+
+@pytest.fixture(scope="package")
+def flat() -> CSpace:
+    return build(block(), Robot.disc(0.32))
+
+
+@pytest.fixture(scope="package")
+def turning() -> CSpace:
+    """The robot is long, and its reference point off its middle."""
+    return yard(Robot.rectangle(1.2, 0.4, center=(0.3, 0.0)))
+
+
+@pytest.fixture(scope="package")
+def hall() -> CSpace:
+    """6 m x 4 m x 2.4 m; a floor, a wall with a window at x 2.8 to 3.2, a block and a pillar: nothing is symmetric."""
+    occupied = np.zeros((60, 40, 24), bool)
+    occupied[..., 0] = True
+    occupied[28:32] = True
+    occupied[28:32, 6:18, 4:16] = False
+    occupied[45:52, 20:30, :14] = True
+    occupied[10:16, 22:28] = True
+    return build(Workspace.from_array(occupied, 0.1), Robot.box((0.5, 0.4, 0.3)))
