@@ -22,6 +22,7 @@ from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Rotations, Workspace
 from cspace.engines.slices import slice_rasters
 from cspace.rotations.base import TURN
 from oracles import overlaps_by_shifts
+from refusals import refusals
 from strategies import robots, seeds, solid_robots, stars
 
 H = 0.15
@@ -344,25 +345,23 @@ def test_shape_is_a_robot_with_its_origin_as_reference_point(shape, robot):
 WORKSPACE = Workspace.from_array(np.eye(4, dtype=bool), 0.1)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"rotations": 0}, "rotations is 0"),
-        ({"rotations": -4}, "rotations is -4"),
-        ({"rotations": [0.0, 1.0, 3.0]}, "whole circle"),
-        ({"method": "guess"}, "'fft', 'direct' or 'auto'"),
-        ({"method": "direct", "overlap": True}, "use method='fft' or method='auto'"),
-        ({"method": None}, "method is None"),
-        ({"outside": "unknown"}, "outside is 'unknown'"),
-        ({"margin": -0.1}, "margin is -0.1"),
-        ({"margin": math.nan}, "margin is nan"),
-        ({"workers": 0}, "workers is 0"),
-        ({"robot": 0.3}, "robot is a float; a polygon or a mesh is needed"),
-        ({"robot": [(0.0, 0.0), (1.0, 0.0)]}, "robot is points; points need a radius"),
-        ({"robot": trimesh.creation.box((1, 1, 1))}, "3 dimensions and the workspace 2"),
-        ({"workspace": np.eye(3)}, "workspace is a ndarray"),
-        ({"workspace": Workspace.from_array(np.zeros((2, 2, 2), bool), 0.1)}, "2 dimensions and the workspace 3"),
-    ],
+@refusals(
+    "arguments, message",
+    ({"rotations": 0}, "rotations is 0"),
+    ({"rotations": -4}, "rotations is -4"),
+    ({"rotations": [0.0, 1.0, 3.0]}, "whole circle"),
+    ({"method": "guess"}, "'fft', 'direct' or 'auto'"),
+    ({"method": "direct", "overlap": True}, "use method='fft' or method='auto'"),
+    ({"method": None}, "method is None"),
+    ({"outside": "unknown"}, "outside is 'unknown'"),
+    ({"margin": -0.1}, "margin is -0.1"),
+    ({"margin": math.nan}, "margin is nan"),
+    ({"workers": 0}, "workers is 0"),
+    ({"robot": 0.3}, "robot is a float; a polygon or a mesh is needed"),
+    ({"robot": [(0.0, 0.0), (1.0, 0.0)]}, "robot is points; points need a radius"),
+    ({"robot": trimesh.creation.box((1, 1, 1))}, "3 dimensions and the workspace 2"),
+    ({"workspace": np.eye(3)}, "workspace is a ndarray"),
+    ({"workspace": Workspace.from_array(np.zeros((2, 2, 2), bool), 0.1)}, "2 dimensions and the workspace 3"),
 )
 def test_refuses(arguments, message):
     options = {"workspace": WORKSPACE, "robot": Robot.disc(0.1), **arguments}

@@ -7,6 +7,7 @@ import cspace
 import planners
 from cspace import InputError, Robot, Workspace
 from cspace.errors import LONGEST
+from refusals import refusals
 
 CELLS = np.zeros((40, 30), dtype=bool)
 POINTS = np.random.default_rng(0).random((3000, 2)).tolist()
@@ -17,47 +18,30 @@ def space():
     return cspace.build(Workspace.from_array(CELLS, 0.1), Robot.disc(0.2))
 
 
-@pytest.mark.parametrize(
-    ("call", "beginning"),
-    [
-        (
-            lambda space: planners.plan((1, 1), (9, 1), space),
-            "space is a tuple; it must be a CSpace or an ArmSpace; ",
-        ),
-        (
-            lambda space: planners.plan(space.workspace, (1, 1), (9, 1)),
-            "space is a Workspace; it must be a CSpace or an ArmSpace; ",
-        ),
-        (lambda space: planners.plan(space, space.robot, (9, 1)), "start is Robot(disc 0.2 m, in the plane); "),
-        (
-            lambda space: cspace.build(space.robot, space.workspace),
-            "workspace is a Robot; it must be a Workspace; ",
-        ),
-        (
-            lambda space: cspace.build(CELLS, space.robot),
-            "workspace is a ndarray; it must be a Workspace; call ",
-        ),
-        (
-            lambda space: cspace.build(space.workspace, "disc:0.3"),
-            "robot is a str; it must be a Robot; call ",
-        ),
-        (lambda space: Workspace.from_array(0.1, CELLS), "spacing is array([[False, "),
-        (
-            lambda space: Workspace.from_array(CELLS, (0, 0), 0.1),
-            "spacing is (0, 0); it must be one number ",
-        ),
-        (lambda space: Workspace.from_points(0.1, POINTS), "spacing is [["),
-        (lambda space: Workspace.from_mesh(0.1, "house.stl"), "spacing is 'house.stl'; "),
-        (lambda space: Workspace.from_image(0.1, "map.png"), "path is 0.1; it must be a file name; "),
-        (lambda space: Robot.disc((0, 0), 0.3), "radius is (0, 0); it must be one number above zero; "),
-        (lambda space: Robot.ball((0, 0, 0), 0.3), "radius is (0, 0, 0); "),
-        (lambda space: Robot.balls([0.1, 0.2], [[0, 0], [1, 1]]), "centers has shape (2,); "),
-        (lambda space: space.update((3, 3), np.ones((2, 2), bool)), "cells has shape (2,); "),
-        (lambda space: space.is_free_around(0.2, (1, 1)), "distance is (1, 1); it must be one number, zero or above; "),
-        (lambda space: space.sample_free(np.random.default_rng(0), 3), "n is Generator(PCG64)"),
-        (lambda space: space.sample_free(np.random.default_rng(0)), "n is Generator(PCG64)"),
-        (lambda space: cspace.open(space), "path is CSpace("),
-    ],
+@refusals(
+    "call, beginning",
+    (lambda space: planners.plan((1, 1), (9, 1), space), "space is a tuple; it must be a CSpace or an ArmSpace; "),
+    (
+        lambda space: planners.plan(space.workspace, (1, 1), (9, 1)),
+        "space is a Workspace; it must be a CSpace or an ArmSpace; ",
+    ),
+    (lambda space: planners.plan(space, space.robot, (9, 1)), "start is Robot(disc 0.2 m, in the plane); "),
+    (lambda space: cspace.build(space.robot, space.workspace), "workspace is a Robot; it must be a Workspace; "),
+    (lambda space: cspace.build(CELLS, space.robot), "workspace is a ndarray; it must be a Workspace; call "),
+    (lambda space: cspace.build(space.workspace, "disc:0.3"), "robot is a str; it must be a Robot; call "),
+    (lambda space: Workspace.from_array(0.1, CELLS), "spacing is array([[False, "),
+    (lambda space: Workspace.from_array(CELLS, (0, 0), 0.1), "spacing is (0, 0); it must be one number "),
+    (lambda space: Workspace.from_points(0.1, POINTS), "spacing is [["),
+    (lambda space: Workspace.from_mesh(0.1, "house.stl"), "spacing is 'house.stl'; "),
+    (lambda space: Workspace.from_image(0.1, "map.png"), "path is 0.1; it must be a file name; "),
+    (lambda space: Robot.disc((0, 0), 0.3), "radius is (0, 0); it must be one number above zero; "),
+    (lambda space: Robot.ball((0, 0, 0), 0.3), "radius is (0, 0, 0); "),
+    (lambda space: Robot.balls([0.1, 0.2], [[0, 0], [1, 1]]), "centers has shape (2,); "),
+    (lambda space: space.update((3, 3), np.ones((2, 2), bool)), "cells has shape (2,); "),
+    (lambda space: space.is_free_around(0.2, (1, 1)), "distance is (1, 1); it must be one number, zero or above; "),
+    (lambda space: space.sample_free(np.random.default_rng(0), 3), "n is Generator(PCG64)"),
+    (lambda space: space.sample_free(np.random.default_rng(0)), "n is Generator(PCG64)"),
+    (lambda space: cspace.open(space), "path is CSpace("),
 )
 def test_exchanged_arguments_are_named_in_a_line(space, call, beginning):
     with pytest.raises(InputError) as caught:

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from cspace import Grid, InputError
 from cspace.check import check_word, whole
+from refusals import refusals
 
 
 def test_holds_plain_immutable_values():
@@ -46,20 +47,18 @@ def test_far_points_do_not_wrap_around():
     assert (grid.cell_of((1e300, -1e300)) == (2**62, -(2**62))).all()
 
 
-@pytest.mark.parametrize(
-    ("lower", "spacing", "shape", "message"),
-    [
-        ((0, 0), 0.0, (1, 1), "spacing is 0.0"),
-        ((0, 0), -0.1, (1, 1), "spacing is -0.1"),
-        ((0, 0), float("nan"), (1, 1), "spacing is nan"),
-        ((0, 0), "wide", (1, 1), "spacing is 'wide'"),
-        ((0, np.inf), 1.0, (1, 1), r"lower\[1\] is inf"),
-        ((0,), 1.0, (1,), "lower is"),
-        ((0, 0), 1.0, (1, 0), "shape is"),
-        ((0, 0), 1.0, (1, 2, 3), "shape is"),
-        ((0, 0), 1.0, (1.5, 2), "shape is"),
-        ((1e9, 0), 1e-3, (4, 4), "cells from the origin"),
-    ],
+@refusals(
+    "lower, spacing, shape, message",
+    ((0, 0), 0.0, (1, 1), "spacing is 0.0"),
+    ((0, 0), -0.1, (1, 1), "spacing is -0.1"),
+    ((0, 0), float("nan"), (1, 1), "spacing is nan"),
+    ((0, 0), "wide", (1, 1), "spacing is 'wide'"),
+    ((0, np.inf), 1.0, (1, 1), r"lower\[1\] is inf"),
+    ((0,), 1.0, (1,), "lower is"),
+    ((0, 0), 1.0, (1, 0), "shape is"),
+    ((0, 0), 1.0, (1, 2, 3), "shape is"),
+    ((0, 0), 1.0, (1.5, 2), "shape is"),
+    ((1e9, 0), 1e-3, (4, 4), "cells from the origin"),
 )
 def test_refuses(lower, spacing, shape, message):
     with pytest.raises(InputError, match=message):

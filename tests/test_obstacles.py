@@ -20,6 +20,7 @@ from benchmarks.soak.plane_geometry import placed
 from cspace import BLOCKED, FREE, ConfigurationError, InputError, Robot, Workspace
 from cspace.map.components import Components
 from cspace.shapes import Box, Shape, shape_of
+from refusals import refusals
 from updates import BLOCK, SPACING, World, agree, check, checkers, room, worlds
 from waiting import while_two_ask
 
@@ -270,38 +271,36 @@ def test_robots_and_their_short_texts_are_obstacles() -> None:
         assert not space.is_free(space.placed["e"].outer.bounds[0] + 0.2, exact=True)
 
 
-@pytest.mark.parametrize(
-    ("name", "obstacle", "radius", "message"),
-    [
-        ("cart", Robot.ball(0.3), None, "is in space"),
-        ("cart", "ball:0.3", None, "is in space"),
-        ("cart", "cube:0.3", None, "obstacle is 'cube:0.3'; it must be a short text, WKT, or a file"),
-        ("cart", "ellipse:0.3", None, "must stand RADIUS_X,RADIUS_Y"),
-        ("cart", cspace.arms.Placed(Robot.ball(0.3), np.eye(4)), None, "is a Placed"),
-        ("", CART, None, "not empty"),
-        (3, CART, None, "not empty"),
-        (None, CART, None, "not empty"),
-        ("cart", None, None, "a mesh is needed"),
-        ("cart", 5, None, "a mesh is needed"),
-        ("cart", BLOCK, None, "their size must be given"),
-        ("cart", shapely.Polygon(), None, "is empty"),
-        ("cart", shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), None, "not simple|crosses|valid"),
-        ("cart", [(0.0, 0.0), (1.0, 1.0)], None, "points need a radius; pass their radius, .* at least 3"),
-        ("cart", np.array([[0.0, 0.0], [1.0, 1.0]]), None, "points need a radius"),
-        ("cart", (1.0, 1.0), None, "points need a radius"),
-        ("cart", [(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)], None, "not simple.*if they are points, pass"),
-        ("cart", [(0.0, 0.0), (1.0, np.nan), (1.0, 2.0)], None, "NaN"),
-        ("cart", [(0.0, 0.0, 1.0)], None, "points need a radius; pass their radius"),
-        ("cart", [(0.0, np.inf)], 0.1, "infinities"),
-        ("cart", [(0.0, 0.0)], -0.1, "below zero"),
-        ("cart", [(0.0, 0.0)], np.nan, "NaN"),
-        ("cart", [], 0.1, "n at least 1"),
-        ("cart", CART, 0.1, "must be numeric"),
-        ("cart", [(0.0, 0.0, 1.0)], 0.1, "is in space"),
-        ("cart", trimesh.creation.box((1, 1, 1)), None, "is in space"),
-        ("cart", [(1e9, 0.0)], 0.1, "reaches 1e\\+10 cells"),
-        ("cart", "no such file.stl", None, "does not exist"),
-    ],
+@refusals(
+    "name, obstacle, radius, message",
+    ("cart", Robot.ball(0.3), None, "is in space"),
+    ("cart", "ball:0.3", None, "is in space"),
+    ("cart", "cube:0.3", None, "obstacle is 'cube:0.3'; it must be a short text, WKT, or a file"),
+    ("cart", "ellipse:0.3", None, "must stand RADIUS_X,RADIUS_Y"),
+    ("cart", cspace.arms.Placed(Robot.ball(0.3), np.eye(4)), None, "is a Placed"),
+    ("", CART, None, "not empty"),
+    (3, CART, None, "not empty"),
+    (None, CART, None, "not empty"),
+    ("cart", None, None, "a mesh is needed"),
+    ("cart", 5, None, "a mesh is needed"),
+    ("cart", BLOCK, None, "their size must be given"),
+    ("cart", shapely.Polygon(), None, "is empty"),
+    ("cart", shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), None, "not simple|crosses|valid"),
+    ("cart", [(0.0, 0.0), (1.0, 1.0)], None, "points need a radius; pass their radius, .* at least 3"),
+    ("cart", np.array([[0.0, 0.0], [1.0, 1.0]]), None, "points need a radius"),
+    ("cart", (1.0, 1.0), None, "points need a radius"),
+    ("cart", [(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)], None, "not simple.*if they are points, pass"),
+    ("cart", [(0.0, 0.0), (1.0, np.nan), (1.0, 2.0)], None, "NaN"),
+    ("cart", [(0.0, 0.0, 1.0)], None, "points need a radius; pass their radius"),
+    ("cart", [(0.0, np.inf)], 0.1, "infinities"),
+    ("cart", [(0.0, 0.0)], -0.1, "below zero"),
+    ("cart", [(0.0, 0.0)], np.nan, "NaN"),
+    ("cart", [], 0.1, "n at least 1"),
+    ("cart", CART, 0.1, "must be numeric"),
+    ("cart", [(0.0, 0.0, 1.0)], 0.1, "is in space"),
+    ("cart", trimesh.creation.box((1, 1, 1)), None, "is in space"),
+    ("cart", [(1e9, 0.0)], 0.1, "reaches 1e\\+10 cells"),
+    ("cart", "no such file.stl", None, "does not exist"),
 )
 def test_what_is_refused_changes_nothing(name: Any, obstacle: Any, radius: Any, message: str) -> None:
     space = room()

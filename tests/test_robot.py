@@ -4,6 +4,7 @@ import shapely
 
 from cspace import FileError, GeometryError, InputError, Mesh, Robot
 from cspace.shapes import shape_of
+from refusals import refusals
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 
@@ -46,46 +47,44 @@ def test_opens_polygon_files(tmp_path, data):
     assert car.bounds == pytest.approx((-2.1267, -1.217, 2.1267, 1.217), abs=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Robot.disc(0.0), "radi.* 0"),
-        (lambda: Robot.disc(-1.0), "-1"),
-        (lambda: Robot.disc(float("nan")), "nan"),
-        (lambda: Robot.disc(1.0, (0, 0, 0)), "center"),
-        (lambda: Robot.box((1.0, 0.0, 1.0)), r"extents\[1\] is 0\.0; it must be one number above zero"),
-        (lambda: Robot.open(5), "robot is 5; it must be a short text"),
-        (lambda: Robot.rectangle(1.0, 0.0), "width is 0.0"),
-        (lambda: Robot.balls([], []), "centers"),
-        (lambda: Robot.balls([(0, 0)], [1, 2]), "radii"),
-        (lambda: Robot.balls([(0, 0), (1, 1)], [1, 0]), "radii holds 0"),
-        (lambda: Robot.polygon(shapely.Polygon()), "empty"),
-        (lambda: Robot.polygon([(0, 0), (1, 1)]), "at least 3"),
-        (lambda: Robot.polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), "Self-intersection"),
-        (lambda: Robot.polygon([(0, 0), (1, 1), (2, 2)]), "polygon has area 0|not simple"),
-        (lambda: Robot.polygon([(0, 0), (1, np.nan), (2, 2)]), "nan"),
-        (lambda: Robot.polygon(shapely.LineString([(0, 0), (1, 1)])), "LineString"),
-        (lambda: Robot.cells(np.zeros((3, 3), bool), 0.1), "no True cell"),
-        (lambda: Robot.cells(np.ones((3, 3)), 0.1), "boolean"),
-        (lambda: Robot.cells(np.ones((3, 3), bool), -0.1), "spacing is -0.1"),
-        (lambda: Robot.open("disc:wide"), "RADIUS"),
-        (lambda: Robot.open("disc:-0.3"), "above zero"),
-        (lambda: Robot.open("rect:0.3"), "LENGTHxWIDTH"),
-        (lambda: Robot.open("cube:0.3"), "disc:RADIUS"),
-        (lambda: Robot.open("ellipse:0.3x0.2"), "must stand RADIUS_X,RADIUS_Y, each above zero"),
-        (lambda: Robot.open("ellipse:0.3,-0.2"), "above zero"),
-        (lambda: Robot.ellipse(0.3, 0.0), "radius_y is 0.0; it must be one number above zero"),
-        (lambda: Robot.ellipse(0.3, 0.2, (1e9, 0.0)), "center is .*; at most 1e.09 times the radius"),
-        (lambda: Robot.from_spec({"kind": "teapot"}), "teapot"),
-        (lambda: Robot.disc(1.0).rasters(0.1, -0.1), "margin is -0.1"),
-        (lambda: Robot.disc(1.0).rasters(0.0), "spacing is 0.0"),
-        (lambda: Robot.disc(1e4).rasters(0.01), "cells large"),
-        (lambda: Robot.disc(0.4, (4e6, 0.0)).rasters(0.05), "from its reference point"),
-        (lambda: Robot.disc(0.4, (1e300, 0.0)).rasters(0.05), "from its reference point"),
-        (lambda: Robot.polygon(np.add([(0, 0), (1, 0), (0, 1)], 4e6)).rasters(0.05), "check the robot's units"),
-        (lambda: Robot.cells(np.ones((2, 2), bool), 1e-9, (4e6, 0)).rasters(0.05), "from its reference point"),
-        (lambda: Robot.cells(np.ma.array(np.ones((2, 2), bool), mask=True), 0.1), "4 masked"),
-    ],
+@refusals(
+    "make, message",
+    (lambda: Robot.disc(0.0), "radi.* 0"),
+    (lambda: Robot.disc(-1.0), "-1"),
+    (lambda: Robot.disc(float("nan")), "nan"),
+    (lambda: Robot.disc(1.0, (0, 0, 0)), "center"),
+    (lambda: Robot.box((1.0, 0.0, 1.0)), r"extents\[1\] is 0\.0; it must be one number above zero"),
+    (lambda: Robot.open(5), "robot is 5; it must be a short text"),
+    (lambda: Robot.rectangle(1.0, 0.0), "width is 0.0"),
+    (lambda: Robot.balls([], []), "centers"),
+    (lambda: Robot.balls([(0, 0)], [1, 2]), "radii"),
+    (lambda: Robot.balls([(0, 0), (1, 1)], [1, 0]), "radii holds 0"),
+    (lambda: Robot.polygon(shapely.Polygon()), "empty"),
+    (lambda: Robot.polygon([(0, 0), (1, 1)]), "at least 3"),
+    (lambda: Robot.polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), "Self-intersection"),
+    (lambda: Robot.polygon([(0, 0), (1, 1), (2, 2)]), "polygon has area 0|not simple"),
+    (lambda: Robot.polygon([(0, 0), (1, np.nan), (2, 2)]), "nan"),
+    (lambda: Robot.polygon(shapely.LineString([(0, 0), (1, 1)])), "LineString"),
+    (lambda: Robot.cells(np.zeros((3, 3), bool), 0.1), "no True cell"),
+    (lambda: Robot.cells(np.ones((3, 3)), 0.1), "boolean"),
+    (lambda: Robot.cells(np.ones((3, 3), bool), -0.1), "spacing is -0.1"),
+    (lambda: Robot.open("disc:wide"), "RADIUS"),
+    (lambda: Robot.open("disc:-0.3"), "above zero"),
+    (lambda: Robot.open("rect:0.3"), "LENGTHxWIDTH"),
+    (lambda: Robot.open("cube:0.3"), "disc:RADIUS"),
+    (lambda: Robot.open("ellipse:0.3x0.2"), "must stand RADIUS_X,RADIUS_Y, each above zero"),
+    (lambda: Robot.open("ellipse:0.3,-0.2"), "above zero"),
+    (lambda: Robot.ellipse(0.3, 0.0), "radius_y is 0.0; it must be one number above zero"),
+    (lambda: Robot.ellipse(0.3, 0.2, (1e9, 0.0)), "center is .*; at most 1e.09 times the radius"),
+    (lambda: Robot.from_spec({"kind": "teapot"}), "teapot"),
+    (lambda: Robot.disc(1.0).rasters(0.1, -0.1), "margin is -0.1"),
+    (lambda: Robot.disc(1.0).rasters(0.0), "spacing is 0.0"),
+    (lambda: Robot.disc(1e4).rasters(0.01), "cells large"),
+    (lambda: Robot.disc(0.4, (4e6, 0.0)).rasters(0.05), "from its reference point"),
+    (lambda: Robot.disc(0.4, (1e300, 0.0)).rasters(0.05), "from its reference point"),
+    (lambda: Robot.polygon(np.add([(0, 0), (1, 0), (0, 1)], 4e6)).rasters(0.05), "check the robot's units"),
+    (lambda: Robot.cells(np.ones((2, 2), bool), 1e-9, (4e6, 0)).rasters(0.05), "from its reference point"),
+    (lambda: Robot.cells(np.ma.array(np.ones((2, 2), bool), mask=True), 0.1), "4 masked"),
 )
 def test_refuses(make, message):
     with pytest.raises(InputError, match=message):

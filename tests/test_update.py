@@ -20,6 +20,7 @@ from cspace.correlation import Correlation
 from cspace.export import images
 from cspace.map.components import Components
 from handmade import walled
+from refusals import refusals
 from updates import BLOCK, World, agree, check, checkers, room, worlds
 from waiting import while_two_ask
 
@@ -217,25 +218,23 @@ def test_a_door_closes_and_opens() -> None:
 # ---- refusals --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("cells", "lower", "inner", "message"),
-    [
-        (BLOCK, (38, 0), None, "must lie in the grid"),
-        (BLOCK, (-1, 0), None, "must lie in the grid"),
-        (np.ones((41, 2), dtype=bool), (0, 0), None, "must lie in the grid"),
-        (BLOCK, (1.0, 2.0), None, "2 whole numbers"),
-        (BLOCK, (1, 2, 3), None, "2 whole numbers"),
-        (BLOCK, 3, None, "2 whole numbers"),
-        (BLOCK, None, None, "2 whole numbers"),
-        (np.ones((2, 2, 2), dtype=bool), (0, 0), None, "3 axes"),
-        (np.ones(3, dtype=bool), (0, 0), None, "two or three axes"),
-        (np.ones((0, 3), dtype=bool), (0, 0), None, "at least one cell"),
-        (np.full((2, 2), 0.5), (0, 0), None, "must be boolean"),
-        (np.full((2, 2), 2), (0, 0), None, "must be 0 or 1"),
-        (np.ma.masked_array(BLOCK, mask=BLOCK), (0, 0), None, "mask"),
-        (BLOCK, (0, 0), np.ones((4, 3), dtype=bool), "both must be the same"),
-        (~BLOCK, (0, 0), BLOCK, "which is not in cells"),
-    ],
+@refusals(
+    "cells, lower, inner, message",
+    (BLOCK, (38, 0), None, "must lie in the grid"),
+    (BLOCK, (-1, 0), None, "must lie in the grid"),
+    (np.ones((41, 2), dtype=bool), (0, 0), None, "must lie in the grid"),
+    (BLOCK, (1.0, 2.0), None, "2 whole numbers"),
+    (BLOCK, (1, 2, 3), None, "2 whole numbers"),
+    (BLOCK, 3, None, "2 whole numbers"),
+    (BLOCK, None, None, "2 whole numbers"),
+    (np.ones((2, 2, 2), dtype=bool), (0, 0), None, "3 axes"),
+    (np.ones(3, dtype=bool), (0, 0), None, "two or three axes"),
+    (np.ones((0, 3), dtype=bool), (0, 0), None, "at least one cell"),
+    (np.full((2, 2), 0.5), (0, 0), None, "must be boolean"),
+    (np.full((2, 2), 2), (0, 0), None, "must be 0 or 1"),
+    (np.ma.masked_array(BLOCK, mask=BLOCK), (0, 0), None, "mask"),
+    (BLOCK, (0, 0), np.ones((4, 3), dtype=bool), "both must be the same"),
+    (~BLOCK, (0, 0), BLOCK, "which is not in cells"),
 )
 def test_what_is_refused_changes_nothing(cells, lower, inner, message) -> None:
     space = room()

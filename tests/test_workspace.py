@@ -19,6 +19,7 @@ from cspace.errors import FileError, InputError
 from cspace.files.formats import FORMATS, dimension_of
 from cspace.limits import check_memory
 from cspace.workspace import covering_grid, covering_shape
+from refusals import refusals
 
 L_SHAPE = [[1, 1, 0], [0, 1, 0]]
 """Two cells along x, three along y."""
@@ -73,27 +74,25 @@ def test_repr_is_short() -> None:
     assert len(repr(Workspace.from_array(np.zeros((500, 500), dtype=bool), 1.0))) < 200
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"occupied": np.zeros((2, 2))}, "dtype float64"),
-        ({"occupied": np.array([[0.0, 1.0], [float("nan"), 0.0]])}, r"occupied\[1, 0\] is nan"),
-        ({"occupied": np.array([["a", "b"]])}, "dtype <U1"),
-        ({"occupied": np.array([[0, 1], [1, 7]])}, r"occupied\[1, 1\] is 7"),
-        ({"occupied": np.array([[0, -1]])}, r"occupied\[0, 1\] is -1"),
-        ({"occupied": [[True], [True, False]]}, "ragged"),
-        ({"occupied": np.zeros(3, dtype=bool)}, r"shape \(3,\)"),
-        ({"occupied": np.zeros((1, 1, 1, 1), dtype=bool)}, r"shape \(1, 1, 1, 1\)"),
-        ({"occupied": np.zeros((0, 3), dtype=bool)}, r"shape \(0, 3\)"),
-        ({"spacing": 0.0}, "spacing is 0.0"),
-        ({"spacing": -0.1}, "spacing is -0.1"),
-        ({"spacing": float("nan")}, "spacing is nan"),
-        ({"lower": (0.0, 0.0, 0.0)}, "lower is .* occupied has 2 axes"),
-        ({"lower": (0.0, float("inf"))}, r"lower\[1\] is inf"),
-        ({"inner": np.zeros((3, 2), dtype=bool)}, r"inner has shape \(3, 2\)"),
-        ({"inner": np.ones((2, 3), dtype=bool)}, r"holds cell \(0, 2\)"),
-        ({"occupied": np.ma.array(np.zeros((3, 2), bool), mask=[[True, False]] * 3)}, "3 masked"),
-    ],
+@refusals(
+    "arguments, message",
+    ({"occupied": np.zeros((2, 2))}, "dtype float64"),
+    ({"occupied": np.array([[0.0, 1.0], [float("nan"), 0.0]])}, r"occupied\[1, 0\] is nan"),
+    ({"occupied": np.array([["a", "b"]])}, "dtype <U1"),
+    ({"occupied": np.array([[0, 1], [1, 7]])}, r"occupied\[1, 1\] is 7"),
+    ({"occupied": np.array([[0, -1]])}, r"occupied\[0, 1\] is -1"),
+    ({"occupied": [[True], [True, False]]}, "ragged"),
+    ({"occupied": np.zeros(3, dtype=bool)}, r"shape \(3,\)"),
+    ({"occupied": np.zeros((1, 1, 1, 1), dtype=bool)}, r"shape \(1, 1, 1, 1\)"),
+    ({"occupied": np.zeros((0, 3), dtype=bool)}, r"shape \(0, 3\)"),
+    ({"spacing": 0.0}, "spacing is 0.0"),
+    ({"spacing": -0.1}, "spacing is -0.1"),
+    ({"spacing": float("nan")}, "spacing is nan"),
+    ({"lower": (0.0, 0.0, 0.0)}, "lower is .* occupied has 2 axes"),
+    ({"lower": (0.0, float("inf"))}, r"lower\[1\] is inf"),
+    ({"inner": np.zeros((3, 2), dtype=bool)}, r"inner has shape \(3, 2\)"),
+    ({"inner": np.ones((2, 3), dtype=bool)}, r"holds cell \(0, 2\)"),
+    ({"occupied": np.ma.array(np.zeros((3, 2), bool), mask=[[True, False]] * 3)}, "3 masked"),
 )
 def test_bad_arrays(arguments: dict[str, Any], message: str) -> None:
     given = {"occupied": np.array(L_SHAPE, dtype=bool), "spacing": 1.0} | arguments
@@ -144,19 +143,17 @@ def test_open_passes_options_on(files: Path) -> None:
     assert polygons.outer.tolist() == [[True, True], [False, True]]
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "message"),
-    [
-        ("map.png", {}, "spacing is missing"),
-        ("map.npy", {}, "spacing is missing"),
-        ("map.wkt", {"bounds": (0, 0, 1, 1)}, "spacing is missing"),
-        ("map.yaml", {"spacing": 0.1}, "spacing is given .* takes unknown"),
-        ("map.map", {"unknown": "free"}, "unknown is given .* takes spacing"),
-        ("map.step", {"spacing": 0.1}, r"ends in '.step'.*\.yaml, \.yml, \.map, \.3dmap, \.geojson"),
-        ("map", {}, "ends in ''"),
-        ("map.png", {"spacing": 0.0}, "spacing is 0.0"),
-        ("map.map", {"spacing": -1.0}, "spacing is -1.0"),
-    ],
+@refusals(
+    "name, options, message",
+    ("map.png", {}, "spacing is missing"),
+    ("map.npy", {}, "spacing is missing"),
+    ("map.wkt", {"bounds": (0, 0, 1, 1)}, "spacing is missing"),
+    ("map.yaml", {"spacing": 0.1}, "spacing is given .* takes unknown"),
+    ("map.map", {"unknown": "free"}, "unknown is given .* takes spacing"),
+    ("map.step", {"spacing": 0.1}, r"ends in '.step'.*\.yaml, \.yml, \.map, \.3dmap, \.geojson"),
+    ("map", {}, "ends in ''"),
+    ("map.png", {"spacing": 0.0}, "spacing is 0.0"),
+    ("map.map", {"spacing": -1.0}, "spacing is -1.0"),
 )
 def test_open_with_wrong_options(files: Path, name: str, options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
@@ -356,19 +353,16 @@ def test_shapes_of_any_kind_make_a_workspace():
     assert solids.grid.dim == 3
 
 
-@pytest.mark.parametrize(
-    ("shapes", "message"),
-    [
-        ([], "shapes holds no shape"),
-        ({"cart": shapely.box(0, 0, 1, 1)}, r"shapes is a dict; .* space\.place\(name, shape\)"),
-        ("disc:0.3", "shapes is a str; it must be several shapes; pass a list"),
-        (shapely.box(0, 0, 1, 1), "shapes is a Polygon"),
-        (Robot.disc(1.0), "shapes is a Robot"),
-        ([Robot.disc(1.0), Robot.ball(1.0)], r"shapes\[1\] is in space; shapes\[0\] is in the plane"),
-        ([Robot.disc(1.0), "cube:1"], r"shapes\[1\] is 'cube:1'; it must be a short text"),
-        ([Robot.disc(1.0), None], r"shapes\[1\] is a NoneType"),
-    ],
-    ids=["none", "named", "text", "polygon", "robot", "dimensions", "unknown text", "no shape"],
+@refusals(
+    "shapes, message",
+    ([], "shapes holds no shape"),
+    ({"cart": shapely.box(0, 0, 1, 1)}, r"shapes is a dict; .* space\.place\(name, shape\)"),
+    ("disc:0.3", "shapes is a str; it must be several shapes; pass a list"),
+    (shapely.box(0, 0, 1, 1), "shapes is a Polygon"),
+    (Robot.disc(1.0), "shapes is a Robot"),
+    ([Robot.disc(1.0), Robot.ball(1.0)], r"shapes\[1\] is in space; shapes\[0\] is in the plane"),
+    ([Robot.disc(1.0), "cube:1"], r"shapes\[1\] is 'cube:1'; it must be a short text"),
+    ([Robot.disc(1.0), None], r"shapes\[1\] is a NoneType"),
 )
 def test_from_shapes_refuses(shapes, message):
     with pytest.raises(InputError, match=message):

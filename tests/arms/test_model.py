@@ -13,6 +13,7 @@ from cspace import MeshWarning, Robot
 from cspace.arms import Arm, Placed, build_arm
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.shapes import Mesh
+from refusals import refusals
 from urdfs import joint, link, planar, random_arm, written
 
 BAR = ((1.0, 0.1, 0.1), (0.5, 0, 0))
@@ -94,24 +95,18 @@ def test_which_links_may_touch(tmp_path: Path) -> None:
     assert Arm.from_urdf(path, srdf).allowed.keys() == {("a", "b")}
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ('<robot name="small"><disable_collisions link1="foot"/></robot>', "has a <disable_collisions> without link2"),
-        ('<robot name="small"><group/></robot>', "has a <group> without name"),
-        (
-            '<robot name="small"><group name="g"><group name="g"/></group></robot>',
-            "has the group 'g' within itself",
-        ),
-        (
-            '<robot><group_state name="s" group="g"><joint name="elbow" value="up"/></group_state></robot>',
-            "has elbow at 'up' in the state 'g/s'; it must be one finite number",
-        ),
-        ('<robot xmlns:x="http://www.ros.org/wiki/xacro"><x:if/></robot>', "macros of xacro"),
-        ("<html/>", "holds <html>, not <robot>"),
-        ("<robot", "arm.srdf"),
-    ],
-    ids=["link missing", "name missing", "loop", "no number", "xacro", "other", "broken"],
+@refusals(
+    "text, message",
+    ('<robot name="small"><disable_collisions link1="foot"/></robot>', "has a <disable_collisions> without link2"),
+    ('<robot name="small"><group/></robot>', "has a <group> without name"),
+    ('<robot name="small"><group name="g"><group name="g"/></group></robot>', "has the group 'g' within itself"),
+    (
+        '<robot><group_state name="s" group="g"><joint name="elbow" value="up"/></group_state></robot>',
+        "has elbow at 'up' in the state 'g/s'; it must be one finite number",
+    ),
+    ('<robot xmlns:x="http://www.ros.org/wiki/xacro"><x:if/></robot>', "macros of xacro"),
+    ("<html/>", "holds <html>, not <robot>"),
+    ("<robot", "arm.srdf"),
 )
 def test_bad_srdf(tmp_path: Path, text: str, message: str) -> None:
     srdf = tmp_path / "arm.srdf"
@@ -246,14 +241,12 @@ def test_what_is_known_of_pairs(tmp_path: Path) -> None:
     assert not known.is_free((0.54, 0.0))
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"limits": (1.0, -1.0)}, "limits are 1 and -1"),
-        ({"limits": None}, "has no limits"),
-        ({"kind": "floating"}, "is floating; it must be one of fixed"),
-        ({"extra": '<mimic joint="elbow"/>', "kind": "revolute"}, None),
-    ],
+@refusals(
+    "changes, message",
+    ({"limits": (1.0, -1.0)}, "limits are 1 and -1"),
+    ({"limits": None}, "has no limits"),
+    ({"kind": "floating"}, "is floating; it must be one of fixed"),
+    ({"extra": '<mimic joint="elbow"/>', "kind": "revolute"}, None),
 )
 def test_bad_joints(tmp_path: Path, changes: dict[str, Any], message: str | None) -> None:
     path = planar(tmp_path, **changes)
@@ -365,14 +358,11 @@ def test_boxes_keep_their_inside_when_meshes_are_surfaces(tmp_path: Path) -> Non
             build_arm({"ball": inside}, Arm.from_urdf(path, **options))
 
 
-@pytest.mark.parametrize(
-    ("leader", "base", "message"),
-    [
-        ("lost", None, r"joint 'two' mimics 'lost'; the URDF has no such joint; it has one, two, three"),
-        ("one", "b", r"joint 'two' mimics 'one'; that joint is not below the base 'b'"),
-        ("three", None, r"joint 'two' mimics 'three'; that joint mimics another one itself"),
-    ],
-    ids=["unknown", "above the base", "itself a follower"],
+@refusals(
+    "leader, base, message",
+    ("lost", None, r"joint 'two' mimics 'lost'; the URDF has no such joint; it has one, two, three"),
+    ("one", "b", r"joint 'two' mimics 'one'; that joint is not below the base 'b'"),
+    ("three", None, r"joint 'two' mimics 'three'; that joint mimics another one itself"),
 )
 def test_joints_that_mimic_what_they_cannot_are_refused(
     tmp_path: Path, leader: str, base: str | None, message: str
@@ -388,19 +378,16 @@ def test_joints_that_mimic_what_they_cannot_are_refused(
         Arm.from_urdf(path, base=base)
 
 
-@pytest.mark.parametrize(
-    ("shape", "message"),
-    [
-        (None, "shape is a NoneType"),
-        (5, "shape is a int"),
-        ("no such text", "shape is 'no such text'"),
-        (np.zeros((3, 3)), "shape is points"),
-        (Robot.disc(1.0), "shape is in the plane; arms are in space"),
-        (trimesh.Trimesh(), "without triangles"),
-        ((np.eye(3), [[0, 1, 5]]), "name vertex 5"),
-        (lambda: None, "shape is a function"),
-    ],
-    ids=["none", "number", "text", "points", "plane", "empty", "vertex", "function"],
+@refusals(
+    "shape, message",
+    (None, "shape is a NoneType"),
+    (5, "shape is a int"),
+    ("no such text", "shape is 'no such text'"),
+    (np.zeros((3, 3)), "shape is points"),
+    (Robot.disc(1.0), "shape is in the plane; arms are in space"),
+    (trimesh.Trimesh(), "without triangles"),
+    ((np.eye(3), [[0, 1, 5]]), "name vertex 5"),
+    (lambda: None, "shape is a function"),
 )
 def test_attach_refuses_what_is_no_shape(tmp_path: Path, shape: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):

@@ -12,6 +12,7 @@ from cspace import BLOCKED, FREE, MIXED, Grid, Robot, Workspace
 from cspace.arms import Arm, ArmSpace, Placed, build_arm
 from cspace.errors import InputError
 from cspace.shapes import Mesh, Voxels
+from refusals import refusals
 from solids import ArmOracle, ball, box, sampled
 from urdfs import joint, link, planar, random_arm, written
 
@@ -213,18 +214,15 @@ def test_trimesh_is_an_obstacle_and_an_attached_object(tmp_path: Path) -> None:
             arm.attach("tool", wrong, "fore")
 
 
-@pytest.mark.parametrize(
-    ("obstacles", "message"),
-    [
-        (lambda: Workspace.from_array(np.ones((2, 2), dtype=bool), 1.0), "hold 'workspace', a map of the plane"),
-        (lambda: {"disc": Robot.disc(1.0).shape}, "hold 'disc', a shape of the plane"),
-        (lambda: {"foot": Robot.ball(1.0).shape}, "name one 'foot'; a link has that name"),
-        (lambda: {"cat": "meow"}, "hold 'cat', a str: shape is 'meow'"),
-        (lambda: {"dog": 3}, "hold 'dog', a int: shape is a int; a polygon or a mesh is needed"),
-        (lambda: {"bent": Placed(Robot.ball(1.0).shape, 2.0 * np.eye(4))}, "pose of bent has shape"),
-        (lambda: [Robot.ball(1.0).shape], "obstacles is a list"),
-    ],
-    ids=["plane", "disc", "taken", "text", "number", "pose", "list"],
+@refusals(
+    "obstacles, message",
+    (lambda: Workspace.from_array(np.ones((2, 2), dtype=bool), 1.0), "hold 'workspace', a map of the plane"),
+    (lambda: {"disc": Robot.disc(1.0).shape}, "hold 'disc', a shape of the plane"),
+    (lambda: {"foot": Robot.ball(1.0).shape}, "name one 'foot'; a link has that name"),
+    (lambda: {"cat": "meow"}, "hold 'cat', a str: shape is 'meow'"),
+    (lambda: {"dog": 3}, "hold 'dog', a int: shape is a int; a polygon or a mesh is needed"),
+    (lambda: {"bent": Placed(Robot.ball(1.0).shape, 2.0 * np.eye(4))}, "pose of bent has shape"),
+    (lambda: [Robot.ball(1.0).shape], "obstacles is a list"),
 )
 def test_bad_obstacles(tmp_path: Path, obstacles: Any, message: str) -> None:
     arm = Arm.from_urdf(planar(tmp_path))

@@ -13,6 +13,7 @@ import planners
 from cspace import BLOCKED, FREE, MIXED, Robot
 from cspace.arms import Arm, ArmSpace, Placed, build_arm
 from cspace.errors import ConfigurationError, InputError
+from refusals import refusals
 from solids import ArmOracle, box, sampled
 from urdfs import joint, link, planar, random_arm, written
 
@@ -167,21 +168,19 @@ def test_obstacles_that_touch_what_does_not_move_are_refused_unless_they_may(tmp
     assert build_arm(floor, arm, allowed=[("foot", "floor")]).is_free((0.0, 0.0))
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda s: s.is_free((0.0, 9.0)), "has elbow at 9; its limits are -3 and 3"),
-        (lambda s: s.is_free((0.0, np.nan)), "is nan"),
-        (lambda s: s.is_free((0.0,)), r"has shape \(1,\)"),
-        (lambda s: s.certify_path(np.empty((0, 2))), "path has shape"),
-        (lambda s: s.sample_free(-1, np.random.default_rng(1)), "n is -1"),
-        (lambda s: s.closest([(0.0, 0.0)]), "one configuration is asked for"),
-        (lambda s: build_arm({}, s.arm, allowed=[("fore", "foot")]).closest((0.0, 0.0)), "there is nothing to touch"),
-        (lambda s: build_arm({"foot": Robot.ball(1.0).shape}, s.arm), "a link has that name"),
-        (lambda s: build_arm({"disc": Robot.disc(1.0).shape}, s.arm), "arms are in space"),
-        (lambda s: build_arm({}, s.arm, allowed=[("foot", "sky")]), "names 'sky'"),
-        (lambda s: build_arm({}, s.arm, margin=-1.0), "margin is -1.0"),
-    ],
+@refusals(
+    "call, message",
+    (lambda s: s.is_free((0.0, 9.0)), "has elbow at 9; its limits are -3 and 3"),
+    (lambda s: s.is_free((0.0, np.nan)), "is nan"),
+    (lambda s: s.is_free((0.0,)), r"has shape \(1,\)"),
+    (lambda s: s.certify_path(np.empty((0, 2))), "path has shape"),
+    (lambda s: s.sample_free(-1, np.random.default_rng(1)), "n is -1"),
+    (lambda s: s.closest([(0.0, 0.0)]), "one configuration is asked for"),
+    (lambda s: build_arm({}, s.arm, allowed=[("fore", "foot")]).closest((0.0, 0.0)), "there is nothing to touch"),
+    (lambda s: build_arm({"foot": Robot.ball(1.0).shape}, s.arm), "a link has that name"),
+    (lambda s: build_arm({"disc": Robot.disc(1.0).shape}, s.arm), "arms are in space"),
+    (lambda s: build_arm({}, s.arm, allowed=[("foot", "sky")]), "names 'sky'"),
+    (lambda s: build_arm({}, s.arm, margin=-1.0), "margin is -1.0"),
 )
 def test_bad_input(tmp_path: Path, call: Any, message: str) -> None:
     space = build_arm({"post": Placed(Robot.ball(0.1).shape, at(3, 3, 0))}, Arm.from_urdf(planar(tmp_path)))

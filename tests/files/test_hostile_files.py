@@ -29,6 +29,7 @@ from cspace.files.access import Fault
 from cspace.files.plain import parse_xml, read_yaml
 from cspace.limits import raised_limits
 from cspace.shapes import Mesh
+from refusals import refusals
 
 
 @pytest.fixture(scope="module")
@@ -65,24 +66,19 @@ def ros_map(tmp_path: Path, **changes: str) -> Path:
 # ---- YAML and nesting --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        *[
-            ({"negate": f"!!{tag} foo"}, "tag in line 4")
-            for tag in ("bool", "int", "float", "timestamp", "python/name:os")
-        ],
-        ({"resolution": "9" * 400}, "resolution is inf"),
-        ({"resolution": "[" * 9_000}, "more than 64 levels"),
-        ({"resolution": "{a: " * 9_000}, "more than 64 levels"),
-        ({"resolution": "&x 0.05\nbeside: *x"}, "anchor"),
-        ({"1": "2"}, "key '1'"),
-        ({"? [a]": "2"}, "key"),
-        ({"negate": "0\nnegate: 1"}, "there twice"),
-        ({"image": '"a\\0b"'}, "image is"),
-        ({"origin": "[.nan, 0, 0]"}, "origin"),
-        ({"resolution": "yes"}, "resolution is True"),
-    ],
+@refusals(
+    "changes, message",
+    *[({"negate": f"!!{tag} foo"}, "tag in line 4") for tag in ("bool", "int", "float", "timestamp", "python/name:os")],
+    ({"resolution": "9" * 400}, "resolution is inf"),
+    ({"resolution": "[" * 9_000}, "more than 64 levels"),
+    ({"resolution": "{a: " * 9_000}, "more than 64 levels"),
+    ({"resolution": "&x 0.05\nbeside: *x"}, "anchor"),
+    ({"1": "2"}, "key '1'"),
+    ({"? [a]": "2"}, "key"),
+    ({"negate": "0\nnegate: 1"}, "there twice"),
+    ({"image": '"a\\0b"'}, "image is"),
+    ({"origin": "[.nan, 0, 0]"}, "origin"),
+    ({"resolution": "yes"}, "resolution is True"),
 )
 def test_yaml_holds_plain_values(tmp_path: Path, changes: dict[str, str], message: str) -> None:
     refused(ros_map(tmp_path, **changes), message)
@@ -150,49 +146,47 @@ def chain(depths: int) -> bytes:
     return struct.pack("<fB", 0.0, 1) * depths
 
 
-@pytest.mark.parametrize(
-    ("name", "write", "message"),
-    [
-        ("a.obj", lambda path: os.truncate(path, 2**36), "68.7 GB; at most 4.29 GB"),
-        ("a.stl", lambda path: os.truncate(path, 2**36), "at most"),
-        ("a.xyz", lambda path: os.truncate(path, 2**36), "at most"),
-        ("a.bt", lambda path: os.truncate(path, 2**36), "at most"),
-        ("a.png", lambda path: os.truncate(path, 2**36), "at most"),
-        ("a.3dmap", lambda path: path.write_text("voxel 9999 9999 9999\n"), "9.997e.11 in all; at most 5.369e.08"),
-        ("a.map", lambda path: path.write_text("type octile\nheight 99999\nwidth 99999\nmap\n.\n"), "99999"),
-        (
-            "a.bt",  # two leaves at opposite corners
-            lambda path: path.write_bytes(
-                b"# Octomap OcTree binary file\nid OcTree\nsize 33\nres 0.1\ndata\n"
-                + (b"\x03\xc0" + b"\x03\0" * 14 + b"\2\0" + b"\0\xc0" * 14 + b"\0\x80")
-            ),
-            "65536 x 65536 x 65536 cells",
+@refusals(
+    "name, write, message",
+    ("a.obj", lambda path: os.truncate(path, 2**36), "68.7 GB; at most 4.29 GB"),
+    ("a.stl", lambda path: os.truncate(path, 2**36), "at most"),
+    ("a.xyz", lambda path: os.truncate(path, 2**36), "at most"),
+    ("a.bt", lambda path: os.truncate(path, 2**36), "at most"),
+    ("a.png", lambda path: os.truncate(path, 2**36), "at most"),
+    ("a.3dmap", lambda path: path.write_text("voxel 9999 9999 9999\n"), "9.997e.11 in all; at most 5.369e.08"),
+    ("a.map", lambda path: path.write_text("type octile\nheight 99999\nwidth 99999\nmap\n.\n"), "99999"),
+    (
+        "a.bt",  # two leaves at opposite corners
+        lambda path: path.write_bytes(
+            b"# Octomap OcTree binary file\nid OcTree\nsize 33\nres 0.1\ndata\n"
+            + (b"\x03\xc0" + b"\x03\0" * 14 + b"\2\0" + b"\0\xc0" * 14 + b"\0\x80")
         ),
-        (
-            "a.ply",
-            lambda path: path.write_bytes(
-                b"ply\nformat binary_little_endian 1.0\nelement vertex 999999999999\n" * 1
-                + b"property float x\nproperty float y\nproperty float z\nend_header\n"
-            ),
-            "malformed or truncated",
+        "65536 x 65536 x 65536 cells",
+    ),
+    (
+        "a.ply",
+        lambda path: path.write_bytes(
+            b"ply\nformat binary_little_endian 1.0\nelement vertex 999999999999\n" * 1
+            + b"property float x\nproperty float y\nproperty float z\nend_header\n"
         ),
-        (
-            "a.npy",
-            lambda path: path.write_bytes(
-                b"\x93NUMPY\1\0v\0"
-                + b"{'descr': '<f8', 'fortran_order': False, 'shape': (9999999999, 3)}".ljust(117)
-                + b"\n"
-            ),
-            "cannot be read",
+        "malformed or truncated",
+    ),
+    (
+        "a.npy",
+        lambda path: path.write_bytes(
+            b"\x93NUMPY\1\0v\0"
+            + b"{'descr': '<f8', 'fortran_order': False, 'shape': (9999999999, 3)}".ljust(117)
+            + b"\n"
         ),
-        (
-            "a.pcd",
-            lambda path: path.write_text(
-                "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 999999999\nHEIGHT 1\nDATA binary_compressed\n" + "a" * 64
-            ),
-            "malformed or truncated",
+        "cannot be read",
+    ),
+    (
+        "a.pcd",
+        lambda path: path.write_text(
+            "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 999999999\nHEIGHT 1\nDATA binary_compressed\n" + "a" * 64
         ),
-    ],
+        "malformed or truncated",
+    ),
 )
 def test_what_declares_too_much_is_refused_with_the_figures(
     tmp_path: Path, name: str, write: Callable[[Path], Any], message: str
@@ -225,12 +219,10 @@ def test_limits_may_be_lowered_and_raised(tmp_path: Path, monkeypatch: pytest.Mo
     refused(tmp_path / "a.3dmap", "needs about 970 kB of memory; at most 475 bytes may be taken")
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("a.wkt", f"MULTIPOINT({','.join(['1 1'] * 1000)})", "holds 1,000 points"),
-        ("a.geojson", json.dumps({"type": "MultiPoint", "coordinates": [[1, 1]] * 1000}), "holds 1,001 lists"),
-    ],
+@refusals(
+    "name, content, message",
+    ("a.wkt", f"MULTIPOINT({','.join(['1 1'] * 1000)})", "holds 1,000 points"),
+    ("a.geojson", json.dumps({"type": "MultiPoint", "coordinates": [[1, 1]] * 1000}), "holds 1,001 lists"),
 )
 def test_points_count_by_what_they_take_as_objects(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, content: str, message: str
@@ -490,10 +482,7 @@ def test_an_archive_with_a_member_twice_is_refused(families: dict[str, Path], tm
 
 def test_metadata_of_an_archive_that_declare_gigabytes_are_refused(families: dict[str, Path], tmp_path: Path) -> None:
     header = b"{'descr': '<U300000000', 'fortran_order': False, 'shape': ()}".ljust(117) + b"\n"
-    with (
-        zipfile.ZipFile(families["saved.npz"]) as whole,
-        zipfile.ZipFile(tmp_path / "map.npz", "w") as archive,
-    ):
+    with zipfile.ZipFile(families["saved.npz"]) as whole, zipfile.ZipFile(tmp_path / "map.npz", "w") as archive:
         for name in whole.namelist():
             content = b"\x93NUMPY\1\0v\0" + header if name == "metadata.npy" else whole.read(name)
             archive.writestr(name, content)

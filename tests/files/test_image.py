@@ -12,6 +12,7 @@ from PIL import Image
 from cspace import Grid, Workspace
 from cspace.errors import FileError, InputError
 from cspace.files.image import read_shades as read_image_shades
+from refusals import refusals
 
 
 def read_shades(path, kind):
@@ -126,19 +127,17 @@ def test_transparent_palette_entry(tmp_path: Path) -> None:
     assert np.array_equal(read_shades(tmp_path / "map.png", "image")[1], (PIXELS != 255)[::-1].T)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"threshold": 0.0}, "threshold is 0.0"),
-        ({"threshold": 1.5}, "threshold is 1.5"),
-        ({"threshold": float("nan")}, "threshold is nan"),
-        ({"threshold": (0.1, 0.2)}, "threshold is"),
-        ({"dark": "black"}, "dark is 'black'"),
-        ({"spacing": 0.0}, "spacing is 0.0"),
-        ({"spacing": -1.0}, "spacing is -1.0"),
-        ({"lower": (1.0,)}, "lower is"),
-        ({"lower": (0.0, 0.0, 0.0)}, "shape is"),
-    ],
+@refusals(
+    "options, message",
+    ({"threshold": 0.0}, "threshold is 0.0"),
+    ({"threshold": 1.5}, "threshold is 1.5"),
+    ({"threshold": float("nan")}, "threshold is nan"),
+    ({"threshold": (0.1, 0.2)}, "threshold is"),
+    ({"dark": "black"}, "dark is 'black'"),
+    ({"spacing": 0.0}, "spacing is 0.0"),
+    ({"spacing": -1.0}, "spacing is -1.0"),
+    ({"lower": (1.0,)}, "lower is"),
+    ({"lower": (0.0, 0.0, 0.0)}, "shape is"),
 )
 def test_bad_options(image: Path, options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):

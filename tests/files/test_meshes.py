@@ -13,6 +13,7 @@ from cspace import FileError, GeometryError, InputError
 from cspace.files.meshes import read_mesh
 from cspace.files.polygons import triangulated
 from mesh_files import BOX, CORNERS, FACES, FAR, QUADS, SECOND, VERTICES, check_boxes, check_refused, lines, read
+from refusals import refusals
 
 # OBJ
 
@@ -57,27 +58,25 @@ def test_corners_of_obj_may_name_more_than_a_vertex(tmp_path, corner):
     check_boxes(read(tmp_path, "slashes.obj", f"{VERTICES}vt 0 0\nvn 0 0 1\n{faces}"))
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("surf 0 1 0 1 1 2 3\n", "'surf'"),
-        ("curv 0 1 1 2\n", "'curv'"),
-        ("call other.obj\n", "'call'"),
-        ("fo 1 2 3\n", "'fo'"),
-        ("1 2 3\n", "no statement"),
-        ("ff 1 2 3\n", "no statement"),
-        ("f 1 2\n", "2 corners"),
-        ("f 0 1 2\n", "vertex 0"),
-        ("f 1 2 9\n", "vertex 8"),
-        ("f 1 2 -9\n", "vertex -1"),
-        ("f 1 2 3.5\n", "no whole number"),
-        ("f 1 2 /3\n", "no whole number"),
-        ("v 1 2\n", "2 numbers"),
-        ("v 1 2 3 2\n", "weights"),
-        ("mtllib C:\\\nf 1 2 3\n", "backslash"),
-        ("usemtl \\\n\tF\t1 2 3\n", "backslash"),
-        ("\0", "not text"),
-    ],
+@refusals(
+    "text, message",
+    ("surf 0 1 0 1 1 2 3\n", "'surf'"),
+    ("curv 0 1 1 2\n", "'curv'"),
+    ("call other.obj\n", "'call'"),
+    ("fo 1 2 3\n", "'fo'"),
+    ("1 2 3\n", "no statement"),
+    ("ff 1 2 3\n", "no statement"),
+    ("f 1 2\n", "2 corners"),
+    ("f 0 1 2\n", "vertex 0"),
+    ("f 1 2 9\n", "vertex 8"),
+    ("f 1 2 -9\n", "vertex -1"),
+    ("f 1 2 3.5\n", "no whole number"),
+    ("f 1 2 /3\n", "no whole number"),
+    ("v 1 2\n", "2 numbers"),
+    ("v 1 2 3 2\n", "weights"),
+    ("mtllib C:\\\nf 1 2 3\n", "backslash"),
+    ("usemtl \\\n\tF\t1 2 3\n", "backslash"),
+    ("\0", "not text"),
 )
 def test_what_an_obj_reader_cannot_tell_is_refused(tmp_path, text, message):
     check_refused(tmp_path, "odd.obj", VERTICES + FACES + text, message)
@@ -119,14 +118,12 @@ def test_bent_polygons_that_one_corner_sees_keep_their_area(first):
     assert area_of(np.roll(dart, first, axis=0), [4]) == pytest.approx(6.0)
 
 
-@pytest.mark.parametrize(
-    ("points", "message"),
-    [
-        ([(0, 0, 0), (1, 0, 0.01), (1, 1, 0), (0, 1, 0.01)], "one plane"),
-        ([(0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 1, 0)], "no area"),
-        ([(0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 2, 0)], "crosses itself"),
-        ([(0, 0, 0), (4, 0, 0), (4, 3, 0), (3, 3, 0), (3, 1, 0), (1, 1, 0), (1, 3, 0), (0, 3, 0)], "bends"),
-    ],
+@refusals(
+    "points, message",
+    ([(0, 0, 0), (1, 0, 0.01), (1, 1, 0), (0, 1, 0.01)], "one plane"),
+    ([(0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 1, 0)], "no area"),
+    ([(0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 2, 0)], "crosses itself"),
+    ([(0, 0, 0), (4, 0, 0), (4, 3, 0), (3, 3, 0), (3, 1, 0), (1, 1, 0), (1, 3, 0), (0, 3, 0)], "bends"),
 )
 def test_polygons_without_one_surface_are_refused(tmp_path, points, message):
     face = f"f {' '.join(map(str, range(1, len(points) + 1)))}\n"
@@ -174,31 +171,29 @@ def test_all_solids_of_a_text_stl_are_read(tmp_path, write):
     check_boxes(read(tmp_path, "two.stl", write(text_stl()) + "\n" + write(text_stl(FAR))), 2)
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (binary_stl(6), "declares 6 triangles and has bytes for 12"),
-        (binary_stl(13), "declares 13 triangles and has bytes for 12"),
-        (binary_stl()[:60], "truncated"),
-        (b"solid " + binary_stl(6)[6:], "solid"),
-        (text_stl() + text_stl(FAR).replace("endsolid", ""), "endsolid"),
-        (text_stl() + text_stl(FAR).replace("endsolid", "endsol"), "endsolid"),
-        (text_stl().replace("endsolid", "") + text_stl(FAR), "endsolid"),
-        (text_stl() + text_stl(FAR).partition("facet")[2], "endsolid"),
-        (
-            text_stl()
-            + text_stl(FAR).replace(
-                "solid", "solid " + text_stl().partition("solid")[2].partition("endsolid")[0].replace("\n", " ")
-            ),
-            "own",
+@refusals(
+    "content, message",
+    (binary_stl(6), "declares 6 triangles and has bytes for 12"),
+    (binary_stl(13), "declares 13 triangles and has bytes for 12"),
+    (binary_stl()[:60], "truncated"),
+    (b"solid " + binary_stl(6)[6:], "solid"),
+    (text_stl() + text_stl(FAR).replace("endsolid", ""), "endsolid"),
+    (text_stl() + text_stl(FAR).replace("endsolid", "endsol"), "endsolid"),
+    (text_stl().replace("endsolid", "") + text_stl(FAR), "endsolid"),
+    (text_stl() + text_stl(FAR).partition("facet")[2], "endsolid"),
+    (
+        text_stl()
+        + text_stl(FAR).replace(
+            "solid", "solid " + text_stl().partition("solid")[2].partition("endsolid")[0].replace("\n", " ")
         ),
-        (text_stl() + text_stl(FAR).replace("vertex", "vertix", 1), "whole ones"),
-        (text_stl() + text_stl(FAR).replace("endfacet\n", "", 1), "words"),
-        (text_stl().replace(".0 ", ".0, "), "malformed"),
-        (b" 4\xff0".join(text_stl().encode().rsplit(b" 4.0", 1)), "malformed"),  # which is neither 4.0 nor 40
-        (text_stl().encode().replace(b" 4.0", b" 4.0\0", 1), "not text"),
-        (text_stl() + text_stl(FAR).partition("facet")[2].partition("endsolid")[0], "endsolid"),
-    ],
+        "own",
+    ),
+    (text_stl() + text_stl(FAR).replace("vertex", "vertix", 1), "whole ones"),
+    (text_stl() + text_stl(FAR).replace("endfacet\n", "", 1), "words"),
+    (text_stl().replace(".0 ", ".0, "), "malformed"),
+    (b" 4\xff0".join(text_stl().encode().rsplit(b" 4.0", 1)), "malformed"),  # which is neither 4.0 nor 40
+    (text_stl().encode().replace(b" 4.0", b" 4.0\0", 1), "not text"),
+    (text_stl() + text_stl(FAR).partition("facet")[2].partition("endsolid")[0], "endsolid"),
 )
 def test_stl_files_that_hold_other_than_they_say_are_refused(tmp_path, content, message):
     check_refused(tmp_path, "odd.stl", content, message, FileError)
@@ -227,20 +222,18 @@ def test_off_files_are_read_with_their_colours_and_comments(tmp_path, text):
     check_boxes(read(tmp_path, "box.off", text))
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (f"OFF\n8 5 0\n{POINTS}{SIDES}", "14 lines"),
-        (f"OFF\n8 7 0\n{POINTS}{SIDES}", "14 lines"),
-        (f"OFF\n8 6 0\n{POINTS}{SIDES[:-3]}", "fewer corners"),
-        (f"OFF\n8 6 0\n{POINTS}{SIDES.replace('4 3', '2 3', 1)}", "2 corners"),
-        (f"OFF\n8 6 0\n{POINTS}{SIDES.replace('4 3', '4 8', 1)}", "vertex 8"),
-        (f"OFF\n8 6 0\n{POINTS}{SIDES.replace('4 3', '4 -1', 1)}", "vertex -1"),
-        (f"OFF\n8 6 0\n{POINTS.replace('4.0 4.0 4.0', '4.0 4.0')}{SIDES}", "alike"),
-        (f"4OFF\n8 6 0\n{POINTS.replace(chr(10), ' 2' + chr(10))}{SIDES}", "4OFF"),
-        (f"OFF BINARY\n8 6 0\n{POINTS}{SIDES}", "binary"),
-        (f"8 6 0\n{POINTS}{SIDES}", "begin with OFF"),
-    ],
+@refusals(
+    "text, message",
+    (f"OFF\n8 5 0\n{POINTS}{SIDES}", "14 lines"),
+    (f"OFF\n8 7 0\n{POINTS}{SIDES}", "14 lines"),
+    (f"OFF\n8 6 0\n{POINTS}{SIDES[:-3]}", "fewer corners"),
+    (f"OFF\n8 6 0\n{POINTS}{SIDES.replace('4 3', '2 3', 1)}", "2 corners"),
+    (f"OFF\n8 6 0\n{POINTS}{SIDES.replace('4 3', '4 8', 1)}", "vertex 8"),
+    (f"OFF\n8 6 0\n{POINTS}{SIDES.replace('4 3', '4 -1', 1)}", "vertex -1"),
+    (f"OFF\n8 6 0\n{POINTS.replace('4.0 4.0 4.0', '4.0 4.0')}{SIDES}", "alike"),
+    (f"4OFF\n8 6 0\n{POINTS.replace(chr(10), ' 2' + chr(10))}{SIDES}", "4OFF"),
+    (f"OFF BINARY\n8 6 0\n{POINTS}{SIDES}", "binary"),
+    (f"8 6 0\n{POINTS}{SIDES}", "begin with OFF"),
 )
 def test_off_files_that_hold_other_than_they_say_are_refused(tmp_path, text, message):
     check_refused(tmp_path, "odd.off", text, message)

@@ -16,6 +16,7 @@ import cspace
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.files.messages import Costmap, OccupancyGrid
 from handmade import walled
+from refusals import refusals
 
 RNG = np.random.default_rng(0)
 
@@ -237,22 +238,20 @@ def changed(**fields):
     return made
 
 
-@pytest.mark.parametrize(
-    ("msg", "expected"),
-    [
-        (None, r"msg has no info.*nav_msgs/OccupancyGrid"),
-        (np.zeros((3, 3)), r"msg has no info"),
-        (SimpleNamespace(info=SimpleNamespace(width=2), data=[]), r"msg has no info\.height"),
-        (changed(info__width=0), r"msg\.info\.width is 0; it must be a whole number above zero"),
-        (changed(info__height=2.5), r"msg\.info\.height is 2\.5"),
-        (changed(info__width=4), r"msg\.data has shape \(6,\); .* width x height = 4 x 2"),
-        (changed(data=[0.5] * 6), r"msg\.data holds values of type float64"),
-        (changed(data=[[1], [1, 2]]), r"msg\.data is not one list"),
-        (changed(info__resolution=0.0), r"msg\.info\.resolution is 0\.0"),
-        (changed(info__resolution=math.nan), r"msg\.info\.resolution is nan"),
-        (changed(info__origin__position__x=math.inf), r"msg\.info\.origin\.position\.x is inf"),
-        (changed(info__origin__orientation__x=1.0), r"orientation is \(1, 0, 0, 1\), which is tilted"),
-    ],
+@refusals(
+    "msg, expected",
+    (None, r"msg has no info.*nav_msgs/OccupancyGrid"),
+    (np.zeros((3, 3)), r"msg has no info"),
+    (SimpleNamespace(info=SimpleNamespace(width=2), data=[]), r"msg has no info\.height"),
+    (changed(info__width=0), r"msg\.info\.width is 0; it must be a whole number above zero"),
+    (changed(info__height=2.5), r"msg\.info\.height is 2\.5"),
+    (changed(info__width=4), r"msg\.data has shape \(6,\); .* width x height = 4 x 2"),
+    (changed(data=[0.5] * 6), r"msg\.data holds values of type float64"),
+    (changed(data=[[1], [1, 2]]), r"msg\.data is not one list"),
+    (changed(info__resolution=0.0), r"msg\.info\.resolution is 0\.0"),
+    (changed(info__resolution=math.nan), r"msg\.info\.resolution is nan"),
+    (changed(info__origin__position__x=math.inf), r"msg\.info\.origin\.position\.x is inf"),
+    (changed(info__origin__orientation__x=1.0), r"orientation is \(1, 0, 0, 1\), which is tilted"),
 )
 def test_bad_messages_are_told_in_a_line(msg, expected):
     with pytest.raises(InputError, match=expected) as caught:

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from cspace import Arm, FileError, Robot, Workspace, build, build_arm
 from cspace.arms import Placed, read_moveit_scene
 from cspace.errors import GeometryError, InputError
+from refusals import refusals
 
 NAMES = ("box", "sphere", "cylinder", "cone")
 BOUNDS = (-2.0, -2.0, -2.0, 2.0, 2.0, 2.0)
@@ -206,38 +207,32 @@ def test_what_enlarges_the_robot_is_named(tmp_path):
 BOX = {"type": "box", "dimensions": [1, 1, 1]}
 
 
-@pytest.mark.parametrize(
-    ("objects", "expected"),
-    [
-        (
-            [primitive("prism", [1, 1])],
-            r"has the type 'prism' at primitives\[0\] of object 'thing'; .* box \(1\), sphere",
-        ),
-        ([primitive(5, [1, 1])], r"has the type 5 at"),
-        ([primitive(None, [1, 1])], r"has the type None at"),
-        ([primitive("cylinder", [1])], r"has the dimensions \[1.0\] at .*; a cylinder has height, radius"),
-        ([primitive("cylinder", [1, 0])], r"has the dimensions \[1.0, 0.0\]"),
-        ([primitive("sphere", [1, 2])], r"has the dimensions \[1.0, 2.0\] at .*; a sphere has radius"),
-        ([primitive("box", ["a", 1, 1])], r"has \['a', 1, 1\] as dimensions of .*; it must be 3 finite numbers"),
-        ([{"id": "a", "primitives": [{"type": 1}]}], r"has the dimensions \[\] at"),
-        ([primitive("box", [1, 1, 1], {"position": [0, 0]})], r"as position of primitive_poses\[0\] of object 'thing'"),
-        ([primitive("box", [1, 1, 1], {"orientation": {"x": 1}})], r"as orientation of .* 4 finite numbers"),
-        (
-            [{"id": "a", "primitives": [dict(BOX), {}], "primitive_poses": [pose()]}],
-            "has 2 primitives and 1 primitive_poses",
-        ),
-        ([{"id": "a"}], "has no shape at object 'a'"),
-        ([], "holds no shape"),
-        ([primitive("box", [1, 1, 1], operation="move")], "has the operation 'move' at object 'thing'"),
-        ([{"id": "a", "meshes": [{"vertices": [[0, 0, 0]], "triangles": [[0, 1, 2]]}]}], "of its 1 vertices at meshes"),
-        ([{"id": "a", "meshes": [{"vertices": [], "triangles": []}]}], "has no triangles"),
-        ([{"id": "a", "meshes": [{"resource": "package://none/x.stl"}]}], "does not exist"),
-        ([{"id": "a", "planes": [{"coef": [0, 0, 0, 1]}]}], "a, b and c may not all be zero"),
-        ([{"id": "a", "planes": [{"coef": [0, 0, 1]}]}], "as coef of planes"),
-        (["box"], r"has 'box' as collision_objects\[0\]; it must be a table"),
-        ([primitive("box", [1, 1, 1], name=f"b{n}") for n in range(10_001)], "holds more than 10000 shapes"),
-    ],
-    ids=lambda value: value[:40] if isinstance(value, str) else "",
+@refusals(
+    "objects, expected",
+    ([primitive("prism", [1, 1])], r"has the type 'prism' at primitives\[0\] of object 'thing'; .* box \(1\), sphere"),
+    ([primitive(5, [1, 1])], r"has the type 5 at"),
+    ([primitive(None, [1, 1])], r"has the type None at"),
+    ([primitive("cylinder", [1])], r"has the dimensions \[1.0\] at .*; a cylinder has height, radius"),
+    ([primitive("cylinder", [1, 0])], r"has the dimensions \[1.0, 0.0\]"),
+    ([primitive("sphere", [1, 2])], r"has the dimensions \[1.0, 2.0\] at .*; a sphere has radius"),
+    ([primitive("box", ["a", 1, 1])], r"has \['a', 1, 1\] as dimensions of .*; it must be 3 finite numbers"),
+    ([{"id": "a", "primitives": [{"type": 1}]}], r"has the dimensions \[\] at"),
+    ([primitive("box", [1, 1, 1], {"position": [0, 0]})], r"as position of primitive_poses\[0\] of object 'thing'"),
+    ([primitive("box", [1, 1, 1], {"orientation": {"x": 1}})], r"as orientation of .* 4 finite numbers"),
+    (
+        [{"id": "a", "primitives": [dict(BOX), {}], "primitive_poses": [pose()]}],
+        "has 2 primitives and 1 primitive_poses",
+    ),
+    ([{"id": "a"}], "has no shape at object 'a'"),
+    ([], "holds no shape"),
+    ([primitive("box", [1, 1, 1], operation="move")], "has the operation 'move' at object 'thing'"),
+    ([{"id": "a", "meshes": [{"vertices": [[0, 0, 0]], "triangles": [[0, 1, 2]]}]}], "of its 1 vertices at meshes"),
+    ([{"id": "a", "meshes": [{"vertices": [], "triangles": []}]}], "has no triangles"),
+    ([{"id": "a", "meshes": [{"resource": "package://none/x.stl"}]}], "does not exist"),
+    ([{"id": "a", "planes": [{"coef": [0, 0, 0, 1]}]}], "a, b and c may not all be zero"),
+    ([{"id": "a", "planes": [{"coef": [0, 0, 1]}]}], "as coef of planes"),
+    (["box"], r"has 'box' as collision_objects\[0\]; it must be a table"),
+    ([primitive("box", [1, 1, 1], name=f"b{n}") for n in range(10_001)], "holds more than 10000 shapes"),
 )
 def test_bad_scenes_are_refused_in_a_line(tmp_path, objects, expected):
     path = scene(tmp_path, *objects)
@@ -246,19 +241,13 @@ def test_bad_scenes_are_refused_in_a_line(tmp_path, objects, expected):
     assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("world: {}", "has no world.collision_objects"),
-        ("[1, 2]", "it must be a table"),
-        ("(noname)\n* Box\n", "has no world.collision_objects|it must be a table|cannot be read"),
-        (
-            "world: {collision_objects: [], octomap: {octomap: {data: [1]}}}",
-            r"holds an OctoMap; .* Workspace.from_octomap",
-        ),
-        ("world: {collision_objects: 3}", "has '3' as collision_objects; it must be a list"),
-    ],
-    ids=["no objects", "a list", "MoveIt's own text", "octomap", "no list"],
+@refusals(
+    "text, expected",
+    ("world: {}", "has no world.collision_objects"),
+    ("[1, 2]", "it must be a table"),
+    ("(noname)\n* Box\n", "has no world.collision_objects|it must be a table|cannot be read"),
+    ("world: {collision_objects: [], octomap: {octomap: {data: [1]}}}", r"holds an OctoMap; .* Workspace.from_octomap"),
+    ("world: {collision_objects: 3}", "has '3' as collision_objects; it must be a list"),
 )
 def test_other_files_are_refused_in_a_line(tmp_path, text, expected):
     path = tmp_path / "scene.yaml"

@@ -8,6 +8,7 @@ import pytest
 from cspace import Grid, Workspace
 from cspace.errors import FileError
 from cspace.files.movingai import read_map
+from refusals import refusals
 
 MAPS = ["AR0011SR", "Berlin_1_1024", "arena", "brc504d", "maze512-32-0", "random512-10-0"]
 
@@ -34,26 +35,24 @@ def test_windows_line_ends(tmp_path: Path) -> None:
     assert read_map(tmp_path / "tiny.map").sum() == 2
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "line 1 is ''"),
-        ("type tile\nheight 1\nwidth 1\nmap\n.", "line 1 is 'type tile'"),
-        ("type octile", "line 2 is missing"),
-        ("type octile\nheight two\nwidth 1\nmap\n.", "line 2 is 'height two'"),
-        ("type octile\nheight 0\nwidth 1\nmap\n.", "line 2 is 'height 0'"),
-        ("type octile\nheight " + "9" * 5000 + "\nwidth 1\nmap\n.", "line 2 is 'height 999"),
-        ("type octile\nheight -1\nwidth 1\nmap\n.", "line 2 is 'height -1'"),
-        ("type octile\nheight 1\nheight 1\nmap\n.", "line 3 is 'height 1'"),
-        ("type octile\nheight 1\nwidth 1\n.", "line 4 is '.'"),
-        ("type octile\nheight 1\nwidth 1", "line 4 is missing"),
-        ("type octile\nheight 2\nwidth 3\nmap\n...\n..", "line 6 has 2 characters, and the header says width 3"),
-        ("type octile\nheight 2\nwidth 3\nmap\n...\n....", "line 6 has 4 characters"),
-        ("type octile\nheight 2\nwidth 3\nmap\n...", "ends at line 5 with 1 rows, and the header says height 2"),
-        ("type octile\nheight 1\nwidth 3\nmap\n...\n...", "ends at line 6 with 2 rows"),
-        ("type octile\nheight 2\nwidth 3\nmap\n...\n.x.", "line 6, column 2 is 'x'"),
-        ("type octile\nheight 2\nwidth 3\nmap\n...\n. .", "line 6, column 2 is ' '"),
-    ],
+@refusals(
+    "text, message",
+    ("", "line 1 is ''"),
+    ("type tile\nheight 1\nwidth 1\nmap\n.", "line 1 is 'type tile'"),
+    ("type octile", "line 2 is missing"),
+    ("type octile\nheight two\nwidth 1\nmap\n.", "line 2 is 'height two'"),
+    ("type octile\nheight 0\nwidth 1\nmap\n.", "line 2 is 'height 0'"),
+    ("type octile\nheight " + "9" * 5000 + "\nwidth 1\nmap\n.", "line 2 is 'height 999"),
+    ("type octile\nheight -1\nwidth 1\nmap\n.", "line 2 is 'height -1'"),
+    ("type octile\nheight 1\nheight 1\nmap\n.", "line 3 is 'height 1'"),
+    ("type octile\nheight 1\nwidth 1\n.", "line 4 is '.'"),
+    ("type octile\nheight 1\nwidth 1", "line 4 is missing"),
+    ("type octile\nheight 2\nwidth 3\nmap\n...\n..", "line 6 has 2 characters, and the header says width 3"),
+    ("type octile\nheight 2\nwidth 3\nmap\n...\n....", "line 6 has 4 characters"),
+    ("type octile\nheight 2\nwidth 3\nmap\n...", "ends at line 5 with 1 rows, and the header says height 2"),
+    ("type octile\nheight 1\nwidth 3\nmap\n...\n...", "ends at line 6 with 2 rows"),
+    ("type octile\nheight 2\nwidth 3\nmap\n...\n.x.", "line 6, column 2 is 'x'"),
+    ("type octile\nheight 2\nwidth 3\nmap\n...\n. .", "line 6, column 2 is ' '"),
 )
 def test_malformed_maps(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "bad.map").write_text(text)

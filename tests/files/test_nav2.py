@@ -5,6 +5,7 @@ import pytest
 import shapely
 
 from cspace import FileError, GeometryError, InputError, Robot
+from refusals import refusals
 
 TEXT = "[[0.3, .2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"
 
@@ -82,19 +83,17 @@ def test_costmaps_that_differ_are_both_named(tmp_path):
         Robot.from_nav2(path, "third")
 
 
-@pytest.mark.parametrize(
-    ("table", "error", "message"),
-    [
-        ("{resolution: 0.05}", FileError, "neither footprint nor robot_radius"),
-        ("{robot_radius: -1}", InputError, "local_costmap: robot_radius is -1"),
-        ("{robot_radius: wide}", InputError, "robot_radius is 'wide'"),
-        ("{robot_radius: 0.2, footprint_padding: -0.1}", InputError, "footprint_padding is -0.1"),
-        ("{robot_radius: 0.2, footprint_padding: [1]}", InputError, "footprint_padding is"),
-        ('{footprint: "[[1, 1], [2, 2]]"}', GeometryError, "local_costmap: footprint is .* three points"),
-        ('{footprint: "[[1, 1], [2"}', GeometryError, "three points"),
-        ('{footprint: "[[0, 0], [1, 1], [1, 0], [0, 1]]"}', GeometryError, "Self-intersection"),
-        ("{footprint: {x: 1}}", GeometryError, "three points"),
-    ],
+@refusals(
+    "table, error, message",
+    ("{resolution: 0.05}", FileError, "neither footprint nor robot_radius"),
+    ("{robot_radius: -1}", InputError, "local_costmap: robot_radius is -1"),
+    ("{robot_radius: wide}", InputError, "robot_radius is 'wide'"),
+    ("{robot_radius: 0.2, footprint_padding: -0.1}", InputError, "footprint_padding is -0.1"),
+    ("{robot_radius: 0.2, footprint_padding: [1]}", InputError, "footprint_padding is"),
+    ('{footprint: "[[1, 1], [2, 2]]"}', GeometryError, "local_costmap: footprint is .* three points"),
+    ('{footprint: "[[1, 1], [2"}', GeometryError, "three points"),
+    ('{footprint: "[[0, 0], [1, 1], [1, 0], [0, 1]]"}', GeometryError, "Self-intersection"),
+    ("{footprint: {x: 1}}", GeometryError, "three points"),
 )
 def test_bad_parameters_are_named(tmp_path, table, error, message):
     with pytest.raises(error, match=message):

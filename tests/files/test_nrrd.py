@@ -17,6 +17,7 @@ import cspace
 from cspace import Grid, Robot, Workspace
 from cspace.errors import CspaceError, FileError, InputError
 from cspace.files.formats import dimension_of
+from refusals import refusals
 from strategies import seeds
 
 TYPES = {
@@ -123,50 +124,44 @@ def test_arguments_replace_what_the_header_says(tmp_path: Path) -> None:
 PLAIN = "NRRD0004\ntype: uchar\ndimension: 2\nsizes: 3 2\nencoding: raw\nspacings: 1 1\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "body", "message"),
-    [
-        ("", b"", "has no empty line"),
-        ("NRRD0009\n\n", b"", "begins with 'NRRD0009'"),
-        (PLAIN, b"", "has no empty line"),
-        (PLAIN + "\n", b"\0" * 5, "holds fewer values than its header declares"),
-        (PLAIN + "\n", b"\0" * 7, "holds more values than its header declares"),
-        (PLAIN.replace("raw", "gzip") + "\n", gzip.compress(bytes(5), mtime=0), "fewer values"),
-        (PLAIN.replace("raw", "gzip") + "\n", gzip.compress(bytes(7), mtime=0), "more values"),
-        (
-            PLAIN.replace("raw", "gzip") + "\n",
-            gzip.compress(bytes(6), mtime=0)[:-3],
-            "cannot be read as a grid in NRRD",
-        ),
-        (PLAIN.replace("raw", "gzip") + "\n", b"not packed", "cannot be read as a grid in NRRD"),
-        (PLAIN.replace("raw", "bzip2") + "\n", b"", "has the encoding 'bzip2'; raw and gzip are read"),
-        (PLAIN.replace("uchar", "block") + "\n", b"", "has values of type 'block'"),
-        (PLAIN.replace("uchar", "short") + "\n", bytes(12), "says endian ''; it must be little or big"),
-        (PLAIN.replace("3 2", "3 -2") + "\n", b"", "says sizes '3 -2'"),
-        (PLAIN.replace("3 2", "3 2 1 1").replace(": 2", ": 4") + "\n", b"", "has 4 sizes; a grid has 2 or 3 axes"),
-        (PLAIN.replace("dimension: 2", "dimension: 3") + "\n", b"", "says dimension '3' and has 2 sizes"),
-        (PLAIN + "data file: other.raw\n\n", b"", "keeps its values in another file"),
-        (PLAIN + "byte skip: -1\n\n", bytes(6), "skips data"),
-        (PLAIN + "sizes: 3 2\n\n", bytes(6), "says 'sizes' twice"),
-        (PLAIN.replace("1 1", "1 nan") + "\n", bytes(6), "says spacings"),
-        (PLAIN.replace("1 1", "1 2") + "\n", bytes(6), "cells must be cubes along the axes"),
-        (PLAIN.replace("1 1", "0 0") + "\n", bytes(6), "cells must be cubes along the axes"),
-        (PLAIN + "space directions: (1,1) (-1,1)\n\n", bytes(6), "cells must be cubes along the axes"),
-        (PLAIN + "space directions: (1,0) (1,0)\n\n", bytes(6), "cells must be cubes along the axes"),
-        (PLAIN + "space directions: none (1,0)\n\n", bytes(6), "it must be 2 vectors of 2 finite numbers"),
-        (PLAIN + 'units: "mm" "s"\n\n', bytes(6), "has the units 'mm', 's'"),
-        (PLAIN + "axis mins: 0 0\n\n", bytes(6), "says where it begins by axis mins or maxs; .* pass lower="),
-        (PLAIN + "space origin: (1e300,0)\n\n", bytes(6), "cells from the origin"),
-        (PLAIN.replace("uchar", "float") + "endian: big\n\n", np.full(6, np.nan, ">f4").tobytes(), "holds NaN"),
-        (PLAIN + "\n", bytes([0, 1, 2, 0, 0, 0]), "threshold is missing for .*, which holds 2; without it"),
-        (PLAIN.replace("spacings: 1 1\n", "\n"), bytes(6), "spacing is missing for"),
-        (PLAIN.replace("3 2", "99999 99999") + "\n", b"", "declares 99999 x 99999 cells"),
-        (
-            PLAIN.replace("3 2", "20000 20000").replace("raw", "gzip") + "\n",
-            b"",
-            "declares 400,000,000 compressed voxels in",
-        ),
-    ],
+@refusals(
+    "text, body, message",
+    ("", b"", "has no empty line"),
+    ("NRRD0009\n\n", b"", "begins with 'NRRD0009'"),
+    (PLAIN, b"", "has no empty line"),
+    (PLAIN + "\n", b"\0" * 5, "holds fewer values than its header declares"),
+    (PLAIN + "\n", b"\0" * 7, "holds more values than its header declares"),
+    (PLAIN.replace("raw", "gzip") + "\n", gzip.compress(bytes(5), mtime=0), "fewer values"),
+    (PLAIN.replace("raw", "gzip") + "\n", gzip.compress(bytes(7), mtime=0), "more values"),
+    (PLAIN.replace("raw", "gzip") + "\n", gzip.compress(bytes(6), mtime=0)[:-3], "cannot be read as a grid in NRRD"),
+    (PLAIN.replace("raw", "gzip") + "\n", b"not packed", "cannot be read as a grid in NRRD"),
+    (PLAIN.replace("raw", "bzip2") + "\n", b"", "has the encoding 'bzip2'; raw and gzip are read"),
+    (PLAIN.replace("uchar", "block") + "\n", b"", "has values of type 'block'"),
+    (PLAIN.replace("uchar", "short") + "\n", bytes(12), "says endian ''; it must be little or big"),
+    (PLAIN.replace("3 2", "3 -2") + "\n", b"", "says sizes '3 -2'"),
+    (PLAIN.replace("3 2", "3 2 1 1").replace(": 2", ": 4") + "\n", b"", "has 4 sizes; a grid has 2 or 3 axes"),
+    (PLAIN.replace("dimension: 2", "dimension: 3") + "\n", b"", "says dimension '3' and has 2 sizes"),
+    (PLAIN + "data file: other.raw\n\n", b"", "keeps its values in another file"),
+    (PLAIN + "byte skip: -1\n\n", bytes(6), "skips data"),
+    (PLAIN + "sizes: 3 2\n\n", bytes(6), "says 'sizes' twice"),
+    (PLAIN.replace("1 1", "1 nan") + "\n", bytes(6), "says spacings"),
+    (PLAIN.replace("1 1", "1 2") + "\n", bytes(6), "cells must be cubes along the axes"),
+    (PLAIN.replace("1 1", "0 0") + "\n", bytes(6), "cells must be cubes along the axes"),
+    (PLAIN + "space directions: (1,1) (-1,1)\n\n", bytes(6), "cells must be cubes along the axes"),
+    (PLAIN + "space directions: (1,0) (1,0)\n\n", bytes(6), "cells must be cubes along the axes"),
+    (PLAIN + "space directions: none (1,0)\n\n", bytes(6), "it must be 2 vectors of 2 finite numbers"),
+    (PLAIN + 'units: "mm" "s"\n\n', bytes(6), "has the units 'mm', 's'"),
+    (PLAIN + "axis mins: 0 0\n\n", bytes(6), "says where it begins by axis mins or maxs; .* pass lower="),
+    (PLAIN + "space origin: (1e300,0)\n\n", bytes(6), "cells from the origin"),
+    (PLAIN.replace("uchar", "float") + "endian: big\n\n", np.full(6, np.nan, ">f4").tobytes(), "holds NaN"),
+    (PLAIN + "\n", bytes([0, 1, 2, 0, 0, 0]), "threshold is missing for .*, which holds 2; without it"),
+    (PLAIN.replace("spacings: 1 1\n", "\n"), bytes(6), "spacing is missing for"),
+    (PLAIN.replace("3 2", "99999 99999") + "\n", b"", "declares 99999 x 99999 cells"),
+    (
+        PLAIN.replace("3 2", "20000 20000").replace("raw", "gzip") + "\n",
+        b"",
+        "declares 400,000,000 compressed voxels in",
+    ),
 )
 def test_malformed_files_are_refused_in_one_line(tmp_path: Path, text: str, body: bytes, message: str) -> None:
     path = tmp_path / "bad.nrrd"
@@ -177,15 +172,12 @@ def test_malformed_files_are_refused_in_one_line(tmp_path: Path, text: str, body
     assert isinstance(caught.value, FileError | InputError)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"spacing": -1.0}, "spacing is -1.0"),
-        ({"lower": (0, 0, 0)}, "lower has shape"),
-        ({"threshold": np.nan}, "threshold is nan"),
-        ({"threshold": (1, 2)}, "threshold is .* it must be one number"),
-    ],
-    ids=["spacing", "lower", "NaN", "two thresholds"],
+@refusals(
+    "options, message",
+    ({"spacing": -1.0}, "spacing is -1.0"),
+    ({"lower": (0, 0, 0)}, "lower has shape"),
+    ({"threshold": np.nan}, "threshold is nan"),
+    ({"threshold": (1, 2)}, "threshold is .* it must be one number"),
 )
 def test_unusable_arguments_are_refused(tmp_path: Path, options: dict[str, Any], message: str) -> None:
     path = write(tmp_path / "a.nrrd", np.eye(3), "uchar", "spacings: 1 1")

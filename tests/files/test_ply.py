@@ -5,6 +5,7 @@ import pytest
 
 from cspace import GeometryError
 from mesh_files import BOX, CORNERS, QUADS, check_boxes, check_refused, read
+from refusals import refusals
 
 # PLY
 
@@ -63,23 +64,21 @@ def test_binary_lists_whose_lengths_change_are_told_though_the_sizes_agree(tmp_p
     check_refused(tmp_path, "odd.ply", bytes(data), "different numbers")
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (ply("ascii", tail=b"\n0 1 2"), "15 lines"),
-        (ply("ascii", tail=b" 7"), "6 words"),
-        (ply("binary_little_endian", tail=b"abc"), "unexpected length"),
-        (ply("ascii", name="corners"), "one list named vertex_indices"),
-        (ply("ascii", types=("float", "uchar", "float"), faces=[(0, 1, 2.5)]), "2.5"),
-        (ply("ascii", faces=[(0, 1, 8)]), "vertex 8"),
-        (ply("ascii", faces=[(0, 1, -1)]), "vertex -1"),
-        (ply("ascii", faces=[(0, 1)]), "2 corners"),
-        (ply("ascii").replace(b"format ascii", b"header"), "header"),
-        (ply("ascii").replace(b"float z", b"float w"), "x, y and z"),
-        (ply("ascii").replace(b"face 6", b"face 99999999999999"), "truncated"),
-        (ply("binary_big_endian").replace(b"face 6", b"face 99999999999999"), "truncated"),
-        (ply("binary_big_endian").replace(b"vertex 8", b"vertex 99999999999999"), "truncated"),
-    ],
+@refusals(
+    "content, message",
+    (ply("ascii", tail=b"\n0 1 2"), "15 lines"),
+    (ply("ascii", tail=b" 7"), "6 words"),
+    (ply("binary_little_endian", tail=b"abc"), "unexpected length"),
+    (ply("ascii", name="corners"), "one list named vertex_indices"),
+    (ply("ascii", types=("float", "uchar", "float"), faces=[(0, 1, 2.5)]), "2.5"),
+    (ply("ascii", faces=[(0, 1, 8)]), "vertex 8"),
+    (ply("ascii", faces=[(0, 1, -1)]), "vertex -1"),
+    (ply("ascii", faces=[(0, 1)]), "2 corners"),
+    (ply("ascii").replace(b"format ascii", b"header"), "header"),
+    (ply("ascii").replace(b"float z", b"float w"), "x, y and z"),
+    (ply("ascii").replace(b"face 6", b"face 99999999999999"), "truncated"),
+    (ply("binary_big_endian").replace(b"face 6", b"face 99999999999999"), "truncated"),
+    (ply("binary_big_endian").replace(b"vertex 8", b"vertex 99999999999999"), "truncated"),
 )
 def test_ply_files_that_hold_other_than_they_say_are_refused(tmp_path, content, message):
     check_refused(tmp_path, "odd.ply", content, message)

@@ -17,6 +17,7 @@ from PIL import Image
 from cspace import BLOCKED, FREE, MIXED, Grid, Workspace
 from cspace.errors import FileError, InputError
 from cspace.export.images import write_ros_map
+from refusals import refusals
 
 HEADER: dict[str, Any] = {
     "image": "map.png",
@@ -201,56 +202,52 @@ def test_a_turned_map_without_free_cells(tmp_path: Path) -> None:
     assert not Workspace.from_ros_map(path, "free").outer.any()
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"image": None}, "image is missing"),
-        ({"image": ""}, "image is ''"),
-        ({"image": 7}, "image is 7"),
-        ({"image": "absent.pgm"}, r"absent\.pgm: does not exist; a ROS map's image"),
-        ({"resolution": None}, "resolution is missing"),
-        ({"resolution": 0}, "resolution is 0.0"),
-        ({"resolution": -0.05}, "resolution is -0.05"),
-        ({"resolution": float("nan")}, "resolution is nan"),
-        ({"resolution": "fine"}, "resolution is 'fine'"),
-        ({"resolution": True}, "resolution is True"),
-        ({"resolution": 1e-9}, r"map\.yaml: .*cells from the origin"),
-        ({"resolution": 1e308}, r"resolution is 1e\+308"),
-        ({"origin": [1.7e308, 0.0, 0.3]}, r"origin is \[1.7e\+308"),
-        ({"origin": None}, "origin is missing"),
-        ({"origin": [0.0, 0.0]}, r"origin is \[0.0, 0.0\]"),
-        ({"origin": 0.0}, "origin is 0.0"),
-        ({"origin": [0.0, 0.0, float("inf")]}, r"origin\[2\] is inf"),
-        ({"origin": [0.0, [1], 0.0]}, r"origin\[1\] is \[1\]"),
-        ({"negate": None}, "negate is missing"),
-        ({"negate": 2}, "negate is 2"),
-        ({"negate": "no way"}, "negate is 'no way'"),
-        ({"negate": 1, "mode": "raw"}, "negate is 1 in raw mode"),
-        ({"mode": "binary"}, "mode is 'binary'.*trinary, scale, raw"),
-        ({"mode": ["raw"]}, r"mode is \['raw'\]"),
-        ({"occupied_thresh": None}, "occupied_thresh is missing"),
-        ({"free_thresh": None}, "free_thresh is missing"),
-        ({"occupied_thresh": 1.01}, "occupied_thresh is 1.01"),
-        ({"free_thresh": -0.1}, "free_thresh is -0.1"),
-        ({"free_thresh": float("nan")}, "free_thresh is nan"),
-        ({"free_thresh": 0.7}, "free_thresh is 0.7 and occupied_thresh is 0.65"),
-        ({"free_thresh": 0.65}, "free_thresh is 0.65 and occupied_thresh is 0.65"),
-    ],
+@refusals(
+    "changes, message",
+    ({"image": None}, "image is missing"),
+    ({"image": ""}, "image is ''"),
+    ({"image": 7}, "image is 7"),
+    ({"image": "absent.pgm"}, r"absent\.pgm: does not exist; a ROS map's image"),
+    ({"resolution": None}, "resolution is missing"),
+    ({"resolution": 0}, "resolution is 0.0"),
+    ({"resolution": -0.05}, "resolution is -0.05"),
+    ({"resolution": float("nan")}, "resolution is nan"),
+    ({"resolution": "fine"}, "resolution is 'fine'"),
+    ({"resolution": True}, "resolution is True"),
+    ({"resolution": 1e-9}, r"map\.yaml: .*cells from the origin"),
+    ({"resolution": 1e308}, r"resolution is 1e\+308"),
+    ({"origin": [1.7e308, 0.0, 0.3]}, r"origin is \[1.7e\+308"),
+    ({"origin": None}, "origin is missing"),
+    ({"origin": [0.0, 0.0]}, r"origin is \[0.0, 0.0\]"),
+    ({"origin": 0.0}, "origin is 0.0"),
+    ({"origin": [0.0, 0.0, float("inf")]}, r"origin\[2\] is inf"),
+    ({"origin": [0.0, [1], 0.0]}, r"origin\[1\] is \[1\]"),
+    ({"negate": None}, "negate is missing"),
+    ({"negate": 2}, "negate is 2"),
+    ({"negate": "no way"}, "negate is 'no way'"),
+    ({"negate": 1, "mode": "raw"}, "negate is 1 in raw mode"),
+    ({"mode": "binary"}, "mode is 'binary'.*trinary, scale, raw"),
+    ({"mode": ["raw"]}, r"mode is \['raw'\]"),
+    ({"occupied_thresh": None}, "occupied_thresh is missing"),
+    ({"free_thresh": None}, "free_thresh is missing"),
+    ({"occupied_thresh": 1.01}, "occupied_thresh is 1.01"),
+    ({"free_thresh": -0.1}, "free_thresh is -0.1"),
+    ({"free_thresh": float("nan")}, "free_thresh is nan"),
+    ({"free_thresh": 0.7}, "free_thresh is 0.7 and occupied_thresh is 0.65"),
+    ({"free_thresh": 0.65}, "free_thresh is 0.65 and occupied_thresh is 0.65"),
 )
 def test_bad_headers(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
     with pytest.raises(FileError, match=message):
         Workspace.from_ros_map(_write(tmp_path, [[0, 255]], **changes))
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "holds NoneType"),
-        ("just words", "holds str"),
-        ("- image\n- resolution", "holds list"),
-        ("image: [map.png\nresolution: 1", "as a YAML file .*line 2"),
-        ("{}", "image is missing"),
-    ],
+@refusals(
+    "text, message",
+    ("", "holds NoneType"),
+    ("just words", "holds str"),
+    ("- image\n- resolution", "holds list"),
+    ("image: [map.png\nresolution: 1", "as a YAML file .*line 2"),
+    ("{}", "image is missing"),
 )
 def test_malformed_yaml(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "map.yaml").write_text(text)
@@ -323,14 +320,12 @@ def test_an_interrupted_write_leaves_nothing(tmp_path: Path, monkeypatch: pytest
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("state", "grid", "name", "message"),
-    [
-        (np.zeros((2, 3)), Grid((0, 0), 1.0, (3, 2)), "map.yaml", r"state has shape \(2, 3\)"),
-        (np.zeros((1, 1, 1), np.uint8), Grid((0, 0, 0), 1.0, (1, 1, 1)), "map.yaml", r"state has shape \(1, 1, 1\)"),
-        (np.full((1, 1), 3), Grid((0, 0), 1.0, (1, 1)), "map.yaml", "state holds"),
-        (np.zeros((1, 1)), Grid((0, 0), 1.0, (1, 1)), "map.pgm", "a ROS map ends in .yaml"),
-    ],
+@refusals(
+    "state, grid, name, message",
+    (np.zeros((2, 3)), Grid((0, 0), 1.0, (3, 2)), "map.yaml", r"state has shape \(2, 3\)"),
+    (np.zeros((1, 1, 1), np.uint8), Grid((0, 0, 0), 1.0, (1, 1, 1)), "map.yaml", r"state has shape \(1, 1, 1\)"),
+    (np.full((1, 1), 3), Grid((0, 0), 1.0, (1, 1)), "map.yaml", "state holds"),
+    (np.zeros((1, 1)), Grid((0, 0), 1.0, (1, 1)), "map.pgm", "a ROS map ends in .yaml"),
 )
 def test_states_that_do_not_fit(tmp_path: Path, state: np.ndarray, grid: Grid, name: str, message: str) -> None:
     with pytest.raises(InputError, match=message):

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from cspace import FileError, InputError, Mesh, Robot
 from missing import output_without
+from refusals import refusals
 
 BASE = """
 <link name="base">
@@ -173,9 +174,12 @@ def test_a_mesh_of_a_missing_package_is_read_with_a_warning_if_only_one_file_cou
     assert side_of(relative) == 3
 
 
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [("none", "package_dirs names none"), ([__file__], "existing folder"), (3, "package_dirs is 3"), ([3], "is .3.")],
+@refusals(
+    "value, message",
+    ("none", "package_dirs names none"),
+    ([__file__], "existing folder"),
+    (3, "package_dirs is 3"),
+    ([3], "is .3."),
 )
 def test_bad_package_dirs_are_refused(cell, value, message):
     with pytest.raises(InputError, match=message):
@@ -281,52 +285,46 @@ OTHER = JOINT.replace('"j"', '"k"')
 GEOMETRY = '<link name="l"><collision><geometry>{}</geometry></collision></link>'
 
 
-@pytest.mark.parametrize(
-    ("body", "error", "message"),
-    [
-        ("", FileError, "has no <link>"),
-        ('<link name="l"/>', InputError, r"no such link has collision geometry; add <collision>"),
-        ('<link name="l"/><link name="m"/>', FileError, "without a parent: l, m"),
-        ('<link name="l"/><link name="l"/>', FileError, "more than one link 'l'"),
-        ('<link name="l"/>' + JOINT.format("l", "n"), FileError, "joins 'l' to 'n' by the joint 'j'"),
-        (
-            '<link name="l"/><link name="m"/>' + JOINT.format("l", "m") + OTHER.format("l", "m"),
-            FileError,
-            "a link has one parent",
-        ),
-        (
-            '<link name="l"/><link name="m"/>' + JOINT.format("m", "l") + OTHER.format("l", "m"),
-            FileError,
-            "joins 'l' in a loop of joints",
-        ),
-        (
-            '<link name="l"/><link name="m"/><link name="n"/>' + JOINT.format("m", "l") + OTHER.format("l", "m"),
-            FileError,
-            "joins 'l' in a loop of joints",
-        ),
-        (
-            '<link name="l"/><link name="m"/><link name="n"/>' + JOINT.format("m", "l") + JOINT.format("l", "n"),
-            FileError,
-            "more than one joint 'j'",
-        ),
-        ('<link name="l"><collision/></link>', FileError, "nothing as the geometry of link 'l', collision 0"),
-        (GEOMETRY.format("<cone/>"), FileError, "<cone> as the geometry of link 'l', collision 0; it is one of box"),
-        (GEOMETRY.format('<cylinder radius="1"/>'), FileError, "lacks the length of the cylinder of link 'l'"),
-        (
-            GEOMETRY.format('<cylinder radius="1" length="0"/>'),
-            InputError,
-            "link 'l', collision 0: cylinder: length is 0",
-        ),
-        (GEOMETRY.format('<sphere radius="nan"/>'), InputError, "sphere: radius is nan"),
-        (GEOMETRY.format('<box size="1 2"/>'), FileError, r"has size='1 2' at the box of link 'l'; it must be 3"),
-        (GEOMETRY.format('<box size="1 2 -3"/>'), InputError, "size is -3"),
-        (GEOMETRY.format('<box size="a b c"/>'), FileError, "has size='a b c' at the box of link 'l'"),
-        (GEOMETRY.format('<mesh filename="x.stl" scale="0 1 1"/>'), InputError, "scale is .* no factor may be zero"),
-        (GEOMETRY.format('<mesh filename="no_such_mesh.stl"/>'), FileError, "mesh no_such_mesh.stl: does not exist"),
-        (GEOMETRY.format(f'<mesh filename="{"x" * 5000}.stl"/>'), FileError, "does not exist"),
-        ('<link name="l"', FileError, "is no XML"),
-        ('<x:if xmlns:x="http://www.ros.org/wiki/xacro"/><link name="l"/>', FileError, "macros of xacro"),
-    ],
+@refusals(
+    "body, error, message",
+    ("", FileError, "has no <link>"),
+    ('<link name="l"/>', InputError, r"no such link has collision geometry; add <collision>"),
+    ('<link name="l"/><link name="m"/>', FileError, "without a parent: l, m"),
+    ('<link name="l"/><link name="l"/>', FileError, "more than one link 'l'"),
+    ('<link name="l"/>' + JOINT.format("l", "n"), FileError, "joins 'l' to 'n' by the joint 'j'"),
+    (
+        '<link name="l"/><link name="m"/>' + JOINT.format("l", "m") + OTHER.format("l", "m"),
+        FileError,
+        "a link has one parent",
+    ),
+    (
+        '<link name="l"/><link name="m"/>' + JOINT.format("m", "l") + OTHER.format("l", "m"),
+        FileError,
+        "joins 'l' in a loop of joints",
+    ),
+    (
+        '<link name="l"/><link name="m"/><link name="n"/>' + JOINT.format("m", "l") + OTHER.format("l", "m"),
+        FileError,
+        "joins 'l' in a loop of joints",
+    ),
+    (
+        '<link name="l"/><link name="m"/><link name="n"/>' + JOINT.format("m", "l") + JOINT.format("l", "n"),
+        FileError,
+        "more than one joint 'j'",
+    ),
+    ('<link name="l"><collision/></link>', FileError, "nothing as the geometry of link 'l', collision 0"),
+    (GEOMETRY.format("<cone/>"), FileError, "<cone> as the geometry of link 'l', collision 0; it is one of box"),
+    (GEOMETRY.format('<cylinder radius="1"/>'), FileError, "lacks the length of the cylinder of link 'l'"),
+    (GEOMETRY.format('<cylinder radius="1" length="0"/>'), InputError, "link 'l', collision 0: cylinder: length is 0"),
+    (GEOMETRY.format('<sphere radius="nan"/>'), InputError, "sphere: radius is nan"),
+    (GEOMETRY.format('<box size="1 2"/>'), FileError, r"has size='1 2' at the box of link 'l'; it must be 3"),
+    (GEOMETRY.format('<box size="1 2 -3"/>'), InputError, "size is -3"),
+    (GEOMETRY.format('<box size="a b c"/>'), FileError, "has size='a b c' at the box of link 'l'"),
+    (GEOMETRY.format('<mesh filename="x.stl" scale="0 1 1"/>'), InputError, "scale is .* no factor may be zero"),
+    (GEOMETRY.format('<mesh filename="no_such_mesh.stl"/>'), FileError, "mesh no_such_mesh.stl: does not exist"),
+    (GEOMETRY.format(f'<mesh filename="{"x" * 5000}.stl"/>'), FileError, "does not exist"),
+    ('<link name="l"', FileError, "is no XML"),
+    ('<x:if xmlns:x="http://www.ros.org/wiki/xacro"/><link name="l"/>', FileError, "macros of xacro"),
 )
 def test_bad_files_are_told_in_a_line(tmp_path, body, error, message):
     (tmp_path / "x.stl").touch()

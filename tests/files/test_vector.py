@@ -14,6 +14,7 @@ from shapely.geometry import box, mapping
 from cspace import Grid, Workspace
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.files.vector import read_shapes
+from refusals import refusals
 
 L_SHAPE = shapely.Polygon([(0.1, 0.1), (2.9, 0.1), (2.9, 0.9), (0.9, 0.9), (0.9, 1.9), (0.1, 1.9)])
 """Meets all of the 3 x 2 unit cells but (1, 1) and (2, 1)."""
@@ -140,11 +141,7 @@ def test_number_of_cells(bounds: tuple[float, ...], spacing: float, shape: tuple
     assert workspace.outer[0, 0]
 
 
-@given(
-    lower=st.floats(-1e3, 1e3),
-    extent=st.integers(1, 40),
-    spacing=st.sampled_from([0.05, 0.1, 0.3, 1.0 / 3.0, 7.0]),
-)
+@given(lower=st.floats(-1e3, 1e3), extent=st.integers(1, 40), spacing=st.sampled_from([0.05, 0.1, 0.3, 1.0 / 3.0, 7.0]))
 def test_an_obstacle_on_the_upper_border_marks_the_last_cell(lower: float, extent: int, spacing: float) -> None:
     points = shapely.MultiPoint([(lower, -lower), (lower + extent * spacing, spacing - lower)])
     workspace = Workspace.from_polygons(points, spacing)
@@ -176,37 +173,34 @@ def test_what_lies_beyond_the_bounds_is_clipped() -> None:
 BOW_TIE = "POLYGON ((0 0, 1 1, 1 0, 0 1, 0 0))"
 
 
-@pytest.mark.parametrize(
-    ("source", "message"),
-    [
-        ([], "holds no geometry"),
-        ({"type": "FeatureCollection", "features": []}, "holds no geometry"),
-        ("POLYGON EMPTY", "polygons is empty"),
-        ([L_SHAPE, shapely.Polygon()], r"polygons\[1\] is empty"),
-        (shapely.GeometryCollection(), "polygons is empty"),
-        (BOW_TIE, r"polygons is not valid: Self-intersection\[0.5 0.5\]"),
-        ([L_SHAPE, BOW_TIE], r"polygons\[1\] is not valid"),
-        (shapely.MultiPolygon([L_SHAPE, shapely.from_wkt(BOW_TIE)]), "polygons, part 1 is not valid"),
-        ([FAR, shapely.MultiPolygon([L_SHAPE, shapely.from_wkt(BOW_TIE)])], r"polygons\[1\], part 1 is not valid"),
-        ("POLYGON ((0 0, 1 0, 2 0, 0 0))", "polygons is not valid"),
-        ("LINESTRING (0 0, 0 0)", "polygons is not valid: Too few points"),
-        (shapely.Point(float("nan"), 0.0), r"vertex at \(nan, "),
-        ([L_SHAPE, "POLYGON ((0 0, nan 1, 1 1, 0 0))"], r"polygons\[1\] has a vertex at \(nan, 1.0\)"),
-        ({"type": "LineString", "coordinates": [[0, 0], [1, float("inf")]]}, r"vertex at \(1.0, inf\)"),
-        (shapely.Point(1, 2, 3), "polygons has z coordinates"),
-        ({"type": "Point", "coordinates": [1, 2, 0]}, "polygons has z coordinates"),
-        ({"type": "Feature", "geometry": None}, "polygons has geometry None"),
-        ({"type": "FeatureCollection", "features": [{"type": "Feature"}]}, "feature 0 has geometry None"),
-        ({"type": "FeatureCollection"}, "has features None"),
-        ({"type": "Blob", "coordinates": []}, "type 'Blob' is not GeoJSON"),
-        ({"coordinates": []}, "type None is not GeoJSON"),
-        ({"type": "Polygon"}, "type 'Polygon' is not GeoJSON"),
-        ({"type": "Polygon", "coordinates": [[[0, 0], [1, "a"], [1, 1]]]}, "type 'Polygon' is not GeoJSON"),
-        ({"type": "Point", "coordinates": [1]}, "type 'Point' is not GeoJSON"),
-        ("POLYGON ((0 0, 1 0))", "polygons is not WKT"),
-        ("POLYGON ((0 0, 1 0, 1 1, 0 0))\0POLYGON ((5 5, 6 5, 6 6, 5 5))", "NUL"),
-    ],
-    ids=str,
+@refusals(
+    "source, message",
+    ([], "holds no geometry"),
+    ({"type": "FeatureCollection", "features": []}, "holds no geometry"),
+    ("POLYGON EMPTY", "polygons is empty"),
+    ([L_SHAPE, shapely.Polygon()], r"polygons\[1\] is empty"),
+    (shapely.GeometryCollection(), "polygons is empty"),
+    (BOW_TIE, r"polygons is not valid: Self-intersection\[0.5 0.5\]"),
+    ([L_SHAPE, BOW_TIE], r"polygons\[1\] is not valid"),
+    (shapely.MultiPolygon([L_SHAPE, shapely.from_wkt(BOW_TIE)]), "polygons, part 1 is not valid"),
+    ([FAR, shapely.MultiPolygon([L_SHAPE, shapely.from_wkt(BOW_TIE)])], r"polygons\[1\], part 1 is not valid"),
+    ("POLYGON ((0 0, 1 0, 2 0, 0 0))", "polygons is not valid"),
+    ("LINESTRING (0 0, 0 0)", "polygons is not valid: Too few points"),
+    (shapely.Point(float("nan"), 0.0), r"vertex at \(nan, "),
+    ([L_SHAPE, "POLYGON ((0 0, nan 1, 1 1, 0 0))"], r"polygons\[1\] has a vertex at \(nan, 1.0\)"),
+    ({"type": "LineString", "coordinates": [[0, 0], [1, float("inf")]]}, r"vertex at \(1.0, inf\)"),
+    (shapely.Point(1, 2, 3), "polygons has z coordinates"),
+    ({"type": "Point", "coordinates": [1, 2, 0]}, "polygons has z coordinates"),
+    ({"type": "Feature", "geometry": None}, "polygons has geometry None"),
+    ({"type": "FeatureCollection", "features": [{"type": "Feature"}]}, "feature 0 has geometry None"),
+    ({"type": "FeatureCollection"}, "has features None"),
+    ({"type": "Blob", "coordinates": []}, "type 'Blob' is not GeoJSON"),
+    ({"coordinates": []}, "type None is not GeoJSON"),
+    ({"type": "Polygon"}, "type 'Polygon' is not GeoJSON"),
+    ({"type": "Polygon", "coordinates": [[[0, 0], [1, "a"], [1, 1]]]}, "type 'Polygon' is not GeoJSON"),
+    ({"type": "Point", "coordinates": [1]}, "type 'Point' is not GeoJSON"),
+    ("POLYGON ((0 0, 1 0))", "polygons is not WKT"),
+    ("POLYGON ((0 0, 1 0, 1 1, 0 0))\0POLYGON ((5 5, 6 5, 6 6, 5 5))", "NUL"),
 )
 def test_bad_geometries(source: Any, message: str) -> None:
     with pytest.raises(GeometryError, match=message):
@@ -221,17 +215,15 @@ def test_sources_of_another_kind(source: Any) -> None:
         read_shapes(source)
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "error", "message"),
-    [
-        ("a.geojson", "{", FileError, r"a\.geojson: cannot be read as a JSON file .*line 1"),
-        ("a.json", "[1, 2]", FileError, "holds a JSON list"),
-        ("a.json", "", FileError, "as a JSON file"),
-        ("a.json", '{"type": "Point", "coordinates": [NaN, 1]}', GeometryError, r"a\.json has a vertex at \(nan"),
-        ("a.wkt", "", FileError, r"a\.wkt: begins with ''"),
-        ("a.wkt", "POINT (1 2)\nCIRCLE (1 2)", GeometryError, "is not WKT"),
-        ("a.wkt", f"POINT (1 2)\n{BOW_TIE}", GeometryError, r"a\.wkt, geometry 2 is not valid"),
-    ],
+@refusals(
+    "name, text, error, message",
+    ("a.geojson", "{", FileError, r"a\.geojson: cannot be read as a JSON file .*line 1"),
+    ("a.json", "[1, 2]", FileError, "holds a JSON list"),
+    ("a.json", "", FileError, "as a JSON file"),
+    ("a.json", '{"type": "Point", "coordinates": [NaN, 1]}', GeometryError, r"a\.json has a vertex at \(nan"),
+    ("a.wkt", "", FileError, r"a\.wkt: begins with ''"),
+    ("a.wkt", "POINT (1 2)\nCIRCLE (1 2)", GeometryError, "is not WKT"),
+    ("a.wkt", f"POINT (1 2)\n{BOW_TIE}", GeometryError, r"a\.wkt, geometry 2 is not valid"),
 )
 def test_bad_files(tmp_path: Path, name: str, text: str, error: type[Exception], message: str) -> None:
     (tmp_path / name).write_text(text)
@@ -239,20 +231,18 @@ def test_bad_files(tmp_path: Path, name: str, text: str, error: type[Exception],
         read_shapes(tmp_path / name)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"spacing": 0.0}, "spacing is 0.0"),
-        ({"spacing": -0.5}, "spacing is -0.5"),
-        ({"spacing": float("nan")}, "spacing is nan"),
-        ({"spacing": 1e-9}, "the map has .* cells of 1e-09 m and needs"),
-        ({"spacing": 5e-324}, "between 1e-100 and 1e100"),
-        ({"bounds": (3, 0, 0, 2)}, "bounds is .* xmax, ymax must be above xmin, ymin"),
-        ({"bounds": (0, 2, 3, 2)}, "ymax must be above xmin, ymin"),
-        ({"bounds": (0, 0, 3)}, "four numbers"),
-        ({"bounds": (0, 0, 0, 3, 3, 3)}, "four numbers"),
-        ({"bounds": (0, 0, 3, float("nan"))}, r"bounds\[3\] is nan"),
-    ],
+@refusals(
+    "options, message",
+    ({"spacing": 0.0}, "spacing is 0.0"),
+    ({"spacing": -0.5}, "spacing is -0.5"),
+    ({"spacing": float("nan")}, "spacing is nan"),
+    ({"spacing": 1e-9}, "the map has .* cells of 1e-09 m and needs"),
+    ({"spacing": 5e-324}, "between 1e-100 and 1e100"),
+    ({"bounds": (3, 0, 0, 2)}, "bounds is .* xmax, ymax must be above xmin, ymin"),
+    ({"bounds": (0, 2, 3, 2)}, "ymax must be above xmin, ymin"),
+    ({"bounds": (0, 0, 3)}, "four numbers"),
+    ({"bounds": (0, 0, 0, 3, 3, 3)}, "four numbers"),
+    ({"bounds": (0, 0, 3, float("nan"))}, r"bounds\[3\] is nan"),
 )
 def test_bad_options(options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):

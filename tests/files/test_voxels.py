@@ -13,6 +13,7 @@ from cspace import Grid, Workspace
 from cspace.arrays import Bools
 from cspace.errors import FileError, InputError
 from cspace.files.movingai import read_3dmap
+from refusals import refusals
 from strategies import seeds
 
 BINARY = "# Octomap OcTree binary file\n# a comment\nid OcTree\nsize {}\nres 0.1\ndata\n"
@@ -44,29 +45,27 @@ def test_voxel_map_without_obstacles(tmp_path: Path) -> None:
     assert not read_3dmap(tmp_path / "free.3dmap").any()
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "line 1 is ''"),
-        ("type octile\n", "line 1 is 'type octile'"),
-        ("voxel 2 3\n", "line 1 is 'voxel 2 3'"),
-        ("voxel 2 3 -4\n", "line 1 is 'voxel 2 3 -4'"),
-        ("voxel " + "9" * 5000 + " 3 4\n", "line 1 is 'voxel 999"),
-        (TINY + "1 2 " + "9" * 5000 + "\n", "line 5 is '1 2 999"),
-        ("voxel 2 0 4\n", "line 1 is 'voxel 2 0 4'"),
-        ("voxel 2 3 4.0\n", "line 1 is 'voxel 2 3 4.0'"),
-        (TINY + "1 2\n", "line 5 is '1 2'; it must hold 'x y z'"),
-        (TINY + "1 2 3 0\n", "line 5 is '1 2 3 0'"),
-        (TINY + "1 2.5 3\n", "line 5 is '1 2.5 3'"),
-        (TINY + "1 -2 3\n", "line 5 is '1 -2 3'"),
-        (TINY + "1 two 3\n", "line 5 is '1 two 3'"),
-        (TINY + "\n\n2 0 0\n", "line 7 is '2 0 0'; it must hold a voxel inside 2 x 3 x 4"),
-        (TINY + "0 3 0\n", "line 5 is '0 3 0'; it must hold a voxel inside"),
-        (TINY + "0 0 4\n0 0 5\n", "line 5 is '0 0 4'; it must hold a voxel inside"),
-        (TINY + "99999999999999999999999 0 4\n", "line 5 is '99999999999999999999999 0 4'"),
-        ("voxel 2 3 4\n1 2\n1 2\n", "line 2 is '1 2'"),
-        ("voxel 2 3 4\n\u0661 2 3\n", "line 2 is"),
-    ],
+@refusals(
+    "text, message",
+    ("", "line 1 is ''"),
+    ("type octile\n", "line 1 is 'type octile'"),
+    ("voxel 2 3\n", "line 1 is 'voxel 2 3'"),
+    ("voxel 2 3 -4\n", "line 1 is 'voxel 2 3 -4'"),
+    ("voxel " + "9" * 5000 + " 3 4\n", "line 1 is 'voxel 999"),
+    (TINY + "1 2 " + "9" * 5000 + "\n", "line 5 is '1 2 999"),
+    ("voxel 2 0 4\n", "line 1 is 'voxel 2 0 4'"),
+    ("voxel 2 3 4.0\n", "line 1 is 'voxel 2 3 4.0'"),
+    (TINY + "1 2\n", "line 5 is '1 2'; it must hold 'x y z'"),
+    (TINY + "1 2 3 0\n", "line 5 is '1 2 3 0'"),
+    (TINY + "1 2.5 3\n", "line 5 is '1 2.5 3'"),
+    (TINY + "1 -2 3\n", "line 5 is '1 -2 3'"),
+    (TINY + "1 two 3\n", "line 5 is '1 two 3'"),
+    (TINY + "\n\n2 0 0\n", "line 7 is '2 0 0'; it must hold a voxel inside 2 x 3 x 4"),
+    (TINY + "0 3 0\n", "line 5 is '0 3 0'; it must hold a voxel inside"),
+    (TINY + "0 0 4\n0 0 5\n", "line 5 is '0 0 4'; it must hold a voxel inside"),
+    (TINY + "99999999999999999999999 0 4\n", "line 5 is '99999999999999999999999 0 4'"),
+    ("voxel 2 3 4\n1 2\n1 2\n", "line 2 is '1 2'"),
+    ("voxel 2 3 4\n\u0661 2 3\n", "line 2 is"),
 )
 def test_malformed_voxel_maps(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "bad.3dmap").write_text(text, encoding="utf-8")
@@ -75,16 +74,14 @@ def test_malformed_voxel_maps(tmp_path: Path, text: str, message: str) -> None:
     assert message in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("read", "content", "message"),
-    [
-        (read_3dmap, b"voxel 1000000 1000000 1000000\n", r"1000000 x 1000000 x 1000000 cells, 1e\+18 in all; at most"),
-        (
-            read_octomap,
-            FULL.format(1).encode() + struct.pack("<fB", -1.0, 0),
-            r"65536 x 65536 x 65536 cells, 2.815e\+14 in all; at most",
-        ),
-    ],
+@refusals(
+    "read, content, message",
+    (read_3dmap, b"voxel 1000000 1000000 1000000\n", r"1000000 x 1000000 x 1000000 cells, 1e\+18 in all; at most"),
+    (
+        read_octomap,
+        FULL.format(1).encode() + struct.pack("<fB", -1.0, 0),
+        r"65536 x 65536 x 65536 cells, 2.815e\+14 in all; at most",
+    ),
 )
 def test_maps_larger_than_memory_or_missing_are_refused(tmp_path, read, content, message):
     path = tmp_path / "huge"
@@ -224,34 +221,29 @@ def test_a_leaf_is_occupied_from_even_odds_on(tmp_path):
     assert occupied[:, :, 0].tolist() == [[True, False], [True, False]]
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (b"", "is empty"),
-        (b"hello\n", "begins with 'hello'"),
-        (BINARY.format(17).encode()[:60], "no line 'data'"),
-        (BINARY.replace("OcTree\n", "CountingTree\n").format(17).encode() + chain(), "'CountingTree'"),
-        (BINARY.replace("id OcTree\n", "").format(17).encode() + chain(), "type ''"),
-        (BINARY.format("many").encode() + chain(), "size 'many'"),
-        (BINARY.format(-1).encode() + chain(), "size '-1'"),
-        (BINARY.replace("0.1", "nan").format(17).encode() + chain(), "res 'nan'"),
-        (BINARY.replace("0.1", "0").format(17).encode() + chain(), "res '0'"),
-        (BINARY.format(0).encode(), "knows no cell"),
-        (BINARY.format(17).encode(), "ends after 1 nodes, and its header says 17"),
-        (BINARY.format(17).encode() + chain()[:9], "ends after 5 nodes, and its header says 17"),
-        (BINARY.format(10).encode() + chain(), "holds 17 nodes, where its header says 10"),
-        (BINARY.format(100).encode() + chain(), "holds 17 nodes, where its header says 100"),
-        (BINARY.format(1000).encode() + b"\xff" * 4000, "an inner node below level 16"),
-        (BINARY.format(2).encode() + b"\x03\x00\x00\x00", "an inner node without children"),
-        (BINARY.format(1).encode() + b"\xaa\xaa", "more nodes"),
-        (FULL.format(3).encode() + struct.pack("<fB", 1.0, 255), "ends after 1 nodes, and its header says 3"),
-        (
-            FULL.format(3).encode() + struct.pack("<fB", 1.0, 255) * 2 + b"123",
-            "ends after 2 nodes, and",
-        ),
-        (FULL.format(99).encode() + struct.pack("<fB", 1.0, 1) * 99, "an inner node below level 16"),
-        (FULL.format(2).encode() + struct.pack("<fBfB", 1.0, 1, float("nan"), 0), "1 nodes without a value (NaN)"),
-    ],
+@refusals(
+    "content, message",
+    (b"", "is empty"),
+    (b"hello\n", "begins with 'hello'"),
+    (BINARY.format(17).encode()[:60], "no line 'data'"),
+    (BINARY.replace("OcTree\n", "CountingTree\n").format(17).encode() + chain(), "'CountingTree'"),
+    (BINARY.replace("id OcTree\n", "").format(17).encode() + chain(), "type ''"),
+    (BINARY.format("many").encode() + chain(), "size 'many'"),
+    (BINARY.format(-1).encode() + chain(), "size '-1'"),
+    (BINARY.replace("0.1", "nan").format(17).encode() + chain(), "res 'nan'"),
+    (BINARY.replace("0.1", "0").format(17).encode() + chain(), "res '0'"),
+    (BINARY.format(0).encode(), "knows no cell"),
+    (BINARY.format(17).encode(), "ends after 1 nodes, and its header says 17"),
+    (BINARY.format(17).encode() + chain()[:9], "ends after 5 nodes, and its header says 17"),
+    (BINARY.format(10).encode() + chain(), "holds 17 nodes, where its header says 10"),
+    (BINARY.format(100).encode() + chain(), "holds 17 nodes, where its header says 100"),
+    (BINARY.format(1000).encode() + b"\xff" * 4000, "an inner node below level 16"),
+    (BINARY.format(2).encode() + b"\x03\x00\x00\x00", "an inner node without children"),
+    (BINARY.format(1).encode() + b"\xaa\xaa", "more nodes"),
+    (FULL.format(3).encode() + struct.pack("<fB", 1.0, 255), "ends after 1 nodes, and its header says 3"),
+    (FULL.format(3).encode() + struct.pack("<fB", 1.0, 255) * 2 + b"123", "ends after 2 nodes, and"),
+    (FULL.format(99).encode() + struct.pack("<fB", 1.0, 1) * 99, "an inner node below level 16"),
+    (FULL.format(2).encode() + struct.pack("<fBfB", 1.0, 1, float("nan"), 0), "1 nodes without a value (NaN)"),
 )
 def test_malformed_octomaps(tmp_path, content, message):
     path = tmp_path / "bad.bt"

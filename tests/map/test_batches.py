@@ -17,6 +17,7 @@ from cspace.rotations import Rotations
 from cspace.threads import LEAST
 from handmade import configurations, map_of
 from placements import draw_configurations
+from refusals import refusals
 from strategies import rotation_cells, seeds
 
 
@@ -245,25 +246,23 @@ def test_a_large_roadmap_in_threads(make):
     assert (free == space.certify_path(vertices[:, ::-1][:, ::-1], edges.astype(np.uint16))).all()
 
 
-@pytest.mark.parametrize(
-    ("path", "edges", "message"),
-    [
-        ([(0.1, 0.1), (np.nan, 0.2)], None, "path number 1 is"),
-        ([(0.1, 0.1), (np.nan, 0.2)], [(0, 0)], "path number 1 is"),
-        ([(np.inf, 0.1)], None, "path number 0 is"),
-        ([(0.1, 0.1, 0.1)], None, "last axis must be 2"),
-        ((0.1, 0.1), None, "at least one configuration"),
-        (np.empty((0, 2)), None, "at least one configuration"),
-        ([(0.1, 0.1)], [(0, 1)], r"edge number 0 is \(0, 1\)"),
-        ([(0.1, 0.1)] * 3, [(0, 1), (-1, 0)], r"edge number 1 is \(-1, 0\)"),
-        ([(0.1, 0.1)], [(0.0, 0.0)], "whole numbers"),
-        ([(0.1, 0.1)] * 3, [(True, False)], "whole numbers"),
-        ([(0.1, 0.1)] * 3, [0, 1], "whole numbers"),
-        ([(0.1, 0.1)] * 3, [(0, 1, 2)], "whole numbers"),
-        ([[(0.1, 0.1)] * 3], [(0, 0)], "list of configurations"),
-        ([(0.1, 0.1)] * 3, [(0, 1), (2,)], "pairs"),
-        (np.empty((0, 2)), [(0, 0)], "there are 0 vertices"),
-    ],
+@refusals(
+    "path, edges, message",
+    ([(0.1, 0.1), (np.nan, 0.2)], None, "path number 1 is"),
+    ([(0.1, 0.1), (np.nan, 0.2)], [(0, 0)], "path number 1 is"),
+    ([(np.inf, 0.1)], None, "path number 0 is"),
+    ([(0.1, 0.1, 0.1)], None, "last axis must be 2"),
+    ((0.1, 0.1), None, "at least one configuration"),
+    (np.empty((0, 2)), None, "at least one configuration"),
+    ([(0.1, 0.1)], [(0, 1)], r"edge number 0 is \(0, 1\)"),
+    ([(0.1, 0.1)] * 3, [(0, 1), (-1, 0)], r"edge number 1 is \(-1, 0\)"),
+    ([(0.1, 0.1)], [(0.0, 0.0)], "whole numbers"),
+    ([(0.1, 0.1)] * 3, [(True, False)], "whole numbers"),
+    ([(0.1, 0.1)] * 3, [0, 1], "whole numbers"),
+    ([(0.1, 0.1)] * 3, [(0, 1, 2)], "whole numbers"),
+    ([[(0.1, 0.1)] * 3], [(0, 0)], "list of configurations"),
+    ([(0.1, 0.1)] * 3, [(0, 1), (2,)], "pairs"),
+    (np.empty((0, 2)), [(0, 0)], "there are 0 vertices"),
 )
 def test_refuses_what_is_no_path_and_no_roadmap(path, edges, message):
     space = plane(np.random.default_rng(0))

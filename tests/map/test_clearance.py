@@ -84,10 +84,7 @@ CASES = {
     "plane": (Robot.polygon([(-0.2, -0.1), (0.3, 0.0), (0.0, 0.25)]), None),
     "point": (Robot.disc(0.01), None),
     "space": (Robot.box((0.2, 0.3, 0.1)), None),
-    "turning": (
-        Robot.polygon([(-0.2, -0.1), (0.3, 0.0), (0.0, 0.25)]),
-        [-1.0, -0.8, 0.5, 0.6, 3.0, 2 * math.pi - 1],
-    ),
+    "turning": (Robot.polygon([(-0.2, -0.1), (0.3, 0.0), (0.0, 0.25)]), [-1.0, -0.8, 0.5, 0.6, 3.0, 2 * math.pi - 1]),
     "turning bar": (Robot.rectangle(0.4, 0.1), 6),
     "turning in space": (Robot.box((0.3, 0.1, 0.2), (0.1, 0.0, 0.0)), 5),
     "turning in space any way": (Robot.box((0.3, 0.1, 0.2)), Rotations.quaternions(2)),

@@ -18,11 +18,7 @@ from cspace.map.storage import read_only
 from cspace.rotations import Rotations
 from strategies import seeds
 
-BLOCKS = {
-    "small": {2: (0, 2, 2), 3: (1, 2, 1)},
-    "rows of eight": {2: (0, 1, 3), 3: (1, 0, 3)},
-    "as they are": {},
-}
+BLOCKS = {"small": {2: (0, 2, 2), 3: (1, 2, 1)}, "rows of eight": {2: (0, 1, 3), 3: (1, 0, 3)}, "as they are": {}}
 
 KINDS = [(2, 1, 1), (3, 1, 1), (2, 1, 4), (2, 2, 2), (2, 3, 3), (2, 2, 4), (2, 3, 6), (3, 2, 4)]
 """Axes of the grid, slices, and rotation cells in a ring."""

@@ -16,6 +16,7 @@ from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.rotations import Rotations
 from cspace.rotations.base import ANGLE_SLACK, MAX_ANGLE, TURN
 from handmade import Outside, but, map_of, outsides, state_of, states, walled
+from refusals import refusals
 from strategies import rotation_cells, seeds
 
 POLICIES = st.sampled_from(["blocked", "free"])
@@ -86,17 +87,15 @@ def changed(q, hole, value):
     return [value if axis == hole % len(q) else one for axis, one in enumerate(q)]
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda q: changed(q, 0, np.nan), "nan"),
-        (lambda q: changed(q, 1, np.inf), "inf"),
-        (lambda q: changed(q, -1, -np.inf), "inf"),
-        (lambda q: q[:-1], "last axis must be"),
-        (lambda q: [*q, 0.0], "last axis must be"),
-        (lambda q: 1.0, "last axis must be"),
-        (lambda q: "home", "numeric"),
-    ],
+@refusals(
+    "change, message",
+    (lambda q: changed(q, 0, np.nan), "nan"),
+    (lambda q: changed(q, 1, np.inf), "inf"),
+    (lambda q: changed(q, -1, -np.inf), "inf"),
+    (lambda q: q[:-1], "last axis must be"),
+    (lambda q: [*q, 0.0], "last axis must be"),
+    (lambda q: 1.0, "last axis must be"),
+    (lambda q: "home", "numeric"),
 )
 def test_look_ups_refuse_other_values(space, change, message):
     for name in (*LOOKUPS, "nearest_free"):

@@ -17,6 +17,7 @@ from cspace import InputError, Robot
 from cspace.arms import Arm, Placed, build_arm
 from cspace.files import messages
 from planning import ENDPOINTS, SPACES, room
+from refusals import refusals
 from urdfs import joint, link, planar, written
 
 
@@ -133,19 +134,16 @@ def test_joints_called_x_and_y_are_no_pose(tmp_path: Path) -> None:
         plan.to_path()
 
 
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        ({}, "velocities and duration are left out; a plan has no times"),
-        ({"velocities": 1.0, "duration": 1.0}, "velocities and duration are both given"),
-        ({"duration": 0.0}, "duration is 0"),
-        ({"velocities": 0.0}, "velocities is 0.0; it must be one number, or one for each of shoulder, elbow"),
-        ({"velocities": [1, 2, 3]}, r"velocities is \[1, 2, 3\]"),
-        ({"velocities": [1, np.nan]}, "velocities"),
-        ({"velocities": {"elbow": 1}}, "velocities lacks shoulder"),
-        ({"duration": 1.0, "msg": SimpleNamespace(header=None)}, r"msg has no header\.frame_id; .*JointTrajectory"),
-    ],
-    ids=str,
+@refusals(
+    "options, expected",
+    ({}, "velocities and duration are left out; a plan has no times"),
+    ({"velocities": 1.0, "duration": 1.0}, "velocities and duration are both given"),
+    ({"duration": 0.0}, "duration is 0"),
+    ({"velocities": 0.0}, "velocities is 0.0; it must be one number, or one for each of shoulder, elbow"),
+    ({"velocities": [1, 2, 3]}, r"velocities is \[1, 2, 3\]"),
+    ({"velocities": [1, np.nan]}, "velocities"),
+    ({"velocities": {"elbow": 1}}, "velocities lacks shoulder"),
+    ({"duration": 1.0, "msg": SimpleNamespace(header=None)}, r"msg has no header\.frame_id; .*JointTrajectory"),
 )
 def test_joint_trajectory_refuses(arm_plan: planners.Plan, options: dict[str, Any], expected: str) -> None:
     with pytest.raises(InputError, match=expected):

@@ -98,10 +98,9 @@ def oracle(name: str) -> Callable[[np.ndarray], float]:
     if space.grid.dim == 2:
         sides = shapely.box(*space.grid.lower, *space.grid.upper).exterior
         everything = shapely.union_all([shapely.box(*low, *(low + h)) for low in cells] + [sides])
-        robot, radius = {
-            "plane": (shapely.Point(0, 0), 0.2),
-            "turning": (shapely.box(-0.3, -0.15, 0.3, 0.15), 0.0),
-        }[name]
+        robot, radius = {"plane": (shapely.Point(0, 0), 0.2), "turning": (shapely.box(-0.3, -0.15, 0.3, 0.15), 0.0)}[
+            name
+        ]
         return lambda q: apart_in_the_plane(everything, robot, radius, q)
     boxes = fcl.DynamicAABBTreeCollisionManager()
     objects = [solids.box((h, h, h), low + 0.5 * h) for low in cells]
@@ -164,11 +163,7 @@ def test_room_is_that_of_the_map_as_it_is_and_clearance_goes_along_with_a_pickle
     assert before.clearance == math.inf
     space.place("ball", shapely.Point(4.0, 5.2).buffer(0.3))
     assert 0.4 < plan.clearance < plan.obstacle_distance < 0.7
-    for again in (
-        pickle.loads(pickle.dumps(plan)),
-        copy.deepcopy(plan),
-        pickle.loads(pickle.dumps(copy.copy(plan))),
-    ):
+    for again in (pickle.loads(pickle.dumps(plan)), copy.deepcopy(plan), pickle.loads(pickle.dumps(copy.copy(plan)))):
         assert again.space is None and math.isnan(again.obstacle_distance)
         assert again.shown_distance == ("clearance", plan.clearance)
     space.place("ball", shapely.Point(4.0, 4.2).buffer(0.3))

@@ -14,6 +14,7 @@ from missing import output_without
 from planners.catalogue import REFUSED, make_planner, planner_named
 from planners.local_planner import CURVES, DRIVES
 from planning import CAR, SPACES, room
+from refusals import refusals
 
 
 def test_the_sampler_that_needs_the_last_valid_state_is_refused() -> None:
@@ -29,17 +30,15 @@ def test_another_sampler_may_be_given() -> None:
     assert all(sampler.sample(state) and si.isValid(state) for _ in range(50))
 
 
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"valid_state_sampler": lambda si: 3}, "must return an ompl.base.ValidStateSampler"),
-        ({"objective": lambda si: 3}, "must return an ompl.base.OptimizationObjective"),
-        (
-            {"rng": np.random.default_rng(0), "valid_state_sampler": ob.UniformValidStateSampler},
-            "rng is given and valid_state_sampler is given",
-        ),
-        ({"rng": np.random.default_rng(0), "exact": True}, "rng is given and exact is True"),
-    ],
+@refusals(
+    "wrong, message",
+    ({"valid_state_sampler": lambda si: 3}, "must return an ompl.base.ValidStateSampler"),
+    ({"objective": lambda si: 3}, "must return an ompl.base.OptimizationObjective"),
+    (
+        {"rng": np.random.default_rng(0), "valid_state_sampler": ob.UniformValidStateSampler},
+        "rng is given and valid_state_sampler is given",
+    ),
+    ({"rng": np.random.default_rng(0), "exact": True}, "rng is given and exact is True"),
 )
 def test_what_does_not_go_together_is_refused(wrong: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
@@ -144,16 +143,14 @@ def test_a_wrong_name_lists_the_right_ones_and_the_likely_one(wrong: Any, meant:
     assert (caught.value.argument, caught.value.value) == ("planner", wrong)
 
 
-@pytest.mark.parametrize(
-    ("drive", "name", "message"),
-    [
-        # OMPL's AORRTC reads beyond a list where paths are long, which is not to be known before.
-        *[(drive, "AORRTC", r"planner is 'AORRTC'.*ends the process") for drive in DRIVES],
-        *[
-            (drive, name, rf"planner is '{name}' and drive is '{drive}'.*RRT")
-            for drive, names in REFUSED.items()
-            for name in names
-        ],
+@refusals(
+    "drive, name, message",
+    # OMPL's AORRTC reads beyond a list where paths are long, which is not to be known before.
+    *[(drive, "AORRTC", r"planner is 'AORRTC'.*ends the process") for drive in DRIVES],
+    *[
+        (drive, name, rf"planner is '{name}' and drive is '{drive}'.*RRT")
+        for drive, names in REFUSED.items()
+        for name in names
     ],
 )
 def test_planners_that_cannot_plan_with_a_drive_are_refused(drive: str, name: str, message: str) -> None:

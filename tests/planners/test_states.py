@@ -43,11 +43,9 @@ def test_a_radian_counts_as_half_a_metre(name: str) -> None:
     states = kind.make()
     kind.set_bounds(states, [0.0] * dim, [9.0] * dim)
     first, second = states.allocState(), states.allocState()
-    still, turned = {
-        0: ((), ()),
-        1: ((0.0,), (0.4,)),
-        4: ((0.0, 0.0, 0.0, 1.0), (0.0, np.sin(0.2), 0.0, np.cos(0.2))),
-    }[dof - dim]
+    still, turned = {0: ((), ()), 1: ((0.0,), (0.4,)), 4: ((0.0, 0.0, 0.0, 1.0), (0.0, np.sin(0.2), 0.0, np.cos(0.2)))}[
+        dof - dim
+    ]
     kind.write(first, *[1.0] * dim, *still)
     kind.write(second, 4.0, *[1.0] * (dim - 1), *turned)
     assert states.distance(first, second) == pytest.approx(3.0 + 0.5 * (0.4 if turned else 0.0))

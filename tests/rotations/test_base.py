@@ -9,16 +9,11 @@ from scipy.spatial.transform import Rotation
 from cspace import InputError
 from cspace.rotations import Rotations
 from cspace.rotations.base import wrapped
+from refusals import refusals
 
 NONE, YAW, QUATERNION = Rotations.of(None), Rotations.of(1), Rotations.quaternions(1)
 RNG = np.random.default_rng(5)
-SPACES = {
-    "R^2": (NONE, 2),
-    "R^3": (NONE, 3),
-    "SE(2)": (YAW, 2),
-    "R^3 x SO(2)": (YAW, 3),
-    "SE(3)": (QUATERNION, 3),
-}
+SPACES = {"R^2": (NONE, 2), "R^3": (NONE, 3), "SE(2)": (YAW, 2), "R^3 x SO(2)": (YAW, 3), "SE(3)": (QUATERNION, 3)}
 EVERY = pytest.mark.parametrize("name", SPACES)
 
 
@@ -118,17 +113,15 @@ def test_texts() -> None:
     assert QUATERNION.text(np.array([0.0, 0.0, 0.0, -1.0])) == "not turned"
 
 
-@pytest.mark.parametrize(
-    ("kind", "rotation", "message"),
-    [
-        (NONE, 0.0, "does not turn"),
-        (YAW, [1.0, 2.0], "given by yaw"),
-        (YAW, 1e9, "yaw of 1e.09 rad.*wrap"),
-        (YAW, math.nan, "rotation"),
-        (QUATERNION, 0.3, "given by qx, qy, qz, qw"),
-        (QUATERNION, [0.0, 0.0, 0.0, 1.00001], "norm 1.00001; it must be 1"),
-        (QUATERNION, [0.0, 0.0, 0.0, 0.0], "norm 0"),
-    ],
+@refusals(
+    "kind, rotation, message",
+    (NONE, 0.0, "does not turn"),
+    (YAW, [1.0, 2.0], "given by yaw"),
+    (YAW, 1e9, "yaw of 1e.09 rad.*wrap"),
+    (YAW, math.nan, "rotation"),
+    (QUATERNION, 0.3, "given by qx, qy, qz, qw"),
+    (QUATERNION, [0.0, 0.0, 0.0, 1.00001], "norm 1.00001; it must be 1"),
+    (QUATERNION, [0.0, 0.0, 0.0, 0.0], "norm 0"),
 )
 def test_what_is_no_rotation_is_refused(kind: Rotations, rotation: object, message: str) -> None:
     with pytest.raises(InputError, match=message):

@@ -11,6 +11,7 @@ import cspace
 from cspace import InputError, Robot, Workspace
 from cspace.rotations import Rotations
 from cspace.rotations.base import ANGLE_SLACK, MAX_ANGLE, TURN, wrapped
+from refusals import refusals
 from strategies import rotation_cells, seeds
 
 
@@ -65,28 +66,26 @@ def test_borders_may_be_given_as_degrees_turned_to_radians():
     assert Rotations.of(cells) is cells
 
 
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        (0, "rotations is 0; it must be a whole number from 1 to 65536"),
-        (-72, "rotations is -72"),
-        (7.5, "rotations is 7.5"),
-        (True, "rotations is True"),
-        (math.nan, "rotations is nan"),
-        ("72", "rotations is '72'"),
-        ([], "at least two borders"),
-        ([0.0], "at least two borders"),
-        ([[0.0, 6.0]], "at least two borders"),
-        ([0.0, math.pi], "must cover the whole circle"),
-        ([0.0, 1.0, TURN - 1e-6], "must cover the whole circle"),
-        ([0.0, 1.0, 7.0], "must cover the whole circle"),
-        ([0.0, 1.0, 1.0, TURN], "do not ascend"),
-        ([0.0, 2.0, 1.0, TURN], "do not ascend"),
-        ([100.0, 101.0, 100.0 + TURN], "more than a turn from zero"),
-        ([0.0, math.nan, TURN], "nan"),
-        ([0.0, math.inf], "inf"),
-        ([0.0, 90.0, 180.0, 270.0, 360.0], "numpy.radians turns degrees"),
-    ],
+@refusals(
+    "value, message",
+    (0, "rotations is 0; it must be a whole number from 1 to 65536"),
+    (-72, "rotations is -72"),
+    (7.5, "rotations is 7.5"),
+    (True, "rotations is True"),
+    (math.nan, "rotations is nan"),
+    ("72", "rotations is '72'"),
+    ([], "at least two borders"),
+    ([0.0], "at least two borders"),
+    ([[0.0, 6.0]], "at least two borders"),
+    ([0.0, math.pi], "must cover the whole circle"),
+    ([0.0, 1.0, TURN - 1e-6], "must cover the whole circle"),
+    ([0.0, 1.0, 7.0], "must cover the whole circle"),
+    ([0.0, 1.0, 1.0, TURN], "do not ascend"),
+    ([0.0, 2.0, 1.0, TURN], "do not ascend"),
+    ([100.0, 101.0, 100.0 + TURN], "more than a turn from zero"),
+    ([0.0, math.nan, TURN], "nan"),
+    ([0.0, math.inf], "inf"),
+    ([0.0, 90.0, 180.0, 270.0, 360.0], "numpy.radians turns degrees"),
 )
 def test_refuses_what_is_no_cover(value, message):
     workspace = Workspace.from_array(np.zeros((3, 3), bool), 0.1)

@@ -18,6 +18,7 @@ from cspace import InputError, Robot, Rotations, Workspace
 from cspace.rotations import Turn
 from cspace.spectral import decompose
 from handmade import half_turns
+from refusals import refusals
 
 RADIUS, LENGTH = 0.31, 0.57
 
@@ -259,15 +260,13 @@ def test_exact_answers_are_those_of_the_shape_around(kind):
     assert not space.is_free((RADIUS - 0.004, 0.0, 0.0), exact=True)
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Robot.cylinder(0, 1), "radius is 0; it must be one number above zero"),
-        (lambda: Robot.cylinder(1, -1), "height is -1"),
-        (lambda: Robot.capsule(1, 0), "length is 0"),
-        (lambda: Robot.capsule(float("nan"), 1), "radius is nan"),
-        (lambda: Robot.cylinder(1, 1, (0, 0)), "center has shape"),
-    ],
+@refusals(
+    "make, message",
+    (lambda: Robot.cylinder(0, 1), "radius is 0; it must be one number above zero"),
+    (lambda: Robot.cylinder(1, -1), "height is -1"),
+    (lambda: Robot.capsule(1, 0), "length is 0"),
+    (lambda: Robot.capsule(float("nan"), 1), "radius is nan"),
+    (lambda: Robot.cylinder(1, 1, (0, 0)), "center has shape"),
 )
 def test_refuses(make, message):
     with pytest.raises(InputError, match=message):

@@ -10,17 +10,11 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cspace import (
-    CspaceError,
-    FileError,
-    GeometryError,
-    InputError,
-    Robot,
-    Workspace,
-)
+from cspace import CspaceError, FileError, GeometryError, InputError, Robot, Workspace
 from cspace.files.meshes import SUFFIXES, read_mesh
 from cspace.shapes.mesh import Mesh, MeshWarning
 from oracles import winding_numbers
+from refusals import refusals
 from strategies import seeds
 
 SPHERE = trimesh.creation.icosphere(subdivisions=2)
@@ -75,17 +69,15 @@ def test_truncated_files_are_refused(tmp_path, name, part):
     assert str(file) in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "error", "message"),
-    [
-        ("nan.obj", "v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", InputError, "nan"),
-        ("points.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n", GeometryError, "cloud of points"),
-        ("index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", FileError, "malformed"),
-        ("empty.obj", "", GeometryError, "empty"),
-        ("noise.ply", "\0\1\2" * 100, FileError, "noise.ply"),
-        ("mesh.xyz", "0 0 0\n", InputError, "suffix"),
-        ("mesh.dae", "<COLLADA/>", GeometryError, "scene"),
-    ],
+@refusals(
+    "name, text, error, message",
+    ("nan.obj", "v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", InputError, "nan"),
+    ("points.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n", GeometryError, "cloud of points"),
+    ("index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", FileError, "malformed"),
+    ("empty.obj", "", GeometryError, "empty"),
+    ("noise.ply", "\0\1\2" * 100, FileError, "noise.ply"),
+    ("mesh.xyz", "0 0 0\n", InputError, "suffix"),
+    ("mesh.dae", "<COLLADA/>", GeometryError, "scene"),
 )
 def test_files_that_hold_no_mesh_are_refused(tmp_path, name, text, error, message):
     file = tmp_path / name
@@ -122,22 +114,20 @@ def test_a_scene_is_put_together_as_it_stands():
         Mesh.of(scene)
 
 
-@pytest.mark.parametrize(
-    ("shape", "error", "message"),
-    [
-        ((TETRAHEDRON, np.empty((0, 3), dtype=int)), GeometryError, "no triangles"),
-        ((TETRAHEDRON, [[0, 1, 4]]), GeometryError, "vertex 4"),
-        ((TETRAHEDRON, [[0, 1, -1]]), GeometryError, "vertex -1"),
-        ((TETRAHEDRON, [[0.0, 1.0, 2.0]]), GeometryError, "whole numbers"),
-        ((TETRAHEDRON, [[0, 1, 2, 3]]), GeometryError, r"\(F, 3\)"),
-        ((TETRAHEDRON[:, :2], SIDES), GeometryError, r"\(V, 3\)"),
-        ((TETRAHEDRON * np.nan, SIDES), InputError, "nan"),
-        ((TETRAHEDRON * (1 + 1j), SIDES), InputError, "complex"),
-        ((TETRAHEDRON, np.ma.masked_equal(SIDES, 3)), InputError, "faces of mesh has 3 masked"),
-        ((TETRAHEDRON * 1e200, SIDES), GeometryError, "units"),
-        (42, InputError, "int"),
-        (trimesh.PointCloud(np.eye(3)), GeometryError, "cloud of points"),
-    ],
+@refusals(
+    "shape, error, message",
+    ((TETRAHEDRON, np.empty((0, 3), dtype=int)), GeometryError, "no triangles"),
+    ((TETRAHEDRON, [[0, 1, 4]]), GeometryError, "vertex 4"),
+    ((TETRAHEDRON, [[0, 1, -1]]), GeometryError, "vertex -1"),
+    ((TETRAHEDRON, [[0.0, 1.0, 2.0]]), GeometryError, "whole numbers"),
+    ((TETRAHEDRON, [[0, 1, 2, 3]]), GeometryError, r"\(F, 3\)"),
+    ((TETRAHEDRON[:, :2], SIDES), GeometryError, r"\(V, 3\)"),
+    ((TETRAHEDRON * np.nan, SIDES), InputError, "nan"),
+    ((TETRAHEDRON * (1 + 1j), SIDES), InputError, "complex"),
+    ((TETRAHEDRON, np.ma.masked_equal(SIDES, 3)), InputError, "faces of mesh has 3 masked"),
+    ((TETRAHEDRON * 1e200, SIDES), GeometryError, "units"),
+    (42, InputError, "int"),
+    (trimesh.PointCloud(np.eye(3)), GeometryError, "cloud of points"),
 )
 def test_bad_meshes_are_refused(shape, error, message):
     with pytest.raises(error, match=message):

@@ -12,6 +12,7 @@ from scipy.special import j0
 
 from cspace import Grid, InputError
 from cspace.spectral import BallDescriptor, Bump, intersection
+from refusals import refusals
 
 ALPHAS = [0.01, 0.1, 0.5, 1.0, 2.0, 3.7, 10.0, 100.0, 1e4, math.inf]
 SMOOTH = [2.0, 8.0]
@@ -236,17 +237,15 @@ def test_an_unusable_alpha_is_refused(alpha):
         Bump(alpha)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "match"),
-    [
-        ((-1.0, 2), "below zero|zero or above"),
-        ((math.nan, 2), "frequency"),
-        ((math.inf, 3), "frequency"),
-        ((2e5, 2), "units"),
-        ((1.0, 1), "dim is 1"),
-        ((1.0, 4), "dim is 4"),
-        ((1.0, True), "dim is True"),
-    ],
+@refusals(
+    "arguments, match",
+    ((-1.0, 2), "below zero|zero or above"),
+    ((math.nan, 2), "frequency"),
+    ((math.inf, 3), "frequency"),
+    ((2e5, 2), "units"),
+    ((1.0, 1), "dim is 1"),
+    ((1.0, 4), "dim is 4"),
+    ((1.0, True), "dim is True"),
 )
 def test_unusable_arguments_are_refused(arguments, match):
     for ask in (Bump().radial_spectrum, lambda k, dim: Bump().table(dim, k)):
@@ -260,16 +259,14 @@ def test_unusable_tolerances_are_refused(tolerance):
         Bump().table(2, 1.0, tolerance)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "match"),
-    [
-        ((0.0, 1.0, 1.0, 2), "first"),
-        ((1.0, -1.0, 1.0, 2), "second"),
-        ((1.0, 1.0, -1.0, 2), "distance"),
-        ((1.0, 1.0, [1.0], 2), "distance"),
-        ((1.0, 1.0, math.nan, 2), "distance"),
-        ((1.0, 1.0, 1.0, 5), "dim"),
-    ],
+@refusals(
+    "arguments, match",
+    ((0.0, 1.0, 1.0, 2), "first"),
+    ((1.0, -1.0, 1.0, 2), "second"),
+    ((1.0, 1.0, -1.0, 2), "distance"),
+    ((1.0, 1.0, [1.0], 2), "distance"),
+    ((1.0, 1.0, math.nan, 2), "distance"),
+    ((1.0, 1.0, 1.0, 5), "dim"),
 )
 def test_unusable_pairs_are_refused(arguments, match):
     with pytest.raises(InputError, match=match):

@@ -92,11 +92,7 @@ def sampled(shape, rng, number=4000):
         shapely.get_parts(border)[:, None], rng.random(500)[None], normalized=True
     ).ravel()
     return np.vstack(
-        [
-            points[shapely.contains_xy(shape, *points.T)],
-            shapely.get_coordinates(along),
-            shapely.get_coordinates(shape),
-        ]
+        [points[shapely.contains_xy(shape, *points.T)], shapely.get_coordinates(along), shapely.get_coordinates(shape)]
     )
 
 

@@ -13,16 +13,8 @@ from scipy import ndimage
 
 from cspace import Grid, InputError, Mesh
 from cspace.shapes import Balls
-from cspace.spectral import (
-    BallDescriptor,
-    Bump,
-    Descriptor,
-    indicator,
-    intersection,
-    minkowski_sum,
-    superlevel,
-    union,
-)
+from cspace.spectral import BallDescriptor, Bump, Descriptor, indicator, intersection, minkowski_sum, superlevel, union
+from refusals import refusals
 from strategies import seeds
 
 METHODS = ["fft", "direct"]
@@ -240,31 +232,29 @@ def test_what_was_passed_is_not_shared():
 PLANE = on_grid(np.ones((3, 3)))
 
 
-@pytest.mark.parametrize(
-    ("ask", "match"),
-    [
-        (lambda: on_grid(np.full((2, 2), math.nan)), "NaN"),
-        (lambda: Descriptor(Grid((0, 0), 1.0, (2, 3)), np.ones((3, 2))), "values has shape"),
-        (lambda: union(PLANE, on_grid(np.ones((3, 4)))), "sample them alike"),
-        (lambda: union(PLANE, on_grid(np.ones((3, 3)), lower=0.1)), "sample them alike"),
-        (lambda: intersection(PLANE, on_grid(np.ones((3, 3)), spacing=0.6)), "sample them alike"),
-        (lambda: minkowski_sum(PLANE, on_grid(np.ones((3, 3)), spacing=0.6)), "both must be the same"),
-        (lambda: minkowski_sum(PLANE, on_grid(np.ones((3, 3, 3)))), "both must be the same"),
-        (lambda: minkowski_sum(PLANE, PLANE, "fast"), "method is 'fast'"),
-        (lambda: minkowski_sum(PLANE, np.ones((3, 3))), "no Descriptor"),
-        (lambda: superlevel(PLANE, math.nan), "threshold"),
-        (lambda: superlevel(PLANE, [0.0, 1.0]), "threshold"),
-        (lambda: superlevel(BallDescriptor([[0.0, 0.0]], 1.0)), "no Descriptor"),
-        (lambda: indicator(shapely.box(0, 0, 1, 1), Grid((0, 0, 0), 1.0, (2, 2, 2))), "2 coordinates and"),
-        (lambda: indicator(np.ones((2, 2), dtype=bool), PLANE.grid), "values has shape"),
-        (lambda: indicator(np.full((3, 3), 0.5), PLANE.grid), "boolean"),
-        (lambda: BallDescriptor([[0.0, 0.0]], 0.0), "above zero"),
-        (lambda: BallDescriptor([[0.0, 0.0]], -1.0), "below zero"),
-        (lambda: BallDescriptor([[0.0, math.nan]], 1.0), "NaN"),
-        (lambda: BallDescriptor([[0.0, 0.0]], 1.0, 2.0), "must be a Bump"),
-        (lambda: BallDescriptor(np.empty((0, 2)), 1.0), "at least 1"),
-        (lambda: BallDescriptor([[0.0, 0.0]], 1.0).sample(Grid((0, 0, 0), 1.0, (2, 2, 2))), "2 coordinates and"),
-    ],
+@refusals(
+    "ask, match",
+    (lambda: on_grid(np.full((2, 2), math.nan)), "NaN"),
+    (lambda: Descriptor(Grid((0, 0), 1.0, (2, 3)), np.ones((3, 2))), "values has shape"),
+    (lambda: union(PLANE, on_grid(np.ones((3, 4)))), "sample them alike"),
+    (lambda: union(PLANE, on_grid(np.ones((3, 3)), lower=0.1)), "sample them alike"),
+    (lambda: intersection(PLANE, on_grid(np.ones((3, 3)), spacing=0.6)), "sample them alike"),
+    (lambda: minkowski_sum(PLANE, on_grid(np.ones((3, 3)), spacing=0.6)), "both must be the same"),
+    (lambda: minkowski_sum(PLANE, on_grid(np.ones((3, 3, 3)))), "both must be the same"),
+    (lambda: minkowski_sum(PLANE, PLANE, "fast"), "method is 'fast'"),
+    (lambda: minkowski_sum(PLANE, np.ones((3, 3))), "no Descriptor"),
+    (lambda: superlevel(PLANE, math.nan), "threshold"),
+    (lambda: superlevel(PLANE, [0.0, 1.0]), "threshold"),
+    (lambda: superlevel(BallDescriptor([[0.0, 0.0]], 1.0)), "no Descriptor"),
+    (lambda: indicator(shapely.box(0, 0, 1, 1), Grid((0, 0, 0), 1.0, (2, 2, 2))), "2 coordinates and"),
+    (lambda: indicator(np.ones((2, 2), dtype=bool), PLANE.grid), "values has shape"),
+    (lambda: indicator(np.full((3, 3), 0.5), PLANE.grid), "boolean"),
+    (lambda: BallDescriptor([[0.0, 0.0]], 0.0), "above zero"),
+    (lambda: BallDescriptor([[0.0, 0.0]], -1.0), "below zero"),
+    (lambda: BallDescriptor([[0.0, math.nan]], 1.0), "NaN"),
+    (lambda: BallDescriptor([[0.0, 0.0]], 1.0, 2.0), "must be a Bump"),
+    (lambda: BallDescriptor(np.empty((0, 2)), 1.0), "at least 1"),
+    (lambda: BallDescriptor([[0.0, 0.0]], 1.0).sample(Grid((0, 0, 0), 1.0, (2, 2, 2))), "2 coordinates and"),
 )
 def test_unusable_input_is_refused(ask, match):
     with pytest.raises(InputError, match=match):

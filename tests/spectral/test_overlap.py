@@ -16,6 +16,7 @@ from cspace import Grid, InputError, MissingPackageError, Robot
 from cspace.spectral import BallDescriptor, Bounds, Bump, FourierOverlap, Separation, Spheres, Verdict, intersection
 from cspace.spectral.bands import norm_square
 from cspace.spectral.bump import pair_integrals
+from refusals import refusals
 from strategies import seeds
 
 pytest.importorskip("finufft")
@@ -401,36 +402,34 @@ INNER, OUTER = (
 )
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: FourierOverlap(ONE, SPACE), "all in space"),
-        (lambda: FourierOverlap(ONE, ([[0.0, 0.0]], 0.0)), "above zero"),
-        (lambda: FourierOverlap(ONE, ([[0.0, math.nan]], 0.1)), "NaN"),
-        (lambda: FourierOverlap(ONE, ONE, threshold=-1.0), "threshold"),
-        (lambda: FourierOverlap(ONE, ONE, band=0.0), "band"),
-        (lambda: FourierOverlap(ONE, ONE, band=1e5), "lower one"),
-        (lambda: FourierOverlap(ONE, ONE, tolerance=0.0), "tolerance"),
-        (lambda: FourierOverlap(ONE, ONE, accuracy=1e-30), "tolerance"),
-        (lambda: FourierOverlap(ONE, ONE, bump=2.0), "Bump"),  # type: ignore[arg-type]
-        (lambda: FourierOverlap(ONE, ([[1e9, 0.0]], 0.1)), "nearer"),
-        (lambda: FourierOverlap(BallDescriptor(*ONE, Bump(2.0)), BallDescriptor(*ONE, Bump(3.0))), "pass bump="),
-        (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=0.0), "swell"),
-        (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=1e-7), "larger swell"),
-        (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=0.1, classes=0), "classes"),
-        (lambda: FourierOverlap.of_shapes(ONE, ONE, ONE, swell=0.1), "both"),
-        (lambda: FourierOverlap.of_shapes(ONE, ONE, SPACE, SPACE, swell=0.1), "all in space"),
-        (lambda: FourierOverlap.of_shapes(INNER, ONE, swell=0.1), "outer_a is of kind 'inner'"),
-        (lambda: FourierOverlap.of_shapes(ONE, ONE, INNER, OUTER, swell=0.1), "inner_b is of kind 'outer'"),
-        (lambda: FourierOverlap((1.0, 2.0), ONE), "shape"),
-        (lambda: FourierOverlap((None, None), ONE), "missing"),
-        (lambda: FourierOverlap(([[0.0, 0.0]], 1e50), ONE), "reach"),
-        (lambda: FourierOverlap(ONE, ONE, band=9.0).value([0.0, 0.0, 0.0]), "last axis"),
-        (lambda: FourierOverlap(ONE, ONE, band=9.0).separated([math.inf, 0.0]), "infinities"),
-        (lambda: FourierOverlap(ONE, ONE, band=9.0).rotated(np.diag([1.0, -1.0])), "mirrors"),
-        (lambda: FourierOverlap(ONE, ONE, band=9.0).rotated(2.0 * np.eye(2)), "stretches"),
-        (lambda: FourierOverlap(SPACE, SPACE, band=9.0).rotated(0.5), "Rotation"),
-    ],
+@refusals(
+    "call, message",
+    (lambda: FourierOverlap(ONE, SPACE), "all in space"),
+    (lambda: FourierOverlap(ONE, ([[0.0, 0.0]], 0.0)), "above zero"),
+    (lambda: FourierOverlap(ONE, ([[0.0, math.nan]], 0.1)), "NaN"),
+    (lambda: FourierOverlap(ONE, ONE, threshold=-1.0), "threshold"),
+    (lambda: FourierOverlap(ONE, ONE, band=0.0), "band"),
+    (lambda: FourierOverlap(ONE, ONE, band=1e5), "lower one"),
+    (lambda: FourierOverlap(ONE, ONE, tolerance=0.0), "tolerance"),
+    (lambda: FourierOverlap(ONE, ONE, accuracy=1e-30), "tolerance"),
+    (lambda: FourierOverlap(ONE, ONE, bump=2.0), "Bump"),  # type: ignore[arg-type]
+    (lambda: FourierOverlap(ONE, ([[1e9, 0.0]], 0.1)), "nearer"),
+    (lambda: FourierOverlap(BallDescriptor(*ONE, Bump(2.0)), BallDescriptor(*ONE, Bump(3.0))), "pass bump="),
+    (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=0.0), "swell"),
+    (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=1e-7), "larger swell"),
+    (lambda: FourierOverlap.of_shapes(ONE, ONE, swell=0.1, classes=0), "classes"),
+    (lambda: FourierOverlap.of_shapes(ONE, ONE, ONE, swell=0.1), "both"),
+    (lambda: FourierOverlap.of_shapes(ONE, ONE, SPACE, SPACE, swell=0.1), "all in space"),
+    (lambda: FourierOverlap.of_shapes(INNER, ONE, swell=0.1), "outer_a is of kind 'inner'"),
+    (lambda: FourierOverlap.of_shapes(ONE, ONE, INNER, OUTER, swell=0.1), "inner_b is of kind 'outer'"),
+    (lambda: FourierOverlap((1.0, 2.0), ONE), "shape"),
+    (lambda: FourierOverlap((None, None), ONE), "missing"),
+    (lambda: FourierOverlap(([[0.0, 0.0]], 1e50), ONE), "reach"),
+    (lambda: FourierOverlap(ONE, ONE, band=9.0).value([0.0, 0.0, 0.0]), "last axis"),
+    (lambda: FourierOverlap(ONE, ONE, band=9.0).separated([math.inf, 0.0]), "infinities"),
+    (lambda: FourierOverlap(ONE, ONE, band=9.0).rotated(np.diag([1.0, -1.0])), "mirrors"),
+    (lambda: FourierOverlap(ONE, ONE, band=9.0).rotated(2.0 * np.eye(2)), "stretches"),
+    (lambda: FourierOverlap(SPACE, SPACE, band=9.0).rotated(0.5), "Rotation"),
 )
 def test_other_values_are_refused(call: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):

@@ -9,13 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace import Grid, InputError
-from cspace.spectral import (
-    BallDescriptor,
-    Bump,
-    ball_spectrum,
-)
+from cspace.spectral import BallDescriptor, Bump, ball_spectrum
 from cspace.spectral.spectra import radius_basis
 from missing import output_without
+from refusals import refusals
 from strategies import seeds
 
 pytest.importorskip("finufft")
@@ -130,26 +127,24 @@ def test_it_is_the_fourier_series_of_the_descriptor(dim):
 POINTS = np.zeros((2, 2))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "match"),
-    [
-        ((POINTS, 0.0, Bump(), 1.0, 4), "above zero"),
-        ((POINTS, math.nan, Bump(), 1.0, 4), "NaN"),
-        ((POINTS, [0.1, 0.1, 0.1], Bump(), 1.0, 4), "radii has shape"),
-        ((np.zeros((2, 4)), 0.1, Bump(), 1.0, 4), "centers has shape"),
-        ((POINTS, 0.1, 2.0, 1.0, 4), "must be a Bump"),
-        ((POINTS, 0.1, Bump(), 0.0, 4), "lengths"),
-        ((POINTS, 0.1, Bump(), (1.0, 1.0, 1.0), 4), "lengths"),
-        ((POINTS, 0.1, Bump(), math.inf, 4), "lengths"),
-        ((POINTS, 0.1, Bump(), 1.0, 0), "counts"),
-        ((POINTS, 0.1, Bump(), 1.0, 4.0), "counts"),
-        ((POINTS, 0.1, Bump(), 1.0, (4, 4, 4)), "counts"),
-        ((POINTS, 0.1, Bump(), 1.0, 10**9), "memory"),
-        ((POINTS, 0.1, Bump(), 1.0, 4, 1e-14), "tolerance"),
-        ((POINTS, 0.1, Bump(), 1.0, 4, 0.2), "tolerance"),
-        ((POINTS, 0.6, Bump(), 1.0, 4), "fit into one period"),
-        (([[0.0, 0.0], [0.0, 0.9]], 0.1, Bump(), 1.0, 4), "along y"),
-    ],
+@refusals(
+    "arguments, match",
+    ((POINTS, 0.0, Bump(), 1.0, 4), "above zero"),
+    ((POINTS, math.nan, Bump(), 1.0, 4), "NaN"),
+    ((POINTS, [0.1, 0.1, 0.1], Bump(), 1.0, 4), "radii has shape"),
+    ((np.zeros((2, 4)), 0.1, Bump(), 1.0, 4), "centers has shape"),
+    ((POINTS, 0.1, 2.0, 1.0, 4), "must be a Bump"),
+    ((POINTS, 0.1, Bump(), 0.0, 4), "lengths"),
+    ((POINTS, 0.1, Bump(), (1.0, 1.0, 1.0), 4), "lengths"),
+    ((POINTS, 0.1, Bump(), math.inf, 4), "lengths"),
+    ((POINTS, 0.1, Bump(), 1.0, 0), "counts"),
+    ((POINTS, 0.1, Bump(), 1.0, 4.0), "counts"),
+    ((POINTS, 0.1, Bump(), 1.0, (4, 4, 4)), "counts"),
+    ((POINTS, 0.1, Bump(), 1.0, 10**9), "memory"),
+    ((POINTS, 0.1, Bump(), 1.0, 4, 1e-14), "tolerance"),
+    ((POINTS, 0.1, Bump(), 1.0, 4, 0.2), "tolerance"),
+    ((POINTS, 0.6, Bump(), 1.0, 4), "fit into one period"),
+    (([[0.0, 0.0], [0.0, 0.9]], 0.1, Bump(), 1.0, 4), "along y"),
 )
 def test_unusable_input_is_refused(arguments, match):
     with pytest.raises(InputError, match=match):

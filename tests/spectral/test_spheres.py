@@ -13,6 +13,7 @@ from cspace import Robot
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.shapes.mesh import Mesh
 from cspace.spectral import Bounds, Spheres, decompose
+from refusals import refusals
 
 RECTANGLE = shapely.box(0.0, 0.0, 3.0, 1.0)
 TRIANGLE = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]), "surface")
@@ -47,25 +48,23 @@ def test_files_are_not_replaced_unasked(tmp_path):
     assert len(list(tmp_path.iterdir())) == 1
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("{", "cannot be read"),
-        ("[1]", "holds no balls"),
-        ('{"format": "other"}', "holds no balls"),
-        ('{"format": "cspace-spheres", "version": 7}', "version 7"),
-        ('{"format": "cspace-spheres", "version": 2}', "lacks"),
-        (
-            '{"format": "cspace-spheres", "version": 2, "kind": "inner", "measure": [0, 1], '
-            '"shape_measure": [0, 1], "hausdorff": [1, 0], "centers": [[0, 0]], "radii": [1]}',
-            "malformed",
-        ),
-        (
-            '{"format": "cspace-spheres", "version": 2, "kind": "inner", "measure": [0, 1], '
-            '"shape_measure": [0, 1], "hausdorff": [0, 1], "centers": [[0, 0]], "radii": [1, 2]}',
-            "malformed",
-        ),
-    ],
+@refusals(
+    "text, message",
+    ("{", "cannot be read"),
+    ("[1]", "holds no balls"),
+    ('{"format": "other"}', "holds no balls"),
+    ('{"format": "cspace-spheres", "version": 7}', "version 7"),
+    ('{"format": "cspace-spheres", "version": 2}', "lacks"),
+    (
+        '{"format": "cspace-spheres", "version": 2, "kind": "inner", "measure": [0, 1], '
+        '"shape_measure": [0, 1], "hausdorff": [1, 0], "centers": [[0, 0]], "radii": [1]}',
+        "malformed",
+    ),
+    (
+        '{"format": "cspace-spheres", "version": 2, "kind": "inner", "measure": [0, 1], '
+        '"shape_measure": [0, 1], "hausdorff": [0, 1], "centers": [[0, 0]], "radii": [1, 2]}',
+        "malformed",
+    ),
 )
 @pytest.mark.parametrize("suffix", [".json", ".yaml"])
 def test_damaged_files(tmp_path, text, message, suffix):
@@ -115,16 +114,14 @@ def test_file_names(tmp_path):
         Spheres.open(3)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"radii": [0.0]}, "above zero"),
-        ({"kind": "around"}, "kind"),
-        ({"centers": [[0, np.nan]]}, "NaN"),
-        ({"measure": Bounds(-1, 1)}, "measure"),
-        ({"measure": (0.0, 1.0, 2.0)}, "two numbers"),
-        ({"hausdorff": 3.0}, "two numbers"),
-    ],
+@refusals(
+    "changes, message",
+    ({"radii": [0.0]}, "above zero"),
+    ({"kind": "around"}, "kind"),
+    ({"centers": [[0, np.nan]]}, "NaN"),
+    ({"measure": Bounds(-1, 1)}, "measure"),
+    ({"measure": (0.0, 1.0, 2.0)}, "two numbers"),
+    ({"hausdorff": 3.0}, "two numbers"),
 )
 def test_bad_spheres(changes, message):
     values = {"centers": [[0.0, 0.0]], "radii": [1.0], "kind": "inner"}
@@ -133,30 +130,28 @@ def test_bad_spheres(changes, message):
         Spheres(**(values | changes))
 
 
-@pytest.mark.parametrize(
-    ("shape", "options", "error", "message"),
-    [
-        (RECTANGLE, {}, InputError, "neither"),
-        (RECTANGLE, {"number": 3, "tolerance": 0.1}, InputError, "both"),
-        (RECTANGLE, {"number": 0}, InputError, "whole number above zero"),
-        (RECTANGLE, {"number": 2.5}, InputError, "whole"),
-        (RECTANGLE, {"number": True}, InputError, "whole number above zero"),
-        (RECTANGLE, {"tolerance": 0.0}, InputError, "tolerance"),
-        (RECTANGLE, {"tolerance": np.nan}, InputError, "tolerance"),
-        (RECTANGLE, {"tolerance": 1e-7}, InputError, "pass at least about"),
-        (RECTANGLE, {"number": 3, "kind": "both"}, InputError, "kind"),
-        (shapely.Polygon(), {"number": 3}, GeometryError, "no geometry|empty"),
-        ([], {"number": 3}, GeometryError, "no geometry"),
-        (shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), {"number": 3}, GeometryError, "not valid"),
-        (shapely.LineString([(0, 0), (1, 1)]), {"number": 3}, GeometryError, "no inside"),
-        ([(0, 0), (1, 1)], {"number": 3}, InputError, "at least 3"),
-        (TRIANGLE, {"number": 3}, GeometryError, "no inside"),
-        (Mesh(TRIANGLE.vertices, TRIANGLE.faces, "fill"), {"number": 3}, InputError, "fill"),
-        (Robot.disc(1.0).shape, {"number": 3}, InputError, "balls already"),
-        (np.array(5.0), {"number": 3}, InputError, "a mesh is needed"),
-        (np.ones((3, 3), bool), {"number": 3}, InputError, "Voxels"),
-        (shapely.Point(3, 4), {"number": 3, "kind": "outer"}, InputError, "pass a tolerance"),
-    ],
+@refusals(
+    "shape, options, error, message",
+    (RECTANGLE, {}, InputError, "neither"),
+    (RECTANGLE, {"number": 3, "tolerance": 0.1}, InputError, "both"),
+    (RECTANGLE, {"number": 0}, InputError, "whole number above zero"),
+    (RECTANGLE, {"number": 2.5}, InputError, "whole"),
+    (RECTANGLE, {"number": True}, InputError, "whole number above zero"),
+    (RECTANGLE, {"tolerance": 0.0}, InputError, "tolerance"),
+    (RECTANGLE, {"tolerance": np.nan}, InputError, "tolerance"),
+    (RECTANGLE, {"tolerance": 1e-7}, InputError, "pass at least about"),
+    (RECTANGLE, {"number": 3, "kind": "both"}, InputError, "kind"),
+    (shapely.Polygon(), {"number": 3}, GeometryError, "no geometry|empty"),
+    ([], {"number": 3}, GeometryError, "no geometry"),
+    (shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), {"number": 3}, GeometryError, "not valid"),
+    (shapely.LineString([(0, 0), (1, 1)]), {"number": 3}, GeometryError, "no inside"),
+    ([(0, 0), (1, 1)], {"number": 3}, InputError, "at least 3"),
+    (TRIANGLE, {"number": 3}, GeometryError, "no inside"),
+    (Mesh(TRIANGLE.vertices, TRIANGLE.faces, "fill"), {"number": 3}, InputError, "fill"),
+    (Robot.disc(1.0).shape, {"number": 3}, InputError, "balls already"),
+    (np.array(5.0), {"number": 3}, InputError, "a mesh is needed"),
+    (np.ones((3, 3), bool), {"number": 3}, InputError, "Voxels"),
+    (shapely.Point(3, 4), {"number": 3, "kind": "outer"}, InputError, "pass a tolerance"),
 )
 def test_refusals(shape, options, error, message):
     with pytest.raises(error, match=message):
@@ -169,7 +164,7 @@ def test_memory_is_looked_at(monkeypatch):
         decompose(RECTANGLE, number=5)
 
 
-@pytest.mark.parametrize(("shape", "text"), [(RECTANGLE, "discs"), (trimesh.creation.box(), "balls")])
+@refusals("shape, text", (RECTANGLE, "discs"), (trimesh.creation.box(), "balls"))
 def test_pictures(shape, text):
     spheres = decompose(shape, number=6)
     ax = spheres.plot()

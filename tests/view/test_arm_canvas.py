@@ -60,8 +60,7 @@ def test_links_stand_where_the_joints_take_them(shown: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("q", "text", "color"),
-    [((0.3, 0.7), "**FREE**", ROBOT), ((0.8, 0.0), "**BLOCKED**", CLASSES[COLLIDES][1])],
+    ("q", "text", "color"), [((0.3, 0.7), "**FREE**", ROBOT), ((0.8, 0.0), "**BLOCKED**", CLASSES[COLLIDES][1])]
 )
 def test_the_state_is_said_and_seen(shown: Any, q: tuple[float, float], text: str, color: str) -> None:
     space, viewer = shown
