@@ -42,7 +42,7 @@ def problems(draw, size=0.25, side=(9, 7)):
 
 @settings(max_examples=60)
 @given(problems(), st.sampled_from([None, None, 1, 3, 4, 6, "any way"]), POLICIES, st.sampled_from([0.0, 0.03]))
-def test_states_by_definition(problem, rotations, outside, margin):
+def test_states_are_those_of_the_definition(problem, rotations, outside, margin):
     """Overlaps of each slice summed shift by shift; neither engines nor what is asked for besides change a state."""
     outer, inner, robot = problem
     if rotations == "any way":
@@ -192,7 +192,7 @@ def thin(points):
 
 @settings(max_examples=30)
 @given(problems(0.3), st.sampled_from([None, 5, "any way"]), st.integers(-3, 3), st.data())
-def test_laws(problem, rotations, shift, data):
+def test_maps_obey_monotony_union_and_translation(problem, rotations, shift, data):
     """More obstacles or margin: never more FREE, never less BLOCKED. Union of obstacles: the worse of the maps."""
     first, second, robot = problem
     second = np.roll(second, 1, axis=0)
@@ -363,7 +363,7 @@ WORKSPACE = Workspace.from_array(np.eye(4, dtype=bool), 0.1)
     ({"workspace": np.eye(3)}, "workspace is a ndarray"),
     ({"workspace": Workspace.from_array(np.zeros((2, 2, 2), bool), 0.1)}, "2 dimensions and the workspace 3"),
 )
-def test_refuses(arguments, message):
+def test_build_refuses(arguments, message):
     options = {"workspace": WORKSPACE, "robot": Robot.disc(0.1), **arguments}
     with pytest.raises(InputError, match=message):
         cspace.build(options.pop("workspace"), options.pop("robot"), **options)

@@ -8,7 +8,7 @@ from cspace.check import check_word, whole
 from refusals import refusals
 
 
-def test_holds_plain_immutable_values():
+def test_a_grid_holds_plain_immutable_values():
     grid = Grid(np.array([1, 2]), np.float32(0.5), np.array([3, 4]))
     assert (grid.lower, grid.spacing, grid.shape) == ((1.0, 2.0), 0.5, (3, 4))
     assert (grid.upper, grid.dim, grid.size) == ((2.5, 4.0), 2, 12)
@@ -27,7 +27,7 @@ def test_borders_belong_to_the_cell_above_and_the_last_border_to_the_last_cell()
 
 
 @pytest.mark.parametrize("batch", [(), (5,), (2, 3), (0,)])
-def test_batches_of_any_shape(batch):
+def test_batches_of_any_shape_are_answered(batch):
     grid = Grid((-1, -1), 0.1, (20, 20))
     points = np.zeros((*batch, 2))
     assert grid.cell_of(points).shape == (*batch, 2)
@@ -60,7 +60,7 @@ def test_far_points_do_not_wrap_around():
     ((0, 0), 1.0, (1.5, 2), "shape is"),
     ((1e9, 0), 1e-3, (4, 4), "cells from the origin"),
 )
-def test_refuses(lower, spacing, shape, message):
+def test_grids_refuse(lower, spacing, shape, message):
     with pytest.raises(InputError, match=message):
         Grid(lower, spacing, shape)
 
@@ -68,7 +68,7 @@ def test_refuses(lower, spacing, shape, message):
 @pytest.mark.parametrize(
     "points", [(np.nan, 0.0), [(0.0, 0.0), (np.inf, 1.0)], (1.0, 2.0, 3.0), 4.0, "here", (10**400, 0)]
 )
-def test_refuses_points(points):
+def test_cell_of_refuses(points):
     with pytest.raises(InputError):
         Grid((0, 0), 1.0, (2, 2)).cell_of(points)
 

@@ -119,12 +119,12 @@ def test_joining_cells_is_refused_before_it_begins(monkeypatch):
     assert space.path_exists((1.0, 1.0, 0.0), (2.0, 2.0, 0.0)) is True
 
 
-def test_times_as_text():
+def test_durations_are_written_in_round_units():
     assert [time_text(n) for n in (0.034, 7.0, 130.0, 8000.0, 1e6)] == [
         "0.03 s", "7 s", "2 minutes", "2 hours", "10 days",
     ]  # fmt: skip
     assert build_seconds((64, 64, 46), 6912) > build_seconds((64, 64, 46), 100) > build_seconds((64, 64), 100)
 
 
-def test_bytes_as_text():
+def test_sizes_are_written_in_round_units():
     assert [bytes_text(n) for n in (12, 1500, 2.5e9)] == ["12 bytes", "1.5 kB", "2.5 GB"]

@@ -231,7 +231,7 @@ def test_exact_answers_agree_with_fcl(rotations: Any) -> None:
 # ---- what is taken ---------------------------------------------------------------------------------------------------
 
 
-def test_what_shapes_stand_for() -> None:
+def test_shapes_may_be_given_in_many_ways() -> None:
     square = [(1.8, 1.3), (2.2, 1.3), (2.2, 1.7), (1.8, 1.7)]
     obstacles: list[tuple[Any, Any]] = [
         (shapely.Polygon(square), None),

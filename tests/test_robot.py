@@ -86,7 +86,7 @@ def test_opens_polygon_files(tmp_path, data):
     (lambda: Robot.cells(np.ones((2, 2), bool), 1e-9, (4e6, 0)).rasters(0.05), "from its reference point"),
     (lambda: Robot.cells(np.ma.array(np.ones((2, 2), bool), mask=True), 0.1), "4 masked"),
 )
-def test_refuses(make, message):
+def test_robots_refuse(make, message):
     with pytest.raises(InputError, match=message):
         make()
 

@@ -26,7 +26,7 @@ L_SHAPE = [[1, 1, 0], [0, 1, 0]]
 
 
 @pytest.mark.parametrize("dtype", [bool, np.uint8, np.int64])
-def test_array_by_hand(dtype: type) -> None:
+def test_arrays_become_cells(dtype: type) -> None:
     workspace = Workspace.from_array(np.array(L_SHAPE, dtype=dtype), 0.5, (-1.0, 2.0))
     assert workspace.grid == Grid((-1.0, 2.0), 0.5, (2, 3))
     assert workspace.outer.dtype == np.bool_
@@ -94,13 +94,13 @@ def test_repr_is_short() -> None:
     ({"inner": np.ones((2, 3), dtype=bool)}, r"holds cell \(0, 2\)"),
     ({"occupied": np.ma.array(np.zeros((3, 2), bool), mask=[[True, False]] * 3)}, "3 masked"),
 )
-def test_bad_arrays(arguments: dict[str, Any], message: str) -> None:
+def test_unusable_arrays_are_refused(arguments: dict[str, Any], message: str) -> None:
     given = {"occupied": np.array(L_SHAPE, dtype=bool), "spacing": 1.0} | arguments
     with pytest.raises(InputError, match=message):
         Workspace.from_array(**given)
 
 
-def test_arrays_of_another_shape_than_the_grid() -> None:
+def test_arrays_of_another_shape_than_the_grid_are_refused() -> None:
     cells = np.zeros((2, 3), dtype=bool)
     with pytest.raises(InputError, match=r"outer has shape \(2, 3\) on a grid of \(3, 2\)"):
         Workspace(Grid((0.0, 0.0), 1.0, (3, 2)), cells, cells)
@@ -126,7 +126,7 @@ def files(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", ["map.png", "map.pgm", "map.bmp", "map.npy", "map.map", "map.yaml", "map.YML"])
-def test_open_by_suffix(files: Path, name: str) -> None:
+def test_open_chooses_the_reader_by_suffix(files: Path, name: str) -> None:
     path = files / name
     options = {} if path.suffix.lower() in (".map", ".yaml", ".yml") else {"spacing": 1.0}
     workspace = Workspace.open(path, **options)
@@ -155,7 +155,7 @@ def test_open_passes_options_on(files: Path) -> None:
     ("map.png", {"spacing": 0.0}, "spacing is 0.0"),
     ("map.map", {"spacing": -1.0}, "spacing is -1.0"),
 )
-def test_open_with_wrong_options(files: Path, name: str, options: dict[str, Any], message: str) -> None:
+def test_open_refuses_options_of_other_readers(files: Path, name: str, options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Workspace.open(files / name, **options)
 
@@ -173,7 +173,7 @@ def test_missing_files_and_folders_are_named(tmp_path: Path, suffix: str) -> Non
         Workspace.open(path, **options)
 
 
-def test_unreadable_file(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unreadable_files_are_refused(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: Any, **__: Any) -> str:
         raise PermissionError(13, "Permission denied")
 
@@ -182,7 +182,7 @@ def test_unreadable_file(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         Workspace.open(files / "map.map")
 
 
-def test_npy_file_of_floats(tmp_path: Path) -> None:
+def test_npy_files_of_floats_are_refused(tmp_path: Path) -> None:
     np.save(tmp_path / "floats.npy", np.full((2, 2), 0.5))
     with pytest.raises(InputError, match="dtype float64"):
         Workspace.open(tmp_path / "floats.npy", spacing=1.0)
@@ -202,7 +202,7 @@ def test_odd_bytes_become_plain_booleans():
     assert Workspace.from_array(cells, 0.1).outer.view(np.uint8).tolist() == [[0, 1], [1, 0]]
 
 
-def test_npy_file_of_whole_numbers_that_may_be_points(tmp_path: Path) -> None:
+def test_npy_files_of_whole_numbers_that_may_be_points_are_refused(tmp_path: Path) -> None:
     np.save(tmp_path / "points.npy", np.arange(30).reshape(10, 3))
     with pytest.raises(
         InputError, match=r"10 rows of three whole numbers.*points are floating.*array\.astype\(float\)"
@@ -236,7 +236,7 @@ def test_obstacles_smaller_than_a_cell_are_a_warning(bounds: Any, kind: int) -> 
     shapes(0.2, bounds)[kind]()
 
 
-def test_how_small_obstacles_may_be() -> None:
+def test_obstacles_a_quarter_of_a_cell_wide_are_no_warning() -> None:
     """A thin pillar within bounds may be meant; a map of one cell that it fills, too."""
     bounds = (-1, -1, -1, 1, 1, 1)
     for make in shapes(0.026, bounds):
@@ -319,11 +319,11 @@ def test_the_spacing_that_a_refusal_tells_where_an_axis_is_one_cell(monkeypatch:
     ("name", "dim"),
     [("a.yaml", 2), ("a.png", 2), ("a.wkt", 2), ("a.map", 2), ("a.3dmap", 3), ("a.stl", 3), ("a.bt", 3), ("a.csv", 3)],
 )
-def test_dimensions_by_the_suffix(name: str, dim: int) -> None:
+def test_dimensions_follow_the_suffix(name: str, dim: int) -> None:
     assert dimension_of(name) == dim
 
 
-def test_dimensions_of_an_array_by_its_header(tmp_path: Path) -> None:
+def test_dimensions_of_an_array_follow_its_header(tmp_path: Path) -> None:
     for array, dim in ((np.zeros((3, 3), bool), 2), (np.zeros((3, 3, 3), bool), 3), (np.zeros((4, 3)), 3)):
         np.save(tmp_path / "a.npy", array)
         assert dimension_of(tmp_path / "a.npy") == dim

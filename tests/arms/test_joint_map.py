@@ -245,7 +245,9 @@ def test_the_last_angle_of_a_turn_is_in_the_last_cell(tmp_path: Path, cells: int
 @given(
     seed=st.integers(0, 2**32 - 1), elbow=st.sampled_from([{"limits": None, "kind": "continuous"}, {"limits": (-2, 2)}])
 )
-def test_circles_against_shapely(tmp_path_factory: pytest.TempPathFactory, seed: int, elbow: dict[str, Any]) -> None:
+def test_joint_maps_agree_with_shapely(
+    tmp_path_factory: pytest.TempPathFactory, seed: int, elbow: dict[str, Any]
+) -> None:
     """Among random posts: no cell lies, at the seam neither; no path is found where none is, nor missed."""
     rng = np.random.default_rng(seed)
     angle, reach = rng.uniform(-np.pi, np.pi, 4), rng.uniform(0.5, 1.8, 4)
@@ -309,7 +311,7 @@ def test_a_joint_that_others_follow_by_half(tmp_path: Path) -> None:
     ({"limits": {"elbow": (1.0, 1.0)}}, "two ascending numbers"),
     ({"spacing": 1e-5}, r"cells of 1e-05 rad and needs"),
 )
-def test_bad_input(tmp_path: Path, options: dict[str, Any], message: str) -> None:
+def test_build_arm_map_refuses(tmp_path: Path, options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         build_arm_map(plane(tmp_path), **{"spacing": 0.1, **options})
 

@@ -20,7 +20,7 @@ BAR = ((1.0, 0.1, 0.1), (0.5, 0, 0))
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_places_of_links(tmp_path: Path, seed: int) -> None:
+def test_links_stand_where_yourdfpy_places_them(tmp_path: Path, seed: int) -> None:
     """All kinds of joints, and one that mimics: as yourdfpy places them."""
     path = random_arm(tmp_path, seed)
     arm = Arm.from_urdf(path)
@@ -32,7 +32,7 @@ def test_places_of_links(tmp_path: Path, seed: int) -> None:
             np.testing.assert_allclose(pose, urdf.get_transform(name), atol=1e-9)
 
 
-def test_base_and_tip(tmp_path: Path) -> None:
+def test_only_joints_between_base_and_tip_move(tmp_path: Path) -> None:
     """Joints between them move; the others stand at zero, or at the limit next to it."""
     path = written(
         tmp_path,
@@ -72,7 +72,7 @@ def test_what_is_alike_is_made_once(tmp_path: Path) -> None:
     assert arm.attach("other", ball, arm.links[-1].name).links[-1].parts[0] is held
 
 
-def test_which_links_may_touch(tmp_path: Path) -> None:
+def test_neighbours_may_touch_unless_an_srdf_lists_pairs(tmp_path: Path) -> None:
     """Neighbours, also over a link without geometry; or what an SRDF says, and nothing else."""
     path = written(
         tmp_path,
@@ -93,26 +93,6 @@ def test_which_links_may_touch(tmp_path: Path) -> None:
         '<disable_default_collisions link="b"/><enable_collisions link1="b" link2="c"/></robot>'
     )
     assert Arm.from_urdf(path, srdf).allowed.keys() == {("a", "b")}
-
-
-@refusals(
-    "text, message",
-    ('<robot name="small"><disable_collisions link1="foot"/></robot>', "has a <disable_collisions> without link2"),
-    ('<robot name="small"><group/></robot>', "has a <group> without name"),
-    ('<robot name="small"><group name="g"><group name="g"/></group></robot>', "has the group 'g' within itself"),
-    (
-        '<robot><group_state name="s" group="g"><joint name="elbow" value="up"/></group_state></robot>',
-        "has elbow at 'up' in the state 'g/s'; it must be one finite number",
-    ),
-    ('<robot xmlns:x="http://www.ros.org/wiki/xacro"><x:if/></robot>', "macros of xacro"),
-    ("<html/>", "holds <html>, not <robot>"),
-    ("<robot", "arm.srdf"),
-)
-def test_bad_srdf(tmp_path: Path, text: str, message: str) -> None:
-    srdf = tmp_path / "arm.srdf"
-    srdf.write_text(text)
-    with pytest.raises(FileError, match=message):
-        Arm.from_urdf(planar(tmp_path), srdf)
 
 
 def test_srdf_names_of_missing_and_bare_links_are_skipped_with_one_warning(tmp_path: Path) -> None:
@@ -198,7 +178,7 @@ def test_named_configurations_are_those_of_pinocchio(data: Path, name: str) -> N
             assert q[arm.joints.index(joint_name)] == theirs[model.joints[model.getJointId(joint_name)].idx_q]
 
 
-def test_what_is_known_of_pairs(tmp_path: Path) -> None:
+def test_pairs_are_sorted_into_always_sometimes_and_never(tmp_path: Path) -> None:
     """Links beyond the next one are looked at, though their bodies are next to each other."""
     path = written(
         tmp_path,
@@ -239,59 +219,6 @@ def test_what_is_known_of_pairs(tmp_path: Path) -> None:
     known = build_arm({}, forgotten, allowed=[("base", "sleeve"), ("core", "sleeve")])
     assert known.is_free((0.0, 0.0))
     assert not known.is_free((0.54, 0.0))
-
-
-@refusals(
-    "changes, message",
-    ({"limits": (1.0, -1.0)}, "limits are 1 and -1"),
-    ({"limits": None}, "has no limits"),
-    ({"kind": "floating"}, "is floating; it must be one of fixed"),
-    ({"extra": '<mimic joint="elbow"/>', "kind": "revolute"}, None),
-)
-def test_bad_joints(tmp_path: Path, changes: dict[str, Any], message: str | None) -> None:
-    path = planar(tmp_path, **changes)
-    if message is None:
-        assert Arm.from_urdf(path).joints == ("elbow",)
-        return
-    with pytest.raises(InputError, match=message):
-        Arm.from_urdf(path)
-
-
-def test_bad_input(tmp_path: Path) -> None:
-    path = planar(tmp_path)
-    for options in ({"tip": "hand"}, {"base": "hand"}):
-        with pytest.raises(InputError, match=r"is 'hand'.*has foot, upper, fore"):
-            Arm.from_urdf(path, **options)
-    with pytest.raises(InputError, match="is not below"):
-        Arm.from_urdf(path, base="fore", tip="foot")
-    alone = planar(tmp_path, extra='<mimic joint="lost"/>')
-    with pytest.raises(InputError, match="joint 'shoulder' mimics 'lost'; the URDF has no such joint"):
-        Arm.from_urdf(alone, tip="upper")  # no other joint moves there
-    path = planar(tmp_path)
-    with pytest.raises(InputError, match="no joint that moves"):
-        Arm.from_urdf(path, base="fore")
-    arm = Arm.from_urdf(path)
-
-    ball = Robot.ball(0.1).shape
-    with pytest.raises(InputError, match="a link has it"):
-        arm.attach("fore", ball, "upper")
-    with pytest.raises(InputError, match="is 'wing'"):
-        arm.attach("tool", ball, "wing")
-    with pytest.raises(InputError, match="rigid motion"):
-        arm.attach("tool", ball, "fore", 2.0 * np.eye(4))
-    with pytest.raises(FileError, match=r"axis '0.0 0.0 0.0' at the joint 'shoulder'"):
-        Arm.from_urdf(planar(tmp_path, axis=(0, 0, 0)))
-    with pytest.raises(FileError, match=r"has xyz='0.0 1.0' at the axis of joint 'shoulder'; it must be 3 numbers"):
-        Arm.from_urdf(planar(tmp_path, axis=(0, 1)))
-    with pytest.raises(FileError, match=r"has lower='low' at the limit of joint 'shoulder'"):
-        Arm.from_urdf(planar(tmp_path, extra='<limit lower="low" upper="1"/>', limits=None))
-    mesh = '<collision><geometry><mesh filename="package://arm/meshes/lost.stl"/></geometry></collision>'
-    lost = written(tmp_path, link("a", BAR), link("b", extra=mesh), joint("one", "a", "b"))
-    with pytest.raises(FileError, match=r"link 'b', collision 0: mesh package://arm/meshes/lost.stl: does not exist"):
-        Arm.from_urdf(lost)
-    bare = written(tmp_path, link("a"), link("b"), joint("one", "a", "b"))
-    with pytest.raises(InputError, match="no collision geometry"):
-        Arm.from_urdf(bare)
 
 
 def test_meshes_of_packages_are_found_in_given_folders(tmp_path: Path) -> None:
@@ -358,47 +285,104 @@ def test_boxes_keep_their_inside_when_meshes_are_surfaces(tmp_path: Path) -> Non
             build_arm({"ball": inside}, Arm.from_urdf(path, **options))
 
 
-@refusals(
-    "leader, base, message",
-    ("lost", None, r"joint 'two' mimics 'lost'; the URDF has no such joint; it has one, two, three"),
-    ("one", "b", r"joint 'two' mimics 'one'; that joint is not below the base 'b'"),
-    ("three", None, r"joint 'two' mimics 'three'; that joint mimics another one itself"),
-)
-def test_joints_that_mimic_what_they_cannot_are_refused(
-    tmp_path: Path, leader: str, base: str | None, message: str
-) -> None:
-    path = written(
-        tmp_path,
-        *(link(name, BAR) for name in "abcd"),
-        joint("one", "a", "b"),
-        joint("two", "b", "c", extra=f'<mimic joint="{leader}"/>'),
-        joint("three", "c", "d", extra='<mimic joint="one"/>' if leader == "three" else ""),
-    )
-    with pytest.raises(InputError, match=message):
-        Arm.from_urdf(path, base=base)
+def chain_of_three(folder: Path, leader: str) -> Path:
+    """Write an arm of three joints whose second mimics a joint with the name ``leader``."""
+    mimics = ["", f'<mimic joint="{leader}"/>', '<mimic joint="one"/>' if leader == "three" else ""]
+    joints = zip(("one", "two", "three"), "abc", "bcd", mimics, strict=True)
+    links = (link(name, BAR) for name in "abcd")
+    return written(folder, *links, *(joint(name, a, b, extra=mimic) for name, a, b, mimic in joints))
+
+
+def with_mesh(folder: Path) -> Path:
+    mesh = '<collision><geometry><mesh filename="package://arm/meshes/lost.stl"/></geometry></collision>'
+    return written(folder, link("a", BAR), link("b", extra=mesh), joint("one", "a", "b"))
 
 
 @refusals(
-    "shape, message",
-    (None, "shape is a NoneType"),
-    (5, "shape is a int"),
-    ("no such text", "shape is 'no such text'"),
-    (np.zeros((3, 3)), "shape is points"),
-    (Robot.disc(1.0), "shape is in the plane; arms are in space"),
-    (trimesh.Trimesh(), "without triangles"),
-    ((np.eye(3), [[0, 1, 5]]), "name vertex 5"),
-    (lambda: None, "shape is a function"),
+    "write, options, error, message",
+    (planar, {"tip": "hand"}, InputError, r"is 'hand'.*has foot, upper, fore"),
+    (planar, {"base": "hand"}, InputError, r"base is 'hand'"),
+    (planar, {"base": "fore", "tip": "foot"}, InputError, "is not below"),
+    (planar, {"base": "fore"}, InputError, "no joint that moves"),
+    (planar, {"limits": (1.0, -1.0)}, InputError, "limits are 1 and -1"),
+    (planar, {"limits": None}, InputError, "has no limits"),
+    (planar, {"kind": "floating"}, InputError, "is floating; it must be one of fixed"),
+    (planar, {"axis": (0, 0, 0)}, FileError, "axis '0.0 0.0 0.0' at the joint 'shoulder'"),
+    (planar, {"axis": (0, 1)}, FileError, "has xyz='0.0 1.0' at the axis of joint 'shoulder'; it must be 3 numbers"),
+    (
+        planar,
+        {"extra": '<limit lower="low" upper="1"/>', "limits": None},
+        FileError,
+        "has lower='low' at the limit of joint 'shoulder'",
+    ),
+    (
+        planar,
+        {"extra": '<mimic joint="lost"/>', "tip": "upper"},  # no other joint moves there
+        InputError,
+        "joint 'shoulder' mimics 'lost'; the URDF has no such joint",
+    ),
+    (chain_of_three, {"leader": "lost"}, InputError, "joint 'two' mimics 'lost'; .* no such joint; it has one, two"),
+    (chain_of_three, {"leader": "one", "base": "b"}, InputError, "mimics 'one'; that joint is not below the base 'b'"),
+    (chain_of_three, {"leader": "three"}, InputError, "mimics 'three'; that joint mimics another one itself"),
+    (with_mesh, {}, FileError, "link 'b', collision 0: mesh package://arm/meshes/lost.stl: does not exist"),
+    (lambda folder: written(folder, link("a"), link("b"), joint("one", "a", "b")), {}, InputError, "no collision geom"),
 )
-def test_attach_refuses_what_is_no_shape(tmp_path: Path, shape: Any, message: str) -> None:
+def test_from_urdf_refuses(tmp_path: Path, write: Any, options: dict[str, Any], error: Any, message: str) -> None:
+    ends = {name: options[name] for name in ("base", "tip") if name in options}
+    path = write(tmp_path, **{name: value for name, value in options.items() if name not in ends})
+    with pytest.raises(error, match=message):
+        Arm.from_urdf(path, **ends)
+
+
+def test_a_joint_may_mimic_a_later_one(tmp_path: Path) -> None:
+    assert Arm.from_urdf(planar(tmp_path, extra='<mimic joint="elbow"/>')).joints == ("elbow",)
+
+
+@refusals(
+    "text, message",
+    ('<robot name="small"><disable_collisions link1="foot"/></robot>', "has a <disable_collisions> without link2"),
+    ('<robot name="small"><group/></robot>', "has a <group> without name"),
+    ('<robot name="small"><group name="g"><group name="g"/></group></robot>', "has the group 'g' within itself"),
+    (
+        '<robot><group_state name="s" group="g"><joint name="elbow" value="up"/></group_state></robot>',
+        "has elbow at 'up' in the state 'g/s'; it must be one finite number",
+    ),
+    ('<robot xmlns:x="http://www.ros.org/wiki/xacro"><x:if/></robot>', "macros of xacro"),
+    ("<html/>", "holds <html>, not <robot>"),
+    ("<robot", "arm.srdf"),
+)
+def test_unreadable_srdf_files_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    srdf = tmp_path / "arm.srdf"
+    srdf.write_text(text)
+    with pytest.raises(FileError, match=message):
+        Arm.from_urdf(planar(tmp_path), srdf)
+
+
+BALL = Robot.ball(0.1)
+
+
+@refusals(
+    "arguments, message",
+    (("tool", None, "fore"), "shape is a NoneType"),
+    (("tool", 5, "fore"), "shape is a int"),
+    (("tool", "no such text", "fore"), "shape is 'no such text'"),
+    (("tool", np.zeros((3, 3)), "fore"), "shape is points"),
+    (("tool", Robot.disc(1.0), "fore"), "shape is in the plane; arms are in space"),
+    (("tool", trimesh.Trimesh(), "fore"), "without triangles"),
+    (("tool", (np.eye(3), [[0, 1, 5]]), "fore"), "name vertex 5"),
+    (("tool", lambda: None, "fore"), "shape is a function"),
+    (("fore", BALL, "upper"), "a link has it"),
+    (("tool", BALL, "wing"), "is 'wing'"),
+    (("tool", BALL, "fore", 2.0 * np.eye(4)), "rigid motion"),
+    (("tool", BALL, "fore", None, 5), "touch is 5; it must be names of links"),
+    ((5, BALL, "fore"), "name is 5; it must be a string"),
+)
+def test_attach_refuses(tmp_path: Path, arguments: tuple[Any, ...], message: str) -> None:
+    *given, touch = (*arguments, ()) if len(arguments) < 5 else arguments
     with pytest.raises(InputError, match=message):
-        Arm.from_urdf(planar(tmp_path)).attach("tool", shape, "fore")
+        Arm.from_urdf(planar(tmp_path)).attach(*given, touch=touch)
 
 
-def test_attach_takes_one_name_of_a_link_and_refuses_other_types(tmp_path: Path) -> None:
-    arm, ball = Arm.from_urdf(planar(tmp_path)), Robot.ball(0.1)
-    assert arm.attach("tool", ball, "fore", touch="upper").allowed["tool", "upper"] == "held"
-    bad: Any = 5
-    with pytest.raises(InputError, match="touch is 5; it must be names of links"):
-        arm.attach("tool", ball, "fore", touch=bad)
-    with pytest.raises(InputError, match="name is 5; it must be a string"):
-        arm.attach(bad, ball, "fore")
+def test_attach_takes_one_name_of_a_link(tmp_path: Path) -> None:
+    arm = Arm.from_urdf(planar(tmp_path)).attach("tool", BALL, "fore", touch="upper")
+    assert arm.allowed["tool", "upper"] == "held"

@@ -42,7 +42,7 @@ def only_obstacles(obstacles: Any, arm: Arm, name: str = "workspace", at: Any = 
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_cells_against_fcl(tmp_path: Path, seed: int) -> None:
+def test_grids_of_obstacles_agree_with_fcl(tmp_path: Path, seed: int) -> None:
     """FREE by the outer cells, BLOCKED by the inner ones, decided but for touching; motions hit nothing on the way."""
     path, rng = random_arm(tmp_path, seed), np.random.default_rng(seed)
     arm = Arm.from_urdf(path)
@@ -87,7 +87,7 @@ def test_cells_that_are_turned_against_fcl(tmp_path: Path, moved: str) -> None:
 
 
 @pytest.mark.parametrize("radius", [0.05, 0.0])
-def test_clouds_against_fcl(tmp_path: Path, radius: float) -> None:
+def test_clouds_of_obstacles_agree_with_fcl(tmp_path: Path, radius: float) -> None:
     """The points themselves are asked, and not the cells of their grid."""
     path, rng = random_arm(tmp_path, 2), np.random.default_rng(2)
     arm = Arm.from_urdf(path)
@@ -224,7 +224,7 @@ def test_trimesh_is_an_obstacle_and_an_attached_object(tmp_path: Path) -> None:
     (lambda: {"bent": Placed(Robot.ball(1.0).shape, 2.0 * np.eye(4))}, "pose of bent has shape"),
     (lambda: [Robot.ball(1.0).shape], "obstacles is a list"),
 )
-def test_bad_obstacles(tmp_path: Path, obstacles: Any, message: str) -> None:
+def test_build_arm_refuses_obstacles(tmp_path: Path, obstacles: Any, message: str) -> None:
     arm = Arm.from_urdf(planar(tmp_path))
     with pytest.raises(InputError, match=message):
         build_arm(obstacles(), arm)

@@ -125,6 +125,8 @@ def test_arms_of_all_kinds_of_joints(tmp_path: Any, seed: int) -> None:
     ((START, np.empty((0, 2))), {}, InputError, r"q1 has shape \(0, 2\)"),
     ((START, GOAL), {"time_limit": 0.0}, InputError, "time_limit is 0"),
 )
-def test_bad_input(space: ArmSpace, endpoints: Any, options: Any, error: type[Exception], message: str) -> None:
+def test_search_refuses_bad_arguments(
+    space: ArmSpace, endpoints: Any, options: Any, error: type[Exception], message: str
+) -> None:
     with pytest.raises(error, match=message):
         space.free_path(*endpoints, **options)

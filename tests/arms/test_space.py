@@ -43,7 +43,7 @@ def scene(tmp_path: Path, seed: int) -> tuple[ArmSpace, ArmOracle, np.random.Gen
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_states_against_fcl(tmp_path: Path, seed: int) -> None:
+def test_states_agree_with_fcl(tmp_path: Path, seed: int) -> None:
     space, oracle, rng = scene(tmp_path, seed)
     points = sampled(space.arm, rng, 60)
     apart = np.array([oracle.apart(q) for q in points])
@@ -57,7 +57,7 @@ def test_states_against_fcl(tmp_path: Path, seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_motions_against_fcl(tmp_path: Path, seed: int) -> None:
+def test_motions_agree_with_fcl(tmp_path: Path, seed: int) -> None:
     """What is proven is free wherever it is looked at; what is not has a place that is not, or all but touches."""
     space, oracle, rng = scene(tmp_path, seed)
     free = space.sample_free(24, rng)
@@ -83,7 +83,7 @@ def test_a_path_keeps_as_far_away_as_is_said(tmp_path: Path) -> None:
     assert len(blocked) and not any(rooms[k] for k in blocked)
 
 
-def test_by_hand(tmp_path: Path) -> None:
+def test_small_arms_answer_as_worked_out_by_hand(tmp_path: Path) -> None:
     """A bar of two links and a post: just beside it, just in it, and a motion that sweeps over it."""
     arm = Arm.from_urdf(planar(tmp_path))
     post = {"post": Placed(Robot.box((0.1, 0.1, 1.0)).shape, at(1.5, 1.0, 0.0))}
@@ -108,7 +108,7 @@ def test_by_hand(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_nearest_points(tmp_path: Path, seed: int) -> None:
+def test_closest_returns_the_nearest_points(tmp_path: Path, seed: int) -> None:
     """They are as far apart as the two."""
     space, oracle, rng = scene(tmp_path, seed)
     for q in space.sample_free(5, rng):
@@ -182,13 +182,13 @@ def test_obstacles_that_touch_what_does_not_move_are_refused_unless_they_may(tmp
     (lambda s: build_arm({}, s.arm, allowed=[("foot", "sky")]), "names 'sky'"),
     (lambda s: build_arm({}, s.arm, margin=-1.0), "margin is -1.0"),
 )
-def test_bad_input(tmp_path: Path, call: Any, message: str) -> None:
+def test_arm_spaces_refuse(tmp_path: Path, call: Any, message: str) -> None:
     space = build_arm({"post": Placed(Robot.ball(0.1).shape, at(3, 3, 0))}, Arm.from_urdf(planar(tmp_path)))
     with pytest.raises(InputError, match=message):
         call(space)
 
 
-def test_shapes_and_paths(tmp_path: Path) -> None:
+def test_build_arm_takes_shapes_and_paths(tmp_path: Path) -> None:
     space = build_arm({"post": Placed(Robot.ball(0.1).shape, at(1.5, 1.0, 0))}, Arm.from_urdf(planar(tmp_path)))
     points = np.zeros((2, 3, 2))
     assert np.shape(space.is_free(points)) == np.shape(space.classify(points)) == (2, 3)

@@ -73,7 +73,7 @@ def test_help_of_each_command_and_version() -> None:
 # ----------------------------------------------------------------------------------------------- map
 
 
-def test_map(room: Path) -> None:
+def test_map_writes_and_describes_a_map(room: Path) -> None:
     printed = document("map", "rooms.npy", "--robot", "box:0.2x0.2x0.2", "--spacing", 0.1)
     space = cspace.open("rooms.zarr")  # named after the workspace
     assert (printed["map"], printed["shape"], printed["robot"]) == (
@@ -89,7 +89,7 @@ def test_map(room: Path) -> None:
     assert f"  free       {space.count()[0]}" in lines
 
 
-def test_map_options(room: Path) -> None:
+def test_options_of_map_reach_the_build(room: Path) -> None:
     common = ["map", "floor.npy", "--robot", "disc:0.15", "--spacing", 0.1]
     plain = document(*common, "-o", "plain.zarr")
     assert document(*common, "-o", "o.zarr", "--overlap", "--rotations", 8)["memory_bytes"] == 5 * 300
@@ -147,7 +147,7 @@ def test_warnings_are_one_line_in_options(room: Path) -> None:
 # ----------------------------------------------------------------------------------------------- info
 
 
-def test_info_of_maps(room: Path) -> None:
+def test_info_describes_maps(room: Path) -> None:
     space, printed = cspace.open("turning.npz"), document("info", "turning.npz")
     # A rectangle around its middle has half of its slices twice.
     assert (printed["rotations"], printed["slices"], printed["rotation_cell_deg"]) == (8, 4, 45.0)
@@ -160,7 +160,7 @@ def test_info_of_maps(room: Path) -> None:
     assert "memory          1,200 bytes" in lines
 
 
-def test_info_of_a_mesh_before_any_work(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_info_describes_a_mesh_before_any_work(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cspace.shapes.mesh.Mesh.cells", None)
     printed = document("info", "cube.obj")
     assert (printed["kind"], printed["extents_m"], printed["triangles"]) == ("workspace", [1.0] * 3, 12)
@@ -231,7 +231,7 @@ def test_info_shows_what_a_text_without_an_end_holds(
     assert cut[key] < whole[key] and cut["upper_m"] == upper
 
 
-def test_info_of_cells_points_and_robots(room: Path) -> None:
+def test_info_describes_cells_points_and_robots(room: Path) -> None:
     taken = int(np.load("rooms.npy").sum())
     for arguments, side in ((["rooms.3dmap"], 1.0), (["rooms.npy", "--spacing", 0.5], 0.5)):
         printed = document("info", *arguments)
@@ -247,7 +247,7 @@ def test_info_of_cells_points_and_robots(room: Path) -> None:
     assert document("info", "wall.wkt", "--as", "robot")["upper_m"] == [1.0, 1.0]
 
 
-def test_real_files(data: Path) -> None:
+def test_info_describes_real_files(data: Path) -> None:
     printed = document("info", data / "voxels/geb079.bt", "--robot", "box:0.6x0.6x0.2")
     assert (printed["spacing_m"], printed["shape"]) == (0.08, [487, 187, 39])
     cells = printed["cells"]
@@ -433,7 +433,7 @@ def numbers(text: str) -> list[float]:
 
 
 @pytest.mark.parametrize("file", ENDPOINTS)
-def test_plan_and_plot(room: Path, file: str, drawn: list[Drawn]) -> None:
+def test_plan_writes_a_path_that_plot_draws(room: Path, file: str, drawn: list[Drawn]) -> None:
     start, goal = ENDPOINTS[file]
     printed = document(
         *("plan", file, "--start", start, "--goal", goal, "--seed", 1, "--time-limit", 5),
@@ -460,7 +460,7 @@ def test_plan_and_plot(room: Path, file: str, drawn: list[Drawn]) -> None:
 
 
 @pytest.mark.parametrize("file", SHUT)
-def test_no_path(room: Path, file: str, drawn: list[Drawn]) -> None:
+def test_plan_says_that_no_path_exists(room: Path, file: str, drawn: list[Drawn]) -> None:
     start, goal = ENDPOINTS[file][0], SHUT[file]
     result = run("plan", file, "--start", start, "--goal", goal, "-o", "p.csv", "--picture", "p.png", "--json")
     assert (result.exit_code, result.stderr.count("\n")) == (1, 1), result.exception
@@ -474,7 +474,7 @@ def test_no_path(room: Path, file: str, drawn: list[Drawn]) -> None:
     assert options == {"path": None, "start": tuple(numbers(start)), "goal": tuple(numbers(goal))}
 
 
-def test_out_of_time(room: Path) -> None:
+def test_plan_says_what_to_try_when_time_runs_out(room: Path) -> None:
     """What is known, and what to try, in options."""
     common = ["plan", "turning.npz", "--start", ENDPOINTS["turning.npz"][0], "--goal", ENDPOINTS["turning.npz"][1]]
     result = run(*common, "--time-limit", 1e-9, "--animate", "p.gif", "--planner", "RRTstar")
@@ -554,7 +554,7 @@ def test_options_go_to_the_picture(room: Path, monkeypatch: pytest.MonkeyPatch) 
     assert (heard["robot_every"], heard["dpi"]) == (0.5, 60)
 
 
-def test_export(room: Path) -> None:
+def test_export_writes_every_format(room: Path) -> None:
     for file in ("out.vti", "free.stl", "free.ply", "free.obj", "copy.npz"):
         assert document("export", "space.zarr", file)["output"] == file
     np.testing.assert_array_equal(cspace.open("copy.npz").state, cspace.open("space.zarr").state)
@@ -623,7 +623,7 @@ def test_progress_line_only_on_a_terminal(monkeypatch: pytest.MonkeyPatch, capsy
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
-def test_ctrl_c_while_planning(room: Path) -> None:
+def test_ctrl_c_ends_planning(room: Path) -> None:
     """Interrupted in the middle of a search that would go on for a minute."""
     code = (
         "import os, signal, sys, threading, time, planners\n"

@@ -145,7 +145,7 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_bad_input(name: str, room: Path) -> None:
+def test_wrong_input_is_refused_in_one_line(name: str, room: Path) -> None:
     for file, text in {
         "notes.txt": "nothing of use",
         "notes.csv": "x,y\nhere,there\n",
@@ -197,7 +197,7 @@ def test_options_are_checked_before_any_work(room: Path, monkeypatch: pytest.Mon
         assert result.exit_code == 2, (name, result.exception)
 
 
-def test_folder_that_may_not_be_written(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_that_may_not_be_written_is_refused(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # Asked of the system rather than set up, since the superuser may write everywhere.
     monkeypatch.setattr("os.access", lambda _, mode: not mode & os.W_OK)
     for arguments in (_FLAT, [*_PLAN, "-o", "path.csv"], ["demo"], ["demo", "-o", "new/demo"]):
@@ -213,7 +213,7 @@ def test_folder_that_may_not_be_written(room: Path, monkeypatch: pytest.MonkeyPa
         *([*_FLAT, "--rotations", "7.5"], [*_TURN, "--drive", "spline"]),
     ],
 )
-def test_usage_errors(arguments: list[str]) -> None:
+def test_wrong_usage_is_refused_in_one_line(arguments: list[str]) -> None:
     result = run(*arguments)
     assert (result.exit_code, result.stdout) == (2, "")
     assert result.stderr.startswith("cspace: ") and result.stderr.count("\n") == 1
@@ -228,7 +228,7 @@ def test_usage_errors(arguments: list[str]) -> None:
         (ZeroDivisionError(), 1, ""),  # our own defects are not hidden
     ],
 )
-def test_what_comes_from_outside(
+def test_interruptions_and_system_errors_end_in_one_line(
     room: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, code: int, message: str
 ) -> None:
     def fail(_: object) -> None:

@@ -39,13 +39,13 @@ def test_axes_of_a_map_are_read_without_its_cells(
         ("1,-2,0.5,-90deg", "both", (1.0, -2.0, 0.5, -math.pi / 2)),
     ],
 )
-def test_configurations(text: str, kind: str, expected: tuple[float, ...]) -> None:
+def test_configurations_are_read(text: str, kind: str, expected: tuple[float, ...]) -> None:
     assert configuration(text, "--start", AXES[kind]) == expected
 
 
 @pytest.mark.parametrize("kind", AXES)
 @pytest.mark.parametrize("text", ["1", "1,2,3,4,", "a,b", "a,b,1", "", "1,2,3,4,5"])
-def test_no_configurations(text: str, kind: str) -> None:
+def test_wrong_configurations_are_refused_with_an_example(text: str, kind: str) -> None:
     with pytest.raises(InputError) as caught:
         configuration(text, "--start", AXES[kind])
     assert str(caught.value).startswith(f"--start is {text!r}; the map's configurations are {','.join(AXES[kind])}, in")
@@ -60,28 +60,28 @@ def test_no_configurations(text: str, kind: str) -> None:
         *(("-6.28", -6.28), (str(2 * math.pi), 2 * math.pi), ("1e-3", 1e-3), ("1.5rad", 1.5), ("90rad", 90.0)),
     ],
 )
-def test_angles(text: str, radians: float) -> None:
+def test_angles_are_read_in_degrees_and_radians(text: str, radians: float) -> None:
     assert angle(text, "--yaw", "yaw") == pytest.approx(radians, abs=1e-15)
 
 
 @given(st.floats(-1e6, 1e6))
-def test_degrees_are_degrees(value: float) -> None:
+def test_degrees_become_radians(value: float) -> None:
     assert angle(f"{value!r}deg", "--yaw", "yaw") == math.radians(value)
 
 
 @pytest.mark.parametrize("text", ["90", "-180", "6.3", "360"])
-def test_degrees_without_their_unit(text: str) -> None:
+def test_degrees_without_their_unit_are_refused(text: str) -> None:
     with pytest.raises(InputError, match=rf"'{text}'.*write {text}deg for degrees"):
         angle(text, "--yaw", "yaw")
 
 
 @pytest.mark.parametrize("text", ["", "deg", "north", "90°", "1.57 deg deg", "90 degrees", "pi"])
-def test_no_angles(text: str) -> None:
+def test_what_is_no_angle_is_refused(text: str) -> None:
     with pytest.raises(InputError, match=r"--yaw has the yaw .* write e\.g\. 90deg or 1\.57"):
         angle(text, "--yaw", "yaw")
 
 
-def test_boxes() -> None:
+def test_boxes_are_read_or_refused() -> None:
     assert box("-1,0, 2,3", "--bounds") == (-1.0, 0.0, 2.0, 3.0)
     assert box("-1,0,0,2,3,1e1", "--bounds") == (-1.0, 0.0, 0.0, 2.0, 3.0, 10.0)
     for text in ("here", "0,0,1", "0,0,0,1,1", "0,0,0,1,1,nan", "0,0,0,1,-1,1"):

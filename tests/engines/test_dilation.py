@@ -13,7 +13,7 @@ from strategies import bitmaps
 
 
 @pytest.mark.parametrize("outside", [False, True])
-def test_many_blocks_in_threads(outside):
+def test_dilation_in_threads_equals_dilation_in_one(outside):
     rng = np.random.default_rng(5)
     occupied = rng.random((1500, 1100)) < 0.0002
     raster = Raster.trimmed(rng.random((41, 130)) < 0.5, (-20, -71))

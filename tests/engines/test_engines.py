@@ -34,7 +34,7 @@ def problems(draw, dim=None, side=9, across=7):
 @example(problem=(np.ones((4, 4), bool), Raster.trimmed(np.ones((20, 20), bool), (-9, -9)), False))
 @example(problem=(np.ones((4, 4), bool), Raster.trimmed(np.zeros((2, 2), bool), (0, 0)), True))
 @example(problem=(np.zeros((4, 4, 4), bool), Raster.trimmed(np.ones((9, 9, 9), bool), (-4, -4, -4)), True))
-def test_equal_to_the_sum(engine, problem):
+def test_engines_count_what_the_sum_counts(engine, problem):
     occupied, raster, outside = problem
     expected = overlaps_by_shifts(occupied, raster, outside)
     (hits,), _ = collide(engine, occupied, [raster], outside)
@@ -46,7 +46,7 @@ def test_equal_to_the_sum(engine, problem):
 
 @settings(max_examples=40)
 @given(seeds, st.integers(2, 3))
-def test_equal_to_each_other(seed, dim):
+def test_engines_agree_with_each_other(seed, dim):
     """Words and tiles, their borders, runs longer than words, many rasters of one call, and threads."""
     rng = np.random.default_rng(seed)
     largest, across = {2: (300, 60), 3: (60, 14)}[dim]

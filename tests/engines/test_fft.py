@@ -36,7 +36,7 @@ def check(occupied, rasters, outside):
 
 
 @pytest.mark.parametrize(("axis", "outside"), [(0, True), (1, False), (2, True)])
-def test_tiles_of_constant_lines(axis, outside):
+def test_tiles_take_constant_lines(axis, outside):
     """Inner tiles in space, all of whose lines along two axes are wholly obstacle or wholly free."""
     occupied = np.zeros((200, 200, 200), dtype=bool)
     np.moveaxis(occupied, axis, 0)[[3, 70, 71, 72, 90, 149, 197]] = True
@@ -47,7 +47,7 @@ def test_tiles_of_constant_lines(axis, outside):
 
 @settings(max_examples=20)
 @given(seeds)
-def test_slabs_bars_and_boxes(seed):
+def test_correlation_takes_slabs_bars_and_boxes(seed):
     """Some of the lines and layers are wholly obstacle or wholly free."""
     rng = np.random.default_rng(seed)
     occupied = np.zeros(rng.integers(30, 110, 3), dtype=bool)
@@ -141,7 +141,7 @@ def test_bounds_grow_with_size_and_know_their_lengths():
 
 
 @given(st.integers(1, 5000))
-def test_fast_lengths(least):
+def test_transforms_have_fast_lengths(least):
     length = fast_length(least)
     assert least <= length < 2 * least + 1
     growth(length)  # knows its prime factors

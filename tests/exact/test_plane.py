@@ -325,7 +325,7 @@ def test_cells_and_geometry_answer_together():
 
 
 @pytest.mark.parametrize("outside", ["blocked", "free"])
-def test_far_away(outside):
+def test_geometry_far_away_is_proven(outside):
     space = cspace.build(corridor(1.02), Robot.rectangle(0.9, SIDE), rotations=8, outside=outside)
     for far in (1e3, 1e9, 1e200, 1.7e308):
         assert space.is_free([far, -far, 1.0], exact=True) == (outside == "free")

@@ -137,7 +137,7 @@ def test_what_depends_on_the_spacing_is_refused():
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_no_obstacles_at_all(dim):
+def test_without_obstacles_all_is_free(dim):
     robot = Robot.box((0.3, 0.3, 0.3)) if dim == 3 else Robot.rectangle(0.3, 0.3)
     space = cspace.build(Workspace.from_array(np.zeros((5,) * dim, dtype=bool), 0.2), robot)
     assert space.is_free([0.15 + 1e-9, *[0.5] * (dim - 1)], exact=True)

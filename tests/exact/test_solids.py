@@ -94,7 +94,7 @@ def box_worlds(draw):
 @pytest.mark.filterwarnings("ignore:the obstacles reach")  # and may all lie beyond the bounds
 @settings(max_examples=15)
 @given(box_worlds(), st.sampled_from(["blocked", "free"]), st.sampled_from([0.0, 0.07]), st.booleans())
-def test_boxes_among_boxes(world, outside, margin, inner):
+def test_boxes_among_boxes_agree_with_arithmetic(world, outside, margin, inner):
     boxes, corner, rng = world
     if outside == "free":  # what the bounds cut is tested on its own
         boxes = np.clip(boxes, corner + 0.01, corner + 2.29)
@@ -146,7 +146,7 @@ def test_balls_are_round(seed, kind, margin, points):
 
 @settings(max_examples=10)
 @given(seeds, st.sampled_from([0.0, 0.05]))
-def test_a_ball_among_boxes(seed, margin):
+def test_a_ball_among_boxes_agrees_with_arithmetic(seed, margin):
     rng = np.random.default_rng(seed)
     low = rng.uniform(0.1, 1.5, (4, 3))
     boxes = np.stack([low, low + rng.uniform(0.1, 0.4, low.shape)], axis=1)
@@ -164,7 +164,7 @@ def test_a_ball_among_boxes(seed, margin):
 
 @settings(max_examples=10)
 @given(seeds, st.sampled_from(["blocked", "free"]))
-def test_voxels_among_voxels(seed, outside):
+def test_voxels_among_voxels_agree_with_arithmetic(seed, outside):
     rng = np.random.default_rng(seed)
     world, body = rng.random((14, 12, 10)) < 0.06, rng.random((3, 2, 4)) < 0.5
     body[1, 1, 1] = True
@@ -399,7 +399,7 @@ def test_bounds_next_to_zero_cut_as_zero_does(low):
 
 @pytest.mark.parametrize("outside", ["blocked", "free"])
 @pytest.mark.parametrize("body", BODIES)
-def test_far_away(body, outside):
+def test_geometry_far_away_is_proven(body, outside):
     space = cspace.build(corridor(1.02), BODIES[body], outside=outside)
     for far in (1e3, 1e9, 1e200, 1.7e308):
         assert space.is_free([far, -far, 1.0], exact=True) == (outside == "free")

@@ -48,7 +48,7 @@ def test_dark_free_is_the_complement(image: Path) -> None:
 @pytest.mark.parametrize(
     ("threshold", "count"), [(1e-9, 2), (100 / 255, 2), (0.4, 3), (200 / 255, 3), (0.8, 4), (1.0, 4)]
 )
-def test_threshold(image: Path, threshold: float, count: int) -> None:
+def test_cells_darker_than_the_threshold_are_occupied(image: Path, threshold: float, count: int) -> None:
     assert Workspace.from_image(image, 0.1, threshold=threshold).outer.sum() == count
 
 
@@ -72,7 +72,7 @@ LEVELS = np.array([[0, 1, 300], [65535, 65534, 40000]], dtype=np.uint16)
         ("mean.png", Image.fromarray(np.array([[[255, 0, 0], [255, 255, 0]]], np.uint8)), [[1 / 3, 2 / 3]]),
     ],
 )
-def test_shades_of_every_format(tmp_path: Path, name: str, content: Any, rows: Any) -> None:
+def test_shades_are_read_from_every_format(tmp_path: Path, name: str, content: Any, rows: Any) -> None:
     path = tmp_path / name
     path.write_text(content) if isinstance(content, str) else content.save(path)
     shade, opaque = read_shades(path, "image")
@@ -80,7 +80,7 @@ def test_shades_of_every_format(tmp_path: Path, name: str, content: Any, rows: A
     assert opaque.all()
 
 
-def test_jpeg(tmp_path: Path) -> None:
+def test_jpeg_is_read(tmp_path: Path) -> None:
     Image.fromarray(PIXELS.repeat(16, axis=0).repeat(16, axis=1)).save(tmp_path / "map.jpg", quality=95)
     occupied = Workspace.from_image(tmp_path / "map.jpg", 1.0).outer
     assert occupied[::16, ::16].tolist() == [[True, True], [True, False], [False, False]]
@@ -122,7 +122,7 @@ def test_cells_of_every_pixel_are_those_of_its_shade(tmp_path: Path, mode: str, 
         )
 
 
-def test_transparent_palette_entry(tmp_path: Path) -> None:
+def test_a_transparent_palette_entry_is_not_opaque(tmp_path: Path) -> None:
     Image.fromarray(PIXELS).convert("P").save(tmp_path / "map.png", transparency=255)
     assert np.array_equal(read_shades(tmp_path / "map.png", "image")[1], (PIXELS != 255)[::-1].T)
 
@@ -139,7 +139,7 @@ def test_transparent_palette_entry(tmp_path: Path) -> None:
     ({"lower": (1.0,)}, "lower is"),
     ({"lower": (0.0, 0.0, 0.0)}, "shape is"),
 )
-def test_bad_options(image: Path, options: dict[str, Any], message: str) -> None:
+def test_unusable_options_are_refused(image: Path, options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Workspace.from_image(image, **({"spacing": 1.0} | options))
 
@@ -147,7 +147,7 @@ def test_bad_options(image: Path, options: dict[str, Any], message: str) -> None
 @pytest.mark.parametrize(
     "content", [b"", b"not an image", b"P5\n3 2\n255\n\x00", b"P5\n3 x\n", b"P2\n3 2\n255\n0 1 a", b"P2\n3 2\n255\n0 1"]
 )
-def test_damaged_images(tmp_path: Path, content: bytes) -> None:
+def test_damaged_images_are_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "bad.pgm").write_bytes(content)
     with pytest.raises(FileError, match=r"bad\.pgm: cannot be read as an image"):
         Workspace.from_image(tmp_path / "bad.pgm", 1.0)
@@ -155,7 +155,7 @@ def test_damaged_images(tmp_path: Path, content: bytes) -> None:
 
 @pytest.mark.parametrize("suffix", ["png", "pgm", "bmp", "jpg"])
 @pytest.mark.parametrize("part", [0.02, 0.5, 0.95])
-def test_truncated_images(tmp_path: Path, suffix: str, part: float) -> None:
+def test_truncated_images_are_refused(tmp_path: Path, suffix: str, part: float) -> None:
     path = tmp_path / f"map.{suffix}"
     Image.fromarray(np.random.default_rng(0).integers(256, size=(64, 64)).astype(np.uint8)).save(path)
     path.write_bytes(path.read_bytes()[: int(part * path.stat().st_size)])
@@ -163,7 +163,7 @@ def test_truncated_images(tmp_path: Path, suffix: str, part: float) -> None:
         Workspace.from_image(path, 1.0)
 
 
-def test_pixels_of_an_unknown_kind(tmp_path: Path) -> None:
+def test_pixels_of_an_unknown_kind_are_refused(tmp_path: Path) -> None:
     Image.fromarray(np.array([[0.0, np.nan]], dtype=np.float32)).save(tmp_path / "float.tif")
     with pytest.raises(FileError, match="image mode 'F'"):
         Workspace.from_image(tmp_path / "float.tif", 1.0)
@@ -173,7 +173,7 @@ def test_pixels_of_an_unknown_kind(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["normal.ppm", "thin.ppm"])
-def test_real_mazes_against_a_plain_reading(data: Path, name: str) -> None:
+def test_real_mazes_agree_with_a_plain_reading(data: Path, name: str) -> None:
     path = data / "maps" / name
     _, comment, size, depth, body = path.read_bytes().split(b"\n", 4)
     assert (comment[:1], size, depth, len(body)) == (b"#", b"450 450", b"255", 3 * 450 * 450)

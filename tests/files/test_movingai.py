@@ -15,7 +15,7 @@ MAPS = ["AR0011SR", "Berlin_1_1024", "arena", "brc504d", "maze512-32-0", "random
 TINY = "type octile\nheight 2\nwidth 3\nmap\n.GS\n@.W\n"
 
 
-def test_tiny_map_by_hand(tmp_path: Path) -> None:
+def test_a_tiny_map_is_read(tmp_path: Path) -> None:
     path = tmp_path / "tiny.map"
     path.write_text(TINY)
     workspace = Workspace.from_movingai(path, 0.5)
@@ -25,12 +25,12 @@ def test_tiny_map_by_hand(tmp_path: Path) -> None:
     assert workspace.source == str(path)
 
 
-def test_every_letter(tmp_path: Path) -> None:
+def test_every_letter_has_its_meaning(tmp_path: Path) -> None:
     (tmp_path / "all.map").write_text("type octile\nwidth 7\nheight 1\nmap\n.GS@OTW")
     assert read_map(tmp_path / "all.map").tolist() == [[False]] * 3 + [[True]] * 4
 
 
-def test_windows_line_ends(tmp_path: Path) -> None:
+def test_windows_line_ends_are_read(tmp_path: Path) -> None:
     (tmp_path / "tiny.map").write_bytes(TINY.replace("\n", "\r\n").encode() + b"\r\n\r\n")
     assert read_map(tmp_path / "tiny.map").sum() == 2
 
@@ -54,19 +54,19 @@ def test_windows_line_ends(tmp_path: Path) -> None:
     ("type octile\nheight 2\nwidth 3\nmap\n...\n.x.", "line 6, column 2 is 'x'"),
     ("type octile\nheight 2\nwidth 3\nmap\n...\n. .", "line 6, column 2 is ' '"),
 )
-def test_malformed_maps(tmp_path: Path, text: str, message: str) -> None:
+def test_malformed_maps_are_refused(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "bad.map").write_text(text)
     with pytest.raises(FileError, match=message):
         read_map(tmp_path / "bad.map")
 
 
-def test_a_map_that_is_not_text(tmp_path: Path) -> None:
+def test_a_map_that_is_not_text_is_refused(tmp_path: Path) -> None:
     (tmp_path / "bad.map").write_bytes(b"type octile\n\xff\xfe")
     with pytest.raises(FileError, match="byte 12 is not UTF-8"):
         read_map(tmp_path / "bad.map")
 
 
-def test_a_truncated_real_map(data: Path, tmp_path: Path) -> None:
+def test_a_truncated_real_map_is_refused(data: Path, tmp_path: Path) -> None:
     whole = (data / "movingai" / "arena.map").read_bytes()
     (tmp_path / "cut.map").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(FileError, match=r"cut\.map: (line \d+ has|ends at)"):
@@ -74,7 +74,7 @@ def test_a_truncated_real_map(data: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", MAPS)
-def test_real_maps_against_a_plain_reading(data: Path, name: str) -> None:
+def test_real_maps_agree_with_a_plain_reading(data: Path, name: str) -> None:
     path = data / "movingai" / f"{name}.map"
     lines = path.read_text().splitlines()
     height, width, rows = int(lines[1].split()[1]), int(lines[2].split()[1]), lines[4:]

@@ -94,7 +94,7 @@ def refused(path, error=FileError):
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
-def test_pcd_in_every_encoding(tmp_path, encoding):
+def test_pcd_is_read_in_every_encoding(tmp_path, encoding):
     many = np.random.default_rng(1).integers(-1000, 1000, (3000, 3)) / 8
     many[1000:2000] = many[0]
     for cloud in (CLOUD, many):
@@ -102,20 +102,20 @@ def test_pcd_in_every_encoding(tmp_path, encoding):
         assert points.dtype == np.float64 and points.flags.c_contiguous and (points == cloud).all()
 
 
-def test_pcd_without_counts_and_with_integers(tmp_path):
+def test_pcd_may_lack_counts_and_hold_integers(tmp_path):
     text = "VERSION .7\nFIELDS z y x\nSIZE 2 4 8\nTYPE I U F\nWIDTH 2\nHEIGHT 1\nDATA binary\n"
     body = struct.pack("<hId", -3, 2, 1.5) + struct.pack("<hId", 30, 20, 0.1)
     points = read_points(write(tmp_path, "cloud.pcd", text.encode() + body))
     assert (points == [[1.5, 2, -3], [0.1, 20, 30]]).all()
 
 
-def test_pcd_with_windows_line_ends(tmp_path):
+def test_pcd_may_have_windows_line_ends(tmp_path):
     content = pcd(CLOUD, "ascii").replace(b"\n", b"\r\n")
     assert (read_points(write(tmp_path, "cloud.pcd", content)) == CLOUD).all()
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
-def test_truncated_pcd(tmp_path, encoding):
+def test_truncated_pcd_is_refused(tmp_path, encoding):
     content = pcd(CLOUD, encoding)
     body = content.index(b"DATA")
     for length in range(0, len(content) - 1, 7):
@@ -126,7 +126,7 @@ def test_truncated_pcd(tmp_path, encoding):
             assert f"holds {left} points, and its header says 5" in message
 
 
-def test_truncated_pcd_counts(tmp_path):
+def test_truncated_pcd_is_refused_with_the_counts(tmp_path):
     content = pcd(CLOUD, "ascii")
     lines = content.decode().splitlines()
     assert "holds 3 points, and its header says 5" in refused(write(tmp_path, "a.pcd", "\n".join(lines[:-2]) + "\n"))
@@ -157,7 +157,7 @@ def test_truncated_pcd_counts(tmp_path):
     ("TYPE U F U F F", "TYPE U F U F X", "types"),
     ("WIDTH 5\nHEIGHT 1\n", "WIDTH -5\nHEIGHT -1\n", "do not agree"),
 )
-def test_pcd_headers(tmp_path, old, new, message):
+def test_pcd_headers_are_checked(tmp_path, old, new, message):
     content = pcd(CLOUD, "binary")
     assert old.encode() in content
     path = write(tmp_path, "cloud.pcd", content.replace(old.encode(), new.encode()))
@@ -167,7 +167,7 @@ def test_pcd_headers(tmp_path, old, new, message):
         assert message in refused(path)
 
 
-def test_damaged_packed_pcd(tmp_path):
+def test_damaged_packed_pcd_is_refused(tmp_path):
     content = pcd(CLOUD, "binary_compressed")
     start = content.index(b"compressed\n") + len(b"compressed\n")
     packed, plain = struct.unpack("<II", content[start : start + 8])
@@ -180,7 +180,7 @@ def test_damaged_packed_pcd(tmp_path):
 
 
 @given(seeds, st.integers(0, 3000), st.sampled_from([1, 2, 5, 256]))
-def test_lzf_there_and_back(seed, size, letters):
+def test_lzf_unpacks_what_was_packed(seed, size, letters):
     data = np.random.default_rng(seed).integers(0, letters, size).astype(np.uint8).tobytes()
     out = np.empty(size, dtype=np.uint8)
     assert unpack_lzf(np.frombuffer(pack_lzf(data), dtype=np.uint8), out) == size
@@ -199,16 +199,16 @@ def test_no_bytes_crash_the_unpacker(packed, size):
     "packed",
     [b"\x20\x00", b"\x00a\x20\x01", b"\x01a", b"\x00a\xe0", b"\x00a\xe0\x01", b"\x00a\x20", b"\x00a\xe0\xff\x00"],
 )
-def test_damaged_lzf(packed):
+def test_damaged_lzf_is_told(packed):
     assert unpack_lzf(np.frombuffer(packed, dtype=np.uint8), np.zeros(64, dtype=np.uint8)) == -1
 
 
 @pytest.mark.parametrize("form", ["binary", "ascii"])
-def test_ply(tmp_path, form):
+def test_ply_is_read(tmp_path, form):
     assert (read_points(write(tmp_path, "cloud.ply", ply(CLOUD, form))) == CLOUD).all()
 
 
-def test_vertices_of_a_ply_mesh(tmp_path):
+def test_vertices_of_a_ply_mesh_are_read(tmp_path):
     mesh = trimesh.creation.icosphere(1)
     points = read_points(write(tmp_path, "ball.ply", mesh.export(file_type="ply")))
     assert np.allclose(points, mesh.vertices, atol=1e-6)
@@ -224,7 +224,7 @@ def npy(array):
     ("name", "content"),
     [("cloud.ply", ply(CLOUD, "binary")), ("cloud.ply", ply(CLOUD, "ascii")), ("cloud.npy", npy(CLOUD))],
 )
-def test_truncated_ply_and_npy(tmp_path, name, content):
+def test_truncated_ply_and_npy_are_refused(tmp_path, name, content):
     for length in range(0, len(content) - 6, 9):
         refused(write(tmp_path, name, content[:length]))
 
@@ -262,7 +262,7 @@ TEXT = "\n".join(" ".join(map(str, row)) for row in CLOUD.tolist())
         "  " + TEXT.replace("\n", "\n   "),
     ],
 )
-def test_text(tmp_path, name, text):
+def test_text_is_read_with_any_separator(tmp_path, name, text):
     assert (read_points(write(tmp_path, name, text)) == CLOUD).all()
 
 
@@ -280,12 +280,12 @@ def test_text(tmp_path, name, text):
     ("ply\nformat ascii 1.0\nelement vertex 1\nproperty float a\nend_header\n1\n", "x, y and z"),
     (STRIPS.replace("vertex 4", "vertex " + "9" * 5000), "no whole PLY header"),
 )
-def test_malformed_text(tmp_path, text, message):
+def test_malformed_text_is_refused(tmp_path, text, message):
     assert message in refused(write(tmp_path, "cloud.ply" if text[:3] == "ply" else "cloud.xyz", text))
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32, np.int16])
-def test_npy(tmp_path, dtype):
+def test_npy_is_read_in_any_type_and_order(tmp_path, dtype):
     array = np.round(CLOUD).astype(dtype)
     np.save(tmp_path / "cloud.npy", np.asfortranarray(array))
     assert (read_points(tmp_path / "cloud.npy") == array).all()
@@ -294,7 +294,7 @@ def test_npy(tmp_path, dtype):
 @pytest.mark.parametrize(
     "array", [np.zeros(3), np.zeros((4, 2)), np.zeros((4, 4)), np.zeros((4, 3), bool), np.zeros((4, 3), complex)]
 )
-def test_npy_of_another_shape_or_type(tmp_path, array):
+def test_npy_of_another_shape_or_type_is_refused(tmp_path, array):
     np.save(tmp_path / "cloud.npy", array)
     assert "shape (n, 3)" in refused(tmp_path / "cloud.npy")
 
@@ -336,12 +336,12 @@ def test_other_names_are_refused(tmp_path):
 @pytest.mark.parametrize("encoding", ENCODINGS)
 @pytest.mark.parametrize("count", ["999999999999", "600000000", "1" + "0" * 30])
 @pytest.mark.parametrize("number", [5, 0])
-def test_pcd_with_absurd_counts(tmp_path, encoding, count, number):
+def test_pcd_with_absurd_counts_is_refused(tmp_path, encoding, count, number):
     content = pcd(CLOUD[:number], encoding).replace(b"COUNT 1 1 3 1 1", f"COUNT {count} 1 3 1 1".encode())
     assert "bytes for each point, by SIZE and COUNT" in refused(write(tmp_path, "cloud.pcd", content))
 
 
-def test_pcd_that_would_unpack_to_more_than_it_can(tmp_path, monkeypatch):
+def test_pcd_that_declares_more_than_it_can_unpack_to_is_refused(tmp_path, monkeypatch):
     content = (
         pcd(CLOUD, "binary_compressed")
         .replace(b"WIDTH 5", b"WIDTH 150000000")
@@ -353,7 +353,7 @@ def test_pcd_that_would_unpack_to_more_than_it_can(tmp_path, monkeypatch):
     assert "one stands for 88 at most" in refused(write(tmp_path, "cloud.pcd", content))
 
 
-def test_pcd_of_equal_points_packs_well(tmp_path):
+def test_pcd_of_equal_points_is_read_however_well_it_packs(tmp_path):
     points = np.full((5000, 3), 0.5)
     content = pcd(points, "binary_compressed", "x y z", "4 4 4", "F F F", "1 1 1")
     start = content.index(b"compressed\n") + len(b"compressed\n")
@@ -390,7 +390,7 @@ def npy_header(shape, kind="<f8", version=1):
         npy_header((4, 3)).replace(b"'<f8'", b"'|O' ") + bytes(96),
     ],
 )
-def test_npy_of_another_format_or_size(tmp_path, content):
+def test_npy_of_another_format_or_size_is_refused(tmp_path, content):
     path = write(tmp_path, "cloud.npy", content)
     message = refused(path)
     assert message.count("cannot be read") == 1
@@ -400,7 +400,7 @@ def test_npy_of_another_format_or_size(tmp_path, content):
 
 
 @given(st.integers(0, 127), st.integers(0, 255))
-def test_damaged_npy_headers(tmp_path_factory, at, byte):
+def test_damaged_npy_headers_are_refused(tmp_path_factory, at, byte):
     content = bytearray(npy_header((4, 3)) + np.arange(12.0).tobytes())
     content[at] = byte
     path = write(tmp_path_factory.mktemp("npy"), "cloud.npy", bytes(content))

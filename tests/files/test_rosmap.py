@@ -44,7 +44,7 @@ def _column(path: Path, unknown: str = "occupied") -> list[bool]:
 
 
 @pytest.mark.parametrize(("unknown", "count"), [("occupied", 3), ("free", 2)])
-def test_tiny_map_by_hand(tmp_path: Path, unknown: str, count: int) -> None:
+def test_a_tiny_map_is_read(tmp_path: Path, unknown: str, count: int) -> None:
     path = _write(tmp_path, [[0, 254, 254], [0, 205, 254]])
     workspace = Workspace.from_ros_map(path, unknown)
     assert workspace.grid == Grid((-1.0, 2.0), 0.5, (3, 2))
@@ -97,20 +97,20 @@ def test_pgm_beside_the_yaml_whatever_the_working_folder(
     assert _column(path.relative_to(tmp_path)) == [True, False]
 
 
-def test_an_absolute_image_name(tmp_path: Path) -> None:
+def test_an_absolute_image_name_is_followed_with_a_warning(tmp_path: Path) -> None:
     (tmp_path / "elsewhere").mkdir()
     path = _write(tmp_path, [[0, 255]], image=str(tmp_path / "map.png")).rename(tmp_path / "elsewhere" / "map.yaml")
     with pytest.warns(UserWarning, match="lies outside of its folder"):
         assert _column(path) == [True, False]
 
 
-def test_numbers_without_a_dot(tmp_path: Path) -> None:
+def test_numbers_may_lack_a_dot(tmp_path: Path) -> None:
     path = _write(tmp_path, [[0, 255]])
     path.write_text(path.read_text().replace("0.5", "5e-2").replace("2.0", "2"))
     assert Workspace.from_ros_map(path).grid == Grid((-1.0, 2.0), 0.05, (2, 1))
 
 
-# The map of test_tiny_map_by_hand, turned about its lower left corner (-1, 2).
+# The map of test_a_tiny_map_is_read, turned about its lower left corner (-1, 2).
 @pytest.mark.parametrize(
     ("turns", "lower", "cells"),
     [
@@ -137,7 +137,7 @@ def test_quarter_turns_are_exact(tmp_path: Path, turns: int, lower: tuple[float,
     unknown=st.sampled_from(["occupied", "free"]),
     seed=st.integers(0, 2**32 - 1),
 )
-def test_turned_maps_against_shapely(
+def test_turned_maps_agree_with_shapely(
     tmp_path_factory: pytest.TempPathFactory, pixels: np.ndarray, yaw: float, unknown: str, seed: int
 ) -> None:
     path = _write(tmp_path_factory.mktemp("turned"), pixels, origin=[-1.0, 2.0, yaw])
@@ -236,7 +236,7 @@ def test_a_turned_map_without_free_cells(tmp_path: Path) -> None:
     ({"free_thresh": 0.7}, "free_thresh is 0.7 and occupied_thresh is 0.65"),
     ({"free_thresh": 0.65}, "free_thresh is 0.65 and occupied_thresh is 0.65"),
 )
-def test_bad_headers(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+def test_unusable_headers_are_refused(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
     with pytest.raises(FileError, match=message):
         Workspace.from_ros_map(_write(tmp_path, [[0, 255]], **changes))
 
@@ -249,7 +249,7 @@ def test_bad_headers(tmp_path: Path, changes: dict[str, Any], message: str) -> N
     ("image: [map.png\nresolution: 1", "as a YAML file .*line 2"),
     ("{}", "image is missing"),
 )
-def test_malformed_yaml(tmp_path: Path, text: str, message: str) -> None:
+def test_files_that_are_no_table_are_refused(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "map.yaml").write_text(text)
     with pytest.raises(FileError, match=message):
         Workspace.from_ros_map(tmp_path / "map.yaml")
@@ -262,7 +262,7 @@ def test_an_image_that_cannot_be_decoded(tmp_path: Path) -> None:
         Workspace.from_ros_map(path)
 
 
-def test_unknown_of_another_kind(tmp_path: Path) -> None:
+def test_unknown_is_one_of_two_words(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="unknown is 'maybe'"):
         Workspace.from_ros_map(_write(tmp_path, [[0]]), "maybe")
 
@@ -344,7 +344,7 @@ def test_states_that_do_not_fit(tmp_path: Path, state: np.ndarray, grid: Grid, n
         ("skirk", (431, 602)),
     ],
 )
-def test_real_maps_against_a_plain_reading(data: Path, name: str, shape: tuple[int, int]) -> None:
+def test_real_maps_agree_with_a_plain_reading(data: Path, name: str, shape: tuple[int, int]) -> None:
     path = data / "maps" / f"{name}.yaml"
     entries = dict(line.split(":", 1) for line in path.read_text().splitlines() if line.strip())
     with Image.open(path.parent / entries["image"].strip()) as image:

@@ -333,7 +333,7 @@ def test_bad_files_are_told_in_a_line(tmp_path, body, error, message):
     assert "\n" not in str(caught.value)
 
 
-def test_bad_names(tmp_path):
+def test_unknown_links_and_files_are_refused(tmp_path):
     path = written(tmp_path)
     with pytest.raises(InputError, match=r"link is 'arm'; .*robot\.urdf has base, plate, head, wheel"):
         Robot.from_urdf(path, "arm")

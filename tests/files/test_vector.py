@@ -43,7 +43,9 @@ RING = shapely.LinearRing([(0.5, 0.5), (2.5, 0.5), (2.5, 2.5), (0.5, 2.5)])
         ([RING, shapely.Point(4.5, 0.5)], (5, 3), ["###", "#.#", "###", "...", "#.."], ["..."] * 5, "2 polygons"),
     ],
 )
-def test_cells_by_hand(source: Any, size: tuple[int, int], outer: list[str], inner: list[str], name: str) -> None:
+def test_cells_meet_or_lie_in_polygons(
+    source: Any, size: tuple[int, int], outer: list[str], inner: list[str], name: str
+) -> None:
     """Those that it meets, and those that it covers; lines and points cover none."""
     workspace = Workspace.from_polygons(source, 1.0, (0, 0, *size))
     assert workspace.grid == Grid((0.0, 0.0), 1.0, size)
@@ -73,7 +75,7 @@ def test_cells_by_hand(source: Any, size: tuple[int, int], outer: list[str], inn
     ],
     ids=str,
 )
-def test_every_way_to_give_polygons(source: Any) -> None:
+def test_polygons_may_be_given_in_many_ways(source: Any) -> None:
     shapes = read_shapes(source)
     assert [shape.geom_type for shape in shapes] == ["Polygon", "Polygon"]
     assert shapes[0].equals(L_SHAPE)
@@ -93,7 +95,7 @@ def test_every_way_to_give_polygons(source: Any) -> None:
     ],
 )
 @pytest.mark.parametrize("kind", [str, Path])
-def test_files(tmp_path: Path, name: str, text: str, kind: type) -> None:
+def test_polygon_files_are_read(tmp_path: Path, name: str, text: str, kind: type) -> None:
     (tmp_path / name).write_text(text, encoding="utf-8")
     path = kind(tmp_path / name)
     shapes = read_shapes(path)
@@ -113,7 +115,7 @@ def test_files(tmp_path: Path, name: str, text: str, kind: type) -> None:
         ("GEOMETRYCOLLECTION (POINT (1 2), GEOMETRYCOLLECTION (POLYGON ((0 0, 1 0, 1 1, 0 0))))", ["Point", "Polygon"]),
     ],
 )
-def test_kinds_of_geometry(wkt: str, kinds: list[str]) -> None:
+def test_every_kind_of_geometry_is_read(wkt: str, kinds: list[str]) -> None:
     assert [shape.geom_type for shape in read_shapes(wkt)] == kinds
 
 
@@ -135,7 +137,7 @@ def test_polygons_that_overlap_are_one_obstacle() -> None:
         ((0, 0, 0.01, 0.01), 1.0, (1, 1)),
     ],
 )
-def test_number_of_cells(bounds: tuple[float, ...], spacing: float, shape: tuple[int, int]) -> None:
+def test_bounds_decide_the_number_of_cells(bounds: tuple[float, ...], spacing: float, shape: tuple[int, int]) -> None:
     workspace = Workspace.from_polygons(shapely.Point(bounds[:2]), spacing, bounds)
     assert workspace.grid == Grid(bounds[:2], spacing, shape)
     assert workspace.outer[0, 0]
@@ -202,7 +204,7 @@ BOW_TIE = "POLYGON ((0 0, 1 1, 1 0, 0 1, 0 0))"
     ("POLYGON ((0 0, 1 0))", "polygons is not WKT"),
     ("POLYGON ((0 0, 1 0, 1 1, 0 0))\0POLYGON ((5 5, 6 5, 6 6, 5 5))", "NUL"),
 )
-def test_bad_geometries(source: Any, message: str) -> None:
+def test_unusable_geometries_are_refused(source: Any, message: str) -> None:
     with pytest.raises(GeometryError, match=message):
         Workspace.from_polygons(source, 0.1, (0, 0, 1, 1))
 
@@ -210,7 +212,7 @@ def test_bad_geometries(source: Any, message: str) -> None:
 @pytest.mark.parametrize(
     "source", [7, [1.0], "a string", "CIRCULARSTRING (0 0, 1 1, 2 0)", "map.png", None, Path("a.stl")]
 )
-def test_sources_of_another_kind(source: Any) -> None:
+def test_sources_of_another_kind_are_refused(source: Any) -> None:
     with pytest.raises(InputError, match="polygons"):
         read_shapes(source)
 
@@ -225,7 +227,7 @@ def test_sources_of_another_kind(source: Any) -> None:
     ("a.wkt", "POINT (1 2)\nCIRCLE (1 2)", GeometryError, "is not WKT"),
     ("a.wkt", f"POINT (1 2)\n{BOW_TIE}", GeometryError, r"a\.wkt, geometry 2 is not valid"),
 )
-def test_bad_files(tmp_path: Path, name: str, text: str, error: type[Exception], message: str) -> None:
+def test_unusable_files_are_refused(tmp_path: Path, name: str, text: str, error: type[Exception], message: str) -> None:
     (tmp_path / name).write_text(text)
     with pytest.raises(error, match=message):
         read_shapes(tmp_path / name)
@@ -244,13 +246,13 @@ def test_bad_files(tmp_path: Path, name: str, text: str, error: type[Exception],
     ({"bounds": (0, 0, 0, 3, 3, 3)}, "four numbers"),
     ({"bounds": (0, 0, 3, float("nan"))}, r"bounds\[3\] is nan"),
 )
-def test_bad_options(options: dict[str, Any], message: str) -> None:
+def test_unusable_options_are_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Workspace.from_polygons(L_SHAPE, **({"spacing": 0.5} | options))
 
 
 @pytest.mark.parametrize(("name", "parts", "spacing"), [("parking1", 13, 0.5), ("car", 1, 0.2)])
-def test_real_polygons_against_shapely(data: Path, name: str, parts: int, spacing: float) -> None:
+def test_real_polygons_agree_with_shapely(data: Path, name: str, parts: int, spacing: float) -> None:
     path = data / "polygons" / f"{name}.geojson"
     shapes = read_shapes(path)
     workspace = Workspace.open(path, spacing=spacing)

@@ -40,7 +40,7 @@ def test_other_spellings_of_the_tiny_map(tmp_path: Path, text: str) -> None:
     assert read_3dmap(tmp_path / "tiny.3dmap").sum() == 3
 
 
-def test_voxel_map_without_obstacles(tmp_path: Path) -> None:
+def test_a_voxel_map_may_have_no_obstacle(tmp_path: Path) -> None:
     (tmp_path / "free.3dmap").write_text("voxel 2 3 4")
     assert not read_3dmap(tmp_path / "free.3dmap").any()
 
@@ -67,7 +67,7 @@ def test_voxel_map_without_obstacles(tmp_path: Path) -> None:
     ("voxel 2 3 4\n1 2\n1 2\n", "line 2 is '1 2'"),
     ("voxel 2 3 4\n\u0661 2 3\n", "line 2 is"),
 )
-def test_malformed_voxel_maps(tmp_path: Path, text: str, message: str) -> None:
+def test_malformed_voxel_maps_are_refused(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "bad.3dmap").write_text(text, encoding="utf-8")
     with pytest.raises(FileError) as caught:
         read_3dmap(tmp_path / "bad.3dmap")
@@ -94,7 +94,7 @@ def test_maps_larger_than_memory_or_missing_are_refused(tmp_path, read, content,
 
 
 @pytest.mark.parametrize(("name", "shape"), [("Simple", (105, 132, 105)), ("Complex", (246, 154, 205))])
-def test_real_voxel_maps(data: Path, name: str, shape: tuple[int, int, int]) -> None:
+def test_real_voxel_maps_agree_with_a_plain_reading(data: Path, name: str, shape: tuple[int, int, int]) -> None:
     path = data / "voxels" / f"{name}.3dmap"
     expected = np.zeros(shape, dtype=bool)
     for line in path.read_text().splitlines()[1:]:
@@ -178,7 +178,7 @@ def test_coarse_leaves_are_expanded(tmp_path):
     assert (expected[8:] == 1).sum() == 0
 
 
-def test_real_octomap(data):
+def test_a_real_octomap_agrees_with_the_library(data):
     octomap = pytest.importorskip("octomap")
     path = data / "voxels" / "geb079.bt"
     grid, solid, _ = read_octomap(path)
@@ -205,7 +205,7 @@ def chain(length=16):
     return b"\x03\x00" * (length - 1) + b"\x02\x00"
 
 
-def test_one_cell_by_hand(tmp_path):
+def test_one_cell_is_where_its_path_leads(tmp_path):
     (tmp_path / "one.bt").write_bytes(BINARY.format(17).encode() + chain())
     grid, occupied, _ = read_octomap(tmp_path / "one.bt")
     assert grid.shape == (1, 1, 1)
@@ -245,7 +245,7 @@ def test_a_leaf_is_occupied_from_even_odds_on(tmp_path):
     (FULL.format(99).encode() + struct.pack("<fB", 1.0, 1) * 99, "an inner node below level 16"),
     (FULL.format(2).encode() + struct.pack("<fBfB", 1.0, 1, float("nan"), 0), "1 nodes without a value (NaN)"),
 )
-def test_malformed_octomaps(tmp_path, content, message):
+def test_malformed_octomaps_are_refused(tmp_path, content, message):
     path = tmp_path / "bad.bt"
     path.write_bytes(content)
     with pytest.raises(FileError) as caught:
@@ -268,7 +268,7 @@ def test_no_bytes_crash_the_reader(tmp_path_factory, nodes, header, size):
 
 
 @pytest.mark.parametrize("suffix", ["bt", "ot"])
-def test_truncated_octomaps(tmp_path, suffix):
+def test_truncated_octomaps_are_refused(tmp_path, suffix):
     octomap = pytest.importorskip("octomap")
     tree, whole, part = random_tree(octomap, 5), tmp_path / f"whole.{suffix}", tmp_path / f"part.{suffix}"
     (tree.write if suffix == "ot" else tree.writeBinary)(os.fsencode(whole))

@@ -96,7 +96,7 @@ def test_clearances_of_many_are_those_of_each(make):
 
 
 @pytest.mark.parametrize("make", KINDS)
-def test_numbers_of_any_kind(make):
+def test_numbers_of_any_type_get_the_same_answers(make):
     rng = np.random.default_rng(3)
     space = made(make, 3)
     for dtype in ("float64", "float32", "float16", "int64", "int8", "uint16", "bool", "longdouble"):
@@ -111,7 +111,7 @@ def test_numbers_of_any_kind(make):
 
 
 @pytest.mark.parametrize("make", KINDS)
-def test_arrays_of_any_layout(make):
+def test_arrays_of_any_layout_get_the_same_answers(make):
     rng = np.random.default_rng(4)
     space = make(rng)
     q = draw_configurations(space, rng, 3 * ROWS, far=True).reshape(3, ROWS, space.dof)

@@ -65,7 +65,7 @@ def test_distances_to_cells_are_exact(kind, data, seed):
 
 @settings(max_examples=80)
 @given(st.data(), seeds)
-def test_what_is_not_free_outside_the_grid(data, seed):
+def test_clearance_counts_what_is_not_free_outside_the_grid(data, seed):
     state = data.draw(handmade.states(side=4, mixture=(FREE, FREE, FREE, FREE, MIXED)))
     outside = data.draw(handmade.outsides(state.ndim))
     space = handmade.map_of(state, outside=outside, spacing=1.0)
@@ -158,7 +158,7 @@ def test_far_outside_the_bound_still_holds():
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_answers_far_away_and_for_no_numbers(dim):
+def test_clearance_answers_far_away_and_for_no_numbers(dim):
     occupied = np.zeros((6, 5, 4)[:dim], bool)
     occupied[(2,) * dim] = True
     robot = Robot.disc(0.1) if dim == 2 else Robot.ball(0.1)
@@ -172,7 +172,7 @@ def test_answers_far_away_and_for_no_numbers(dim):
         assert space.clearance_checker()(wrong, *rest) == 0.0
 
 
-def test_one_lonely_cell_on_a_large_map():
+def test_one_lonely_cell_on_a_large_map_is_found():
     states = np.zeros((1, 3000, 2500), dtype=np.uint8)
     states[0, 2990, 3] = MIXED
     space = handmade.made(states, "plane", spacing=1.0)

@@ -78,7 +78,7 @@ def by_scipy(stack, slice_of, rim_is_open, cells):
 
 @settings(max_examples=100)
 @given(seeds, st.sampled_from(KINDS), st.sampled_from(list(BLOCKS)), st.sampled_from([5, 2048]))
-def test_a_stream_of_changes(seed, kind, blocks, task):
+def test_labels_follow_a_stream_of_changes(seed, kind, blocks, task):
     """Some cells are asked for before all are, so that labels of some blocks are there, more than are kept or fewer."""
     dim, slices, turns = kind
     rng = np.random.default_rng(seed)
@@ -104,7 +104,7 @@ def test_a_stream_of_changes(seed, kind, blocks, task):
 
 @settings(max_examples=60)
 @given(seeds, st.sampled_from(KINDS), st.sampled_from(list(BLOCKS)))
-def test_the_box_around_a_component(seed, kind, blocks):
+def test_the_box_holds_its_component(seed, kind, blocks):
     dim, slices, turns = kind
     rng = np.random.default_rng(seed)
     stack = random_stack(rng, dim, slices)
@@ -118,7 +118,7 @@ def test_the_box_around_a_component(seed, kind, blocks):
 
 
 @pytest.mark.parametrize("blocks", BLOCKS)
-def test_many_components_in_every_block(blocks):
+def test_many_components_fit_in_every_block(blocks):
     state = (np.indices((150, 140)).sum(axis=0) % 2 * BLOCKED).astype(np.uint8)  # a chessboard
     labels = components(state[None], rim=True, blocks=blocks)
     cells = all_cells(state[None], 1, 0)
@@ -135,7 +135,7 @@ def test_many_components_in_every_block(blocks):
 
 @pytest.mark.parametrize("kind", [(2, 1, 1), (2, 3, 3), (3, 1, 1)])
 @pytest.mark.parametrize("grain", [0.0, 1.0, 3.0])
-def test_shapes_across_whole_blocks(kind, grain):
+def test_shapes_across_whole_blocks_are_labelled(kind, grain):
     """Runs of all lengths, up to the last bit of a word; what a row leaves apart, a later one joins, or none does."""
     dim, slices, turns = kind
     shape, rng = ((150, 200) if dim == 2 else (20, 30, 140)), np.random.default_rng(dim)
@@ -148,7 +148,7 @@ def test_shapes_across_whole_blocks(kind, grain):
             same_partition(labels.of(cells, bool(mixed)), other)
 
 
-def test_a_door_in_a_wall_across_many_blocks():
+def test_a_door_joins_a_wall_across_many_blocks():
     state = np.zeros((300, 200), dtype=np.uint8)
     state[150] = BLOCKED
     labels = components(state[None])
@@ -221,7 +221,7 @@ def test_a_few_blocks_show_that_mixed_cells_join(short, monkeypatch):
 
 @settings(max_examples=30)
 @given(seeds, st.sampled_from(handmade.KINDS), st.sampled_from(["free", "blocked"]))
-def test_paths_against_components_of_a_graph(seed, kind, outside):
+def test_path_exists_agrees_with_components_of_a_graph(seed, kind, outside):
     """Pairs of cells of a small map; beyond the grid all is FREE, or BLOCKED."""
     states = handmade.random_states(np.random.default_rng(seed), kind, 4, (FREE, MIXED, BLOCKED, BLOCKED))
     space, cells = handmade.made(states, kind, outside), handmade.all_cells(states)
@@ -244,7 +244,7 @@ def test_paths_against_components_of_a_graph(seed, kind, outside):
 
 @settings(max_examples=10)
 @given(seeds, st.sampled_from(handmade.KINDS))
-def test_the_reach_of_a_configuration(seed, kind):
+def test_free_reach_is_the_box_of_the_component(seed, kind):
     """All cells that free cells join to one lie in the box, and every side of it has one of them."""
     states = handmade.random_states(np.random.default_rng(seed), kind)
     space = handmade.made(states, kind, spacing=1.0)
@@ -273,7 +273,7 @@ BAR = Robot.rectangle(1e-6, 1e-7)
         (Robot.box((1e-6, 1e-7, 1e-7)), Rotations.quaternions(2)),
     ],
 )
-def test_rotation_cells_that_share_slices(robot, turns):
+def test_rotation_cells_that_share_slices_are_joined(robot, turns):
     cells, shape = Rotations.of(turns), (4, 3, 2)[: robot.dim]
     kind, slice_of = "turning any way" if cells.dof == 4 else "", cells.slices_for(robot.shape)
     workspace = Workspace.from_array(np.zeros(shape, dtype=bool), 0.25)
@@ -339,7 +339,7 @@ def test_turning_on_the_spot_wraps():
     assert space.path_exists((0.1, 0.1, 0.0), (0.1, 0.1, math.pi)) is False
 
 
-def test_kinds_of_answers():
+def test_path_exists_broadcasts_and_names_what_it_refuses():
     space = walled(12)
     assert space.path_exists(np.full((2, 1, 2), 1.0), np.full((3, 2), 1.1)).tolist() == [[True] * 3] * 2
     assert space.path_exists(np.empty((0, 2)), (0.1, 0.1)).shape == (0,)

@@ -148,7 +148,7 @@ def test_samples_of_a_free_edge_are_free(seed, kind, outside):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_long_edges_outside_the_grid(dim):
+def test_long_edges_outside_the_grid_are_decided(dim):
     space = map_of(np.zeros((4,) * dim))
     rest = (0.6,) * (dim - 1)
     assert space.motion_is_free((-100.0, *[0.5] * (dim - 1)), (100.0, *rest))  # no obstacle at all

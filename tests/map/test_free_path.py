@@ -112,7 +112,7 @@ def test_endpoints_on_the_border_of_what_is_not_free_are_not_joined():
     assert len(space.free_path((2.5, 2.001), (3.5, 2.5)))
 
 
-def test_what_is_refused():
+def test_free_path_refuses():
     space = map_of(np.array([[FREE, MIXED], [FREE, FREE]]), outside="blocked", spacing=1.0)
     with pytest.raises(ConfigurationError, match=r"q1 is .* FREE configuration"):
         space.free_path((0.5, 0.5), (0.5, 1.5))

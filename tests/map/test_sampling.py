@@ -72,7 +72,7 @@ def test_sampling_without_rng_draws_free_configurations_anew(space):
 
 
 @pytest.mark.parametrize("free", [[0], [255], [256], [70, 511, 512], [999]])
-def test_cells_by_their_rank(free):
+def test_few_free_cells_are_all_drawn(free):
     """Where the FREE cells are few and lie at the ends of what is counted together."""
     states = np.full((1, 25, 40), BLOCKED)
     states.flat[free] = FREE
@@ -127,7 +127,7 @@ def test_nothing_free_is_an_error_that_says_so(kind):
         space.nearest_free(handmade.configurations(space, np.full(space.dof, 0.1)))
 
 
-def test_what_is_refused(space):
+def test_sampling_and_nearest_free_refuse(space):
     for rng in (3, "seed", np.random):
         with pytest.raises(InputError, match="rng"):
             space.sample_free(3, rng)

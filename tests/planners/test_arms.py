@@ -30,7 +30,7 @@ def space_of(folder: Path, **changes: Any) -> ArmSpace:
     return build_arm({"post": post}, Arm.from_urdf(planar(folder, **changes)))
 
 
-def test_what_can_be_chosen(tmp_path: Path) -> None:
+def test_planners_and_options_of_arms_can_be_chosen(tmp_path: Path) -> None:
     choices = planners.choices(space_of(tmp_path))
     assert choices == ((*planners.planner_names(), "BiRRT"), ("holonomic",), ())
 
@@ -126,7 +126,7 @@ def test_setup_of_ones_own(tmp_path: Path) -> None:
     ({"turning_radius": 1.0}, "a radius is for curves"),
     ({"time_limit": 0.0}, "time_limit"),
 )
-def test_bad_input(tmp_path: Path, options: dict[str, Any], message: str) -> None:
+def test_plans_of_arms_refuse(tmp_path: Path, options: dict[str, Any], message: str) -> None:
     given = {"start": START, "goal": GOAL, **options}
     with pytest.raises(InputError, match=message):
         planners.plan(space_of(tmp_path), given.pop("start"), given.pop("goal"), **given)

@@ -145,7 +145,7 @@ def test_joints_called_x_and_y_are_no_pose(tmp_path: Path) -> None:
     ({"velocities": {"elbow": 1}}, "velocities lacks shoulder"),
     ({"duration": 1.0, "msg": SimpleNamespace(header=None)}, r"msg has no header\.frame_id; .*JointTrajectory"),
 )
-def test_joint_trajectory_refuses(arm_plan: planners.Plan, options: dict[str, Any], expected: str) -> None:
+def test_joint_trajectories_refuse(arm_plan: planners.Plan, options: dict[str, Any], expected: str) -> None:
     with pytest.raises(InputError, match=expected):
         arm_plan.to_joint_trajectory(**options)
 

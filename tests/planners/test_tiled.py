@@ -56,7 +56,7 @@ def test_what_is_proven_not_to_exist(tmp_path):
     assert "proven" in plan.status
 
 
-def test_what_is_left_undecided(tmp_path):
+def test_undecided_answers_are_told(tmp_path):
     walls = np.zeros((60, 40), dtype=bool)
     walls[30:32, 4:] = True  # a gap as wide as the robot
     workspace = cspace.Workspace.from_array(walls, 0.1)
@@ -66,7 +66,7 @@ def test_what_is_left_undecided(tmp_path):
     assert plan.status == "no chain of FREE cells joins start and goal; undecided whether one exists"
 
 
-def test_what_is_refused(tmp_path):
+def test_plans_on_tiles_refuse(tmp_path):
     tiled = cspace.build(maze(), cspace.Robot.disc(0.25), store=tmp_path / "m", tile=20)
     with pytest.raises(ConfigurationError, match=r"goal .*BLOCKED.*the nearest is") as caught:
         planners.plan(tiled, [0.7, 0.7], [1.55, 4.0])

@@ -171,7 +171,7 @@ def test_any_shape_draws(shape: tuple[int, int], tmp_path: Path) -> None:
     assert min(pixels[0].shape[:2]) > 150
 
 
-def test_interrupted(flat: CSpace, tmp_path: Path) -> None:
+def test_an_interrupted_animation_leaves_files_as_they_were(flat: CSpace, tmp_path: Path) -> None:
     file = tmp_path / "a.gif"
     file.write_text("precious")
 

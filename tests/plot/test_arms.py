@@ -102,7 +102,7 @@ def test_plans_draw_themselves(space: cspace.ArmSpace) -> None:
     assert len(painted(ax, PALE))
 
 
-def test_bad_input(space: cspace.ArmSpace) -> None:
+def test_plots_of_arms_refuse(space: cspace.ArmSpace) -> None:
     for error, options, message in (
         (InputError, {"path": np.zeros((3, 3))}, "path has shape"),
         (InputError, {"q": (0.0,)}, "q has shape"),

@@ -22,7 +22,7 @@ def color_at(space: CSpace, *rotation: float) -> tuple[int, ...]:
     return COLORS[class_of(space, {int(space.classify(q))}, False)]
 
 
-def test_a_ring_of_yaws() -> None:
+def test_a_ring_shows_the_state_of_each_yaw() -> None:
     space = room(36)
     ax = plot(space, view="rotations", at=POINT)
     image = rendered(ax)
@@ -40,7 +40,7 @@ def test_the_rim_of_a_dial_is_drawn_whole() -> None:
         assert min(sum(color) for color in across) < 200, np.degrees(angle)
 
 
-def test_discs_of_headings_and_tilts() -> None:
+def test_discs_show_the_state_of_each_heading_and_tilt() -> None:
     space = room(Rotations.quaternions(6))
     first = plot(space, view="rotations", at=POINT)
     image, discs = rendered(first), first.figure.axes

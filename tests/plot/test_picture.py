@@ -316,7 +316,7 @@ def test_zoom_shows_a_part_of_each_view(flat: CSpace, turning: CSpace, hall: CSp
     assert "goal" not in labels(solid)
 
 
-def test_axes_of_the_caller(flat: CSpace) -> None:
+def test_axes_of_the_caller_are_used(flat: CSpace) -> None:
     figure = Figure(figsize=(9, 4))
     left, right = figure.subplots(1, 2)
     assert plot(flat, ax=right) is right
@@ -327,7 +327,7 @@ def test_axes_of_the_caller(flat: CSpace) -> None:
     assert plot(flat, ax=left, title="mine").get_title() == "mine"
 
 
-def test_no_window_and_no_display(tmp_path: Path) -> None:
+def test_pictures_need_no_window_and_no_display(tmp_path: Path) -> None:
     code = (
         "import sys, numpy as np\n"
         "from cspace import Robot, Workspace, build\n"

@@ -100,7 +100,7 @@ def test_the_other_sections_are_drawn(hall: CSpace) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(st.data())
-def test_parts_of_a_path(data: st.DataObject) -> None:
+def test_parts_of_a_path_lie_between_two_planes(data: st.DataObject) -> None:
     """A point of the path is on a drawn part where its coordinate lies between the two, and only there."""
     points = data.draw(arrays(np.float64, st.tuples(st.integers(2, 6), st.just(3)), elements=st.integers(-4, 4)))
     axis = data.draw(st.integers(0, 2))
@@ -118,7 +118,7 @@ def test_parts_of_a_path(data: st.DataObject) -> None:
     assert lengths.sum() == pytest.approx(whole, abs=0.02 * len(points))
 
 
-def test_path_and_robots_in_sections(hall: CSpace) -> None:
+def test_path_and_robots_are_drawn_where_they_meet_sections(hall: CSpace) -> None:
     """Solid, with the robot, where the robot reaches the section; faint elsewhere."""
     ax = plot(hall, path=PATH, at=(3.0, 1.2, 1.0), robot_every=0.5)
     for panel, pair, across in zip(ax.figure.axes, pairs(ax.figure), (2, 1, 0), strict=True):
@@ -141,7 +141,7 @@ def sections_of(ax: Any) -> list[float]:
     return [float(panel.texts[0].get_text()[4:-2]) for panel in reversed(ax.figure.axes)]
 
 
-def test_where_sections_run(hall: CSpace) -> None:
+def test_sections_run_through_the_path_or_the_middle(hall: CSpace) -> None:
     """Through what the caller names; else half the way along the path, the start, the goal, or the middle."""
     assert sections_of(plot(hall, at=(1.0, 2.0, 0.5))) == [1.0, 2.0, 0.5]
     points = sections_of(plot(hall, path=[(1.0, 1.0, 0.5), (1.0, 3.0, 0.5), (1.0, 3.0, 1.0), (1.5, 3.0, 1.0)]))
@@ -152,7 +152,7 @@ def test_where_sections_run(hall: CSpace) -> None:
     assert sections_of(plot(hall, path=[(-9.0, 1.0, 1.0), (-8.0, 1.0, 1.0)]))[0] == 0.0
 
 
-def test_sections_without_words(hall: CSpace) -> None:
+def test_sections_may_lack_words(hall: CSpace) -> None:
     ax = plot(hall, legend=False, title="")
     assert labels(ax) == []
     assert heading(ax) == ""
@@ -160,7 +160,7 @@ def test_sections_without_words(hall: CSpace) -> None:
     assert heading(plot(hall)) == "box 0.5 m x 0.4 m x 0.3 m, cells of 0.1 m"
 
 
-def test_a_robot_that_turns_in_space() -> None:
+def test_sections_show_one_rotation_or_all() -> None:
     """Sections show all rotations, or one; the robot is drawn turned, from above and from the side."""
     workspace = Workspace.from_array(np.zeros((12, 10, 8), bool), 0.5)
     states = np.random.default_rng(0).integers(0, 3, (4, 12, 10, 8)).astype(np.uint8)

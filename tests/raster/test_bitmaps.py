@@ -54,7 +54,7 @@ def test_metres_follow_the_grid_to_the_last_bit(cells: np.ndarray) -> None:
     assert np.array_equal(boundary_segments(cells, 0.1, (0.7, -0.3)), expected)
 
 
-def test_one_cell_by_hand() -> None:
+def test_one_cell_becomes_its_offsets() -> None:
     cells = np.zeros((3, 2), dtype=bool)
     cells[2, 1] = True
     expected = [[14.0, 24.0, 14.0, 22.0], [16.0, 22.0, 16.0, 24.0], [14.0, 22.0, 16.0, 22.0], [16.0, 24.0, 14.0, 24.0]]

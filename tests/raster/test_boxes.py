@@ -119,7 +119,7 @@ def coordinates(draw, spacing, shape, reach):
 
 @settings(max_examples=40)
 @given(st.data(), st.sampled_from([2, 3]), st.sampled_from(SPACINGS))
-def test_balls_on_a_grid(data, dim, spacing):
+def test_balls_cover_the_cells_within_their_radius(data, dim, spacing):
     count = data.draw(st.integers(1, 3))
     lower = data.draw(coordinates(spacing, (dim,), 2))
     centers = data.draw(coordinates(spacing, (count, dim), 4))
@@ -133,7 +133,7 @@ def test_balls_on_a_grid(data, dim, spacing):
 
 @settings(max_examples=20)
 @given(st.data(), st.sampled_from(SPACINGS), st.sampled_from(MARGINS))
-def test_ball_robots(data, spacing, margin):
+def test_rasters_of_ball_robots_agree_with_arithmetic(data, spacing, margin):
     count = data.draw(st.integers(1, 2))
     centers = data.draw(coordinates(spacing, (count, 3), 1))
     radii = np.abs(data.draw(coordinates(spacing, (count,), 2))) + spacing / 8
@@ -143,7 +143,7 @@ def test_ball_robots(data, spacing, margin):
 
 @settings(max_examples=20)
 @given(st.data(), st.sampled_from(SPACINGS), st.sampled_from(MARGINS))
-def test_box_robots(data, spacing, margin):
+def test_rasters_of_box_robots_agree_with_arithmetic(data, spacing, margin):
     corners = np.sort(data.draw(coordinates(spacing, (2, 3), 2)), axis=0)
     box = Rounded(corners[:1], corners[1:], np.zeros(1))
     outer, inner = rounded_rasters(box, spacing, np.full(1, margin), np.zeros(1))
@@ -174,7 +174,7 @@ def check_robot(lows, highs, radii, spacing, margin, outer, inner, reach):
     st.sampled_from([0.3, 0.7, 1.0]),
     st.sampled_from([0.0, 2e-3, -2e-3, 1e-7, -1e-7]),
 )
-def test_voxel_robots(data, seed, spacing, margin, ratio, density, shift):
+def test_rasters_of_voxel_robots_agree_with_arithmetic(data, seed, spacing, margin, ratio, density, shift):
     occupied = np.random.default_rng(seed).random((3, 2, 4)) < density
     occupied[-1, -1, -1] = True
     lower = data.draw(coordinates(spacing, (3,), 1.5)) + shift * spacing

@@ -76,7 +76,7 @@ def test_every_kind_of_robot_agrees_with_shapely(robot, spacing, margin):
 
 
 @given(robots(), spacings)
-def test_laws_of_growth(robot, spacing):
+def test_grown_segments_obey_their_laws(robot, spacing):
     """A margin only adds to the outer raster and leaves the inner one; the inner one lies in the outer one."""
     outer, inner = (oracles.raster_offsets(raster) for raster in robot.rasters(spacing))
     grown, same = (oracles.raster_offsets(raster) for raster in robot.rasters(spacing, 0.15))

@@ -136,7 +136,7 @@ def test_touched_cells_of_over_200_meshes_agree_with_fcl():
 
 
 @given(seeds, st.sampled_from(["random", "sliver", "touching", "lattice"]))
-def test_laws_of_touching(seed, kind):
+def test_touching_cells_obey_their_laws(seed, kind):
     """Moving by whole cells, turning by quarter turns and adding triangles do to the raster what they should."""
     rng = np.random.default_rng(seed)
     triangles = small_mesh(rng, kind)

@@ -40,7 +40,7 @@ def turned(name: str, q: np.ndarray) -> Rotation:
 
 
 @EVERY
-def test_matrices(name: str) -> None:
+def test_matrices_are_those_of_scipy(name: str) -> None:
     _, dim = SPACES[name]
     q = drawn(name, 3, 5)
     made = kind_of(name).matrices(q)
@@ -105,7 +105,7 @@ def test_yaw_is_wrapped_and_left_alone_where_it_is_wrapped_already() -> None:
     np.testing.assert_allclose(np.exp(1j * yaws), np.exp(1j * angles), atol=1e-12)
 
 
-def test_texts() -> None:
+def test_texts_describe_rotations() -> None:
     assert NONE.text(np.empty(0)) == ""
     assert [YAW.text(np.array([yaw])) for yaw in (-1e-9, -math.pi, 4.0)] == ["yaw 0°", "yaw -180°", "yaw -130.8°"]
     about_z = [0.0, 0.0, math.sin(0.1), math.cos(0.1)]

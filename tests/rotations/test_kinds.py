@@ -179,7 +179,7 @@ def test_paths_exist_where_cells_join(space: CSpace) -> None:
     assert True in answers
 
 
-def test_samples_and_files(space: CSpace, tmp_path: Path) -> None:
+def test_samples_and_files_keep_rotations(space: CSpace, tmp_path: Path) -> None:
     q = space.sample_free(50, np.random.default_rng(6))
     assert q.shape == (50, 4) and space.is_free(q).all()
     space.save(tmp_path / "map.npz")

@@ -313,7 +313,7 @@ NESTED = {
 
 @pytest.mark.parametrize("name", NESTED)
 @pytest.mark.parametrize("soup", [False, True])
-def test_bodies_in_bodies(name, soup):
+def test_bodies_within_bodies_are_cavities_and_islands(name, soup):
     """Winding numbers add up; what faces inward is a cavity only where it lies in what faces outward."""
     parts, expected = NESTED[name]
     mesh = joined(*parts)

@@ -268,6 +268,6 @@ def test_exact_answers_are_those_of_the_shape_around(kind):
     (lambda: Robot.capsule(float("nan"), 1), "radius is nan"),
     (lambda: Robot.cylinder(1, 1, (0, 0)), "center has shape"),
 )
-def test_refuses(make, message):
+def test_bounded_shapes_refuse(make, message):
     with pytest.raises(InputError, match=message):
         make()

@@ -163,7 +163,7 @@ def test_quarter_turns_that_map_a_solid_to_itself(shape, axis, same):
     assert shape.is_same(quarter) is same
 
 
-def test_round_shapes():
+def test_discs_and_balls_contain_what_lies_within_their_radius():
     stack = Balls.of([(0, 0, 0.5), (0, 0, -0.5)], [0.2, 0.3])
     assert (stack.is_round, stack.is_round_about_z) == (False, True)
     for balls in (Balls.of([(0, 0, 0)] * 2, [0.1, 0.2]), Balls.of([(0, 0)], 0.3)):
@@ -172,7 +172,7 @@ def test_round_shapes():
     assert not Box.of((1, 1, 1)).is_round_about_z
 
 
-def test_points_are_checked(shape):
+def test_contains_refuses_what_are_no_points(shape):
     with pytest.raises(InputError, match=f"{shape.dim} long"):
         shape.outer.contains(np.zeros((2, 5)))
     with pytest.raises(InputError, match="nan"):

@@ -152,7 +152,7 @@ def lens_by_quadrature(a, b, distance, dim):
 
 @pytest.mark.parametrize("dim", DIMS)
 @pytest.mark.parametrize(("a", "b"), [(1.0, 1.0), (0.3, 1.1), (2.0, 0.7)])
-def test_intersections_of_indicators(a, b, dim):
+def test_intersections_agree_with_indicators(a, b, dim):
     bump = Bump(math.inf)
     for share in (1e-3, 0.01, 0.3, 0.8, 0.99):
         distance = abs(a - b) + (1.0 - share) * (a + b - abs(a - b))

@@ -137,7 +137,7 @@ def check_flat(spheres, shape, rng):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("way", ["number", "tolerance"])
 @pytest.mark.parametrize("name", FLAT)
-def test_flat_shapes(name, kind, way):
+def test_flat_shapes_are_bounded_by_balls(name, kind, way):
     shape = FLAT[name]
     whole = shapely.union_all(shape) if isinstance(shape, list) else shape
     spheres = balls_of(shape, diagonal(whole), kind, OPTIONS[way])
@@ -146,7 +146,7 @@ def test_flat_shapes(name, kind, way):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", BITMAPS)
-def test_bitmaps(name, kind):
+def test_bitmaps_are_bounded_by_balls(name, kind):
     cells, lower = BITMAPS[name], (0.3, -2.0)
     spheres = decompose(Voxels.of(cells, 0.1, lower), kind=kind, number=40)
     check_flat(spheres, cells_of(cells, 0.1, lower), np.random.default_rng(0))
@@ -173,7 +173,7 @@ def test_64_balls_fill_nine_tenths(shape):
 
 @settings(max_examples=10)
 @given(stars(), st.sampled_from(KINDS), st.sampled_from(list(OPTIONS.values())), seeds)
-def test_random_polygons(vertices, kind, way, seed):
+def test_random_polygons_are_bounded_by_balls(vertices, kind, way, seed):
     shape = shapely.Polygon(vertices)
     check_flat(balls_of(vertices, diagonal(shape), kind, way), shape, np.random.default_rng(seed))
 
@@ -209,14 +209,14 @@ def check_solid(spheres, mesh, rng):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", SOLIDS)
-def test_solids(name, kind):
+def test_solids_are_bounded_by_balls(name, kind):
     mesh, way = SOLIDS[name], OPTIONS["number"] if name == "icosphere" else LOOSE
     spheres = balls_of(mesh, float(np.linalg.norm(mesh.extents)), kind, way)
     check_solid(spheres, mesh, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_voxels(kind):
+def test_voxels_are_bounded_by_balls(kind):
     cells = bitmap((6, 5, 7), 3)
     spheres = decompose(Voxels.of(cells, 0.2), kind=kind, tolerance=0.15)
     points = (np.argwhere(cells)[:, None] + np.random.default_rng(1).random((60, 3))).reshape(-1, 3) * 0.2
@@ -309,13 +309,13 @@ def test_the_area_of_discs_that_all_but_coincide():
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_bundled_floor_plan(kind):
+def test_the_bundled_floor_plan_is_bounded_by_balls(kind):
     shape = shapely.union_all(floor_plan())
     check_flat(decompose(shape, kind=kind, number=200), shape, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_real_polygons(data, kind):
+def test_real_polygons_are_bounded_by_balls(data, kind):
     folder = data / "polygons"
     cars = json.loads((folder / "parking1.geojson").read_text())["features"]
     shapes = [shapely.geometry.shape(car["geometry"]) for car in cars[::4]]
@@ -325,7 +325,7 @@ def test_real_polygons(data, kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", ["ZTunnel/obstacles.obj", "LTunnel/l-robot.obj"])
-def test_real_meshes(data, name, kind):
+def test_real_meshes_are_bounded_by_balls(data, name, kind):
     mesh = Mesh.of(data / "solids" / name)
     corners = SimpleNamespace(triangles=mesh.triangles, vertices=mesh.vertices, bounds=mesh.bounds)
     spheres = balls_of(mesh, float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))), kind, LOOSE)

@@ -200,7 +200,7 @@ def test_indicators_of_boxes_hold_their_borders(spacing):
     assert result[5, 6, 7] and result.sum() == np.prod(np.round(2.0 * half / spacing) + 1.0)
 
 
-def test_indicators_of_solids():
+def test_indicators_agree_with_solids():
     grid = Grid((-1.0, -1.0, -1.0), 0.1, (20, 22, 24))
     middles = np.stack(np.meshgrid(*(grid.centers(a) for a in range(3)), indexing="ij"), axis=-1)
     outer, cavity = trimesh.creation.box(extents=(1.0, 0.8, 0.6)), trimesh.creation.box(extents=(0.7, 0.5, 0.3))

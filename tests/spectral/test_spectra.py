@@ -83,7 +83,7 @@ def test_a_thousand_radii_by_a_few_functions(bump, tolerance, counts, lengths):
 
 @settings(max_examples=25)
 @given(st.sampled_from([2, 3]), seeds)
-def test_laws_of_the_spectrum(dim, seed):
+def test_spectra_obey_their_laws(dim, seed):
     rng = np.random.default_rng(seed)
     centers, radii = scene(dim, int(rng.integers(1, 120)), int(rng.integers(1, 4)), seed)
     counts, lengths, bump = tuple(rng.integers(3, 20, dim).tolist()), rng.uniform(2.7, 5.0, dim), Bump(2.0)

@@ -67,7 +67,7 @@ def test_files_are_not_replaced_unasked(tmp_path):
     ),
 )
 @pytest.mark.parametrize("suffix", [".json", ".yaml"])
-def test_damaged_files(tmp_path, text, message, suffix):
+def test_damaged_files_are_refused(tmp_path, text, message, suffix):
     file = tmp_path / f"balls{suffix}"
     file.write_text(text)
     with pytest.raises(FileError, match=message):
@@ -93,7 +93,7 @@ def test_damaged_files(tmp_path, text, message, suffix):
         ("radii", [None]),
     ],
 )
-def test_nonsense_in_files(tmp_path, key, value, suffix):
+def test_nonsense_in_files_is_refused(tmp_path, key, value, suffix):
     record = {"format": "cspace-spheres", "version": 2, "kind": "inner", "measure": [0, 1]}
     record |= {"shape_measure": [0, 1], "hausdorff": [0, 1], "centers": [[0, 0]], "radii": [1]}
     file = tmp_path / f"balls{suffix}"
@@ -105,7 +105,7 @@ def test_nonsense_in_files(tmp_path, key, value, suffix):
         Spheres.open(file)
 
 
-def test_file_names(tmp_path):
+def test_unusable_file_names_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"\.txt"):
         random_spheres().save(tmp_path / "balls.txt")
     with pytest.raises(FileError, match="does not exist"):
@@ -123,7 +123,7 @@ def test_file_names(tmp_path):
     ({"measure": (0.0, 1.0, 2.0)}, "two numbers"),
     ({"hausdorff": 3.0}, "two numbers"),
 )
-def test_bad_spheres(changes, message):
+def test_unusable_spheres_are_refused(changes, message):
     values = {"centers": [[0.0, 0.0]], "radii": [1.0], "kind": "inner"}
     values |= {name: Bounds(0, 1) for name in ("measure", "shape_measure", "hausdorff")}
     with pytest.raises(InputError, match=message):
@@ -153,19 +153,19 @@ def test_bad_spheres(changes, message):
     (np.ones((3, 3), bool), {"number": 3}, InputError, "Voxels"),
     (shapely.Point(3, 4), {"number": 3, "kind": "outer"}, InputError, "pass a tolerance"),
 )
-def test_refusals(shape, options, error, message):
+def test_decompose_refuses(shape, options, error, message):
     with pytest.raises(error, match=message):
         decompose(shape, **options)
 
 
-def test_memory_is_looked_at(monkeypatch):
+def test_decompose_refuses_what_does_not_fit_in_memory(monkeypatch):
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10_000)
     with pytest.raises(InputError, match="memory"):
         decompose(RECTANGLE, number=5)
 
 
 @refusals("shape, text", (RECTANGLE, "discs"), (trimesh.creation.box(), "balls"))
-def test_pictures(shape, text):
+def test_spheres_draw_themselves(shape, text):
     spheres = decompose(shape, number=6)
     ax = spheres.plot()
     assert f"6 inner {text}" in ax.get_title()

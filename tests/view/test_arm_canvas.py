@@ -73,7 +73,7 @@ def test_the_state_is_said_and_seen(shown: Any, q: tuple[float, float], text: st
     np.testing.assert_allclose(node(viewer, "/contact").points[0], contact.points, atol=1e-6)
 
 
-def test_plans_and_what_is_proven(shown: Any) -> None:
+def test_a_page_shows_plans_and_what_is_proven(shown: Any) -> None:
     space, viewer = shown
     page = viewer.page
     assert page.panel.proof.content == "The straight motion is not proven free."
@@ -120,7 +120,7 @@ def test_sliders_stay_within_the_limits(tmp_path: Any) -> None:
         assert (viewer.canvas.of((0.4000001, 0.0)) <= arm.upper).all()
 
 
-def test_bad_input(shown: Any) -> None:
+def test_view_of_an_arm_refuses(shown: Any) -> None:
     space, _ = shown
     for options, message in (({"path": np.zeros((3, 3))}, "path has shape"), ({"start": (0.0,)}, "start has shape")):
         with pytest.raises(InputError, match=message):

@@ -106,7 +106,7 @@ def flat() -> Iterator[tuple[cspace.CSpace, Viewer]]:
         yield space, viewer
 
 
-def test_a_page_in_the_plane(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -> None:
+def test_a_page_in_the_plane_is_drawn_moved_and_planned_on(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -> None:
     from selenium.webdriver.common.keys import Keys
 
     _, viewer = flat
@@ -157,7 +157,7 @@ def test_nothing_comes_from_elsewhere(browser: Any, flat: tuple[cspace.CSpace, V
     assert not said
 
 
-def test_a_page_in_space(browser: Any) -> None:
+def test_a_page_in_space_is_drawn_and_cut(browser: Any) -> None:
     from selenium.webdriver.common.keys import Keys
 
     occupied = np.zeros((40, 30, 16), dtype=bool)
@@ -173,7 +173,7 @@ def test_a_page_in_space(browser: Any) -> None:
         until(lambda: shares(browser)[OBSTACLE] > max(0.1, 2.0 * drawn[OBSTACLE]))  # the floor
 
 
-def test_a_page_of_an_arm(browser: Any, tmp_path: Path) -> None:
+def test_a_page_of_an_arm_is_moved_and_planned_on(browser: Any, tmp_path: Path) -> None:
     from selenium.webdriver.common.keys import Keys
 
     pytest.importorskip("yourdfpy")

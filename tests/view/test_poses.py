@@ -12,7 +12,7 @@ SPACES = [(2, None), (2, 8), (3, None), (3, 8), (3, Rotations.quaternions(2))]
 
 
 @pytest.mark.parametrize(("dim", "cells"), SPACES, ids=["R2", "SE2", "R3", "R3xSO2", "SE3"])
-def test_there_and_back(dim: int, cells: object) -> None:
+def test_poses_become_configurations_again(dim: int, cells: object) -> None:
     rotations, rng = Rotations.of(cells), np.random.default_rng(0)  # type: ignore[arg-type]
     poses = Poses(dim, rotations)
     assert poses.angles == {0: (), 1: ("yaw",), 4: ("roll", "pitch", "yaw")}[rotations.dof]

@@ -91,7 +91,7 @@ def test_who_looks_closely_sees_small_blocks(viewer: Any, monkeypatch: pytest.Mo
     assert not node(viewer[1], "/section/part")
 
 
-def test_plans_and_proofs(viewer: Any) -> None:
+def test_a_page_shows_plans_and_proofs(viewer: Any) -> None:
     space, page = viewer
     start, goal = page.page.marks["start"], page.page.marks["goal"]
     assert space.path_exists(start, goal)
@@ -167,7 +167,7 @@ def test_a_map_in_a_store(tmp_path: Path) -> None:
         assert node(viewer, "/section/whole") and node(viewer, "/path")
 
 
-def test_bad_input(tmp_path: Path) -> None:
+def test_view_refuses(tmp_path: Path) -> None:
     space = room("R2")
     space.save(tmp_path / "map.zarr")
     with socket.socket() as taken:
