@@ -4,7 +4,6 @@ OMPL's objects must be gone before the interpreter ends, or its bindings report 
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING
 
 from cspace.errors import MissingPackageError
 
@@ -32,12 +31,6 @@ from planners.result import Plan as Plan
 from planners.result import Times as Times
 from planners.setup import simple_setup as simple_setup
 from planners.setup import state_space as state_space
-
-if TYPE_CHECKING:
-    import planners
-    from cspace.view.planning import Planning
-
-    _PLANS_ON_PAGES: Planning = planners
 
 __all__ = [
     "Choices",

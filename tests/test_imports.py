@@ -19,8 +19,9 @@ FILES = {
 ORDER = [
     "cspace",  # the public names
     "cspace.__main__ cspace.cli cspace.demo",
+    "cspace.view",
     "planners",
-    "cspace.plot cspace.view",
+    "cspace.plot",
     "cspace.export",
     "cspace.arms",
     "cspace.space cspace.configuration_map cspace.configuration_space cspace.builder cspace.opening cspace.endless "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
@@ -15,11 +16,11 @@ from cspace.arrays import Floats
 from cspace.errors import CspaceError, MissingPackageError
 from cspace.view.canvas import Canvas
 from cspace.view.panel import AUTOMATIC, Panel
-from cspace.view.planning import ChoicesLike, PlanLike, planning
-from cspace.view.worker import Worker
 
 if TYPE_CHECKING:
     from viser import ViserServer
+
+    from planners import Choices, Plan
 
 LOGGER: Final = logging.getLogger(__name__)
 
@@ -44,13 +45,13 @@ class Page:
         What can be set, and what is said.
     marks : dict of str to ndarray of float64, shape (dof,)
         The start and the goal.
-    plan : PlanLike or None
+    plan : planners.Plan or None
         What the last search found.
     """
 
     def __init__(self, server: ViserServer, space: Any, canvas: Canvas, path: Floats) -> None:
         self._server, self._space, self._canvas = server, space, canvas
-        self.marks, self.plan = dict(canvas.endpoints), None  # type: dict[str, Floats], PlanLike | None
+        self.marks, self.plan = dict(canvas.endpoints), None  # type: dict[str, Floats], Plan | None
         self._path, self._proves = path, canvas.is_quick
         self._playing = threading.Event()
         works = canvas.draw, self._describe, self._prove, self._search, self._play
@@ -157,11 +158,13 @@ class Page:
 
     def _search(self) -> None:
         """Plan, and say what came out."""
+        import planners
+
         panel = self.panel
         panel.answer.content = "Planning …"
         panel.plan.disabled = True
         try:
-            self.plan = plan = planning().plan(
+            self.plan = plan = planners.plan(
                 self._space,
                 self.marks["start"],
                 self.marks["goal"],
@@ -230,7 +233,7 @@ class Page:
         self.panel.answer.content = f"**Not done:** {message}"
 
 
-def _plan_text(plan: PlanLike) -> str:
+def _plan_text(plan: Plan) -> str:
     """A plan, and what it proves."""
     if not plan.solved:
         advice = f"  \nTry {plan.advice}." if plan.advice else ""
@@ -243,9 +246,56 @@ def _plan_text(plan: PlanLike) -> str:
     return f"{text}  \n{plan.length:.3f} {plan.length_unit}{apart}  \n{plan.planner}, {took}"
 
 
-def _choices(space: Any) -> ChoicesLike | None:
-    """What a plan can be given on a space; None where nobody plans, which who asks for a plan is told."""
+def _choices(space: Any) -> Choices | None:
+    """Return what a plan can be given on a space; None if OMPL is not installed, which a search reports."""
     try:
-        return planning().choices(space)
+        import planners
     except MissingPackageError:
         return None
+    return planners.choices(space)
+
+
+class Worker:
+    """Does some work at each request; once for all requests that come while it is busy.
+
+    ``fail`` is given what the work raises; the next time it is done again.
+    """
+
+    def __init__(self, work: Callable[[], None], fail: Callable[[Exception], None]) -> None:
+        self._work, self._fail = work, fail
+        self._changed = threading.Condition()
+        self._requested, self._busy, self._open = False, False, True
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def request(self) -> None:
+        """Have the work done, once what is under way is done."""
+        with self._changed:
+            self._requested = True
+            self._changed.notify_all()
+
+    def wait(self, seconds: float | None = None) -> bool:
+        """Wait until all that was requested is done; gives whether it is."""
+        with self._changed:
+            return self._changed.wait_for(lambda: not (self._requested or self._busy), seconds)
+
+    def close(self) -> None:
+        """Do nothing more, once what is under way is done."""
+        with self._changed:
+            self._open = self._requested = False
+            self._changed.notify_all()
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._busy = False
+                self._changed.notify_all()
+                self._changed.wait_for(lambda: self._requested or not self._open)
+                if not self._open:
+                    return
+                self._requested, self._busy = False, True
+            try:
+                self._work()
+            except Exception as error:  # whatever it is, the page goes on
+                if self._open:
+                    self._fail(error)

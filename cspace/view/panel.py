@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cspace.view.canvas import MARKS, Canvas
-from cspace.view.planning import ChoicesLike
 from cspace.view.scene import HIGH, LOW
 
 if TYPE_CHECKING:
     from viser import GuiApi
+
+    from planners import Choices
 
 AUTOMATIC: Final = "automatic"
 """What a page calls the planner that is taken where none is named."""
@@ -49,7 +50,7 @@ class Panel:
         What can be chosen to be drawn, by its label.
     """
 
-    def __init__(self, gui: GuiApi, canvas: Canvas, choices: ChoicesLike | None, changed: Callable[[], None]) -> None:
+    def __init__(self, gui: GuiApi, canvas: Canvas, choices: Choices | None, changed: Callable[[], None]) -> None:
         self._gui, self._canvas = gui, canvas
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large", brand_color=(0, 114, 178))
         gui.main_panel.dock_right()
@@ -88,7 +89,7 @@ class Panel:
             for label, which in self._canvas.typed
         ]
 
-    def _add_plan(self, choices: ChoicesLike | None) -> None:
+    def _add_plan(self, choices: Choices | None) -> None:
         gui, canvas = self._gui, self._canvas
         planners, drives = (choices.planners, choices.drives) if choices else ((), ("holonomic",))
         self.planner = gui.add_dropdown(

@@ -1,22 +1,28 @@
-"""view: a space on a page in the browser."""
+"""A space on a page in the browser, and the server of the page, which answers no page but its own."""
 
 from __future__ import annotations
 
+import errno
 import html
+import socket
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import partial, singledispatch
-from typing import TYPE_CHECKING, Any, TypedDict
+from ipaddress import ip_address
+from typing import TYPE_CHECKING, Any, Final, TypedDict
+from urllib.parse import urlsplit
 
 from cspace.arms.space import ArmSpace
 from cspace.arrays import Floats
+from cspace.errors import InputError, optional
+from cspace.grid import whole
 from cspace.plot.route import HasAxes, marked, polyline
 from cspace.tiles.space import TiledCSpace
 from cspace.view.arm_canvas import ArmCanvas
 from cspace.view.level_of_detail import CellsInMemory, CellsInStore
 from cspace.view.map_canvas import MapCanvas
-from cspace.view.server import serve, stop
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -24,9 +30,17 @@ if TYPE_CHECKING:
 
     from cspace.plot.route import HasPath
     from cspace.view.canvas import Canvas
-    from cspace.view.planning import PlanLike
+    from planners import Plan
 
     MakeCanvas = Callable[[ViserServer, Floats, dict[str, Floats]], Canvas]
+
+
+PORT: Final = 8080
+"""The first port that is tried where none is given."""
+_TRIED: Final = 100
+_TAKEN: Final = (errno.EADDRINUSE, errno.EACCES)
+_FOREIGN: Final = 1008
+"""Status with which the connection of a foreign page is closed (RFC 6455: policy violation)."""
 
 
 class ViewOptions(TypedDict, total=False):
@@ -92,7 +106,7 @@ class Viewer:
         return f"http://{self.server.get_host()}:{self.server.get_port()}"
 
     @property
-    def plan(self) -> PlanLike | None:
+    def plan(self) -> Plan | None:
         """What the last search found, a :class:`planners.Plan`; None before there was one."""
         return self.page.plan
 
@@ -156,3 +170,105 @@ def opened(space: Any, block: bool, options: ViewOptions) -> Viewer:
         sys.stdout.flush()
         viewer.wait()
     return viewer
+
+
+def serve(host: str, port: int | None) -> ViserServer:
+    """Start a server without a page, which prints nothing and refuses pages of other sites.
+
+    Browsers let any page of any site talk to servers on the user's machine, and name the site; viser does not check.
+
+    Raises InputError if the host is none of this machine, or the port is taken, or no port, and MissingPackageError if
+    viser is not installed.
+    """
+    viser = optional("viser", "it serves the page in the browser", "view")
+    from websockets.exceptions import ConnectionClosed
+
+    with _quiet():
+        server: ViserServer = viser.ViserServer(host, _free_port(host, port), label="cspace", verbose=False)
+    sockets = server._websock_server
+
+    async def admit(client: Any) -> None:
+        connection: Any = sockets._live_connections[client.client_id]
+        headers = connection.request.headers
+        if not is_own(headers.get("Origin"), headers.get("Host", ""), host):
+            await connection.close(_FOREIGN, "the page is from elsewhere")
+            with suppress(ConnectionClosed):
+                while True:  # what it sent meanwhile is not heeded
+                    await connection.recv()
+
+    sockets.on_client_connect(admit)
+    sockets.disconnect_all_clients()  # who came before that comes again
+    return server
+
+
+def stop(server: ViserServer) -> None:
+    """End a server."""
+    with _quiet():
+        server.stop()
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Have viser print nothing, which it does through rich's console."""
+    import rich
+
+    console = rich.get_console()
+    before, console.quiet = console.quiet, True
+    try:
+        yield
+    finally:
+        console.quiet = before
+
+
+def is_own(origin: str | None, asked: str, host: str) -> bool:
+    """Return True if a browser's page comes from this server.
+
+    ``origin`` is the site of the page as the browser names it; other programs name none. ``asked`` is the name and port
+    by which the server was asked, and ``host`` its address. A server at a loopback address accepts only loopback names,
+    because a foreign name may be given that address for a while (DNS rebinding).
+    """
+    if origin is None:
+        return True
+    page, server = urlsplit(origin), urlsplit(f"//{asked}")
+    return page.netloc == server.netloc and (is_local(server.hostname) or not is_local(host))
+
+
+def is_local(host: str | None) -> bool:
+    """Return True if other machines cannot reach a host."""
+    if host == "localhost":
+        return True
+    try:
+        return ip_address(host or "").is_loopback
+    except ValueError:
+        return False
+
+
+def _free_port(host: str, port: int | None) -> int:
+    """Return the given port, or the first free one from :data:`PORT` on.
+
+    Raises InputError if the host is none of this machine, or the port is taken, or no port.
+    """
+    free = "pass 0 for any free one, or leave it out"
+    wanted = range(PORT, PORT + _TRIED) if port is None else [whole(port, "port", 0, 2**16 - 1, free)]
+    addresses = 'pass "127.0.0.1", or "0.0.0.0" for all of its addresses'
+    no_host = InputError("host", f"is {host!r}", "it must be an address of this machine", addresses, value=host)
+    try:
+        kind, _, _, _, _ = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)[0]
+    except OSError as error:
+        raise no_host from error
+    for number in wanted:
+        with socket.socket(kind, socket.SOCK_STREAM) as trial:
+            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                trial.bind((host, number))
+            except PermissionError as error:
+                raise InputError(
+                    "port", f"is {number}", "this user may not serve on it", "choose one from 1024 on", value=port
+                ) from error
+            except OSError as error:
+                if error.errno not in _TAKEN:
+                    raise no_host from error
+                continue
+            return int(trial.getsockname()[1])
+    taken = f"{port} is taken" if port is not None else f"from {PORT} to {PORT + _TRIED - 1} are taken"
+    raise InputError("port", taken, "another program serves there", "choose another, or 0 for any", value=port)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cspace.rotations import Rotations
-from cspace.view.poses import Poses
+from cspace.view.map_canvas import Poses
 
 SPACES = [(2, None), (2, 8), (3, None), (3, 8), (3, Rotations.quaternions(2))]
 

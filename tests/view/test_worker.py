@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 
-from cspace.view.worker import Worker
+from cspace.view.page import Worker
 from waiting import until
 
 
