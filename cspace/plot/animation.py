@@ -140,12 +140,13 @@ def _scene(space: HasAxes, points: Floats, title: str | None, camera: ArrayLike 
         return Stage(space, route, title).frame, route.along
     stops = route.along(np.linspace(0.0, 1.0, 64))
     seen = Route(route.points, route.marks, stops, route.figurine)
-    axes, painting = paint_surface(space, seen, Look(title=title, camera=camera), moving=True)
+    painting = paint_surface(space, seen, Look(title=title, camera=camera), moving=True)
+    polygons = robot_polygons(route.figurine)
 
     def move(q: Floats) -> None:
-        painting.move(robot_polygons(route.figurine, q[np.newaxis]))
+        painting.show(route.figurine.placed(polygons, q))
 
-    return partial(_pixels, axes, move), route.along
+    return partial(_pixels, painting.axes, move), route.along
 
 
 def _pixels(axes: Axes, move: Callable[[Floats], None], q: Floats) -> NDArray[np.uint8]:

@@ -10,21 +10,8 @@ import numpy as np
 from cspace.arrays import Bools, Floats, Surface
 from cspace.files.polygons import joined, placed
 from cspace.plot import artists
-from cspace.plot.route import Look, lost_steps, marked, polyline, simplified, with_gaps
-from cspace.plot.surface import (
-    MOST,
-    SURFACES,
-    Painting,
-    axes_in_space,
-    dashed,
-    direction_of,
-    dotted,
-    frame_in_space,
-    lit,
-    path_colors,
-    ribbon,
-    steps_at,
-)
+from cspace.plot.route import Look, lost_steps, marked, polyline
+from cspace.plot.surface import SURFACES, Painting, polygons_of, steps_at
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -139,7 +126,10 @@ def draw_arm(
     ghosts = along_joints(points, np.linspace(0.0, 1.0, GHOSTS + 1)[:-1]) if len(points) > 1 else points[:0]
     if marks and not len(points):
         ghosts = marks["start"][np.newaxis]
-    return _paint(space, points, ghosts, stand, look, lost_steps(space, path))[0]
+    painting = _paint(space, points, ghosts, stand, look, lost_steps(space, path))[0]
+    painting.show()
+    axes: Axes = painting.axes
+    return axes
 
 
 class MovingArm:
@@ -154,65 +144,53 @@ class MovingArm:
 
     def __init__(self, space: Any, points: Floats, look: Look) -> None:
         ghosts = along_joints(points, np.linspace(0.0, 1.0, _SEEN))
-        self.axes, self._painting, longest = _paint(space, points, ghosts, points[-1], look)
+        self._painting, longest = _paint(space, points, ghosts, points[-1], look)
+        self.axes: Axes = self._painting.axes
         self._arm, figure = space.arm, ArmFigure(space)
-        self._links = {name: _polygons(figure.links[name], longest, _FACES) for name in figure.moving}
+        self._links = {name: polygons_of(figure.links[name], longest, _FACES) for name in figure.moving}
 
     def move(self, q: Floats) -> None:
         """Show the arm at a configuration, shape (dof,)."""
         poses = self._arm.poses(q)
         parts = [part @ poses[name][:3, :3].T + poses[name][:3, 3] for name, part in self._links.items()]
-        self._painting.move(np.concatenate(parts))
+        self._painting.show(np.concatenate(parts))
 
 
 def _paint(
     space: Any, points: Floats, ghosts: Floats, stand: Floats, look: Look, lost: Bools | None = None
-) -> tuple[Axes, Painting, float]:
-    """Draw an arm where it stands, pale arms where its ghosts are, and the curve of its path.
+) -> tuple[Painting, float]:
+    """Draw an arm where it stands, pale arms at its ghosts, and the curve of its path.
 
     ``lost`` are the steps of the path that are no longer proven free. If it is None, the arm moves: its moving links
-    are left out, and the ghosts say only where it will be. Return the axes, what was painted, and the longest side of a
-    triangle, metres.
+    and the pale arms are left out, but the picture has room for them. Return the picture, yet to be shown, and the
+    longest side of a triangle, metres.
     """
     moving, lost = lost is None, np.zeros(0, dtype=np.bool_) if lost is None else lost
     figure = ArmFigure(space)
-    pale = [(PALE, placed[name]) for placed in map(figure.placed, ghosts) for name in figure.moving]
-    links = [(name, link) for name, link in figure.placed(stand).items()]
-    corners = np.concatenate([vertices for _, (vertices, _) in (*pale, *links)])
-    still = [(artists.ROBOT_FILL, link) for name, link in links if not (moving and name in figure.moving)]
-    still = still if moving else pale + still
+    links = figure.placed(stand)
+    pale = [placed[name] for placed in map(figure.placed, ghosts) for name in figure.moving]
+    corners = np.concatenate([vertices for vertices, _ in (*pale, *links.values())])
     low, high = corners.min(axis=0), corners.max(axis=0)
     room = ROOM * float(np.max(high - low))
-    azimuth = math.degrees(figure.front(low, high))
-    drawn, angles = axes_in_space(look._replace(camera=(_RISE, azimuth) if look.camera is None else look.camera))
-    blocks = [(SURFACES["obstacles"][1], _within(each, low - room, high + room)) for each in figure.obstacles.values()]
-    blocks = [(color, each) for color, each in blocks if len(each[1])]
-    corners = np.concatenate([corners, *(vertices[faces].reshape(-1, 3) for _, (vertices, faces) in blocks)])
+    blocks = [_within(each, low - room, high + room) for each in figure.obstacles.values()]
+    blocks = [each for each in blocks if len(each[1])]
+    corners = np.concatenate([corners, *(vertices[faces].reshape(-1, 3) for vertices, faces in blocks)])
     box = np.stack([corners.min(axis=0), corners.max(axis=0)])
-    towards = direction_of(angles)
+    painting = Painting(look, (_RISE, math.degrees(figure.front(low, high))), box)
     longest = _FINE * float(np.ptp(box, axis=0).max())
-    polygons = [np.empty((0, 4, 3)), *(_polygons(each, longest) for _, each in (*still, *blocks))]
-    parts = zip(polygons[1:], (*still, *blocks), strict=True)
-    colors = [np.empty((0, 3)), *(lit(part, towards, color) for part, (color, _) in parts)]
-    handles = [artists.patch("arm", artists.ROBOT_FILL)]
+    for block in blocks:
+        painting.add(polygons_of(block, longest), SURFACES["obstacles"][1], SURFACES["obstacles"][0])
+    still = [link for name, link in links.items() if not (moving and name in figure.moving)]
+    for link in still:
+        painting.add(polygons_of(link, longest), artists.ROBOT_FILL, "arm")
+    for link in () if moving else pale:
+        painting.add(polygons_of(link, longest), PALE, "arm along the path" if len(points) > 1 else "arm at the start")
     if len(points) > 1:
-        shares = np.linspace(0.0, 1.0, 200)
+        shares, lengths = np.linspace(0.0, 1.0, 200), joint_lengths(points)
         curve = figure.tips(along_joints(points, shares))
-        polygons.append(ribbon(curve, towards, box))
-        colors.append(path_colors(shares, joint_lengths(points), lost))
-        if not moving:
-            handles.append(artists.patch("arm along the path", PALE))
-        handles += dotted(drawn, curve, f"path of {figure.tip}, dotted behind something")
-        handles += dashed(drawn, with_gaps(curve, steps_at(shares, joint_lengths(points), lost)))
-    elif len(ghosts) and not moving:
-        handles.append(artists.patch("arm at the start", PALE))
-    if blocks:
-        handles.insert(0, artists.patch(*SURFACES["obstacles"]))
-    painting = Painting(drawn, polygons, colors, towards)
-    frame_in_space(drawn, box, angles, fit=look.ax is None)
-    artists.annotate(drawn, space, look, np.ones(3), "", handles)
-    axes: Axes = drawn
-    return axes, painting, longest
+        painting.add_path(curve, steps_at(shares, lengths, lost), f"path of {figure.tip}, dotted behind something")
+    artists.annotate(painting.axes, space, look, painting.stretch, "", list(painting.handles.values()))
+    return painting, longest
 
 
 def _within(surface: Surface, low: Floats, high: Floats) -> Surface:
@@ -224,11 +202,3 @@ def _within(surface: Surface, low: Floats, high: Floats) -> Surface:
         for sign, end in ((1.0, low), (-1.0, high)):
             mesh = mesh.slice_plane(end, sign * np.eye(3)[axis]) if len(mesh.faces) else mesh
     return np.asarray(mesh.vertices), np.asarray(mesh.faces)
-
-
-def _polygons(surface: Surface, longest: float, most: int = MOST) -> Floats:
-    """The triangles of a surface, none larger than that, each with its last corner twice, shape (n, 4, 3)."""
-    from trimesh.remesh import subdivide_to_size
-
-    vertices, faces = subdivide_to_size(*simplified(*surface, most), longest)  # type: ignore[no-untyped-call]
-    return np.asarray(vertices[faces][:, [0, 1, 2, 2]])

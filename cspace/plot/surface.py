@@ -1,176 +1,251 @@
-"""Pictures in three dimensions, and of a map the faces of its cells that look at the camera, as one surface."""
+"""Pictures in three dimensions: of a map, the faces of its cells that look at the camera, as one surface."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats, Ints, block_starts, in_blocks
+from cspace.arrays import Bools, Floats, Ints, Surface, block_starts, in_blocks
 from cspace.check import check_word, finite
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.plot import artists
-from cspace.plot.route import Figurine, Look, MapLike, Route, within
+from cspace.plot.route import Figurine, Look, MapLike, Route, simplified, with_gaps
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SURFACES: Final = {"obstacles": ("obstacle", "#7a7a7a"), "free": ("border of the free space", "#ffffff")}
-"""What may be drawn, its name in the legend and its colour in full light: dark as obstacles, white as free space."""
+"""What may be drawn: its name in the legend and its colour."""
 UNSEEN: Final = (artists.CLASSES[artists.UNSEEN][0], "#c9a468")
-"""The same of obstacles that nothing is known of."""
+"""Name and colour of unknown cells that count as obstacles."""
 CAMERA: Final = (40.0, -62.0)
-"""Elevation and azimuth in degrees where the caller does not say."""
+"""Default elevation and azimuth of the camera, degrees."""
 MOST: Final = 20_000
-"""Faces that are drawn at most; cells are joined in blocks until there are no more."""
+"""Largest number of faces drawn; cells are joined in blocks until there are no more."""
 _THIN: Final = 24.0
+"""Largest ratio of the sides of a picture that is drawn to scale."""
 _WALL: Final = 0.8
-"""The part of a layer of cells from which on it is a wall before the rest."""
-_SHARES: Final = (0.68, 0.82, 1.0)
-"""Brightness of faces normal to x, y and z."""
+"""Share of solid cells from which a layer of cells counts as a wall before the rest."""
+_LIGHT: Final = (0.2, 0.32, 0.5)
+"""Brightness, above 0.42, that a face gets from its normal along x, y and z."""
 _DARKER: Final = 0.2
-"""How much darker the lowest faces are than the highest: floors and table tops part."""
+"""How much darker the lowest faces are than the highest, so that floors and table tops differ."""
+_STATIONS: Final = 400
+"""Points at which the curve of a path is drawn."""
+_FINE: Final = 0.1
+"""Longest side of a robot's triangle as a share of the robot: large ones are sorted wrongly among small ones."""
 _ROOM: Final = (6.5, 5.5)
-"""Width and height of the map in the picture at most, in inches."""
-
-
-class Faces(NamedTuple):
-    """Faces of blocks of cells.
-
-    Attributes
-    ----------
-    corners : ndarray of float64, shape (n, 4, 3)
-        Metres.
-    axes : ndarray of int64, shape (n,)
-        The axis that each is normal to.
-    marked : ndarray of bool, shape (n,)
-        Whether all solid cells of its block are marked.
-    """
-
-    corners: Floats
-    axes: Ints
-    marked: Bools
+"""Largest width and height of what is drawn, inches."""
+_SQUARE: Final = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
+"""Corners of a face of a cell, in the plane of the face."""
 
 
 class Painting:
-    """Polygons of four corners in three dimensions, sorted together by their distance from the camera.
+    """Axes in three dimensions, and polygons of four corners in them, sorted together by their distance.
 
-    ``polygons``, each of shape (n, 4, 3), have colours, each of shape (n, 3). Those that :meth:`move` adds are replaced
-    by its next call.
+    Parameters
+    ----------
+    look : Look
+    camera : tuple of float
+        Elevation and azimuth in degrees, unless ``look`` has them.
+    box : ndarray of float64, shape (2, 3)
+        Lower and upper corner of what is drawn, metres.
+    labels : sequence of str
+        Of the axes.
+
+    Attributes
+    ----------
+    axes : mpl_toolkits.mplot3d.axes3d.Axes3D
+        The caller's, or new ones in a figure that fits the picture.
+    towards : ndarray of float64, shape (3,)
+        Direction to the camera.
+    stretch : ndarray of float64, shape (3,)
+        Factors by which the axes are stretched.
+    handles : dict of str to matplotlib.artist.Artist
+        Entries of the legend by their text.
+
+    Raises
+    ------
+    InputError
+        If the caller's axes have two dimensions, or the camera is not two such angles.
     """
 
-    def __init__(self, ax: Any, polygons: Sequence[Floats], colors: Sequence[Floats], towards: Floats) -> None:
+    def __init__(
+        self, look: Look, camera: tuple[float, float], box: Floats, labels: Sequence[str] = ("x (m)", "y (m)", "z (m)")
+    ) -> None:
+        if look.ax is not None and getattr(look.ax, "name", None) != "3d":
+            advice = 'use figure.add_subplot(projection="3d")'
+            raise InputError("ax", "has two dimensions", "a picture in space needs three", advice, value=look.ax)
+        angles = np.array(camera) if look.camera is None else finite(look.camera, "camera")
+        if angles.shape != (2,) or abs(angles[0]) > 90.0:
+            rule = "it must be (elevation, azimuth) in degrees, the elevation from -90 to 90"
+            raise InputError("camera", f"is {look.camera!r}", rule, f"pass e.g. {CAMERA}", value=look.camera)
+        figure = artists.new_figure(1.0, 1.0, layout=None) if look.ax is None else None
+        self.axes: Any = figure.add_subplot(projection="3d", computed_zorder=False) if figure else look.ax
+        self.stretch = artists.stretches(box, _THIN)
+        self.towards = direction_of(angles) / self.stretch
+        self.handles: dict[str, Any] = {}
+        self._box = box
+        self._parts: list[tuple[Floats, Floats]] = [(np.empty((0, 4, 3)), np.empty((0, 3)))]
+        self._collection: Any = None
+        self._frame(angles, labels)
+        if figure:
+            self._fit(angles)
+
+    def add(self, polygons: Floats, color: str, label: str) -> None:
+        """Add polygons of one colour, shape (n, 4, 3), and their entry of the legend."""
+        self._parts.append((polygons, self._lit(polygons, color)))
+        self.handles.setdefault(label, artists.patch(label, color))
+
+    def add_path(self, curve: Floats, lost: Bools, label: str) -> None:
+        """Add a path through points, shape (n, 3), as a ribbon, dotted where something hides it.
+
+        Steps no longer proven free, ``lost``, shape (n - 1,), have their own colour and are dashed over everything.
+        What leaves the box is not drawn.
+        """
+        strips = self._ribbon(curve)
+        seen = self._contains(strips).all(axis=1)
+        curve = np.where(self._contains(curve)[:, np.newaxis], curve, np.nan)
+        colors = np.where(lost[:, np.newaxis], _rgb(artists.LOST), _rgb(artists.PATH))
+        self._parts.append((strips[seen], colors[seen]))
+        style: dict[str, Any] = {"color": artists.PATH, "linewidth": 1.0, "linestyle": (0, (1, 1.5)), "zorder": 4}
+        self._plot(curve, label, **style)
+        if lost.any():
+            self._plot(with_gaps(curve, lost), artists.NO_LONGER, linewidth=2.2, zorder=4.5, **artists.LOST_STYLE)
+
+    def show(self, moving: Floats | None = None) -> None:
+        """Draw all polygons, and a robot's, shape (n, 4, 3), in place of those of the call before."""
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
-        self._polygons, self._colors, self._towards = np.concatenate(polygons), np.concatenate(colors), towards
-        paint = self._colors
-        style: dict[str, Any] = {"facecolors": paint, "edgecolors": paint, "linewidths": 0.5, "rasterized": True}
+        parts = self._parts if moving is None else [*self._parts, (moving, self._lit(moving, artists.ROBOT_FILL))]
+        polygons, colors = (np.concatenate(each) for each in zip(*parts, strict=True))
+        # At the few pixels of an animation, thin edges leave gaps between faces.
+        style: dict[str, Any] = {"linewidths": 0.5 if moving is None else 1.0, "rasterized": True, "zorder": 1}
+        if self._collection is not None:
+            self._collection.remove()
         # One collection, because matplotlib sorts the polygons of a collection, and not those of several.
-        self._collection = Poly3DCollection(self._polygons, zorder=1, **style)
-        ax.add_collection3d(self._collection, autolim=False)
+        self._collection = Poly3DCollection(polygons, facecolors=colors, edgecolors=colors, **style)
+        self.axes.add_collection3d(self._collection, autolim=False)
 
-    def move(self, polygons: Floats) -> None:
-        """Show a robot by its polygons, shape (n, 4, 3), instead of where it was."""
-        paint = np.concatenate([self._colors, lit(polygons, self._towards, artists.ROBOT_FILL)])
-        self._collection.set_verts(np.concatenate([self._polygons, polygons]))
-        self._collection.set_facecolor(paint)
-        self._collection.set_edgecolor(paint)
-        self._collection.set_linewidth(1.0)  # at the few pixels of an animation, thinner edges leave gaps between faces
+    def _plot(self, line: Floats, label: str, **style: Any) -> None:
+        self.handles[label] = self.axes.plot(*line.T, label=label, **style)[0]
+
+    def _contains(self, points: Floats) -> Bools:
+        """Return which points, shape (..., 3), lie in the box, but for rounding."""
+        slack = 1e-9 * np.ptp(self._box, axis=0)
+        return np.asarray(((points >= self._box[0] - slack) & (points <= self._box[1] + slack)).all(axis=-1))
+
+    def _lit(self, polygons: Floats, color: str) -> Floats:
+        """Return the colours of faces of one colour, shape (n, 3): by their normals, either way, and their height."""
+        normals = np.abs(np.cross(polygons[:, 1] - polygons[:, 0], polygons[:, 2] - polygons[:, 0]))
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+        low, high = self._box[:, 2]
+        share = np.clip((polygons[..., 2].mean(axis=1) - low) / (high - low), 0.0, 1.0)
+        bright = np.minimum(0.42 + normals @ _LIGHT, 1.0) * (1.0 - _DARKER + _DARKER * share)
+        return np.asarray(bright[:, np.newaxis] * _rgb(color))
+
+    def _ribbon(self, points: Floats) -> Floats:
+        """Return a line through points, shape (n, 3), as short strips facing the camera, shape (n - 1, 4, 3)."""
+        steps, half = np.diff(points, axis=0), 0.004 * float(np.ptp(self._box, axis=0).max())
+        aside = np.cross(steps, self.towards)
+        aside *= half / np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), np.finfo(float).tiny)
+        return np.stack([points[:-1] - aside, points[:-1] + aside, points[1:] + aside, points[1:] - aside], axis=1)
+
+    def _frame(self, angles: Floats, labels: Sequence[str]) -> None:
+        """Set limits, scale, labels and the camera."""
+        from matplotlib.ticker import MaxNLocator
+
+        ax, box = self.axes, self._box
+        lengths = (box[1] - box[0]) * self.stretch
+        for axis, name in enumerate("xyz"):
+            share = lengths[axis] / lengths.max()
+            getattr(ax, f"set_{name}lim")(*box[:, axis])
+            getattr(ax, f"set_{name}label")(labels[axis], fontsize=9)
+            one = getattr(ax, f"{name}axis")
+            one.set_major_locator(MaxNLocator(max(1, min(8, int(10 * share))), steps=[1, 2, 2.5, 5, 10]))
+            one.set_pane_color("#f7f7f7")
+        ax.tick_params(labelsize=8, pad=2)
+        ax.grid(False)
+        ax.set_box_aspect(lengths)
+        ax.set_proj_type("ortho")
+        ax.view_init(*angles)
+
+    def _fit(self, angles: Floats) -> None:
+        """Give the figure the size of what is drawn, with room for words above and below."""
+        from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
+
+        ax, lengths, (rise, turn) = self.axes, np.ptp(self._box, axis=0) * self.stretch, np.radians(angles)
+        up = [-math.sin(rise) * math.cos(turn), -math.sin(rise) * math.sin(turn), math.cos(rise)]
+        spans = np.abs([[-math.sin(turn), math.cos(turn), 0.0], up]) @ lengths
+        width, height = spans * min(_ROOM[0] / spans[0], _ROOM[1] / spans[1])
+        size = max(width + 1.6, 4.2), height + 2.1
+        ax.figure.set_size_inches(*size)
+        # Axes in three dimensions are square, and what is drawn lies around their middle.
+        square, middle = max(size), 1.15 + height / 2
+        corner = 0.5 - square / size[0] / 2, (middle - square / 2) / size[1]
+        ax.set_position((*corner, square / size[0], square / size[1]))
+        ax.apply_aspect()
+        corners = np.stack(np.meshgrid(*self._box.T), axis=-1).reshape(-1, 3)
+        across = ax.transData.transform(np.transpose(proj_transform(*corners.T, ax.get_proj())[:2]))[:, 0]
+        ax.set_box_aspect(lengths, zoom=float(width * ax.figure.dpi / np.ptp(across)))
 
 
 def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
     """Draw in three dimensions; as :func:`cspace.plot.plot`."""
-    return paint_surface(space, route, look)[0]
+    painting = paint_surface(space, route, look)
+    painting.show()
+    axes: Axes = painting.axes
+    return axes
 
 
-def paint_surface(space: MapLike, route: Route, look: Look, *, moving: bool = False) -> tuple[Axes, Painting]:
-    """Draw in three dimensions, and return what was painted; the robots themselves are left out if ``moving``."""
+def paint_surface(space: MapLike, route: Route, look: Look, *, moving: bool = False) -> Painting:
+    """Return a picture in three dimensions that is yet to be shown, without the robots if they are ``moving``."""
     surface = look.surface or next(iter(SURFACES))
     check_word(surface, "surface", tuple(SURFACES), "or leave it out")
-    ax, angles = axes_in_space(look)
     box = route.box(space)
-    stretch = artists.stretches(box, _THIN)
-    towards = direction_of(angles) / stretch
+    painting = Painting(look, CAMERA, box, space.grid.labels)
     top = _top(space, route, look.cut)
-    solid = _solid(space, surface, look.rotation)
-    faces = border_faces(space.grid, solid, towards, top, space.workspace.unknown if surface == "obstacles" else None)
-    looks = (SURFACES[surface], UNSEEN)
-    polygons, colors = [faces.corners], [_shaded(faces, [color for _, color in looks], box)]
-    handles = [artists.patch(*looks[number]) for number in np.unique(faces.marked).tolist()]
-    if surface == "obstacles" and len(route.stations):
-        handles.append(artists.patch("robot", artists.ROBOT_FILL))
-        if not moving:
-            polygons.append(robot_polygons(route.figurine, route.stations))
-            colors.append(lit(polygons[-1], towards, artists.ROBOT_FILL))
+    shows_obstacles = surface == "obstacles"
+    solid = space.workspace.outer if shows_obstacles else artists.classes_of(space, look.rotation) >= artists.UNDECIDED
+    unknown = space.workspace.unknown if shows_obstacles else None
+    faces, is_unknown = border_faces(space.grid, solid, painting.towards, top, unknown)
+    for chosen, (label, color) in ((~is_unknown, SURFACES[surface]), (is_unknown, UNSEEN)):
+        if chosen.any():
+            painting.add(faces[chosen], color, label)
+    if shows_obstacles and len(route.stations):
+        polygons = robot_polygons(route.figurine)
+        placed = [route.figurine.placed(polygons, q) for q in route.stations[: 0 if moving else None]]
+        painting.add(np.concatenate([polygons[:0], *placed]), artists.ROBOT_FILL, "robot")
     if len(route.points) > 1:
         lengths = route.figurine.travelled(route.points)
-        shares = np.union1d(np.linspace(0.0, 1.0, 400), lengths / max(lengths[-1], np.finfo(float).tiny))
-        strips = ribbon(route.along(shares)[:, :3], towards, box)
-        inside = ((strips >= box[0]) & (strips <= box[1])).all(
-            axis=(1, 2)
-        )  # pictures in space are not cut by matplotlib
-        polygons.append(strips[inside])
-        colors.append(path_colors(shares, lengths, route.lost)[inside])
-        line = route.points[:, :3]
-        for axis in range(3) if route.cut else ():
-            line = within(line, axis, box[0, axis], box[1, axis])
-        handles += dotted(ax, line, "path, dotted behind something")
-        lost = route.lost_parts[:, :3]
-        if route.cut:
-            lost = np.where(((lost >= box[0]) & (lost <= box[1])).all(axis=1, keepdims=True), lost, np.nan)
-        handles += dashed(ax, lost)
-    painting = Painting(ax, polygons, colors, towards)
-    handles += artists.draw_marks(ax, route.marks, pair=(0, 1, 2))
-    frame_in_space(ax, box, angles, labels=space.grid.labels, fit=look.ax is None)
-    about = [f"cut at {space.grid.axes[2]} = {top:.4g} {space.grid.units[2]}"] * (top < space.grid.upper[2]) + [
-        space.rotations.describe(look.rotation)
-    ]
-    artists.annotate(ax, space, look, stretch, ", ".join(filter(None, about)), handles)
-    axes: Axes = ax
-    return axes, painting
-
-
-def axes_in_space(look: Look) -> tuple[Any, Floats]:
-    """The axes to draw into, the caller's or new ones, and elevation and azimuth of the camera, degrees, shape (2,).
-
-    Raises InputError if the caller's are none in space, or the camera is not two such angles.
-    """
-    if look.ax is not None and getattr(look.ax, "name", None) != "3d":
-        mend = 'use figure.add_subplot(projection="3d")'
-        raise InputError("ax", "has two dimensions", "a picture in space needs three", mend, value=look.ax)
-    angles = _angles(look.camera)
-    made = look.ax or artists.new_figure(1.0, 1.0, layout=None).add_subplot(projection="3d", computed_zorder=False)
-    return made, angles
-
-
-def dashed(ax: Any, lost: Floats) -> list[Any]:
-    """Draw lines with gaps, shape (n, 3), where a path is no longer proven free, over all else; return their entry."""
-    if not len(lost):
-        return []
-    return list(ax.plot(*lost.T, label=artists.NO_LONGER, linewidth=2.2, zorder=4.5, **artists.LOST_STYLE))
-
-
-def dotted(ax: Any, line: Floats, label: str) -> list[Any]:
-    """Draw a line, shape (n, 3), dotted over all else; gives its entry of the legend."""
-    style: dict[str, Any] = {"color": artists.PATH, "linewidth": 1.0, "linestyle": (0, (1, 1.5)), "zorder": 4}
-    return list(ax.plot(*line.T, label=label, **style))
+        shares = np.union1d(np.linspace(0.0, 1.0, _STATIONS), lengths / max(lengths[-1], np.finfo(float).tiny))
+        lost = steps_at(shares, lengths, route.lost)
+        painting.add_path(route.along(shares)[:, :3], lost, "path, dotted behind something")
+    handles = [*painting.handles.values(), *artists.draw_marks(painting.axes, route.marks, pair=(0, 1, 2))]
+    about = [f"cut at {space.grid.axes[2]} = {top:.4g} {space.grid.units[2]}"] * (top < space.grid.upper[2])
+    about += filter(None, [space.rotations.describe(look.rotation)])
+    artists.annotate(painting.axes, space, look, painting.stretch, ", ".join(about), handles)
+    return painting
 
 
 def border_faces(
-    grid: Grid,
-    solid: Bools,
-    towards: Floats,
-    top: float = math.inf,
-    marked: Bools | None = None,
-) -> Faces:
-    """The faces of solid cells that look at a camera far away, of blocks that are no larger than they must be.
+    grid: Grid, solid: Bools, towards: Floats, top: float = math.inf, marked: Bools | None = None
+) -> tuple[Floats, Bools]:
+    """Return the faces of solid cells that look at a camera far away, and which belong to marked cells.
 
-    A block is solid where one of its cells is. Layers at an end of the grid that are mostly solid, walls before the
-    rest, are taken away, and so are cells wholly above ``top``, metres. ``towards``, shape (3,), is the direction to
-    the camera, in metres. Cells that are ``marked`` are told apart.
+    Cells are joined in blocks until there are at most :data:`MOST` faces; a block is solid if one of its cells is, and
+    marked if all of its solid cells are. Layers at an end of the grid that are mostly solid, walls before the rest, are
+    left out, and so are cells wholly above ``top``, metres. ``towards``, shape (3,), is the direction to the camera.
+
+    Returns
+    -------
+    corners : ndarray of float64, shape (n, 4, 3)
+        Metres.
+    is_marked : ndarray of bool, shape (n,)
     """
     first, stop = np.zeros(3, dtype=np.int64), np.array(grid.shape)
     if top < grid.upper[2]:
@@ -186,51 +261,34 @@ def border_faces(
     side = math.ceil(max(cells.shape) / 200)  # more blocks would be smaller than a picture shows
     while True:
         starts = block_starts(cells.shape, side)
-        blocks = in_blocks(cells, starts)
-        seen = [_seen(blocks, axis, towards[axis]) for axis in range(3)]
-        count = sum(int(np.count_nonzero(part)) for part in seen)
-        if count <= MOST:
+        blocks, lattice = _visible(in_blocks(cells, starts), towards)
+        if len(blocks) <= MOST:
             break
-        side = max(side + 1, math.floor(side * math.sqrt(count / MOST)))
-    plain = in_blocks(plain, starts)
-    corners, axes = [], []
-    for axis, part in enumerate(seen):
-        rim = np.zeros((4, 3), dtype=np.int64)
-        rim[:, axis] = towards[axis] > 0.0
-        rim[[1, 2], (axis + 1) % 3] = 1
-        rim[[2, 3], (axis + 2) % 3] = 1
-        lattice = np.minimum((np.argwhere(part)[:, np.newaxis] + rim) * side, cells.shape)
-        corners.append(grid.lower + grid.spacing * (first + lattice))
-        axes.append(np.full(len(lattice), axis))
-    return Faces(np.concatenate(corners), np.concatenate(axes), ~np.concatenate([plain[part] for part in seen]))
+        side = max(side + 1, math.floor(side * math.sqrt(len(blocks) / MOST)))
+    corners = grid.lower + grid.spacing * (first + np.minimum(side * lattice, cells.shape))
+    return corners, ~in_blocks(plain, starts)[tuple(blocks.T)]
+
+
+def _visible(solid: Bools, towards: Floats) -> tuple[Ints, Ints]:
+    """Return the cells, shape (n, 3), and corners, shape (n, 4, 3), of faces that look at the camera."""
+    padded, cells, corners = np.pad(solid, 1), [np.empty((0, 3), np.int64)], [np.empty((0, 4, 3), np.int64)]
+    for axis in np.flatnonzero(towards):
+        side = int(towards[axis] > 0.0)
+        ahead = np.roll(padded, 1 - 2 * side, axis)[1:-1, 1:-1, 1:-1]
+        cells.append(np.argwhere(solid & ~ahead))
+        corners.append(cells[-1][:, np.newaxis] + np.insert(_SQUARE, axis, side, axis=1))
+    return np.concatenate(cells), np.concatenate(corners)
 
 
 def _peeled(layers: Bools, towards: float) -> int:
-    """How many layers at the camera's end are mostly solid; none where that is half of all or more."""
+    """Count the layers at the camera's end that are mostly solid; 0 if they are half of all or more."""
     shares = layers[:: -1 if towards > 0.0 else 1].mean(axis=(1, 2))
     count = int(np.argmin(shares >= _WALL)) if (shares < _WALL).any() else len(shares)
     return count if towards != 0.0 and 2 * count < len(shares) else 0
 
 
-def _seen(solid: Bools, axis: int, towards: float) -> Bools:
-    """Blocks whose face along an axis looks at the camera, with no solid block before it."""
-    if towards == 0.0:
-        return np.zeros_like(solid)
-    ahead = np.zeros_like(solid)
-    behind, before = (slice(None, -1), slice(1, None)) if towards > 0.0 else (slice(1, None), slice(None, -1))
-    np.moveaxis(ahead, axis, 0)[behind] = np.moveaxis(solid, axis, 0)[before]
-    return solid & ~ahead
-
-
-def _solid(space: MapLike, surface: str, rotation: Floats | None) -> Bools:
-    """The cells whose border is drawn."""
-    if surface == "obstacles":
-        return space.workspace.outer
-    return np.asarray(artists.classes_of(space, rotation) >= artists.UNDECIDED)
-
-
 def _top(space: MapLike, route: Route, cut: float | None) -> float:
-    """Height above which nothing is drawn."""
+    """Return the height above which nothing is drawn."""
     low, high = space.grid.lower[2], space.grid.upper[2]
     if cut is not None:
         height = finite(cut, "cut")
@@ -245,58 +303,28 @@ def _top(space: MapLike, route: Route, cut: float | None) -> float:
     return float(np.clip(max(tops, default=high), low + space.grid.spacing, high))
 
 
-def _angles(camera: Any) -> Floats:
-    """Elevation and azimuth of the camera, degrees, shape (2,)."""
-    if camera is None:
-        return np.array(CAMERA)
-    angles = finite(camera, "camera")
-    if angles.shape != (2,) or abs(angles[0]) > 90.0:
-        rule = "it must be (elevation, azimuth) in degrees, the elevation from -90 to 90"
-        raise InputError("camera", f"is {camera!r}", rule, f"pass e.g. {CAMERA}", value=camera)
-    return angles
-
-
 def direction_of(angles: Floats) -> Floats:
-    """Direction to the camera, shape (3,), where every axis is drawn to the same scale."""
+    """Return the direction to a camera at an elevation and an azimuth in degrees, shape (3,)."""
     rise, turn = np.radians(angles)
     direction = np.array([math.cos(rise) * math.cos(turn), math.cos(rise) * math.sin(turn), math.sin(rise)])
     return np.asarray(np.round(direction, 12))  # what is zero but for rounding is zero
 
 
-def _shaded(faces: Faces, colors: Sequence[str], box: Floats) -> Floats:
-    """Colours of faces, shape (n, 3), from those of faces that are not marked and that are."""
-    height = (faces.corners[..., 2].mean(axis=1) - box[0, 2]) / (box[1, 2] - box[0, 2])
-    bright = np.array(_SHARES)[faces.axes] * (1.0 - _DARKER + _DARKER * height)
-    return np.asarray(bright[:, np.newaxis] * np.array([_rgb(color) for color in colors])[faces.marked.astype(int)])
+def robot_polygons(figurine: Figurine) -> Floats:
+    """Return the polygons of a robot in its own frame, shape (n, 4, 3)."""
+    corners = figurine.triangles.reshape(-1, 3)
+    return polygons_of((corners, np.arange(len(corners)).reshape(-1, 3)), _FINE * figurine.size)
 
 
-def robot_polygons(figurine: Figurine, stations: Floats) -> Floats:
-    """Return the robot's triangles at configurations, each with its last corner twice, shape (n, 4, 3)."""
-    triangles = figurine.triangles
-    while 0 < len(triangles) < 200:  # large ones are sorted wrongly among small faces
-        a, b, c = np.moveaxis(triangles, 1, 0)
-        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
-        parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-        triangles = np.concatenate([np.stack(part, axis=1) for part in parts])
-    corners = np.concatenate([figurine.placed(triangles, q) for q in stations])
-    return np.concatenate([corners, corners[:, 2:]], axis=1)
+def polygons_of(surface: Surface, longest: float, most: int = MOST) -> Floats:
+    """Return the triangles of a surface, each with its last corner twice, shape (n, 4, 3).
 
+    A surface of more than ``most`` triangles is simplified first; triangles with sides above ``longest`` are divided.
+    """
+    from trimesh.remesh import subdivide_to_size
 
-def lit(polygons: Floats, towards: Floats, color: str) -> Floats:
-    """Colours of faces of one colour, lit as if each looked at the camera, shape (n, 3)."""
-    normals = np.cross(polygons[:, 1] - polygons[:, 0], polygons[:, 2] - polygons[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
-    normals *= np.where(normals @ towards < 0.0, -1.0, 1.0)[:, np.newaxis]
-    bright = 0.55 + 0.45 * np.clip(normals @ [0.3, -0.5, 0.81], 0.0, 1.0)
-    return np.asarray(bright[:, np.newaxis] * _rgb(color))
-
-
-def ribbon(points: Floats, towards: Floats, box: Floats) -> Floats:
-    """A line through points, shape (n, 3), as short strips that face the camera, shape (n - 1, 4, 3)."""
-    steps, half = np.diff(points, axis=0), 0.004 * float(np.ptp(box, axis=0).max())
-    aside = np.cross(steps, towards)
-    aside *= half / np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), np.finfo(float).tiny)
-    return np.stack([points[:-1] - aside, points[:-1] + aside, points[1:] + aside, points[1:] - aside], axis=1)
+    vertices, faces = subdivide_to_size(*simplified(*surface, most), longest)  # type: ignore[no-untyped-call]
+    return np.asarray(vertices[faces][:, [0, 1, 2, 2]])
 
 
 def steps_at(shares: Floats, lengths: Floats, lost: Bools) -> Bools:
@@ -309,56 +337,7 @@ def steps_at(shares: Floats, lengths: Floats, lost: Bools) -> Bools:
     return lost[steps] if len(lost) else np.zeros(len(steps), dtype=np.bool_)
 
 
-def path_colors(shares: Floats, lengths: Floats, lost: Bools) -> Floats:
-    """Return the colours of the strips between shares of a path's length, shape (n - 1, 3); as :func:`steps_at`."""
-    is_lost = steps_at(shares, lengths, lost)[:, np.newaxis]
-    return np.where(is_lost, _rgb(artists.LOST), _rgb(artists.PATH))
-
-
 def _rgb(color: str) -> Floats:
     from matplotlib.colors import to_rgb
 
     return np.array(to_rgb(color))
-
-
-def frame_in_space(
-    ax: Any, box: Floats, angles: Floats, *, labels: Sequence[str] = ("x (m)", "y (m)", "z (m)"), fit: bool
-) -> None:
-    """Limits, scale, labels and the camera; the figure gets the size of what is drawn, if it is to fit."""
-    from matplotlib.ticker import MaxNLocator
-
-    stretch = artists.stretches(box, _THIN)
-    lengths = (box[1] - box[0]) * stretch
-    for axis, name in enumerate("xyz"):
-        share = lengths[axis] / lengths.max()
-        getattr(ax, f"set_{name}lim")(*box[:, axis])
-        getattr(ax, f"set_{name}label")(labels[axis], fontsize=9)
-        one = getattr(ax, f"{name}axis")
-        one.set_major_locator(MaxNLocator(max(1, min(8, int(10 * share))), steps=[1, 2, 2.5, 5, 10]))
-        one.set_pane_color("#f7f7f7")
-    ax.tick_params(labelsize=8, pad=2)
-    ax.grid(False)
-    ax.set_box_aspect(lengths)
-    ax.set_proj_type("ortho")
-    ax.view_init(*angles)
-    if fit:
-        _fit(ax, box, stretch, angles)
-
-
-def _fit(ax: Any, box: Floats, stretch: Floats, angles: Floats) -> None:
-    """Give the figure the size of what is drawn, with room for words above and below."""
-    from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
-
-    lengths, (rise, turn) = (box[1] - box[0]) * stretch, np.radians(angles)
-    up = [-math.sin(rise) * math.cos(turn), -math.sin(rise) * math.sin(turn), math.cos(rise)]
-    spans = np.abs([[-math.sin(turn), math.cos(turn), 0.0], up]) @ lengths
-    width, height = spans * min(_ROOM[0] / spans[0], _ROOM[1] / spans[1])
-    size = max(width + 1.6, 4.2), height + 2.1
-    ax.figure.set_size_inches(*size)
-    # Axes in three dimensions are square, and what is drawn lies around their middle.
-    square, middle = max(size), 1.15 + height / 2
-    ax.set_position((0.5 - square / size[0] / 2, (middle - square / 2) / size[1], square / size[0], square / size[1]))
-    ax.apply_aspect()
-    corners = np.stack(np.meshgrid(*box.T), axis=-1).reshape(-1, 3)
-    across = ax.transData.transform(np.transpose(proj_transform(*corners.T, ax.get_proj())[:2]))[:, 0]
-    ax.set_box_aspect(lengths, zoom=float(width * ax.figure.dpi / np.ptp(across)))

@@ -16,8 +16,8 @@ from urllib.parse import urlsplit
 
 from cspace.arms.space import ArmSpace
 from cspace.arrays import Floats
+from cspace.check import whole
 from cspace.errors import InputError, optional
-from cspace.grid import whole
 from cspace.plot.route import HasAxes, marked, polyline
 from cspace.tiles.space import TiledCSpace
 from cspace.view.arm_canvas import ArmCanvas
