@@ -28,9 +28,8 @@ from cspace.compiling import kernel
 from cspace.exact import ADVANCE
 from cspace.exact.triangles import box_of
 from cspace.grid import SLACK
-from cspace.kernels import cross, dot, minus, row_of
+from cspace.kernels import THIN, cross, dot, minus, point_triangle, row_of
 from cspace.map.points import replaced
-from cspace.raster.triangles import THIN, point_triangle
 from cspace.raster.winding import turn_above
 
 WAITING: Final = 96
@@ -371,7 +370,7 @@ def depth(solids: Solids, surface: int, x: float, y: float, z: float) -> float:
     box, turns, least = solids.boxes[surface], 0, np.inf
     for t in range(solids.firsts[surface], solids.firsts[surface + 1]):
         turns += turn_above(solids.triangles[t], x, y, z) * solids.turns[t]
-        least = min(least, point_triangle(x, y, z, solids.triangles[t]))
+        least = min(least, point_triangle((x, y, z), solids.triangles[t]))
     # Outside, the distance must not be too small, as it may be to thin triangles.
     return least if turns != 0 else -least - THIN * (box[3] - box[0] + box[4] - box[1] + box[5] - box[2])
 

@@ -34,8 +34,19 @@ import numpy as np
 from cspace.arrays import Floats, Ints, Matrix, Row
 from cspace.compiling import always_inline, kernel
 from cspace.exact.triangles import bounds_of_rows, boxes_of, most
-from cspace.kernels import cross, dot, minus
-from cspace.raster.triangles import THIN, point_triangle
+from cspace.kernels import (
+    THIN,
+    cross,
+    dot,
+    minus,
+    point_triangle,
+    rotated,
+    rotated_back,
+    row_of,
+    scaled,
+    shifted,
+    triangle_weights,
+)
 
 TILE: Final = 16
 """Triangles that lie together and are tested as one hull, at most."""
@@ -49,8 +60,8 @@ FULL: Final = 192
 FEW: Final = 48
 """The same of all else, which is taken apart where the hull is too large."""
 
-FLAT: Final = 1e-12
-"""By how much hulls from which corners were left out grow besides, relative to their size: for rounding."""
+FLAT: Final = 2.0**-37
+"""Growth of a hull from which corners were left out, relative to its size: the rounding of :func:`point_triangle`."""
 
 STEPS: Final = 40
 """Corners of a difference after which the way between the nearest points is good enough."""
@@ -221,7 +232,7 @@ def farthest(points: Floats, triangles: Floats) -> float:
     for p in range(len(points)):
         apart = math.inf
         for t in range(len(triangles)):
-            apart = min(apart, point_triangle(points[p, 0], points[p, 1], points[p, 2], triangles[t]))
+            apart = min(apart, point_triangle(row_of(points[p], 0), triangles[t]))
         most = max(most, apart)
     return most
 
@@ -397,7 +408,7 @@ def excess_between(
                 break
             n, square = (1.0, 0.0, 0.0), 1.0
         n = scaled(n, 1.0 / math.sqrt(square))
-        one, high = highest(hulls, a, turned_back(flight.matrix, n))
+        one, high = highest(hulls, a, rotated_back(flight.matrix, n))
         other, low = highest(hulls, b, scaled(n, -1.0))
         shadow = -low - high - dot(n, flight.place)
         if shadow - least > gap:
@@ -408,7 +419,7 @@ def excess_between(
                 tilt, along = scaled(cross(n, flight.spin), half), half * dot(n, flight.drift)
                 for sign in (1.0, -1.0):
                     m = (n[0] + sign * tilt[0], n[1] + sign * tilt[1], n[2] + sign * tilt[2])
-                    _, top = highest(hulls, a, turned_back(flight.matrix, m))
+                    _, top = highest(hulls, a, rotated_back(flight.matrix, m))
                     shadow_m = -low - top - dot(m, flight.place) - sign * along
                     shadow = min(shadow, shadow_m)
                 best = max(best, shadow - least - flight.bend)
@@ -454,24 +465,8 @@ def highest(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
 
 
 @always_inline
-def scaled(a: Row, factor: float) -> Row:
-    return factor * a[0], factor * a[1], factor * a[2]
-
-
-@always_inline
 def moved(flight: Flight, p: Row) -> Row:
-    x, y, z = flight.matrix
-    return dot(x, p) + flight.place[0], dot(y, p) + flight.place[1], dot(z, p) + flight.place[2]
-
-
-@always_inline
-def turned_back(matrix: Matrix, n: Row) -> Row:
-    x, y, z = matrix
-    return (
-        x[0] * n[0] + y[0] * n[1] + z[0] * n[2],
-        x[1] * n[0] + y[1] * n[1] + z[1] * n[2],
-        x[2] * n[0] + y[2] * n[1] + z[2] * n[2],
-    )
+    return shifted(rotated(flight.matrix, p), flight.place, 1.0)
 
 
 @kernel
@@ -500,30 +495,20 @@ def nearest(w: Row, p: Row, q: Row, r: Row, count: int) -> tuple[Row, Row, Row, 
 
 @kernel
 def in_triangle(a: Row, b: Row, c: Row) -> tuple[Row, Row, Row, Row, int]:
-    """:func:`nearest` of a triangle, whose corners may coincide (C. Ericson, 2005, section 5.1.5)."""
-    ab, ac = minus(b, a), minus(c, a)
-    d1, d2 = -dot(ab, a), -dot(ac, a)
-    if d1 <= 0.0 and d2 <= 0.0:
+    """:func:`nearest` of a triangle, whose corners may coincide."""
+    s, t = triangle_weights(a, b, c)
+    if s == 0.0 and t == 0.0:
         return a, a, a, a, 1
-    d3, d4 = -dot(ab, b), -dot(ac, b)
-    if d3 >= 0.0 and d4 <= d3:
+    if s == 1.0:
         return b, b, b, b, 1
-    vc = d1 * d4 - d3 * d2
-    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        return along_edge(a, ab, d1 / (d1 - d3)), a, b, b, 2
-    d5, d6 = -dot(ab, c), -dot(ac, c)
-    if d6 >= 0.0 and d5 <= d6:
+    if t == 1.0:
         return c, c, c, c, 1
-    vb = d5 * d2 - d1 * d6
-    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        return along_edge(a, ac, d2 / (d2 - d6)), a, c, c, 2
-    va = d3 * d6 - d5 * d4
-    if va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
-        return along_edge(b, minus(c, b), (d4 - d3) / ((d4 - d3) + (d5 - d6))), b, c, c, 2
+    ab, ac = minus(b, a), minus(c, a)
+    if t == 0.0:
+        return shifted(a, ab, s), a, b, b, 2
+    if s == 0.0:
+        return shifted(a, ac, t), a, c, c, 2
+    if s + t == 1.0:
+        return shifted(b, minus(c, b), t), b, c, c, 2
     n = cross(ab, ac)
     return scaled(n, dot(n, a) / dot(n, n)), a, b, c, 3
-
-
-@always_inline
-def along_edge(a: Row, u: Row, t: float) -> Row:
-    return a[0] + t * u[0], a[1] + t * u[1], a[2] + t * u[2]

@@ -23,8 +23,7 @@ from cspace.arrays import Bools, Floats, Ints, Row
 from cspace.compiling import always_inline, kernel
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.triangles import DEPTH, Trees, box_of, crosses, pierces
-from cspace.kernels import dot, row_of
-from cspace.raster.triangles import point_triangle
+from cspace.kernels import dot, point_triangle, row_of
 from cspace.raster.winding import turn_above
 
 WAITING: Final = 1024
@@ -335,7 +334,7 @@ def encloses(solids: Solids, surface: int, point: Row, deep: float) -> bool:
         return False
     if deep >= 0.0:  # the distances cost far more than the turns, and few points get here
         for t in range(solids.firsts[surface], solids.firsts[surface + 1]):
-            if point_triangle(x, y, z, solids.triangles[t]) <= deep:
+            if point_triangle((x, y, z), solids.triangles[t]) <= deep:
                 return False
     return True
 

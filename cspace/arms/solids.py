@@ -260,10 +260,14 @@ def scene_of(
 
 
 def scene_within(scene: Scene, solids: Sequence[Solid]) -> Scene:
-    """The same from within, where what touches collides."""
+    """Return the same scene from within, where what touches collides.
+
+    Distances must exceed ``2 ROUNDING far`` for the places of points, and as much again for the rounding of
+    :func:`cspace.kernels.point_triangle`, which is below ``2^-38`` of the largest link or obstacle.
+    """
     made = solids_of(solids, 1, scene.solids)
     far = _far(scene.chain, made)
-    return Scene(scene.chain, made, scene.pairs, far, 2.0 * ROUNDING * far)
+    return Scene(scene.chain, made, scene.pairs, far, 4.0 * ROUNDING * far)
 
 
 def _far(chain: Chain, solids: Solids) -> float:

@@ -35,7 +35,7 @@ import numpy as np
 
 from cspace.arrays import Floats, Ints, Matrix, Row
 from cspace.compiling import always_inline, kernel
-from cspace.kernels import cross, dot, minus, nearest_of_triangle, row_of
+from cspace.kernels import cross, dot, gap_between, minus, nearest_of_triangle, rotated, row_of, shifted
 from cspace.shapes import Pieces
 
 Corners = tuple[Row, Row, Row]
@@ -282,7 +282,7 @@ def share_of_pair(p: Floats, q: Floats, motion: Motion, turn: float, enough: flo
     # All from the first corner of the robot's triangle: it is at the origin.
     p0 = row_of(p, 0)
     zero, p1, p2 = corners_from(p, p0)
-    a, b = (zero, turned(motion, p1), turned(motion, p2)), corners_from(q, placed(motion, p0))
+    a, b = (zero, rotated(motion.matrix, p1), rotated(motion.matrix, p2)), corners_from(q, placed(motion, p0))
     u, v = sides_of(a), sides_of(b)
     pair = Pair(a, b, motion.step, turn, motion.least + p[9] + q[9])
     nearest, normal = math.inf, cross(v[0], v[1])
@@ -412,30 +412,7 @@ def nearest_of_box(p: Row, box: Box, part: float) -> Row:
     return x, y, z
 
 
-@kernel
-def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
-    """The shortest way between two segments, from p along u and from q along v, as well as rounding lets it be found.
-
-    C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.9.
-    """
-    r = minus(p, q)
-    uu, vv, uv, ur, vr = dot(u, u), dot(v, v), dot(u, v), dot(u, r), dot(v, r)
-    area = uu * vv - uv * uv
-    s = min(max((uv * vr - ur * vv) / area, 0.0), 1.0) if area > 0.0 else 0.0
-    t = min(max((uv * s + vr) / vv, 0.0), 1.0) if vv > 0.0 else 0.0
-    s = min(max((uv * t - ur) / uu, 0.0), 1.0) if uu > 0.0 else 0.0
-    return r[0] + s * u[0] - t * v[0], r[1] + s * u[1] - t * v[1], r[2] + s * u[2] - t * v[2]
-
-
 @always_inline
 def placed(motion: Motion, p: Row) -> Row:
     """A point of the robot where it is placed."""
-    (x, y, z), place = turned(motion, p), motion.place
-    return place[0] + x, place[1] + y, place[2] + z
-
-
-@always_inline
-def turned(motion: Motion, p: Row) -> Row:
-    """A vector of the robot where it is placed."""
-    x, y, z = motion.matrix
-    return dot(x, p), dot(y, p), dot(z, p)
+    return shifted(rotated(motion.matrix, p), motion.place, 1.0)

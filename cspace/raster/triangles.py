@@ -48,11 +48,8 @@ import numpy as np
 from cspace.arrays import Bools, Bytes, Floats
 from cspace.compiling import jit, kernel
 from cspace.grid import SLACK
-from cspace.kernels import nearest_of_triangle
+from cspace.kernels import THIN, nearest_of_triangle, normal_of, point_triangle
 from cspace.threads import in_chunks
-
-THIN: Final = 2.0**-12
-"""Height of a triangle over its longest side below which its plane is not used."""
 
 STEEP: Final = 2.0**-5
 """Upward part of a plane's normal below which its heights are not used."""
@@ -297,54 +294,6 @@ def _mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: fl
 
 
 @kernel
-def point_segment(x: float, y: float, z: float, p: Floats, q: Floats) -> float:
-    """Squared distance between a point and a segment."""
-    dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-    wx, wy, wz = x - p[0], y - p[1], z - p[2]
-    square = dx * dx + dy * dy + dz * dz
-    t = min(max((wx * dx + wy * dy + wz * dz) / square, 0.0), 1.0) if square > 0.0 else 0.0
-    if t > 0.5:
-        wx, wy, wz = x - q[0], y - q[1], z - q[2]
-        t -= 1.0
-    wx, wy, wz = wx - t * dx, wy - t * dy, wz - t * dz
-    return float(wx * wx + wy * wy + wz * wz)
-
-
-@kernel
-def cross(a: Floats, b: Floats, c: Floats) -> tuple[float, float, float]:
-    """``(b - a) x (c - a)``."""
-    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-
-
-@kernel
-def point_triangle(x: float, y: float, z: float, triangle: Floats) -> float:
-    """Distance between a point and a triangle; up to ``THIN`` times its longest side less for a thin one."""
-    square, longest = math.inf, 0.0
-    for e in range(3):
-        p, q = triangle[e], triangle[e + 1 if e < 2 else 0]
-        dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-        longest = max(longest, dx * dx + dy * dy + dz * dz)
-        square = min(square, point_segment(x, y, z, p, q))
-    distance = math.sqrt(square)
-    nx, ny, nz = cross(triangle[0], triangle[1], triangle[2])
-    normal = math.sqrt(nx * nx + ny * ny + nz * nz)
-    if normal <= THIN * longest:
-        # No point of the triangle is farther from its sides than its height.
-        return max(0.0, distance - THIN * math.sqrt(longest))
-    nx, ny, nz = nx / normal, ny / normal, nz / normal
-    for e in range(3):
-        p, q = triangle[e], triangle[e + 1 if e < 2 else 0]
-        dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-        wx, wy, wz = x - p[0], y - p[1], z - p[2]
-        if nx * (dy * wz - dz * wy) + ny * (dz * wx - dx * wz) + nz * (dx * wy - dy * wx) < 0.0:
-            return distance
-    p = triangle[0]
-    return min(distance, float(abs(nx * (p[0] - x) + ny * (p[1] - y) + nz * (p[2] - z))))
-
-
-@kernel
 def _box_point(dx: float, dy: float, dz: float, half: float) -> float:
     """Distance of a point from a cube about the origin."""
     dx, dy, dz = max(abs(dx) - half, 0.0), max(abs(dy) - half, 0.0), max(abs(dz) - half, 0.0)
@@ -378,7 +327,7 @@ def _box_triangle(triangle: Floats, center: Floats, half: float) -> float:
         x = center[0] + (half if corner & 1 else -half)
         y = center[1] + (half if corner & 2 else -half)
         z = center[2] + (half if corner & 4 else -half)
-        best = min(best, point_triangle(x, y, z, triangle))
+        best = min(best, point_triangle((x, y, z), triangle))
     for e in range(3):
         p, q = triangle[e], triangle[e + 1 if e < 2 else 0]
         best = min(best, _box_point(p[0] - center[0], p[1] - center[1], p[2] - center[2], half))
@@ -506,7 +455,7 @@ def _slope(triangle: Floats, near: float, half: float) -> tuple[float, float, fl
     """
     a, b, c = triangle[0], triangle[1], triangle[2]
     middle = (a[2] + b[2] + c[2]) / 3.0
-    x, y, z = cross(a, b, c)
+    x, y, z = normal_of(triangle)
     longest = 0.0
     for axis in range(3):
         longest = max(longest, (b[axis] - a[axis]) ** 2, (c[axis] - a[axis]) ** 2, (c[axis] - b[axis]) ** 2)

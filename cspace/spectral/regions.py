@@ -15,8 +15,8 @@ from cspace.compiling import jit, kernel
 from cspace.errors import InputError
 from cspace.exact.triangles import trees_of
 from cspace.grid import Grid
+from cspace.kernels import point_segment, point_triangle, row_of
 from cspace.limits import check_memory
-from cspace.raster.triangles import point_segment, point_triangle
 from cspace.shapes import Balls, ExactShape, Pieces, Polygons, Shape
 from cspace.threads import in_chunks
 
@@ -253,7 +253,7 @@ def _to_box(point: Floats, box: Floats) -> float:
 @jit  # it makes arrays
 def distance(tree: Tree, point: Floats, most: float) -> tuple[float, float]:
     """Bounds of the distance from a point to the nearest piece, if they are below ``most``, and else ``most``."""
-    near, far = most, most
+    place, near, far = row_of(point, 0), most, most
     waiting, gaps = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
     waiting[0], gaps[0], count = 0, 0.0, 1
     while count > 0:
@@ -267,9 +267,9 @@ def distance(tree: Tree, point: Floats, most: float) -> tuple[float, float]:
             for n in range(start, start + size):
                 piece = tree.pieces[n]
                 if tree.solid:
-                    gap = point_triangle(point[0], point[1], point[2], piece)
+                    gap = point_triangle(place, piece)
                 else:
-                    gap = math.sqrt(point_segment(point[0], point[1], point[2], piece[0], piece[1]))
+                    gap = math.sqrt(point_segment(place, row_of(piece[0], 0), row_of(piece[1], 0)))
                 near, far = min(near, gap), min(far, gap + tree.doubts[n])
             continue
         first, second = node + 1, node + 2 * (size // 2)
