@@ -46,6 +46,24 @@ def test_every_family_opens_and_its_mutants_open_or_are_refused(families: dict[s
     assert set(outcomes) == {"opened", "refused"}
 
 
+WITHOUT_END = {"box.obj", "points.csv", "points.xyz", "voxels.3dmap", "robot.yaml", "map.yaml"}
+"""Families whose format does not say where a file ends, so that one cut between two lines looks whole."""
+
+TRAILERS = {"image.png": 30, "image.bmp": 6}
+"""Number of bytes at the end that hold no values, such as checksums; in other files at most two."""
+
+
+def test_cut_files_are_refused_if_their_format_says_where_they_end(families: dict[str, Path]) -> None:
+    for name, path in families.items():
+        if path.is_dir() or name in WITHOUT_END:
+            continue
+        content = path.read_bytes()
+        for length in np.linspace(0, len(content) - TRAILERS.get(name, 3), 25).astype(int).tolist():
+            path.write_bytes(content[:length])
+            assert soak.attempt(path) == "refused", (name, length)
+        path.write_bytes(content)
+
+
 def refused(path: Path, message: str, **options: Any) -> None:
     """Fail unless opening a file is one line of an error that holds ``words``, within seconds."""
     began = time.process_time()

@@ -153,16 +153,6 @@ def test_damaged_images_are_refused(tmp_path: Path, content: bytes) -> None:
         Workspace.from_image(tmp_path / "bad.pgm", 1.0)
 
 
-@pytest.mark.parametrize("suffix", ["png", "pgm", "bmp", "jpg"])
-@pytest.mark.parametrize("part", [0.02, 0.5, 0.95])
-def test_truncated_images_are_refused(tmp_path: Path, suffix: str, part: float) -> None:
-    path = tmp_path / f"map.{suffix}"
-    Image.fromarray(np.random.default_rng(0).integers(256, size=(64, 64)).astype(np.uint8)).save(path)
-    path.write_bytes(path.read_bytes()[: int(part * path.stat().st_size)])
-    with pytest.raises(FileError, match="cannot be read as an image"):
-        Workspace.from_image(path, 1.0)
-
-
 def test_pixels_of_an_unknown_kind_are_refused(tmp_path: Path) -> None:
     Image.fromarray(np.array([[0.0, np.nan]], dtype=np.float32)).save(tmp_path / "float.tif")
     with pytest.raises(FileError, match="image mode 'F'"):

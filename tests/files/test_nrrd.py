@@ -215,12 +215,3 @@ def test_files_that_unpack_to_gigabytes_take_little(tmp_path: Path, sizes: str, 
     seconds, megabytes = map(float, run.stdout.split("\n")[-2].split())
     assert seconds < 20.0
     assert megabytes < 900.0
-
-
-def test_every_cut_file_is_refused(tmp_path: Path) -> None:
-    for encoding in ("raw", "gzip"):
-        whole = write(tmp_path / "whole.nrrd", np.eye(5, 4), "uchar", "spacings: 1 1", encoding=encoding).read_bytes()
-        for size in range(0, len(whole), 3):
-            (tmp_path / "cut.nrrd").write_bytes(whole[:size])
-            with pytest.raises(FileError):
-                Workspace.from_nrrd(tmp_path / "cut.nrrd")

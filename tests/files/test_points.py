@@ -220,15 +220,6 @@ def npy(array):
     return stream.getvalue()
 
 
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [("cloud.ply", ply(CLOUD, "binary")), ("cloud.ply", ply(CLOUD, "ascii")), ("cloud.npy", npy(CLOUD))],
-)
-def test_truncated_ply_and_npy_are_refused(tmp_path, name, content):
-    for length in range(0, len(content) - 6, 9):
-        refused(write(tmp_path, name, content[:length]))
-
-
 STRIPS = """ply
 format ascii 1.0
 element vertex 4

@@ -267,18 +267,6 @@ def test_no_bytes_crash_the_reader(tmp_path_factory, nodes, header, size):
     assert occupied.ndim == 3
 
 
-@pytest.mark.parametrize("suffix", ["bt", "ot"])
-def test_truncated_octomaps_are_refused(tmp_path, suffix):
-    octomap = pytest.importorskip("octomap")
-    tree, whole, part = random_tree(octomap, 5), tmp_path / f"whole.{suffix}", tmp_path / f"part.{suffix}"
-    (tree.write if suffix == "ot" else tree.writeBinary)(os.fsencode(whole))
-    part.write_bytes(whole.read_bytes())
-    for length in np.linspace(whole.stat().st_size - 1, 0, 40).astype(int).tolist():
-        os.truncate(part, length)
-        with pytest.raises(FileError):
-            read_octomap(part)
-
-
 def test_the_unknown_policy_is_one_of_two_words(tmp_path):
     with pytest.raises(InputError, match=r"'maybe'.*'occupied' or 'free'"):
         read_octomap(tmp_path / "any.bt", "maybe")

@@ -230,6 +230,8 @@ def test_a_batch_is_answered_as_each_of_its_configurations(any_map: AnyMap) -> N
         shaped = query(*(part.reshape(2, 3, 4, -1) for part in given), *options)
         assert shaped.shape == (2, 3, 4)
         np.testing.assert_array_equal(shaped.ravel(), answers, name)
+        np.testing.assert_array_equal(query(*(part[:3].tolist() for part in given), *options), answers[:3], name)
+        assert query(*(part[:0] for part in given), *options).shape == (0,)
 
 
 @pytest.mark.parametrize("any_map", [kind for kind in ALL_KINDS if kind[1] != "memory"], indirect=True, ids="-".join)

@@ -127,16 +127,6 @@ def test_links_of_an_arm_move_and_its_foot_stays(tmp_path: Path) -> None:
         pickle.loads(pickle.dumps(plan)).animate(tmp_path / "again.gif")
 
 
-def test_the_slice_changes_with_the_yaw_alone(turning: CSpace, tmp_path: Path) -> None:
-    def blue(path: Any) -> list[int]:
-        pixels, _, _ = frames(animate(turning, path, tmp_path / "drive.gif", True, seconds=1, rate=4))
-        return [int((np.abs(frame.astype(int) - (0xA6, 0xD3, 0xEE)) < 3).all(axis=-1).sum()) for frame in pixels]
-
-    on_the_spot, straight = blue([(3.0, 3.0, 0.0), (3.0, 3.0, 1.5)]), blue([(2.0, 3.0, 0.0), (4.0, 3.0, 0.0)])
-    assert len(set(on_the_spot)) > 3
-    assert max(straight) - min(straight) < 5
-
-
 def test_frames_show_robots_that_do_not_turn_plans_and_robots_that_stay(flat: CSpace, tmp_path: Path) -> None:
     class WithPath:
         path = np.array([(1.0, 1.0), (1.0, 4.0), (7.0, 4.0)])

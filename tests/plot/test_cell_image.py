@@ -4,7 +4,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from cspace import Grid
 from cspace.arrays import in_blocks
 from cspace.plot.cell_image import CellImage
-from pictures import pixel, rendered
+from pictures import rendered
 
 
 @given(st.data())
@@ -81,16 +80,3 @@ def test_no_blocked_cell_vanishes(data: st.DataObject) -> None:
             near = dark[max(y0 - 3, 0) : y1 + 4, max(x0 - 3, 0) : x1 + 4]
             assert near.any(), (i, j)
     assert not dark.all() or classes[low[0] : high[0], low[1] : high[1]].any()
-
-
-def test_zooming_in_shows_the_cells() -> None:
-    classes = np.zeros((3000, 3000), np.uint8)
-    classes[1700, 40] = 1
-    x, y = -3.0 + 0.5 * 1700, 7.0 + 0.5 * 40
-    ax, image = cells(classes, (300, 300), [-3.0, 1497.0, 7.0, 1507.0])
-    assert 0 < (image[..., 0] < 128).sum() <= 4
-    ax.set_xlim(x - 1.0, x + 2.0)
-    ax.set_ylim(y - 0.5, y + 2.5)
-    image = rendered(ax)
-    assert (image[..., 0] < 128).sum() == pytest.approx(270 * 261 / 36, rel=0.05)
-    assert pixel(ax, image, x + 0.25, y + 0.25) == (0, 0, 0)

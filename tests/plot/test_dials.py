@@ -32,14 +32,6 @@ def test_a_ring_shows_the_state_of_each_yaw() -> None:
     assert "(1.75, 2, 1.1) m" in ax.figure.get_suptitle()
 
 
-def test_the_rim_of_a_dial_is_drawn_whole() -> None:
-    ax = plot(room(4), view="rotations", at=POINT)
-    image = rendered(ax)
-    for angle in np.radians(np.arange(0.0, 360.0, 15.0)):
-        across = [pixel(ax, image, r * np.cos(angle), r * np.sin(angle)) for r in np.arange(0.97, 1.03, 0.002)]
-        assert min(sum(color) for color in across) < 200, np.degrees(angle)
-
-
 def test_discs_show_the_state_of_each_heading_and_tilt() -> None:
     space = room(Rotations.quaternions(6))
     first = plot(space, view="rotations", at=POINT)

@@ -8,7 +8,7 @@ import pytest
 
 from cspace import CSpace, Robot, Rotations, Workspace, build
 from cspace.plot import plot
-from pictures import COLORS, check_cells, class_of, heading, labels, pixel, rendered
+from pictures import check_cells, heading, labels, rendered
 
 
 def yaws_of(ax: Any) -> list[str]:
@@ -81,12 +81,5 @@ def test_panels_at_rotations_about_any_axis() -> None:
         space, rotation=turns, at=(0.5, 0.5, 0.45), path=[(0.2, 0.2, 0.4, *turns[0]), (0.2, 0.7, 0.4, *turns[1])]
     )
     assert yaws_of(first) == ["not turned", "turned 90° about (1, 0, 0)", "turned 90° about (0, -1, 0)"]
-    image = rendered(first)
-    for ax, turn in zip(first.figure.axes, turns, strict=True):
-        for cell in np.argwhere(~occupied[:, :, 4])[::7]:
-            x, y = space.grid.center_of((*cell, 4))[:2]
-            name = class_of(space, {int(space.classify((x, y, 0.45, *turn)))}, False)
-            if abs(x - 0.2) > 0.1:
-                assert pixel(ax, image, x, y) == COLORS[name]
     assert len(yaws_of(plot(space, view="panels"))) == 6
     assert "turned 90° about (1, 0, 0), in a rotation cell of " in heading(plot(space, rotation=turns[1]))

@@ -157,22 +157,6 @@ def test_nothing_comes_from_elsewhere(browser: Any, flat: tuple[cspace.CSpace, V
     assert not said
 
 
-def test_a_page_in_space_is_drawn_and_cut(browser: Any) -> None:
-    from selenium.webdriver.common.keys import Keys
-
-    occupied = np.zeros((40, 30, 16), dtype=bool)
-    occupied[18:22, :20] = occupied[:, :, 0] = True
-    space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.ball(0.2))
-    with space.view(block=False, port=0, start=(0.6, 0.6, 0.8), goal=(3.4, 0.6, 0.8)) as viewer:
-        browser.get(viewer.url)
-        until(lambda: "A path exists: proven." in text(browser))
-        drawn = until(lambda: (seen := shares(browser))[OBSTACLE] > 0.01 and seen)
-        assert drawn[UNDECIDED] > 0.003
-        slide(browser, "cut at z (m)", Keys.HOME)
-        until(lambda: viewer.canvas.cut == 0.1)
-        until(lambda: shares(browser)[OBSTACLE] > max(0.1, 2.0 * drawn[OBSTACLE]))  # the floor
-
-
 def test_a_page_of_an_arm_is_moved_and_planned_on(browser: Any, tmp_path: Path) -> None:
     from selenium.webdriver.common.keys import Keys
 
