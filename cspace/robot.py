@@ -299,7 +299,7 @@ class Robot(NotebookPicture):
         GeometryError
             If the corners make no polygon.
         """
-        from cspace.files.nav2 import read_nav2
+        from cspace.files.ros import read_nav2
 
         base = read_nav2(path, costmap)
         if base.corners:

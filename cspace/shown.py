@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace.export.messages import CostmapOptions
-    from cspace.files.messages import Costmap, OccupancyGrid
+    from cspace.files.ros import Costmap, OccupancyGrid
     from cspace.plot.arms import ArmPlotOptions
     from cspace.plot.picture import PlotOptions, WorkspaceOptions
     from cspace.space import CSpace
@@ -202,7 +202,7 @@ class MapExport(NotebookPicture):
         ----------
         msg : object, optional
             A message to fill, of ROS 1 or 2: what has the fields of ``nav_msgs/OccupancyGrid``. A new
-            :class:`cspace.files.messages.OccupancyGrid` if left out.
+            :class:`cspace.files.ros.OccupancyGrid` if left out.
         rotation : array-like, shape (k,), optional
             Of a robot that turns: the one to take. If left out, 0 is free, and 100 blocked, at every rotation.
         frame_id : str
@@ -245,7 +245,7 @@ class MapExport(NotebookPicture):
         ----------
         msg : object, optional
             A message to fill: what has the fields of ``nav2_msgs/Costmap``. A new
-            :class:`cspace.files.messages.Costmap` if left out.
+            :class:`cspace.files.ros.Costmap` if left out.
         inflation_radius : float
             Metres from the obstacles, zero or above; the clearance and the radius of the robot's inscribed circle,
             margin included, are held against it. The defaults of this and the next are Nav2's.

@@ -25,7 +25,7 @@ from cspace.shown import WorkspacePlot
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-    from cspace.files.messages import GridMessage
+    from cspace.files.ros import GridMessage
     from cspace.files.urdf import PackageDirs
     from cspace.shapes.balls import BallSet
     from cspace.shapes.mesh import MeshLike, Solid
@@ -219,7 +219,7 @@ class Workspace(WorkspacePlot):
         """A ROS map: a YAML file and the PGM or PNG image beside it.
 
         Modes, thresholds, ``negate`` and the origin with its yaw are honoured as
-        :func:`cspace.files.rosmap.read_ros_map` says.
+        :func:`cspace.files.ros.read_ros_map` says.
 
         Parameters
         ----------
@@ -235,7 +235,7 @@ class Workspace(WorkspacePlot):
         FileError
             If the YAML or its image is missing or malformed.
         """
-        from cspace.files.rosmap import read_ros_map
+        from cspace.files.ros import read_ros_map
         from cspace.raster.upright import upright
 
         check_word(unknown, "unknown", UNKNOWNS)
@@ -254,7 +254,7 @@ class Workspace(WorkspacePlot):
         ----------
         msg : object
             With the fields of ``nav_msgs/OccupancyGrid``, of ROS 1 or 2 or
-            :class:`cspace.files.messages.OccupancyGrid`: ``info.resolution``, ``width``, ``height`` and ``origin``, and
+            :class:`cspace.files.ros.OccupancyGrid`: ``info.resolution``, ``width``, ``height`` and ``origin``, and
             ``data``, row by row in per cent, -1 where nothing is known. A yaw of the origin is honoured as that of a
             ROS map is. A resolution in single precision, as messages keep it, is the shortest number that becomes it:
             0.05, and not 0.0500000007.
@@ -272,7 +272,7 @@ class Workspace(WorkspacePlot):
         FileError
             If a turned map takes more cells than are read, or than fit into memory.
         """
-        from cspace.files.messages import read_occupancy_grid
+        from cspace.files.ros import read_occupancy_grid
         from cspace.raster.upright import upright
 
         check_word(unknown, "unknown", UNKNOWNS)
@@ -311,7 +311,7 @@ class Workspace(WorkspacePlot):
         FileError
             If the file is missing or cannot be decoded.
         """
-        from cspace.files.image import read_image
+        from cspace.files.images import read_image
 
         cells = read_image(path, threshold, dark)
         corner = (0.0, 0.0) if lower is None else lower
@@ -337,7 +337,7 @@ class Workspace(WorkspacePlot):
         FileError
             If the file is missing, truncated or malformed; the message names the line.
         """
-        from cspace.files.movingai import read_3dmap, read_map
+        from cspace.files.images import read_3dmap, read_map
 
         solid = str(path).lower().endswith(".3dmap")
         cells = read_3dmap(path) if solid else read_map(path)
@@ -633,7 +633,7 @@ class Workspace(WorkspacePlot):
         FileError
             If the file is missing, truncated or malformed.
         """
-        from cspace.files.octomap import read_octomap
+        from cspace.files.voxels import read_octomap
 
         check_word(unknown, "unknown", UNKNOWNS)
         lower, spacing, cells, unseen = read_octomap(path, unknown == "occupied")
@@ -677,7 +677,7 @@ class Workspace(WorkspacePlot):
             If the file is missing, truncated or malformed, holds NaN, is detached from its values, or its voxels are
             not cubes along the axes.
         """
-        from cspace.files.nrrd import read_nrrd
+        from cspace.files.voxels import read_nrrd
 
         corner, side, cells = read_nrrd(path, spacing, lower, threshold)
         with _placing(path):

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 import cspace
 import planners
-from cspace.files.messages import OccupancyGrid
+from cspace.files.ros import OccupancyGrid
 from cspace.plot import save_plot
 
 # %%

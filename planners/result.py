@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace.export.messages import Message
-    from cspace.files.messages import JointTrajectory, Path
+    from cspace.files.ros import JointTrajectory, Path
     from cspace.plot.animation import AnimationOptions
     from cspace.plot.picture import PlotOptions
 
@@ -356,7 +356,7 @@ class Plan:
         ----------
         msg : object, optional
             A message to fill, of ROS 1 or 2: any object with the fields of ``nav_msgs/Path``. A new
-            :class:`cspace.files.messages.Path` if left out.
+            :class:`cspace.files.ros.Path` if left out.
         frame_id : str
             Frame of the header and of each pose. The stamp of the header is kept, and copied to each pose.
 
@@ -372,7 +372,7 @@ class Plan:
             If no path was found, the plan moves joints, or the message lacks a field.
         """
         from cspace.export.messages import fill_path
-        from cspace.files.messages import Path
+        from cspace.files.ros import Path
 
         if self._moves_joints:
             hint = "use to_joint_trajectory()"
@@ -422,7 +422,7 @@ class Plan:
         ----------
         msg : object, optional
             A message to fill, of ROS 1 or 2: any object with the fields of ``trajectory_msgs/JointTrajectory``. A new
-            :class:`cspace.files.messages.JointTrajectory` if left out.
+            :class:`cspace.files.ros.JointTrajectory` if left out.
         velocities : float, array-like of shape (dof,), or mapping of joint names to floats, optional
             Largest speed of each joint, in rad/s (m/s for a joint that slides), above zero. Each motion between two
             rows takes as long as its slowest joint needs.
@@ -444,7 +444,7 @@ class Plan:
             given, a number is not above zero, or the message lacks a field.
         """
         from cspace.export.messages import fill_joint_trajectory
-        from cspace.files.messages import JointTrajectory
+        from cspace.files.ros import JointTrajectory
 
         if not self._moves_joints:
             raise InputError("plan", f"moves {', '.join(self.axes)}", "a trajectory holds joints", "use to_path()")

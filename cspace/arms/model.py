@@ -23,8 +23,7 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.shapes import ShapeLike, shape_of
 
 if TYPE_CHECKING:
-    from cspace.files.srdf import EndEffector
-    from cspace.files.urdf import PackageDirs
+    from cspace.files.urdf import EndEffector, PackageDirs
 
 Names = tuple[str, str]
 """Of two links, in order."""
@@ -439,7 +438,7 @@ class _Assembly:
         )
         if srdf is None:
             return replace(arm, allowed=self._default_allowed(arm))
-        from cspace.files.srdf import read_srdf
+        from cspace.files.urdf import read_srdf
 
         read, start = read_srdf(srdf, self._urdf), arm.clamp(np.zeros(arm.dof)).tolist()
         return replace(

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import BLOCKED, FREE, MIXED
 from cspace.errors import InputError
 from cspace.files.access import replacing, suffix_of
-from cspace.files.rosmap import SUFFIXES
+from cspace.files.ros import SUFFIXES
 from cspace.grid import Grid
 
 LEVELS: Final = {FREE: 254, MIXED: 205, BLOCKED: 0}

@@ -1,6 +1,6 @@
 """ROS messages without ROS, filled: occupancy grids, costmaps, paths and joint trajectories.
 
-A message is any object with the right fields, such as those of :mod:`cspace.files.messages`.
+A message is any object with the right fields, such as those of :mod:`cspace.files.ros`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats
 from cspace.check import not_negative
 from cspace.errors import InputError
-from cspace.files.messages import Costmap, JointTrajectoryPoint, OccupancyGrid, PoseStamped, lacking
+from cspace.files.ros import Costmap, JointTrajectoryPoint, OccupancyGrid, PoseStamped, lacking
 from cspace.grid import Grid
 
 if TYPE_CHECKING:

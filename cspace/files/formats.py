@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from cspace.arrays import StrPath
 from cspace.errors import InputError
-from cspace.files import meshes, rosmap, vector
+from cspace.files import meshes, ros, vector
 from cspace.files.access import decoding, existing, suffix_of
 from cspace.files.chunks import ZarrArray
-from cspace.files.nrrd import read_nrrd_dimension
-from cspace.files.ply import read_ply_header
+from cspace.files.polygons import read_ply_header
+from cspace.files.voxels import read_nrrd_dimension
 
 _KIND: Final = "NumPy array"
 
@@ -41,7 +41,7 @@ class Format(NamedTuple):
 _IMAGES: Final = (".png", ".pgm", ".ppm", ".pbm", ".pnm", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 
 FORMATS: Final[dict[str, Format]] = {
-    **dict.fromkeys(rosmap.SUFFIXES, Format("from_ros_map", 2)),
+    **dict.fromkeys(ros.SUFFIXES, Format("from_ros_map", 2)),
     ".map": Format("from_movingai", 2),
     ".3dmap": Format("from_movingai", 3),
     **dict.fromkeys(vector.SUFFIXES, Format("from_polygons", 2)),

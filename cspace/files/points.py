@@ -18,7 +18,7 @@ from cspace.compiling import jit
 from cspace.errors import GeometryError
 from cspace.files.access import Fault, decoding, header_lines, read_bytes, read_columns, read_text, suffix_of
 from cspace.files.formats import read_npy
-from cspace.files.ply import read_ply
+from cspace.files.polygons import read_ply
 from cspace.limits import check_bytes
 
 _KIND: Final = "PCD file"

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from cspace.arrays import Bools, Floats
-from cspace.files.rosmap import MapInfo
+from cspace.files.ros import MapInfo
 from cspace.grid import SLACK, Grid
 from cspace.limits import check_cells
 from cspace.raster.bitmaps import boundary_segments

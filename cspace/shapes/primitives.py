@@ -83,7 +83,7 @@ def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
     """Make a polygon from a footprint as Nav2 writes it, ``"[[0.3, 0.2], ...]"``, or from its corners; metres."""
     import numpy as np
 
-    from cspace.files.nav2 import corners_of
+    from cspace.files.ros import corners_of
 
     points = corners_of(corners)
     polygon = Polygons.of(points + not_negative(padding, "padding") * np.sign(points))

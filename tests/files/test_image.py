@@ -11,7 +11,7 @@ from PIL import Image
 
 from cspace import Grid, Workspace
 from cspace.errors import FileError, InputError
-from cspace.files.image import read_shades as read_image_shades
+from cspace.files.images import read_shades as read_image_shades
 from refusals import refusals
 
 

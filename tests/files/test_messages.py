@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
-from cspace.files.messages import Costmap, OccupancyGrid
+from cspace.files.ros import Costmap, OccupancyGrid
 from handmade import walled
 from refusals import refusals
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from cspace import Grid, Workspace
 from cspace.arrays import Bools
 from cspace.errors import FileError, InputError
-from cspace.files.movingai import read_3dmap
+from cspace.files.images import read_3dmap
 from refusals import refusals
 from strategies import seeds
 

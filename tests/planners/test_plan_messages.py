@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 import planners
 from cspace import InputError, Robot
 from cspace.arms import Arm, Placed, build_arm
-from cspace.files import messages
+from cspace.files import ros as messages
 from planning import ENDPOINTS, SPACES, room
 from refusals import refusals
 from urdfs import joint, link, planar, written
