@@ -17,9 +17,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.check import check_word, not_negative, whole
-from cspace.correlation import Correlation, Progress, Sides, sides_of
 from cspace.engines import ENGINES, METHODS
-from cspace.engines.slices import Pair, Rasters, raster_bytes, raster_parts, slice_rasters
+from cspace.engines.slices import (
+    Correlation,
+    Pair,
+    Progress,
+    Rasters,
+    Sides,
+    raster_bytes,
+    raster_parts,
+    sides_of,
+    slice_rasters,
+)
 from cspace.errors import InputError
 from cspace.limits import SCRATCH_BYTES, SLICE_BYTES, TRANSFORM_BYTES, build_seconds, check_memory, is_packed, map_bytes
 from cspace.map.contents import Contents

@@ -353,7 +353,7 @@ class Robot(NotebookPicture):
         MissingPackageError
             If yourdfpy is not installed.
         """
-        from cspace.shapes.links import read_urdf
+        from cspace.shapes.scenes import read_urdf
 
         surfaces = read_urdf(path, link, package_dirs, solid != "surface")
         outer, *inner = (Mesh(*surface, solid, Path(path).name) for surface in surfaces)

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 
 from cspace.arrays import BLOCKED, Bools, Ints, frozen, shared
 from cspace.check import check_cells
-from cspace.correlation import Correlation, Sides, sides_of
 from cspace.engines.dilation import Runs, collide, in_space
+from cspace.engines.slices import Correlation, Sides, sides_of
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.limits import SCRATCH_BYTES

@@ -236,7 +236,7 @@ class Workspace(WorkspacePlot):
             If the YAML or its image is missing or malformed.
         """
         from cspace.files.ros import read_ros_map
-        from cspace.raster.upright import upright
+        from cspace.raster.bitmaps import upright
 
         check_word(unknown, "unknown", UNKNOWNS)
         image = read_ros_map(path)
@@ -273,7 +273,7 @@ class Workspace(WorkspacePlot):
             If a turned map takes more cells than are read, or than fit into memory.
         """
         from cspace.files.ros import read_occupancy_grid
-        from cspace.raster.upright import upright
+        from cspace.raster.bitmaps import upright
 
         check_word(unknown, "unknown", UNKNOWNS)
         grid, outer, inner, unseen = upright(*read_occupancy_grid(msg, free_thresh, occupied_thresh), unknown)
@@ -718,7 +718,7 @@ class Workspace(WorkspacePlot):
         --------
         cspace.arms.read_moveit_scene : The same obstacles for an arm.
         """
-        from cspace.shapes.moveit import read_moveit_scene
+        from cspace.shapes.scenes import read_moveit_scene
 
         positive(spacing, "spacing")
         box = None if bounds is None else check_bounds(bounds, 3)

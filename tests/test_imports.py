@@ -30,7 +30,7 @@ ORDER = [
     "cspace.spectral",
     "cspace.exact",
     "cspace.map",
-    "cspace.engines cspace.correlation",
+    "cspace.engines",
     "cspace.robot cspace.workspace cspace.obstacles cspace.sources",
     "cspace.shown",
     "cspace.shapes",

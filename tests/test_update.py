@@ -16,7 +16,7 @@ import cspace
 import handmade
 import planners
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace, update
-from cspace.correlation import Correlation
+from cspace.engines.slices import Correlation
 from cspace.export import images
 from cspace.map.components import Components
 from handmade import walled

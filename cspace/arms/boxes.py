@@ -30,7 +30,7 @@ from cspace.exact.triangles import box_of
 from cspace.grid import SLACK
 from cspace.kernels import THIN, cross, dot, minus, point_triangle, row_of
 from cspace.map.points import replaced
-from cspace.raster.winding import turn_above
+from cspace.raster.surfaces import turn_above
 
 WAITING: Final = 96
 """Blocks that wait at a time, at most: one for each halving of three axes of 2^31 cells, and some."""

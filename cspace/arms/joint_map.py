@@ -20,8 +20,8 @@ from cspace.arms.proofs import Scene, Solids, are_free, work_of
 from cspace.arms.space import ArmSpace
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints
 from cspace.check import finite, positive
-from cspace.correlation import Progress
 from cspace.endless import map_of
+from cspace.engines.slices import Progress
 from cspace.errors import ConfigurationError, InputError
 from cspace.exact.boundaries import Problem, Proofs
 from cspace.exact.proofs import BorderProofs

@@ -488,7 +488,7 @@ class _Assembly:
         self, bodies: Mapping[str, tuple[int, Floats]], package_dirs: Sequence[Path], inside: Inside
     ) -> Iterable[Solid]:
         from cspace.files.urdf import find_meshes
-        from cspace.shapes.links import shapes_of
+        from cspace.shapes.scenes import shapes_of
 
         meshes = find_meshes(self._urdf, bodies, self._file, package_dirs)
         for name, (body, pose) in bodies.items():

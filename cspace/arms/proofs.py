@@ -24,7 +24,7 @@ from cspace.compiling import always_inline, kernel
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.triangles import DEPTH, Trees, box_of, crosses, pierces
 from cspace.kernels import dot, point_triangle, row_of
-from cspace.raster.winding import turn_above
+from cspace.raster.surfaces import turn_above
 
 WAITING: Final = 1024
 """Parts of a motion that wait at a time, at most."""

@@ -329,7 +329,7 @@ def read_moveit_scene(
     InputError
         If ``plane_radius`` is not above zero.
     """
-    from cspace.shapes.moveit import read_moveit_scene
+    from cspace.shapes.scenes import read_moveit_scene
 
     ball = None if plane_radius is None else (np.zeros(3), positive(plane_radius, "plane_radius"))
     return {part.name: Placed(part.shape, part.pose) for part in read_moveit_scene(path, ball, package_dirs)}

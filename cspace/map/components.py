@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cspace.arrays import Bools, Ints, Words
 from cspace.compiling import always_inline, kernel
 from cspace.map.storage import Cells, Stack, bits_from, cells_of, expect, ones_in, read_only, row_in, state_in
-from cspace.raster.components import unite
+from cspace.raster.surfaces import unite
 from cspace.threads import cores, in_threads
 
 Nodes = NDArray[np.int32]

@@ -15,12 +15,12 @@ from cspace.shapes.balls import Balls as Balls
 from cspace.shapes.balls import BallSet as BallSet
 from cspace.shapes.balls import Point as Point
 from cspace.shapes.balls import check_balls as check_balls
-from cspace.shapes.bounded import BoundedShape as BoundedShape
 from cspace.shapes.mesh import Mesh as Mesh
 from cspace.shapes.mesh import MeshLike as MeshLike
 from cspace.shapes.mesh import MeshWarning as MeshWarning
 from cspace.shapes.polygon import Polygons as Polygons
 from cspace.shapes.primitives import SHORT_TEXTS, is_short_text, parse_short_text
+from cspace.shapes.shape import BoundedShape as BoundedShape
 from cspace.shapes.shape import ExactShape as ExactShape
 from cspace.shapes.shape import Pieces as Pieces
 from cspace.shapes.shape import Shape as Shape

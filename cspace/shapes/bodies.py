@@ -151,7 +151,7 @@ def _outermost_outward(vertices: Floats, faces: Ints, bodies: list[Body]) -> lis
     for b in np.flatnonzero(inward).tolist():
         cavity[b] = ((low < lows[b]).all(axis=1) & (highs[b] < high).all(axis=1)).any()
     if cavity.any():
-        from cspace.raster.winding import Winding
+        from cspace.raster.surfaces import Winding
 
         around, within = outward[owner] & (turns != 0), np.flatnonzero(cavity[owner])
         middle = triangles.reshape(-1, 3).mean(axis=0)

@@ -20,15 +20,13 @@ from cspace.grid import Grid
 from cspace.raster import Raster
 from cspace.rotations import STILL, Turn
 from cspace.shapes.bodies import Body, find_bodies
-from cspace.shapes.bounded import BoundedShape
 from cspace.shapes.polygon import Polygons
-from cspace.shapes.shape import ExactShape, Pieces, Shape, ordered_rows
+from cspace.shapes.shape import BoundedShape, ExactShape, Pieces, Shape, ordered_rows
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-    from cspace.raster.surfaces import Skin
-    from cspace.raster.winding import Buckets, Winding
+    from cspace.raster.surfaces import Buckets, Skin, Winding
 
 
 MOST_OFF: Final = 100.0
@@ -298,7 +296,7 @@ class Mesh(ExactShape):
 
     @cached_property
     def _index(self) -> Buckets:
-        from cspace.raster.winding import Buckets
+        from cspace.raster.surfaces import Buckets
 
         return Buckets.of(self.triangles)
 
@@ -464,7 +462,7 @@ class Mesh(ExactShape):
 
     @cached_property
     def _winding(self) -> Winding:
-        from cspace.raster.winding import Winding
+        from cspace.raster.surfaces import Winding
 
         counted = np.flatnonzero(self._turns)
         return Winding(self.vertices[self.faces[counted]] - self.bounds[0], self._turns[counted])

@@ -10,12 +10,10 @@ from numpy.typing import ArrayLike
 
 from cspace.check import check_point, not_negative, positive
 from cspace.errors import InputError
-from cspace.shapes import bounded
 from cspace.shapes.balls import Balls
-from cspace.shapes.bounded import BoundedShape, Pair
 from cspace.shapes.mesh import Mesh
 from cspace.shapes.polygon import Polygons
-from cspace.shapes.shape import Shape
+from cspace.shapes.shape import BoundedShape, Pair, Shape, capsule_bounds, cylinder_bounds, ellipse_bounds
 from cspace.shapes.voxels import Box
 
 
@@ -49,7 +47,7 @@ def rectangle(length: float, width: float, center: ArrayLike = (0.0, 0.0)) -> Na
 def ellipse(radius_x: float, radius_y: float, center: ArrayLike = (0.0, 0.0)) -> NamedShape:
     """Make an ellipse with semi-axes ``radius_x`` along x and ``radius_y`` along y, between two polygons; metres."""
     radii, middle = (positive(radius_x, "radius_x"), positive(radius_y, "radius_y")), check_point(center)
-    outer, inner = (Polygons.of(corners) for corners in bounded.ellipse(radii, middle))
+    outer, inner = (Polygons.of(corners) for corners in ellipse_bounds(radii, middle))
     is_disc = radii[0] == radii[1] and not middle.any()
     return NamedShape(f"ellipse {radius_x:g} m x {radius_y:g} m", BoundedShape(outer, inner, is_round_about_z=is_disc))
 
@@ -63,13 +61,13 @@ def box(extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
 def cylinder(radius: float, height: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
     """Make an upright cylinder between two prisms; metres."""
     sizes = positive(radius, "radius"), positive(height, "height")
-    return NamedShape(f"cylinder {radius:g} m, {height:g} m high", _moved(bounded.cylinder(*sizes), center))
+    return NamedShape(f"cylinder {radius:g} m, {height:g} m high", _moved(cylinder_bounds(*sizes), center))
 
 
 def capsule(radius: float, length: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
     """Make an upright capsule, all within ``radius`` of a segment of ``length``, between two polyhedra; metres."""
     sizes = positive(radius, "radius"), positive(length, "length")
-    return NamedShape(f"capsule {radius:g} m, {length:g} m long", _moved(bounded.capsule(*sizes), center))
+    return NamedShape(f"capsule {radius:g} m, {length:g} m long", _moved(capsule_bounds(*sizes), center))
 
 
 def _moved(sides: Pair, center: ArrayLike) -> BoundedShape:

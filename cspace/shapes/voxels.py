@@ -213,7 +213,7 @@ class Voxels(ExactShape):
     def boxes(self) -> Boxes:
         if self.dim == 2:
             return super().boxes
-        from cspace.raster.components import Components
+        from cspace.raster.surfaces import Components
 
         cells, cavities = self.occupied, Components.of(~self.occupied)
         lows, highs = cell_boxes(cells, 1.0, np.zeros(3))

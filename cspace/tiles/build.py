@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict
 
 import numpy as np
 
-from cspace.correlation import Progress
 from cspace.engines import choose
-from cspace.engines.slices import raster_bytes
+from cspace.engines.slices import Progress, raster_bytes
 from cspace.errors import FileError, InputError
 from cspace.limits import check_memory
 from cspace.robot import Robot

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import FREE, STATE_NAMES, Bools, Floats, Ints
 from cspace.check import whole
 from cspace.configuration_map import ConfigurationMap, Result
-from cspace.correlation import Progress
+from cspace.engines.slices import Progress
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.grid import Grid
 from cspace.map.batches import EDGES_A_THREAD, Kernel, Query

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from cspace import __version__
 from cspace.arrays import BLOCKED, MIXED, Bools, Ints
 from cspace.compiling import kernel
-from cspace.correlation import Correlation, sides_of
-from cspace.engines.slices import Pair, slice_rasters
+from cspace.engines.slices import Correlation, Pair, sides_of, slice_rasters
 from cspace.errors import CspaceError, FileError, InputError, optional
 from cspace.limits import KEEP, bytes_text, free_bytes
 from cspace.sources import Source, changed

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace.engines import fft
-from cspace.engines.tiling import (
+from cspace.engines.fft import (
     MARGIN,
     SECONDS_A_POINT,
     SIZES,

@@ -15,7 +15,7 @@ from scipy.optimize import nnls
 
 import solids
 from cspace import Grid, InputError, Mesh, MeshWarning
-from cspace.raster.components import Components
+from cspace.raster.surfaces import Components
 from cspace.raster.triangles import cut_to, mark_within, swept
 from oracles import cross, distance_to_triangles, dot, units
 from strategies import seeds

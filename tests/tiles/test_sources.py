@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace.errors import FileError, InputError
-from cspace.raster.winding import Buckets
+from cspace.raster.surfaces import Buckets
 from tiles.test_build import ARM, CAR, random_workspace, same_states
 
 FILLED = {"write_empty_chunks": True}
