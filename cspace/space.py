@@ -51,8 +51,7 @@ if TYPE_CHECKING:
     from cspace.map.overlaps import Runs, Sums
     from cspace.map.sampling import FreeCells
     from cspace.map.widest import Widest
-    from cspace.spectral.field import OverlapField
-    from cspace.spectral.overlap import FourierOverlap
+    from cspace.spectral.overlap import FourierOverlap, OverlapField
     from cspace.update import Change, Update, Updater
 
 
@@ -843,7 +842,7 @@ class CSpace(ConfigurationMap, MapExport):
         MissingPackageError
             If finufft is not installed.
         """
-        from cspace.spectral.field import OverlapField
+        from cspace.spectral.overlap import OverlapField
 
         fields = OverlapField.of(self, overlap).arrays
         with self._lock:  # an update waits
@@ -852,7 +851,7 @@ class CSpace(ConfigurationMap, MapExport):
     @property
     def overlap_field(self) -> OverlapField | None:
         """The overlap of descriptors that the map carries; None where there is none."""
-        from cspace.spectral.field import OverlapField
+        from cspace.spectral.overlap import OverlapField
 
         fields = self._contents.fields
         return OverlapField(self, fields) if fields else None

@@ -21,7 +21,7 @@ from cspace.limits import SCRATCH_BYTES
 from cspace.map.contents import Contents
 from cspace.map.exterior import Exterior
 from cspace.map.storage import PackedStates
-from cspace.obstacles import Box, Obstacle, ObstacleLayers
+from cspace.obstacles import CellBox, Obstacle, ObstacleLayers
 from cspace.raster import Raster
 from cspace.shapes import Shape
 from cspace.workspace import Workspace, copied
@@ -232,11 +232,11 @@ class Updater:
             boxes = [(np.minimum(one, three), np.maximum(two, four))]
         return self._follow_layers(self._layers, boxes)
 
-    def _are_apart(self, box: Box, other: Box) -> bool:
+    def _are_apart(self, box: CellBox, other: CellBox) -> bool:
         """Return True if no configuration can touch both boxes, so that two changes cost less than one."""
         return bool((np.maximum(other[0] - box[1], box[0] - other[1]) >= self._size).any())
 
-    def _follow_layers(self, layers: ObstacleLayers, boxes: Sequence[Box]) -> Update:
+    def _follow_layers(self, layers: ObstacleLayers, boxes: Sequence[CellBox]) -> Update:
         """Copy boxes of cells, one after the other, and all shapes, from the layers to the map."""
         self._show(layers.obstacles)
         patches = [Patch(tuple(first.tolist()), *layers.cells(first, stop)) for first, stop in boxes]

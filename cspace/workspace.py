@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
     from cspace.files.ros import GridMessage
     from cspace.files.urdf import PackageDirs
+    from cspace.obstacles import Source
     from cspace.shapes.balls import BallSet
     from cspace.shapes.mesh import MeshLike, Solid
-    from cspace.sources import Source
 
 _IN_TILES = "build its map tile by tile, with cspace.build(..., store='map.zarr')"
 Geometries: TypeAlias = "BaseGeometry | Mapping[str, object] | StrPath | Iterable[Geometries]"
@@ -183,7 +183,7 @@ class Workspace(WorkspacePlot):
         """
         from cspace.files.formats import read_cells, read_zarr_array
         from cspace.limits import check_cells as check_file_cells
-        from cspace.sources import Lazy, check_no_chunk_missing, is_away
+        from cspace.obstacles import Lazy, check_no_chunk_missing, is_away
 
         positive(spacing, "spacing", "metres, after the array of cells")
         source, array = "array", occupied
@@ -366,7 +366,7 @@ class Workspace(WorkspacePlot):
             extent = corners if points is None else np.stack([points.min(axis=0), points.max(axis=0)])
             warn_of_units(extent, spacing, kind, box is not None)
         if lazy:
-            from cspace.sources import Drawn
+            from cspace.obstacles import Drawn
 
             return LazyWorkspace(grid, Drawn(shape, grid), source, (shape,))
         outer, inner = shape.cells(grid)
@@ -447,7 +447,7 @@ class Workspace(WorkspacePlot):
     @property
     def cells(self) -> Source:
         """What the cells are read from, a box at a time."""
-        from cspace.sources import Held
+        from cspace.obstacles import Held
 
         return Held(self.outer, self.inner)
 
@@ -769,7 +769,7 @@ class LazyWorkspace(Workspace):
     Parameters
     ----------
     grid : Grid
-    cells : cspace.sources.Source
+    cells : cspace.obstacles.Source
     source : str
         What it is read from.
     shapes : tuple or None

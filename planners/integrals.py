@@ -16,7 +16,7 @@ from cspace.map.mip import Marks, PlaneMarks, SpaceMarks
 from cspace.map.points import Numbers, replaced
 from cspace.map.storage import Map
 from cspace.space import CSpace
-from cspace.spectral.field import field_at
+from cspace.spectral.overlap import field_at
 
 Field = Marks | Floats | None
 """What has a value at each configuration: the clearance, by the marks of a map; an array of cells; or nothing."""

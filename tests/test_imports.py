@@ -31,7 +31,7 @@ ORDER = [
     "cspace.exact",
     "cspace.map",
     "cspace.engines",
-    "cspace.robot cspace.workspace cspace.obstacles cspace.sources",
+    "cspace.robot cspace.workspace cspace.obstacles",
     "cspace.shown",
     "cspace.shapes",
     "cspace.raster",

@@ -22,7 +22,7 @@ from commands import run
 from cspace import InputError, Robot, Workspace
 from cspace.files import points
 from cspace.files.formats import FORMATS, dimension_of
-from cspace.spectral import spheres
+from cspace.spectral.decompose import READERS
 from cspace.store.saved import SAVES
 
 ROOT = Path(cspace.__file__).parents[1]
@@ -91,7 +91,7 @@ def test_every_format_is_in_the_docstring_and_in_the_docs() -> None:
 
 def test_every_format_has_a_family_of_damaged_files(families: dict[str, Path]) -> None:
     suffixes = {Path(name).suffix for name in families}
-    read = {*FORMATS, *robot_suffixes(), *SAVES, *spheres.READERS}
+    read = {*FORMATS, *robot_suffixes(), *SAVES, *READERS}
     assert {SAME_CONTENT.get(suffix, suffix) for suffix in read} <= suffixes
 
 

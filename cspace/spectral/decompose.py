@@ -7,20 +7,27 @@ the axes: its middle, with ``half`` zero, or all of it.
 from __future__ import annotations
 
 import heapq
+import json
 import math
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from itertools import product
-from typing import Any, Final, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Floats, Ints
-from cspace.check import check_word, positive, whole
+from cspace.arrays import Floats, Ints, frozen
+from cspace.check import check_word, finite, positive, whole
 from cspace.compiling import jit, kernel
-from cspace.errors import GeometryError, InputError
-from cspace.shapes import ShapeLike, shape_of
+from cspace.errors import FileError, GeometryError, InputError
+from cspace.files.access import replacing, suffix_of
+from cspace.files.plain import read_json, read_yaml
+from cspace.shapes import Balls, ExactShape, Shape, ShapeLike, shape_of
 from cspace.spectral.bump import VOLUME
+from cspace.spectral.descriptors import check_solid_balls
 from cspace.spectral.regions import (
     Lattice,
     Region,
@@ -30,7 +37,172 @@ from cspace.spectral.regions import (
     measure_of_balls,
     shape_to_balls,
 )
-from cspace.spectral.spheres import KINDS, Bounds, Kind, Spheres
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Kind = Literal["inner", "outer"]
+
+KINDS: Final = ("inner", "outer")
+FORMAT: Final = "cspace-spheres"
+VERSION: Final = 2
+
+COLORS: Final = {"inner": "#0072b2", "outer": "#d55e00"}
+"""Of balls, from Okabe and Ito (2008)."""
+
+READERS: Final[dict[str, Callable[[Any, str], Any]]] = {".json": read_json, ".yaml": read_yaml, ".yml": read_yaml}
+RULE: Final = "balls go into .yaml, .yml or .json"
+
+_BOUNDS: Final = ("measure", "shape_measure", "hausdorff")
+
+
+class Bounds(NamedTuple):
+    """A number that lies between two."""
+
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spheres:
+    """Balls in space, or discs in the plane, that lie in a shape or cover it.
+
+    Made by :func:`cspace.spectral.decompose`, or read with :meth:`open`.
+
+    Attributes
+    ----------
+    centers : ndarray, shape (n, d)
+        Metres; read-only, the largest ball first.
+    radii : ndarray, shape (n,)
+        Metres; read-only.
+    kind : {"inner", "outer"}
+        Whether each ball lies in the shape, or the union covers it.
+    measure, shape_measure : Bounds
+        Of the area or volume of the union, and of the shape, square or cubic metres.
+    hausdorff : Bounds
+        Of the one-sided Hausdorff distance that is not zero, metres: for "inner", the farthest that a point of the
+        shape is from the balls; for "outer", the farthest that a point of the balls is from the shape.
+    shape : Shape, or None
+        The shape, for pictures; it is not written to files.
+
+    Raises InputError if there is no ball, arrays do not fit, or a value is not usable.
+    """
+
+    centers: Floats = field(repr=False)
+    radii: Floats = field(repr=False)
+    kind: Kind
+    measure: Bounds
+    shape_measure: Bounds
+    hausdorff: Bounds
+    shape: Shape | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        centers, radii = check_solid_balls(self.centers, self.radii)
+        check_word(self.kind, "kind", KINDS)
+        for name in _BOUNDS:
+            pair = finite(getattr(self, name), name)
+            if pair.shape != (2,) or not 0.0 <= pair[0] <= pair[1]:
+                rule = "it must be two numbers, zero or above, the lower one first"
+                raise InputError(
+                    name, f"is {getattr(self, name)!r}", rule, "pass Bounds(lower, upper)", value=getattr(self, name)
+                )
+            object.__setattr__(self, name, Bounds(*pair.tolist()))
+        object.__setattr__(self, "centers", frozen(centers))
+        object.__setattr__(self, "radii", frozen(radii))
+
+    def __len__(self) -> int:
+        """Number of balls."""
+        return len(self.radii)
+
+    @property
+    def dim(self) -> int:
+        """Number of axes, 2 or 3."""
+        return int(self.centers.shape[1])
+
+    @property
+    def volume_bounds(self) -> Bounds:
+        """Bounds of the area or volume of the union, over that of the shape; without end if the shape has none."""
+        low, high = self.shape_measure
+        return Bounds(
+            self.measure.lower / high if high > 0.0 else float("inf"),
+            self.measure.upper / low if low > 0.0 else float("inf"),
+        )
+
+    @property
+    def volume_ratio(self) -> float:
+        """The middle of :attr:`volume_bounds`; in the plane, these are some 1e-5 apart."""
+        return sum(self.volume_bounds) / 2.0
+
+    def plot(self, ax: Axes | None = None, *, title: str | None = None) -> Axes:
+        """Draw the balls, and their shape where it is known, on axes or else in a new figure that belongs to no window.
+
+        The title gives number, kind and how well they describe the shape, unless one is passed. Raises InputError if
+        axes are of the plane and balls are in space, or the other way around.
+        """
+        from matplotlib.collections import LineCollection, PatchCollection
+        from matplotlib.figure import Figure
+        from matplotlib.patches import Circle
+
+        solid, color = self.dim == 3, COLORS[self.kind]
+        axes: Any = ax or Figure((6.5, 6.5), layout="constrained").add_subplot(projection="3d" if solid else None)
+        if solid != hasattr(axes, "get_zlim"):
+            where = ("in the plane", "in space")
+            mend = "add_subplot(projection='3d') makes axes for balls, and one without a projection for discs"
+            raise InputError("ax", f"is {where[not solid]}", f"the balls are {where[solid]}", mend, value=ax)
+        if solid:
+            shapes: list[tuple[ExactShape, dict[str, Any]]] = [(Balls(self.centers, self.radii), {"color": color})]
+            if self.shape is not None:
+                shapes.append((self.shape.outer, {"color": (0, 0, 0, 0), "edgecolor": "#26262680", "linewidth": 0.5}))
+            for (vertices, faces), style in ((shape.surface, style) for shape, style in shapes):
+                axes.plot_trisurf(*vertices.T, triangles=faces, **style)
+        else:
+            # So many discs lie over each other that their colours must be thin.
+            discs = PatchCollection(list(map(Circle, self.centers, self.radii)), facecolor=(color, 0.16), linewidth=0.6)
+            discs.set_edgecolor((color, 0.75))
+            axes.add_collection(discs)
+            if self.shape is not None:
+                axes.add_collection(LineCollection(list(self.shape.outer.boundary().simplices), colors="#262626"))
+            axes.autoscale_view()
+        axes.set(aspect="equal", **{f"{name}label": f"{name} [m]" for name in "xyz"[: self.dim]})
+        text = f"{len(self)} {self.kind} {'balls' if solid else 'discs'}, within {self.hausdorff.upper:.3g} m"
+        axes.set_title(text if title is None else title, fontsize=10)
+        return axes  # type: ignore[no-any-return]
+
+    def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
+        """Write all but the shape to a file, to the last bit; its name ends in ``.yaml``, ``.yml`` or ``.json``.
+
+        Raises InputError if it ends otherwise, and FileError if the file exists and ``overwrite`` is not set, or cannot
+        be written.
+        """
+        suffix_of(path, READERS, RULE)
+        record: dict[str, Any] = {"format": FORMAT, "version": VERSION, "kind": self.kind}
+        record |= {name: list(getattr(self, name)) for name in _BOUNDS}
+        record |= {"centers": self.centers.tolist(), "radii": self.radii.tolist()}
+        with replacing(path, overwrite) as temporary:
+            temporary.write_text(json.dumps(record), encoding="utf-8")  # which is YAML as well
+        return Path(path)
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str]) -> Spheres:
+        """Read what :meth:`save` wrote.
+
+        Raises InputError if the name ends otherwise, and FileError if the file is missing, malformed, or of another
+        version.
+        """
+        load = READERS[suffix_of(path, READERS, RULE)]
+        record, name = load(path, "file of balls"), os.fspath(path)
+        if not isinstance(record, Mapping) or record.get("format") != FORMAT:
+            raise FileError(name, "holds no balls", f"its format must be {FORMAT!r}", "pass a file of Spheres.save")
+        if record.get("version") != VERSION:
+            version = f"has version {record.get('version')!r}"
+            raise FileError(name, version, f"this library reads {VERSION}", "use the library that wrote it")
+        try:
+            bounds = {key: record[key] for key in _BOUNDS}
+            return cls(record["centers"], record["radii"], record["kind"], **bounds)
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            what = f"lacks {error}" if isinstance(error, KeyError) else f"is malformed: {error}"
+            raise FileError(name, what, "it must be as Spheres.save writes it", "mend or write it again") from error
+
 
 FINER: Final = (1, 4)  # how much finer a lattice is tried, in cells, if of the balls fewer than USED are taken
 USED: Final = 0.9
@@ -47,7 +219,7 @@ ROUNDS: Final = 6  # how often every ball is moved, at most
 def decompose(
     shape: ShapeLike, *, kind: Kind = "inner", number: int | None = None, tolerance: float | None = None
 ) -> Spheres:
-    """Balls that fill a shape from inside, or that cover it.
+    """LatticeBalls that fill a shape from inside, or that cover it.
 
     Each ball is taken, one after the other, for the cells of a lattice that it adds (V. Chvatal, "A greedy heuristic
     for the set-covering problem", 1979), with its center along the medial axis. What is promised does not rest on
@@ -145,8 +317,8 @@ def _outer(lattice: Lattice, number: int | None, tolerance: float | None) -> tup
     """Centers and radii of balls that cover a shape, in metres: at most so many, or that stick out by a tolerance."""
     candidates = _maximal(lattice)
 
-    def at(length: float) -> Balls | None:
-        """Balls that stick out by no more; None where more are needed than so many."""
+    def at(length: float) -> LatticeBalls | None:
+        """LatticeBalls that stick out by no more; None where more are needed than so many."""
         cover, balls = _covered(lattice, candidates, length, inside=False, most=number or ANY)
         if len(cover.open_cells):
             return None
@@ -165,8 +337,8 @@ def _outer(lattice: Lattice, number: int | None, tolerance: float | None) -> tup
 
 
 def _covered(
-    lattice: Lattice, candidates: Balls, reach: float, *, inside: bool, most: int = ANY
-) -> tuple[Cover, Balls]:
+    lattice: Lattice, candidates: LatticeBalls, reach: float, *, inside: bool, most: int = ANY
+) -> tuple[Cover, LatticeBalls]:
     """Choose balls, as large as their depths and ``reach``, in sides, until every cell lies in one, or there are so
     many: then the cover has open cells."""
     from scipy.spatial import KDTree
@@ -190,7 +362,7 @@ def _covered(
     return cover, balls
 
 
-def _least(at: Callable[[float], Balls | None], bad: float, good: float) -> Balls | None:
+def _least(at: Callable[[float], LatticeBalls | None], bad: float, good: float) -> LatticeBalls | None:
     """What there is at the least length, between two, at which there is something; None where there is at none."""
     best = at(good)
     for _ in range(STEPS):
@@ -205,15 +377,15 @@ def _least(at: Callable[[float], Balls | None], bad: float, good: float) -> Ball
 # ---- where they are looked for ---------------------------------------------------------------------------------------
 
 
-def _on_lattice(lattice: Lattice) -> Balls:
+def _on_lattice(lattice: Lattice) -> LatticeBalls:
     """As large as they fit round every middle of a cell."""
-    return Balls(lattice.middles, lattice.depths, lattice.depths)
+    return LatticeBalls(lattice.middles, lattice.depths, lattice.depths)
 
 
-def _maximal(lattice: Lattice) -> Balls:
+def _maximal(lattice: Lattice) -> LatticeBalls:
     """Those of the lattice that no other near by holds, but for a sliver.
 
-    They lie along the medial axis. Balls that are grown by one length hold each other just as before.
+    They lie along the medial axis. LatticeBalls that are grown by one length hold each other just as before.
     """
     from scipy.ndimage import grey_dilation
 
@@ -230,7 +402,7 @@ def _maximal(lattice: Lattice) -> Balls:
     return balls.where(few)
 
 
-def _finer(lattice: Lattice, cells: Floats) -> Balls:
+def _finer(lattice: Lattice, cells: Floats) -> LatticeBalls:
     """Those round a point in each of some cells, given by their middles, that lies in the shape; none without one."""
     points = _on_lattice(lattice).where(np.zeros(0, dtype=np.int64))
     for cuts in CUTS:
@@ -240,26 +412,26 @@ def _finer(lattice: Lattice, cells: Floats) -> Balls:
         trials = cells[:, None] + np.array(list(product(*ticks)))
         depths = lattice.depths_at(trials.reshape(-1, 3)).reshape(len(cells), -1)
         rows, best = np.arange(len(cells)), depths.argmax(axis=1)
-        deepest = Balls(trials[rows, best], depths[rows, best], depths[rows, best])
+        deepest = LatticeBalls(trials[rows, best], depths[rows, best], depths[rows, best])
         points = points.joined(deepest.where(deepest.depths > 0.0))
         cells = cells[deepest.depths <= 0.0]
     return points
 
 
-class Balls(NamedTuple):
-    """Balls, in sides of a cell: centers, shape (n, 3), lower bounds of how deep they lie in the shape, and radii."""
+class LatticeBalls(NamedTuple):
+    """Balls of the lattice, in sides of a cell: centers, shape (n, 3), lower bounds of their depths, and radii."""
 
     centers: Floats
     depths: Floats
     reaches: Floats
 
-    def where(self, chosen: NDArray[Any]) -> Balls:
+    def where(self, chosen: NDArray[Any]) -> LatticeBalls:
         """Those of a mask, or of some numbers."""
-        return Balls(*(column[chosen] for column in self))
+        return LatticeBalls(*(column[chosen] for column in self))
 
-    def joined(self, other: Balls) -> Balls:
+    def joined(self, other: LatticeBalls) -> LatticeBalls:
         """Both together."""
-        return Balls(*map(np.concatenate, zip(self, other, strict=True)))
+        return LatticeBalls(*map(np.concatenate, zip(self, other, strict=True)))
 
 
 class Cells(NamedTuple):
@@ -301,7 +473,7 @@ class Cover:
         """Middles of the cells that no ball holds, shape (n, 3)."""
         return np.argwhere(self._cells.times == 0) + np.float64(0.5)
 
-    def choose(self, balls: Balls, most: int) -> Ints:
+    def choose(self, balls: LatticeBalls, most: int) -> Ints:
         """Numbers of those among balls that a greedy choice takes, in their order."""
         lattice, dim = self._lattice, self._lattice.region.dim
         large = np.maximum(balls.reaches, 0.0) + 0.5 * lattice.diagonal
@@ -309,7 +481,7 @@ class Cover:
         chosen, left = np.empty(min(most, len(bounds)), dtype=np.int64), int(self._cells.opens.sum())
         return chosen[: choose(self._cells, balls.centers, balls.reaches, bounds, left, chosen)]
 
-    def trim(self, balls: Balls) -> Floats:
+    def trim(self, balls: LatticeBalls) -> Floats:
         """Drop balls that hold no cell alone, then cut the others to what they hold alone: reaches, 0 if dropped.
 
         Those that stick out most are first.

@@ -21,9 +21,9 @@ from cspace.map.batches import own as owned
 from cspace.map.derived import Lock
 from cspace.map.exterior import Exterior
 from cspace.map.storage import Map, read_only
+from cspace.obstacles import Held
 from cspace.robot import Robot
 from cspace.rotations import Rotations
-from cspace.sources import Held
 from cspace.space import CSpace
 from cspace.store.tiled import Record, Store
 from cspace.threads import LEAST, in_chunks

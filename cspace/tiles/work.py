@@ -23,7 +23,7 @@ from cspace.compiling import kernel
 from cspace.engines.slices import Correlation, Pair, sides_of, slice_rasters
 from cspace.errors import CspaceError, FileError, InputError, optional
 from cspace.limits import KEEP, bytes_text, free_bytes
-from cspace.sources import Source, changed
+from cspace.obstacles import Source, changed
 from cspace.store.tiled import Index, Record, Store
 from cspace.threads import cores, in_threads
 

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace.spectral import BallDescriptor, Bump, Verdict
-from cspace.spectral.bands import Rings, Spectrum, Terms, norm_square, separate, touching_overlap
 from cspace.spectral.bump import pair_integrals
+from cspace.spectral.spectra import Rings, Spectrum, Terms, norm_square, separate, touching_overlap
 from strategies import seeds
 
 pytest.importorskip("finufft")
@@ -186,7 +186,7 @@ def test_norms_by_batches_of_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(3)
     balls = BallDescriptor(rng.uniform(0.0, 1.0, (90, 2)), rng.choice([0.1, 0.2, 0.33], 90))
     value, error = norm_square(balls)
-    monkeypatch.setattr("cspace.spectral.bands.BATCH", 7)
+    monkeypatch.setattr("cspace.spectral.spectra.BATCH", 7)
     again, off = norm_square(balls)
     assert again == pytest.approx(value, rel=1e-9, abs=error + off)
 

@@ -63,7 +63,7 @@ def field(case: tuple[CSpace, FourierOverlap]) -> OverlapField:
 def test_the_field_is_the_overlap_and_its_gradient_at_the_cells(
     case: tuple[CSpace, FourierOverlap], batch: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cspace.spectral.field.BATCH", batch)
+    monkeypatch.setattr("cspace.spectral.overlap.BATCH", batch)
     space, overlap = case
     field = OverlapField.of(space, overlap)
     dim = space.grid.dim

@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 import solids
 from cspace import Grid, InputError, MissingPackageError, Robot
 from cspace.spectral import BallDescriptor, Bounds, Bump, FourierOverlap, Separation, Spheres, Verdict, intersection
-from cspace.spectral.bands import norm_square
 from cspace.spectral.bump import pair_integrals
 from refusals import refusals
 from strategies import seeds
