@@ -15,6 +15,7 @@ import solids
 from cspace import Grid, InputError, MissingPackageError, Robot
 from cspace.spectral import BallDescriptor, Bounds, Bump, FourierOverlap, Separation, Spheres, Verdict, intersection
 from cspace.spectral.bump import pair_integrals
+from cspace.spectral.spectra import norm_square
 from refusals import refusals
 from strategies import seeds
 
