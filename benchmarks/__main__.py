@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import secrets
 import shlex
 import sys
 from collections.abc import Mapping
@@ -28,14 +27,14 @@ BENCHMARKS = {
     "mesh": "100,000 triangles into 256^3 cells, beside trimesh's voxelizer: time, and cells that it misses",
     "frequency": "spectra of 10,000 balls, Minkowski sums, 10^5 overlaps, each against the direct way; early misses",
     "tiles": "maps in tiles: builds against memory, one and two workers, 65,536^2 cells and 16,384^2 x 16 yaws",
-    "images": "reading a map from a PNG of 16,384 x 16,384 pixels, against Pillow's decoding alone",
-    "startup": "seconds that `cspace --help` and `import cspace` add to Python and numpy",
-    "soak": "every FREE, BLOCKED, free edge or curve, MISS and HIT against exact geometry; the band; files; in use",
 }
+
+TOGETHER = {"classify": "lookups", "edges": "lookups", "callbacks": "lookups"}
+"""Modules of several benchmarks, which are functions there; each other benchmark is ``run`` of its own module."""
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run benchmarks; 0 where all results were right, whatever they took, and 1 otherwise."""
+    """Run benchmarks; return 0 if all results were right, however long they took, and 1 otherwise."""
     listed = "\n".join(f"  {name:<10} {text}" for name, text in BENCHMARKS.items())
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
@@ -47,8 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("names", metavar="NAME", nargs="+", choices=[*BENCHMARKS, "all"], help="which ones, or all")
     parser.add_argument("--quick", action="store_true", help="smaller sizes and fewer runs, to see that all works")
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write the figures to FILE")
-    parser.add_argument("--seed", type=int, help="seed of everything random (default 0; soak: a new one each time)")
-    parser.add_argument("--checks", type=int, default=None, help="soak: checks of FREE and BLOCKED (default 10^6)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of everything random (default 0)")
     parser.add_argument(
         "--output",
         metavar="FOLDER",
@@ -73,11 +71,8 @@ def main(arguments: list[str] | None = None) -> int:
     names = list(BENCHMARKS) if "all" in options.names else options.names
     for name in names:
         report.start(name)
-        run = import_module(f"benchmarks.{name}" if name == "soak" else f"benchmarks.suites.{name}").run
-        if name == "soak":
-            run(report, secrets.randbits(32) if options.seed is None else options.seed, options.checks)
-        else:
-            run(report, options.seed or 0)
+        module = import_module(f"benchmarks.suites.{TOGETHER.get(name, name)}")
+        getattr(module, name if name in TOGETHER else "run")(report, options.seed)
     if options.json is not None:
         report.write(options.json)
     if "peers" in names and folder is not None and not report.failures:
@@ -91,7 +86,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def write_page(whole: Mapping[str, Any], folder: Path) -> None:
-    """The table and the plot of a run that took in ``peers``."""
+    """Write the table and the plot of a run that includes ``peers``."""
     from benchmarks.suites import chart, page
 
     folder.mkdir(parents=True, exist_ok=True)

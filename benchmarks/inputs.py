@@ -12,9 +12,9 @@ from cspace.arrays import Bools
 
 
 def boxes(size: int, density: float, rng: np.random.Generator, dim: int = 2, each: int = 16) -> Bools:
-    """Boxes of 5 to 100 cells a side until a share of the cells is occupied; ``size`` cells along each axis.
+    """Draw boxes of 5 to 100 cells a side until a share of the cells is occupied; ``size`` cells along each axis.
 
-    The share is looked at after every ``each`` boxes, so that small maps may hold more.
+    The share is computed after every ``each`` boxes, so that small maps may hold more.
     """
     occupied = np.zeros((size,) * dim, dtype=np.bool_)
     longest = min(100, size // 4)
@@ -25,19 +25,14 @@ def boxes(size: int, density: float, rng: np.random.Generator, dim: int = 2, eac
     return occupied
 
 
-def noise(size: int, density: float, rng: np.random.Generator) -> Bools:
-    """Single cells, each occupied by chance."""
-    return np.asarray(rng.random((size, size), dtype=np.float32) < density)
-
-
 def data_folder() -> Path | None:
-    """The folder of real maps that ``CSPACE_TEST_DATA`` names, if there is one."""
+    """Return the folder of real maps that ``CSPACE_TEST_DATA`` names, if it exists."""
     folder = Path(os.environ.get("CSPACE_TEST_DATA", ""))
     return folder if os.environ.get("CSPACE_TEST_DATA") and folder.is_dir() else None
 
 
 def real_map(name: str) -> Workspace | None:
-    """A real map, by its path below the data folder; None where it is absent."""
+    """Open a real map by its path in the data folder; return None if it is absent."""
     folder = data_folder()
     if folder is None or not (folder / name).is_file():
         return None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
@@ -65,6 +66,11 @@ class Report:
         spread += ")" if cpu is None else f"; cpu {time_text(cpu)})"
         extra = "".join(f", {key.replace('_', ' ')} {value}" for key, value in more.items())
         print(f"  {name:<58}{time_text(timing.median):>10}  {spread}{extra}", flush=True)
+
+    def timings(self, timings: Mapping[str, Timing]) -> None:
+        """Report several timings."""
+        for name, timing in timings.items():
+            self.timing(name, timing)
 
     def has(self, package: str, without: str = "skipped") -> bool:
         """Whether a package can be imported; if not, a note says what is done without it."""

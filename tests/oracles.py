@@ -5,7 +5,6 @@ from fractions import Fraction
 from itertools import product
 
 import numpy as np
-import trimesh
 from scipy import sparse
 
 Point = tuple[Fraction, Fraction]
@@ -257,26 +256,65 @@ def touched_turned_cells(start, end, spacing, lower, shape, borders, slack=0):
 # ---- solids ----------------------------------------------------------------------------------------------------------
 
 
+PAIRS = 400_000
+"""Maximum number of pairs of a point and a triangle, or of two boxes, in one array."""
+
+
+def chunks(count, partners):
+    """Return slices of ``count`` items so that each makes at most ``PAIRS`` pairs with ``partners`` others."""
+    size = max(1, PAIRS // max(partners, 1))
+    return [slice(first, first + size) for first in range(0, count, size)]
+
+
+def box_gaps(low, high, other_low, other_high):
+    """Return distances between boxes along the axes, zero where they meet."""
+    apart = np.maximum(np.maximum(other_low - high, low - other_high), 0.0)
+    return np.sqrt((apart * apart).sum(axis=-1))
+
+
 def distance_to_triangles(points, triangles):
-    """Exact distances from points (n, 3) to triangles (m, 3, 3), some points at a time."""
-    distances = [np.zeros(0)]
-    for part in np.array_split(points, len(points) * len(triangles) // 100_000 + 1):
-        each, all_of_them = np.repeat(part, len(triangles), axis=0), np.tile(triangles, (len(part), 1, 1))
-        apart = np.linalg.norm(trimesh.triangles.closest_point(all_of_them, each) - each, axis=1)
-        distances.append(apart.reshape(len(part), len(triangles)).min(axis=1))
-    return np.concatenate(distances)
+    """Return distances from points (n, 3) to the nearest of triangles (m, 3, 3)."""
+    low, high, distances = triangles.min(axis=1), triangles.max(axis=1), np.empty(len(points))
+    for chunk in chunks(len(points), len(triangles)):
+        few = points[chunk]
+        bounds = box_gaps(few[:, None], few[:, None], low, high)
+        least = _distance_to_triangle(few, triangles[bounds.argmin(axis=1)])
+        # A triangle whose bounding box is farther than that cannot be nearer.
+        point, triangle = np.nonzero(bounds < least[:, None])
+        np.minimum.at(least, point, _distance_to_triangle(few[point], triangles[triangle]))
+        distances[chunk] = least
+    return distances
+
+
+def _distance_to_triangle(points, triangles):
+    """Return the distance of each point from its triangle: from the sides, and from the plane above the inside."""
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    sides = ((a, b), (b, c), (c, a))
+    distances = np.min([_distance_to_segment(points, x, y) for x, y in sides], axis=0)
+    normal = np.cross(b - a, c - a)
+    square = (normal * normal).sum(axis=1)
+    above = np.all([(np.cross(y - x, points - x) * normal).sum(axis=1) >= 0.0 for x, y in sides], axis=0)
+    height = np.abs(((points - a) * normal).sum(axis=1)) / np.sqrt(np.where(square > 0.0, square, 1.0))
+    return np.where(above & (square > 0.0), np.minimum(distances, height), distances)
+
+
+def _distance_to_segment(points, start, end):
+    along = end - start
+    square = (along * along).sum(axis=1)
+    t = ((points - start) * along).sum(axis=1) / np.where(square > 0.0, square, 1.0)
+    return np.linalg.norm(points - (start + np.clip(t, 0.0, 1.0)[:, None] * along), axis=1)
 
 
 def winding_numbers(points, triangles):
-    """Winding numbers of closed triangles, by solid angles (van Oosterom and Strackee, 1983)."""
-    numbers = [np.zeros(0, dtype=int)]
-    for part in np.array_split(points, len(points) * len(triangles) // 100_000 + 1):
-        a, b, c = np.moveaxis(triangles - part[:, None, None], 2, 0)
+    """Return winding numbers of closed triangles, by solid angles (van Oosterom and Strackee, 1983)."""
+    numbers = np.empty(len(points), dtype=int)
+    for chunk in chunks(len(points), len(triangles)):
+        a, b, c = np.moveaxis(triangles - points[chunk, None, None], 2, 0)
         la, lb, lc = (np.linalg.norm(side, axis=-1) for side in (a, b, c))
         above = (a * np.cross(b, c)).sum(-1)
         below = la * lb * lc + (a * b).sum(-1) * lc + (b * c).sum(-1) * la + (c * a).sum(-1) * lb
-        numbers.append(np.rint(np.arctan2(above, below).sum(-1) / (2.0 * np.pi)).astype(int))
-    return np.concatenate(numbers)
+        numbers[chunk] = np.rint(np.arctan2(above, below).sum(-1) / (2.0 * np.pi))
+    return numbers
 
 
 def winds_around(points, triangles):

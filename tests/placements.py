@@ -3,7 +3,7 @@
 import numpy as np
 import shapely
 
-from benchmarks.soak.plane_geometry import Shape, frame, union_of_cells
+from tests.soak.plane import Shape, frame, union_of_cells
 
 
 def draw_configurations(space, rng, n, far=False):

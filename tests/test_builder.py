@@ -17,13 +17,13 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import cspace
-from benchmarks.soak.plane_geometry import placed
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Rotations, Workspace
 from cspace.engines.slices import slice_rasters
 from cspace.rotations.base import TURN
 from oracles import overlaps_by_shifts
 from refusals import refusals
 from strategies import robots, seeds, solid_robots, stars
+from tests.soak.plane import placed
 
 H = 0.15
 POLICIES = st.sampled_from(["blocked", "free"])

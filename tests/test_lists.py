@@ -17,13 +17,13 @@ import cspace.arms
 import cspace.plot
 import cspace.spectral
 import planners
-from benchmarks.soak import files as soak
 from commands import run
 from cspace import InputError, Robot, Workspace
 from cspace.files import points
 from cspace.files.formats import FORMATS, dimension_of
 from cspace.spectral.decompose import READERS
 from cspace.store.saved import SAVES
+from tests.soak import files as soak
 
 ROOT = Path(cspace.__file__).parents[1]
 DOCS = ROOT / "docs"

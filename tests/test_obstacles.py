@@ -16,11 +16,11 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 import solids
-from benchmarks.soak.plane_geometry import placed
 from cspace import BLOCKED, FREE, ConfigurationError, InputError, Robot, Workspace
 from cspace.map.components import Components
 from cspace.shapes import Box, Shape, shape_of
 from refusals import refusals
+from tests.soak.plane import placed
 from updates import BLOCK, SPACING, World, agree, check, checkers, room, worlds
 from waiting import while_two_ask
 

@@ -7,12 +7,16 @@ import numpy as np
 
 
 def link(name: str, *boxes: tuple[Any, Any], extra: str = "") -> str:
-    """A link of boxes, each given by its sides and its middle."""
-    parts = [
-        f'<collision><origin xyz="{_text(at)}"/><geometry><box size="{_text(size)}"/></geometry></collision>'
-        for size, at in boxes
-    ]
-    return f'<link name="{name}">{"".join(parts)}{extra}</link>'
+    """Write a link of boxes, each given by its sides and its middle."""
+    return f'<link name="{name}">{"".join(collision("box", *each) for each in boxes)}{extra}</link>'
+
+
+def collision(kind: str, sizes: Any, at: Any, rpy: Any = (0, 0, 0)) -> str:
+    """Write a solid of a link: a box of some sides, a cylinder of some radius and length, or a sphere."""
+    values = zip(("radius", "length"), sizes, strict=False)
+    measures = f'size="{_text(sizes)}"' if kind == "box" else " ".join(f'{key}="{value}"' for key, value in values)
+    origin = f'<origin xyz="{_text(at)}" rpy="{_text(rpy)}"/>'
+    return f"<collision>{origin}<geometry><{kind} {measures}/></geometry></collision>"
 
 
 def joint(

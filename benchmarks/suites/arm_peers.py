@@ -84,29 +84,41 @@ class Problem:
     goals: Floats
 
     @property
-    def solids(self) -> Iterator[tuple[str, str, Floats, tuple[float, ...]]]:
-        """Name, kind, pose and measures of each obstacle: sides, radius and length, or radius."""
+    def solids(self) -> list[Solid]:
+        """The obstacles."""
+        solids = []
         for kind, names in (("box", ["half_extents"]), ("cylinder", ["radius", "length"]), ("sphere", ["radius"])):
             for each in self.row[kind]:
                 pose = np.eye(4)
                 pose[:3, 3] = each["position"]
                 pose[:3, :3] = Rotation.from_quat(each.get("orientation_quat_xyzw", (0, 0, 0, 1))).as_matrix()
-                measures = np.concatenate([np.atleast_1d(each[name]) for name in names])
-                yield each["name"], kind, pose, tuple((measures * (2.0 if kind == "box" else 1.0)).tolist())
+                sizes = np.concatenate([np.atleast_1d(each[name]) for name in names])
+                solids.append((each["name"], kind, pose, tuple((sizes * (2.0 if kind == "box" else 1.0)).tolist())))
+        return solids
 
     def space(self) -> ArmSpace:
-        """Ours."""
-        make = {"box": lambda *sides: Robot.box(sides), "cylinder": Robot.cylinder, "sphere": Robot.ball}
-        obstacles = {name: Placed(make[kind](*sizes).shape, pose) for name, kind, pose, sizes in self.solids}
-        return build_arm(obstacles, self.folder.arm)
+        return build_arm(our_solids(self.solids), self.folder.arm)
 
     def meshes(self) -> Meshes:
-        """Coal's."""
-        import coal
+        return Meshes(self.folder.urdf, self.folder.arm.joints, coal_solids(self.solids), self.folder.srdf)
 
-        make = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}
-        solids = [(name, make[kind](*sizes), pose) for name, kind, pose, sizes in self.solids]
-        return Meshes(self.folder.urdf, self.folder.arm.joints, solids, self.folder.srdf)
+
+Solid = tuple[str, str, Floats, tuple[float, ...]]
+"""Name, kind, pose, and sides, or radius and length, of a box, a cylinder or a sphere."""
+
+
+def our_solids(solids: Sequence[Solid]) -> dict[str, Placed]:
+    """Return solids as obstacles of this library."""
+    make = {"box": lambda *sides: Robot.box(sides), "cylinder": Robot.cylinder, "sphere": Robot.ball}
+    return {name: Placed(make[kind](*sizes).shape, pose) for name, kind, pose, sizes in solids}
+
+
+def coal_solids(solids: Sequence[Solid]) -> list[tuple[str, Any, Floats]]:
+    """Return name, geometry and pose of solids, for coal."""
+    import coal
+
+    make = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}
+    return [(name, make[kind](*sizes), pose) for name, kind, pose, sizes in solids]
 
 
 class Meshes:

@@ -11,7 +11,6 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from benchmarks.report import Report
-from benchmarks.soak.frequency_cases import POOL, Body, oracle, overlap_of, pool_body, random_turn
 from benchmarks.timing import interleave, once
 from cspace import Grid
 from cspace.arrays import Bools, Floats, Ints
@@ -25,6 +24,7 @@ from cspace.spectral import (
     minkowski_sum,
     superlevel,
 )
+from tests.soak.frequency import POOL, Body, oracle, overlap_of, pool_body, random_turn
 
 Complexes = NDArray[np.complex128]
 
@@ -71,17 +71,13 @@ MOST = 0.05
 
 
 def run(report: Report, seed: int) -> None:
-    """Minkowski sums; then, where finufft is there, spectra, values at placements, and early misses."""
+    """Compare Minkowski sums, spectra, values at placements, and early misses."""
     rng = np.random.default_rng(seed)
     for name, make in (("indicators", _flags), ("bumps of balls", _bumps)):
         _minkowski(report, name, make, rng)
-    if not report.has("finufft", "skipped all but Minkowski sums"):
-        return
     for dim in (2, 3):
         _spectra(report, dim, rng)
-    for dim in (2, 3):
         _values(report, seed, dim, rng)
-    for dim in (2, 3):
         _misses(report, seed, dim)
 
 
@@ -245,8 +241,6 @@ def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> No
 
 def _misses(report: Report, seed: int, dim: int) -> None:
     """How many frequencies an early miss takes: swollen balls first, and by frequencies alone."""
-    if dim == 3 and not report.has("fcl", "early misses in space skipped"):
-        return
     numbers = range(1 if report.quick else SCENES[dim])
     scenes = [_scene(seed, dim, np.random.default_rng([seed, number, 50 + dim])) for number in numbers]
     for share in SHARES[-1:] if report.quick else SHARES:

@@ -1,86 +1,112 @@
-"""The outer map, by our engines and by peers: where a robot meets obstacles, with everything outside the map free."""
+"""Outer maps, by our engines and by peers: where a robot meets obstacles, with everything outside the map free."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage, signal
 
 import cspace
 from benchmarks.report import is_here
-from benchmarks.suites.stamping import stamp
 from cspace import Robot, Workspace
-from cspace.arrays import Bools
+from cspace.arrays import Bools, Ints
+from cspace.compiling import jit
 from cspace.engines import METHODS as METHODS
 from cspace.raster import Raster
+from cspace.threads import cores
 
 Call = Callable[[], Bools]
 
 
 def ours(workspace: Workspace, robot: Robot, method: str) -> Bools:
-    """The outer map of a robot that only translates, from its shape on."""
+    """Return the outer map of a robot that only translates, from its shape on."""
     space = cspace.build(workspace, robot, inner=False, outside="free", method=method)
     return space.state.view(np.bool_)  # FREE is 0 and MIXED 1
 
 
 def named(method: str) -> str:
-    """What one of our engines is called in reports."""
+    """Return the name of one of our engines in reports."""
     return f'ours, "{method}"'
+
+
+def across(cells: NDArray[Any]) -> str:
+    """Return the number of cells along each axis, as text."""
+    return " x ".join(map(str, cells.shape))
 
 
 def convolved(
     convolve: Callable[..., NDArray[Any]], occupied: NDArray[Any], kernel: NDArray[Any], raster: Raster
 ) -> Bools:
-    """One of SciPy's convolutions.
-
-    Parameters
-    ----------
-    convolve : callable
-        ``scipy.signal.fftconvolve`` or the like.
-    occupied : ndarray of float
-    kernel : ndarray of float
-        The cells of the raster, flipped.
-    raster : Raster
-    """
+    """Compute the map by one of SciPy's convolutions, with the flipped cells of the raster as the kernel."""
     whole = convolve(occupied, kernel, mode="full")
     window = tuple(slice(high, high + n) for high, n in zip(raster.upper, occupied.shape, strict=True))
     return np.asarray(whole[window] > 0.5)
 
 
-def binary_dilation(occupied: Bools, raster: Raster) -> Bools:
-    """SciPy's morphology."""
-    from scipy import ndimage
-
-    # Centred by SciPy on shape // 2, which is where a disc around the reference point has its own centre.
-    dilated: Bools = ndimage.binary_dilation(occupied, np.flip(raster.cells))
-    return dilated
+# ---- stamping: what a ROS user would run -----------------------------------------------------------------------------
 
 
-def dilation(occupied: Bools, raster: Raster) -> Call:
-    """OpenCV's morphology, in the plane; its copies of the cells are made beforehand."""
-    import cv2
-
-    image, kernel = occupied.astype(np.uint8), raster.cells.astype(np.uint8)
-    return lambda: cv2.dilate(image, kernel, anchor=_anchor(raster)).astype(np.bool_)
-
-
-def filtered(occupied: Bools, raster: Raster) -> Call:
-    """OpenCV's correlation, in the plane; its copies of the cells are made beforehand."""
-    import cv2
-
-    image, kernel = occupied.astype(np.float32), raster.cells.astype(np.float32)
-    options: dict[str, Any] = {"anchor": _anchor(raster), "borderType": cv2.BORDER_CONSTANT}
-    return lambda: cv2.filter2D(image, cv2.CV_32F, kernel, **options) > 0.5
+@jit
+def _stamp(out: Bools, border: Ints, runs: Ints) -> None:
+    """Set the rows ``(x, first y, stop y)`` of a bitmap around every border cell, clipped to the map."""
+    nx, ny = out.shape
+    for c in range(border.shape[0]):
+        x, y = border[c]
+        for r in range(runs.shape[0]):
+            i = x + runs[r, 0]
+            if 0 <= i < nx:
+                out[i, max(0, y + runs[r, 1]) : max(0, min(ny, y + runs[r, 2]))] = True
 
 
-@dataclass(frozen=True)
-class Peer:
-    """One peer.
+def stamp(occupied: Bools, rasters: Sequence[Raster]) -> list[Bools]:
+    """Print the bitmap of each raster around the obstacle cells on a border, one thread a raster.
+
+    A connected robot that meets the obstacles meets one of their border cells, or has all of its offsets in them. The
+    border cells are stamped; the others are covered by the map itself, moved by one of the offsets.
+    """
+    border = border_cells(occupied)
+
+    def one(raster: Raster) -> Bools:
+        steps = np.diff(np.pad(raster.cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+        (rows, starts), stops = np.nonzero(steps > 0), np.nonzero(steps < 0)[1]
+        x, y = raster.lower
+        # A configuration k is hit if k + m is occupied, so the runs are those of the offsets -m.
+        runs = np.column_stack([-(rows + x), 1 - (stops + y), 1 - (starts + y)])
+        offset = (np.argwhere(raster.cells)[raster.count // 2] + raster.lower).tolist()
+        target, source = zip(*map(_overlap, occupied.shape, offset), strict=True)
+        out = np.zeros_like(occupied)
+        out[target] = occupied[source]
+        _stamp(out, border, runs)
+        return out
+
+    with ThreadPoolExecutor(cores()) as pool:
+        return list(pool.map(one, rasters))
+
+
+def border_cells(occupied: Bools) -> Ints:
+    """Return occupied cells beside one that is not, or on the border of the map, shape (n, 2)."""
+    wide = np.pad(occupied, 1)
+    hidden = wide[:-2, 1:-1] & wide[2:, 1:-1] & wide[1:-1, :-2] & wide[1:-1, 2:]
+    return np.argwhere(occupied & ~hidden)
+
+
+def _overlap(size: int, by: int) -> tuple[slice, slice]:
+    """Return cells k, and cells k + by, that both lie in the map."""
+    by = min(max(by, -size), size)
+    return slice(max(0, -by), size - max(0, by)), slice(max(0, by), size - max(0, -by))
+
+
+# ---- peers -----------------------------------------------------------------------------------------------------------
+
+
+class Peer(NamedTuple):
+    """A library's way to compute the map.
 
     Attributes
     ----------
@@ -100,43 +126,51 @@ class Peer:
 
 
 def peers(dim: int) -> list[Peer]:
-    """All that are installed and go with a number of dimensions."""
-    every = [*PEERS, *(OPENCV if is_here("cv2") else [])]
-    return [way for way in every if dim in way.dims]
-
-
-def across(cells: NDArray[Any]) -> str:
-    """Cells along each axis."""
-    return " x ".join(map(str, cells.shape))
-
-
-def _anchor(raster: Raster) -> tuple[int, int]:
-    """The reference point as OpenCV counts it: column, row."""
-    return -raster.lower[1], -raster.lower[0]
+    """Return the peers that are installed and work in a dimension."""
+    return [peer for peer in PEERS if dim in peer.dims and (is_here("cv2") or not peer.name.startswith("cv2"))]
 
 
 def _convolution(name: str, precision: type[np.floating[Any]], occupied: Bools, raster: Raster) -> Call:
-    from scipy import signal
-
     kernel = np.flip(raster.cells).astype(precision)
     return partial(convolved, getattr(signal, name), occupied.astype(precision), kernel, raster)
 
 
-def _dilated(occupied: Bools, raster: Raster) -> Call:
-    return partial(binary_dilation, occupied, raster)
+def _binary_dilation(occupied: Bools, raster: Raster) -> Call:
+    # SciPy centers the kernel on shape // 2, where a disc around the reference point has its own center.
+    return partial(ndimage.binary_dilation, occupied, np.flip(raster.cells))
 
 
-def _stamped(occupied: Bools, raster: Raster) -> Call:
+def _stamping(occupied: Bools, raster: Raster) -> Call:
     return lambda: stamp(occupied, [raster])[0]
 
 
+def _dilate(occupied: Bools, raster: Raster) -> Call:
+    import cv2
+
+    image, kernel = occupied.astype(np.uint8), raster.cells.astype(np.uint8)
+    return lambda: cv2.dilate(image, kernel, anchor=_anchor(raster)).astype(np.bool_)
+
+
+def _filter(occupied: Bools, raster: Raster) -> Call:
+    import cv2
+
+    image, kernel = occupied.astype(np.float32), raster.cells.astype(np.float32)
+    options: dict[str, Any] = {"anchor": _anchor(raster), "borderType": cv2.BORDER_CONSTANT}
+    return lambda: cv2.filter2D(image, cv2.CV_32F, kernel, **options) > 0.5
+
+
+def _anchor(raster: Raster) -> tuple[int, int]:
+    """Return the reference point as OpenCV counts it: column, row."""
+    return -raster.lower[1], -raster.lower[0]
+
+
 def _pairs(shape: Sequence[int], raster: Raster) -> float:
-    """Each cell of the map with each of the robot's."""
+    """Count pairs of a cell of the map and a cell of the robot."""
     return math.prod(shape) * float(raster.count)
 
 
 def _points(shape: Sequence[int], raster: Raster) -> float:
-    """Points of a transform of the whole map, and the steps of each."""
+    """Count points of a transform of the whole map, times the steps of each."""
     points = float(math.prod(n + r - 1 for n, r in zip(shape, raster.cells.shape, strict=True)))
     return points * math.log2(points + 1.0)
 
@@ -146,15 +180,15 @@ def _cells(shape: Sequence[int], raster: Raster) -> float:
 
 
 def _rows(shape: Sequence[int], raster: Raster) -> float:
-    """Each cell of the map with each row of the robot's."""
+    """Count pairs of a cell of the map and a row of the robot."""
     return math.prod(shape) * float(len(raster.cells))
 
 
 PEERS = (
     Peer("fftconvolve float64", partial(_convolution, "fftconvolve", np.float64), _points),
     Peer("oaconvolve float32", partial(_convolution, "oaconvolve", np.float32), _cells),
-    Peer("ndimage.binary_dilation", _dilated, _pairs),
-    Peer("stamping, compiled", _stamped, _rows, (2,)),
+    Peer("ndimage.binary_dilation", _binary_dilation, _pairs),
+    Peer("stamping, compiled", _stamping, _rows, (2,)),
+    Peer("cv2.dilate", _dilate, _pairs, (2,)),
+    Peer("cv2.filter2D", _filter, _cells, (2,)),
 )
-
-OPENCV = (Peer("cv2.dilate", dilation, _pairs, (2,)), Peer("cv2.filter2D", filtered, _cells, (2,)))

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 import cspace
-from benchmarks import inputs, motions
+from benchmarks import inputs
 from benchmarks.report import Report
+from benchmarks.suites import lookups
 from benchmarks.suites.planning_peers import LIMIT, Peer, Problem, Query, problems
 from benchmarks.timing import Timing
 from cspace import CSpace
@@ -25,8 +26,6 @@ Solver = Callable[[Query, int], tuple[float, Floats | None]]
 
 def run(report: Report, seed: int) -> None:
     """The same queries and seeds in every space, ours and the peer's in turns."""
-    if not report.has("ompl"):
-        return
     if inputs.data_folder() is None:
         report.note(inputs.NO_DATA)
         return
@@ -152,7 +151,7 @@ def peer_setup(space: CSpace, is_free: Callable[[Any], bool]) -> Callable[[], An
         made = og.SimpleSetup(planners.state_space(space))
         si = made.getSpaceInformation()
         made.setStateValidityChecker(Checker(si))
-        motions.at_half_a_cell(space, si)
+        lookups.at_half_a_cell(space, si)
         return made
 
     return setup
@@ -169,7 +168,7 @@ def solve(space: CSpace, make: Callable[[], Any], query: Query, seed: int) -> tu
     ou.RNG.setSeed(seed + 1)
     began = time.perf_counter()
     setup = make()
-    setup.setStartAndGoalStates(*motions.states_of(space, setup.getSpaceInformation(), query))
+    setup.setStartAndGoalStates(*lookups.states_of(space, setup.getSpaceInformation(), query))
     setup.setPlanner(og.RRTConnect(setup.getSpaceInformation()))
     setup.solve(LIMIT)
     taken = time.perf_counter() - began

@@ -12,16 +12,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import fcl
 import numpy as np
-from numpy.typing import NDArray
+import shapely
 
 from benchmarks import inputs
 from benchmarks.report import Report
-from benchmarks.soak.plane_geometry import union_of_cells
-from benchmarks.soak.space_geometry import Blocks, merged_cells
-from benchmarks.soak.space_pairs import pair
 from cspace import CSpace, Grid, Robot, Workspace
 from cspace.arrays import Bools, Floats
+from tests import solids
+from tests.soak.plane import union_of_cells
+from tests.soak.solids import Blocks, Pair, merged_cells
 
 Query = tuple[Floats, Floats]
 
@@ -41,6 +42,7 @@ BUILDING, DRONE = "voxels/geb079.bt", (0.6, 0.6, 0.2)
 ALONG = 10_000
 """Places of each leg of a path in space that are looked at."""
 
+ASKED = fcl.CollisionRequest()
 TRIED = 1000
 """Configurations on which FCL's models are tried."""
 
@@ -111,8 +113,6 @@ def problems(report: Report, rng: np.random.Generator) -> Iterator[Problem]:
         if name.endswith("yaml"):
             title = f"{name}, rectangle of {LENGTH:g} m x {WIDTH:g} m"
             yield Problem(title, workspace, Robot.rectangle(LENGTH, WIDTH), ROTATIONS, _rectangle, far, 10.0)
-    if not report.has("fcl", "in space skipped"):
-        return
     folder = inputs.data_folder() or Path()
     for name, problem in ((TUNNEL, _tunnel), (BUILDING, partial(_building, queries=far, quick=report.quick))):
         if (folder / name).exists():
@@ -155,8 +155,6 @@ def _from_scenarios(space: CSpace, number: int = 3) -> list[Query]:
 
 def _polygons(workspace: Workspace) -> tuple[Any, float]:
     """The obstacles, prepared, and the seconds that it took."""
-    import shapely
-
     began = time.perf_counter()
     obstacles = union_of_cells(workspace.outer, workspace.grid)
     shapely.prepare(obstacles)
@@ -164,8 +162,6 @@ def _polygons(workspace: Workspace) -> tuple[Any, float]:
 
 
 def _disc(report: Report, space: CSpace, radius: float) -> Peer:
-    import shapely
-
     (left, low), (right, high) = space.grid.lower, space.grid.upper
     obstacles, made = _polygons(space.workspace)
 
@@ -182,8 +178,6 @@ def _disc(report: Report, space: CSpace, radius: float) -> Peer:
 
 
 def _rectangle(report: Report, space: CSpace) -> Peer:
-    import shapely
-
     (left, low), (right, high) = space.grid.lower, space.grid.upper
     obstacles, made = _polygons(space.workspace)
     corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * [LENGTH / 2, WIDTH / 2]
@@ -228,7 +222,7 @@ def _tunnel(folder: Path) -> Iterator[Problem]:
     mesh: Any = trimesh.load(folder / "obstacles.obj", force="mesh", process=True)
     boxes = Blocks.boxes([part.bounds for part in mesh.split()])
     body = Blocks.boxes([trimesh.load(folder / "robot.obj", force="mesh").bounds])
-    models = {"triangles": lambda: _triangles(np.asarray(mesh.vertices), np.asarray(mesh.faces))}
+    models = {"triangles": lambda: solids.surface(np.asarray(mesh.vertices), np.asarray(mesh.faces))}
     yield _flight(TUNNEL, workspace, body, boxes, models, lambda space: [(query[0], query[1])])
 
 
@@ -240,7 +234,7 @@ def _building(path: Path, queries: Callable[[CSpace], list[Query]], quick: bool)
         grid = workspace.grid
         boxes = Blocks.boxes(np.asarray(grid.lower) + grid.spacing * merged_cells(workspace.outer))
         models = {
-            "triangles of merged boxes": partial(soup, boxes.skin().triangles),
+            "triangles of merged boxes": boxes.skin().model,
             "octree": partial(octree, workspace.outer, grid),
         }
         name = f"{BUILDING}, unknown cells {unknown}"
@@ -268,25 +262,23 @@ def _fcl(report: Report, space: CSpace, body: Blocks, boxes: Blocks, models: Map
     All must find the robot free where the map says FREE. Where triangles bound a solid that is larger than the robot,
     they do not tell that it lies within; a search that starts outside cannot get there in steps of half a cell.
     """
-    import fcl
-
     q = space.sample_free(TRIED, np.random.default_rng(0))
     low, high = body.bounds
     robots = {
-        "box": (fcl.Box(*(high - low)), (low + high) / 2),
-        "triangles": (soup(body.skin().triangles), np.zeros(3)),
+        "box": (fcl.CollisionObject(fcl.Box(*(high - low))), (low + high) / 2),
+        "triangles": (body.skin().model(), np.zeros(3)),
     }
     candidates: list[tuple[float, str, Callable[[Floats], bool], float]] = []
     for what, make in models.items():
         began = time.perf_counter()
         try:
-            obstacles = fcl.CollisionObject(make())
+            obstacles = make()
         except ImportError as error:
             report.note(f"FCL's {what} not tried: {error}")
             continue
         made = time.perf_counter() - began
-        for kind, (geometry, offset) in robots.items():
-            meets = _asker(obstacles, fcl.CollisionObject(geometry), offset)
+        for kind, (robot, offset) in robots.items():
+            meets = partial(_meets, obstacles, robot, offset)
             began = time.perf_counter()
             wrong = sum(meets(place) for place in q)
             each = (time.perf_counter() - began) / len(q)
@@ -306,23 +298,8 @@ def _fcl(report: Report, space: CSpace, body: Blocks, boxes: Blocks, models: Map
     return Peer("OMPL with FCL", is_free, collides, f"at {ALONG} places of each leg", made, name)
 
 
-def _triangles(vertices: Floats, faces: NDArray[np.integer]) -> Any:
-    import fcl
-
-    model = fcl.BVHModel()
-    model.beginModel(len(vertices), len(faces))
-    model.addSubModel(vertices, faces)
-    model.endModel()
-    return model
-
-
-def soup(triangles: Floats) -> Any:
-    return _triangles(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
-
-
 def octree(occupied: Bools, grid: Grid) -> Any:
-    """Cells as an octree of FCL, whose leaves are as large as can be."""
-    import fcl
+    """Return cells as an octree of FCL with the largest possible leaves."""
     import octomap
 
     tree = octomap.OcTree(grid.spacing)
@@ -333,19 +310,12 @@ def octree(occupied: Bools, grid: Grid) -> Any:
         tree.writeBinary(str(path).encode())
         content = path.read_bytes()
     nodes = content[content.index(b"\ndata\n") + len(b"\ndata\n") :]
-    return fcl.OcTree(grid.spacing, np.frombuffer(nodes, dtype=np.int8).tolist())
+    return fcl.CollisionObject(fcl.OcTree(grid.spacing, np.frombuffer(nodes, dtype=np.int8).tolist()))
 
 
-def _asker(obstacles: Any, robot: Any, offset: Floats) -> Callable[[Floats], bool]:
-    import fcl
-
-    asked = fcl.CollisionRequest()
-
-    def meets(place: Floats) -> bool:
-        robot.setTranslation(place + offset)
-        return bool(fcl.collide(robot, obstacles, asked, fcl.CollisionResult()))
-
-    return meets
+def _meets(obstacles: Any, robot: Any, offset: Floats, place: Floats) -> bool:
+    robot.setTranslation(place + offset)
+    return bool(fcl.collide(robot, obstacles, ASKED, fcl.CollisionResult()))
 
 
 def _path_collides(body: Blocks, boxes: Blocks, grid: Grid, path: Floats) -> bool:
@@ -358,6 +328,6 @@ def _path_collides(body: Blocks, boxes: Blocks, grid: Grid, path: Floats) -> boo
         first, last = np.minimum(start, end) + low, np.maximum(start, end) + high
         near = ((boxes.low <= last) & (boxes.high >= first)).all(axis=1)
         few = Blocks.boxes(np.stack([boxes.low[near], boxes.high[near]], axis=1))
-        if near.any() and (pair(body, few).gaps(start + t * (end - start)) <= 0.0).any():
+        if near.any() and (Pair.of(body, few).gaps(start + t * (end - start)) <= 0.0).any():
             return True
     return False

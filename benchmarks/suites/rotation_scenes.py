@@ -11,15 +11,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import fcl
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks import inputs
 from benchmarks.report import Report
-from benchmarks.soak.space_geometry import Blocks, Skin, merged_cells
-from benchmarks.suites.planning_peers import BUILDING, DRONE, Query, far_apart, octree, soup
+from benchmarks.suites.planning_peers import BUILDING, DRONE, Query, far_apart, octree
 from cspace import CSpace, Robot, Rotations, Workspace
 from cspace.arrays import Floats, Ints
+from tests.soak.solids import Blocks, Skin, matrix_of, merged_cells
 
 TRIED = 2000
 """Configurations on which FCL's models are timed and the map is compared with FCL."""
@@ -95,7 +96,7 @@ def rooms(quick: bool) -> Scene:
     half = math.sqrt(0.5)
     query = np.array((1.2, 1.5, 0.4, 0, 0, 0, 1)), np.array((6.8, 2.5, 0.4, 0, 0, half, half))
     robot = Robot.mesh(_mesh(body), name="table")
-    models = {"triangles": partial(soup, obstacles.triangles)}
+    models = {"triangles": obstacles.model}
     cuts = (2,) if quick else (4, 12, 8)
     return Scene("a table through a door", workspace, robot, body, obstacles, models, cuts, lambda space: [query], 5)
 
@@ -107,7 +108,7 @@ def trap(quick: bool) -> Scene:
     half = math.sqrt(0.5)
     query = np.array((-0.3, 0, 0, 0, 0, half, half)), np.array((2.8, 0, 0, 0, 0, half, half))
     robot = Robot.mesh(_mesh(body), name="hook")
-    models = {"triangles": partial(soup, obstacles.triangles)}
+    models = {"triangles": obstacles.model}
     cuts = (2,) if quick else (4,)
     return Scene("a bug trap", workspace, robot, body, obstacles, models, cuts, lambda space: [query], 6)
 
@@ -171,7 +172,7 @@ def tunnels(report: Report) -> Iterator[Scene]:
             Robot.mesh(folder / f"{name}.obj"),
             skins[name],
             skins["obstacles"],
-            {"triangles": partial(soup, skins["obstacles"].triangles)},
+            {"triangles": skins["obstacles"].model},
             (4,),
             lambda space: [(endpoints[0], endpoints[1])],
             2 if name == TUNNEL_ROBOTS[0] else 0,  # no way finds a path of the stout one within the time
@@ -188,7 +189,7 @@ def building(report: Report, rng: np.random.Generator, quick: bool) -> Scene | N
     grid = workspace.grid
     boxes = Blocks.boxes(np.asarray(grid.lower) + grid.spacing * merged_cells(workspace.outer)).skin()
     models = {
-        "triangles of merged boxes": partial(soup, boxes.triangles),
+        "triangles of merged boxes": boxes.model,
         "octree": partial(octree, workspace.outer, grid),
     }
     queries = partial(far_apart, number=1 if quick else 3, rng=rng)
@@ -212,8 +213,6 @@ class Fcl:
     """
 
     def __init__(self, report: Report, scene: Scene, q: Floats) -> None:
-        import fcl
-
         self.robot, self.asked = scene.body.model(), fcl.CollisionRequest()
         self.corners = np.unique(scene.body.triangles.reshape(-1, 3), axis=0)
         reach = float(np.linalg.norm(self.corners, axis=1).max())
@@ -224,7 +223,7 @@ class Fcl:
         candidates = []
         for what, make in scene.models.items():
             began = time.perf_counter()
-            self.obstacles = fcl.CollisionObject(make())
+            self.obstacles = make()
             made, began = time.perf_counter() - began, time.process_time()
             for each in q:
                 self.meets(each)
@@ -235,8 +234,6 @@ class Fcl:
 
     def meets(self, q: Any) -> bool:
         """Whether surfaces meet, or the robot leaves the grid, at a configuration."""
-        import fcl
-
         x, y, z, *turn = q
         qx, qy, qz, qw = turn if len(turn) == 4 else (0.0, 0.0, math.sin(0.5 * turn[0]), math.cos(0.5 * turn[0]))
         self.robot.setTransform(fcl.Transform((qw, qx, qy, qz), (x, y, z)))
@@ -252,7 +249,7 @@ class Fcl:
         if self.meets(q):
             return True
         body, obstacles = self.skins
-        turn, place = matrices(q[None])[0], q[:3]
+        turn, place = matrix_of(q[3:]), q[:3]
         inside = bool(obstacles.encloses(body.spots @ turn.T + place).any())
         return inside or bool(body.encloses((obstacles.spots - place) @ turn).any())
 
@@ -271,17 +268,11 @@ class Fcl:
 
 
 def along(start: Floats, end: Floats, t: Floats) -> Floats:
-    """Configurations on the straight edge that turns the shorter way, at each of t in [0, 1]."""
-    first, last = (Rotation.from_matrix(matrices(q[None])[0]) for q in (start, end))
+    """Return configurations on the straight edge that turns the shorter way, at each of t in [0, 1]."""
+    first, last = (Rotation.from_matrix(matrix_of(q[3:])) for q in (start, end))
     places = start[:3] + t[:, None] * (end - start)[:3]
     turns = first * Rotation.from_rotvec(t[:, None] * (first.inv() * last).as_rotvec())
     return np.column_stack([places, turns.as_quat()])
-
-
-def matrices(q: Floats) -> Floats:
-    """Rotation matrices of configurations, shape (n, 4) or (n, 7)."""
-    turns = Rotation.from_quat(q[:, 3:]) if q.shape[1] == 7 else Rotation.from_rotvec(q[:, 3:] * (0.0, 0.0, 1.0))
-    return np.asarray(turns.as_matrix())
 
 
 def _mesh(skin: Skin) -> Any:

@@ -11,9 +11,9 @@ import numpy as np
 from scipy import signal
 
 import cspace
-from benchmarks.motions import asker, edges_of, states_of
 from benchmarks.report import Report
 from benchmarks.suites import planning, rotation_scenes
+from benchmarks.suites.lookups import asker, edges_of, states_of
 from benchmarks.suites.outer_maps import convolved
 from benchmarks.suites.planning_peers import LIMIT
 from benchmarks.suites.rotation_scenes import TRIED, Fcl, Scene
@@ -40,8 +40,6 @@ ALONG = 200
 
 def run(report: Report, seed: int) -> None:
     """One scene after the other."""
-    if not report.has("fcl"):
-        return
     rng = np.random.default_rng(seed)
     quick = report.quick
     table = rotation_scenes.rooms(quick)

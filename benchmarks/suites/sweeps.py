@@ -4,21 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from typing import Any
 
 import numpy as np
+import shapely
 
+import cspace
 from benchmarks import inputs
-from benchmarks.report import Report
-from benchmarks.suites import samples
-from benchmarks.suites.outer_maps import METHODS, Peer, across, named, ours, peers
+from benchmarks.report import Report, is_here
+from benchmarks.suites.outer_maps import METHODS, across, named, ours, peers
 from benchmarks.timing import Timing, interleave
 from cspace import Robot, Workspace
-from cspace.arrays import Bools
+from cspace.arrays import Bools, Floats, Ints, States
 from cspace.engines import ENGINES, choose
-from cspace.raster import Raster
+from tests.soak.solids import merged_cells
+
+Checker = Callable[[Floats, float], Bools]
+
+SAMPLE = 4000
+"""Cells at which libraries of collision checks are timed, and as many again beside cells of another state."""
 
 DENSITY = 0.06
 """Share of a map that boxes take up."""
@@ -86,46 +93,21 @@ QUICK = (
 def run(report: Report, rng: np.random.Generator) -> None:
     """Go through all sweeps, then report exponents, and the choices of ``auto``."""
     for sweep in QUICK if report.quick else SWEEPS:
-        for name, (package, _, dims) in samples.LIBRARIES.items():
+        for name, (package, _, dims) in LIBRARIES.items():
             if sweep.dim in dims:
                 report.has(package, f"{name} is left out")
-        known: dict[str, _Known] = {}
+        rates: dict[str, float] = {}
         medians: dict[str, dict[int, float]] = {}
         for size in sweep.sizes:
             # Few enough boxes at a time that small maps are no fuller than large ones.
             each = max(1, (size // BOX) ** sweep.dim // LOOKS)
             workspace = Workspace.from_array(inputs.boxes(size, DENSITY, rng, sweep.dim, each), 1.0)
             for robot in sweep.robots:
-                for way, timing in _point(report, sweep, workspace, robot, known, rng).items():
+                for way, timing in _point(report, sweep, workspace, robot, rates, rng).items():
                     medians.setdefault(way, {})[math.prod(workspace.grid.shape)] = timing.median
         if len(sweep.sizes) > 1:
             _exponents(report, sweep, medians)
     _choices(report)
-
-
-@dataclass
-class _Known:
-    """What a method took last, and the work that it had then."""
-
-    seconds: float
-    work: float
-
-
-@dataclass
-class _Point:
-    """The calls of one map and one robot, and the peers that are left out."""
-
-    calls: dict[str, Callable[[], Bools]] = field(default_factory=dict)
-    left_out: dict[str, float] = field(default_factory=dict)
-
-    def add(self, way: Peer, occupied: Bools, raster: Raster, known: Mapping[str, _Known]) -> None:
-        """A peer, or what it is expected to take where that is too long."""
-        before = known.get(way.name)
-        expected = before.seconds * way.work(occupied.shape, raster) / before.work if before else 0.0
-        if expected > LONGEST:
-            self.left_out[way.name] = expected
-        else:
-            self.calls[way.name] = way.ready(occupied, raster)
 
 
 def _point(
@@ -133,10 +115,13 @@ def _point(
     sweep: Sweep,
     workspace: Workspace,
     cells_across: int,
-    known: dict[str, _Known],
+    rates: dict[str, float],
     rng: np.random.Generator,
 ) -> dict[str, Timing]:
-    """Time all methods on one map, compare their results, and report what was chosen."""
+    """Time all methods on one map, compare their results, and report what was chosen.
+
+    ``rates`` are seconds that each peer took last, per unit of work.
+    """
     occupied, radius = workspace.outer, cells_across / 2
     robot = Robot.disc(radius) if sweep.dim == 2 else Robot.ball(radius)
     raster = robot.rasters(1.0)[0]
@@ -145,34 +130,32 @@ def _point(
         f"{'disc' if sweep.dim == 2 else 'ball'} {cells_across} cells across"
     )
     about = {"sweep": sweep.name, "dim": sweep.dim, "size": len(occupied), "across": cells_across}
-    point = _Point({named(method): partial(ours, workspace, robot, method) for method in METHODS})
-    for way in peers(sweep.dim):
-        point.add(way, occupied, raster, known)
-    timings = interleave(point.calls, RUNS, SLOW)
+    calls: dict[str, Callable[[], Bools]] = {
+        named(method): partial(ours, workspace, robot, method) for method in METHODS
+    }
+    work = {peer.name: peer.work(occupied.shape, raster) for peer in peers(sweep.dim)}
+    expected = {name: rates.get(name, 0.0) * amount for name, amount in work.items()}
+    calls |= {peer.name: peer.ready(occupied, raster) for peer in peers(sweep.dim) if expected[peer.name] <= LONGEST}
+    timings = interleave(calls, RUNS, SLOW)
     for name, timing in timings.items():
         report.timing(name, timing)
         report.mark(**about, way=name)
-    for name, expected in point.left_out.items():
-        report.figure(f"{name}: left out, expected to take", expected, "s")
-        report.mark(**about, way=name, left_out=True)
-    for way in peers(sweep.dim):
-        if way.name in timings:
-            known[way.name] = _Known(timings[way.name].median, way.work(occupied.shape, raster))
-    _check(report, {name: timing.value for name, timing in timings.items()})
-    samples.run(report, workspace, radius, about, rng)
+    for name in work:
+        if name in timings:
+            rates[name] = timings[name].median / work[name]
+        else:
+            report.figure(f"{name}: left out, expected to take", expected[name], "s")
+            report.mark(**about, way=name, left_out=True)
+    # The direct engine shares no code with any other.
+    others = [name for name, timing in timings.items() if not (timing.value == timings[named("direct")].value).all()]
+    unequal = f"; not so: {', '.join(others)}" if others else ""
+    report.check(not others, f"{len(timings)} results are equal, cell for cell{unequal}")
+    _sample(report, workspace, radius, about, rng)
     chosen = choose([raster])
     engines = {method: timings[named(method)].median for method in ENGINES}
     report.figure(f'"auto" took "{chosen}": its time / the quicker one\'s', _regret(chosen, engines))
     report.mark(**about, chosen=chosen, taken=engines)
     return timings
-
-
-def _check(report: Report, results: Mapping[str, Bools]) -> None:
-    """All results equal, cell for cell, to the direct engine's, which shares no code with any other."""
-    wanted = results[named("direct")]
-    others = [name for name, result in results.items() if not (result == wanted).all()]
-    unequal = f"; not so: {', '.join(others)}" if others else ""
-    report.check(not others, f"{len(results)} results are equal, cell for cell{unequal}")
 
 
 def _exponents(report: Report, sweep: Sweep, medians: Mapping[str, Mapping[int, float]]) -> None:
@@ -202,3 +185,94 @@ def _choices(report: Report) -> None:
 def _regret(chosen: str, seconds: Mapping[str, float]) -> float:
     """Time of the engine that was picked over that of the quicker one."""
     return seconds[chosen] / min(seconds.values())
+
+
+# ---- collision checks of one configuration at a time -----------------------------------------------------------------
+
+
+def _sample(
+    report: Report, workspace: Workspace, radius: float, about: Mapping[str, Any], rng: np.random.Generator
+) -> None:
+    """Time checkers on a sample of the cells, for a disc or a ball, and compare the map's answers with theirs."""
+    robot = Robot.disc(radius) if workspace.grid.dim == 2 else Robot.ball(radius)
+    occupied = workspace.outer
+    boxes = merged_cells(occupied.reshape(occupied.shape + (1,) * (3 - occupied.ndim)))
+    ready = {
+        name: make(boxes) for name, (package, make, dims) in LIBRARIES.items() if _is_used(package, dims, occupied)
+    }
+    if not ready:
+        return
+    state = cspace.build(workspace, robot, outside="free").state
+    cells = np.concatenate([rng.integers(0, state.shape, (SAMPLE, state.ndim)), _beside_others(state, rng)])
+    q = cells + rng.random(cells.shape)
+    expected = state[tuple(cells.T)]
+    answers = {name: checker(q, radius) for name, checker in ready.items()}
+    timings = interleave({name: partial(checker, q[:SAMPLE], radius) for name, checker in ready.items()}, RUNS)
+    for name, timing in timings.items():
+        report.timing(f"{name}, extrapolated from {SAMPLE} cells", timing.per(SAMPLE / math.prod(state.shape)))
+        report.mark(**about, way=name, extrapolated_from=SAMPLE)
+    for name, hits in answers.items():
+        wrong = int(((expected == cspace.FREE) & hits).sum() + ((expected == cspace.BLOCKED) & ~hits).sum())
+        counts = f"{(expected == cspace.FREE).sum()} FREE and {(expected == cspace.BLOCKED).sum()} BLOCKED"
+        report.check(not wrong, f"{name}: of {counts} cells, {wrong} are not so at a configuration in them")
+
+
+def _is_used(package: str, dims: tuple[int, ...], occupied: Bools) -> bool:
+    return occupied.ndim in dims and is_here(package)
+
+
+def _beside_others(state: States, rng: np.random.Generator) -> Ints:
+    """Draw cells whose neighbour along the first axis has another state."""
+    line = rng.integers(0, state.shape[1:], (64, state.ndim - 1))
+    columns = np.stack([state[(slice(None), *place)] for place in line])
+    number, first = np.nonzero(columns[:, 1:] != columns[:, :-1])
+    cells = np.column_stack([first + rng.integers(0, 2, len(first)), line[number]])
+    return np.asarray(cells[rng.permutation(len(cells))[:SAMPLE]])
+
+
+def _shapely(boxes: Ints) -> Checker:
+    tree = shapely.STRtree(shapely.box(boxes[:, 0, 0], boxes[:, 0, 1], boxes[:, 1, 0], boxes[:, 1, 1]))
+
+    def check(q: Floats, radius: float) -> Bools:
+        hit = np.zeros(len(q), dtype=np.bool_)
+        hit[tree.query(shapely.points(q), predicate="dwithin", distance=radius)[0]] = True
+        return hit
+
+    return check
+
+
+def _tree(package: str, boxes: Ints) -> Checker:
+    """Return a checker of FCL or coal, whose trees have one interface."""
+    library = import_module(package)
+    transform = library.Transform if package == "fcl" else partial(library.Transform3s, np.eye(3))
+    tree, sizes = library.DynamicAABBTreeCollisionManager(), (boxes[:, 1] - boxes[:, 0]).astype(np.float64)
+    pairs = zip(sizes, boxes.mean(axis=1), strict=True)
+    obstacles = [library.CollisionObject(library.Box(*size), transform(middle)) for size, middle in pairs]
+    for each in obstacles:
+        tree.registerObject(each)
+    tree.setup()
+
+    def check(q: Floats, radius: float, kept: Any = obstacles) -> Bools:  # coal's tree does not keep its objects alive
+        ball, hit = library.CollisionObject(library.Sphere(radius)), np.empty(len(q), dtype=np.bool_)
+        for number, position in enumerate(q):
+            ball.setTranslation(position)
+            if package == "fcl":
+                answer = library.CollisionData()
+                tree.collide(ball, answer, library.defaultCollisionCallback)
+                hit[number] = answer.result.is_collision
+            else:
+                ball.computeAABB()
+                answer = library.CollisionCallBackDefault()
+                tree.collide(ball, answer)
+                hit[number] = answer.data.result.isCollision()
+        return hit
+
+    return check
+
+
+LIBRARIES: dict[str, tuple[str, Callable[[Ints], Checker], tuple[int, ...]]] = {
+    "shapely": ("shapely", _shapely, (2,)),
+    "FCL": ("fcl", partial(_tree, "fcl"), (3,)),
+    "coal": ("coal", partial(_tree, "coal"), (3,)),
+}
+"""Package, checker, and dimensions."""

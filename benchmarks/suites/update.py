@@ -36,34 +36,32 @@ MOST = 20.0
 
 
 def run(report: Report, seed: int) -> None:
-    """Maps in the plane, with and without what is kept beside the states, turning ones, and maps in space."""
-    rng = np.random.default_rng(seed)
-    size = 1024 if report.quick else SIZE
-    plane = Workspace.from_array(inputs.boxes(size, 0.06, rng), 1.0)
-    report.section(f"{size} x {size} cells, 6 % in boxes, disc {ACROSS} cells across; boxes of {BOX} x {BOX} cells")
-    _compare(report, plane, Robot.disc(ACROSS / 2), rng, {}, judged=size == SIZE)
-    size = 256 if report.quick else 1024
-    turning = Workspace.from_array(inputs.boxes(size, 0.06, rng), 1.0)
-    report.section(f"{size} x {size} cells x 72 yaws, rectangle 33 x 21 cells; boxes of {BOX} x {BOX} cells")
-    _compare(report, turning, Robot.rectangle(33.0, 21.0), rng, {"rotations": 72}, judged=False)
-    size = 96 if report.quick else 256
-    space = Workspace.from_array(inputs.boxes(size, 0.06, rng, 3), 1.0)
-    report.section(f"{size}^3 cells, ball 21 cells across; boxes of 16^3 cells")
-    _compare(report, space, Robot.ball(10.5), rng, {}, judged=False)
+    """Change boxes of maps in the plane, with rotations, and in space; then move an obstacle on real floors."""
+    rng, quick = np.random.default_rng(seed), report.quick
+    for size, dim, robot, name, options in (
+        (1024 if quick else SIZE, 2, Robot.disc(ACROSS / 2), f"disc {ACROSS} cells across", {}),
+        (256 if quick else 1024, 2, Robot.rectangle(33.0, 21.0), "rectangle 33 x 21 cells, 72 yaws", {"rotations": 72}),
+        (96 if quick else 256, 3, Robot.ball(10.5), "ball 21 cells across", {}),
+    ):
+        workspace = Workspace.from_array(inputs.boxes(size, 0.06, rng, dim), 1.0)
+        side = BOX if dim == 2 else BOX // 2
+        shape, box = (" x ".join([str(n)] * dim) for n in (size, side))
+        report.section(f"{shape} cells, 6 % in boxes, {name}; boxes of {box} cells")
+        _compare(report, workspace, robot, rng, options, LEAST if size == SIZE else None)
     if inputs.data_folder() is None:
         report.note(inputs.NO_DATA)
         return
-    for name in FLOORS[:1] if report.quick else FLOORS:
+    for name in FLOORS[:1] if quick else FLOORS:
         floor = inputs.real_map(name)
         if floor is not None:
             _moves(report, floor, name)
 
 
 def _moves(report: Report, floor: Workspace, name: str) -> None:
-    """An obstacle that moves in a real map with 72 yaw cells, by 0.16 m a step and from end to end.
+    """Move an obstacle in a real map with 72 yaw cells, by 0.16 m a step and from end to end.
 
-    Components and distances were asked for before. A move is one call and the first question of each kind after it, so
-    that nothing is put off; the robot is not symmetric, and no two yaw cells share a slice. Costmaps are timed apart.
+    Components and distances are cached before. A move counts with the first look-up of each kind after it, so that
+    nothing is put off; the robot is not symmetric, so no two yaw cells share a slice. Costmaps are timed apart.
     """
     report.section(f"{name}, {' x '.join(map(str, floor.grid.shape))} cells x 72 yaws; trolley of 1.2 m x 0.8 m")
     space = cspace.build(floor, Robot.rectangle(0.9, 0.6, (0.15, 0.0)), rotations=72)
@@ -80,17 +78,15 @@ def _moves(report: Report, floor: Workspace, name: str) -> None:
         "leaps across the map": [(*q[k, :2], 9.0 * k) for k in range(MOVES)],
     }
     for way, places in boxes.items():
-        move, asked, distance, costs = Timing(None), Timing(None), Timing(None), Timing(None)
+        timings = {name: Timing(None) for name in ("place", "path_exists after it", "clearance after that", "costmap")}
+        move, asked, distance, costs = timings.values()
         for x, y, angle in places:
             moved = affinity.translate(affinity.rotate(trolley, angle, origin=(0, 0)), x, y)
             move.take(lambda moved=moved: space.place("trolley", moved))
             asked.take(lambda: space.path_exists(q[-1], q[-2]))
             distance.take(lambda: space.clearance(q[-3]))
             costs.take(space.to_costmap)
-        report.timing(f"{way}: place", move)
-        report.timing(f"{way}: path_exists after it", asked)
-        report.timing(f"{way}: clearance after that", distance)
-        report.timing(f"{way}: costmap after that", costs)
+        report.timings({f"{way}: {name}": timing for name, timing in timings.items()})
         each = [sum(taken) for taken in zip(move.cpu, asked.cpu, distance.cpu, strict=True)]
         most = MOST if name == FLOORS[-1] else None
         report.figure(f"{way}: all three, CPU time in the median", 1e3 * float(np.median(each)), "ms", most=most)
@@ -102,79 +98,34 @@ def _moves(report: Report, floor: Workspace, name: str) -> None:
 
 
 def _compare(
-    report: Report, workspace: Workspace, robot: Robot, rng: np.random.Generator, options: dict[str, Any], judged: bool
+    report: Report,
+    workspace: Workspace,
+    robot: Robot,
+    rng: np.random.Generator,
+    options: dict[str, Any],
+    least: float | None,
 ) -> None:
-    runs = 3 if report.quick else 7
-    updates = UPDATES if workspace.grid.dim == 2 and not options else UPDATES // 10
+    """Compare updates of boxes at random places with builds anew."""
     space = cspace.build(workspace, robot, **options)
-    change = _changes(space, rng, updates)
-    calls: dict[str, Callable[[], Any]] = {f"{updates} updates": change, "build": partial(_build, space, options)}
-    for engine in ENGINES:
-        calls[f"build, {engine}"] = partial(_build, space, options | {"method": engine})
-    timings = interleave(calls, runs)
-    each = timings.pop(f"{updates} updates").per(updates)
-    report.timing("an update", each)
-    for name, timing in timings.items():
-        report.timing(name, timing)
-        report.ratio(f"{name} / an update", timing, each, least=LEAST if judged and name == "build" else None)
-    report.check(
-        bool((space.state == cspace.build(space.workspace, robot, **options).state).all()),
-        "states equal those of a build",
-    )
-    _parts(report, space, change, updates, runs, options)
-
-
-def _parts(
-    report: Report, space: CSpace, change: Callable[[], None], updates: int, runs: int, options: dict[str, Any]
-) -> None:
-    """The same with distances, and then also components, that were asked for before, against a build that is asked."""
-    corners = space.grid.center_of([(0,) * space.grid.dim, np.array(space.grid.shape) - 1])
-    points = np.random.default_rng(0).uniform(corners[0], corners[1], (500, space.grid.dim))
-    turns = np.linspace(-3.0, 3.0, len(points))[:, None]
-    q = np.concatenate([points, turns], axis=1)[:, : space.dof]
-    asks: dict[str, Callable[[CSpace], Any]] = {
-        "clearances": lambda asked: asked.clearance(q),
-        "path_exists": lambda asked: asked.path_exists(q[:250], q[250:]),
-    }
-    for what, ask in asks.items():
-        ask(space)
-
-        def update_and_ask(ask: Callable[[CSpace], Any] = ask) -> None:
-            _toggle(space)
-            ask(space)
-
-        def build_and_ask(ask: Callable[[CSpace], Any] = ask) -> None:
-            ask(_build(space, options))
-
-        timings = interleave({"updates": change, "asked": update_and_ask, "anew": build_and_ask}, runs)
-        each = timings["updates"].per(updates)
-        report.timing(f"an update of a map that was asked for {what}", each)
-        report.timing(f"an update and {what} after it", timings["asked"])
-        report.ratio(f"a build and {what} / an update and {what}", timings["anew"], timings["asked"])
-        fresh = cspace.build(space.workspace, space.robot, **options)
-        report.check(np.array_equal(ask(space), ask(fresh)), f"{what} equal those of a build")
-
-
-def _changes(space: CSpace, rng: np.random.Generator, updates: int) -> Callable[[], None]:
-    """A call that fills or empties boxes at random places, each time the other way round, so that cells do change."""
-    side = BOX if space.grid.dim == 2 else BOX // 2
-    places = rng.integers(0, np.array(space.grid.shape) - side, (updates, space.grid.dim)).tolist()
-    fills = [np.full((side,) * space.grid.dim, fill) for fill in (False, True)]
-    turn = count()
+    dim, side = space.grid.dim, BOX if space.grid.dim == 2 else BOX // 2
+    updates = UPDATES if dim == 2 and not options else UPDATES // 10
+    places = rng.integers(0, np.array(space.grid.shape) - side, (updates, dim)).tolist()
+    fills, turns = [np.full((side,) * dim, fill) for fill in (False, True)], count()
 
     def change() -> None:
-        way = next(turn)
+        way = next(turns)  # boxes are filled and emptied in turns, so that cells do change
         for number, place in enumerate(places):
             space.update(fills[(number + way) % 2], place)
 
-    return change
+    def build(method: str = "auto") -> CSpace:
+        return cspace.build(space.workspace, space.robot, method=method, **options)
 
-
-def _toggle(space: CSpace) -> None:
-    """Turn the cell in the middle of the map into an obstacle, or free it."""
-    place = tuple(n // 2 for n in space.grid.shape)
-    space.update(np.full((1,) * space.grid.dim, not space.workspace.outer[place]), place)
-
-
-def _build(space: CSpace, options: dict[str, Any]) -> CSpace:
-    return cspace.build(space.workspace, space.robot, **options)
+    calls: dict[str, Callable[[], Any]] = {"an update": change, "build": build}
+    calls |= {f"build, {engine}": partial(build, engine) for engine in ENGINES}
+    timings = interleave(calls, 3 if report.quick else 7)
+    each = timings.pop("an update").per(updates)
+    report.timing("an update", each)
+    for name, timing in timings.items():
+        report.timing(name, timing)
+        report.ratio(f"{name} / an update", timing, each, least=least if name == "build" else None)
+    report.check(bool((space.state == build().state).all()), "states equal those of a build")

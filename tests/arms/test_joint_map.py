@@ -15,11 +15,11 @@ from scipy.ndimage import label
 import cspace
 import planners
 from arms.test_space import at, scene
-from benchmarks.soak.plane_geometry import placed
 from cspace import BLOCKED, FREE, MIXED, CSpace, Robot
 from cspace.arms import Arm, ArmSpace, Placed, build_arm, build_arm_map
 from cspace.errors import ConfigurationError, InputError
 from refusals import refusals
+from tests.soak.plane import placed
 from urdfs import joint, link, planar, written
 
 POSTS = ((1.3, 0.9, 0.5), (-0.9, 1.2, 0.4), (0.2, -1.5, 0.7))

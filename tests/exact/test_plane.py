@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
-from benchmarks.soak.plane_geometry import moved
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.shapes import Balls
 from handmade import walled
 from placements import obstacles_of
 from strategies import robots, seeds, stars
+from tests.soak.plane import moved
 
 SIDE = 0.6
 BAND = 1e-6

@@ -22,10 +22,10 @@ from numcodecs import Blosc, GZip, Zstd
 from zarr.codecs import BloscCodec, Crc32cCodec, GzipCodec, ZstdCodec
 
 import cspace
-from benchmarks.soak import files as soak
 from cspace import CspaceError, FileError, Workspace
 from cspace.files.chunks import MAX_CHUNK_BYTES, ZarrArray
 from refusals import refusals
+from tests.soak import files as soak
 
 FILLED = {"write_empty_chunks": True}
 CODECS_V3 = [[], [ZstdCodec()], [GzipCodec()], [BloscCodec()], [ZstdCodec(), Crc32cCodec()], [Crc32cCodec()]]

@@ -22,7 +22,6 @@ from hypothesis import strategies as st
 from PIL import Image
 
 import cspace
-from benchmarks.soak import files as soak
 from cspace import FileError, InputError, Workspace
 from cspace.errors import CspaceError
 from cspace.files.access import Fault
@@ -30,6 +29,7 @@ from cspace.files.plain import parse_xml, read_yaml
 from cspace.limits import raised_limits
 from cspace.shapes import Mesh
 from refusals import refusals
+from tests.soak import files as soak
 
 
 @pytest.fixture(scope="module")
@@ -453,7 +453,7 @@ def test_what_is_no_plain_file_is_refused(tmp_path: Path, kind: str) -> None:
 AUDITED = """
 import sys, warnings
 from pathlib import Path
-from benchmarks.soak import files as soak
+from tests.soak import files as soak
 
 names = sorted(Path(sys.argv[1]).iterdir())
 assert all(soak.attempt(name) == "opened" for name in names)  # what is imported and compiled is so now

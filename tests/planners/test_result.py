@@ -18,13 +18,13 @@ from matplotlib.text import Text
 
 import planners
 import solids
-from benchmarks.soak.plane_geometry import moved
 from cspace import BLOCKED, FileError, Robot, Workspace, build
 from cspace.errors import InputError
 from cspace.plot import thumbnail
 from cspace.plot.route import marked
 from planners.local_planner import CURVES, HOLONOMIC, local_planner
 from planning import CAR, ENDPOINTS, SPACES, halves, least_distance, open_map, room, usable
+from tests.soak.plane import moved
 
 CASES = [*((name, None) for name in SPACES), *(("turning", curve) for curve in CURVES)]
 

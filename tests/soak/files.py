@@ -1,9 +1,8 @@
-"""Files that are damaged or made to do harm: each opens as it was, or as another that nothing forbids, or is refused.
+"""Damaged and forged files: each opens, or is refused in one line, in time and within memory.
 
 Mutants of one small file of each family (bits, bytes, swaps, truncation, numbers to extremes, spliced pieces) are
-opened in processes of their own, each held to 20 seconds and 2 GB. What is allowed is an object, or one line of
-CspaceError. A saved store that is changed must be refused; a "forged" map has digests that agree with the change, as
-whoever means harm would write them.
+opened in processes of their own, each held to 20 seconds and 2 GB. A changed store must be refused. A "forged" map has
+digests that agree with the change, as an attacker would write them.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ import traceback
 import warnings
 import zipfile
 from collections import Counter
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,27 +38,17 @@ SECONDS = 20
 BYTES = 2**31
 MUTANTS = 20_000
 ROUND = 500
-"""Mutants that one process opens."""
+"""Mutants opened by one process."""
 
-EXTREMES = (
-    b"0",
-    b"-1",
-    b"1e308",
-    b"nan",
-    b"inf",
-    b"-0.0",
-    b"9" * 19,
-    b"9" * 400,
-    b"4294967295",
-    b"2147483648",
-    b"1e-310",
-)
+EXTREMES = (*b"0 -1 1e308 nan inf -0.0 4294967295 2147483648 1e-310".split(), b"9" * 19, b"9" * 400)
+EXTREME_WORDS = (b"\0\0\0\0", b"\xff\xff\xff\xff", b"\xff\xff\xff\x7f", b"\0\0\0\x80")
+CHANGES = ("flip", "flip", "byte", "byte", "swap", "cut", "extreme", "extreme", "splice", "repeat")
 
 Rng = np.random.Generator
 
 
 def families(folder: Path) -> dict[str, Path]:
-    """One small file of each family, written into a folder; a store is a folder."""
+    """Write one small file of each family into a folder; a store is a folder."""
     import trimesh
     import zarr
     from PIL import Image
@@ -144,7 +132,7 @@ def families(folder: Path) -> dict[str, Path]:
 
 
 def open_file(path: Path) -> object:
-    """Whatever a file holds, by the door that a user takes."""
+    """Open a file by the function that a user calls."""
     from cspace.spectral import Spheres
 
     if path.name.startswith("balls"):
@@ -161,76 +149,49 @@ def open_file(path: Path) -> object:
 
 
 def mutant(content: bytes, other: bytes, rng: Rng) -> bytes:
-    """A file with one to four changes; ``other`` is a file to take pieces of."""
+    """Return a file with one to four changes; ``other`` is a file to take pieces from."""
     data = bytearray(content)
     for _ in range(int(rng.integers(1, 5))):
-        data = _CHANGES[int(rng.integers(len(_CHANGES)))](data, other, rng)
+        data = _change(str(rng.choice(CHANGES)), data, other, rng)
     return bytes(data)
 
 
-def _flip(data: bytearray, other: bytes, rng: Rng) -> bytearray:
-    if data:
-        data[int(rng.integers(len(data)))] ^= 1 << int(rng.integers(8))
-    return data
-
-
-def _byte(data: bytearray, other: bytes, rng: Rng) -> bytearray:
-    if data:
-        data[int(rng.integers(len(data)))] = int(rng.choice([0, 1, 127, 128, 255, int(rng.integers(256))]))
-    return data
-
-
-def _swap(data: bytearray, other: bytes, rng: Rng) -> bytearray:
-    if len(data) > 1:
-        i, j = rng.integers(len(data), size=2)
-        data[i], data[j] = data[j], data[i]
-    return data
-
-
-def _cut(data: bytearray, other: bytes, rng: Rng) -> bytearray:
-    return data[: int(rng.integers(len(data) + 1))]
-
-
-def _extreme(data: bytearray, other: bytes, rng: Rng) -> bytearray:
-    """A number of the text, or four bytes, to an extreme."""
-    numbers = list(re.finditer(rb"-?\d+(\.\d+)?", data))
-    if numbers and rng.random() < 0.7:
-        at = numbers[int(rng.integers(len(numbers)))]
-        return data[: at.start()] + EXTREMES[int(rng.integers(len(EXTREMES)))] + data[at.end() :]
+def _change(kind: str, data: bytearray, other: bytes, rng: Rng) -> bytearray:
+    at = int(rng.integers(len(data) + 1))
+    if kind == "cut":
+        return data[:at]
+    if kind == "splice":  # a piece of another file, or of this one
+        source = other if rng.random() < 0.5 else bytes(data)
+        start, length = int(rng.integers(len(source) + 1)), int(rng.integers(1, 65))
+        drop = int(rng.integers(0, 65)) if rng.random() < 0.5 else 0
+        return data[:at] + source[start : start + length] + data[at + drop :]
+    if kind == "repeat":  # as deep nesting and long lines are made
+        return data[:at] + data[at : at + 1] * int(rng.integers(2, 20_000)) + data[at:]
+    numbers = list(re.finditer(rb"-?\d+(\.\d+)?", data)) if kind == "extreme" and rng.random() < 0.7 else []
+    if numbers:
+        number = numbers[int(rng.integers(len(numbers)))]
+        return data[: number.start()] + EXTREMES[int(rng.integers(len(EXTREMES)))] + data[number.end() :]
     if len(data) >= 4:
-        at = int(rng.integers(len(data) - 3))
-        data[at : at + 4] = [b"\0\0\0\0", b"\xff\xff\xff\xff", b"\xff\xff\xff\x7f", b"\0\0\0\x80"][int(rng.integers(4))]
+        at, other_at = (int(place) for place in rng.integers(len(data) - 3, size=2))
+        if kind == "flip":
+            data[at] ^= 1 << int(rng.integers(8))
+        elif kind == "byte":
+            data[at] = int(rng.choice([0, 1, 127, 128, 255, int(rng.integers(256))]))
+        elif kind == "swap":
+            data[at], data[other_at] = data[other_at], data[at]
+        else:
+            data[at : at + 4] = EXTREME_WORDS[int(rng.integers(len(EXTREME_WORDS)))]
     return data
-
-
-def _splice(data: bytearray, other: bytes, rng: Rng) -> bytearray:
-    """A piece of another file, or of this one once more."""
-    source = other if rng.random() < 0.5 else bytes(data)
-    start, length = int(rng.integers(len(source) + 1)), int(rng.integers(1, 65))
-    at = int(rng.integers(len(data) + 1))
-    drop = int(rng.integers(0, 65)) if rng.random() < 0.5 else 0
-    return data[:at] + source[start : start + length] + data[at + drop :]
-
-
-def _repeat(data: bytearray, other: bytes, rng: Rng) -> bytearray:
-    """A byte many times, as deep nesting and long lines are made."""
-    at = int(rng.integers(len(data) + 1))
-    return data[:at] + data[at : at + 1] * int(rng.integers(2, 20_000)) + data[at:]
-
-
-_CHANGES: tuple[Callable[[bytearray, bytes, Rng], bytearray], ...] = (
-    *(_flip, _flip, _byte, _byte, _swap, _cut, _extreme, _extreme, _splice, _repeat),
-)
 
 
 def attempt(path: Path) -> str:
-    """What opening a file comes to: "opened", "refused", or what else happened, in a line."""
+    """Open a file; return "opened", "refused", or a line about what else happened."""
     try:
         with warnings.catch_warnings(action="ignore"):
             open_file(path)
     except CspaceError as error:
         return "refused" if "\n" not in str(error) else f"several lines: {str(error)[:200]!r}"
-    except BaseException as error:  # whatever it is, it is what this looks for
+    except BaseException as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         return f"{type(error).__name__}: {str(error)[:100]!r} at {Path(where.filename).name}:{where.lineno}"
     return "opened"
@@ -239,7 +200,7 @@ def attempt(path: Path) -> str:
 def attempts(
     seed: int, every: dict[str, Path], name: str, first: int, count: int, keep: Path | None = None
 ) -> Counter[str]:
-    """Outcomes of mutants of one of :func:`families`, which is left as it was; those that fail are kept in a folder."""
+    """Count outcomes of mutants of one of :func:`families`, which is restored; write failing ones to ``keep``."""
     outcomes: Counter[str] = Counter()
     signal.signal(signal.SIGALRM, _late)
     path, write = every[name], _FORGERS.get(name, _write)
@@ -268,7 +229,7 @@ def attempts(
 
 
 Parts = dict[str, bytes]
-"""The content of what a file or a folder consists of, by name."""
+"""Contents of the files of a folder or the members of an archive, by name."""
 
 
 def parts_of(path: Path, forged: bool) -> Parts:
@@ -324,7 +285,7 @@ _FORGERS = {"forged.zarr": forge_store, "forged.npz": _forge_archive}
 
 
 class Late(BaseException):
-    """Opening a file took too long; nothing but the soak catches this."""
+    """Opening a file took too long; only the soak catches this."""
 
 
 def _late(*about: object) -> None:
@@ -339,7 +300,7 @@ def _child(queue: Any, *arguments: Any) -> None:
 
 
 def _outcomes(seed: int, every: dict[str, Path], name: str, wanted: int) -> Counter[str]:
-    """Of all mutants of one family, in processes of their own."""
+    """Count outcomes of all mutants of one family, in child processes."""
     outcomes: Counter[str] = Counter()
     context = multiprocessing.get_context("fork")
     for first in range(0, wanted, ROUND):
@@ -358,7 +319,7 @@ def _outcomes(seed: int, every: dict[str, Path], name: str, wanted: int) -> Coun
 
 
 def check(report: Report, seed: int, wanted: int = MUTANTS) -> None:
-    """Mutants of every family, in processes that are held to time and memory."""
+    """Check mutants of every family."""
     report.section(f"files: {wanted} mutants of each family, seed {seed}, {SECONDS} s and {BYTES / 2**30:g} GB each")
     with tempfile.TemporaryDirectory() as folder:
         names = list(families(Path(folder)))

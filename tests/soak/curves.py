@@ -1,89 +1,83 @@
-"""The proofs of curved edges, against exact geometry at points that share no code with them; part of the soak."""
+"""Proofs of curved edges, against exact geometry at points from OMPL or from driving the pieces of the curve."""
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from typing import Any
 
 import numpy as np
 
 from benchmarks.report import Report
-from benchmarks.soak.maps import ALONG, Rng, nearly_snapped, not_free_along
-from benchmarks.soak.plane_cases import Case, draw_case
-from benchmarks.soak.tally import Tally
 from cspace import FREE
 from cspace.arrays import Floats
 from planners.car_curves import shortest
 from planners.local_planner import CURVES, CarCurves, local_planner
+from tests.soak.maps import ALONG, nearly_snapped, not_free_along
+from tests.soak.plane import draw_case
+from tests.soak.tally import Case, Rng, Tally, draw_until, pick_close
 
-CANDIDATES = 300
-TAKEN = 40
-"""Edges drawn, and edges of those called free that are followed, for each map and kind of curve."""
+CANDIDATES, TAKEN = 300, 40
+"""Edges drawn, and free edges that are followed, for each map and kind of curve."""
 
 RADII = (2.0, 30.0)
-"""Cells."""
+"""Range of turning radii, cells."""
 
 SAME = 1e-9
-"""Turning radii by which OMPL's curve may be longer or shorter than ours for its points to be asked for."""
+"""Difference in length, in turning radii, up to which OMPL's curve counts as ours."""
 
 OFF = 1e-6
-"""Turning radii, and radians, that two ways of driving one word may end apart."""
+"""Distance, in turning radii or radians, by which points of the same curve may differ."""
 
 
 def check(report: Report, seed: int, edges: int) -> None:
-    """Random maps until enough curves of each kind were called free and followed."""
-    tally, others = Tally(), Counter[str]()
-    began, number = time.perf_counter(), 0
-    while min(tally.checks[name] for name in CURVES) < edges * ALONG:
-        case = draw_case(seed, number, turning=True)
-        rng = np.random.default_rng([seed, number, 5])
+    """Check random maps until enough free curves of each kind were followed."""
+    others = Counter[str]()
+
+    def check_case(tally: Tally, number: int) -> None:
+        case, rng = draw_case(seed, number, turning=True), np.random.default_rng([seed, number, 5])
         if (case.space.record.states == FREE).any():
             for name in CURVES:
                 if tally.checks[name] < edges * ALONG:
                     _check_curves(tally, others, case, name, rng)
-        number += 1
-    followed = {name: tally.checks[name] // ALONG for name in CURVES}
-    counts = " and ".join(f"{count} {name} edges" for name, count in followed.items())
-    seconds = time.perf_counter() - began
-    report.section(f"curves: {number} random maps, {counts} at {ALONG} points each, seed {seed}, {seconds:.0f} s")
-    tally.tell(report)
+
+    def enough(tally: Tally) -> bool:
+        return min(tally.checks[name] for name in CURVES) >= edges * ALONG
+
+    tally = draw_until(report, f"curves at {ALONG} points each", seed, enough, check_case)
     for name in CURVES:
-        report.note(f"{others[name]} of {followed[name]} {name} edges are not OMPL's: the words were driven instead")
+        followed = tally.checks[name] // ALONG
+        report.note(f"{others[name]} of {followed} {name} edges differ from OMPL's; their pieces were driven instead")
 
 
 def _check_curves(tally: Tally, others: Counter[str], case: Case, name: str, rng: Rng) -> None:
-    """All points of curves that are called free, by the proof that a plan uses."""
+    """Check all points of free curves, by the proof that a plan uses."""
     space = case.space
     radius = space.grid.spacing * float(np.exp(rng.uniform(*np.log(RADII))))
     if rng.random() < 0.3:
         radius = space.grid.spacing * float(rng.integers(2, 31))
     way = local_planner(space, drive=name, turning_radius=radius)
     if not isinstance(way, CarCurves):
-        raise TypeError(f"local_planner made {way!r} for curve={name!r}; the soak is for curves")
-    starts, goals = _drawn(case, name, radius, rng)
+        raise TypeError(f"local_planner made {way!r} for drive={name!r}; it must make curves")
+    starts, goals = _draw_ends(case, name, radius, rng)
     is_free = way.edge_checker()
     rows = np.concatenate([starts, goals], axis=1)
     pairs = rows[[is_free(*row) for row in rows.tolist()]].reshape(-1, 2, 3)
     if not len(pairs):
         return
-    # The map tells where to look: half of the edges are those that come closest.
     lengths = np.array([way.metres(*pair) for pair in pairs])
     few = np.stack([way.points(a, b, np.linspace(0.0, c, 30)) for (a, b), c in zip(pairs, lengths, strict=True)])
-    order = np.argsort(np.asarray(space.clearance(few)).min(axis=1))
-    picked = np.concatenate([order[: TAKEN // 2], rng.permutation(order[TAKEN // 2 :])[: TAKEN - TAKEN // 2]])
+    picked = pick_close(np.asarray(space.clearance(few)).min(axis=1), TAKEN, rng)
     oracle = _Oracle(way)
     q, missed = np.empty((len(picked), ALONG, 3)), np.zeros((len(picked), 1), dtype=np.bool_)
     for k, edge in enumerate(picked):
         q[k], missed[k], other = oracle.follow(pairs[edge, 0], pairs[edge, 1], float(lengths[edge]))
         others[name] += other
     wrong, undecided = not_free_along(case, q)
-    wrong |= missed | ~np.asarray(space.is_free(q))
-    tally.add(name, case, q.reshape(-1, 3), wrong.ravel(), undecided.ravel())
+    tally.add(name, case, q, wrong | missed | ~np.asarray(space.is_free(q)), undecided)
 
 
-def _drawn(case: Case, name: str, radius: float, rng: Rng) -> tuple[Floats, Floats]:
-    """Both ends of curves: driven from one to the other, for the most part, so that many are short; or just near."""
+def _draw_ends(case: Case, name: str, radius: float, rng: Rng) -> tuple[Floats, Floats]:
+    """Draw both ends of curves: most goals are driven to, so that many curves are short; the others are near."""
     space, spacing = case.space, case.space.grid.spacing
     starts = space.sample_free(CANDIDATES, rng)
     snapped = rng.random(CANDIDATES) < 0.3
@@ -102,20 +96,10 @@ def _drawn(case: Case, name: str, radius: float, rng: Rng) -> tuple[Floats, Floa
 
 
 def drive(q: Floats, turns: Any, lengths: Floats, radius: float) -> Floats:
-    """Where cars get that drive pieces of circles and lines; chord by chord.
+    """Drive cars from configurations, shape (n, 3), along circles and lines, chord by chord.
 
-    Parameters
-    ----------
-    q : ndarray of float64, shape (n, 3)
-        Where they start.
-    turns, lengths : ndarray, shape (n, pieces)
-        1 (left), -1 (right) or 0 (straight on), and metres; below zero where the car reverses.
-    radius : float
-        Metres.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, 3)
+    ``turns`` and ``lengths`` have shape (n, pieces): 1 (left), -1 (right) or 0 (straight), and metres, negative in
+    reverse.
     """
     x, y, yaw = q.T.copy()
     for turn, length in zip(np.transpose(turns), lengths.T, strict=True):
@@ -126,14 +110,14 @@ def drive(q: Floats, turns: Any, lengths: Floats, radius: float) -> Floats:
 
 
 class _Oracle:
-    """Points of curves from OMPL; and where its curve is another than ours, by driving the pieces of ours."""
+    """Points of curves from OMPL, or from driving the pieces of our curve if OMPL's is another one."""
 
     def __init__(self, way: CarCurves) -> None:
         self._way, self._states = way, way.states()
         self._first, self._last, self._at = (self._states.allocState() for _ in range(3))
 
     def follow(self, first: Floats, last: Floats, length: float) -> tuple[Floats, bool, bool]:
-        """Points of a curve, shape (ALONG, 3), evenly spaced; whether ours misses them; and if OMPL's is another."""
+        """Return points of a curve, shape (ALONG, 3), whether ours miss them, and whether OMPL's curve differs."""
         ours = self._way.points(first, last, np.linspace(0.0, length, ALONG))
         for state, q in ((self._first, first), (self._last, last)):
             state.setXY(float(q[0]), float(q[1]))
@@ -167,6 +151,6 @@ class _Oracle:
 
 
 def _apart(a: Floats, b: Floats, radius: float) -> float:
-    """How far points of curves are from each other at most, in turning radii or radians."""
+    """Return the largest distance of corresponding points, in turning radii or radians."""
     turn = (a[:, 2] - b[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
     return float(max(np.hypot(*(a - b)[:, :2].T).max() / radius, np.abs(turn).max()))

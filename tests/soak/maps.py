@@ -1,61 +1,80 @@
-"""The proofs of a map against exact geometry, in every space alike.
-
-States, edges, boxes, clearance, containment; and the proof that there is no path, against walks.
-"""
+"""Proofs of maps in every space: states, edges, boxes, clearance, containment, disconnection, exact answers."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from benchmarks.report import Report
-from benchmarks.soak.tally import Case, Tally, not_free
 from cspace import BLOCKED, FREE, MIXED, CSpace
-from cspace.arrays import Bools, Floats
-
-Rng = np.random.Generator
+from cspace.arrays import Bools, Floats, States
+from tests.soak.plane import draw_case
+from tests.soak.space import draw_solid_case
+from tests.soak.tally import Case, Rng, Tally, draw_until, not_free, pick_close
 
 TURN = 2.0 * np.pi
 
 PER_STATE = 900
-"""Configurations drawn in cells of FREE and of BLOCKED, for each map; half of them where the state changes."""
+"""Configurations drawn in FREE and in BLOCKED cells of each map, half of them where the state changes."""
 
 CANDIDATES, TAKEN = 200, 30
-"""Edges drawn, and edges of those called free that are followed, for each map."""
+"""Edges drawn on each map, and free edges that are followed."""
 
 ALONG = 1000
 """Points checked along each edge."""
 
 GROUPS = (200, 20)
-"""Points of an edge that are settled together where no obstacle is near enough for any of them, from coarse to fine."""
+"""Consecutive points of an edge that one test of the distance may settle together, from coarse to fine."""
 
 WALKS, STEPS = 30, 25
-"""Walks from configurations anywhere, for each map, and motions of each that are tried."""
+"""Walks on each map, and attempted motions of each."""
 
 EDGE = "edge"
 
+EXACT_CANDIDATES, EXACT_TAKEN = 400, 40
+"""Edges drawn on each map, and edges proven by geometry alone that are followed."""
 
-def check(report: Report, name: str, draw: Callable[[int, int], Case], seed: int, wanted: int, edges: int) -> None:
-    """Random maps until enough FREE and BLOCKED answers and free edges were checked.
+CLOSE = 0.05
+"""Distance from the obstacles, in cells, at which an edge counts as close."""
 
-    Parameters
-    ----------
-    report : Report
-    name : str
-        What is drawn: ``"robots that turn"``.
-    draw : callable
-        From a seed and a number to a case, the same one each time.
-    seed, wanted, edges : int
-    """
-    tally = Tally()
-    began, number = time.perf_counter(), 0
-    while tally.checks["FREE"] + tally.checks["BLOCKED"] < wanted or tally.checks[EDGE] < edges * ALONG:
-        case = draw(seed, number)
-        rng = np.random.default_rng([seed, number, 1])
+CLEAR = 1e-3
+"""Distance from the obstacles, in cells, from which a point must be proven."""
+
+ASKED = 20
+"""Step between points of an edge at which the map must prove the point, too."""
+
+EXACT_POINT, EXACT_EDGE, LOST = "exact point", "exact edge", "exact point that is not proven"
+
+Draw = Callable[[int, int], Case]
+SPACES: dict[str, tuple[Draw, int]] = {
+    "robots in the plane": (draw_case, 1),
+    "robots that turn": (partial(draw_case, turning=True), 1),
+    "robots in space": (draw_solid_case, 1),
+    "robots that turn in space": (partial(draw_solid_case, turning=True), 10),
+    "robots that turn freely in space": (partial(draw_solid_case, freely=True), 10),
+}
+"""How to draw cases, and by how much fewer: each turned solid is a shape of its own for the oracle, which is slow."""
+
+
+def check(report: Report, seed: int, answers: int, edges: int) -> None:
+    """Check random maps of each space until enough FREE and BLOCKED answers and free edges were checked."""
+    for name, (draw, share) in SPACES.items():
+        check_maps(report, name, draw, seed, answers // share, edges // share)
+
+
+def check_maps(report: Report, name: str, draw: Draw, seed: int, answers: int, edges: int) -> None:
+    """Check maps of one space."""
+
+    def enough(tally: Tally) -> bool:
+        return tally.checks["FREE"] + tally.checks["BLOCKED"] >= answers and tally.checks[EDGE] >= edges * ALONG
+
+    def check_case(tally: Tally, number: int) -> None:
+        case, rng = draw(seed, number), np.random.default_rng([seed, number, 1])
         _check_states(tally, case, rng)
         if (case.space.state == FREE).any():
             _check_edges(tally, case, rng)
@@ -63,21 +82,29 @@ def check(report: Report, name: str, draw: Callable[[int, int], Case], seed: int
             _check_clearance(tally, case, rng)
         _check_containment(tally, case, rng)
         _check_walks(tally, case, rng)
-        number += 1
-    report.section(
-        f"{name}: {number} random maps, {tally.checks[EDGE] // ALONG} edges at {ALONG} points each, seed {seed}, "
-        f"{time.perf_counter() - began:.0f} s"
-    )
-    tally.tell(report)
+
+    draw_until(report, f"{name}, edges at {ALONG} points each", seed, enough, check_case)
+
+
+def check_exact(report: Report, seed: int, edges: int) -> None:
+    """Check points and edges that only ``exact=True`` proves, until enough edges were followed in each space."""
+    for name, (draw, share) in SPACES.items():
+
+        def check_case(tally: Tally, number: int, draw: Draw = draw) -> None:
+            _check_exact(tally, draw(seed, number), np.random.default_rng([seed, number, 6]))
+
+        wanted = edges * ALONG // share
+        title = f"exact=True, {name}, edges at {ALONG} points each"
+        draw_until(report, title, seed, lambda tally, wanted=wanted: tally.checks[EXACT_EDGE] >= wanted, check_case)
 
 
 # ---- what is checked -------------------------------------------------------------------------------------------------
 
 
 def _check_states(tally: Tally, case: Case, rng: Rng) -> None:
-    """Configurations in cells of each state, on borders and corners and next to them, and anywhere, also outside."""
+    """Check configurations in cells of each state, on and next to borders and corners, and anywhere."""
     space = case.space
-    state, border = space.state, _changes(space.state, space.grid.dim)
+    state, border = space.state, _state_changes(space.state, space.grid.dim)
     drawn, claimed = [], []
     for claim in (FREE, MIXED, BLOCKED):
         number = PER_STATE // 9 if claim == MIXED else PER_STATE // 2
@@ -89,47 +116,39 @@ def _check_states(tally: Tally, case: Case, rng: Rng) -> None:
                 claimed.append(np.full(number, claim))
     q, claims = np.concatenate(drawn), np.concatenate(claimed)
     answers = np.asarray(space.classify(q))
-    # A border belongs to both cells: the cell that was drawn and the one that the look-up tells must both be right.
+    # A border belongs to both cells, so the state of the drawn cell and the answer must both be right.
     tally.judge(case, q, claims)
     other = answers != claims
     tally.judge(case, q[other], answers[other])
     few = PER_STATE // 6
-    reach = 1.5 * (case.reach + space.margin + space.grid.spacing)
-    low, high = np.asarray(space.grid.lower) - reach, np.asarray(space.grid.upper) + reach
-    turns = rotations_of(space, few, rng)
-    anywhere = np.concatenate([rng.uniform(low, high, (few, space.grid.dim)), turns], axis=1)
+    anywhere = _anywhere(case, few, 1.5, rng)
     q = np.concatenate([nearly_snapped(space, rng.permutation(q)[:few], rng), anywhere])
     tally.judge(case, q, np.asarray(space.classify(q)))
 
 
 def _check_edges(tally: Tally, case: Case, rng: Rng) -> None:
-    """All points of edges that are called free, between random configurations and along the lattice."""
+    """Check all points of free edges, between random configurations and along the lattice."""
     space, dim = case.space, case.space.grid.dim
     starts = space.sample_free(CANDIDATES, rng)
     snapped = rng.random(CANDIDATES) < 0.3
     starts[snapped] = nearly_snapped(space, starts[snapped], rng, away=0.0)
     steps = rng.choice([0.0, 2.0, 10.0, 40.0], (CANDIDATES, 1)) * rng.normal(size=(CANDIDATES, dim))
     lattice = rng.integers(-9, 10, (CANDIDATES, 1)) * rng.integers(-1, 2, (CANDIDATES, dim))
-    goals = starts.copy()
-    goals[:, :dim] += space.grid.spacing * np.where(snapped[:, None], lattice, steps)
-    turns = rng.choice([0.0, 0.05, 0.5, 2.0], CANDIDATES) * np.abs(rng.normal(size=CANDIDATES))
-    goals[:, dim:] = turned(goals[:, dim:], np.where(rng.random(CANDIDATES) < 0.05, np.pi, turns), rng)
+    goals = _moved_by(space, starts, np.where(snapped[:, None], lattice, steps), (0.0, 0.05, 0.5, 2.0), rng)
     free = np.flatnonzero(space.motion_is_free(starts, goals))
-    # The map tells where to look: half of the edges are those that come closest.
     few = along(space, starts[free], goals[free], np.linspace(0.0, 1.0, 50), rng)
-    order = free[np.argsort(np.asarray(space.clearance(few)).min(axis=1))]
-    picked = np.concatenate([order[: TAKEN // 2], rng.permutation(order[TAKEN // 2 :])[: TAKEN - TAKEN // 2]])
+    picked = free[pick_close(np.asarray(space.clearance(few)).min(axis=1), TAKEN, rng)]
     if not len(picked):
         return
     q = along(space, starts[picked], goals[picked], np.linspace(0.0, 1.0, ALONG), rng)
     wrong, undecided = not_free_along(case, q)
-    if space.rotations.dof < 4:  # of an edge along the border of cells of quaternions, one side is enough
+    if space.rotations.dof < 4:  # an edge on the border of quaternion cells may be proven by the other cell
         wrong |= ~np.asarray(space.is_free(q))
-    tally.add(EDGE, case, q.reshape(-1, space.dof), wrong.ravel(), undecided.ravel())
+    tally.add(EDGE, case, q, wrong, undecided)
 
 
 def _check_boxes(tally: Tally, case: Case, rng: Rng) -> None:
-    """Configurations in boxes that are called free all around: in their corners and inside."""
+    """Check corners and insides of boxes in which ``is_free_around`` calls all configurations free."""
     space, dim = case.space, case.space.grid.dim
     distance = space.grid.spacing * float(rng.choice([0.0, 0.5, 1.0, 3.0])) * float(rng.uniform(0.5, 1.5))
     angle = float(rng.choice([0.0, 0.01, 0.1, 1.0, 4.0]) * rng.uniform(0.5, 1.5))
@@ -147,7 +166,7 @@ def _check_boxes(tally: Tally, case: Case, rng: Rng) -> None:
 
 
 def _check_clearance(tally: Tally, case: Case, rng: Rng) -> None:
-    """Points as far off as a clearance tells, at any rotation of the rotation cell: each must be FREE, and free."""
+    """Check configurations within the clearance of others, at any rotation of the same rotation cell."""
     space, dim = case.space, case.space.grid.dim
     centers = space.sample_free(150, rng)
     far = np.minimum(space.clearance(centers), 100.0 * space.grid.spacing * max(space.grid.shape))
@@ -163,19 +182,19 @@ def _check_clearance(tally: Tally, case: Case, rng: Rng) -> None:
 
 
 def _check_containment(tally: Tally, case: Case, rng: Rng) -> None:
-    """Configurations at which the robot is called contained in the obstacles."""
+    """Check configurations at which ``contains_robot`` finds the robot inside the obstacles."""
     space, grid = case.space, case.space.grid
     turns = rotations_of(space, 2000, rng)
     q = np.concatenate([rng.uniform(grid.lower, grid.upper, (2000, grid.dim)), turns], axis=1)
     q = q[np.asarray(space.contains_robot(q))][:40]
     if len(q):
-        tally.add("contained", case, q, ~case.lies_in(q, rng), np.zeros(len(q), dtype=np.bool_))
+        tally.add("contained", case, q, ~case.lies_in(q, rng))
 
 
 def _check_walks(tally: Tally, case: Case, rng: Rng) -> None:
-    """Where walks lead that the geometry itself proves: none of it is cut off from where they began."""
+    """Check that no walk proven by the geometry ends where ``path_exists`` rules out a path."""
     space, dim = case.space, case.space.grid.dim
-    if not has_geometry(case):
+    if not _has_geometry(case):
         return
     places = rng.uniform(space.grid.lower, space.grid.upper, (10 * WALKS, dim))
     first = np.concatenate([places, rotations_of(space, len(places), rng)], axis=1)
@@ -187,20 +206,50 @@ def _check_walks(tally: Tally, case: Case, rng: Rng) -> None:
         goals[:, dim:] = turned(last[:, dim:], size[:, 1] * np.abs(rng.normal(0.0, 0.5, len(last))), rng)
         free = np.asarray(space.motion_is_free(last, goals, exact=True))
         last[free] = goals[free]
-    wrong = np.array([answer is False for answer in space.path_exists(first, last)], dtype=np.bool_)
-    tally.add("path", case, last, wrong, np.zeros(len(last), dtype=np.bool_))
+    tally.add(
+        "path", case, last, np.array([found is False for found in space.path_exists(first, last)], dtype=np.bool_)
+    )
 
 
-def has_geometry(case: Case) -> bool:
-    """Whether the robot has a shape that exact answers can ask, and not only cells that fill it."""
+def _check_exact(tally: Tally, case: Case, rng: Rng) -> None:
+    """Check points in MIXED cells, and all points of edges, that are free only with ``exact=True``."""
+    space, dim = case.space, case.space.grid.dim
+    if not _has_geometry(case):
+        return
+    q = _anywhere(case, 20 * EXACT_CANDIDATES, 0.5, rng)
+    known = np.asarray(space.is_free(q))
+    q = np.concatenate([q[~known][: 4 * EXACT_CANDIDATES], q[known][:EXACT_CANDIDATES]])
+    known, free = np.asarray(space.is_free(q)), np.asarray(space.is_free(q, exact=True))
+    proven, refused = q[free & ~known], q[~free][:EXACT_CANDIDATES]
+    tally.add(EXACT_POINT, case, proven, *not_free(case, proven))
+    if space.workspace.source != "mesh" or space.workspace.shapes:  # a filled mesh is known by its cells only
+        tally.add(LOST, case, refused, ~case.meets(refused, space.margin + CLEAR * space.grid.spacing))
+    starts = np.concatenate([proven[:EXACT_CANDIDATES], q[known][: EXACT_CANDIDATES // 4]])
+    steps = rng.choice([0.0, 0.5, 2.0, 10.0], (len(starts), 1)) * rng.normal(size=(len(starts), dim))
+    goals = _moved_by(space, starts, steps, (0.0, 1e-5, 0.05, 0.5, 2.0), rng)
+    by_geometry = np.asarray(space.motion_is_free(starts, goals, exact=True))
+    edges = rng.permutation(np.flatnonzero(by_geometry & ~np.asarray(space.motion_is_free(starts, goals))))
+    if not len(edges):
+        return
+    few = along(space, starts[edges], goals[edges], np.linspace(0.0, 1.0, 11), rng).reshape(-1, space.dof)
+    close = case.meets(few, space.margin + CLOSE * space.grid.spacing).reshape(-1, 11).any(axis=1)
+    picked = edges[pick_close((~close).astype(np.float64), EXACT_TAKEN, rng)]
+    q = along(space, starts[picked], goals[picked], np.linspace(0.0, 1.0, ALONG), rng)
+    wrong, undecided = not_free_along(case, q)
+    wrong[:, ::ASKED] |= ~np.asarray(space.is_free(q[:, ::ASKED], exact=True))
+    tally.add(EXACT_EDGE, case, q, wrong, undecided)
+
+
+def _has_geometry(case: Case) -> bool:
+    """Return False if the robot is known only by the cells that fill it."""
     return getattr(case.space.robot.shape, "solid", "") != "fill"
 
 
 def not_free_along(case: Case, q: Floats) -> tuple[Bools, Bools]:
-    """:func:`benchmarks.soak.tally.not_free` of the points of edges, shape (edges, points, dof).
+    """Apply :func:`tests.soak.tally.not_free` to the points of edges, shape (edges, points, dof).
 
-    Points are settled in groups: the robot is as far from the obstacles at the middle one as no point of it moves
-    within the group. Where it is not, smaller groups are asked, and at last each point by itself.
+    A group of points is free if the robot at the middle one is farther from the obstacles than any of its points moves
+    within the group. Groups that are not are split, at last into single points.
     """
     wrong, undecided = np.zeros((2, *q.shape[:2]), dtype=np.bool_)
     open_ = np.ones(q.shape[:2], dtype=np.bool_)
@@ -210,7 +259,7 @@ def not_free_along(case: Case, q: Floats) -> tuple[Bools, Bools]:
         near = open_.reshape(groups.shape[:3]).any(axis=2)
         members, middles = groups[near], groups[near][:, size // 2]
         apart = members - middles[:, None]
-        # A point moves by no more than twice its radius times the way of a quaternion.
+        # A point moves at most by twice its radius times the length of the quaternion's path.
         moved = np.linalg.norm(apart[..., :dim], axis=-1) + 2.0 * case.reach * np.abs(apart[..., dim:]).sum(axis=-1)
         near[near] = case.meets(middles, moved.max(axis=1) + case.space.margin + 1e-6)
         open_ = np.repeat(near, size, axis=1)
@@ -221,8 +270,25 @@ def not_free_along(case: Case, q: Floats) -> tuple[Bools, Bools]:
 # ---- configurations --------------------------------------------------------------------------------------------------
 
 
+def _anywhere(case: Case, number: int, share: float, rng: Rng) -> Floats:
+    """Draw configurations in the grid and around it, up to a share of the robot's reach."""
+    space, grid = case.space, case.space.grid
+    reach = share * (case.reach + space.margin + grid.spacing)
+    places = rng.uniform(np.subtract(grid.lower, reach), np.add(grid.upper, reach), (number, grid.dim))
+    return np.concatenate([places, rotations_of(space, number, rng)], axis=1)
+
+
+def _moved_by(space: CSpace, q: Floats, steps: Floats, sizes: tuple[float, ...], rng: Rng) -> Floats:
+    """Move configurations by steps, in cells, and turn them by angles of random sizes or by half a turn."""
+    dim, goals = space.grid.dim, q.copy()
+    goals[:, :dim] += space.grid.spacing * steps
+    angles = rng.choice(sizes, len(q)) * np.abs(rng.normal(size=len(q)))
+    goals[:, dim:] = turned(q[:, dim:], np.where(rng.random(len(q)) < 0.05, np.pi, angles), rng)
+    return goals
+
+
 def nearly_snapped(space: CSpace, q: Floats, rng: Rng, away: float = 1.0) -> Floats:
-    """Configurations on the nearest corner of the lattice, or next to it; many on the border of a rotation cell too."""
+    """Move configurations to the lattice, or next to it, and many to the border of a rotation cell."""
     grid = space.grid
     near = np.round((q[:, : grid.dim] - grid.lower) / grid.spacing)
     near += away * rng.choice([-1.0, 0.0, 1.0], near.shape) * 10.0 ** rng.uniform(-9.0, -3.0, near.shape)
@@ -239,18 +305,15 @@ def nearly_snapped(space: CSpace, q: Floats, rng: Rng, away: float = 1.0) -> Flo
 
 
 def along(space: CSpace, starts: Floats, goals: Floats, t: Floats, rng: Rng) -> Floats:
-    """Points of edges, shape (edges, points, dof): linear, and turned the shorter way, either way at half a turn."""
+    """Return points of edges, shape (edges, points, dof), turned the shorter way, or either way at half a turn."""
     dim = space.grid.dim
     steps = goals - starts
-    if space.rotations.dof == 4:
-        q = starts[:, None] + t[:, None] * steps[:, None]
-        q[..., dim:] = _slerp(starts[:, dim:], goals[:, dim:], t, rng)
-        low, high = np.minimum(starts, goals)[:, None, :dim], np.maximum(starts, goals)[:, None, :dim]
-        q[..., :dim] = np.clip(q[..., :dim], low, high)
-        return q
-    turns = (steps[:, dim:] + np.pi) % TURN - np.pi
-    steps[:, dim:] = np.where(np.pi - np.abs(turns) < 1e-9, np.pi * rng.choice([-1.0, 1.0], turns.shape), turns)
+    if space.rotations.dof == 1:
+        turns = (steps[:, dim:] + np.pi) % TURN - np.pi
+        steps[:, dim:] = np.where(np.pi - np.abs(turns) < 1e-9, np.pi * rng.choice([-1.0, 1.0], turns.shape), turns)
     q = starts[:, None] + t[:, None] * steps[:, None]
+    if space.rotations.dof == 4:
+        q[..., dim:] = _slerp(starts[:, dim:], goals[:, dim:], t, rng)
     # Rounding must not carry a point off the edge's own box, and with it out of the grid.
     low, high = np.minimum(starts, goals)[:, None, :dim], np.maximum(starts, goals)[:, None, :dim]
     q[..., :dim] = np.clip(q[..., :dim], low, high)
@@ -258,7 +321,7 @@ def along(space: CSpace, starts: Floats, goals: Floats, t: Floats, rng: Rng) -> 
 
 
 def _in_cells(space: CSpace, cells: NDArray[np.integer], rng: Rng) -> Floats:
-    """A configuration of each cell, ``(rotation, x, y)``, ``(x, y)`` or ``(x, y, z)``, many on its border."""
+    """Draw a configuration in each cell ``(rotation, x, y)``, ``(x, y)`` or ``(x, y, z)``, many on its border."""
     grid, dim = space.grid, space.grid.dim
     points = grid.lower + grid.spacing * (cells[:, -dim:] + _within(rng, (len(cells), dim)))
     if not space.rotations.dof:
@@ -270,7 +333,7 @@ def _in_cells(space: CSpace, cells: NDArray[np.integer], rng: Rng) -> Floats:
 
 
 def _in_rotation_cells(space: CSpace, cells: NDArray[np.integer], part: Floats) -> Floats:
-    """A rotation of each of some cells, at parts, shape (n, 3), of the way from border to border."""
+    """Return a rotation in each cell, at parts of the way from border to border, shape (n, 3)."""
     borders = np.asarray(space.rotations.borders)
     if space.rotations.dof == 1:
         return np.asarray(borders[cells] + part[:, 0] * (borders[cells + 1] - borders[cells]))[:, None]
@@ -278,20 +341,20 @@ def _in_rotation_cells(space: CSpace, cells: NDArray[np.integer], part: Floats) 
     chart, *parts = np.unravel_index(cells, (4, n, n, n))
     first = np.stack(parts, axis=1)
     quotients = borders[first] + part * (borders[first + 1] - borders[first])
-    made = np.ones((len(cells), 4))
-    made[np.arange(4) != chart[:, None]] = quotients.ravel()
-    return _unit(made)
+    q = np.ones((len(cells), 4))
+    q[np.arange(4) != chart[:, None]] = quotients.ravel()
+    return _unit(q)
 
 
 def rotations_of(space: CSpace, number: int, rng: Rng) -> Floats:
-    """Rotations as configurations of a map tell them."""
+    """Draw the last numbers of configurations: none, yaws, or quaternions."""
     if space.rotations.dof == 4:
         return _unit(rng.normal(size=(number, 4)))
     return rng.uniform(-9.0, 9.0, (number, space.rotations.dof))
 
 
 def turned(turns: Floats, angles: Floats, rng: Rng) -> Floats:
-    """Rotations, each turned by an angle, about any axis that it may turn about."""
+    """Turn each rotation by an angle, about any axis that it may turn about."""
     if turns.shape[1] < 4:
         return turns + (angles * rng.choice([-1.0, 1.0], len(turns)))[:, None]
     axes = rng.normal(size=(len(turns), 3))
@@ -300,7 +363,7 @@ def turned(turns: Floats, angles: Floats, rng: Rng) -> Floats:
 
 
 def _slerp(first: Floats, second: Floats, t: Floats, rng: Rng) -> Floats:
-    """Quaternions on the shorter arcs, shape (edges, points, 4)."""
+    """Interpolate quaternions on the shorter arcs, shape (edges, points, 4)."""
     dot = (first * second).sum(axis=1)
     either = rng.choice([-1.0, 1.0], len(dot))
     second = second * np.where(np.abs(dot) < 1e-9, either, np.copysign(1.0, dot))[:, None]
@@ -315,14 +378,12 @@ def _unit(q: Floats) -> Floats:
 
 
 def _within(rng: Rng, shape: tuple[int, ...]) -> Floats:
-    """Places in cells, from 0 to 1: on either border, and in between."""
+    """Draw positions in cells, from 0 to 1, half of them on a border."""
     place = rng.choice([0.0, 1.0, np.nan], p=[0.25, 0.25, 0.5], size=shape)
     return np.where(np.isnan(place), rng.random(shape), place)
 
 
-def _changes(state: NDArray[np.uint8], dim: int) -> Bools:
-    """Cells with another state in a cell next to them, across a side, an edge or a corner, at the same rotation."""
-    from scipy import ndimage
-
+def _state_changes(state: States, dim: int) -> Bools:
+    """Return the cells with a neighbour of another state, across a side, an edge or a corner, at the same rotation."""
     size = (1,) * (state.ndim - dim) + (3,) * dim
     return np.asarray(ndimage.maximum_filter(state, size) != ndimage.minimum_filter(state, size))

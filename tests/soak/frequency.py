@@ -1,10 +1,10 @@
-"""Random pairs of shapes with their balls, in the plane and in space, each with its exact geometry."""
+"""Proofs from frequencies that pairs of shapes are apart or collide, against exact geometry, in plane and space."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -12,36 +12,54 @@ import shapely
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from benchmarks.soak.plane_geometry import Shape
-from benchmarks.soak.space_geometry import Blocks, Skin, directions
-from benchmarks.soak.space_pairs import SkinPair
-from cspace.arrays import Bools, Floats
+from benchmarks.report import Report
+from cspace.arrays import Bools, Bytes, Floats
 from cspace.errors import InputError
 from cspace.shapes.mesh import Mesh
-from cspace.spectral import Bump, FourierOverlap, decompose
+from cspace.spectral import Bump, FourierOverlap, Verdict, decompose
+from tests.soak import plane
+from tests.soak.solids import Blocks, Skin, SkinPair, directions
+from tests.soak.space import dented_ball
+from tests.soak.tally import Drawn, Rng, Tally, draw_until
 
 Oracle = Callable[[Floats], Bools]
-Rng = np.random.Generator
 
 BUMPS = (1.0, 2.0, 2.0, 3.0, 4.0)
 """Exponents of the bumps that are drawn."""
 
 BALLS = {2: (10, 60), 3: (10, 50)}
-"""Balls of a body."""
+"""Range of the number of balls of a body, by dimension."""
 
 TOLERANCES = {2: (0.01, 0.1), 3: (0.1, 0.5)}
-"""By which the bands are chosen: low bands leave more undecided, and take less time."""
+"""Tolerances that choose the bands: low bands leave more undecided, and take less time."""
 
 POOL = 16
-"""Bodies of each dimension and seed that are decomposed; pairs are of these, stretched, turned and moved, which
-rounds by far less than the balls grow."""
+"""Number of bodies decomposed for each dimension and seed.
+
+Pairs are made of these, stretched, turned and moved, which rounds by far less than the balls grow.
+"""
+
+POSES = 4
+"""Rotations tested of each pair."""
+
+PLACEMENTS = 500
+"""Placements tested at each rotation, a third of them near contact."""
+
+STEPS = 45
+"""Bisection steps to find a contact."""
+
+NEAR = (-11.0, -0.7)
+"""Range of the decimal logarithm of the distance from contact, in sizes of the domain."""
+
+WITHOUT = 20
+"""Step between placements that are also tested by frequencies alone, without swollen balls."""
 
 
 @dataclass(frozen=True)
 class Body:
-    """A polygon or a closed mesh, its triangles (n, 3, 3); and its balls, centers and radii.
+    """A polygon or the triangles of a closed mesh, and the centers and radii of its balls.
 
-    Outer balls cover it, inner ones lie in it; those are None where it has no room for any.
+    Outer balls cover the body; inner balls lie in it, and are None if none fits.
     """
 
     kind: str
@@ -51,7 +69,7 @@ class Body:
 
     @classmethod
     def of(cls, kind: str, shape: Any, number: int) -> Body:
-        """The body with so many balls of each kind."""
+        """Decompose a body into a number of outer and of inner balls."""
         solid = Mesh(shape.reshape(-1, 3), np.arange(len(shape) * 3).reshape(-1, 3)) if _is_solid(shape) else shape
         outer = decompose(solid, kind="outer", number=number)
         try:
@@ -61,7 +79,7 @@ class Body:
         return cls(kind, shape, (outer.centers, outer.radii), (inner.centers, inner.radii))
 
     def placed(self, scale: float, matrix: Floats, away: Floats) -> Body:
-        """The same, stretched, then turned, then moved."""
+        """Stretch, then turn, then move the body."""
 
         def move(points: Floats) -> Floats:
             return np.asarray(scale * points @ matrix.T + away)
@@ -77,18 +95,15 @@ def _is_solid(shape: Any) -> bool:
 
 
 @dataclass(frozen=True)
-class PairCase:
-    """A body that is placed, some others, which may overlap, and their overlap; and the call that draws it."""
+class PairCase(Drawn):
+    """A body that moves, fixed ones, which may overlap each other, and their overlap."""
 
-    name: str
-    made_by: str
-    kind: tuple[str, str]
     a: Body
     b: list[Body]
     overlap: FourierOverlap
 
     def turned(self, rng: Rng) -> tuple[Floats, FourierOverlap, Oracle]:
-        """A random rotation, as a configuration ends with; the overlap there; and whether placements collide."""
+        """Draw a rotation; return its numbers, the overlap there, and an oracle of collisions."""
         if self.overlap.dim == 2:
             yaw = float(rng.uniform(-np.pi, np.pi))
             matrix = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
@@ -98,30 +113,26 @@ class PairCase:
 
 
 def oracle(a: Body, b: list[Body], matrix: Floats) -> Oracle:
-    """Whether a turned and moved body meets others: by shapely; or by FCL on surfaces, and points of one in the
-    other."""
+    """Return a function that tests whether body a, turned and moved, meets others, by shapely or FCL."""
     if len(matrix) == 2:
-        shape, others = Shape([a.shape], np.empty((0, 2)), np.empty(0)), [body.shape for body in b]
-        for other in others:
-            shapely.prepare(other)
+        shape, others = plane.Shape([a.shape]), [body.shape for body in b]
+        shapely.prepare(others)
         yaw = np.arctan2(matrix[1, 0], matrix[0, 0])
         return lambda ts: shape.meets(others, np.column_stack([ts, np.full(len(ts), yaw)]), 0.0)
-    body = np.repeat(np.arange(len(b)), [len(each.shape) for each in b])
-    skin = Skin(np.concatenate([each.shape for each in b]), body)
-    skins = SkinPair(Skin(a.shape @ matrix.T, np.zeros(len(a.shape), dtype=np.int64)), skin)
-    return lambda ts: skins.within(ts, np.zeros(len(ts)))
+    pair = SkinPair(Skin.of_bodies([a.shape @ matrix.T]), Skin.of_bodies([each.shape for each in b]))
+    return lambda ts: pair.within(ts, np.zeros(len(ts)))
 
 
 @cache
 def pool_body(seed: int, index: int, dim: int) -> Body:
-    """One body of the pool, about a metre across; all kinds take turns."""
+    """Return a body of the pool, about a metre across; successive indices go through all kinds."""
     rng = np.random.default_rng([seed, index, 20 + dim])
     kind = list(BODIES[dim])[index % len(BODIES[dim])]
     return Body.of(kind, BODIES[dim][kind](rng), int(rng.integers(*BALLS[dim])))
 
 
 def draw_pair(seed: int, number: int, dim: int) -> PairCase:
-    """The same pair for the same seed, number and dimension."""
+    """Draw a pair, the same one for the same arguments."""
     rng = np.random.default_rng([seed, number, 30 + dim])
     size = float(10.0 ** rng.uniform(-2.0, 2.0))
     a = pool_body(seed, number % POOL, dim).placed(
@@ -151,7 +162,7 @@ def draw_pair(seed: int, number: int, dim: int) -> PairCase:
 def overlap_of(
     a: Body, b: list[Body], share: float, classes: int, bump: Bump, tolerance: float, inner: bool
 ) -> FourierOverlap:
-    """The overlap of a body and others, whose balls grow by a share of the smaller median radius of the two."""
+    """Return the overlap of a body and others, whose balls grow by a share of the smaller median radius."""
     sets = [a.outer, _together([each.outer for each in b])]
     if inner and a.inner is not None and all(each.inner is not None for each in b):
         sets += [a.inner, _together([each.inner for each in b if each.inner is not None])]
@@ -164,7 +175,7 @@ def _together(sets: list[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
 
 
 def random_turn(rng: Rng, dim: int) -> Floats:
-    """A random rotation."""
+    """Draw a rotation matrix."""
     matrix = np.linalg.qr(rng.normal(size=(dim, dim)))[0]
     matrix[:, 0] *= np.sign(np.linalg.det(matrix))
     return np.asarray(matrix)
@@ -200,12 +211,6 @@ def _hull(rng: Rng) -> Floats:
     return np.asarray(trimesh.convex.convex_hull(points).triangles)
 
 
-def _dented(rng: Rng) -> Floats:
-    ball = trimesh.creation.icosphere(int(rng.integers(0, 2)), 1.0)
-    vertices = np.asarray(ball.vertices) * rng.uniform(0.3, 1.0, (len(ball.vertices), 1))
-    return np.asarray(vertices[np.asarray(ball.faces)])
-
-
 def _box(rng: Rng) -> Floats:
     half = rng.uniform(0.1, 1.0, 3)
     return np.asarray(Blocks.boxes(np.array([-half, half])).skin().triangles)
@@ -217,5 +222,67 @@ def _prism(rng: Rng) -> Floats:
 
 BODIES: dict[int, dict[str, Callable[[Rng], Any]]] = {
     2: {"star": _star, "ring": _ring, "rectangle": _rectangle, "L": _ell},
-    3: {"hull": _hull, "dented ball": _dented, "box": _box, "L": _prism},
+    3: {"hull": _hull, "dented ball": partial(dented_ball, most=2), "box": _box, "L": _prism},
 }
+
+
+# ---- checks ----------------------------------------------------------------------------------------------------------
+
+
+def check(report: Report, seed: int, wanted: int) -> None:
+    """Check random pairs, in the plane and in space, until enough placements were tested."""
+    for dim, where in ((2, "in the plane"), (3, "in space")):
+
+        def check_case(tally: Tally, number: int, dim: int = dim) -> None:
+            case, rng = draw_pair(seed, number, dim), np.random.default_rng([seed, number, 40 + dim])
+            for _ in range(POSES):
+                _check_pose(tally, case, rng)
+
+        title = f"verdicts from frequencies {where}, {POSES} rotations of each pair"
+        draw_until(report, title, seed, lambda tally: tally.verdicts.total() >= wanted, check_case)
+
+
+def _check_pose(tally: Tally, case: PairCase, rng: Rng) -> None:
+    """Check that no MISS meets and every HIT does, at one rotation."""
+    rotation, overlap, collide = case.turned(rng)
+    low, high = overlap.domain
+    ts = rng.uniform(low, high, (PLACEMENTS, case.overlap.dim))
+    ts[:: PLACEMENTS // 10] += rng.choice([-1.0, 1.0]) * (high - low)
+    contacts = _contacts(overlap, collide, ts, rng)
+    ts[len(ts) - len(contacts) :] = contacts
+    meets = collide(ts)
+    _judge(tally, case, rotation, ts, meets, overlap.separated(ts).verdict)
+    part = slice(None, None, WITHOUT)
+    _judge(tally, case, rotation, ts[part], meets[part], overlap.separated(ts[part], swelling=False).verdict)
+
+
+def _judge(tally: Tally, case: PairCase, rotation: Floats, ts: Floats, meets: Bools, verdicts: Bytes) -> None:
+    q = np.column_stack([ts, np.broadcast_to(rotation, (len(ts), len(rotation)))])
+    for verdict, wrong in ((Verdict.MISS, meets), (Verdict.HIT, ~meets)):
+        said = verdicts == verdict
+        tally.add(verdict.name, case, q[said], wrong[said])
+    for verdict in Verdict:
+        said = verdicts == verdict
+        tally.verdicts["colliding", verdict.name] += int((said & meets).sum())
+        tally.verdicts["clear", verdict.name] += int((said & ~meets).sum())
+
+
+def _contacts(overlap: FourierOverlap, collide: Oracle, ts: Floats, rng: Rng) -> Floats:
+    """Draw placements near contact, on straight lines outwards from collisions, at most a third of ``ts``."""
+    touching = ts[collide(ts)]
+    if not len(touching):
+        return ts[:0]
+    low, high = overlap.domain
+    size = float(np.linalg.norm(high - low))
+    number = len(ts) // 3
+    starts = touching[rng.integers(len(touching), size=number // 5)]
+    directions = rng.normal(size=starts.shape)
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    near, far = np.zeros(len(starts)), np.full(len(starts), 2.0 * size)
+    for _ in range(STEPS):
+        middle = 0.5 * (near + far)
+        meets = collide(starts + middle[:, None] * directions)
+        near, far = np.where(meets, middle, near), np.where(meets, far, middle)
+    picked = rng.integers(len(starts), size=number)
+    off = size * rng.choice([-1.0, 1.0], number) * 10.0 ** rng.uniform(*NEAR, number)
+    return np.asarray(starts[picked] + (far[picked] + off)[:, None] * directions[picked])

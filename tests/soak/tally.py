@@ -1,0 +1,145 @@
+"""Random cases with exact geometry, and counts of the answers that were checked against it."""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from benchmarks.report import Report
+from cspace import BLOCKED, FREE, MIXED, CSpace
+from cspace.arrays import Bools, Floats, Ints, States
+
+Rng = np.random.Generator
+
+ROUNDING = 1e-9
+"""Metres from contact within which neither FREE nor BLOCKED counts as false."""
+
+SHOWN = 20
+"""False answers that are printed."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A random case.
+
+    Attributes
+    ----------
+    name : str
+        Description of the case.
+    made_by : str
+        The call that draws it again.
+    kind : tuple of str
+        Kind of workspace and kind of robot.
+    """
+
+    name: str
+    made_by: str
+    kind: tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Case(Drawn, ABC):
+    """A map, and the exact geometry of its robot and obstacles."""
+
+    space: CSpace
+
+    @property
+    @abstractmethod
+    def reach(self) -> float:
+        """Upper bound of the distance from the reference point to points of the robot, metres."""
+
+    @abstractmethod
+    def meets(self, q: Floats, distance: float | Floats) -> Bools:
+        """Return whether the robot comes within a distance of the obstacles."""
+
+    @abstractmethod
+    def lies_in(self, q: Floats, rng: Rng) -> Bools:
+        """Return whether the robot, grown by the margin, lies in the obstacles."""
+
+
+@dataclass
+class Tally:
+    """Counts of checks, and descriptions of the first false answers."""
+
+    checks: Counter[str] = field(default_factory=Counter)
+    open: Counter[str] = field(default_factory=Counter)
+    wrong: Counter[str] = field(default_factory=Counter)
+    kinds: Counter[tuple[str, str]] = field(default_factory=Counter)
+    mixed: Counter[str] = field(default_factory=Counter)
+    verdicts: Counter[tuple[str, str]] = field(default_factory=Counter)
+    false: list[str] = field(default_factory=list)
+
+    def add(self, what: str, case: Drawn, q: Floats, wrong: Bools, undecided: Bools | None = None) -> None:
+        """Count checks at configurations, shape (..., dof); ``wrong`` and ``undecided`` have shape (...)."""
+        self.checks[what] += wrong.size
+        self.kinds[case.kind] += wrong.size
+        self.wrong[what] += int(wrong.sum())
+        self.open[what] += 0 if undecided is None else int(undecided.sum())
+        if wrong.any() and len(self.false) < SHOWN:
+            self.false.append(f"{what} at {q[wrong][0].tolist()} of {case.made_by}: {case.name}")
+
+    def judge(self, case: Case, q: Floats, states: States) -> None:
+        """Check states of configurations; count how many MIXED ones collide."""
+        free, blocked, mixed = q[states == FREE], q[states == BLOCKED], q[states == MIXED]
+        self.add("FREE", case, free, *not_free(case, free))
+        apart = ~case.meets(blocked, 0.0)
+        wrong = apart.copy()
+        wrong[apart] = ~case.meets(blocked[apart], ROUNDING)
+        self.add("BLOCKED", case, blocked, wrong, apart & ~wrong)
+        self.mixed["all"] += len(mixed)
+        self.mixed["colliding"] += int(case.meets(mixed, 0.0).sum())
+
+    def report_to(self, report: Report) -> None:
+        """Report all counts; a false answer makes the run fail."""
+        for what, count in self.checks.items():
+            wrong, undecided = self.wrong[what], self.open[what]
+            report.check(not wrong, f"{what}: {count} checks, {wrong} false, {undecided} too close to tell")
+        for axis, label in enumerate(("obstacles", "robots")):
+            counts: Counter[str] = Counter()
+            for kind, count in self.kinds.items():
+                counts[kind[axis]] += count
+            report.note(f"{label}: " + ", ".join(f"{kind} {count}" for kind, count in sorted(counts.items())))
+        colliding, total = self.mixed["colliding"], self.mixed["all"]
+        if total:
+            report.note(f"{colliding} of {total} MIXED configurations collide ({colliding / total:.0%})")
+        for truth in sorted({truth for truth, _ in self.verdicts}):
+            counts = Counter({verdict: count for (kind, verdict), count in self.verdicts.items() if kind == truth})
+            total = counts.total()
+            shares = (f"{verdict} {count} ({count / max(total, 1):.1%})" for verdict, count in counts.items())
+            report.note(f"{truth}, {total} placements: {', '.join(shares)}")
+        for line in self.false:
+            report.note(f"FALSE {line}")
+
+
+def draw_until(
+    report: Report, title: str, seed: int, enough: Callable[[Tally], bool], check: Callable[[Tally, int], None]
+) -> Tally:
+    """Check cases 0, 1, 2, ... until a tally has enough, and report it."""
+    tally, began, number = Tally(), time.perf_counter(), 0
+    while not enough(tally):
+        check(tally, number)
+        number += 1
+    report.section(f"{title}: {number} random cases, seed {seed}, {time.perf_counter() - began:.0f} s")
+    tally.report_to(report)
+    return tally
+
+
+def not_free(case: Case, q: Floats) -> tuple[Bools, Bools]:
+    """Return where the robot, grown by the margin, collides, and where it is too close to tell."""
+    margin = case.space.margin
+    near = case.meets(q, margin + ROUNDING)
+    wrong = near.copy()
+    wrong[near] = case.meets(q[near], max(0.0, margin - ROUNDING))
+    return wrong, near & ~wrong
+
+
+def pick_close(distances: Floats, number: int, rng: Rng) -> Ints:
+    """Return at most ``number`` indices: one half of the smallest distances, the other half at random."""
+    order = np.argsort(distances, kind="stable")
+    half = number // 2
+    return np.concatenate([order[:half], rng.permutation(order[half:])[: number - half]])
