@@ -87,11 +87,11 @@ def main(arguments: list[str] | None = None) -> int:
 
 def write_page(whole: Mapping[str, Any], folder: Path) -> None:
     """Write the table and the plot of a run that includes ``peers``."""
-    from benchmarks.suites import chart, page
+    from benchmarks.suites import page
 
     folder.mkdir(parents=True, exist_ok=True)
-    write_whole(folder / "benchmarks.png", chart.drawn(whole["rows"]))
-    write_whole(folder / "benchmarks.md", page.written(whole, "benchmarks.png").encode())
+    write_whole(folder / "benchmarks.png", page.draw(whole["rows"]))
+    write_whole(folder / "benchmarks.md", page.write(whole, "benchmarks.png").encode())
     print(f"\nwritten: {folder / 'benchmarks.md'}, {folder / 'benchmarks.png'}")
 
 

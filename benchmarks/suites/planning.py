@@ -4,28 +4,35 @@ from __future__ import annotations
 
 import itertools
 import math
-import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
+from ompl import base as ob
+from ompl import geometric as og
+from ompl import util as ou
 
 import cspace
+import planners
 from benchmarks import inputs
 from benchmarks.report import Report
-from benchmarks.suites import lookups
+from benchmarks.suites.lookups import at_half_a_cell, states_of
 from benchmarks.suites.planning_peers import LIMIT, Peer, Problem, Query, problems
-from benchmarks.timing import Timing
+from benchmarks.timing import Timing, once
 from cspace import CSpace
 from cspace.arrays import Floats
+from planners.states import kind_of
 
 Solver = Callable[[Query, int], tuple[float, Floats | None]]
 
+LONG = 10.0
+"""Seconds beside which what is made at the first call does not count."""
+
 
 def run(report: Report, seed: int) -> None:
-    """The same queries and seeds in every space, ours and the peer's in turns."""
+    """Solve the same queries with the same seeds in every space, ours and the peer in turns."""
     if inputs.data_folder() is None:
         report.note(inputs.NO_DATA)
         return
@@ -37,9 +44,8 @@ def _compare(report: Report, problem: Problem) -> None:
     workspace = problem.workspace
     build = partial(cspace.build, workspace, problem.robot, rotations=problem.rotations)
     build()  # compiles
-    began = time.perf_counter()
-    space = build()
-    built = time.perf_counter() - began
+    built = once(build)
+    space: CSpace = built.value
     queries = problem.queries(space)
     queries = queries[:1] if report.quick else queries
     seeds = 2 if report.quick else 10 if len(queries) > 1 else 30
@@ -48,51 +54,63 @@ def _compare(report: Report, problem: Problem) -> None:
         f"{problem.name}: {' x '.join(map(str, workspace.grid.shape))} cells of {workspace.grid.spacing:g} m{turns}, "
         f"{len(queries)} queries, {seeds} seeds each"
     )
-    peer = problem.peer(report, space)
-    solvers = {
-        **_ours(space),
-        f"{peer.name}, set-up and RRTConnect": partial(solve, space, peer_setup(space, peer.is_free)),
-    }
-    timings = dict(zip(solvers, race(list(solvers.values()), queries, seeds), strict=True))
-    for name, timing in timings.items():
-        report.timing(name, timing)
-    *ours, theirs = timings.values()
-    for name, timing in zip(_ours(space), ours, strict=True):
-        report.ratio(f"{peer.name} / {name}", theirs, timing, least=problem.least if timing is ours[0] else None)
-    for number, (start, goal) in enumerate(queries):
-        part = slice(number * seeds, (number + 1) * seeds)
-        ratio = statistics.median(theirs.seconds[part]) / statistics.median(ours[0].seconds[part])
-        report.figure(f"query {number}: {_text(start)} to {_text(goal)}", ratio)
-    lengths = (f"{_length(timing, space.grid.dim):.1f} m" for timing in timings.values())
-    report.note(f"median length of the paths: {', '.join(lengths)}")
-    made = f"ours {built * 1e3:.3g} ms (build), the peer {peer.made * 1e3:.3g} ms ({peer.what})"
-    report.note(f"made once for each map: {made}")
-    report.figure("with both charged to every search", (theirs.median + peer.made) / (ours[0].median + built))
-    report.figure("with only our build charged to every search", theirs.median / (ours[0].median + built))
-    _check_paths(report, ours[0], theirs, peer)
-
-
-def _ours(space: CSpace) -> dict[str, Solver]:
-    """Our ways; the first is the one that targets are for."""
-    import planners
-
-    setup: dict[str, Solver] = {
+    ours: dict[str, Solver] = {
         "ours, planners.simple_setup and RRTConnect": partial(solve, space, lambda: planners.simple_setup(space))
     }
-    if space.grid.dim == 2:
-        return setup
-    names = ("Cubes", "RRTConnect")
-    return {f"ours, planners.plan, {name}": partial(solve_by_plan, space, name) for name in names} | setup
+    if space.grid.dim == 3:
+        names = ("Cubes", "RRTConnect")
+        ours = {f"ours, planners.plan, {name}": partial(solve_by_plan, space, name) for name in names} | ours
+    compare(report, space, built, problem.peer(report, space), ours, queries, seeds, least=problem.least)
 
 
-LONG = 10.0
-"""Seconds beside which what is made at the first call does not count."""
+def compare(
+    report: Report,
+    space: CSpace,
+    built: Timing,
+    peer: Peer,
+    ours: Mapping[str, Solver],
+    queries: Sequence[Query],
+    seeds: int,
+    budget: float = math.inf,
+    least: float | None = None,
+    least_with_build: float | None = None,
+) -> None:
+    """Race our solvers with a peer's, check that no path of ours collides, and count what is made once.
+
+    The targets are for our first solver: how many times longer the peer takes, and the same with what is made once.
+    """
+    name = f"{peer.name}, set-up and RRTConnect"
+    solvers = {**ours, name: partial(solve, space, peer_setup(space, peer.is_free))}
+    timings = dict(zip(solvers, race(list(solvers.values()), queries, seeds, budget), strict=True))
+    for way, timing in timings.items():
+        paths = [path for path in timing.value if path is not None]
+        colliding = sum(peer.collides(path) for path in paths)
+        report.timing(way, timing, solved=f"{len(paths)} of {len(timing.value)}", colliding=colliding)
+        if way in ours:
+            report.check(not colliding, f"{way}: {colliding} of {len(paths)} paths collide, {peer.how}")
+            if budget == math.inf:
+                report.check(len(paths) == len(timing.value), f"{way}: every search reaches the goal")
+    report.note(f"a search that fails counts with {LIMIT:g} s")
+    report.note(
+        f"made once for each map: ours {built.median * 1e3:.3g} ms (build), the peer {peer.made * 1e3:.3g} ms "
+        f"({peer.what})"
+    )
+    theirs = timings[name]
+    for number, way in enumerate(ours):
+        timing = timings[way]
+        report.ratio(f"{peer.name} / {way}", theirs, timing, least=None if number else least)
+        for count in (1, 100):
+            gain = (count * theirs.median + peer.made) / (count * timing.median + built.median)
+            target = least_with_build if (number, count) == (0, 1) else None
+            report.figure(f"  {count} on one map, with what is made once", gain, least=target)
+            cpu = (count * theirs.median_cpu + peer.made) / (count * timing.median_cpu + built.median_cpu)
+            report.figure("    the same in CPU time", cpu)
 
 
 def race(solvers: Sequence[Solver], queries: Sequence[Query], seeds: int, budget: float = math.inf) -> list[Timing]:
-    """All solve all queries with the same seeds, in turns; the paths, or None, are the timings' values.
+    """Solve all queries with the same seeds, in turns; the paths, or None, are the timings' values.
 
-    One that has searched for longer than ``budget``, in seconds, is asked no more.
+    A solver that has searched for longer than ``budget``, in seconds, stops.
     """
     timings = [Timing([]) for _ in solvers]
     for query, seed in itertools.product(queries, range(seeds)):
@@ -102,7 +120,7 @@ def race(solvers: Sequence[Solver], queries: Sequence[Query], seeds: int, budget
             for again in (True, False):
                 cpu = time.process_time()
                 taken, path = solver(query, seed)
-                # A short first search is made anew, so that none pays for what is made at the first call.
+                # A short first search is repeated, so that none pays for what is made at the first call.
                 if not (again and not timing.seconds and taken < LONG):
                     break
             timing.cpu.append(time.process_time() - cpu)
@@ -111,25 +129,10 @@ def race(solvers: Sequence[Solver], queries: Sequence[Query], seeds: int, budget
     return timings
 
 
-def _check_paths(report: Report, ours: Timing, theirs: Timing, peer: Peer) -> None:
-    """Our searches must reach the goal without a collision; the peer's paths are told."""
-    solved = [path for path in ours.value if path is not None]
-    report.check(len(solved) == len(ours.value), f"ours: {len(solved)} of {len(ours.value)} searches reach the goal")
-    colliding = sum(peer.collides(path) for path in solved)
-    report.check(not colliding, f"ours: {colliding} of {len(solved)} paths collide, {peer.how}")
-    paths = [path for path in theirs.value if path is not None]
-    report.note(
-        f"the peer: {len(paths)} of {len(theirs.value)} searches reach the goal within {LIMIT:g} s, and "
-        f"{sum(peer.collides(path) for path in paths)} of these paths collide between the steps"
-    )
-
-
 def solve_by_plan(
     space: CSpace, planner: str, query: Query, seed: int, exact: bool = False
 ) -> tuple[float, Floats | None]:
-    """Seconds until a first solution by our planning function, and the path; None where none was found."""
-    import planners
-
+    """Return the seconds to a first solution by our planning function, and the path or None."""
     began = time.perf_counter()
     plan = planners.plan(space, *query, planner=planner, time_limit=LIMIT, simplify=False, seed=seed, exact=exact)
     taken = time.perf_counter() - began
@@ -137,11 +140,7 @@ def solve_by_plan(
 
 
 def peer_setup(space: CSpace, is_free: Callable[[Any], bool]) -> Callable[[], Any]:
-    """Makes the set-up of a plain OMPL script: a callback that asks a peer, and motions checked at half a cell."""
-    from ompl import base as ob
-    from ompl import geometric as og
-
-    import planners
+    """Return a plain OMPL script's set-up: a callback that asks a peer, and motions checked at half a cell."""
 
     class Checker(ob.StateValidityChecker):
         def isValid(self, state: Any) -> bool:  # noqa: N802 - OMPL's name
@@ -151,24 +150,19 @@ def peer_setup(space: CSpace, is_free: Callable[[Any], bool]) -> Callable[[], An
         made = og.SimpleSetup(planners.state_space(space))
         si = made.getSpaceInformation()
         made.setStateValidityChecker(Checker(si))
-        lookups.at_half_a_cell(space, si)
+        at_half_a_cell(space, si)
         return made
 
     return setup
 
 
 def solve(space: CSpace, make: Callable[[], Any], query: Query, seed: int) -> tuple[float, Floats | None]:
-    """Seconds until a first solution by a set-up's RRTConnect, and the path; None where none was found."""
-    from ompl import geometric as og
-    from ompl import util as ou
-
-    from planners.states import kind_of
-
+    """Return the seconds to a first solution by a set-up's RRTConnect, and the path or None."""
     ou.setLogLevel(ou.LOG_NONE)
     ou.RNG.setSeed(seed + 1)
     began = time.perf_counter()
     setup = make()
-    setup.setStartAndGoalStates(*lookups.states_of(space, setup.getSpaceInformation(), query))
+    setup.setStartAndGoalStates(*states_of(space, setup.getSpaceInformation(), query))
     setup.setPlanner(og.RRTConnect(setup.getSpaceInformation()))
     setup.solve(LIMIT)
     taken = time.perf_counter() - began
@@ -176,13 +170,3 @@ def solve(space: CSpace, make: Callable[[], Any], query: Query, seed: int) -> tu
         return taken, None
     kind = kind_of(space)
     return taken, np.array([kind.read(state) for state in setup.getSolutionPath().getStates()])
-
-
-def _length(timing: Timing, dim: int) -> float:
-    """Median length of the paths that were found, in metres."""
-    paths = [path[:, :dim] for path in timing.value if path is not None]
-    return statistics.median(float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) for path in paths)
-
-
-def _text(point: Floats) -> str:
-    return f"({', '.join(f'{value:.1f}' for value in point)})"

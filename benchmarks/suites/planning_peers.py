@@ -21,7 +21,7 @@ from benchmarks.report import Report
 from cspace import CSpace, Grid, Robot, Workspace
 from cspace.arrays import Bools, Floats
 from tests import solids
-from tests.soak.plane import union_of_cells
+from tests.soak.plane import placed, union_of_cells
 from tests.soak.solids import Blocks, Pair, merged_cells
 
 Query = tuple[Floats, Floats]
@@ -181,7 +181,7 @@ def _rectangle(report: Report, space: CSpace) -> Peer:
     (left, low), (right, high) = space.grid.lower, space.grid.upper
     obstacles, made = _polygons(space.workspace)
     corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * [LENGTH / 2, WIDTH / 2]
-    outline = corners.tolist()
+    outline, footprint = corners.tolist(), shapely.Polygon(corners)
 
     def is_free(state: Any) -> bool:
         cosine, sine = math.cos(state.getYaw()), math.sin(state.getYaw())
@@ -196,11 +196,8 @@ def _rectangle(report: Report, space: CSpace) -> Peer:
             change = goal - start
             change[2] = (change[2] + np.pi) % (2 * np.pi) - np.pi  # the shorter way round
             moved = np.hypot(*change[:2]) + abs(change[2]) * np.hypot(*corners[0])
-            x, y, yaw = (start + np.linspace(0, 1, 2 + int(moved / 0.002))[:, None] * change).T
-            cosine, sine = np.cos(yaw), np.sin(yaw)
-            turned = [(x + a * cosine - b * sine, y + a * sine + b * cosine) for a, b in corners]
-            footprints = shapely.polygons(np.stack([np.stack(point, axis=-1) for point in turned], axis=1))
-            if shapely.intersects(obstacles, footprints).any():
+            q = start + np.linspace(0, 1, 2 + int(moved / 0.002))[:, None] * change
+            if shapely.intersects(obstacles, placed(footprint, q)).any():
                 return True
         return False
 

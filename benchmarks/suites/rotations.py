@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from itertools import product
 from typing import Any
 
 import numpy as np
 from scipy import signal
 
 import cspace
+import planners
 from benchmarks.report import Report
 from benchmarks.suites import planning, rotation_scenes
 from benchmarks.suites.lookups import asker, edges_of, states_of
 from benchmarks.suites.outer_maps import convolved
-from benchmarks.suites.planning_peers import LIMIT
+from benchmarks.suites.planning_peers import Peer
 from benchmarks.suites.rotation_scenes import TRIED, Fcl, Scene
 from benchmarks.timing import Timing, interleave, one_core
 from cspace import BLOCKED, FREE, CSpace
@@ -144,8 +144,6 @@ def _against_queries(report: Report, space: CSpace, built: Timing, fcl: Fcl) -> 
 
 def _look_ups(report: Report, space: CSpace, fcl: Fcl, rng: np.random.Generator) -> None:
     """In batches, in OMPL's callback, and edges, exact or not."""
-    import planners
-
     number, runs = (10**5, 3) if report.quick else (10**6, 7)
     q = _random(space, number, rng)
     with one_core():
@@ -215,37 +213,16 @@ def _edges(space: CSpace, rng: np.random.Generator, number: int) -> tuple[Floats
 
 
 def _plan(report: Report, space: CSpace, scene: Scene, built: Timing, fcl: Fcl, least: float | None = None) -> None:
-    """First solutions, with and without what is made once."""
-    import planners
-
+    """Compare first solutions with those of FCL."""
     exact = bool(scene.cuts[0])
-    queries, label = scene.queries(space), ", exact" if exact else ""
-    solvers: dict[str, planning.Solver] = {
+    label = ", exact" if exact else ""
+    ours: dict[str, planning.Solver] = {
         f"ours, planners.plan{label}": partial(planning.solve_by_plan, space, "RRTConnect", exact=exact),
         f"ours, simple_setup and RRTConnect{label}": partial(
             planning.solve, space, lambda: planners.simple_setup(space, exact=exact)
         ),
-        "OMPL with FCL, RRTConnect": partial(planning.solve, space, planning.peer_setup(space, fcl.is_free)),
     }
-    timings = dict(zip(solvers, planning.race(list(solvers.values()), queries, scene.seeds, BUDGET), strict=True))
-    report.note(
-        f"plans: {len(queries)} queries, {scene.seeds} seeds each; a search that fails counts with {LIMIT:g} s, and "
-        f"what has searched for {BUDGET:g} s is asked no more"
-    )
-    for name, timing in timings.items():
-        paths = [path for path in timing.value if path is not None]
-        colliding = sum(fcl.path_collides(path, ALONG) for path in paths)
-        report.timing(name, timing, solved=f"{len(paths)} of {len(timing.value)}", colliding=colliding)
-        if name.startswith("ours"):
-            report.check(not colliding, f"{name}: {colliding} of {len(paths)} paths collide, {ALONG} places a leg")
-    *ours, theirs = timings.items()
-    for (name, timing), (number, most) in product(ours, ((1, least), (100, None))):
-        first = number * timing.median + built.median
-        what = f"{number} {'query' if number == 1 else 'queries'} on one map"
-        report.figure(f"{what}: FCL / {name}", theirs[1].median / timing.median)
-        gain = (number * theirs[1].median + fcl.made) / first
-        report.figure("  with what is made once: the build, FCL's model", gain, least=most)
-        cpu = (number * theirs[1].median_cpu + fcl.made) / (number * timing.median_cpu + built.median_cpu)
-        report.figure("  the same in CPU time", cpu)
-        if gain < 1.0:
-            report.note(f"{what} {'does' if number == 1 else 'do'} not pay for the build")
+    collides = partial(fcl.path_collides, each=ALONG)
+    peer = Peer("OMPL with FCL", fcl.is_free, collides, f"at {ALONG} places of each leg", fcl.made, fcl.what)
+    queries = scene.queries(space)
+    planning.compare(report, space, built, peer, ours, queries, scene.seeds, BUDGET, least_with_build=least)
