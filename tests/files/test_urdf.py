@@ -333,22 +333,18 @@ def test_bad_files_are_told_in_a_line(tmp_path, body, error, message):
     assert "\n" not in str(caught.value)
 
 
-def test_unknown_links_and_files_are_refused(tmp_path):
+@refusals(
+    "text, links, error, message",
+    (None, "arm", InputError, r"link is 'arm'; .*robot\.urdf has base, plate, head, wheel"),
+    (None, "plate", InputError, "link is plate; no such link has collision geometry; name links that have: base"),
+    ("<html/>", None, FileError, "holds <html>, not <robot>"),
+    ('<!DOCTYPE robot [<!ENTITY a "b">]><robot name="&a;"/>', None, FileError, "declares an entity"),
+)
+def test_from_urdf_refuses_unknown_links_and_other_files(tmp_path, text, links, error, message):
     path = written(tmp_path)
-    with pytest.raises(InputError, match=r"link is 'arm'; .*robot\.urdf has base, plate, head, wheel"):
-        Robot.from_urdf(path, "arm")
-    with pytest.raises(
-        InputError, match="link is plate; no such link has collision geometry; name links that have: base"
-    ):
-        Robot.from_urdf(path, "plate")
-    with pytest.raises(FileError, match=r"none\.urdf: does not exist"):
-        Robot.from_urdf(tmp_path / "none.urdf")
-    path.write_text("<html/>")
-    with pytest.raises(FileError, match="holds <html>, not <robot>"):
-        Robot.open(path)
-    path.write_text('<!DOCTYPE robot [<!ENTITY a "b">]><robot name="&a;"/>')
-    with pytest.raises(FileError, match="declares an entity"):
-        Robot.open(path)
+    path.write_text(text or path.read_text())
+    with pytest.raises(error, match=message):
+        Robot.from_urdf(path, links)
 
 
 def test_without_yourdfpy_the_error_names_the_extra(tmp_path):

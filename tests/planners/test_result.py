@@ -287,6 +287,12 @@ def test_a_plan_that_failed_keeps_start_and_goal(name: str, tmp_path: Path) -> N
     plan.to_json(tmp_path / "plan.json")
     written = json.loads((tmp_path / "plan.json").read_text())
     assert [written["start"], written["goal"]] == [plan.start.tolist(), plan.goal.tolist()]
+    assert written["path"] == [] and written["length"] is None and written["path_exists"] is False
+    plan.to_csv(tmp_path / "path.csv")
+    assert (tmp_path / "path.csv").read_text() == ",".join(space.axes) + "\n"
+    units = {axis: "rad" if axis == "yaw" else "1" if axis[0] == "q" else "m" for axis in space.axes}
+    assert dict(zip(plan.axes, plan.units, strict=True)) == units
+    assert plan.units == space.units and (plan.length_unit, plan.distance_unit) == ("m", "m")
     again = pickle.loads(pickle.dumps(plan))
     np.testing.assert_array_equal([again.start, again.goal], [plan.start, plan.goal])
 
@@ -321,26 +327,6 @@ def test_a_plan_is_read_back_from_json(plan: planners.Plan, tmp_path: Path) -> N
     assert direction == (None if plan.direction is None else plan.direction.tolist())
     for name in record:
         assert getattr(again, name) == getattr(plan, name)
-
-
-@pytest.mark.parametrize("name", SPACES)
-def test_each_axis_has_its_unit(name: str) -> None:
-    space, start, goal = halves(name, BLOCKED)
-    plan = planners.plan(space, start, goal)
-    assert dict(zip(plan.axes, plan.units, strict=True)) == {
-        axis: {"yaw": "rad", "q": "1"}.get(axis if axis == "yaw" else axis[0], "m") for axis in space.axes
-    }
-    assert plan.units == space.units and (plan.length_unit, plan.distance_unit) == ("m", "m")
-
-
-def test_an_unsolved_plan_is_written_without_nan(tmp_path: Path) -> None:
-    space, start, goal = halves("space", BLOCKED)
-    plan = planners.plan(space, start, goal)
-    plan.to_json(tmp_path / "plan.json")
-    record = json.loads((tmp_path / "plan.json").read_text())
-    assert record["path"] == [] and record["length"] is None and record["path_exists"] is False
-    plan.to_csv(tmp_path / "path.csv")
-    assert (tmp_path / "path.csv").read_text() == "x,y,z\n"
 
 
 @pytest.mark.parametrize("write", ["to_csv", "to_json"])
