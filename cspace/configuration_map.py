@@ -5,25 +5,24 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Protocol, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import FREE, MIXED, Bools, Floats, Ints
+from cspace.arrays import FREE, MIXED, Bools, Floats, Ints, Words
+from cspace.check import not_negative
 from cspace.configuration_space import ConfigurationSpace
 from cspace.grid import Grid
-from cspace.map.batches import Kernel, Many, One, Query, answer, as_points, in_pieces
+from cspace.map.backend import Backend
+from cspace.map.batches import EDGES_A_THREAD, Many, One, Query, answer, as_points
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.rotations.base import warn_of_degrees
 from cspace.shown import MapPlot
-from cspace.threads import LEAST
 
 if TYPE_CHECKING:
     from cspace.exact.queries import Exact
-
-Result = TypeVar("Result")
 
 _ANSWERS = np.array([None, True, False], dtype=object)
 
@@ -38,8 +37,8 @@ class Joined(Protocol):
 class ConfigurationMap(ConfigurationSpace, MapPlot):
     """A certified map of a robot's configurations, with the look-ups that all maps share.
 
-    :class:`cspace.CSpace` holds it in memory, :class:`cspace.TiledCSpace` reads it from a store. Each brings its own
-    kernels for batches of configurations, and its own components.
+    :class:`cspace.CSpace` keeps its cells in memory, :class:`cspace.TiledCSpace` reads them from a store. Look-ups run
+    compiled kernels over the cells by a :class:`cspace.map.backend.Backend`.
     """
 
     # ---- what the map is ---------------------------------------------------------------------------------------------
@@ -142,7 +141,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
             True: a chain of FREE cells joins them. False: no chain of FREE and MIXED cells does, which proves that no
             collision-free path exists. None: undecided at this resolution.
         """
-        return self._at_one_moment(lambda: self._path_exists(q0, q1))
+        return self._backend.at_one_moment(lambda: self._path_exists(q0, q1))
 
     def _path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | NDArray[np.object_] | None:
         endpoints = [as_points(q, name, self.dof) for q, name in ((q0, "q0"), (q1, "q1"))]
@@ -178,6 +177,35 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         passable = free | (left if left.all() and few_join() else joined(left, mixed=True))
         answers: NDArray[np.object_] = _ANSWERS[np.where(passable, free, 2), ...]
         return answers if answers.ndim else answers[()]
+
+    @overload
+    def is_free_around(self, q: One, distance: float, angle: float = 0.0) -> bool: ...  # type: ignore[overload-overlap]
+    @overload
+    def is_free_around(self, q: Many, distance: float, angle: float = 0.0) -> Bools: ...
+    def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> bool | Bools:
+        """Whether all configurations around configurations are proven collision-free.
+
+        True where every closed cell is FREE that meets the box of all configurations within ``distance`` along each
+        axis, whose rotation is within ``angle``. Curves are proven with it, piece by piece.
+
+        Parameters
+        ----------
+        q : array-like, shape (dof,) or (..., dof)
+            Metres, and radians.
+        distance : float
+            Metres, zero or above.
+        angle : float
+            Radians, zero or above; plays no part where the robot does not turn.
+
+        Returns
+        -------
+        bool or ndarray of bool, shape (...)
+        """
+        from cspace.map.points import boxes_are_free
+
+        reach = not_negative(distance, "distance"), not_negative(angle, "angle", "pass it in radians")
+        query = self._backend.query(boxes_are_free, *reach, passed=True)
+        return answer(q, self.dof, query, np.bool_, bool, angles=self._angles)
 
     @overload
     def clearance(self, q: One) -> float: ...  # type: ignore[overload-overlap]
@@ -216,16 +244,37 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     def facts(self) -> dict[str, object]:
         """Facts about the map besides its grid, for people: plain values by name."""
 
+    @property
+    @abstractmethod
+    def _backend(self) -> Backend:
+        """The cells, over which kernels are run."""
+
+    @cached_property
+    def _states_query(self) -> Query:
+        from cspace.map.points import classify
+
+        return self._backend.query(classify, passed=FREE)
+
+    def _classify(self) -> Query:
+        return self._states_query
+
+    def _frees(self, exact: bool) -> Query:
+        return self._backend.query(self._exact.points) if exact else partial(_are_free, self._classify())
+
+    def _edges(self, number: int, exact: bool) -> Query:
+        from cspace.map.edges import edges_are_free
+
+        if exact:
+            return self._backend.query(self._exact.edges, least=EDGES_A_THREAD)
+        return self._backend.query(edges_are_free, self._blocks(number), passed=True, least=EDGES_A_THREAD)
+
+    def _blocks(self, number: int) -> Words | None:
+        """Marks of blocks of cells that are not FREE, if they are worth it for a number of edges."""
+        return None
+
     @abstractmethod
     def _clearances(self) -> Query:
         """The kernel of clearances."""
-
-    def _in_pieces(self, kernel: Kernel, least: int = LEAST) -> Query:
-        """What a kernel answers of the cells that the map shows it."""
-        return in_pieces(kernel, least)
-
-    def _frees(self, exact: bool) -> Query:
-        return self._in_pieces(self._exact.points) if exact else partial(_are_free, self._classify())
 
     @property
     @abstractmethod
@@ -243,10 +292,6 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         Besides, what tells, where it is soon known, that MIXED cells join them.
         """
         return False, _unknown
-
-    @abstractmethod
-    def _at_one_moment(self, work: Callable[[], Result]) -> Result:
-        """The result of some work, all of which sees the map as it is at one moment."""
 
     def _cells_of(self, points: Floats) -> Ints:
         """Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` of configurations, in the grid or not."""

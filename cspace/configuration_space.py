@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import overload
 
@@ -199,6 +200,23 @@ class ConfigurationSpace(SpaceView, ABC):
         q0, q1 = points[..., :-1, :], points[..., 1:, :]
         return np.asarray(answer_edges(q0, q1, self.dof, lambda number: self._edges(number, exact)))
 
+    def legs(self, q0: ArrayLike, q1: ArrayLike) -> Sequence[Leg]:
+        """The parts of the space, in memory, that a path leads through one after the other, for planners.
+
+        Only a map in a store has several: see :meth:`cspace.TiledCSpace.legs`.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (dof,)
+            Start and goal.
+
+        Returns
+        -------
+        sequence of (callable, ndarray of float64, ndarray of float64)
+            A function that opens the part, and the configurations, shape (dof,), that the path joins in it.
+        """
+        return [(lambda: self, self.checked(q0, "q0"), self.checked(q1, "q1"))]
+
     # ---- what differs ------------------------------------------------------------------------------------------------
 
     @abstractmethod
@@ -212,3 +230,7 @@ class ConfigurationSpace(SpaceView, ABC):
     @abstractmethod
     def _edges(self, number: int, exact: bool) -> Query:
         """The kernel of whether edges are free, chosen for a ``number`` of them."""
+
+
+Leg = tuple[Callable[[], ConfigurationSpace], Floats, Floats]
+"""A function that opens a part of a space in memory, and two configurations in it."""

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import FIELD_NAMES
-from cspace.endless import map_of
 from cspace.errors import FileError
 from cspace.files.access import look_up, retry_if_replaced
 from cspace.map.contents import Contents
@@ -129,7 +128,7 @@ def _restored(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> CSpace:
             raise ValueError(f"its array {name!r} is not that of its rotation cells and its robot")
     leading = (*rotations.leading(len(arrays["state"])), *workspace.grid.shape)
     endless = metadata.get("endless", "").split()
-    return map_of(
+    return CSpace(
         Contents(
             workspace,
             robot,

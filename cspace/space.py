@@ -12,18 +12,20 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arrays import FREE, MIXED, STATE_NAMES, Bools, Floats, Ints, States
-from cspace.check import check_rng, finite, not_negative, positive, whole
+from cspace.arrays import FREE, MIXED, STATE_NAMES, Bools, Floats, Ints, States, Words
+from cspace.check import check_rng, finite, positive, whole
 from cspace.compiling import clock
-from cspace.configuration_map import ConfigurationMap, Result
+from cspace.configuration_map import ConfigurationMap
 from cspace.engines.slices import slice_rasters
 from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid
 from cspace.limits import JOINED_BYTES, check_memory
-from cspace.map.batches import EDGES_A_THREAD, Many, One, Query, answer, as_points, in_pieces, own, side_by_side
+from cspace.map.backend import MemoryBackend
+from cspace.map.batches import Many, One, Query, answer, as_points, own, side_by_side
 from cspace.map.contents import Contents
-from cspace.map.derived import Derived, Lock
+from cspace.map.derived import Lock, lazy
 from cspace.map.exterior import UNKNOWN, Exterior
+from cspace.map.periodic import below_half_a_turn, with_wrapped_angles
 from cspace.map.storage import (
     Map,
     PackedStates,
@@ -72,6 +74,12 @@ class CSpace(ConfigurationMap, MapExport):
     the workspace, FREE under ``outside="free"`` where it is proven to reach no obstacle, and otherwise MIXED. In a
     window of a larger map (:meth:`cspace.TiledCSpace.window`), ``outside`` is "unknown", and all outside is MIXED.
 
+    Axes of continuous joints are periodic: angles may be any, up to 256 radians, and a whole turn more is the same
+    configuration. Edges turn these joints the shorter way, as OMPL does, and rows of a path count whole turns, so that
+    straight motions join them. Obstacles placed beyond the middle turn come in again, whole turns on. On such a map
+    :meth:`clearance` is computed up to half a turn, and :meth:`is_free_around` within as much; :meth:`overlap`,
+    :meth:`obstacle_distance` and overlap fields are undefined.
+
     Parameters
     ----------
     contents : Contents
@@ -106,29 +114,9 @@ class CSpace(ConfigurationMap, MapExport):
         # Updates write into the contents' states; all others see these.
         self._seen = read_only_of(contents.states)
         self._slice_of = contents.slice_of
-        self._make_room()
-        if rasters is not None:
-            self._derived_rasters.get(lambda: list(rasters))
-
-    def _make_room(self) -> None:
-        """Empty caches for what is derived from the map."""
         self._lock = Lock()
-        self._derived_rasters: Derived[list[tuple[Raster, Raster]]] = Derived(self._lock)
-        self._derived_exterior: Derived[Exterior] = Derived(self._lock)
-        self._derived_map: Derived[Map] = Derived(self._lock)
-        self._derived_classify: Derived[Query] = Derived(self._lock)
-        self._point_checker: Derived[Callable[..., bool]] = Derived(self._lock)
-        self._edge_checker: Derived[Callable[..., bool]] = Derived(self._lock)
-        self._mip: Derived[Mip] = Derived(self._lock)
-        self._runs: Derived[Runs] = Derived(self._lock)
-        self._outer_sums: Derived[Sums] = Derived(self._lock)
-        self._inner_sums: Derived[Sums] = Derived(self._lock)
-        self._derived_components: Derived[Components] = Derived(self._lock)
-        self._free_cells: Derived[FreeCells] = Derived(self._lock)
-        self._widest: Derived[Widest] = Derived(self._lock)
-        self._inflation: Derived[Inflation] = Derived(self._lock)
-        self._derived_exact: Derived[Exact] = Derived(self._lock)
-        self._updater: Derived[Updater] = Derived(self._lock)
+        if rasters is not None:
+            vars(self)["_rasters"] = list(rasters)
 
     # ---- what the map is ---------------------------------------------------------------------------------------------
 
@@ -144,6 +132,10 @@ class CSpace(ConfigurationMap, MapExport):
     @property
     def rotations(self) -> Rotations:
         return self._contents.rotations
+
+    @property
+    def endless(self) -> tuple[bool, ...]:
+        return self._contents.endless or (False,) * self.dof
 
     @property
     def outside(self) -> str:
@@ -216,8 +208,10 @@ class CSpace(ConfigurationMap, MapExport):
         measure = f"{('area', 'volume')[grid.dim - 2]}_{grid.measure_unit.replace(' ', '_')}"
         filled = "mean_" * bool(rotations.names) + f"free_{measure}"
         free = counts_of(states)[:, FREE][self._slice_of]
+        periodic = self._contents.periodic
         mean = float(free @ rotations.volumes / rotations.volumes.sum()) * grid.spacing**grid.dim
         return {
+            **({"endless": periodic.names_among(self.axes)} if periodic else {}),
             **({"slices": len(states)} if rotations.names else {}),
             "workspace": self.workspace.source,
             "cells": dict(zip(STATE_NAMES, self.count(), strict=True)),
@@ -282,32 +276,6 @@ class CSpace(ConfigurationMap, MapExport):
         inside: Bools = sums == counts[self._slice_of[self.rotations.cells_of(np.asarray(q, dtype=np.float64))]]
         return inside if inside.ndim else bool(inside)
 
-    @overload
-    def is_free_around(self, q: One, distance: float, angle: float = 0.0) -> bool: ...  # type: ignore[overload-overlap]
-    @overload
-    def is_free_around(self, q: Many, distance: float, angle: float = 0.0) -> Bools: ...
-    def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> bool | Bools:
-        """Whether all configurations around configurations are proven collision-free.
-
-        True where every closed cell is FREE that meets the box of all configurations within ``distance`` along each
-        axis, whose rotation is within ``angle``. Curves are proven with it, piece by piece.
-
-        Parameters
-        ----------
-        q : array-like, shape (dof,) or (..., dof)
-            Metres, and radians.
-        distance : float
-            Metres, zero or above.
-        angle : float
-            Radians, zero or above; plays no part where the robot does not turn.
-
-        Returns
-        -------
-        bool or ndarray of bool, shape (...)
-        """
-        reach = not_negative(distance, "distance"), not_negative(angle, "angle", "pass it in radians")
-        return answer(q, self.dof, self._around_is_free(*reach), np.bool_, bool, angles=self._angles)
-
     def obstacle_distance(self, q: ArrayLike, lengths: ArrayLike = 0.0, turns: ArrayLike = 0.0) -> float:
         """Lower bound of the robot's distance from the obstacles, at all configurations or along all pieces of a path.
 
@@ -334,6 +302,7 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.map.points import classify_few
 
+        self._refuse_periodic("obstacle_distance", "use the space of the arm")
         points = as_points(q, "q", self.dof)
         rows, spans = own(points.reshape(-1, self.dof)), list[Floats]()
         for name, given in (("lengths", lengths), ("turns", turns)):
@@ -365,10 +334,8 @@ class CSpace(ConfigurationMap, MapExport):
         callable
             ``check(*q) -> bool``, of the dof numbers of a configuration, as floats; False where they are none.
         """
-        from cspace.map import callbacks
-
-        quick = self._point_checker.get(lambda: callbacks.point_checker(self.record, self.dof))
-        return callbacks.with_wrapped_angles(self._exact.point_checker(quick) if exact else quick, self.endless)
+        check = self._exact.point_checker(self._point_checker) if exact else self._point_checker
+        return with_wrapped_angles(check, self.endless)
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """A quick ``motion_is_free`` of the floats of two configurations, in one compiled call.
@@ -383,10 +350,8 @@ class CSpace(ConfigurationMap, MapExport):
         callable
             ``check(*q0, *q1) -> bool``, of the numbers of two configurations, as floats; False where they are none.
         """
-        from cspace.map import callbacks
-
-        quick = self._edge_checker.get(lambda: callbacks.edge_checker(self.record, self.dof))
-        return callbacks.with_wrapped_angles(self._exact.edge_checker(quick) if exact else quick, self.endless)
+        check = self._exact.edge_checker(self._edge_checker) if exact else self._edge_checker
+        return with_wrapped_angles(check, self.endless)
 
     def clearance_checker(self) -> Callable[..., float]:
         """A quick ``clearance`` of floats.
@@ -397,7 +362,6 @@ class CSpace(ConfigurationMap, MapExport):
             ``check(*q) -> float``, of the dof numbers of a configuration; they must be finite floats, and are not
             checked.
         """
-        from cspace.map.callbacks import with_wrapped_angles
         from cspace.map.clearance import checker
 
         return with_wrapped_angles(checker(self.record, self.marks, self.dof), self.endless)
@@ -473,13 +437,14 @@ class CSpace(ConfigurationMap, MapExport):
         """The path that a search finds within seconds; of length 0 where it takes longer."""
         seconds = math.inf if time_limit is None else positive(time_limit, "time_limit", "seconds")
         try:
-            return search(q0, q1, straight, seconds)
+            path = search(q0, q1, straight, seconds)
         except TimeoutError:
             return np.empty((0, self.dof))
+        periodic = self._contents.periodic
+        return periodic.begin_at(path, np.asarray(q0, dtype=np.float64)) if periodic else path
 
     def _free_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """:meth:`free_path`; TimeoutError where it takes longer."""
-        from cspace.map.callbacks import below_half_a_turn
         from cspace.map.paths import in_time, pulled_straight, unwound, waypoints
         from cspace.map.search import GREED, TURN, Graph
 
@@ -549,7 +514,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _widest_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """:meth:`widest_path`; TimeoutError where it takes longer, but for what it makes once for a map."""
-        from cspace.map.widest import BYTES, Widest, widest_path
+        from cspace.map.widest import BYTES, widest_path
 
         endpoints = np.stack([self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))])
         # Levels cover what is unrolled, half a turn more at either end.
@@ -558,10 +523,8 @@ class CSpace(ConfigurationMap, MapExport):
         check_memory(needed, "the map, to find its widest path,", self.grid, fewer=fewer)
         own = self.own_record
         with self._lock:
-            widest = self._widest.get(lambda: Widest.of(own, self._seen, self.rotations, self.endless[: self.grid.dim]))
-            if widest.noted:
-                self._widest.drop()
-                widest = self._widest.get(partial(widest.renewed, own, self._seen))
+            # Searches that still use the old levels keep them.
+            widest = vars(self)["_widest"] = self._widest.renewed(own, self._seen)
         until = clock() + seconds
         both = endpoints, self._cells_of(endpoints)
         join = partial(self._components_of, rim_is_open=np.zeros(len(self._seen), dtype=np.bool_))
@@ -596,11 +559,11 @@ class CSpace(ConfigurationMap, MapExport):
         InputError
             If ``n`` is negative or ``rng`` is neither None nor a Generator.
         """
-        from cspace.map.sampling import FreeCells, sample
+        from cspace.map.sampling import sample
 
         count = 1 if n is None else whole(n, "n")
         generator = check_rng(rng)
-        free = self._free_cells.get(lambda: FreeCells(self._seen))
+        free = self._free_cells
         if not free.counts.any():
             raise self._nothing_free()
         samples = sample(free, self._slice_of, self.rotations, self.grid, count, generator)
@@ -630,10 +593,12 @@ class CSpace(ConfigurationMap, MapExport):
         if point.ndim != 1:
             rule = f"it must be one configuration of {self.dof} numbers"
             raise InputError("q", f"has shape {point.shape}", rule, "ask for one at a time", value=q)
-        center = nearest(self._seen, self._slice_of, self.rotations, self.grid, point)
+        whole, periodic = self._unrolled, self._contents.periodic
+        point = periodic.canonical(point) if periodic else point
+        center = nearest(whole._seen, self._slice_of, self.rotations, whole.grid, point)
         if center is None:
             raise self._nothing_free()
-        return center
+        return periodic.canonical(center) if periodic else center
 
     def _nothing_free(self) -> ConfigurationError:
         mend = "use a smaller robot, a finer spacing, or unknown='free' where the workspace is a sensor map"
@@ -794,11 +759,11 @@ class CSpace(ConfigurationMap, MapExport):
             layers = self._contents.layers
             return {} if layers is None else {name: each.shape for name, each in layers.placed.items()}
 
-    @property
+    @lazy
     def _updates(self) -> Updater:
         from cspace.update import Updater
 
-        return self._updater.get(lambda: Updater(self._contents, self._rasters, self._exterior, self._renew))
+        return Updater(self._contents, self._rasters, self._exterior, self._renew)
 
     def _check_whole(self) -> None:
         if self.outside == UNKNOWN:
@@ -812,15 +777,18 @@ class CSpace(ConfigurationMap, MapExport):
         if not same or contents.fields or contents.prove is not None:
             # The arm of a map of joints is among other obstacles, or none, from now on.
             self._contents = replace(contents, workspace=change.workspace, layers=change.layers, fields={}, prove=None)
-        self._outer_sums.renew(change.workspace.outer, change.cells)
-        self._inner_sums.renew(change.workspace.inner, change.cells)
+        CSpace._outer_sums.renew(self, change.workspace.outer, change.cells)
+        CSpace._inner_sums.renew(self, change.workspace.inner, change.cells)
         if change.changed:
-            self._mip.renew(change.states)
-            self._free_cells.drop()
-            self._widest.renew(change.states)
-            self._inflation.renew(change.states)
-            self._derived_components.renew(change.states)
-        self._derived_exact.renew(self._problem)
+            CSpace._free_cells.drop(self)
+            for part in (CSpace._mip, CSpace._widest, CSpace._inflation, CSpace._components):
+                part.renew(self, change.states)
+        unrolled, periodic = CSpace._with_other_turns.cached(self), contents.periodic
+        if unrolled is not None:
+            dim, workspace = self.grid.dim, change.workspace
+            for first, box in periodic.appearances(change.cells[3 - dim : 3], change.cells[6 - dim :]):
+                unrolled.update(workspace.outer[box], first.tolist(), inner=workspace.inner[box])
+        CSpace._exact.renew(self, self._problem)
 
     # ---- a smooth measure of penetration -----------------------------------------------------------------------------
 
@@ -844,6 +812,7 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.spectral.overlap import OverlapField
 
+        self._refuse_periodic("overlap_field", "use the space of the arm")
         fields = OverlapField.of(self, overlap).arrays
         with self._lock:  # an update waits
             return CSpace(replace(self._contents.copy(), fields=fields), self._rasters)
@@ -868,12 +837,14 @@ class CSpace(ConfigurationMap, MapExport):
 
         It is infinite where it is above ``limit``.
         """
-        from cspace.map.inflation import Inflation, clearances_of
+        from cspace.map.inflation import clearances_of
 
-        table = self._exterior.table
+        whole, periodic = self._unrolled, self._contents.periodic
         if number is None:
-            return self._inflation.get(lambda: Inflation(self._seen, table, self._lock)).clearances(limit)
-        return clearances_of(self._seen[number], table[number], limit)
+            clearances = whole._inflation.clearances(limit)
+        else:
+            clearances = clearances_of(whole._seen[number], whole._exterior.table[number], limit)
+        return clearances[periodic.middle] if periodic else clearances
 
     def _flat_state(self) -> States:
         """State of each cell at all rotations together."""
@@ -884,32 +855,27 @@ class CSpace(ConfigurationMap, MapExport):
             np.maximum(most, self._seen[number], out=most)
         return np.where(least == most, least, MIXED).astype(np.uint8)
 
-    # ---- what is derived at the first call ---------------------------------------------------------------------------
+    # ---- parts that are cached at the first access -------------------------------------------------------------------
 
-    @property
+    @lazy
     def _rasters(self) -> list[tuple[Raster, Raster]]:
-        return self._derived_rasters.get(
-            lambda: slice_rasters(self.robot, self.grid.spacing, self.margin, self.rotations)
-        )
+        return slice_rasters(self.robot, self.grid.spacing, self.margin, self.rotations)
 
-    @property
+    @lazy
     def _exterior(self) -> Exterior:
-        known = self._contents.exterior
-        return known or self._derived_exterior.get(
-            lambda: Exterior.of(self.workspace.outer, self._rasters, self.outside)
-        )
+        return self._contents.exterior or Exterior.of(self.workspace.outer, self._rasters, self.outside)
 
     @property
     def record(self) -> Map:
-        """What compiled functions take of the map, such as those of ``cspace.map.points``; it follows updates."""
-        return self.own_record
+        """What compiled functions take of the map, such as those of ``cspace.map.points``; it follows updates.
 
-    @property
+        Periodic axes are unrolled.
+        """
+        return self._unrolled.own_record
+
+    @lazy
     def own_record(self) -> Map:
-        """As :attr:`record`, of the cells of the grid alone, also where the map closes in a circle."""
-        return self._derived_map.get(self._make_map)
-
-    def _make_map(self) -> Map:
+        """As :attr:`record`, of the cells of the grid alone, without unrolling."""
         grid, rotations = self.grid, self.rotations.compiled(self._slice_of)
         return Map(
             record_of(self._seen),
@@ -922,32 +888,53 @@ class CSpace(ConfigurationMap, MapExport):
         )
 
     @property
+    def _unrolled(self) -> CSpace:
+        """The map with half a turn more at either end of periodic axes; the map itself if it has none."""
+        return self._with_other_turns if self._contents.periodic else self
+
+    @lazy
+    def _with_other_turns(self) -> CSpace:
+        periodic = self._contents.periodic
+        return self._unroll(-periodic.padding, self.grid.shape + periodic.padding)
+
+    def _unroll(self, first: Ints, stop: Ints) -> CSpace:
+        """Return the cells from ``first`` to before ``stop``, counted on along periodic axes, as a map without any."""
+        periodic = self._contents.periodic
+        workspace, states = periodic.unroll(self.workspace, np.asarray(self._seen[0]), first, stop)
+        return CSpace(Contents(workspace, self.robot, Rotations.of(None), self._slice_of, states[np.newaxis]))
+
+    def _refuse_periodic(self, what: str, mend: str) -> None:
+        """Raise InputError if the map has periodic axes, for which ``what`` is undefined."""
+        periodic = self._contents.periodic
+        if periodic:
+            axes = ", ".join(periodic.names_among(self.axes))
+            raise InputError(what, "is asked for", f"it is undefined on a map with periodic axes ({axes})", mend)
+
+    @lazy
     def _exact(self) -> Exact:
         from cspace.exact.queries import Exact
 
-        return self._derived_exact.get(lambda: Exact(self._problem()))
+        return Exact(self._problem())
 
     def _problem(self) -> Problem:
         """What exact look-ups decide."""
         from cspace.exact.boundaries import Problem
 
         walled, prove = self.outside != "free", self._contents.prove
-        return Problem(self.record, self.rotations, self.workspace, self.robot, self.margin, walled, prove)
+        return Problem(self.record, self.rotations, self._unrolled.workspace, self.robot, self.margin, walled, prove)
 
-    @property
+    @lazy
     def _components(self) -> Components:
-        def make() -> Components:
-            needed, fewer = JOINED_BYTES * self._seen.size, self.rotations.fewer
-            check_memory(needed, "the map, to join its cells,", self.grid, fewer=fewer)
-            return self._components_of(self._seen, ~self._exterior.is_all_blocked(self.grid.shape))
-
-        return self._derived_components.get(make)
+        needed, fewer = JOINED_BYTES * self._seen.size, self.rotations.fewer
+        check_memory(needed, "the map, to join its cells,", self.grid, fewer=fewer)
+        return self._components_of(self._seen, ~self._exterior.is_all_blocked(self.grid.shape))
 
     def _components_of(self, states: Stack, rim_is_open: Bools) -> Components:
         """The components of states, and of what surrounds each slice."""
-        from cspace.map.components import Components
+        from cspace.map.components import Components, PeriodicComponents
 
-        return Components(states, self._slice_of, self.rotations.neighbors, rim_is_open)
+        of_slices = states, self._slice_of, self.rotations.neighbors, rim_is_open
+        return PeriodicComponents(*of_slices, self.endless) if self._contents.periodic else Components(*of_slices)
 
     def _hint(self, cells: Ints) -> tuple[bool, Callable[[], bool]]:
         return self._components.hint(cells)
@@ -959,59 +946,98 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _marks(self, *, cells: bool, lasting: bool = False) -> Marks:
         """What is not FREE, at three scales; see :meth:`cspace.map.mip.Mip.marks`."""
+        return self._unrolled._mip.marks(cells, lasting)
+
+    @lazy
+    def _mip(self) -> Mip:
         from cspace.map.mip import Mip
 
-        return self._mip.get(lambda: Mip(self._seen, self._lock)).marks(cells, lasting)
+        return Mip(self._seen, self._lock)
 
-    def _at_one_moment(self, work: Callable[[], Result]) -> Result:
-        with self._lock:  # while cells change, their components are neither those before nor those after
-            return work()
+    @lazy
+    def _runs(self) -> Runs:
+        from cspace.map.overlaps import Runs
+
+        return Runs.of([outer for outer, _ in self._rasters])
+
+    @lazy
+    def _outer_sums(self) -> Sums:
+        from cspace.map.overlaps import Sums
+
+        return Sums(self.workspace.outer)
+
+    @lazy
+    def _inner_sums(self) -> Sums:
+        from cspace.map.overlaps import Sums
+
+        return Sums(self.workspace.inner)
+
+    @lazy
+    def _free_cells(self) -> FreeCells:
+        from cspace.map.sampling import FreeCells
+
+        return FreeCells(self._seen)
+
+    @lazy
+    def _widest(self) -> Widest:
+        from cspace.map.widest import Widest
+
+        return Widest.of(self.own_record, self._seen, self.rotations, self.endless[: self.grid.dim])
+
+    @lazy
+    def _inflation(self) -> Inflation:
+        from cspace.map.inflation import Inflation
+
+        return Inflation(self._seen, self._exterior.table, self._lock)
+
+    @lazy
+    def _point_checker(self) -> Callable[..., bool]:
+        from cspace.map.callbacks import point_checker
+
+        return point_checker(self.record, self.dof)
+
+    @lazy
+    def _edge_checker(self) -> Callable[..., bool]:
+        from cspace.map.callbacks import edge_checker
+
+        return edge_checker(self.record, self.dof)
+
+    def _cells_of(self, points: Floats) -> Ints:
+        periodic = self._contents.periodic
+        if not periodic:
+            return super()._cells_of(points)
+        return np.insert(periodic.cells_in_turn(self._unrolled.grid, points), 0, 0, axis=-1)
+
+    @lazy
+    def _backend(self) -> MemoryBackend:
+        return MemoryBackend(self.record, self._contents.periodic, self._lock)
 
     # ---- kernels and checks ------------------------------------------------------------------------------------------
 
     def _clearances(self) -> Query:
         from cspace.map.clearance import clearances
 
-        query = self._in_pieces(partial(clearances, self.record, self._marks(cells=True)))
+        query = self._backend.query(clearances, self._marks(cells=True))
         return side_by_side(query, self.grid.lower, self.grid.upper)
 
-    def _classify(self) -> Query:
-        return self._derived_classify.get(self._make_classify)
-
-    def _make_classify(self) -> Query:
-        from cspace.map.points import classify
-
-        return self._in_pieces(partial(classify, self.record))
-
-    def _around_is_free(self, distance: float, angle: float) -> Query:
-        from cspace.map.points import boxes_are_free
-
-        return self._in_pieces(partial(boxes_are_free, self.record, distance, angle))
-
-    def _edges(self, number: int, exact: bool) -> Query:
-        """As everywhere; many edges are worth marks of blocks."""
-        from cspace.map.edges import edges_are_free
+    def _blocks(self, number: int) -> Words | None:
         from cspace.map.mip import CELLS_AN_EDGE
 
-        if exact:
-            return self._in_pieces(self._exact.edges, EDGES_A_THREAD)
-        blocks = None
-        if self._mip.made is not None or number * CELLS_AN_EDGE >= self._seen.size:
-            blocks = self._marks(cells=False).blocks
-        return self._in_pieces(partial(edges_are_free, self.record, blocks), EDGES_A_THREAD)
+        if CSpace._mip.cached(self._unrolled) is None and number * CELLS_AN_EDGE < self._seen.size:
+            return None
+        return self._marks(cells=False).blocks
 
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
-        from cspace.map.overlaps import Runs, Sums, overlaps
+        from cspace.map.overlaps import overlaps
 
+        self._refuse_periodic("overlap", "use classify: a point overlaps with no cell, or with one")
         # What is not known may be an obstacle, and may be none.
         walled = self.outside != "free" if side == "outer" else self.outside == "blocked"
         workspace = self.workspace
         outer = side == "outer" or workspace.inner is workspace.outer
-        derived = self._outer_sums if outer else self._inner_sums
-        sums = derived.get(lambda: Sums(workspace.outer if outer else workspace.inner))
-        runs = self._runs.get(lambda: Runs.of([outer for outer, _ in self._rasters]))
-        kernel = in_pieces(partial(overlaps, self.record, sums.counts, runs, int(walled)))
-        return answer(q, self.dof, kernel, np.int64, int, angles=self._angles)
+        sums = self._outer_sums if outer else self._inner_sums
+        query = self._backend.query(overlaps, sums.counts, self._runs, int(walled))
+        return answer(q, self.dof, query, np.int64, int, angles=self._angles)
 
     def _one_free(self, q: ArrayLike, name: str) -> Floats:
         """Return one FREE configuration in the grid, its yaw in [-pi, pi)."""

@@ -26,8 +26,9 @@ from cspace.arms.space import ArmSpace, in_collision
 from cspace.arrays import BLOCKED, FREE, STATE_NAMES, Bools, Floats, Ints
 from cspace.check import check_flag, finite, positive
 from cspace.configuration_map import ConfigurationMap
+from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
-from cspace.map.callbacks import with_wrapped_angles
+from cspace.map.periodic import with_wrapped_angles
 from cspace.rotations.base import ANGLE_SLACK, TURN, angle_axes, shorter, warn_of_degrees, wrapped
 from cspace.space import CSpace
 from planners.catalogue import BIRRT, CUBES, OWN, WIDEST, planner_named
@@ -106,7 +107,7 @@ class LocalPlanner(ABC):
         robot does not reverse.
     """
 
-    space: Any  # a CSpace or an ArmSpace, as the classes below say
+    space: Any  # a ConfigurationSpace, as the classes below say
     exact: bool = False
     drive: str = HOLONOMIC
     turning_radius: float | None = None
@@ -770,7 +771,7 @@ class CarCurves(EdgesOnMap):
 
 
 def local_planner(
-    space: CSpace | ArmSpace,
+    space: ConfigurationSpace,
     exact: bool = False,
     drive: str = HOLONOMIC,
     turning_radius: float | None = None,
@@ -790,12 +791,13 @@ def local_planner(
     if radius is None:
         made = StraightEdges if drive == HOLONOMIC else TurnDriveTurn
         return made(space, bool(exact), drive, None, bidirectional)
-    least, most = 1e-3 * space.grid.spacing, 1e3 * space.grid.spacing
+    curves = CarCurves(space, False, drive, radius, bidirectional)
+    least, most = 1e-3 * curves.space.grid.spacing, 1e3 * curves.space.grid.spacing
     if not least <= radius <= most:
         rule = f"it must be {least:g} to {most:g} m, so that rounding does not count"
         mend = "for a robot that turns on the spot, use drive='differential'"
         raise InputError("turning_radius", f"is {radius!r}", rule, mend, value=radius)
-    return CarCurves(space, False, drive, radius, bidirectional)
+    return curves
 
 
 def check_drive(axes: tuple[str, ...], drive: str, turning_radius: float | None, exact: bool = False) -> float | None:

@@ -12,7 +12,7 @@ from ompl import base as ob
 from cspace.arrays import FREE
 from cspace.check import finite, positive
 from cspace.errors import InputError
-from cspace.map.callbacks import with_wrapped_angles
+from cspace.map.periodic import with_wrapped_angles
 from cspace.space import CSpace
 from cspace.spectral import OverlapField
 from planners.integrals import Field, Law, edge_cost

@@ -6,16 +6,14 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final, NamedTuple, cast
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arms.space import ArmSpace
-from cspace.arrays import Floats
 from cspace.check import check_flag, positive, whole
 from cspace.compiling import clock
-from cspace.configuration_space import ConfigurationSpace
+from cspace.configuration_space import ConfigurationSpace, Leg
 from cspace.errors import InputError
 from cspace.space import CSpace
 from planners.catalogue import BIRRT, CUBES, IGNORE_OBJECTIVES, OWN, SECOND_THREAD, WIDEST, planner_named, planner_names
@@ -26,9 +24,6 @@ from planners.result import Plan, Times
 from planners.search import Search, SearchResult
 from planners.setup import MakeObjective
 from planners.states import Configuration, kind_of
-
-if TYPE_CHECKING:
-    from cspace.tiles.space import Leg, TiledCSpace
 
 MAX_SEED: Final = 2**32 - 2
 """Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
@@ -88,7 +83,7 @@ def choices(space: ConfigurationSpace) -> Choices:
     >>> choices.planners[-2:], choices.drives, choices.curves
     (('Cubes', 'Widest'), ('holonomic',), ())
     """
-    own = local_planner(cast(CSpace, space)).own
+    own = local_planner(space).own
     if not isinstance(space, CSpace):
         own = tuple(name for name in own if name != WIDEST)  # which takes a map in memory
     turns = space.axes == CAR_AXES
@@ -238,8 +233,8 @@ def plan(
     """
     began = time.perf_counter()
     name = planner_named(planner, drive)
-    # Of a map in a store, what all maps have is asked; the search and its proofs go by parts of it, in memory.
-    edges = local_planner(cast(CSpace, space), exact, drive, turning_radius)
+    # The search and its proofs go by parts of a map in a store, in memory.
+    edges = local_planner(space, exact, drive, turning_radius)
     name = edges.quickest if planner is None else name
     check_flag(simplify, "simplify")
 
@@ -267,7 +262,7 @@ def plan(
         rule, mend = "a path there is found part by part", "choose another, or plan on space.window(lower, upper)"
         raise InputError("planner", f"is {name!r}, on a map in a store", rule, mend, value=name)
     exists = edges.path_exists(endpoints)
-    legs = _legs(space, *map(np.array, endpoints)) if edges.may_join(exists) else []
+    legs = space.legs(*endpoints) if edges.may_join(exists) else []
     if planner is None and len(legs) > 1 and (objective, drive, iterations) == ("length", HOLONOMIC, None):
         name = CUBES
     result = _search(search_on, edges, legs, exists, limit)
@@ -323,13 +318,6 @@ def plan(
         times=Times(setup, result.planning, result.simplification, time.perf_counter() - searched),
         space=space,
     )
-
-
-def _legs(space: ConfigurationSpace, start: Floats, goal: Floats) -> list[Leg]:
-    """Return the parts of the space, in memory, that a path leads through; none if FREE cells do not join the two."""
-    if isinstance(space, CSpace | ArmSpace):
-        return [(lambda: cast(CSpace, space), start, goal)]
-    return cast("TiledCSpace", space).legs(start, goal)
 
 
 def _search(

@@ -20,7 +20,6 @@ from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
 from cspace.files.access import replacing
 from cspace.rotations import Rotations
-from cspace.space import CSpace
 from planners.local_planner import HOLONOMIC, LocalPlanner, local_planner
 
 if TYPE_CHECKING:
@@ -207,7 +206,7 @@ class Plan:
         return self._edges_on(self.space) if self.solved and self.space is not None else None
 
     def _edges_on(self, space: ConfigurationSpace) -> LocalPlanner:
-        return local_planner(cast(CSpace, space), self.exact, self.drive, self.turning_radius)
+        return local_planner(space, self.exact, self.drive, self.turning_radius)
 
     def recheck(self, space: ConfigurationSpace | None = None) -> Bools:
         """Prove each edge of the path again, among the obstacles as they are now.
@@ -312,7 +311,9 @@ class Plan:
             mend = "draw it with space.plot(path=plan)"
             raise InputError("plan", "has no map", "pickling leaves the map behind", mend)
         options.setdefault("path", self)
-        return cast(CSpace, self.space).plot(**options)
+        from cspace.plot.maps import plot_map
+
+        return plot_map(self.space, **options)
 
     def animate(
         self, file: str | os.PathLike[str], overwrite: bool = False, **options: Unpack[AnimationOptions]
@@ -342,7 +343,7 @@ class Plan:
         if self.space is None:
             hint = "draw it with cspace.plot.animate(space, plan, file)"
             raise InputError("plan", "has no map", "pickling leaves the map behind", hint)
-        space = self.space.overview() if isinstance(self.space, TiledCSpace) else cast(CSpace, self.space)
+        space = self.space.overview() if isinstance(self.space, TiledCSpace) else self.space
         animate(space, self.path, file, overwrite, **options)
 
     @overload

@@ -21,9 +21,8 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 import cspace
 import planners
 from cspace import FREE, MIXED, Grid, Workspace
-from cspace.endless import EndlessCSpace, Seam, map_of
 from cspace.errors import InputError
-from cspace.map.components import SHIFTS
+from cspace.map.components import SHIFTS, PeriodicComponents
 from cspace.map.contents import Contents
 from cspace.map.widest import Widest
 from cspace.plot import save_plot
@@ -39,20 +38,18 @@ TURN = 2.0 * math.pi
 SPACES = [(True, False), (False, True), (True, True), (True, False, False), (False, True, True)]
 
 
-def made(states: Any, endless: tuple[bool, ...], cells: int) -> EndlessCSpace:
+def made(states: Any, endless: tuple[bool, ...], cells: int) -> cspace.CSpace:
     """The map of some states, with so many cells around each circle."""
     side = TURN / cells
     grid = Grid(np.where(endless, -math.pi, -1.0), side, states.shape, tuple("abc")[: states.ndim])
     workspace = Workspace(grid, states != FREE, states > MIXED)
     robot, rotations = Robot("arm", Point.at_origin(states.ndim)), Rotations.of(None)
     slices = rotations.slices_for(robot.shape)
-    space = map_of(Contents(workspace, robot, rotations, slices, states[np.newaxis].copy(), endless=endless))
-    assert isinstance(space, EndlessCSpace)
-    return space
+    return cspace.CSpace(Contents(workspace, robot, rotations, slices, states[np.newaxis].copy(), endless=endless))
 
 
 @st.composite
-def maps(draw: st.DrawFn, endless: tuple[bool, ...]) -> tuple[EndlessCSpace, Any, np.random.Generator]:
+def maps(draw: st.DrawFn, endless: tuple[bool, ...]) -> tuple[cspace.CSpace, Any, np.random.Generator]:
     """A map of random cells, denser or sparser; its states; and a generator."""
     cells = draw(st.integers(3, 11 if len(endless) == 2 else 6))
     shape = [cells if turns else draw(st.integers(1, 8 if len(endless) == 2 else 4)) for turns in endless]
@@ -68,14 +65,14 @@ def joined(states: Any, endless: tuple[bool, ...], most: int) -> Any:
     return np.where(states <= most, connected_components(graph, directed=False)[1].reshape(states.shape), -1)
 
 
-def drawn(space: EndlessCSpace, rng: np.random.Generator, n: int) -> Any:
+def drawn(space: cspace.CSpace, rng: np.random.Generator, n: int) -> Any:
     """Configurations in the grid, or whole turns from there."""
     grid = space.grid
     inside = rng.uniform(grid.lower, grid.upper, (n, grid.dim))
     return inside + TURN * rng.integers(-3, 4, inside.shape) * space.endless
 
 
-def cell(space: EndlessCSpace, q: Any) -> tuple[int, ...]:
+def cell(space: cspace.CSpace, q: Any) -> tuple[int, ...]:
     """The cell of a configuration, the numbers of circles modulo a turn."""
     place = np.floor((q - np.asarray(space.grid.lower)) / space.grid.spacing).astype(int)
     return tuple(np.where(space.endless, place % space.grid.shape, place).tolist())
@@ -282,11 +279,11 @@ def test_the_widest_path_leads_across_the_seam(data: st.DataObject, endless: tup
                 assert space.certify_path(each).all()
             both = np.append(0, start), np.append(0, goal)
             join = partial(
-                Seam,
+                PeriodicComponents,
                 slice_of=search.slice_of,
                 neighbors=whole.rotations.neighbors,
                 rim_is_open=np.zeros(1, dtype=bool),
-                endless=endless,
+                periodic=endless,
             )
             assert search.bottleneck(*both, join, math.inf) == best
             steps = np.diff(search.shortest(*both, int(best), math.inf)[:, 1:].T)
@@ -383,7 +380,7 @@ def test_copies_and_files_and_what_there_is_not(tmp_path: Path) -> None:
     assert space.to_xarray().attrs["endless"] == "a"
     assert space.facts["endless"] == ["a"]
     ask: list[tuple[Any, str]] = [
-        (lambda: space.overlap(left), "overlap is asked for; there is none of a map that closes in a circle along a;"),
+        (lambda: space.overlap(left), r"overlap is asked for; it is undefined on a map with periodic axes \(a\);"),
         (lambda: space.contains_robot(left), "overlap is asked for"),
         (lambda: space.is_free((300.0, 0.0)), "at most 256 are wrapped exactly"),
         (lambda: space.is_free((math.inf, 0.0)), "at most 256 are wrapped exactly"),
@@ -413,7 +410,7 @@ def test_copies_and_files_and_what_there_is_not(tmp_path: Path) -> None:
     assert (tmp_path / "map.png").read_bytes() == (tmp_path / "own.png").read_bytes()
 
 
-def across() -> tuple[EndlessCSpace, tuple[float, float], tuple[float, float]]:
+def across() -> tuple[cspace.CSpace, tuple[float, float], tuple[float, float]]:
     """A map of a joint that turns for ever, with start and goal that free cells join across the seam alone."""
     states = np.zeros((24, 10), np.uint8)
     states[8:12] = 2

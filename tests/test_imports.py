@@ -24,7 +24,7 @@ ORDER = [
     "cspace.plot",
     "cspace.export",
     "cspace.arms",
-    "cspace.space cspace.configuration_map cspace.configuration_space cspace.builder cspace.opening cspace.endless "
+    "cspace.space cspace.configuration_map cspace.configuration_space cspace.builder cspace.opening "
     "cspace.update cspace.tiles",
     "cspace.store",
     "cspace.spectral",

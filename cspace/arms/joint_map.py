@@ -20,7 +20,6 @@ from cspace.arms.proofs import Scene, Solids, are_free, work_of
 from cspace.arms.space import ArmSpace
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints
 from cspace.check import finite, positive
-from cspace.endless import map_of
 from cspace.engines.slices import Progress
 from cspace.errors import ConfigurationError, InputError
 from cspace.exact.boundaries import Problem, Proofs
@@ -162,7 +161,7 @@ def build_arm_map(
     circles = endless * any(endless)
     intervals[list(endless)] = -math.inf, math.inf
     prove = partial(JointProofs, space.record, numbers, held, intervals)
-    return map_of(Contents(workspace, robot, rotations, slices, states[np.newaxis], endless=circles, prove=prove))
+    return CSpace(Contents(workspace, robot, rotations, slices, states[np.newaxis], endless=circles, prove=prove))
 
 
 def _fill(scene: Scene, inside: Inside, cells: Cells, block: Ints, states: NDArray[np.uint8]) -> None:

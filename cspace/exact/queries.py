@@ -13,6 +13,7 @@ from cspace.exact.proofs import BorderProofs
 from cspace.map.batches import own
 from cspace.map.edges import edges_are_free
 from cspace.map.points import classify
+from cspace.map.storage import Map
 
 
 class Exact:
@@ -23,19 +24,19 @@ class Exact:
         self._proofs: Proofs | None = None
         self._lock = threading.RLock()
 
-    def points(self, q: Floats, out: Bools) -> int:
+    def points(self, map_: Map, q: Floats, out: Bools) -> int:
         """Kernel of points, shape (n, dof): whether they are free."""
         proofs, states = self._made(), np.empty(len(q), dtype=np.uint8)
-        bad = classify(self._problem.map, q, states)
+        bad = classify(map_, q, states)
         if bad < 0:
             np.equal(states, FREE, out=out)
             _prove(proofs, np.flatnonzero(states == MIXED), q, q, out)
         return bad
 
-    def edges(self, q0: Floats, q1: Floats, out: Bools) -> int:
+    def edges(self, map_: Map, q0: Floats, q1: Floats, out: Bools) -> int:
         """Kernel of edges, shapes (n, dof), along the shorter arc: whether they are free."""
         proofs = self._made()
-        bad = edges_are_free(self._problem.map, None, q0, q1, out)
+        bad = edges_are_free(map_, None, q0, q1, out)
         if bad < 0:
             _prove(proofs, np.flatnonzero(~out), q0, q1, out)
         return bad

@@ -5,20 +5,16 @@ What is no number, or no rotation that look-ups take, is not FREE. A position th
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache
 from types import FunctionType
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, NamedTuple
 
 from cspace.arrays import FREE, Numbers
 from cspace.compiling import bind_kernel, compilable, jit
 from cspace.map.edges import edge_is_free
 from cspace.map.points import state_at
 from cspace.map.storage import Map
-from cspace.rotations.base import MAX_JOINT_ANGLE, TURN
-
-T = TypeVar("T")
 
 
 def point_checker(map_: Map, dof: int) -> Callable[..., bool]:
@@ -35,40 +31,6 @@ def edge_checker(map_: Map, dof: int) -> Callable[..., bool]:
 def callback(query: Any, dof: int, nogil: bool = True) -> Callable[..., Any]:
     """``call(*q)``: the method ``answer`` of a record, for the floats of one configuration."""
     return bind_kernel(_compiled(_OF_ONE[dof], nogil), (query,), dof)
-
-
-def with_wrapped_angles(check: Callable[..., T], endless: Sequence[bool]) -> Callable[..., T]:
-    """The function, with angles wrapped to half a turn from 0, and those of a second configuration from the first.
-
-    Angles that look-ups refuse become what is no number, which nothing is free at.
-    """
-    circles, dof = [k for k, turns in enumerate(endless) if turns], len(endless)
-    if not circles:
-        return check
-
-    # Found sooner than what is not the function's own.
-    most, turn, half, remainder = MAX_JOINT_ANGLE, TURN, math.pi, math.remainder
-
-    def wrapped(*numbers: float) -> T:
-        near = list(numbers)
-        for k in circles:
-            first = numbers[k] if -most <= numbers[k] <= most else math.nan
-            here = remainder(first, turn)
-            near[k] = here = here if here != half else -half
-            if len(near) > dof:
-                angle = numbers[dof + k]
-                near[dof + k] = here + remainder(angle - first, turn) if -most <= angle <= most else math.nan
-        return check(*near)
-
-    return wrapped
-
-
-def below_half_a_turn(check: Callable[..., bool], endless: Sequence[bool]) -> Callable[..., bool]:
-    """The check, False where an angle changes by half a turn or more, and the shorter arc may be the other one."""
-    circles, dof = [k for k, turns in enumerate(endless) if turns], len(endless)
-    if not circles:
-        return check
-    return lambda *both: all(abs(both[dof + k] - both[k]) < 0.499 * TURN for k in circles) and check(*both)
 
 
 @compilable

@@ -546,6 +546,56 @@ class Components:
         return self._kinds[mixed]
 
 
+class PeriodicComponents(Components):
+    """Components of the cells of one turn, joined across the seams of periodic axes."""
+
+    def __init__(
+        self, states: Stack, slice_of: Ints, neighbors: Ints, rim_is_open: Bools, periodic: Sequence[bool]
+    ) -> None:
+        super().__init__(states, slice_of, neighbors, rim_is_open)
+        sides, shape = [], states.shape[1:]
+        for axis in np.flatnonzero(periodic).tolist():
+            first = np.indices((*shape[:axis], 1, *shape[axis + 1 :])).reshape(len(shape), -1).T
+            sides.append((first, first + (shape[axis] - 1) * np.eye(len(shape), dtype=np.int64)[axis]))
+        first, last = (np.concatenate(each) for each in zip(*sides, strict=True))
+        # The one rotation cell has number 0.
+        self._pairs = np.insert(np.stack([last, first]), 0, 0, axis=2)
+        self._met: dict[bool, tuple[Ints, Ints]] = {}
+
+    def renew(self, boxes: Ints) -> None:
+        super().renew(boxes)
+        self._met.clear()
+
+    def of(self, cells: Ints, mixed: bool = False) -> Ints:
+        if mixed not in self._met:
+            self._met[mixed] = _join_across_seams(super().of(self._pairs, mixed))
+        numbers, (names, lowest) = super().of(cells, mixed), self._met[mixed]
+        if not len(names):
+            return numbers
+        place = np.minimum(np.searchsorted(names, numbers), len(names) - 1)
+        return np.where(names[place] == numbers, lowest[place], numbers)
+
+    def box(self, cell: Ints) -> Ints:
+        number = self.of(cell)
+        flat = self._pairs.reshape(-1, self._pairs.shape[-1])
+        one_each = flat[np.unique(super().of(self._pairs), return_index=True)[1]]
+        ours = one_each[self.of(one_each) == number]
+        boxes = np.stack([super(PeriodicComponents, self).box(each) for each in (cell, *ours)])
+        return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+
+
+def _join_across_seams(numbers: Ints) -> tuple[Ints, Ints]:
+    """Return the components that meet across seams, ascending, and the lowest component of the class of each.
+
+    ``numbers``, shape (2, n), are those of the cells on either side of the seams, -1 for none.
+    """
+    names, pairs = np.unique(numbers[:, (numbers >= 0).all(axis=0)], return_inverse=True)
+    pairs = pairs.reshape(2, -1)
+    graph = scipy.sparse.coo_array((np.ones(pairs.shape[1]), pairs), shape=(len(names), len(names)))
+    classes = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    return names, names[np.unique(classes, return_index=True)[1]][classes]
+
+
 class OneKind:
     """The components of cells of one kind, in two levels, so that a change reads few cells, and no cell has a label.
 

@@ -14,6 +14,7 @@ from cspace.check import check_word, finite
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.map.exterior import OUTSIDES, UNKNOWN, Exterior
+from cspace.map.periodic import NOT_PERIODIC, Periodic
 from cspace.map.storage import Stack, read_only
 from cspace.rotations import Rotations
 
@@ -53,7 +54,8 @@ class Contents:
         Whether BLOCKED is proven; None if that is not known, as of a map from a file of an
         earlier version.
     endless : tuple of bool
-        Which axes close in a circle: continuous joints of an arm. Empty where there is none.
+        Which axes are periodic: continuous joints of an arm. Empty if none is; otherwise ``rotations`` becomes their
+        :class:`cspace.map.periodic.Periodic`.
     prove : callable or None
         Makes the exact proofs of a map of joints, by the space of their arm, of a
         :class:`cspace.exact.boundaries.Problem`. No file holds it, and the first change of the cells lets it go.
@@ -80,6 +82,8 @@ class Contents:
     layers: ObstacleLayers | None = None
 
     def __post_init__(self) -> None:
+        if any(self.endless):
+            object.__setattr__(self, "rotations", Periodic(self.endless, self.grid.shape))
         shape = (int(self.slice_of.max()) + 1, *self.grid.shape)
         for name, array, kind in (("states", self.states, np.uint8), ("overlaps", self.overlaps, np.int32)):
             if array is not None and (array.shape != shape or array.dtype != kind):
@@ -98,6 +102,11 @@ class Contents:
     def grid(self) -> Grid:
         """Cells of positions; the workspace's grid."""
         return self.workspace.grid
+
+    @property
+    def periodic(self) -> Periodic:
+        """The periodic axes; False if there are none."""
+        return self.rotations if isinstance(self.rotations, Periodic) else NOT_PERIODIC
 
     @property
     def axes(self) -> tuple[str, ...]:

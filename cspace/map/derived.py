@@ -1,4 +1,4 @@
-"""What look-ups derive from a map: made at the first call, and brought up to date when the map changes."""
+"""Attributes of a map that are computed at the first access and follow its changes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 import threading
 from collections.abc import Callable
 from types import TracebackType
-from typing import ClassVar, Generic, ParamSpec, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, ParamSpec, Protocol, Self, TypeVar, overload
 from weakref import ReferenceType, ref
 
 T = TypeVar("T")
@@ -14,7 +14,7 @@ P = ParamSpec("P")
 
 
 class Part(Protocol[P]):
-    """What is derived from a map and follows its changes."""
+    """A cached part of a map that follows its changes."""
 
     def renew(self, *args: P.args, **kwargs: P.kwargs) -> None:
         """Become what would be made from the map now; to renew twice after one change does no harm."""
@@ -61,44 +61,52 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(before=Lock._hold, after_in_parent=Lock._let_go, after_in_child=Lock._let_go)
 
 
-class Derived(Generic[T]):
-    """A part that one thread makes at the first call, however many call.
+class Locked(Protocol):
+    """An object whose parts share one lock."""
 
-    Pickles and copies leave the part out; their first call makes it again. All parts of a map share one lock, which is
-    held while a part is made, and by an update while it changes the map.
+    _lock: Lock
+
+
+class lazy(Generic[T]):  # noqa: N801 - used as a decorator
+    """Turn a method into an attribute that is computed at the first access and cached.
+
+    One thread computes the part, however many ask for it, and the others wait. All parts of an object share the lock
+    ``_lock`` of the object. An update holds the lock while it changes the object. Copies and pickles of the object must
+    leave its ``__dict__``, where parts are cached, behind.
     """
 
-    __slots__ = ("_lock", "_part")
+    def __init__(self, make: Callable[[Any], T]) -> None:
+        self._make, self._name = make, make.__name__
+        self.__doc__ = make.__doc__
 
-    def __init__(self, lock: Lock) -> None:
-        self._lock = lock
-        self._part: T | None = None
+    @overload
+    def __get__(self, owner: None, kind: type | None = None) -> Self: ...
+    @overload
+    def __get__(self, owner: Locked, kind: type | None = None) -> T: ...
+    def __get__(self, owner: Locked | None, kind: type | None = None) -> Self | T:
+        if owner is None:
+            return self
+        # Python finds a cached part in __dict__ before it comes here.
+        parts = vars(owner)
+        with owner._lock:
+            if self._name not in parts:
+                parts[self._name] = self._make(owner)
+            part: T = parts[self._name]
+            return part
 
-    def __reduce__(self) -> tuple[type[Derived[T]], tuple[Lock]]:
-        return Derived, (self._lock,)
-
-    def get(self, make: Callable[[], T]) -> T:
-        """The part; what ``make`` gives if there is none yet. It must not be None."""
-        part = self._part
-        if part is None:
-            with self._lock:
-                part = self._part
-                if part is None:
-                    part = self._part = make()
+    def cached(self, owner: Locked) -> T | None:
+        """Return the part, or None if it is not cached."""
+        part: T | None = vars(owner).get(self._name)
         return part
 
-    @property
-    def made(self) -> T | None:
-        """The part, or None where there is none yet."""
-        return self._part
+    def renew(self: lazy[Part[P]], owner: Locked, *args: P.args, **kwargs: P.kwargs) -> None:
+        """Call ``renew`` of the part with the arguments, if it is cached."""
+        with owner._lock:
+            part = self.cached(owner)
+            if part is not None:
+                part.renew(*args, **kwargs)
 
-    def renew(self: Derived[Part[P]], *args: P.args, **kwargs: P.kwargs) -> None:
-        """Renew the part, if it was made, with the arguments of its own ``renew``."""
-        with self._lock:
-            if self._part is not None:
-                self._part.renew(*args, **kwargs)
-
-    def drop(self) -> None:
-        """Forget the part, after waiting for one that is being made; the next call makes it again."""
-        with self._lock:
-            self._part = None
+    def drop(self, owner: Locked) -> None:
+        """Forget the part, after waiting for a thread that computes it; the next access computes it again."""
+        with owner._lock:
+            vars(owner).pop(self._name, None)

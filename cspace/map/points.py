@@ -15,7 +15,7 @@ from numba.cpython.unsafe.tuple import tuple_setitem
 from cspace.arrays import FREE, MIXED, Bools, Floats, Ints, States
 from cspace.compiling import always_inline, jit, kernel
 from cspace.grid import MAX_COORDINATE, SLACK
-from cspace.map.storage import Cells, Map, state_in
+from cspace.map.storage import Cells, Map, TileCells, state_in
 
 Numbers = tuple[float, ...]
 Cell = tuple[int, ...]
@@ -169,7 +169,8 @@ def read_states(flat: Cells, cells: Ints, codes: States, out: States) -> None:
 
 def classify(map_: Map, points: Floats, out: States) -> int:
     """States of configurations; the index of the first one that is not usable, or -1."""
-    kernel = classify_few if len(points) <= FEW else classify_many
+    few = len(points) <= FEW or isinstance(map_.cells, TileCells)
+    kernel = classify_few if few else classify_many
     return kernel(map_, points, out)
 
 

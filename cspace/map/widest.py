@@ -23,10 +23,11 @@ from numpy.typing import NDArray
 from cspace.arrays import FREE, MIXED, Bools, Bytes, Floats, Ints
 from cspace.compiling import jit, kernel
 from cspace.grid import Grid
-from cspace.map.callbacks import below_half_a_turn, edge_checker
+from cspace.map.callbacks import edge_checker
 from cspace.map.components import Components
 from cspace.map.derived import Lock
 from cspace.map.paths import in_time, pulled_straight, unwound, waypoints
+from cspace.map.periodic import below_half_a_turn
 from cspace.map.search import Graph, keep_on
 from cspace.map.storage import Map, Stack, read_only
 from cspace.rotations import Rotations

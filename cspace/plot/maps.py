@@ -1,4 +1,4 @@
-"""plot_map: the picture of each kind of map, as a map in memory."""
+"""plot_map: the picture of each kind of map, as a map in memory, and of an arm."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cspace.endless import EndlessCSpace
+from cspace.arms.space import ArmSpace
+from cspace.plot.arms import draw_arm
 from cspace.plot.picture import plot
 from cspace.plot.route import polyline
 from cspace.tiles.space import TiledCSpace
@@ -18,8 +19,18 @@ if TYPE_CHECKING:
 
 @singledispatch
 def plot_map(space: Any, **options: Any) -> Axes:
-    """Draw a map, with the options of :func:`cspace.plot.plot`."""
-    return plot(space, **options)
+    """Draw a map, with the options of :func:`cspace.plot.plot`.
+
+    Of periodic axes one turn is drawn, or as many as the path crosses.
+    """
+    if not any(space.endless):
+        return plot(space, **options)
+    shape, path = np.array(space.grid.shape), polyline(space, options.get("path"))
+    cells = np.concatenate([[0 * shape, shape - 1], space.grid.cell_of(path)])
+    first = np.where(space.endless, cells.min(axis=0), 0)
+    last = np.where(space.endless, cells.max(axis=0), shape - 1)
+    crosses = (first < 0).any() or (last >= shape).any()
+    return plot(space._unroll(first, last + 1) if crosses else space, **options)
 
 
 @plot_map.register(TiledCSpace)
@@ -27,12 +38,4 @@ def _(space: TiledCSpace, **options: Any) -> Axes:
     return plot(space.overview(), **options)
 
 
-@plot_map.register(EndlessCSpace)
-def _(space: EndlessCSpace, **options: Any) -> Axes:
-    """Draw one turn of each continuous joint, or as many as the path crosses."""
-    shape, path = np.array(space.grid.shape), polyline(space, options.get("path"))
-    cells = np.concatenate([[0 * shape, shape - 1], space.grid.cell_of(path)])
-    first = np.where(space.endless, cells.min(axis=0), 0)
-    last = np.where(space.endless, cells.max(axis=0), shape - 1)
-    crosses = (first < 0).any() or (last >= shape).any()
-    return plot(space._over(first, last + 1) if crosses else space, **options)
+plot_map.register(ArmSpace, draw_arm)

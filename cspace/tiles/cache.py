@@ -9,13 +9,28 @@ once, and its answer is the worst of all passes.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property, partial
 from math import prod
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cspace.arrays import Bytes
-from cspace.map.storage import ASIDE, MISSING, USED, TileCells, pack, read_only
+from cspace.arrays import Bytes, Floats
+from cspace.errors import FileError
+from cspace.map.backend import Result
+from cspace.map.batches import Kernel, Query, own
+from cspace.map.derived import Lock
+from cspace.map.exterior import Exterior
+from cspace.map.storage import ASIDE, MISSING, USED, Map, TileCells, pack, read_only
+from cspace.obstacles import Held
+from cspace.store.tiled import Record, Store
+from cspace.threads import LEAST, in_chunks
+from cspace.tiles.work import Job
+
+ROWS_IN_A_PIECE: Final = 2**18
+"""Configurations, or edges, of a batch that are copied and answered at a time."""
 
 
 class Cache:
@@ -70,3 +85,135 @@ class Cache:
             pack(states.reshape(-1), self._packed[place * self._each : (place + 1) * self._each])
             self._used[chunk] = place
             self._places[chunk] = 4 * place * self._each
+
+
+class TileBackend:
+    """The cells of a map in a store, over which kernels are run as its tiles are read.
+
+    Parameters
+    ----------
+    store : Store
+    cache_bytes : int
+        Memory for decoded tiles.
+    """
+
+    def __init__(self, store: Store, cache_bytes: int) -> None:
+        self.lock, self.limit = Lock(), int(cache_bytes)
+        self._take(store)
+
+    def _take(self, store: Store) -> None:
+        self.__dict__.pop("exterior", None)
+        self.store, self._records = store, {}  # type: tuple[Store, dict[tuple[int, ...], Record]]
+        shape = (store.slices, *store.grid.shape)
+        self._cache = Cache(shape, (store.depth, *store.tile), self.limit, self._chunk)
+        self.job = Job(store, Held(np.empty(0, np.bool_), np.empty(0, np.bool_)))
+
+    @property
+    def latest(self) -> Store:
+        """The store as it is now, opened again if another process has changed it."""
+        with self.lock:
+            if self.store.is_past:
+                self._take(Store.open(self.store.path))
+            return self.store
+
+    @property
+    def done(self) -> float:
+        """Share of the tiles that are done."""
+        store = self.latest
+        return 1.0 if store.metadata["box"] is not None else min(len(store.done()) / len(store), 1.0 - 2.0**-20)
+
+    def check_done(self) -> None:
+        """Raise FileError unless all tiles are done."""
+        if self.latest.metadata["box"] is None:
+            problem, rule = f"is {self.done:.1%} done", "a map is looked up once all of it is there"
+            hint = "run the same build again: only what is missing is done"
+            raise FileError(str(self.store.path), problem, rule, hint)
+
+    def at_one_moment(self, work: Callable[[], Result]) -> Result:
+        """Return the result of some work, all of which saw the store as it was at one moment."""
+        with self.lock:
+            while True:
+                store = self.latest
+                self.check_done()
+                try:
+                    result = work()
+                except FileError:  # as where a file was replaced
+                    if not self.store.is_past:
+                        raise
+                else:
+                    if self.store is store and not store.is_past:
+                        return result
+
+    def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = LEAST) -> Query:
+        """See :meth:`cspace.map.backend.Backend.query`; rows are copied in pieces."""
+
+        def run(*rows_and_out: Any) -> int:
+            *rows, out = rows_and_out
+            return self._run_in_turns(partial(_run, kernel, arguments), rows, out, passed, least)
+
+        return lambda parts, out: self.at_one_moment(lambda: fill_in_pieces(run, parts, out))
+
+    def _run_in_turns(self, kernel: Kernel, rows: list[Floats], out: NDArray[Any], passed: object, least: int) -> int:
+        """Run a kernel until each tile that it reads was there; return the index of the first bad row, or -1.
+
+        Rows that did not pass are known. The others are run again, with some of the tiles that were not there.
+        """
+        cache, live = self._cache, np.arange(len(out))
+        cache.begin()
+        while len(live):
+            whole = len(live) == len(out)
+            left = rows if whole else [part[live] for part in rows]
+            values = np.empty(len(live), dtype=out.dtype)
+            bad = in_chunks(partial(kernel, self._map, left, values), len(live), least)
+            if bad >= 0:
+                return bad
+            out[live] = values
+            live = live[values == passed]
+            # A few rows may well fail in the first tiles that they come to.
+            wanted = cache.wanted(len(live))
+            if not wanted:
+                break
+            cache.load(wanted)
+        return -1
+
+    @property
+    def _map(self) -> Map:
+        """The record that compiled look-ups take; its tiles are those that are there now."""
+        grid, cells = self.store.grid, self._cache.cells
+        rotations = self.store.rotations.compiled(self.store.slice_of)
+        return Map(cells, cells, rotations, grid.lower, grid.spacing, grid.upper, self.exterior.table)
+
+    @cached_property
+    def exterior(self) -> Exterior:
+        """What is known outside the map."""
+        box, outside = np.array(self.store.metadata["box"]), str(self.store.metadata["outside"])
+        return Exterior.around(self.store.grid.shape, box, self.job.pairs, outside)
+
+    def _chunk(self, number: int) -> Bytes:
+        """States of a chunk, by its number."""
+        store = self.store
+        layer, *index = np.unravel_index(number, (store.layers, *store.counts))
+        tile = tuple(int(i) for i in index)
+        return store.states(tile, int(layer), self.record(tile))
+
+    def record(self, tile: tuple[int, ...]) -> Record:
+        """What is known of a tile."""
+        if tile not in self._records:
+            self._records[tile] = self.store.known(tile)
+        return self._records[tile]
+
+
+def fill_in_pieces(kernel: Kernel, parts: Sequence[Any], out: NDArray[Any]) -> int:
+    """Fill ``out`` by a kernel of rows, which are copied a piece at a time; return the first bad row, or -1."""
+    for start in range(0, len(out), ROWS_IN_A_PIECE):
+        piece = slice(start, start + ROWS_IN_A_PIECE)
+        bad = kernel(*(own(part[piece]) for part in parts), out[piece])
+        if bad >= 0:
+            return start + bad
+    return -1
+
+
+def _run(
+    kernel: Kernel, arguments: tuple[Any, ...], map_: Map, rows: list[Floats], out: NDArray[Any], start: int, stop: int
+) -> int:
+    return kernel(map_, *arguments, *(part[start:stop] for part in rows), out[start:stop])

@@ -5,33 +5,27 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, NoReturn
+from typing import TYPE_CHECKING, Final, NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from cspace.arrays import FREE, STATE_NAMES, Bools, Floats, Ints
+from cspace.arrays import STATE_NAMES, Floats, Ints
 from cspace.check import whole
-from cspace.configuration_map import ConfigurationMap, Result
+from cspace.configuration_map import ConfigurationMap
 from cspace.engines.slices import Progress
-from cspace.errors import ConfigurationError, FileError, InputError
+from cspace.errors import ConfigurationError, InputError
 from cspace.grid import Grid
-from cspace.map.batches import EDGES_A_THREAD, Kernel, Query
-from cspace.map.batches import own as owned
-from cspace.map.derived import Lock
-from cspace.map.exterior import Exterior
-from cspace.map.storage import Map, read_only
-from cspace.obstacles import Held
+from cspace.map.batches import Query
+from cspace.map.storage import read_only
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.space import CSpace
-from cspace.store.tiled import Record, Store
-from cspace.threads import LEAST, in_chunks
-from cspace.tiles.cache import Cache
+from cspace.store.tiled import Store
+from cspace.tiles.cache import TileBackend, fill_in_pieces
 from cspace.tiles.labels import Joined, label_all
 from cspace.tiles.parts import overview_of, window_of
 from cspace.tiles.update import update_store
-from cspace.tiles.work import Job
 from cspace.update import Patch, Update
 
 if TYPE_CHECKING:
@@ -40,20 +34,28 @@ if TYPE_CHECKING:
     from cspace.exact.queries import Exact
 
 
-Leg = tuple[Callable[[], CSpace], Floats, Floats]
-"""What opens a part of a map in memory, and two configurations in it."""
-
 AROUND: Final = {2: 1024, 3: 256}
 """Cells along an axis of what is opened around configurations, by the number of axes."""
 
 CACHE_BYTES: Final = 2**29
 """Memory for decoded tiles, unless ``cache_bytes`` says otherwise: 2 x 10^9 states."""
 
-ROWS_IN_A_PIECE: Final = 2**18
-"""Configurations, or edges, of a batch that are copied and answered at a time."""
+IN_A_PART: Final = "ask a part of it: space.window(lower, upper)"
 
-_OF_A_WHOLE: Final = ("place", "placed", "remove")
-"""What only a map answers that is whole, and in memory."""
+BY_CELLS: Final = "change its cells: space.update(cells, lower)"
+
+ONLY_IN_MEMORY: Final = {
+    "workspace precision overlaps state slice_at": IN_A_PART,
+    "overlap contains_robot obstacle_distance overlap_field with_overlap_field": IN_A_PART,
+    "point_checker edge_checker clearance_checker record own_record marks": IN_A_PART,
+    "free_reach free_path widest_path sample_free": IN_A_PART,
+    "save export to_xarray to_occupancy_grid to_costmap": IN_A_PART,
+    "place placed remove": BY_CELLS,
+}
+"""What :class:`cspace.CSpace` can do and :class:`TiledCSpace` cannot, with the hint of the error; besides, ``exact``.
+
+``docs/large.md`` lists them.
+"""
 
 
 class TiledCSpace(ConfigurationMap):
@@ -62,7 +64,7 @@ class TiledCSpace(ConfigurationMap):
     :func:`cspace.build` makes it with a ``store``, and :func:`cspace.open` opens it. Its answers are those of the same
     map in memory, :class:`cspace.CSpace`, look-up by look-up. It takes one configuration, shape (dof,), or any batch,
     shape (..., dof); a batch is answered in pieces of 262,144 configurations, each of which reads a tile at most once.
-    :meth:`window` gives a part of it as a map in memory, for everything else.
+    :meth:`window` gives a part of it as a map in memory, for everything else (:data:`ONLY_IN_MEMORY`).
 
     A store that is half done opens too: :attr:`done` is the share, and look-ups refuse.
 
@@ -84,17 +86,7 @@ class TiledCSpace(ConfigurationMap):
     """
 
     def __init__(self, store: Store, cache_bytes: int = CACHE_BYTES) -> None:
-        self._lock = Lock()
-        self._limit = int(cache_bytes)
-        self._take(store)
-
-    def _take(self, store: Store) -> None:
-        self._store, self._records = store, {}  # type: tuple[Store, dict[tuple[int, ...], Record]]
-        shape = (store.slices, *store.grid.shape)
-        self._cache = Cache(shape, (store.depth, *store.tile), self._limit, self._chunk)
-        self._job = Job(store, Held(np.empty(0, np.bool_), np.empty(0, np.bool_)))
-        self._table: Ints | None = None
-        self._parts: Joined | None = None
+        self._tiles, self._parts = TileBackend(store, cache_bytes), None  # type: tuple[TileBackend, Joined | None]
 
     @classmethod
     def open(cls, path: str | os.PathLike[str], cache_bytes: int = CACHE_BYTES) -> TiledCSpace:
@@ -140,17 +132,20 @@ class TiledCSpace(ConfigurationMap):
     @property
     def done(self) -> float:
         """Share of the tiles that are done; 1 for a map that may be looked up."""
-        store = self._now
-        return 1.0 if store.metadata["box"] is not None else min(len(store.done()) / len(store), 1.0 - 2.0**-20)
+        return self._tiles.done
 
     @property
     def version(self) -> int:
         """How many updates the map has seen."""
-        return int(self._now.metadata["version"])
+        return int(self._tiles.latest.metadata["version"])
+
+    @property
+    def _store(self) -> Store:
+        return self._tiles.store
 
     def count(self) -> tuple[int, int, int]:
-        self._check_done()
-        store = self._now
+        self._tiles.check_done()
+        store = self._tiles.latest
         free, mixed, blocked = np.array(store.metadata["counts"])[store.slice_of].sum(axis=0).tolist()
         return free, mixed, blocked
 
@@ -165,21 +160,7 @@ class TiledCSpace(ConfigurationMap):
         return {"tile": list(self.tile), "done_percent": round(100.0 * self.done, 4), **cells, "version": self.version}
 
     def __reduce__(self) -> tuple[Callable[..., TiledCSpace], tuple[str, int]]:
-        return TiledCSpace.open, (self.path, self._limit)
-
-    if not TYPE_CHECKING:  # which tells of such a name before it is asked for
-
-        def __getattr__(self, name: str) -> NoReturn:
-            if name.startswith("_") or not hasattr(CSpace, name):
-                raise AttributeError(f"'TiledCSpace' object has no attribute {name!r}")
-            raise self._elsewhere(name)
-
-    @staticmethod
-    def _elsewhere(name: str) -> ConfigurationError:
-        mend = "ask a part of it: space.window(lower, upper)"
-        if name in _OF_A_WHOLE:  # which parts refuse as well
-            mend = "change its cells: space.update(cells, lower)"
-        return ConfigurationError(name, "needs a map in memory", "this one stays in its store", mend)
+        return TiledCSpace.open, (self.path, self._tiles.limit)
 
     # ---- what FREE cells join ----------------------------------------------------------------------------------------
 
@@ -201,19 +182,19 @@ class TiledCSpace(ConfigurationMap):
             if progress is not None:
                 progress(number, len(self._store))
 
-        self._at_one_moment(lambda: self._join(client, advance))
+        self._tiles.at_one_moment(lambda: self._join(client, advance))
 
     def _join(self, client: Client | None = None, progress: Callable[[int], None] | None = None) -> Joined:
-        if self._parts is None:
-            label_all(self._job, client, progress)
-            self._parts = Joined(self._store, Exterior(self._exterior))
+        if self._parts is None or self._parts.store is not self._store:
+            label_all(self._tiles.job, client, progress)
+            self._parts = Joined(self._store, self._tiles.exterior)
         return self._parts
 
     @property
     def _components(self) -> Joined:
         return self._join()
 
-    def legs(self, q0: ArrayLike, q1: ArrayLike) -> list[Leg]:
+    def legs(self, q0: ArrayLike, q1: ArrayLike) -> list[tuple[Callable[[], CSpace], Floats, Floats]]:
         """The tiles through which FREE cells join two configurations, one after the other, for a planner of your own.
 
         Parameters
@@ -230,7 +211,7 @@ class TiledCSpace(ConfigurationMap):
         """
         q0, q1 = (self.rotations.canonical(self.checked(q, name), name) for q, name in ((q0, "q0"), (q1, "q1")))
         cells = [self._cells_of(q) for q in (q0, q1)]
-        tiles, crossings = self._at_one_moment(lambda: self._join().chain(*cells))
+        tiles, crossings = self._tiles.at_one_moment(lambda: self._join().chain(*cells))
         if not tiles:
             return []
         turns = self.rotations.centers[crossings[:, 0]]
@@ -255,7 +236,8 @@ class TiledCSpace(ConfigurationMap):
 
     def _part(self, first: Ints, stop: Ints) -> CSpace:
         """The cells from a first one up to the one before another, in memory."""
-        return self._at_one_moment(lambda: window_of(self._store, self._record, self._exterior, first, stop))
+        tiles = self._tiles
+        return tiles.at_one_moment(lambda: window_of(tiles.store, tiles.record, tiles.exterior.table, first, stop))
 
     # ---- parts, and changes ------------------------------------------------------------------------------------------
 
@@ -302,7 +284,7 @@ class TiledCSpace(ConfigurationMap):
                 "pass a part of that",
                 value=(lower, upper),
             )
-        return self._part(first + self._job.reach[0], stop + self._job.reach[1])
+        return self._part(first + self._tiles.job.reach[0], stop + self._tiles.job.reach[1])
 
     def overview(self, most: int = 1024, client: Client | None = None) -> CSpace:
         """The whole map in larger cells, in memory: to be drawn, and to be looked up roughly.
@@ -318,7 +300,7 @@ class TiledCSpace(ConfigurationMap):
             As for :func:`cspace.build`.
         """
         count = whole(most, "most", 1, hint="pass e.g. 1024")
-        return self._at_one_moment(lambda: overview_of(self._job, count, client))
+        return self._tiles.at_one_moment(lambda: overview_of(self._tiles.job, count, client))
 
     def update(
         self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None, client: Client | None = None
@@ -341,25 +323,20 @@ class TiledCSpace(ConfigurationMap):
         Update
         """
         patch = Patch.of(self.grid, cells, lower, inner)
-        with self._lock:
-            self._check_done()
-            return update_store(self._now, patch, client, self._job.reach)
+        with self._tiles.lock:
+            self._tiles.check_done()
+            return update_store(self._tiles.latest, patch, client, self._tiles.job.reach)
 
-    # ---- who answers -------------------------------------------------------------------------------------------------
+    # ---- kernels -----------------------------------------------------------------------------------------------------
 
-    def _classify(self) -> Query:
-        from cspace.map.points import classify_few
-
-        return partial(self._query, classify_few, FREE, LEAST)
+    @property
+    def _backend(self) -> TileBackend:
+        return self._tiles
 
     def _clearances(self) -> Query:
-        return self._in_windows
+        return partial(fill_in_pieces, self._clearances_in_windows)
 
-    def _in_windows(self, parts: Sequence[Any], out: NDArray[Any]) -> int:
-        """Fill ``out`` with the clearance of configurations, block by block of them."""
-        return _in_pieces(self._clearances_of, parts, out)
-
-    def _clearances_of(self, rows: Floats, out: Floats) -> int:
+    def _clearances_in_windows(self, rows: Floats, out: Floats) -> int:
         near = AROUND[self.grid.dim] // 16
         bad = self._classify()([rows], np.empty(len(rows), dtype=np.uint8))
         if bad >= 0:
@@ -372,118 +349,28 @@ class TiledCSpace(ConfigurationMap):
             out[own] = np.minimum(part.clearance(rows[own]), near * self.grid.spacing)
         return -1
 
-    def _edges(self, number: int, exact: bool) -> Query:
-        from cspace.map.edges import edges_are_free
-
-        if exact:
-            raise self._elsewhere("exact")
-
-        def kernel(map_: Map, first: Floats, last: Floats, out: Bools) -> int:
-            return edges_are_free(map_, None, first, last, out)
-
-        return partial(self._query, kernel, True, EDGES_A_THREAD)
-
     @property
     def _exact(self) -> Exact:
-        raise self._elsewhere("exact")
-
-    def _query(self, kernel: Kernel, passed: int, least: int, parts: Sequence[Any], out: NDArray[Any]) -> int:
-        """Fill ``out`` by a kernel of rows, shape (n, dof); ``passed`` is its result where all cells are FREE."""
-
-        def work(*rows_and_out: Any) -> int:
-            *rows, answers = rows_and_out
-            return self._in_turns(kernel, rows, answers, passed, least)
-
-        return self._at_one_moment(lambda: _in_pieces(work, parts, out))
-
-    @property
-    def _now(self) -> Store:
-        """The store as it is now, if another process has changed it."""
-        with self._lock:
-            if self._store.is_past:
-                self._take(Store.open(self.path))
-            return self._store
-
-    def _at_one_moment(self, work: Callable[[], Result]) -> Result:
-        """The result of some work, all of which saw the map as it was at one moment."""
-        with self._lock:
-            while True:
-                store = self._now
-                self._check_done()
-                try:
-                    result = work()
-                except FileError:  # as where a file was replaced
-                    if not self._store.is_past:
-                        raise
-                else:
-                    if self._store is store and not store.is_past:
-                        return result
-
-    def _in_turns(self, kernel: Kernel, rows: list[Floats], out: NDArray[Any], passed: int, least: int) -> int:
-        """Run a kernel until each tile that it reads was there; the index of the first row that is not usable, or -1.
-
-        Rows that did not pass are known. The others are run again, with some of the tiles that were not there.
-        """
-        cache, live = self._cache, np.arange(len(out))
-        cache.begin()
-        while len(live):
-            whole = len(live) == len(out)
-            own = rows if whole else [part[live] for part in rows]
-            values = np.empty(len(live), dtype=out.dtype)
-            bad = in_chunks(partial(_run, kernel, self._map, own, values), len(live), least)
-            if bad >= 0:
-                return bad
-            out[live] = values
-            live = live[values == passed]
-            # A few rows may well fail in the first tiles that they come to.
-            wanted = cache.wanted(len(live))
-            if not wanted:
-                break
-            cache.load(wanted)
-        return -1
-
-    @property
-    def _map(self) -> Map:
-        """The record that compiled look-ups take; its tiles are those that are there now."""
-        grid, cells = self.grid, self._cache.cells
-        rotations = self.rotations.compiled(self._store.slice_of)
-        return Map(cells, cells, rotations, grid.lower, grid.spacing, grid.upper, self._exterior)
-
-    @property
-    def _exterior(self) -> Ints:
-        if self._table is None:
-            box = np.array(self._store.metadata["box"])
-            self._table = Exterior.around(self.grid.shape, box, self._job.pairs, self.outside).table
-        return self._table
-
-    def _chunk(self, number: int) -> NDArray[np.uint8]:
-        """States of a chunk, by its number."""
-        store = self._store
-        layer, *index = np.unravel_index(number, (store.layers, *store.counts))
-        tile = tuple(int(i) for i in index)
-        return store.states(tile, int(layer), self._record(tile))
-
-    def _record(self, tile: tuple[int, ...]) -> Record:
-        if tile not in self._records:
-            self._records[tile] = self._store.known(tile)
-        return self._records[tile]
-
-    def _check_done(self) -> None:
-        if self._now.metadata["box"] is None:
-            fault = f"is {self.done:.1%} done"
-            mend = "run the same build again: only what is missing is done"
-            raise FileError(self.path, fault, "a map is looked up once all of it is there", mend)
+        raise needs_memory("exact")
 
 
-def _in_pieces(kernel: Kernel, parts: Sequence[Any], out: NDArray[Any]) -> int:
-    """Fill ``out`` by a kernel of rows, which are copied a piece at a time; return the first bad row, or -1."""
-    for start in range(0, len(out), ROWS_IN_A_PIECE):
-        piece = slice(start, start + ROWS_IN_A_PIECE)
-        bad = kernel(*(owned(part[piece]) for part in parts), out[piece])
-        if bad >= 0:
-            return start + bad
-    return -1
+class OnlyInMemory:
+    """Attribute of :class:`cspace.CSpace` that a map in a store refuses, with a hint."""
+
+    def __init__(self, name: str, hint: str) -> None:
+        self._refused = name, hint
+
+    def __get__(self, space: TiledCSpace | None, kind: type[TiledCSpace]) -> NoReturn:
+        if space is None:
+            raise AttributeError(f"type object 'TiledCSpace' has no attribute {self._refused[0]!r}")
+        raise needs_memory(*self._refused)
 
 
-def _run(kernel: Kernel, map_: Map, rows: list[Floats], out: NDArray[Any], start: int, stop: int) -> int:
-    return kernel(map_, *(part[start:stop] for part in rows), out[start:stop])
+def needs_memory(name: str, hint: str = IN_A_PART) -> ConfigurationError:
+    """Return the error for what only a map in memory can do."""
+    return ConfigurationError(name, "needs a map in memory", "this one stays in its store", hint)
+
+
+for _names, _hint in ONLY_IN_MEMORY.items():
+    for _name in _names.split():
+        setattr(TiledCSpace, _name, OnlyInMemory(_name, _hint))

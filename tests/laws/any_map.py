@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 import cspace
 from cspace import Grid, Robot, Rotations, Workspace
-from cspace.endless import map_of
 from cspace.map.contents import Contents
 from cspace.shapes import Point
 
@@ -122,7 +121,7 @@ def make_periodic(space: str, storage: str, seed: int, folder: Path) -> AnyMap:
     workspace = Workspace(grid, states != cspace.FREE, states == cspace.BLOCKED)
     robot, rotations = Robot("arm", Point.at_origin(len(shape))), Rotations.of(None)
     slices = rotations.slices_for(robot.shape)
-    memory = map_of(Contents(workspace, robot, rotations, slices, states[np.newaxis].copy(), endless=periodic))
+    memory = cspace.CSpace(Contents(workspace, robot, rotations, slices, states[np.newaxis].copy(), endless=periodic))
     made = memory
     if storage == "saved":
         made = reopen(made, folder / "periodic.zarr")

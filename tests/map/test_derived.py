@@ -1,13 +1,15 @@
-"""Derived parts: made once however many threads ask, renewed, dropped, and left behind by copies."""
+"""Lazy parts: computed once however many threads ask, refreshed, dropped, and left behind by copies of a map."""
 
 import copy
 import pickle
 import threading
 import time
 
+import numpy as np
 import pytest
 
-from cspace.map.derived import Derived, Lock
+import cspace
+from cspace.map.derived import Lock, lazy
 
 
 class Counter:
@@ -18,71 +20,88 @@ class Counter:
         self.changes.append(change)
 
 
-def test_one_thread_makes_the_part_and_all_get_it():
-    derived, made, got = Derived(Lock()), [], []
+class Owner:
+    def __init__(self, make=Counter):
+        self._lock, self.make, self.made = Lock(), make, 0
 
+    @lazy
+    def part(self):
+        """Part of the owner."""
+        self.made += 1
+        return self.make()
+
+    @lazy
+    def other(self):
+        return self.make()
+
+
+def test_one_thread_computes_the_part_and_all_get_it():
     def make():
         time.sleep(0.01)
-        made.append(Counter())
-        return made[-1]
+        return Counter()
 
-    threads = [threading.Thread(target=lambda: got.append(derived.get(make))) for _ in range(8)]
+    owner, got = Owner(make), []
+    threads = [threading.Thread(target=lambda: got.append(owner.part)) for _ in range(8)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(made) == 1
-    assert all(part is made[0] for part in got)
-    assert len(got) == 8
+    assert owner.made == 1
+    assert len(got) == 8 and all(part is owner.part for part in got)
 
 
-def test_a_part_follows_changes_after_it_is_made():
-    derived = Derived(Lock())
-    derived.renew("before")  # nothing is there to follow
-    part = derived.get(Counter)
-    derived.renew("after")
+def test_a_part_follows_changes_after_it_is_computed():
+    owner = Owner()
+    Owner.part.renew(owner, "before")  # nothing is there to follow
+    part = owner.part
+    Owner.part.renew(owner, "after")
     assert part.changes == ["after"]
-    assert derived.made is part
-    derived.drop()
-    assert derived.made is None
-    assert derived.get(Counter) is not part
+    assert Owner.part.cached(owner) is part
+    Owner.part.drop(owner)
+    assert Owner.part.cached(owner) is None
+    assert owner.part is not part
+    assert Owner.part.__doc__ == "Part of the owner."
 
 
-def test_a_part_that_could_not_be_made_is_made_at_the_next_call():
-    derived = Derived(Lock())
-
+def test_a_part_that_could_not_be_computed_is_computed_at_the_next_access():
     def fails():
         raise MemoryError
 
+    owner = Owner(fails)
     with pytest.raises(MemoryError):
-        derived.get(fails)
-    assert isinstance(derived.get(Counter), Counter)
+        _ = owner.part
+    owner.make = Counter
+    assert isinstance(owner.part, Counter)
 
 
-@pytest.mark.parametrize("of", [copy.copy, copy.deepcopy, lambda pair: pickle.loads(pickle.dumps(pair))])
-def test_copies_leave_the_lock_and_the_part_behind(of):
-    lock = Lock()
-    derived = Derived(lock)
-    derived.get(lambda: threading.Lock())  # cannot be pickled
-    with lock, lock:
-        other = of(derived)
-        assert other.made is None
-    assert isinstance(other.get(Counter), Counter)
-    assert not isinstance(derived.made, Counter)
-
-
-def test_parts_of_one_copied_map_share_its_new_lock():
-    original = Derived(Lock())
-    parts = original, *copy.deepcopy([original, original])
-    others = [threading.Thread(target=part.get, args=(Counter,)) for part in parts[::2]]
+def test_all_parts_of_an_owner_share_its_lock():
+    first, second = Owner(), Owner()
+    threads = [threading.Thread(target=getattr, args=(owner, "other")) for owner in (second, first)]
 
     def make():
-        for thread in others:
+        for thread in threads:
             thread.start()
-        others[0].join(10.0)
-        others[1].join(0.1)
-        assert [thread.is_alive() for thread in others] == [False, True]
+        threads[0].join(10.0)
+        threads[1].join(0.1)
+        assert [thread.is_alive() for thread in threads] == [False, True]
         return Counter()
 
-    parts[1].get(make)
-    others[1].join()
+    first.make = make
+    part, first.make = first.part, Counter
+    threads[1].join(10.0)
+    assert isinstance(part, Counter)
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda space: pickle.loads(pickle.dumps(space))])
+def test_copies_of_a_map_leave_lock_and_parts_behind(copied):
+    space = cspace.build(cspace.Workspace.from_array(np.zeros((12, 12), dtype=bool), 0.1), cspace.Robot.disc(0.1))
+    q = (0.3, 0.9), (0.8, 0.4)
+    assert space.path_exists(*q)
+    with space._lock:
+        other = copied(space)
+        answers = []
+        thread = threading.Thread(target=lambda: answers.append(other.path_exists(*q)))
+        thread.start()
+        thread.join(10.0)
+    assert answers == [True]
+    assert not {"_components", "_states_query"} & vars(copied(space)).keys()

@@ -4,15 +4,17 @@ import itertools
 import pickle
 import threading
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import cspace
-import cspace.tiles.space
+import cspace.tiles.cache
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.store.tiled import Store
 from cspace.tiles.cache import Cache
+from cspace.tiles.space import ONLY_IN_MEMORY
 from handmade import walled
 from tiles.test_build import SPACES, random_workspace
 
@@ -87,7 +89,7 @@ def test_batches_in_pieces_answer_as_one(tmp_path, monkeypatch):
     q = configurations(space, 3000, np.random.default_rng(1))
     edges = np.random.default_rng(2).integers(0, 3000, (2000, 2))
     whole = [tiled.classify(q), tiled.certify_path(q, edges), tiled.clearance(q[:300])]
-    monkeypatch.setattr(cspace.tiles.space, "ROWS_IN_A_PIECE", 77)
+    monkeypatch.setattr(cspace.tiles.cache, "ROWS_IN_A_PIECE", 77)
     pieces = [tiled.classify(q), tiled.certify_path(q, edges), tiled.clearance(q[:300])]
     for one, other in zip(whole, pieces, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -143,6 +145,20 @@ def test_what_is_opened(tmp_path):
             look_up(q, exact=True)
     with pytest.raises(AttributeError):
         opened.nothing_of_this_name  # noqa: B018
+
+
+def test_all_that_only_maps_in_memory_can_do_is_refused_and_documented(tmp_path):
+    _, tiled = pair("yaw", tmp_path)
+    listed = {name: hint for names, hint in ONLY_IN_MEMORY.items() for name in names.split()}
+    public = {name for name in dir(cspace.CSpace) if not name.startswith("_")}
+    assert public - {name for name in dir(tiled) if hasattr(type(tiled), name)} == listed.keys()
+    for name, hint in listed.items():
+        with pytest.raises(ConfigurationError, match=f"{name} needs a map in memory") as caught:
+            getattr(tiled, name)
+        assert hint in str(caught.value)
+    page = (Path(cspace.__file__).parents[1] / "docs" / "large.md").read_text(encoding="utf-8")
+    internal = {"record", "own_record", "marks"}
+    assert not [name for name in listed.keys() - internal if f"`{name}`" not in page]
 
 
 def test_what_a_planner_of_ones_own_needs(tmp_path):

@@ -1,0 +1,58 @@
+"""Backends of a map: where its cells are kept, and how compiled kernels are run over them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Protocol, TypeVar
+
+from cspace.map.batches import Kernel, Query, in_pieces
+from cspace.map.derived import Lock
+from cspace.map.periodic import Periodic
+from cspace.map.storage import Map
+from cspace.threads import LEAST
+
+Result = TypeVar("Result")
+
+
+class Backend(Protocol):
+    """The cells of a map, over which compiled kernels are run."""
+
+    def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = LEAST) -> Query:
+        """Return a query that runs a kernel over the rows of a batch.
+
+        The kernel is called as ``kernel(map_, *arguments, *rows, out)`` with the record of the map. ``passed`` is its
+        answer for a row if all cells that it reads are FREE. Each thread gets at least ``least`` rows.
+        """
+
+    def at_one_moment(self, work: Callable[[], Result]) -> Result:
+        """Return the result of some work, all of which sees the map as it is at one moment."""
+
+
+@dataclass(frozen=True, slots=True)
+class MemoryBackend:
+    """Cells in memory, in a byte or in two bits each; some axes may be periodic.
+
+    Attributes
+    ----------
+    map_ : Map
+        The record of the map, with periodic axes unrolled; it follows updates.
+    periodic : Periodic
+    lock : Lock
+        Held by an update while it changes cells.
+    """
+
+    map_: Map
+    periodic: Periodic
+    lock: Lock
+
+    def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = LEAST) -> Query:
+        """See :meth:`Backend.query`."""
+        run = partial(kernel, self.map_, *arguments)
+        return in_pieces(self.periodic.wrap_rows(run) if self.periodic else run, least)
+
+    def at_one_moment(self, work: Callable[[], Result]) -> Result:
+        """See :meth:`Backend.at_one_moment`."""
+        with self.lock:
+            return work()

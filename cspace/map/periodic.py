@@ -1,0 +1,191 @@
+"""Periodic axes of a map: angles of continuous joints, where the map begins again after a turn.
+
+The cells of a map are those of one turn. Look-ups see them *unrolled*, with half a turn more at either end. A
+configuration is first brought into the middle turn, and an edge goes the shorter way from there, so that all cells that
+it touches are there without a seam. Components are those of the cells of one turn, joined across the seams.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import compress, product
+from typing import Any, Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.arrays import Floats, Ints
+from cspace.errors import InputError
+from cspace.grid import Grid
+from cspace.limits import check_memory
+from cspace.map.batches import Kernel
+from cspace.rotations import OneRotation
+from cspace.rotations.base import MAX_JOINT_ANGLE, TURN, shorter, wrapped
+from cspace.workspace import Workspace
+
+T = TypeVar("T")
+
+BYTES_PER_CELL: Final = 3
+"""Memory for each unrolled cell: its state, and whether it meets an obstacle or lies in one."""
+
+_quiet: Final = np.errstate(invalid="ignore")
+"""Numbers that are not finite are refused later, by the kernels."""
+
+
+@dataclass(frozen=True, slots=True)
+class Periodic(OneRotation):
+    """The periodic axes of a map whose robot does not rotate.
+
+    Attributes
+    ----------
+    axes : tuple of bool
+        Whether each number of a configuration is the angle of a continuous joint.
+    counts : tuple of int
+        Cells of the map along each axis; along a periodic one they make a turn.
+    """
+
+    axes: tuple[bool, ...] = ()
+    counts: tuple[int, ...] = ()
+
+    def __bool__(self) -> bool:
+        return any(self.axes)
+
+    # ---- configurations ----------------------------------------------------------------------------------------------
+
+    @_quiet
+    def canonical(self, q: Floats, name: str = "q") -> Floats:
+        """Return configurations, shape (..., dof), with each angle in [-pi, pi).
+
+        Raises
+        ------
+        InputError
+            If an angle is too large to be wrapped.
+        """
+        far = (np.abs(q) > MAX_JOINT_ANGLE) & self.axes
+        if far.any():
+            problem, rule = f"has an angle of {q[far][0]:g} rad", f"at most {MAX_JOINT_ANGLE:.0f} are wrapped exactly"
+            raise InputError(name, problem, rule, "leave out whole turns", value=float(q[far][0]))
+        return wrapped(q, self.axes)
+
+    def steps(self, q0: Floats, q1: Floats) -> Floats:
+        """Return the steps between configurations, along the shorter arcs; half a turn keeps its sign."""
+        return shorter(q1 - q0, self.axes)
+
+    def wrap_rows(self, kernel: Kernel) -> Kernel:
+        """Wrap a kernel of configurations or edges so that it gets them in the middle turn."""
+
+        @_quiet
+        def wrapping(given: Floats, *others_and_out: NDArray[Any]) -> int:
+            *others, out = others_and_out
+            first, *lasts = map(self.canonical, (given, *others))
+            ends = (
+                np.where(self.axes, first + self.steps(given, q), last) for q, last in zip(others, lasts, strict=True)
+            )
+            return kernel(first, *ends, out)
+
+        return wrapping
+
+    def begin_at(self, path: Floats, q0: Floats) -> Floats:
+        """Return a path by as many whole turns further as it takes to begin at a configuration."""
+        return path + (q0 - path[:1] - self.steps(path[:1], q0))
+
+    def names_among(self, axes: Sequence[str]) -> list[str]:
+        """Return the names of the periodic axes."""
+        return list(compress(axes, self.axes))
+
+    # ---- cells -------------------------------------------------------------------------------------------------------
+
+    @property
+    def padding(self) -> Ints:
+        """Cells that are unrolled at either end of each axis: half a turn, and what edges touch there."""
+        return np.where(self.axes, np.array(self.counts) // 2 + 2, 0)
+
+    @property
+    def middle(self) -> tuple[slice, ...]:
+        """The cells of the middle turn in an array of the unrolled ones."""
+        return tuple(slice(pad, pad + n) for pad, n in zip(self.padding.tolist(), self.counts, strict=True))
+
+    def cells_in_turn(self, unrolled: Grid, q: Floats) -> Ints:
+        """Return the cells of configurations, shape (..., d), rounded on borders as look-ups round."""
+        cells = unrolled.cell_of(self.canonical(q)) - self.padding
+        return np.where(self.axes, cells % self.counts, cells)
+
+    def unroll(
+        self, workspace: Workspace, states: NDArray[np.uint8], first: Ints, stop: Ints
+    ) -> tuple[Workspace, NDArray[np.uint8]]:
+        """Return workspace and states of the cells from ``first`` to before ``stop``, counted on along periodic axes.
+
+        Raises InputError if they do not fit into memory.
+        """
+        whole = workspace.grid
+        lower, shape = np.asarray(whole.lower) + whole.spacing * first, (stop - first).tolist()
+        grid = Grid(lower, whole.spacing, shape, whole.axes, whole.units)
+        check_memory(BYTES_PER_CELL * grid.size, "the map, unrolled,", grid)
+
+        def taken(cells: NDArray[Any]) -> NDArray[Any]:
+            for axis in np.flatnonzero(self.axes).tolist():
+                cells = cells.take(np.arange(first[axis], stop[axis]) % whole.shape[axis], axis=axis)
+            return cells
+
+        outer = taken(workspace.outer)
+        inner = outer if workspace.inner is workspace.outer else taken(workspace.inner)
+        return Workspace(grid, outer, inner, workspace.source), taken(states)
+
+    def appearances(self, low: Ints, high: Ints) -> Iterator[tuple[Ints, tuple[slice, ...]]]:
+        """Yield where a box of cells, from ``low`` to ``high``, appears in the unrolled ones.
+
+        That is the first unrolled cell of each appearance, and the part of the map that appears there.
+        """
+        counts, padding = np.array(self.counts), self.padding
+        if (low > high).any():
+            return
+        most = -(-padding // counts)
+        for turns in product(*(range(-n, n + 1) for n in most.tolist())):
+            shift = padding + counts * turns
+            first, stop = np.maximum(low + shift, 0), np.minimum(high + 1 + shift, counts + 2 * padding)
+            if (first < stop).all():
+                yield first, tuple(map(slice, first - shift, stop - shift))
+
+
+NOT_PERIODIC: Final = Periodic()
+"""The periodic axes of a map that has none."""
+
+
+def with_wrapped_angles(check: Callable[..., T], endless: Sequence[bool]) -> Callable[..., T]:
+    """Wrap a function of one or two configurations, as floats, so that it gets angles of periodic axes in [-pi, pi).
+
+    Angles of the second configuration are those within half a turn of the first. Angles that look-ups refuse become
+    NaN, where no configuration is free.
+    """
+    circles, dof = [k for k, turns in enumerate(endless) if turns], len(endless)
+    if not circles:
+        return check
+
+    # Python finds local names sooner than global ones.
+    most, turn, half, remainder = MAX_JOINT_ANGLE, TURN, math.pi, math.remainder
+
+    def wrapped(*numbers: float) -> T:
+        near = list(numbers)
+        for k in circles:
+            first = numbers[k] if -most <= numbers[k] <= most else math.nan
+            here = remainder(first, turn)
+            near[k] = here = here if here != half else -half
+            if len(near) > dof:
+                angle = numbers[dof + k]
+                near[dof + k] = here + remainder(angle - first, turn) if -most <= angle <= most else math.nan
+        return check(*near)
+
+    return wrapped
+
+
+def below_half_a_turn(check: Callable[..., bool], endless: Sequence[bool]) -> Callable[..., bool]:
+    """Wrap a check of edges so that it is False if an angle changes by half a turn or more.
+
+    The check takes the shorter arc, which is then another motion.
+    """
+    circles, dof = [k for k, turns in enumerate(endless) if turns], len(endless)
+    if not circles:
+        return check
+    return lambda *both: all(abs(both[dof + k] - both[k]) < 0.499 * TURN for k in circles) and check(*both)
