@@ -25,9 +25,8 @@ from cspace.limits import KEEP, free_bytes
 from cspace.map.chain import open_chain
 from cspace.space import CSpace
 from planners.catalogue import CUBES
-from planners.deadline import GRACE
 from planners.local_planner import LocalPlanner
-from planners.search import Search, SearchResult
+from planners.search import GRACE, Search, SearchResult
 from planners.states import Configuration
 
 Cells = Ints

@@ -1,14 +1,21 @@
-"""One search by OMPL."""
+"""One search by OMPL, and the deadlines that it keeps.
+
+OMPL checks its termination condition between two steps of a planner, and a single step, or the simplification of a
+path, may check thousands of edges. After the deadline all edges are refused without a look-up, so that the planner ends
+soon and keeps its best path; if that is not enough, an exception ends it.
+"""
 
 from __future__ import annotations
 
 import itertools
 import sys
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from typing import Final
+from types import TracebackType
+from typing import Any, Final, Protocol
 
 import numpy as np
 import scipy  # its parts are read when they are first used
@@ -19,11 +26,13 @@ from ompl import util as ou
 from cspace.arrays import Floats
 from cspace.compiling import clock
 from planners.catalogue import BIDIRECTIONAL, IGNORE_OBJECTIVES, SECOND_THREAD, make_planner, planner_named
-from planners.deadline import GRACE, Callbacks, Deadline, OutOfTime
 from planners.local_planner import LocalPlanner
 from planners.objectives import WeightedLength
 from planners.setup import MakeObjective, narrow, set_up
 from planners.states import Configuration, StateKind, kind_of
+
+GRACE: Final = 0.1
+"""Seconds after a deadline from which on callbacks raise."""
 
 _ORDINARY: Final = ("Timeout", "Exact solution", "Approximate solution", "Unknown status")
 """What OMPL's planners report where nothing is wrong."""
@@ -43,6 +52,70 @@ STEP: Final = 0.05
 
 STEPS: Final = 100
 """How often that is tried in a round, between two looks at the clock."""
+
+
+class OutOfTime(Exception):  # noqa: N818 - it ends a search, and is no error
+    """Raised through OMPL, and caught where OMPL was called."""
+
+
+class Callbacks(Protocol):
+    """What OMPL calls: a checker, a validator or an objective."""
+
+    def answer_with(self, answer: Callable[..., Any] | None) -> None:
+        """Answer by a function from now on, or as before if there is none."""
+
+
+class Deadline:
+    """A context in which OMPL's callbacks end their work after some seconds; on leaving, they are as before.
+
+    A thread waits for the time, so that no callback has to read the clock.
+
+    Parameters
+    ----------
+    seconds : float
+    refusing : sequence of Callbacks
+        Those that answer no after the deadline.
+    raising : sequence of Callbacks
+        Those that raise :class:`OutOfTime` from :data:`GRACE` later on.
+    """
+
+    def __init__(self, seconds: float, refusing: Sequence[Callbacks], raising: Sequence[Callbacks] = ()) -> None:
+        self._end = clock() + seconds
+        self._refusing, self._raising = refusing, raising
+        self._is_over = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="planners deadline", daemon=True)
+
+    @property
+    def left(self) -> float:
+        """Seconds that are left, zero or above."""
+        return max(0.0, self._end - clock())
+
+    def __enter__(self) -> Deadline:
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._is_over.set()
+        self._thread.join()
+        for each in (*self._refusing, *self._raising):
+            each.answer_with(None)
+
+    def _watch(self) -> None:
+        stages = (self._end, self._refusing, _refuse), (self._end + GRACE, self._raising, _raise)
+        for end, callbacks, answer in stages:
+            while (left := end - clock()) > 0.0:  # compiling, which the clock leaves out, delays the deadline
+                if self._is_over.wait(left):
+                    return
+            for each in callbacks:
+                each.answer_with(answer)
+
+
+def _refuse(*asked: Any) -> bool:
+    return False
+
+
+def _raise(*asked: Any) -> bool:
+    raise OutOfTime
 
 
 @dataclass(frozen=True, slots=True)

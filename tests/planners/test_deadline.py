@@ -10,8 +10,8 @@ import pytest
 import planners
 from cspace import MIXED, Robot, Workspace, build
 from planners.catalogue import IGNORE_OBJECTIVES, REFUSED, SECOND_THREAD
-from planners.deadline import Deadline, OutOfTime
 from planners.local_planner import CURVES
+from planners.search import Deadline, OutOfTime
 from planning import ANYTIME, CAR, ENDPOINTS, SPACES, compile_for, halves, room
 
 LIMIT = 0.015
