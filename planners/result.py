@@ -208,6 +208,12 @@ class Plan:
     def _edges_on(self, space: ConfigurationSpace) -> LocalPlanner:
         return local_planner(space, self.exact, self.drive, self.turning_radius)
 
+    def _map(self, hint: str) -> ConfigurationSpace:
+        """Return the map of the plan; raise InputError with a hint if the plan was pickled."""
+        if self.space is None:
+            raise InputError("plan", "has no map", "pickling leaves the map behind", hint)
+        return self.space
+
     def recheck(self, space: ConfigurationSpace | None = None) -> Bools:
         """Prove each edge of the path again, among the obstacles as they are now.
 
@@ -243,13 +249,11 @@ class Plan:
         """
         if not self.solved:
             raise InputError("plan", "has no path", f"the search ended with: {self.status}", "plan again")
-        space = self.space if space is None else space
-        if space is None:
-            rule, mend = "pickling leaves the map behind", "pass the map: plan.recheck(space)"
-            raise InputError("plan", "has no map", rule, mend)
+        space = self._map("pass the map: plan.recheck(space)") if space is None else space
         if space.axes != self.axes:
-            fault, rule = f"has the axes {', '.join(space.axes)}", f"the plan has {', '.join(self.axes)}"
-            raise InputError("space", fault, rule, "pass a map of the same robot", value=space)
+            expected = f"the plan has {', '.join(self.axes)}"
+            given = f"has the axes {', '.join(space.axes)}"
+            raise InputError("space", given, expected, "pass a map of the same robot", value=space)
         return self._edges_on(space).edges_are_free(self.waypoints)
 
     def __repr__(self) -> str:
@@ -307,13 +311,11 @@ class Plan:
         InputError
             If the plan was pickled, which leaves the map behind; or as :func:`cspace.plot.plot`.
         """
-        if self.space is None:
-            mend = "draw it with space.plot(path=plan)"
-            raise InputError("plan", "has no map", "pickling leaves the map behind", mend)
-        options.setdefault("path", self)
         from cspace.plot.maps import plot_map
 
-        return plot_map(self.space, **options)
+        space = self._map("draw it with space.plot(path=plan)")
+        options.setdefault("path", self)
+        return plot_map(space, **options)
 
     def animate(
         self, file: str | os.PathLike[str], overwrite: bool = False, **options: Unpack[AnimationOptions]
@@ -340,11 +342,9 @@ class Plan:
         from cspace.tiles.space import TiledCSpace
 
         self._check_solved("an animation shows a path")
-        if self.space is None:
-            hint = "draw it with cspace.plot.animate(space, plan, file)"
-            raise InputError("plan", "has no map", "pickling leaves the map behind", hint)
-        space = self.space.overview() if isinstance(self.space, TiledCSpace) else self.space
-        animate(space, self.path, file, overwrite, **options)
+        space = self._map("draw it with cspace.plot.animate(space, plan, file)")
+        drawn = space.overview() if isinstance(space, TiledCSpace) else space
+        animate(drawn, self.path, file, overwrite, **options)
 
     @overload
     def to_path(self, msg: None = None, *, frame_id: str = "map") -> Path: ...

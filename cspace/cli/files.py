@@ -1,14 +1,20 @@
-"""Files of the command line: outputs, checked before any work, saved paths, and what a saved map is of."""
+"""Files of commands: outputs, checked before any work, paths, saved maps and stores of tiles."""
 
 from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Collection, Sequence
+import shutil
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from cspace.errors import FileError, InputError
+from cspace.errors import FileError, InputError, optional
+
+if TYPE_CHECKING:
+    from cspace.space import CSpace
+    from cspace.tiles.space import TiledCSpace
 
 
 def check_outputs(paths: Collection[Path], suffixes: Collection[str], overwrite: bool) -> None:
@@ -45,24 +51,10 @@ def check_folder(folder: Path) -> None:
         raise FileError(str(folder), fault, "outputs need one", "choose another")
 
 
-def axes_of_map(file: Path) -> tuple[str, ...]:
-    """Return the names of the numbers of a saved map's configurations.
+def axes_of_map(file: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names of the numbers of a saved map's configurations, and their units: "m", "rad", or "1".
 
     Read from its metadata alone: a map in space is large, and a wrong option is reported at once.
-
-    Raises FileError if the file is not a map that can be opened.
-    """
-    from cspace.opening import open_map
-    from cspace.store.saved import read_metadata
-
-    try:
-        return tuple(read_metadata(file)["axes"].split())
-    except Exception:  # Whatever is wrong with the map, opening it raises the better error.
-        return open_map(file).axes
-
-
-def units_of_map(file: Path) -> tuple[str, ...]:
-    """Return the units of these numbers: "m", "rad", or "1" for those of a quaternion.
 
     Raises FileError if the file is not a map that can be opened.
     """
@@ -73,11 +65,11 @@ def units_of_map(file: Path) -> tuple[str, ...]:
     try:
         metadata = read_metadata(file)
         axes, units = metadata["axes"].split(), metadata.get("units", "").split()
-    except Exception:  # As above.
-        return open_map(file).units
-    # Files of earlier versions have no units; they are in metres.
+    except Exception:  # Whatever is wrong with the map, opening it raises the better error.
+        space = open_map(file)
+        return space.axes, space.units
     known = Rotations.all_units()
-    return (*units, *(known.get(axis, "m") for axis in axes[len(units) :]))
+    return tuple(axes), (*units, *(known.get(axis, "m") for axis in axes[len(units) :]))
 
 
 def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
@@ -120,3 +112,79 @@ def _table(file: Path) -> tuple[tuple[str, ...], Any]:
     columns = [number for number, name in enumerate(rows[0] if rows else ()) if name != "direction"]
     names = tuple(rows[0][number] for number in columns)
     return names, [[row[number] for number in columns] if len(row) == len(rows[0]) else row for row in rows[1:]]
+
+
+def make_room(output: Path, overwrite: bool) -> None:
+    """Check that a store can be made at a path, or gone on with; an old one is removed if it may be replaced.
+
+    Raises InputError if the suffix is not that of a store, and FileError if there is something else, or nothing can be
+    written.
+    """
+    from cspace.store.tiled import is_tiled
+
+    there = is_tiled(output)
+    check_outputs([output], (".zarr",), overwrite=there)
+    if there and overwrite:
+        shutil.rmtree(output)
+
+
+@contextmanager
+def resumable(output: Path, overwrite: bool) -> Iterator[None]:
+    """Say of an interruption in the block, if a store has been begun, that the same command resumes."""
+    from cspace.store.tiled import is_tiled
+
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        if not is_tiled(output):
+            raise
+        command = "the same command without --overwrite" if overwrite else "the same command"
+        raise KeyboardInterrupt(f"{command} resumes with {output}") from interrupt
+
+
+def lazily(workspace: Path, options: dict[str, Any]) -> dict[str, Any]:
+    """The option that makes the reader of a workspace leave the cells in their file, if it has it."""
+    from cspace.workspace import reader_of
+
+    try:
+        reader_of(workspace, [*options, "lazy"])
+    except InputError:
+        return {}
+    return {} if options.get("solid") == "fill" else {"lazy": True}
+
+
+@contextmanager
+def cluster(address: str | None) -> Iterator[Any]:
+    """The client of a cluster at an address; None without one.
+
+    Raises MissingPackageError if dask is not installed, and InputError if nothing answers there.
+    """
+    if address is None:
+        yield None
+        return
+    from cspace.tiles.work import CLUSTER
+
+    try:
+        client = optional("distributed", CLUSTER, "distributed").Client(address, timeout=10)
+    except (OSError, ValueError, TimeoutError) as error:
+        fault, rule = f"is {address!r}, where nothing answers ({error})", "it must be the address of a dask scheduler"
+        raise InputError("--scheduler", fault, rule, "start one, with dask scheduler", value=address) from error
+    with client:
+        yield client
+
+
+def part_of(space: CSpace | TiledCSpace, box: Sequence[float] | None) -> CSpace:
+    """The map itself; of one in tiles, the window in a box.
+
+    Raises InputError if a map in tiles lacks a box, or another one has it.
+    """
+    from cspace.tiles.space import TiledCSpace
+
+    if isinstance(space, TiledCSpace):
+        if box is None:
+            rule = "what is written is made in memory"
+            raise InputError("MAP", "is in tiles", rule, "add --window, a box in metres, for a part of it")
+        return space.window(box[: len(box) // 2], box[len(box) // 2 :])
+    if box is not None:
+        raise InputError("--window", "is given", "it is for maps in tiles", "leave it out", value=box)
+    return space

@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cspace.cli.files import axes_of_map, check_outputs, read_path, units_of_map
+from cspace.cli.files import (
+    axes_of_map,
+    check_outputs,
+    cluster,
+    lazily,
+    make_room,
+    part_of,
+    read_path,
+    resumable,
+)
 from cspace.cli.info import describe_map
 from cspace.cli.options import (
     Bounds,
@@ -107,7 +116,6 @@ def make(
 ) -> None:
     """Build the map of a robot in a workspace, and save it."""
     from cspace.builder import build
-    from cspace.cli.tiles import cluster, lazily, make_room, resumable
     from cspace.files.formats import dimension_of
     from cspace.store.saved import SAVES
     from cspace.workspace import Workspace, reader_of
@@ -205,7 +213,7 @@ def picture(
     from cspace.rotations import Rotations
 
     check_outputs([output], SUFFIXES, overwrite)
-    axes, units = axes_of_map(file), units_of_map(file)
+    axes, units = axes_of_map(file)
     places = [axis for axis in axes if axis not in Rotations.all_names()]
     marks = read_marks(start, goal, axes, units)
     options = given(
@@ -253,13 +261,12 @@ def export(
     as_json: Json = False,
 ) -> None:
     """Write a saved map for other software."""
-    from cspace.cli.tiles import part_of
     from cspace.export.maps import EXPORTS, check_export
     from cspace.opening import open_map
     from cspace.rotations import Rotations
 
     check_outputs([output], EXPORTS, overwrite)
-    axes = axes_of_map(file)
+    axes, _ = axes_of_map(file)
     check_export(output, len([axis for axis in axes if axis not in Rotations.all_names()]))
     options = given(rotation=None if rotation is None else rotation_of(rotation, "--rotation", axes))
     clock = Clock()
@@ -302,7 +309,7 @@ def view(
         axes, units = space.axes, space.arm.units
     else:
         refuse_arm_options(srdf, package_dirs, f"{file} is no URDF", solid)
-        axes, units = axes_of_map(file), units_of_map(file)
+        axes, units = axes_of_map(file)
     marks = read_marks(start, goal, axes, units)
     points = None if path is None else read_path(path, axes)
     if space is None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from cspace.cli.files import axes_of_map, check_folder, check_outputs, units_of_map
+from cspace.cli.files import axes_of_map, check_folder, check_outputs
 from cspace.cli.info import describe_map
 from cspace.cli.options import CONFIGURATION, Json, MapFile, Overwrite, configuration, given
 from cspace.cli.report import Clock, in_options, options_of, show, with_unit
@@ -83,7 +83,7 @@ def plan(
     check_outputs(output or [], _PATHS, overwrite)
     check_outputs([picture] if picture else [], SUFFIXES, overwrite)
     check_outputs([animate] if animate else [], (".gif",), overwrite)
-    axes, units = axes_of_map(file), units_of_map(file)
+    axes, units = axes_of_map(file)
     endpoints = configuration(start, "--start", axes, units), configuration(goal, "--goal", axes, units)
     check_drive(axes, drive, turning_radius, exact)
     clock = Clock()

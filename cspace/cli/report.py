@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import logging
 import math
+import re
 import sys
 import time
 import warnings
@@ -202,14 +203,19 @@ def worded(error: CspaceError, options: Options) -> str:
         return _line(str(error))
     name, bracket, index = error.argument.partition("[")  # goal[0]
     subject = f"{options.get(name, name)}{bracket}{index}{error.gap}{error.fault}"
-    return _line(
-        "; ".join(part for part in (subject, in_options(error.rule, options), in_options(error.mend, options)) if part)
-    )
+    return _line("; ".join(filter(None, (subject, *(in_options(part, options) for part in (error.rule, error.mend))))))
 
 
 def in_options(text: str, options: Options) -> str:
-    """A text with arguments as options: ``spacing=0.05`` as ``--spacing 0.05``, ``exact=True`` as ``--exact``."""
-    return " ".join(_option(word, options) for word in text.split(" "))
+    """Name arguments in a text as options: ``spacing=0.05`` as ``--spacing 0.05``, ``exact=True`` as ``--exact``."""
+
+    def option(found: re.Match[str]) -> str:
+        name, value = options[found["name"]], found["value"]
+        return name if value is None else f"{name} {value}"
+
+    text = re.sub(r"Rotations\.(\w+)\((\d+)\)", r"\1:\2", text)
+    argument = rf"(?<![^\s(])(?P<name>{'|'.join(options)})=(?:True\b|(?P<quote>['\"]?)(?P<value>[^\s'\"]*)(?P=quote))"
+    return re.sub(argument, option, text) if options else text
 
 
 @contextmanager
@@ -227,21 +233,6 @@ def about_robot() -> Iterator[None]:
             raise type(error)(name, error.fault, error.rule, mend, value=error.value) from error
     for warning in heard:
         warnings.warn(in_options(str(warning.message), options), warning.category, stacklevel=3)
-
-
-def _option(word: str, options: Options) -> str:
-    """A word that sets an argument, as an option, and rotations as an option has them; any other word as it is."""
-    before, called, kind = word.partition("Rotations.")  # Rotations.quaternions(8)
-    if called:
-        word = before + kind.replace("(", ":", 1).replace(")", "", 1)
-    name, equals, value = word.partition("=")
-    bracket = name[: len(name) - len(name.lstrip("("))]
-    name = name.removeprefix(bracket)
-    if not equals or name not in options:
-        return word
-    value = value.replace('"', "").replace("'", "")
-    plain = value.rstrip(",;.)")
-    return bracket + (options[name] + value[len(plain) :] if plain == "True" else f"{options[name]} {value}")
 
 
 def _line(text: str) -> str:

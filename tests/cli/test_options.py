@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from commands import run
-from cspace.cli.files import axes_of_map, units_of_map
+from cspace.cli.files import axes_of_map
 from cspace.cli.options import angle, box, configuration
 from cspace.cli.report import in_options, show, worded
 from cspace.errors import CspaceError, FileError, InputError
@@ -26,8 +26,8 @@ def test_axes_of_a_map_are_read_without_its_cells(
     folder: Path, monkeypatch: pytest.MonkeyPatch, file: str, kind: str
 ) -> None:
     monkeypatch.setattr("cspace.opening.open_map", None)
-    assert axes_of_map(folder / file) == AXES[kind]
-    assert units_of_map(folder / file) == tuple("rad" if axis == "yaw" else "m" for axis in AXES[kind])
+    units = tuple("rad" if axis == "yaw" else "m" for axis in AXES[kind])
+    assert axes_of_map(folder / file) == (AXES[kind], units)
 
 
 @pytest.mark.parametrize(
