@@ -26,7 +26,7 @@ from cspace.cli.options import (
     given,
     read_arm,
     read_robot,
-    refuse_arm_options,
+    refuse_options,
     rotation_cells,
     workspace_options,
 )
@@ -44,6 +44,17 @@ if TYPE_CHECKING:
 
 Kind = Literal["map", "workspace", "robot", "arm"]
 """What a file holds."""
+
+_KINDS: Final = {"map": "a saved map", "workspace": "a workspace", "robot": "a robot", "arm": "an arm"}
+"""Each kind with its article."""
+
+_TAKEN: Final[dict[Kind, tuple[str, ...]]] = {
+    "map": (),
+    "workspace": ("spacing", "unknown", "bounds", "solid", "radius", "robot", "rotations"),
+    "robot": ("spacing", "solid", "package_dirs"),
+    "arm": ("solid", "srdf", "package_dirs"),
+}
+"""Options that each kind takes; a workspace with a robot also takes the robot's."""
 
 
 def info(
@@ -78,38 +89,22 @@ def info(
 
     kind = kind or _kind(file)
     options = workspace_options(spacing, unknown, bounds, solid, radius)
-    if robot_solid is not None and robot is None:
-        fault = f"is {robot_solid}, and there is no --robot"
-        raise InputError("--robot-solid", fault, "it is for a robot", "add one, or leave it out", value=robot_solid)
-    if kind != "arm":
-        refuse_arm_options(srdf, None, f"{file} is no arm")
-    if package_dirs and robot is None and kind not in ("robot", "arm"):
-        fault = f"is {package_dirs[0]}, and there is no --robot"
-        raise InputError("--package-dir", fault, "it is for a URDF", "add one, or leave it out", value=package_dirs)
-    others = given(robot=robot, rotations=rotations)
+    others = given(
+        robot=robot, rotations=rotations, robot_solid=robot_solid, srdf=srdf, package_dirs=package_dirs or None
+    )
+    taken = _TAKEN[kind] if robot is None else (*_TAKEN[kind], "robot_solid", "package_dirs")
+    refuse_options({**options, **others}, taken, f"{file} is {_KINDS[kind]}")
     if kind == "map":
-        _refuse({**options, **others}, (), f"{file} is a saved map")
         document = describe_map(open_map(file))
     elif kind == "arm":
-        _refuse({**options, **others}, ("solid",), f"{file} is an arm")
         document = describe_arm(read_arm(Path(file), srdf, solid, package_dirs))
     elif kind == "robot":
-        _refuse({**options, **others}, ("spacing", "solid"), f"{file} is a robot")
         described = Robot.open(file, **given(solid=solid, package_dirs=package_dirs or None))
         document = describe_robot(described, spacing)
     else:
         beside = None if robot is None else read_robot(robot, robot_solid, package_dirs)
         document = survey(Path(file), options, options_of(context.command), beside, rotations)
     show({"kind": kind, **document}, as_json)
-
-
-def _refuse(options: dict[str, object], taken: tuple[str, ...], what: str) -> None:
-    """Refuse options that have no place."""
-    for name in options:
-        if name not in taken:
-            raise InputError(
-                f"--{name}", f"is given and {what}", "it is for workspaces", "leave it out", value=options[name]
-            )
 
 
 def _kind(file: str) -> Kind:

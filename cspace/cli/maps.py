@@ -40,7 +40,7 @@ from cspace.cli.options import (
     read_arm,
     read_marks,
     read_robot,
-    refuse_arm_options,
+    refuse_options,
     rotation_cells,
     rotation_of,
     workspace_options,
@@ -308,12 +308,13 @@ def view(
             space = build_arm({}, read_arm(file, srdf, solid, package_dirs))
         axes, units = space.axes, space.arm.units
     else:
-        refuse_arm_options(srdf, package_dirs, f"{file} is no URDF", solid)
+        options = given(srdf=srdf, solid=solid, package_dirs=package_dirs or None)
+        refuse_options(options, (), f"{file} is no URDF")
         axes, units = axes_of_map(file)
     marks = read_marks(start, goal, axes, units)
     points = None if path is None else read_path(path, axes)
     if space is None:
         with clock.step("read"):
             space = open_map(file)
-    options: ViewOptions = {"host": host, **given(path=points, port=port, **marks)}  # type: ignore[typeddict-item]
-    space.view(**options)
+    shown: ViewOptions = {"host": host, **given(path=points, port=port, **marks)}  # type: ignore[typeddict-item]
+    space.view(**shown)

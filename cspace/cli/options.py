@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
@@ -139,16 +139,24 @@ def read_arm(file: Path, srdf: Path | None, solid: Solid | None, package_dirs: l
     return Arm.from_urdf(file, srdf, package_dirs=package_dirs or (), **options)
 
 
-def refuse_arm_options(
-    srdf: Path | None, package_dirs: list[Path] | None, what: str, solid: Solid | None = None
-) -> None:
-    """Refuse the options of a URDF for another file.
+_PURPOSES: Final = {
+    "srdf": "an arm",
+    "package_dirs": "a URDF; with --robot, the robot's",
+    "solid": "a mesh or a URDF",
+    "robot_solid": "the mesh of --robot",
+}
+"""What options are for, other than workspaces."""
 
-    Raises InputError if one is given.
+
+def refuse_options(options: Mapping[str, object], taken: Collection[str], about: str) -> None:
+    """Refuse options that a file does not take; ``about`` says what the file is.
+
+    Raises InputError for the first of them.
     """
-    for option, value in (("--srdf", srdf), ("--solid", solid), ("--package-dir", package_dirs)):
-        if value:
-            raise InputError(option, f"is given, and {what}", "it is for a URDF", "leave it out", value=value)
+    for name, value in options.items():
+        if name not in taken:
+            purpose = f"it is for {_PURPOSES.get(name, 'workspaces')}"
+            raise InputError(name, f"is given, and {about}", purpose, "leave it out", value=value)
 
 
 def check_dimensions(path: Path, dim: int, robot: Robot | None, rotations: Rotations) -> None:

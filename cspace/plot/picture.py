@@ -18,7 +18,6 @@ from cspace.check import positive
 from cspace.errors import InputError
 from cspace.files.access import replacing
 from cspace.plot import artists
-from cspace.plot.dials import draw_dials
 from cspace.plot.route import (
     Figurine,
     HasPath,
@@ -31,7 +30,7 @@ from cspace.plot.route import (
     section_point,
     with_gaps,
 )
-from cspace.plot.sections import draw_panels, draw_sections
+from cspace.plot.sections import draw_dials, draw_panels, draw_sections
 from cspace.plot.surface import draw_surface
 from cspace.rotations import OneRotation, Rotations
 
