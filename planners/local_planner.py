@@ -24,7 +24,7 @@ from ompl import base as ob
 
 from cspace.arms.space import ArmSpace, in_collision
 from cspace.arrays import BLOCKED, FREE, STATE_NAMES, Bools, Floats, Ints
-from cspace.check import check_flag, finite, positive
+from cspace.check import check_flag, check_word, finite, positive
 from cspace.configuration_map import ConfigurationMap
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
@@ -805,9 +805,7 @@ def check_drive(axes: tuple[str, ...], drive: str, turning_radius: float | None,
 
     Raises InputError as :func:`local_planner`, which looks at the map's spacing besides.
     """
-    if drive not in DRIVES:
-        rule = f"it must be {', '.join(map(repr, DRIVES[:-1]))} or {DRIVES[-1]!r}"
-        raise InputError("drive", f"is {drive!r}", rule, "pass one of them", value=drive)
+    check_word(drive, "drive", DRIVES)
     if drive != HOLONOMIC and axes != CAR_AXES:
         fault = f"is {drive!r} and the map's configurations are ({', '.join(axes)})"
         rule = f"it is for a robot that drives and turns in the plane: ({', '.join(CAR_AXES)})"

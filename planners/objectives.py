@@ -10,7 +10,7 @@ from typing import Final
 from ompl import base as ob
 
 from cspace.arrays import FREE
-from cspace.check import finite, positive
+from cspace.check import not_negative, positive
 from cspace.errors import InputError
 from cspace.map.periodic import with_wrapped_angles
 from cspace.space import CSpace
@@ -72,11 +72,9 @@ class WeightedLength(ob.OptimizationObjective):
     ) -> None:
         check_information(si, space)
         super().__init__(si)
-        if finite(weight, "weight").ndim or weight < 0.0:
-            rule = "it must be one number, zero or above"
-            raise InputError("weight", f"is {weight!r}", rule, "pass 10.0", value=weight)
+        weight = not_negative(weight, "weight", "pass 10.0")
         edges = edges_on_map(space, drive, turning_radius)
-        self._field, self._law = field, Law(offset, slope, float(weight), edges.turn_weight)
+        self._field, self._law = field, Law(offset, slope, weight, edges.turn_weight)
         self._kind, self._space, dim, dof = kind_of(space), space, space.grid.dim, space.dof
         line = with_wrapped_angles(
             lambda *endpoints: math.dist(endpoints[:dim], endpoints[dof : dof + dim]), space.endless

@@ -118,14 +118,6 @@ def _read_r3_so2(state: ob.State) -> Configuration:
     return place[0], place[1], place[2], state[1].value
 
 
-def _of_r3_so2(query: Callable[..., T]) -> Callable[[ob.State], T]:
-    def answer(state: ob.State) -> T:
-        place = state[0]
-        return query(place[0], place[1], place[2], state[1].value)
-
-    return answer
-
-
 def _make_r3_so2() -> ob.StateSpace:
     states = ob.CompoundStateSpace()
     states.addSubspace(ob.RealVectorStateSpace(3), 1.0)
@@ -146,12 +138,23 @@ def _read_se3(state: ob.State) -> Configuration:
     return state.getX(), state.getY(), state.getZ(), rotation.x, rotation.y, rotation.z, rotation.w
 
 
-def _of_se3(query: Callable[..., T]) -> Callable[[ob.State], T]:
-    def answer(state: ob.State) -> T:
-        turn = state.rotation()  # each reading of it makes a new object
-        return query(state.getX(), state.getY(), state.getZ(), turn.x, turn.y, turn.z, turn.w)
-
-    return answer
+def _by_reading(
+    make: Callable[[], ob.StateSpace],
+    set_bounds: Callable[[ob.StateSpace, Sequence[float], Sequence[float]], None],
+    read: Callable[[ob.State], Configuration],
+    write: Callable[..., None],
+    endless: tuple[bool, ...] = (),
+) -> StateKind:
+    """Make a kind of states whose queries cost more than reading a state."""
+    return StateKind(
+        make=make,
+        set_bounds=set_bounds,
+        read=read,
+        write=write,
+        of_state=lambda query: lambda s: query(*read(s)),
+        of_states=lambda query: lambda a, b: query(*read(a), *read(b)),
+        endless=endless,
+    )
 
 
 _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
@@ -179,21 +182,14 @@ _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
         of_state=lambda query: lambda s: query(s[0], s[1], s[2]),
         of_states=lambda query: lambda a, b: query(a[0], a[1], a[2], b[0], b[1], b[2]),
     ),
-    ("x", "y", "z", "yaw"): StateKind(
+    ("x", "y", "z", "yaw"): _by_reading(
         make=_make_r3_so2,
         set_bounds=lambda states, lower, upper: _bound(states.getSubspace(0), lower, upper),
         read=_read_r3_so2,
         write=_write_r3_so2,
-        of_state=_of_r3_so2,
-        of_states=lambda query: lambda a, b: query(*_read_r3_so2(a), *_read_r3_so2(b)),
     ),
-    ("x", "y", "z", "qx", "qy", "qz", "qw"): StateKind(
-        make=lambda: ob.SE3StateSpace(),
-        set_bounds=_bound,
-        read=_read_se3,
-        write=_write_se3,
-        of_state=_of_se3,
-        of_states=lambda query: lambda a, b: query(*_read_se3(a), *_read_se3(b)),
+    ("x", "y", "z", "qx", "qy", "qz", "qw"): _by_reading(
+        make=lambda: ob.SE3StateSpace(), set_bounds=_bound, read=_read_se3, write=_write_se3
     ),
 }
 """By the names of the numbers of a configuration."""
@@ -245,22 +241,3 @@ def _joints(endless: tuple[bool, ...]) -> StateKind:
             state[first + n].value = q[k]
 
     return _by_reading(make, set_bounds, read, write, endless)
-
-
-def _by_reading(
-    make: Callable[[], ob.StateSpace],
-    set_bounds: Callable[[ob.StateSpace, Sequence[float], Sequence[float]], None],
-    read: Callable[[ob.State], Configuration],
-    write: Callable[..., None],
-    endless: tuple[bool, ...] = (),
-) -> StateKind:
-    """A kind of states whose queries cost far more than reading a state."""
-    return StateKind(
-        make=make,
-        set_bounds=set_bounds,
-        read=read,
-        write=write,
-        of_state=lambda query: lambda s: query(*read(s)),
-        of_states=lambda query: lambda a, b: query(*read(a), *read(b)),
-        endless=endless,
-    )
