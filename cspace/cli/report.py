@@ -220,17 +220,15 @@ def in_options(text: str, options: Options) -> str:
 
 @contextmanager
 def about_robot() -> Iterator[None]:
-    """Within the block, name the robot's options in errors and warnings."""
-    options = {"solid": "--robot-solid", "package_dirs": "--package-dir"}
+    """Name ``--robot-solid`` instead of ``solid`` in errors and warnings within the block."""
+    options = {"solid": "--robot-solid"}
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always", UserWarning)
         try:
             yield
         except CspaceError as error:
-            if error.fault is None:
-                raise
-            name, mend = options.get(error.argument, error.argument), in_options(error.mend, options)
-            raise type(error)(name, error.fault, error.rule, mend, value=error.value) from error
+            error.argument, error.mend = options.get(error.argument, error.argument), in_options(error.mend, options)
+            raise
     for warning in heard:
         warnings.warn(in_options(str(warning.message), options), warning.category, stacklevel=3)
 

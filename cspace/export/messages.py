@@ -45,8 +45,11 @@ def occupancy_grid_of(
     space: CSpace, msg: Message | None, rotation: ArrayLike | None, frame_id: str
 ) -> Message | OccupancyGrid:
     """Fill an occupancy grid with the states of a map; see :meth:`cspace.CSpace.to_occupancy_grid`."""
-    state = space._flat_state() if rotation is None else space.slice_at(rotation)
-    return fill_occupancy_grid(state, space.grid, OccupancyGrid() if msg is None else msg, frame_id)
+    grid, state = space.grid, space._flat_state() if rotation is None else space.slice_at(rotation)
+    values = np.array([OCCUPANCY[each] for each in sorted(OCCUPANCY)], dtype=np.int8)[state]
+    fields = {"info.width": grid.shape[0], "info.height": grid.shape[1]}
+    filled = OccupancyGrid() if msg is None else msg
+    return _filled(filled, "nav_msgs/OccupancyGrid", values, grid, "info", fields, frame_id)
 
 
 def costmap_of(
@@ -68,23 +71,9 @@ def costmap_of(
     inscribed, spacing = space.robot.inscribed_radius + space.margin, space.grid.spacing
     clearance = spacing * space._inflated((radius - inscribed) / spacing, number)
     costs = costs_of(clearance, space.workspace.outer, space.workspace.unknown, inscribed, scaling, radius)
-    return fill_costmap(costs, space.grid, Costmap() if msg is None else msg, frame_id)
-
-
-def fill_occupancy_grid(state: NDArray[np.uint8], grid: Grid, msg: Message, frame_id: str) -> Message:
-    """The message, which is changed, with a map of states in it: free 0, undecided -1, blocked 100.
-
-    Raises InputError if the grid is not plane, or a field is missing.
-    """
-    values = np.array([OCCUPANCY[each] for each in sorted(OCCUPANCY)], dtype=np.int8)
-    fields = {"info.width": grid.shape[0], "info.height": grid.shape[1]}
-    return _filled(msg, "nav_msgs/OccupancyGrid", values[state], grid, "info", fields, frame_id)
-
-
-def fill_costmap(costs: NDArray[np.uint8], grid: Grid, msg: Message, frame_id: str) -> Message:
-    """The message with a map of costs in it; as :func:`fill_occupancy_grid`, of ``nav2_msgs/Costmap``."""
-    fields = {"metadata.size_x": grid.shape[0], "metadata.size_y": grid.shape[1]}
-    return _filled(msg, "nav2_msgs/Costmap", costs, grid, "metadata", fields, frame_id)
+    fields = {"metadata.size_x": space.grid.shape[0], "metadata.size_y": space.grid.shape[1]}
+    filled = Costmap() if msg is None else msg
+    return _filled(filled, "nav2_msgs/Costmap", costs, space.grid, "metadata", fields, frame_id)
 
 
 def fill_path(positions: Floats, quaternions: Floats, msg: Message, frame_id: str) -> Message:
@@ -153,6 +142,10 @@ def _filled(
     fields: Mapping[str, object],
     frame_id: str,
 ) -> Message:
+    """Fill a message with the cells of a plane map; ``about`` is the field that holds the origin and the resolution.
+
+    Raises InputError if the grid is not plane, or the message lacks a field.
+    """
     if cells.shape != grid.shape[:2]:
         raise InputError("the map", "is one in space", f"{kind} is plane", "cut it, or export another format")
     origin = f"{about}.origin"
