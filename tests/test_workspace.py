@@ -5,11 +5,13 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
 import shapely
 import trimesh
+import xarray
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -100,12 +102,6 @@ def test_unusable_arrays_are_refused(arguments: dict[str, Any], message: str) ->
         Workspace.from_array(**given)
 
 
-def test_arrays_of_another_shape_than_the_grid_are_refused() -> None:
-    cells = np.zeros((2, 3), dtype=bool)
-    with pytest.raises(InputError, match=r"outer has shape \(2, 3\) on a grid of \(3, 2\)"):
-        Workspace(Grid((0.0, 0.0), 1.0, (3, 2)), cells, cells)
-
-
 @pytest.fixture
 def files(tmp_path: Path) -> Path:
     """One file for every kind of reader, each with obstacles in L_SHAPE."""
@@ -173,43 +169,38 @@ def test_missing_files_and_folders_are_named(tmp_path: Path, suffix: str) -> Non
         Workspace.open(path, **options)
 
 
-def test_unreadable_files_are_refused(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: Any, **__: Any) -> str:
-        raise PermissionError(13, "Permission denied")
+@refusals(
+    "array, message",
+    (np.full((2, 2), 0.5), "dtype float64"),
+    (np.arange(30).reshape(10, 3), r"10 rows of three whole numbers.*points are floating.*array\.astype\(float\)"),
+)
+def test_npy_files_of_other_values_are_refused(tmp_path: Path, array: Any, message: str) -> None:
+    np.save(tmp_path / "other.npy", array)
+    with pytest.raises(InputError, match=message):
+        Workspace.open(tmp_path / "other.npy", spacing=0.1)
+    np.save(tmp_path / "cells.npy", np.arange(30).reshape(10, 3) % 2)
+    assert Workspace.open(tmp_path / "cells.npy", spacing=0.1).grid.shape == (10, 3)
 
-    monkeypatch.setattr(Path, "read_bytes", refuse)
+
+def test_files_without_permission_are_refused(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Path, "read_bytes", mock.Mock(side_effect=PermissionError(13, "Permission denied")))
     with pytest.raises(FileError, match=r"map\.map: cannot be read: Permission denied"):
         Workspace.open(files / "map.map")
 
 
-def test_npy_files_of_floats_are_refused(tmp_path: Path) -> None:
-    np.save(tmp_path / "floats.npy", np.full((2, 2), 0.5))
-    with pytest.raises(InputError, match="dtype float64"):
-        Workspace.open(tmp_path / "floats.npy", spacing=1.0)
-
-
-def test_labelled_cells_must_be_in_the_order_of_the_coordinates():
-    import xarray
-
-    cells = xarray.DataArray(np.eye(3, dtype=bool)[:2], dims=("y", "x"))
+def test_cells_must_fit_the_grid_and_be_in_the_order_of_its_axes() -> None:
+    cells = np.zeros((2, 3), dtype=bool)
+    with pytest.raises(InputError, match=r"outer has shape \(2, 3\) on a grid of \(3, 2\)"):
+        Workspace(Grid((0.0, 0.0), 1.0, (3, 2)), cells, cells)
+    labelled = xarray.DataArray(cells, dims=("y", "x"))
     with pytest.raises(InputError, match="transpose"):
-        Workspace.from_array(cells, 0.1)
-    assert Workspace.from_array(cells.transpose("x", "y"), 0.1).grid.shape == (3, 2)
+        Workspace.from_array(labelled, 0.1)
+    assert Workspace.from_array(labelled.transpose("x", "y"), 0.1).grid.shape == (3, 2)
 
 
 def test_odd_bytes_become_plain_booleans():
     cells = np.array([[0, 255], [101, 0]], np.uint8).view(bool)
     assert Workspace.from_array(cells, 0.1).outer.view(np.uint8).tolist() == [[0, 1], [1, 0]]
-
-
-def test_npy_files_of_whole_numbers_that_may_be_points_are_refused(tmp_path: Path) -> None:
-    np.save(tmp_path / "points.npy", np.arange(30).reshape(10, 3))
-    with pytest.raises(
-        InputError, match=r"10 rows of three whole numbers.*points are floating.*array\.astype\(float\)"
-    ):
-        Workspace.open(tmp_path / "points.npy", spacing=0.1)
-    np.save(tmp_path / "cells.npy", np.arange(30).reshape(10, 3) % 2)
-    assert Workspace.open(tmp_path / "cells.npy", spacing=0.1).grid.shape == (10, 3)
 
 
 TETRAHEDRON = (np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1.0)]), [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])

@@ -13,6 +13,7 @@ from cspace.rotations import Rotations
 from cspace.spectral import FourierOverlap, OverlapField
 from handmade import map_in
 from maps import same
+from planning import state_at
 from refusals import refusals
 
 pytest.importorskip("finufft")
@@ -108,17 +109,6 @@ def test_between_the_cells_it_is_linear(case: tuple[CSpace, FourierOverlap], fie
         field.at(np.where(np.arange(space.dof) == 1, np.nan, 0.0))
 
 
-def state_at(si: Any, q: np.ndarray, turning: bool) -> Any:
-    state = si.allocState()
-    if turning:
-        state.setXY(float(q[0]), float(q[1]))
-        state.setYaw(float(q[2]))
-    else:
-        for axis, value in enumerate(q):
-            state[axis] = float(value)
-    return state
-
-
 def test_the_objective_weighs_length_by_the_overlap(case: tuple[CSpace, FourierOverlap], field: OverlapField) -> None:
     space, _ = case
     si = planners.simple_setup(space).getSpaceInformation()
@@ -129,7 +119,7 @@ def test_the_objective_weighs_length_by_the_overlap(case: tuple[CSpace, FourierO
     q = rng.uniform(low, high, (12, space.grid.dim))
     if turning:
         q = np.column_stack([q, rng.uniform(-3.0, 3.0, 12)])
-    states = [state_at(si, row, turning) for row in q]
+    states = [state_at(space, si, row) for row in q]
     at_states = [objective.stateCost(state).value() for state in states]
     assert at_states == pytest.approx(1.0 + 4.0 * (field.at(q) / 0.01) ** 2)
     assert max(at_states) > 1.0
@@ -174,7 +164,7 @@ def test_without_overlap_the_objective_is_the_length() -> None:
     assert (field.values == 0.0).all() and (space.state == FREE).any()
     si = planners.simple_setup(space).getSpaceInformation()
     objective = planners.OverlapObjective(si, space, field)
-    states = [state_at(si, np.array(q), False) for q in ((0.2, 0.2), (0.5, 0.6))]
+    states = [state_at(space, si, np.array(q)) for q in ((0.2, 0.2), (0.5, 0.6))]
     assert objective.motionCost(*states).value() == pytest.approx(0.5)
 
 
@@ -231,31 +221,32 @@ def test_an_update_lets_the_field_go_and_leaves_other_maps(kind: str) -> None:
     assert again.overlap_field is not None
 
 
+def arrays_of(
+    *names: str, shape: tuple[int, ...] = (3, 2), bad: float = 0.0, kind: type = np.float64
+) -> dict[str, Any]:
+    """Arrays of zeros, but for one number of the last one."""
+    arrays = {name: np.zeros(shape, kind) for name in names}
+    arrays[names[-1]].flat[-1] = bad
+    return arrays
+
+
 @refusals(
-    "fields, message",
-    ({"penetration": (3, 2)}, "fields are penetration; .* must be penetration, penetration_x, penetration_y"),
-    (dict.fromkeys(FIELD_NAMES, (3, 2)), "penetration_z; of a map of 2 axes they must be"),
-    (dict.fromkeys([*FIELD_NAMES[:2], "depth"], (3, 2)), "fields are penetration, penetration_x, depth"),
-    (dict.fromkeys(FIELD_NAMES[:3], (2, 3)), r"penetration has shape \(2, 3\) .* the map's shape \(3, 2\)"),
-    (dict.fromkeys(FIELD_NAMES[:3], (1, 3, 2)), r"penetration has shape \(1, 3, 2\)"),
+    "arrays, message",
+    (arrays_of("penetration"), "fields are penetration; .* must be penetration, penetration_x, penetration_y"),
+    (arrays_of(*FIELD_NAMES), "penetration_z; of a map of 2 axes they must be"),
+    (arrays_of(*FIELD_NAMES[:2], "depth"), "fields are penetration, penetration_x, depth"),
+    (arrays_of(*FIELD_NAMES[:3], shape=(2, 3)), r"penetration has shape \(2, 3\) .* the map's shape \(3, 2\)"),
+    (arrays_of(*FIELD_NAMES[:3], shape=(1, 3, 2)), r"penetration has shape \(1, 3, 2\)"),
+    (arrays_of(*FIELD_NAMES[:3], bad=np.nan), r"penetration_y\[2, 1\] is nan"),
+    (arrays_of(*FIELD_NAMES[:3], bad=np.inf), r"penetration_y\[2, 1\] is inf"),
+    (arrays_of(*FIELD_NAMES[:3], bad=-np.inf), r"penetration_y\[2, 1\] is -inf"),
+    (arrays_of(*FIELD_NAMES[:3], kind=np.float32), "type float32"),
 )
-def test_half_a_field_is_refused(fields: dict[str, tuple[int, ...]], message: str) -> None:
+def test_unusable_fields_are_refused(arrays: dict[str, Any], message: str) -> None:
     space = build(Workspace.from_array(np.zeros((3, 2), dtype=bool), 0.1), Robot.disc(0.01))
-    arrays = {name: np.zeros(shape) for name, shape in fields.items()}
     for make in (lambda: without(space, arrays), lambda: OverlapField(space, arrays)):
         with pytest.raises(InputError, match=message):
             make()
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_values_that_are_no_numbers_are_refused(value: float) -> None:
-    space = build(Workspace.from_array(np.zeros((3, 2), dtype=bool), 0.1), Robot.disc(0.01))
-    arrays = {name: np.zeros((3, 2)) for name in FIELD_NAMES[:3]}
-    arrays["penetration_y"][2, 1] = value
-    with pytest.raises(InputError, match=r"penetration_y\[2, 1\] is (nan|-?inf)"):
-        without(space, arrays)
-    with pytest.raises(InputError, match="type float32"):
-        without(space, {name: np.zeros((3, 2), np.float32) for name in FIELD_NAMES[:3]})
 
 
 def test_a_field_that_does_not_fit_into_memory_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,6 +19,7 @@ from cspace.errors import InputError
 from cspace.view import Viewer
 from missing import output_without
 from pages import node, setting
+from refusals import refusals
 from waiting import until
 
 pytest.importorskip("viser")
@@ -167,7 +168,7 @@ def test_a_map_in_a_store(tmp_path: Path) -> None:
         assert node(viewer, "/section/whole") and node(viewer, "/path")
 
 
-def test_view_refuses(tmp_path: Path) -> None:
+def test_view_refuses_a_port_that_is_taken_and_a_path_of_another_map(tmp_path: Path) -> None:
     space = room("R2")
     space.save(tmp_path / "map.zarr")
     with socket.socket() as taken:
@@ -179,20 +180,24 @@ def test_view_refuses(tmp_path: Path) -> None:
         printed = run("view", tmp_path / "map.zarr", "--port", port)
         assert (printed.exit_code, printed.stderr.count("\n")) == (2, 1)
         assert printed.stderr.startswith(f"cspace: --port {port} is taken")
-    for options, message in (
-        ({"port": 70_000}, "port is 70000"),
-        ({"port": True}, "port is True"),
-        ({"host": "198.51.100.7", "port": 0}, "address of this machine"),
-        ({"path": np.zeros((3, 3))}, "path has shape"),
-        ({"start": (0.0,)}, "start has shape"),
-        ({"goal": (0.0, np.nan)}, "goal"),
-    ):
-        with pytest.raises(InputError, match=message):
-            space.view(block=False, **options)
     (tmp_path / "path.csv").write_text("x,y,z\n0,0,0\n1,1,1\n")
     printed = run("view", tmp_path / "map.zarr", "--path", tmp_path / "path.csv")
     assert printed.exit_code == 2
     assert "the configurations of the map are x, y" in printed.stderr
+
+
+@refusals(
+    "options, message",
+    ({"port": 70_000}, "port is 70000"),
+    ({"port": True}, "port is True"),
+    ({"host": "198.51.100.7", "port": 0}, "address of this machine"),
+    ({"path": np.zeros((3, 3))}, "path has shape"),
+    ({"start": (0.0,)}, "start has shape"),
+    ({"goal": (0.0, np.nan)}, "goal"),
+)
+def test_view_refuses(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        room("R2").view(block=False, **options)
 
 
 def test_the_command_opens_a_page(
