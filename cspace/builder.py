@@ -127,7 +127,7 @@ def build(
         A folder to build the map into, tile by tile, for maps that do not fit into memory; see ``docs/large.md``. The
         same call again resumes a build that was stopped. Overlap counts are not stored.
     tile : int or sequence of int
-        Cells of a tile along each axis.
+        Cells of a tile along each axis, at most; the longest sides are halved until a tile has at most 2^28 cells.
     client : dask.distributed.Client, optional
         The cluster on whose workers tiles are made; threads of this process, if left out. The store must be a folder
         that all of them see.

@@ -166,8 +166,8 @@ class MapExport(NotebookPicture):
         return to_xarray(cast("CSpace", self)._contents)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Save as a Zarr folder, which :func:`cspace.open` reads; see :func:`cspace.store.saved.save`."""
-        from cspace.store.saved import save
+        """Save as a Zarr folder, which :func:`cspace.open` reads; see :func:`cspace.store.save`."""
+        from cspace.store import save
 
         cast("CSpace", self)._write(lambda contents: save(contents, path, overwrite=overwrite), exterior=True)
 

@@ -14,7 +14,7 @@ from cspace.errors import FileError
 from cspace.shapes import Balls, Mesh
 from handmade import walled
 
-SUFFIXES = [".zarr", "", ".npz"]
+SUFFIXES = [".zarr", ""]
 
 
 def same(a: cspace.CSpace, b: cspace.CSpace) -> None:

@@ -22,7 +22,7 @@ from cspace import InputError, Robot, Workspace
 from cspace.files import points
 from cspace.files.formats import FORMATS, dimension_of
 from cspace.spectral.decompose import READERS
-from cspace.store.saved import SAVES
+from cspace.store import SUFFIXES
 from tests.soak import files as soak
 
 ROOT = Path(cspace.__file__).parents[1]
@@ -91,7 +91,7 @@ def test_every_format_is_in_the_docstring_and_in_the_docs() -> None:
 
 def test_every_format_has_a_family_of_damaged_files(families: dict[str, Path]) -> None:
     suffixes = {Path(name).suffix for name in families}
-    read = {*FORMATS, *robot_suffixes(), *SAVES, *READERS}
+    read = {*FORMATS, *robot_suffixes(), *SUFFIXES, *READERS}
     assert {SAME_CONTENT.get(suffix, suffix) for suffix in read} <= suffixes
 
 

@@ -382,7 +382,7 @@ def test_what_is_saved_is_of_one_moment(tmp_path: Path, monkeypatch: pytest.Monk
         begun(*args, **members)
 
     monkeypatch.setattr(module, step, in_the_midst)
-    space.export(tmp_path / name) if name == "map.yaml" else space.save(tmp_path / name)
+    space.export(tmp_path / name)
     changing.join()
     assert (space.state != FREE).sum() > (room().state != FREE).sum()
 

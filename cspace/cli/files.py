@@ -60,7 +60,7 @@ def axes_of_map(file: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """
     from cspace.opening import open_map
     from cspace.rotations import Rotations
-    from cspace.store.saved import read_metadata
+    from cspace.store import read_metadata
 
     try:
         metadata = read_metadata(file)
@@ -120,9 +120,9 @@ def make_room(output: Path, overwrite: bool) -> None:
     Raises InputError if the suffix is not that of a store, and FileError if there is something else, or nothing can be
     written.
     """
-    from cspace.store.tiled import is_tiled
+    from cspace.store import is_store
 
-    there = is_tiled(output)
+    there = is_store(output)
     check_outputs([output], (".zarr",), overwrite=there)
     if there and overwrite:
         shutil.rmtree(output)
@@ -131,12 +131,12 @@ def make_room(output: Path, overwrite: bool) -> None:
 @contextmanager
 def resumable(output: Path, overwrite: bool) -> Iterator[None]:
     """Say of an interruption in the block, if a store has been begun, that the same command resumes."""
-    from cspace.store.tiled import is_tiled
+    from cspace.store import is_store
 
     try:
         yield
     except KeyboardInterrupt as interrupt:
-        if not is_tiled(output):
+        if not is_store(output):
             raise
         command = "the same command without --overwrite" if overwrite else "the same command"
         raise KeyboardInterrupt(f"{command} resumes with {output}") from interrupt

@@ -82,7 +82,7 @@ def make(
             "-o",
             metavar="OUT",
             readable=False,
-            help="The map: .zarr or .npz  [default: the workspace's name with .zarr, in this folder].",
+            help="The map: .zarr  [default: the workspace's name with .zarr, in this folder].",
         ),
     ] = None,
     spacing: Spacing = None,
@@ -117,13 +117,13 @@ def make(
     """Build the map of a robot in a workspace, and save it."""
     from cspace.builder import build
     from cspace.files.formats import dimension_of
-    from cspace.store.saved import SAVES
+    from cspace.store import SUFFIXES
     from cspace.workspace import Workspace, reader_of
 
     cells = rotation_cells(rotations)
     output = Path(workspace.with_suffix(".zarr").name) if output is None else output
     if tile is None:
-        check_outputs([output], SAVES, overwrite)
+        check_outputs([output], SUFFIXES, overwrite)
     else:
         make_room(output, overwrite)
     options = workspace_options(spacing, unknown, bounds, solid, radius)
@@ -241,8 +241,8 @@ def export(
         typer.Argument(
             metavar="OUT",
             readable=False,
-            help=".npz, .zarr; .nc (netCDF); .vti for ParaView; in the plane .yaml for a ROS map, .tif for a GeoTIFF; "
-            "in space .stl, .ply or .obj for the border of the free space.",
+            help=".zarr; .npz (NumPy); .nc (netCDF); .vti for ParaView; in the plane .yaml for a ROS map, .tif for a "
+            "GeoTIFF; in space .stl, .ply or .obj for the border of the free space.",
         ),
     ],
     rotation: Annotated[
@@ -278,9 +278,7 @@ def export(
 
 
 def view(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", readable=False, help="A saved map: .zarr or .npz; or an arm: .urdf.")
-    ],
+    file: Annotated[Path, typer.Argument(metavar="FILE", readable=False, help="A saved map: .zarr; or an arm: .urdf.")],
     path: PathFile = None,
     start: Mark = None,
     goal: Mark = None,

@@ -26,7 +26,7 @@ Solid = Literal["auto", "surface", "fill"]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document, for machines.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing outputs.")]
 # Typer looks at files before any command runs and words its errors in its own way; the library's are better.
-MapFile = Annotated[Path, typer.Argument(metavar="MAP", readable=False, help="A saved map: .zarr or .npz.")]
+MapFile = Annotated[Path, typer.Argument(metavar="MAP", readable=False, help="A saved map: .zarr.")]
 
 PathFile = Annotated[
     Path | None, typer.Option("--path", metavar="FILE", readable=False, help="A path to show: .csv or .json.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -19,7 +20,7 @@ from cspace.export.vti import write_vti
 from cspace.files.access import replacing, suffix_of
 from cspace.grid import Grid
 from cspace.map.contents import Contents
-from cspace.store.saved import AXES, SAVES, STACKED, SUFFIX_RULE, arrays_of, attributes_of, axes_of, metadata_of
+from cspace.store import AXES, STACKED, SUFFIXES, arrays_of, attributes_of, axes_of, metadata_of, save
 
 if TYPE_CHECKING:
     import xarray
@@ -95,7 +96,7 @@ _SLICES: Final[Mapping[str, tuple[Write, Mapping[int, str]]]] = {
 _MANY: Final = (".vti", ".nc")
 """Formats that hold more than one rotation cell."""
 
-EXPORTS: Final = (*SAVES, *_SLICES)
+EXPORTS: Final = (*SUFFIXES, ".npz", *_SLICES)
 """All formats, by suffix."""
 
 
@@ -108,7 +109,8 @@ def export(
     ----------
     contents : Contents
     path : path-like
-        ``.npz``: one NumPy file. ``.zarr`` or no suffix: a Zarr folder. ``.vti``: cells for ParaView, with the arrays
+        ``.zarr`` or no suffix: a Zarr folder, as :meth:`cspace.CSpace.save` writes it. ``.npz``: a NumPy archive, see
+        :func:`write_npz`. ``.vti``: cells for ParaView, with the arrays
         ``state``, ``outer``, and where the map has them ``inner``, ``unknown``, ``overlap`` and those of its overlap
         field (``penetration`` and its derivatives); of a robot that turns one for each rotation cell, ``state_00`` and
         so on, whose rotations are the field data ``yaw``, or ``qx`` to ``qw``. ``.nc``: netCDF-3 with the variables of
@@ -139,7 +141,8 @@ def export(
     if rotation is not None:
         rule = f"a {suffix or 'Zarr'} map holds every slice"
         raise InputError("rotation", f"is {rotation!r}", rule, "leave it out", value=rotation)
-    SAVES[suffix](contents, path, overwrite)
+    write = write_npz if suffix == ".npz" else save
+    write(contents, path, overwrite)
 
 
 def check_export(path: StrPath, dim: int) -> str:
@@ -147,12 +150,43 @@ def check_export(path: StrPath, dim: int) -> str:
 
     Raises InputError if no format has it, or that one holds maps of the other dimension.
     """
-    suffix = suffix_of(path, EXPORTS, SUFFIX_RULE)
+    suffix = suffix_of(path, EXPORTS, "the suffix says which format to write")
     refused = _SLICES[suffix][1] if suffix in _SLICES else {}
     if dim in refused:
         mend = "write another format, e.g. .vti"
         raise InputError("path", f"is {Path(path)}", refused[dim], mend, value=path)
     return suffix
+
+
+def write_npz(contents: Contents, path: StrPath, overwrite: bool = False) -> None:
+    """Write a map as a compressed NumPy archive, for :func:`numpy.load`.
+
+    Parameters
+    ----------
+    contents : Contents
+    path : path-like
+        The archive holds ``state`` (uint8 [slice, x, y] or [slice, x, y, z]: 0 free, 1 mixed, 2 blocked), ``slice_of``
+        (the slice of each rotation cell: the states by rotation are ``state[slice_of]``), ``x``, ``y`` and in space
+        ``z`` (centers of the cells, metres), ``outer``, where the map has them ``inner``, ``unknown``, ``overlap``,
+        the arrays of its overlap field, those of its rotation cells and ``shapes``; and ``lower``, ``spacing`` and
+        ``metadata`` (JSON text), like the attributes of :func:`to_xarray`.
+    overwrite : bool
+        Whether an existing file may be replaced.
+
+    Raises
+    ------
+    FileError
+        If the file exists and may not be replaced, or cannot be written.
+    """
+    members: dict[str, Any] = {
+        **{name: np.asarray(array) for name, array in arrays_of(replace(contents, exterior=None)).items()},
+        "lower": np.array(contents.grid.lower),
+        "spacing": np.array(contents.grid.spacing),
+        "metadata": json.dumps(metadata_of(contents), sort_keys=True),
+    }
+    # An open file, because np.savez would add a suffix to any name that does not end in lower-case ".npz".
+    with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **members)
 
 
 def to_xarray(contents: Contents) -> xarray.Dataset:

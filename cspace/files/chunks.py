@@ -42,8 +42,8 @@ _RULE: Final = "it must be a folder with one array of booleans, and not a saved 
 _MEND: Final = "write it with zarr.create_array"
 
 
-def unpack(content: bytes, compressor: str, size: int) -> Bytes:
-    """Decompress a chunk that must unpack to exactly `size` bytes.
+def unpack(content: bytes, compressor: str, size: int, out: Bytes | None = None) -> Bytes:
+    """Decompress a chunk that must unpack to exactly `size` bytes, into `out` if it is zstd and `out` is given.
 
     At most `size` + 1 bytes are unpacked, whatever the content declares.
 
@@ -54,7 +54,7 @@ def unpack(content: bytes, compressor: str, size: int) -> Bytes:
     unpacked: Bytes
     if compressor == "zstd":
         _check_size(_zstd_size(content), size)
-        unpacked = numcodecs.Zstd().decode(content, out=np.empty(size, dtype=np.uint8))
+        unpacked = numcodecs.Zstd().decode(content, out=np.empty(size, dtype=np.uint8) if out is None else out)
     elif compressor == "blosc":
         (declared, _, stored) = struct.unpack_from("<III", content, 4)
         _check_size(declared, size)

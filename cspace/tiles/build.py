@@ -9,15 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypedDict
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cspace.engines import choose
 from cspace.engines.slices import Progress, raster_bytes
 from cspace.errors import FileError, InputError
+from cspace.files.access import replacing
 from cspace.limits import check_memory
 from cspace.robot import Robot
 from cspace.rotations import Rotations
-from cspace.store.saved import digest_of_array, shapes_array
-from cspace.store.tiled import CHUNK_CELLS, Index, Store, is_tiled
+from cspace.store import AXES, CHUNK_CELLS, Index, Store, describe_map, fit_tile, is_store, shapes_array
 from cspace.tiles.space import TiledCSpace
 from cspace.tiles.work import Job, run
 from cspace.workspace import Workspace
@@ -25,14 +26,8 @@ from cspace.workspace import Workspace
 if TYPE_CHECKING:
     from distributed import Client
 
-_OWN: Final = (
-    *("version", "aside", "box", "counts", "digest", "digests", "library_version"),
-    *("stamp", "shapes", "workspace_source"),
-)
-"""Metadata that are no setting of a build."""
-
-_NEW: Final = {"version": 0, "aside": "", "box": None, "counts": None}
-"""Those of a store in which nothing is done yet."""
+_OTHER: Final = ("library_version", "stamp", "workspace_source", "precision", "depth")
+"""Metadata of a new store in which a store of the same map may differ."""
 
 
 class Settings(TypedDict):
@@ -67,36 +62,31 @@ def build_tiles(
     sides = tile_sides(tile, grid.shape)
     needed = raster_bytes(robot, grid.spacing, settings["margin"], rotations, slices)  # each process has all of them
     check_memory(needed, "the map", grid, fewer=rotations.fewer, slices=slices, rasters=needed)
-    about: dict[str, Any] = {
-        "lower": list(grid.lower),
-        "spacing": grid.spacing,
-        "shape": list(grid.shape),
-        "axes": " ".join((*grid.axes, *rotations.names)),
-        "units": " ".join(grid.units),
-        "outside": settings["outside"],
-        "margin": float(settings["margin"]),
-        "rotations": rotations.count,
-        "slices": slices,
-        "robot": robot.definition,
+    outside, margin = settings["outside"], settings["margin"]
+    about = {
+        **describe_map(grid, robot, rotations, slices, outside, margin, workspace.source),
+        "inner": int(settings["inner"]),
         "tile": list(sides),
         "depth": max(1, min(slices, CHUNK_CELLS // math.prod(sides))),
-        "inner": bool(settings["inner"]),
         "method": settings["method"],
         "same": cells.same,
+        "stamp": cells.stamp,
+        "precision": "",
     }
-    stamp = cells.stamp
     shapes = shapes_array(workspace.shapes)
-    digest = "".join(map(digest_of_array, shapes.values()))
-    own = {"workspace_source": workspace.source, "stamp": stamp, "shapes": digest, "precision": ""}
-    if is_tiled(store):
+    if is_store(store):
         made = Store.open(store)
-        _check_same(made, about, stamp, digest)
+        _check_same(made, about, rotations, shapes)
     elif Path(store).exists() and any(Path(store).iterdir() if Path(store).is_dir() else [1]):
         rule = "tiles go into a store of their own"
         raise FileError(str(store), "exists, and is no store of tiles", rule, "choose another name, or remove it")
     else:
-        made = Store.create(store, {**about, **own, **_NEW}, robot, rotations, shapes)
-    if made.metadata["box"] is None:
+        centers = {axis: grid.centers(k) for k, axis in enumerate(AXES[: grid.dim])}
+        arrays = {"slice_of": rotations.slices_for(robot.shape), **rotations.coordinates, **centers, **shapes}
+        with replacing(store, folder=is_store) as temporary:
+            Store.create(temporary, about, arrays)
+        made = Store.open(store)
+    if not made.is_done:
         _fill(Job(made, cells), settings)
         made = Store.open(store)
     return TiledCSpace(made)
@@ -118,7 +108,7 @@ def _fill(job: Job, settings: Settings) -> None:
     if engine == "auto":
         engine = choose([outer for outer, _ in job.pairs])
     store.tidy()
-    store.sealed(**store.totals(), precision="integer" if engine == "direct" else "float64")
+    store.reseal(**store.totals(), precision="integer" if engine == "direct" else "float64")
 
 
 def make(job: Job, index: Index) -> None:
@@ -127,7 +117,7 @@ def make(job: Job, index: Index) -> None:
 
 
 def tile_sides(tile: int | Sequence[int], shape: Sequence[int]) -> tuple[int, ...]:
-    """Cells of a tile along each axis, no more than there are.
+    """Return the cells of a tile along each axis: no more than there are, or than a chunk may hold.
 
     Raises InputError if it is not one whole number above zero, or one for each axis.
     """
@@ -135,18 +125,27 @@ def tile_sides(tile: int | Sequence[int], shape: Sequence[int]) -> tuple[int, ..
     if given.dtype.kind not in "iu" or given.shape not in ((), (len(shape),)) or (given < 1).any():
         rule = "it must be a whole number of cells above zero, or one for each axis"
         raise InputError("tile", f"is {tile!r}", rule, "pass e.g. 4096", value=tile)
-    return tuple(min(int(side), n) for side, n in zip(np.broadcast_to(given, (len(shape),)), shape, strict=True))
+    sides = np.broadcast_to(given, (len(shape),))
+    return fit_tile([min(int(side), n) for side, n in zip(sides, shape, strict=True)])
 
 
-def _check_same(store: Store, settings: dict[str, Any], stamp: str, shapes: str) -> None:
-    """Refuse to go on with the store of another map."""
-    theirs = {name: value for name, value in store.metadata.items() if name not in _OWN}
-    for name, value in settings.items():
-        if theirs.get(name) != value:
-            fault = f"exists, and is of another map: its {name} is {theirs.get(name)!s:.60} and not {value!s:.60}"
-            mend = "choose another name, or remove it"
-            raise FileError(str(store.path), fault, "a build goes on with what was begun with the same settings", mend)
-    if store.metadata["stamp"] != stamp or store.metadata.get("shapes", "") not in ("", shapes):
-        fault = f"exists, and its workspace, {store.metadata['workspace_source']}, was another one"
+def _check_same(store: Store, about: dict[str, Any], rotations: Rotations, shapes: dict[str, NDArray[Any]]) -> None:
+    """Refuse to go on with the store of another map.
+
+    Raises FileError if a setting or the workspace is another one.
+    """
+    hint = "choose another name, or remove it"
+    settings = {name: (store.metadata.get(name), value) for name, value in about.items() if name not in _OTHER}
+    for name, (theirs, ours) in {**settings, "rotations": (store.rotations, rotations)}.items():
+        if theirs != ours:
+            problem = f"exists, and is of another map: its {name} is {theirs!s:.60} and not {ours!s:.60}"
+            raise FileError(
+                str(store.path), problem, "a build goes on with what was begun with the same settings", hint
+            )
+    is_same = store.metadata["stamp"] == about["stamp"]
+    if is_same and "shapes" in store.names:
+        is_same = "shapes" in shapes and np.array_equal(store.array("shapes"), shapes["shapes"])
+    if not is_same:
+        problem = f"exists, and its workspace, {store.metadata['workspace_source']}, was another one"
         rule = "a build goes on with what was begun on the same obstacles, by their size, time or digest"
-        raise FileError(str(store.path), fault, rule, "choose another name, or remove it")
+        raise FileError(str(store.path), problem, rule, hint)

@@ -25,7 +25,7 @@ from cspace.map.derived import Lock
 from cspace.map.exterior import Exterior
 from cspace.map.storage import ASIDE, MISSING, USED, Map, TileCells, pack, read_only
 from cspace.obstacles import Held
-from cspace.store.tiled import Record, Store
+from cspace.store import Record, Store, not_done
 from cspace.threads import LEAST, in_chunks
 from cspace.tiles.work import Job
 
@@ -119,15 +119,12 @@ class TileBackend:
     @property
     def done(self) -> float:
         """Share of the tiles that are done."""
-        store = self.latest
-        return 1.0 if store.metadata["box"] is not None else min(len(store.done()) / len(store), 1.0 - 2.0**-20)
+        return self.latest.share_done
 
     def check_done(self) -> None:
         """Raise FileError unless all tiles are done."""
-        if self.latest.metadata["box"] is None:
-            problem, rule = f"is {self.done:.1%} done", "a map is looked up once all of it is there"
-            hint = "run the same build again: only what is missing is done"
-            raise FileError(str(self.store.path), problem, rule, hint)
+        if not self.latest.is_done:
+            raise not_done(self.store.path, self.done)
 
     def at_one_moment(self, work: Callable[[], Result]) -> Result:
         """Return the result of some work, all of which saw the store as it was at one moment."""
@@ -186,6 +183,8 @@ class TileBackend:
     @cached_property
     def exterior(self) -> Exterior:
         """What is known outside the map."""
+        if "exterior" in self.store.names:
+            return Exterior(self.store.array("exterior"))
         box, outside = np.array(self.store.metadata["box"]), str(self.store.metadata["outside"])
         return Exterior.around(self.store.grid.shape, box, self.job.pairs, outside)
 

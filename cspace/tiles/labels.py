@@ -19,7 +19,7 @@ from cspace.arrays import Ints
 from cspace.map.components import Components
 from cspace.map.exterior import Exterior
 from cspace.map.storage import read_only_of
-from cspace.store.tiled import LABEL_MARK, Index, Store
+from cspace.store import LABEL_MARK, Index, Store
 from cspace.tiles.work import Job, run
 
 if TYPE_CHECKING:

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Box, Bytes, Ints, in_blocks
+from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Box, Bytes, Ints, in_blocks, shared
 from cspace.grid import Grid
 from cspace.limits import WORKSPACE_BYTES, check_memory, map_bytes
 from cspace.map.contents import Contents
 from cspace.map.exterior import UNKNOWN
 from cspace.shapes import Shape, Voxels
 from cspace.space import CSpace
-from cspace.store.tiled import Index, Known, Store
+from cspace.store import Index, Known, Store
 from cspace.tiles.work import Job, run
 from cspace.workspace import Workspace
 
@@ -37,12 +37,13 @@ def window_of(store: Store, known: Known, table: Ints, first: Ints, stop: Ints) 
     else:
         first, stop = np.zeros_like(first), np.array(whole.shape)
     lower = np.array(whole.lower) + whole.spacing * first
-    grid = Grid(tuple(lower.tolist()), whole.spacing, tuple((stop - first).tolist()))
+    grid = Grid(tuple(lower.tolist()), whole.spacing, tuple((stop - first).tolist()), whole.axes, whole.units)
     needed = map_bytes(grid.shape, store.slices) + WORKSPACE_BYTES * grid.size
     check_memory(needed, "the window", grid, mend=_MEND)
     box = tuple(map(slice, first.tolist(), stop.tolist()))
     outer, inner = store.obstacles_in(box, known)
-    workspace = Workspace(grid, outer, inner, source=f"a part of {store.path.name}", shapes=_shapes(store, grid, box))
+    source, shapes = f"a part of {store.path.name}", _shapes(store, grid, box)
+    workspace = Workspace(grid, outer, inner, source=source, unknown=_unknown(store, box), shapes=shapes)
     return CSpace(
         Contents(
             workspace,
@@ -53,9 +54,19 @@ def window_of(store: Store, known: Known, table: Ints, first: Ints, stop: Ints) 
             outside,
             float(store.metadata["margin"]),
             str(store.metadata["precision"]),
-            proves_blocked=bool(store.metadata["inner"]),
+            proves_blocked=store.proves_blocked,
         )
     )
+
+
+def _unknown(store: Store, box: Box) -> Bools | None:
+    """Return which cells of a box nothing is known of; None if the map does not say it of its cells."""
+    if "unknown" not in store.names:
+        return None
+    unknown = np.zeros(tuple(part.stop - part.start for part in box), dtype=np.bool_)
+    here, there = shared(box, tuple(slice(0, n) for n in store.grid.shape))
+    unknown[here] = store.array("unknown")[there]
+    return unknown
 
 
 def _shapes(store: Store, grid: Grid, box: Box) -> tuple[Shape, ...] | None:
@@ -113,7 +124,7 @@ def overview_of(job: Job, most: int, client: Client | None) -> CSpace:
         if n % factor:  # what lies beyond the map is not known here
             rim = np.moveaxis(states, 1 + axis, 0)[-1]
             rim[...] = MIXED
-    larger = Grid(grid.lower, grid.spacing * factor, shape)
+    larger = Grid(grid.lower, grid.spacing * factor, shape, grid.axes, grid.units)
     none = np.zeros_like(outer) if factor > 1 else outer
     workspace = Workspace(larger, outer, none, source=f"{store.path.name}, from afar")
     margin = float(store.metadata["margin"])

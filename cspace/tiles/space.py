@@ -21,7 +21,7 @@ from cspace.map.storage import read_only
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.space import CSpace
-from cspace.store.tiled import Store
+from cspace.store import UNTILED, Store
 from cspace.tiles.cache import TileBackend, fill_in_pieces
 from cspace.tiles.labels import Joined, label_all
 from cspace.tiles.parts import overview_of, window_of
@@ -70,7 +70,7 @@ class TiledCSpace(ConfigurationMap):
 
     Parameters
     ----------
-    store : cspace.store.tiled.Store
+    store : cspace.store.Store
     cache_bytes : int
         Memory for decoded tiles, of which there is always one; a state takes two bits.
 
@@ -88,10 +88,21 @@ class TiledCSpace(ConfigurationMap):
     def __init__(self, store: Store, cache_bytes: int = CACHE_BYTES) -> None:
         self._tiles, self._parts = TileBackend(store, cache_bytes), None  # type: tuple[TileBackend, Joined | None]
 
+    @staticmethod
+    def holds(store: Store) -> bool:
+        """Return whether a map may stay in its store: not one with periodic axes, overlap counts or a field."""
+        return "endless" not in store.metadata and not store.names.intersection(UNTILED)
+
     @classmethod
     def open(cls, path: str | os.PathLike[str], cache_bytes: int = CACHE_BYTES) -> TiledCSpace:
-        """The map in a store, whole or half done; see :func:`cspace.open`."""
-        return cls(Store.open(path), cache_bytes)
+        """Open a stored map, whole or half done, and leave it in its store; see :func:`cspace.open`."""
+        store = Store.open(path)
+        if not cls.holds(store):
+            what = "has periodic axes" if "endless" in store.metadata else "carries overlap counts or an overlap field"
+            rule = "only a map in memory can hold that"
+            raise ConfigurationError("in_memory", f"is False and {path} {what}", rule, "open it with in_memory=True")
+        store.check_files()
+        return cls(store, cache_bytes)
 
     # ---- what the map is ---------------------------------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from cspace.arrays import Bools, Box, Ints, shared
 from cspace.errors import InputError
-from cspace.store.tiled import Index, Store, aside_name
+from cspace.store import Index, Store, aside_name
 from cspace.tiles.work import Job, run
 from cspace.update import Patch, Update
 
@@ -66,7 +66,7 @@ def update_store(store: Store, patch: Patch, client: Client | None, reach: Ints)
         aside = aside_name()
         changed = run(partial(_remake, aside=aside), Job(store, Patched(store, patch)), tiles, client, None)
         seen = replace(store, metadata={**store.metadata, "aside": aside})
-        store.commit(aside, **seen.totals(), shapes="")
+        store.commit(aside, **seen.totals())
     weights = np.bincount(store.slice_of, minlength=store.slices)
     counts = int(np.sum(changed, axis=0) @ weights)
     return Update(int(np.count_nonzero(differ)), tuple(looked[0].tolist()), tuple(looked[1].tolist()), counts)

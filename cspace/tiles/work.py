@@ -6,7 +6,7 @@ import itertools
 import math
 import pickle
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
@@ -18,21 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace import __version__
-from cspace.arrays import BLOCKED, MIXED, Bools, Ints
-from cspace.compiling import kernel
+from cspace.arrays import Bools, Ints, States
 from cspace.engines.slices import Correlation, Pair, sides_of, slice_rasters
 from cspace.errors import CspaceError, FileError, InputError, optional
 from cspace.limits import KEEP, bytes_text, free_bytes
 from cspace.obstacles import Source, changed
-from cspace.store.tiled import Index, Record, Store
+from cspace.store import Index, Record, Store
 from cspace.threads import cores, in_threads
 
 if TYPE_CHECKING:
     from distributed import Client
 
 Read = Callable[[tuple[slice, ...]], tuple[Bools, Bools]]
-
-_ONES: Final = np.uint64(0x0101010101010101)
 
 SMALL: Final = 2**18
 """Bytes up to which what a task needs is sent with each of them."""
@@ -49,25 +46,6 @@ PATIENCE: Final = 60.0
 PAUSE: Final = (0.01, 0.02, 0.2)
 """Part of the time so far between two looks at what a cluster has done, and seconds at least and at most: what has been
 done until then is fetched at once, since a message for each tile would take a tenth of the time."""
-
-
-@kernel
-def tally(states: NDArray[np.uint8]) -> tuple[int, int]:
-    """Number of MIXED and of BLOCKED states."""
-    mixed, blocked = 0, 0
-    eights = states[: len(states) // 8 * 8].view(np.uint64)
-    for first in range(0, len(eights), 255):  # as often as a byte can count
-        ones, twos = np.uint64(0), np.uint64(0)
-        for word in eights[first : first + 255]:
-            ones += word & _ONES
-            twos += (word >> np.uint64(1)) & _ONES
-        for shift in range(0, 64, 8):
-            mixed += int((ones >> np.uint64(shift)) & np.uint64(255))
-            blocked += int((twos >> np.uint64(shift)) & np.uint64(255))
-    for k in range(8 * len(eights), len(states)):
-        mixed += states[k] == MIXED
-        blocked += states[k] == BLOCKED
-    return mixed, blocked
 
 
 @dataclass(frozen=True)
@@ -112,7 +90,7 @@ class Job:
         store, grid = self.store, self.store.grid
         sides = np.minimum(np.array(store.tile) + self.reach[1] - self.reach[0], grid.shape)
         states = store.depth * int(np.prod(store.tile))
-        part = sides_of(self.pairs[:: max(1, len(self.pairs) // 8)], store.metadata["inner"])
+        part = sides_of(self.pairs[:: max(1, len(self.pairs) // 8)], store.proves_blocked is not False)
         engine = Correlation.by(store.metadata["method"], part, "blocked", 1).engine
         return (
             3 * int(np.prod(sides))
@@ -142,7 +120,7 @@ class Job:
         return room[:size]
 
     def make(self, index: Index, read: Read | None = None, aside: str = "") -> Record:
-        """Make a tile and write it, its record last."""
+        """Make a tile and write it."""
         store, box = self.store, self.store.cells(index)
         window = self.window(box)
         outer, inner = (read or self.read)(window)
@@ -150,40 +128,24 @@ class Job:
         shape = tuple(part.stop - part.start for part in box)
         own = tuple(map(slice, before, np.add(before, shape).tolist()))
         room = self._room(store.depth * math.prod(shape)).reshape(-1, *shape)
-        counts, digests = np.empty((store.slices, 3), dtype=np.int64), []
-        for layer in range(store.layers):
-            numbers = store.numbers(layer)
-            block = room[: len(numbers)]
-            # From a tile's first cell on, the cells of its window are as much farther.
-            pairs = [(a.moved(before), b.moved(before)) for a, b in (self.pairs[number] for number in numbers)]
-            sides = sides_of(pairs, store.metadata["inner"])
-            engine = Correlation.by(store.metadata["method"], sides, store.metadata["outside"], self.threads)
-            engine.fill(outer, inner, sides, block, None)
-            for number, states in zip(numbers, block, strict=True):
-                mixed, blocked = tally(states.reshape(-1))
-                counts[number] = states.size - mixed - blocked, mixed, blocked
-            digests.append(store.write("state", (layer, *index), block, aside))
-        chunks = {"outer": outer} if store.metadata["same"] else {"outer": outer, "inner": inner}
-        for name, cells in chunks.items():
-            room[0] = cells[own]
-            digests.append(store.write(name, index, room[0].view(np.bool_), aside))
-        digests += digests[-1:] * (2 - len(chunks))
-        extent = np.array([np.zeros_like(shape), np.subtract(shape, 1)])
-        if store.metadata["outside"] == "free":  # which alone asks for it
-            extent = _extent(outer[own])
-        record = Record(counts, extent + [part.start for part in box], tuple(digests))
-        store.finish(index, record, aside)
-        return record
 
+        def blocks() -> Iterator[States]:
+            for layer in range(store.layers):
+                numbers = store.numbers(layer)
+                block = room[: len(numbers)]
+                # From a tile's first cell on, the cells of its window are as much farther.
+                pairs = [(a.moved(before), b.moved(before)) for a, b in (self.pairs[number] for number in numbers)]
+                sides = sides_of(pairs, store.proves_blocked is not False)
+                engine = Correlation.by(store.metadata["method"], sides, store.metadata["outside"], self.threads)
+                engine.fill(outer, inner, sides, block, None)
+                yield block
 
-def _extent(cells: Bools) -> Ints:
-    """First and last cell, shape (2, d), of the box around those that are set; far apart the wrong way if none is."""
-    used = [
-        np.flatnonzero(cells.any(axis=tuple(a for a in range(cells.ndim) if a != axis))) for axis in range(cells.ndim)
-    ]
-    if not len(used[0]):
-        return np.array([[2**62] * cells.ndim, [-(2**62)] * cells.ndim]) // 2
-    return np.array([[part[0] for part in used], [part[-1] for part in used]])
+        def cells() -> Iterator[Bools]:
+            for part in (outer,) if store.metadata["same"] else (outer, inner):
+                room[0] = part[own]
+                yield room[0].view(np.bool_)
+
+        return store.write_tile(index, blocks(), cells(), aside)
 
 
 # ---- many tiles ------------------------------------------------------------------------------------------------------

@@ -64,7 +64,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert run(*free, "-o", folder / "free.zarr").exit_code == 0
     flat = ["map", folder / "floor.npy", "--robot", "rect:0.1x0.05", "--spacing", 0.1]
     assert run(*flat, "-o", folder / "plane.zarr").exit_code == 0
-    assert run(*flat, "--rotations", 8, "-o", folder / "turning.npz").exit_code == 0
+    assert run(*flat, "--rotations", 8, "-o", folder / "turning.zarr").exit_code == 0
     return folder
 
 

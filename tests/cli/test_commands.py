@@ -29,14 +29,14 @@ from refusals import refusals
 
 ENDPOINTS = {
     "plane.zarr": ("0.35,0.65", "2.15,0.95"),
-    "turning.npz": ("0.35,0.65,0", "2.15,0.95,90deg"),
+    "turning.zarr": ("0.35,0.65,0", "2.15,0.95,90deg"),
     "space.zarr": ("0.35,0.65,0.45", "2.15,0.65,0.45"),
     "both.zarr": ("0.35,0.65,0.45,0", "2.15,0.65,0.45,90deg"),
     "free.zarr": ("0.35,0.65,0.45,0,0,0,1", "2.15,0.65,0.45,0,0,0.6,0.8"),
 }
 Drawn = tuple[Any, str, dict[str, Any]]
 
-SHUT = {"plane.zarr": "2.35,0.15", "turning.npz": "2.35,0.15,0", "space.zarr": "2.35,0.15,0.15"}
+SHUT = {"plane.zarr": "2.35,0.15", "turning.zarr": "2.35,0.15,0", "space.zarr": "2.35,0.15,0.15"}
 
 
 def spawn(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -95,7 +95,7 @@ def test_options_of_map_reach_the_build(room: Path) -> None:
     assert document(*common, "-o", "o.zarr", "--overlap", "--rotations", 8)["memory_bytes"] == 5 * 300
     assert document(*common, "-o", "n.zarr", "--no-inner")["cells"]["blocked"] == 0
     assert document(*common, "-o", "f.zarr", "--outside", "free")["outside"] == "free"
-    grown = document(*common, "-o", "m.npz", "--margin", 0.2, "--method", "fft")
+    grown = document(*common, "-o", "m.zarr", "--margin", 0.2, "--method", "fft")
     assert grown["margin_m"] == 0.2
     assert grown["cells"]["free"] < plain["cells"]["free"]
     np.savetxt("sensor.pgm", np.full((4, 6), 205), fmt="%d", header="P2\n6 4\n255", comments="")
@@ -109,10 +109,10 @@ def test_options_of_map_reach_the_build(room: Path) -> None:
 
 @pytest.mark.parametrize("robot", ["ball:0.1", "box:0.2x0.1x0.3", "cube.obj"])
 def test_every_kind_of_robot_in_space(room: Path, robot: str) -> None:
-    printed = document("map", "rooms.3dmap", "--robot", robot, "-o", "new.npz", "--outside", "free")
+    printed = document("map", "rooms.3dmap", "--robot", robot, "-o", "new", "--outside", "free")
     assert printed["shape"] == [25, 12, 8]
     assert 0 < printed["cells"]["free"] < 2400
-    assert cspace.open("new.npz").robot.dim == 3
+    assert cspace.open("new").robot.dim == 3
 
 
 def test_shapes_go_on_the_grid_that_the_options_say(room: Path) -> None:
@@ -148,14 +148,14 @@ def test_warnings_are_one_line_in_options(room: Path) -> None:
 
 
 def test_info_describes_maps(room: Path) -> None:
-    space, printed = cspace.open("turning.npz"), document("info", "turning.npz")
+    space, printed = cspace.open("turning.zarr"), document("info", "turning.zarr")
     # A rectangle around its middle has half of its slices twice.
     assert (printed["rotations"], printed["slices"], printed["rotation_cell_deg"]) == (8, 4, 45.0)
     assert printed["memory_bytes"] == 4 * 300
     assert tuple(printed["cells"].values()) == tuple(np.bincount(space.state.ravel(), minlength=3).tolist())
     assert printed["mean_free_area_m2"] == pytest.approx((space.state == cspace.FREE).mean() * 3.0)
     assert not {"rotations", "slices", "mean_free_area_m2"} & set(document("info", "plane.zarr"))
-    lines = run("info", "turning.npz").stdout.splitlines()
+    lines = run("info", "turning.zarr").stdout.splitlines()
     assert "rotation cell   45°" in lines
     assert "memory          1,200 bytes" in lines
 
@@ -443,7 +443,7 @@ def test_plan_writes_a_path_that_plot_draws(room: Path, file: str, drawn: list[D
     path = np.array(printed["path"])
     np.testing.assert_allclose(path[[0, -1]], [numbers(start), numbers(goal)], atol=1e-12)
     np.testing.assert_allclose(np.loadtxt("path.csv", delimiter=",", skiprows=1), path)
-    axes = {"plane.zarr": "x,y", "turning.npz": "x,y,yaw", "space.zarr": "x,y,z", "both.zarr": "x,y,z,yaw"}
+    axes = {"plane.zarr": "x,y", "turning.zarr": "x,y,yaw", "space.zarr": "x,y,z", "both.zarr": "x,y,z,yaw"}
     axes["free.zarr"] = "x,y,z,qx,qy,qz,qw"
     assert Path("path.csv").read_text().splitlines()[0] == axes[file]
     assert json.loads(Path("path.json").read_text())["path"] == printed["path"]
@@ -476,7 +476,7 @@ def test_plan_says_that_no_path_exists(room: Path, file: str, drawn: list[Drawn]
 
 def test_plan_says_what_to_try_when_time_runs_out(room: Path) -> None:
     """What is known, and what to try, in options."""
-    common = ["plan", "turning.npz", "--start", ENDPOINTS["turning.npz"][0], "--goal", ENDPOINTS["turning.npz"][1]]
+    common = ["plan", "turning.zarr", "--start", ENDPOINTS["turning.zarr"][0], "--goal", ENDPOINTS["turning.zarr"][1]]
     result = run(*common, "--time-limit", 1e-9, "--animate", "p.gif", "--planner", "RRTstar")
     assert (result.exit_code, result.stderr.count("\n")) == (1, 1), result.exception
     assert "a path exists; try " in result.stderr
@@ -494,7 +494,7 @@ def test_options_go_to_the_planner(room: Path, monkeypatch: pytest.MonkeyPatch) 
         raise InputError("enough")
 
     monkeypatch.setattr(planners, "plan", plan)
-    arguments = ["plan", "turning.npz", "--start", "1,1,90deg", "--goal=-1,1,-1.5"]
+    arguments = ["plan", "turning.zarr", "--start", "1,1,90deg", "--goal=-1,1,-1.5"]
     assert run(*arguments, "--drive", "reeds-shepp", "--turning-radius", "0.5").stderr == "cspace: enough\n"
     assert (heard["drive"], heard["turning_radius"]) == ("reeds-shepp", 0.5)
     run(*arguments, "--exact")
@@ -512,14 +512,14 @@ def test_options_go_to_the_planner(room: Path, monkeypatch: pytest.MonkeyPatch) 
 def test_car_paths_are_drawn(room: Path, drawn: list[Drawn], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cspace.plot.animate", partial(animate, seconds=0.2))
     printed = document(
-        *("plan", "turning.npz", "--start", "0.35,0.55,0", "--goal", "0.95,0.6,0.1", "--seed", 1, "--time-limit", 5),
+        *("plan", "turning.zarr", "--start", "0.35,0.55,0", "--goal", "0.95,0.6,0.1", "--seed", 1, "--time-limit", 5),
         *("--drive", "reeds-shepp", "--turning-radius", 0.2, "-o", "path.csv", "--animate", "path.gif"),
     )
     assert printed["solved"]
     # The table has a column more, which tells the way that the car drives.
     assert Path("path.csv").read_text().startswith("x,y,yaw,direction\n")
-    space, rows = cspace.open("turning.npz"), np.loadtxt("path.csv", delimiter=",", skiprows=1)
-    assert document("plot", "turning.npz", "--path", "path.csv", "-o", "path.png")["picture"] == "path.png"
+    space, rows = cspace.open("turning.zarr"), np.loadtxt("path.csv", delimiter=",", skiprows=1)
+    assert document("plot", "turning.zarr", "--path", "path.csv", "-o", "path.png")["picture"] == "path.png"
     np.testing.assert_array_equal(drawn.pop()[-1]["path"], rows[:, :3])
     animate(space, rows[:, :3], "own.gif", seconds=0.2)
     assert Path("path.gif").read_bytes() == Path("own.gif").read_bytes()
@@ -540,10 +540,10 @@ def test_options_go_to_the_picture(room: Path, monkeypatch: pytest.MonkeyPatch) 
         }
 
     assert passed("plane.zarr") == {}
-    assert passed("turning.npz", "--rotation", "90deg") == {"rotation": (math.pi / 2,)}
-    assert passed("turning.npz", "--rotation", "0,90deg") == {"rotation": [(0.0,), (math.pi / 2,)]}
-    assert passed("turning.npz", "--view", "panels") == {"view": "panels"}
-    assert passed("turning.npz", "--start", "1,1,90deg", "--goal=1,1,0") == {
+    assert passed("turning.zarr", "--rotation", "90deg") == {"rotation": (math.pi / 2,)}
+    assert passed("turning.zarr", "--rotation", "0,90deg") == {"rotation": [(0.0,), (math.pi / 2,)]}
+    assert passed("turning.zarr", "--view", "panels") == {"view": "panels"}
+    assert passed("turning.zarr", "--start", "1,1,90deg", "--goal=1,1,0") == {
         "start": (1.0, 1.0, math.pi / 2),
         "goal": (1.0, 1.0, 0.0),
     }
@@ -555,12 +555,15 @@ def test_options_go_to_the_picture(room: Path, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_export_writes_every_format(room: Path) -> None:
-    for file in ("out.vti", "free.stl", "free.ply", "free.obj", "copy.npz"):
+    for file in ("out.vti", "free.stl", "free.ply", "free.obj", "copy.zarr", "copy.npz"):
         assert document("export", "space.zarr", file)["output"] == file
-    np.testing.assert_array_equal(cspace.open("copy.npz").state, cspace.open("space.zarr").state)
-    document("export", "turning.npz", "slice.yaml", "--rotation", "90deg")
+    states = cspace.open("space.zarr").state
+    np.testing.assert_array_equal(cspace.open("copy.zarr").state, states)
+    with np.load("copy.npz") as held:
+        np.testing.assert_array_equal(held["state"][held["slice_of"]], states)
+    document("export", "turning.zarr", "slice.yaml", "--rotation", "90deg")
     image = cspace.Workspace.from_ros_map("slice.yaml", unknown="occupied")
-    np.testing.assert_array_equal(~image.outer, cspace.open("turning.npz").slice_at(math.pi / 2) == cspace.FREE)
+    np.testing.assert_array_equal(~image.outer, cspace.open("turning.zarr").slice_at(math.pi / 2) == cspace.FREE)
 
 
 # ----------------------------------------------------------------------------------------------- overlap fields
@@ -584,8 +587,8 @@ def test_a_map_that_carries_an_overlap_field(tmp_path: Path, turning: bool) -> N
     assert printed == less
     lines = run("info", tmp_path / "map.zarr").stdout.splitlines()
     assert any(line.split() == ["overlap", "field", "yes"] for line in lines)
-    document("export", tmp_path / "map.zarr", tmp_path / "map.npz")
-    same(carried, cspace.open(tmp_path / "map.npz"))
+    document("export", tmp_path / "map.zarr", tmp_path / "copy.zarr")
+    same(carried, cspace.open(tmp_path / "copy.zarr"))
     endpoints = ("0.43,0.88,0", "1.57,0.88,0") if turning else ("0.43,0.88", "1.57,0.88")
     asked = ["--start", endpoints[0], "--goal", endpoints[1], "--planner", "RRTstar", "--objective", "overlap"]
     for limit in (0.1, 0.5, 2, 10):  # the longer ones are for a busy machine
@@ -637,8 +640,8 @@ def test_ctrl_c_ends_planning(room: Path) -> None:
         "sys.argv[0] = 'cspace'\n"
         "main()\n"
     )
-    endpoints = ["--start", ENDPOINTS["turning.npz"][0], "--goal", ENDPOINTS["turning.npz"][1]]
-    arguments = ["plan", "turning.npz", *endpoints, "--planner", "RRTstar", "--time-limit", "60", "-o", "path.csv"]
+    endpoints = ["--start", ENDPOINTS["turning.zarr"][0], "--goal", ENDPOINTS["turning.zarr"][1]]
+    arguments = ["plan", "turning.zarr", *endpoints, "--planner", "RRTstar", "--time-limit", "60", "-o", "path.csv"]
     done = spawn("-c", code, *arguments, cwd=room)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "cspace: interrupted\n")
     assert not Path("path.csv").exists()

@@ -12,7 +12,7 @@ _FLAT = ["map", "floor.npy", "--robot", "disc:0.05", "--spacing", "0.1", "-o", "
 _CELLS = ["map", "rooms.npy", "--robot", "ball:0.1", "--spacing", "0.1", "-o", "new.zarr"]
 _MESH = ["map", "cube.obj", "--robot", "ball:0.1", "--spacing", "0.1", "-o", "new.zarr"]
 _PLAN = ["plan", "plane.zarr", "--start", "0.35,0.65", "--goal", "2.15,0.95"]
-_TURN = ["plan", "turning.npz", "--start", "0.35,0.65,0", "--goal", "2.15,0.95,90deg"]
+_TURN = ["plan", "turning.zarr", "--start", "0.35,0.65,0", "--goal", "2.15,0.95,90deg"]
 _FLY = ["plan", "space.zarr", "--start", "0.35,0.65,0.45", "--goal", "2.15,0.65,0.45"]
 _PLOT = ["plot", "plane.zarr", "-o", "new.png"]
 
@@ -49,7 +49,8 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     "no octomap": (["map", "empty.bt", "--robot", "ball:0.1", "-o", "new.zarr"], ["empty.bt"]),
     "absurd units": ([*_MESH, "--spacing", "1e-6"], ["memory", "spacing of at least"]),
     "map as a workspace": (["map", "space.zarr", *_CELLS[2:]], ["space.zarr: holds no array", "not a saved map"]),
-    "map suffix": ([*_FLAT, "-o", "new.xyz"], ["new.xyz", ".zarr", ".npz"]),
+    "map suffix": ([*_FLAT, "-o", "new.xyz"], ["new.xyz", ".zarr"]),
+    "map into an export": ([*_FLAT, "-o", "new.npz"], ["new.npz", ".zarr"]),
     "map exists": ([*_FLAT, "-o", "plane.zarr"], ["plane.zarr: exists", "--overwrite"]),
     "map in no folder": ([*_FLAT, "-o", "absent/new.zarr"], ["absent", "folder"]),
     "map over something else": ([*_FLAT, "-o", "precious", "--overwrite"], ["precious", "another name"]),
@@ -99,14 +100,14 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     "resolution beyond memory": ([*_PLOT, "--dpi", "100000"], ["--dpi is 100000", "at most 2,400"]),
     "robots": ([*_PLOT, "--robot-every", "-1"], ["--robot-every is -1"]),
     "yaw in degrees": (
-        ["plot", "turning.npz", "-o", "new.png", "--rotation", "0,90"],
+        ["plot", "turning.zarr", "-o", "new.png", "--rotation", "0,90"],
         ["--rotation has the yaw", "90deg"],
     ),
     "yaw without rotations": ([*_PLOT, "--rotation", "1"], ["--rotation is '1'", "does not turn"]),
     "panels without rotations": ([*_PLOT, "--view", "panels"], ["--view is 'panels'", "must be plane"]),
     "view of the plane": ([*_PLOT, "--view", "3d"], ["--view is '3d'", "(x, y)"]),
     "point of the plane": (
-        ["plot", "turning.npz", "-o", "new.png", "--at", "1,1,1"],
+        ["plot", "turning.zarr", "-o", "new.png", "--at", "1,1,1"],
         ["--at is '1,1,1'", "configurations are x,y"],
     ),
     "point beyond": (
@@ -130,7 +131,7 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     "demo into a file": (["demo", "--output", "notes.txt"], ["notes.txt", "folder"]),
     "demo below a file": (["demo", "--output", "notes.txt/demo"], ["notes.txt", "folder"]),
     "info of nothing": (["info", "absent.zarr"], ["absent.zarr"]),
-    "corrupt archive": (["info", "broken.npz"], ["broken.npz"]),
+    "map in an export": (["info", "broken.npz"], ["broken.npz", "numpy.load", "space.save"]),
     "info of a bad robot": (["info", "disc:wide"], ["disc:wide"]),
     "info of a robot of the plane": (["info", "cube.obj", "--robot", "disc:0.1"], ["cube.obj", "disc", "agree"]),
     "info of a map with a spacing": (["info", "space.zarr", "--spacing", "1"], ["--spacing", "saved map"]),

@@ -20,7 +20,7 @@ OPTIONS = {name: f"--{name.replace('_', '-')}" for name in ("solid", "spacing", 
 
 @pytest.mark.parametrize(
     ("file", "kind"),
-    [("plane.zarr", "plane"), ("turning.npz", "turning"), ("space.zarr", "space"), ("both.zarr", "both")],
+    [("plane.zarr", "plane"), ("turning.zarr", "turning"), ("space.zarr", "space"), ("both.zarr", "both")],
 )
 def test_axes_of_a_map_are_read_without_its_cells(
     folder: Path, monkeypatch: pytest.MonkeyPatch, file: str, kind: str

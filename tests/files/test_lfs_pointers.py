@@ -4,7 +4,6 @@ import inspect
 
 import pytest
 
-import cspace
 from cspace import Arm, FileError, Robot, Workspace
 from cspace.files.formats import FORMATS
 from cspace.robot import _files as robot_files
@@ -21,7 +20,6 @@ def open_workspace(path):
 READERS = {
     **{f"workspace{suffix}": open_workspace for suffix in FORMATS if suffix != ".zarr"},
     **{f"robot{suffix}": Robot.open for suffix in robot_files()},
-    "map.npz": cspace.open,
     "arm.urdf": Arm.from_urdf,
 }
 

@@ -182,8 +182,8 @@ def test_paths_exist_where_cells_join(space: CSpace) -> None:
 def test_samples_and_files_keep_rotations(space: CSpace, tmp_path: Path) -> None:
     q = space.sample_free(50, np.random.default_rng(6))
     assert q.shape == (50, 4) and space.is_free(q).all()
-    space.save(tmp_path / "map.npz")
-    again = cspace.open(tmp_path / "map.npz")
+    space.save(tmp_path / "map.zarr")
+    again = cspace.open(tmp_path / "map.zarr")
     assert again.rotations == space.rotations and isinstance(again.rotations, PitchRotations)
     assert np.array_equal(again.classify(q), space.classify(q))
 

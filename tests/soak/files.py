@@ -8,7 +8,6 @@ digests that agree with the change, as an attacker would write them.
 from __future__ import annotations
 
 import gzip
-import io
 import json
 import multiprocessing
 import re
@@ -18,7 +17,6 @@ import tempfile
 import time
 import traceback
 import warnings
-import zipfile
 from collections import Counter
 from contextlib import suppress
 from pathlib import Path
@@ -28,8 +26,7 @@ import numpy as np
 import shapely
 
 import cspace
-from cspace import CspaceError, Robot, Workspace
-from cspace.store import saved as store
+from cspace import CspaceError, Robot, Workspace, store
 
 if TYPE_CHECKING:
     from benchmarks.report import Report
@@ -61,7 +58,7 @@ def families(folder: Path) -> dict[str, Path]:
     cells = np.eye(6, 5, dtype=bool)
     plane = cspace.build(Workspace.from_array(cells, 0.1), Robot.rectangle(0.2, 0.1), rotations=4)
     plane.export(folder / "map.yaml", rotation=0.0)
-    for name in ("saved.npz", "saved.zarr", "forged.npz", "forged.zarr"):
+    for name in ("saved.zarr", "forged.zarr"):
         plane.save(folder / name)
     cspace.build(plane.workspace, plane.robot, rotations=4, store=folder / "tiles", tile=4)
     zarr.create_array(str(folder / "cells.zarr"), data=cells, chunks=(4, 4), config={"write_empty_chunks": True})
@@ -204,7 +201,7 @@ def attempts(
     outcomes: Counter[str] = Counter()
     signal.signal(signal.SIGALRM, _late)
     path, write = every[name], _FORGERS.get(name, _write)
-    parts = parts_of(path, forged=name in _FORGERS)
+    parts = parts_of(path)
     others = [other.read_bytes() for other in every.values() if other.is_file()]
     for number in range(first, first + count):
         rng = np.random.default_rng([seed, sum(name.encode()), number])
@@ -232,14 +229,10 @@ Parts = dict[str, bytes]
 """Contents of the files of a folder or the members of an archive, by name."""
 
 
-def parts_of(path: Path, forged: bool) -> Parts:
+def parts_of(path: Path) -> Parts:
     if path.is_dir():
         return {part.relative_to(path).as_posix(): part.read_bytes() for part in path.rglob("*") if part.is_file()}
-    if not forged:
-        return {"": path.read_bytes()}
-    with zipfile.ZipFile(path) as archive:
-        members = {name: archive.read(name) for name in archive.namelist()}
-    return members | {"metadata.npy": str(np.load(io.BytesIO(members["metadata.npy"]))).encode()}
+    return {"": path.read_bytes()}
 
 
 def _write(path: Path, parts: Parts, part: str, content: bytes) -> None:
@@ -248,40 +241,38 @@ def _write(path: Path, parts: Parts, part: str, content: bytes) -> None:
 
 
 def forge_store(path: Path, parts: Parts, part: str, content: bytes) -> None:
-    """Write one part of a store, and digests that agree with it."""
+    """Write one part of a stored map, and digests that agree with it."""
     _write(path, parts, part, content)
-    now = parts | {part: content}
-    root = now.pop("zarr.json")
-    with suppress(ValueError, TypeError, KeyError):  # what is no JSON has no digests
-        document = json.loads(root)
-        digests = {name: store.digest_of(held) for name, held in now.items()}
-        document["attributes"] = _sealed(document["attributes"], digests)
-        root = json.dumps(document, indent=2).encode()
-    _write(path, parts, "zarr.json", root)
+    with suppress(Exception):  # what cannot be decoded has no digests
+        reseal(path)
 
 
-def _forge_archive(path: Path, parts: Parts, part: str, content: bytes) -> None:
-    """Write an archive with one member changed, and digests that agree with it."""
-    now = parts | {part: content}
-    metadata, digests = now.pop("metadata.npy"), {}
-    for name, held in now.items():
-        with suppress(Exception), warnings.catch_warnings(action="ignore"):  # what is no array has no digest
-            digests[name.removesuffix(".npy")] = store.digest_of_array(np.load(io.BytesIO(held)))
-    with suppress(ValueError, TypeError):
-        metadata = json.dumps(_sealed(json.loads(metadata), digests)).encode()
-    text = io.BytesIO()
-    np.save(text, np.array(metadata.decode("latin-1")))
-    path.unlink(missing_ok=True)
-    with zipfile.ZipFile(path, "w") as archive:
-        for name, held in (now | {"metadata.npy": text.getvalue()}).items():
-            archive.writestr(name, held)
+def reseal(path: Path, **metadata: Any) -> None:
+    """Make all digests of a stored map of one tile agree with its files, and change some of its metadata."""
+    from numcodecs import Zstd
+
+    root = json.loads((path / "zarr.json").read_bytes())["attributes"]
+    layers, dim = -(-root["slices"] // root["depth"]), len(root["tile"])
+    first = "/".join(["0"] * dim)
+    chunks = [f"state/c/{layer}/{first}" for layer in range(layers)]
+    chunks += [f"outer/c/{first}", f"{'outer' if root['same'] else 'inner'}/c/{first}"]
+    digests = b"".join(
+        store.digest_of_bytes((path / chunk).read_bytes() if (path / chunk).exists() else b"") for chunk in chunks
+    )
+    record = path / "record/c" / first / "0"
+    row = np.frombuffer(Zstd().decode(record.read_bytes()), dtype="<i8").copy()
+    row[-len(digests) // 8 :] = np.frombuffer(digests, dtype="<i8")
+    encoded = Zstd(store.LEVEL, checksum=True).encode(row)
+    record.write_bytes(encoded)
+    names = sorted(file.relative_to(path).as_posix() for file in path.rglob("*") if file.is_file())
+    tiled = tuple(f"{name}/c/" for name in store.TILED)
+    files = {name: store.digest_of((path / name).read_bytes()) for name in names if not name.startswith(tiled)}
+    files.pop("zarr.json")
+    sealed = store.seal({**root, "records": store.digest_of(store.digest_of_bytes(encoded)), **metadata}, files)
+    (path / "zarr.json").write_bytes(store.root_text(sealed))
 
 
-def _sealed(metadata: Any, digests: dict[str, str]) -> dict[str, Any]:
-    return store.seal({key: value for key, value in metadata.items() if not key.startswith("digest")}, digests)
-
-
-_FORGERS = {"forged.zarr": forge_store, "forged.npz": _forge_archive}
+_FORGERS = {"forged.zarr": forge_store}
 
 
 class Late(BaseException):

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 KILLS = 50
 LOOKUPS, UPDATES, PLANS = 100_000, 1_000, 200
-SUFFIXES = (".zarr", ".npz")
 
 BLOCK, PLACE = np.ones((12, 9), dtype=bool), (20, 14)
 
@@ -44,17 +43,14 @@ def maps() -> tuple[CSpace, CSpace]:
 
 def check(report: Report, seed: int, kills: int = KILLS, share: float = 1.0) -> None:
     """All of this module; ``share`` of the look-ups, updates and plans."""
-    report.section(f"in use: {kills} killed saves of each format, processes, threads, and growth")
-    for suffix in SUFFIXES:
-        counts = killed_saves(suffix, kills, np.random.default_rng(seed))
-        report.note(f"{suffix}: {kills} saves were killed: {text_of(counts)}")
-        torn = counts["torn"] + counts["left beside it torn"]
-        report.check(not torn and counts["whole"] > 0, f"{suffix}: no torn map opens")
-        counts = saves_to_one_place(suffix, 3, max(2, kills // 5))
-        report.note(f"{suffix}: three processes saved to one place, and one read: {text_of(counts)}")
-        report.check(
-            not counts["torn"] and counts["left whole"] == 1, f"{suffix}: what is read is whole, the last one too"
-        )
+    report.section(f"in use: {kills} killed saves, processes, threads, and growth")
+    counts = killed_saves(kills, np.random.default_rng(seed))
+    report.note(f"{kills} saves were killed: {text_of(counts)}")
+    torn = counts["torn"] + counts["left beside it torn"]
+    report.check(not torn and counts["whole"] > 0, "no torn map opens")
+    counts = saves_to_one_place(3, max(2, kills // 5))
+    report.note(f"three processes saved to one place, and one read: {text_of(counts)}")
+    report.check(not counts["torn"] and counts["left whole"] == 1, "what is read is whole, the last one too")
     counts = looks_while_updated(3.0 * share)
     report.note(f"look-ups while another thread updates: {text_of(counts)}")
     report.check(not counts["false"] and counts["cells"] > 0, "no cell is told FREE that is not, before or after")
@@ -72,12 +68,12 @@ def text_of(counts: Counter[str]) -> str:
 # ---- saves -----------------------------------------------------------------------------------------------------------
 
 
-def killed_saves(suffix: str, kills: int, rng: np.random.Generator) -> Counter[str]:
+def killed_saves(kills: int, rng: np.random.Generator) -> Counter[str]:
     """What is found where a process that saves one map over another was killed: no map, one of both, or a torn one."""
     counts: Counter[str] = Counter()
     both = maps()
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"map{suffix}"
+        path = Path(folder) / "map.zarr"
         both[0].save(path)  # what it takes is imported once
         for _ in range(kills):
             child = multiprocessing.get_context("fork").Process(target=_save, args=(both, path, 10**6))
@@ -92,12 +88,12 @@ def killed_saves(suffix: str, kills: int, rng: np.random.Generator) -> Counter[s
     return counts
 
 
-def saves_to_one_place(suffix: str, processes: int, saves: int) -> Counter[str]:
+def saves_to_one_place(processes: int, saves: int) -> Counter[str]:
     """What another process finds while some save to one place, and what they leave."""
     counts: Counter[str] = Counter()
     both = maps()
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"map{suffix}"
+        path = Path(folder) / "map.zarr"
         both[0].save(path)
         context = multiprocessing.get_context("fork")
         writers = [context.Process(target=_save, args=(both, path, saves)) for _ in range(processes)]

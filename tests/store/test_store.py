@@ -1,10 +1,7 @@
 """A saved map opens as it was, or does not open at all."""
 
-import io
 import json
-import os
 import shutil
-import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,13 +13,15 @@ import xarray
 import zarr
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from zarr.codecs import ZstdCodec
 
 import cspace
-from cspace.errors import FileError, InputError
+from cspace import store
+from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.limits import raised_limits
-from cspace.store import saved as store
 from maps import SPACES, SUFFIXES, files, refused, same
 from strategies import bitmaps, robots, rotation_cells
+from tests.soak.files import reseal
 
 YAWS = (-7.0, 0.0, 0.3, 3.1, 4.0)
 
@@ -82,11 +81,10 @@ def test_a_map_comes_back_as_it_was(space: cspace.CSpace, suffix: str) -> None:
         same(space, cspace.open(path))
 
 
-@pytest.mark.parametrize("suffix", [".zarr", ".npz"])
 def test_a_map_of_every_kind_comes_back_and_makes_itself_again(
-    tmp_path: Path, space: cspace.CSpace, suffix: str, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, space: cspace.CSpace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = tmp_path / f"map{suffix.upper()}"
+    path = tmp_path / "map.ZARR"
     space.save(path)
     assert list(tmp_path.iterdir()) == [path]
     with monkeypatch.context() as patch:
@@ -141,7 +139,7 @@ def test_only_what_is_there_is_stored(tmp_path: Path) -> None:
     for suffix in SUFFIXES:
         space.save(tmp_path / f"map{suffix}")
         path = tmp_path / f"map{suffix}"
-        held = np.load(path).files if suffix == ".npz" else [entry.name for entry in path.iterdir()]
+        held = [entry.name for entry in path.iterdir()]
         assert {"state", "outer", "x"} <= set(held)
         assert not set(held) & {"inner", "unknown", "overlap", "shapes", "z", "yaw", "penetration"}
 
@@ -151,16 +149,18 @@ def test_arrays_of_several_chunks_come_back(
 ) -> None:
     monkeypatch.setattr(store, "CHUNK", {1: 19, 2: 6, 3: 5})
     monkeypatch.setattr(store, "SLICE_CHUNK", {2: 6, 3: 5})
-    monkeypatch.setattr(store, "TOGETHER", 400)  # several slices of some arrays, of others a layer
+    monkeypatch.setattr(store, "CELLS_TOGETHER", 400)  # several slices of some arrays, of others a layer
+    monkeypatch.setattr(store, "MAX_CHUNK_BYTES", 20)  # several tiles
     space.save(tmp_path / "map")
     assert len(list(files(tmp_path / "map" / "state" / "c" / "0"))) > 2
-    same(space, cspace.open(tmp_path / "map"))
+    same(space, cspace.open(tmp_path / "map", in_memory=True))
     turn = space.rotations.centers[-1]
     np.testing.assert_array_equal(cspace.open_slice(tmp_path / "map", turn), space.slice_at(turn))
 
 
-def test_a_slice_is_read_without_the_rest(tmp_path: Path) -> None:
+def test_a_slice_is_read_without_the_rest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     space = SPACES["turning"]()
+    monkeypatch.setattr(store, "SAVED_CHUNK_CELLS", 1)  # a chunk for each slice
     space.save(tmp_path / "map")
     number = int(space.rotations.cell_of(1.5))
     for name in ("outer", "overlap", "x"):
@@ -213,28 +213,9 @@ def test_no_byte_of_a_store_may_change_go_or_come(tmp_path: Path) -> None:
     same(space, cspace.open(path))
 
 
-def test_no_byte_of_an_npz_changes_the_map(tmp_path: Path, small: Path) -> None:
-    path = tmp_path / "map.npz"
-    pair().save(path)
-    size, (metadata, arrays) = path.stat().st_size, store.read_npz(path)
-    caught = 0
-    for _ in changed_bytes(path, [0x55] * size):
-        try:
-            saved_metadata, opened = store.read_npz(path)
-        except FileError:
-            caught += 1
-        else:  # Some bytes, such as the time of a member, mean nothing.
-            assert saved_metadata == metadata and opened.keys() == arrays.keys()
-            assert all(np.array_equal(opened[name], arrays[name]) for name in arrays)
-    assert caught > size // 2
-    shutil.copy(small / "map.npz", path)
-    for length in reversed(range(0, path.stat().st_size, 41)):
-        os.truncate(path, length)
-        refused(path, "copy it again from where it is whole, or build it again")
-
-
-def test_lost_and_swapped_chunks_are_no_states(tmp_path: Path) -> None:
+def test_lost_and_swapped_chunks_are_no_states(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "map"
+    monkeypatch.setattr(store, "SAVED_CHUNK_CELLS", 1)  # a chunk for each slice
     SPACES["turning"]().save(path)
     one, two = (path / "state" / "c" / number / "0" / "0" for number in "01")
     contents = one.read_bytes(), two.read_bytes()
@@ -251,7 +232,8 @@ def test_lost_and_swapped_chunks_are_no_states(tmp_path: Path) -> None:
     [
         {"format": "cspace-ap"},
         {"format_version": 1, "library_version": "0.0.9"},
-        {"format_version": "2"},
+        {"format_version": "3"},
+        {"format": "cspace-tiles", "format_version": 2},
         {"digest": "0"},
         {"margin": 0.5},
         {"digests": ""},
@@ -259,20 +241,13 @@ def test_lost_and_swapped_chunks_are_no_states(tmp_path: Path) -> None:
         {"rotations": 0},
     ],
 )
-@pytest.mark.parametrize("suffix", [".zarr", ".npz"])
-def test_changed_metadata_are_refused(tmp_path: Path, small: Path, suffix: str, change: dict[str, Any]) -> None:
-    path = tmp_path / f"map{suffix}"
-    if suffix == ".npz":
-        with np.load(small / "map.npz") as held:
-            members = dict(held)
-        members["metadata"] = json.dumps(json.loads(str(members["metadata"])) | change)
-        np.savez(path, **members)
-    else:
-        shutil.copytree(small / "map.zarr", path)
-        document = json.loads((path / "zarr.json").read_text())
-        document["attributes"] |= change
-        (path / "zarr.json").write_text(json.dumps(document, indent=2))
-    refused(path, "version 2 only" if "format_version" in change else "")
+def test_changed_metadata_are_refused(tmp_path: Path, small: Path, change: dict[str, Any]) -> None:
+    path = tmp_path / "map.zarr"
+    shutil.copytree(small / "map.zarr", path)
+    document = json.loads((path / "zarr.json").read_text())
+    document["attributes"] |= change
+    (path / "zarr.json").write_text(json.dumps(document, indent=2))
+    refused(path, "version 3 only" if "format_version" in change else "")
 
 
 FORGED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
@@ -313,77 +288,36 @@ FORGED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
 ]
 
 
-@pytest.mark.parametrize("suffix", [".zarr", ".npz"])
 @pytest.mark.parametrize(("metadata", "content", "message"), FORGED, ids=range(len(FORGED)))
 def test_what_makes_no_map_is_refused_though_its_digests_agree(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    few: cspace.CSpace,
-    suffix: str,
-    metadata: dict[str, Any],
-    content: dict[str, Any],
-    message: str,
+    tmp_path: Path, small: Path, metadata: dict[str, Any], content: dict[str, Any], message: str
 ) -> None:
-    plain_metadata, plain_arrays = store.metadata_of, store.arrays_of
-
-    def arrays_of(contents: Any) -> dict[str, Any]:
-        changed = plain_arrays(contents) | content
-        return {name: array for name, array in changed.items() if array is not None}
-
-    monkeypatch.setattr(store, "metadata_of", lambda contents: plain_metadata(contents) | metadata)
-    monkeypatch.setattr(store, "arrays_of", arrays_of)
-    try:
-        few.save(tmp_path / f"map{suffix}")
-    except (KeyError, TypeError, ValueError, OverflowError):
-        pytest.skip("the store itself refuses to hold it")
-    refused(tmp_path / f"map{suffix}", message)
+    path = tmp_path / "map.zarr"
+    shutil.copytree(small / "map.zarr", path)
+    for name, array in content.items():
+        shutil.rmtree(path / name, ignore_errors=True)
+        if array is not None:
+            options: dict[str, Any] = {"name": name, "chunks": array.shape, "config": {"write_empty_chunks": True}}
+            zarr.create_array(str(path), data=array, compressors=ZstdCodec(level=1), **options)
+    reseal(path, **metadata)
+    refused(path, message)
 
 
-def test_a_store_that_unpacks_to_more_than_there_is_is_refused(tmp_path: Path, small: Path) -> None:
+def test_a_store_that_unpacks_to_more_than_there_is_is_refused(small: Path) -> None:
     with raised_limits(max_bytes=20):
         refused(small / "map.zarr", "at most 20 bytes are read")
-        refused(small / "map.npz", "at most 20 bytes are read")
-    # An archive of a few kilobytes that unpacks to gigabytes.
-    with zipfile.ZipFile(small / "map.npz") as whole, zipfile.ZipFile(tmp_path / "map.npz", "w", 8) as bomb:
-        for name in whole.namelist():
-            content = whole.read(name)
-            bomb.writestr(name, content + bytes(2**26) if name == "outer.npy" else content)
-    refused(tmp_path / "map.npz", "longer or shorter than its header says")
-
-
-@pytest.mark.parametrize("name", ["../climbs.npy", "a/b.npy", "/root.npy", "a\\b.npy", "C:a.npy"])
-def test_an_archive_with_names_that_climb_is_refused(tmp_path: Path, small: Path, name: str) -> None:
-    shutil.copy(small / "map.npz", tmp_path / "map.npz")
-    with zipfile.ZipFile(tmp_path / "map.npz", "a") as archive:
-        archive.writestr(name, b"")
-    refused(tmp_path / "map.npz", "climb")
-
-
-def test_an_npz_is_never_unpickled(tmp_path: Path, small: Path) -> None:
-    with np.load(small / "map.npz") as held:
-        members: dict[str, Any] = dict(held)
-    for name in ("state", "metadata"):
-        np.savez(tmp_path / "map.npz", **members | {name: np.array([{"a": 1}], dtype=object)})
-        refused(tmp_path / "map.npz", "usable map")
 
 
 def test_other_files_by_that_name_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "other.npz"
-    buffer = io.BytesIO()
-    np.save(buffer, np.zeros(3))
-    for content in (b"", b"no archive", buffer.getvalue()):
-        path.write_bytes(content)
-        refused(path, "usable map")
-    np.savez(path, state=np.zeros((3, 3), np.uint8))
-    refused(path, "it holds no metadata")
     for folder in ("empty", "strange"):
         (tmp_path / folder).mkdir()
     (tmp_path / "strange" / "zarr.json").write_text("[]")
     refused(tmp_path / "empty", "it holds no zarr.json")
     refused(tmp_path / "strange", "usable map")
     refused(tmp_path / "absent", "does not exist")
-    (tmp_path / "map.txt").write_text("hello")
-    refused(tmp_path / "map.txt", "is not a saved map")
+    for name in ("map.txt", "map.npz"):
+        (tmp_path / name).write_text("hello")
+        refused(tmp_path / name, "is not a saved map", "numpy.load" if name == "map.npz" else "cspace.build")
     for wrong in (7, None):
         with pytest.raises(InputError, match="file name"):
             cspace.open(wrong)
@@ -458,8 +392,9 @@ def test_overwriting_removes_nothing_but_a_map(tmp_path: Path, small: Path) -> N
     with pytest.raises(FileError, match="holds more than an earlier output"):
         space.save(path, overwrite=True)
     assert (path / "notes.txt").read_text() == "years of work"
-    with pytest.raises(InputError, match=r"\.tiff.*says which format"):
-        space.save(tmp_path / "map.tiff")
+    for name in ("map.tiff", "map.npz"):
+        with pytest.raises(InputError, match=r"a Zarr folder.*space\.export"):
+            space.save(tmp_path / name)
 
 
 # ---- what other software finds -----------------------------------------------------------------------------------
@@ -517,4 +452,67 @@ def test_numpy_reads_an_npz_without_this_library(tmp_path: Path, space: cspace.C
         states = held["state"][held["slice_of"]]
         np.testing.assert_array_equal(states if space.rotations.dof else states[0], space.state)
         assert (tuple(held["lower"]), held["spacing"]) == (space.grid.lower, space.grid.spacing)
-        assert json.loads(str(held["metadata"]))["outside"] == space.outside
+        assert json.loads(str(held["metadata"])) == space.to_xarray().attrs
+        np.testing.assert_array_equal(held["outer"], space.workspace.outer)
+
+
+# ---- in memory, or in its store ----------------------------------------------------------------------------------
+
+
+def test_open_reads_one_tile_and_leaves_several_in_their_store(tmp_path: Path, few: cspace.CSpace) -> None:
+    few.save(tmp_path / "saved")
+    for name, tile in (("one", 100), ("several", 2)):
+        workspace, outside = few.workspace, few.outside
+        cspace.build(workspace, few.robot, rotations=4, outside=outside, store=tmp_path / name, tile=tile)
+    q = np.random.default_rng(0).uniform(-1.0, 2.0, (500, 3))
+    for name in ("saved", "one", "several"):
+        opened, in_memory, tiled = (cspace.open(tmp_path / name, asked) for asked in (None, True, False))
+        assert isinstance(opened, cspace.TiledCSpace if name == "several" else cspace.CSpace)
+        assert isinstance(in_memory, cspace.CSpace) and isinstance(tiled, cspace.TiledCSpace)
+        same(few, in_memory) if name == "saved" else np.testing.assert_array_equal(in_memory.state, few.state)
+        for each in (in_memory, tiled):
+            assert each.count() == few.count()
+            np.testing.assert_array_equal(each.classify(q), few.classify(q))
+            np.testing.assert_array_equal(each.path_exists(q[:50], q[50:100]), few.path_exists(q[:50], q[50:100]))
+        np.testing.assert_array_equal(cspace.open_slice(tmp_path / name, 1.0), few.slice_at(1.0))
+
+
+def test_a_map_that_is_half_done_opens_in_its_store_alone(tmp_path: Path, few: cspace.CSpace) -> None:
+    def stop(done: int, number: int) -> None:
+        if done:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        cspace.build(few.workspace, few.robot, rotations=4, store=tmp_path / "m", tile=2, workers=1, progress=stop)
+    half: Any = cspace.open(tmp_path / "m")
+    assert 0.0 < half.done < 1.0
+    for read in (lambda: cspace.open(tmp_path / "m", in_memory=True), lambda: cspace.open_slice(tmp_path / "m", 0.0)):
+        with pytest.raises(FileError, match=r"done; .*run the same build again"):
+            read()
+
+
+def test_a_map_with_overlap_counts_opens_in_memory_alone(tmp_path: Path) -> None:
+    SPACES["plane"]().save(tmp_path / "m")
+    with pytest.raises(ConfigurationError, match=r"overlap counts.*in_memory=True"):
+        cspace.open(tmp_path / "m", in_memory=False)
+
+
+def test_an_update_of_a_saved_map_forgets_what_it_makes_untrue(tmp_path: Path) -> None:
+    unknown = np.zeros((9, 9), dtype=bool)
+    unknown[7] = True
+    shapes = cspace.Workspace.from_polygons("POLYGON ((0 0, 0.3 0, 0 0.3, 0 0))", 0.1, (0, 0, 0.9, 0.9))
+    cells = cspace.Workspace(shapes.grid, shapes.outer, shapes.inner, unknown=unknown, shapes=shapes.shapes)
+    space = cspace.build(cells, cspace.Robot.disc(0.15), outside="free")
+    space.save(tmp_path / "m")
+    tiled: Any = cspace.open(tmp_path / "m", in_memory=False)
+    part = tiled.window((0.0, 0.0), (0.9, 0.9))
+    cells_of_part = part.grid.cell_of(space.grid.center_of(np.argwhere(unknown)))
+    assert part.workspace.unknown is not None and part.workspace.unknown[tuple(cells_of_part.T)].all()
+    assert np.count_nonzero(part.workspace.unknown) == np.count_nonzero(unknown)
+    patch = np.ones((2, 2), dtype=bool)
+    assert tiled.update(patch, (4, 4)).changed == space.update(patch, (4, 4)).changed
+    again = cspace.open(tmp_path / "m")
+    np.testing.assert_array_equal(again.state, space.state)
+    np.testing.assert_array_equal(again.record.exterior, space.record.exterior)
+    assert again.workspace.unknown is None and again.workspace.shapes is None
+    assert not {"unknown", "shapes", "exterior"} & {entry.name for entry in (tmp_path / "m").iterdir()}

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace.errors import FileError, InputError
-from cspace.store.tiled import Store
+from cspace.store import Store
 
 CAR = cspace.Robot.polygon([(-0.2, -0.1), (0.3, -0.1), (0.3, 0.1), (-0.2, 0.1)])
 ARM = cspace.Robot.box((0.3, 0.2, 0.1), (0.1, 0.0, 0.0))
@@ -153,7 +153,7 @@ def test_a_full_disk(tmp_path, monkeypatch):
 
     def full(self, content):
         written.append(self)
-        if len(written) > 12:
+        if len(written) > 30:
             plain(self, content[: len(content) // 2])
             raise OSError(28, "No space left on device")
         return plain(self, content)
@@ -183,8 +183,9 @@ def test_stores_of_something_else(tmp_path):
     workspace = random_workspace((9, 9))
     space = cspace.build(workspace, CAR)
     space.save(tmp_path / "saved.zarr")
-    with pytest.raises(FileError, match="is no store of tiles"):
-        cspace.build(workspace, CAR, store=tmp_path / "saved.zarr")
+    assert cspace.build(workspace, CAR, store=tmp_path / "saved.zarr").count() == space.count()
+    with pytest.raises(FileError, match="of another map: its tile"):
+        cspace.build(workspace, CAR, store=tmp_path / "saved.zarr", tile=4)
     cspace.build(workspace, CAR, store=tmp_path / "m", tile=4)
     for other in ({"margin": 0.1}, {"tile": 3}, {"rotations": 5}, {"outside": "free"}, {"inner": False}):
         with pytest.raises(FileError, match="of another map"):
@@ -196,6 +197,9 @@ def test_stores_of_something_else(tmp_path):
             store=tmp_path / "m",
             tile=4,
         )
+    cspace.build(workspace, CAR, store=tmp_path / "r", rotations=[0.0, 1.0, 3.0])
+    with pytest.raises(FileError, match="of another map: its rotations"):
+        cspace.build(workspace, CAR, store=tmp_path / "r", rotations=[0.0, 2.0, 3.0])
     first, other = (
         cspace.Workspace.from_polygons([shapely.box(0.2, 0.2, 0.5 + far, 0.5)], 0.1, (0, 0, 1, 1)) for far in (0, 1e-4)
     )

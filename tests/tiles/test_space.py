@@ -12,7 +12,7 @@ import pytest
 import cspace
 import cspace.tiles.cache
 from cspace.errors import ConfigurationError, FileError, InputError
-from cspace.store.tiled import Store
+from cspace.store import Store
 from cspace.tiles.cache import Cache
 from cspace.tiles.space import ONLY_IN_MEMORY
 from handmade import walled

@@ -1,1 +1,0 @@
-"""Saved maps: whole ones, and those in tiles."""
