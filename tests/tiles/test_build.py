@@ -197,9 +197,9 @@ def test_stores_of_something_else(tmp_path):
             store=tmp_path / "m",
             tile=4,
         )
-    cspace.build(workspace, CAR, store=tmp_path / "r", rotations=[0.0, 1.0, 3.0])
+    cspace.build(workspace, CAR, store=tmp_path / "r", rotations=[0.0, 1.0, 3.0, 2 * np.pi])
     with pytest.raises(FileError, match="of another map: its rotations"):
-        cspace.build(workspace, CAR, store=tmp_path / "r", rotations=[0.0, 2.0, 3.0])
+        cspace.build(workspace, CAR, store=tmp_path / "r", rotations=[0.0, 2.0, 3.0, 2 * np.pi])
     first, other = (
         cspace.Workspace.from_polygons([shapely.box(0.2, 0.2, 0.5 + far, 0.5)], 0.1, (0, 0, 1, 1)) for far in (0, 1e-4)
     )
