@@ -589,16 +589,18 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.map.sampling import nearest
 
+        periodic = self._contents.periodic
+        if periodic:
+            wrapped = periodic.canonical(as_points(q, "q", self.dof))
+            return periodic.canonical(self._unrolled.nearest_free(wrapped))
         point = self.checked(q, "q")
         if point.ndim != 1:
             rule = f"it must be one configuration of {self.dof} numbers"
             raise InputError("q", f"has shape {point.shape}", rule, "ask for one at a time", value=q)
-        whole, periodic = self._unrolled, self._contents.periodic
-        point = periodic.canonical(point) if periodic else point
-        center = nearest(whole._seen, self._slice_of, self.rotations, whole.grid, point)
+        center = nearest(self._seen, self._slice_of, self.rotations, self.grid, point)
         if center is None:
             raise self._nothing_free()
-        return periodic.canonical(center) if periodic else center
+        return center
 
     def _nothing_free(self) -> ConfigurationError:
         mend = "use a smaller robot, a finer spacing, or unknown='free' where the workspace is a sensor map"
