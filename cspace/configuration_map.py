@@ -16,6 +16,7 @@ from cspace.configuration_space import ConfigurationSpace
 from cspace.grid import Grid
 from cspace.map.backend import Backend
 from cspace.map.batches import EDGES_A_THREAD, Many, One, Query, answer, as_points
+from cspace.map.storage import read_only
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.rotations.base import warn_of_degrees
@@ -23,6 +24,8 @@ from cspace.shown import MapPlot
 
 if TYPE_CHECKING:
     from cspace.exact.queries import Exact
+    from cspace.map.contents import Contents
+    from cspace.store.tiled import Store
 
 _ANSWERS = np.array([None, True, False], dtype=object)
 
@@ -45,26 +48,31 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     @property
     @abstractmethod
+    def _kept(self) -> Contents | Store:
+        """What keeps the map: its contents in memory, or its store."""
+
+    @property
     def grid(self) -> Grid:
         """Cells of positions of the robot's reference point; the workspace's grid."""
+        return self._kept.grid
 
     @property
-    @abstractmethod
     def robot(self) -> Robot:
         """The robot."""
+        return self._kept.robot
 
     @property
-    @abstractmethod
     def rotations(self) -> Rotations:
         """The rotation cells; a single one where the robot only translates."""
+        return self._kept.rotations
 
     @property
-    @abstractmethod
     def slice_of(self) -> Ints:
         """The slice of each rotation cell, shape (rotation cells,); read-only.
 
         Rotation cells that a symmetry of the robot maps to each other share a slice.
         """
+        return read_only(self._kept.slice_of)
 
     @property
     def slice_rotations(self) -> Floats:

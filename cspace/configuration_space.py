@@ -201,19 +201,10 @@ class ConfigurationSpace(SpaceView, ABC):
         return np.asarray(answer_edges(q0, q1, self.dof, lambda number: self._edges(number, exact)))
 
     def legs(self, q0: ArrayLike, q1: ArrayLike) -> Sequence[Leg]:
-        """The parts of the space, in memory, that a path leads through one after the other, for planners.
+        """Return the parts of the space, in memory, that a path leads through, for a planner of your own.
 
-        Only a map in a store has several: see :meth:`cspace.TiledCSpace.legs`.
-
-        Parameters
-        ----------
-        q0, q1 : array-like, shape (dof,)
-            Start and goal.
-
-        Returns
-        -------
-        sequence of (callable, ndarray of float64, ndarray of float64)
-            A function that opens the part, and the configurations, shape (dof,), that the path joins in it.
+        Each is a function that opens it, with the configurations that the path joins in it. Only a map in a store has
+        several; see :meth:`cspace.TiledCSpace.legs`.
         """
         return [(lambda: self, self.checked(q0, "q0"), self.checked(q1, "q1"))]
 

@@ -18,7 +18,6 @@ from cspace.compiling import clock
 from cspace.configuration_map import ConfigurationMap
 from cspace.engines.slices import slice_rasters
 from cspace.errors import ConfigurationError, InputError
-from cspace.grid import Grid
 from cspace.limits import JOINED_BYTES, check_memory
 from cspace.map.backend import MemoryBackend
 from cspace.map.batches import Many, One, Query, answer, as_points, own, side_by_side
@@ -38,7 +37,6 @@ from cspace.map.storage import (
     record_of,
 )
 from cspace.raster import Raster
-from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Shape, ShapeLike, shape_of
 from cspace.shown import MapExport
@@ -126,12 +124,8 @@ class CSpace(ConfigurationMap, MapExport):
         return self._contents.workspace
 
     @property
-    def robot(self) -> Robot:
-        return self._contents.robot
-
-    @property
-    def rotations(self) -> Rotations:
-        return self._contents.rotations
+    def _kept(self) -> Contents:
+        return self._contents
 
     @property
     def endless(self) -> tuple[bool, ...]:
@@ -155,14 +149,6 @@ class CSpace(ConfigurationMap, MapExport):
         """Overlap of each cell, by slice, if it was stored; read-only."""
         counts = self._contents.overlaps
         return None if counts is None else read_only(counts).reshape(self._contents.leading(len(counts)))
-
-    @property
-    def grid(self) -> Grid:
-        return self._contents.grid
-
-    @property
-    def slice_of(self) -> Ints:
-        return read_only(self._slice_of)
 
     @property
     def state(self) -> NDArray[np.uint8]:

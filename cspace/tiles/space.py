@@ -15,11 +15,7 @@ from cspace.check import whole
 from cspace.configuration_map import ConfigurationMap
 from cspace.engines.slices import Progress
 from cspace.errors import ConfigurationError, InputError
-from cspace.grid import Grid
 from cspace.map.batches import Query
-from cspace.map.storage import read_only
-from cspace.robot import Robot
-from cspace.rotations import Rotations
 from cspace.space import CSpace
 from cspace.store import UNTILED, Store
 from cspace.tiles.cache import TileBackend, fill_in_pieces
@@ -107,38 +103,22 @@ class TiledCSpace(ConfigurationMap):
     # ---- what the map is ---------------------------------------------------------------------------------------------
 
     @property
-    def grid(self) -> Grid:
-        return self._store.grid
-
-    @property
-    def robot(self) -> Robot:
-        return self._store.robot
-
-    @property
-    def rotations(self) -> Rotations:
-        return self._store.rotations
-
-    @property
-    def slice_of(self) -> Ints:
-        return read_only(self._store.slice_of)
-
-    @property
     def outside(self) -> str:
-        return str(self._store.metadata["outside"])
+        return str(self._kept.metadata["outside"])
 
     @property
     def margin(self) -> float:
-        return float(self._store.metadata["margin"])
+        return float(self._kept.metadata["margin"])
 
     @property
     def path(self) -> str:
         """The store's folder."""
-        return str(self._store.path)
+        return str(self._kept.path)
 
     @property
     def tile(self) -> tuple[int, ...]:
         """Cells of a tile along each axis."""
-        return self._store.tile
+        return self._kept.tile
 
     @property
     def done(self) -> float:
@@ -151,7 +131,7 @@ class TiledCSpace(ConfigurationMap):
         return int(self._tiles.latest.metadata["version"])
 
     @property
-    def _store(self) -> Store:
+    def _kept(self) -> Store:
         return self._tiles.store
 
     def count(self) -> tuple[int, int, int]:
@@ -163,7 +143,7 @@ class TiledCSpace(ConfigurationMap):
     @property
     def _summary(self) -> str:
         share = "" if self.done == 1.0 else f", {self.done:.1%} of them done"
-        return f"{len(self._store)} tiles of {' x '.join(map(str, self.tile))}{share}"
+        return f"{len(self._kept)} tiles of {' x '.join(map(str, self.tile))}{share}"
 
     @property
     def facts(self) -> dict[str, object]:
@@ -191,14 +171,14 @@ class TiledCSpace(ConfigurationMap):
 
         def advance(number: int) -> None:
             if progress is not None:
-                progress(number, len(self._store))
+                progress(number, len(self._kept))
 
         self._tiles.at_one_moment(lambda: self._join(client, advance))
 
     def _join(self, client: Client | None = None, progress: Callable[[int], None] | None = None) -> Joined:
-        if self._parts is None or self._parts.store is not self._store:
+        if self._parts is None or self._parts.store is not self._kept:
             label_all(self._tiles.job, client, progress)
-            self._parts = Joined(self._store, self._tiles.exterior)
+            self._parts = Joined(self._kept, self._tiles.exterior)
         return self._parts
 
     @property
@@ -235,7 +215,7 @@ class TiledCSpace(ConfigurationMap):
 
     def _opened(self, tile: tuple[int, ...], cell: Ints) -> CSpace:
         """A tile as a map in memory, with a cell that lies in it or beside it."""
-        low, high = np.array([[part.start, part.stop] for part in self._store.cells(tile)]).T
+        low, high = np.array([[part.start, part.stop] for part in self._kept.cells(tile)]).T
         return self._part(np.minimum(low, cell), np.maximum(high, cell + 1))
 
     def nearest_free(self, q: ArrayLike) -> Floats:
