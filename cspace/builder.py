@@ -294,11 +294,8 @@ def _check(
         whole(workers, "workers", 1, hint="leave it out for all cores")
     check_word(method, "method", METHODS, "leave it out")
     if overlap and method != "auto" and not ENGINES[method].COUNTS:
+        rule = "this engine finds only whether there is any overlap; counts need the transforms"
         raise InputError(
-            "method",
-            f"is {method!r} and overlap is True",
-            "this engine finds only whether there is any overlap; counts need the transforms",
-            "use method='fft' or method='auto'",
-            value=method,
+            "method", f"is {method!r} and overlap is True", rule, "use method='fft' or method='auto'", value=method
         )
     check_word(outside, "outside", OUTSIDES)

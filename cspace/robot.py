@@ -386,13 +386,8 @@ class Robot(NotebookPicture):
         try:
             robot = cls(str(spec["name"]), shape_from_spec(spec))
         except (KeyError, TypeError, ValueError) as error:
-            raise InputError(
-                "spec",
-                f"is {str(spec)[:80]}",
-                f"it must be one that Robot.spec makes: {error}",
-                "write it again",
-                value=spec,
-            ) from error
+            rule = f"it must be one that Robot.spec makes: {error}"
+            raise InputError("spec", f"is {str(spec)[:80]}", rule, "write it again", value=spec) from error
         robot.shape.check_origin()
         return robot
 
@@ -426,13 +421,8 @@ class Robot(NotebookPicture):
         try:
             text = os.fspath(source)
         except TypeError as error:
-            raise InputError(
-                "robot",
-                f"is {source!r}",
-                "it must be a short text such as 'ball:0.3' (metres), or a file name",
-                "pass a string or a pathlib.Path",
-                value=source,
-            ) from error
+            problem, rule = f"is {source!r}", "it must be a short text such as 'ball:0.3' (metres), or a file name"
+            raise InputError("robot", problem, rule, "pass a string or a pathlib.Path", value=source) from error
         kind, colon, rest = text.partition(":")
         if colon and kind == primitives.FOOTPRINT and not rest.lstrip().startswith("["):
             return cls.open(rest, solid=solid, package_dirs=package_dirs).footprint()

@@ -123,12 +123,9 @@ class Workspace(WorkspacePlot):
                     value=cells,
                 )
         if inner is not outer and (lost := inner > outer).any():
+            problem = f"holds cell {tuple(np.argwhere(lost)[0].tolist())}, which is not in outer"
             raise InputError(
-                "inner",
-                f"holds cell {tuple(np.argwhere(lost)[0].tolist())}, which is not in outer",
-                "a cell that lies in an obstacle also meets it",
-                "add it to outer",
-                value=self.inner,
+                "inner", problem, "a cell that lies in an obstacle also meets it", "add it to outer", value=self.inner
             )
         object.__setattr__(self, "shapes", None if self.shapes is None else tuple(self.shapes))
         object.__setattr__(self, "unknown", unknown if unknown is not None and unknown.any() else None)
@@ -202,13 +199,8 @@ class Workspace(WorkspacePlot):
         dim = len(cells.shape)
         corner = finite(np.zeros(dim) if lower is None else lower, "lower")
         if corner.shape != (dim,):
-            raise InputError(
-                "lower",
-                f"is {lower!r}",
-                f"occupied has {dim} axes and lower must have as many coordinates",
-                f"pass e.g. {(0.0,) * dim}",
-                value=lower,
-            )
+            rule = f"occupied has {dim} axes and lower must have as many coordinates"
+            raise InputError("lower", f"is {lower!r}", rule, f"pass e.g. {(0.0,) * dim}", value=lower)
         if isinstance(cells, Lazy):
             return LazyWorkspace(Grid(corner, spacing, cells.shape), cells, source)
         made = cls(Grid(corner, spacing, cells.shape), cells, cells if inner is None else check_cells(inner, "inner"))

@@ -320,12 +320,8 @@ def replacing(
     except FileError:
         raise
     except OSError as error:
-        raise FileError(
-            str(target),
-            f"cannot be written: {error.strerror or error}",
-            "an output needs a writable folder with free space",
-            "free some or choose another folder",
-        ) from error
+        rule, hint = "an output needs a writable folder with free space", "free some or choose another folder"
+        raise FileError(str(target), f"cannot be written: {error.strerror or error}", rule, hint) from error
 
 
 def check_output(target: Path, overwrite: bool) -> None:

@@ -161,11 +161,8 @@ class Layout:
         if len(layout.shape) != len(layout.chunks) or not isinstance(fill, bool | int | float | None):
             raise Fault(f"has the shape {layout.shape}, chunks of {layout.chunks} and the fill value {fill!r:.40}")
         if layout.chunk_bytes > MAX_CHUNK_BYTES:
-            raise Fault(
-                f"has chunks of {bytes_text(layout.chunk_bytes)}",
-                f"a chunk may unpack to {bytes_text(MAX_CHUNK_BYTES)} at most",
-                "write it again in smaller chunks",
-            )
+            rule = f"a chunk may unpack to {bytes_text(MAX_CHUNK_BYTES)} at most"
+            raise Fault(f"has chunks of {bytes_text(layout.chunk_bytes)}", rule, "write it again in smaller chunks")
         return layout
 
     @property

@@ -96,13 +96,8 @@ def read_image(path: str | os.PathLike[str], threshold: float = 0.5, dark: str =
     """
     level = finite(threshold, "threshold")
     if level.shape != () or not 0.0 < level <= 1.0:
-        raise InputError(
-            "threshold",
-            f"is {threshold!r}",
-            "it must be one number above 0 and at most 1",
-            "pass e.g. 0.5",
-            value=threshold,
-        )
+        rule = "it must be one number above 0 and at most 1"
+        raise InputError("threshold", f"is {threshold!r}", rule, "pass e.g. 0.5", value=threshold)
     if dark not in SIDES:
         raise InputError("dark", f"is {dark!r}", "it says what dark pixels are", f"pass one of {SIDES}", value=dark)
     image = read_shades(path, "image")
@@ -171,11 +166,8 @@ def _shades(image: Image) -> Shades:
 
 
 def _unknown_pixels(image: Image) -> Fault:
-    return Fault(
-        f"has image mode {image.mode!r}",
-        "pixels must be grey of up to 16 bits without transparency, or colour of 8 bits",
-        "convert it, e.g. to an 8-bit grey PNG",
-    )
+    rule = "pixels must be grey of up to 16 bits without transparency, or colour of 8 bits"
+    return Fault(f"has image mode {image.mode!r}", rule, "convert it, e.g. to an 8-bit grey PNG")
 
 
 PASSABLE: Final = ".GS"

@@ -558,25 +558,15 @@ def flattened(shape: Any, name: str) -> tuple[Floats, Ints]:
     elif isinstance(shape, trimesh.parent.Geometry):
         parts = [(shape, np.eye(4))]
     else:
-        raise InputError(
-            name,
-            f"is a {type(shape).__name__}",
-            "a mesh is needed",
-            "pass a file name, a trimesh.Trimesh, a trimesh.Scene, or vertices and faces",
-            value=shape,
-        )
+        hint = "pass a file name, a trimesh.Trimesh, a trimesh.Scene, or vertices and faces"
+        raise InputError(name, f"is a {type(shape).__name__}", "a mesh is needed", hint, value=shape)
     surfaces = []
     for part, transform in parts:
         if not isinstance(part, trimesh.Trimesh) or not len(part.faces):
             what = "cloud of points" if isinstance(part, trimesh.PointCloud) else "part without triangles"
             if len(parts) > 1:
-                raise GeometryError(
-                    name,
-                    f"has a {what} ({type(part).__name__}) among its meshes",
-                    "it would be lost",
-                    "remove it, or pass the meshes alone",
-                    value=part,
-                )
+                problem, rule = f"has a {what} ({type(part).__name__}) among its meshes", "it would be lost"
+                raise GeometryError(name, problem, rule, "remove it, or pass the meshes alone", value=part)
             raise _without_triangles(name, f"{what} ({type(part).__name__})")
         points = finite(part.vertices, f"vertices of {name}")
         surfaces.append(placed((points, np.asarray(part.faces, dtype=np.int64)), transform))
@@ -593,9 +583,5 @@ def _placed(scene: Any) -> list[tuple[Floats, str]]:
 def _without_triangles(name: str, what: str) -> GeometryError:
     if not what:
         return GeometryError(name, "is empty", "a mesh needs triangles", "check what was exported")
-    return GeometryError(
-        name,
-        f"is a {what}",
-        "a mesh needs triangles",
-        "for points use Workspace.from_points, or make a mesh of it first",
-    )
+    hint = "for points use Workspace.from_points, or make a mesh of it first"
+    return GeometryError(name, f"is a {what}", "a mesh needs triangles", hint)

@@ -130,11 +130,8 @@ def _split(content: bytes) -> tuple[_Header, int]:
     for number, (line, after) in enumerate(header_lines(content), start=1):
         key, *values = line.partition("#")[0].split() or [""]
         if key and key not in _KEYS:
-            raise Fault(
-                f"line {number} is {line[:40]!r}",
-                f"the header of a PCD file has lines of {', '.join(_KEYS)}",
-                "the file is damaged or of another format",
-            )
+            rule = f"the header of a PCD file has lines of {', '.join(_KEYS)}"
+            raise Fault(f"line {number} is {line[:40]!r}", rule, "the file is damaged or of another format")
         if key:
             entries["FIELDS" if key == "COLUMNS" else key] = values
         end = after

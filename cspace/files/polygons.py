@@ -219,11 +219,8 @@ def _statements(file: Path) -> list[bytes]:
         lost = re.search(rb"\\[ \t]*(?:\r\n|\r|\n)[ \t]*(?:v[tnp]?|f)[ \t][^\r\n]*", data, re.IGNORECASE)
         if lost:
             line = lost[0].split(maxsplit=1)[-1][:60].decode("latin-1")
-            raise Fault(
-                f"has a backslash at the end of the line before {line!r}, which would make that part of another",
-                "a backslash continues a line",
-                "remove it",
-            )
+            problem = f"has a backslash at the end of the line before {line!r}, which would make that part of another"
+            raise Fault(problem, "a backslash continues a line", "remove it")
         data = re.sub(rb"\\[ \t]*(?:\r\n|\r|\n)", b" ", data)
     return [line.partition(b"#")[0] for line in data.splitlines()] if b"#" in data else data.splitlines()
 
@@ -425,11 +422,8 @@ def _header(content: bytes) -> PlyHeader:
             return PlyHeader(form == "ascii", counts, properties, after)
         elif number and tokens[:1] not in (["comment"], ["obj_info"], []):
             break
-    raise Fault(
-        "has no whole PLY header",
-        "it goes from 'ply' and 'format' to 'end_header' and tells 'element vertex' once",
-        "the file is truncated or of another format, fetch it again",
-    )
+    rule = "it goes from 'ply' and 'format' to 'end_header' and tells 'element vertex' once"
+    raise Fault("has no whole PLY header", rule, "the file is truncated or of another format, fetch it again")
 
 
 def _corners(data: Any, name: str, header: PlyHeader) -> tuple[Ints, Ints]:

@@ -354,13 +354,8 @@ def read_occupancy_grid(msg: GridMessage, free_thresh: float, occupied_thresh: f
     low, high = not_negative(free_thresh, "free_thresh", ""), not_negative(occupied_thresh, "occupied_thresh", "")
     if not 0.0 <= low < high <= 1.0:
         rule = "free_thresh must be below occupied_thresh, both from 0 to 1"
-        raise InputError(
-            "free_thresh",
-            f"is {low:g} and occupied_thresh is {high:g}",
-            rule,
-            "pass e.g. 0.25 and 0.65",
-            value=free_thresh,
-        )
+        hint = "pass e.g. 0.25 and 0.65"
+        raise InputError("free_thresh", f"is {low:g} and occupied_thresh is {high:g}", rule, hint, value=free_thresh)
     width, height = (_size(msg, name) for name in ("width", "height"))
     values = _values(_field(msg, "data"))
     if values.shape != (width * height,):
@@ -428,13 +423,8 @@ def _yaw(msg: object) -> float:
         return 0.0
     if max(abs(x), abs(y)) > _TILT * norm:
         rule = "a map lies flat, and is turned about z alone"
-        raise InputError(
-            f"msg.{place}",
-            f"is ({x:g}, {y:g}, {z:g}, {w:g}), which is tilted",
-            rule,
-            "set x and y to 0",
-            value=(x, y, z, w),
-        )
+        problem = f"is ({x:g}, {y:g}, {z:g}, {w:g}), which is tilted"
+        raise InputError(f"msg.{place}", problem, rule, "set x and y to 0", value=(x, y, z, w))
     return 2.0 * math.atan2(z, w)
 
 

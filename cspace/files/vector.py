@@ -49,13 +49,8 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
     named = [(name, _parts(shape)) for name, shape in _geometries(source, "polygons")]
     shapes = [part for _, parts in named for part in parts]
     if not shapes:
-        raise GeometryError(
-            "polygons",
-            "holds no geometry",
-            "obstacles must cover some ground",
-            "pass at least one polygon, line or point, or use Workspace.from_array for a map without obstacles",
-            value=source,
-        )
+        hint = "pass at least one polygon, line or point, or use Workspace.from_array for a map without obstacles"
+        raise GeometryError("polygons", "holds no geometry", "obstacles must cover some ground", hint, value=source)
     _check([name for name, _ in named], np.cumsum([len(parts) for _, parts in named]), shapes)
     return shapes
 
@@ -79,13 +74,8 @@ def _geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
         for index, item in enumerate(source):
             yield from _geometries(item, f"{name}[{index}]")
     else:
-        raise InputError(
-            name,
-            f"is {source!r:.60}",
-            "it must be a shapely geometry, GeoJSON, WKT or a file of them",
-            "pass e.g. shapely.box(0, 0, 1, 1)",
-            value=source,
-        )
+        rule = "it must be a shapely geometry, GeoJSON, WKT or a file of them"
+        raise InputError(name, f"is {source!r:.60}", rule, "pass e.g. shapely.box(0, 0, 1, 1)", value=source)
 
 
 def _from_text(source: str | os.PathLike[str], name: str) -> Iterator[tuple[str, BaseGeometry]]:
@@ -95,13 +85,8 @@ def _from_text(source: str | os.PathLike[str], name: str) -> Iterator[tuple[str,
         if isinstance(source, str) and is_wkt(source):
             yield name, _from_wkt(source, name)
             return
-        raise InputError(
-            name,
-            f"is {os.fspath(source)[:60]!r}",
-            f"a string must be WKT or a file that ends in {', '.join(SUFFIXES)}",
-            "pass e.g. 'POINT (1 2)'",
-            value=source,
-        )
+        rule = f"a string must be WKT or a file that ends in {', '.join(SUFFIXES)}"
+        raise InputError(name, f"is {os.fspath(source)[:60]!r}", rule, "pass e.g. 'POINT (1 2)'", value=source)
     file = os.fspath(source)
     if suffix == ".wkt":
         text = read_text(source, _KIND, memory=10.0)
@@ -151,38 +136,25 @@ def _from_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str,
     if kind == "FeatureCollection":
         features = document.get("features")
         if not isinstance(features, list) or not all(isinstance(feature, Mapping) for feature in features):
-            raise GeometryError(
-                name,
-                f"has features {features!r:.60}",
-                "they must be a list of objects",
-                "mend the file",
-                value=features,
-            )
+            rule = "they must be a list of objects"
+            raise GeometryError(name, f"has features {features!r:.60}", rule, "mend the file", value=features)
         for index, feature in enumerate(features):
             yield from _from_geojson(feature, f"{name}, feature {index}")
         return
     if kind == "Feature":
         inner = document.get("geometry")
         if not isinstance(inner, Mapping):
-            raise GeometryError(
-                name,
-                f"has geometry {inner!r:.60}",
-                "an obstacle needs one",
-                "remove the feature or mend it",
-                value=inner,
-            )
+            hint = "remove the feature or mend it"
+            raise GeometryError(name, f"has geometry {inner!r:.60}", "an obstacle needs one", hint, value=inner)
         yield from _from_geojson(inner, name)
         return
     try:
         with np.errstate(invalid="ignore"):
             geometry = shape(document)
     except Exception as error:  # What lists of anything but numbers lead shapely to may be anything.
+        problem = f"of type {kind!r:.40} is not GeoJSON: {' '.join(str(error).split()):.200}"
         raise GeometryError(
-            name,
-            f"of type {kind!r:.40} is not GeoJSON: {' '.join(str(error).split()):.200}",
-            "it must hold 'type' and 'coordinates' as RFC 7946 says",
-            "mend it",
-            value=document,
+            name, problem, "it must hold 'type' and 'coordinates' as RFC 7946 says", "mend it", value=document
         ) from error
     yield name, geometry
 
@@ -214,34 +186,14 @@ def _check(names: list[str], lasts: Ints, shapes: list[BaseGeometry]) -> None:
     if len(broken):
         x, y = points[broken[0]]
         name = name_of(owners[broken[0]])
-        raise GeometryError(
-            name,
-            f"has a vertex at ({x}, {y})",
-            "NaN and infinities are refused",
-            "drop or replace it",
-            value=shapes[owners[broken[0]]],
-        )
+        rule, hint = "NaN and infinities are refused", "drop or replace it"
+        raise GeometryError(name, f"has a vertex at ({x}, {y})", rule, hint, value=shapes[owners[broken[0]]])
     for which in np.flatnonzero(shapely.is_empty(array)):
-        raise GeometryError(
-            name_of(which),
-            "is empty",
-            "an obstacle must cover some ground",
-            "leave it out or fill it",
-            value=shapes[which],
-        )
+        hint = "leave it out or fill it"
+        raise GeometryError(name_of(which), "is empty", "an obstacle must cover some ground", hint, value=shapes[which])
     for which in np.flatnonzero(shapely.has_z(array)):
-        raise GeometryError(
-            name_of(which),
-            "has z coordinates",
-            "obstacles in the plane have two",
-            "drop them with shapely.force_2d, if their height does not matter",
-            value=shapes[which],
-        )
+        problem, hint = "has z coordinates", "drop them with shapely.force_2d, if their height does not matter"
+        raise GeometryError(name_of(which), problem, "obstacles in the plane have two", hint, value=shapes[which])
     for which in np.flatnonzero(~shapely.is_valid(array)):
-        raise GeometryError(
-            name_of(which),
-            f"is not valid: {shapely.is_valid_reason(array[which])}",
-            "a border may not cross itself",
-            "redraw it, or try shapely.make_valid",
-            value=shapes[which],
-        )
+        problem, hint = f"is not valid: {shapely.is_valid_reason(array[which])}", "redraw it, or try shapely.make_valid"
+        raise GeometryError(name_of(which), problem, "a border may not cross itself", hint, value=shapes[which])

@@ -75,13 +75,8 @@ class YawRotations(Rotations):
                 raise InputError("rotations", fault, rule, "pass fewer, e.g. 72 cells", value=value)
             angles = finite(value, "rotations")
             if angles.ndim != 1 or len(angles) < 2:
-                raise InputError(
-                    "rotations",
-                    f"has shape {angles.shape}",
-                    "it must hold at least two borders",
-                    "pass e.g. 72, or numpy.linspace(0, 2 * numpy.pi, 73)",
-                    value=value,
-                )
+                rule, hint = "it must hold at least two borders", "pass e.g. 72, or numpy.linspace(0, 2 * numpy.pi, 73)"
+                raise InputError("rotations", f"has shape {angles.shape}", rule, hint, value=value)
             if (np.diff(angles) <= 0).any() or abs(angles[0]) > TURN:
                 raise InputError(
                     "rotations",
@@ -165,13 +160,8 @@ class YawRotations(Rotations):
         angles = finite(yaw, "yaw")
         if (np.abs(angles) > MAX_ANGLE).any():
             largest = float(np.abs(angles).max())
-            raise InputError(
-                "yaw",
-                f"is {largest:g} rad",
-                f"at most {MAX_ANGLE:.0f} can be wrapped exactly",
-                "wrap it first",
-                value=largest,
-            )
+            rule = f"at most {MAX_ANGLE:.0f} can be wrapped exactly"
+            raise InputError("yaw", f"is {largest:g} rad", rule, "wrap it first", value=largest)
         # As the compiled look-ups wrap, to the last bit; a yaw within the borders stays as it is.
         wrapped = angles - np.floor((angles - self.borders[0]) / TURN) * TURN
         return np.clip(np.searchsorted(self.borders, wrapped, side="right") - 1, 0, self.count - 1).astype(np.int64)

@@ -210,21 +210,11 @@ def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[
         raise InputError("radii", "is missing", "balls need one number, or one for each center", "pass it in metres")
     points, sizes = finite(centers, "centers"), finite(radii, "radii")
     if points.ndim != 2 or points.shape[1] not in (2, 3) or not len(points):
-        raise InputError(
-            "centers",
-            f"has shape {points.shape}",
-            "it must be (n, 2) or (n, 3) with n at least 1",
-            "pass one row for each ball",
-            value=centers,
-        )
+        rule = "it must be (n, 2) or (n, 3) with n at least 1"
+        raise InputError("centers", f"has shape {points.shape}", rule, "pass one row for each ball", value=centers)
     if sizes.shape not in {(), (len(points),)}:
-        raise InputError(
-            "radii",
-            f"has shape {sizes.shape}",
-            f"it must be one number or ({len(points)},)",
-            "pass one number, or one for each center",
-            value=radii,
-        )
+        rule, hint = f"it must be one number or ({len(points)},)", "pass one number, or one for each center"
+        raise InputError("radii", f"has shape {sizes.shape}", rule, hint, value=radii)
     if (sizes < 0).any():
         raise InputError(
             "radii", f"holds {sizes.min():g}", "none may be below zero", "pass lengths in metres", value=radii

@@ -132,23 +132,13 @@ class Mesh(ExactShape):
 
     def __post_init__(self) -> None:
         if self.solid not in SOLIDS:
-            raise InputError(
-                "solid",
-                f"is {self.solid!r}",
-                "it says what of a mesh is solid",
-                f"use one of {', '.join(map(repr, SOLIDS))}",
-                value=self.solid,
-            )
+            hint = f"use one of {', '.join(map(repr, SOLIDS))}"
+            raise InputError("solid", f"is {self.solid!r}", "it says what of a mesh is solid", hint, value=self.solid)
         unmasked(self.faces, f"faces of {self.source}")
         vertices, faces = _checked_vertices(self.vertices, self.source), np.asarray(self.faces)
         if faces.size == 0:
-            raise GeometryError(
-                self.source,
-                "has no triangles",
-                "a mesh needs at least one",
-                "for a cloud of points use Workspace.from_points",
-                value=self.faces,
-            )
+            hint = "for a cloud of points use Workspace.from_points"
+            raise GeometryError(self.source, "has no triangles", "a mesh needs at least one", hint, value=self.faces)
         if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
             raise GeometryError(
                 f"faces of {self.source}",
@@ -159,12 +149,9 @@ class Mesh(ExactShape):
             )
         low, high = int(faces.min()), int(faces.max())
         if low < 0 or high >= len(vertices):
+            rule, hint = f"there are {len(vertices)}, numbered from 0", "pass the vertices that belong to the faces"
             raise GeometryError(
-                f"faces of {self.source}",
-                f"name vertex {low if low < 0 else high}",
-                f"there are {len(vertices)}, numbered from 0",
-                "pass the vertices that belong to the faces",
-                value=self.faces,
+                f"faces of {self.source}", f"name vertex {low if low < 0 else high}", rule, hint, value=self.faces
             )
         faces = np.array(faces, dtype=np.int64, order="C")
         object.__setattr__(self, "vertices", frozen(vertices))
@@ -401,12 +388,9 @@ class Mesh(ExactShape):
             If the last axis is not three long, a value is not finite, or ``solid`` is ``"fill"``.
         """
         if self.solid == "fill":
+            rule = "what is filled depends on the spacing, so that a mesh alone does not decide it"
             raise InputError(
-                self.source,
-                "has solid='fill'",
-                "what is filled depends on the spacing, so that a mesh alone does not decide it",
-                "ask its cells, or pass solid='auto'",
-                value=self.solid,
+                self.source, "has solid='fill'", rule, "ask its cells, or pass solid='auto'", value=self.solid
             )
         array = check_points(points, "points", self.dim)
         if self.solid == "surface":
@@ -439,13 +423,8 @@ class Mesh(ExactShape):
             vertices, faces = _decoded(given["vertices"], "<f8"), _decoded(given["faces"], "<i8")
             solid, source = given["solid"], str(given["source"])
         except (KeyError, TypeError, ValueError) as error:
-            raise InputError(
-                "spec",
-                f"is damaged: {error!r}",
-                "a mesh needs vertices, faces, solid and source",
-                "write it again with Mesh.spec",
-                value=spec,
-            ) from error
+            rule, hint = "a mesh needs vertices, faces, solid and source", "write it again with Mesh.spec"
+            raise InputError("spec", f"is damaged: {error!r}", rule, hint, value=spec) from error
         mesh = cls(vertices, faces, solid, source)
         # Whoever wrote the record was warned.
         object.__setattr__(mesh, "_warned", True)
@@ -571,26 +550,16 @@ def _arrays_of(shape: Any) -> tuple[Any, Any, str]:
 def _checked_vertices(values: Any, source: str) -> Floats:
     vertices = finite(values, f"vertices of {source}")
     if vertices.ndim != 2 or vertices.shape[1] != 3:
-        raise GeometryError(
-            f"vertices of {source}",
-            f"has shape {vertices.shape}",
-            "it must be (V, 3), in metres",
-            "pass x, y, z for each",
-            value=values,
-        )
+        rule, hint = "it must be (V, 3), in metres", "pass x, y, z for each"
+        raise GeometryError(f"vertices of {source}", f"has shape {vertices.shape}", rule, hint, value=values)
     far = float(np.abs(vertices).max(initial=0.0))
     if far > _LARGEST:
         raise GeometryError(
             f"vertices of {source}", f"reach {far:g}", f"at most {_LARGEST:g} is taken", "check the units", value=values
         )
     if 0.0 < far < _SMALLEST:
-        raise GeometryError(
-            f"vertices of {source}",
-            f"reach {far:g}",
-            f"at least {_SMALLEST:g} is taken",
-            "check the units",
-            value=values,
-        )
+        rule = f"at least {_SMALLEST:g} is taken"
+        raise GeometryError(f"vertices of {source}", f"reach {far:g}", rule, "check the units", value=values)
     return np.array(np.where(np.abs(vertices) < _NOUGHT, 0.0, vertices), dtype=np.float64, order="C")
 
 

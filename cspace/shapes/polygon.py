@@ -66,13 +66,8 @@ class Polygons(ExactShape):
         else:
             vertices = finite(shape, "polygon")
             if vertices.ndim != 2 or vertices.shape[1] != 2 or len(vertices) < 3:
-                raise GeometryError(
-                    "polygon",
-                    f"has shape {vertices.shape}",
-                    "it must be (n, 2) with n at least 3",
-                    "pass its vertices in order",
-                    value=shape,
-                )
+                rule, hint = "it must be (n, 2) with n at least 3", "pass its vertices in order"
+                raise GeometryError("polygon", f"has shape {vertices.shape}", rule, hint, value=shape)
             given = [shapely.Polygon(vertices)]
         parts = [part for whole in given for part in shapely.get_parts(whole)]
         if not parts or any(part.is_empty for part in parts):
@@ -87,13 +82,8 @@ class Polygons(ExactShape):
                 )
             finite(shapely.get_coordinates(part), name)
             if not part.is_valid:
-                raise GeometryError(
-                    name,
-                    f"is not simple: {shapely.is_valid_reason(part)}",
-                    "rings must not cross themselves or each other",
-                    "mend it, e.g. with shapely.make_valid",
-                    value=part,
-                )
+                rule, hint = "rings must not cross themselves or each other", "mend it, e.g. with shapely.make_valid"
+                raise GeometryError(name, f"is not simple: {shapely.is_valid_reason(part)}", rule, hint, value=part)
             if not part.area > 0.0:
                 raise GeometryError(
                     name, f"has area {part.area:g}", "it must be above zero", "pass its whole border", value=part
