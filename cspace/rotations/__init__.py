@@ -6,9 +6,9 @@ it, whose methods numba compiles into them. No look-up knows which kind it has.
 
 from cspace.rotations.base import STILL as STILL
 from cspace.rotations.base import CompiledRotations as CompiledRotations
+from cspace.rotations.base import OneRotation as OneRotation
 from cspace.rotations.base import Rotations as Rotations
 from cspace.rotations.base import Turn as Turn
-from cspace.rotations.one import OneRotation as OneRotation
 from cspace.rotations.quaternion import QuaternionRotations
 from cspace.rotations.yaw import YawRotations
 

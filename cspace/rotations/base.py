@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bools, Floats, Ints, Matrix, Numbers
 from cspace.check import finite
+from cspace.compiling import compilable
 from cspace.errors import AngleWarning, InputError, warn_user
 
 TURN: Final = 2.0 * math.pi
@@ -231,7 +232,8 @@ class Rotations(ABC):
     """The rotation cells of a map; each has one slice, and cells may share theirs.
 
     There are three kinds: ``OneRotation`` of a robot that only translates, ``YawRotations`` in SE(2) and
-    R^3 x SO(2), and ``QuaternionRotations`` in SE(3). :meth:`of` and :meth:`quaternions` make them.
+    R^3 x SO(2), and ``QuaternionRotations`` in SE(3). :meth:`of` and :meth:`quaternions` make them. Methods that a kind
+    does not define answer for the one cell of a robot that only translates.
 
     A configuration is d numbers of a position and then those of a rotation. A *step* from one to another is d metres
     and then a rotation vector, in radians, whose length is the angle: of no numbers, of one in the plane and about z,
@@ -394,45 +396,48 @@ class Rotations(ABC):
         warn_of_degrees(numbers, angle_axes(self.names), name)
         return canonical
 
-    @abstractmethod
     def text(self, rotation: Floats) -> str:
         """A rotation, shape (dof,), as a text for people."""
+        return ""
 
-    @abstractmethod
     def of_matrix(self, matrix: Floats) -> Floats:
         """The rotation, shape (dof,), that a rotation matrix of space is; of a yaw, that about z alone."""
+        return np.empty(0)
 
     def heading(self, q: Floats) -> float | None:
         """The yaw of a configuration, radians; None where its rotation is no yaw."""
         return None
 
-    @abstractmethod
     def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
         """A rotation within an angle, made from uniform numbers of [0, 1); plain numbers, as it is made one by one."""
+        return rotation
 
     def _parts(self, q: Floats) -> tuple[Floats, Floats]:
         dim = q.shape[-1] - self.dof
         return q[..., :dim], q[..., dim:]
 
-    @abstractmethod
-    def _canonical(self, rotation: Floats, name: str) -> Floats: ...
-    @abstractmethod
-    def _between(self, first: Floats, second: Floats) -> Floats: ...
-    @abstractmethod
-    def _turned(self, rotation: Floats, by: Floats) -> Floats: ...
-    @abstractmethod
-    def _matrices(self, rotation: Floats, dim: int) -> Floats: ...
+    def _canonical(self, rotation: Floats, name: str) -> Floats:
+        return rotation
+
+    def _between(self, first: Floats, second: Floats) -> Floats:
+        return second - first
+
+    def _turned(self, rotation: Floats, by: Floats) -> Floats:
+        return rotation
+
+    def _matrices(self, rotation: Floats, dim: int) -> Floats:
+        return np.broadcast_to(np.eye(dim), (*rotation.shape[:-1], dim, dim))
 
     # ---- cells of rotations
 
     @property
-    @abstractmethod
     def count(self) -> int:
         """Number of cells."""
+        return 1
 
-    @abstractmethod
     def cell_of(self, rotation: ArrayLike) -> Ints:
         """Cells that hold rotations: yaw angles (radians, any shape), or quaternions, shape (..., 4)."""
+        return np.zeros((), dtype=np.int64)
 
     def one_cell(self, rotation: ArrayLike | None, name: str, rule: str) -> int:
         """Number of the cell that holds a rotation; of the only cell, where none is given.
@@ -447,17 +452,17 @@ class Rotations(ABC):
             raise InputError(name, "is missing", rule, f"pass the one to take, by {', '.join(self.names)}")
         return int(self.cells_of(self.centers[0] if rotation is None else self.checked(rotation, name)))
 
-    @abstractmethod
     def cells_of(self, q: Floats) -> Ints:
         """Cells of configurations, shape (..., d + dof), of which only the last dof numbers count; shape (...)."""
+        return np.zeros(q.shape[:-1], dtype=np.int64)
 
     def leading(self, n: int) -> tuple[int, ...]:
         """First axes of an array that holds n grids: none where there is only ever one, otherwise (n,)."""
         return (n,)
 
-    @abstractmethod
     def preserve(self, shape: Symmetric) -> bool:
         """Whether all rotations of all cells map a robot to itself."""
+        return True
 
     def check_dimension(self, dim: int) -> None:  # noqa: B027
         """Refuse robots of a dimension in which there are no such rotations.
@@ -468,57 +473,57 @@ class Rotations(ABC):
             If it is one.
         """
 
-    @abstractmethod
     def fewer(self, share: float) -> str:
         """What to pass instead to get at most a share of the cells, for messages."""
+        return ""
 
-    @abstractmethod
     def slices_for(self, shape: Symmetric) -> Ints:
         """Number of the slice that each cell has for a robot, shape (count,).
 
         Cells whose rotations differ by one that maps the robot to itself share a slice. Slices are numbered from 0, in
         the order of the first cells that have them.
         """
+        return np.zeros(1, dtype=np.int64)
 
-    @abstractmethod
     def turns(self, dim: int) -> list[Turn]:
         """The cells as shapes in the plane or in space meet them."""
+        return [STILL]
 
     @property
-    @abstractmethod
     def centers(self) -> Floats:
         """The representative rotation of each cell, as a configuration has it, shape (count, dof)."""
+        return np.zeros((1, 0))
 
     @property
-    @abstractmethod
     def covering_angles(self) -> Floats:
         """Largest angle between a rotation of a cell and its representative, rounding included, shape (count,)."""
+        return np.zeros(1)
 
     @property
-    @abstractmethod
     def coordinates(self) -> dict[str, Floats]:
         """Arrays that describe the cells, by their names in files; the first axis of each counts the cells."""
+        return {}
 
     @property
-    @abstractmethod
     def volumes(self) -> Floats:
         """How much of all rotations each cell is, in any unit, shape (count,)."""
+        return np.ones(1)
 
     def draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
         """Cells drawn by their volumes times ``shares``, shape (count,), of which one is above zero; shape (n,)."""
         sizes = shares * self.volumes
         return rng.choice(self.count, size=n, p=sizes / sizes.sum())
 
-    @abstractmethod
     def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
         """A rotation drawn uniformly from each of some cells, shape (n, dof); that part of a cell's border is left."""
+        return np.zeros((len(cells), 0))
 
-    @abstractmethod
     def distances(self, q: Floats) -> Floats:
         """Angles between rotations of configurations, shape (..., d + dof), and each cell's representative, radians.
 
         Of shape (..., count).
         """
+        return np.zeros((*q.shape[:-1], 1))
 
     def cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
         """Every cell with a rotation within an angle, shape (n,), of that of a configuration, shape (n, d + dof).
@@ -535,9 +540,9 @@ class Rotations(ABC):
         return np.concatenate(rows), np.concatenate(cells)
 
     @property
-    @abstractmethod
     def neighbors(self) -> Ints:
         """The cells that each one shares a border with, shape (count, n); -1 fills up."""
+        return np.zeros((1, 0), dtype=np.int64)
 
     def images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         """What turns or mirrors the world so that it maps cells of rotations to cells, for a robot.
@@ -548,9 +553,9 @@ class Rotations(ABC):
         """
         return [(np.eye(len(shape.symmetries[0])), np.arange(self.count))]
 
-    @abstractmethod
     def compiled(self, slice_of: Ints) -> CompiledRotations:
         """What compiled look-ups get."""
+        return OneCell((0,))
 
     def dials(self, x: Floats, y: Floats) -> list[Dial]:
         """All rotations as dials of pixels at x and y, shape (n, n) each; none, where nothing turns."""
@@ -580,3 +585,82 @@ class Rotations(ABC):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self})"
+
+
+@dataclass(frozen=True, repr=False)
+class OneRotation(Rotations):
+    """The one cell of a robot that only translates."""
+
+    slack: ClassVar[float] = 0.0
+
+    @classmethod
+    def of_value(cls, value: ArrayLike | None = None) -> OneRotation:
+        return cls()
+
+    @classmethod
+    def of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> OneRotation:
+        return cls()
+
+    @property
+    def facts(self) -> dict[str, object]:
+        return {}
+
+    @property
+    def fixed(self) -> Floats:
+        return np.empty(0)
+
+    def describe(self, rotation: Floats | None) -> str:
+        return ""
+
+    def leading(self, n: int) -> tuple[int, ...]:
+        return ()
+
+    def draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
+        """Return cell 0 `n` times, without a draw."""
+        return np.zeros(n, dtype=np.int64)
+
+
+@compilable
+class OneCell(NamedTuple):
+    """What compiled look-ups get of a robot that only translates."""
+
+    slice_of: tuple[int]
+
+    def zeros(self) -> tuple[()]:
+        return ()
+
+    def is_usable(self, q: Numbers) -> bool:
+        return np.bool_(True)  # type: ignore[return-value]  # of one type for the compiler from the start
+
+    def slice_at(self, q: Numbers) -> int:
+        return 0
+
+    def slices_at(self, numbers: Floats, dof: int, out: Ints) -> None:
+        pass
+
+    def slice_among(self, slices: Ints, k: int) -> int:
+        return 0
+
+    def first_piece(self, q0: Numbers, q1: Numbers) -> bool:
+        return np.bool_(True)  # type: ignore[return-value]  # of one type for the compiler from the start
+
+    def next_piece(self, cursor: bool) -> tuple[bool, int, float, float, bool]:
+        return cursor, 0, 0.0, 1.0, False
+
+    def first_around(self, q: Numbers, angle: float) -> bool:
+        return True
+
+    def next_around(self, cursor: bool) -> tuple[bool, int, bool]:
+        return cursor, 0, False
+
+    def arc_count(self, q0: Numbers, q1: Numbers) -> int:
+        return 1
+
+    def turn_of(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
+        return 0.0, 0.0
+
+    def turned(self, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
+        return q0
+
+    def matrix_of(self, q: Numbers) -> Matrix:
+        return (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
