@@ -25,7 +25,7 @@ from cspace.shown import MapPlot
 if TYPE_CHECKING:
     from cspace.exact.queries import Exact
     from cspace.map.contents import Contents
-    from cspace.store.tiled import Store
+    from cspace.store import Store
 
 _ANSWERS = np.array([None, True, False], dtype=object)
 
