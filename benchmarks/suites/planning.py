@@ -19,13 +19,17 @@ import planners
 from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.suites.lookups import at_half_a_cell, states_of
-from benchmarks.suites.planning_peers import LIMIT, Peer, Problem, Query, problems
+from benchmarks.suites.planning_peers import LIMIT, Peer, Problem, Query, plane_problems
+from benchmarks.suites.solid_scenes import Fcl, Scene, building, cube_tunnel
 from benchmarks.timing import Timing, once
 from cspace import CSpace
 from cspace.arrays import Floats
 from planners.states import kind_of
 
 Solver = Callable[[Query, int], tuple[float, Floats | None]]
+
+TRIED = 1000
+"""Configurations on which FCL's models are timed."""
 
 LONG = 10.0
 """Seconds beside which what is made at the first call does not count."""
@@ -36,8 +40,22 @@ def run(report: Report, seed: int) -> None:
     if inputs.data_folder() is None:
         report.note(inputs.NO_DATA)
         return
-    for problem in problems(report, np.random.default_rng(seed)):
+    rng = np.random.default_rng(seed)
+    for problem in plane_problems(report, rng):
         _compare(report, problem)
+    scenes = [*cube_tunnel(report), *building(report, rng, 3, False, "occupied")]
+    for scene in scenes if report.quick else [*scenes, *building(report, rng, 3, False, "free")]:
+        peer = partial(_fcl, scene=scene)
+        _compare(report, Problem(scene.name, scene.workspace, scene.robot, None, peer, scene.queries, 20.0))
+
+
+def _fcl(report: Report, space: CSpace, scene: Scene) -> Peer:
+    """Return FCL as the peer of a scene, after a check that it calls no FREE configuration a collision."""
+    q = space.sample_free(TRIED, np.random.default_rng(0))
+    fcl = Fcl(report, scene, q)
+    wrong = sum(fcl.meets(each) for each in q)
+    report.check(not wrong, f"{wrong} of {len(q)} FREE configurations collide by FCL, {fcl.what}")
+    return fcl.peer()
 
 
 def _compare(report: Report, problem: Problem) -> None:

@@ -12,11 +12,10 @@ from scipy import signal
 import cspace
 import planners
 from benchmarks.report import Report
-from benchmarks.suites import planning, rotation_scenes
+from benchmarks.suites import planning, solid_scenes
 from benchmarks.suites.lookups import asker, edges_of, states_of
 from benchmarks.suites.outer_maps import convolved
-from benchmarks.suites.planning_peers import Peer
-from benchmarks.suites.rotation_scenes import TRIED, Fcl, Scene
+from benchmarks.suites.solid_scenes import TRIED, Fcl, Scene
 from benchmarks.timing import Timing, interleave, one_core
 from cspace import BLOCKED, FREE, CSpace
 from cspace.arrays import Floats
@@ -34,16 +33,13 @@ EDGE, TURN = 10.0, 0.3
 BUDGET = 60.0
 """Seconds of a scene after which a planner is not asked for another path."""
 
-ALONG = 200
-"""Places of each leg of a path at which FCL is asked."""
-
 
 def run(report: Report, seed: int) -> None:
     """One scene after the other."""
     rng = np.random.default_rng(seed)
     quick = report.quick
-    table = rotation_scenes.rooms(quick)
-    for scene in (table, rotation_scenes.trap(quick), *rotation_scenes.tunnels(report)):
+    table = solid_scenes.rooms(quick)
+    for scene in (table, solid_scenes.trap(quick), *solid_scenes.tunnels(report)):
         for cuts in scene.cuts:
             space, built = _build(report, scene, cuts, rng)
             fcl = _fcl(report, space, scene, rng)
@@ -52,8 +48,7 @@ def run(report: Report, seed: int) -> None:
                 _look_ups(report, space, fcl, rng)
             if cuts == scene.cuts[0] and scene.seeds and not quick:
                 _plan(report, space, scene, built, fcl)
-    drone = rotation_scenes.building(report, rng, quick)
-    if drone is not None:
+    for drone in solid_scenes.building(report, rng, 1 if quick else 3, True, "occupied"):
         space, built = _build(report, drone, 0, rng)
         _against_maps(report, drone, built)
         fcl = _fcl(report, space, drone, rng)
@@ -222,7 +217,5 @@ def _plan(report: Report, space: CSpace, scene: Scene, built: Timing, fcl: Fcl, 
             planning.solve, space, lambda: planners.simple_setup(space, exact=exact)
         ),
     }
-    collides = partial(fcl.path_collides, each=ALONG)
-    peer = Peer("OMPL with FCL", fcl.is_free, collides, f"at {ALONG} places of each leg", fcl.made, fcl.what)
     queries = scene.queries(space)
-    planning.compare(report, space, built, peer, ours, queries, scene.seeds, BUDGET, least_with_build=least)
+    planning.compare(report, space, built, fcl.peer(), ours, queries, scene.seeds, BUDGET, least_with_build=least)
