@@ -14,7 +14,7 @@ from typing import Any
 from benchmarks.timing import Timing
 
 INSTALLED_BY = {"cv2": "opencv-python-headless", "fcl": "python-fcl", "pinocchio": "pin", "vamp": "vamp-planner"}
-"""What brings a package, where it is called otherwise."""
+"""Names of distributions that differ from their package."""
 
 PACKAGES = ("cspace", "numpy", "scipy", "numba", "shapely", "ompl", "opencv-python-headless")
 
@@ -52,12 +52,12 @@ class Report:
         print(f"\n{case}", flush=True)
 
     def note(self, text: str) -> None:
-        """Something that the reader should know."""
+        """Print and keep a note."""
         self.notes.append(f"{self.benchmark}: {text}")
         print(f"  {text}", flush=True)
 
     def timing(self, name: str, timing: Timing, **more: Any) -> None:
-        """The median time of one call, and how far its runs spread."""
+        """Report the median time of one call and the spread of its runs."""
         low, high = min(timing.seconds), max(timing.seconds)
         cpu = timing.median_cpu if timing.cpu else None
         figures = {"median_s": timing.median, "min_s": low, "max_s": high, "cpu_s": cpu, "runs": len(timing.seconds)}
@@ -73,7 +73,7 @@ class Report:
             self.timing(name, timing)
 
     def has(self, package: str, without: str = "skipped") -> bool:
-        """Whether a package can be imported; if not, a note says what is done without it."""
+        """Return whether a package can be imported; otherwise note what is left out."""
         if not is_here(package):
             self.note(f"{without}: {package} is not installed; pip install {INSTALLED_BY.get(package, package)}")
         return is_here(package)
@@ -81,7 +81,7 @@ class Report:
     def figure(
         self, name: str, value: float, unit: str = "x", least: float | None = None, most: float | None = None
     ) -> None:
-        """One number beside its target: ``least`` or ``most``, which are for full sizes.
+        """Report a number beside its target, ``least`` or ``most``, which is for full sizes.
 
         A missed target is printed and is not a failure.
         """
@@ -109,14 +109,14 @@ class Report:
             print(f"  {'    in CPU time':<58}{f'{cpu:.3g} x':>10}", flush=True)
 
     def check(self, holds: bool, claim: str) -> None:
-        """A claim about the results; one that does not hold makes the run fail."""
+        """Report a claim about the results; the run fails if it is false."""
         self._row(claim, {"holds": bool(holds)})
         print(f"  {'ok  ' if holds else 'FAIL'} {claim}", flush=True)
         if not holds:
             self.failures.append(f"{self.benchmark}: {self.case}: {claim}")
 
     def mark(self, **values: Any) -> None:
-        """Keep more about the last row than is printed."""
+        """Keep values of the last row that are not printed."""
         self.rows[-1] |= values
 
     def write(self, path: Path) -> None:
@@ -124,7 +124,7 @@ class Report:
         write_whole(path, json.dumps(self.whole(), indent=1).encode() + b"\n")
 
     def whole(self) -> dict[str, Any]:
-        """Everything."""
+        """Return everything."""
         about = {"command": self.command, "machine": self.machine, "quick": self.quick}
         return {**about, "failures": self.failures, "notes": self.notes, "rows": self.rows}
 
@@ -134,7 +134,7 @@ class Report:
 
 @cache
 def is_here(package: str) -> bool:
-    """Whether a package can be imported."""
+    """Return whether a package can be imported."""
     try:
         import_module(package)
     except ImportError:
@@ -150,7 +150,7 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def machine() -> dict[str, str]:
-    """Versions, and the number of cores that this process may use."""
+    """Return versions and the number of cores that this process may use."""
     from cspace.threads import cores
 
     about = {"cores": str(cores()), "system": f"{platform.system()} {platform.machine()}"}
@@ -164,7 +164,7 @@ def machine() -> dict[str, str]:
 
 
 def time_text(seconds: float) -> str:
-    """A time with a unit that suits it."""
+    """Format a time with a suitable unit."""
     for scale, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "us")):
         if seconds >= scale:
             return f"{number_text(seconds / scale)} {unit}"
@@ -172,5 +172,5 @@ def time_text(seconds: float) -> str:
 
 
 def number_text(value: float) -> str:
-    """Three digits, or all those before the point."""
+    """Format a number with three digits, or all digits before the point."""
     return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"

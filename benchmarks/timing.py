@@ -15,7 +15,7 @@ from typing import Any
 
 @dataclass
 class Timing:
-    """What several runs of one call took, by the clock and of all cores together, and what it gave the first time.
+    """Wall and CPU times of several runs of one call, and the value of the first run.
 
     Where other work slows the clock down, the two differ by more than the number of workers tells.
     """
@@ -25,7 +25,7 @@ class Timing:
     cpu: list[float] = field(default_factory=list)
 
     def take(self, call: Callable[[], Any]) -> Any:
-        """Run a call and keep what it took; what it gives is given back."""
+        """Run a call, keep its times, and return its value."""
         start, cpu = time.perf_counter(), time.process_time()
         value = call()
         self.seconds.append(time.perf_counter() - start)
@@ -33,7 +33,7 @@ class Timing:
         return value
 
     def forget(self) -> None:
-        """Drop what the runs so far took."""
+        """Drop the times so far."""
         self.seconds.clear()
         self.cpu.clear()
 
@@ -46,12 +46,12 @@ class Timing:
         return statistics.median(self.cpu)
 
     def per(self, number: float) -> Timing:
-        """The same for one of ``number`` things that the call does."""
+        """Return the times divided by a number of items that the call handles."""
         return Timing(self.value, [taken / number for taken in self.seconds], [taken / number for taken in self.cpu])
 
 
 def once(call: Callable[[], Any]) -> Timing:
-    """One timed run of what takes long."""
+    """Time a single run of a slow call."""
     timing = Timing(None)
     timing.value = timing.take(call)
     return timing
@@ -85,7 +85,7 @@ def interleave(calls: Mapping[str, Callable[[], Any]], runs: int, slow: float = 
 
 
 def memory_rise(call: Callable[[], Any]) -> float | None:
-    """Largest rise of this process's resident memory while a call runs, in bytes; None where psutil is missing."""
+    """Return the largest rise of resident memory while a call runs, bytes, or None without psutil."""
     try:
         import psutil
     except ImportError:
@@ -113,7 +113,7 @@ def memory_rise(call: Callable[[], Any]) -> float | None:
 
 @contextlib.contextmanager
 def one_core() -> Iterator[bool]:
-    """Keep this thread, and those it starts, on one core; gives False where the system cannot."""
+    """Keep this thread, and those it starts, on one core; yield False if the system cannot."""
     if not hasattr(os, "sched_setaffinity"):
         yield False
         return

@@ -17,10 +17,10 @@ from cspace.arms import ArmSpace, Placed
 from cspace.arrays import Floats
 
 RESOLUTION = 0.01
-"""OMPL's default: its longest step, as a share of the space's extent."""
+"""Longest step that OMPL checks by default, as a share of the extent of the space."""
 
 CLOSE = 1e-6
-"""Metres: what coal takes for a collision may be apart by its tolerance."""
+"""Tolerance of coal, metres: bodies that it calls colliding may be this far apart."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Folder:
         return Arm.from_urdf(self.urdf, self.srdf)
 
     def problems(self, number: int) -> Iterator[Problem]:
-        """Some of each set, evenly taken from it."""
+        """Yield a number of problems of each set, evenly spaced."""
         listed = json.loads((self.path / "problems.json").read_text(encoding="utf-8"))
         order = [listed["joints"].index(name) for name in self.arm.joints]
         for name, problems in listed["problems"].items():
@@ -122,7 +122,7 @@ def coal_solids(solids: Sequence[Solid]) -> list[tuple[str, Any, Floats]]:
 
 
 class Meshes:
-    """An arm among obstacles by its collision geometry itself, placed by pinocchio and asked of coal.
+    """The collision geometry of an arm among obstacles, placed by pinocchio and tested by coal.
 
     Parameters
     ----------
@@ -171,21 +171,21 @@ class Meshes:
         self._joints = [(model.joints[n].idx_q, model.joints[n].nq) for n in map(model.getJointId, joints)]
 
     def collides(self, q: Floats) -> bool:
-        """Whether anything that may not meets anything at a configuration, shape (dof,)."""
+        """Return whether links collide at a configuration, shape (dof,)."""
         arguments = (self._model, self._data, self._geometry, self._placed, self._of(q))
         return bool(self._pin.computeCollisions(*arguments, True))
 
     def distance(self, q: Floats) -> float:
-        """How far apart the nearest two are, metres; below zero where they meet."""
+        """Return the distance of the nearest pair, metres; negative if they meet."""
         self._pin.computeDistances(self._model, self._data, self._geometry, self._placed, self._of(q))
         return min((each.min_distance for each in self._placed.distanceResults), default=np.inf)
 
     def is_wrong(self, q: Floats) -> bool:
-        """Whether it is certain that a configuration which was called free collides."""
+        """Return whether a configuration certainly collides."""
         return self.collides(q) and self.distance(q) < CLOSE
 
     def first_collision(self, q0: Floats, q1: Floats, step: float) -> float | None:
-        """How far along a motion something meets, looked at in steps that no joint exceeds; None if nowhere."""
+        """Return the share of a motion before a collision, in steps that no joint exceeds, or None."""
         count = max(1, int(np.ceil(np.abs(q1 - q0).max() / step)))
         for part in np.linspace(0.0, 1.0, count + 1):
             if self.is_wrong(q0 + part * (q1 - q0)):
@@ -193,7 +193,7 @@ class Meshes:
         return None
 
     def _of(self, q: Floats) -> Floats:
-        """A configuration as pinocchio has it: of a joint that turns for ever the cosine and the sine."""
+        """Convert a configuration for pinocchio: continuous joints become cosine and sine."""
         numbers = np.zeros(self._model.nq)
         for value, (first, size) in zip(q, self._joints, strict=True):
             numbers[first : first + size] = value if size == 1 else (np.cos(value), np.sin(value))
@@ -202,7 +202,7 @@ class Meshes:
 
 @cache
 def _as_written(path: str, scale: tuple[float, float, float]) -> Any:
-    """Coal's geometry of the triangles in a mesh file.
+    """Return coal's geometry of the triangles in a mesh file.
 
     Pinocchio's reader mixes up vertices where an OBJ has several objects: of the 1308 triangles of a Panda's sixth link
     it leaves 161 as they are, and so saw collisions where there are none, and none where there are some.
@@ -220,7 +220,7 @@ def _as_written(path: str, scale: tuple[float, float, float]) -> Any:
 
 
 def discrete(meshes: Meshes, arm: Arm, q0: Floats, q1: Floats) -> bool:
-    """Whether a motion is free where OMPL looks by default: in steps of a hundredth of the extent of the space."""
+    """Return whether a motion is free at OMPL's default resolution, 1 % of the extent of the space."""
     extent = float(np.linalg.norm(arm.upper - arm.lower))
     count = max(1, int(np.ceil(np.linalg.norm(q1 - q0) / (RESOLUTION * extent))))
     return not any(meshes.collides(q0 + part * (q1 - q0)) for part in np.linspace(0.0, 1.0, count + 1))
@@ -258,7 +258,7 @@ class Vamp:
         return bool(self._module.validate_motion(q0[self._order], q1[self._order], self._environment))
 
     def solve(self, start: Floats, goals: Floats) -> Floats | None:
-        """A path after VAMP's simplification."""
+        """Return a path after VAMP's simplification, or None."""
         sampler = self._module.halton()
         solution = self._plan(
             start[self._order].tolist(), goals[:, self._order].tolist(), self._environment, self._settings, sampler
@@ -271,7 +271,7 @@ class Vamp:
 
 
 def solve_by_ompl(meshes: Meshes, arm: Arm, start: Floats, goals: Floats, seed: int, seconds: float) -> Floats | None:
-    """A path by OMPL's RRTConnect, with a callback that asks coal, and motions looked at as OMPL does by default."""
+    """Return a path by OMPL's RRTConnect with coal in the callback and default resolution, or None."""
     from ompl import base as ob
     from ompl import geometric as og
     from ompl import util as ou

@@ -29,26 +29,26 @@ from cspace.arrays import Floats
 from cspace.errors import ConfigurationError
 
 ROBOTS = {"panda": 0.95, "ur5": 0.9}
-"""Arms in the folder of data, and which share of their problems is to be solved."""
+"""Arms in the folder of data, and the target share of solved problems."""
 
 LIMIT = 5.0
-"""Seconds that a search may take."""
+"""Time limit of a search, seconds."""
 
 QUICKER = 20.0
-"""How many times longer OMPL is to take."""
+"""Target: how many times longer OMPL takes."""
 
 STEP = 0.005
-"""Radians between two close looks that no joint exceeds."""
+"""Largest step of a joint between close checks of a motion, radians."""
 
 MOTIONS = 20
-"""Motions of each problem that are asked about."""
+"""Motions tested for each problem."""
 
 OURS, SEARCH = "ours, free_path", "ours, its search alone"
 OMPL, VAMP = "RRTConnect of OMPL, coal in the callback", "RRTConnect of VAMP"
 
 
 def run(report: Report, seed: int) -> None:
-    """Paths, then motions, of each arm."""
+    """Compare paths, then motions, of each arm."""
     folder = inputs.data_folder()
     if folder is None or not (folder / "arms").is_dir():
         report.note(inputs.NO_DATA)
@@ -70,7 +70,7 @@ def run(report: Report, seed: int) -> None:
 
 
 def _plan(report: Report, problems: list[Problem], least: float, seed: int) -> None:
-    """Which problems each one solves, how soon, and which of the paths collide."""
+    """Compare which problems are solved, how soon, and which paths collide."""
     timings: dict[str, Timing] = {}
     solved, colliding, sets = Counter[str](), Counter[str](), list[str]()
     made, own, proven = list[float](), list[float](), True
@@ -132,7 +132,7 @@ def _solve(space: ArmSpace, start: Floats, goals: Floats, seed: int, straight: b
 
 
 def _judge(report: Report, problems: list[Problem], rng: np.random.Generator) -> None:
-    """Motions about starts and goals that each one calls free, and how many of them collide by the meshes."""
+    """Count motions near starts and goals that each one calls free and that collide by the meshes."""
     asked, free, colliding, lost = 0, Counter[str](), Counter[str](), 0
     for problem in problems:
         space, meshes, arm = problem.space(), problem.meshes(), problem.folder.arm

@@ -30,7 +30,7 @@ Complexes = NDArray[np.complex128]
 
 BALLS = 10_000
 FREQUENCIES = {2: 256, 3: 128}
-"""Along each axis."""
+"""Frequencies along each axis, by dimension."""
 
 LENGTH = 1.2
 """Period, in sides of the square or cube that holds the centers."""
@@ -40,10 +40,10 @@ TOLERANCE = 1e-9
 LEAST_SPECTRUM = 50.0
 
 PAIRS = 2**30
-"""Pairs of a ball and a frequency that the direct sum is measured on, at most."""
+"""Maximum number of pairs of a ball and a frequency in a direct sum."""
 
 STEP = 2.0**-10
-"""Of the table of a bump's spectrum: its cubic interpolation errs by less than 1e-10 of the value at 0."""
+"""Step of the table of a bump's spectrum; cubic interpolation errs by less than 1e-10 of F(0)."""
 
 CELLS = 1024
 KERNELS = (9, 33)
@@ -54,20 +54,20 @@ LEAST_MINKOWSKI = 100.0
 PLACEMENTS = 100_000
 LEAST_VALUES = 20.0
 SINGLE = {2: 20_000, 3: 200}
-"""Placements that are asked for one by one."""
+"""Placements evaluated one by one, by dimension."""
 
 SCENES = {2: 10, 3: 3}
-"""Random scenes in which nine of ten placements are clear."""
+"""Random scenes with nine of ten placements clear, by dimension."""
 
 SCENE_PLACEMENTS = 2000
 ROOM = {2: 12.0, 3: 7.0}
 """Side of the square or cube of the placements, in sizes of the bodies."""
 
 SHARES = (1.0, 2.0)
-"""What balls grow by, in the smaller median radius of the two."""
+"""Growth of balls, in the smaller median radius of the two bodies."""
 
 MOST = 0.05
-"""Part of the frequencies that a miss takes."""
+"""Target: share of the frequencies used for a miss."""
 
 
 def run(report: Report, seed: int) -> None:
@@ -88,7 +88,7 @@ def run(report: Report, seed: int) -> None:
 def _direct(
     centers: Floats, starts: Ints, radii: Floats, weights: Floats, table: Floats, frequencies: Floats
 ) -> Complexes:
-    """Term by term, all cores together; balls of one radius lie together, and their factor is looked up once."""
+    """Sum term by term on all cores; balls are sorted by radius, whose factor is computed once."""
     out = np.zeros(len(frequencies), np.complex128)
     for n in prange(len(frequencies)):
         u, v, w = frequencies[n]
@@ -109,7 +109,7 @@ def _direct(
 
 
 def _direct_sum(centers: Floats, radii: Floats, count: int) -> Callable[[Ints], Complexes]:
-    """The sum over all pairs of a ball and a frequency, at some places of the flattened lattice."""
+    """Return a function that sums over all balls, at indices of the flattened lattice."""
     dim = centers.shape[1]
     order = np.argsort(radii, kind="stable")
     sizes, starts = np.unique(radii[order], return_index=True)
@@ -127,7 +127,7 @@ def _direct_sum(centers: Floats, radii: Floats, count: int) -> Callable[[Ints], 
 
 
 def _spectra(report: Report, dim: int, rng: np.random.Generator) -> None:
-    """The spectrum of many balls with one radius, several, and all different ones."""
+    """Compare spectra of many balls with one radius, several, and all different ones."""
     number = BALLS // 10 if report.quick else BALLS
     count = FREQUENCIES[dim] // (4 if report.quick else 1)
     centers = rng.uniform(0.0, 1.0, (number, dim))
@@ -156,7 +156,7 @@ def _spectra(report: Report, dim: int, rng: np.random.Generator) -> None:
 
 @njit(cache=True, parallel=True)
 def _convolution(f: Floats, g: Floats) -> Floats:
-    """The whole convolution of two arrays of the plane, product by product."""
+    """Convolve two arrays of the plane, product by product."""
     out = np.zeros((f.shape[0] + g.shape[0] - 1, f.shape[1] + g.shape[1] - 1))
     for row in prange(len(out)):
         for i in range(max(0, row - len(f) + 1), min(len(g), row + 1)):
@@ -178,7 +178,7 @@ def _bumps(cells: int, rng: np.random.Generator) -> Descriptor:
 
 
 def _minkowski(report: Report, name: str, make: Callable[..., Descriptor], rng: np.random.Generator) -> None:
-    """By FFT and directly: with a few cells, and with as many, where direct sums are told from their products."""
+    """Compare sums by FFT and directly, with few cells and, extrapolated, with as many."""
     cells = CELLS // 4 if report.quick else CELLS
     f = make(cells, rng)
     _convolution(f.values[:2], f.values[:2])  # compiles it
@@ -216,7 +216,7 @@ def _minkowski(report: Report, name: str, make: Callable[..., Descriptor], rng: 
 
 
 def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> None:
-    """Overlaps and gradients at many placements together, against one by one."""
+    """Compare overlaps and gradients at many placements together with one by one."""
     tolerance = 0.1 if report.quick else 1e-3
     overlap = overlap_of(pool_body(seed, 0, dim), [pool_body(seed, 1, dim)], 0.5, 8, Bump(2.0), tolerance, inner=False)
     number = PLACEMENTS // 10 if report.quick else PLACEMENTS
@@ -240,7 +240,7 @@ def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> No
 
 
 def _misses(report: Report, seed: int, dim: int) -> None:
-    """How many frequencies an early miss takes: swollen balls first, and by frequencies alone."""
+    """Measure how many frequencies a miss takes, with swollen balls first and without."""
     numbers = range(1 if report.quick else SCENES[dim])
     scenes = [_scene(seed, dim, np.random.default_rng([seed, number, 50 + dim])) for number in numbers]
     for share in SHARES[-1:] if report.quick else SHARES:
@@ -272,7 +272,7 @@ def _misses(report: Report, seed: int, dim: int) -> None:
 
 
 def _scene(seed: int, dim: int, rng: np.random.Generator) -> tuple[Body, list[Body], Floats, Bools]:
-    """A body, others among which nine of ten placements are clear, placements, and which of them collide."""
+    """Draw a body, others that leave nine of ten placements clear, placements, and which collide."""
     body = pool_body(seed, int(rng.integers(POOL)), dim).placed(1.0, random_turn(rng, dim), np.zeros(dim))
     ts = rng.uniform(0.0, ROOM[dim], (SCENE_PLACEMENTS, dim))
     others: list[Body] = []

@@ -19,13 +19,13 @@ AROUND = (250, 200)
 
 CELLS = 256
 MOST = 2.0
-"""Seconds."""
+"""Target, seconds."""
 
 UNIT = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
 
 
 def run(report: Report, seed: int) -> None:
-    """A bumpy torus that fills the unit cube, as a surface and as a solid."""
+    """Rasterise a bumpy torus that fills the unit cube, as a surface and as a solid."""
     rng = np.random.default_rng(seed)
     around, cells, runs = ((50, 40), 64, 3) if report.quick else (AROUND, CELLS, 5)
     vertices, faces = _torus(*around, rng)
@@ -71,7 +71,7 @@ def _compare(report: Report, name: str, ours: Bools, theirs: Bools) -> None:
 
 
 def _torus(around: int, across: int, rng: np.random.Generator) -> tuple[Floats, Ints]:
-    """A torus with bumps, a little smaller than the unit cube."""
+    """Return a torus with bumps, a little smaller than the unit cube."""
     u, v = np.meshgrid(
         np.linspace(0.0, 2.0 * np.pi, around, endpoint=False),
         np.linspace(0.0, 2.0 * np.pi, across, endpoint=False),
@@ -96,7 +96,7 @@ def _ours(vertices: Floats, faces: Ints, spacing: float, solid: str) -> Workspac
 
 
 def _trimesh(vertices: Floats, faces: Ints, spacing: float, fill: bool) -> Bools:
-    """The cells that trimesh marks, on our grid."""
+    """Return the cells that trimesh marks, on our grid."""
     import trimesh
 
     # Its cells have their middles, and ours their corners, at multiples of the spacing.

@@ -22,10 +22,10 @@ from tests.soak.plane import placed, union_of_cells
 Query = tuple[Floats, Floats]
 
 LIMIT = 60.0
-"""Seconds that a search may take."""
+"""Time limit of a search, seconds."""
 
 RADII = {"maps/depot.yaml": 0.3, "movingai/Berlin_1_1024.map": 2.0}
-"""Of discs, metres."""
+"""Radii of discs, metres."""
 
 LENGTH, WIDTH, ROTATIONS = 0.6, 0.4, 72
 """Sides of the rectangle that turns, metres, and its yaw cells."""
@@ -41,7 +41,7 @@ class Peer:
     is_free : callable
         Whether the robot is free at one of OMPL's states.
     collides : callable
-        Whether a path collides, found out as ``how`` says.
+        Tests whether a path collides, by ``how``.
     how : str
     made : float
         Seconds that it takes to make ``what`` it needs of the map.
@@ -103,7 +103,7 @@ def plane_problems(report: Report, rng: np.random.Generator) -> Iterator[Problem
 
 
 def far_apart(space: CSpace, number: int, rng: np.random.Generator) -> list[Query]:
-    """Random FREE pairs that a path joins, no straight edge does, and half the map's diagonal lies between."""
+    """Draw FREE pairs, half the map's diagonal apart, that a path joins and no straight edge does."""
     least = 0.5 * np.linalg.norm(np.subtract(space.grid.upper, space.grid.lower))
     draws = 5_000 if space.rotations.dof else 20_000
     starts, goals = space.sample_free(draws, rng), space.sample_free(draws, rng)
@@ -115,7 +115,7 @@ def far_apart(space: CSpace, number: int, rng: np.random.Generator) -> list[Quer
 
 
 def _from_scenarios(space: CSpace, number: int = 3) -> list[Query]:
-    """The longest problems of the map's scenario file that the disc can solve."""
+    """Return the longest problems of the map's scenario file that the disc can solve."""
     rows = np.loadtxt(space.workspace.source + ".scen", skiprows=1, usecols=(4, 5, 6, 7, 8))
     queries: list[Query] = []
     for x0, y0, x1, y1, _ in rows[np.argsort(-rows[:, 4], kind="stable")]:
@@ -132,7 +132,7 @@ def _from_scenarios(space: CSpace, number: int = 3) -> list[Query]:
 
 
 def _polygons(workspace: Workspace) -> tuple[Any, float]:
-    """The obstacles, prepared, and the seconds that it took."""
+    """Return the prepared obstacles and the seconds that it took."""
     began = time.perf_counter()
     obstacles = union_of_cells(workspace.outer, workspace.grid)
     shapely.prepare(obstacles)

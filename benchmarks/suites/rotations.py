@@ -22,20 +22,20 @@ from cspace.arrays import Floats
 from cspace.engines.slices import slice_rasters
 
 SLICES = 6
-"""Slices that SciPy convolves."""
+"""Slices convolved by SciPy."""
 
 CONTAINED = 500
-"""Configurations for which the oracle looks at insides, too."""
+"""Configurations tested for containment, too."""
 
 EDGE, TURN = 10.0, 0.3
-"""Length of edges in cells, and most radians by which they turn about an axis."""
+"""Length of edges, cells, and largest rotation about an axis, radians."""
 
 BUDGET = 60.0
-"""Seconds of a scene after which a planner is not asked for another path."""
+"""Seconds of search in a scene after which a planner stops."""
 
 
 def run(report: Report, seed: int) -> None:
-    """One scene after the other."""
+    """Go through all scenes."""
     rng = np.random.default_rng(seed)
     quick = report.quick
     table = solid_scenes.rooms(quick)
@@ -61,7 +61,7 @@ def run(report: Report, seed: int) -> None:
 
 
 def _build(report: Report, scene: Scene, cuts: int, rng: np.random.Generator) -> tuple[CSpace, Timing]:
-    """A map, and what it took, beside a loop over ready bitmaps."""
+    """Build a map and compare with a loop over ready bitmaps; return it and its timing."""
     rotations, grid = scene.rotations(cuts), scene.workspace.grid
     slice_of = rotations.slices_for(scene.robot.shape)
     number = int(slice_of.max()) + 1
@@ -104,14 +104,14 @@ def _build(report: Report, scene: Scene, cuts: int, rng: np.random.Generator) ->
 
 
 def _against_maps(report: Report, scene: Scene, built: Timing) -> None:
-    """What a quarter of the cells would take as maps of a robot that does not turn."""
+    """Compare with as many maps of a robot that does not turn as there are slices."""
     still = interleave({"R^3": partial(cspace.build, scene.workspace, scene.robot)}, 3)["R^3"].per(1.0 / 18)
     report.timing("18 maps of R^3", still)
     report.ratio("72 yaw cells / 18 maps of R^3", built, still, most=2.0)
 
 
 def _fcl(report: Report, space: CSpace, scene: Scene, rng: np.random.Generator) -> Fcl:
-    """FCL's models; the map must not contradict them."""
+    """Return FCL's answers after checking that the map does not contradict them."""
     q = _random(space, TRIED, rng)
     fcl = Fcl(report, scene, q)
     states, few = space.classify(q), q[:CONTAINED]
@@ -128,7 +128,7 @@ def _fcl(report: Report, space: CSpace, scene: Scene, rng: np.random.Generator) 
 
 
 def _against_queries(report: Report, space: CSpace, built: Timing, fcl: Fcl) -> None:
-    """One query of FCL a state that is kept, of CPU time, extrapolated."""
+    """Compare with one query of FCL for each stored state, extrapolated, in CPU time."""
     cells = float(space.grid.size * (len(space.slice_rotations)))
     report.figure(f"one FCL query for each of {cells:.3g} states, extrapolated from {TRIED}", fcl.seconds * cells, "s")
     report.figure("one FCL query a state / ours, in CPU time", fcl.seconds * cells / built.median_cpu)
@@ -138,7 +138,7 @@ def _against_queries(report: Report, space: CSpace, built: Timing, fcl: Fcl) -> 
 
 
 def _look_ups(report: Report, space: CSpace, fcl: Fcl, rng: np.random.Generator) -> None:
-    """In batches, in OMPL's callback, and edges, exact or not."""
+    """Compare look-ups in batches and in OMPL's callback, and edges, exact or not."""
     number, runs = (10**5, 3) if report.quick else (10**6, 7)
     q = _random(space, number, rng)
     with one_core():
@@ -184,7 +184,7 @@ def _look_ups(report: Report, space: CSpace, fcl: Fcl, rng: np.random.Generator)
 
 
 def _random(space: CSpace, number: int, rng: np.random.Generator) -> Floats:
-    """Configurations anywhere in the grid, uniform in all rotations."""
+    """Draw configurations in the grid, uniform in position and rotation."""
     places = rng.uniform(space.grid.lower, space.grid.upper, (number, 3))
     if space.rotations.dof == 1:
         return np.column_stack([places, rng.uniform(-np.pi, np.pi, number)])
@@ -193,7 +193,7 @@ def _random(space: CSpace, number: int, rng: np.random.Generator) -> Floats:
 
 
 def _edges(space: CSpace, rng: np.random.Generator, number: int) -> tuple[Floats, Floats]:
-    """Edges from FREE configurations to ones anywhere around."""
+    """Draw edges from FREE configurations to others around them."""
     starts, way = space.sample_free(number, rng), rng.normal(size=(number, 3))
     goals = starts.copy()
     goals[:, :3] += EDGE * space.grid.spacing * way / np.linalg.norm(way, axis=1, keepdims=True)

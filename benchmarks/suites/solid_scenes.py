@@ -55,7 +55,7 @@ HOOK = np.array([((-0.6, -0.1, -0.1), (0.6, 0.1, 0.1)), ((0.4, -0.1, 0.1), (0.6,
 
 TRAP_BOUNDS = (-2.0, -2.0, -2.0, 4.0, 2.0, 2.0)
 TRAP_WIDTHS = (0.9, 0.8, 0.7, 0.6, 0.5)
-"""Of the tube that leads into the trap, ring by ring; metres."""
+"""Widths of the rings of the tube that leads into the trap, metres."""
 
 CUBE_TUNNEL, CUBE_SPACING = "solids/ZTunnel", 0.1
 TUNNEL, TUNNEL_SPACING = "solids/LTunnel", 0.5
@@ -121,7 +121,7 @@ class Scene:
 
 
 def rooms(quick: bool) -> Scene:
-    """A table through the door of a flat, which it passes only when it is tipped."""
+    """Return a table and a flat with a door that it passes only when tipped."""
     obstacles, body = Blocks.boxes(ROOMS).skin(), Blocks.boxes(TABLE).skin()
     workspace = Workspace.from_mesh(_mesh(obstacles), 0.2 if quick else 0.1, ROOMS_BOUNDS)
     half = math.sqrt(0.5)
@@ -133,7 +133,7 @@ def rooms(quick: bool) -> Scene:
 
 
 def trap(quick: bool) -> Scene:
-    """A rod with a hook in a hollow cube, whose only way out is a tube that narrows inward: a trap for trees."""
+    """Return a rod with a hook in a hollow cube; the only exit is a tube that narrows inward."""
     obstacles, body = Blocks.boxes(_trap()).skin(), Blocks.boxes(HOOK).skin()
     workspace = Workspace.from_mesh(_mesh(obstacles), 0.2 if quick else 0.1, TRAP_BOUNDS)
     half = math.sqrt(0.5)
@@ -145,7 +145,7 @@ def trap(quick: bool) -> Scene:
 
 
 def _trap(half: float = 1.0, wall: float = 0.1, depth: float = 0.6, widths: Sequence[float] = TRAP_WIDTHS) -> Floats:
-    """Boxes of a cube whose side at the right has a hole, from which a tube leads inward, ring by ring."""
+    """Return boxes of a hollow cube with a hole at the right and a tube of rings that leads inward."""
     far = half + wall
     boxes = [
         ((-far, -far, -far), (-half, far, far)),
@@ -162,7 +162,7 @@ def _trap(half: float = 1.0, wall: float = 0.1, depth: float = 0.6, widths: Sequ
 
 
 def _ring(left: float, right: float, inner: float, outer: float) -> list[Any]:
-    """Four boxes around a square hole along x."""
+    """Return four boxes around a square hole along x."""
     a, b = 0.5 * inner, 0.5 * outer
     return [
         ((left, -b, -b), (right, -a, b)),
@@ -376,7 +376,7 @@ def _mesh(skin: Skin) -> Any:
 
 
 def _bodies(vertices: int, faces: Ints) -> Ints:
-    """The connected part that each triangle belongs to."""
+    """Return the index of the connected part of each triangle."""
     edges = faces[:, [0, 1]].T, faces[:, [1, 2]].T
     first, last = np.concatenate(edges, axis=1)
     graph = coo_array((np.ones(len(first)), (first, last)), (vertices, vertices))

@@ -25,13 +25,13 @@ from tests.soak.solids import merged_cells
 Checker = Callable[[Floats, float], Bools]
 
 SAMPLE = 4000
-"""Cells at which libraries of collision checks are timed, and as many again beside cells of another state."""
+"""Cells sampled for collision checks, and as many again beside cells of another state."""
 
 DENSITY = 0.06
-"""Share of a map that boxes take up."""
+"""Share of a map that is occupied."""
 
 BOX, LOOKS = 52, 400
-"""Cells along the sides of a box, in the mean, and how often a map full of them would be looked at for its share."""
+"""Mean side of a box, cells, and how often the share of a full map would be computed."""
 
 LONGEST = 20.0
 """Seconds; a peer that is expected to take longer is left out."""
@@ -48,7 +48,7 @@ MOST_REGRET = 2.0
 """Target of how many times longer the engine that is picked takes than the quicker one."""
 
 LAST = 3
-"""Sizes, the largest ones, for which the exponent is fitted once more."""
+"""Number of largest sizes for which the exponent is fitted again."""
 
 ALL = "all sizes"
 
@@ -159,7 +159,7 @@ def _point(
 
 
 def _exponents(report: Report, sweep: Sweep, medians: Mapping[str, Mapping[int, float]]) -> None:
-    """Slopes of cost over the number of cells, both in logarithms."""
+    """Report slopes of cost over the number of cells, both in logarithms."""
     report.section(f"{sweep.name}: cost grows with the number of cells to the power of")
     for way, by_size in medians.items():
         for name, sizes in ((ALL, list(by_size)), (f"the largest {LAST} sizes", list(by_size)[-LAST:])):
@@ -171,7 +171,7 @@ def _exponents(report: Report, sweep: Sweep, medians: Mapping[str, Mapping[int, 
 
 
 def _choices(report: Report) -> None:
-    """How often ``auto`` picked the slower engine, and what that cost."""
+    """Report how often ``auto`` picked the slower engine, and the cost."""
     rows: list[dict[str, Any]] = [row for row in report.rows if "chosen" in row]
     slower = [row for row in rows if _regret(row["chosen"], row["taken"]) > 1.0]
     report.section(f'choices of "auto" at {len(rows)} sizes')

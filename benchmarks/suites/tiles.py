@@ -26,7 +26,7 @@ from cspace.arrays import Bools
 
 TILE = 4096
 CHUNK = 1024
-"""Cells of a chunk of the city along each axis: what is read of it around a tile is whole chunks."""
+"""Side of a chunk of the city, cells; whole chunks are read around a tile."""
 SPACING = 0.1
 BLOCK = 128
 """Cells from one street of the city to the next."""
@@ -36,13 +36,13 @@ WORKERS: Final[dict[str, Any]] = {
     "env": {"ZARR_THREADING__MAX_WORKERS": "1"},
     "dashboard_address": ":0",
 }
-"""Each is one thread, also where it reads the city."""
+"""Options of workers of one thread, also for reading the city."""
 
 CAR = Robot.rectangle(4.5, 1.9)
 
 
 def run(report: Report, seed: int) -> None:
-    """Throughput, workers, and two large maps that are built on a cluster of this machine."""
+    """Measure throughput, workers, and two large maps built on a cluster of this machine."""
     rng = np.random.default_rng(seed)
     folder = Path(tempfile.mkdtemp(prefix="cspace-tiles-"))
     try:
@@ -156,7 +156,7 @@ def _timed(report: Report, name: str, call: Callable[[], Any], most: float | Non
 
 
 def _city(path: Path, size: int, rng: np.random.Generator) -> Workspace:
-    """Buildings between streets, in a Zarr array that is read tile by tile."""
+    """Draw buildings between streets, in a Zarr array that is read tile by tile."""
     side = min(size, CHUNK)
     array = zarr.create_array(
         str(path),
@@ -187,7 +187,7 @@ def _bytes(path: Path) -> int:
 
 
 class _PeakMemory:
-    """The most memory that each process beneath this one had, bytes."""
+    """Peak memory of the child processes, bytes."""
 
     def __enter__(self) -> list[int]:
         self._peak, self._stop = [0], threading.Event()

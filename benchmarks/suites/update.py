@@ -19,10 +19,10 @@ from cspace import CSpace, Robot, Workspace
 from cspace.engines import ENGINES
 
 SIZE, ACROSS, BOX = 4096, 65, 32
-"""Cells of the map, of the disc, and of the side of the box that changes, for which the target is meant."""
+"""Sides of the map and of the box that changes, and diameter of the disc, cells."""
 
 LEAST = 30.0
-"""How many times longer a build should take than an update."""
+"""Target: how many times longer a build takes than an update."""
 
 UPDATES = 200
 """Updates of one timed run."""
@@ -32,7 +32,7 @@ MOVES = 40
 
 FLOORS = ("maps/depot.yaml", "maps/willow-full-0.05.yaml", "maps/100by100_10.yaml")
 MOST = 20.0
-"""Milliseconds that a move may take on the largest of these floors, with the questions that follow it."""
+"""Target: milliseconds for a move on the largest of these floors, with the look-ups that follow it."""
 
 
 def run(report: Report, seed: int) -> None:

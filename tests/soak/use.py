@@ -1,4 +1,4 @@
-"""In use: saves that are killed, or made by several processes at once; threads, forks and spawns; no growth."""
+"""Maps in use: killed and concurrent saves, threads, child processes, memory growth."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ BLOCK, PLACE = np.ones((12, 9), dtype=bool), (20, 14)
 
 
 def maps() -> tuple[CSpace, CSpace]:
-    """Two maps of a turning robot, equal but for one block of obstacles."""
+    """Return two maps of a turning robot that differ by one block of obstacles."""
     cells = np.random.default_rng(0).random((60, 40)) < 0.02
     both = cells.copy()
     both[20:32, 14:23] = True
@@ -42,7 +42,7 @@ def maps() -> tuple[CSpace, CSpace]:
 
 
 def check(report: Report, seed: int, kills: int = KILLS, share: float = 1.0) -> None:
-    """All of this module; ``share`` of the look-ups, updates and plans."""
+    """Run all checks, with a share of the look-ups, updates and plans."""
     report.section(f"in use: {kills} killed saves, processes, threads, and growth")
     counts = killed_saves(kills, np.random.default_rng(seed))
     report.note(f"{kills} saves were killed: {text_of(counts)}")
@@ -69,7 +69,7 @@ def text_of(counts: Counter[str]) -> str:
 
 
 def killed_saves(kills: int, rng: np.random.Generator) -> Counter[str]:
-    """What is found where a process that saves one map over another was killed: no map, one of both, or a torn one."""
+    """Count what is found after a process that saves maps in turns is killed."""
     counts: Counter[str] = Counter()
     both = maps()
     with tempfile.TemporaryDirectory() as folder:
@@ -89,7 +89,7 @@ def killed_saves(kills: int, rng: np.random.Generator) -> Counter[str]:
 
 
 def saves_to_one_place(processes: int, saves: int) -> Counter[str]:
-    """What another process finds while some save to one place, and what they leave."""
+    """Count what a reader finds while several processes save to one place, and what remains."""
     counts: Counter[str] = Counter()
     both = maps()
     with tempfile.TemporaryDirectory() as folder:
@@ -131,7 +131,7 @@ def _opened(path: Path, both: tuple[CSpace, CSpace]) -> str:
 
 
 def looks_while_updated(seconds: float) -> Counter[str]:
-    """Cells and edges that a thread calls FREE while another one puts a block into the map and takes it away."""
+    """Count false FREE answers while another thread adds and removes a block."""
     counts: Counter[str] = Counter()
     one, two = maps()
     block, nothing = two.workspace.outer[20:32, 14:23].copy(), one.workspace.outer[20:32, 14:23].copy()
@@ -169,7 +169,7 @@ def _each(space: CSpace, q: Any) -> Any:
 
 
 def same_in_a_child(method: str) -> bool:
-    """Whether maps that other processes were given, while a thread here looked things up, answer there as here."""
+    """Return whether maps answer alike in child processes started while a thread queries them."""
     space = maps()[0]
     expected, stop = _answers(space), threading.Event()
 
@@ -189,7 +189,7 @@ def same_in_a_child(method: str) -> bool:
 
 
 def _child(method: str, space: CSpace) -> tuple[Any, Any]:
-    """A process that was given a map, and where its answers come."""
+    """Start a process with a map; return it and the pipe for its answers."""
     context = multiprocessing.get_context(method)
     here, there = context.Pipe()
     child = context.Process(target=_send_answers, args=(there, space))
@@ -209,7 +209,7 @@ def _send_answers(pipe: Any, space: CSpace) -> None:
 
 
 def _answers(space: CSpace) -> list[Any]:
-    """Answers of a map, before an update of a copy and after it."""
+    """Return answers of a copy of a map, before and after an update."""
     import pickle
 
     q = np.random.default_rng(0).uniform((0.0, 0.0, -3.0), (6.0, 4.0, 3.0), (200, 3))
@@ -225,7 +225,7 @@ def _answers(space: CSpace) -> list[Any]:
 
 
 def grown(share: float) -> Iterator[tuple[str, int, int]]:
-    """Bytes and handles that look-ups, updates and plans leave behind, after as many to begin with."""
+    """Yield the growth of memory and handles by look-ups, updates and plans, after a warm-up."""
     import planners
 
     space, two = maps()
