@@ -303,7 +303,7 @@ class Fcl:
             qx, qy, qz, qw = turn if len(turn) == 4 else (0.0, 0.0, math.sin(0.5 * turn[0]), math.cos(0.5 * turn[0]))
             self.robot.setTransform(fcl.Transform((qw, qx, qy, qz), (x, y, z)))
         else:
-            self.robot.setTranslation((x, y, z))
+            self.robot.setTranslation(np.array((x, y, z)))
         (left, front, low), (right, back, high) = self.deep
         if not (left < x < right and front < y < back and low < z < high):
             corners = self.corners @ np.transpose(self.robot.getRotation()) + (x, y, z)

@@ -18,6 +18,7 @@ from cspace.shapes.mesh import Mesh
 from handmade import map_in, walled
 from solids import surface, turn_of
 from strategies import seeds
+from tests.soak.solids import Blocks, Pair, Walls
 
 BAND = 1e-6
 """Metres around the margin in which an oracle's answer is not held against ours."""
@@ -31,20 +32,12 @@ def boxes_mesh(boxes):
     return trimesh.util.concatenate([trimesh.creation.box(bounds=box) for box in np.reshape(boxes, (-1, 2, 3))])
 
 
-def box_gaps(q, robot, boxes):
-    """Distances of a box that translates, at places (n, 3), from the nearest of boxes (m, 2, 3)."""
-    low, high = (np.reshape(q, (-1, 1, 3)) + corner for corner in robot)
-    boxes = np.reshape(boxes, (-1, 2, 3))
-    apart = np.maximum(np.maximum(boxes[:, 0] - high, low - boxes[:, 1]), 0.0)
-    return np.sqrt((apart**2).sum(axis=-1)).min(axis=1)
-
-
-def wall_gaps(space, q):
-    """Distance of the robot's bounding box from the outside of the grid, where that is blocked."""
-    if space.outside == "free":
-        return np.full(len(q), np.inf)
-    low, high = space.robot.shape.bounds
-    return np.minimum(q + low - space.grid.lower, space.grid.upper - q - high).min(axis=1)
+def gaps_of(space, robot, obstacles):
+    """Return a function of positions: distance to spare, minus the margin where they meet."""
+    pairs = [Pair.of(robot, obstacles)]
+    if space.outside == "blocked":
+        pairs.append(Walls(robot, (np.array(space.grid.lower), np.array(space.grid.upper))))
+    return lambda q: np.min([pair.gaps(q) for pair in pairs], axis=0) - space.margin
 
 
 def agrees(space, q, spare):
@@ -103,11 +96,7 @@ def test_boxes_among_boxes_agree_with_arithmetic(world, outside, margin, inner):
     workspace = Workspace.from_mesh(boxes_mesh(boxes), 0.1, (*corner, *(corner + 2.3)))
     size, center = rng.uniform(0.05, 0.6, 3), rng.uniform(-0.3, 0.3, 3)
     space = cspace.build(workspace, Robot.box(size, center), outside=outside, margin=margin, inner=inner)
-    robot = (center - size / 2, center + size / 2)
-
-    def gaps(q):
-        return np.minimum(box_gaps(q, robot, boxes), wall_gaps(space, q)) - margin
-
+    gaps = gaps_of(space, Blocks.boxes([center - size / 2, center + size / 2]), Blocks.boxes(boxes))
     q0 = near_mixed(space, rng, 150)
     agrees(space, q0, gaps(q0))
     q1 = q0 + rng.normal(0.0, 0.3, q0.shape) * rng.choice([0.1, 1.0, 3.0], (150, 1))
@@ -120,24 +109,17 @@ def test_boxes_among_boxes_agree_with_arithmetic(world, outside, margin, inner):
 def test_balls_are_round(seed, kind, margin, points):
     """Robots of each kind among balls or points, and the walls of the grid."""
     rng = np.random.default_rng(seed)
-    centers, radii = rng.uniform(0.2, 1.8, (9, 3)), 0.0 if points else rng.uniform(0.02, 0.3, 9)
+    centers, radii = rng.uniform(0.2, 1.8, (9, 3)), np.zeros(9) if points else rng.uniform(0.02, 0.3, 9)
     workspace = Workspace.from_balls(centers, radii, 0.1, (0, 0, 0, 2, 2, 2))
     size = rng.uniform(0.1, 0.5, 3)
     spots, reach = rng.uniform(-0.2, 0.2, (3, 3)), rng.uniform(0.05, 0.2, 3)
-    robot = {"box": Robot.box(size), "ball": Robot.ball(0.2, spots[0]), "balls": Robot.balls(spots, reach)}[kind]
-    if kind == "ball":
-        spots, reach = spots[:1], np.array([0.2])
+    robot, body = {
+        "box": (Robot.box(size), Blocks.boxes([-size / 2, size / 2])),
+        "ball": (Robot.ball(0.2, spots[0]), Blocks.balls(spots[:1], np.array([0.2]))),
+        "balls": (Robot.balls(spots, reach), Blocks.balls(spots, reach)),
+    }[kind]
     space = cspace.build(workspace, robot, margin=margin)
-
-    def gaps(q):
-        if kind == "box":
-            apart = np.maximum(np.abs(centers - q[:, None]) - size / 2, 0.0)
-            apart_by = (np.sqrt((apart**2).sum(axis=-1)) - radii).min(axis=1)
-        else:
-            apart = np.linalg.norm(q[:, None, None] + spots[:, None] - centers, axis=-1)
-            apart_by = (apart - reach[:, None] - radii).min(axis=(1, 2))
-        return np.minimum(apart_by, wall_gaps(space, q)) - margin
-
+    gaps = gaps_of(space, body, Blocks.balls(centers, radii))
     q0 = near_mixed(space, rng, 150)
     agrees(space, q0, gaps(q0))
     q1 = q0 + rng.normal(0.0, 0.2, q0.shape)
@@ -153,10 +135,7 @@ def test_a_ball_among_boxes_agrees_with_arithmetic(seed, margin):
     center = rng.uniform(-0.1, 0.1, 3)
     workspace = Workspace.from_mesh(boxes_mesh(boxes), 0.1, (0, 0, 0, 2, 2, 2))
     space = cspace.build(workspace, Robot.ball(0.2, center), margin=margin)
-
-    def gaps(q):
-        return np.minimum(box_gaps(q, (center, center), boxes) - 0.2, wall_gaps(space, q)) - margin
-
+    gaps = gaps_of(space, Blocks.balls(center[None], np.array([0.2])), Blocks.boxes(boxes))
     q0 = near_mixed(space, rng, 200)
     agrees(space, q0, gaps(q0))
     edges_agree(space, q0[:40], q0[:40] + rng.normal(0.0, 0.3, (40, 3)), gaps)
@@ -173,10 +152,7 @@ def test_voxels_among_voxels_agree_with_arithmetic(seed, outside):
     space = cspace.build(workspace, Robot.cells(body, side, lower), outside=outside)
     boxes = low + 0.1 * (np.argwhere(world)[:, None] + np.array([[0], [1]]))
     parts = lower + side * (np.argwhere(body)[:, None] + np.array([[0], [1]]))
-
-    def gaps(q):
-        return np.minimum(np.min([box_gaps(q, part, boxes) for part in parts], axis=0), wall_gaps(space, q))
-
+    gaps = gaps_of(space, Blocks.boxes(parts), Blocks.boxes(boxes))
     q0 = near_mixed(space, rng, 150)
     agrees(space, q0, gaps(q0))
     edges_agree(space, q0[:20], q0[:20] + rng.normal(0.0, 0.15, (20, 3)), gaps)
@@ -246,10 +222,7 @@ def test_mesh_robots_walk_a_thousand_points():
     workspace = Workspace.from_mesh(boxes_mesh(boxes), 0.1, (0, 0, 0, 2, 2, 2))
     robot = (np.array([-0.1, -0.2, -0.05]), np.array([0.2, 0.1, 0.15]))
     space = cspace.build(workspace, Robot.mesh(trimesh.creation.box(bounds=robot)))
-
-    def gaps(q):
-        return np.minimum(box_gaps(q, robot, boxes), wall_gaps(space, q))
-
+    gaps = gaps_of(space, Blocks.boxes(robot), Blocks.boxes(boxes))
     q0 = near_mixed(space, rng, 200)
     agrees(space, q0, gaps(q0))
     free = edges_agree(space, q0[:60], q0[:60] + rng.normal(0.0, 0.2, (60, 3)), gaps)
@@ -391,7 +364,8 @@ def test_bounds_next_to_zero_cut_as_zero_does(low):
     space = cspace.build(workspace, Robot.ball(0.004), outside="free", inner=False)
     rng = np.random.default_rng(0)
     q = rng.uniform(0, 1, (3000, 3)) * rng.choice([1.0, 0.03, 1e-9], (3000, 3))
-    spare = box_gaps(q, (np.zeros(3), np.zeros(3)), np.maximum(boxes, 0.0)) - 0.004
+    point = Blocks.balls(np.zeros((1, 3)), np.zeros(1))
+    spare = Pair.of(point, Blocks.boxes(np.maximum(boxes, 0.0))).gaps(q) - 0.004
     assert not space.is_free(q, exact=True)[spare <= 0.0].any()
     away = (q > 0.11).all(axis=1)  # from where solids are cut open, which the sides of outer cells close
     agrees(space, q[away], spare[away])
