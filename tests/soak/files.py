@@ -293,6 +293,9 @@ def _child(queue: Any, *arguments: Any) -> None:
 def _outcomes(seed: int, every: dict[str, Path], name: str, wanted: int) -> Counter[str]:
     """Count outcomes of all mutants of one family, in child processes."""
     outcomes: Counter[str] = Counter()
+    opened = attempt(every[name])  # imports and compiles what the children need, too
+    if opened != "opened":
+        outcomes[f"{name} itself: {opened}"] += 1
     context = multiprocessing.get_context("fork")
     for first in range(0, wanted, ROUND):
         queue: Any = context.Queue()
