@@ -13,6 +13,7 @@ from cspace.cli.files import axes_of_map
 from cspace.cli.options import angle, box, configuration
 from cspace.cli.report import in_options, show, worded
 from cspace.errors import CspaceError, FileError, InputError
+from refusals import refusals
 
 AXES = {"plane": ("x", "y"), "turning": ("x", "y", "yaw"), "space": ("x", "y", "z"), "both": ("x", "y", "z", "yaw")}
 OPTIONS = {name: f"--{name.replace('_', '-')}" for name in ("solid", "spacing", "robot_solid", "exact", "rotations")}
@@ -69,24 +70,32 @@ def test_degrees_become_radians(value: float) -> None:
     assert angle(f"{value!r}deg", "--yaw", "yaw") == math.radians(value)
 
 
-@pytest.mark.parametrize("text", ["90", "-180", "6.3", "360"])
-def test_degrees_without_their_unit_are_refused(text: str) -> None:
-    with pytest.raises(InputError, match=rf"'{text}'.*write {text}deg for degrees"):
+@refusals(
+    "text, message",
+    *[(text, rf"'{text}'.*write {text}deg for degrees") for text in ("90", "-180", "6.3", "360")],
+    *[
+        (text, rf"--yaw has the yaw '{text}'.* write e\.g\. 90deg or 1\.57")
+        for text in ("", "deg", "north", "90°", "pi")
+    ],
+    *[
+        (text, rf"--yaw has the yaw '{text}'.* write e\.g\. 90deg or 1\.57")
+        for text in ("", "deg", "north", "90°", "1.57 deg deg", "90 degrees", "pi")
+    ],
+)
+def test_angles_without_a_unit_and_other_texts_are_refused(text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
         angle(text, "--yaw", "yaw")
 
 
-@pytest.mark.parametrize("text", ["", "deg", "north", "90°", "1.57 deg deg", "90 degrees", "pi"])
-def test_what_is_no_angle_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match=r"--yaw has the yaw .* write e\.g\. 90deg or 1\.57"):
-        angle(text, "--yaw", "yaw")
-
-
-def test_boxes_are_read_or_refused() -> None:
+def test_boxes_are_read() -> None:
     assert box("-1,0, 2,3", "--bounds") == (-1.0, 0.0, 2.0, 3.0)
     assert box("-1,0,0,2,3,1e1", "--bounds") == (-1.0, 0.0, 0.0, 2.0, 3.0, 10.0)
-    for text in ("here", "0,0,1", "0,0,0,1,1", "0,0,0,1,1,nan", "0,0,0,1,-1,1"):
-        with pytest.raises(InputError, match="bounds"):
-            box(text, "--bounds")
+
+
+@pytest.mark.parametrize("text", ["here", "0,0,1", "0,0,0,1,1", "0,0,0,1,1,nan", "0,0,0,1,-1,1"])
+def test_texts_that_are_no_box_are_refused(text: str) -> None:
+    with pytest.raises(InputError, match="bounds"):
+        box(text, "--bounds")
 
 
 @pytest.mark.parametrize(

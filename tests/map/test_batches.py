@@ -70,29 +70,17 @@ def near(space, q, rng):
 @pytest.mark.parametrize("make", KINDS)
 @settings(max_examples=8)
 @given(seeds, st.sampled_from(["free", "blocked"]), st.sampled_from([1, 1023, 1024, 1025, 2 * LEAST + 1]))
-def test_classify_of_many_is_that_of_each(make, seed, outside, number):
+def test_states_and_clearances_of_many_are_those_of_each(make, seed, outside, number):
     rng = np.random.default_rng(seed)
     space = make(rng, outside=outside)
     q = draw_configurations(space, rng, number, far=True)
     chosen = rng.integers(0, number, 500)
     assert space.classify(q)[chosen].tolist() == [space.classify(one) for one in q[chosen]]
+    assert space.clearance(q)[chosen[:100]].tolist() == [space.clearance(one) for one in q[chosen[:100]]]
     inside = space.grid.contains(q[:, : space.grid.dim])
     cells = space.grid.cell_of(q[inside, : space.grid.dim])
     slices = space.record.slice_of[space.rotations.cells_of(q[inside])]
     assert (space.classify(q)[inside] == space.record.states[(slices, *cells.T)]).all()
-
-
-@pytest.mark.parametrize("make", KINDS)
-def test_clearances_of_many_are_those_of_each(make):
-    rng = np.random.default_rng(2)
-    space = make(rng)
-    q = draw_configurations(space, rng, ROWS + 100, far=True)
-    q[3:6, 0] = 1e308, -1e308, 1e200
-    chosen = [3, 4, 5, *rng.integers(0, len(q), 200)]
-    assert space.clearance(q)[chosen].tolist() == [space.clearance(one) for one in q[chosen]]
-    q[[ROWS, 70], [0, 1]] = np.nan, np.inf
-    with pytest.raises(InputError, match=r"q number 70 is .*inf"):
-        space.clearance(q)
 
 
 @pytest.mark.parametrize("make", KINDS)
@@ -147,10 +135,11 @@ def test_the_first_bad_number_is_named(make, dtype, value):
             q[first, rng.integers(space.dof)] = q[second, rng.integers(space.dof)] = value
             with pytest.raises(InputError, match=f"{name} number {min(first, second)} is .*(nan|inf)"):
                 ask[name](q)
-    outside = configurations(space, np.full((3, space.dof), -7.0))
-    outside[1, rng.integers(space.dof)] = value
-    with pytest.raises(InputError, match="q number 1 is"):
-        space.classify(outside)
+    outside = configurations(space, np.full((ROWS + 100, space.dof), -7.0))
+    outside[[ROWS, 70], [0, 1]] = value
+    for query in (space.classify, space.clearance):
+        with pytest.raises(InputError, match="q number 70 is"):
+            query(outside)
 
 
 @settings(max_examples=60)

@@ -168,6 +168,8 @@ def test_clearance_answers_far_away_and_for_no_numbers(dim):
         assert 0.0 <= space.clearance((far, *rest)) < np.inf
         nearest = space.nearest_free((far, *rest))
         assert nearest[0] == 5.5 and space.is_free(nearest)
+    far = np.array([(1e308, *rest), (-1e308, *rest), (1e200, *rest)])
+    assert space.clearance(far).tolist() == [space.clearance(q) for q in far]
     for wrong in (np.nan, np.inf):
         assert space.clearance_checker()(wrong, *rest) == 0.0
 

