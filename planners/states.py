@@ -85,8 +85,8 @@ def check_space(space: object) -> None:
 def check_information(si: object, space: object) -> None:
     """Refuse, by an InputError, what is no space information of OMPL's, or no map."""
     if not isinstance(si, ob.SpaceInformation):
-        rule, mend = "it must be an ompl.base.SpaceInformation", "pass e.g. setup.getSpaceInformation()"
-        raise InputError("si", f"is a {type(si).__name__}", rule, mend, value=si)
+        given, advice = type(si).__name__, "pass e.g. setup.getSpaceInformation()"
+        raise InputError("si", f"is a {given}", "it must be an ompl.base.SpaceInformation", advice, value=si)
     check_space(space)
 
 

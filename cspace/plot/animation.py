@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cspace.arrays import Floats
 from cspace.check import positive
 from cspace.errors import InputError
-from cspace.files.access import replacing
+from cspace.files.access import replacing, suffix_of
 from cspace.plot import artists
 from cspace.plot.arms import MovingArm, along_joints
 from cspace.plot.route import HasAxes, HasPath, Look, MapLike, Route, polyline
@@ -102,13 +102,10 @@ def animate(
         If the file exists and ``overwrite`` is not set, or cannot be written.
     """
     target = Path(file)
-    if target.suffix.lower() != ".gif":
-        mend = f"name it e.g. {target.with_suffix('.gif').name}"
-        raise InputError(str(target), f"ends in {target.suffix!r}", "an animation's suffix is .gif", mend, value=file)
+    suffix_of(target, (".gif",), "an animation is a GIF", "file")
     points = polyline(space, path)
     if not len(points):
-        mend = "pass a path that was found"
-        raise InputError("path", "is empty", "an animation needs at least one configuration", mend, value=path)
+        raise InputError("path", "is empty", "an animation needs a path", "pass one that was found", value=path)
     pause, count = _timing(seconds, rate)
     shares = np.linspace(0.0, 1.0, count if bool((points != points[0]).any()) else 1)
     with replacing(target, overwrite) as temporary:

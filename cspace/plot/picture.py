@@ -16,7 +16,7 @@ import numpy as np
 from cspace.arrays import Floats
 from cspace.check import positive
 from cspace.errors import InputError
-from cspace.files.access import replacing
+from cspace.files.access import replacing, suffix_of
 from cspace.plot import artists
 from cspace.plot.route import (
     Figurine,
@@ -181,8 +181,8 @@ def plot(
 
     given: object = ax
     if given is not None and not isinstance(given, Axes):
-        rule, mend = "it must be axes of matplotlib", "pass e.g. figure.add_subplot()"
-        raise InputError("ax", f"is a {type(given).__name__}", rule, mend, value=given)
+        kind = type(given).__name__
+        raise InputError("ax", f"is a {kind}", "it must be axes of matplotlib", "pass figure.add_subplot()", value=ax)
     look = Look(rotation, ax, at, zoom, surface, cut, camera, legend, title)
     kind = view_of(space.axes, view, {name: getattr(look, name) for name in look._fields[:7]})
     if kind != "panels":
@@ -212,8 +212,8 @@ def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -
         raise InputError("view", f"is {view!r}", rule, "or leave it out", value=view)
     rotation = options.get("rotation")
     if rotation is not None and not numbers:
-        fault, rule = f"is {rotation!r}", "the map has no rotations, so the robot does not turn"
-        raise InputError("rotation", fault, rule, "leave it out, or build the map with rotations", value=rotation)
+        advice = "leave it out, or build the map with rotations"
+        raise InputError("rotation", f"is {rotation!r}", "the map has no rotations", advice, value=rotation)
     several = rotation is not None and np.ndim(rotation) > (numbers > 1)
     kind = view or ("panels" if several else views[0])
     for name, value in options.items():
@@ -287,9 +287,7 @@ def save_figure(draw: Callable[[], Any], file: str | os.PathLike[str], overwrite
     FileError if the file exists and ``overwrite`` is not set, or cannot be written.
     """
     target = Path(file)
-    if target.suffix.lower() not in SUFFIXES:
-        rule, mend = f"a picture's suffix is one of {', '.join(SUFFIXES)}", f"name it e.g. {target.stem}.png"
-        raise InputError(str(target), f"ends in {target.suffix!r}", rule, mend, value=file)
+    suffix_of(target, SUFFIXES, "the suffix says what to write", "file")
     dots = positive(dpi, "dpi", "pixels per inch")
     if dots > _MOST_DPI:
         rule = f"it must be at most {_MOST_DPI:,.0f} pixels per inch, which is some 20,000 pixels across"

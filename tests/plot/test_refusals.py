@@ -44,7 +44,11 @@ def maps(flat: CSpace, turning: CSpace, hall: CSpace) -> dict[str, CSpace]:
     ("flat", {"zoom": math.nan}, "zoom is nan"),
     ("flat", {"zoom": 2.0, "at": (9.0, 1.0)}, "at is (9, 1); it must lie in the grid"),
     ("flat", {"cut": 1.0}, "cut is given; it goes with the view 3d"),
-    ("flat", {"file": "map.xyz"}, "suffix is one of .png, .pdf, .svg, .jpg; name it e.g. map.png"),
+    (
+        "flat",
+        {"file": "map.xyz"},
+        "ends in '.xyz'; the suffix says what to write; use one of .png, .pdf, .svg, .jpg",
+    ),
     ("turning", {"path": [(1.0, 2.0)]}, "path has shape (1, 2); it must be (n, 3)"),
     ("turning", {"start": (1.0, 2.0)}, "start has shape (2,); it must be (3,); pass one configuration (x, y, yaw)"),
     ("turning", {"goal": (1.0, 2.0, float("inf"))}, "goal[2] is inf"),
