@@ -45,8 +45,8 @@ from cspace.workspace import Workspace, copied
 if TYPE_CHECKING:
     from cspace.exact.boundaries import Problem
     from cspace.exact.queries import Exact
+    from cspace.map.clearance import Inflation
     from cspace.map.components import Components
-    from cspace.map.inflation import Inflation
     from cspace.map.mip import Marks, Mip
     from cspace.map.overlaps import Runs, Sums
     from cspace.map.sampling import FreeCells
@@ -825,7 +825,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         It is infinite where it is above ``limit``.
         """
-        from cspace.map.inflation import clearances_of
+        from cspace.map.clearance import clearances_of
 
         whole, periodic = self._unrolled, self._contents.periodic
         if number is None:
@@ -974,7 +974,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     @lazy
     def _inflation(self) -> Inflation:
-        from cspace.map.inflation import Inflation
+        from cspace.map.clearance import Inflation
 
         return Inflation(self._seen, self._exterior.table, self._lock)
 

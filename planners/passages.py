@@ -22,7 +22,7 @@ from cspace.arrays import FREE, Bools, Floats, Ints
 from cspace.compiling import clock
 from cspace.configuration_space import ConfigurationSpace
 from cspace.limits import KEEP, free_bytes
-from cspace.map.chain import open_chain
+from cspace.map.search import open_chain
 from cspace.space import CSpace
 from planners.catalogue import CUBES
 from planners.local_planner import LocalPlanner

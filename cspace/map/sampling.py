@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cspace.arrays import FREE, Bytes, Floats, Ints
 from cspace.compiling import jit, kernel
 from cspace.grid import Grid
-from cspace.map.storage import Cells, PackedStates, Stack, row_in
+from cspace.map.storage import Cells, PackedStates, Stack, ones_in, row_in
 from cspace.rotations import Rotations
 
 Chunks = NDArray[np.int32]
@@ -30,7 +30,6 @@ TRIES: Final = 2**12
 FREE cell away, as many never fail."""
 
 _ONE, _ONES, _TOPS = np.uint64(1), np.uint64(0x0101010101010101), np.uint64(0x8080808080808080)
-_PAIRS = np.uint64(0x3333333333333333)
 
 # ---- drawing ---------------------------------------------------------------------------------------------------------
 
@@ -97,15 +96,6 @@ def find_ranks(cells: Cells, size: int, slices: Ints, ranks: Ints, drawn: Ints) 
                 drawn[n] = first + ones_in((free & (~free + _ONE)) - _ONE)
                 break
             left -= count
-
-
-@kernel
-def ones_in(word: np.uint64) -> int:
-    """How many bits of a word are set."""
-    word -= (word >> _ONE) & np.uint64(0x5555555555555555)
-    word = (word & _PAIRS) + ((word >> np.uint64(2)) & _PAIRS)
-    word = (word + (word >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
-    return int((word * _ONES) >> np.uint64(56))
 
 
 class FreeCells:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import handmade
 from cspace import BLOCKED, FREE, MIXED
-from cspace.map.chain import open_chain
+from cspace.map.search import open_chain
 from strategies import seeds
 
 

@@ -10,7 +10,7 @@ import cspace
 from cspace import Robot, Workspace, builder, limits
 from cspace.errors import InputError
 from cspace.map import storage
-from cspace.map.chain import open_chain
+from cspace.map.search import open_chain
 from cspace.map.storage import PackedStates
 from cspace.rotations import Rotations
 

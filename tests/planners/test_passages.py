@@ -10,7 +10,7 @@ import trimesh
 import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
-from cspace.map.chain import open_chain
+from cspace.map.search import open_chain
 from placements import collides
 from planners.local_planner import EdgesOnMap
 from planning import compile_for, edge
