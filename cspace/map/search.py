@@ -1,4 +1,4 @@
-"""Searches over cells: FREE chains, shortest or found soon, and chains that are not BLOCKED with the fewest MIXED cells."""
+"""Searches over cells: FREE chains, and chains that are not BLOCKED with the fewest MIXED cells."""
 
 from __future__ import annotations
 
