@@ -20,7 +20,8 @@ from cspace.export.vti import write_vti
 from cspace.files.access import replacing, suffix_of
 from cspace.grid import Grid
 from cspace.map.contents import Contents
-from cspace.store import AXES, STACKED, SUFFIXES, arrays_of, attributes_of, axes_of, metadata_of, save
+from cspace.map.description import AXES, STACKED, arrays_of, attributes_of, axes_of, metadata_of
+from cspace.store import SUFFIXES, save
 
 if TYPE_CHECKING:
     import xarray

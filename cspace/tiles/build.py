@@ -16,9 +16,10 @@ from cspace.engines.slices import Progress, raster_bytes
 from cspace.errors import FileError, InputError
 from cspace.files.access import replacing
 from cspace.limits import check_memory
+from cspace.map.description import AXES, describe_map, shapes_array
 from cspace.robot import Robot
 from cspace.rotations import Rotations
-from cspace.store import AXES, CHUNK_CELLS, Index, Store, describe_map, fit_tile, is_store, shapes_array
+from cspace.store import CHUNK_CELLS, Index, Store, fit_tile, is_store
 from cspace.tiles.space import TiledCSpace
 from cspace.tiles.work import Job, run
 from cspace.workspace import Workspace

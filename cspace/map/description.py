@@ -1,0 +1,251 @@
+"""What a map holds, for files and for analysis: its arrays with names, types, axes and units, and its metadata."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+from itertools import compress
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace import __version__
+from cspace.arrays import FIELD_NAMES, STATE_NAMES
+from cspace.grid import Grid
+from cspace.map.contents import Contents
+from cspace.map.storage import read_only, read_only_of
+from cspace.robot import Robot
+from cspace.rotations import Rotations
+from cspace.shapes import Shape, shape_from_spec
+
+FORMAT: Final = "cspace-map"
+VERSION: Final = 3
+"""Version of the format; a reader refuses all others."""
+
+AXES: Final = ("x", "y", "z")
+
+STACKED: Final = ("state", "overlap", *FIELD_NAMES)
+"""Arrays with one entry for each slice."""
+
+
+class Stored(NamedTuple):
+    """How an array is stored.
+
+    Attributes
+    ----------
+    axes : tuple of str
+        Names of its axes; "cells" stands for those of the grid, and "tiles" for those of the tiles.
+    dtype : str
+    lost : number
+        What stands in for entries that were lost: never a value that would call a cell free.
+    about : mapping
+        Attributes, after the CF conventions.
+    sizes : mapping of str to int
+        Lengths of those axes that are the same for every map.
+    """
+
+    axes: tuple[str, ...]
+    dtype: str
+    lost: Any
+    about: Mapping[str, Any]
+    sizes: Mapping[str, int] = {}
+
+
+def _stored(axes: str, dtype: str, lost: Any, name: str, **about: Any) -> Stored:
+    return Stored(tuple(axes.split()), dtype, lost, {"long_name": name, **about})
+
+
+def _floats(axes: str, name: str, units: str, **about: str) -> Stored:
+    return _stored(axes, "float64", math.nan, name, units=units, **about)
+
+
+_OVERLAP_FIELD: Final = (
+    "overlap of the descriptors of robot and obstacles",
+    *(f"its derivative along {axis}" for axis in AXES),
+)
+
+ARRAYS: Final[dict[str, Stored]] = {
+    "state": _stored(
+        "slice cells",
+        "uint8",
+        255,
+        "state of the configurations in a cell",
+        flag_values=list(range(len(STATE_NAMES))),
+        flag_meanings=" ".join(STATE_NAMES),
+    ),
+    "outer": _stored("cells", "bool", True, "workspace cells that meet an obstacle"),
+    "inner": _stored("cells", "bool", True, "workspace cells that lie in obstacles"),
+    "record": _stored(
+        "tiles number",
+        "int64",
+        -1,
+        "what is known of a tile that is done",
+        comment="FREE, MIXED and BLOCKED cells of each slice; first and last cell of its obstacles; SHA-256 of its "
+        "chunks of state, of outer, and of inner or outer again",
+    ),
+    "unknown": _stored("cells", "bool", True, "workspace cells that nothing is known of"),
+    "overlap": _stored(
+        "slice cells", "int32", -1, "number of coinciding pairs of obstacle cell and robot offset", units="1"
+    ),
+    **{
+        name: _stored("slice cells", "float64", math.inf, what)
+        for name, what in zip(FIELD_NAMES, _OVERLAP_FIELD, strict=True)
+    },
+    "slice_of": _stored(
+        "rotation",
+        "int64",
+        np.iinfo(np.int64).max,
+        "slice that serves a rotation cell",
+        comment="where state has the dimension slice, state.isel(slice=slice_of) has the dimension rotation",
+    ),
+    "exterior": _stored(
+        "slice corner",
+        "int64",
+        np.iinfo(np.int64).max,
+        "first and last cell of the box of cells that are MIXED outside the grid, and the state of those beyond it",
+    ),
+    "shapes": _stored("byte", "int8", -1, "obstacles as a JSON list of what makes each shape again"),
+    **{axis: _floats(axis, f"{axis} of the middle of a cell", "m", axis=axis.upper()) for axis in AXES},
+}
+"""Every array that a map may hold, except those that describe its rotation cells."""
+
+
+def stored() -> Mapping[str, Stored]:
+    """Every array that a map may hold."""
+    return _stored_of(tuple(Rotations.KINDS.values()))
+
+
+@cache
+def _stored_of(kinds: tuple[type[Rotations], ...]) -> Mapping[str, Stored]:
+    arrays = dict(ARRAYS)
+    for name, each in (item for kind in kinds for item in kind.COORDINATES.items()):
+        bounds = {"bounds": each.bounds} if each.bounds else {}
+        array = _floats(" ".join(["rotation", *each.axes]), each.about, each.units, **bounds)
+        arrays[name] = array._replace(sizes=each.axes)
+    return arrays
+
+
+def axes_of(name: str, dim: int) -> tuple[str, ...]:
+    """Return the name of each axis of an array, on a grid of ``dim`` axes."""
+    groups = {"cells": AXES[:dim], "tiles": tuple(f"tile_{axis}" for axis in AXES[:dim])}
+    return tuple(part for axis in stored()[name].axes for part in groups.get(axis, (axis,)))
+
+
+def grid_of(metadata: Mapping[str, Any]) -> Grid:
+    """Return the grid of a map, from its metadata."""
+    shape = tuple(metadata["shape"])
+    axes, units = metadata.get("axes", "").split()[: len(shape)], metadata.get("units", "").split()
+    return Grid(metadata["lower"], metadata["spacing"], shape, axes or None, units or None)
+
+
+def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
+    """Return the attributes of an array on a grid, with its unit if that depends on the axes."""
+    about, dim = dict(stored()[name].about), grid.dim
+    if name in AXES:
+        number = AXES.index(name)
+        about |= {"long_name": f"{grid.axes[number]} of the middle of a cell", "units": grid.units[number]}
+    if name in FIELD_NAMES:
+        power = dim - (name != FIELD_NAMES[0])
+        about["units"] = "m" if power == 1 else f"m{power}"
+    return about
+
+
+def describe_map(
+    grid: Grid, robot: Robot, rotations: Rotations, slices: int, outside: str, margin: float, source: str
+) -> dict[str, Any]:
+    """Return the metadata of every map: text, numbers and lists of numbers.
+
+    ``lower`` and ``spacing`` are in metres; ``axes`` names the numbers of a configuration, and ``units`` are those of
+    the cells; ``rotations`` is the number of rotation cells; ``robot`` is JSON text for ``Robot.from_spec``.
+    """
+    return {
+        "format": FORMAT,
+        "format_version": VERSION,
+        "library_version": __version__,
+        "lower": list(grid.lower),
+        "spacing": grid.spacing,
+        "shape": list(grid.shape),
+        "axes": " ".join((*grid.axes, *rotations.names)),
+        "units": " ".join(grid.units),
+        "outside": outside,
+        "margin": float(margin),
+        "rotations": rotations.count,
+        "slices": slices,
+        "robot": robot.definition,
+        "workspace_source": source,
+    }
+
+
+def metadata_of(contents: Contents) -> dict[str, Any]:
+    """Return the metadata of a map in memory: those of :func:`describe_map`, and three more.
+
+    ``precision`` is the arithmetic of the engine; ``inner`` is 1 if BLOCKED is proven and 0 if not, left out if that is
+    unknown; ``endless`` names the periodic axes, if there are any.
+    """
+    grid, workspace = contents.grid, contents.workspace
+    about = describe_map(
+        *(grid, contents.robot, contents.rotations, len(contents.states), contents.outside, contents.margin),
+        workspace.source,
+    )
+    about["precision"] = contents.precision
+    if contents.proves_blocked is not None:
+        about["inner"] = int(contents.proves_blocked)
+    if any(contents.endless):
+        about["endless"] = " ".join(compress(grid.axes, contents.endless))
+    return about
+
+
+def arrays_of(contents: Contents) -> dict[str, Any]:
+    """Return the arrays of a map, by the names of :func:`stored`. No cells are copied; states may be in two bits each.
+
+    ``inner`` is there only if it differs from ``outer``, ``unknown`` only if there are such cells, ``overlap`` only if
+    the map was built with it, the overlap field only if the map carries one, the arrays of rotation cells only if the
+    robot turns, and ``shapes`` only if the obstacles are known as shapes.
+    """
+    workspace, grid = contents.workspace, contents.grid
+    arrays: dict[str, Any] = {
+        "state": read_only_of(contents.states),
+        "outer": workspace.outer,
+        "slice_of": contents.slice_of,
+    }
+    if workspace.inner is not workspace.outer:
+        arrays["inner"] = workspace.inner
+    if workspace.unknown is not None:
+        arrays["unknown"] = workspace.unknown
+    if contents.exterior is not None:
+        arrays["exterior"] = contents.exterior.table
+    stacked: dict[str, NDArray[Any]] = dict(contents.fields)
+    if contents.overlaps is not None:
+        stacked["overlap"] = read_only(contents.overlaps)
+    arrays |= {name: array.reshape(contents.states.shape) for name, array in stacked.items()}
+    arrays |= {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
+    return {**arrays, **contents.rotations.coordinates, **shapes_array(workspace.shapes)}
+
+
+def shapes_array(shapes: Sequence[Shape] | None) -> dict[str, NDArray[Any]]:
+    """Return the array ``shapes``, if the obstacles are known as shapes."""
+    if shapes is None:
+        return {}
+    specs = json.dumps([shape.spec for shape in shapes])
+    return {"shapes": np.frombuffer(specs.encode(), dtype=np.int8)}  # netCDF 3 knows no unsigned bytes
+
+
+def shapes_from(array: NDArray[Any]) -> tuple[Shape, ...]:
+    """Return the obstacles that an array ``shapes`` describes.
+
+    Raises ValueError if it describes none.
+    """
+    try:
+        return tuple(shape_from_spec(spec) for spec in json.loads(array.tobytes()))
+    except Exception as error:  # shapely and the shapes raise what they like on what is none
+        raise ValueError(f"'shapes' tells of no obstacles ({type(error).__name__}: {error})") from error
+
+
+def turns_of(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of all arrays of rotation cells, if one of them is there; none if the robot does not turn."""
+    there = set(names)
+    kinds = (tuple(kind.COORDINATES) for kind in Rotations.KINDS.values())
+    return next((kind for kind in kinds if there.intersection(kind[:1])), ())
