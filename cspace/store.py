@@ -86,15 +86,6 @@ CHUNK_CELLS: Final = 2**24
 SAVED_CHUNK_CELLS: Final = 2**20
 """States in a chunk of a saved map, at most, unless one slice has more; fewer, so that one slice is read quickly."""
 
-CHUNK: Final = {1: 2**20, 2: 1024, 3: 128}
-"""Cells of a chunk along each axis, by the number of axes, in arrays without tiles: about a million cells."""
-
-SLICE_CHUNK: Final = {2: 4096, 3: 256}
-"""Cells along each axis of a chunk that holds one slice, by the number of axes of the slice."""
-
-CELLS_TOGETHER: Final = 2**20
-"""Cells of an array without tiles that are encoded together: each call of Zarr takes milliseconds."""
-
 LEVEL: Final = 1
 """Level of zstd: higher ones take more time and save little; slices of turned robots even grow."""
 
@@ -113,6 +104,10 @@ _ROUNDING: Final = 1e-12
 _WHOLE: Final = (
     "a stored map is read only if it is complete and unchanged",
     "copy it again from where it is whole, or build it again",
+)
+_LABELS: Final = (
+    "eight numbers that tell what it was made from; then, for each axis, the near face and the far one, over the "
+    "rotation cells; -1 where a cell has none"
 )
 _KEYS: Final = (
     *("format", "format_version", "library_version", "lower", "spacing", "shape", "outside", "margin", "precision"),
@@ -435,10 +430,15 @@ class Store:
 
         Raises FileError if nothing can be written.
         """
-        for name, content in _encoded({**metadata, **NOT_DONE}, arrays):
+        # Global "coordinates" tell readers of the CF conventions which arrays label others.
+        metadata = {**metadata, **NOT_DONE, "coordinates": " ".join((*turns_of(arrays), "slice_of"))}
+        digests = {}
+        for name, content in _files_of(metadata, arrays):
+            digests[name] = digest_of(content)
             file = Path(folder, name)
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(content)
+        Path(folder, ROOT).write_bytes(root_text(seal(metadata, digests)))
         return cls.open(folder)
 
     @classmethod
@@ -534,12 +534,7 @@ class Store:
 
         Raises FileError if it cannot be written, for example on a full disk.
         """
-        shape, dtype, lost = self._chunk(name)
-        if block.shape != shape:
-            whole = np.full(shape, lost, dtype=dtype)
-            whole[tuple(slice(0, n) for n in block.shape)] = block
-            block = whole
-        content = _codec(name).encode(np.ascontiguousarray(block, dtype=dtype))
+        content = _encoded(name, block, *self._chunk(name))
         _write(self.path / aside / _name(name, index), content)
         return digest_of_bytes(content)
 
@@ -630,25 +625,18 @@ class Store:
         own_digest = self.write("record", (*index, 0), row.reshape(*(1,) * self.grid.dim, -1), aside)
         return Record(counts, extent, tuple(digests), own_digest)
 
-    def record(self, index: Index) -> Record | None:
-        """Return the record of a tile; None if the tile is not done."""
-        content = self._content(_name("record", (*index, 0)))
-        if content is None:
-            return None
-        row = self._decoded("record", (*index, 0), content).reshape(-1)
-        counts, box, digests = np.split(row, [3 * self.slices, 3 * self.slices + 2 * self.grid.dim])
-        parts = [part.tobytes() for part in digests.reshape(-1, _DIGEST)]
-        return Record(counts.reshape(-1, 3), box.reshape(2, -1), tuple(parts), digest_of_bytes(content))
-
     def known(self, index: Index) -> Record:
         """Return the record of a tile.
 
         Raises FileError if the tile is not done.
         """
-        record = self.record(index)
-        if record is None:
+        content = self._content(_name("record", (*index, 0)))
+        if content is None:
             raise unusable(self.path, f"its tile {index} is missing")
-        return record
+        row = self._decoded("record", (*index, 0), content).reshape(-1)
+        counts, box, digests = np.split(row, [3 * self.slices, 3 * self.slices + 2 * self.grid.dim])
+        parts = [part.tobytes() for part in digests.reshape(-1, _DIGEST)]
+        return Record(counts.reshape(-1, 3), box.reshape(2, -1), tuple(parts), digest_of_bytes(content))
 
     def states(self, index: Index, layer: int, record: Record, out: States | None = None) -> States:
         """Read a chunk of states, shape (depth, *tile); cells beyond the map are BLOCKED.
@@ -792,26 +780,12 @@ class Store:
 
     def add_labels(self) -> None:
         """Describe the arrays of labels of components to software that reads Zarr."""
-        import zarr
-
-        width = self._label_width
-
+        shape = (*self.counts, self._label_width)
         for kind, what in enumerate(("FREE cells", "cells that are not BLOCKED")):
-            if not (self.path / f"labels_{kind}" / ROOT).exists():
-                zarr.create_array(
-                    str(self.path),
-                    name=f"labels_{kind}",
-                    shape=(*self.counts, width),
-                    dtype="int32",
-                    chunks=(*(1,) * self.grid.dim, width),
-                    compressors=[_zarr_codec(f"labels_{kind}")],
-                    fill_value=-1,
-                    attributes={
-                        "long_name": f"components of {what} within a tile, of the cells on its faces",
-                        "comment": "eight numbers that tell what it was made from; then, for each axis, the near face "
-                        "and the far one, over the rotation cells; -1 where a cell has none",
-                    },
-                )
+            name, about = f"labels_{kind}", f"components of {what} within a tile, of the cells on its faces"
+            if not (self.path / name / ROOT).exists():
+                description = _description(name, shape, *self._chunk(name), {"long_name": about, "comment": _LABELS})
+                _write(self.path / name / ROOT, description)
 
     # ---- changes -----------------------------------------------------------------------------------------------------
 
@@ -879,21 +853,47 @@ def _name(array: str, index: Sequence[int]) -> str:
     return f"{array}/c/{'/'.join(map(str, index))}"
 
 
-def _codec(name: str) -> Any:
-    """Return the codec of an array's chunks; Zarr's own, which does the same, takes several times as long.
+def _encoded(name: str, block: NDArray[Any], shape: tuple[int, ...], dtype: np.dtype[Any], lost: Any) -> bytes:
+    """Encode a chunk of a shape; a smaller block, at the end of an array, is filled up.
 
-    A checksum takes as long as everything else. What has a digest in a record needs none.
+    A chunk with a digest in a record needs no checksum, which takes as long as everything else.
     """
     from numcodecs import Zstd
 
-    return Zstd(LEVEL, checksum=name not in DIGESTED)
+    if block.shape != shape:
+        whole = np.full(shape, lost, dtype=dtype)
+        whole[tuple(slice(0, n) for n in block.shape)] = block
+        block = whole
+    return bytes(Zstd(LEVEL, checksum=name not in DIGESTED).encode(np.ascontiguousarray(block, dtype=dtype)))
 
 
-def _zarr_codec(name: str) -> Any:
-    """Return the same codec for Zarr."""
-    from zarr.codecs import ZstdCodec
-
-    return ZstdCodec(level=LEVEL, checksum=name not in DIGESTED)
+def _description(
+    name: str,
+    shape: tuple[int, ...],
+    chunks: tuple[int, ...],
+    dtype: np.dtype[Any],
+    lost: Any,
+    about: Mapping[str, Any],
+    axes: Sequence[str] | None = None,
+) -> bytes:
+    """Return the metadata of an array in version 3 of the Zarr format."""
+    special = {"nan": "NaN", "inf": "Infinity"}
+    document = {
+        "zarr_format": 3,
+        "node_type": "array",
+        "shape": shape,
+        "data_type": dtype.name,
+        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": chunks}},
+        "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
+        "fill_value": special.get(str(lost), lost),
+        "codecs": [
+            {"name": "bytes", "configuration": {"endian": "little"}},
+            {"name": "zstd", "configuration": {"level": LEVEL, "checksum": name not in DIGESTED}},
+        ],
+        "attributes": about,
+        **({"dimension_names": axes} if axes else {}),
+    }
+    return json.dumps(document, indent=2).encode()
 
 
 def _write(file: Path, content: bytes) -> None:
@@ -922,62 +922,25 @@ def _chunks_of(metadata: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
     return {"state": (depth, *tile), "outer": tile, "inner": tile, "record": (*(1,) * len(tile), columns)}
 
 
-def _encoded(metadata: dict[str, Any], arrays: Mapping[str, Any]) -> Iterator[tuple[str, bytes]]:
-    """Yield the files of a store without tiles, by name, a few layers of chunks at a time; the root is the last one.
-
-    They are encoded in memory, because Zarr writes from threads that go on after an interruption.
-    """
-    import zarr
-    from zarr.storage import MemoryStore
-
-    files: dict[str, Any] = {}
-    digests: dict[str, str] = {}
-    grid, tile = grid_of(metadata), tuple(metadata["tile"])
-    counts = tuple(-(-n // t) for n, t in zip(grid.shape, tile, strict=True))
-
-    def finished(ending: str) -> Iterator[tuple[str, bytes]]:
-        for name in sorted(name for name in files if ending in name):  # not as they happen to be ready
-            content = files.pop(name).to_bytes()
-            digests[name] = digest_of(content)
-            yield name, content
-
-    def create(name: str, shape: tuple[int, ...], chunks: tuple[int, ...]) -> Any:
-        return group.create_array(
-            name,
-            shape=shape,
-            dtype=stored()[name].dtype,
-            chunks=chunks,
-            compressors=[_zarr_codec(name)],
-            fill_value=stored()[name].lost,
-            attributes=attributes_of(name, grid),
-            dimension_names=axes_of(name, grid.dim),
-            config={"write_empty_chunks": True},
-        )
-
-    group = zarr.create_group(MemoryStore(files), zarr_format=3)
-    for name, chunks in _chunks_of(metadata).items():
-        shapes = {"state": (metadata["slices"], *grid.shape), "record": (*counts, chunks[-1])}
-        if name != "inner" or not metadata["same"]:
-            create(name, shapes.get(name, grid.shape), chunks)
+def _files_of(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterator[tuple[str, bytes]]:
+    """Yield the files of a store without tiles, by name, except the root: metadata of arrays, and ``arrays``."""
+    grid = grid_of(metadata)
+    chunks = {name: side for name, side in _chunks_of(metadata).items() if name != "inner" or not metadata["same"]}
+    counts = (-(-n // t) for n, t in zip(grid.shape, metadata["tile"], strict=True))
+    shapes = dict.fromkeys(chunks, grid.shape)
+    shapes |= {"state": (metadata["slices"], *grid.shape), "record": (*counts, chunks["record"][-1])}
     for name, array in arrays.items():
-        chunks = _untiled_chunks(array.shape, axes_of(name, grid.dim))
-        made = create(name, array.shape, chunks)
-        step = chunks[0] * max(1, CELLS_TOGETHER // (chunks[0] * math.prod(array.shape[1:])))
-        for start in range(0, len(array), step):
-            made[start : start + step] = array[start : start + step]
-            yield from finished("/c/")
-    yield from finished(f"/{ROOT}")
-    # Global "coordinates" tell readers of the CF conventions which arrays label others.
-    labels = {"coordinates": " ".join((*turns_of(arrays), "slice_of"))}
-    yield ROOT, root_text(seal(metadata | labels, digests))
-
-
-def _untiled_chunks(shape: tuple[int, ...], axes: tuple[str, ...]) -> tuple[int, ...]:
-    """Return the shape of the chunks of an array without tiles."""
-    longest = [CHUNK.get(len(shape), 1)] * len(shape)
-    if axes[0] == "slice" and len(shape) > 2:
-        longest = [1] + [SLICE_CHUNK[len(shape) - 1]] * (len(shape) - 1)
-    return tuple(max(1, min(pair)) for pair in zip(shape, longest, strict=True))
+        size, is_stack = array.itemsize, stored()[name].axes[0] == "slice" and array.ndim > 2
+        shapes[name] = array.shape
+        chunks[name] = (1, *fit_tile(array.shape[1:], size)) if is_stack else fit_tile(array.shape, size)
+    for name, shape in shapes.items():
+        dtype, lost = np.dtype(stored()[name].dtype).newbyteorder("<"), stored()[name].lost
+        about, axes = attributes_of(name, grid), axes_of(name, grid.dim)
+        yield f"{name}/{ROOT}", _description(name, shape, chunks[name], dtype, lost, about, axes)
+        if name in arrays:
+            for index in itertools.product(*(range(-(-n // c)) for n, c in zip(shape, chunks[name], strict=True))):
+                box = tuple(slice(i * c, (i + 1) * c) for i, c in zip(index, chunks[name], strict=True))
+                yield _name(name, index), _encoded(name, arrays[name][box], chunks[name], dtype, lost)
 
 
 # ---- whole maps ------------------------------------------------------------------------------------------------------
@@ -1031,10 +994,10 @@ def _block(states: Stack, numbers: range, box: Box) -> States:
     return states[numbers.start : numbers.stop][(slice(None), *box)]
 
 
-def fit_tile(sides: Sequence[int]) -> tuple[int, ...]:
+def fit_tile(sides: Sequence[int], itemsize: int = 1) -> tuple[int, ...]:
     """Return the cells of a tile along each axis: ``sides``, the longest of them halved until a chunk may hold it."""
     tile = list(sides)
-    while math.prod(tile) > MAX_CHUNK_BYTES:
+    while itemsize * math.prod(tile) > MAX_CHUNK_BYTES:
         longest = int(np.argmax(tile))
         tile[longest] = -(-tile[longest] // 2)
     return tuple(tile)

@@ -147,9 +147,6 @@ def test_only_what_is_there_is_stored(tmp_path: Path) -> None:
 def test_arrays_of_several_chunks_come_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, space: cspace.CSpace
 ) -> None:
-    monkeypatch.setattr(store, "CHUNK", {1: 19, 2: 6, 3: 5})
-    monkeypatch.setattr(store, "SLICE_CHUNK", {2: 6, 3: 5})
-    monkeypatch.setattr(store, "CELLS_TOGETHER", 400)  # several slices of some arrays, of others a layer
     monkeypatch.setattr(store, "MAX_CHUNK_BYTES", 20)  # several tiles
     space.save(tmp_path / "map")
     assert len(list(files(tmp_path / "map" / "state" / "c" / "0"))) > 2
