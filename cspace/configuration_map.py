@@ -23,7 +23,7 @@ from cspace.rotations.base import warn_of_degrees
 from cspace.shown import MapPlot
 
 if TYPE_CHECKING:
-    from cspace.exact.queries import Exact
+    from cspace.exact.proofs import Exact
     from cspace.map.contents import Contents
     from cspace.store import Store
 

@@ -84,6 +84,25 @@ def rotated_back(matrix: Matrix, p: Row) -> Row:
     )
 
 
+@always_inline
+def placed(matrix: Matrix, place: Row, p: Row) -> Row:
+    """Return where a point comes by a rotation, given by its rows, and then a translation."""
+    return shifted(rotated(matrix, p), place, 1.0)
+
+
+@always_inline
+def box_extent(matrix: Matrix, half: Row) -> Row:
+    """Return half the sides of the upright box around a rotated box, by half the sides of that."""
+    x, y, z = matrix
+    return extent_along(x, half), extent_along(y, half), extent_along(z, half)
+
+
+@always_inline
+def extent_along(n: Row, half: Row) -> float:
+    """Return half the length of an upright box's projection onto a line, by half its sides."""
+    return abs(n[0]) * half[0] + abs(n[1]) * half[1] + abs(n[2]) * half[2]
+
+
 # ---- nearest points, as good as rounding allows ----------------------------------------------------------------------
 
 

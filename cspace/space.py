@@ -44,7 +44,7 @@ from cspace.workspace import Workspace, copied
 
 if TYPE_CHECKING:
     from cspace.exact.boundaries import Problem
-    from cspace.exact.queries import Exact
+    from cspace.exact.proofs import Exact
     from cspace.map.clearance import Inflation
     from cspace.map.components import Components
     from cspace.map.mip import Marks, Mip
@@ -900,7 +900,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     @lazy
     def _exact(self) -> Exact:
-        from cspace.exact.queries import Exact
+        from cspace.exact.proofs import Exact
 
         return Exact(self._problem())
 

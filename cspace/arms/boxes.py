@@ -21,14 +21,14 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arms.chain import SLIDES, TURNS, place
-from cspace.arms.proofs import Scene, Solids, Work, excess_of, is_nested, least_of, transformed
+from cspace.arms.chain import SLIDES, TURNS, column, place, relative_pose, rotation_of
+from cspace.arms.proofs import Scene, Solids, Work, excess_of, is_nested, least_of
 from cspace.arrays import BLOCKED, FREE, MIXED, Floats, Ints, Row, States
 from cspace.compiling import kernel
 from cspace.exact import ADVANCE
 from cspace.exact.triangles import box_of
 from cspace.grid import SLACK
-from cspace.kernels import THIN, cross, dot, minus, point_triangle, row_of
+from cspace.kernels import THIN, cross, dot, minus, placed, point_triangle, rotated, row_of
 from cspace.map.points import replaced
 from cspace.raster.surfaces import turn_above
 
@@ -218,7 +218,7 @@ def displacement_bounds(scene: Scene, a: int, b: int, box: Box, work: Work) -> t
     other joints between can add, and never more than the lengths between.
     """
     chain, poses, moving, lengths = scene.chain, work.poses, scene.chain.between[a, b], scene.chain.lengths[a]
-    x, y, z = poses[a, 0, 3], poses[a, 1, 3], poses[a, 2, 3]
+    origin = column(poses[a], 3)
     slide = angle = drift = 0.0
     for j in range(1, len(moving)):
         if moving[j]:
@@ -229,11 +229,9 @@ def displacement_bounds(scene: Scene, a: int, b: int, box: Box, work: Work) -> t
         if not moving[j] or travel == 0.0:
             continue
         if chain.kinds[j] == TURNS:
-            joint, (u, v, w) = poses[j], row_of(chain.axes[j], 0)
-            ux = joint[0, 0] * u + joint[0, 1] * v + joint[0, 2] * w
-            uy = joint[1, 0] * u + joint[1, 1] * v + joint[1, 2] * w
-            uz = joint[2, 0] * u + joint[2, 1] * v + joint[2, 2] * w
-            off = cross((ux, uy, uz), (x - joint[0, 3], y - joint[1, 3], z - joint[2, 3]))
+            joint = poses[j]
+            axis = rotated(rotation_of(joint), row_of(chain.axes[j], 0))
+            off = cross(axis, minus(origin, column(joint, 3)))
             now = math.sqrt(dot(off, off)) + box.least
             slide += travel * min(lengths[j], now + drift - travel * lengths[j])
             angle += travel
@@ -282,12 +280,12 @@ def ball_meets(inside: Inside, i: int, j: int, box: Box, work: Work) -> bool:
     """Whether solid j meets, all over a box, what a ball in solid i keeps of itself; or its middle, deep enough."""
     scene, balls, solids = inside.scene, inside.balls, inside.scene.solids
     slide, angle = displacement_bounds(scene, solids.bodies[i], solids.bodies[j], box, work)
-    one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
+    matrix, shift = relative_pose(work.poses[solids.bodies[i]], work.poses[solids.bodies[j]])
     for n in range(balls.starts[i], balls.starts[i + 1]):
         rest = balls.radii[n] - (slide + angle * balls.levers[n] + box.least)
         if rest + balls.deepest[j] <= 0.0:
             continue
-        x, y, z = point = transformed(one, other, row_of(balls.centers[n], 0))
+        x, y, z = point = placed(matrix, shift, row_of(balls.centers[n], 0))
         if solids.filled[j] and reaches_piece(solids, j, point, rest, work):
             return True
         for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):

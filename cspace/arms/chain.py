@@ -16,7 +16,7 @@ and multiple articulated robots in complex environments", 2005).
 
 *Rounding.* A body's place is found by at most :data:`MOST_BODIES` products of a rotation and a translation. Each adds
 less than 2^-48 of the arm's reach, so that a point is off by less than 2^-42 of it: less than a quarter of
-:data:`cspace.exact.ROUNDING`.
+:data:`cspace.exact.ROUNDING`. A pose as seen from another body is one more product.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arms.hulls import Flight
-from cspace.arrays import Bools, Floats, Ints, Row
+from cspace.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.compiling import always_inline, kernel
-from cspace.kernels import cross, dot
+from cspace.kernels import cross, dot, minus, rotated, row_of, shifted
 from cspace.map.batches import own
 
 MOST_BODIES: Final = 64
@@ -110,12 +110,8 @@ def place(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Floats) -> None
             out[i, 3] = a3 + along * (a0 * x + a1 * y + a2 * z)
             out[i, 4], out[i, 5] = parent[i, 4], parent[i, 5]
         rate = chain.factors[b] * (q1[number] - q0[number])
-        u = (
-            out[0, 0] * x + out[0, 1] * y + out[0, 2] * z,
-            out[1, 0] * x + out[1, 1] * y + out[1, 2] * z,
-            out[2, 0] * x + out[2, 1] * y + out[2, 2] * z,
-        )
-        moment = cross((out[0, 3], out[1, 3], out[2, 3]), u)
+        u = rotated(rotation_of(out), (x, y, z))
+        moment = cross(column(out, 3), u)
         for i in range(3):
             if chain.kinds[b] == TURNS:
                 out[i, 4] += rate * u[i]
@@ -124,36 +120,36 @@ def place(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Floats) -> None
                 out[i, 5] += rate * u[i]
 
 
+@always_inline
+def relative_pose(one: Floats, other: Floats) -> tuple[Matrix, Row]:
+    """Return the rotation, by rows, and the translation of a placed body as seen from another placed body."""
+    x, y, z = transposed = column(other, 0), column(other, 1), column(other, 2)
+    away = minus(column(one, 3), column(other, 3))
+    u, v, w = column(one, 0), column(one, 1), column(one, 2)
+    matrix = (dot(x, u), dot(x, v), dot(x, w)), (dot(y, u), dot(y, v), dot(y, w)), (dot(z, u), dot(z, v), dot(z, w))
+    return matrix, rotated(transposed, away)
+
+
 @kernel
 def flight_of(one: Floats, other: Floats, half: float, bend: float, most: float, least: float) -> Flight:
-    """How one of two placed bodies moves as seen from the other one."""
-    px, py, pz = other[0, 3], other[1, 3], other[2, 3]
-    spin = (one[0, 4] - other[0, 4], one[1, 4] - other[1, 4], one[2, 4] - other[2, 4])
-    x, y, z = cross(spin, (px, py, pz))
-    drift = (x + one[0, 5] - other[0, 5], y + one[1, 5] - other[1, 5], z + one[2, 5] - other[2, 5])
-    away = (one[0, 3] - px, one[1, 3] - py, one[2, 3] - pz)
-    a0, a1 = (other[0, 0], other[1, 0], other[2, 0]), (other[0, 1], other[1, 1], other[2, 1])
-    a2 = other[0, 2], other[1, 2], other[2, 2]
-    return Flight(
-        (_row(a0, one), _row(a1, one), _row(a2, one)),
-        (dot(a0, away), dot(a1, away), dot(a2, away)),
-        (dot(a0, spin), dot(a1, spin), dot(a2, spin)),
-        (dot(a0, drift), dot(a1, drift), dot(a2, drift)),
-        half,
-        bend,
-        most,
-        least,
-    )
+    """Return how one of two placed bodies moves as seen from the other one."""
+    spin, transposed = minus(column(one, 4), column(other, 4)), (column(other, 0), column(other, 1), column(other, 2))
+    swept = cross(spin, column(other, 3))
+    drift = shifted(swept, minus(column(one, 5), column(other, 5)), 1.0)
+    matrix, place = relative_pose(one, other)
+    return Flight(matrix, place, rotated(transposed, spin), rotated(transposed, drift), half, bend, most, least)
 
 
 @always_inline
-def _row(axis: Row, pose: Floats) -> Row:
-    """A row of the product of a transposed rotation, whose column is given, and another rotation."""
-    return (
-        dot(axis, (pose[0, 0], pose[1, 0], pose[2, 0])),
-        dot(axis, (pose[0, 1], pose[1, 1], pose[2, 1])),
-        dot(axis, (pose[0, 2], pose[1, 2], pose[2, 2])),
-    )
+def rotation_of(pose: Floats) -> Matrix:
+    """Return the rows of the rotation of a pose."""
+    return row_of(pose[0], 0), row_of(pose[1], 0), row_of(pose[2], 0)
+
+
+@always_inline
+def column(pose: Floats, k: int) -> Row:
+    """Return a column of an array with three rows."""
+    return pose[0, k], pose[1, k], pose[2, k]
 
 
 @kernel
@@ -179,13 +175,9 @@ def bounds_of(chain: Chain, a: int, b: int, rho: float, q0: Floats, q1: Floats) 
     return far, bent, turned
 
 
-@kernel
-def _place_at(chain: Chain, q: Floats, poses: Floats) -> None:
-    place(chain, q, q, 0.0, poses)
-
-
 def place_bodies(chain: Chain, q: Floats) -> Floats:
     """Rotation and translation of every body at a configuration, shape (b, 3, 4)."""
     poses = np.empty((len(chain.parents), 3, 6))
-    _place_at(chain, own(q), poses)
+    row = own(q)
+    place(chain, row, row, 0.0, poses)
     return poses[:, :, :4]

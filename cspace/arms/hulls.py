@@ -36,11 +36,12 @@ from cspace.compiling import always_inline, kernel
 from cspace.exact.triangles import bounds_of_rows, boxes_of, most
 from cspace.kernels import (
     THIN,
+    box_extent,
     cross,
     dot,
     minus,
+    placed,
     point_triangle,
-    rotated,
     rotated_back,
     row_of,
     scaled,
@@ -295,7 +296,6 @@ def least_excess(
     together were looked at alone. ``directions``, shape (CACHED, 4), caches along what hulls were apart.
     """
     best, top, last, known, beside = enough, 1, -1, work[0, 0], work[0, 1]
-    ((rxx, rxy, rxz), (ryx, ryy, ryz), (rzx, rzy, rzz)), (px, py, pz) = flight.matrix, flight.place
     (wx, wy, wz), (vx, vy, vz) = flight.spin, flight.drift
     turn, least = math.sqrt(wx * wx + wy * wy + wz * wz), flight.least
     mx, my, mz, hx, hy, hz, sx, sy, sz, speed = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -312,12 +312,8 @@ def least_excess(
         box, still = hulls.boxes[a], hulls.boxes[b]
         if a != last:
             last = a
-            mx = px + rxx * box[0] + rxy * box[1] + rxz * box[2]
-            my = py + ryx * box[0] + ryy * box[1] + ryz * box[2]
-            mz = pz + rzx * box[0] + rzy * box[1] + rzz * box[2]
-            hx = abs(rxx) * box[3] + abs(rxy) * box[4] + abs(rxz) * box[5] + least
-            hy = abs(ryx) * box[3] + abs(ryy) * box[4] + abs(ryz) * box[5] + least
-            hz = abs(rzx) * box[3] + abs(rzy) * box[4] + abs(rzz) * box[5] + least
+            mx, my, mz = placed(flight.matrix, flight.place, row_of(box, 0))
+            hx, hy, hz = box_extent(flight.matrix, row_of(box, 3))
             # How far the node can move, along each axis and in all.
             x, y, z = vx + wy * mz - wz * my, vy + wz * mx - wx * mz, vz + wx * my - wy * mx
             half, most = flight.half, flight.most
@@ -330,7 +326,7 @@ def least_excess(
             speed = min(half * math.sqrt(x * x + y * y + z * z) + swing, most)
         whole = hulls.nodes[a, 3] + hulls.nodes[b, 3] == 2
         dx, dy, dz = abs(mx - still[0]) - still[3], abs(my - still[1]) - still[4], abs(mz - still[2]) - still[5]
-        excess = max(dx - hx - sx, dy - hy - sy, dz - hz - sz)
+        excess = max(dx - hx - sx, dy - hy - sy, dz - hz - sz) - least
         if excess <= best:
             # The ball about the node, and the other one's box.
             dx, dy, dz = max(dx, 0.0), max(dy, 0.0), max(dz, 0.0)
@@ -435,7 +431,7 @@ def excess_between(
             break
         if count and length - shadow <= 1e-10 * length:
             break
-        n, p, q, r, count = nearest(minus(other, moved(flight, one)), p, q, r, count)
+        n, p, q, r, count = nearest(minus(other, placed(flight.matrix, flight.place, one)), p, q, r, count)
         before, length = length, math.sqrt(dot(n, n))
         if count == 4 or not length < before:
             break
@@ -462,11 +458,6 @@ def highest(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
         if far > best:
             best, at = far, k
     return (xs[at], ys[at], zs[at]), best
-
-
-@always_inline
-def moved(flight: Flight, p: Row) -> Row:
-    return shifted(rotated(flight.matrix, p), flight.place, 1.0)
 
 
 @kernel

@@ -17,13 +17,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arms.chain import Chain, bounds_of, flight_of, place
+from cspace.arms.chain import Chain, bounds_of, flight_of, place, relative_pose
 from cspace.arms.hulls import CACHED, Hulls, least_excess
-from cspace.arrays import Bools, Floats, Ints, Row
-from cspace.compiling import always_inline, kernel
+from cspace.arrays import Bools, Floats, Ints, Matrix, Row
+from cspace.compiling import kernel
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.triangles import DEPTH, Trees, box_of, crosses, pierces
-from cspace.kernels import dot, point_triangle, row_of
+from cspace.kernels import box_extent, dot, extent_along, minus, placed, point_triangle, rotated_back, row_of
 from cspace.raster.surfaces import turn_above
 
 WAITING: Final = 1024
@@ -280,10 +280,10 @@ def is_nested(scene: Scene, n: int, work: Work, deep: float) -> bool:
 def anchor_lies_in(scene: Scene, i: int, j: int, work: Work, deep: float) -> bool:
     """Whether an anchor of solid i lies in a closed surface of solid j, as :func:`is_nested`."""
     solids = scene.solids
-    one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
+    matrix, shift = relative_pose(work.poses[solids.bodies[i]], work.poses[solids.bodies[j]])
     for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
         for n in range(solids.starts[i, 1], solids.starts[i + 1, 1]):
-            if encloses(solids, surface, transformed(one, other, row_of(solids.anchors[n], 0)), deep):
+            if encloses(solids, surface, placed(matrix, shift, row_of(solids.anchors[n], 0)), deep):
                 return True
     return False
 
@@ -293,12 +293,13 @@ def piece_lies_in(scene: Scene, i: int, j: int, work: Work, deep: float) -> bool
     """The same of the middles of boxes and balls of solid i that could lie in solid j as a whole."""
     solids, nodes = scene.solids, work.nodes
     trees, one, other = solids.trees, work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
+    (matrix, shift), (back, shift_back) = relative_pose(one, other), relative_pose(other, one)
     for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
         whole = solids.boxes[surface]
         # The box around the surface, as it is placed in the frame of what does not move: what is near is looked for.
         middle = 0.5 * (whole[0] + whole[3]), 0.5 * (whole[1] + whole[4]), 0.5 * (whole[2] + whole[5])
         half = 0.5 * (whole[3] - whole[0]), 0.5 * (whole[4] - whole[1]), 0.5 * (whole[5] - whole[2])
-        (x, y, z), (hx, hy, hz) = transformed(other, one, middle), half_sides(other, one, half)
+        (x, y, z), (hx, hy, hz) = placed(back, shift_back, middle), box_extent(back, half)
         nodes[1, 0], top = solids.tree_roots[i], 2
         while top > 1:
             top -= 1
@@ -309,7 +310,7 @@ def piece_lies_in(scene: Scene, i: int, j: int, work: Work, deep: float) -> bool
             if abs(y - box[1]) > hy + box[4] or abs(z - box[2]) > hz + box[5]:
                 continue
             if m == 1:
-                if encloses(solids, surface, transformed(one, other, row_of(trees.triangles[row], 0)), deep):
+                if encloses(solids, surface, placed(matrix, shift, row_of(trees.triangles[row], 0)), deep):
                     return True
                 continue
             nodes[top, 0], nodes[top + 1, 0] = b + 1, b + 2 * (m // 2)
@@ -349,25 +350,24 @@ def borders_cross(scene: Scene, n: int, work: Work, least: float) -> bool:
     i, j = scene.pairs[n]
     if solids.tree_roots[i] < 0 or solids.tree_roots[j] < 0:
         return False
-    one, other = work.poses[solids.bodies[i]], work.poses[solids.bodies[j]]
+    matrix, shift = relative_pose(work.poses[solids.bodies[i]], work.poses[solids.bodies[j]])
     nodes[1, 0], nodes[1, 1], top = solids.tree_roots[i], solids.tree_roots[j], 2
     while top > 1:
         top -= 1
         a, b = nodes[top, 0], nodes[top, 1]
         box, against, (row, m), (piece, k) = trees.boxes[a], trees.boxes[b], trees.spans[a], trees.spans[b]
-        (x, y, z), (hx, hy, hz) = transformed(one, other, row_of(box, 0)), half_sides(one, other, row_of(box, 3))
-        if abs(x - against[0]) > hx + against[3] or abs(y - against[1]) > hy + against[4]:
+        middle, (hx, hy, hz) = placed(matrix, shift, row_of(box, 0)), box_extent(matrix, row_of(box, 3))
+        x, y, z = minus(middle, row_of(against, 0))
+        if abs(x) > hx + against[3] or abs(y) > hy + against[4] or abs(z) > hz + against[5]:
             continue
-        if abs(z - against[2]) > hz + against[5]:
-            continue
-        if k == 1 and is_beside(one, other, box, trees.triangles[piece]):
+        if k == 1 and is_beside(matrix, middle, row_of(box, 3), trees.triangles[piece]):
             continue
         if m == 1 and k == 1:
             p, q = trees.triangles[row], trees.triangles[piece]
             corners = (
-                transformed(one, other, row_of(p, 0)),
-                transformed(one, other, row_of(p, 3)),
-                transformed(one, other, row_of(p, 6)),
+                placed(matrix, shift, row_of(p, 0)),
+                placed(matrix, shift, row_of(p, 3)),
+                placed(matrix, shift, row_of(p, 6)),
             )
             if q[9] != 0.0 and pierces(corners, q, least):
                 return True
@@ -383,53 +383,20 @@ def borders_cross(scene: Scene, n: int, work: Work, least: float) -> bool:
 
 
 @kernel
-def is_beside(one: Floats, other: Floats, box: Floats, piece: Floats) -> bool:
-    """Return whether a box of the frame that one pose places lies beyond a side of a solid box of the other.
+def is_beside(matrix: Matrix, middle: Row, half: Row, piece: Floats) -> bool:
+    """Return True if a rotated box, with a middle and half sides, lies beyond a side of a solid box.
 
-    ``piece`` is a row of :attr:`cspace.exact.triangles.Trees.triangles`; of what is no box, False.
+    ``piece`` is a row of :attr:`cspace.exact.triangles.Trees.triangles`; False if it is no box.
     """
     if piece[9] >= 0.0:
         return False
-    middle, u, v, w = box_of(piece, transformed(one, other, row_of(box, 0)))
+    offset, u, v, w = box_of(piece, middle)
     axes = u, v, w
     for k in range(3):
-        axis, reach = axes[k], 0.0
-        for i in range(3):
-            # The side of the first box along its own axis i, as the second one's frame has it.
-            x = other[0, 0] * one[0, i] + other[1, 0] * one[1, i] + other[2, 0] * one[2, i]
-            y = other[0, 1] * one[0, i] + other[1, 1] * one[1, i] + other[2, 1] * one[2, i]
-            z = other[0, 2] * one[0, i] + other[1, 2] * one[1, i] + other[2, 2] * one[2, i]
-            reach += box[3 + i] * abs(dot((x, y, z), axis))
-        if abs(dot(middle, axis)) > reach + dot(axis, axis):
+        axis = axes[k]
+        if abs(dot(offset, axis)) > extent_along(rotated_back(matrix, axis), half) + dot(axis, axis):
             return True
     return False
-
-
-@always_inline
-def transformed(one: Floats, other: Floats, p: Row) -> Row:
-    """A point of the frame that one pose places, in that of another."""
-    x = one[0, 0] * p[0] + one[0, 1] * p[1] + one[0, 2] * p[2] + one[0, 3] - other[0, 3]
-    y = one[1, 0] * p[0] + one[1, 1] * p[1] + one[1, 2] * p[2] + one[1, 3] - other[1, 3]
-    z = one[2, 0] * p[0] + one[2, 1] * p[1] + one[2, 2] * p[2] + one[2, 3] - other[2, 3]
-    return (
-        other[0, 0] * x + other[1, 0] * y + other[2, 0] * z,
-        other[0, 1] * x + other[1, 1] * y + other[2, 1] * z,
-        other[0, 2] * x + other[1, 2] * y + other[2, 2] * z,
-    )
-
-
-@kernel
-def half_sides(one: Floats, other: Floats, h: Row) -> Row:
-    """Half the sides of what holds a box of one frame, in another, by half its own."""
-    half = (0.0, 0.0, 0.0)
-    for k in range(3):
-        ax, ay, az = one[0, k] * h[k], one[1, k] * h[k], one[2, k] * h[k]
-        half = (
-            half[0] + abs(other[0, 0] * ax + other[1, 0] * ay + other[2, 0] * az),
-            half[1] + abs(other[0, 1] * ax + other[1, 1] * ay + other[2, 1] * az),
-            half[2] + abs(other[0, 2] * ax + other[1, 2] * ay + other[2, 2] * az),
-        )
-    return half
 
 
 @kernel

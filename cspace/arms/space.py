@@ -473,7 +473,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         def query(parts: Sequence[Any], out: States) -> int:
             (rows,) = self._rows(parts, ("q",))
             free = np.empty(len(out), dtype=np.bool_)
-            self._prove(rows, rows, free)
+            self._prove([rows], free)
             out[:] = np.where(free, np.uint8(FREE), np.uint8(MIXED))
             left = np.flatnonzero(~free)
 
@@ -488,24 +488,16 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return query
 
     def _frees(self, exact: bool) -> Query:
-        def query(parts: Sequence[Any], out: Bools) -> int:
-            (rows,) = self._rows(parts, ("q",))
-            return self._prove(rows, rows, out)
-
-        return query
+        return lambda parts, out: self._prove(self._rows(parts, ("q",)), out)
 
     def _edges(self, number: int, exact: bool) -> Query:
-        def query(parts: Sequence[Any], out: Bools) -> int:
-            firsts, lasts = self._rows(parts, ("q0", "q1"))
-            return self._prove(firsts, lasts, out)
+        return lambda parts, out: self._prove(self._rows(parts, ("q0", "q1")), out)
 
-        return query
-
-    def _prove(self, firsts: Floats, lasts: Floats, out: Bools) -> int:
-        """Whether motions are proven free, in threads."""
+    def _prove(self, rows: Sequence[Floats], out: Bools) -> int:
+        """Write whether each motion from the first batch to the last one, shapes (n, dof), is proven free."""
 
         def work(first: int, stop: int) -> int:
-            out[first:stop] = are_free(self.record, firsts[first:stop], lasts[first:stop])
+            out[first:stop] = are_free(self.record, rows[0][first:stop], rows[-1][first:stop])
             return -1
 
         return in_chunks(work, len(out), THREAD)

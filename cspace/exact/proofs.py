@@ -1,4 +1,4 @@
-"""Proofs of configurations and of motions by the borders of robot and obstacles, where the map cannot decide.
+"""Exact look-ups: the cells of a map answer where they decide, and the borders of robot and obstacles elsewhere.
 
 The plane lies in space at z = 0, where segments are triangles that have a corner twice.
 """
@@ -6,6 +6,7 @@ The plane lies in space at z = 0, where segments are triangles that have a corne
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable
 from functools import cached_property
 from typing import Final, NamedTuple
@@ -15,12 +16,13 @@ import numpy as np
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Matrix, Row, States
 from cspace.compiling import bind_row_kernel, jit, kernel
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
-from cspace.exact.boundaries import Problem, anchors_of, in_space, obstacle_border, parts_of
-from cspace.exact.triangles import DEPTH, Motion, Trees, half_sides, placed, share_apart, trees_of
+from cspace.exact.boundaries import Problem, Proofs, anchors_of, in_space, obstacle_border, parts_of
+from cspace.exact.triangles import DEPTH, Motion, Trees, box_around, share_apart, trees_of
 from cspace.grid import MAX_COORDINATE
-from cspace.kernels import dot, minus, row_of
-from cspace.map.edges import along, edge_is_free
-from cspace.map.points import Numbers, configuration, halves, state_at
+from cspace.kernels import dot, minus, placed, rotated_back, row_of
+from cspace.map.batches import own
+from cspace.map.edges import along, edge_is_free, edges_are_free
+from cspace.map.points import Numbers, classify, configuration, halves, state_at
 from cspace.map.storage import Map
 from cspace.shapes import Box, Pieces
 from cspace.threads import in_chunks
@@ -39,6 +41,73 @@ ANCHORS: Final = 100_000
 
 THREAD: Final = 500
 """Motions below which a second thread costs more than it saves."""
+
+
+class Exact:
+    """Exact look-ups of a map: its cells answer where they decide, and proofs decide what they leave open."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self._proofs: Proofs | None = None
+        self._lock = threading.RLock()
+
+    def points(self, map_: Map, q: Floats, out: Bools) -> int:
+        """Kernel of points, shape (n, dof): whether they are free."""
+        proofs, states = self._made(), np.empty(len(q), dtype=np.uint8)
+        bad = classify(map_, q, states)
+        if bad < 0:
+            np.equal(states, FREE, out=out)
+            _prove(proofs, np.flatnonzero(states == MIXED), q, q, out)
+        return bad
+
+    def edges(self, map_: Map, q0: Floats, q1: Floats, out: Bools) -> int:
+        """Kernel of edges, shapes (n, dof), along the shorter arc: whether they are free."""
+        proofs = self._made()
+        bad = edges_are_free(map_, None, q0, q1, out)
+        if bad < 0:
+            _prove(proofs, np.flatnonzero(~out), q0, q1, out)
+        return bad
+
+    def distance(self, points: Floats, lengths: Floats, turns: Floats) -> float:
+        """Lower bound, proven, of the distance between robot and obstacles on a path that is free, metres.
+
+        The path is given in pieces: by their middles, shape (n, dof), in metres and radians, and by the metres and the
+        radians along each of them, shape (n,). No point of the robot is farther than half of both from where it is in
+        the middle. Where all outside the grid is obstacle, that counts too. Infinite where there is none.
+        """
+        return self._problem.margin + self._made().excess(own(points), lengths, turns)
+
+    def point_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
+        """``check(*q)``; ``quick`` is whether a point is FREE."""
+        self._made()
+        return lambda *q: quick(*q) or self._made().edge(*q, *q)
+
+    def edge_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
+        """``check(*q0, *q1)``; ``quick`` is whether an edge leads through FREE cells."""
+        self._made()
+        return lambda *both: quick(*both) or self._made().edge(*both)
+
+    def renew(self, problem: Callable[[], Problem]) -> None:
+        """Solve another problem of the same map; checkers that were handed out do so from their next call on."""
+        with self._lock:
+            self._problem, self._proofs = problem(), None
+
+    def _made(self) -> Proofs:
+        """The proofs among the obstacles as they are now."""
+        proofs = self._proofs
+        if proofs is None:
+            with self._lock:
+                if self._proofs is None:
+                    self._proofs = (self._problem.prove or BorderProofs)(self._problem)
+                proofs = self._proofs
+        return proofs
+
+
+def _prove(proofs: Proofs, left: Ints, q0: Floats, q1: Floats, out: Bools) -> None:
+    """Fill ``out`` for the edges that the cells leave open, by their indices."""
+    if len(left):
+        starts = q0[left]
+        out[left] = proofs.are_free(starts, starts if q1 is q0 else q1[left])
 
 
 class Nesting(NamedTuple):
@@ -349,7 +418,8 @@ def arc_state(world: World, q0: Numbers, q1: Numbers, arc: int, work: Work) -> i
 def is_within(borders: Borders, motion: Motion, part: float) -> bool:
     """Whether the box around a robot stays within the walls for a part of a motion."""
     box, wall = borders.trees.boxes[borders.robot], borders.trees.boxes[borders.walls]
-    middle, half = minus(placed(motion, row_of(box, 0)), row_of(wall, 0)), half_sides(motion, box)
+    middle, half = box_around(motion, box)
+    middle = minus(middle, row_of(wall, 0))
     turn = box[6] * motion.angle + motion.slide
     for axis in range(3):
         # An infinite part of no way at all is no number, and proves nothing.
@@ -393,11 +463,10 @@ def place_of(map_: Map, q: Numbers, scale: float) -> Row:
 def nested_at(nesting: Nesting, map_: Map, q: Numbers, matrix: Matrix) -> int:
     """Whether a part of one side lies in the other, where no borders meet: FREE, BLOCKED, or MIXED for unknown."""
     place, lower, state, k = place_of(map_, q, 1.0), place_of(map_, map_.lower, 1.0), FREE, 0
-    motion = Motion(matrix, place, place, 0.0, 0.0, 0.0)
     (nx, ny, nz), count = nesting.outer.shape, nesting.corners.shape[0]
     while k < count:
         corner = nesting.corners[k]
-        x, y, z = minus(placed(motion, (corner[0], corner[1], corner[2])), lower)
+        x, y, z = minus(placed(matrix, place, row_of(corner, 0)), lower)
         i, j, m = math.floor(x / map_.spacing), math.floor(y / map_.spacing), math.floor(z / map_.spacing)
         after = int(corner[3])
         if not (0 <= i < nx and 0 <= j < ny and 0 <= m < nz):
@@ -419,14 +488,13 @@ def nested_at(nesting: Nesting, map_: Map, q: Numbers, matrix: Matrix) -> int:
             first = middle + 1
         else:
             last = middle
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = matrix
     low, high = nesting.low, nesting.high
     for k in range(first, nesting.anchors.shape[0]):
         anchor = nesting.anchors[k]
-        x, y, z = minus((anchor[0], anchor[1], anchor[2]), place)
+        x, y, z = minus(row_of(anchor, 0), place)
         if x > nesting.reach:
             break
-        x, y, z = xx * x + yx * y + zx * z, xy * x + yy * y + zy * z, xz * x + yz * y + zz * z
+        x, y, z = rotated_back(matrix, (x, y, z))
         if low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]:
             if nesting.boxed or is_filled(nesting, x, y):
                 return BLOCKED

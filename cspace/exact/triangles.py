@@ -35,7 +35,7 @@ import numpy as np
 
 from cspace.arrays import Floats, Ints, Matrix, Row
 from cspace.compiling import always_inline, kernel
-from cspace.kernels import cross, dot, gap_between, minus, nearest_of_triangle, rotated, row_of, shifted
+from cspace.kernels import box_extent, cross, dot, gap_between, minus, nearest_of_triangle, placed, rotated, row_of
 from cspace.shapes import Pieces
 
 Corners = tuple[Row, Row, Row]
@@ -98,28 +98,6 @@ class Motion(NamedTuple):
     angle: float
     least: float
     slide: float
-
-
-class Pair(NamedTuple):
-    """Two triangles, of which the first one moves.
-
-    Attributes
-    ----------
-    a, b : tuple of tuple of float
-        Their corners, from the first corner of the first one.
-    step : tuple of float
-        By how much it moves, at most either way, and
-    turn : float
-        in whatever direction besides.
-    least : float
-        What their distance has to exceed.
-    """
-
-    a: Corners
-    b: Corners
-    step: Row
-    turn: float
-    least: float
 
 
 def trees_of(borders: Sequence[Pieces], about_z: bool) -> tuple[Trees, list[int]]:
@@ -229,7 +207,7 @@ def share_apart(trees: Trees, robot: int, others: tuple[int, int], motion: Motio
         a, b = pair >> PAIR, pair & OTHER
         if a != last:
             box, last = trees.boxes[a], a
-            middle, half = placed(motion, row_of(box, 0)), half_sides(motion, box)
+            middle, half = box_around(motion, box)
             turn = box[6] * motion.angle + motion.slide
         box, n, m = trees.boxes[b], spans[a, 1], spans[b, 1]
         # Boxes that stay apart along one axis: so do all triangles in them.
@@ -263,30 +241,24 @@ def share_apart(trees: Trees, robot: int, others: tuple[int, int], motion: Motio
 
 
 @always_inline
-def half_sides(motion: Motion, box: Floats) -> Row:
-    """Half the sides of the box around a node's box where the robot is placed, and what a distance has to exceed."""
-    (x, y, z), least = motion.matrix, motion.least
-    return extent(x, box) + least, extent(y, box) + least, extent(z, box) + least
-
-
-@kernel
-def extent(n: Row, box: Floats) -> float:
-    """Half of what a node's box takes up along a unit vector."""
-    half: float = abs(n[0]) * box[3] + abs(n[1]) * box[4] + abs(n[2]) * box[5]
-    return half
+def box_around(motion: Motion, box: Floats) -> tuple[Row, Row]:
+    """Return the middle and half the sides of a box around a node of the robot, grown by ``motion.least``."""
+    x, y, z = box_extent(motion.matrix, row_of(box, 3))
+    middle = placed(motion.matrix, motion.place, row_of(box, 0))
+    return middle, (x + motion.least, y + motion.least, z + motion.least)
 
 
 @kernel
 def share_of_pair(p: Floats, q: Floats, motion: Motion, turn: float, enough: float) -> float:
     """:func:`share_apart` of two triangles, of which the first moves by ``turn`` at most as the robot turns."""
     # All from the first corner of the robot's triangle: it is at the origin.
-    p0 = row_of(p, 0)
+    p0, matrix = row_of(p, 0), motion.matrix
     zero, p1, p2 = corners_from(p, p0)
-    a, b = (zero, rotated(motion.matrix, p1), rotated(motion.matrix, p2)), corners_from(q, placed(motion, p0))
+    a, b = (zero, rotated(matrix, p1), rotated(matrix, p2)), corners_from(q, placed(matrix, motion.place, p0))
     u, v = sides_of(a), sides_of(b)
-    pair = Pair(a, b, motion.step, turn, motion.least + p[9] + q[9])
+    step, least = motion.step, motion.least + p[9] + q[9]
     nearest, normal = math.inf, cross(v[0], v[1])
-    best = max(share_along(cross(u[0], u[1]), pair), share_along(normal, pair))
+    best = max(share_along(cross(u[0], u[1]), a, b, step, turn, least), share_along(normal, a, b, step, turn, least))
     # Of a segment or point, which has its last corner twice, one side is all.
     for k in range(3 if dot(u[1], u[1]) > 0.0 else 1):
         for m in range(3 if dot(v[1], v[1]) > 0.0 else 1):
@@ -296,8 +268,8 @@ def share_of_pair(p: Floats, q: Floats, motion: Motion, turn: float, enough: flo
             square = dot(gap, gap)
             if square < nearest:
                 nearest, normal = square, cross(u[k], v[m])
-                best = max(best, share_along(gap, pair))
-    return min(max(best, share_along(normal, pair)), enough)
+                best = max(best, share_along(gap, a, b, step, turn, least))
+    return min(max(best, share_along(normal, a, b, step, turn, least)), enough)
 
 
 @kernel
@@ -314,18 +286,21 @@ def sides_of(a: Corners) -> Corners:
 
 
 @kernel
-def share_along(n: Row, pair: Pair) -> float:
-    """:func:`share_apart` of two triangles, by their projections onto a line; -1 where too near, or n too short."""
-    (_, a1, a2), (b0, b1, b2), square = pair.a, pair.b, dot(n, n)
+def share_along(n: Row, a: Corners, b: Corners, step: Row, turn: float, least: float) -> float:
+    """Return :func:`share_apart` of triangles by their projections onto a line; -1 if too near, or n is too short.
+
+    Corners are seen from the first one of a, which moves by ``step`` and by ``turn`` in any direction, either way.
+    """
+    (_, a1, a2), (b0, b1, b2), square = a, b, dot(n, n)
     if not LEAST_SQUARE < square < math.inf:
         return -1.0
     length = math.sqrt(square)
     s, t, x, y, z = dot(n, a1), dot(n, a2), dot(n, b0), dot(n, b1), dot(n, b2)
     above, below = min(x, min(y, z)) - max(s, max(t, 0.0)), min(s, min(t, 0.0)) - max(x, max(y, z))
-    excess = max(above, below) / length - pair.least
+    excess = max(above, below) / length - least
     if not excess > 0.0:
         return -1.0
-    return excess / (abs(dot(n, pair.step)) / length + pair.turn)
+    return excess / (abs(dot(n, step)) / length + turn)
 
 
 @kernel
@@ -410,9 +385,3 @@ def nearest_of_box(p: Row, box: Box, part: float) -> Row:
         t = min(max(dot(offset, axis) / dot(axis, axis), -part), part)
         x, y, z = x + t * axis[0], y + t * axis[1], z + t * axis[2]
     return x, y, z
-
-
-@always_inline
-def placed(motion: Motion, p: Row) -> Row:
-    """A point of the robot where it is placed."""
-    return shifted(rotated(motion.matrix, p), motion.place, 1.0)

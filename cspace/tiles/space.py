@@ -27,7 +27,7 @@ from cspace.update import Patch, Update
 if TYPE_CHECKING:
     from distributed import Client
 
-    from cspace.exact.queries import Exact
+    from cspace.exact.proofs import Exact
 
 
 AROUND: Final = {2: 1024, 3: 256}
