@@ -64,6 +64,19 @@ def test_exact_look_ups_and_their_checkers_follow(kinds: tuple[str, ...], data: 
         agree(ours, checkers(fresh, exact=True), world)
 
 
+@settings(max_examples=8)
+@given(worlds())
+def test_map_saved_and_opened_between_updates_equals_a_build(
+    tmp_path_factory: pytest.TempPathFactory, world: World
+) -> None:
+    space, folder = world.build(), tmp_path_factory.mktemp("maps")
+    for name in ("0.zarr", "1.zarr"):
+        (fresh,) = world.stream(space, 1)
+        space.save(folder / name)
+        space = cspace.open(folder / name)
+        check(space, fresh, world)
+
+
 @pytest.mark.parametrize(("bare", "outside"), [(False, "blocked"), (True, "free")])
 def test_without_inner_nothing_becomes_blocked(bare: bool, outside: str) -> None:
     occupied = np.zeros((30, 30), dtype=bool)
