@@ -110,14 +110,17 @@ def export(
     ----------
     contents : Contents
     path : path-like
-        ``.zarr`` or no suffix: a Zarr folder, as :meth:`cspace.CSpace.save` writes it. ``.npz``: a NumPy archive, see
-        :func:`write_npz`. ``.vti``: cells for ParaView, with the arrays
-        ``state``, ``outer``, and where the map has them ``inner``, ``unknown``, ``overlap`` and those of its overlap
-        field (``penetration`` and its derivatives); of a robot that turns one for each rotation cell, ``state_00`` and
-        so on, whose rotations are the field data ``yaw``, or ``qx`` to ``qw``. ``.nc``: netCDF-3 with the variables of
-        :func:`to_xarray`, indexed ``[rotation, z, y, x]``. ``.tif``, ``.tiff``: a map of the plane as a GeoTIFF in its
-        own metres, 0 FREE, 1 MIXED, 2 BLOCKED. ``.yaml``: a map of the plane as a ROS map, with its image beside it.
-        ``.ply``, ``.obj``, ``.stl``: the border of the free space, of a map in space; STL in single precision.
+        ``.zarr`` or no suffix: a Zarr folder, as :meth:`cspace.CSpace.save` writes it. ``.npz``: a compressed archive
+        for ``numpy.load``, with ``state`` (uint8 [slice, x, y] or [slice, x, y, z]: 0 free, 1 mixed, 2 blocked),
+        ``slice_of`` (``state[slice_of]`` are the states by rotation), ``x``, ``y`` and in space ``z`` (centers of the
+        cells, metres), ``outer``, the other arrays that the map has, ``lower``, ``spacing`` and ``metadata`` (JSON).
+        ``.vti``: cells for ParaView, with the arrays ``state``, ``outer``, and where the map has them ``inner``,
+        ``unknown``, ``overlap`` and those of its overlap field (``penetration`` and its derivatives); of a robot that
+        turns one for each rotation cell, ``state_00`` and so on, whose rotations are the field data ``yaw``, or ``qx``
+        to ``qw``. ``.nc``: netCDF-3 with the variables of :func:`to_xarray`, indexed ``[rotation, z, y, x]``.
+        ``.tif``, ``.tiff``: a map of the plane as a GeoTIFF in its own metres, 0 FREE, 1 MIXED, 2 BLOCKED. ``.yaml``:
+        a map of the plane as a ROS map, with its image beside it. ``.ply``, ``.obj``, ``.stl``: the border of the free
+        space, of a map in space; STL in single precision.
     overwrite : bool
         Whether an existing output may be replaced.
     rotation : array-like, shape (k,), optional
@@ -160,24 +163,9 @@ def check_export(path: StrPath, dim: int) -> str:
 
 
 def write_npz(contents: Contents, path: StrPath, overwrite: bool = False) -> None:
-    """Write a map as a compressed NumPy archive, for :func:`numpy.load`.
+    """Write a map as a compressed NumPy archive; see :func:`export` for its arrays.
 
-    Parameters
-    ----------
-    contents : Contents
-    path : path-like
-        The archive holds ``state`` (uint8 [slice, x, y] or [slice, x, y, z]: 0 free, 1 mixed, 2 blocked), ``slice_of``
-        (the slice of each rotation cell: the states by rotation are ``state[slice_of]``), ``x``, ``y`` and in space
-        ``z`` (centers of the cells, metres), ``outer``, where the map has them ``inner``, ``unknown``, ``overlap``,
-        the arrays of its overlap field, those of its rotation cells and ``shapes``; and ``lower``, ``spacing`` and
-        ``metadata`` (JSON text), like the attributes of :func:`to_xarray`.
-    overwrite : bool
-        Whether an existing file may be replaced.
-
-    Raises
-    ------
-    FileError
-        If the file exists and may not be replaced, or cannot be written.
+    Raises FileError if the file exists and may not be replaced, or cannot be written.
     """
     members: dict[str, Any] = {
         **{name: np.asarray(array) for name, array in arrays_of(replace(contents, exterior=None)).items()},

@@ -60,7 +60,7 @@ class TiledCSpace(ConfigurationMap):
     :func:`cspace.build` makes it with a ``store``, and :func:`cspace.open` opens it. Its answers are those of the same
     map in memory, :class:`cspace.CSpace`, look-up by look-up. It takes one configuration, shape (dof,), or any batch,
     shape (..., dof); a batch is answered in pieces of 262,144 configurations, each of which reads a tile at most once.
-    :meth:`window` gives a part of it as a map in memory, for everything else (:data:`ONLY_IN_MEMORY`).
+    :meth:`window` gives a part of it as a map in memory, for everything else: the page on large maps has the list.
 
     A store that is half done opens too: :attr:`done` is the share, and look-ups refuse.
 
