@@ -72,7 +72,7 @@ def _open_unchanged(path: StrPath, in_memory: bool | None) -> CSpace | TiledCSpa
     if in_memory is None:
         in_memory = store.is_done and (len(store) == 1 or not TiledCSpace.holds(store))
     if not in_memory:
-        return TiledCSpace.open(path)
+        return TiledCSpace.of_store(store)
     contents = store.contents()
     with making_map(path):
         return CSpace(contents)

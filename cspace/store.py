@@ -724,17 +724,16 @@ class Store:
         records = {index: self.known(index) for index in self}
         if any(self.metadata[key] != value for key, value in self.totals(records.__getitem__).items()):
             raise unusable(self.path, "its records differ from their digest")
-        arrays = {name: self.array(name) for name in self.names.difference(TILED)}
+        arrays = {name: self.array(name) for name in self.names.difference(TILED, ("shapes",))}
         box = tuple(slice(0, n) for n in self.grid.shape)
         packed = is_packed(self.grid.shape, self.slices, "overlap" in arrays)
         check_bytes(self.path / "state", self.slices * math.prod(self.grid.shape) // (4 if packed else 1), "unpacks to")
         outer, inner = self.obstacles_in(box, records.__getitem__)
         source, unknown = self.metadata["workspace_source"], arrays.get("unknown")
-        shapes = shapes_from(arrays["shapes"]) if "shapes" in arrays else None
         leading = (*self.rotations.leading(self.slices), *self.grid.shape)
         endless = self.metadata.get("endless", "").split()
         return Contents(
-            Workspace(self.grid, outer, inner, source=source, unknown=unknown, shapes=shapes),
+            Workspace(self.grid, outer, inner, source=source, unknown=unknown, shapes=self.shapes),
             self.robot,
             self.rotations,
             self.slice_of,

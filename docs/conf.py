@@ -45,7 +45,7 @@ autosummary_context = {
         "Rotations": "COORDINATES, KINDS, all_limits, all_names, check_dimension, checked, compiled, dials, "
         "draw_cells, fewer, from_coordinates, images, leading, of_coordinates, of_value, one_cell, "
         "preserve, sample_near, slices_for, turns",
-        "TiledCSpace": "checked, holds",
+        "TiledCSpace": "checked, holds, of_store",
         "Workspace": "in_memory",
     }
 }

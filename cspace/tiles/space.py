@@ -92,11 +92,18 @@ class TiledCSpace(ConfigurationMap):
     @classmethod
     def open(cls, path: str | os.PathLike[str], cache_bytes: int = CACHE_BYTES) -> TiledCSpace:
         """Open a stored map, whole or half done, and leave it in its store; see :func:`cspace.open`."""
-        store = Store.open(path)
+        return cls.of_store(Store.open(path), cache_bytes)
+
+    @classmethod
+    def of_store(cls, store: Store, cache_bytes: int = CACHE_BYTES) -> TiledCSpace:
+        """Return the map of an open store, after a check of its files except those of tiles.
+
+        Raises ConfigurationError if the map must be in memory, and FileError if a file is missing or damaged.
+        """
         if not cls.holds(store):
             what = "has periodic axes" if "endless" in store.metadata else "carries overlap counts or an overlap field"
-            rule = "only a map in memory can hold that"
-            raise ConfigurationError("in_memory", f"is False and {path} {what}", rule, "open it with in_memory=True")
+            problem, rule = f"is False and {store.path} {what}", "only a map in memory can hold that"
+            raise ConfigurationError("in_memory", problem, rule, "open it with in_memory=True")
         store.check_files()
         return cls(store, cache_bytes)
 
