@@ -2,8 +2,8 @@
 
 from .arms import Arm as Arm
 from .arms import ArmSpace as ArmSpace
-from .arms import build_arm as build_arm
-from .arms import build_arm_map as build_arm_map
+from .arms import build_arm_space as build_arm_space
+from .arms import build_joint_map as build_joint_map
 from .arrays import BLOCKED as BLOCKED
 from .arrays import FREE as FREE
 from .arrays import MIXED as MIXED

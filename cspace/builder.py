@@ -159,24 +159,24 @@ def build(
     True
     """
     margin, cells = not_negative(margin, "margin", GROWN), Rotations.of(rotations)
-    for name, given, kind, is_wrong, mend in (
+    for name, given, kind, is_wrong, hint in (
         ("workspace", workspace, "Workspace", not isinstance(workspace, Workspace), "Workspace.from_array(...) first"),
         ("robot", robot, "Robot", isinstance(robot, Workspace | str | os.PathLike), "Robot.open('disc:0.3') second"),
     ):
         if is_wrong:
-            mend = f"call build(workspace, robot), with e.g. {mend}"
-            raise InputError(name, f"is a {type(given).__name__}", f"it must be a {kind}", mend, value=given)
+            hint = f"call build(workspace, robot), with e.g. {hint}"
+            raise InputError(name, f"is a {type(given).__name__}", f"it must be a {kind}", hint, value=given)
     robot = robot_of(robot)
     _check(workspace, robot, cells, method, overlap, outside, workers)
     if store is not None:
         from cspace.tiles.build import Settings, build_tiles
 
         if overlap:
-            rule, mend = (
+            rule, hint = (
                 "a store of tiles holds states alone",
                 "leave it out, and take overlaps from windows of the map",
             )
-            raise InputError("overlap", "is True, with a store", rule, mend, value=overlap)
+            raise InputError("overlap", "is True, with a store", rule, hint, value=overlap)
         settings: Settings = {
             "rotations": cells,
             "inner": inner,

@@ -15,7 +15,7 @@ from cspace.check import not_negative
 from cspace.configuration_space import ConfigurationSpace
 from cspace.grid import Grid
 from cspace.map.backend import Backend
-from cspace.map.batches import EDGES_A_THREAD, Many, One, Query, answer, as_points
+from cspace.map.batches import EDGES_A_THREAD, Configuration, ConfigurationBatch, Query, answer, as_points
 from cspace.map.storage import read_only
 from cspace.robot import Robot
 from cspace.rotations import Rotations
@@ -128,11 +128,11 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         return points
 
     @overload
-    def path_exists(self, q0: One, q1: One) -> bool | None: ...  # type: ignore[overload-overlap]
+    def path_exists(self, q0: Configuration, q1: Configuration) -> bool | None: ...  # type: ignore[overload-overlap]
     @overload
-    def path_exists(self, q0: Many, q1: ArrayLike) -> NDArray[np.object_]: ...
+    def path_exists(self, q0: ConfigurationBatch, q1: ArrayLike) -> NDArray[np.object_]: ...
     @overload
-    def path_exists(self, q0: ArrayLike, q1: Many) -> NDArray[np.object_]: ...
+    def path_exists(self, q0: ArrayLike, q1: ConfigurationBatch) -> NDArray[np.object_]: ...
     def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | NDArray[np.object_] | None:
         """Whether a collision-free path joins configurations.
 
@@ -187,9 +187,9 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         return answers if answers.ndim else answers[()]
 
     @overload
-    def is_free_around(self, q: One, distance: float, angle: float = 0.0) -> bool: ...  # type: ignore[overload-overlap]
+    def is_free_around(self, q: Configuration, distance: float, angle: float = 0.0) -> bool: ...  # type: ignore[overload-overlap]
     @overload
-    def is_free_around(self, q: Many, distance: float, angle: float = 0.0) -> Bools: ...
+    def is_free_around(self, q: ConfigurationBatch, distance: float, angle: float = 0.0) -> Bools: ...
     def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> bool | Bools:
         """Whether all configurations around configurations are proven collision-free.
 
@@ -216,9 +216,9 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         return answer(q, self.dof, query, np.bool_, bool, angles=self._angles)
 
     @overload
-    def clearance(self, q: One) -> float: ...  # type: ignore[overload-overlap]
+    def clearance(self, q: Configuration) -> float: ...  # type: ignore[overload-overlap]
     @overload
-    def clearance(self, q: Many) -> Floats: ...
+    def clearance(self, q: ConfigurationBatch) -> Floats: ...
     def clearance(self, q: ArrayLike) -> float | Floats:
         """Lower bound of the distance, in the translation, to the nearest configuration that is not FREE.
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import Bools, Floats
 from cspace.check import check_pairs
 from cspace.errors import InputError
-from cspace.map.batches import Many, One, Query, answer, answer_edges, answer_pairs
+from cspace.map.batches import Configuration, ConfigurationBatch, Query, answer, answer_pairs, evaluate_edges
 from cspace.rotations.base import angle_axes
 from cspace.shown import SpaceView
 
@@ -41,14 +41,14 @@ class ConfigurationSpace(SpaceView, ABC):
         return len(self.axes)
 
     @property
-    def endless(self) -> tuple[bool, ...]:
+    def periodic_axes(self) -> tuple[bool, ...]:
         """Which numbers are angles of continuous joints, where a whole turn more is the same configuration."""
         return (False,) * self.dof
 
     @cached_property
     def _angles(self) -> dict[int, str]:
         """Index and name of the numbers of a configuration that are wrapped."""
-        return angle_axes(self.axes, self.endless)
+        return angle_axes(self.axes, self.periodic_axes)
 
     @abstractmethod
     def checked(self, q: ArrayLike, name: str = "q") -> Floats:
@@ -72,9 +72,9 @@ class ConfigurationSpace(SpaceView, ABC):
         """
 
     @overload
-    def classify(self, q: One) -> int: ...  # type: ignore[overload-overlap]
+    def classify(self, q: Configuration) -> int: ...  # type: ignore[overload-overlap]
     @overload
-    def classify(self, q: Many) -> NDArray[np.uint8]: ...
+    def classify(self, q: ConfigurationBatch) -> NDArray[np.uint8]: ...
     def classify(self, q: ArrayLike) -> int | NDArray[np.uint8]:
         """State of configurations: FREE, MIXED or BLOCKED.
 
@@ -103,9 +103,9 @@ class ConfigurationSpace(SpaceView, ABC):
         return answer(q, self.dof, self._classify(), np.uint8, int, angles=self._angles)
 
     @overload
-    def is_free(self, q: One, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
+    def is_free(self, q: Configuration, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
     @overload
-    def is_free(self, q: Many, *, exact: bool = False) -> Bools: ...
+    def is_free(self, q: ConfigurationBatch, *, exact: bool = False) -> Bools: ...
     def is_free(self, q: ArrayLike, *, exact: bool = False) -> bool | Bools:
         """Whether configurations are proven collision-free; as :meth:`classify`, with bool for an answer.
 
@@ -115,11 +115,11 @@ class ConfigurationSpace(SpaceView, ABC):
         return answer(q, self.dof, self._frees(exact), np.bool_, bool, angles=self._angles)
 
     @overload
-    def motion_is_free(self, q0: One, q1: One, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
+    def motion_is_free(self, q0: Configuration, q1: Configuration, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
     @overload
-    def motion_is_free(self, q0: Many, q1: ArrayLike, *, exact: bool = False) -> Bools: ...
+    def motion_is_free(self, q0: ConfigurationBatch, q1: ArrayLike, *, exact: bool = False) -> Bools: ...
     @overload
-    def motion_is_free(self, q0: ArrayLike, q1: Many, *, exact: bool = False) -> Bools: ...
+    def motion_is_free(self, q0: ArrayLike, q1: ConfigurationBatch, *, exact: bool = False) -> Bools: ...
     def motion_is_free(self, q0: ArrayLike, q1: ArrayLike, *, exact: bool = False) -> bool | Bools:
         """Whether straight edges are proven collision-free all along.
 
@@ -144,7 +144,7 @@ class ConfigurationSpace(SpaceView, ABC):
         InputError, ConfigurationError
             As :meth:`classify`.
         """
-        return answer_edges(q0, q1, self.dof, lambda number: self._edges(number, exact), self._angles)
+        return evaluate_edges(q0, q1, self.dof, lambda number: self._edges(number, exact), self._angles)
 
     def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Bools:
         """Whether each edge of a path, of paths, or of a roadmap is proven collision-free all along.
@@ -198,7 +198,7 @@ class ConfigurationSpace(SpaceView, ABC):
                 "path", f"has shape {points.shape}", rule, f"pass an array of shape (n, {self.dof})", value=path
             )
         q0, q1 = points[..., :-1, :], points[..., 1:, :]
-        return np.asarray(answer_edges(q0, q1, self.dof, lambda number: self._edges(number, exact)))
+        return np.asarray(evaluate_edges(q0, q1, self.dof, lambda number: self._edges(number, exact)))
 
     def legs(self, q0: ArrayLike, q1: ArrayLike) -> Sequence[Leg]:
         """Return the parts of the space, in memory, that a path leads through, for a planner of your own.

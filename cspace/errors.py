@@ -45,18 +45,18 @@ class CspaceError(Exception):
     gap: ClassVar[str] = " "
 
     def __init__(
-        self, argument: str, fault: str | None = None, rule: str = "", mend: str = "", *, value: object = None
+        self, argument: str, problem: str | None = None, rule: str = "", hint: str = "", *, value: object = None
     ) -> None:
         text = argument
-        if fault is not None:
-            fault = " ".join(fault.split())  # arrays print themselves in many lines
-            fault = fault if len(fault) <= LONGEST else f"{fault[:LONGEST]} ..."
-            text = "; ".join(part for part in (f"{argument}{self.gap}{fault}", rule, mend) if part)
+        if problem is not None:
+            problem = " ".join(problem.split())  # arrays print themselves in many lines
+            problem = problem if len(problem) <= LONGEST else f"{problem[:LONGEST]} ..."
+            text = "; ".join(part for part in (f"{argument}{self.gap}{problem}", rule, hint) if part)
         super().__init__(text)
         self.argument = argument
-        self.fault = fault
+        self.problem = problem
         self.rule = rule
-        self.mend = mend
+        self.hint = hint
         self.value = value
 
 
@@ -86,8 +86,8 @@ def optional(package: str, use: str, extra: str) -> Any:
     try:
         return import_module(package)
     except ImportError as error:
-        mend = f'run: pip install "cspace[{extra}]"'
-        raise MissingPackageError(package, "is not installed", use, mend) from error
+        hint = f'run: pip install "cspace[{extra}]"'
+        raise MissingPackageError(package, "is not installed", use, hint) from error
 
 
 class AngleWarning(UserWarning):
@@ -114,12 +114,12 @@ class ConfigurationError(InputError):
     def __init__(
         self,
         argument: str,
-        fault: str | None = None,
+        problem: str | None = None,
         rule: str = "",
-        mend: str = "",
+        hint: str = "",
         *,
         value: object = None,
         nearest: tuple[float, ...] | None = None,
     ) -> None:
-        super().__init__(argument, fault, rule, mend, value=value)
+        super().__init__(argument, problem, rule, hint, value=value)
         self.nearest = nearest

@@ -22,14 +22,14 @@ MAX_COORDINATE: Final = 2.0**22
 """Largest coordinate in cells, measured from the origin, for which :data:`SLACK` covers the rounding."""
 
 
-def check_reach(far: float, name: str, origin: str, mend: str) -> None:
+def check_reach(far: float, name: str, origin: str, hint: str) -> None:
     """Refuse what reaches so many cells from an origin that rounding could reach the certificate's slack.
 
     Raises InputError if ``far`` is above :data:`MAX_COORDINATE`.
     """
     if not far <= MAX_COORDINATE:
         rule = f"at most {MAX_COORDINATE:.0f} keep the answers proven against rounding"
-        raise InputError(name, f"reaches {far:.3g} cells from {origin}", rule, mend, value=far)
+        raise InputError(name, f"reaches {far:.3g} cells from {origin}", rule, hint, value=far)
 
 
 @dataclass(frozen=True, slots=True)

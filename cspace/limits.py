@@ -193,39 +193,39 @@ def check_memory(
     grid: Grid | Planned,
     *,
     fixed: float = 0.0,
-    mend: str | None = None,
+    hint: str | None = None,
     fewer: Callable[[float], str] | None = None,
     seconds: float = 0.0,
     later: float = 0.0,
     slices: int = 1,
     rasters: float = 0.0,
 ) -> None:
-    """Refuse work that does not fit into memory; the message gives the spacing that would fit, or else ``mend``.
+    """Refuse work that does not fit into memory; the message gives the spacing that would fit, or else ``hint``.
 
     It needs so many bytes, of which ``fixed`` do not depend on the number of cells of ``grid``. Of these bytes,
     ``rasters`` are for the robot's rasters and proportional to the number of slices; all others are proportional to the
-    number of cells. ``what`` says who needs them: "the map". ``mend`` helps where another spacing cannot be
+    number of cells. ``what`` says who needs them: "the map". ``hint`` helps where another spacing cannot be
     chosen; ``fewer`` names the rotation cells that take at most a share of the memory, an empty text where none do.
     ``seconds`` are those of one core. Where more is needed next, of what this is for, the advice is for ``later``.
     """
     free = free_bytes()
     if needed <= KEEP * free:
         return
-    if mend is None:
+    if hint is None:
         # A robot's rasters are the same on a smaller map, and not much smaller at a coarser spacing.
         left, whole = _ROOM * free - fixed, max(needed, later) - fixed
         bytes_a_cell = max((whole - rasters) / float(np.prod(np.asarray(grid.shape, dtype=float))), 1e-9)
         coarser = fitting_spacing(np.array([grid.lower, grid.upper]), grid.spacing, (left - rasters) / bytes_a_cell)
         rotations = fewer(left / (needed - fixed)) if fewer else ""
         if coarser is not None:
-            mend = f"use a spacing of at least {coarser:g} {grid.unit}, or smaller bounds, or check the units (metres)"
+            hint = f"use a spacing of at least {coarser:g} {grid.unit}, or smaller bounds, or check the units (metres)"
         else:
-            mend = f"{'' if rotations else 'no spacing helps; '}take a machine with more memory"
-        mend = f"use {rotations}, or {mend.removeprefix('use ')}" if rotations else mend
+            hint = f"{'' if rotations else 'no spacing helps; '}take a machine with more memory"
+        hint = f"use {rotations}, or {hint.removeprefix('use ')}" if rotations else hint
     cells = " x ".join(f"{n:.4g}" if n > _COUNTED else str(n) for n in grid.shape)
     turning = f" x {slices:,} slices" if slices > 1 else ""
     time = f", and very roughly {time_text(seconds)} of one core" if seconds else ""
-    raise out_of_memory(what, f"has {cells} cells of {grid.spacing:g} {grid.unit}{turning}", needed, free, mend, time)
+    raise out_of_memory(what, f"has {cells} cells of {grid.spacing:g} {grid.unit}{turning}", needed, free, hint, time)
 
 
 def out_of_memory(
@@ -317,7 +317,7 @@ def _left_by_limit() -> float:
     return math.inf if limit == resource.RLIM_INFINITY else max(0, limit - psutil.Process().memory_info().vms)
 
 
-def _check_limit(path: StrPath, fault: str, number: int, limit: str, most: str, value: object) -> None:
+def _check_limit(path: StrPath, problem: str, number: int, limit: str, most: str, value: object) -> None:
     if number > getattr(_LIMITS.get(), limit):
-        mend = f"raise it with cspace.limits.raised_limits({limit}={number}), if the file is meant to be so large"
-        raise FileError(os.fspath(path), fault, f"at most {most} are read", mend, value=value)
+        hint = f"raise it with cspace.limits.raised_limits({limit}={number}), if the file is meant to be so large"
+        raise FileError(os.fspath(path), problem, f"at most {most} are read", hint, value=value)

@@ -260,7 +260,7 @@ class Obstacle(NamedTuple):
     inner: Bools
 
     @classmethod
-    def of(cls, shape: Shape, grid: Grid, endless: Sequence[bool] = ()) -> Obstacle:
+    def of(cls, shape: Shape, grid: Grid, periodic_axes: Sequence[bool] = ()) -> Obstacle:
         """An obstacle where it is; what lies outside the grid is clipped, but for exact answers.
 
         Along axes that close in a circle nothing lies outside: there it comes in again, whole turns on.
@@ -269,7 +269,7 @@ class Obstacle(NamedTuple):
         depends on the spacing.
         """
         shape.outer.boundary()  # exact look-ups will need it
-        turn = grid.spacing * np.array(grid.shape) * (endless or np.zeros(grid.dim))
+        turn = grid.spacing * np.array(grid.shape) * (periodic_axes or np.zeros(grid.dim))
         low, high = (
             np.floor(np.divide(corner + more - grid.lower, turn, out=np.zeros(grid.dim), where=turn > 0.0)).astype(int)
             for corner, more in zip(shape.outer.bounds, (-grid.spacing, grid.spacing), strict=True)

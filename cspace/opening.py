@@ -109,7 +109,7 @@ def open_slice(path: StrPath, rotation: ArrayLike = ()) -> NDArray[np.uint8]:
         if not store.is_done:
             raise not_done(path, store.share_done)
         number = int(store.slice_of[store.rotations.cells_of(store.rotations.checked(rotation))])
-        return store.slice_at(number)
+        return store.states_at(number)
 
     return retry_if_replaced(path, read)
 

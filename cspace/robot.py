@@ -172,8 +172,8 @@ class Robot(NotebookPicture):
         balls = Balls.of(centers, radii)
         least = float(balls.radii.min())
         if least <= 0.0:
-            mend = "drop balls that have no volume"
-            raise InputError("radii", f"holds {least:g}", "each must be above zero", mend, value=least)
+            hint = "drop balls that have no volume"
+            raise InputError("radii", f"holds {least:g}", "each must be above zero", hint, value=least)
         count = len(balls.radii)
         return cls(f"{balls.noun} {balls.radii[0]:g} m" if count == 1 else f"{count} {balls.noun}s", balls)
 
@@ -506,8 +506,8 @@ class Robot(NotebookPicture):
         grown = not_negative(margin, "margin", GROWN)
         # A corner of the box round the origin is farther away than its sides, and may be turned onto an axis.
         far = (self.span * (1.0 if turn.matrix is None else math.sqrt(self.dim)) + grown) / side
-        mend = "use a larger spacing, or check the robot's units (metres) and origin"
-        check_reach(far, "robot", "its reference point", mend)
+        hint = "use a larger spacing, or check the robot's units (metres) and origin"
+        check_reach(far, "robot", "its reference point", hint)
         return self.shape.rasters(side, grown, turn)
 
 

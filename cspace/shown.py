@@ -62,9 +62,9 @@ class WorkspacePlot(NotebookPicture):
             As :func:`cspace.plot.plot`.
         """
         from cspace.plot.picture import plot
-        from cspace.plot.route import Bare
+        from cspace.plot.route import WorkspaceView
 
-        return plot(Bare(cast("Workspace", self)), **options)
+        return plot(WorkspaceView(cast("Workspace", self)), **options)
 
 
 class MapPlot:

@@ -20,7 +20,7 @@ from cspace.engines.slices import slice_rasters
 from cspace.errors import ConfigurationError, InputError
 from cspace.limits import JOINED_BYTES, check_memory
 from cspace.map.backend import MemoryBackend
-from cspace.map.batches import Many, One, Query, answer, as_points, own, side_by_side
+from cspace.map.batches import Configuration, ConfigurationBatch, Query, answer, as_points, in_spatial_order, own
 from cspace.map.contents import Contents
 from cspace.map.derived import Lock, lazy
 from cspace.map.exterior import UNKNOWN, Exterior
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from cspace.exact.proofs import Exact
     from cspace.map.clearance import Inflation
     from cspace.map.components import Components
-    from cspace.map.mip import Marks, Mip
+    from cspace.map.mip import OccupancyBits, OccupancyPyramid
     from cspace.map.overlaps import Runs, Sums
     from cspace.map.sampling import FreeCells
     from cspace.map.widest import Widest
@@ -128,8 +128,8 @@ class CSpace(ConfigurationMap, MapExport):
         return self._contents
 
     @property
-    def endless(self) -> tuple[bool, ...]:
-        return self._contents.endless or (False,) * self.dof
+    def periodic_axes(self) -> tuple[bool, ...]:
+        return self._contents.periodic_axes or (False,) * self.dof
 
     @property
     def outside(self) -> str:
@@ -169,7 +169,7 @@ class CSpace(ConfigurationMap, MapExport):
             every = read_only(every[self._slice_of])
         return every.reshape(self._contents.leading(len(every)))
 
-    def slice_at(self, rotation: ArrayLike = ()) -> NDArray[np.uint8]:
+    def states_at(self, rotation: ArrayLike = ()) -> NDArray[np.uint8]:
         """State of each cell in the rotation cell of a rotation, shape (nx, ny) or (nx, ny, nz).
 
         The rotation is given as in a configuration: by nothing, a yaw (radians) or a quaternion.
@@ -197,7 +197,7 @@ class CSpace(ConfigurationMap, MapExport):
         periodic = self._contents.periodic
         mean = float(free @ rotations.volumes / rotations.volumes.sum()) * grid.spacing**grid.dim
         return {
-            **({"endless": periodic.names_among(self.axes)} if periodic else {}),
+            **({"periodic_axes": periodic.names_among(self.axes)} if periodic else {}),
             **({"slices": len(states)} if rotations.names else {}),
             "workspace": self.workspace.source,
             "cells": dict(zip(STATE_NAMES, self.count(), strict=True)),
@@ -216,9 +216,9 @@ class CSpace(ConfigurationMap, MapExport):
     # ---- one configuration -------------------------------------------------------------------------------------------
 
     @overload
-    def overlap(self, q: One) -> int: ...  # type: ignore[overload-overlap]
+    def overlap(self, q: Configuration) -> int: ...  # type: ignore[overload-overlap]
     @overload
-    def overlap(self, q: Many) -> Ints: ...
+    def overlap(self, q: ConfigurationBatch) -> Ints: ...
     def overlap(self, q: ArrayLike) -> int | Ints:
         """Number of (obstacle cell, robot offset) pairs that coincide at configurations.
 
@@ -238,9 +238,9 @@ class CSpace(ConfigurationMap, MapExport):
         return self._sum("outer", q)
 
     @overload
-    def contains_robot(self, q: One) -> bool: ...  # type: ignore[overload-overlap]
+    def contains_robot(self, q: Configuration) -> bool: ...  # type: ignore[overload-overlap]
     @overload
-    def contains_robot(self, q: Many) -> Bools: ...
+    def contains_robot(self, q: ConfigurationBatch) -> Bools: ...
     def contains_robot(self, q: ArrayLike) -> bool | Bools:
         """Whether the robot is proven to lie wholly inside the obstacles at configurations.
 
@@ -294,8 +294,8 @@ class CSpace(ConfigurationMap, MapExport):
         for name, given in (("lengths", lengths), ("turns", turns)):
             along = finite(given, name)
             if along.shape not in ((), points.shape[:-1]) or (along < 0.0).any():
-                rule, mend = "it must be zero or above", "pass one number, or one for each configuration"
-                raise InputError(name, f"is {given!r}", rule, mend, value=given)
+                rule, hint = "it must be zero or above", "pass one number, or one for each configuration"
+                raise InputError(name, f"is {given!r}", rule, hint, value=given)
             spans.append(np.full(points.shape[:-1], along).ravel())
         states = np.empty(len(rows), dtype=np.uint8)
         if classify_few(self.record, rows, states) >= 0:  # to look them up together gains little beside the distances
@@ -321,7 +321,7 @@ class CSpace(ConfigurationMap, MapExport):
             ``check(*q) -> bool``, of the dof numbers of a configuration, as floats; False where they are none.
         """
         check = self._exact.point_checker(self._point_checker) if exact else self._point_checker
-        return with_wrapped_angles(check, self.endless)
+        return with_wrapped_angles(check, self.periodic_axes)
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """A quick ``motion_is_free`` of the floats of two configurations, in one compiled call.
@@ -337,7 +337,7 @@ class CSpace(ConfigurationMap, MapExport):
             ``check(*q0, *q1) -> bool``, of the numbers of two configurations, as floats; False where they are none.
         """
         check = self._exact.edge_checker(self._edge_checker) if exact else self._edge_checker
-        return with_wrapped_angles(check, self.endless)
+        return with_wrapped_angles(check, self.periodic_axes)
 
     def clearance_checker(self) -> Callable[..., float]:
         """A quick ``clearance`` of floats.
@@ -350,11 +350,11 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.map.clearance import checker
 
-        return with_wrapped_angles(checker(self.record, self.marks, self.dof), self.endless)
+        return with_wrapped_angles(checker(self.record, self.marks, self.dof), self.periodic_axes)
 
     # ---- what FREE cells join ----------------------------------------------------------------------------------------
 
-    def free_reach(self, q: ArrayLike) -> tuple[Floats, Floats]:
+    def reachable_bounds(self, q: ArrayLike) -> tuple[Floats, Floats]:
         """Bounding box of all FREE cells of the grid that chains of FREE cells join to a configuration.
 
         No path through FREE cells of the grid leaves it, which narrows down where a planner has to look.
@@ -379,7 +379,7 @@ class CSpace(ConfigurationMap, MapExport):
         lower = np.asarray(self.grid.lower)
         return lower + self.grid.spacing * first, lower + self.grid.spacing * (last + 1)
 
-    def free_path(
+    def find_path(
         self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True, time_limit: float | None = None
     ) -> Floats:
         """A collision-free path, proven all along, by the map's own search from FREE cell to FREE cell.
@@ -430,8 +430,8 @@ class CSpace(ConfigurationMap, MapExport):
         return periodic.begin_at(path, np.asarray(q0, dtype=np.float64)) if periodic else path
 
     def _free_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
-        """:meth:`free_path`; TimeoutError where it takes longer."""
-        from cspace.map.paths import in_time, pulled_straight, unwound, waypoints
+        """:meth:`find_path`; TimeoutError where it takes longer."""
+        from cspace.map.paths import in_time, pulled_straight, unwind, waypoints
         from cspace.map.search import GREED, TURN, Graph
 
         until, dim, neighbors = clock() + seconds, self.grid.dim, self.rotations.neighbors
@@ -440,7 +440,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         def chain(neighbors: Ints) -> Ints:
             turns = np.full(neighbors.shape, TURN)
-            graph = Graph.of(self._seen, self._slice_of, neighbors, turns, self.endless[:dim])
+            graph = Graph.of(self._seen, self._slice_of, neighbors, turns, self.periodic_axes[:dim])
             return graph.chain(first, last, until, greed=GREED)
 
         still = not self.rotations.steps(*endpoints)[dim:].any()
@@ -449,16 +449,16 @@ class CSpace(ConfigurationMap, MapExport):
             cells, still = chain(neighbors), False
         if not len(cells):
             return np.empty((0, self.dof))
-        cells = unwound(cells, self.grid.shape, self.endless[:dim])
-        path = waypoints(self.grid, self.rotations, endpoints, cells, self.endless[:dim])
+        cells = unwind(cells, self.grid.shape, self.periodic_axes[:dim])
+        path = waypoints(self.grid, self.rotations, endpoints, cells, self.periodic_axes[:dim])
         if still:  # q1 may have the same rotation in other numbers: a quaternion of the other sign
             path[:, dim:] = endpoints[0][dim:]
         if not self.certify_path(path).all():
             return np.empty((0, self.dof))
-        check = in_time(below_half_a_turn(self.edge_checker(), self.endless), until)
+        check = in_time(below_half_a_turn(self.edge_checker(), self.periodic_axes), until)
         return pulled_straight(path, dim, check, 2.0 * self.grid.spacing) if straight else path
 
-    def widest_path(
+    def find_widest_path(
         self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True, time_limit: float | None = None
     ) -> Floats:
         """A collision-free path of the largest possible clearance, and of those a shortest, by the map's own search.
@@ -499,12 +499,12 @@ class CSpace(ConfigurationMap, MapExport):
         return self._in_time(self._widest_path, q0, q1, straight, time_limit)
 
     def _widest_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
-        """:meth:`widest_path`; TimeoutError where it takes longer, but for what it makes once for a map."""
-        from cspace.map.widest import BYTES, widest_path
+        """:meth:`find_widest_path`; TimeoutError where it takes longer, but for what it makes once for a map."""
+        from cspace.map.widest import BYTES, find_widest_path
 
         endpoints = np.stack([self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))])
         # Levels cover what is unrolled, half a turn more at either end.
-        cells = self.grid.size * self.rotations.count * 2 ** sum(self.endless)
+        cells = self.grid.size * self.rotations.count * 2 ** sum(self.periodic_axes)
         needed, fewer = BYTES * cells, self.rotations.fewer
         check_memory(needed, "the map, to find its widest path,", self.grid, fewer=fewer)
         own = self.own_record
@@ -513,8 +513,8 @@ class CSpace(ConfigurationMap, MapExport):
             widest = vars(self)["_widest"] = self._widest.renewed(own, self._seen)
         until = clock() + seconds
         both = endpoints, self._cells_of(endpoints)
-        join = partial(self._components_of, rim_is_open=np.zeros(len(self._seen), dtype=np.bool_))
-        path = widest_path(widest, own, self.grid, both, join, straight, until)
+        join = partial(self._components_of, exterior_open=np.zeros(len(self._seen), dtype=np.bool_))
+        path = find_widest_path(widest, own, self.grid, both, join, straight, until)
         return path if len(path) and self.certify_path(path).all() else path[:0]
 
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
@@ -589,8 +589,8 @@ class CSpace(ConfigurationMap, MapExport):
         return center
 
     def _nothing_free(self) -> ConfigurationError:
-        mend = "use a smaller robot, a finer spacing, or unknown='free' where the workspace is a sensor map"
-        return ConfigurationError("the map", "has no FREE cell", "nothing can be drawn from it", mend)
+        hint = "use a smaller robot, a finer spacing, or unknown='free' where the workspace is a sensor map"
+        return ConfigurationError("the map", "has no FREE cell", "nothing can be drawn from it", hint)
 
     # ---- a workspace that changes ------------------------------------------------------------------------------------
 
@@ -610,7 +610,8 @@ class CSpace(ConfigurationMap, MapExport):
         What look-ups have cached follows the change at their next call, but for the counts of FREE cells for
         :meth:`sample_free` and the geometry for ``exact=True``, which are made again.
 
-        Updates wait for each other, and so do :meth:`path_exists`, :meth:`free_reach` and :meth:`contains_robot`, whose
+        Updates wait for each other, and so do :meth:`path_exists`, :meth:`reachable_bounds` and
+        :meth:`contains_robot`, whose
         answers depend on many cells, :meth:`save`, :meth:`export`, copies, pickles and forks of the process. Any other
         look-up that another thread makes meanwhile sees each cell as it was or as it is going to be. An
         :meth:`overlap` computed meanwhile may be neither the old count nor the new one.
@@ -710,9 +711,9 @@ class CSpace(ConfigurationMap, MapExport):
         self._check_whole()
         shape = shape_of(obstacle, radius, "obstacle")
         if shape.dim != self.grid.dim:
-            fault, place = f"is in {shape.place}", ("the plane", "space")[self.grid.dim - 2]
+            problem, place = f"is in {shape.place}", ("the plane", "space")[self.grid.dim - 2]
             raise InputError(
-                "obstacle", fault, f"the map is in {place}", "pass one of as many coordinates", value=obstacle
+                "obstacle", problem, f"the map is in {place}", "pass one of as many coordinates", value=obstacle
             )
         with self._lock:
             return self._updates.place(name, shape)
@@ -755,8 +756,8 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _check_whole(self) -> None:
         if self.outside == UNKNOWN:
-            rule, mend = "what lies around it decides as well", "update that map, and take the part anew"
-            raise ConfigurationError("the map", "is a part of a larger one", rule, mend)
+            rule, hint = "what lies around it decides as well", "update that map, and take the part anew"
+            raise ConfigurationError("the map", "is a part of a larger one", rule, hint)
 
     def _renew(self, change: Change) -> None:
         """Bring up to date what was made of the map, after its states and its exterior were changed in place."""
@@ -891,12 +892,12 @@ class CSpace(ConfigurationMap, MapExport):
         workspace, states = periodic.unroll(self.workspace, np.asarray(self._seen[0]), first, stop)
         return CSpace(Contents(workspace, self.robot, Rotations.of(None), self._slice_of, states[np.newaxis]))
 
-    def _refuse_periodic(self, what: str, mend: str) -> None:
+    def _refuse_periodic(self, what: str, hint: str) -> None:
         """Raise InputError if the map has periodic axes, for which ``what`` is undefined."""
         periodic = self._contents.periodic
         if periodic:
             axes = ", ".join(periodic.names_among(self.axes))
-            raise InputError(what, "is asked for", f"it is undefined on a map with periodic axes ({axes})", mend)
+            raise InputError(what, "is asked for", f"it is undefined on a map with periodic axes ({axes})", hint)
 
     @lazy
     def _exact(self) -> Exact:
@@ -908,8 +909,10 @@ class CSpace(ConfigurationMap, MapExport):
         """What exact look-ups decide."""
         from cspace.exact.boundaries import Problem
 
-        walled, prove = self.outside != "free", self._contents.prove
-        return Problem(self.record, self.rotations, self._unrolled.workspace, self.robot, self.margin, walled, prove)
+        exterior_blocked, prove = self.outside != "free", self._contents.prove
+        return Problem(
+            self.record, self.rotations, self._unrolled.workspace, self.robot, self.margin, exterior_blocked, prove
+        )
 
     @lazy
     def _components(self) -> Components:
@@ -917,30 +920,30 @@ class CSpace(ConfigurationMap, MapExport):
         check_memory(needed, "the map, to join its cells,", self.grid, fewer=fewer)
         return self._components_of(self._seen, ~self._exterior.is_all_blocked(self.grid.shape))
 
-    def _components_of(self, states: Stack, rim_is_open: Bools) -> Components:
+    def _components_of(self, states: Stack, exterior_open: Bools) -> Components:
         """The components of states, and of what surrounds each slice."""
         from cspace.map.components import Components, PeriodicComponents
 
-        of_slices = states, self._slice_of, self.rotations.neighbors, rim_is_open
-        return PeriodicComponents(*of_slices, self.endless) if self._contents.periodic else Components(*of_slices)
+        of_slices = states, self._slice_of, self.rotations.neighbors, exterior_open
+        return PeriodicComponents(*of_slices, self.periodic_axes) if self._contents.periodic else Components(*of_slices)
 
     def _hint(self, cells: Ints) -> tuple[bool, Callable[[], bool]]:
         return self._components.hint(cells)
 
     @property
-    def marks(self) -> Marks:
+    def marks(self) -> OccupancyBits:
         """What compiled functions of the clearance take beside the :attr:`record`; it follows updates."""
-        return self._marks(cells=True, lasting=True)
+        return self._marks(cells=True, eager=True)
 
-    def _marks(self, *, cells: bool, lasting: bool = False) -> Marks:
-        """What is not FREE, at three scales; see :meth:`cspace.map.mip.Mip.marks`."""
-        return self._unrolled._mip.marks(cells, lasting)
+    def _marks(self, *, cells: bool, eager: bool = False) -> OccupancyBits:
+        """What is not FREE, at three scales; see :meth:`cspace.map.mip.OccupancyPyramid.marks`."""
+        return self._unrolled._mip.marks(cells, eager)
 
     @lazy
-    def _mip(self) -> Mip:
-        from cspace.map.mip import Mip
+    def _mip(self) -> OccupancyPyramid:
+        from cspace.map.mip import OccupancyPyramid
 
-        return Mip(self._seen, self._lock)
+        return OccupancyPyramid(self._seen, self._lock)
 
     @lazy
     def _runs(self) -> Runs:
@@ -970,7 +973,7 @@ class CSpace(ConfigurationMap, MapExport):
     def _widest(self) -> Widest:
         from cspace.map.widest import Widest
 
-        return Widest.of(self.own_record, self._seen, self.rotations, self.endless[: self.grid.dim])
+        return Widest.of(self.own_record, self._seen, self.rotations, self.periodic_axes[: self.grid.dim])
 
     @lazy
     def _inflation(self) -> Inflation:
@@ -1006,7 +1009,7 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.map.clearance import clearances
 
         query = self._backend.query(clearances, self._marks(cells=True))
-        return side_by_side(query, self.grid.lower, self.grid.upper)
+        return in_spatial_order(query, self.grid.lower, self.grid.upper)
 
     def _blocks(self, number: int) -> Words | None:
         from cspace.map.mip import CELLS_AN_EDGE
@@ -1020,11 +1023,11 @@ class CSpace(ConfigurationMap, MapExport):
 
         self._refuse_periodic("overlap", "use classify: a point overlaps with no cell, or with one")
         # What is not known may be an obstacle, and may be none.
-        walled = self.outside != "free" if side == "outer" else self.outside == "blocked"
+        exterior_blocked = self.outside != "free" if side == "outer" else self.outside == "blocked"
         workspace = self.workspace
         outer = side == "outer" or workspace.inner is workspace.outer
         sums = self._outer_sums if outer else self._inner_sums
-        query = self._backend.query(overlaps, sums.counts, self._runs, int(walled))
+        query = self._backend.query(overlaps, sums.counts, self._runs, int(exterior_blocked))
         return answer(q, self.dof, query, np.int64, int, angles=self._angles)
 
     def _one_free(self, q: ArrayLike, name: str) -> Floats:

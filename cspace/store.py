@@ -698,7 +698,7 @@ class Store:
                     bits.write(number, part)
         return bits or states
 
-    def slice_at(self, number: int) -> States:
+    def states_at(self, number: int) -> States:
         """Read the states of one slice."""
         states, layer = np.empty(self.grid.shape, dtype=np.uint8), number // self.depth
         for index in self:
@@ -731,7 +731,7 @@ class Store:
         outer, inner = self.obstacles_in(box, records.__getitem__)
         source, unknown = self.metadata["workspace_source"], arrays.get("unknown")
         leading = (*self.rotations.leading(self.slices), *self.grid.shape)
-        endless = self.metadata.get("endless", "").split()
+        periodic_axes = self.metadata.get("periodic_axes", "").split()
         return Contents(
             Workspace(self.grid, outer, inner, source=source, unknown=unknown, shapes=self.shapes),
             self.robot,
@@ -745,7 +745,7 @@ class Store:
             {name: arrays[name].reshape(leading) for name in FIELD_NAMES if name in arrays},
             Exterior(arrays["exterior"]) if "exterior" in arrays else None,
             self.proves_blocked,
-            endless=tuple(axis in endless for axis in self.grid.axes) if endless else (),
+            periodic_axes=tuple(axis in periodic_axes for axis in self.grid.axes) if periodic_axes else (),
         )
 
     def done(self) -> list[Index]:

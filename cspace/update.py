@@ -94,22 +94,22 @@ class Patch:
         outer = _cells(cells, "cells")
         first = _first(lower, grid.dim)
         if outer.ndim != grid.dim:
-            fault = f"has {outer.ndim} axes on a grid of {grid.dim}"
-            mend = "pass one entry for each cell of a box, indexed in the order of the coordinates"
-            raise InputError("cells", fault, "both must have as many", mend, value=cells)
+            problem = f"has {outer.ndim} axes on a grid of {grid.dim}"
+            hint = "pass one entry for each cell of a box, indexed in the order of the coordinates"
+            raise InputError("cells", problem, "both must have as many", hint, value=cells)
         for low, count, size in zip(first, outer.shape, grid.shape, strict=True):
             if low < 0 or low + count > size:
-                fault = f"has shape {outer.shape} and lower is {first} on a grid of {grid.shape} cells"
+                problem = f"has shape {outer.shape} and lower is {first} on a grid of {grid.shape} cells"
                 raise InputError(
-                    "cells", fault, "the box must lie in the grid", "cut off what lies outside it", value=cells
+                    "cells", problem, "the box must lie in the grid", "cut off what lies outside it", value=cells
                 )
         if inner is None:
             return cls(first, outer, outer)
         within = _cells(inner, "inner")
         if within.shape != outer.shape:
-            fault = f"has shape {within.shape} and cells {outer.shape}"
-            mend = "pass one entry for each cell of the box"
-            raise InputError("inner", fault, "both must be the same", mend, value=inner)
+            problem = f"has shape {within.shape} and cells {outer.shape}"
+            hint = "pass one entry for each cell of the box"
+            raise InputError("inner", problem, "both must be the same", hint, value=inner)
         if (within > outer).any():
             lost = tuple(np.argwhere(within & ~outer)[0].tolist())
             rule = "a cell that lies in an obstacle also meets it"
@@ -192,7 +192,7 @@ class Updater:
         renew: Callable[[Change], None],
     ) -> None:
         blocked, counts, shape = contents.proves_blocked, contents.overlaps is not None, contents.grid.shape
-        self._grid, self._endless, self._layers = contents.grid, contents.endless, contents.layers
+        self._grid, self._endless, self._layers = contents.grid, contents.periodic_axes, contents.layers
         self._states, self._overlaps = contents.states, contents.overlaps
         self._rasters, self._exterior, self._renew_map = rasters, exterior, renew
         self._sides = sides_of(rasters, _proves_blocked(contents, rasters) if blocked is None else blocked)
@@ -386,8 +386,8 @@ class Updater:
         if not self._layer_counts:
             return []
         counts = [each.copy() for each in self._layer_counts]
-        olds, news = (_layer_counts(each) for each in (self._workspace.outer[patch.window], patch.outer))
-        for count, part, old, new in zip(counts, patch.window, olds, news, strict=True):
+        olds, is_first = (_layer_counts(each) for each in (self._workspace.outer[patch.window], patch.outer))
+        for count, part, old, new in zip(counts, patch.window, olds, is_first, strict=True):
             count[part] += new - old
         return counts
 
@@ -420,7 +420,7 @@ def _layer_counts(cells: Bools) -> list[Ints]:
     return [np.count_nonzero(cells, axis=tuple(axes - {axis})) for axis in sorted(axes)]
 
 
-def _reach(sides: Sides, shape: Sequence[int], walled: bool, counts: bool) -> Ints:
+def _reach(sides: Sides, shape: Sequence[int], exterior_blocked: bool, counts: bool) -> Ints:
     """Return the least and the greatest offset in each slice that decide about cells, shape (slices, 2, d).
 
     A robot that meets blocked cells outside the grid from everywhere depends on no cell, unless overlaps are counted.
@@ -429,7 +429,7 @@ def _reach(sides: Sides, shape: Sequence[int], walled: bool, counts: bool) -> In
     reach[:, :, 0], reach[:, :, 1] = _NEVER, -_NEVER
     for number, side in enumerate(sides):
         for row, runs in zip(reach[number], Runs.of(side, in_space(shape)), strict=True):
-            if len(runs.table) and not (runs.clipped and walled and not (counts and number == 0)):
+            if len(runs.table) and not (runs.clipped and exterior_blocked and not (counts and number == 0)):
                 last = runs.table[:, :3].copy()
                 last[:, 2] += runs.table[:, 3] - 1
                 row[:] = runs.table[:, :3].min(axis=0), last.max(axis=0)

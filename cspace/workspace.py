@@ -396,15 +396,15 @@ class Workspace(WorkspacePlot):
         Workspace(3 shapes: 40 x 30 cells of 0.1 m, 42.5 % occupied)
         """
         positive(spacing, "spacing")
-        mend = "pass a list of them"
+        hint = "pass a list of them"
         if isinstance(shapes, Mapping):
-            mend += "; obstacles with names are placed in a map, with space.place(name, shape)"
+            hint += "; obstacles with names are placed in a map, with space.place(name, shape)"
         if isinstance(shapes, Mapping | str) or not isinstance(shapes, Iterable):
-            raise InputError("shapes", f"is a {type(shapes).__name__}", "it must be several shapes", mend, value=shapes)
+            raise InputError("shapes", f"is a {type(shapes).__name__}", "it must be several shapes", hint, value=shapes)
         made = [shape_of(shape, name=f"shapes[{number}]") for number, shape in enumerate(shapes)]
         if not made:
-            mend = "pass at least one, or use Workspace.from_array for a map without obstacles"
-            raise InputError("shapes", "holds no shape", "obstacles must cover some ground", mend, value=shapes)
+            hint = "pass at least one, or use Workspace.from_array for a map without obstacles"
+            raise InputError("shapes", "holds no shape", "obstacles must cover some ground", hint, value=shapes)
         for number, shape in enumerate(made):
             if shape.dim != made[0].dim:
                 rule = f"shapes[0] is in {made[0].place}, and all must be alike"
@@ -794,7 +794,7 @@ class LazyWorkspace(Workspace):
         whole: list[tuple[Bools, Bools]] = self._whole  # type: ignore[attr-defined]
         if not whole:
             grid = self.grid
-            check_memory(WORKSPACE_BYTES * grid.size, "the workspace", grid, mend=_IN_TILES)
+            check_memory(WORKSPACE_BYTES * grid.size, "the workspace", grid, hint=_IN_TILES)
             outer, inner = map(frozen, self.cells.read(tuple(slice(0, n) for n in grid.shape)))
             whole.append((outer, outer if np.array_equal(outer, inner) else inner))
         return whole[0]
@@ -813,8 +813,8 @@ def _placing(path: StrPath) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        fault = f"{error.argument} {error.fault}"
-        raise FileError(os.fspath(path), fault, error.rule, error.mend, value=error.value) from error
+        problem = f"{error.argument} {error.problem}"
+        raise FileError(os.fspath(path), problem, error.rule, error.hint, value=error.value) from error
 
 
 def copied(workspace: Workspace, live: bool = False) -> Workspace:

@@ -148,7 +148,7 @@ OWNERS = ("cspace", "planners", "cspace.CSpace", "cspace.spectral", "planners.Pl
 """Modules and classes searched, in this order, for a name without a prefix."""
 
 
-TAKE_PARAMETERS = ("cspace.build", "cspace.CSpace.is_free", "planners.plan", "cspace.CSpace.free_path")
+TAKE_PARAMETERS = ("cspace.build", "cspace.CSpace.is_free", "planners.plan", "cspace.CSpace.find_path")
 """Functions searched, in this order, for a parameter without a function."""
 
 

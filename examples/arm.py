@@ -2,7 +2,8 @@
 An arm of two links: what it may do, and a path that is proven
 ==============================================================
 
-``cspace.Arm`` reads a robot with joints from a URDF, and ``cspace.build_arm`` puts it among obstacles. Configurations
+``cspace.Arm`` reads a robot with joints from a URDF, and ``cspace.build_arm_space`` puts it among obstacles.
+Configurations
 are then FREE, BLOCKED or MIXED, and a whole motion of the joints is proven free in one call. Planners of OMPL take the
 space of an arm as they take a map. ``space.view()`` shows it in the browser, with a slider for each joint.
 """
@@ -15,7 +16,7 @@ from matplotlib.colors import ListedColormap
 
 import cspace
 import planners
-from cspace.arms import Placed
+from cspace.arms import PosedShape
 
 # %%
 # Two bars of 1 m on a foot, as people write them down. Both joints turn about z.
@@ -45,11 +46,11 @@ def at(x, y):
 
 
 obstacles = {
-    "left post": Placed(cspace.Robot.cylinder(0.15, 1.0).shape, at(0.3, 1.3)),
-    "right post": Placed(cspace.Robot.cylinder(0.2, 1.0).shape, at(1.3, 0.9)),
-    "wall": Placed(cspace.Robot.box((4.0, 0.1, 1.0)).shape, at(0.0, -1.4)),
+    "left post": PosedShape(cspace.Robot.cylinder(0.15, 1.0).shape, at(0.3, 1.3)),
+    "right post": PosedShape(cspace.Robot.cylinder(0.2, 1.0).shape, at(1.3, 0.9)),
+    "wall": PosedShape(cspace.Robot.box((4.0, 0.1, 1.0)).shape, at(0.0, -1.4)),
 }
-space = cspace.build_arm(obstacles, arm)
+space = cspace.build_arm_space(obstacles, arm)
 start, goal = np.array([-0.2, 0.4]), np.array([2.6, -0.4])
 contact = space.closest(start)
 print(f"at the start, {contact.link!r} is nearest to {contact.other!r}: {contact.distance:.2f} m")

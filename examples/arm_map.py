@@ -2,7 +2,7 @@
 The joints of an arm as a map, and a proof that there is no path
 ================================================================
 
-``cspace.build_arm_map`` maps all positions of two or three joints of an arm: cells of angles, FREE or BLOCKED as a
+``cspace.build_joint_map`` maps all positions of two or three joints of an arm: cells of angles, FREE or BLOCKED as a
 whole. The result is a map like any other: paths, clearances, pictures, files, and the proof that no path exists, which
 no planner that samples can give.
 """
@@ -14,7 +14,7 @@ import numpy as np
 
 import cspace
 import planners
-from cspace.arms import Placed
+from cspace.arms import PosedShape
 
 # %%
 # Two bars of 1 m on a foot, and four posts around it.
@@ -40,13 +40,15 @@ def at(x, y):
     return pose
 
 
-obstacles = {f"post {k}": Placed(cspace.Robot.cylinder(r, 1.0).shape, at(x, y)) for k, (x, y, r) in enumerate(posts)}
-space = cspace.build_arm(obstacles, arm)
+obstacles = {
+    f"post {k}": PosedShape(cspace.Robot.cylinder(r, 1.0).shape, at(x, y)) for k, (x, y, r) in enumerate(posts)
+}
+space = cspace.build_arm_space(obstacles, arm)
 
 # %%
 # Cells of three quarters of a degree, all proven.
 
-joints = cspace.build_arm_map(space, 6.0 / 450)
+joints = cspace.build_joint_map(space, 6.0 / 450)
 print(joints)
 
 # %%

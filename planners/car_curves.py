@@ -19,7 +19,7 @@ from cspace.map.points import around_is_free
 from cspace.map.storage import Map
 from cspace.rotations.base import TURN
 from cspace.space import CSpace
-from planners.integrals import LONGEST_TURN, Field, Law, cost_at
+from planners.integrals import LONGEST_TURN, CostDensity, Field, cost_at
 
 Pose = tuple[float, float, float]
 Turns = tuple[int, int, int, int, int]
@@ -64,7 +64,7 @@ def prover(space: CSpace, kind: int, radius: float) -> Callable[..., float]:
     return bind_kernel(proven_length, (map_, kind, radius), 6)
 
 
-def cost(space: CSpace, kind: int, radius: float, field: Field, law: Law) -> Callable[..., float]:
+def cost(space: CSpace, kind: int, radius: float, field: Field, law: CostDensity) -> Callable[..., float]:
     """:func:`curve_cost` of the floats of two configurations."""
     fixed = (space.record, field, law, (kind, radius))
     query = bind_kernel(curve_cost, (*fixed, (0.0,) * 6), 0).func  # type: ignore[attr-defined]
@@ -107,7 +107,7 @@ def proven_length(
 
 
 @jit
-def curve_cost(map_: Map, field: Field, law: Law, curve: tuple[int, float], both: tuple[float, ...]) -> float:
+def curve_cost(map_: Map, field: Field, law: CostDensity, curve: tuple[int, float], both: tuple[float, ...]) -> float:
     """Cost of the shortest curve between two configurations, given one after the other in ``both``.
 
     The integral takes the middles of steps of at most one cell and 5 degrees.

@@ -13,13 +13,13 @@ from ompl import geometric as og
 from cspace.errors import InputError
 
 CUBES: Final = "Cubes"
-"""What :func:`planners.plan` calls the map's own search, :meth:`cspace.CSpace.free_path`."""
+"""What :func:`planners.plan` calls the map's own search, :meth:`cspace.CSpace.find_path`."""
 
 WIDEST: Final = "Widest"
-"""What it calls :meth:`cspace.CSpace.widest_path`."""
+"""What it calls :meth:`cspace.CSpace.find_widest_path`."""
 
 BIRRT: Final = "BiRRT"
-"""What it calls the arm's own search, :meth:`cspace.ArmSpace.free_path`."""
+"""What it calls the arm's own search, :meth:`cspace.ArmSpace.find_path`."""
 
 OWN: Final = (CUBES, WIDEST, BIRRT)
 """Searches of our own."""
@@ -82,16 +82,16 @@ def planner_named(name: str | None, drive: str = "holonomic") -> str:
     known = {each.lower(): each for each in (*_planners(), *OWN)}
     if not isinstance(name, str) or name.lower() not in known:
         close = difflib.get_close_matches(str(name).lower().replace("*", "star"), known, n=1)
-        mend = f"choose one of {', '.join(planner_names())}"
-        mend = f"did you mean {known[close[0]]}? {mend}" if close else mend
+        hint = f"choose one of {', '.join(planner_names())}"
+        hint = f"did you mean {known[close[0]]}? {hint}" if close else hint
         rule = f"it must be a geometric planner of the installed OMPL, {CUBES} or {WIDEST}, or for an arm {BIRRT}"
-        raise InputError("planner", f"is {name!r}", rule, mend, value=name)
+        raise InputError("planner", f"is {name!r}", rule, hint, value=name)
     planner = known[name.lower()]
     refused = REFUSED.get(drive, {}) if isinstance(drive, str) else {}
     reason = UNSAFE.get(planner) or refused.get(planner)
     if reason:
-        mend = "choose another planner, e.g. planner='RRT' or 'RRTstar'"
-        raise InputError("planner", f"is {planner!r} and drive is {drive!r}", f"{planner} {reason}", mend, value=name)
+        hint = "choose another planner, e.g. planner='RRT' or 'RRTstar'"
+        raise InputError("planner", f"is {planner!r} and drive is {drive!r}", f"{planner} {reason}", hint, value=name)
     return planner
 
 

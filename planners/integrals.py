@@ -12,20 +12,20 @@ from cspace.arrays import Floats
 from cspace.compiling import bind_kernel, dispatch_on_type, kernel
 from cspace.map.clearance import clearance_at
 from cspace.map.edges import between
-from cspace.map.mip import Marks, PlaneMarks, SpaceMarks
+from cspace.map.mip import OccupancyBits, PlaneMarks, SpaceMarks
 from cspace.map.points import Numbers, replaced
 from cspace.map.storage import Map
 from cspace.space import CSpace
 from cspace.spectral.overlap import field_at
 
-Field = Marks | Floats | None
+Field = OccupancyBits | Floats | None
 """What has a value at each configuration: the clearance, by the marks of a map; an array of cells; or nothing."""
 
 LONGEST_TURN: Final = math.radians(5.0)
 """Largest turn, in radians, of a step."""
 
 
-class Law(NamedTuple):
+class CostDensity(NamedTuple):
     """What a metre costs where a field has a value: ``1 + weight * max(0, offset + slope * value)**2``.
 
     A radian of turn counts as ``turn_weight`` metres. ``by_metre`` asks for the mean cost of a metre, not for that of
@@ -48,7 +48,7 @@ def _no_value(field: None, map_: Map, q: Numbers) -> float:
     return 0.0
 
 
-def _clearance(field: Marks, map_: Map, q: Numbers) -> float:
+def _clearance(field: OccupancyBits, map_: Map, q: Numbers) -> float:
     return clearance_at(map_, field, q, math.inf) * map_.spacing
 
 
@@ -60,14 +60,14 @@ dispatch_on_type(value_at, {object: _no_value, PlaneMarks: _clearance, SpaceMark
 
 
 @kernel
-def cost_at(map_: Map, field: Field, law: Law, q: Numbers) -> float:
+def cost_at(map_: Map, field: Field, law: CostDensity, q: Numbers) -> float:
     """Cost of a metre at a configuration."""
     penalty = max(0.0, law.offset + law.slope * value_at(field, map_, q))
     return 1.0 + law.weight * penalty * penalty
 
 
 @kernel
-def cost_of_one(map_: Map, field: Field, law: Law, both: Numbers) -> float:
+def cost_of_one(map_: Map, field: Field, law: CostDensity, both: Numbers) -> float:
     """Cost of a straight edge between two configurations, given one after the other in ``both``.
 
     The integral takes the middles of steps of at most one cell and 5 degrees.
@@ -89,7 +89,7 @@ def cost_of_one(map_: Map, field: Field, law: Law, both: Numbers) -> float:
     return (1.0 if law.by_metre else metres + law.turn_weight * angle) * total / steps
 
 
-def edge_cost(space: CSpace, field: Field, law: Law) -> Callable[..., float]:
+def edge_cost(space: CSpace, field: Field, law: CostDensity) -> Callable[..., float]:
     """``cost(*q0, *q1)`` of straight edges of a map."""
     fixed = (space.record, field, law)
     query = bind_kernel(cost_of_one, (*fixed, (0.0,) * (2 * space.dof)), 0).func  # type: ignore[attr-defined]

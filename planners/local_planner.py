@@ -35,7 +35,7 @@ from planners.catalogue import BIRRT, CUBES, OWN, WIDEST, planner_named
 from planners.states import TURN_WEIGHT, Configuration, check_space, kind_of
 
 if TYPE_CHECKING:
-    from planners.integrals import Field, Law
+    from planners.integrals import CostDensity, Field
 
 Endpoints = tuple[Configuration, Configuration]
 
@@ -258,8 +258,8 @@ class LocalPlanner(ABC):
         point = finite(q, name)
         if point.shape != (self.space.dof,):
             rule = f"it must be one configuration of {self.space.dof} numbers"
-            mend = f"pass ({', '.join(self.space.axes)}), in metres and radians"
-            raise InputError(name, f"has shape {point.shape}", rule, mend, value=q)
+            hint = f"pass ({', '.join(self.space.axes)}), in metres and radians"
+            raise InputError(name, f"has shape {point.shape}", rule, hint, value=q)
         return point
 
 
@@ -283,7 +283,7 @@ class EdgesOnMap(LocalPlanner):
         """Metres that a radian of turn counts as in the length of an edge."""
 
     @abstractmethod
-    def edge_cost(self, field: Field, law: Law) -> Callable[..., float]:
+    def edge_cost(self, field: Field, law: CostDensity) -> Callable[..., float]:
         """``cost`` of the floats of two configurations: that of the edge between them, by a law for each metre."""
 
     @abstractmethod
@@ -307,7 +307,7 @@ class EdgesOnMap(LocalPlanner):
         return np.array(free, dtype=np.bool_)
 
     def search(self, planner: str, endpoints: Endpoints, straight: bool, seed: int | None, seconds: float) -> Floats:
-        find = self.space.free_path if planner == CUBES else self.space.widest_path
+        find = self.space.find_path if planner == CUBES else self.space.find_widest_path
         return find(*endpoints, straight=straight, time_limit=seconds)
 
     def measured(self, path: Floats) -> tuple[float, float]:
@@ -361,7 +361,7 @@ class EdgesOnMap(LocalPlanner):
         space = self.space
         given = self._point(q, name)
         point: Configuration = tuple(space.rotations.canonical(given, name).tolist())
-        warn_of_degrees(given, angle_axes(space.axes, space.endless), name)
+        warn_of_degrees(given, angle_axes(space.axes, space.periodic_axes), name)
         inside = all(low <= x <= high for low, x, high in zip(space.grid.lower, point, space.grid.upper, strict=False))
         if inside and _stays_free(space, point, self.exact):
             return point
@@ -386,11 +386,11 @@ class EdgesOnMap(LocalPlanner):
         nearest: Configuration | None = None
         try:
             nearest = tuple(space.nearest_free(point).tolist())
-            mend = f"the nearest is {text(nearest)}"
+            hint = f"the nearest is {text(nearest)}"
         except ConfigurationError:
             where = "at all" if isinstance(space, CSpace) else "near there"
-            mend = f"the map has no FREE configuration {where}; use a smaller robot, margin or spacing"
-        return ConfigurationError(name, f"{text(point)} {reason}", rule, mend, value=point, nearest=nearest)
+            hint = f"the map has no FREE configuration {where}; use a smaller robot, margin or spacing"
+        return ConfigurationError(name, f"{text(point)} {reason}", rule, hint, value=point, nearest=nearest)
 
     def path_exists(self, endpoints: Endpoints) -> bool | None:
         return self.space.path_exists(*endpoints)
@@ -467,10 +467,10 @@ class StraightEdges(EdgesOnMap):
     def edge_checker(self) -> Callable[..., bool]:
         return self.space.edge_checker(exact=self.exact)
 
-    def edge_cost(self, field: Field, law: Law) -> Callable[..., float]:
+    def edge_cost(self, field: Field, law: CostDensity) -> Callable[..., float]:
         from planners.integrals import edge_cost
 
-        return with_wrapped_angles(edge_cost(self.space, field, law), self.space.endless)
+        return with_wrapped_angles(edge_cost(self.space, field, law), self.space.periodic_axes)
 
     def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
         metres, turns = self._moved(firsts, lasts)[1:]
@@ -533,7 +533,7 @@ class TurnDriveTurn(StraightEdges):
 
         return check
 
-    def edge_cost(self, field: Field, law: Law) -> Callable[..., float]:
+    def edge_cost(self, field: Field, law: CostDensity) -> Callable[..., float]:
         cost, heading = super().edge_cost(field, law), self.heading
 
         def total(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
@@ -605,17 +605,17 @@ class JointMotions(LocalPlanner):
         return " or ".join(dict.fromkeys(self.space.units))
 
     def edge_checker(self) -> Callable[..., bool]:
-        return with_wrapped_angles(self.space.edge_checker(), self.space.endless)
+        return with_wrapped_angles(self.space.edge_checker(), self.space.periodic_axes)
 
     def edges_are_free(self, path: Floats) -> Bools:
         firsts, lasts = (path[:-1], path[1:]) if len(path) > 1 else (path, path)
         return np.asarray(self.space.motion_is_free(firsts, lasts))
 
     def search(self, planner: str, endpoints: Endpoints, straight: bool, seed: int | None, seconds: float) -> Floats:
-        return self.space.free_path(*endpoints, straight=straight, seed=seed, time_limit=seconds)
+        return self.space.find_path(*endpoints, straight=straight, seed=seed, time_limit=seconds)
 
     def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
-        return np.asarray(np.linalg.norm(shorter(lasts - firsts, self.space.endless), axis=1))
+        return np.asarray(np.linalg.norm(shorter(lasts - firsts, self.space.periodic_axes), axis=1))
 
     def measured(self, path: Floats) -> tuple[float, float]:
         return math.fsum(np.linalg.norm(np.diff(path, axis=0), axis=1)), 0.0
@@ -642,10 +642,10 @@ class JointMotions(LocalPlanner):
         space = self.space
         given = self._point(q, name)
         point = space.arm.clamp(space.checked(given, name))
-        warn_of_degrees(given, angle_axes(space.axes, space.endless), name)
+        warn_of_degrees(given, angle_axes(space.axes, space.periodic_axes), name)
         if not space.is_free(point):
             raise in_collision(space, point, name)
-        circles = np.array(space.endless)
+        circles = np.array(space.periodic_axes)
         point[circles] = wrapped(point[circles])
         return tuple(point.tolist())
 
@@ -679,7 +679,7 @@ class CarCurves(EdgesOnMap):
         prove = self.length_prover()
         return lambda *q: prove(*q) >= 0.0
 
-    def edge_cost(self, field: Field, law: Law) -> Callable[..., float]:
+    def edge_cost(self, field: Field, law: CostDensity) -> Callable[..., float]:
         from planners.car_curves import cost
 
         return cost(self.space, self.kind, self.radius, field, law)
@@ -795,8 +795,8 @@ def local_planner(
     least, most = 1e-3 * curves.space.grid.spacing, 1e3 * curves.space.grid.spacing
     if not least <= radius <= most:
         rule = f"it must be {least:g} to {most:g} m, so that rounding does not count"
-        mend = "for a robot that turns on the spot, use drive='differential'"
-        raise InputError("turning_radius", f"is {radius!r}", rule, mend, value=radius)
+        hint = "for a robot that turns on the spot, use drive='differential'"
+        raise InputError("turning_radius", f"is {radius!r}", rule, hint, value=radius)
     return curves
 
 
@@ -807,24 +807,24 @@ def check_drive(axes: tuple[str, ...], drive: str, turning_radius: float | None,
     """
     check_word(drive, "drive", DRIVES)
     if drive != HOLONOMIC and axes != CAR_AXES:
-        fault = f"is {drive!r} and the map's configurations are ({', '.join(axes)})"
+        problem = f"is {drive!r} and the map's configurations are ({', '.join(axes)})"
         rule = f"it is for a robot that drives and turns in the plane: ({', '.join(CAR_AXES)})"
-        mend = "build a map of a plane with rotations=72, or leave drive out"
-        raise InputError("drive", fault, rule, mend, value=drive)
+        hint = "build a map of a plane with rotations=72, or leave drive out"
+        raise InputError("drive", problem, rule, hint, value=drive)
     if drive not in CURVES:
         if turning_radius is not None:
-            fault = f"is {turning_radius!r} and drive is {drive!r}"
-            mend = f"add {' or '.join(f'drive={name!r}' for name in CURVES)}, or leave the radius out"
-            raise InputError("turning_radius", fault, "a radius is for curves", mend, value=turning_radius)
+            problem = f"is {turning_radius!r} and drive is {drive!r}"
+            hint = f"add {' or '.join(f'drive={name!r}' for name in CURVES)}, or leave the radius out"
+            raise InputError("turning_radius", problem, "a radius is for curves", hint, value=turning_radius)
         return None
     if turning_radius is None:
-        rule, mend = f"drive={drive!r} needs the radius of its tightest turn", "pass it in metres, e.g. 0.5"
-        raise InputError("turning_radius", "is missing", rule, mend)
+        rule, hint = f"drive={drive!r} needs the radius of its tightest turn", "pass it in metres, e.g. 0.5"
+        raise InputError("turning_radius", "is missing", rule, hint)
     radius = positive(turning_radius, "turning_radius")
     if exact:
-        mend = "leave exact out, or build the map with a finer spacing or more rotations"
+        hint = "leave exact out, or build the map with a finer spacing or more rotations"
         raise InputError(
-            "exact", f"is True and drive is {drive!r}", "curves are proven by FREE cells alone", mend, value=exact
+            "exact", f"is True and drive is {drive!r}", "curves are proven by FREE cells alone", hint, value=exact
         )
     return radius
 

@@ -15,7 +15,7 @@ from cspace.errors import InputError
 from cspace.map.periodic import with_wrapped_angles
 from cspace.space import CSpace
 from cspace.spectral import OverlapField
-from planners.integrals import Field, Law, edge_cost
+from planners.integrals import CostDensity, Field, edge_cost
 from planners.local_planner import HOLONOMIC, EdgesOnMap, local_planner
 from planners.states import check_information, kind_of
 
@@ -74,10 +74,10 @@ class WeightedLength(ob.OptimizationObjective):
         super().__init__(si)
         weight = not_negative(weight, "weight", "pass 10.0")
         edges = edges_on_map(space, drive, turning_radius)
-        self._field, self._law = field, Law(offset, slope, weight, edges.turn_weight)
+        self._field, self._law = field, CostDensity(offset, slope, weight, edges.turn_weight)
         self._kind, self._space, dim, dof = kind_of(space), space, space.grid.dim, space.dof
         line = with_wrapped_angles(
-            lambda *endpoints: math.dist(endpoints[:dim], endpoints[dof : dof + dim]), space.endless
+            lambda *endpoints: math.dist(endpoints[:dim], endpoints[dof : dof + dim]), space.periodic_axes
         )
         self._line = self._kind.of_states(line)
         self._cost = self._own_cost = self._kind.of_states(edges.edge_cost(field, self._law))
@@ -112,8 +112,8 @@ class WeightedLength(ob.OptimizationObjective):
 class ClearanceObjective(WeightedLength):
     """Length, weighted by how near the path comes to configurations that are not FREE.
 
-    A metre of path at clearance c costs ``1 + weight * max(0, 1 - c / comfort)**2``; see :class:`WeightedLength`. Of a
-    robot that turns, the clearance is that of the translation.
+    A metre of path at clearance c costs ``1 + weight * max(0, 1 - c / clearance_threshold)**2``; see
+    :class:`WeightedLength`. Of a robot that turns, the clearance is that of the translation.
 
     Parameters
     ----------
@@ -127,7 +127,8 @@ class ClearanceObjective(WeightedLength):
     Raises
     ------
     InputError
-        If ``weight`` is negative or not finite, or ``comfort`` is not above zero; and as :func:`planners.state_space`.
+        If ``weight`` is negative or not finite, or ``clearance_threshold`` is not above zero; and as
+        :func:`planners.state_space`.
     """
 
     def __init__(
@@ -136,13 +137,17 @@ class ClearanceObjective(WeightedLength):
         space: CSpace,
         *,
         weight: float = 10.0,
-        comfort: float | None = None,
+        clearance_threshold: float | None = None,
         drive: str = HOLONOMIC,
         turning_radius: float | None = None,
     ) -> None:
         check_information(si, space)
         grid = space.grid
-        scale = 1.0 / (COMFORT * grid.spacing * max(grid.shape) if comfort is None else positive(comfort, "comfort"))
+        scale = 1.0 / (
+            COMFORT * grid.spacing * max(grid.shape)
+            if clearance_threshold is None
+            else positive(clearance_threshold, "comfort")
+        )
         super().__init__(
             si,
             space,
@@ -211,8 +216,8 @@ def edges_on_map(space: CSpace, drive: str, turning_radius: float | None) -> Edg
     """
     edges = local_planner(space, False, drive, turning_radius)
     if not isinstance(edges, EdgesOnMap):
-        rule, mend = "the objective weighs the cells of a map", "optimise the length of an arm's path, or a function"
-        raise InputError("objective", f"is for maps, and space is {space!r}", rule, mend, value=space)
+        rule, hint = "the objective weighs the cells of a map", "optimise the length of an arm's path, or a function"
+        raise InputError("objective", f"is for maps, and space is {space!r}", rule, hint, value=space)
     return edges
 
 
@@ -223,16 +228,16 @@ def overlap_field(space: CSpace, field: OverlapField | None = None) -> OverlapFi
     """
     known: OverlapField | None = space.overlap_field if field is None else field
     if known is None:
-        rule, mend = "the objective needs a field", "pass one, or plan on space.with_overlap_field(overlap)"
-        raise InputError("field", "is missing, and the map carries none", rule, mend)
+        rule, hint = "the objective needs a field", "pass one, or plan on space.with_overlap_field(overlap)"
+        raise InputError("field", "is missing, and the map carries none", rule, hint)
     if known.space is not space:
-        mend = "use OverlapField.of(space, ...)"
-        raise InputError("field", "is that of another map", "both must be of the same", mend, value=field)
+        hint = "use OverlapField.of(space, ...)"
+        raise InputError("field", "is that of another map", "both must be of the same", hint, value=field)
     return known
 
 
 def _largest_free(space: CSpace, field: OverlapField) -> float:
     """Largest overlap in a FREE cell, or one where there is none above zero."""
     parts = zip(field.cells, space.slice_rotations, strict=True)
-    largest = max(float(values[space.slice_at(rotation) == FREE].max(initial=0.0)) for values, rotation in parts)
+    largest = max(float(values[space.states_at(rotation) == FREE].max(initial=0.0)) for values, rotation in parts)
     return largest if largest > 0.0 else 1.0

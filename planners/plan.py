@@ -127,8 +127,8 @@ def plan(
     objective is the length; straight paths are shortened once more as a whole. Objectives and drives apply tile by
     tile; ``exact``, and "overlap", need a map in memory.
 
-    *Arms.* In the space of an arm (:func:`cspace.build_arm`), an edge moves all joints in step, continuous ones the
-    shorter way, and is proven all along by the geometry itself, so that ``exact`` changes nothing. Its path counts
+    *Arms.* In the space of an arm (:func:`cspace.build_arm_space`), an edge moves all joints in step, continuous ones
+    the shorter way, and is proven all along by the geometry itself, so that ``exact`` changes nothing. Its path counts
     whole turns, so that straight motions join the rows. Drives, "Cubes", "Widest", "clearance" and "overlap" are for
     maps.
 
@@ -158,11 +158,11 @@ def plan(
         but for Dubins curves RRT, for RRTConnect's tree at the goal grows by curves that leave the goal, where a car
         that cannot reverse needs those that arrive, so it often fails among obstacles. Planners that also follow edges
         backwards are refused for Dubins curves, and for "differential" get edges that are free both ways. Or a search
-        of our own. "Cubes", :meth:`cspace.CSpace.free_path` of a map, moves the robot in any direction and turns it on
+        of our own. "Cubes", :meth:`cspace.CSpace.find_path` of a map, moves the robot in any direction and turns it on
         the spot; it finds a path in milliseconds wherever FREE cells join start and goal, and is deterministic.
-        "Widest", :meth:`cspace.CSpace.widest_path`, gives the path of the largest clearance, and then the shortest; it
-        is deterministic, unless the time limit ends it; not on a map in a store. "BiRRT",
-        :meth:`cspace.ArmSpace.free_path`, is the default for an arm: two trees in compiled code, whose motions are
+        "Widest", :meth:`cspace.CSpace.find_widest_path`, gives the path of the largest clearance, and then the
+        shortest; it is deterministic, unless the time limit ends it; not on a map in a store. "BiRRT",
+        :meth:`cspace.ArmSpace.find_path`, is the default for an arm: two trees in compiled code, whose motions are
         proven only where a path may be.
     time_limit : float
         Seconds after which the search gives up. Where it uses them up, a tenth of a second more goes to simplification.
@@ -254,13 +254,13 @@ def plan(
     if name in OWN:
         if name not in edges.own:
             rule = f"{BIRRT} is for arms, {CUBES} and {WIDEST} follow the cells of a map"
-            mend = "leave planner out, or choose e.g. planner='RRTConnect'"
-            raise InputError("planner", f"is {name!r}, and space is {space!r}", rule, mend, value=name)
+            hint = "leave planner out, or choose e.g. planner='RRTConnect'"
+            raise InputError("planner", f"is {name!r}, and space is {space!r}", rule, hint, value=name)
         asks = exact and edges.follows_cells  # without cells, the geometry is asked anyway
         _check_own(name, objective=objective, exact=asks, drive=drive, iterations=iterations)
     if name == WIDEST and not isinstance(space, CSpace):
-        rule, mend = "a path there is found part by part", "choose another, or plan on space.window(lower, upper)"
-        raise InputError("planner", f"is {name!r}, on a map in a store", rule, mend, value=name)
+        rule, hint = "a path there is found part by part", "choose another, or plan on space.window(lower, upper)"
+        raise InputError("planner", f"is {name!r}, on a map in a store", rule, hint, value=name)
     exists = edges.path_exists(endpoints)
     legs = space.legs(*endpoints) if edges.may_join(exists) else []
     if planner is None and len(legs) > 1 and (objective, drive, iterations) == ("length", HOLONOMIC, None):
@@ -408,8 +408,8 @@ def _objective(
         overlap_field(space)
     if planner in IGNORE_OBJECTIVES | SECOND_THREAD:
         why = "heeds no objective" if planner in IGNORE_OBJECTIVES else "cannot call Python from its second thread"
-        fault, mend = f"is {objective!r} and planner is {planner!r}", "choose one that optimises: planner='RRTstar'"
-        raise InputError("objective", fault, f"{planner} {why}", mend, value=objective)
+        problem, hint = f"is {objective!r} and planner is {planner!r}", "choose one that optimises: planner='RRTstar'"
+        raise InputError("objective", problem, f"{planner} {why}", hint, value=objective)
     if kind is None:
         return objective  # type: ignore[return-value]  # a string was refused above
     return lambda si: kind(si, space, drive=drive, turning_radius=turning_radius)
@@ -419,9 +419,9 @@ def _check_own(planner: str, **options: object) -> None:
     """Refuse what a search of the map's own cannot do."""
     for name, value in options.items():
         if value not in (None, False, "length", HOLONOMIC):
-            fault = f"is {value!r} and planner is {planner!r}"
+            problem = f"is {value!r} and planner is {planner!r}"
             rule = f"{planner} looks for the shortest of straight edges, to any side, in its own way"
-            raise InputError(name, fault, rule, f"leave {name} out, or use planner='RRTConnect'", value=value)
+            raise InputError(name, problem, rule, f"leave {name} out, or use planner='RRTConnect'", value=value)
 
 
 def _iterations(value: int | None, planner: str) -> int | None:
@@ -429,7 +429,7 @@ def _iterations(value: int | None, planner: str) -> int | None:
         return None
     count = whole(value, "iterations", 1, 2**62)
     if planner in SECOND_THREAD:
-        fault = f"is {count} and planner is {planner!r}"
+        problem = f"is {count} and planner is {planner!r}"
         rule = f"{planner} asks whether to go on from a second thread, which cannot call Python"
-        raise InputError("iterations", fault, rule, "leave iterations out or choose another planner", value=count)
+        raise InputError("iterations", problem, rule, "leave iterations out or choose another planner", value=count)
     return count

@@ -458,9 +458,9 @@ class Plan:
         """Return the time of each row of the path, shape (n,), by the rules of :meth:`to_joint_trajectory`."""
         steps = np.abs(np.diff(self.path, axis=0))
         if (velocities is None) == (duration is None):
-            fault = "and duration are " + ("left out" if duration is None else "both given")
+            problem = "and duration are " + ("left out" if duration is None else "both given")
             hint = "pass e.g. velocities=1.0, or duration=5.0"
-            raise InputError("velocities", fault, "a plan has no times, and one of the two gives them", hint)
+            raise InputError("velocities", problem, "a plan has no times, and one of the two gives them", hint)
         if duration is not None:
             lengths = np.linalg.norm(steps, axis=1)
             times = (

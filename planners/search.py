@@ -198,7 +198,7 @@ class Search:
             setup = set_up(edges, None if self.planner in SECOND_THREAD else self.objective)
             if self._is_shortest(edges, setup, start, goal):
                 return SearchResult(
-                    kind_of(edges.space).unwound(np.array([start, goal])), "a single edge is free; no search needed"
+                    kind_of(edges.space).unwind(np.array([start, goal])), "a single edge is free; no search needed"
                 )
             if joined and not edges.exact:
                 narrow(setup, edges, start)
@@ -392,7 +392,7 @@ class _Run:
 
     def _rows(self, path: og.PathGeometric) -> Floats:
         """The configurations of a path, shape (n, dof)."""
-        return self._kind.unwound(np.array([self._kind.read(state) for state in path.getStates()]))
+        return self._kind.unwind(np.array([self._kind.read(state) for state in path.getStates()]))
 
 
 @contextmanager

@@ -77,7 +77,7 @@ def narrow(setup: og.SimpleSetup, edges: LocalPlanner, start: Configuration) -> 
     Nothing is lost: a path through FREE cells of the grid does not leave it.
     """
     space = edges.space
-    lower, upper = space.free_reach(start)
+    lower, upper = space.reachable_bounds(start)
     place = start[: len(lower)]
     # The rounding of a cell's corner must not put the start outside.
     box = np.minimum(lower, place).tolist(), np.maximum(upper, place).tolist()
@@ -182,8 +182,8 @@ def _sampler_maker(
             "it needs the last valid state of a motion, which OMPL's Python bindings cannot pass on, and would return "
             "invalid states"
         )
-        mend = "leave it out to sample the free cells, or use e.g. ompl.base.UniformValidStateSampler"
-        raise InputError("valid_state_sampler", "makes an ObstacleBasedValidStateSampler", rule, mend, value=made)
+        hint = "leave it out to sample the free cells, or use e.g. ompl.base.UniformValidStateSampler"
+        raise InputError("valid_state_sampler", "makes an ObstacleBasedValidStateSampler", rule, hint, value=made)
     return sampler
 
 
@@ -192,6 +192,6 @@ def _made(make: Callable[[ob.SpaceInformation], object], si: ob.SpaceInformation
     made = make(si)
     if not isinstance(made, kind):
         rule = f"it must return an ompl.base.{kind.__name__}"
-        mend = "pass a class or function that takes the space information and returns one"
-        raise InputError(name, f"returned {made!r}", rule, mend, value=made)
+        hint = "pass a class or function that takes the space information and returns one"
+        raise InputError(name, f"returned {made!r}", rule, hint, value=made)
     return made

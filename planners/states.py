@@ -51,35 +51,37 @@ class StateKind:
     write: Callable[..., None]
     of_state: Callable[[Callable[..., T]], Callable[[ob.State], T]]
     of_states: Callable[[Callable[..., T]], Callable[[ob.State, ob.State], T]]
-    endless: tuple[bool, ...] = ()
+    periodic_axes: tuple[bool, ...] = ()
 
-    def unwound(self, path: Floats) -> Floats:
+    def unwind(self, path: Floats) -> Floats:
         """A path of OMPL's, shape (n, dof), as edges join its rows, where whole turns count."""
-        if not self.endless:
+        if not self.periodic_axes:
             return path
-        unwound, steps = path.copy(), np.diff(path, axis=0)
-        unwound[1:] += np.cumsum(shorter(steps, self.endless) - steps, axis=0)
-        return unwound
+        unwind, steps = path.copy(), np.diff(path, axis=0)
+        unwind[1:] += np.cumsum(shorter(steps, self.periodic_axes) - steps, axis=0)
+        return unwind
 
     def same(self, one: Floats, other: Floats) -> bool:
         """Whether configurations are the same, shape (..., dof)."""
-        if not self.endless:
+        if not self.periodic_axes:
             return np.array_equal(one, other)
-        return bool((np.abs(shorter(one - other, self.endless)) <= SAME * np.array(self.endless)).all())
+        return bool((np.abs(shorter(one - other, self.periodic_axes)) <= SAME * np.array(self.periodic_axes)).all())
 
 
 def kind_of(space: ConfigurationSpace) -> StateKind:
     """The kind of states that a space has."""
-    known = None if any(space.endless) else _KINDS.get(space.axes)
-    return known or _joints(space.endless)
+    known = None if any(space.periodic_axes) else _KINDS.get(space.axes)
+    return known or _joints(space.periodic_axes)
 
 
 def check_space(space: object) -> None:
     """Refuse, by an InputError, what is no map and no space of an arm, as where arguments are swapped."""
     if not isinstance(space, ConfigurationSpace):
         rule = "it must be a CSpace or an ArmSpace"
-        mend = "pass what cspace.build, cspace.open or cspace.build_arm returns, and mind the order of the arguments"
-        raise InputError("space", f"is a {type(space).__name__}", rule, mend, value=space)
+        hint = (
+            "pass what cspace.build, cspace.open or cspace.build_arm_space returns, and mind the order of the arguments"
+        )
+        raise InputError("space", f"is a {type(space).__name__}", rule, hint, value=space)
 
 
 def check_information(si: object, space: object) -> None:
@@ -143,7 +145,7 @@ def _by_reading(
     set_bounds: Callable[[ob.StateSpace, Sequence[float], Sequence[float]], None],
     read: Callable[[ob.State], Configuration],
     write: Callable[..., None],
-    endless: tuple[bool, ...] = (),
+    periodic_axes: tuple[bool, ...] = (),
 ) -> StateKind:
     """Make a kind of states whose queries cost more than reading a state."""
     return StateKind(
@@ -153,7 +155,7 @@ def _by_reading(
         write=write,
         of_state=lambda query: lambda s: query(*read(s)),
         of_states=lambda query: lambda a, b: query(*read(a), *read(b)),
-        endless=endless,
+        periodic_axes=periodic_axes,
     )
 
 
@@ -195,12 +197,12 @@ _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
 """By the names of the numbers of a configuration."""
 
 
-def _joints(endless: tuple[bool, ...]) -> StateKind:
+def _joints(periodic_axes: tuple[bool, ...]) -> StateKind:
     """States of joints, of which some are continuous: a vector, or what is composed of one and of circles.
 
     All count alike: a radian as much as a metre.
     """
-    dof, circles = len(endless), np.flatnonzero(endless).tolist()
+    dof, circles = len(periodic_axes), np.flatnonzero(periodic_axes).tolist()
     if not circles:
         numbers = range(dof)
 
@@ -208,7 +210,7 @@ def _joints(endless: tuple[bool, ...]) -> StateKind:
             return tuple([state[k] for k in numbers])
 
         return _by_reading(lambda: ob.RealVectorStateSpace(dof), _bound, read_vector, _write_vector)
-    limited = np.flatnonzero(~np.array(endless)).tolist()
+    limited = np.flatnonzero(~np.array(periodic_axes)).tolist()
     first = bool(limited)  # the subspace of those that have limits comes first, if there are any
 
     def make() -> ob.StateSpace:
@@ -240,4 +242,4 @@ def _joints(endless: tuple[bool, ...]) -> StateKind:
         for n, k in enumerate(circles):
             state[first + n].value = q[k]
 
-    return _by_reading(make, set_bounds, read, write, endless)
+    return _by_reading(make, set_bounds, read, write, periodic_axes)

@@ -94,7 +94,7 @@ def but(*cells, side=4, dim=3):
     return state
 
 
-def walled(shape, *walls, but=()):
+def exterior_blocked(shape, *walls, but=()):
     """Cells of which those in some boxes are occupied, but for others."""
     cells = np.zeros(shape, dtype=bool)
     for wall in walls:

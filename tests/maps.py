@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 import cspace
 from cspace.errors import FileError
 from cspace.shapes import Balls, Mesh
-from handmade import walled
+from handmade import exterior_blocked
 
 SUFFIXES = [".zarr", ""]
 
@@ -88,13 +88,13 @@ def solid() -> cspace.CSpace:
 
 def solid_turning() -> cspace.CSpace:
     """A robot in space that turns about z."""
-    workspace = cspace.Workspace.from_array(walled((9, 8, 7), np.s_[4, 4]), 0.1)
+    workspace = cspace.Workspace.from_array(exterior_blocked((9, 8, 7), np.s_[4, 4]), 0.1)
     return cspace.build(workspace, cspace.Robot.box((0.4, 0.2, 0.1)), rotations=6)
 
 
 def solid_free() -> cspace.CSpace:
     """A robot in space that turns about any axis, and shares slices."""
-    workspace = cspace.Workspace.from_array(walled((7, 6, 5), np.s_[3, 3]), 0.1)
+    workspace = cspace.Workspace.from_array(exterior_blocked((7, 6, 5), np.s_[3, 3]), 0.1)
     return cspace.build(workspace, cspace.Robot.box((0.2, 0.1, 0.1)), rotations=cspace.Rotations.quaternions(2))
 
 

@@ -186,7 +186,7 @@ def segment_meets_block(start, end, low, high):
     return first[0] * last[1] <= last[0] * first[1]
 
 
-def linked(wide, endless, corners=True):
+def linked(wide, periodic_axes, corners=True):
     """Links ``(first, last, metres)`` between the True cells of an array that a robot can go along, in cells of 1 m.
 
     From one to the next, where all cells that it touches on the way are True; over corners, or sides only; and across
@@ -196,7 +196,7 @@ def linked(wide, endless, corners=True):
     numbers, links = np.arange(wide.size).reshape(wide.shape), [np.zeros((3, 0))]
     framed = []  # with what is beside the first and the last cells
     for array, outside in ((wide, False), (numbers, -1)):
-        for axis, wraps in enumerate(np.broadcast_to(endless, wide.ndim)):
+        for axis, wraps in enumerate(np.broadcast_to(periodic_axes, wide.ndim)):
             widths = [(int(k == axis),) * 2 for k in range(wide.ndim)]
             array = np.pad(array, widths, **{"mode": "wrap"} if wraps else {"constant_values": outside})
         framed.append(np.lib.stride_tricks.sliding_window_view(array, wide.shape))

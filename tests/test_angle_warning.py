@@ -28,13 +28,13 @@ CALLS: dict[str, tuple[str, Call]] = {
     "clearance": ("q", lambda space, q: space.clearance(list(q))),
     "motion_is_free": ("q1", lambda space, q: space.motion_is_free(FREE_Q, q)),
     "path_exists": ("q0", lambda space, q: space.path_exists(q, FREE_Q)),
-    "free_path": ("q1", lambda space, q: space.free_path(FREE_Q, q)),
-    "widest_path": ("q0", lambda space, q: space.widest_path(q, FREE_Q)),
-    "free_reach": ("q", lambda space, q: space.free_reach(q)),
+    "find_path": ("q1", lambda space, q: space.find_path(FREE_Q, q)),
+    "find_widest_path": ("q0", lambda space, q: space.find_widest_path(q, FREE_Q)),
+    "reachable_bounds": ("q", lambda space, q: space.reachable_bounds(q)),
     "nearest_free": ("q", lambda space, q: space.nearest_free(q)),
     "is_free_around": ("q", lambda space, q: space.is_free_around(q, 0.1)),
     "overlap": ("q", lambda space, q: space.overlap(q)),
-    "slice_at": ("rotation", lambda space, q: space.slice_at(q[2:])),
+    "states_at": ("rotation", lambda space, q: space.states_at(q[2:])),
     "to_costmap": ("rotation", lambda space, q: space.to_costmap(rotation=q[2])),
 }
 

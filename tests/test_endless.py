@@ -38,30 +38,32 @@ TURN = 2.0 * math.pi
 SPACES = [(True, False), (False, True), (True, True), (True, False, False), (False, True, True)]
 
 
-def made(states: Any, endless: tuple[bool, ...], cells: int) -> cspace.CSpace:
+def made(states: Any, periodic_axes: tuple[bool, ...], cells: int) -> cspace.CSpace:
     """The map of some states, with so many cells around each circle."""
     side = TURN / cells
-    grid = Grid(np.where(endless, -math.pi, -1.0), side, states.shape, tuple("abc")[: states.ndim])
+    grid = Grid(np.where(periodic_axes, -math.pi, -1.0), side, states.shape, tuple("abc")[: states.ndim])
     workspace = Workspace(grid, states != FREE, states > MIXED)
     robot, rotations = Robot("arm", Point.at_origin(states.ndim)), Rotations.of(None)
     slices = rotations.slices_for(robot.shape)
-    return cspace.CSpace(Contents(workspace, robot, rotations, slices, states[np.newaxis].copy(), endless=endless))
+    return cspace.CSpace(
+        Contents(workspace, robot, rotations, slices, states[np.newaxis].copy(), periodic_axes=periodic_axes)
+    )
 
 
 @st.composite
-def maps(draw: st.DrawFn, endless: tuple[bool, ...]) -> tuple[cspace.CSpace, Any, np.random.Generator]:
+def maps(draw: st.DrawFn, periodic_axes: tuple[bool, ...]) -> tuple[cspace.CSpace, Any, np.random.Generator]:
     """A map of random cells, denser or sparser; its states; and a generator."""
-    cells = draw(st.integers(3, 11 if len(endless) == 2 else 6))
-    shape = [cells if turns else draw(st.integers(1, 8 if len(endless) == 2 else 4)) for turns in endless]
+    cells = draw(st.integers(3, 11 if len(periodic_axes) == 2 else 6))
+    shape = [cells if turns else draw(st.integers(1, 8 if len(periodic_axes) == 2 else 4)) for turns in periodic_axes]
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     share = draw(st.sampled_from([0.2, 0.4, 0.6]))
     states = np.where(rng.random(shape) < share, rng.integers(1, 3, shape), 0).astype(np.uint8)
-    return made(states, endless, cells), states, rng
+    return made(states, periodic_axes, cells), states, rng
 
 
-def joined(states: Any, endless: tuple[bool, ...], most: int) -> Any:
+def joined(states: Any, periodic_axes: tuple[bool, ...], most: int) -> Any:
     """A number for each cell of at most a state, the same for those that chains join, across seams too; or -1."""
-    graph = graph_of(linked(states <= most, endless, corners=False), states.size)
+    graph = graph_of(linked(states <= most, periodic_axes, corners=False), states.size)
     return np.where(states <= most, connected_components(graph, directed=False)[1].reshape(states.shape), -1)
 
 
@@ -69,24 +71,24 @@ def drawn(space: cspace.CSpace, rng: np.random.Generator, n: int) -> Any:
     """Configurations in the grid, or whole turns from there."""
     grid = space.grid
     inside = rng.uniform(grid.lower, grid.upper, (n, grid.dim))
-    return inside + TURN * rng.integers(-3, 4, inside.shape) * space.endless
+    return inside + TURN * rng.integers(-3, 4, inside.shape) * space.periodic_axes
 
 
 def cell(space: cspace.CSpace, q: Any) -> tuple[int, ...]:
     """The cell of a configuration, the numbers of circles modulo a turn."""
     place = np.floor((q - np.asarray(space.grid.lower)) / space.grid.spacing).astype(int)
-    return tuple(np.where(space.endless, place % space.grid.shape, place).tolist())
+    return tuple(np.where(space.periodic_axes, place % space.grid.shape, place).tolist())
 
 
-@pytest.mark.parametrize("endless", SPACES)
+@pytest.mark.parametrize("periodic_axes", SPACES)
 @settings(max_examples=6)
 @given(data=st.data())
-def test_paths_lead_across_the_seam(data: st.DataObject, endless: tuple[bool, ...]) -> None:
-    space, states, rng = data.draw(maps(endless))
+def test_paths_lead_across_the_seam(data: st.DataObject, periodic_axes: tuple[bool, ...]) -> None:
+    space, states, rng = data.draw(maps(periodic_axes))
     q = drawn(space, rng, 40)
     at = [cell(space, each) for each in q]
     np.testing.assert_array_equal(space.classify(q), [states[each] for each in at])
-    free, passable = joined(states, endless, FREE), joined(states, endless, MIXED)
+    free, passable = joined(states, periodic_axes, FREE), joined(states, periodic_axes, MIXED)
     stays = space.motion_is_free(q, q)
     for one, other in itertools.pairwise(range(len(q))):
         same = free[at[one]] >= 0 and free[at[one]] == free[at[other]]
@@ -94,31 +96,31 @@ def test_paths_lead_across_the_seam(data: st.DataObject, endless: tuple[bool, ..
         with mock.patch.dict(SHIFTS, {2: (0, 2, 2), 3: (1, 1, 1)}):
             assert space.path_exists(q[one], q[other]) is (True if same else False if apart else None)
         if states[at[one]] == FREE and states[at[other]] == FREE and stays[[one, other]].all():
-            path = space.free_path(q[one], q[other])
+            path = space.find_path(q[one], q[other])
             assert (len(path) > 0) == same
             if same:
                 np.testing.assert_allclose(path[0], q[one], atol=1e-9)
                 turns = (path[-1] - q[other]) / TURN
-                np.testing.assert_allclose(turns, np.rint(turns) * endless, atol=1e-9)
-                assert (np.abs(np.diff(path, axis=0))[:, list(endless)] < 0.5 * TURN + 1e-9).all()
+                np.testing.assert_allclose(turns, np.rint(turns) * periodic_axes, atol=1e-9)
+                assert (np.abs(np.diff(path, axis=0))[:, list(periodic_axes)] < 0.5 * TURN + 1e-9).all()
                 assert space.certify_path(path).all()
         if states[at[one]] == FREE:
-            lower, upper = space.free_reach(q[one])
+            lower, upper = space.reachable_bounds(q[one])
             cells = np.argwhere(free == free[at[one]])
             assert (np.rint((lower - space.grid.lower) / space.grid.spacing) <= cells.min(axis=0)).all()
             assert (np.rint((upper - space.grid.lower) / space.grid.spacing) >= cells.max(axis=0) + 1).all()
 
 
-@pytest.mark.parametrize("endless", SPACES)
+@pytest.mark.parametrize("periodic_axes", SPACES)
 @settings(max_examples=4)
 @given(data=st.data())
-def test_edges_go_the_shorter_way(data: st.DataObject, endless: tuple[bool, ...]) -> None:
+def test_edges_go_the_shorter_way(data: st.DataObject, periodic_axes: tuple[bool, ...]) -> None:
     """An edge is free exactly where all cells that it touches are, counted modulo a turn and looked at one by one."""
-    space, states, rng = data.draw(maps(endless))
+    space, states, rng = data.draw(maps(periodic_axes))
     grid = space.grid
     q0, q1 = drawn(space, rng, 12), drawn(space, rng, 12)
     near = q0 + rng.normal(scale=0.7 * grid.spacing, size=q0.shape)
-    q1[::2] = np.where(endless, near, np.clip(near, np.add(grid.lower, 1e-3), np.subtract(grid.upper, 1e-3)))[::2]
+    q1[::2] = np.where(periodic_axes, near, np.clip(near, np.add(grid.lower, 1e-3), np.subtract(grid.upper, 1e-3)))[::2]
     answers = space.motion_is_free(q0, q1)
     check = space.edge_checker()
     assert [check(*a, *b) for a, b in zip(q0.tolist(), q1.tolist(), strict=True)] == answers.tolist()
@@ -127,7 +129,7 @@ def test_edges_go_the_shorter_way(data: st.DataObject, endless: tuple[bool, ...]
     )
     for start, end, free in zip(q0, q1, answers, strict=True):
         step = end - start
-        step -= TURN * np.round(step / TURN) * endless
+        step -= TURN * np.round(step / TURN) * periodic_axes
         a, b = ((each - grid.lower) / grid.spacing for each in (start, start + step))
         first, last = np.floor(np.minimum(a, b)).astype(int), np.floor(np.maximum(a, b)).astype(int)
         touched = [
@@ -135,7 +137,7 @@ def test_edges_go_the_shorter_way(data: st.DataObject, endless: tuple[bool, ...]
             for each in itertools.product(*(range(low, high + 1) for low, high in zip(first, last, strict=True)))
             if segment_meets_block(a.tolist(), b.tolist(), each, [k + 1 for k in each])
         ]
-        around = [tuple(np.where(endless, np.array(each) % grid.shape, each)) for each in touched]
+        around = [tuple(np.where(periodic_axes, np.array(each) % grid.shape, each)) for each in touched]
         assert free == all(states[each] == FREE for each in around)
 
 
@@ -184,13 +186,13 @@ def test_the_shorter_way_is_that_of_the_standard_library(first: float, last: flo
     np.testing.assert_array_equal(shorter(np.array([math.nan, last, -0.0]), [True, False, True]), [math.nan, last, 0.0])
 
 
-@pytest.mark.parametrize("endless", SPACES)
+@pytest.mark.parametrize("periodic_axes", SPACES)
 @settings(max_examples=5)
 @given(data=st.data())
-def test_distances_see_across_the_seam(data: st.DataObject, endless: tuple[bool, ...]) -> None:
-    space, states, rng = data.draw(maps(endless))
+def test_distances_see_across_the_seam(data: st.DataObject, periodic_axes: tuple[bool, ...]) -> None:
+    space, states, rng = data.draw(maps(periodic_axes))
     grid, q = space.grid, drawn(space, rng, 15)
-    turns = np.array(list(itertools.product(*((-1, 0, 1) if each else (0,) for each in endless))))
+    turns = np.array(list(itertools.product(*((-1, 0, 1) if each else (0,) for each in periodic_axes))))
     place = (np.array(space.rotations.canonical(q)) - grid.lower) / grid.spacing
 
     def nearest(cells: Any, half: float) -> Any:
@@ -199,7 +201,7 @@ def test_distances_see_across_the_seam(data: st.DataObject, endless: tuple[bool,
         gaps = np.maximum(np.abs(place[:, np.newaxis] - copies - 0.5) - half, 0.0)
         return np.linalg.norm(gaps, axis=2).min(axis=1, initial=math.inf)
 
-    border = np.where(endless, math.inf, np.minimum(place, np.array(grid.shape) - place)).min(axis=1)
+    border = np.where(periodic_axes, math.inf, np.minimum(place, np.array(grid.shape) - place)).min(axis=1)
     truth = grid.spacing * np.minimum(nearest(np.argwhere(states != FREE), 0.5), border)
     clearance = space.clearance(q)
     assert (clearance <= truth + 1e-9).all()
@@ -212,38 +214,38 @@ def test_distances_see_across_the_seam(data: st.DataObject, endless: tuple[bool,
             center = space.nearest_free(each)
             step = each - center
             assert space.is_free(center)
-            assert np.linalg.norm(step - TURN * np.round(step / TURN) * endless) <= distance + 1e-9
+            assert np.linalg.norm(step - TURN * np.round(step / TURN) * periodic_axes) <= distance + 1e-9
     for distance in (0.3 * grid.spacing, 1.2 * grid.spacing):
         low, high = np.floor(place - distance / grid.spacing).astype(int), np.floor(place + distance / grid.spacing)
         for k in range(len(q)):
             box = itertools.product(*(range(a, int(b) + 1) for a, b in zip(low[k], high[k], strict=True)))
-            cells = [np.where(endless, np.array(each) % grid.shape, each) for each in box]
+            cells = [np.where(periodic_axes, np.array(each) % grid.shape, each) for each in box]
             inside = [(each >= 0).all() and (each < grid.shape).all() for each in cells]
             free = all(ok and states[tuple(each)] == FREE for ok, each in zip(inside, cells, strict=True))
             # Of what is wider than half a turn nothing is known.
             assert space.is_free_around(q[k], distance) == free or (not free or distance > 0.4 * TURN)
 
 
-def room_of(states: Any, endless: tuple[bool, ...]) -> Any:
+def room_of(states: Any, periodic_axes: tuple[bool, ...]) -> Any:
     """How far it is from the middle of each cell to the nearest one that is not FREE, modulo a turn, or to the end.
 
     In 64ths of a cell, rounded down.
     """
-    turns = np.array(list(itertools.product(*((-1, 0, 1) if each else (0,) for each in endless))))
+    turns = np.array(list(itertools.product(*((-1, 0, 1) if each else (0,) for each in periodic_axes))))
     shut = (np.argwhere(states != FREE)[:, np.newaxis] + turns * states.shape).reshape(-1, 1, states.ndim)
     cells = np.moveaxis(np.indices(states.shape), 0, -1)
     gaps = np.maximum(np.abs(cells.reshape(-1, states.ndim) - shut) - 0.5, 0.0)
     least = np.linalg.norm(gaps, axis=2).min(axis=0, initial=1024.0).reshape(states.shape)
-    border = np.where(endless, math.inf, np.minimum(cells, np.array(states.shape) - 1 - cells) + 0.5).min(axis=-1)
+    border = np.where(periodic_axes, math.inf, np.minimum(cells, np.array(states.shape) - 1 - cells) + 0.5).min(axis=-1)
     return np.where(states == FREE, np.floor(64.0 * np.minimum(np.minimum(least, border), 1023.99) + 1e-4), 0.0)
 
 
-def widest_chain(room: Any, endless: tuple[bool, ...], start: int, goal: int) -> tuple[float, float]:
+def widest_chain(room: Any, periodic_axes: tuple[bool, ...], start: int, goal: int) -> tuple[float, float]:
     """How wide the narrowest cell of a chain can be, and how many cells long the shortest one is that is as wide."""
 
     @cache
     def length(least: float) -> float:
-        return float(dijkstra(graph_of(linked(room >= least, endless), room.size), indices=start)[goal])
+        return float(dijkstra(graph_of(linked(room >= least, periodic_axes), room.size), indices=start)[goal])
 
     # What is narrower joins all that what is wider does.
     widths = np.unique(room[(room > 0.0) & (room <= min(room.flat[start], room.flat[goal]))])[::-1].tolist()
@@ -251,51 +253,51 @@ def widest_chain(room: Any, endless: tuple[bool, ...], start: int, goal: int) ->
     return (widths[first], length(widths[first])) if first < len(widths) else (0.0, math.inf)
 
 
-@pytest.mark.parametrize("endless", SPACES)
+@pytest.mark.parametrize("periodic_axes", SPACES)
 @settings(max_examples=5)
 @given(data=st.data())
-def test_the_widest_path_leads_across_the_seam(data: st.DataObject, endless: tuple[bool, ...]) -> None:
+def test_the_widest_path_leads_across_the_seam(data: st.DataObject, periodic_axes: tuple[bool, ...]) -> None:
     """Also after an update: as wide as any chain of cells can be, and no longer than it must be."""
-    space, states, rng = data.draw(maps(endless).filter(lambda each: each[1].shape[0] > 1))
+    space, states, rng = data.draw(maps(periodic_axes).filter(lambda each: each[1].shape[0] > 1))
     grid, states = space.grid, states.copy()
     for _ in range(2):
-        room, free = room_of(states, endless), np.argwhere(states == FREE)
+        room, free = room_of(states, periodic_axes), np.argwhere(states == FREE)
         whole = map_in(space.workspace, space.robot, states.copy())
-        search = Widest.of(whole.record, whole.record.states, whole.rotations, endless)
+        search = Widest.of(whole.record, whole.record.states, whole.rotations, periodic_axes)
         for start, goal in rng.choice(free, (2, 2)) if len(free) else []:
-            turns = TURN * rng.integers(-2, 3, (2, grid.dim)) * endless
+            turns = TURN * rng.integers(-2, 3, (2, grid.dim)) * periodic_axes
             endpoints = grid.center_of(np.array([start, goal])) + turns
             one, other = (int(np.ravel_multi_index(tuple(each), states.shape)) for each in (start, goal))
-            best, length = widest_chain(room, endless, one, other)
-            path = space.widest_path(*endpoints, straight=False)
+            best, length = widest_chain(room, periodic_axes, one, other)
+            path = space.find_widest_path(*endpoints, straight=False)
             assert (len(path) > 0) == (best > 0)
             if not len(path):
                 continue
             assert min(room[cell(space, each)] for each in path) >= best  # what is narrowest may lie beside a corner
-            for each in (path, space.widest_path(*endpoints)):
+            for each in (path, space.find_widest_path(*endpoints)):
                 np.testing.assert_allclose(each[0], endpoints[0], atol=1e-9)
                 more = (each[-1] - endpoints[1]) / TURN
-                np.testing.assert_allclose(more, np.rint(more) * endless, atol=1e-9)
+                np.testing.assert_allclose(more, np.rint(more) * periodic_axes, atol=1e-9)
                 assert space.certify_path(each).all()
             both = np.append(0, start), np.append(0, goal)
             join = partial(
                 PeriodicComponents,
                 slice_of=search.slice_of,
                 neighbors=whole.rotations.neighbors,
-                rim_is_open=np.zeros(1, dtype=bool),
-                periodic=endless,
+                exterior_open=np.zeros(1, dtype=bool),
+                periodic=periodic_axes,
             )
             assert search.bottleneck(*both, join, math.inf) == best
             steps = np.diff(search.shortest(*both, int(best), math.inf)[:, 1:].T)
             shape = np.array(states.shape)[:, np.newaxis]
-            steps -= shape * np.rint(steps / shape).astype(int) * np.array(endless)[:, np.newaxis]
+            steps -= shape * np.rint(steps / shape).astype(int) * np.array(periodic_axes)[:, np.newaxis]
             assert np.linalg.norm(steps, axis=0).sum() == pytest.approx(length)
         box = tuple(slice(0, n // 2 + 1) for n in states.shape)
         states[box] = rng.integers(0, 2, states[box].shape) * 2
         space.update(states[box] > 0, [0] * grid.dim)
 
 
-@pytest.mark.parametrize("name", ["free_path", "widest_path"])
+@pytest.mark.parametrize("name", ["find_path", "find_widest_path"])
 @pytest.mark.parametrize("cells", [3, 5, 12, 31])
 def test_paths_begin_and_end_on_the_seam_itself(name: str, cells: int) -> None:
     """Where rounding decides whether it is in the first cell of the circle or in the last."""
@@ -307,13 +309,13 @@ def test_paths_begin_and_end_on_the_seam_itself(name: str, cells: int) -> None:
 
 
 @pytest.mark.parametrize("cells", [1, 2, 9])
-@pytest.mark.parametrize("endless", SPACES)
-def test_an_update_is_seen_on_both_sides(endless: tuple[bool, ...], cells: int) -> None:
+@pytest.mark.parametrize("periodic_axes", SPACES)
+def test_an_update_is_seen_on_both_sides(periodic_axes: tuple[bool, ...], cells: int) -> None:
     """Also by checkers that were handed out before."""
-    rng = np.random.default_rng(len(endless))
-    shape = tuple(cells if turns else 5 for turns in endless)
+    rng = np.random.default_rng(len(periodic_axes))
+    shape = tuple(cells if turns else 5 for turns in periodic_axes)
     states = (rng.random(shape) < 0.2).astype(np.uint8) * 2
-    space, q = made(states, endless, cells), None
+    space, q = made(states, periodic_axes, cells), None
     q = drawn(space, rng, 200)
     checks = space.point_checker(), space.edge_checker(), space.clearance_checker()
     space.path_exists(q[0], q[1]), space.motion_is_free(q[:-1], q[1:])
@@ -323,7 +325,7 @@ def test_an_update_is_seen_on_both_sides(endless: tuple[bool, ...], cells: int) 
         box = tuple(map(slice, low, low + size))
         states[box] = rng.integers(0, 2, size) * 2
         space.update(states[box] > 0, low.tolist())
-        fresh = made(states, endless, cells)
+        fresh = made(states, periodic_axes, cells)
         np.testing.assert_array_equal(space.state, states)
         for name in ("classify", "clearance"):
             np.testing.assert_array_equal(getattr(space, name)(q), getattr(fresh, name)(q))
@@ -336,22 +338,22 @@ def test_an_update_is_seen_on_both_sides(endless: tuple[bool, ...], cells: int) 
             assert [check(*each) for each in arguments] == [other(*each) for each in arguments]
 
 
-@pytest.mark.parametrize("endless", SPACES)
-def test_what_is_placed_across_the_seam_is_on_both_sides(endless: tuple[bool, ...]) -> None:
+@pytest.mark.parametrize("periodic_axes", SPACES)
+def test_what_is_placed_across_the_seam_is_on_both_sides(periodic_axes: tuple[bool, ...]) -> None:
     """Also beyond the turn in the middle, and where it is wider than a turn."""
     rng, cells = np.random.default_rng(7), 12
-    shape = tuple(cells if turns else 5 for turns in endless)
+    shape = tuple(cells if turns else 5 for turns in periodic_axes)
     states = (rng.random(shape) < 0.1).astype(np.uint8) * 2
-    space = made(states, endless, cells)
+    space = made(states, periodic_axes, cells)
     q = drawn(space, rng, 300)
     for radius in (0.4, 0.9, 3.5):
         centers = drawn(space, rng, 3)
-        centers[0] = np.where(endless, math.pi, centers[0])
+        centers[0] = np.where(periodic_axes, math.pi, centers[0])
         space.is_free(q)
         space.place("balls", centers, radius=radius)
         steps = q[:, np.newaxis] - centers
-        apart = np.linalg.norm(steps - TURN * np.round(steps / TURN) * endless, axis=2).min(axis=1)
-        side = space.grid.spacing * math.sqrt(len(endless))
+        apart = np.linalg.norm(steps - TURN * np.round(steps / TURN) * periodic_axes, axis=2).min(axis=1)
+        side = space.grid.spacing * math.sqrt(len(periodic_axes))
         assert not space.is_free(q)[apart <= radius].any()
         assert (space.clearance(q) <= np.maximum(apart - radius, 0.0) + 1e-9).all()
         alone = states[tuple(np.transpose([cell(space, each) for each in q]))]
@@ -376,9 +378,9 @@ def test_copies_and_files_and_what_there_is_not(tmp_path: Path) -> None:
     ):
         assert repr(again) == repr(space)
         assert again.path_exists(left, right) is True
-        assert again.endless == (True, False)
-    assert space.to_xarray().attrs["endless"] == "a"
-    assert space.facts["endless"] == ["a"]
+        assert again.periodic_axes == (True, False)
+    assert space.to_xarray().attrs["periodic_axes"] == "a"
+    assert space.facts["periodic_axes"] == ["a"]
     ask: list[tuple[Any, str]] = [
         (lambda: space.overlap(left), r"overlap is asked for; it is undefined on a map with periodic axes \(a\);"),
         (lambda: space.contains_robot(left), "overlap is asked for"),
@@ -401,7 +403,7 @@ def test_copies_and_files_and_what_there_is_not(tmp_path: Path) -> None:
     assert space.point_checker()(*left) and space.edge_checker()(*left, *left)
     assert space.is_free(left, exact=True)
     assert not space.motion_is_free((-1.5, 0.1), (0.0, 0.1), exact=True)
-    path = space.free_path(left, right)
+    path = space.find_path(left, right)
     axes = space.plot(path=path)
     assert axes.get_xlim()[0] < -math.pi + 1e-9
     axes.figure.savefig(tmp_path / "own.png", dpi=50)

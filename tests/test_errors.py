@@ -106,4 +106,4 @@ def test_a_value_at_fault_is_carried_with_its_rule_and_its_mend(space, call, arg
         call(space)
     error = caught.value
     assert (error.argument, error.value) == (argument, value)
-    assert error.fault and error.rule and error.mend
+    assert error.problem and error.rule and error.hint

@@ -54,7 +54,7 @@ def robot_hint() -> str:
     """Return the hint that lists everything that describes a robot."""
     with pytest.raises(InputError) as caught:
         Robot.open("nothing")
-    return str(caught.value.mend)
+    return str(caught.value.hint)
 
 
 def robot_forms() -> dict[str, str]:

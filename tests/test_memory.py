@@ -51,7 +51,7 @@ def test_the_spacing_that_a_workspace_is_advised_fits_its_map(monkeypatch):
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**9)
     with pytest.raises(cspace.InputError, match="use a spacing of at least") as error:
         cspace.Workspace.from_points([(0.0, 0.0), (40.0, 40.0)], 0.001)
-    spacing = float(error.value.mend.split("at least ")[1].split()[0])
+    spacing = float(error.value.hint.split("at least ")[1].split()[0])
     shape = [math.ceil(40.0 / spacing)] * 2
     check_memory(WORKSPACE_BYTES * math.prod(shape) + map_bytes(shape), "the map", cspace.Grid((0, 0), spacing, shape))
 

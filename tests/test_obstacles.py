@@ -277,7 +277,7 @@ def test_robots_and_their_short_texts_are_obstacles() -> None:
     ("cart", "ball:0.3", None, "is in space"),
     ("cart", "cube:0.3", None, "obstacle is 'cube:0.3'; it must be a short text, WKT, or a file"),
     ("cart", "ellipse:0.3", None, "must stand RADIUS_X,RADIUS_Y"),
-    ("cart", cspace.arms.Placed(Robot.ball(0.3), np.eye(4)), None, "is a Placed"),
+    ("cart", cspace.arms.PosedShape(Robot.ball(0.3), np.eye(4)), None, "is a Placed"),
     ("", CART, None, "not empty"),
     (3, CART, None, "not empty"),
     (None, CART, None, "not empty"),

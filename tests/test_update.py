@@ -19,7 +19,7 @@ from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace, update
 from cspace.engines.slices import Correlation
 from cspace.export import images
 from cspace.map.components import Components
-from handmade import walled
+from handmade import exterior_blocked
 from refusals import refusals
 from updates import BLOCK, World, agree, check, checkers, room, worlds
 from waiting import while_two_ask
@@ -402,7 +402,7 @@ def test_what_is_saved_is_of_one_moment(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_paths_are_of_before_an_update_or_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
     # A cell that becomes FREE amid others, away from the rest, in a block that had one component.
-    space = cspace.build(Workspace.from_array(walled((40, 40), np.s_[10:20, 10:20]), 0.1), Robot.disc(0.01))
+    space = cspace.build(Workspace.from_array(exterior_blocked((40, 40), np.s_[10:20, 10:20]), 0.1), Robot.disc(0.01))
     pocket, corner, answers = (1.55, 1.55), (3.5, 3.5), []
     asking = threading.Thread(target=lambda: answers.append(space.path_exists(pocket, corner)))
     assert space.path_exists(pocket, corner) is False

@@ -52,8 +52,8 @@ def returned_yaws(space: cspace.CSpace, rng: np.random.Generator) -> list[Any]:
     yaws += [space.rotations.coordinates["yaw"], space.to_xarray().yaw.values]
     first, last = ends(space, rng)
     for straight in (True, False):
-        yaws.append(space.free_path(first, last, straight=straight)[:, -1])
-        yaws.append(space.widest_path(first, last, straight=straight)[:, -1])
+        yaws.append(space.find_path(first, last, straight=straight)[:, -1])
+        yaws.append(space.find_widest_path(first, last, straight=straight)[:, -1])
     return yaws
 
 

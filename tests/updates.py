@@ -138,7 +138,7 @@ def check(space: CSpace, fresh: CSpace, world: World) -> None:
         draws = [one.sample_free(9, np.random.default_rng(1)) for one in (space, fresh)]
         np.testing.assert_array_equal(*draws)
         np.testing.assert_array_equal(space.nearest_free(q[0]), fresh.nearest_free(q[0]))
-        np.testing.assert_array_equal(space.free_reach(draws[0][0]), fresh.free_reach(draws[0][0]))
+        np.testing.assert_array_equal(space.reachable_bounds(draws[0][0]), fresh.reachable_bounds(draws[0][0]))
 
 
 def checkers(space: CSpace, exact: bool = False) -> list[Any]:

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cspace import Arm, Robot, build_arm
-from cspace.arms import ArmSpace, Placed
+from cspace import Arm, Robot, build_arm_space
+from cspace.arms import ArmSpace, PosedShape
 from cspace.arrays import Floats
 
 RESOLUTION = 0.01
@@ -97,7 +97,7 @@ class Problem:
         return solids
 
     def space(self) -> ArmSpace:
-        return build_arm(our_solids(self.solids), self.folder.arm)
+        return build_arm_space(our_solids(self.solids), self.folder.arm)
 
     def meshes(self) -> Meshes:
         return Meshes(self.folder.urdf, self.folder.arm.joints, coal_solids(self.solids), self.folder.srdf)
@@ -107,10 +107,10 @@ Solid = tuple[str, str, Floats, tuple[float, ...]]
 """Name, kind, pose, and sides, or radius and length, of a box, a cylinder or a sphere."""
 
 
-def our_solids(solids: Sequence[Solid]) -> dict[str, Placed]:
+def our_solids(solids: Sequence[Solid]) -> dict[str, PosedShape]:
     """Return solids as obstacles of this library."""
     make = {"box": lambda *sides: Robot.box(sides), "cylinder": Robot.cylinder, "sphere": Robot.ball}
-    return {name: Placed(make[kind](*sizes).shape, pose) for name, kind, pose, sizes in solids}
+    return {name: PosedShape(make[kind](*sizes).shape, pose) for name, kind, pose, sizes in solids}
 
 
 def coal_solids(solids: Sequence[Solid]) -> list[tuple[str, Any, Floats]]:

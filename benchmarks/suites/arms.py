@@ -43,7 +43,7 @@ STEP = 0.005
 MOTIONS = 20
 """Motions tested for each problem."""
 
-OURS, SEARCH = "ours, free_path", "ours, its search alone"
+OURS, SEARCH = "ours, find_path", "ours, its search alone"
 OMPL, VAMP = "RRTConnect of OMPL, coal in the callback", "RRTConnect of VAMP"
 
 
@@ -126,7 +126,7 @@ def _plan(report: Report, problems: list[Problem], least: float, seed: int) -> N
 
 def _solve(space: ArmSpace, start: Floats, goals: Floats, seed: int, straight: bool) -> Floats | None:
     try:
-        return space.free_path(start, goals, straight=straight, seed=seed, time_limit=LIMIT)
+        return space.find_path(start, goals, straight=straight, seed=seed, time_limit=LIMIT)
     except ConfigurationError:  # the start, or each goal, is not proven free
         return None
 

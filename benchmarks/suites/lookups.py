@@ -185,13 +185,13 @@ def _checkers(space: CSpace) -> dict[str, Callable[[Any], Any]]:
         rows = [bytes(row) for row in space.state]
         scale = 1.0 / space.grid.spacing
 
-        class Bare(ob.StateValidityChecker):
+        class WorkspaceView(ob.StateValidityChecker):
             """A look-up without bounds, on a grid at the origin."""
 
             def isValid(self, state: Any) -> bool:  # noqa: N802 - OMPL's name
                 return not rows[int(state[0] * scale)][int(state[1] * scale)]
 
-        checkers["discrete, the barest look-up"] = Bare
+        checkers["discrete, the barest look-up"] = WorkspaceView
     checkers["OMPL's own yes to every state"] = ob.AllValidStateValidityChecker
     return checkers
 

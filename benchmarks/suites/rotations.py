@@ -94,7 +94,7 @@ def _build(report: Report, scene: Scene, cuts: int, rng: np.random.Generator) ->
         raster = rasters[slice_of[cell]][0]
         kernel = np.flip(raster.cells).astype(np.float64)
         met = loop.take(partial(convolved, signal.fftconvolve, occupied, kernel, raster))
-        ours = outer.slice_at(rotations.centers[cell]) != FREE
+        ours = outer.states_at(rotations.centers[cell]) != FREE
         equal &= bool((ours == met).all())
     report.check(equal, f"{len(chosen)} slices: equal to fftconvolve's")
     all_of = loop.per(1.0 / number)

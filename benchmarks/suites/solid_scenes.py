@@ -26,7 +26,7 @@ from benchmarks.report import Report
 from benchmarks.suites.planning_peers import Peer, Query, far_apart
 from cspace import CSpace, Grid, Robot, Rotations, Workspace
 from cspace.arrays import Bools, Floats, Ints
-from tests.soak.solids import Blocks, Pair, Skin, matrix_of, merged_cells
+from tests.soak.solids import Blocks, Pair, SolidSurface, matrix_of, merged_cells
 
 TRIED = 2000
 """Configurations on which FCL's models are timed and the map is compared with FCL."""
@@ -91,8 +91,8 @@ class Scene:
     name: str
     workspace: Workspace
     robot: Robot
-    body: Skin
-    obstacles: Skin
+    body: SolidSurface
+    obstacles: SolidSurface
     models: Mapping[str, Callable[[], Any]]
     queries: Callable[[CSpace], list[Query]]
     cuts: tuple[int, ...] = ()
@@ -183,7 +183,7 @@ def cube_tunnel(report: Report) -> Iterator[Scene]:
     mesh: Any = trimesh.load(folder / "obstacles.obj", force="mesh", process=True)
     boxes = Blocks.boxes([part.bounds for part in mesh.split()])
     body = Blocks.boxes([trimesh.load(folder / "robot.obj", force="mesh").bounds])
-    models = {"triangles": Skin(np.asarray(mesh.triangles), np.full(len(mesh.faces), -1)).model}
+    models = {"triangles": SolidSurface(np.asarray(mesh.triangles), np.full(len(mesh.faces), -1)).model}
     yield Scene.of_boxes(CUBE_TUNNEL, workspace, body, boxes, models, lambda space: [(query[0], query[1])])
 
 
@@ -205,7 +205,7 @@ def tunnels(report: Report) -> Iterator[Scene]:
     skins = {}
     for name in ("obstacles", *TUNNEL_ROBOTS):
         mesh: Any = trimesh.load(folder / f"{name}.obj", force="mesh", process=True)
-        skins[name] = Skin(np.asarray(mesh.triangles), _bodies(len(mesh.vertices), np.asarray(mesh.faces)))
+        skins[name] = SolidSurface(np.asarray(mesh.triangles), _bodies(len(mesh.vertices), np.asarray(mesh.faces)))
     for name in TUNNEL_ROBOTS:
         yield Scene(
             f"{TUNNEL}, {name}",
@@ -371,7 +371,7 @@ def octree(occupied: Bools, grid: Grid) -> Any:
     return fcl.CollisionObject(fcl.OcTree(grid.spacing, np.frombuffer(nodes, dtype=np.int8).tolist()))
 
 
-def _mesh(skin: Skin) -> Any:
+def _mesh(skin: SolidSurface) -> Any:
     return trimesh.Trimesh(skin.triangles.reshape(-1, 3), np.arange(3 * len(skin.triangles)).reshape(-1, 3))
 
 

@@ -26,7 +26,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arms.hulls import Flight
+from cspace.arms.hulls import RelativeMotion
 from cspace.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.compiling import always_inline, kernel
 from cspace.kernels import cross, dot, minus, rotated, row_of, shifted
@@ -131,13 +131,13 @@ def relative_pose(one: Floats, other: Floats) -> tuple[Matrix, Row]:
 
 
 @kernel
-def flight_of(one: Floats, other: Floats, half: float, bend: float, most: float, least: float) -> Flight:
+def flight_of(one: Floats, other: Floats, half: float, bend: float, most: float, least: float) -> RelativeMotion:
     """Return how one of two placed bodies moves as seen from the other one."""
     spin, transposed = minus(column(one, 4), column(other, 4)), (column(other, 0), column(other, 1), column(other, 2))
     swept = cross(spin, column(other, 3))
     drift = shifted(swept, minus(column(one, 5), column(other, 5)), 1.0)
     matrix, place = relative_pose(one, other)
-    return Flight(matrix, place, rotated(transposed, spin), rotated(transposed, drift), half, bend, most, least)
+    return RelativeMotion(matrix, place, rotated(transposed, spin), rotated(transposed, drift), half, bend, most, least)
 
 
 @always_inline

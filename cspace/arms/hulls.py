@@ -91,7 +91,7 @@ class Hulls(NamedTuple):
     corners: Floats
 
 
-class Flight(NamedTuple):
+class RelativeMotion(NamedTuple):
     """How a body is placed and moves, as seen from another one.
 
     Attributes
@@ -163,10 +163,10 @@ def hulls_of(rows: Floats, volume: float) -> Hulls:
     tiles = np.flatnonzero(~leaf & has_hull & (ranks == 0) & (nodes[:, 2] == 0))
     few = np.concatenate([np.arange(0), *(np.arange(firsts[s], firsts[s + c]) for s, c in spans[tiles].tolist())])
     tile = np.repeat(np.arange(len(tiles)), firsts[(starts + counts)[tiles]] - firsts[starts[tiles]])
-    owned = np.unique(tile * len(points) + which.ravel()[few])
-    stops = stop + np.searchsorted(owned, len(points) * np.arange(len(tiles) + 1))
+    as_contiguous = np.unique(tile * len(points) + which.ravel()[few])
+    stops = stop + np.searchsorted(as_contiguous, len(points) * np.arange(len(tiles) + 1))
     nodes[tiles, 1], nodes[tiles, 2], boxes[tiles, 8] = stops[:-1], stops[1:], boxes[tiles, 3:6].min(axis=1)
-    return Hulls(boxes, nodes, np.ascontiguousarray(np.concatenate([*parts, points[owned % len(points)]]).T))
+    return Hulls(boxes, nodes, np.ascontiguousarray(np.concatenate([*parts, points[as_contiguous % len(points)]]).T))
 
 
 def _corners(rows: Floats) -> tuple[Floats, Ints]:
@@ -286,7 +286,7 @@ def corners_of(hulls: Hulls, node: int) -> tuple[Floats, float]:
 
 @kernel
 def least_excess(
-    hulls: Hulls, one: int, other: int, flight: Flight, enough: float, work: Ints, directions: Floats
+    hulls: Hulls, one: int, other: int, flight: RelativeMotion, enough: float, work: Ints, directions: Floats
 ) -> float:
     """By how much what is apart exceeds what it has to, ``enough`` at most, in the trees of a body and of another one.
 
@@ -381,14 +381,14 @@ def least_excess(
 
 
 @always_inline
-def at_rest(flight: Flight) -> Flight:
+def at_rest(flight: RelativeMotion) -> RelativeMotion:
     """The flight at its middle moment alone, where nothing moves."""
-    return Flight(flight.matrix, flight.place, flight.spin, flight.drift, 0.0, 0.0, 0.0, flight.least)
+    return RelativeMotion(flight.matrix, flight.place, flight.spin, flight.drift, 0.0, 0.0, 0.0, flight.least)
 
 
 @kernel
 def excess_between(
-    hulls: Hulls, a: int, b: int, flight: Flight, speed: float, enough: float, n: Row
+    hulls: Hulls, a: int, b: int, flight: RelativeMotion, speed: float, enough: float, n: Row
 ) -> tuple[float, bool, Row]:
     """:func:`least_excess` of two hulls, more or less; whether they are apart in the middle, and along what.
 

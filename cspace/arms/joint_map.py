@@ -1,4 +1,4 @@
-"""build_arm_map: a few joints of an arm among obstacles, as a certified map of all their positions.
+"""build_joint_map: a few joints of an arm among obstacles, as a certified map of all their positions.
 
 In the space of its joints an arm is a point, and what it must keep out of are the cells that are not FREE. So the map
 is a :class:`cspace.CSpace` of a point (:class:`cspace.shapes.Point`), whose workspace are these cells.
@@ -51,7 +51,7 @@ _CORNERS: Final = 24
 """Corners of a solid that count as balls without a radius, at most."""
 
 
-def build_arm_map(
+def build_joint_map(
     space: ArmSpace,
     spacing: float,
     joints: Sequence[str] | None = None,
@@ -119,9 +119,9 @@ def build_arm_map(
     numbers = np.array([arm.joints.index(name) for name in names])
     held = _held(space, names, at)
     intervals = np.array([_limits(space, name, limits) for name in names])
-    endless = tuple(np.isinf(intervals).all(axis=1).tolist())
-    if any(endless):
-        intervals[list(endless)] = -math.pi, math.pi
+    periodic_axes = tuple(np.isinf(intervals).all(axis=1).tolist())
+    if any(periodic_axes):
+        intervals[list(periodic_axes)] = -math.pi, math.pi
         around = _counts(np.array([[0.0, TURN]]), side).item()
         side = TURN / around
         if around * side - math.pi < math.pi:  # the last cell holds the last angle
@@ -158,10 +158,10 @@ def build_arm_map(
     workspace = Workspace(grid, states != FREE, states == BLOCKED, source=repr(space))
     rotations, robot = Rotations.of(None), Robot(arm.name, Point.at_origin(len(names)))
     slices = rotations.slices_for(robot.shape)
-    circles = endless * any(endless)
-    intervals[list(endless)] = -math.inf, math.inf
+    circles = periodic_axes * any(periodic_axes)
+    intervals[list(periodic_axes)] = -math.inf, math.inf
     prove = partial(JointProofs, space.record, numbers, held, intervals)
-    return CSpace(Contents(workspace, robot, rotations, slices, states[np.newaxis], endless=circles, prove=prove))
+    return CSpace(Contents(workspace, robot, rotations, slices, states[np.newaxis], periodic_axes=circles, prove=prove))
 
 
 def _fill(scene: Scene, inside: Inside, cells: Cells, block: Ints, states: NDArray[np.uint8]) -> None:
@@ -193,14 +193,14 @@ def _limits(space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]
     number = space.arm.joints.index(name)
     own = float(space.arm.lower[number]), float(space.arm.upper[number])
     if limits is None or name not in limits:
-        if math.isinf(own[0]) and not space.endless[number]:
-            fault = f"are missing for {name!r}, which turns for ever, and other joints by another angle"
-            rule, mend = "after a turn the arm is not where it was", f"pass limits={{{name!r}: (-3.14, 3.14)}}"
-            raise InputError("limits", fault, rule, mend, value=limits)
+        if math.isinf(own[0]) and not space.periodic_axes[number]:
+            problem = f"are missing for {name!r}, which turns for ever, and other joints by another angle"
+            rule, hint = "after a turn the arm is not where it was", f"pass limits={{{name!r}: (-3.14, 3.14)}}"
+            raise InputError("limits", problem, rule, hint, value=limits)
         if own[0] == own[1]:
-            mend = "name the other joints; at= says where it is held"
+            hint = "name the other joints; at= says where it is held"
             raise InputError(
-                "joints", f"name {name!r}, which stays at {own[0]:g}", "a map is of what moves", mend, value=name
+                "joints", f"name {name!r}, which stays at {own[0]:g}", "a map is of what moves", hint, value=name
             )
         return own
     given = finite(limits[name], f"limits[{name!r}]")
@@ -233,9 +233,9 @@ def _check_held(space: ArmSpace, numbers: Ints, held: Floats, still: Ints) -> No
     q = held[np.newaxis]
     if not are_free(scene, q, q)[0]:
         link, other, *_ = space.contact(scene, q)
-        fault = f"has {link} touch {other!r}, or come nearer than the margin"
+        problem = f"has {link} touch {other!r}, or come nearer than the margin"
         rule = f"{', '.join(space.arm.joints[number] for number in numbers)} do not move them apart"
-        raise ConfigurationError("at", fault, rule, "hold the other joints elsewhere", value=held)
+        raise ConfigurationError("at", problem, rule, "hold the other joints elsewhere", value=held)
 
 
 def _cells(space: ArmSpace, grid: Grid, numbers: Ints, held: Floats) -> Cells:

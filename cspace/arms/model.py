@@ -417,9 +417,9 @@ class _Assembly:
             else:
                 bodies[joint.child] = (body, frame @ self._held(joint))
         if len(rows) > MOST_BODIES:
-            fault = f"has {len(rows)} bodies that move against each other"
+            problem = f"has {len(rows)} bodies that move against each other"
             raise InputError(
-                self._file, fault, f"at most {MOST_BODIES} are taken", "name a base or a tip", value=len(rows)
+                self._file, problem, f"at most {MOST_BODIES} are taken", "name a base or a tip", value=len(rows)
             )
         links = tuple(self._links(bodies, package_dirs, inside))
         if not links:

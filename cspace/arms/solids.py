@@ -40,7 +40,7 @@ _BOX_BYTES: Final = 1000
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Placed:
+class PosedShape:
     """A shape at a pose in the frame of a body.
 
     Parameters
@@ -65,7 +65,7 @@ class Placed:
         object.__setattr__(self, "pose", pose)
 
     @cached_property
-    def sides(self) -> tuple[Placed, Placed]:
+    def sides(self) -> tuple[PosedShape, PosedShape]:
         """The outer and the inner shape, placed alike; the same object twice if the shape is exact."""
         outer, inner = self.shape.outer, self.shape.inner
         placed = replace(self, shape=outer)
@@ -75,7 +75,7 @@ class Placed:
     def _exact(self) -> ExactShape:
         """The shape of one of the :attr:`sides`; what follows is for these alone."""
         if not isinstance(self.shape, ExactShape):
-            raise TypeError("the shape has an outer and an inner side; name one of Placed.sides")
+            raise TypeError("the shape has an outer and an inner side; name one of PosedShape.sides")
         return self.shape
 
     def moved(self, points: Floats) -> Floats:
@@ -94,7 +94,7 @@ class Placed:
         return triangle_rows(self.border), np.linalg.norm(self.border.simplices, axis=-1).max(axis=1)
 
     @cached_property
-    def trees(self) -> dict[tuple[Placed, ...], Trees]:
+    def trees(self) -> dict[tuple[PosedShape, ...], Trees]:
         """Trees of it together with others, by all of them."""
         return {}
 
@@ -134,7 +134,7 @@ class Placed:
 
 
 @dataclass(frozen=True, eq=False)
-class Still(Placed):
+class StaticShape(PosedShape):
     """A shape that never moves. Boxes, cells and balls are tested as solids, all others by their border.
 
     Attributes
@@ -179,28 +179,28 @@ class Solid(NamedTuple):
     ----------
     name : str
     body : int
-    parts : tuple of Placed
+    parts : tuple of PosedShape
     """
 
     name: str
     body: int
-    parts: tuple[Placed, ...]
+    parts: tuple[PosedShape, ...]
 
 
-_ALIVE: Final = WeakValueDictionary[bytes, Placed]()
+_ALIVE: Final = WeakValueDictionary[bytes, PosedShape]()
 
 
-def placed_shared(shape: Shape, pose: Floats) -> Placed:
+def placed_shared(shape: Shape, pose: Floats) -> PosedShape:
     """The shape at the pose, with what is cached for it: one object for all links, of any arm, that are alike."""
     digest = hashlib.sha256(pickle.dumps((shape.spec, pose))).digest()  # the shape itself may hold what it has made
-    return _ALIVE.setdefault(digest, Placed(shape, pose))
+    return _ALIVE.setdefault(digest, PosedShape(shape, pose))
 
 
 def solids_of(solids: Sequence[Solid], side: int, outer: Solids | None = None) -> Solids:
     """The solids from outside, 0, or from within, 1, as compiled code takes them.
 
-    From outside, their anchors are one point of each part that hangs together, from within :attr:`Placed.probes`. Where
-    both sides are the same, the trees of the outer one are taken.
+    From outside, their anchors are one point of each part that hangs together, from within :attr:`PosedShape.probes`.
+    Where both sides are the same, the trees of the outer one are taken.
     """
     parts = [[part.sides[side] for part in solid.parts] for solid in solids]
     surfaces = [[part.surface for part in each if len(part.surface[0])] for each in parts]
@@ -234,7 +234,7 @@ def solids_of(solids: Sequence[Solid], side: int, outer: Solids | None = None) -
     )
 
 
-def _tree(parts: Sequence[Placed]) -> Trees:
+def _tree(parts: Sequence[PosedShape]) -> Trees:
     """A tree of some parts; the first one keeps it, so that links have theirs in every scene."""
     trees, key = parts[0].trees, tuple(parts)
     if key not in trees:
@@ -293,8 +293,8 @@ def rigid(pose: ArrayLike, name: str) -> Floats:
         turn = matrix[:3, :3]
         good = bool(np.abs(turn @ turn.T - np.eye(3)).max() < 1e-6) and bool(np.linalg.det(turn) > 0.0)
     if not good:
-        mend = "pass [[R, t], [0, 0, 0, 1]], with the rotation matrix R"
-        raise InputError(name, f"has shape {matrix.shape}", "it must be a rigid motion, shape (4, 4)", mend, value=pose)
+        hint = "pass [[R, t], [0, 0, 0, 1]], with the rotation matrix R"
+        raise InputError(name, f"has shape {matrix.shape}", "it must be a rigid motion, shape (4, 4)", hint, value=pose)
     left, _, right = np.linalg.svd(matrix[:3, :3])
     matrix = matrix.copy()
     matrix[:3, :3] = left @ right  # the nearest rotation: digits of a file are few
@@ -303,8 +303,8 @@ def rigid(pose: ArrayLike, name: str) -> Floats:
 
 def read_moveit_scene(
     path: StrPath, *, plane_radius: float | None = None, package_dirs: PackageDirs = ()
-) -> dict[str, Placed]:
-    """Read the obstacles of a MoveIt planning scene, for :func:`cspace.build_arm`.
+) -> dict[str, PosedShape]:
+    """Read the obstacles of a MoveIt planning scene, for :func:`cspace.build_arm_space`.
 
     Parameters
     ----------
@@ -318,7 +318,7 @@ def read_moveit_scene(
 
     Returns
     -------
-    dict of str to Placed
+    dict of str to PosedShape
         Shapes by the id of their collision object, in the frame of the scene. Several shapes of one object are called
         ``id/0``, ``id/1`` and so on.
 
@@ -332,7 +332,7 @@ def read_moveit_scene(
     from cspace.shapes.scenes import read_moveit_scene
 
     ball = None if plane_radius is None else (np.zeros(3), positive(plane_radius, "plane_radius"))
-    return {part.name: Placed(part.shape, part.pose) for part in read_moveit_scene(path, ball, package_dirs)}
+    return {part.name: PosedShape(part.shape, part.pose) for part in read_moveit_scene(path, ball, package_dirs)}
 
 
 def named_obstacles(obstacles: object) -> Mapping[str, object]:
@@ -353,7 +353,7 @@ def named_obstacles(obstacles: object) -> Mapping[str, object]:
 
 
 @singledispatch
-def placed_obstacle(obstacle: object, name: str, base: Floats) -> Placed | None:
+def placed_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | None:
     """Place an obstacle by a pose, shape (4, 4); return None for a workspace without obstacles.
 
     Raises
@@ -364,22 +364,22 @@ def placed_obstacle(obstacle: object, name: str, base: Floats) -> Placed | None:
     try:
         shape = shape_of(cast(ShapeLike, obstacle))
     except InputError as error:
-        fault = f"hold {name!r}, a {type(obstacle).__name__}: {error.argument} {error.fault}"
-        raise type(error)("obstacles", fault, error.rule, error.mend, value=obstacle) from error
-    return placed_obstacle(Placed(shape, np.eye(4)), name, base)
+        problem = f"hold {name!r}, a {type(obstacle).__name__}: {error.argument} {error.problem}"
+        raise type(error)("obstacles", problem, error.rule, error.hint, value=obstacle) from error
+    return placed_obstacle(PosedShape(shape, np.eye(4)), name, base)
 
 
 @placed_obstacle.register
-def _(obstacle: Placed, name: str, base: Floats) -> Placed:
+def _(obstacle: PosedShape, name: str, base: Floats) -> PosedShape:
     if obstacle.shape.dim != 3:
         raise InputError(
             "obstacles", f"hold {name!r}, a shape of the plane", "arms are in space", "pass a solid", value=obstacle
         )
-    return Placed(obstacle.shape, rigid(base @ rigid(obstacle.pose, f"pose of {name}"), name))
+    return PosedShape(obstacle.shape, rigid(base @ rigid(obstacle.pose, f"pose of {name}"), name))
 
 
 @placed_obstacle.register
-def _(obstacle: Workspace, name: str, base: Floats) -> Placed | None:
+def _(obstacle: Workspace, name: str, base: Floats) -> PosedShape | None:
     grid = obstacle.grid
     if grid.dim != 3:
         raise InputError(
@@ -387,7 +387,7 @@ def _(obstacle: Workspace, name: str, base: Floats) -> Placed | None:
         )
     if obstacle.shapes is not None and len(obstacle.shapes) == 1:
         return placed_obstacle(obstacle.shapes[0], name, base)
-    check_memory(_CELL_BYTES * grid.size, name, grid, mend="cut it to what the arm reaches")
+    check_memory(_CELL_BYTES * grid.size, name, grid, hint="cut it to what the arm reaches")
     held = obstacle.in_memory()
     if not held.outer.any():
         return None
@@ -396,6 +396,6 @@ def _(obstacle: Workspace, name: str, base: Floats) -> Placed | None:
     rows = sum(int(np.count_nonzero(side[..., 1:] > side[..., :-1]) + side[..., 0].sum()) for side in sides)
     rows //= 1 + (sides[0] is sides[1])
     needed = _CELL_BYTES * grid.size + _BOX_BYTES * rows
-    check_memory(needed, name, grid, mend=f"cut it to what the arm reaches: its cells are {rows} boxes")
+    check_memory(needed, name, grid, hint=f"cut it to what the arm reaches: its cells are {rows} boxes")
     outer, inner = (Voxels(side.copy() if held.live else side, grid.spacing, np.asarray(grid.lower)) for side in sides)
-    return Placed(outer if sides[0] is sides[1] else BoundedShape(outer, inner), base)
+    return PosedShape(outer if sides[0] is sides[1] else BoundedShape(outer, inner), base)

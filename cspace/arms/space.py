@@ -17,9 +17,9 @@ from cspace.arms.hulls import corners_of
 from cspace.arms.model import LOOKS, Arm, always_touch, pair_of, random_points
 from cspace.arms.proofs import Scene, are_blocked, are_free, distances, motions_are_free, work_of
 from cspace.arms.solids import (
-    Placed,
+    PosedShape,
     Solid,
-    Still,
+    StaticShape,
     named_obstacles,
     placed_obstacle,
     rigid,
@@ -41,7 +41,7 @@ THREAD: Final = 20
 """Motions below which a second thread costs more than it saves."""
 
 MAX_DOUBLED_JOINTS: Final = 8
-"""Number of continuous joints that :meth:`ArmSpace.free_path` turns either way; any others turn the shorter way."""
+"""Number of continuous joints that :meth:`ArmSpace.find_path` turns either way; any others turn the shorter way."""
 
 _TRIES: Final = 100_000
 """Samples of which none is free, after which sampling is given up."""
@@ -88,7 +88,7 @@ class Group(NamedTuple):
 
 
 class ArmSpace(ConfigurationSpace, ArmPlot):
-    """The configurations of an arm among obstacles; :func:`build_arm` makes one.
+    """The configurations of an arm among obstacles; :func:`build_arm_space` makes one.
 
     A configuration is FREE where no link touches an obstacle, or another link that it may not touch, by the collision
     geometry as given; all sets are closed, so that touching is a collision. It is BLOCKED where a point of one is found
@@ -96,13 +96,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     two configurations, and is proven all along.
 
     Configurations up to 1e-5 rad (m) beyond a limit are accepted, because files round limits and configurations
-    differently. Answers hold for the configuration as given. Paths stay within the limits: :meth:`free_path` and
+    differently. Answers hold for the configuration as given. Paths stay within the limits: :meth:`find_path` and
     :func:`planners.plan` move a start or goal onto a limit that it exceeds.
 
     Attributes
     ----------
     arm : Arm
-    obstacles : dict of str to Placed
+    obstacles : dict of str to PosedShape
     margin : float
         Metres by which FREE stays clear of obstacles, and links of each other.
     record, inner_record : Scene
@@ -111,13 +111,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     """
 
     def __init__(
-        self, arm: Arm, obstacles: Mapping[str, Placed], allowed: Iterable[tuple[str, str]], margin: float
+        self, arm: Arm, obstacles: Mapping[str, PosedShape], allowed: Iterable[tuple[str, str]], margin: float
     ) -> None:
         self.arm, self.obstacles, self.margin = arm, dict(obstacles), margin
         may_touch = arm.allowed.keys() | {pair_of(*pair) for pair in allowed}
         sizes = [np.subtract(*part.shape.outer.bounds) for link in arm.links for part in link.parts]
         reach = max(float(np.linalg.norm(size)) for size in sizes)
-        placed = [Solid(name, 0, (Still(each.shape, each.pose, reach),)) for name, each in obstacles.items()]
+        placed = [Solid(name, 0, (StaticShape(each.shape, each.pose, reach),)) for name, each in obstacles.items()]
         self._groups = _grouped(arm.links, placed, may_touch)
         solids = [group.solid for group in self._groups]
         pairs, fixed = [], []
@@ -180,7 +180,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return self.arm.units
 
     @property
-    def endless(self) -> tuple[bool, ...]:
+    def periodic_axes(self) -> tuple[bool, ...]:
         """Which joints are continuous, so that a whole turn more is the same configuration.
 
         A joint that another one mimics by a part of its angle is not.
@@ -338,7 +338,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         samples = np.concatenate(batches)[:count]
         return samples[0] if n is None else samples
 
-    def free_path(
+    def find_path(
         self,
         q0: ArrayLike,
         q1: ArrayLike,
@@ -401,7 +401,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     @property
     def _spans(self) -> Floats:
         """The most that each joint may move between rows of a path: half a turn if continuous, else any distance."""
-        return np.where(self.endless, math.pi + _ROUNDING, math.inf)
+        return np.where(self.periodic_axes, math.pi + _ROUNDING, math.inf)
 
     def _check_spans(self, q0: Floats, q1: Floats, pairs: Ints | None = None) -> None:
         """Refuse edges, shape (..., n, dof), that turn a continuous joint by more than half a turn.
@@ -462,8 +462,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
         The first n go the shorter way; one that already does stays as it is, to the last bit.
         """
-        images = np.where(self.endless, beside(goals, start), goals)
-        for joint in np.flatnonzero(self.endless)[:MAX_DOUBLED_JOINTS]:
+        images = np.where(self.periodic_axes, beside(goals, start), goals)
+        for joint in np.flatnonzero(self.periodic_axes)[:MAX_DOUBLED_JOINTS]:
             others = images.copy()
             others[:, joint] += np.where(images[:, joint] > start[joint], -TURN, TURN)
             images = np.concatenate([images, others])
@@ -515,14 +515,14 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 def in_collision(space: ArmSpace, q: Floats, name: str) -> ConfigurationError:
     """The error that says what touches at a configuration, shape (dof,), from which no path leads."""
     link, other, *_ = space.closest(q)
-    fault = f"is not proven free: {link} is in collision with {other}, or all but"
-    mend = f"choose another, or pass allowed=[({link!r}, {other!r})] where they may touch"
+    problem = f"is not proven free: {link} is in collision with {other}, or all but"
+    hint = f"choose another, or pass allowed=[({link!r}, {other!r})] where they may touch"
     point = f"({', '.join(f'{x:.6g}' for x in q)})"
-    return ConfigurationError(name, f"{point} {fault}", "a path starts and ends where it is proven", mend, value=q)
+    return ConfigurationError(name, f"{point} {problem}", "a path starts and ends where it is proven", hint, value=q)
 
 
-def build_arm(
-    obstacles: Workspace | Mapping[str, Workspace | Placed | ShapeLike],
+def build_arm_space(
+    obstacles: Workspace | Mapping[str, Workspace | PosedShape | ShapeLike],
     arm: Arm,
     *,
     allowed: Iterable[tuple[str, str]] = (),
@@ -533,7 +533,7 @@ def build_arm(
 
     Parameters
     ----------
-    obstacles : Workspace, or mapping of str to Workspace, Placed or shape
+    obstacles : Workspace, or mapping of str to Workspace, PosedShape or shape
         In space by name, metres. A shape is a ``trimesh.Trimesh``, a file of one, or anything else that
         :meth:`CSpace.place` takes. A workspace alone is called ``"workspace"``. Its mesh or point cloud is used itself,
         of any other its cells; all beyond the grid is free. Unknown cells are obstacles as ``outer`` says, and prove no

@@ -27,8 +27,8 @@ def check_outputs(paths: Collection[Path], suffixes: Collection[str], overwrite:
 
     for path in paths:
         if path.suffix.lower() not in suffixes:
-            mend = f"use one of {', '.join(suffix for suffix in suffixes if suffix)}"
-            raise InputError(str(path), f"ends in {path.suffix!r}", "the suffix says what to write", mend, value=path)
+            hint = f"use one of {', '.join(suffix for suffix in suffixes if suffix)}"
+            raise InputError(str(path), f"ends in {path.suffix!r}", "the suffix says what to write", hint, value=path)
         image = [path.with_suffix(".pgm")] if path.suffix.lower() in (".yaml", ".yml") else []
         for target in (path, *image):
             check_output(target, overwrite)
@@ -47,8 +47,8 @@ def check_folder(folder: Path) -> None:
     while not there.exists() and there != there.parent:
         there = there.parent
     if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
-        fault = f"cannot be written: {there.resolve()} is not a folder that may be written"
-        raise FileError(str(folder), fault, "outputs need one", "choose another")
+        problem = f"cannot be written: {there.resolve()} is not a folder that may be written"
+        raise FileError(str(folder), problem, "outputs need one", "choose another")
 
 
 def axes_of_map(file: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -80,7 +80,7 @@ def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
 
     Raises FileError if the file cannot be read or holds no path, or one of other configurations.
     """
-    mend = "let cspace plan write a path on this map"
+    hint = "let cspace plan write a path on this map"
     try:
         names, rows = _table(file)
         points = [[float(value) for value in row] for row in rows]
@@ -88,12 +88,12 @@ def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
             raise ValueError
     except (ValueError, TypeError, KeyError, csv.Error) as error:
         rule = f"it is a CSV file with the columns {', '.join(axes)}, or a JSON file with rows of them under path"
-        raise FileError(str(file), "holds no path", rule, mend) from error
+        raise FileError(str(file), "holds no path", rule, hint) from error
     if names != tuple(axes) and (names or (points and len(points[0]) != len(axes))):
         rule = f"the configurations of the map are {', '.join(axes)}"
-        raise FileError(str(file), f"holds {', '.join(names) or 'others'}", rule, mend)
+        raise FileError(str(file), f"holds {', '.join(names) or 'others'}", rule, hint)
     if not points:
-        raise FileError(str(file), "holds no configuration", "a path has at least one", mend)
+        raise FileError(str(file), "holds no configuration", "a path has at least one", hint)
     return points
 
 
@@ -167,8 +167,8 @@ def cluster(address: str | None) -> Iterator[Any]:
     try:
         client = optional("distributed", CLUSTER, "distributed").Client(address, timeout=10)
     except (OSError, ValueError, TimeoutError) as error:
-        fault, rule = f"is {address!r}, where nothing answers ({error})", "it must be the address of a dask scheduler"
-        raise InputError("--scheduler", fault, rule, "start one, with dask scheduler", value=address) from error
+        problem, rule = f"is {address!r}, where nothing answers ({error})", "it must be the address of a dask scheduler"
+        raise InputError("--scheduler", problem, rule, "start one, with dask scheduler", value=address) from error
     with client:
         yield client
 

@@ -296,7 +296,7 @@ def _grid(cells: _Cells, read: Callable[..., Any], reader: Callable[..., Any]) -
             "free": grid.size - occupied - sum(unknown.values()),
             "total": grid.size,
         },
-        **cells.memory(grid, WORKSPACE_BYTES, mend=FIXED_CELLS),
+        **cells.memory(grid, WORKSPACE_BYTES, hint=FIXED_CELLS),
     }
 
 

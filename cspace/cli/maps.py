@@ -296,14 +296,14 @@ def view(
 
     Ctrl-C ends it.
     """
-    from cspace.arms import build_arm
+    from cspace.arms import build_arm_space
     from cspace.opening import open_map
 
     clock = Clock()
     space: CSpace | TiledCSpace | ArmSpace | None = None
     if file.suffix.lower() == ".urdf":
         with clock.step("read"):
-            space = build_arm({}, read_arm(file, srdf, solid, package_dirs))
+            space = build_arm_space({}, read_arm(file, srdf, solid, package_dirs))
         axes, units = space.axes, space.arm.units
     else:
         options = given(srdf=srdf, solid=solid, package_dirs=package_dirs or None)

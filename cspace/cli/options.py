@@ -166,9 +166,9 @@ def check_dimensions(path: Path, dim: int, robot: Robot | None, rotations: Rotat
     """
     rotations.check_dimension(dim)
     if robot is not None and robot.dim != dim:
-        fault = f"is a {robot.name}, which has {robot.dim} dimensions, and the workspace {path} has {dim}"
-        mend = "take both in the plane or both in space" + ", or its footprint, as footprint:ROBOT" * (robot.dim == 3)
-        raise InputError("--robot", fault, "they must agree", mend, value=robot)
+        problem = f"is a {robot.name}, which has {robot.dim} dimensions, and the workspace {path} has {dim}"
+        hint = "take both in the plane or both in space" + ", or its footprint, as footprint:ROBOT" * (robot.dim == 3)
+        raise InputError("--robot", problem, "they must agree", hint, value=robot)
 
 
 def rotation_cells(text: str | None) -> Rotations:
@@ -183,9 +183,9 @@ def rotation_cells(text: str | None) -> Rotations:
     kind, _, count = text.rpartition(":")
     kinds = {"": Rotations.of, **{name: kind.of_value for name, kind in Rotations.KINDS.items() if kind.names}}
     if kind not in kinds or not count.isdecimal() or not int(count):
-        mend = f"write e.g. 72, {' or '.join(f'{name}:8' for name in kinds if name)}"
+        hint = f"write e.g. 72, {' or '.join(f'{name}:8' for name in kinds if name)}"
         rule = "it must be a number of cells above zero, or their kind and such a number"
-        raise InputError("--rotations", f"is {text!r}", rule, mend, value=text)
+        raise InputError("--rotations", f"is {text!r}", rule, hint, value=text)
     return kinds[kind](int(count))
 
 
@@ -263,8 +263,8 @@ def _rows(
     except InputError:
         raise
     except ValueError:
-        mend = f"write e.g. {option}={','.join(_examples(axes, units))}"
-        raise InputError(option, f"is {text!r}", rule, mend, value=text) from None
+        hint = f"write e.g. {option}={','.join(_examples(axes, units))}"
+        raise InputError(option, f"is {text!r}", rule, hint, value=text) from None
     return [tuple(numbers[k : k + n]) for k in range(0, len(fields), n)]
 
 
@@ -295,16 +295,16 @@ def angle(text: str, option: str, name: str) -> float:
     """
     word = text.strip()
     number, unit = next(((word.removesuffix(unit), unit) for unit in ("deg", "rad") if word.endswith(unit)), (word, ""))
-    fault = f"has the {name} {text!r}"
+    problem = f"has the {name} {text!r}"
     try:
         value = float(number)
     except ValueError:
         rule = "it must be a number of degrees or of radians"
-        raise InputError(option, fault, rule, "write e.g. 90deg or 1.57", value=text) from None
+        raise InputError(option, problem, rule, "write e.g. 90deg or 1.57", value=text) from None
     if not unit and math.isfinite(value) and abs(value) > 2.0 * math.pi:
         rule = f"an angle without a unit is in radians, and {value:g} rad is more than a turn"
         raise InputError(
-            option, fault, rule, f"write {number}deg for degrees, or {number}rad if you mean it", value=text
+            option, problem, rule, f"write {number}deg for degrees, or {number}rad if you mean it", value=text
         )
     return math.radians(value) if unit == "deg" else value
 

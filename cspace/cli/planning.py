@@ -155,9 +155,9 @@ def demo(
         planned = planners.plan(space, flat.START, flat.GOAL, seed=1)
     clock.split("plan", **_steps(planned))
     if proofs != {"start_to_goal": True, "start_to_store_room": False} or not (planned.solved and planned.certified):
-        fault = f"went wrong: {proofs}, {planned.status}"
+        problem = f"went wrong: {proofs}, {planned.status}"
         raise InputError(
-            "the demonstration", fault, "its path is found and certified", "please report it", value=proofs
+            "the demonstration", problem, "its path is found and certified", "please report it", value=proofs
         )
     with clock.step("measure"):
         described = _describe(planned)

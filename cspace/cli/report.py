@@ -199,11 +199,11 @@ def options_of(command: Any) -> Options:
 
 def worded(error: CspaceError, options: Options) -> str:
     """An error in one line, with its argument, and one that its mend names, as options of the command."""
-    if error.fault is None:
+    if error.problem is None:
         return _line(str(error))
     name, bracket, index = error.argument.partition("[")  # goal[0]
-    subject = f"{options.get(name, name)}{bracket}{index}{error.gap}{error.fault}"
-    return _line("; ".join(filter(None, (subject, *(in_options(part, options) for part in (error.rule, error.mend))))))
+    subject = f"{options.get(name, name)}{bracket}{index}{error.gap}{error.problem}"
+    return _line("; ".join(filter(None, (subject, *(in_options(part, options) for part in (error.rule, error.hint))))))
 
 
 def in_options(text: str, options: Options) -> str:
@@ -227,7 +227,7 @@ def about_robot() -> Iterator[None]:
         try:
             yield
         except CspaceError as error:
-            error.argument, error.mend = options.get(error.argument, error.argument), in_options(error.mend, options)
+            error.argument, error.hint = options.get(error.argument, error.argument), in_options(error.hint, options)
             raise
     for warning in heard:
         warnings.warn(in_options(str(warning.message), options), warning.category, stacklevel=3)

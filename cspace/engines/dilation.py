@@ -26,7 +26,7 @@ from cspace.threads import cores, in_threads
 
 Cells = NDArray[np.uint8]
 Task: TypeAlias = tuple[Words, int, Cells, tuple[int, int]]
-"""Runs, as :meth:`Board.placed` gives them; their last word; results; and a block of rows of these."""
+"""Runs, as :meth:`PackedGrid.placed` gives them; their last word; results; and a block of rows of these."""
 
 COUNTS: Final = False
 """This engine finds only whether there is any overlap."""
@@ -82,7 +82,7 @@ def collide(
         return "integer"
     longest = max(int(table[-1, 3]) for _, table, _ in live)
     cells = occupied.view(np.uint8).reshape(shape)
-    board = Board(cells, results, [raster for raster, _, _ in live], longest, outside)
+    board = PackedGrid(cells, results, [raster for raster, _, _ in live], longest, outside)
     placed, stops = board.placed(np.concatenate([table for _, table, _ in live])), [0]
     stops += np.cumsum([len(table) // FOUR for _, table, _ in live]).tolist()
     reaches = np.maximum.reduceat(placed[:, 1::2].max(axis=1), stops[:-1]).tolist()
@@ -123,7 +123,7 @@ class Runs(NamedTuple):
     clipped: bool
 
     @property
-    def news(self) -> Bools:
+    def is_first(self) -> Bools:
         """Whether a row is the first of its kind, shape (n,)."""
         return np.append(True, (self.table[1:] != self.table[:-1]).any(axis=1))[: len(self.table)]
 
@@ -196,7 +196,7 @@ class Scratch(NamedTuple):
     octets: Bytes  # of the result
 
 
-class Board:
+class PackedGrid:
     """A map in bits, with as much around it as robots reach; its rows follow each other without a gap.
 
     ``occupied`` holds 0 or 1, shape (layers, rows, cells), and ``results`` is how many of its first layers, rows and
@@ -271,8 +271,8 @@ class Board:
 def dilate_block(near: Words, runs: Words, spare: Words, more: Words, result: Words) -> bool:
     """Whether some cell of a set lies at each place from the first word on, moved by any offset of a robot's runs.
 
-    ``runs`` are those of :meth:`Board.placed`, by ascending length. ``near``, ``spare`` and ``more`` are as long as
-    ``result`` and the reach of all runs, and a word more. False, and nothing is written, where nothing is near.
+    ``runs`` are those of :meth:`PackedGrid.placed`, by ascending length. ``near``, ``spare`` and ``more`` are as long
+    as ``result`` and the reach of all runs, and a word more. False, and nothing is written, where nothing is near.
     """
     any_bit = np.uint64(0)
     for k in range(near.size):

@@ -15,7 +15,7 @@ from cspace.raster.bitmaps import rectangle_triangles
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import ExactShape, Pieces
-from cspace.shapes.bodies import least_joined
+from cspace.shapes.bodies import component_labels
 from cspace.workspace import Workspace
 
 CUT_ERROR: Final = 2.0**-48
@@ -59,7 +59,7 @@ class Problem(NamedTuple):
     workspace: Workspace
     robot: Robot
     margin: float
-    walled: bool
+    exterior_blocked: bool
     prove: Callable[[Problem], Proofs] | None = None
 
     @property
@@ -86,8 +86,9 @@ class Obstacles(NamedTuple):
     error: float
 
 
-def obstacle_border(workspace: Workspace, *, walled: bool) -> Obstacles:
-    """The border of the obstacles of a workspace, cut to the grid, whose own border needs no pieces where ``walled``.
+def obstacle_border(workspace: Workspace, *, exterior_blocked: bool) -> Obstacles:
+    """The border of the obstacles of a workspace, cut to the grid, whose own border needs no pieces where
+    ``exterior_blocked``.
 
     Raises InputError if an obstacle is a mesh whose inside depends on the spacing.
     """
@@ -98,7 +99,7 @@ def obstacle_border(workspace: Workspace, *, walled: bool) -> Obstacles:
         if pieces is not whole:
             if len(pieces.radii):
                 error = max(error, CUT_ERROR * float(np.abs(whole.simplices).max()))
-            if not walled and shape.encloses and whole.simplices.shape[1] > 1:
+            if not exterior_blocked and shape.encloses and whole.simplices.shape[1] > 1:
                 pieces = _bare(np.concatenate([pieces.simplices, *_lids(shape, workspace)]))
         borders.append(pieces)
     return Obstacles(borders, error)
@@ -138,7 +139,7 @@ def parts_of(border: Pieces) -> tuple[Floats, Ints]:
     points, which = np.unique(border.simplices.reshape(-1, dim), axis=0, return_inverse=True)
     rows = which.reshape(-1, corners)
     start, end = rows[:, :-1].ravel(), rows[:, 1:].ravel()
-    labels = least_joined(start, end, len(points))
+    labels = component_labels(start, end, len(points))
     order = np.argsort(labels, kind="stable")
     return np.ascontiguousarray(points[order]), np.flatnonzero(np.diff(labels[order], prepend=-1))
 

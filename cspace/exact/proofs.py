@@ -141,7 +141,7 @@ class Nesting(NamedTuple):
     """
 
     corners: Floats
-    walled: bool
+    exterior_blocked: bool
     outer: Bools
     inner: Bools
     anchors: Floats
@@ -183,7 +183,7 @@ class BorderProofs:
 
     def __init__(self, problem: Problem) -> None:
         workspace, self._robot = problem.workspace, problem.robot.shape.outer
-        borders, grid = obstacle_border(workspace, walled=problem.walled), workspace.grid
+        borders, grid = obstacle_border(workspace, exterior_blocked=problem.exterior_blocked), workspace.grid
         # Balls and points have no inside but what is near their middle: the distance decides.
         parts = zip((each.outer for each in workspace.shapes or ()), borders.pieces, strict=False)
         self._shapes = [shape for shape, part in parts if shape.encloses and part.simplices.shape[1] == grid.dim]
@@ -191,7 +191,7 @@ class BorderProofs:
         # Over the plane the walls rise so high that it is their sides that are near.
         sides = np.pad(np.subtract(grid.upper, grid.lower), (0, 3 - grid.dim), mode="maximum")
         room = Box.of(sides, np.pad(np.add(grid.lower, grid.upper) / 2.0, (0, 3 - grid.dim)))
-        walls = in_space([room.boundary()] if problem.walled else [])
+        walls = in_space([room.boundary()] if problem.exterior_blocked else [])
         far = problem.far + float(np.abs(still.simplices).max(initial=0.0) + still.radii.max(initial=0.0))
         scale = 2.0 ** -math.frexp(far)[1]
         trees, roots = trees_of(
@@ -211,7 +211,7 @@ class BorderProofs:
         regions, cells = self._robot.regions, (*grid.shape, 1)[:3]
         nesting = Nesting(
             corners=np.hstack([corners, np.repeat(stops, stops - starts)[:, None]]),
-            walled=problem.walled,
+            exterior_blocked=problem.exterior_blocked,
             outer=workspace.outer.reshape(cells),
             inner=(workspace.inner if workspace.shapes else workspace.outer).reshape(cells),
             anchors=small[np.argsort(small[:, 0])],
@@ -470,7 +470,7 @@ def nested_at(nesting: Nesting, map_: Map, q: Numbers, matrix: Matrix) -> int:
         i, j, m = math.floor(x / map_.spacing), math.floor(y / map_.spacing), math.floor(z / map_.spacing)
         after = int(corner[3])
         if not (0 <= i < nx and 0 <= j < ny and 0 <= m < nz):
-            if nesting.walled:
+            if nesting.exterior_blocked:
                 return BLOCKED
             k = after
         elif nesting.inner[i, j, m]:

@@ -72,9 +72,9 @@ def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], ov
     target = Path(path)
     cells = np.asarray(state)
     if cells.shape != grid.shape[:2]:
-        fault = f"has shape {cells.shape} on a grid of {grid.shape}, and {target} names a ROS map"
+        problem = f"has shape {cells.shape} on a grid of {grid.shape}, and {target} names a ROS map"
         raise InputError(
-            "state", fault, "it is that of a grid in the plane", "pass CSpace.state, or one slice of it", value=state
+            "state", problem, "it is that of a grid in the plane", "pass CSpace.state, or one slice of it", value=state
         )
     if cells.dtype.kind not in "iu" or cells.min() < FREE or cells.max() > BLOCKED:
         raise InputError(

@@ -157,8 +157,8 @@ def check_export(path: StrPath, dim: int) -> str:
     suffix = suffix_of(path, EXPORTS, "the suffix says which format to write")
     refused = _SLICES[suffix][1] if suffix in _SLICES else {}
     if dim in refused:
-        mend = "write another format, e.g. .vti"
-        raise InputError("path", f"is {Path(path)}", refused[dim], mend, value=path)
+        hint = "write another format, e.g. .vti"
+        raise InputError("path", f"is {Path(path)}", refused[dim], hint, value=path)
     return suffix
 
 

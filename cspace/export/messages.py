@@ -45,7 +45,7 @@ def occupancy_grid_of(
     space: CSpace, msg: Message | None, rotation: ArrayLike | None, frame_id: str
 ) -> Message | OccupancyGrid:
     """Fill an occupancy grid with the states of a map; see :meth:`cspace.CSpace.to_occupancy_grid`."""
-    grid, state = space.grid, space._flat_state() if rotation is None else space.slice_at(rotation)
+    grid, state = space.grid, space._flat_state() if rotation is None else space.states_at(rotation)
     values = np.array([OCCUPANCY[each] for each in sorted(OCCUPANCY)], dtype=np.int8)[state]
     fields = {"info.width": grid.shape[0], "info.height": grid.shape[1]}
     filled = OccupancyGrid() if msg is None else msg

@@ -107,8 +107,8 @@ def not_a_name(path: object) -> InputError:
 
 def unreadable(path: str | os.PathLike[str], kind: str, error: OSError) -> FileError:
     """The error for a file that the system refuses to read."""
-    fault, rule = f"cannot be read: {error.strerror or error}", f"{_one(kind)} must be readable"
-    return FileError(os.fspath(path), fault, rule, "check its permissions")
+    problem, rule = f"cannot be read: {error.strerror or error}", f"{_one(kind)} must be readable"
+    return FileError(os.fspath(path), problem, rule, "check its permissions")
 
 
 class Fault(Exception):  # noqa: N818 - it becomes an error in decoding
@@ -119,15 +119,15 @@ class Fault(Exception):  # noqa: N818 - it becomes an error in decoding
 
     def __init__(
         self,
-        fault: str,
+        problem: str,
         rule: str = "it is malformed or truncated",
-        mend: str = "copy it or write it again",
+        hint: str = "copy it or write it again",
         *,
         kind: type[CspaceError] = FileError,
         value: object = None,
     ) -> None:
-        super().__init__(fault)
-        self.parts, self.kind, self.value = (fault, rule, mend), kind, value
+        super().__init__(problem)
+        self.parts, self.kind, self.value = (problem, rule, hint), kind, value
 
 
 @contextmanager
@@ -140,8 +140,8 @@ def decoding(path: str | os.PathLike[str], kind: str, *advice: str) -> Iterator[
         yield
     except (CspaceError, MemoryError, UserWarning):  # a warning of ours may be an error to its caller
         raise
-    except Fault as fault:
-        raise fault.kind(os.fspath(path), *fault.parts, value=fault.value) from fault
+    except Fault as problem:
+        raise problem.kind(os.fspath(path), *problem.parts, value=problem.value) from problem
     except PermissionError as error:
         raise unreadable(path, kind, error) from error
     except Exception as error:
@@ -160,8 +160,8 @@ def suffix_of(path: str | os.PathLike[str], known: Iterable[str], rule: str, arg
         raise not_a_name(path) from error
     suffix = file.suffix.lower()
     if suffix not in known:
-        mend = f"use one of {', '.join(filter(None, known))}"
-        raise InputError(argument, f"is {file}, which ends in {suffix!r}", rule, mend, value=path)
+        hint = f"use one of {', '.join(filter(None, known))}"
+        raise InputError(argument, f"is {file}, which ends in {suffix!r}", rule, hint, value=path)
     return suffix
 
 
@@ -204,8 +204,8 @@ def read_text(path: str | os.PathLike[str], kind: str, memory: float = 4.0) -> s
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        fault, rule = f"is not text: byte {error.start} is not UTF-8", f"{_one(kind)} is a text file"
-        raise FileError(os.fspath(path), fault, rule, "pass the right file") from error
+        problem, rule = f"is not text: byte {error.start} is not UTF-8", f"{_one(kind)} is a text file"
+        raise FileError(os.fspath(path), problem, rule, "pass the right file") from error
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
@@ -243,8 +243,8 @@ def _fault(text: str, first: int, separator: str | None, columns: int, error: Va
                 continue
         except ValueError:
             rule = "numbers alone; a heading needs a '#' before it"
-        fault = f"line {number} is {line.strip()[:_SHOWN]!r}"
-        return Fault(fault, f"it must hold {rule}", "mend the line, or fetch a truncated file again")
+        problem = f"line {number} is {line.strip()[:_SHOWN]!r}"
+        return Fault(problem, f"it must hold {rule}", "mend the line, or fetch a truncated file again")
     return Fault(f"cannot be read: {error}", "it must hold columns of numbers", "mend that line")
 
 
@@ -331,15 +331,15 @@ def check_output(target: Path, overwrite: bool) -> None:
     """
     parent = target.parent
     if not parent.is_dir():
-        fault = f"cannot be written: {parent} is not a folder", "outputs go to an existing folder", "create it first"
+        problem = f"cannot be written: {parent} is not a folder", "outputs go to an existing folder", "create it first"
     elif not os.access(parent, os.W_OK | os.X_OK):
         denied = f"cannot be written: no permission to write in {parent}"
-        fault = denied, "an output needs a writable folder", "change its permissions or choose another"
+        problem = denied, "an output needs a writable folder", "change its permissions or choose another"
     elif target.exists() and not overwrite:
-        fault = "exists", "an existing output is kept unless told otherwise", "pass overwrite=True"
+        problem = "exists", "an existing output is kept unless told otherwise", "pass overwrite=True"
     else:
         return
-    raise FileError(str(target), *fault)
+    raise FileError(str(target), *problem)
 
 
 def _check_target(target: Path, overwrite: bool, folder: Callable[[Path], bool] | None) -> None:
@@ -348,15 +348,15 @@ def _check_target(target: Path, overwrite: bool, folder: Callable[[Path], bool] 
     if not target.exists():
         return
     if folder is None and not target.is_file():
-        fault = "is not a plain file", "a file replaces only a file", "choose another name"
+        problem = "is not a plain file", "a file replaces only a file", "choose another name"
     elif folder is not None and not target.is_dir():
-        fault = "is not a folder", "a folder replaces only a folder", "choose another name"
+        problem = "is not a folder", "a folder replaces only a folder", "choose another name"
     elif folder is not None and any(target.iterdir()) and not folder(target):
-        mend = "choose another name, or remove the folder yourself"
-        fault = "holds more than an earlier output", "only an earlier output is replaced", mend
+        hint = "choose another name, or remove the folder yourself"
+        problem = "holds more than an earlier output", "only an earlier output is replaced", hint
     else:
         return
-    raise FileError(str(target), *fault)
+    raise FileError(str(target), *problem)
 
 
 def retry_if_replaced(path: str | os.PathLike[str], read: Callable[[], Result]) -> Result:

@@ -204,9 +204,9 @@ def read_map(path: str | os.PathLike[str]) -> Bools:
                 raise Fault(f"line {number} has {len(row)} characters, and the header says width {width}")
             wrong = row.translate(_DROP_CELLS)
             if wrong:
-                fault = f"line {number}, column {row.index(wrong[0]) + 1} is {wrong[0]!r}"
+                problem = f"line {number}, column {row.index(wrong[0]) + 1} is {wrong[0]!r}"
                 rule = f"cells are one of '{PASSABLE}' (passable) or '{BLOCKED}' (blocked)"
-                raise Fault(fault, rule, "replace it")
+                raise Fault(problem, rule, "replace it")
         if len(rows) != height:
             raise Fault(f"ends at line {len(lines)} with {len(rows)} rows, and the header says height {height}")
         cells = np.frombuffer("".join(rows).encode("ascii"), dtype=np.uint8).reshape(height, width)

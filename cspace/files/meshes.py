@@ -520,8 +520,8 @@ def _gltf(file: Path) -> Surface:
     scene, declared = load_gltf(file)
     vertices, faces = flattened(scene, str(file)) if declared else joined([])
     if len(faces) != declared:
-        fault, rule = f"holds {declared} triangles, and {len(faces)} were read", "none may be lost or made up"
-        raise Fault(fault, rule, "write it again as binary STL", value=(declared, len(faces)))
+        problem, rule = f"holds {declared} triangles, and {len(faces)} were read", "none may be lost or made up"
+        raise Fault(problem, rule, "write it again as binary STL", value=(declared, len(faces)))
     return vertices, faces
 
 

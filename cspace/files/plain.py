@@ -151,8 +151,8 @@ def _integer(word: str) -> int | float:
 
 
 def _not_plain(event: Any, what: str) -> Fault:
-    fault, rule = f"has {what} in line {event.start_mark.line + 1}", "plain text, numbers, lists and tables are read"
-    return Fault(fault, rule, "mend that line")
+    problem, rule = f"has {what} in line {event.start_mark.line + 1}", "plain text, numbers, lists and tables are read"
+    return Fault(problem, rule, "mend that line")
 
 
 _XACRO: Final = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}")

@@ -60,8 +60,8 @@ def read_points(path: StrPath) -> Floats:
     with decoding(path, "point cloud"):
         points = read(path)
         if not len(points):
-            mend = "check how it was written"
-            raise Fault("holds no point", "a cloud needs one at least", mend, kind=GeometryError)
+            hint = "check how it was written"
+            raise Fault("holds no point", "a cloud needs one at least", hint, kind=GeometryError)
         broken = int((~np.isfinite(points).all(axis=1)).sum())
         if broken:
             raise Fault(

@@ -166,14 +166,14 @@ def _planes(points: Floats, size: Floats, slack: Floats) -> tuple[Floats, Bools]
 
 def _refused(polygon: Ints, what: str) -> Fault:
     shown = ", ".join(map(str, polygon[:8].tolist())) + (", ..." if len(polygon) > 8 else "")
-    fault = f"has a face of {len(polygon)} corners (vertices {shown}, counted from 0) that {what}"
+    problem = f"has a face of {len(polygon)} corners (vertices {shown}, counted from 0) that {what}"
     rule = "more than three corners must lie flat, and one of them must see the whole face"
-    return Fault(fault, rule, "triangulate the faces where the file is written", kind=GeometryError)
+    return Fault(problem, rule, "triangulate the faces where the file is written", kind=GeometryError)
 
 
-def unread(what: str, mend: str = "export it as plain triangles, e.g. as STL") -> Fault:
+def unread(what: str, hint: str = "export it as plain triangles, e.g. as STL") -> Fault:
     """What is wrong with a file of which a part is not read, and so would be lost."""
-    return Fault(f"has {what}, which is not read", "it would be lost", mend, kind=GeometryError)
+    return Fault(f"has {what}, which is not read", "it would be lost", hint, kind=GeometryError)
 
 
 def read_obj(file: Path) -> Surface:

@@ -148,8 +148,8 @@ def _beside(path: str | os.PathLike[str], image: str) -> pathlib.Path:
     try:
         outside = not file.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError, ValueError) as error:
-        fault = f"image is {image!r:.60}, which cannot be looked up"
-        raise _fault(fault, "the name of a file", "correct it") from error
+        problem = f"image is {image!r:.60}, which cannot be looked up"
+        raise _fault(problem, "the name of a file", "correct it") from error
     if outside:
         warn_user(f"{os.fspath(path)}: image is {image!r}, which lies outside of its folder")
     return file
@@ -166,8 +166,8 @@ def _number(value: Any, key: str) -> float:
     return number
 
 
-def _fault(fault: str, rule: str, mend: str) -> Fault:
-    return Fault(fault, f"in a ROS map it must be {rule}", mend)
+def _fault(problem: str, rule: str, hint: str) -> Fault:
+    return Fault(problem, f"in a ROS map it must be {rule}", hint)
 
 
 def _trinary(header: _Header, image: Shades) -> tuple[Bools, Bools]:
@@ -402,8 +402,8 @@ def _values(data: ArrayLike) -> Ints | NDArray[np.int8]:
             "msg.data", "is not one list of numbers", "it must be", "pass the message whole", value=data
         ) from error
     if values.dtype.kind not in "iu":
-        fault = f"holds values of type {values.dtype}"
-        raise InputError("msg.data", fault, "they must be whole numbers, from -1 to 100", "round them", value=data)
+        problem = f"holds values of type {values.dtype}"
+        raise InputError("msg.data", problem, "they must be whole numbers, from -1 to 100", "round them", value=data)
     return values
 
 
@@ -454,14 +454,14 @@ def corners_of(footprint: str | ArrayLike, name: str = "footprint") -> Floats:
     list of three points or more, and InputError, with its ``name``, if a number is not finite.
     """
     rule = "it must be three points or more, each of two numbers, x and y in metres"
-    fault, mend = f"is {footprint!r:.80}", "write e.g. [[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"
+    problem, hint = f"is {footprint!r:.80}", "write e.g. [[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"
     try:
         value = ast.literal_eval(footprint.strip()) if isinstance(footprint, str) else footprint
         corners = finite(value, name)
     except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError) as error:
-        raise GeometryError(name, fault, rule, mend, value=footprint) from error
+        raise GeometryError(name, problem, rule, hint, value=footprint) from error
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
-        raise GeometryError(name, fault, rule, mend, value=footprint)
+        raise GeometryError(name, problem, rule, hint, value=footprint)
     return corners
 
 
@@ -477,8 +477,8 @@ def read_nav2(path: str | os.PathLike[str], costmap: str | None = None) -> Base:
     file = os.fspath(path)
     tables = dict(_tables(read_yaml(path, "file of Nav2's parameters"), ()))
     if not tables:
-        mend = "write e.g. 'robot_radius: 0.22' in its local_costmap and global_costmap"
-        raise FileError(file, "holds neither footprint nor robot_radius", "a costmap has one of them", mend)
+        hint = "write e.g. 'robot_radius: 0.22' in its local_costmap and global_costmap"
+        raise FileError(file, "holds neither footprint nor robot_radius", "a costmap has one of them", hint)
     bases = {name: _base(table, f"{file}: {name or 'the file'}") for name, table in tables.items()}
     chosen = {name: base for name, base in bases.items() if costmap is None or name.endswith(costmap)}
     if not chosen:
@@ -486,8 +486,8 @@ def read_nav2(path: str | os.PathLike[str], costmap: str | None = None) -> Base:
     if len(set(chosen.values())) > 1:
         names = "; ".join(f"{name} has {base}" for name, base in chosen.items())
         first = next(iter(chosen))
-        mend = f"pass e.g. costmap={first!r}, or {pathlib.Path(file).name}#{first}"
-        raise FileError(file, f"tells of more than one robot: {names}", "one is mapped at a time", mend)
+        hint = f"pass e.g. costmap={first!r}, or {pathlib.Path(file).name}#{first}"
+        raise FileError(file, f"tells of more than one robot: {names}", "one is mapped at a time", hint)
     return next(iter(chosen.values()))
 
 

@@ -136,8 +136,8 @@ def _check(root: Element) -> None:
     for joint in root.findall("joint"):
         links = [getattr(joint.find(end), "attrib", {}).get("link") for end in ("parent", "child")]
         if not all(end in known for end in links):
-            fault = f"joins {links[0]!r} to {links[1]!r} by the joint {joint.get('name')!r}"
-            raise Fault(fault, "both must be links of it", "correct the names")
+            problem = f"joins {links[0]!r} to {links[1]!r} by the joint {joint.get('name')!r}"
+            raise Fault(problem, "both must be links of it", "correct the names")
         axis = getattr(joint.find("axis"), "attrib", {}).get("xyz", "1")
         if joint.get("type") != "fixed" and not any(word.strip("+-0.eE") for word in axis.split()):
             raise Fault(f"has the axis {axis!r} at the joint {joint.get('name')!r}", "it is not zero", "correct it")

@@ -128,10 +128,10 @@ def read_nrrd(
             np.not_equal(values, 0, out=part)
             wrong = values[part & (values != 1)]
             if len(wrong):
-                fault = f"is missing for {os.fspath(path)}, which holds {wrong[0]:g}"
+                problem = f"is missing for {os.fspath(path)}, which holds {wrong[0]:g}"
                 rule = "without it a voxel is 0, free, or 1, occupied"
                 hint = "pass e.g. threshold=0.5: voxels of at least that value are occupied"
-                raise InputError("threshold", fault, rule, hint)
+                raise InputError("threshold", problem, rule, hint)
     return corner, side, np.flip(occupied.reshape(header.sizes, order="F").transpose(order), flipped)
 
 
@@ -394,15 +394,15 @@ def _leaves(header: _Header, data: bytes) -> Ints:
         records.setflags(write=False)  # as those of a binary tree, so that both are read by the same compiled code
     leaves = np.empty((min(header.size, 8 * len(records)), 5), dtype=np.int64)
     way = np.zeros((DEPTH + 1, 4), dtype=np.int64)
-    nodes, count, fault = leaves_of(records, header.binary, leaves, way)
+    nodes, count, problem = leaves_of(records, header.binary, leaves, way)
     broken = int(np.isnan(values[:nodes]).sum())
     if broken:
         raise Fault(f"has {broken} nodes without a value (NaN)")
-    if fault == 1:
+    if problem == 1:
         raise Fault(f"ends after {nodes} nodes, and its header says {header.size}")
-    if fault or nodes != header.size:
+    if problem or nodes != header.size:
         reason = {2: f"an inner node below level {DEPTH}", 3: "an inner node without children"}.get(
-            fault, f"{'more' if fault else nodes} nodes, where its header says {header.size}"
+            problem, f"{'more' if problem else nodes} nodes, where its header says {header.size}"
         )
         raise Fault(f"holds {reason}", "that is no octree of OctoMap", "the file is damaged, fetch it again")
     return leaves[:count]

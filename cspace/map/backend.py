@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
-from cspace.map.batches import Kernel, Query, in_pieces
+from cspace.map.batches import Kernel, Query, in_threaded_chunks
 from cspace.map.derived import Lock
 from cspace.map.periodic import Periodic
 from cspace.map.storage import Map
@@ -50,7 +50,7 @@ class MemoryBackend:
     def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = LEAST) -> Query:
         """See :meth:`Backend.query`."""
         run = partial(kernel, self.map_, *arguments)
-        return in_pieces(self.periodic.wrap_rows(run) if self.periodic else run, least)
+        return in_threaded_chunks(self.periodic.wrap_rows(run) if self.periodic else run, least)
 
     def at_one_moment(self, work: Callable[[], Result]) -> Result:
         """See :meth:`Backend.at_one_moment`."""

@@ -27,10 +27,12 @@ D = TypeVar("D", bound=np.generic)
 S = TypeVar("S")
 
 Number = np.floating[Any] | np.integer[Any] | np.bool_
-One = Sequence[float] | np.ndarray[tuple[int], np.dtype[Number]]
+Configuration = Sequence[float] | np.ndarray[tuple[int], np.dtype[Number]]
 """One configuration, shape (dof,), as type checkers know it."""
 
-Many = NDArray[Number] | Sequence[Sequence[float]] | Sequence[NDArray[Number]] | Sequence[Sequence[Sequence[float]]]
+ConfigurationBatch = (
+    NDArray[Number] | Sequence[Sequence[float]] | Sequence[NDArray[Number]] | Sequence[Sequence[Sequence[float]]]
+)
 """A batch of them, shape (..., dof)."""
 
 NO_ANGLES: Final[Mapping[int, str]] = {}
@@ -59,7 +61,7 @@ def answer(
     dof : int
         The length d of a configuration.
     query : callable
-        Answers for a batch; :func:`in_pieces` makes one of a kernel.
+        Answers for a batch; :func:`in_threaded_chunks` makes one of a kernel.
     dtype : numpy scalar type
         Of the answer to a batch.
     scalar : callable
@@ -82,7 +84,7 @@ def answer(
     return out.reshape(points.shape[:-1]) if points.ndim > 1 else scalar(out[0])
 
 
-def answer_edges(
+def evaluate_edges(
     q0: ArrayLike,
     q1: ArrayLike,
     dof: int,
@@ -99,8 +101,8 @@ def answer_edges(
         try:
             shape = np.broadcast_shapes(shape, rows1.shape)
         except ValueError as error:
-            fault = f"has shape {rows0.shape} and q1 {rows1.shape}"
-            raise InputError("q0", fault, "they must broadcast", "pass batches of equal shape", value=q0) from error
+            problem = f"has shape {rows0.shape} and q1 {rows1.shape}"
+            raise InputError("q0", problem, "they must broadcast", "pass batches of equal shape", value=q0) from error
         rows0, rows1 = np.broadcast_to(rows0, shape), np.broadcast_to(rows1, shape)
     first, second = rows0.reshape(-1, dof), rows1.reshape(-1, dof)
     out = np.empty(len(first), dtype=np.bool_)
@@ -126,7 +128,7 @@ def answer_pairs(vertices: Floats, pairs: Ints, query: Query) -> Bools:
     return out
 
 
-def side_by_side(query: Query, lower: Sequence[float], upper: Sequence[float]) -> Query:
+def in_spatial_order(query: Query, lower: Sequence[float], upper: Sequence[float]) -> Query:
     """A query that gets large batches in an order in which near configurations, or starts of edges, follow each other.
 
     Near are those in the same part of the box from ``lower`` to ``upper``; what is outside goes with what is nearest.
@@ -171,7 +173,7 @@ def as_points(q: ArrayLike, name: str, dof: int) -> Floats:
     return np.asarray(check_rows(q, name, dof), dtype=np.float64)
 
 
-def in_pieces(kernel: Kernel, least: int = LEAST) -> Query:
+def in_threaded_chunks(kernel: Kernel, least: int = LEAST) -> Query:
     """An :data:`Query` of a compiled kernel, in threads of at least ``least`` rows each."""
     return partial(_fill, kernel, least)
 
@@ -206,5 +208,5 @@ def own(rows: NDArray[Any]) -> Floats:
 def _not_usable(values: NDArray[Any], name: str, index: int) -> InputError:
     """The error for a configuration, or an edge, of a batch."""
     numbers = tuple(values.astype(np.float64).tolist())
-    mend = "mend or drop those that are not so first"
-    return InputError(name, f"number {index} is {numbers}", Rotations.all_limits(), mend, value=numbers)
+    hint = "mend or drop those that are not so first"
+    return InputError(name, f"number {index} is {numbers}", Rotations.all_limits(), hint, value=numbers)

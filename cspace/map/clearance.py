@@ -26,7 +26,7 @@ from cspace.errors import InputError
 from cspace.grid import SLACK
 from cspace.map.callbacks import callback
 from cspace.map.derived import Lock
-from cspace.map.mip import ROWS, SHIFT, SIDE, Marks, PlaneMarks, SpaceMarks
+from cspace.map.mip import ROWS, SHIFT, SIDE, OccupancyBits, PlaneMarks, SpaceMarks
 from cspace.map.points import FAR, Cell, Numbers, configuration, is_usable, replaced, state_at
 from cspace.map.storage import Map, Stack, zeros_above, zeros_below
 from cspace.threads import in_chunks
@@ -66,14 +66,14 @@ ROUNDING: Final = 2.0**-40
 
 
 @kernel
-def clearance_at(map_: Map, marks: Marks, q: Numbers, most: float) -> float:
+def clearance_at(map_: Map, marks: OccupancyBits, q: Numbers, most: float) -> float:
     """Lower bound of the distance from a configuration to the nearest one that is not FREE, in cells.
 
     ``most`` is known to be above it; infinity, if nothing is known.
     """
     if state_at(map_, q) != FREE:
         return 0.0
-    s, dim, place = map_.rotations.slice_at(q), len(map_.lower), (0.5, 0.5, 0.5)
+    s, dim, place = map_.rotations.states_at(q), len(map_.lower), (0.5, 0.5, 0.5)
     border = math.inf
     for axis in range(dim):
         # What is farther away is no nearer to anything.
@@ -120,7 +120,7 @@ def square_outside(map_: Map, s: int, place: Place) -> float:
 # zero: a block of blocks, a block, a cell. What is no nearer than the best cell so far is not looked into.
 
 
-def nearest_close(marks: Marks, s: int, place: Place, best: float) -> tuple[float, float]:
+def nearest_close(marks: OccupancyBits, s: int, place: Place, best: float) -> tuple[float, float]:
     """The same of a place in the grid, of what is near, and the squared distance up to which that is all."""
     raise NotImplementedError
 
@@ -248,7 +248,7 @@ def word_from(row: Words, number: int) -> np.uint64:
 
 
 @always_inline
-def nearest_square(marks: Marks, s: int, place: Place, best: float) -> float:
+def nearest_square(marks: OccupancyBits, s: int, place: Place, best: float) -> float:
     """Squared distance to the nearest cell of a slice that is not FREE; ``best``, if that is less."""
     _, nx, ny, nz = marks.nodes.shape
     below_x, above_x = around(place[0], NODE, 0, nx)
@@ -278,7 +278,9 @@ def nearest_square(marks: Marks, s: int, place: Place, best: float) -> float:
 
 
 @always_inline
-def nearest_in_node(marks: Marks, s: int, node: Cell, place: Place, gaps: tuple[float, float], best: float) -> float:
+def nearest_in_node(
+    marks: OccupancyBits, s: int, node: Cell, place: Place, gaps: tuple[float, float], best: float
+) -> float:
     """The same of a block of blocks."""
     layers = marks.blocks[s, node[0], node[1], node[2]]
     first_x, first_y, first_z = node[0] * layers.shape[0], node[1] << SHIFT, node[2] << SHIFT
@@ -311,7 +313,7 @@ def nearest_in_node(marks: Marks, s: int, node: Cell, place: Place, gaps: tuple[
 
 
 def seen_in_node(
-    marks: Marks, node: Cell, place: Place, x_square: float, gaps: tuple[float, float], best: float
+    marks: OccupancyBits, node: Cell, place: Place, x_square: float, gaps: tuple[float, float], best: float
 ) -> np.uint64:
     """The bits of a layer of a block of blocks that may be near enough."""
     raise NotImplementedError
@@ -329,7 +331,7 @@ def _seen_in_plane(
     return EVERY  # a single layer is looked through sooner than cut down
 
 
-def nearest_in_block(marks: Marks, s: int, block: Cell, place: Place, best: float) -> float:
+def nearest_in_block(marks: OccupancyBits, s: int, block: Cell, place: Place, best: float) -> float:
     """The same of a block of cells."""
     raise NotImplementedError
 
@@ -454,7 +456,7 @@ def nearest_part(word: np.uint64, wide: np.uint64, place: float, size: float, fi
 
 
 @kernel
-def clearances(map_: Map, marks: Marks, points: Floats, out: Floats) -> int:
+def clearances(map_: Map, marks: OccupancyBits, points: Floats, out: Floats) -> int:
     """Clearances of configurations, shape (n, dof), in metres; the index of the first one that is not usable, or -1."""
     last, dim = map_.lower + map_.rotations.zeros(), len(map_.lower)
     known = math.inf
@@ -464,7 +466,7 @@ def clearances(map_: Map, marks: Marks, points: Floats, out: Floats) -> int:
             return n
         # A configuration near the last one is not much farther from what is not FREE, at the same rotation.
         most = math.inf
-        if map_.rotations.slice_at(q) == map_.rotations.slice_at(last):
+        if map_.rotations.states_at(q) == map_.rotations.states_at(last):
             square = 0.0
             for axis in range(dim):
                 square += ((q[axis] - last[axis]) / map_.spacing) ** 2
@@ -479,13 +481,13 @@ class Clearance(NamedTuple):
     """The clearance of a configuration, in metres."""
 
     map_: Map
-    marks: Marks
+    marks: OccupancyBits
 
     def answer(self, q: Numbers) -> float:
         return clearance_at(self.map_, self.marks, q, math.inf) * self.map_.spacing
 
 
-def checker(map_: Map, marks: Marks, dof: int) -> Callable[..., float]:
+def checker(map_: Map, marks: OccupancyBits, dof: int) -> Callable[..., float]:
     """A quick clearance of the numbers of one configuration; it stays right through all changes."""
     return callback(Clearance(map_, marks), dof)
 

@@ -82,7 +82,7 @@ class Blocks(NamedTuple):
     shifts: tuple[int, int, int]
     shape: tuple[int, int, int]
     mixed: bool
-    rim_is_open: Bools
+    exterior_open: Bools
 
 
 class Labels(NamedTuple):
@@ -184,7 +184,7 @@ def pack(blocks: Blocks, segment: int, words: Words) -> None:
     (_, nx, ny, nz), (deep, wide, long), (layers, rows, columns) = blocks.grid, blocks.shifts, blocks.shape
     first_x, first_y = segment // (columns * rows) % layers << deep, segment // columns % rows << wide
     s, z = segment // (columns * rows * layers), segment % columns << long
-    rim = ~bits_from(1 << long) if blocks.rim_is_open[s] else np.uint64(0)
+    rim = ~bits_from(1 << long) if blocks.exterior_open[s] else np.uint64(0)
     height = 1 << (deep + wide)
     count = len(words) // height
     for row in range(-AHEAD, height):
@@ -218,7 +218,7 @@ def number_at(labels: Labels, row: int, bit: np.uint64) -> int:
 
 
 @always_inline
-def runs_apart(word: np.uint64, other: np.uint64) -> np.uint64:
+def disjoint_run_ends(word: np.uint64, other: np.uint64) -> np.uint64:
     """The last cells of those runs of a word that have no cell in another one."""
     # A carry from the first cell of each run ends where the other has a cell, or behind the run, or leaves the word.
     apart = word & ~other
@@ -278,9 +278,15 @@ def label_blocks(blocks: Blocks, segments: Ints, starts: Ints, labels: Labels, p
                 word, other, first = words[at], words[before], np.int64(bounds[before])
                 bounds[at + 1] = begin
                 count = bounds[before + 1] - first
-                alike = (beside == at or below == at) and word != 0 and count > 0 and runs_apart(word, other) == 0
+                alike = (
+                    (beside == at or below == at) and word != 0 and count > 0 and disjoint_run_ends(word, other) == 0
+                )
                 if alike and count > 1:  # so they are where runs touch one each, and all of them are touched
-                    alike = runs_in(word) == count and runs_in(word & other) == count and runs_apart(other, word) == 0
+                    alike = (
+                        runs_in(word) == count
+                        and runs_in(word & other) == count
+                        and disjoint_run_ends(other, word) == 0
+                    )
                 if alike:
                     for m in range(count):
                         numbers[begin + m] = numbers[first + m]
@@ -351,7 +357,7 @@ def meet_blocks(
             if axis != 0 and row >= wide:
                 before |= (words[own - wide] >> ahead) & words[other - wide]
             # What touches behind cells that touch is joined by these; of each other run, the last cell stands for it.
-            left = runs_apart(touch, before)
+            left = disjoint_run_ends(touch, before)
             while left != 0:
                 bit = left & (~left + _ONE)
                 left ^= bit
@@ -438,7 +444,7 @@ def look_up(blocks: Blocks, joined: Joined, cells: Ints, components: Ints) -> in
             # FREE, MIXED and BLOCKED count up.
             ours = state_in(blocks.cells, ((s * nx + x) * ny + y) * nz + z) <= np.int64(blocks.mixed)
         else:
-            ours, x, y, z = blocks.rim_is_open[s], nx if solid else 0, ny, nz
+            ours, x, y, z = blocks.exterior_open[s], nx if solid else 0, ny, nz
         components[n] = -1
         if not ours:
             continue
@@ -483,14 +489,14 @@ class Components:
     and are joined by their sides.
 
     The states are shared, not copied; :meth:`renew` notes changes. ``neighbors``, shape (rotations, n), are the
-    rotation cells that each one shares a border with; -1 fills up. ``rim_is_open``, shape (slices,), is whether any
+    rotation cells that each one shares a border with; -1 fills up. ``exterior_open``, shape (slices,), is whether any
     configuration outside the grid is not BLOCKED.
     """
 
-    def __init__(self, states: Stack, slice_of: Ints, neighbors: Ints, rim_is_open: Bools) -> None:
+    def __init__(self, states: Stack, slice_of: Ints, neighbors: Ints, exterior_open: Bools) -> None:
         self._states, self._turns = states, Turns.of(slice_of, neighbors, len(states))
-        self._rims = np.zeros(len(states), dtype=np.bool_), np.asarray(rim_is_open, dtype=np.bool_)
-        self._kinds: dict[bool, OneKind] = {}
+        self._rims = np.zeros(len(states), dtype=np.bool_), np.asarray(exterior_open, dtype=np.bool_)
+        self._kinds: dict[bool, StateComponents] = {}
 
     def renew(self, boxes: Ints) -> None:
         """Note which cells have changed: those of a box for each slice, shape (slices, 6)."""
@@ -520,7 +526,7 @@ class Components:
         alone = Turns.of(np.zeros(1, dtype=np.int64), np.empty((1, 0), dtype=np.int64), 1)
         places = cells.copy()
         places[:, 0] = 0
-        open_ones = OneKind(states[None], alone, True, np.array([self._rims[True].any()]))
+        open_ones = StateComponents(states[None], alone, True, np.array([self._rims[True].any()]))
         one, other = open_ones.of(places).tolist()
 
         def few_join() -> bool:
@@ -530,7 +536,7 @@ class Components:
             self._kind(mixed=True)  # so that these are asked from now on
             if SHORT * len(blocks) > open_ones.count:
                 return False
-            few = OneKind(self._states, self._turns, True, self._rims[True], blocks)
+            few = StateComponents(self._states, self._turns, True, self._rims[True], blocks)
             first, second = few.of(cells).tolist()
             return bool(-1 != first == second)
 
@@ -540,9 +546,9 @@ class Components:
         """First and last cell, shape (2, d), of the box around the component of a FREE cell, shape (1 + d,)."""
         return self._kind(mixed=False).box(cell)
 
-    def _kind(self, mixed: bool) -> OneKind:
+    def _kind(self, mixed: bool) -> StateComponents:
         if mixed not in self._kinds:
-            self._kinds[mixed] = OneKind(self._states, self._turns, mixed, self._rims[mixed])
+            self._kinds[mixed] = StateComponents(self._states, self._turns, mixed, self._rims[mixed])
         return self._kinds[mixed]
 
 
@@ -550,9 +556,9 @@ class PeriodicComponents(Components):
     """Components of the cells of one turn, joined across the seams of periodic axes."""
 
     def __init__(
-        self, states: Stack, slice_of: Ints, neighbors: Ints, rim_is_open: Bools, periodic: Sequence[bool]
+        self, states: Stack, slice_of: Ints, neighbors: Ints, exterior_open: Bools, periodic: Sequence[bool]
     ) -> None:
-        super().__init__(states, slice_of, neighbors, rim_is_open)
+        super().__init__(states, slice_of, neighbors, exterior_open)
         sides, shape = [], states.shape[1:]
         for axis in np.flatnonzero(periodic).tolist():
             first = np.indices((*shape[:axis], 1, *shape[axis + 1 :])).reshape(len(shape), -1).T
@@ -596,7 +602,7 @@ def _join_across_seams(numbers: Ints) -> tuple[Ints, Ints]:
     return names, names[np.unique(classes, return_index=True)[1]][classes]
 
 
-class OneKind:
+class StateComponents:
     """The components of cells of one kind, in two levels, so that a change reads few cells, and no cell has a label.
 
     The cells of each block are joined by themselves, along the runs of its rows, and so are the components of blocks
@@ -606,13 +612,15 @@ class OneKind:
     Of some blocks alone, ``among``, numbers within a slice, all that is joined is so in the whole map too.
     """
 
-    def __init__(self, states: Stack, turns: Turns, mixed: bool, rim_is_open: Bools, among: Ints | None = None) -> None:
+    def __init__(
+        self, states: Stack, turns: Turns, mixed: bool, exterior_open: Bools, among: Ints | None = None
+    ) -> None:
         slices, self._dim = len(states), states.ndim - 1
         flat, shifts = (1,) * (3 - self._dim), SHIFTS[self._dim]
         # Each axis has room for the layer beyond; the first one of a plane has none.
         shape = *flat, *(1 + (n >> shift) for n, shift in zip(states.shape[1:], shifts[len(flat) :], strict=True))
         grid = (slices, *flat, *states.shape[1:])
-        self._blocks = Blocks(cells_of(states), grid, shifts, shape, mixed, rim_is_open)
+        self._blocks = Blocks(cells_of(states), grid, shifts, shape, mixed, exterior_open)
         self._turns = turns
         numbers = np.arange(math.prod(shape)).reshape(shape)
         # From the number of a block to that of the next one along each axis, and in each of the later slices, or none.
@@ -745,10 +753,10 @@ class OneKind:
             known, missing, (places, labels) = 0, segments, self._nothing()
         made = self._label(missing)
         labels = Labels(
-            _followed(labels.words, len(labels.words), [made.words]),
-            _followed(labels.bounds, len(labels.bounds), [made.bounds[1:] + labels.bounds[-1]]),
-            _followed(labels.numbers, len(labels.numbers), [made.numbers[: made.bounds[-1]].copy()]),
-            _followed(labels.counts, len(labels.counts), [made.counts]),
+            _append_rows(labels.words, len(labels.words), [made.words]),
+            _append_rows(labels.bounds, len(labels.bounds), [made.bounds[1:] + labels.bounds[-1]]),
+            _append_rows(labels.numbers, len(labels.numbers), [made.numbers[: made.bounds[-1]].copy()]),
+            _append_rows(labels.counts, len(labels.counts), [made.counts]),
         )
         self._cached = places, labels
         places[missing] = np.arange(known, known + len(missing))  # last, so that no interrupt leaves one without labels
@@ -779,7 +787,7 @@ class OneKind:
                 sizes = drop_struck(faces)
             parts, rooms = self._parts(np.flatnonzero(stale)), list[Labels]()
             made = in_threads(lambda own: self._read(own, rooms), parts, cores())
-            faces = Faces(*map(_followed, faces, sizes, zip(*made, strict=True)))
+            faces = Faces(*map(_append_rows, faces, sizes, zip(*made, strict=True)))
             joined = self._nodes(faces, sizes[0])
             self._changed[...] = False
             self._faces, self._joined = faces, joined
@@ -869,7 +877,7 @@ def _no_faces() -> Faces:
     return Faces(np.empty((0, 4), dtype=np.int32), np.empty(0, dtype=np.int32))
 
 
-def _followed(array: Numbers, count: int, parts: Sequence[Numbers]) -> Numbers:
+def _append_rows(array: Numbers, count: int, parts: Sequence[Numbers]) -> Numbers:
     """The first rows of an array and, behind them, others; in its own memory, where there is room."""
     size = count + sum(map(len, parts))
     if size == len(parts[0]):

@@ -77,13 +77,13 @@ class Contents:
     fields: Mapping[str, Floats] = field(default_factory=dict)
     exterior: Exterior | None = None
     proves_blocked: bool | None = None
-    endless: tuple[bool, ...] = ()
+    periodic_axes: tuple[bool, ...] = ()
     prove: Callable[..., Any] | None = None
     layers: ObstacleLayers | None = None
 
     def __post_init__(self) -> None:
-        if any(self.endless):
-            object.__setattr__(self, "rotations", Periodic(self.endless, self.grid.shape))
+        if any(self.periodic_axes):
+            object.__setattr__(self, "rotations", Periodic(self.periodic_axes, self.grid.shape))
         shape = (int(self.slice_of.max()) + 1, *self.grid.shape)
         for name, array, kind in (("states", self.states, np.uint8), ("overlaps", self.overlaps, np.int32)):
             if array is not None and (array.shape != shape or array.dtype != kind):
@@ -137,15 +137,15 @@ def checked_fields(fields: Mapping[str, Floats], dim: int, shape: tuple[int, ...
     Raises InputError if one is missing or there are others, or one has another shape or type, or holds what is not
     finite.
     """
-    names, mend = FIELD_NAMES[: 1 + dim], "use OverlapField.of, or CSpace.with_overlap_field"
+    names, hint = FIELD_NAMES[: 1 + dim], "use OverlapField.of, or CSpace.with_overlap_field"
     if set(fields) != set(names):
         rule = f"of a map of {dim} axes they must be {', '.join(names)}"
-        raise InputError("fields", f"are {', '.join(fields) or 'none'}", rule, mend, value=fields)
+        raise InputError("fields", f"are {', '.join(fields) or 'none'}", rule, hint, value=fields)
     for name in names:
         array = fields[name]
         if array.shape != shape or array.dtype != np.float64:
             rule = f"it must have the map's shape {shape} and type float64"
-            raise InputError(name, f"has shape {array.shape} and type {array.dtype}", rule, mend, value=array)
+            raise InputError(name, f"has shape {array.shape} and type {array.dtype}", rule, hint, value=array)
         finite(array, name)
     return {name: read_only(fields[name]) for name in names}
 

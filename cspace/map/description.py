@@ -183,7 +183,7 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
     """Return the metadata of a map in memory: those of :func:`describe_map`, and three more.
 
     ``precision`` is the arithmetic of the engine; ``inner`` is 1 if BLOCKED is proven and 0 if not, left out if that is
-    unknown; ``endless`` names the periodic axes, if there are any.
+    unknown; ``periodic_axes`` names the periodic axes, if there are any.
     """
     grid, workspace = contents.grid, contents.workspace
     about = describe_map(
@@ -193,8 +193,8 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
     about["precision"] = contents.precision
     if contents.proves_blocked is not None:
         about["inner"] = int(contents.proves_blocked)
-    if any(contents.endless):
-        about["endless"] = " ".join(compress(grid.axes, contents.endless))
+    if any(contents.periodic_axes):
+        about["periodic_axes"] = " ".join(compress(grid.axes, contents.periodic_axes))
     return about
 
 

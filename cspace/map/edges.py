@@ -53,7 +53,7 @@ def edge_is_free(map_: Map, blocks: Words | None, q0: Numbers, q1: Numbers) -> b
     """Whether every closed cell within SLACK of an edge is FREE.
 
     Along an edge the position goes straight, and the rotation the shortest way. ``blocks`` are those of
-    :class:`cspace.map.mip.Marks`, or None, so that no walk among them is compiled.
+    :class:`cspace.map.mip.OccupancyBits`, or None, so that no walk among them is compiled.
     """
     cursor = map_.rotations.first_piece(q0, q1)
     while True:

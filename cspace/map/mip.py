@@ -79,13 +79,13 @@ class PlaneMarks(NamedTuple):
     nodes: Words
 
 
-Marks = SpaceMarks | PlaneMarks
+OccupancyBits = SpaceMarks | PlaneMarks
 
-_KINDS: Final[dict[int, tuple[type[Marks], int]]] = {3: (PlaneMarks, 1), 4: (SpaceMarks, SIDE)}
+_KINDS: Final[dict[int, tuple[type[OccupancyBits], int]]] = {3: (PlaneMarks, 1), 4: (SpaceMarks, SIDE)}
 """The kind of the marks of a map, by the number of axes of its states, and how many layers its words have."""
 
 
-class Mip:
+class OccupancyPyramid:
     """The marks of all slices. Changes are noted, and followed at the next call of :meth:`marks`.
 
     The states, in one piece, in C order, are shared, not copied; the lock is held while they change, and while the
@@ -114,14 +114,14 @@ class Mip:
         if self._eager:
             self._follow()
 
-    def marks(self, cells: bool, lasting: bool = False) -> Marks:
-        """The marks as of now, with those of ``cells`` or not; ``lasting`` ones follow each change at once."""
-        if self._noted or cells > bool(self._cells.size) or lasting > self._eager:
+    def marks(self, cells: bool, eager: bool = False) -> OccupancyBits:
+        """The marks as of now, with those of ``cells`` or not; ``eager`` ones follow each change at once."""
+        if self._noted or cells > bool(self._cells.size) or eager > self._eager:
             with self._lock:
                 if cells and not self._cells.size:
                     self._cells = np.zeros(self._cells_shape, dtype=np.uint64)
                     self._noted = [self._whole()]
-                self._eager |= lasting
+                self._eager |= eager
                 self._follow()
         return self._kind(*map(read_only, (self._cells, self._blocks, self._nodes.view(np.uint64))))
 
@@ -179,8 +179,8 @@ def flipped(word: np.uint64) -> np.uint64:
     return word
 
 
-def mark_layer(marks: Marks, s: int, i: int, b: int, first: int, depth: int, eights: Words) -> None:
-    """Mark the cells of a layer, in blocks that follow each other along z, by what each word of :class:`Marks` has."""
+def mark_layer(marks: OccupancyBits, s: int, i: int, b: int, first: int, depth: int, eights: Words) -> None:
+    """Mark the cells of a layer, in blocks that follow each other along z, by each word of the bits."""
     raise NotImplementedError
 
 
@@ -202,7 +202,7 @@ dispatch_on_type(mark_layer, {SpaceMarks: _mark_layer_in_space, PlaneMarks: _mar
 
 
 @kernel
-def mark(states: States, marks: Marks, room: tuple[States, Words, Words], boxes: Ints) -> None:
+def mark(states: States, marks: OccupancyBits, room: tuple[States, Words, Words], boxes: Ints) -> None:
     """Mark what boxes of cells touch; see :class:`SpaceMarks`.
 
     ``room`` is for its own use: a row of blocks along z, as bytes and as the same words, and as many words again.

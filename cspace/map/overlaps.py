@@ -85,7 +85,7 @@ def overlap_at(map_: Map, counts: Counts, runs: Runs, outside: int, q: Numbers) 
     nx, ny, nz = counts.shape[0], counts.shape[1], counts.shape[2] - 1
     _, _, cell = cell_of(map_, q)
     i, j, k = layered(cell, 0)
-    number = map_.rotations.slice_at(q)
+    number = map_.rotations.states_at(q)
     total = 0
     for r in range(runs.stops[number - 1] if number > 0 else 0, runs.stops[number]):
         a, b = i + runs.rows[r, 0], j + runs.rows[r, 1]

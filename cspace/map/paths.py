@@ -24,22 +24,24 @@ PULLING: Final = 0.1
 """Seconds after the time limit in which a path that was found in time is still pulled straight."""
 
 
-def unwound(cells: Ints, shape: Sequence[int], endless: Sequence[bool]) -> Ints:
+def unwind(cells: Ints, shape: Sequence[int], periodic_axes: Sequence[bool]) -> Ints:
     """Cells ``(rotation, x, ...)`` of a chain, shape (n, 1 + d), that count on where axes close in a circle."""
     cells = cells.copy()
-    for axis in np.flatnonzero(endless).tolist():
+    for axis in np.flatnonzero(periodic_axes).tolist():
         cells[:, 1 + axis] = np.unwrap(cells[:, 1 + axis], period=shape[axis])
     return cells
 
 
-def waypoints(grid: Grid, rotations: Rotations, endpoints: Floats, cells: Ints, endless: Sequence[bool]) -> Floats:
+def waypoints(
+    grid: Grid, rotations: Rotations, endpoints: Floats, cells: Ints, periodic_axes: Sequence[bool]
+) -> Floats:
     """The path from one configuration to another, shape (2, dof), by the middles of cells, shape (n, 1 + d).
 
-    Cells may count on, as of :func:`unwound`; then endpoints are moved by whole turns to where the cells are.
+    Cells may count on, as of :func:`unwind`; then endpoints are moved by whole turns to where the cells are.
     """
     middles = np.column_stack([grid.center_of(cells[:, 1:]), rotations.centers[cells[:, 0]]])
     path = np.vstack([endpoints[0], middles, endpoints[1]])
-    for axis in np.flatnonzero(endless).tolist():
+    for axis in np.flatnonzero(periodic_axes).tolist():
         path[[0, -1], axis] = beside(path[[0, -1], axis], path[[1, -2], axis])
     return path
 

@@ -153,13 +153,13 @@ NOT_PERIODIC: Final = Periodic()
 """The periodic axes of a map that has none."""
 
 
-def with_wrapped_angles(check: Callable[..., T], endless: Sequence[bool]) -> Callable[..., T]:
+def with_wrapped_angles(check: Callable[..., T], periodic_axes: Sequence[bool]) -> Callable[..., T]:
     """Wrap a function of one or two configurations, as floats, so that it gets angles of periodic axes in [-pi, pi).
 
     Angles of the second configuration are those within half a turn of the first. Angles that look-ups refuse become
     NaN, where no configuration is free.
     """
-    circles, dof = [k for k, turns in enumerate(endless) if turns], len(endless)
+    circles, dof = [k for k, turns in enumerate(periodic_axes) if turns], len(periodic_axes)
     if not circles:
         return check
 
@@ -180,12 +180,12 @@ def with_wrapped_angles(check: Callable[..., T], endless: Sequence[bool]) -> Cal
     return wrapped
 
 
-def below_half_a_turn(check: Callable[..., bool], endless: Sequence[bool]) -> Callable[..., bool]:
+def below_half_a_turn(check: Callable[..., bool], periodic_axes: Sequence[bool]) -> Callable[..., bool]:
     """Wrap a check of edges so that it is False if an angle changes by half a turn or more.
 
     The check takes the shorter arc, which is then another motion.
     """
-    circles, dof = [k for k, turns in enumerate(endless) if turns], len(endless)
+    circles, dof = [k for k, turns in enumerate(periodic_axes) if turns], len(periodic_axes)
     if not circles:
         return check
     return lambda *both: all(abs(both[dof + k] - both[k]) < 0.499 * TURN for k in circles) and check(*both)

@@ -83,7 +83,7 @@ def cell_of(map_: Map, q: Numbers) -> tuple[bool, int, Cell]:
     That is ``(slice, x, y)`` or ``(slice, x, y, z)``; along an axis it is that of ``Grid.cell_of``.
     """
     inside: bool = np.bool_(True)  # type: ignore[assignment]  # of one type for the compiler from the start
-    number = map_.rotations.slice_at(q)
+    number = map_.rotations.states_at(q)
     cell: Cell = replaced(map_.states.shape, 0, number)
     for axis in range(len(map_.lower)):
         n = map_.states.shape[axis + 1]

@@ -89,7 +89,7 @@ class Graph(NamedTuple):
     rings: Place
 
     @classmethod
-    def of(cls, states: Stack, slice_of: Ints, neighbors: Ints, turns: Floats, endless: Sequence[bool]) -> Graph:
+    def of(cls, states: Stack, slice_of: Ints, neighbors: Ints, turns: Floats, periodic_axes: Sequence[bool]) -> Graph:
         """From states by slice, shape (slices, *cells); some axes of the grid close in a circle."""
         dim = states.ndim - 1
         nx, ny, nz = (1,) * (3 - dim) + tuple(states.shape[1:])
@@ -98,7 +98,7 @@ class Graph(NamedTuple):
         moves = moves[np.argsort(np.abs(moves).sum(axis=1), kind="stable")][1:]
         touched = ((moves == 0) | (moves == moves[:, None])).all(axis=2)
         parts, steps = (touched << np.arange(len(moves))).sum(axis=1), (moves * (ny * nz, nz, 1)).sum(axis=1)
-        closed = (False,) * (3 - dim) + tuple(endless)
+        closed = (False,) * (3 - dim) + tuple(periodic_axes)
         rings = nx if closed[0] else FAR, ny if closed[1] else FAR, nz if closed[2] else FAR
         lengths = np.linalg.norm(moves, axis=1)
         return cls(cells_of(states), (nx, ny, nz), slice_of, neighbors, turns, moves, steps, lengths, parts, rings)

@@ -412,7 +412,7 @@ def check_bytes(states: int) -> None:
             "the state of every cell",
             f"takes {bytes_text(states)}, a byte for each",
             f"at most {bytes_text(KEEP * free)} may be taken, which is {KEEP:.0%} of what is free",
-            "ask for one rotation at a time, with slice_at",
+            "ask for one rotation at a time, with states_at",
             value=states,
         )
 

@@ -26,7 +26,7 @@ from cspace.grid import Grid
 from cspace.map.callbacks import edge_checker
 from cspace.map.components import Components
 from cspace.map.derived import Lock
-from cspace.map.paths import in_time, pulled_straight, unwound, waypoints
+from cspace.map.paths import in_time, pulled_straight, unwind, waypoints
 from cspace.map.periodic import below_half_a_turn
 from cspace.map.search import Graph, keep_on
 from cspace.map.storage import Map, Stack, read_only
@@ -90,17 +90,17 @@ class Widest:
     slice_of: Ints
     rotations: Rotations
     turns: Floats
-    endless: Sequence[bool]
+    periodic_axes: Sequence[bool]
     walls: Bools
     noted: list[Ints] = field(default_factory=list)
     cached: dict[int, Components] = field(default_factory=dict)
     lock: Lock = field(default_factory=Lock)
 
     @classmethod
-    def of(cls, map_: Map, states: Iterable[Bytes], rotations: Rotations, endless: Sequence[bool]) -> Widest:
+    def of(cls, map_: Map, states: Iterable[Bytes], rotations: Rotations, periodic_axes: Sequence[bool]) -> Widest:
         """Of a map, by the states of each slice; some axes of it close in a circle."""
         levels, walls = np.empty(map_.states.shape, dtype=np.uint16), walls_of(map_)
-        layered, closed = _layered(levels), _in_space(endless)
+        layered, closed = _layered(levels), _in_space(periodic_axes)
 
         def fill(item: tuple[int, Bytes]) -> None:
             number, state = item
@@ -110,7 +110,7 @@ class Widest:
         middles = np.column_stack([np.zeros((rotations.count, levels.ndim - 1)), rotations.centers])
         turns = np.linalg.norm(rotations.steps(middles[:, None], middles[rotations.neighbors]), axis=-1)
         costs = METRES_A_RADIAN / map_.spacing * turns
-        return cls(levels, map_.slice_of, rotations, costs, endless, walls)
+        return cls(levels, map_.slice_of, rotations, costs, periodic_axes, walls)
 
     def renew(self, boxes: Ints) -> None:
         """Note the box in which states of each slice have changed, shape (slices, 6)."""
@@ -121,7 +121,7 @@ class Widest:
         if not self.noted:
             return self
         levels, walls, noted = self.levels.copy(), walls_of(map_), np.array(self.noted)
-        layered, closed = _layered(levels), _in_space(self.endless)
+        layered, closed = _layered(levels), _in_space(self.periodic_axes)
         boxes = np.concatenate([noted[..., :3].min(axis=0), noted[..., 3:].max(axis=0)], axis=1)
         boxes[(walls != self.walls).any(axis=1)] = 0, 0, 0, *(n - 1 for n in layered.shape[1:])
 
@@ -151,7 +151,7 @@ class Widest:
             beside = [(other, *place) for other in self.rotations.neighbors[rotation].tolist() if other >= 0]
             for axis, step in product(range(len(shape)), (-1, 1)):
                 at = place[axis] + step
-                if self.endless[axis] or 0 <= at < shape[axis]:
+                if self.periodic_axes[axis] or 0 <= at < shape[axis]:
                     beside.append((rotation, *place[:axis], at % shape[axis], *place[axis + 1 :]))
             above = max([path[-1], *beside], key=lambda each: (self.level(each), each))
             if above == path[-1]:
@@ -189,10 +189,10 @@ class Widest:
         TimeoutError is raised from a time on.
         """
         states, places = self.states(least), None
-        graph = Graph.of(states, self.slice_of, self.rotations.neighbors, self.turns, self.endless)
+        graph = Graph.of(states, self.slice_of, self.rotations.neighbors, self.turns, self.periodic_axes)
         if len(self.slice_of) > 1:
             alone = np.zeros(1, dtype=np.int64), self.rotations.neighbors[:1, :0], self.turns[:1, :0]
-            places = Graph.of(read_only(states.min(axis=0, keepdims=True)), *alone, self.endless)
+            places = Graph.of(read_only(states.min(axis=0, keepdims=True)), *alone, self.periodic_axes)
         return graph.chain(start, goal, until, places=places)
 
 
@@ -202,9 +202,9 @@ def _layered(levels: Levels) -> Levels:
     return levels.reshape(slices, *[1] * (3 - len(shape)), *shape)
 
 
-def _in_space(endless: Sequence[bool]) -> Bools:
+def _in_space(periodic_axes: Sequence[bool]) -> Bools:
     """Which of three axes close in a circle; a plane has no x."""
-    return np.array([*[False] * (3 - len(endless)), *endless])
+    return np.array([*[False] * (3 - len(periodic_axes)), *periodic_axes])
 
 
 def levels_of(state: Bytes, walls: Bools) -> Levels:
@@ -238,8 +238,8 @@ def walls_of(map_: Map) -> Bools:
     boxes, dim = map_.exterior[:, :-1], len(shape)
     empty = (boxes[:, :dim] > boxes[:, dim:]).any(axis=1)
     inside = empty | ((boxes[:, :dim] >= 0) & (boxes[:, dim:] < shape)).all(axis=1)
-    walled: Bools = (map_.exterior[:, -1] != FREE) | ~inside
-    return walled[:, None] & (np.arange(3) >= 3 - dim)
+    exterior_blocked: Bools = (map_.exterior[:, -1] != FREE) | ~inside
+    return exterior_blocked[:, None] & (np.arange(3) >= 3 - dim)
 
 
 def renew_levels(levels: Levels, state: Bytes, box: Ints, walls: Bools) -> None:
@@ -270,12 +270,12 @@ def renew_levels(levels: Levels, state: Bytes, box: Ints, walls: Bools) -> None:
 
 
 @kernel
-def begin(states: Bytes, squares: Squares, walled: bool, start: int, stop: int) -> int:
+def begin(states: Bytes, squares: Squares, exterior_blocked: bool, start: int, stop: int) -> int:
     """Write squares of the distances within each row from ``start`` on and before ``stop``."""
     n = states.shape[1]
     for row in range(start, stop):
         for backwards in range(2):
-            last = -1 if walled else -FAR
+            last = -1 if exterior_blocked else -FAR
             for step in range(n):
                 k = step if backwards == 0 else n - 1 - step
                 if states[row, k] != FREE:
@@ -287,11 +287,11 @@ def begin(states: Bytes, squares: Squares, walled: bool, start: int, stop: int) 
 
 
 @jit
-def extend(squares: Squares, walled: bool, start: int, stop: int) -> int:
+def extend(squares: Squares, exterior_blocked: bool, start: int, stop: int) -> int:
     """Make squares of distances within rows those along one more axis, the middle one, of lines from ``start`` on."""
     n = squares.shape[1]
     values, cells, firsts = np.empty(n + 2, np.int64), np.empty(n + 2, np.int64), np.empty(n + 2, np.int64)
-    border = 0 if walled else FAR
+    border = 0 if exterior_blocked else FAR
     for line in range(start, stop):
         a, b = line // squares.shape[2], line % squares.shape[2]
         values[0] = values[n + 1] = border
@@ -339,7 +339,7 @@ def _last_of(u: int, v: int, more: int) -> int:
 # ---- paths -----------------------------------------------------------------------------------------------------------
 
 
-def widest_path(
+def find_widest_path(
     widest: Widest,
     map_: Map,
     grid: Grid,
@@ -360,8 +360,8 @@ def widest_path(
         return np.empty((0, ends.shape[1]))
     up, down = (climb[[widest.level(cell) < level for cell in climb]] for climb in climbs)
     chain = widest.shortest(climbs[0][len(up)], climbs[1][len(down)], level, until)
-    cells = unwound(np.concatenate([up, chain, down[::-1]]), grid.shape, widest.endless)
-    path = waypoints(grid, rotations, ends, cells, widest.endless)
+    cells = unwind(np.concatenate([up, chain, down[::-1]]), grid.shape, widest.periodic_axes)
+    path = waypoints(grid, rotations, ends, cells, widest.periodic_axes)
     if not straight:
         return path
     # Each part keeps to the cells that are as wide as its own narrowest one.
@@ -371,7 +371,7 @@ def widest_path(
     for begin, end, least in ((0, first, low), (first, last, level), (last, len(path) - 1, high)):
         if begin < end:
             wide = _wide_part(widest, map_, cells[max(begin - 1, 0) : end, 1:], least)
-            shorter = in_time(below_half_a_turn(edge_checker(wide, path.shape[1]), widest.endless), until)
+            shorter = in_time(below_half_a_turn(edge_checker(wide, path.shape[1]), widest.periodic_axes), until)
             pieces.append(pulled_straight(path[begin : end + 1], grid.dim, shorter, 2.0 * grid.spacing)[1:])
     return np.concatenate(pieces)
 
@@ -379,7 +379,7 @@ def widest_path(
 def _wide_part(widest: Widest, map_: Map, places: Ints, least: int) -> Map:
     """The map around places, shape (n, d), in which cells of a level or above are FREE, and no others."""
     levels, first, stop = widest.levels, places.min(axis=0) - 1, places.max(axis=0) + 2
-    for axis, turns in enumerate(widest.endless):
+    for axis, turns in enumerate(widest.periodic_axes):
         if turns:
             levels = levels.take(np.arange(first[axis], stop[axis]), axis=axis + 1, mode="wrap")
         else:

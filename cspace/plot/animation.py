@@ -163,9 +163,9 @@ def _timing(seconds: float, rate: float) -> tuple[int, int]:
         raise InputError("rate", f"is {rate!r}", rule, "pass a lower rate", value=rate)
     count = round(lasts * often) + 1
     if count > _MOST_FRAMES:
-        fault = f"is {seconds!r}, which at a rate of {often:g} makes {count} frames"
+        problem = f"is {seconds!r}, which at a rate of {often:g} makes {count} frames"
         rule = f"at most {_MOST_FRAMES} keep the file usable"
-        raise InputError("seconds", fault, rule, "pass fewer seconds or a lower rate", value=seconds)
+        raise InputError("seconds", problem, rule, "pass fewer seconds or a lower rate", value=seconds)
     return 10 * max(2, round(100.0 / often)), max(count, 2)
 
 

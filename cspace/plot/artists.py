@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cspace.arrays import BLOCKED, FREE, MIXED, Floats
 from cspace.grid import Grid
-from cspace.plot.route import Figurine, Ground, Look, MapLike, Route
+from cspace.plot.route import Ground, Look, MapLike, RobotGlyph, Route
 from cspace.rotations import Rotations
 
 if TYPE_CHECKING:
@@ -71,8 +71,8 @@ def classes_of(space: MapLike, rotation: Floats | None, layer: tuple[Any, ...] =
     """
     ground = ground_of(space.workspace, layer) * np.uint8(space.robot.shape.shown)  # or all of it OPEN
     if rotation is not None:
-        return classes_at(ground, space.slice_at(rotation)[layer])
-    stack = (space.slice_at(each)[layer] for each in space.slice_rotations)
+        return classes_at(ground, space.states_at(rotation)[layer])
+    stack = (space.states_at(each)[layer] for each in space.slice_rotations)
     least = most = next(stack)
     for states in stack:
         least, most = np.minimum(least, states), np.maximum(most, states)
@@ -173,7 +173,7 @@ def halo(width: float, alpha: float = 1.0) -> AbstractPathEffect:
     return withStroke(linewidth=width, foreground="white", alpha=alpha)
 
 
-def draw_robots(ax: Axes, figurine: Figurine, at: Floats, pair: Sequence[int] = (0, 1)) -> list[Any]:
+def draw_robots(ax: Axes, figurine: RobotGlyph, at: Floats, pair: Sequence[int] = (0, 1)) -> list[Any]:
     """Draw the robot at configurations, shape (n, dof), as seen in two axes; gives its legend entry.
 
     In the plane its nose shows where it looks.
@@ -195,14 +195,14 @@ def draw_robots(ax: Axes, figurine: Figurine, at: Floats, pair: Sequence[int] = 
     return [Patch(linewidth=0.9, label="robot", **style)]
 
 
-def outline(figurine: Figurine, q: Floats, pair: Sequence[int] = (0, 1)) -> Any:
+def outline(figurine: RobotGlyph, q: Floats, pair: Sequence[int] = (0, 1)) -> Any:
     """The robot at a configuration as seen in two axes, as a matplotlib path in metres."""
     from matplotlib.path import Path
 
     return Path.make_compound_path(*(Path(ring, closed=True) for ring in figurine.outlines(q, pair)))
 
 
-def nose(figurine: Figurine, q: Floats) -> Any:
+def nose(figurine: RobotGlyph, q: Floats) -> Any:
     """The triangle at the front of a robot that has one, as a matplotlib path in metres."""
     from matplotlib.path import Path
 

@@ -23,12 +23,12 @@ def plot_map(space: Any, **options: Any) -> Axes:
 
     Of periodic axes one turn is drawn, or as many as the path crosses.
     """
-    if not any(space.endless):
+    if not any(space.periodic_axes):
         return plot(space, **options)
     shape, path = np.array(space.grid.shape), polyline(space, options.get("path"))
     cells = np.concatenate([[0 * shape, shape - 1], space.grid.cell_of(path)])
-    first = np.where(space.endless, cells.min(axis=0), 0)
-    last = np.where(space.endless, cells.max(axis=0), shape - 1)
+    first = np.where(space.periodic_axes, cells.min(axis=0), 0)
+    last = np.where(space.periodic_axes, cells.max(axis=0), shape - 1)
     crosses = (first < 0).any() or (last >= shape).any()
     return plot(space._unroll(first, last + 1) if crosses else space, **options)
 

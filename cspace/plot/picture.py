@@ -19,11 +19,11 @@ from cspace.errors import InputError
 from cspace.files.access import replacing, suffix_of
 from cspace.plot import artists
 from cspace.plot.route import (
-    Figurine,
     HasPath,
     Look,
     MapLike,
     Part,
+    RobotGlyph,
     Route,
     lost_steps,
     marked,
@@ -390,7 +390,7 @@ def _cells(subject: Any) -> tuple[Floats, Any]:
 
 def _robot(robot: Any) -> tuple[Floats, Any]:
     """Box and painter of a robot's outline, with its reference point."""
-    figurine, origin = Figurine(robot, OneRotation()), np.zeros((1, robot.dim))
+    figurine, origin = RobotGlyph(robot, OneRotation()), np.zeros((1, robot.dim))
 
     def draw(ax: Any) -> None:
         artists.draw_robots(ax, figurine, origin)

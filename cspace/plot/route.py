@@ -40,14 +40,14 @@ class HasPath(Protocol):
     def path(self) -> Floats: ...
 
 
-MapLike: TypeAlias = "CSpace | Part | Bare"
+MapLike: TypeAlias = "CSpace | Part | WorkspaceView"
 """What pictures show: a map in memory, a part of one, or a workspace without a robot."""
 
 HasAxes: TypeAlias = "ConfigurationSpace | MapLike"
 """A space whose configurations have named numbers."""
 
 
-class Figurine:
+class RobotGlyph:
     """A robot as pictures show it: by its outlines in the plane, and in space by its triangles.
 
     Attributes
@@ -152,12 +152,12 @@ class Part:
         workspace = self._space.workspace
         return Ground(workspace.outer[self._box], None if workspace.unknown is None else workspace.unknown[self._box])
 
-    def slice_at(self, rotation: ArrayLike, /) -> NDArray[np.uint8]:
+    def states_at(self, rotation: ArrayLike, /) -> NDArray[np.uint8]:
         """States of its cells at a rotation."""
-        return self._space.slice_at(rotation)[self._box]
+        return self._space.states_at(rotation)[self._box]
 
 
-class Bare:
+class WorkspaceView:
     """A workspace as pictures of maps see it: without a robot, FREE where it is open and BLOCKED in obstacles."""
 
     def __init__(self, workspace: Workspace) -> None:
@@ -168,7 +168,7 @@ class Bare:
         dot = Balls(np.zeros((1, self.grid.dim)), np.ones(1))
         self.robot = Robot(Path(workspace.source).name, dot)  # not drawn, and named after the obstacles
 
-    def slice_at(self, rotation: ArrayLike, /) -> NDArray[np.uint8]:
+    def states_at(self, rotation: ArrayLike, /) -> NDArray[np.uint8]:
         """States of a robot that is a point, at the middle of a cell."""
         return np.where(self.workspace.outer, np.uint8(BLOCKED), np.uint8(FREE))
 
@@ -218,7 +218,7 @@ class Route:
     points: Floats
     marks: dict[str, Floats]
     stations: Floats
-    figurine: Figurine
+    figurine: RobotGlyph
     cut: bool = False
     lost: Bools = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     shown: Bools | None = None
@@ -233,7 +233,7 @@ class Route:
         """
         points = polyline(space, path)
         marks = marked(space, path, points, start, goal)
-        figurine = Figurine(space.robot, space.rotations)
+        figurine = RobotGlyph(space.robot, space.rotations)
         return cls(
             points,
             marks,
@@ -291,8 +291,8 @@ def polyline(space: HasAxes, path: Any) -> Floats:
     if points.shape == (0,):
         return np.empty((0, len(space.axes)))
     if points.ndim != 2 or points.shape[1] != len(space.axes):
-        mend = f"pass one configuration ({', '.join(space.axes)}) in a row"
-        raise InputError("path", f"has shape {points.shape}", f"it must be (n, {len(space.axes)})", mend, value=path)
+        hint = f"pass one configuration ({', '.join(space.axes)}) in a row"
+        raise InputError("path", f"has shape {points.shape}", f"it must be (n, {len(space.axes)})", hint, value=path)
     return points
 
 
@@ -340,14 +340,14 @@ def marked(space: HasAxes, path: Any, points: Floats, start: Any, goal: Any) -> 
         if given is not None:
             marks[name] = finite(given, name)
             if (shape := marks[name].shape) != (len(space.axes),):
-                mend = f"pass one configuration ({', '.join(space.axes)})"
-                raise InputError(name, f"has shape {shape}", f"it must be ({len(space.axes)},)", mend, value=given)
+                hint = f"pass one configuration ({', '.join(space.axes)})"
+                raise InputError(name, f"has shape {shape}", f"it must be ({len(space.axes)},)", hint, value=given)
         elif len(points):
             marks[name] = points[end]
     return marks
 
 
-def _stations(points: Floats, every: float | None, figurine: Figurine, zoom: float) -> Floats:
+def _stations(points: Floats, every: float | None, figurine: RobotGlyph, zoom: float) -> Floats:
     """Configurations along the path at which the robot is drawn, the ends left out, shape (n, dof)."""
     if every is not None and every != math.inf:
         every = positive(every, "robot_every")
@@ -408,8 +408,8 @@ def section_point(space: MapLike, at: Any, route: Route) -> Floats:
         return np.clip(place, grid.lower, grid.upper)
     point = finite(at, "at")
     if point.shape != (grid.dim,):
-        mend = f"pass one point ({', '.join(space.axes[: grid.dim])}) in metres"
-        raise InputError("at", f"has shape {point.shape}", f"it must be ({grid.dim},)", mend, value=at)
+        hint = f"pass one point ({', '.join(space.axes[: grid.dim])}) in metres"
+        raise InputError("at", f"has shape {point.shape}", f"it must be ({grid.dim},)", hint, value=at)
     if not grid.contains(point):
         given, low, high = (f"({', '.join(f'{v:g}' for v in corner)})" for corner in (point, grid.lower, grid.upper))
         rule = f"it must lie in the grid, from {low} to {high}"

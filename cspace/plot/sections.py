@@ -109,7 +109,7 @@ def draw_dials(space: MapLike, route: Route, look: Look) -> Axes:
     point, grid = section_point(space, look.at, route), space.grid
     cell = tuple(grid.cell_of(point).tolist())
     rotations = space.rotations
-    states = np.array([space.slice_at(each)[cell] for each in space.slice_rotations])[space.slice_of]
+    states = np.array([space.states_at(each)[cell] for each in space.slice_rotations])[space.slice_of]
     ground, shown = artists.ground_of(space.workspace, cell), []
     dials = rotations.dials(*_places())
     rows = -(-len(dials) // _COLUMNS)

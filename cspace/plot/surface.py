@@ -13,7 +13,7 @@ from cspace.check import check_word, finite
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.plot import artists
-from cspace.plot.route import Figurine, Look, MapLike, Route, simplified, with_gaps
+from cspace.plot.route import Look, MapLike, RobotGlyph, Route, simplified, with_gaps
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -310,7 +310,7 @@ def direction_of(angles: Floats) -> Floats:
     return np.asarray(np.round(direction, 12))  # what is zero but for rounding is zero
 
 
-def robot_polygons(figurine: Figurine) -> Floats:
+def robot_polygons(figurine: RobotGlyph) -> Floats:
     """Return the polygons of a robot in its own frame, shape (n, 4, 3)."""
     corners = figurine.triangles.reshape(-1, 3)
     return polygons_of((corners, np.arange(len(corners)).reshape(-1, 3)), _FINE * figurine.size)

@@ -487,7 +487,7 @@ _MOST_FILLED: Final = 2**30
 """Cells of the bounding box of a surface up to which it is filled."""
 
 
-class Shell(NamedTuple):
+class ClosedSurface(NamedTuple):
     """Closed surfaces that go round an inside: wherever their winding number is not zero.
 
     Attributes
@@ -505,7 +505,7 @@ class Shell(NamedTuple):
     turns: Ints
 
 
-class Skin(NamedTuple):
+class SolidSurface(NamedTuple):
     """A surface, and what it encloses.
 
     Attributes
@@ -523,12 +523,12 @@ class Skin(NamedTuple):
 
     vertices: Floats
     faces: Ints
-    shell: Shell | None = None
+    shell: ClosedSurface | None = None
     fill: Callable[[float], None] | None = None
     source: str = "robot"
 
 
-def surface_cells(skin: Skin, bounds: tuple[Floats, Floats], grid: Grid) -> tuple[Bools, Bools]:
+def surface_cells(skin: SolidSurface, bounds: tuple[Floats, Floats], grid: Grid) -> tuple[Bools, Bools]:
     """Cells that a solid meets, and cells that lie in it.
 
     What lies outside the grid is clipped; what is filled is decided on the cells of the whole surface. Otherwise
@@ -574,7 +574,9 @@ def surface_cells(skin: Skin, bounds: tuple[Floats, Floats], grid: Grid) -> tupl
     return outer, inner
 
 
-def surface_rasters(skin: Skin, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
+def surface_rasters(
+    skin: SolidSurface, spacing: float, margin: float = 0.0, turn: Turn = STILL
+) -> tuple[Raster, Raster]:
     """Outer and inner raster of a robot that is a solid; see :meth:`cspace.shapes.Shape.rasters`.
 
     A surface to be filled counts as itself and the cubes ``h * (m + [-1/2, 1/2]^3)`` that it encloses, turned by the

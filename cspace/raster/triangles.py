@@ -90,7 +90,7 @@ def mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: flo
     in_chunks(work, size, _TRIANGLES_A_THREAD)
 
 
-class Swept(NamedTuple):
+class SweptTriangles(NamedTuple):
     """Triangles, and where their points come as they turn about the origin by no more than some angle.
 
     A point of a triangle stays within the triangle's growth of its place, and as far from the origin as it is: in the
@@ -118,12 +118,12 @@ class Swept(NamedTuple):
     swing: float
     about_z: bool
 
-    def moved(self, shift: Floats) -> Swept:
+    def moved(self, shift: Floats) -> SweptTriangles:
         """The same in another frame."""
         return self._replace(triangles=self.triangles + shift, origin=self.origin + shift)
 
 
-def swept(triangles: Floats, swing: float, about_z: bool) -> Swept:
+def swept(triangles: Floats, swing: float, about_z: bool) -> SweptTriangles:
     """Triangles that turn about the origin, cut to pieces so small that their growth is about that of each point.
 
     A point at distance 1 from the origin (from the z axis, if ``about_z``) comes as far as ``swing`` from its place; 0
@@ -131,14 +131,16 @@ def swept(triangles: Floats, swing: float, about_z: bool) -> Swept:
     """
     still, size = np.zeros(len(triangles)), float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
     if swing == 0.0:
-        return Swept(triangles, still, still, np.full(len(triangles), np.inf), np.zeros(3), size, swing, about_z)
+        return SweptTriangles(
+            triangles, still, still, np.full(len(triangles), np.inf), np.zeros(3), size, swing, about_z
+        )
     pieces = cut_to(triangles, _VARIATION / swing, _PART, about_z)
     places = pieces[..., : 2 if about_z else 3]
     middles = (places[:, 0] + places[:, 1] + places[:, 2]) / 3.0
     nearest = np.sqrt(np.einsum("ij,ij->i", middles, middles)) - _farthest(places - middles[:, None])
     # The distance from the origin is convex, so that it is largest at a corner.
     farthest = _farthest(places)
-    return Swept(pieces, swing * farthest, nearest, farthest, np.zeros(3), size, swing, about_z)
+    return SweptTriangles(pieces, swing * farthest, nearest, farthest, np.zeros(3), size, swing, about_z)
 
 
 def _farthest(triangles: Floats) -> Floats:
@@ -148,7 +150,7 @@ def _farthest(triangles: Floats) -> Floats:
     return farthest
 
 
-def mark_within(out: Bools, parts: Swept, half: float, radius: float) -> None:
+def mark_within(out: Bools, parts: SweptTriangles, half: float, radius: float) -> None:
     """Set ``out[i]`` where the cube ``i + [-half, half]^3`` comes within a radius of where a triangle comes.
 
     The cubes that meet a triangle must be set already, unless ``half`` is zero. All is in cells, in the index frame of
@@ -365,7 +367,9 @@ def _is_near(triangle: Floats, center: Floats, half: float, most: float, slack: 
 
 
 @jit
-def _mark_within(out: Bytes, parts: Swept, half: float, radius: float, slack: float, start: int, stop: int) -> None:
+def _mark_within(
+    out: Bytes, parts: SweptTriangles, half: float, radius: float, slack: float, start: int, stop: int
+) -> None:
     """Set ``out[i]`` where the cube ``i + [-half, half]^3`` comes within a radius of where triangles come.
 
     For first indices in ``[start, stop)``; the cubes that meet a triangle must be set already. Most cubes within reach

@@ -33,9 +33,9 @@ LARGEST_EXPECTED: Final = TURN * (1.0 + 1e-9)
 """Largest angle, in radians, that a user is expected to pass: beyond it, the angle is probably in degrees."""
 
 
-def angle_axes(axes: Sequence[str], endless: Sequence[bool] = ()) -> dict[int, str]:
+def angle_axes(axes: Sequence[str], periodic_axes: Sequence[bool] = ()) -> dict[int, str]:
     """Return index and name of the numbers of a configuration that are wrapped: yaws and continuous joints."""
-    joints = [*endless, *[False] * (len(axes) - len(endless))]
+    joints = [*periodic_axes, *[False] * (len(axes) - len(periodic_axes))]
     return {k: name for k, (name, turns) in enumerate(zip(axes, joints, strict=True)) if name == "yaw" or turns}
 
 
@@ -51,19 +51,19 @@ def warn_of_degrees(q: Sequence[float] | Floats, angles: Mapping[int, str], name
             warn_user(f"{name}: {axis} is beyond a whole turn; {rule}; use numpy.radians for degrees", AngleWarning)
 
 
-def shorter(steps: Floats, endless: ArrayLike = True) -> Floats:
+def shorter(steps: Floats, periodic_axes: ArrayLike = True) -> Floats:
     """Steps, shape (..., dof), without whole turns of the numbers that are angles without an end: the shorter way.
 
     It is what :func:`math.remainder` gives, to the last bit, so that also half a turn is gone the same way everywhere.
     """
     rest = np.fmod(steps, 2.0 * TURN)  # exact, as is what follows
-    return np.where(endless, rest - TURN * np.rint(rest / TURN), steps)
+    return np.where(periodic_axes, rest - TURN * np.rint(rest / TURN), steps)
 
 
-def wrapped(angles: Floats, endless: ArrayLike = True) -> Floats:
+def wrapped(angles: Floats, periodic_axes: ArrayLike = True) -> Floats:
     """The same, with half a turn as -pi: in [-pi, pi). What is there already is unchanged."""
-    near = shorter(angles, endless)
-    return np.where(np.logical_and(endless, near >= math.pi), -math.pi, near)
+    near = shorter(angles, periodic_axes)
+    return np.where(np.logical_and(periodic_axes, near >= math.pi), -math.pi, near)
 
 
 def beside(angle: Floats, other: Floats) -> Floats:
@@ -175,7 +175,7 @@ class CompiledRotations(Protocol):
     def is_usable(self, q: Numbers) -> bool:
         """Whether a rotation's numbers are finite, and exact enough."""
 
-    def slice_at(self, q: Numbers) -> int:
+    def states_at(self, q: Numbers) -> int:
         """The slice of the rotation cell that holds the rotation of a configuration."""
 
     def slices_at(self, numbers: Floats, dof: int, out: Ints) -> None:
@@ -632,7 +632,7 @@ class OneCell(NamedTuple):
     def is_usable(self, q: Numbers) -> bool:
         return np.bool_(True)  # type: ignore[return-value]  # of one type for the compiler from the start
 
-    def slice_at(self, q: Numbers) -> int:
+    def states_at(self, q: Numbers) -> int:
         return 0
 
     def slices_at(self, numbers: Floats, dof: int, out: Ints) -> None:

@@ -107,8 +107,8 @@ class QuaternionRotations(Rotations):
         off = np.abs(norms - 1.0)
         if not (off <= NORM_SLACK).all():
             worst = float(norms.reshape(-1)[np.argmax(off)])
-            mend = "divide it by its norm; the order is qx, qy, qz, qw"
-            raise InputError(name, f"has a quaternion of norm {worst:.9g}", "it must be 1", mend, value=worst)
+            hint = "divide it by its norm; the order is qx, qy, qz, qw"
+            raise InputError(name, f"has a quaternion of norm {worst:.9g}", "it must be 1", hint, value=worst)
         return np.where(off <= 4e-16, rotation, rotation / norms)
 
     def _between(self, first: Floats, second: Floats) -> Floats:
@@ -165,8 +165,8 @@ class QuaternionRotations(Rotations):
 
     def check_dimension(self, dim: int) -> None:
         if dim == 2:
-            rule, mend = "a robot in the plane turns by its yaw", "pass e.g. rotations=72"
-            raise InputError("rotations", f"are {self}", rule, mend, value=self)
+            rule, hint = "a robot in the plane turns by its yaw", "pass e.g. rotations=72"
+            raise InputError("rotations", f"are {self}", rule, hint, value=self)
 
     def preserve(self, shape: Symmetric) -> bool:
         """Whether it is a ball about its reference point."""
@@ -402,7 +402,7 @@ class QuaternionCells(NamedTuple):
     def is_usable(self, q: Numbers) -> bool:
         return is_unit(q[-4:])
 
-    def slice_at(self, q: Numbers) -> int:
+    def states_at(self, q: Numbers) -> int:
         chart, i, j, k = parts_of(self.borders, q[-4:])
         return int(self.slice_of[cell_of_parts(self.borders, chart, i, j, k)])
 

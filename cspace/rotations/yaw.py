@@ -65,14 +65,14 @@ class YawRotations(Rotations):
     def of_value(cls, value: ArrayLike | None) -> YawRotations:
         """Cells from a count or from their borders, see :meth:`Rotations.of`."""
         if value is None or np.ndim(value) == 0:
-            mend = "pass e.g. 72, the cells' borders in radians, or Rotations.quaternions(8) for all rotations in space"
-            count = whole(value, "rotations", 1, MAX_YAWS, mend)
+            hint = "pass e.g. 72, the cells' borders in radians, or Rotations.quaternions(8) for all rotations in space"
+            count = whole(value, "rotations", 1, MAX_YAWS, hint)
             width = TURN / count
             borders = [(k - 0.5) * width for k in range(count)]
         else:
             if np.size(value) > MAX_YAWS + 1:
-                fault, rule = f"has {np.size(value)} borders", f"at most {MAX_YAWS} cells are taken"
-                raise InputError("rotations", fault, rule, "pass fewer, e.g. 72 cells", value=value)
+                problem, rule = f"has {np.size(value)} borders", f"at most {MAX_YAWS} cells are taken"
+                raise InputError("rotations", problem, rule, "pass fewer, e.g. 72 cells", value=value)
             angles = finite(value, "rotations")
             if angles.ndim != 1 or len(angles) < 2:
                 rule, hint = "it must hold at least two borders", "pass e.g. 72, or numpy.linspace(0, 2 * numpy.pi, 73)"
@@ -286,7 +286,7 @@ class YawCells(NamedTuple):
     def is_usable(self, q: Numbers) -> bool:
         return abs(q[-1]) <= MAX_ANGLE  # nor is NaN
 
-    def slice_at(self, q: Numbers) -> int:
+    def states_at(self, q: Numbers) -> int:
         return int(self.slice_of[cell_of_wrapped(self.borders, in_turn(self.borders, q[-1]))])
 
     def slices_at(self, numbers: Floats, dof: int, out: Ints) -> None:

@@ -97,8 +97,8 @@ def shape_of(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
     if isinstance(getattr(source, "name", None), str) and isinstance(shape := getattr(source, "shape", None), Shape):
         return shape
     if getattr(source, "dtype", None) == np.bool_:
-        mend = "pass cspace.shapes.Voxels.of(cells, spacing), in metres"
-        raise InputError(name, "is an array of cells", "their size must be given", mend, value=source)
+        hint = "pass cspace.shapes.Voxels.of(cells, spacing), in metres"
+        raise InputError(name, "is an array of cells", "their size must be given", hint, value=source)
     several = isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim > 0)
     first = next(iter(given), {}) if several else given
     if isinstance(first, shapely.Geometry | Mapping):
@@ -110,15 +110,15 @@ def shape_of(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
             try:
                 return Polygons.of(given)
             except GeometryError as error:
-                mend = f"{error.mend}; if they are points, pass their radius"
-                raise GeometryError(error.argument, error.fault, error.rule, mend, value=source) from error
+                hint = f"{error.hint}; if they are points, pass their radius"
+                raise GeometryError(error.argument, error.problem, error.rule, hint, value=source) from error
         if is_point or row in ((2,), (3,)):
             corners = ", or at least 3 corners of a polygon" * (row == (2,) or len(given) == 2)
-            mend = f"pass their radius, e.g. radius=0.1 in metres, 0.0 for points alone{corners}"
-            raise InputError(name, "is points", "points need a radius", mend, value=source)
+            hint = f"pass their radius, e.g. radius=0.1 in metres, 0.0 for points alone{corners}"
+            raise InputError(name, "is points", "points need a radius", hint, value=source)
     elif not any(hasattr(given, attribute) for attribute in ("vertices", "geometry")):
-        mend = "pass e.g. shapely.box(0, 0, 1, 1), trimesh.creation.box((1, 1, 1)), or points and their radius"
-        raise InputError(name, f"is a {type(given).__name__}", "a polygon or a mesh is needed", mend, value=source)
+        hint = "pass e.g. shapely.box(0, 0, 1, 1), trimesh.creation.box((1, 1, 1)), or points and their radius"
+        raise InputError(name, f"is a {type(given).__name__}", "a polygon or a mesh is needed", hint, value=source)
     return _mesh(given)
 
 
@@ -143,5 +143,5 @@ def _shape_of_text(source: str | os.PathLike[str], name: str) -> Shape:
     if suffix in POLYGONS or (isinstance(source, str) and is_wkt(source)):
         return Polygons(read_shapes(source))
     rule = f"it must be a short text, WKT, or a file that ends in {', '.join((*POLYGONS, *MESHES))}"
-    mend = f"pass {', '.join(SHORT_TEXTS)}, or what Robot.open makes of other files"
-    raise InputError(name, f"is {os.fspath(source)[:60]!r}", rule, mend, value=source)
+    hint = f"pass {', '.join(SHORT_TEXTS)}, or what Robot.open makes of other files"
+    raise InputError(name, f"is {os.fspath(source)[:60]!r}", rule, hint, value=source)

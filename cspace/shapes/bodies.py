@@ -72,7 +72,7 @@ def find_bodies(vertices: Floats, faces: Ints) -> tuple[Body, ...]:
     return tuple(sorted(bodies, key=lambda body: int(body.faces[0])))
 
 
-def least_joined(first: Ints, second: Ints, number: int) -> Ints:
+def component_labels(first: Ints, second: Ints, number: int) -> Ints:
     """The least of all that each of ``range(number)`` is joined to, by pairs and by way of others; shape (number,).
 
     SciPy's graphs are as quick, but to import them takes a fifth of a second and 20 MB.
@@ -200,7 +200,9 @@ def _joined(edge: Ints, joining: Bools) -> tuple[Ints, int]:
     """Number of the body of each triangle, and how many there are, given the edges that join."""
     n = len(edge)
     triangle, side = np.nonzero(joining[edge])
-    roots, body = np.unique(least_joined(triangle, n + edge[triangle, side], n + len(joining))[:n], return_inverse=True)
+    roots, body = np.unique(
+        component_labels(triangle, n + edge[triangle, side], n + len(joining))[:n], return_inverse=True
+    )
     return body.astype(np.int64), len(roots)
 
 
@@ -226,7 +228,7 @@ def _turned_alike(edge: Ints, direction: Ints, body: Ints, number: int) -> tuple
     # A node for each triangle as it is, and one for it turned over; those that go together are linked.
     start = np.concatenate([one, n + one])
     stop = np.concatenate([other + n * unlike, other + n * ~unlike])
-    label = least_joined(start, stop, 2 * n).reshape(2, n)
+    label = component_labels(start, stop, 2 * n).reshape(2, n)
     possible = np.ones(number, dtype=np.bool_)
     possible[body[label[0] == label[1]]] = False
     bodies, first = np.unique(body, return_index=True)

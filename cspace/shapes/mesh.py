@@ -26,7 +26,7 @@ from cspace.shapes.shape import BoundedShape, ExactShape, Pieces, Shape, ordered
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-    from cspace.raster.surfaces import Buckets, Skin, Winding
+    from cspace.raster.surfaces import Buckets, SolidSurface, Winding
 
 
 MOST_OFF: Final = 100.0
@@ -452,13 +452,13 @@ class Mesh(ExactShape):
         counted = np.flatnonzero(self._turns)
         return self.vertices[self.faces[counted]], self._turns[counted]
 
-    def _skin(self, near: Chosen = slice(None), columns: Chosen = slice(None)) -> Skin:
+    def _skin(self, near: Chosen = slice(None), columns: Chosen = slice(None)) -> SolidSurface:
         """Some of the triangles, and those of the enclosing ones that may be above or below them."""
-        from cspace.raster.surfaces import Shell, Skin
+        from cspace.raster.surfaces import ClosedSurface, SolidSurface
 
-        shell = Shell(self.vertices, self.faces[columns], self._turns[columns]) if self.encloses else None
+        shell = ClosedSurface(self.vertices, self.faces[columns], self._turns[columns]) if self.encloses else None
         fill = self._warn_of_nothing if self.solid == "fill" else None
-        return Skin(self.vertices, self.faces[near], shell, fill, self.source)
+        return SolidSurface(self.vertices, self.faces[near], shell, fill, self.source)
 
     def _warn_of_nothing(self, spacing: float) -> None:
         """Warn, once, where filling a mesh that is not closed added nothing to its surface."""

@@ -84,9 +84,9 @@ def read_urdf(
             pairs.append((moved, moved if inner is outer else placed(inner, transform)))
     has_shape = [name for name in urdf.link_map if urdf.link_map[name].collisions]
     if not pairs:
-        mend = f"name links that have: {', '.join(has_shape)}" if has_shape else "add <collision> to its links"
+        hint = f"name links that have: {', '.join(has_shape)}" if has_shape else "add <collision> to its links"
         raise InputError(
-            "link", f"is {', '.join(links) or 'not there'}", "no such link has collision geometry", mend, value=link
+            "link", f"is {', '.join(links) or 'not there'}", "no such link has collision geometry", hint, value=link
         )
     if link is None and (left := [name for name in has_shape if name not in rigid]):
         warn_user(
@@ -270,8 +270,8 @@ class _Reader:
                 raise Fault(f"has no shape at object {name!r}", rule, "add them, or remove the object")
             if _OPERATIONS[operation] == _APPEND and name in objects:
                 if objects[name][0] != frame:
-                    fault = f"appends to object {name!r} in frame {frame!r}, which is in frame {objects[name][0]!r}"
-                    raise Fault(fault, "both must be the same", "write both in one frame")
+                    problem = f"appends to object {name!r} in frame {frame!r}, which is in frame {objects[name][0]!r}"
+                    raise Fault(problem, "both must be the same", "write both in one frame")
                 parts = [*objects[name][1], *parts]
             objects[name] = frame, parts
         return objects
@@ -284,8 +284,8 @@ class _Reader:
             items = _items(entry.get(name), f"{name} of {place}")
             poses = _items(entry.get(poses_name), f"{poses_name} of {place}")
             if len(poses) != len(items) and (poses or len(items) > 1):
-                fault = f"has {len(items)} {name} and {len(poses)} {poses_name} at {place}"
-                raise Fault(fault, "there must be a pose for each", "add or remove some")
+                problem = f"has {len(items)} {name} and {len(poses)} {poses_name} at {place}"
+                raise Fault(problem, "there must be a pose for each", "add or remove some")
             for number, item in enumerate(items):
                 self._count += 1
                 if self._count > MAX_SHAPES:
@@ -332,8 +332,8 @@ class _Reader:
             if any(
                 len(each) != 3 or not all(type(n) is int and 0 <= n < len(points) for n in each) for each in corners
             ):
-                fault = f"has a triangle that is not three numbers of its {len(points)} vertices at {place}"
-                raise Fault(fault, "vertices are counted from 0", "correct it")
+                problem = f"has a triangle that is not three numbers of its {len(points)} vertices at {place}"
+                raise Fault(problem, "vertices are counted from 0", "correct it")
             faces = np.array(corners, dtype=np.int64).reshape(-1, 3)
         self._bytes += unfolded(len(vertices), len(faces))
         check_file_memory(self._path, "holds meshes", self._bytes)
@@ -418,8 +418,8 @@ def _frames(transforms: Sequence[Any], frames: set[str]) -> dict[str, Floats]:
         motions[frame] = to_root
         roots.add(root)
     if len(roots) > 1:
-        fault = f"has objects in the frames {', '.join(map(repr, sorted(frames)))}"
-        raise Fault(fault, "fixed_frame_transforms must lead from all to one frame", "write all in one frame")
+        problem = f"has objects in the frames {', '.join(map(repr, sorted(frames)))}"
+        raise Fault(problem, "fixed_frame_transforms must lead from all to one frame", "write all in one frame")
     return motions
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
     from cspace.raster.boxes import Rounded
-    from cspace.raster.surfaces import Shell
+    from cspace.raster.surfaces import ClosedSurface
 
 _CORNERS = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)], dtype=np.float64)
 _QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
@@ -71,10 +71,10 @@ class Box(ExactShape):
 
     def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
         if turn.matrix is not None:
-            from cspace.raster.surfaces import Shell, Skin, surface_rasters
+            from cspace.raster.surfaces import ClosedSurface, SolidSurface, surface_rasters
 
-            shell = Shell(*self.surface, np.ones(len(_FACES), dtype=np.int64))
-            return surface_rasters(Skin(*self.surface, shell, source="box"), spacing, margin, turn)
+            shell = ClosedSurface(*self.surface, np.ones(len(_FACES), dtype=np.int64))
+            return surface_rasters(SolidSurface(*self.surface, shell, source="box"), spacing, margin, turn)
         from cspace.raster.boxes import Rounded, rounded_rasters
 
         box = Rounded(self.lower[None], self.upper[None], np.zeros(1))
@@ -165,9 +165,9 @@ class Voxels(ExactShape):
 
             return outline_rasters([(self._segments, True)], spacing, margin, turn)
         if turn.matrix is not None:
-            from cspace.raster.surfaces import Skin, surface_rasters
+            from cspace.raster.surfaces import SolidSurface, surface_rasters
 
-            return surface_rasters(Skin(*self.surface, self._shell, source="bitmap"), spacing, margin, turn)
+            return surface_rasters(SolidSurface(*self.surface, self._shell, source="bitmap"), spacing, margin, turn)
         from cspace.raster.boxes import rounded_rasters
 
         boxes = self._boxes
@@ -233,10 +233,10 @@ class Voxels(ExactShape):
         return Rounded(lows, highs, np.zeros(len(lows)))
 
     @cached_property
-    def _shell(self) -> Shell:
-        from cspace.raster.surfaces import Shell
+    def _shell(self) -> ClosedSurface:
+        from cspace.raster.surfaces import ClosedSurface
 
-        return Shell(*cell_squares(self.occupied, self.side, self.lower))
+        return ClosedSurface(*cell_squares(self.occupied, self.side, self.lower))
 
     @cached_property
     def outline(self) -> BaseGeometry:

@@ -274,8 +274,8 @@ class RadialTable:
         """The spectrum at ``k``, of any shape, from 0 to :attr:`most`; InputError above."""
         k = np.asarray(frequencies, dtype=np.float64)
         if k.size and not (k.min() >= 0.0 and k.max() <= self.most * (1.0 + SLACK) + SLACK):
-            fault, rule = f"reach from {k.min():g} to {k.max():g}", f"the table holds those from 0 to {self.most:g}"
-            raise InputError("frequencies", fault, rule, "make it for the largest one", value=frequencies)
+            problem, rule = f"reach from {k.min():g} to {k.max():g}", f"the table holds those from 0 to {self.most:g}"
+            raise InputError("frequencies", problem, rule, "make it for the largest one", value=frequencies)
         interval = np.minimum((k / (2.0 * HALF)).astype(np.intp), self._coefficients.shape[1] - 1)
         x = k / HALF - (2.0 * interval + 1.0)
         # Clenshaw's recurrence.

@@ -147,8 +147,8 @@ class Spheres:
         axes: Any = ax or Figure((6.5, 6.5), layout="constrained").add_subplot(projection="3d" if solid else None)
         if solid != hasattr(axes, "get_zlim"):
             where = ("in the plane", "in space")
-            mend = "add_subplot(projection='3d') makes axes for balls, and one without a projection for discs"
-            raise InputError("ax", f"is {where[not solid]}", f"the balls are {where[solid]}", mend, value=ax)
+            hint = "add_subplot(projection='3d') makes axes for balls, and one without a projection for discs"
+            raise InputError("ax", f"is {where[not solid]}", f"the balls are {where[solid]}", hint, value=ax)
         if solid:
             shapes: list[tuple[ExactShape, dict[str, Any]]] = [(Balls(self.centers, self.radii), {"color": color})]
             if self.shape is not None:
@@ -254,19 +254,19 @@ def decompose(
     """
     check_word(kind, "kind", KINDS)
     if (number is None) == (tolerance is None):
-        fault = f"is {number!r} and tolerance {tolerance!r}: {'neither is' if number is None else 'both are'} given"
-        mend = "pass e.g. number=64, or tolerance=0.01 in metres"
-        raise InputError("number", fault, "balls are chosen by one of them", mend, value=number)
+        problem = f"is {number!r} and tolerance {tolerance!r}: {'neither is' if number is None else 'both are'} given"
+        hint = "pass e.g. number=64, or tolerance=0.01 in metres"
+        raise InputError("number", problem, "balls are chosen by one of them", hint, value=number)
     length = None if tolerance is None else positive(tolerance, "tolerance")
     count = None if number is None else whole(number, "number", 1, hint="pass e.g. 64")
     region = Region(shape_of(shape))
     if kind == "inner" and not region.inner.measure[1] > 0.0:
-        mend = "pass kind='outer', or a shape with an area or volume"
-        raise GeometryError("shape", "has no inside", "inner balls lie inside", mend, value=shape)
+        hint = "pass kind='outer', or a shape with an area or volume"
+        raise GeometryError("shape", "has no inside", "inner balls lie inside", hint, value=shape)
     if count is not None and not 0.0 < region.size < np.inf:
         rule = "balls are counted by the cells of a lattice, which it must have"
-        fault = f"is {number}, and the shape {region.size:g} m across"
-        raise InputError("number", fault, rule, "pass a tolerance in place of a number", value=number)
+        problem = f"is {number}, and the shape {region.size:g} m across"
+        raise InputError("number", problem, rule, "pass a tolerance in place of a number", value=number)
     for finer in FINER:
         lattice = Lattice.fine(region, count, finer) if count else Lattice.within(region, length or 0.0)
         centers, radii = (_inner if kind == "inner" else _outer)(lattice, count, length)
@@ -304,12 +304,12 @@ def _inner(lattice: Lattice, number: int | None, tolerance: float | None) -> tup
     radii = lattice.region.depths(centers)  # found anew, a proof
     centers, radii = centers[radii > 0.0], radii[radii > 0.0]
     if not len(radii):
-        fault, rule = "has room for no ball that was found", "inner balls lie inside"
-        raise InputError("shape", fault, rule, "pass kind='outer', or a shape that is less thin")
+        problem, rule = "has room for no ball that was found", "inner balls lie inside"
+        raise InputError("shape", problem, rule, "pass kind='outer', or a shape that is less thin")
     if reached and (reached := shape_to_balls(lattice, centers, radii)[1]) > (tolerance or 0.0):
-        fault = f"is {tolerance:g} m, and the shape is proven to be within {reached:g} m of {len(radii)} balls"
-        rule, mend = "what is thinner than the lattice has none near", "pass a larger tolerance, or kind='outer'"
-        raise InputError("tolerance", fault, rule, mend, value=tolerance)
+        problem = f"is {tolerance:g} m, and the shape is proven to be within {reached:g} m of {len(radii)} balls"
+        rule, hint = "what is thinner than the lattice has none near", "pass a larger tolerance, or kind='outer'"
+        raise InputError("tolerance", problem, rule, hint, value=tolerance)
     return centers, radii
 
 
@@ -331,8 +331,8 @@ def _outer(lattice: Lattice, number: int | None, tolerance: float | None) -> tup
         balls = _least(at, 1.001 * lattice.diagonal, 2.0 * lattice.region.size / lattice.side)
     if balls is None:
         name, value = ("number", number) if tolerance is None else ("tolerance", tolerance)
-        fault = f"is {value:g}, and balls that cover the shape within it were not found"
-        raise InputError(name, fault, "their union must hold all of it", "pass a larger one", value=value)
+        problem = f"is {value:g}, and balls that cover the shape within it were not found"
+        raise InputError(name, problem, "their union must hold all of it", "pass a larger one", value=value)
     return lattice.metres(balls.centers), balls.reaches * lattice.side
 
 

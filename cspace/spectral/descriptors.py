@@ -67,9 +67,9 @@ def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
     one, other = _convex_parts(first), _convex_parts(second)
     corners = len(one) * len(other) * one.shape[1] * other.shape[1]
     if corners > MAX_CORNERS:
-        fault = f"and first make {corners:,} sums of corners of their {len(other)} and {len(one)} convex parts"
+        problem = f"and first make {corners:,} sums of corners of their {len(other)} and {len(one)} convex parts"
         hint = "simplify both, e.g. with shapely.simplify"
-        raise InputError("second", fault, f"at most {MAX_CORNERS:,} are united", hint, value=second)
+        raise InputError("second", problem, f"at most {MAX_CORNERS:,} are united", hint, value=second)
     points = (one[:, np.newaxis, :, np.newaxis] + other[:, np.newaxis]).reshape(len(one) * len(other), -1, 2)
     slack = SLACK * float(np.abs(points).max())
     sums = shapely.convex_hull(shapely.linestrings(points))
@@ -212,9 +212,9 @@ class Descriptor:
     def __post_init__(self) -> None:
         values = finite(self.values, "values")
         if values.shape != self.grid.shape:
-            fault = f"has shape {values.shape} on a grid of {self.grid.shape}"
+            problem = f"has shape {values.shape} on a grid of {self.grid.shape}"
             raise InputError(
-                "values", fault, "both must be the same", "pass one value for each cell", value=self.values
+                "values", problem, "both must be the same", "pass one value for each cell", value=self.values
             )
         values = values.copy()
         values.flags.writeable = False
@@ -285,16 +285,16 @@ def check_solid_balls(centers: ArrayLike, radii: ArrayLike) -> tuple[Floats, Flo
     """Copies of the centers, shape (n, dim), and radii above zero, shape (n,), of balls."""
     points, sizes = check_balls(centers, radii)
     if (sizes <= 0.0).any():
-        mend = "drop balls that have no volume"
-        raise InputError("radii", f"holds {sizes.min():g}", "each must be above zero", mend, value=radii)
+        hint = "drop balls that have no volume"
+        raise InputError("radii", f"holds {sizes.min():g}", "each must be above zero", hint, value=radii)
     return points, sizes
 
 
 def check_dims(name: str, dim: int, other: int) -> None:
     """Refuse what is in the plane beside what is in space, or the other way around."""
     if dim != other:
-        fault, rule = f"has {dim} coordinates and what it goes with {other}", "both must have as many"
-        raise InputError(name, fault, rule, "pass all in the plane or all in space", value=dim)
+        problem, rule = f"has {dim} coordinates and what it goes with {other}", "both must have as many"
+        raise InputError(name, problem, rule, "pass all in the plane or all in space", value=dim)
 
 
 def balls_of(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
@@ -306,8 +306,8 @@ def balls_of(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
         if not isinstance(pair, tuple) and isinstance(balls, BallSet):
             pair = (balls.centers, balls.radii)
     if not isinstance(pair, tuple | list) or len(pair) != 2:
-        fault, rule = f"is a {type(source).__name__}", "it must have centers and radii, or be a pair of them"
-        raise InputError(name, fault, rule, "decompose other shapes first", value=source)
+        problem, rule = f"is a {type(source).__name__}", "it must have centers and radii, or be a pair of them"
+        raise InputError(name, problem, rule, "decompose other shapes first", value=source)
     return BallDescriptor(pair[0], pair[1], bump)
 
 
@@ -376,9 +376,9 @@ def _near_balls(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[An
 def check_sampled(descriptor: Any) -> Descriptor:
     """The descriptor, refused where it is not sampled."""
     if not isinstance(descriptor, Descriptor):
-        rule, mend = "this takes descriptors sampled on a grid", "make one with sample(grid) or indicator(shape, grid)"
+        rule, hint = "this takes descriptors sampled on a grid", "make one with sample(grid) or indicator(shape, grid)"
         raise InputError(
-            "descriptor", f"is a {type(descriptor).__name__}, and no Descriptor", rule, mend, value=descriptor
+            "descriptor", f"is a {type(descriptor).__name__}, and no Descriptor", rule, hint, value=descriptor
         )
     return descriptor
 
@@ -402,8 +402,10 @@ def union(first: Descriptor | BallDescriptor, *others: Descriptor | BallDescript
         return Descriptor(sampled[0].grid, reduce(np.add, [each.values for each in sampled]))
     for each in balls[1:]:
         if each.bump != balls[0].bump or each.dim != balls[0].dim:
-            fault = f"holds balls of {each.bump} with {each.dim} coordinates, the first {balls[0].bump}, {balls[0].dim}"
-            raise InputError("others", fault, "both must be the same", "sample them on one grid first", value=each)
+            problem = (
+                f"holds balls of {each.bump} with {each.dim} coordinates, the first {balls[0].bump}, {balls[0].dim}"
+            )
+            raise InputError("others", problem, "both must be the same", "sample them on one grid first", value=each)
     centers, radii = (np.concatenate([getattr(each, name) for each in balls]) for name in ("centers", "radii"))
     return BallDescriptor(centers, radii, balls[0].bump)
 
@@ -487,8 +489,8 @@ def minkowski_sum(
     one, other = check_sampled(first), check_sampled(second)
     f, g = one.grid, other.grid
     if not _alike(f, g):
-        fault = f"has {g.dim} axes and a spacing of {g.spacing:g} m, the first {f.dim} and {f.spacing:g} m"
-        raise InputError("second", fault, "both must be the same", "sample the descriptors alike", value=second)
+        problem = f"has {g.dim} axes and a spacing of {g.spacing:g} m, the first {f.dim} and {f.spacing:g} m"
+        raise InputError("second", problem, "both must be the same", "sample the descriptors alike", value=second)
     check_word(method, "method", ("fft", "direct"))
     lower = np.add(f.lower, g.lower) + 0.5 * f.spacing
     grid = Grid(lower, f.spacing, [n + m - 1 for n, m in zip(f.shape, g.shape, strict=True)])

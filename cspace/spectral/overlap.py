@@ -19,7 +19,7 @@ from cspace.compiling import compilable, kernel
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.limits import check_memory
-from cspace.map.batches import Many, One, answer, in_pieces
+from cspace.map.batches import Configuration, ConfigurationBatch, answer, in_threaded_chunks
 from cspace.map.callbacks import callback
 from cspace.map.contents import checked_fields
 from cspace.map.points import configuration, is_usable, replaced
@@ -157,8 +157,8 @@ class FourierOverlap:
         lengths = 2.0 * (1.0 + PERIOD_ROOM) * self._limits
         far = max(first.span, second.span)
         if far > min(LONGEST, FARTHEST * float(lengths.min())):
-            fault = f"or a reaches {far:g} m from the origin of its frame, and both take up {lengths.min():g} m"
-            raise InputError("b", fault, "rounding would count", "move the origin nearer to them, or check the units")
+            problem = f"or a reaches {far:g} m from the origin of its frame, and both take up {lengths.min():g} m"
+            raise InputError("b", problem, "rounding would count", "move the origin nearer to them, or check the units")
         self._rings = self._make_rings(first, lengths, band, tolerance)
         self._norms = norm_square(first), norm_square(second)
         self._spectrum_b = Spectrum.of(second, self._middle_b, self._rings, accuracy, self._norms[1])
@@ -207,8 +207,8 @@ class FourierOverlap:
         for name, source in given.items():
             kind = getattr(source, "kind", name[:5])
             if kind in ("inner", "outer") and kind != name[:5]:
-                mend = "decompose the shape with that kind"
-                raise InputError(name, f"is of kind {kind!r}", f"it must be {name[:5]!r}", mend, value=source)
+                hint = "decompose the shape with that kind"
+                raise InputError(name, f"is of kind {kind!r}", f"it must be {name[:5]!r}", hint, value=source)
         chosen, more = bump_of(bump, *given.values()), positive(swell, "swell")
         number = whole(classes, "classes", 1, hint="pass e.g. 8")
         if (inner_a is None) is not (inner_b is None):
@@ -263,9 +263,9 @@ class FourierOverlap:
         return float(self._terms.bounds[-1])
 
     @overload
-    def value(self, t: One) -> float: ...  # type: ignore[overload-overlap]
+    def value(self, t: Configuration) -> float: ...  # type: ignore[overload-overlap]
     @overload
-    def value(self, t: Many) -> Floats: ...
+    def value(self, t: ConfigurationBatch) -> Floats: ...
     @overload
     def value(self, t: ArrayLike) -> float | Floats: ...
     def value(self, t: ArrayLike) -> float | Floats:
@@ -351,8 +351,8 @@ class FourierOverlap:
             highest = min(highest, fitting, HIGHEST / float(lengths.max()))
         halves = tuple(max(1, math.floor(highest * length)) for length in lengths.tolist())
         if math.prod(2 * half + 1 for half in halves) > LARGEST or max(halves) > HIGHEST:
-            fault = f"is {band!r}, which takes {' x '.join(str(2 * half + 1) for half in halves)} frequencies"
-            raise InputError("band", fault, f"at most {LARGEST} are computed", "pass a lower one", value=band)
+            problem = f"is {band!r}, which takes {' x '.join(str(2 * half + 1) for half in halves)} frequencies"
+            raise InputError("band", problem, f"at most {LARGEST} are computed", "pass a lower one", value=band)
         return Rings.of(lengths, halves)
 
     def _place(self, a: BallDescriptor) -> None:
@@ -463,8 +463,8 @@ class OverlapField:
         """
         given: object = overlap
         if not isinstance(given, FourierOverlap):
-            rule, mend = "it must be a FourierOverlap", "make it with e.g. FourierOverlap.of_shapes"
-            raise InputError("overlap", f"is a {type(given).__name__}", rule, mend, value=given)
+            rule, hint = "it must be a FourierOverlap", "make it with e.g. FourierOverlap.of_shapes"
+            raise InputError("overlap", f"is a {type(given).__name__}", rule, hint, value=given)
         grid, map_ = space.grid, space.record
         check_dims("overlap", overlap.dim, grid.dim)
         shape, count = map_.states.shape, 1 + grid.dim
@@ -493,9 +493,9 @@ class OverlapField:
         return np.ascontiguousarray(self.values).reshape(self.space.record.states.shape)
 
     @overload
-    def at(self, q: One) -> float: ...  # type: ignore[overload-overlap]
+    def at(self, q: Configuration) -> float: ...  # type: ignore[overload-overlap]
     @overload
-    def at(self, q: Many) -> Floats: ...
+    def at(self, q: ConfigurationBatch) -> Floats: ...
     @overload
     def at(self, q: ArrayLike) -> float | Floats: ...
     def at(self, q: ArrayLike) -> float | Floats:
@@ -507,7 +507,7 @@ class OverlapField:
         Raises InputError if the last axis is not dof long, or a value is NaN or infinite.
         """
         overlaps: float | Floats = answer(
-            q, self._dof, in_pieces(partial(fields_at, *self._fixed())), np.float64, float
+            q, self._dof, in_threaded_chunks(partial(fields_at, *self._fixed())), np.float64, float
         )
         return overlaps
 
@@ -532,7 +532,7 @@ def _shape(space: Space) -> tuple[int, ...]:
 def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
     """A field, linear between the middles of cells, at a configuration."""
     dim = len(map_.lower)
-    cell, shares = replaced(map_.states.shape, 0, map_.rotations.slice_at(q)), map_.lower
+    cell, shares = replaced(map_.states.shape, 0, map_.rotations.states_at(q)), map_.lower
     for axis in range(dim):
         n = map_.states.shape[axis + 1]
         place = min(max((q[axis] - map_.lower[axis]) / map_.spacing - 0.5, 0.0), n - 1.0)

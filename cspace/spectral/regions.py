@@ -149,12 +149,12 @@ class Region:
     def grid_at(self, spacing: float) -> Grid:
         """A grid that covers the set, with cells of this side (metres), and no larger; InputError if too many."""
         counts = np.ceil((self.bounds[1] - self.bounds[0]) / spacing) + 1.0
-        mend = "use a larger tolerance or fewer balls"
+        hint = "use a larger tolerance or fewer balls"
         if float(np.prod(counts)) > 1.5 * MOST:
-            fault = f"or number needs a lattice of {' x '.join(f'{n:.4g}' for n in counts)} cells of {spacing:g} m"
-            raise InputError("tolerance", fault, f"at most {MOST} are looked at", mend)
+            problem = f"or number needs a lattice of {' x '.join(f'{n:.4g}' for n in counts)} cells of {spacing:g} m"
+            raise InputError("tolerance", problem, f"at most {MOST} are looked at", hint)
         grid = Grid(self.bounds.mean(axis=0) - 0.5 * spacing * counts, spacing, counts.astype(np.int64))
-        check_memory(BYTES * float(grid.size), "the lattice of the balls", grid, mend=mend)
+        check_memory(BYTES * float(grid.size), "the lattice of the balls", grid, hint=hint)
         return grid
 
     def depths(self, points: Floats) -> Floats:
@@ -194,9 +194,12 @@ class Lattice:
         """A lattice on which a tolerance, metres, can be proven."""
         usual, least = (float((region.box_volume / n) ** (1.0 / region.dim)) for n in (USUAL[region.dim], MOST))
         if tolerance < COARSEST * least:
-            fault, rule = f"is {tolerance:g} m, and the shape {region.size:g} m across", "to prove it takes many cells"
+            problem, rule = (
+                f"is {tolerance:g} m, and the shape {region.size:g} m across",
+                "to prove it takes many cells",
+            )
             raise InputError(
-                "tolerance", fault, rule, f"pass at least about {1.2 * COARSEST * least:.2g} m", value=tolerance
+                "tolerance", problem, rule, f"pass at least about {1.2 * COARSEST * least:.2g} m", value=tolerance
             )
         return cls(region, min(max(usual, tolerance / FINEST[region.dim]), tolerance / COARSEST))
 

@@ -308,8 +308,8 @@ def _check_counts(counts: ArrayLike, dim: int) -> tuple[int, ...]:
     shape = tuple(int(n) for n in np.broadcast_to(numbers, dim))
     free, needed = free_bytes(), BYTES[dim] * float(cells_of(shape))
     if needed > KEEP * free:
-        fault = f"is {' x '.join(map(str, shape))}, which needs about {bytes_text(needed)} of memory"
-        raise InputError("counts", fault, f"{bytes_text(free)} are free", "pass smaller counts", value=counts)
+        problem = f"is {' x '.join(map(str, shape))}, which needs about {bytes_text(needed)} of memory"
+        raise InputError("counts", problem, f"{bytes_text(free)} are free", "pass smaller counts", value=counts)
     return shape
 
 
@@ -317,9 +317,9 @@ def _check_fits(sizes: Floats, lengths: Floats) -> None:
     """Refuse what does not fit into one period: its Fourier series would be that of something that overlaps itself."""
     if (sizes > lengths * (1.0 + FIT_SLACK)).any():
         axis = int(np.argmax(sizes / lengths))
-        fault = f"holds {lengths[axis]:g} m along {'xyz'[axis]}, and what is transformed is {sizes[axis]:g} m long"
+        problem = f"holds {lengths[axis]:g} m along {'xyz'[axis]}, and what is transformed is {sizes[axis]:g} m long"
         raise InputError(
-            "lengths", fault, "it must fit into one period, wherever it lies", "pass a longer period", value=lengths
+            "lengths", problem, "it must fit into one period, wherever it lies", "pass a longer period", value=lengths
         )
 
 

@@ -39,7 +39,7 @@ def window_of(store: Store, known: Known, table: Ints, first: Ints, stop: Ints) 
     lower = np.array(whole.lower) + whole.spacing * first
     grid = Grid(tuple(lower.tolist()), whole.spacing, tuple((stop - first).tolist()), whole.axes, whole.units)
     needed = map_bytes(grid.shape, store.slices) + WORKSPACE_BYTES * grid.size
-    check_memory(needed, "the window", grid, mend=_MEND)
+    check_memory(needed, "the window", grid, hint=_MEND)
     box = tuple(map(slice, first.tolist(), stop.tolist()))
     outer, inner = store.obstacles_in(box, known)
     source, shapes = f"a part of {store.path.name}", _shapes(store, grid, box)

@@ -41,10 +41,10 @@ IN_A_PART: Final = "ask a part of it: space.window(lower, upper)"
 BY_CELLS: Final = "change its cells: space.update(cells, lower)"
 
 ONLY_IN_MEMORY: Final = {
-    "workspace precision overlaps state slice_at": IN_A_PART,
+    "workspace precision overlaps state states_at": IN_A_PART,
     "overlap contains_robot obstacle_distance overlap_field with_overlap_field": IN_A_PART,
     "point_checker edge_checker clearance_checker record own_record marks": IN_A_PART,
-    "free_reach free_path widest_path sample_free": IN_A_PART,
+    "reachable_bounds find_path find_widest_path sample_free": IN_A_PART,
     "save export to_xarray to_occupancy_grid to_costmap": IN_A_PART,
     "place placed remove": BY_CELLS,
 }
@@ -87,7 +87,7 @@ class TiledCSpace(ConfigurationMap):
     @staticmethod
     def holds(store: Store) -> bool:
         """Return whether a map may stay in its store: not one with periodic axes, overlap counts or a field."""
-        return "endless" not in store.metadata and not store.names.intersection(UNTILED)
+        return "periodic_axes" not in store.metadata and not store.names.intersection(UNTILED)
 
     @classmethod
     def open(cls, path: str | os.PathLike[str], cache_bytes: int = CACHE_BYTES) -> TiledCSpace:
@@ -101,7 +101,11 @@ class TiledCSpace(ConfigurationMap):
         Raises ConfigurationError if the map must be in memory, and FileError if a file is missing or damaged.
         """
         if not cls.holds(store):
-            what = "has periodic axes" if "endless" in store.metadata else "carries overlap counts or an overlap field"
+            what = (
+                "has periodic axes"
+                if "periodic_axes" in store.metadata
+                else "carries overlap counts or an overlap field"
+            )
             problem, rule = f"is False and {store.path} {what}", "only a map in memory can hold that"
             raise ConfigurationError("in_memory", problem, rule, "open it with in_memory=True")
         store.check_files()

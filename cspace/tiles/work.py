@@ -211,9 +211,9 @@ def _task_of(content: bytes) -> _Task:
         task: _Task = pickle.loads(content)
     except OSError as error:
         rule = "all machines must see the folders of the workspace and of the store"
-        mend = "put them into a folder that is shared, or build without a client"
-        fault = f"cannot be read where tiles are made: {error.strerror or error}"
-        raise FileError(str(error.filename or "the workspace"), fault, rule, mend) from error
+        hint = "put them into a folder that is shared, or build without a client"
+        problem = f"cannot be read where tiles are made: {error.strerror or error}"
+        raise FileError(str(error.filename or "the workspace"), problem, rule, hint) from error
     return task
 
 

@@ -52,7 +52,7 @@ class ArmCanvas(Canvas):
         self.about = ", ".join(f"{count} {name}{'s' * (count != 1)}" for name, count in counts.items())
         self._scale = np.array([1.0 if unit == "m" else math.degrees(1.0) for unit in arm.units])
         steps = np.where(self._scale == 1.0, _MILLIMETRE, _TENTH)
-        turn = np.where(space.endless, math.pi, TURN)
+        turn = np.where(space.periodic_axes, math.pi, TURN)
         lower = np.ceil(np.where(np.isinf(arm.lower), -turn, arm.lower) * self._scale / steps - 1e-6) * steps
         upper = np.floor(np.where(np.isinf(arm.upper), turn, arm.upper) * self._scale / steps + 1e-6) * steps
         units = np.where(self._scale == 1.0, "m", "°")
@@ -81,7 +81,7 @@ class ArmCanvas(Canvas):
     # ---- configurations ----------------------------------------------------------------------------------------------
 
     def numbers(self, q: Floats) -> tuple[float, ...]:
-        turned = wrapped(q, self._space.endless)
+        turned = wrapped(q, self._space.periodic_axes)
         return tuple(np.round(turned * self._scale, 3).tolist())
 
     def of(self, numbers: tuple[float, ...]) -> Floats:

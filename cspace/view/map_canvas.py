@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from cspace.arrays import Floats
 from cspace.plot.artists import CLASSES, COLLIDES, DARK, OBSTACLE, OPEN, UNDECIDED
-from cspace.plot.route import Figurine
+from cspace.plot.route import RobotGlyph
 from cspace.rotations import Rotations
 from cspace.view.canvas import MARKS, Canvas, Dial, far_apart, samples
 from cspace.view.level_of_detail import Blocks, Cells, Part, part_around
@@ -55,7 +55,7 @@ class MapCanvas(Canvas):
         given = {name: space.rotations.canonical(q, name) for name, q in marks.items()}
         super().__init__(server, space, _endpoints(space, cells) | given)
         self.cells, self.is_quick = cells, cells.quick
-        self.figurine = Figurine(space.robot, space.rotations)
+        self.figurine = RobotGlyph(space.robot, space.rotations)
         self.poses = Poses(space.grid.dim, space.rotations)
         longest = cells.grid.spacing * max(cells.grid.shape)
         self.size = max(self.figurine.size, 0.012 * longest)

@@ -9,7 +9,7 @@ import trimesh
 from numba import njit
 
 from cspace import Robot
-from cspace.arms import Arm, Placed, build_arm
+from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.arms.chain import Chain, bounds_of
 from cspace.arms.hulls import TILE, corners_of, forest_of
 from cspace.shapes import Mesh, Shape
@@ -36,7 +36,7 @@ SHAPES = {
 @pytest.mark.parametrize("name", SHAPES)
 def test_nodes_hold_what_is_below_them(name: str) -> None:
     """Each node's box, ball and hull; the leaves together are the border, and what is convex is one of them."""
-    part = Placed(SHAPES[name](), POSE).sides[0]
+    part = PosedShape(SHAPES[name](), POSE).sides[0]
     border, radius = part.border.simplices, part.border.radii.max()
     hulls = part.hulls
     assert (len(hulls.nodes) == 1) == (name in {"box", "cylinder", "ball"})
@@ -65,7 +65,7 @@ def test_nodes_hold_what_is_below_them(name: str) -> None:
 
 
 def test_a_forest_is_its_parts() -> None:
-    parts = [Placed(SHAPES[name](), POSE).sides[0].hulls for name in ("ring", "box", "ball")]
+    parts = [PosedShape(SHAPES[name](), POSE).sides[0].hulls for name in ("ring", "box", "ball")]
     hulls, roots, trunks = forest_of([parts[:2], [], parts[2:]])
     assert roots[1] == -1
     for part, trunk in zip(parts, trunks.tolist(), strict=True):
@@ -149,7 +149,7 @@ def test_no_ball_on_the_way_of_a_far_motion_is_missed(tmp_path: Path, seed: int)
         pose = arm.poses(q0 + t * (q1 - q0))[each.name]
         there = np.eye(4)
         there[:3, 3] = pose[:3, :3] @ corners[rng.integers(len(corners))] + pose[:3, 3]
-        space = build_arm({"seed": Placed(Robot.ball(1e-4).shape, there)}, arm, allowed=touch)
+        space = build_arm_space({"seed": PosedShape(Robot.ball(1e-4).shape, there)}, arm, allowed=touch)
         assert not space.motion_is_free(q0, q1)
 
 
@@ -169,7 +169,7 @@ def test_the_nearest_that_a_swing_comes_is_told_to_a_micrometre(tmp_path: Path, 
     far = float(np.hypot(1.0, 0.01))
     for gap, is_free in ((1e-6, True), (-1e-6, False)):
         wall[0, 3] = far + gap + 0.05
-        space = build_arm({"wall": Placed(Robot.box((0.1, 4.0, 1.0)).shape, wall)}, arm)
+        space = build_arm_space({"wall": PosedShape(Robot.box((0.1, 4.0, 1.0)).shape, wall)}, arm)
         assert space.motion_is_free((-1.0, 0.0), (1.0, 0.05)) is is_free
 
 
@@ -179,7 +179,7 @@ def test_many_turns_round_the_values_of_joints(tmp_path: Path) -> None:
     arm = Arm.from_urdf(written(tmp_path, link("base"), bar, joint("turn", "base", "arm", kind="continuous")))
     wall = np.eye(4)
     wall[:3, 3] = 0.5, 0.01 + 1e-8 + 0.05, 0.0
-    space = build_arm({"wall": Placed(Robot.box((0.4, 0.1, 1.0)).shape, wall)}, arm)
+    space = build_arm_space({"wall": PosedShape(Robot.box((0.4, 0.1, 1.0)).shape, wall)}, arm)
     assert space.is_free((0.0,))
     assert not space.is_free((2e9 * np.pi,))
 
@@ -193,7 +193,7 @@ def test_what_lies_within_a_body_that_is_not_convex(tmp_path: Path) -> None:
     for x, is_free in ((1.0, False), (0.0, True)):
         ball = np.eye(4)
         ball[0, 3] = x
-        space = build_arm({"ball": Placed(Robot.ball(0.05).shape, ball)}, held)
+        space = build_arm_space({"ball": PosedShape(Robot.ball(0.05).shape, ball)}, held)
         assert space.is_free((0.0,)) is space.motion_is_free((0.0,), (1.0,)) is is_free
 
 
@@ -205,7 +205,7 @@ def test_a_flat_plate_with_a_window_is_open_there(tmp_path: Path) -> None:
     arm = Arm.from_urdf(written(tmp_path, link("base"), bar, joint("turn", "base", "arm")))
     wall = np.eye(4)
     wall[0, 3] = 0.5
-    space = build_arm({"plate": Placed(Mesh(corners, faces, solid="surface"), wall)}, arm)
+    space = build_arm_space({"plate": PosedShape(Mesh(corners, faces, solid="surface"), wall)}, arm)
     assert space.clearance((0.0,)) == pytest.approx(0.35)
     assert space.motion_is_free((-0.4,), (0.4,))
     assert not space.is_free((0.8,))

@@ -16,7 +16,7 @@ import cspace
 import planners
 from arms.test_space import at, scene
 from cspace import BLOCKED, FREE, MIXED, CSpace, Robot
-from cspace.arms import Arm, ArmSpace, Placed, build_arm, build_arm_map
+from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space, build_joint_map
 from cspace.errors import ConfigurationError, InputError
 from refusals import refusals
 from tests.soak.plane import placed
@@ -29,9 +29,9 @@ POSTS = ((1.3, 0.9, 0.5), (-0.9, 1.2, 0.4), (0.2, -1.5, 0.7))
 def plane(folder: Path, limits: tuple[float, float] = (-3.0, 3.0), posts: Any = POSTS) -> ArmSpace:
     """Two bars of 1 m by 0.1 m among posts."""
     shapes = {
-        f"post{k}": Placed(Robot.box((side, side, 2.0)).shape, at(x, y, 0)) for k, (x, y, side) in enumerate(posts)
+        f"post{k}": PosedShape(Robot.box((side, side, 2.0)).shape, at(x, y, 0)) for k, (x, y, side) in enumerate(posts)
     }
-    return build_arm(shapes, Arm.from_urdf(planar(folder, limits=limits)))
+    return build_arm_space(shapes, Arm.from_urdf(planar(folder, limits=limits)))
 
 
 def touches(q: Any, posts: Any = POSTS) -> Any:
@@ -46,7 +46,7 @@ def touches(q: Any, posts: Any = POSTS) -> Any:
 def test_a_plane_arm_against_shapely(tmp_path: Path) -> None:
     """No configuration of a FREE cell collides, be it at the cell's corner; each of a BLOCKED one does."""
     space = plane(tmp_path)
-    made = build_arm_map(space, 6.0 / 150)
+    made = build_joint_map(space, 6.0 / 150)
     assert isinstance(made, CSpace)
     assert (made.axes, made.grid.units, made.grid.shape) == (("shoulder", "elbow"), ("rad", "rad"), (150, 150))
     rng = np.random.default_rng(3)
@@ -78,7 +78,7 @@ def test_three_joints_of_an_arm_against_fcl(tmp_path: Path, seed: int) -> None:
     names = space.arm.joints[:3]
     intervals = np.stack([np.maximum(held - 1.0, space.arm.lower), np.minimum(held + 1.0, space.arm.upper)], axis=1)
     limits = dict(zip(names, map(tuple, intervals.tolist()), strict=False))
-    made = build_arm_map(space, 0.05, names, at=held, limits=limits)
+    made = build_joint_map(space, 0.05, names, at=held, limits=limits)
     states = np.asarray(made.state)
     assert all((states == state).any() for state in (FREE, BLOCKED))
     for state, apart in ((FREE, True), (BLOCKED, False)):
@@ -93,7 +93,7 @@ def test_no_path_is_a_proof(tmp_path: Path) -> None:
     """A post in reach of the upper arm parts its way in two: no dense grid of configurations joins the two either."""
     posts = ((0.7, 0.0, 0.3),)
     space = plane(tmp_path, (-1.5, 1.5), posts)
-    made = build_arm_map(space, 0.05)
+    made = build_joint_map(space, 0.05)
     left, right = (-1.0, 0.3), (1.0, -0.3)
     assert made.path_exists(left, right) is False
     assert made.path_exists(left, (-0.9, -1.0)) is True
@@ -107,7 +107,7 @@ def test_no_path_is_a_proof(tmp_path: Path) -> None:
 def test_all_that_a_map_can_do(tmp_path: Path) -> None:
     """Edges and paths that the map proves are proven by the arm itself; files, labels and pictures name the joints."""
     space = plane(tmp_path)
-    made = build_arm_map(space, 0.05)
+    made = build_joint_map(space, 0.05)
     rng = np.random.default_rng(5)
     q = made.sample_free(100, rng)
     edges = made.motion_is_free(q[:-1], q[1:])
@@ -115,8 +115,8 @@ def test_all_that_a_map_can_do(tmp_path: Path) -> None:
     assert np.all(space.motion_is_free(q[:-1][edges], q[1:][edges]))
     start, goal = made.nearest_free((-2.5, 1.0)), made.nearest_free((2.5, 0.5))
     for path in (
-        made.free_path(start, goal),
-        made.widest_path(start, goal),
+        made.find_path(start, goal),
+        made.find_widest_path(start, goal),
         planners.plan(made, start, goal, seed=1).path,
     ):
         assert len(path) > 1
@@ -134,7 +134,7 @@ def test_all_that_a_map_can_do(tmp_path: Path) -> None:
     dataset = made.to_xarray()
     assert dataset.state.dims == ("shoulder", "elbow")
     assert dataset.elbow.attrs["units"] == "rad"
-    ax = made.plot(path=made.free_path(start, goal))
+    ax = made.plot(path=made.find_path(start, goal))
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("shoulder (rad)", "elbow (rad)")
     # A part of the joints' own space may be closed as well.
     assert made.place("keep out", [(2.4, 0.4), (2.6, 0.4), (2.6, 0.6), (2.4, 0.6)]).changed > 0
@@ -151,11 +151,11 @@ def test_a_joint_that_slides_and_limits_between_cells(tmp_path: Path) -> None:
         joint("turn", "foot", "bar", limits=None, kind="continuous"),
         joint("lift", "bar", "quill", at=(1, 0, 0), kind="prismatic", limits=(0.0, 0.42)),
     )
-    wall = {"table": Placed(Robot.box((1.0, 1.0, 0.2)).shape, at(1.0, 0.0, -0.5))}
-    space = build_arm(wall, Arm.from_urdf(path))
-    assert build_arm_map(space, 0.05).endless == (True, False)
-    made = build_arm_map(space, 0.05, limits={"turn": (-3.0, 3.0)})
-    assert made.endless == (False, False)
+    wall = {"table": PosedShape(Robot.box((1.0, 1.0, 0.2)).shape, at(1.0, 0.0, -0.5))}
+    space = build_arm_space(wall, Arm.from_urdf(path))
+    assert build_joint_map(space, 0.05).periodic_axes == (True, False)
+    made = build_joint_map(space, 0.05, limits={"turn": (-3.0, 3.0)})
+    assert made.periodic_axes == (False, False)
     assert made.grid.units == ("rad", "m")
     assert made.grid.shape == (120, 9)
     assert (made.state[:, -1] != FREE).all()
@@ -165,7 +165,7 @@ def test_a_joint_that_slides_and_limits_between_cells(tmp_path: Path) -> None:
     assert made.grid.unit == "rad or m"
 
 
-def endless(folder: Path, posts: Any, **elbow: Any) -> ArmSpace:
+def periodic_axes(folder: Path, posts: Any, **elbow: Any) -> ArmSpace:
     """The same bars on a shoulder that turns for ever."""
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
     path = written(
@@ -175,16 +175,16 @@ def endless(folder: Path, posts: Any, **elbow: Any) -> ArmSpace:
         joint("shoulder", "foot", "upper", limits=None, kind="continuous"),
         joint("elbow", "upper", "fore", at=(1, 0, 0), **elbow),
     )
-    shapes = {f"post{k}": Placed(Robot.box((s, s, 2.0)).shape, at(x, y, 0)) for k, (x, y, s) in enumerate(posts)}
-    return build_arm(shapes, Arm.from_urdf(path))
+    shapes = {f"post{k}": PosedShape(Robot.box((s, s, 2.0)).shape, at(x, y, 0)) for k, (x, y, s) in enumerate(posts)}
+    return build_arm_space(shapes, Arm.from_urdf(path))
 
 
 @pytest.mark.parametrize("circle", [True, False])
 def test_exact_answers_are_those_of_the_arm(tmp_path: Path, circle: bool) -> None:
     """In all cells, across the seam, in copies, and in plans through MIXED cells; not of cells that changed."""
     posts, rng = ((0.7, 0.0, 0.3), (-0.9, 1.2, 0.4)), np.random.default_rng(6)
-    space = endless(tmp_path, posts) if circle else plane(tmp_path, posts=posts)
-    made = build_arm_map(space, 0.3, limits={"elbow": (-2.0, 2.0)})
+    space = periodic_axes(tmp_path, posts) if circle else plane(tmp_path, posts=posts)
+    made = build_joint_map(space, 0.3, limits={"elbow": (-2.0, 2.0)})
     low, high = np.array([(-9.0, 9.0) if circle else (-3.0, 3.0), (-2.0, 2.0)]).T
     q = rng.uniform(low, high, (300, 2))
     targets = np.clip(q + rng.normal(scale=0.6, size=q.shape), low, high)
@@ -214,29 +214,29 @@ def test_exact_answers_are_those_of_the_arm(tmp_path: Path, circle: bool) -> Non
 
 def test_the_only_way_leads_across_the_seam(tmp_path: Path) -> None:
     """A post on the right stops the upper bar; behind the foot, where angles leap by a turn, nothing is in the way."""
-    space = endless(tmp_path, ((0.7, 0.0, 0.3),))
-    made = build_arm_map(space, 0.05)
+    space = periodic_axes(tmp_path, ((0.7, 0.0, 0.3),))
+    made = build_joint_map(space, 0.05)
     assert made.grid.spacing == pytest.approx(2.0 * np.pi / 126)
     left, right = (-1.0, 0.3), (1.0, -0.3)
     assert made.path_exists(left, right) is True
-    assert build_arm_map(space, 0.05, limits={"shoulder": (-np.pi, np.pi)}).path_exists(left, right) is False
-    for path in (made.free_path(left, right), planners.plan(made, left, right, seed=1).path):
+    assert build_joint_map(space, 0.05, limits={"shoulder": (-np.pi, np.pi)}).path_exists(left, right) is False
+    for path in (made.find_path(left, right), planners.plan(made, left, right, seed=1).path):
         assert path[-1] == pytest.approx((1.0 - 2.0 * np.pi, -0.3))
         assert made.certify_path(path).all()
         assert np.all(space.certify_path(path))
         assert not touches(path, ((0.7, 0.0, 0.3),)).any()
-    with_wall = build_arm_map(endless(tmp_path, ((0.7, 0.0, 0.3), (-0.7, 0.0, 0.3))), 0.05)
+    with_wall = build_joint_map(periodic_axes(tmp_path, ((0.7, 0.0, 0.3), (-0.7, 0.0, 0.3))), 0.05)
     assert with_wall.path_exists(left, right) is False
 
 
 @pytest.mark.parametrize("cells", [75, 76])
 def test_the_last_angle_of_a_turn_is_in_the_last_cell(tmp_path: Path, cells: int) -> None:
     """However the side of the cells is rounded: 75 times a 75th of a turn is less than a turn."""
-    made = build_arm_map(endless(tmp_path, ((0.7, 0.0, 0.3),)), 2.0 * np.pi / cells)
+    made = build_joint_map(periodic_axes(tmp_path, ((0.7, 0.0, 0.3),)), 2.0 * np.pi / cells)
     last, other = (np.nextafter(np.pi, 0.0), 0.3), (2.5, 0.3)
     assert made.grid.shape[0] == cells
     assert made.path_exists(last, other) is True
-    assert len(made.free_path(last, other)) > 0
+    assert len(made.find_path(last, other)) > 0
     assert planners.plan(made, last, other).certified
 
 
@@ -251,9 +251,9 @@ def test_joint_maps_agree_with_shapely(
     rng = np.random.default_rng(seed)
     angle, reach = rng.uniform(-np.pi, np.pi, 4), rng.uniform(0.5, 1.8, 4)
     posts = tuple(zip(reach * np.cos(angle), reach * np.sin(angle), rng.uniform(0.1, 0.3, 4), strict=True))
-    space = endless(tmp_path_factory.mktemp("arm"), posts, **elbow)
-    made = build_arm_map(space, 0.12)
-    circles, states = made.endless, np.asarray(made.state)
+    space = periodic_axes(tmp_path_factory.mktemp("arm"), posts, **elbow)
+    made = build_joint_map(space, 0.12)
+    circles, states = made.periodic_axes, np.asarray(made.state)
     for state, collides in ((FREE, True), (BLOCKED, False)):
         cells = np.argwhere(states == state)
         near = np.array([(np.take(states, [k - 1, k, k + 1], 0, mode="wrap")[:, j] != state).any() for k, j in cells])
@@ -292,12 +292,12 @@ def test_a_joint_that_others_follow_by_half(tmp_path: Path) -> None:
             joint("two", "b", "c", at=(1, 0, 0), extra=follows.format(factor)),
             joint("three", "c", "d", at=(1, 0, 0)),
         )
-        space = build_arm({}, Arm.from_urdf(path))
+        space = build_arm_space({}, Arm.from_urdf(path))
         if good:
-            assert build_arm_map(space, 0.5).endless == (True, False)
+            assert build_joint_map(space, 0.5).periodic_axes == (True, False)
         else:
             with pytest.raises(InputError, match=r"limits are missing for 'one'.*other joints by another angle"):
-                build_arm_map(space, 0.5)
+                build_joint_map(space, 0.5)
 
 
 @refusals(
@@ -312,7 +312,7 @@ def test_a_joint_that_others_follow_by_half(tmp_path: Path) -> None:
 )
 def test_build_arm_map_refuses(tmp_path: Path, options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        build_arm_map(plane(tmp_path), **{"spacing": 0.1, **options})
+        build_joint_map(plane(tmp_path), **{"spacing": 0.1, **options})
 
 
 def test_joints_that_are_held_where_links_touch(tmp_path: Path) -> None:
@@ -322,14 +322,14 @@ def test_joints_that_are_held_where_links_touch(tmp_path: Path) -> None:
         *(link(name, bar) for name in "abcde"),
         *(joint(f"{k}", "abcde"[k], "abcde"[k + 1], at=(1, 0, 0)) for k in range(4)),
     )
-    space = build_arm({}, Arm.from_urdf(path))
+    space = build_arm_space({}, Arm.from_urdf(path))
     with pytest.raises(InputError, match="at is missing; the map holds 2, 3 still"):
-        build_arm_map(space, 0.5, ("0", "1"))
+        build_joint_map(space, 0.5, ("0", "1"))
     with pytest.raises(InputError, match="has 3 at 5"):
-        build_arm_map(space, 0.5, ("0", "1"), at=(0, 0, 0, 5))
+        build_joint_map(space, 0.5, ("0", "1"), at=(0, 0, 0, 5))
     with pytest.raises(ConfigurationError, match=r"has c touch 'a'.*2, 3 do not move them apart"):
-        build_arm_map(space, 0.5, ("2", "3"), at=(2.2, 2.2, 0, 0))
-    assert (build_arm_map(space, 0.1, ("1", "2"), at=(0, 0, 0, 0)).state == MIXED).any()
+        build_joint_map(space, 0.5, ("2", "3"), at=(2.2, 2.2, 0, 0))
+    assert (build_joint_map(space, 0.1, ("1", "2"), at=(0, 0, 0, 0)).state == MIXED).any()
 
 
 def test_a_joint_that_stays_where_it_is(tmp_path: Path) -> None:
@@ -341,8 +341,8 @@ def test_a_joint_that_stays_where_it_is(tmp_path: Path) -> None:
         joint("one", "a", "b", at=(1, 0, 0), limits=(0.3, 0.3)),
         joint("two", "b", "c", at=(1, 0, 0)),
     )
-    space = build_arm({}, Arm.from_urdf(path))
+    space = build_arm_space({}, Arm.from_urdf(path))
     assert space.sample_free(2, np.random.default_rng(0))[:, 0].tolist() == [0.3, 0.3]
-    assert len(space.free_path((0.3, -1.0), (0.3, 1.0))) == 2
+    assert len(space.find_path((0.3, -1.0), (0.3, 1.0))) == 2
     with pytest.raises(InputError, match=r"name 'one', which stays at 0.3.*at= says where it is held"):
-        build_arm_map(space, 0.1)
+        build_joint_map(space, 0.1)

@@ -10,7 +10,7 @@ import trimesh
 import yourdfpy
 
 from cspace import MeshWarning, Robot
-from cspace.arms import Arm, Placed, build_arm
+from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.shapes import Mesh
 from refusals import refusals
@@ -55,7 +55,7 @@ def test_only_joints_between_base_and_tip_move(tmp_path: Path) -> None:
 def test_what_is_alike_is_made_once(tmp_path: Path) -> None:
     """The same geometry at the same place is one, in all arms, with what was made of it; a copy keeps that."""
 
-    def parts_of(length: float) -> list[Placed]:
+    def parts_of(length: float) -> list[PosedShape]:
         box = ((length, 0.1, 0.1), (0.5, 0, 0))
         path = written(tmp_path, link("a", BAR), link("b", box), joint("one", "a", "b", at=(2, 0, 0)))
         return [part for each in Arm.from_urdf(path).links for part in each.parts]
@@ -215,8 +215,8 @@ def test_pairs_are_sorted_into_always_sometimes_and_never(tmp_path: Path) -> Non
     with pytest.raises(
         ConfigurationError, match=r"touches 'sleeve'.*at each of 1000.*allowed=\[\('core', 'sleeve'\)\]"
     ):
-        build_arm({}, forgotten, allowed=[("base", "sleeve")])
-    known = build_arm({}, forgotten, allowed=[("base", "sleeve"), ("core", "sleeve")])
+        build_arm_space({}, forgotten, allowed=[("base", "sleeve")])
+    known = build_arm_space({}, forgotten, allowed=[("base", "sleeve"), ("core", "sleeve")])
     assert known.is_free((0.0, 0.0))
     assert not known.is_free((0.54, 0.0))
 
@@ -252,7 +252,7 @@ def test_warnings_of_open_meshes_name_an_option_that_the_caller_takes(tmp_path: 
     assert "pass solid='surface'" in str(heard[0].message) and "fill" not in str(heard[0].message)
     arm = Arm.from_urdf(path, solid="surface")  # warns of nothing
     ball = {"ball": Robot.ball(0.05).shape}
-    assert build_arm(ball, arm, allowed=[("a", "ball")]).is_free((0.0,))
+    assert build_arm_space(ball, arm, allowed=[("a", "ball")]).is_free((0.0,))
     options: Any = {"solid": "fill"}
     with pytest.raises(InputError, match=r"solid is 'fill'.*use 'auto' or 'surface'"):
         Arm.from_urdf(path, **options)
@@ -262,12 +262,15 @@ def test_warnings_of_open_meshes_name_an_option_that_the_caller_takes(tmp_path: 
 
 
 def test_warnings_of_open_shapes_name_what_makes_surfaces_of_them(tmp_path: Path) -> None:
-    """Neither ``attach`` nor ``build_arm`` has an option ``solid``."""
+    """Neither ``attach`` nor ``build_arm_space`` has an option ``solid``."""
     box = trimesh.creation.box((0.1, 0.1, 0.1))
     open_box = trimesh.Trimesh(box.vertices, box.faces[1:], process=False)
     arm = Arm.from_urdf(planar(tmp_path))
     may = [("foot", "tool"), ("upper", "tool")]
-    for call in (lambda: arm.attach("tool", open_box, "fore"), lambda: build_arm({"tool": open_box}, arm, allowed=may)):
+    for call in (
+        lambda: arm.attach("tool", open_box, "fore"),
+        lambda: build_arm_space({"tool": open_box}, arm, allowed=may),
+    ):
         with pytest.warns(MeshWarning, match=r"pass cspace.Mesh.of\(mesh, solid='surface'\)") as heard:
             call()
         assert [each.filename for each in heard] == [__file__]
@@ -278,11 +281,11 @@ def test_boxes_keep_their_inside_when_meshes_are_surfaces(tmp_path: Path) -> Non
     path = written(
         tmp_path, link("a", BAR), link("b", ((2, 2, 2), (9, 0, 0))), joint("one", "a", "b", limits=(-0.01, 0.01))
     )
-    inside = Placed(Robot.ball(0.1).shape, np.array([[1, 0, 0, 9], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]))
+    inside = PosedShape(Robot.ball(0.1).shape, np.array([[1, 0, 0, 9], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]))
     for solid in ("auto", "surface"):
         options: Any = {"solid": solid}
         with pytest.raises(ConfigurationError, match="b touches 'ball'"):
-            build_arm({"ball": inside}, Arm.from_urdf(path, **options))
+            build_arm_space({"ball": inside}, Arm.from_urdf(path, **options))
 
 
 def chain_of_three(folder: Path, leader: str) -> Path:

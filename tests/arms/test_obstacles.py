@@ -9,7 +9,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from cspace import BLOCKED, FREE, MIXED, Grid, Robot, Workspace
-from cspace.arms import Arm, ArmSpace, Placed, build_arm
+from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space
 from cspace.errors import InputError
 from cspace.shapes import Mesh, Voxels
 from refusals import refusals
@@ -38,7 +38,7 @@ def oracle(path: Path, arm: Arm, still: list[Any]) -> ArmOracle:
 
 
 def only_obstacles(obstacles: Any, arm: Arm, name: str = "workspace", at: Any = None) -> ArmSpace:
-    return build_arm(obstacles, arm, allowed=only_links(arm, name), at=at)
+    return build_arm_space(obstacles, arm, allowed=only_links(arm, name), at=at)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -76,7 +76,7 @@ def test_cells_that_are_turned_against_fcl(tmp_path: Path, moved: str) -> None:
     pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec((0.3, -0.7, 1.1)).as_matrix(), (0.1, 0.2, -0.1)
     shape = Voxels.of(cells, H, LOWER)
     if moved == "obstacles":
-        space = only_obstacles({"cells": Placed(shape, pose)}, arm, "cells")
+        space = only_obstacles({"cells": PosedShape(shape, pose)}, arm, "cells")
     else:
         space = only_obstacles({"cells": shape}, arm, "cells", at=np.linalg.inv(pose))
     around = oracle(path, arm, boxes_of(cells, pose))
@@ -115,12 +115,12 @@ def test_what_lies_within_the_other(tmp_path: Path, size: float, width: int) -> 
     block = slice(20 - width // 2, 20 - width // 2 + width)
     cells[block, block, block] = True
     arm, lower = within_each_other(tmp_path, size), (5 - 20.5 * 0.1, -20.5 * 0.1, -20.5 * 0.1)
-    space = build_arm(Workspace.from_array(cells, 0.1, lower), arm)
+    space = build_arm_space(Workspace.from_array(cells, 0.1, lower), arm)
     assert space.classify((0.0,)) == BLOCKED
     assert space.clearance((0.0,)) == 0.0
     assert space.is_free((1.5,))
     assert not space.motion_is_free((0.0,), (1e-3,))
-    outer = build_arm(Workspace.from_array(cells, 0.1, lower, inner=np.zeros_like(cells)), arm)
+    outer = build_arm_space(Workspace.from_array(cells, 0.1, lower, inner=np.zeros_like(cells)), arm)
     assert outer.classify((0.0,)) == MIXED
 
 
@@ -128,7 +128,7 @@ def test_what_is_too_large_to_lie_in_a_link_is_still_seen(tmp_path: Path) -> Non
     """Cells that hang together only by edges, in a link that holds some of them."""
     cells = np.zeros((40, 40, 40), dtype=bool)
     cells[range(40), range(40), 20] = True
-    space = build_arm(Workspace.from_array(cells, 0.1, (3.0, -2.0, -2.0)), within_each_other(tmp_path, 2.0))
+    space = build_arm_space(Workspace.from_array(cells, 0.1, (3.0, -2.0, -2.0)), within_each_other(tmp_path, 2.0))
     assert space.classify((0.0,)) == BLOCKED
 
 
@@ -138,7 +138,7 @@ def test_what_is_unknown_is_neither(tmp_path: Path) -> None:
     cells[13:15, :, :], unknown[13, :, :] = True, True
     grid = Grid((0.0, -1.0, -1.0), 0.1, cells.shape)
     arm = Arm.from_urdf(planar(tmp_path))
-    space = build_arm(Workspace(grid, cells, cells, unknown=unknown), arm)
+    space = build_arm_space(Workspace(grid, cells, cells, unknown=unknown), arm)
     # The arm of two links of 1 m reaches the layers of x from 1.3 to 1.4 m, and to 1.5 m.
     assert space.is_free((0.0, 2.9))
     assert space.classify((0.0, np.arccos(0.34))) == MIXED
@@ -158,7 +158,7 @@ def test_obstacles_of_all_kinds_have_their_names(tmp_path: Path) -> None:
         "none": Workspace.from_array(np.zeros((2, 2, 2), dtype=bool), 1.0),
         "ball": Robot.ball(0.1, center=(-2.5, 0.0, 0.0)).shape,
     }
-    space = build_arm(many, arm)
+    space = build_arm_space(many, arm)
     for angle, name in ((0.0, "cells"), (np.pi / 2, "cloud"), (-2.0, "mesh"), (3.0, "ball")):
         assert space.closest((angle, 0.0)).other == name
     assert space.clearance((0.0, 0.0)) == pytest.approx(0.6, abs=1e-6)
@@ -170,7 +170,7 @@ def test_a_map_that_is_updated_later_stays_as_it_was(tmp_path: Path) -> None:
     cells = np.zeros((20, 20, 20), dtype=bool)
     cells[19] = True
     workspace = Workspace(Grid((0.6, -1.0, -1.0), 0.1, cells.shape), cells, cells, live=True)
-    space = build_arm(workspace, arm)
+    space = build_arm_space(workspace, arm)
     assert space.is_free((0.0, 0.0))
     assert space.classify((0.0, 0.0)) == FREE
 
@@ -182,9 +182,9 @@ def test_cells_that_become_too_many_boxes(tmp_path: Path, monkeypatch: pytest.Mo
     away = np.eye(4)
     away[:3, 3] = 9.0
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 6_000_000)
-    build_arm(Workspace.from_array(np.indices((24, 24, 24))[0] % 2 == 0, 0.1), arm, at=away)
+    build_arm_space(Workspace.from_array(np.indices((24, 24, 24))[0] % 2 == 0, 0.1), arm, at=away)
     with pytest.raises(InputError, match=r"needs about .* its cells are 6912 boxes"):
-        build_arm(Workspace.from_array(scattered, 0.1), arm, at=away)
+        build_arm_space(Workspace.from_array(scattered, 0.1), arm, at=away)
 
 
 def test_cells_that_are_read_at_need(tmp_path: Path) -> None:
@@ -192,7 +192,7 @@ def test_cells_that_are_read_at_need(tmp_path: Path) -> None:
     cells[14] = True
     np.save(tmp_path / "cells.npy", cells)
     lazy = Workspace.from_array(tmp_path / "cells.npy", 0.1, (0.0, -1.0, -1.0), lazy=True)
-    space = build_arm(lazy, Arm.from_urdf(planar(tmp_path)))
+    space = build_arm_space(lazy, Arm.from_urdf(planar(tmp_path)))
     assert space.classify(((0.0, 2.9), (0.0, 0.5))).tolist() == [FREE, BLOCKED]
 
 
@@ -202,7 +202,7 @@ def test_trimesh_is_an_obstacle_and_an_attached_object(tmp_path: Path) -> None:
     mesh, pose = trimesh.creation.icosphere(2, 0.4), np.eye(4)
     pose[:3, 3] = 1.3, 0.9, 0.0
     moved = mesh.copy().apply_transform(pose)
-    spaces = [build_arm({"ball": each}, arm) for each in (moved, Mesh.of(moved), Placed(mesh, pose))]
+    spaces = [build_arm_space({"ball": each}, arm) for each in (moved, Mesh.of(moved), PosedShape(mesh, pose))]
     points = spaces[0].sample_free(None) * np.ones((1, 1)), rng.uniform(-3.0, 3.0, (200, 2))
     states = [np.asarray(space.classify(np.concatenate(points))) for space in spaces]
     assert set(states[0].tolist()) >= {FREE, BLOCKED}
@@ -221,10 +221,10 @@ def test_trimesh_is_an_obstacle_and_an_attached_object(tmp_path: Path) -> None:
     (lambda: {"foot": Robot.ball(1.0).shape}, "name one 'foot'; a link has that name"),
     (lambda: {"cat": "meow"}, "hold 'cat', a str: shape is 'meow'"),
     (lambda: {"dog": 3}, "hold 'dog', a int: shape is a int; a polygon or a mesh is needed"),
-    (lambda: {"bent": Placed(Robot.ball(1.0).shape, 2.0 * np.eye(4))}, "pose of bent has shape"),
+    (lambda: {"bent": PosedShape(Robot.ball(1.0).shape, 2.0 * np.eye(4))}, "pose of bent has shape"),
     (lambda: [Robot.ball(1.0).shape], "obstacles is a list"),
 )
 def test_build_arm_refuses_obstacles(tmp_path: Path, obstacles: Any, message: str) -> None:
     arm = Arm.from_urdf(planar(tmp_path))
     with pytest.raises(InputError, match=message):
-        build_arm(obstacles(), arm)
+        build_arm_space(obstacles(), arm)

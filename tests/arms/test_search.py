@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cspace import Robot
-from cspace.arms import Arm, ArmSpace, Placed, build_arm
+from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError, InputError
 from refusals import refusals
 from urdfs import planar, random_arm, two_arms
@@ -18,10 +18,10 @@ START, GOAL = (-1.2, 0.4), (1.2, -0.4)
 IN_WALL = (0.0, 0.0)
 
 
-def box(size: Any, *at: float) -> Placed:
+def box(size: Any, *at: float) -> PosedShape:
     pose = np.eye(4)
     pose[:3, 3] = at
-    return Placed(Robot.box(size).shape, pose)
+    return PosedShape(Robot.box(size).shape, pose)
 
 
 @pytest.fixture(scope="module", params=[0.1, 0.001], ids=["wall", "sheet"])
@@ -31,34 +31,34 @@ def space(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     The sheet is so thin that looks at points of a motion miss it.
     """
     arm = Arm.from_urdf(planar(tmp_path_factory.mktemp("arm")))
-    return build_arm({"wall": box((0.9, request.param, 1.0), 1.55, 0.0, 0.0)}, arm)
+    return build_arm_space({"wall": box((0.9, request.param, 1.0), 1.55, 0.0, 0.0)}, arm)
 
 
 @pytest.mark.parametrize("straight", [True, False])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_path_around_a_wall_is_proven_and_the_same_for_a_seed(space: ArmSpace, straight: bool, seed: int) -> None:
-    path = space.free_path(START, GOAL, seed=seed, straight=straight)
+    path = space.find_path(START, GOAL, seed=seed, straight=straight)
     assert not space.motion_is_free(START, GOAL)
     np.testing.assert_array_equal(path[[0, -1]], [START, GOAL])
     assert space.certify_path(path).all()
     along = np.concatenate([np.linspace(*edge, 200) for edge in pairwise(path)])
     assert np.abs(along[np.abs(along[:, 0]).argmin(), 1]) > 1.5  # it folds where it passes
-    np.testing.assert_array_equal(path, space.free_path(START, GOAL, seed=seed, straight=straight))
+    np.testing.assert_array_equal(path, space.find_path(START, GOAL, seed=seed, straight=straight))
 
 
 def test_any_goal_that_is_free_will_do(space: ArmSpace) -> None:
     near = (-1.0, 0.3)
-    path = space.free_path(START, [IN_WALL, GOAL, near], seed=1)
+    path = space.find_path(START, [IN_WALL, GOAL, near], seed=1)
     np.testing.assert_array_equal(path, [START, near])
-    np.testing.assert_array_equal(space.free_path(START, [IN_WALL, GOAL], seed=1)[-1], GOAL)
+    np.testing.assert_array_equal(space.find_path(START, [IN_WALL, GOAL], seed=1)[-1], GOAL)
 
 
 @pytest.mark.parametrize("turns", [-1, 0, 2])
 @pytest.mark.parametrize(("first", "last"), [(3.0, -3.0), (-3.0, 3.0)])
 def test_path_of_a_continuous_joint_takes_the_shorter_way(tmp_path: Any, first: float, last: float, turns: int) -> None:
-    space = build_arm({}, Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None)))
+    space = build_arm_space({}, Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None)))
     start, goal = (first, 0.4), (last + turns * 2.0 * np.pi, 0.6)
-    path = space.free_path(start, goal, seed=1)
+    path = space.find_path(start, goal, seed=1)
     assert len(path) == 2
     np.testing.assert_array_equal(path[0], start)
     np.testing.assert_allclose(path[1], (first + math.remainder(last - first, 2.0 * np.pi), 0.6))
@@ -68,8 +68,8 @@ def test_path_of_a_continuous_joint_takes_the_shorter_way(tmp_path: Any, first: 
 def test_path_of_a_continuous_joint_goes_the_longer_way_if_only_that_is_free(tmp_path: Any) -> None:
     """A wall blocks the shorter way of the upper link."""
     arm = Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None))
-    space = build_arm({"wall": box((0.1, 1.0, 1.0), -0.8, 0.0, 0.0)}, arm)
-    path = space.free_path((2.0, 0.0), (-2.0, 0.0), seed=1)
+    space = build_arm_space({"wall": box((0.1, 1.0, 1.0), -0.8, 0.0, 0.0)}, arm)
+    path = space.find_path((2.0, 0.0), (-2.0, 0.0), seed=1)
     assert space.certify_path(path).all()
     np.testing.assert_array_equal(path[[0, -1]], [(2.0, 0.0), (-2.0, 0.0)])
     assert np.abs(np.diff(path[:, 0])).max() <= np.pi  # so that it is clear to all which way the joint turns
@@ -90,28 +90,28 @@ def test_two_arms_of_seven_joints_find_a_path_with_few_samples(tmp_path: Any, se
     rng = np.random.default_rng(seed)
     sizes, places = rng.uniform(0.03, 0.1, (150, 3)), rng.uniform((0.35, -1.0, -0.9), (1.2, 1.0, 0.9), (150, 3))
     boxes = {f"box {k}": box(size, *place) for k, (size, place) in enumerate(zip(sizes, places, strict=True))}
-    space = build_arm(boxes, Arm.from_urdf(two_arms(tmp_path)))
+    space = build_arm_space(boxes, Arm.from_urdf(two_arms(tmp_path)))
     q0, q1 = space.sample_free(2, rng)
     generator: Any = CountingGenerator(np.random.PCG64(1))
-    path = space.free_path(q0, q1, seed=generator, time_limit=60.0)
+    path = space.find_path(q0, q1, seed=generator, time_limit=60.0)
     assert len(path) > 2 and space.certify_path(path).all()
     assert generator.batches < 100
 
 
 def test_where_there_is_no_path_the_search_ends_in_time(tmp_path: Any) -> None:
     """A wall that the upper link cannot pass, and limits that keep it from going around."""
-    space = build_arm({"wall": box((1.0, 0.1, 1.0), 0.8, 0.0, 0.0)}, Arm.from_urdf(planar(tmp_path)))
+    space = build_arm_space({"wall": box((1.0, 0.1, 1.0), 0.8, 0.0, 0.0)}, Arm.from_urdf(planar(tmp_path)))
     began = time.perf_counter()
-    assert space.free_path(START, GOAL, seed=1, time_limit=0.2).shape == (0, 2)
+    assert space.find_path(START, GOAL, seed=1, time_limit=0.2).shape == (0, 2)
     assert time.perf_counter() - began < 2.0
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_arms_of_all_kinds_of_joints(tmp_path: Any, seed: int) -> None:
     arm = Arm.from_urdf(random_arm(tmp_path, seed))
-    space = build_arm({"post": box((0.2, 0.2, 2.0), 0.8, 0.0, 0.0)}, arm, allowed=[("l0", "post")])
+    space = build_arm_space({"post": box((0.2, 0.2, 2.0), 0.8, 0.0, 0.0)}, arm, allowed=[("l0", "post")])
     q0, q1 = space.sample_free(2, np.random.default_rng(seed))
-    path = space.free_path(q0, q1, seed=seed, time_limit=0.5)
+    path = space.find_path(q0, q1, seed=seed, time_limit=0.5)
     assert not len(path) or space.certify_path(path).all()
     assert len(path) or not space.motion_is_free(q0, q1)
 
@@ -129,4 +129,4 @@ def test_search_refuses_bad_arguments(
     space: ArmSpace, endpoints: Any, options: Any, error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
-        space.free_path(*endpoints, **options)
+        space.find_path(*endpoints, **options)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import planners
 from cspace import BLOCKED, FREE, MIXED, Robot
-from cspace.arms import Arm, ArmSpace, Placed, build_arm
+from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError, InputError
 from refusals import refusals
 from solids import ArmOracle, box, sampled
@@ -35,9 +35,9 @@ def scene(tmp_path: Path, seed: int) -> tuple[ArmSpace, ArmOracle, np.random.Gen
         )
         for n in range(4)
     }
-    shapes = {name: Placed(Robot.box(size).shape, pose) for name, (size, pose) in blocks.items()}
+    shapes = {name: PosedShape(Robot.box(size).shape, pose) for name, (size, pose) in blocks.items()}
     ground = [("l0", name) for name in shapes]
-    space = build_arm(shapes, arm, allowed=ground)
+    space = build_arm_space(shapes, arm, allowed=ground)
     still = {name: [box(size, pose[:3, 3], pose[:3, :3])] for name, (size, pose) in blocks.items()}
     return space, ArmOracle(path, arm, still, [*arm.allowed, *ground]), rng
 
@@ -86,8 +86,8 @@ def test_a_path_keeps_as_far_away_as_is_said(tmp_path: Path) -> None:
 def test_small_arms_answer_as_worked_out_by_hand(tmp_path: Path) -> None:
     """A bar of two links and a post: just beside it, just in it, and a motion that sweeps over it."""
     arm = Arm.from_urdf(planar(tmp_path))
-    post = {"post": Placed(Robot.box((0.1, 0.1, 1.0)).shape, at(1.5, 1.0, 0.0))}
-    space = build_arm(post, arm)
+    post = {"post": PosedShape(Robot.box((0.1, 0.1, 1.0)).shape, at(1.5, 1.0, 0.0))}
+    space = build_arm_space(post, arm)
     assert space.classify((0.0, 0.0)) == FREE
     assert space.clearance((0.0, 0.0)) == pytest.approx(0.9, abs=1e-6)
     assert space.classify((0.0, np.pi / 2 - 0.3)) == FREE
@@ -99,10 +99,10 @@ def test_small_arms_answer_as_worked_out_by_hand(tmp_path: Path) -> None:
     contact = space.closest((0.4, 0.0))
     assert (contact.link, contact.other) == ("fore", "post")
     np.testing.assert_allclose(contact.points[1][:2], (1.55, 0.95), atol=1e-9)  # a corner of the post
-    ball = build_arm({"ball": Placed(Robot.ball(0.2).shape, at(1.5, 1.0, 0.0))}, arm)
+    ball = build_arm_space({"ball": PosedShape(Robot.ball(0.2).shape, at(1.5, 1.0, 0.0))}, arm)
     np.testing.assert_allclose(ball.closest((0.0, 0.0)).points, [(1.5, 0.05, 0.0), (1.5, 0.8, 0.0)], atol=1e-9)
     # The margin is kept.
-    close = build_arm(post, arm, margin=0.95)
+    close = build_arm_space(post, arm, margin=0.95)
     assert not close.is_free((0.0, 0.0))
     assert close.is_free((-1.0, 0.0))
 
@@ -125,7 +125,7 @@ def test_links_that_fold_onto_each_other(tmp_path: Path) -> None:
         joint("one", "a", "b", at=(1, 0, 0)),
         joint("two", "b", "c", at=(1, 0, 0)),
     )
-    space = build_arm({}, Arm.from_urdf(path))
+    space = build_arm_space({}, Arm.from_urdf(path))
     assert space.is_free((0.0, 0.0))
     assert space.is_free((2.0, -1.0))
     assert not space.is_free((2.2, 2.2))
@@ -138,7 +138,7 @@ def test_what_lies_within_the_other_is_no_free_configuration(tmp_path: Path, swa
     size = 0.1 if swapped else 2.0
     path = written(tmp_path, link("base"), link("tip", ((size, size, size), (5, 0, 0))), joint("turn", "base", "tip"))
     other = 2.1 - size
-    space = build_arm({"thing": Placed(Robot.box((other,) * 3).shape, at(5, 0, 0))}, Arm.from_urdf(path))
+    space = build_arm_space({"thing": PosedShape(Robot.box((other,) * 3).shape, at(5, 0, 0))}, Arm.from_urdf(path))
     assert space.classify((0.0,)) == BLOCKED
     assert space.clearance((0.0,)) == 0.0
     assert space.is_free((1.5,))
@@ -148,24 +148,24 @@ def test_what_lies_within_the_other_is_no_free_configuration(tmp_path: Path, swa
 def test_round_obstacles_and_things_that_are_held(tmp_path: Path) -> None:
     arm = Arm.from_urdf(planar(tmp_path))
     solids = {
-        "ball": Placed(Robot.ball(0.3).shape, at(2.5, 0.0, 0.0)),
-        "can": Placed(Robot.cylinder(0.2, 1.0).shape, at(0.0, 2.5, 0.0)),
+        "ball": PosedShape(Robot.ball(0.3).shape, at(2.5, 0.0, 0.0)),
+        "can": PosedShape(Robot.cylinder(0.2, 1.0).shape, at(0.0, 2.5, 0.0)),
     }
-    space = build_arm(solids, arm)
+    space = build_arm_space(solids, arm)
     assert space.clearance((0.0, 0.0)) == pytest.approx(0.2, abs=1e-6)
     assert space.clearance((np.pi / 2, 0.0)) == pytest.approx(0.3, abs=2e-3)
     longer = arm.attach("tool", Robot.box((0.3, 0.02, 0.02)).shape, "fore", at(1.1, 0.0, 0.0))
-    held = build_arm(solids, longer)
+    held = build_arm_space(solids, longer)
     assert held.clearance((np.pi / 2, 0.0)) == pytest.approx(0.05, abs=2e-3)
     assert not held.is_free((0.0, 0.0))
 
 
 def test_obstacles_that_touch_what_does_not_move_are_refused_unless_they_may(tmp_path: Path) -> None:
     arm = Arm.from_urdf(planar(tmp_path))
-    floor = {"floor": Placed(Robot.box((4.0, 4.0, 0.1)).shape, at(0, 0, -0.25))}
+    floor = {"floor": PosedShape(Robot.box((4.0, 4.0, 0.1)).shape, at(0, 0, -0.25))}
     with pytest.raises(ConfigurationError, match=r"foot touches obstacle 'floor'.*allowed="):
-        build_arm(floor, arm)
-    assert build_arm(floor, arm, allowed=[("foot", "floor")]).is_free((0.0, 0.0))
+        build_arm_space(floor, arm)
+    assert build_arm_space(floor, arm, allowed=[("foot", "floor")]).is_free((0.0, 0.0))
 
 
 @refusals(
@@ -176,20 +176,22 @@ def test_obstacles_that_touch_what_does_not_move_are_refused_unless_they_may(tmp
     (lambda s: s.certify_path(np.empty((0, 2))), "path has shape"),
     (lambda s: s.sample_free(-1, np.random.default_rng(1)), "n is -1"),
     (lambda s: s.closest([(0.0, 0.0)]), "one configuration is asked for"),
-    (lambda s: build_arm({}, s.arm, allowed=[("fore", "foot")]).closest((0.0, 0.0)), "there is nothing to touch"),
-    (lambda s: build_arm({"foot": Robot.ball(1.0).shape}, s.arm), "a link has that name"),
-    (lambda s: build_arm({"disc": Robot.disc(1.0).shape}, s.arm), "arms are in space"),
-    (lambda s: build_arm({}, s.arm, allowed=[("foot", "sky")]), "names 'sky'"),
-    (lambda s: build_arm({}, s.arm, margin=-1.0), "margin is -1.0"),
+    (lambda s: build_arm_space({}, s.arm, allowed=[("fore", "foot")]).closest((0.0, 0.0)), "there is nothing to touch"),
+    (lambda s: build_arm_space({"foot": Robot.ball(1.0).shape}, s.arm), "a link has that name"),
+    (lambda s: build_arm_space({"disc": Robot.disc(1.0).shape}, s.arm), "arms are in space"),
+    (lambda s: build_arm_space({}, s.arm, allowed=[("foot", "sky")]), "names 'sky'"),
+    (lambda s: build_arm_space({}, s.arm, margin=-1.0), "margin is -1.0"),
 )
 def test_arm_spaces_refuse(tmp_path: Path, call: Any, message: str) -> None:
-    space = build_arm({"post": Placed(Robot.ball(0.1).shape, at(3, 3, 0))}, Arm.from_urdf(planar(tmp_path)))
+    space = build_arm_space({"post": PosedShape(Robot.ball(0.1).shape, at(3, 3, 0))}, Arm.from_urdf(planar(tmp_path)))
     with pytest.raises(InputError, match=message):
         call(space)
 
 
 def test_build_arm_takes_shapes_and_paths(tmp_path: Path) -> None:
-    space = build_arm({"post": Placed(Robot.ball(0.1).shape, at(1.5, 1.0, 0))}, Arm.from_urdf(planar(tmp_path)))
+    space = build_arm_space(
+        {"post": PosedShape(Robot.ball(0.1).shape, at(1.5, 1.0, 0))}, Arm.from_urdf(planar(tmp_path))
+    )
     points = np.zeros((2, 3, 2))
     assert np.shape(space.is_free(points)) == np.shape(space.classify(points)) == (2, 3)
     assert np.shape(space.clearance(points)) == (2, 3)
@@ -207,8 +209,8 @@ def test_no_thin_obstacle_on_the_way_is_missed(tmp_path: Path, seed: int) -> Non
     path = random_arm(tmp_path, seed)
     arm = Arm.from_urdf(path)
     touch = [("l0", "seed"), *((a.name, b.name) for a in arm.links for b in arm.links if a.name < b.name)]
-    away = {"seed": Placed(Robot.ball(1e-3).shape, at(20.0, 0.0, 0.0))}
-    empty, rng = build_arm(away, arm, allowed=touch), np.random.default_rng(seed)
+    away = {"seed": PosedShape(Robot.ball(1e-3).shape, at(20.0, 0.0, 0.0))}
+    empty, rng = build_arm_space(away, arm, allowed=touch), np.random.default_rng(seed)
     for each in arm.links[1:]:
         for _ in range(12):
             q0, q1 = sampled(arm, rng, 2)
@@ -217,14 +219,14 @@ def test_no_thin_obstacle_on_the_way_is_missed(tmp_path: Path, seed: int) -> Non
             point = part.pose[:3, :3] @ rng.uniform(low, high) + part.pose[:3, 3]
             pose = arm.poses(q0 + rng.uniform() * (q1 - q0))[each.name]
             there = pose[:3, :3] @ point + pose[:3, 3]
-            assert not build_arm(
-                {"seed": Placed(Robot.ball(1e-3).shape, at(*there))}, arm, allowed=touch
+            assert not build_arm_space(
+                {"seed": PosedShape(Robot.ball(1e-3).shape, at(*there))}, arm, allowed=touch
             ).motion_is_free(q0, q1)
             assert empty.motion_is_free(q0, q1)
 
 
 def test_checkers_never_pass_nan(tmp_path):
-    space = build_arm({"box": Robot.box((0.2, 0.2, 0.2), (1.5, 1.0, 0.0)).shape}, Arm.from_urdf(planar(tmp_path)))
+    space = build_arm_space({"box": Robot.box((0.2, 0.2, 0.2), (1.5, 1.0, 0.0)).shape}, Arm.from_urdf(planar(tmp_path)))
     check, q = space.edge_checker(), (0.0, 0.1)
     assert check(*q, *q) and space.point_checker()(*q)
     for bad in ((np.nan, 0.1), (0.0, np.nan)):
@@ -236,7 +238,7 @@ HAIR = 4e-6
 
 
 def test_plans_move_configurations_a_hair_beyond_limits_onto_them_and_say_so(tmp_path: Path) -> None:
-    space = build_arm({}, Arm.from_urdf(planar(tmp_path, limits=(-1.123456, 2.0))))
+    space = build_arm_space({}, Arm.from_urdf(planar(tmp_path, limits=(-1.123456, 2.0))))
     for planner in (None, "RRTConnect"):
         plan = planners.plan(space, (-1.123456 - HAIR, 0.3), (2.0 + HAIR, 0.5), planner=planner, seed=1)
         assert plan.certified
@@ -245,9 +247,9 @@ def test_plans_move_configurations_a_hair_beyond_limits_onto_them_and_say_so(tmp
         assert plan.status.startswith("path found")
         assert "start moved onto the limit of shoulder by 4e-06 rad; goal moved onto" in plan.status
     assert "moved" not in planners.plan(space, (-1.123456, 0.3), (2.0, 0.5), seed=1).status
-    path = space.free_path((-1.123456 - HAIR, 0.3), (2.0, 3.0 + HAIR), seed=1)
+    path = space.find_path((-1.123456 - HAIR, 0.3), (2.0, 3.0 + HAIR), seed=1)
     assert path[[0, -1]].tolist() == [[-1.123456, 0.3], [2.0, 3.0]]
-    for call in (space.is_free, lambda q: planners.plan(space, q, (0, 0)), lambda q: space.free_path(q, (0, 0))):
+    for call in (space.is_free, lambda q: planners.plan(space, q, (0, 0)), lambda q: space.find_path(q, (0, 0))):
         with pytest.raises(ConfigurationError, match=r"shoulder at -1.1234761.*limits are -1.123456 and 2; .*1e-05"):
             call((-1.123456 - 2.01e-5, 0.3))
 
@@ -257,8 +259,8 @@ def test_answers_beyond_a_limit_hold_for_the_configuration_as_given(tmp_path: Pa
     rod = link("rod", ((1.0, 0.1, 0.1), (0, 0, 0)))
     slide = joint("slide", "foot", "rod", axis=(1, 0, 0), kind="prismatic", limits=(-0.5, 0.5))
     path = written(tmp_path, link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.2))), rod, slide)
-    wall = Placed(Robot.box((1.0, 1.0, 1.0)).shape, at(1.5 + 1e-6, 0, 0))
-    space = build_arm({"wall": wall}, Arm.from_urdf(path))
+    wall = PosedShape(Robot.box((1.0, 1.0, 1.0)).shape, at(1.5 + 1e-6, 0, 0))
+    space = build_arm_space({"wall": wall}, Arm.from_urdf(path))
     assert space.is_free((0.5,))
     assert space.classify((0.5 + HAIR,)) == BLOCKED
     assert not space.motion_is_free((0.0,), (0.5 + HAIR,))
@@ -296,8 +298,8 @@ def test_certified_motions_turn_continuous_joints_the_shorter_way(
     """A small ball lies in the way of the shorter motion, or not; that of wrapped angles is refused."""
     arm = Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None))
     point = radius * np.cos(direction), radius * np.sin(direction)
-    ball = {"ball": Placed(Robot.ball(0.1).shape, at(*point, 0.0))}
-    space = build_arm(ball, arm, allowed=[("foot", "ball")])
+    ball = {"ball": PosedShape(Robot.ball(0.1).shape, at(*point, 0.0))}
+    space = build_arm_space(ball, arm, allowed=[("foot", "ball")])
     q1 = (q0[0] + turn, elbow)
     near = distances_to_bars(np.linspace(q0, q1, 2000), point).min()
     certified = space.certify_path([q0, q1])[0]
@@ -310,7 +312,7 @@ def test_certified_motions_turn_continuous_joints_the_shorter_way(
 
 
 def test_long_turns_of_continuous_joints_are_refused_in_paths_and_roadmaps(tmp_path: Path) -> None:
-    space = build_arm({}, Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None)))
+    space = build_arm_space({}, Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None)))
     rows = [(0.0, 0.0), (np.pi, 1.0), (4.0, 0.0), (-2.0, 0.0)]
     assert space.certify_path(rows[:3]).all()
     for call in (space.certify_path, space.path_clearance, lambda path: space.certify_path([[path[0]] * 4, path])):
@@ -319,5 +321,5 @@ def test_long_turns_of_continuous_joints_are_refused_in_paths_and_roadmaps(tmp_p
     with pytest.raises(InputError, match="path turns shoulder by 4 rad from row 2 to row 0"):
         space.certify_path(rows, [(0, 1), (2, 0)])
     assert space.certify_path(rows, [(0, 1), (1, 2), (0, 3)]).all()
-    limited = build_arm({}, Arm.from_urdf(planar(tmp_path)))
+    limited = build_arm_space({}, Arm.from_urdf(planar(tmp_path)))
     assert limited.certify_path([(-3.0, 0.0), (3.0, 0.0)]).all()

@@ -269,8 +269,8 @@ def joints(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("mixed", lambda: urdfs.written(folder, *links, urdfs.joint("shoulder", "foot", "upper"), sliding)),
     ):
         post = trimesh.creation.box((0.2, 0.2, 4.0)).apply_translation((1.4, 1.2, 0.0))
-        space = cspace.build_arm({"post": post}, cspace.Arm.from_urdf(make()))
-        cspace.build_arm_map(space, 0.1).save(folder / f"{name}.zarr")
+        space = cspace.build_arm_space({"post": post}, cspace.Arm.from_urdf(make()))
+        cspace.build_joint_map(space, 0.1).save(folder / f"{name}.zarr")
     return folder
 
 
@@ -563,7 +563,7 @@ def test_export_writes_every_format(room: Path) -> None:
         np.testing.assert_array_equal(held["state"][0], states)
     document("export", "turning.zarr", "slice.yaml", "--rotation", "90deg")
     image = cspace.Workspace.from_ros_map("slice.yaml", unknown="occupied")
-    np.testing.assert_array_equal(~image.outer, cspace.open("turning.zarr").slice_at(math.pi / 2) == cspace.FREE)
+    np.testing.assert_array_equal(~image.outer, cspace.open("turning.zarr").states_at(math.pi / 2) == cspace.FREE)
 
 
 # ----------------------------------------------------------------------------------------------- overlap fields

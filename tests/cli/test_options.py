@@ -121,7 +121,7 @@ def test_what_the_library_says_in_options(said: str, expected: str) -> None:
             InputError("spacing", "is -1", "it must be above zero", "pass it in metres"),
             "--spacing is -1; it must be above",
         ),
-        (InputError("solid", "is 'x'", mend="pass solid='fill'"), "--solid is 'x'; pass --solid fill"),
+        (InputError("solid", "is 'x'", hint="pass solid='fill'"), "--solid is 'x'; pass --solid fill"),
         (
             FileError("spacing=1.npy", "does not exist", "check the name"),
             "spacing=1.npy: does not exist; check the name",

@@ -35,7 +35,7 @@ def test_runs_are_the_offsets_that_can_fall_on_the_map(cells, lower, nx, ny):
     raster = Raster.trimmed(cells, lower)
     other = Raster.trimmed(np.ones((2, 3), bool), (0, 0))
     _, runs, _ = Runs.of([other, raster, other], (1, nx, ny))
-    table = runs.table[runs.news]
+    table = runs.table[runs.is_first]
     covered = {(x, y + k) for _, x, y, n in table.tolist() for k in range(n)}
     offsets = set(raster_offsets(raster))
     assert covered == {(x, y) for x, y in offsets if abs(x) < nx and abs(y) < ny}

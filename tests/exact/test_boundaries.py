@@ -64,15 +64,15 @@ def test_a_cut_polygon_has_the_border_that_shapely_gives_it(corners, seed, round
     if not polygons:
         return
     workspace = Workspace.from_polygons(polygons, 0.25, (0, 0, 1, 1))
-    for walled in (False, True):
-        pieces = obstacle_border(workspace, walled=walled).pieces
+    for exterior_blocked in (False, True):
+        pieces = obstacle_border(workspace, exterior_blocked=exterior_blocked).pieces
         segments = np.concatenate([part.simplices for part in pieces])
         assert (segments >= 0.0).all() and (segments <= 1.0).all()
         ours = shapely.union_all([*shapely.linestrings(segments), *shapely.points(segments[:, 0])])
         true = shapely.get_parts([part.intersection(shapely.box(0, 0, 1, 1)) for part in polygons])
         border = shapely.union_all([part.boundary if part.area else part for part in true])
-        assert shapely.hausdorff_distance(ours, border, densify=0.05) < 1e-9 or walled
-        if walled:  # what lies on the border of the grid is beyond doubt
+        assert shapely.hausdorff_distance(ours, border, densify=0.05) < 1e-9 or exterior_blocked
+        if exterior_blocked:  # what lies on the border of the grid is beyond doubt
             inner = border.intersection(shapely.box(0.01, 0.01, 0.99, 0.99))
             assert inner.difference(ours.buffer(1e-9)).is_empty
 

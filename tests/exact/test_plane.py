@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.shapes import Balls
-from handmade import walled
+from handmade import exterior_blocked
 from placements import obstacles_of
 from strategies import robots, seeds, stars
 from tests.soak.plane import moved
@@ -183,7 +183,7 @@ def test_a_disc_around_its_reference_point_turns_without_cost():
 
 
 def test_touching_is_a_collision():
-    space = cspace.build(Workspace.from_array(walled((10, 10), np.s_[5, 5]), 1.0), Robot.rectangle(1.0, 1.0))
+    space = cspace.build(Workspace.from_array(exterior_blocked((10, 10), np.s_[5, 5]), 1.0), Robot.rectangle(1.0, 1.0))
     assert not space.is_free([4.5, 5.5], exact=True)
     assert space.is_free([4.5 - 1e-6, 5.5], exact=True)
     assert not space.motion_is_free([4.5, 3.0], [4.5, 8.0], exact=True)

@@ -280,7 +280,7 @@ def test_a_ros_map_is_the_slice_at_a_yaw(tmp_path: Path, name: str, suffix: str)
     space.export(tmp_path / f"map{suffix}", rotation=yaw)
     for unknown, expected in (("occupied", cspace.FREE), ("free", cspace.MIXED)):
         workspace = cspace.Workspace.from_ros_map(tmp_path / f"map{suffix}", unknown=unknown)
-        np.testing.assert_array_equal(workspace.outer, space.slice_at(yaw or ()) > expected)
+        np.testing.assert_array_equal(workspace.outer, space.states_at(yaw or ()) > expected)
     if yaw is not None:
         with pytest.raises(InputError, match="rotation is missing"):
             space.export(tmp_path / f"other{suffix}")
@@ -329,7 +329,7 @@ def test_netcdf_of_a_plane_map_lies_where_the_map_does(tmp_path: Path, name: str
     opened = rioxarray.open_rasterio(tmp_path / "map.nc", variable="state")
     image = opened[0] if isinstance(opened, list) else opened
     np.testing.assert_allclose(np.stack(np.meshgrid(image.x, image.y), axis=-1), of_cells(space), atol=1e-9)
-    expected = [space.state] if name == "plane" else [space.slice_at(yaw) for yaw in space.rotations.representatives]
+    expected = [space.state] if name == "plane" else [space.states_at(yaw) for yaw in space.rotations.representatives]
     assert (image["state"].values == np.stack([state.T[::-1] for state in expected])).all()
 
 
@@ -349,7 +349,7 @@ def test_netcdf_holds_a_map_of_space_and_one_rotation(tmp_path: Path, ball: cspa
     space.export(tmp_path / "one.nc", rotation=1.0)
     with xarray.open_dataset(tmp_path / "one.nc") as dataset:
         assert dataset["state"].dims == ("y", "x")
-        assert (dataset["state"].values == space.slice_at(1.0).T).all()
+        assert (dataset["state"].values == space.states_at(1.0).T).all()
         assert abs(float(dataset["yaw"]) - 1.0) <= float(dataset["covering_angle"])
 
 

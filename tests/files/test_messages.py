@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 import cspace
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.files.ros import Costmap, OccupancyGrid
-from handmade import walled
+from handmade import exterior_blocked
 from refusals import refusals
 
 RNG = np.random.default_rng(0)
@@ -58,7 +58,7 @@ def strict(about, sizes, typecode):
 
 @pytest.fixture(scope="module")
 def spaces():
-    workspace = Workspace.from_array(walled((40, 30), np.s_[20, :18], np.s_[5:8, 22:26]), 0.1, (-1.0, 2.0))
+    workspace = Workspace.from_array(exterior_blocked((40, 30), np.s_[20, :18], np.s_[5:8, 22:26]), 0.1, (-1.0, 2.0))
     disc, car = Robot.disc(0.23), Robot.rectangle(0.5, 0.3)
     return {"disc": cspace.build(workspace, disc), "car": cspace.build(workspace, car, rotations=6)}
 
@@ -114,7 +114,7 @@ def test_a_robot_that_turns_is_free_where_it_is_at_every_rotation(spaces):
     assert ((cells == 0) == (space.state == FREE).all(axis=0)).all()
     assert ((cells == 100) == (space.state == BLOCKED).all(axis=0)).all()
     one = np.array(space.to_occupancy_grid(rotation=1.0).data).reshape(30, 40).T
-    assert ((one == 0) == (space.slice_at(1.0) == FREE)).all()
+    assert ((one == 0) == (space.states_at(1.0) == FREE)).all()
     assert (one == 0).sum() > (cells == 0).sum() > 0
 
 

@@ -12,8 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cspace import Arm, FileError, Robot, Workspace, build, build_arm
-from cspace.arms import Placed, read_moveit_scene
+from cspace import Arm, FileError, Robot, Workspace, build, build_arm_space
+from cspace.arms import PosedShape, read_moveit_scene
 from cspace.errors import GeometryError, InputError
 from refusals import refusals
 
@@ -115,10 +115,10 @@ def test_problems_of_motion_bench_maker_are_the_same_obstacles(tmp_path, robot, 
                     "sphere": Robot.ball,
                     "cylinder": lambda h, r: Robot.cylinder(r, h),
                 }
-                expected[name] = Placed(make[kind](*numbers).shape, matrix)
+                expected[name] = PosedShape(make[kind](*numbers).shape, matrix)
         read = read_moveit_scene(scene(tmp_path, *objects))
         assert read.keys() == expected.keys()
-        spaces = build_arm(read, arm), build_arm(expected, arm)
+        spaces = build_arm_space(read, arm), build_arm_space(expected, arm)
         points = rng.uniform(*arm.ranges(), (300, arm.dof))
         states = [np.asarray(space.classify(points)) for space in spaces]
         assert (states[0] == states[1]).all() and len(set(states[0].tolist())) > 1

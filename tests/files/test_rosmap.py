@@ -187,10 +187,10 @@ def test_a_turned_map_is_tight(tmp_path: Path) -> None:
     # 20 x 40 cells of 0.5 m: the borders cross at most 3 cells for each cell of their length.
     assert 800 < solid.outer.sum() < 800 + 1.5 * 120
     assert 800 - 1.5 * 120 < solid.inner.sum() < 800
-    walled = Workspace.from_ros_map(path, "occupied")
-    assert walled.grid == solid.grid
-    assert (walled.outer & ~solid.outer).any()
-    assert 60 * 80 - 800 - 1.5 * 400 < (~walled.outer).sum() < 60 * 80 - 800
+    exterior_blocked = Workspace.from_ros_map(path, "occupied")
+    assert exterior_blocked.grid == solid.grid
+    assert (exterior_blocked.outer & ~solid.outer).any()
+    assert 60 * 80 - 800 - 1.5 * 400 < (~exterior_blocked.outer).sum() < 60 * 80 - 800
 
 
 def test_a_turned_map_without_free_cells(tmp_path: Path) -> None:

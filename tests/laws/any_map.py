@@ -121,7 +121,9 @@ def make_periodic(space: str, storage: str, seed: int, folder: Path) -> AnyMap:
     workspace = Workspace(grid, states != cspace.FREE, states == cspace.BLOCKED)
     robot, rotations = Robot("arm", Point.at_origin(len(shape))), Rotations.of(None)
     slices = rotations.slices_for(robot.shape)
-    memory = cspace.CSpace(Contents(workspace, robot, rotations, slices, states[np.newaxis].copy(), endless=periodic))
+    memory = cspace.CSpace(
+        Contents(workspace, robot, rotations, slices, states[np.newaxis].copy(), periodic_axes=periodic)
+    )
     made = memory
     if storage == "saved":
         made = reopen(made, folder / "periodic.zarr")

@@ -259,12 +259,12 @@ def test_paths_of_the_maps_own_search_are_certified(any_map: AnyMap) -> None:
     q0, q1 = space.sample_free(12, rng), space.sample_free(12, rng)
     found = 0
     for start, goal in zip(q0, q1, strict=True):
-        for path in (space.free_path(start, goal), space.widest_path(start, goal)):
+        for path in (space.find_path(start, goal), space.find_widest_path(start, goal)):
             if len(path):
                 found += 1
                 assert space.certify_path(path).all()
                 np.testing.assert_allclose(path[0], start, atol=1e-9)
-        lower, upper = space.free_reach(start)
+        lower, upper = space.reachable_bounds(start)
         dim = space.grid.dim
         assert (lower <= start[:dim] + 1e-9).all() and (start[:dim] <= upper + 1e-9).all()
     assert found

@@ -189,8 +189,8 @@ def test_edges_of_many_are_those_of_each(make, seed, outside):
 
 def test_blocks_are_marked_only_where_that_pays(monkeypatch):
     space = cspace.build(cspace.Workspace.from_array(np.zeros((200, 200), dtype=bool), 0.1), cspace.Robot.disc(0.2))
-    marked, mark = [], mip.Mip.marks
-    monkeypatch.setattr(mip.Mip, "marks", lambda *how: marked.append(mark(*how)) or marked[-1])
+    marked, mark = [], mip.OccupancyPyramid.marks
+    monkeypatch.setattr(mip.OccupancyPyramid, "marks", lambda *how: marked.append(mark(*how)) or marked[-1])
     space.motion_is_free((1.0, 1.0), (2.0, 2.0))
     assert not marked
     space.motion_is_free(np.full((10, 2), 1.0), np.full((10, 2), 2.0))

@@ -57,14 +57,14 @@ def all_cells(stack, turns, around=2):
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, stack.ndim)
 
 
-def by_scipy(stack, slice_of, rim_is_open, cells):
+def by_scipy(stack, slice_of, exterior_open, cells):
     """Numbers of the components of cells, from labels of the whole map with a rim around, its turns in a ring."""
     order = slice_of if len(stack) > 1 else [0]
     numbers = []
     for kind, member in enumerate((stack == FREE, stack != BLOCKED)):
         framed = np.zeros((len(stack), *(n + 4 for n in stack.shape[1:])), dtype=bool)
         if kind:
-            framed.T[...] = rim_is_open
+            framed.T[...] = exterior_open
         framed[(slice(None), *[slice(2, -2)] * (stack.ndim - 1))] = member
         labels, count = ndimage.label(framed[order])
         first, last = labels[0].ravel(), labels[-1].ravel()
@@ -251,12 +251,12 @@ def test_free_reach_is_the_box_of_the_component(seed, kind):
     numbers = handmade.components(states == FREE, kind)
     for cell in np.argwhere(states == FREE)[:8]:
         joined = np.argwhere(numbers == numbers[tuple(cell)])[:, 1:]
-        lower, upper = space.free_reach(handmade.middles(space, cell[None])[0])
+        lower, upper = space.reachable_bounds(handmade.middles(space, cell[None])[0])
         assert lower.tolist() == joined.min(axis=0).tolist()
         assert upper.tolist() == (joined.max(axis=0) + 1).tolist()
     for cell in np.argwhere(states != FREE)[:1]:
         with pytest.raises(ConfigurationError, match="FREE"):
-            space.free_reach(handmade.middles(space, cell[None])[0])
+            space.reachable_bounds(handmade.middles(space, cell[None])[0])
 
 
 BAR = Robot.rectangle(1e-6, 1e-7)
@@ -288,7 +288,7 @@ def test_rotation_cells_that_share_slices_are_joined(robot, turns):
         assert (np.equal(answers, True) == (np.equal.outer(free, free) & (free >= 0))).all()
 
 
-def walled(gap, outside="blocked"):
+def exterior_blocked(gap, outside="blocked"):
     """A room of 40 x 20 cells with a wall that has a gap of so many cells."""
     occupied = np.zeros((40, 20), dtype=bool)
     occupied[20, gap:] = True
@@ -296,18 +296,18 @@ def walled(gap, outside="blocked"):
 
 
 def test_a_door_decides():
-    assert walled(12).path_exists((1.0, 1.0), (3.0, 1.0)) is True
-    assert walled(3).path_exists((1.0, 1.0), (3.0, 1.0)) is False
-    assert walled(5).path_exists((1.0, 1.0), (3.0, 1.0)) is None  # 0.5 m for a disc 0.5 m across
+    assert exterior_blocked(12).path_exists((1.0, 1.0), (3.0, 1.0)) is True
+    assert exterior_blocked(3).path_exists((1.0, 1.0), (3.0, 1.0)) is False
+    assert exterior_blocked(5).path_exists((1.0, 1.0), (3.0, 1.0)) is None  # 0.5 m for a disc 0.5 m across
 
 
 def test_a_way_around_the_map_is_no_proof_of_absence():
-    assert walled(0, "free").path_exists((1.0, 1.0), (3.0, 1.0)) is None
-    assert walled(0).path_exists((1.0, 1.0), (3.0, 1.0)) is False
+    assert exterior_blocked(0, "free").path_exists((1.0, 1.0), (3.0, 1.0)) is None
+    assert exterior_blocked(0).path_exists((1.0, 1.0), (3.0, 1.0)) is False
 
 
 def test_what_collides_has_no_path():
-    space = walled(12)
+    space = exterior_blocked(12)
     assert space.path_exists((2.05, 1.8), (2.05, 1.8)) is False
     assert space.path_exists((1.0, 1.0), (-5.0, 1.0)) is False
     assert space.path_exists((1.0, 1.0), (1.0, 1.0)) is True
@@ -340,7 +340,7 @@ def test_turning_on_the_spot_wraps():
 
 
 def test_path_exists_broadcasts_and_names_what_it_refuses():
-    space = walled(12)
+    space = exterior_blocked(12)
     assert space.path_exists(np.full((2, 1, 2), 1.0), np.full((3, 2), 1.1)).tolist() == [[True] * 3] * 2
     assert space.path_exists(np.empty((0, 2)), (0.1, 0.1)).shape == (0,)
     with pytest.raises(InputError, match=r"q0 number 0 is .*nan"):

@@ -16,7 +16,7 @@ import oracles
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.rotations import Rotations
 from cspace.rotations.base import ANGLE_SLACK, TURN
-from handmade import Outside, but, cells_around, map_of, outsides, state_of, states, walled
+from handmade import Outside, but, cells_around, exterior_blocked, map_of, outsides, state_of, states
 from planning import edge
 from strategies import rotation_cells, seeds
 
@@ -153,16 +153,18 @@ def test_long_edges_outside_the_grid_are_decided(dim):
     rest = (0.6,) * (dim - 1)
     assert space.motion_is_free((-100.0, *[0.5] * (dim - 1)), (100.0, *rest))  # no obstacle at all
     assert not space.motion_is_free((-1e9, *rest), (1e9, *rest))  # too far for the certificate
-    walled = map_of(np.zeros((4,) * dim), outside=Outside.all_of(BLOCKED, dim))
-    assert walled.motion_is_free((0.0,) * dim, (1.0,) * dim)
+    exterior_blocked = map_of(np.zeros((4,) * dim), outside=Outside.all_of(BLOCKED, dim))
+    assert exterior_blocked.motion_is_free((0.0,) * dim, (1.0,) * dim)
     for axis, value in product(range(dim), (-0.01, 1.01)):
         q = np.full(dim, 0.5)
         q[axis] = value
-        assert not walled.motion_is_free((0.5,) * dim, q)
+        assert not exterior_blocked.motion_is_free((0.5,) * dim, q)
 
 
 def test_edges_outside_keep_off_what_is_undecided():
-    space = cspace.build(Workspace.from_array(walled((10, 10), np.s_[0, 5]), 0.1), Robot.disc(0.2), outside="free")
+    space = cspace.build(
+        Workspace.from_array(exterior_blocked((10, 10), np.s_[0, 5]), 0.1), Robot.disc(0.2), outside="free"
+    )
     assert space.motion_is_free((-1.0, -1.0), (-1.0, 2.0))
     assert not space.motion_is_free((-0.15, -1.0), (-0.15, 2.0))
     assert space.motion_is_free((-1.0, 0.05), (0.05, 0.05))
@@ -329,7 +331,7 @@ def test_edges_are_walked_as_ompl_interpolates(rotations, seed):
 
 def test_edges_outside_the_grid_follow_the_policy():
     robot = Robot.rectangle(0.4, 0.1, (0.1, 0.0))
-    workspace = Workspace.from_array(walled((10, 10), np.s_[0, 5]), 0.1)
+    workspace = Workspace.from_array(exterior_blocked((10, 10), np.s_[0, 5]), 0.1)
     free = cspace.build(workspace, robot, rotations=16, outside="free")
     blocked = cspace.build(workspace, robot, rotations=16)
     assert free.motion_is_free((-1.0, -1.0, 0.0), (-1.0, 2.0, 3.0))

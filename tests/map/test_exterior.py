@@ -17,7 +17,7 @@ SLICES = 2
 
 @settings(max_examples=60)
 @given(seeds, st.integers(2, 3), st.booleans())
-def test_what_is_said_of_the_outside_follows_from_the_rasters(seed, dim, walled):
+def test_what_is_said_of_the_outside_follows_from_the_rasters(seed, dim, exterior_blocked):
     """Outside the grid, FREE where no outer offset meets an obstacle and BLOCKED only where an inner one leaves."""
     rng = np.random.default_rng(seed)
     shape, rasters = tuple(rng.integers(1, 5, dim).tolist()), []
@@ -26,13 +26,13 @@ def test_what_is_said_of_the_outside_follows_from_the_rasters(seed, dim, walled)
         cells, lower = rng.random(rng.integers(1, 4, dim)) < 0.7, tuple(rng.integers(-3, 3, dim).tolist())
         inner = cells & (rng.random(cells.shape) < 0.8)
         rasters.append((Raster.trimmed(cells, lower), Raster.trimmed(inner, lower)))
-    exterior = Exterior.of(occupied, rasters, "blocked" if walled else "free")
+    exterior = Exterior.of(occupied, rasters, "blocked" if exterior_blocked else "free")
     around = [
         k
         for k in product(*(range(-6, n + 6) for n in shape))
         if not all(0 <= c < n for c, n in zip(k, shape, strict=True))
     ]
-    wide = np.pad(occupied, 20, constant_values=walled)
+    wide = np.pad(occupied, 20, constant_values=exterior_blocked)
     for (outer, inner), row in zip(rasters, exterior.table, strict=True):
         outside, cells = Outside(row[:-1], int(row[-1])), np.array(around)
 
@@ -44,7 +44,7 @@ def test_what_is_said_of_the_outside_follows_from_the_rasters(seed, dim, walled)
         said = np.where(((first <= cells) & (cells <= last)).all(axis=1), MIXED, outside.state)
         assert not hits(outer)[said == FREE].any()
         assert hits(inner)[said == BLOCKED].all()
-        far = BLOCKED if walled and inner.count else MIXED if walled else FREE
+        far = BLOCKED if exterior_blocked and inner.count else MIXED if exterior_blocked else FREE
         assert outside.state == far and far in said
 
 

@@ -42,7 +42,7 @@ def test_there_is_a_path_wherever_free_cells_join_two(seed, kind):
     still = cells[0, 0] == cells[1, 0] and np.ptp(alone[(0, *cells[:, 1:].T)]) == 0
     joined = np.ptp(numbers[tuple(cells.T)]) == 0
     for straight in (False, True):
-        path = space.free_path(q0, q1, straight=straight)
+        path = space.find_path(q0, q1, straight=straight)
         assert (len(path) > 0) == joined
         if joined:
             turn = q0 if still else q1
@@ -52,10 +52,10 @@ def test_there_is_a_path_wherever_free_cells_join_two(seed, kind):
             steps = space.rotations.steps(path[:-1], path[1:])
             for share in np.linspace(0.0, 1.0, 50):
                 assert space.is_free(space.rotations.moved(path[:-1], share * steps)).all()
-    rough, smooth = space.free_path(q0, q1, straight=False), space.free_path(q0, q1)
+    rough, smooth = space.find_path(q0, q1, straight=False), space.find_path(q0, q1)
     if still:
         assert length(smooth[:, : space.grid.dim]) <= length(rough[:, : space.grid.dim]) * (1 + 1e-12)
-    assert (space.free_path(q0, q1) == smooth).all()
+    assert (space.find_path(q0, q1) == smooth).all()
 
 
 def length(path):
@@ -87,7 +87,7 @@ def test_a_maze_is_solved_and_pulled_straight():
         if n % 2:
             state[x, :-3], state[x, -3:] = BLOCKED, FREE
     space = map_of(state, outside="blocked", spacing=0.1)
-    path = space.free_path((0.05, 2.0, 0.45), (5.95, 2.0, 0.45))
+    path = space.find_path((0.05, 2.0, 0.45), (5.95, 2.0, 0.45))
     assert space.motion_is_free(path[:-1], path[1:]).all()
     assert 7 * 3.5 < length(path) < 7 * 4.4
     assert len(path) < 30
@@ -108,24 +108,24 @@ def test_endpoints_on_the_border_of_what_is_not_free_are_not_joined():
     state = np.zeros((4, 4), np.uint8)
     state[2, :2] = MIXED
     space = map_of(state, outside="blocked", spacing=1.0)
-    assert space.free_path((2.5, 2.0), (3.5, 2.5)).shape == (0, 2)  # on the border of a MIXED cell
-    assert len(space.free_path((2.5, 2.001), (3.5, 2.5)))
+    assert space.find_path((2.5, 2.0), (3.5, 2.5)).shape == (0, 2)  # on the border of a MIXED cell
+    assert len(space.find_path((2.5, 2.001), (3.5, 2.5)))
 
 
 def test_free_path_refuses():
     space = map_of(np.array([[FREE, MIXED], [FREE, FREE]]), outside="blocked", spacing=1.0)
     with pytest.raises(ConfigurationError, match=r"q1 is .* FREE configuration"):
-        space.free_path((0.5, 0.5), (0.5, 1.5))
+        space.find_path((0.5, 0.5), (0.5, 1.5))
     with pytest.raises(ConfigurationError, match="q0"):
-        space.free_path((-3.0, 0.5), (0.5, 0.5))
+        space.find_path((-3.0, 0.5), (0.5, 0.5))
     with pytest.raises(InputError, match="q1"):
-        space.free_path((0.5, 0.5), (np.nan, 1.5))
-    for search in (space.free_path, space.widest_path):
+        space.find_path((0.5, 0.5), (np.nan, 1.5))
+    for search in (space.find_path, space.find_widest_path):
         with pytest.raises(InputError, match=r"time_limit is 0\.0"):
             search((0.5, 0.5), (1.5, 0.5), time_limit=0.0)
 
 
-@pytest.mark.parametrize("name", ["free_path", "widest_path"])
+@pytest.mark.parametrize("name", ["find_path", "find_widest_path"])
 def test_a_search_gives_up_in_time(name):
     search = getattr(map_of(np.zeros((1500, 1500)), outside="blocked", spacing=1.0), name)
     endpoints = (1.5, 1.5), (1498.5, 1498.5)
@@ -147,5 +147,5 @@ def test_a_rotation_stays_one_in_other_numbers(rotations, first, last):
     states[:, 12:15, :4] = MIXED  # round a corner
     space = map_of(states, rotations, spacing=0.25)
     assert space.path_exists([0.3, 0.6, 0.6, *first], [7.1, 0.6, 0.6, *last])
-    path = space.free_path([0.3, 0.6, 0.6, *first], [7.1, 0.6, 0.6, *last])
+    path = space.find_path([0.3, 0.6, 0.6, *first], [7.1, 0.6, 0.6, *last])
     assert len(path) > 2 and (path[:, 3:] == first).all() and space.certify_path(path).all()

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import cspace
 from cspace import FREE, Robot, Workspace
 from cspace.map.derived import Lock
-from cspace.map.mip import MOST_NOTED, ROWS, SIDE, Mip
+from cspace.map.mip import MOST_NOTED, ROWS, SIDE, OccupancyPyramid
 from cspace.map.storage import PackedStates
 from strategies import seeds
 from waiting import while_two_ask
@@ -61,7 +61,7 @@ def random_box(part, rng):
 
 @settings(max_examples=60)
 @given(st.integers(2, 3), seeds, st.sampled_from([1, 3, MOST_NOTED + 2]), st.booleans(), st.booleans())
-def test_marks_tell_what_is_not_free_and_follow_changes(dim, seed, changes, lasting, packed):
+def test_marks_tell_what_is_not_free_and_follow_changes(dim, seed, changes, eager, packed):
     rng = np.random.default_rng(seed)
     side = int(rng.choice([9, 20, 70] if dim == 2 else [9, 20]))
     shape = (int(rng.integers(1, 4)), *rng.integers(1, side, dim).tolist())
@@ -75,10 +75,10 @@ def test_marks_tell_what_is_not_free_and_follow_changes(dim, seed, changes, last
                 states.write(number, part)
 
     write()
-    mip = Mip(states, Lock())
+    mip = OccupancyPyramid(states, Lock())
     check(mip.marks(cells=False), stack, False)
     for cells in (False, True):
-        marks = mip.marks(cells, lasting)
+        marks = mip.marks(cells, eager)
         check(marks, stack, cells)
         for _ in range(changes):
             boxes = []
@@ -88,7 +88,7 @@ def test_marks_tell_what_is_not_free_and_follow_changes(dim, seed, changes, last
                 boxes.append(box)
             write()
             mip.renew(np.array(boxes))
-        if lasting:  # what was handed out has followed by itself
+        if eager:  # what was handed out has followed by itself
             check(marks, stack, cells)
         check(mip.marks(cells), stack, cells)
 

@@ -159,7 +159,7 @@ def test_whole_turns_change_nothing(space):
             q[:, space.grid.dim :] += wraps * TURN
             turn = turn + wraps * TURN
         assert (space.classify(q) == states[tuple(cells.T)]).all()
-        assert (space.slice_at(turn) == states[number]).all()
+        assert (space.states_at(turn) == states[number]).all()
 
 
 @settings(max_examples=100)

@@ -90,7 +90,7 @@ def test_searches_samples_files_and_copies_are_the_same_in_two_bits(monkeypatch,
     assert one.update(np.eye(4, 3) > 0, (3, 4)) == two.update(np.eye(4, 3) > 0, (3, 4))
     assert one.is_free(two.sample_free(300, np.random.default_rng(0))).all()
     inside = q[one.is_free(q) & one.grid.contains(q[:, :2])]
-    np.testing.assert_array_equal(one.free_reach(inside[0]), two.free_reach(inside[0]))
+    np.testing.assert_array_equal(one.reachable_bounds(inside[0]), two.reachable_bounds(inside[0]))
     np.testing.assert_array_equal(one.nearest_free(q[0]), two.nearest_free(q[0]))
     cells = np.column_stack([one.rotations.cells_of(inside[:2]), one.grid.cell_of(inside[:2, :2])])
     chains = [open_chain(space.own_record, space.rotations.neighbors, *cells) for space in (one, two)]
@@ -117,9 +117,9 @@ def test_what_would_not_fit_as_bytes_is_refused(monkeypatch, tmp_path):
     _, two = both("SE(2)", monkeypatch)
     monkeypatch.setattr(storage, "free_bytes", lambda: 1000)
     for ask in (lambda: two.state, two.to_xarray, lambda: two.export(tmp_path / "map.npz")):
-        with pytest.raises(InputError, match=r"6\.6\d kB.*950 bytes.*slice_at"):
+        with pytest.raises(InputError, match=r"6\.6\d kB.*950 bytes.*states_at"):
             ask()
-    assert two.slice_at(0.3).shape == two.grid.shape
+    assert two.states_at(0.3).shape == two.grid.shape
 
 
 def test_maps_with_overlap_counts_store_bytes(monkeypatch):

@@ -38,7 +38,7 @@ def random_map(name: str, rng: np.random.Generator) -> CSpace:
 
 def widest_of(space: CSpace) -> widest.Widest:
     """What widest paths derive from a map."""
-    return widest.Widest.of(space.record, space.record.states, space.rotations, space.endless[: space.grid.dim])
+    return widest.Widest.of(space.record, space.record.states, space.rotations, space.periodic_axes[: space.grid.dim])
 
 
 def middles(space: CSpace) -> np.ndarray:
@@ -99,14 +99,14 @@ def test_a_path_is_as_wide_as_any_and_no_longer_than_it_must_be(name: str, seed:
     if not len(free):
         return
     outside = np.zeros(len(kept.levels), dtype=bool)
-    join = partial(Components, slice_of=kept.slice_of, neighbors=space.rotations.neighbors, rim_is_open=outside)
+    join = partial(Components, slice_of=kept.slice_of, neighbors=space.rotations.neighbors, exterior_open=outside)
     for start, goal in rng.choice(free, (2, 2)):
         best = widest_of_all(space, start, goal)
         ends = np.array(cells[start]), np.array(cells[goal])
         level = kept.bottleneck(*ends, join, math.inf)
         assert kept.bottleneck(*ends[::-1], join, math.inf) == level and len(kept.cached) <= widest.CACHED
         assert abs(level / 128 - best) <= 1 / 128 + 1e-6
-        path = space.widest_path(points[start], points[goal], straight=False)
+        path = space.find_widest_path(points[start], points[goal], straight=False)
         assert (len(path) > 0) == (best > 0.0)
         if not len(path):
             continue
@@ -115,7 +115,7 @@ def test_a_path_is_as_wide_as_any_and_no_longer_than_it_must_be(name: str, seed:
         shortest = dijkstra(links(space, levels >= level, True), indices=start)[goal]
         chain = points[[cells.index(tuple(cell)) for cell in kept.shortest(*ends, level, math.inf).tolist()]]
         assert length_of(space, chain) == pytest.approx(shortest, rel=1e-5)
-        pulled = space.widest_path(points[start], points[goal])
+        pulled = space.find_widest_path(points[start], points[goal])
         assert np.array_equal(pulled[[0, -1]], path[[0, -1]]) and space.certify_path(pulled).all()
         assert length_of(space, pulled) <= length_of(space, path) + 1e-9
         shares = np.linspace(0.0, 1.0, 30)[:, None]
@@ -136,7 +136,7 @@ def test_levels_are_distances_to_what_is_not_free(seed: int, open_all_around: bo
     space = with_state(state)
     table = np.array([[*np.repeat([0, -1], len(shape)), FREE if open_all_around else MIXED]])
     map_ = space.record._replace(exterior=table)
-    levels = widest.Widest.of(map_, map_.states, space.rotations, space.endless).levels.reshape(shape)
+    levels = widest.Widest.of(map_, map_.states, space.rotations, space.periodic_axes).levels.reshape(shape)
     shut = np.argwhere(state != FREE)
     if not open_all_around:
         rim = np.argwhere(np.pad(np.zeros(shape, dtype=bool), 1, constant_values=True)) - 1
@@ -149,7 +149,7 @@ def test_levels_are_distances_to_what_is_not_free(seed: int, open_all_around: bo
 
 def test_start_and_goal_beside_a_wall_do_not_make_the_path_narrow() -> None:
     space = build(Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1), Robot.disc(0.2))
-    path = space.widest_path((0.45, 0.45), (5.55, 0.45))
+    path = space.find_widest_path((0.45, 0.45), (5.55, 0.45))
     assert space.certify_path(path).all() and np.asarray(space.clearance(path[1:-1])).min() > 1.4
     assert np.asarray(space.clearance(path)).min() == space.clearance((0.45, 0.45))
 
@@ -157,12 +157,12 @@ def test_start_and_goal_beside_a_wall_do_not_make_the_path_narrow() -> None:
 @pytest.mark.parametrize("name", [*SPACES, "floating"])
 def test_it_finds_the_wide_way_in_every_space(name: str) -> None:
     space = room(name)
-    path = space.widest_path(*ENDPOINTS[name])
+    path = space.find_widest_path(*ENDPOINTS[name])
     assert len(path) > 2 and space.certify_path(path).all()
     assert np.array_equal(path[[0, -1]], space.rotations.canonical(np.array(ENDPOINTS[name])))
-    assert np.array_equal(path, space.widest_path(*ENDPOINTS[name]))
-    back = space.widest_path(*ENDPOINTS[name][::-1], straight=False)
-    there = space.widest_path(*ENDPOINTS[name], straight=False)
+    assert np.array_equal(path, space.find_widest_path(*ENDPOINTS[name]))
+    back = space.find_widest_path(*ENDPOINTS[name][::-1], straight=False)
+    there = space.find_widest_path(*ENDPOINTS[name], straight=False)
     assert np.asarray(space.clearance(back)).min() == pytest.approx(np.asarray(space.clearance(there)).min(), abs=2e-3)
 
 
@@ -171,9 +171,9 @@ def test_a_path_that_is_far_longer_than_the_map_is_wide_takes_no_more_memory() -
     for n, x in enumerate(range(6, 234, 8)):
         state[x, slice(0, -6) if n % 2 else slice(6, None)] = MIXED
     space, endpoints = with_state(state, spacing=1.0), ((2.5, 100.5), (237.5, 100.5))
-    space.widest_path(*endpoints)  # compiled
+    space.find_widest_path(*endpoints)  # compiled
     tracemalloc.start()
-    path = space.widest_path(*endpoints)
+    path = space.find_widest_path(*endpoints)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert space.certify_path(path).all() and length_of(space, path) > 29 * 190 and peak < 100 * state.size
@@ -184,7 +184,7 @@ def test_a_path_that_is_far_longer_than_the_map_is_wide_takes_no_more_memory() -
 def test_a_search_that_was_broken_off_leaves_nothing_half_made(
     name: str, error: type[BaseException], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    expected, looks = room(name).widest_path(*ENDPOINTS[name]), [0]
+    expected, looks = room(name).find_widest_path(*ENDPOINTS[name]), [0]
 
     def look(until: float) -> None:
         looks[0] -= 1
@@ -197,9 +197,9 @@ def test_a_search_that_was_broken_off_leaves_nothing_half_made(
     for after in itertools.count(1):
         space, looks[0], path = copy.copy(room(name)), after, expected[:0]
         with contextlib.suppress(error):
-            path = space.widest_path(*ENDPOINTS[name])
+            path = space.find_widest_path(*ENDPOINTS[name])
         looks[0] = 0
-        assert np.array_equal(space.widest_path(*ENDPOINTS[name]), expected)
+        assert np.array_equal(space.find_widest_path(*ENDPOINTS[name]), expected)
         if len(path):
             break
     assert after > 5 and np.array_equal(path, expected)
@@ -209,22 +209,22 @@ def test_threads_share_the_components_of_levels() -> None:
     rng = np.random.default_rng(1)
     space = build(Workspace.from_array(rng.random((90, 70)) < 0.01, 0.1), Robot.disc(0.1))
     pairs = space.sample_free(24, rng).reshape(-1, 2, 2)
-    expected = [copy.copy(space).widest_path(*pair) for pair in pairs]
+    expected = [copy.copy(space).find_widest_path(*pair) for pair in pairs]
     with ThreadPoolExecutor(4) as pool:
-        for paths in pool.map(lambda _: [space.widest_path(*pair) for pair in pairs], range(4)):
+        for paths in pool.map(lambda _: [space.find_widest_path(*pair) for pair in pairs], range(4)):
             assert all(map(np.array_equal, paths, expected))
 
 
 def test_it_goes_by_the_obstacles_as_they_are_now() -> None:
     space = build(Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1), Robot.disc(0.2))
     endpoints = (1.0, 2.0), (5.0, 2.0)
-    before = space.widest_path(*endpoints)
+    before = space.find_widest_path(*endpoints)
     space.place("pillar", shapely.box(2.5, 1.2, 3.5, 4.0))
-    after = space.widest_path(*endpoints)
+    after = space.find_widest_path(*endpoints)
     assert space.certify_path(after).all() and not space.certify_path(before).all()
-    assert np.array_equal(after, build(space.workspace, space.robot).widest_path(*endpoints))
+    assert np.array_equal(after, build(space.workspace, space.robot).find_widest_path(*endpoints))
     space.remove("pillar")
-    assert np.array_equal(space.widest_path(*endpoints), before)
+    assert np.array_equal(space.find_widest_path(*endpoints), before)
 
 
 @pytest.mark.parametrize("name", SPACES)
@@ -240,22 +240,22 @@ def test_levels_follow_updates(name: str, outside: str, monkeypatch: pytest.Monk
     kept, fresh = widest_of(space), widest.Widest.of
     monkeypatch.setattr(widest.Widest, "of", lambda *_: kept)  # the map has this one, and updates note themselves
     endpoints = space.sample_free(2, rng)
-    space.widest_path(*endpoints)
+    space.find_widest_path(*endpoints)
     for step in range(24):
         size = rng.integers(1, 4, cells.ndim)
         lower = rng.integers(0, np.array(cells.shape) - size + 1)
         space.update(rng.random(size) < 0.5 * (step % 3), lower)
         if step % 2:
-            levels = fresh(space.record, states, space.rotations, kept.endless).levels
+            levels = fresh(space.record, states, space.rotations, kept.periodic_axes).levels
             assert np.array_equal(kept.renewed(space.record, states).levels, levels)
 
 
 def test_refuses_wrong_endpoints_and_too_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     space = room("plane")
     with pytest.raises(ConfigurationError, match="one FREE configuration in the grid"):
-        space.widest_path((3.1, 1.0), (9.0, 5.0))
+        space.find_widest_path((3.1, 1.0), (9.0, 5.0))
     with pytest.raises(InputError, match="q1 has shape"):
-        space.widest_path((1.0, 1.0), (9.0, 5.0, 1.0))
+        space.find_widest_path((1.0, 1.0), (9.0, 5.0, 1.0))
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1000)
     with pytest.raises(InputError, match=r"to find its widest path.* needs about .* of memory.*at most 950 bytes"):
-        space.widest_path(*ENDPOINTS["plane"])
+        space.find_widest_path(*ENDPOINTS["plane"])

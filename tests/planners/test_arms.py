@@ -9,7 +9,7 @@ from ompl import base as ob
 
 import planners
 from cspace import ArmSpace, InputError, Robot
-from cspace.arms import Arm, Placed, build_arm
+from cspace.arms import Arm, PosedShape, build_arm_space
 from refusals import refusals
 from tests.urdfs import joint, link, planar, written
 
@@ -26,8 +26,8 @@ def at(x: float, y: float) -> np.ndarray:
 
 def space_of(folder: Path, **changes: Any) -> ArmSpace:
     """Two links of 1 m, and a post at 1.6 m that only the folded arm passes."""
-    post = Placed(Robot.box((0.2, 0.2, 1.0)).shape, at(1.55, 0.6))
-    return build_arm({"post": post}, Arm.from_urdf(planar(folder, **changes)))
+    post = PosedShape(Robot.box((0.2, 0.2, 1.0)).shape, at(1.55, 0.6))
+    return build_arm_space({"post": post}, Arm.from_urdf(planar(folder, **changes)))
 
 
 def test_planners_and_options_of_arms_can_be_chosen(tmp_path: Path) -> None:
@@ -64,7 +64,7 @@ def test_clearance_along_a_path_is_close_to_the_least(tmp_path: Path) -> None:
 
 def test_a_joint_that_turns_for_ever_goes_the_shorter_way(tmp_path: Path) -> None:
     space = space_of(tmp_path, kind="continuous", limits=None)
-    assert space.endless == (True, False)
+    assert space.periodic_axes == (True, False)
     plan = planners.plan(space, (3.0, 0.4), (-3.0 + 4 * np.pi, 0.4))
     assert plan.certified and plan.length == pytest.approx(2 * np.pi - 6.0)
     # The rows are joined as they are: the second one has turned past half a turn.
@@ -90,8 +90,8 @@ def test_a_joint_that_another_follows_by_half_is_no_circle(
         joint("one", "a", "b", at=(1, 0, 0), limits=None, kind="continuous"),
         joint("two", "b", "c", at=(1, 0, 0), extra=follows),
     )
-    space = build_arm({}, Arm.from_urdf(path), allowed=[("a", "c")])
-    assert space.endless == (False,)
+    space = build_arm_space({}, Arm.from_urdf(path), allowed=[("a", "c")])
+    assert space.periodic_axes == (False,)
     plan = planners.plan(space, endpoints[:1], endpoints[1:], planner=planner, seed=1)
     assert plan.certified
     assert plan.path[[0, -1], 0].tolist() == list(endpoints)

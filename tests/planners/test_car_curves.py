@@ -212,7 +212,7 @@ def test_a_goal_a_hair_from_the_start(space: CSpace, name: str, hair: Any) -> No
     assert plan.solved and plan.certified and plan.clearance >= 0.0
 
 
-def walled(cell: tuple[int, int, int], state: int = MIXED) -> CSpace:
+def exterior_blocked(cell: tuple[int, int, int], state: int = MIXED) -> CSpace:
     """All FREE but for one cell (rotation, x, y) out of 36 x 40 x 40."""
     stack = np.full((36, 40, 40), FREE, dtype=np.uint8)
     stack[cell] = state
@@ -223,7 +223,7 @@ def walled(cell: tuple[int, int, int], state: int = MIXED) -> CSpace:
 def test_a_single_cell_on_a_curve_is_not_stepped_over(name: str) -> None:
     own = curve(name, 0.6)
     rng = np.random.default_rng(5)
-    free = walled((0, 0, 0), FREE)
+    free = exterior_blocked((0, 0, 0), FREE)
     check, hits, tied = local_planner(free, False, name, 0.6).edge_checker(), 0, 0
     for a, b in edges(free, 120, 2):
         length = own.metres(a, b)
@@ -235,18 +235,18 @@ def test_a_single_cell_on_a_curve_is_not_stepped_over(name: str) -> None:
         x, y, yaw = points[rng.integers(500)]
         assert free.rotations.dof
         cell = (int(free.rotations.cell_of(yaw)), int(x / 0.1), int(y / 0.1))
-        assert not local_planner(walled(cell), False, name, 0.6).edge_checker()(*a, *b)
+        assert not local_planner(exterior_blocked(cell), False, name, 0.6).edge_checker()(*a, *b)
         # The same place at another yaw does not matter.
         others = free.rotations.cell_of(points[:, 2])
         far = next((k for k in range(36) if np.min(np.abs((others - k + 18) % 36 - 18)) > 1), None)
         if far is not None:
-            assert local_planner(walled((far, *cell[1:])), False, name, 0.6).edge_checker()(*a, *b)
+            assert local_planner(exterior_blocked((far, *cell[1:])), False, name, 0.6).edge_checker()(*a, *b)
         hits += 1
     assert hits > 40 and tied <= (3 if name == "reeds-shepp" else 0)
 
 
 def test_a_curve_that_leaves_the_map_is_not_proven() -> None:
-    space = walled((0, 0, 0), FREE)
+    space = exterior_blocked((0, 0, 0), FREE)
     open_space = build(
         Workspace.from_array(np.zeros((40, 40), dtype=bool), 0.1), Robot.disc(0.01), rotations=4, outside="free"
     )

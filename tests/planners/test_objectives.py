@@ -23,7 +23,7 @@ def test_the_cost_of_an_edge_is_the_integral_along_it(name: str, curve: str | No
     options: dict[str, Any] = {} if curve is None else {"drive": curve, **CAR}
     setup = planners.simple_setup(space, **options)
     si, states = setup.getSpaceInformation(), setup.getStateSpace()
-    objective = planners.ClearanceObjective(si, space, weight=6.0, comfort=0.4, **options)
+    objective = planners.ClearanceObjective(si, space, weight=6.0, clearance_threshold=0.4, **options)
     between, ratios, extra = si.allocState(), [], False
     for a, b in zip(*edges_from(space, 25, 2, reach), strict=True):
         first, second = state_at(space, si, a), state_at(space, si, b)
@@ -71,9 +71,9 @@ def test_a_differential_drive_pays_for_each_turn_and_each_straight(drive: str) -
     space = room("turning")
     si = planners.simple_setup(space, drive=drive).getSpaceInformation()
     length = planners.WeightedLength(si, space, drive=drive)
-    driven = planners.ClearanceObjective(si, space, weight=6.0, comfort=0.4, drive=drive)
+    driven = planners.ClearanceObjective(si, space, weight=6.0, clearance_threshold=0.4, drive=drive)
     parts = planners.ClearanceObjective(
-        planners.simple_setup(space).getSpaceInformation(), space, weight=6, comfort=0.4
+        planners.simple_setup(space).getSpaceInformation(), space, weight=6, clearance_threshold=0.4
     )
     edges = local_planner(space, drive=drive)
     for a, b in zip(*edges_from(space, 25, 5, 1.0), strict=True):

@@ -323,7 +323,7 @@ def test_an_end_that_cannot_be_used_is_named_with_its_state_and_the_nearest_free
         error = caught.value
         assert str(error).startswith(name) and error.argument == name and error.value == bad
         assert error.nearest is not None and error.nearest[:2] == (nearest, 0.5) and len(error.nearest) == len(bad)
-        assert f"({nearest:g}, 0.5" in error.mend
+        assert f"({nearest:g}, 0.5" in error.hint
         assert planners.plan(space, error.nearest, error.nearest).solved
 
 

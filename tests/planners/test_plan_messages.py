@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import planners
 from cspace import InputError, Robot
-from cspace.arms import Arm, Placed, build_arm
+from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.files import ros as messages
 from planning import ENDPOINTS, SPACES, room
 from refusals import refusals
@@ -27,7 +27,7 @@ def arm_plan(tmp_path_factory: pytest.TempPathFactory) -> planners.Plan:
     pose = np.eye(4)
     pose[:2, 3] = 1.55, 0.6
     arm = Arm.from_urdf(planar(tmp_path_factory.mktemp("arm")))
-    space = build_arm({"post": Placed(Robot.box((0.2, 0.2, 1.0)).shape, pose)}, arm)
+    space = build_arm_space({"post": PosedShape(Robot.box((0.2, 0.2, 1.0)).shape, pose)}, arm)
     return planners.plan(space, (-0.6, 0.3), (1.4, -0.2), time_limit=20.0, seed=1)
 
 
@@ -127,7 +127,7 @@ def test_joints_called_x_and_y_are_no_pose(tmp_path: Path) -> None:
     box = ((0.1, 0.1, 0.1), (0, 0, 0))
     parts = link("foot", ((0.1, 0.1, 0.1), (0, 0, -1))), link("rail"), link("head", box)
     rails = joint("x", "foot", "rail", axis=(1, 0, 0), **slides), joint("y", "rail", "head", axis=(0, 1, 0), **slides)
-    space = build_arm({}, Arm.from_urdf(written(tmp_path, *parts, *rails)))
+    space = build_arm_space({}, Arm.from_urdf(written(tmp_path, *parts, *rails)))
     plan = planners.plan(space, (0.0, 0.0), (0.5, 0.5))
     assert plan.to_joint_trajectory(velocities=0.1).joint_names == ["x", "y"]
     with pytest.raises(InputError, match="plan moves the joints x, y; a path holds poses"):

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import label
 
 import planners
-from cspace import Arm, CSpace, Robot, Workspace, build, build_arm
-from cspace.arms import Placed
+from cspace import Arm, CSpace, Robot, Workspace, build, build_arm_space
+from cspace.arms import PosedShape
 from cspace.errors import InputError
 from cspace.plot import animate
 from cspace.plot.animation import Stage
@@ -114,7 +114,7 @@ def test_links_of_an_arm_move_and_its_foot_stays(tmp_path: Path) -> None:
     pytest.importorskip("yourdfpy")
     post = np.eye(4)
     post[:3, 3] = 1.6, -1.6, 0.0
-    arm = build_arm({"post": Placed(Robot.box((0.2, 0.2, 0.6)).shape, post)}, Arm.from_urdf(planar(tmp_path)))
+    arm = build_arm_space({"post": PosedShape(Robot.box((0.2, 0.2, 0.6)).shape, post)}, Arm.from_urdf(planar(tmp_path)))
     plan = planners.plan(arm, (0.0, 0.0), (1.5, 0.0), time_limit=20)
     plan.animate(tmp_path / "arm.gif", camera=(90.0, -90.0), seconds=0.8, rate=5)
     pixels = frames(tmp_path / "arm.gif")[0]

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 import cspace
 import planners
-from cspace.arms import Placed
+from cspace.arms import PosedShape
 from cspace.errors import ConfigurationError, InputError
 from cspace.plot.animation import Stage
 from cspace.plot.arms import GHOSTS, PALE, along_joints
@@ -26,12 +26,12 @@ PATH_OF_JOINTS = [(0.0, 0.0), (0.5, 0.5), (1.5, -0.5)]
 def space(tmp_path_factory: pytest.TempPathFactory) -> cspace.ArmSpace:
     pose = np.eye(4)
     pose[:2, 3] = -0.4, 1.0
-    blocks = {"block": Placed(cspace.Robot.box((0.4, 0.2, 1.0)).shape, pose)}
-    return cspace.build_arm(blocks, cspace.Arm.from_urdf(planar(tmp_path_factory.mktemp("arm"))))
+    blocks = {"block": PosedShape(cspace.Robot.box((0.4, 0.2, 1.0)).shape, pose)}
+    return cspace.build_arm_space(blocks, cspace.Arm.from_urdf(planar(tmp_path_factory.mktemp("arm"))))
 
 
 def test_an_animation_of_a_map_of_joints_is_in_radians(space: cspace.ArmSpace) -> None:
-    joints = cspace.build_arm_map(space, 0.2)
+    joints = cspace.build_joint_map(space, 0.2)
     stage = Stage(joints, Route.of(joints, [(0.0, 0.0), (0.5, 0.5)], None, None), None)
     labels = {label for ax in stage.figure.axes for label in (ax.get_xlabel(), ax.get_ylabel())}
     assert labels == {"shoulder (rad)", "elbow (rad)", ""}
@@ -77,7 +77,7 @@ def test_edges_that_another_scene_blocks_are_drawn_apart(space: cspace.ArmSpace)
     assert plan.certified and not len(painted(space.plot(path=plan), LOST))
     tip = np.eye(4)
     tip[:3, 3] = 1.9 * np.cos(0.6), 1.9 * np.sin(0.6), 0.0
-    again = cspace.build_arm({"box": Placed(cspace.Robot.box((0.1, 0.1, 0.1)).shape, tip)}, space.arm)
+    again = cspace.build_arm_space({"box": PosedShape(cspace.Robot.box((0.1, 0.1, 0.1)).shape, tip)}, space.arm)
     assert not plan.recheck(again).all()
     ax = again.plot(path=plan)
     assert len(painted(ax, LOST))
@@ -87,8 +87,8 @@ def test_edges_that_another_scene_blocks_are_drawn_apart(space: cspace.ArmSpace)
 def test_a_floor_is_cut_where_the_arm_is_far(space: cspace.ArmSpace) -> None:
     pose = np.eye(4)
     pose[2, 3] = -1.0
-    floor = Placed(cspace.Robot.box((100.0, 100.0, 0.1)).shape, pose)
-    drawn = painted(cspace.build_arm({"floor": floor}, space.arm).plot(), SURFACES["obstacles"][1]).reshape(-1, 3)
+    floor = PosedShape(cspace.Robot.box((100.0, 100.0, 0.1)).shape, pose)
+    drawn = painted(cspace.build_arm_space({"floor": floor}, space.arm).plot(), SURFACES["obstacles"][1]).reshape(-1, 3)
     assert np.ptp(drawn, axis=0).max() < 6.0
     assert drawn[:, 2].max() == pytest.approx(-0.95)
 

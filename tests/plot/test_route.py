@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import Robot
-from cspace.plot.route import Figurine
+from cspace.plot.route import RobotGlyph
 from cspace.rotations import Rotations
 
 ROBOTS = {2: Robot.disc(0.7), 3: Robot.box((0.4, 0.2, 0.6))}
@@ -21,7 +21,7 @@ number = st.floats(-5, 5)
 )
 @given(data=st.data())
 def test_along_is_on_the_path(dim: int, rotations: Rotations, data: st.DataObject) -> None:
-    figurine = Figurine(ROBOTS[dim], rotations)
+    figurine = RobotGlyph(ROBOTS[dim], rotations)
     turn = (
         st.tuples(*[number] * 3, st.floats(1, 5)) if rotations is QUATERNION else st.tuples(*[number] * rotations.dof)
     )
@@ -39,18 +39,18 @@ def test_along_is_on_the_path(dim: int, rotations: Rotations, data: st.DataObjec
 
 def test_yaw_runs_the_shorter_way() -> None:
     path = np.array([(0.0, 0.0, 3.0), (0.0, 0.0, -3.0), (0.0, 0.0, 3.0)])
-    way = Figurine(ROBOTS[2], YAW).along(path, np.linspace(0, 1, 9))
+    way = RobotGlyph(ROBOTS[2], YAW).along(path, np.linspace(0, 1, 9))
     assert (np.cos(way[:, 2]) <= np.cos(3.0) + 1e-12).all()
     np.testing.assert_allclose(np.exp(1j * way[[0, 4, 8], 2]), np.exp([3j, -3j, 3j]))
 
 
 def test_robots_are_placed_and_turned() -> None:
     points, half = np.array([(1.0, 0.0, 0.5)]), math.sqrt(0.5)
-    box, turning, free = (Figurine(ROBOTS[3], kind) for kind in (NONE, YAW, QUATERNION))
+    box, turning, free = (RobotGlyph(ROBOTS[3], kind) for kind in (NONE, YAW, QUATERNION))
     np.testing.assert_allclose(box.placed(points, np.array([2.0, 3.0, 4.0])), [(3.0, 3.0, 4.5)])
     np.testing.assert_allclose(turning.placed(points, np.array([2.0, 3.0, 4.0, math.pi / 2])), [(2.0, 4.0, 4.5)])
     np.testing.assert_allclose(free.placed(points, np.array([2.0, 3.0, 4.0, 0.0, half, 0.0, half])), [(2.5, 3.0, 3.0)])
-    flat = Figurine(ROBOTS[2], YAW)
+    flat = RobotGlyph(ROBOTS[2], YAW)
     np.testing.assert_allclose(flat.placed(points[:, :2], np.array([2.0, 3.0, math.pi])), [(1.0, 3.0)])
     np.testing.assert_allclose(
         turning.extent(np.array([1.0, 1.0, 1.0, math.pi / 2])), [(0.9, 0.8, 0.7), (1.1, 1.2, 1.3)]
@@ -65,7 +65,7 @@ def test_large_meshes_are_drawn_with_few_triangles() -> None:
     import trimesh
 
     ball = trimesh.creation.icosphere(subdivisions=5, radius=0.5)
-    figurine = Figurine(Robot.mesh(ball), NONE)
+    figurine = RobotGlyph(Robot.mesh(ball), NONE)
     assert 200 < len(figurine.triangles) <= 2000
     np.testing.assert_allclose(figurine.extent(np.zeros(3)), ball.bounds, atol=0.02)
 
@@ -73,4 +73,4 @@ def test_large_meshes_are_drawn_with_few_triangles() -> None:
 @pytest.mark.parametrize("pair", [(0, 1), (0, 2), (1, 2)])
 @pytest.mark.parametrize("robot", [Robot.ball(0.3), Robot.capsule(0.3, 0.5)], ids=lambda robot: robot.name)
 def test_a_body_without_a_hole_has_one_outline(robot: Robot, pair: tuple[int, int]) -> None:
-    assert len(Figurine(robot, NONE).outlines(np.zeros(3), pair)) == 1
+    assert len(RobotGlyph(robot, NONE).outlines(np.zeros(3), pair)) == 1

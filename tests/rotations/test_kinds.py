@@ -156,7 +156,7 @@ def test_clearance_is_a_lower_bound(space: CSpace) -> None:
 
 
 def test_paths_exist_where_cells_join(space: CSpace) -> None:
-    states = np.array([space.slice_at(pitch) for pitch in space.rotations.representatives])
+    states = np.array([space.states_at(pitch) for pitch in space.rotations.representatives])
     labels = []
     for passable in (states == FREE, states != BLOCKED):
         numbers = np.arange(states.size).reshape(states.shape)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace import Grid, Mesh, MeshWarning
-from cspace.shapes.bodies import find_bodies, least_joined
+from cspace.shapes.bodies import component_labels, find_bodies
 from oracles import winding_numbers
 from strategies import seeds
 
@@ -357,4 +357,4 @@ def test_least_joined_is_what_a_walk_along_the_pairs_reaches(number, pairs):
             if least[node] < 0:
                 least[node] = start
                 waiting += near[node]
-    assert least_joined(first, second, number).tolist() == least
+    assert component_labels(first, second, number).tolist() == least

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.suites.arm_peers import Folder, Meshes, Problem, coal_solids, our_solids
-from cspace import BLOCKED, FREE, MIXED, Arm, build_arm
+from cspace import BLOCKED, FREE, MIXED, Arm, build_arm_space
 from cspace.arms import ArmSpace
 from cspace.arrays import Bools, Floats
 from cspace.errors import ConfigurationError
@@ -140,7 +140,7 @@ def draw_small_arm(seed: int, number: int) -> Scene:
             pose[:3, 3] = rng.uniform(-1.0, 1.0, 3)
             solids.append((f"block{number}", kind, pose, sizes))
         allowed = [(link.name, name) for link in arm.links if not link.body for name, *_ in solids]
-        space = build_arm(our_solids(solids), arm, allowed=allowed)
+        space = build_arm_space(our_solids(solids), arm, allowed=allowed)
         meshes = Meshes(path, arm.joints, coal_solids(solids), allowed=frozenset(arm.allowed))
     return Scene("arm", f"draw_small_arm({seed}, {number})", ("solids", "arm"), space, meshes, sampled(arm, rng, 20))
 

@@ -18,7 +18,7 @@ from cspace.errors import InputError
 from cspace.shapes.mesh import Mesh
 from cspace.spectral import Bump, FourierOverlap, Verdict, decompose
 from tests.soak import plane
-from tests.soak.solids import Blocks, Skin, SkinPair, directions
+from tests.soak.solids import Blocks, SkinPair, SolidSurface, directions
 from tests.soak.space import dented_ball
 from tests.soak.tally import Drawn, Rng, Tally, draw_until
 
@@ -119,7 +119,7 @@ def oracle(a: Body, b: list[Body], matrix: Floats) -> Oracle:
         shapely.prepare(others)
         yaw = np.arctan2(matrix[1, 0], matrix[0, 0])
         return lambda ts: shape.meets(others, np.column_stack([ts, np.full(len(ts), yaw)]), 0.0)
-    pair = SkinPair(Skin.of_bodies([a.shape @ matrix.T]), Skin.of_bodies([each.shape for each in b]))
+    pair = SkinPair(SolidSurface.of_bodies([a.shape @ matrix.T]), SolidSurface.of_bodies([each.shape for each in b]))
     return lambda ts: pair.within(ts, np.zeros(len(ts)))
 
 

@@ -71,7 +71,7 @@ class Blocks:
     def moved(self, by: Floats) -> Blocks:
         return Blocks(self.low + by, self.high + by, self.radius)
 
-    def turned(self, matrix: Floats) -> Blocks | Skin:
+    def turned(self, matrix: Floats) -> Blocks | SolidSurface:
         """Turn about the origin; boxes become triangles."""
         if self.are_balls:
             return Blocks.balls(self.low @ matrix.T, self.radius)
@@ -85,16 +85,18 @@ class Blocks:
         away = directions(number, rng) * (rng.choice([1.0, 0.5], number) * self.radius[chosen])[:, None]
         return np.asarray(self.low[chosen] + t * (self.high - self.low)[chosen] + away)
 
-    def skin(self) -> Skin:
+    def skin(self) -> SolidSurface:
         """Return boxes as triangles."""
         extremes = np.stack([self.low, self.high])
         bits = np.array([[n >> 2 & 1, n >> 1 & 1, n & 1] for n in range(8)])
         corners = np.stack([extremes[bits[:, axis], :, axis] for axis in range(3)], axis=-1)
-        return Skin(corners.transpose(1, 0, 2)[:, SIDES].reshape(-1, 3, 3), np.repeat(np.arange(len(self.low)), 12))
+        return SolidSurface(
+            corners.transpose(1, 0, 2)[:, SIDES].reshape(-1, 3, 3), np.repeat(np.arange(len(self.low)), 12)
+        )
 
 
 @dataclass(frozen=True, eq=False)
-class Skin:
+class SolidSurface:
     """Triangles, and the union of the closed bodies that they bound.
 
     Attributes
@@ -108,7 +110,7 @@ class Skin:
     body: Ints
 
     @classmethod
-    def of_bodies(cls, bodies: list[Floats]) -> Skin:
+    def of_bodies(cls, bodies: list[Floats]) -> SolidSurface:
         """Make a skin from the triangles of each body."""
         return cls(np.concatenate(bodies), np.repeat(np.arange(len(bodies)), [len(body) for body in bodies]))
 
@@ -124,12 +126,12 @@ class Skin:
         closed = self.triangles[self.body >= 0][first, 0]
         return np.concatenate([closed, self.triangles[self.body < 0, 0]])
 
-    def moved(self, by: Floats) -> Skin:
-        return Skin(self.triangles + by, self.body)
+    def moved(self, by: Floats) -> SolidSurface:
+        return SolidSurface(self.triangles + by, self.body)
 
-    def turned(self, matrix: Floats) -> Skin:
+    def turned(self, matrix: Floats) -> SolidSurface:
         """Turn about the origin."""
-        return Skin(self.triangles @ matrix.T, self.body)
+        return SolidSurface(self.triangles @ matrix.T, self.body)
 
     def samples(self, number: int, rng: np.random.Generator) -> Floats:
         """Draw points of the triangles, shape (number, 3)."""
@@ -155,7 +157,7 @@ class Skin:
         return solids.surface(self.triangles.reshape(-1, 3), np.arange(3 * len(self.triangles)).reshape(-1, 3))
 
 
-Shape = Blocks | Skin
+Shape = Blocks | SolidSurface
 
 
 def merged_cells(occupied: Bools) -> Ints:
@@ -211,7 +213,7 @@ class Pair:
         return np.asarray(self.gaps(q) <= distance)
 
 
-def _as_skin(shape: Shape) -> Skin:
+def _as_skin(shape: Shape) -> SolidSurface:
     return shape.skin() if isinstance(shape, Blocks) else shape
 
 

@@ -15,7 +15,7 @@ from cspace import Robot, Workspace
 from cspace.arrays import Bools, Floats
 from cspace.shapes.mesh import Mesh, Solid
 from tests.soak.plane import Scale
-from tests.soak.solids import SIDES, Blocks, Pair, Shape, Skin, Walls, directions, matrix_of, merged_cells
+from tests.soak.solids import SIDES, Blocks, Pair, Shape, SolidSurface, Walls, directions, matrix_of, merged_cells
 from tests.soak.tally import Case, Rng
 
 SIZES = ((0.2, 2.0), (2.0, 6.0), (2.0, 6.0), (6.0, 16.0))
@@ -175,7 +175,7 @@ def _hulls(rng: Rng, middle: Floats, reach: float, scale: Scale) -> DrawnMesh:
         _hull(rng, middle + rng.uniform(-1.0, 1.0, 3) * reach * (not single), reach, scale, flat)
         for _ in range(1 if single else int(rng.integers(2, 4)))
     ]
-    skin = Skin.of_bodies(bodies)
+    skin = SolidSurface.of_bodies(bodies)
     solid: Solid = "fill" if single and flat == 1.0 and rng.random() < 0.3 else "auto"
     return _disturb(rng, skin.triangles, str(rng.choice(["none", "all", "some"])), solid), skin
 
@@ -205,7 +205,7 @@ def _stars(rng: Rng, middle: Floats, reach: float, scale: Scale) -> DrawnMesh:
     for _ in range(int(rng.integers(1, 3))):
         triangles = dented_ball(rng, 3) @ (directions(3, rng).T * rng.choice([1.0, 1.0, 0.1], 3)) * reach
         bodies.append(middle + rng.uniform(-0.5, 0.5, 3) * reach + triangles)
-    skin = Skin.of_bodies(bodies)
+    skin = SolidSurface.of_bodies(bodies)
     return _disturb(rng, skin.triangles, str(rng.choice(["none", "all", "some"]))), skin
 
 
@@ -232,7 +232,7 @@ def _open_surface(rng: Rng, middle: Floats, reach: float, scale: Scale) -> Drawn
         sides = scale.lengths(rng.uniform(0.2, 2.0, 3) * reach / scale.spacing)
         box = Blocks.boxes([low, low + sides]).skin().triangles
         triangles = box[rng.permutation(len(SIDES))[: int(rng.integers(2, 8))]]
-    skin = Skin(triangles, np.full(len(triangles), -1))
+    skin = SolidSurface(triangles, np.full(len(triangles), -1))
     return _disturb(rng, triangles, "some", "surface"), skin
 
 

@@ -101,7 +101,7 @@ def test_a_map_of_every_kind_comes_back_and_makes_itself_again(
     q = np.hstack([q, np.resize(turns, (50, turns.shape[1]))])
     np.testing.assert_array_equal(opened.is_free(q, exact=True), space.is_free(q, exact=True))
     for turn in YAWS if space.rotations.dof == 1 else space.rotations.centers[::20]:
-        np.testing.assert_array_equal(cspace.open_slice(path, turn), space.slice_at(turn))
+        np.testing.assert_array_equal(cspace.open_slice(path, turn), space.states_at(turn))
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -152,7 +152,7 @@ def test_arrays_of_several_chunks_come_back(
     assert len(list(files(tmp_path / "map" / "state" / "c" / "0"))) > 2
     same(space, cspace.open(tmp_path / "map", in_memory=True))
     turn = space.rotations.centers[-1]
-    np.testing.assert_array_equal(cspace.open_slice(tmp_path / "map", turn), space.slice_at(turn))
+    np.testing.assert_array_equal(cspace.open_slice(tmp_path / "map", turn), space.states_at(turn))
 
 
 def test_a_slice_is_read_without_the_rest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -165,7 +165,7 @@ def test_a_slice_is_read_without_the_rest(tmp_path: Path, monkeypatch: pytest.Mo
     for chunk in (tmp_path / "map" / "state" / "c").iterdir():
         if chunk.name != str(number):
             shutil.rmtree(chunk)
-    np.testing.assert_array_equal(cspace.open_slice(tmp_path / "map", 1.5), space.slice_at(1.5))
+    np.testing.assert_array_equal(cspace.open_slice(tmp_path / "map", 1.5), space.states_at(1.5))
     with pytest.raises(FileError, match="is missing"):
         cspace.open_slice(tmp_path / "map", -0.5)
     refused(tmp_path / "map", "is missing")
@@ -471,7 +471,7 @@ def test_open_reads_one_tile_and_leaves_several_in_their_store(tmp_path: Path, f
             assert each.count() == few.count()
             np.testing.assert_array_equal(each.classify(q), few.classify(q))
             np.testing.assert_array_equal(each.path_exists(q[:50], q[50:100]), few.path_exists(q[:50], q[50:100]))
-        np.testing.assert_array_equal(cspace.open_slice(tmp_path / name, 1.0), few.slice_at(1.0))
+        np.testing.assert_array_equal(cspace.open_slice(tmp_path / name, 1.0), few.states_at(1.0))
 
 
 def test_a_map_that_is_half_done_opens_in_its_store_alone(tmp_path: Path, few: cspace.CSpace) -> None:

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
-from handmade import walled
+from handmade import exterior_blocked
 from tiles.test_build import CAR, random_workspace
 
 
@@ -46,7 +46,7 @@ def test_mazes(seed, tile, density, tmp_path_factory):
 
 
 def test_an_update_labels_again_what_it_changed(tmp_path):
-    workspace = cspace.Workspace.from_array(walled((60, 60), np.s_[30]), 0.1)
+    workspace = cspace.Workspace.from_array(exterior_blocked((60, 60), np.s_[30]), 0.1)
     tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "m", tile=10)
     assert tiled.path_exists([1.0, 1.0], [5.0, 5.0]) is False
     written = {file: file.stat().st_mtime_ns for file in (tmp_path / "m" / "labels_0").rglob("*") if file.is_file()}

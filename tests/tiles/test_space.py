@@ -15,7 +15,7 @@ from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.store import Store
 from cspace.tiles.cache import Cache
 from cspace.tiles.space import ONLY_IN_MEMORY
-from handmade import walled
+from handmade import exterior_blocked
 from tiles.test_build import SPACES, random_workspace
 
 
@@ -120,7 +120,7 @@ def test_an_edge_reads_the_tiles_that_it_passes(tmp_path, monkeypatch):
     tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "m", tile=10)
     assert tiled.motion_is_free([0.5, 0.5], [9.5, 9.45])
     assert len(read) == len(set(read)) <= 28
-    workspace = cspace.Workspace.from_array(walled((100, 100), np.s_[15]), 0.1)
+    workspace = cspace.Workspace.from_array(exterior_blocked((100, 100), np.s_[15]), 0.1)
     tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "w", tile=10)
     read.clear()
     assert not tiled.motion_is_free([0.5, 0.5], [9.5, 0.5])
@@ -134,7 +134,7 @@ def test_what_is_opened(tmp_path):
         assert (each.grid, each.axes, each.outside, each.dof) == (space.grid, space.axes, space.outside, space.dof)
         assert (each.robot.spec, each.rotations) == (space.robot.spec, space.rotations)
     assert "tiles of 7 x 7" in repr(opened)
-    for name in ("sample_free", "free_reach", "state"):
+    for name in ("sample_free", "reachable_bounds", "state"):
         with pytest.raises(ConfigurationError, match="window"):
             getattr(opened, name)
     with pytest.raises(ConfigurationError, match=r"place needs a map in memory.*update"):
@@ -172,7 +172,7 @@ def test_what_a_planner_of_ones_own_needs(tmp_path):
     legs = tiled.legs(start, goal)
     assert len(legs) > 3
     for open_part, first, last in legs:
-        path = np.vstack([path, open_part().free_path(first, last)])
+        path = np.vstack([path, open_part().find_path(first, last)])
     assert path[[0, -1]].tolist() == [[*start], [*goal]] and space.certify_path(path).all()
     for q in ((3.1, 2.0), (-0.4, 1.0)):
         assert tiled.nearest_free(q) == pytest.approx(space.nearest_free(q))

@@ -24,16 +24,16 @@ pytest.importorskip("yourdfpy")
 START, GOAL = (-0.4, 0.3), (2.0, -0.6)
 
 
-def post(x: float, y: float) -> cspace.arms.Placed:
+def post(x: float, y: float) -> cspace.arms.PosedShape:
     pose = np.eye(4)
     pose[:2, 3] = x, y
-    return cspace.arms.Placed(cspace.Robot.cylinder(0.1, 1.0).shape, pose)
+    return cspace.arms.PosedShape(cspace.Robot.cylinder(0.1, 1.0).shape, pose)
 
 
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[cspace.ArmSpace, Viewer]]:
     arm = cspace.Arm.from_urdf(planar(tmp_path_factory.mktemp("arm")))
-    space = cspace.build_arm({"post": post(1.2, 1.2)}, arm)
+    space = cspace.build_arm_space({"post": post(1.2, 1.2)}, arm)
     with space.view(block=False, port=0, start=START, goal=GOAL) as viewer:
         assert viewer.page.wait(60.0)
         yield space, viewer
@@ -110,7 +110,7 @@ def test_sliders_stay_within_the_limits(tmp_path: Any) -> None:
             joint("round", "lift", "wrist", kind="continuous", at=(0.5, 0, 0), limits=None),
         )
     )
-    with cspace.build_arm({}, arm).view(block=False, port=0) as viewer:  # nothing to touch, but each other
+    with cspace.build_arm_space({}, arm).view(block=False, port=0) as viewer:  # nothing to touch, but each other
         assert viewer.page.wait(60.0)
         assert [tuple(dial) for dial in viewer.canvas.dials] == [
             ("up (m)", -0.25, 0.4, 0.001),
@@ -130,8 +130,8 @@ def test_view_of_an_arm_refuses(shown: Any) -> None:
 
 
 def test_a_map_of_joints_is_in_radians(tmp_path: Path) -> None:
-    joints = cspace.build_arm_map(
-        cspace.build_arm({"post": post(1.2, 1.2)}, cspace.Arm.from_urdf(planar(tmp_path))), 0.1
+    joints = cspace.build_joint_map(
+        cspace.build_arm_space({"post": post(1.2, 1.2)}, cspace.Arm.from_urdf(planar(tmp_path))), 0.1
     )
     with joints.view(block=False, port=0, path=[(2.0, 0.0), (2.5, 0.5)]) as viewer:
         assert viewer.page.wait(60.0)

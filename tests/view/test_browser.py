@@ -164,7 +164,7 @@ def test_a_page_of_an_arm_is_moved_and_planned_on(browser: Any, tmp_path: Path) 
     arm = cspace.Arm.from_urdf(planar(tmp_path))
     pose = np.eye(4)
     pose[:2, 3] = 1.2, 1.2
-    space = cspace.build_arm({"post": cspace.arms.Placed(cspace.Robot.box((0.2, 0.2, 1.0)).shape, pose)}, arm)
+    space = cspace.build_arm_space({"post": cspace.arms.PosedShape(cspace.Robot.box((0.2, 0.2, 1.0)).shape, pose)}, arm)
     with space.view(block=False, port=0, start=(-0.4, 0.3), goal=(2.0, -0.6)) as viewer:
         assert viewer.page.wait(60.0)  # what is compiled first is not waited for in the browser
         browser.get(viewer.url)
