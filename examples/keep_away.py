@@ -48,4 +48,4 @@ for objective in ("length", "clearance", "overlap"):
 # The map's own search needs no time limit: of all paths it takes one whose narrowest place is the widest that there is,
 # and then the shortest.
 
-report(planners.plan(space, start, goal, planner="Widest"), "widest")
+report(planners.plan(space, start, goal, planner="MaxClearance"), "widest")

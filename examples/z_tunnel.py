@@ -2,7 +2,7 @@
 A cube through a winding tunnel
 ===============================
 
-Robot and obstacles are meshes. The path comes from the map's own search, ``planner="Cubes"``, which draws no samples: a
+Robot and obstacles are meshes. The path comes from the map's own search, ``planner="Grid"``, which draws no samples: a
 narrow passage takes it no longer than a wide one.
 """
 
@@ -27,7 +27,7 @@ wall = trimesh.util.concatenate([trimesh.creation.box(bounds=box) for box in box
 workspace = cspace.Workspace.from_mesh(wall, 0.025, bounds=(-2, -2, -2, 2, 2, 2))
 cube = cspace.Robot.mesh(trimesh.creation.box((0.06, 0.06, 0.06)), name="cube")
 space = cspace.build(workspace, cube)
-plan = planners.plan(space, (0, 0, 1.5), (0, 0, -1.5), planner="Cubes")
+plan = planners.plan(space, (0, 0, 1.5), (0, 0, -1.5), planner="Grid")
 print(plan)
 
 # %%

@@ -12,16 +12,16 @@ from ompl import geometric as og
 
 from cspace.errors import InputError
 
-CUBES: Final = "Cubes"
+GRID: Final = "Grid"
 """What :func:`planners.plan` calls the map's own search, :meth:`cspace.CSpace.find_path`."""
 
-WIDEST: Final = "Widest"
+MAX_CLEARANCE: Final = "MaxClearance"
 """What it calls :meth:`cspace.CSpace.find_widest_path`."""
 
 BIRRT: Final = "BiRRT"
 """What it calls the arm's own search, :meth:`cspace.ArmSpace.find_path`."""
 
-OWN: Final = (CUBES, WIDEST, BIRRT)
+OWN: Final = (GRID, MAX_CLEARANCE, BIRRT)
 """Searches of our own."""
 
 IGNORE_OBJECTIVES: Final = frozenset({"BKPIECE1", "KPIECE1", "LBKPIECE1", "RRT", "RRTConnect"})
@@ -84,7 +84,7 @@ def planner_named(name: str | None, drive: str = "holonomic") -> str:
         close = difflib.get_close_matches(str(name).lower().replace("*", "star"), known, n=1)
         hint = f"choose one of {', '.join(planner_names())}"
         hint = f"did you mean {known[close[0]]}? {hint}" if close else hint
-        rule = f"it must be a geometric planner of the installed OMPL, {CUBES} or {WIDEST}, or for an arm {BIRRT}"
+        rule = f"it must be a geometric planner of the installed OMPL, {GRID} or {MAX_CLEARANCE}, or for an arm {BIRRT}"
         raise InputError("planner", f"is {name!r}", rule, hint, value=name)
     planner = known[name.lower()]
     refused = REFUSED.get(drive, {}) if isinstance(drive, str) else {}

@@ -31,7 +31,7 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.map.periodic import with_wrapped_angles
 from cspace.rotations.base import ANGLE_SLACK, TURN, angle_axes, shorter, warn_of_degrees, wrapped
 from cspace.space import CSpace
-from planners.catalogue import BIRRT, CUBES, OWN, WIDEST, planner_named
+from planners.catalogue import BIRRT, GRID, MAX_CLEARANCE, OWN, planner_named
 from planners.states import TURN_WEIGHT, Configuration, check_space, kind_of
 
 if TYPE_CHECKING:
@@ -267,7 +267,7 @@ class EdgesOnMap(LocalPlanner):
     """Edges between configurations of a map."""
 
     space: CSpace
-    own = (CUBES, WIDEST)
+    own = (GRID, MAX_CLEARANCE)
 
     @property
     def length_unit(self) -> str:
@@ -307,7 +307,7 @@ class EdgesOnMap(LocalPlanner):
         return np.array(free, dtype=np.bool_)
 
     def search(self, planner: str, endpoints: Endpoints, straight: bool, seed: int | None, seconds: float) -> Floats:
-        find = self.space.find_path if planner == CUBES else self.space.find_widest_path
+        find = self.space.find_path if planner == GRID else self.space.find_widest_path
         return find(*endpoints, straight=straight, time_limit=seconds)
 
     def measured(self, path: Floats) -> tuple[float, float]:
@@ -452,10 +452,10 @@ class EdgesOnMap(LocalPlanner):
             return [self._finer, more]
         if self.drive != HOLONOMIC:
             return [more, *["a smaller turning_radius"] * (self.drive in CURVES), "another planner"]
-        if planner == CUBES:
+        if planner == GRID:
             return [more, "planner='RRTConnect'"]
         options = f" without {' and '.join(without)}" if without else ""
-        return [*[f"planner='Cubes'{options}, which finds one"] * named, more]
+        return [*[f"planner='Grid'{options}, which finds one"] * named, more]
 
 
 class StraightEdges(EdgesOnMap):

@@ -24,7 +24,7 @@ from cspace.configuration_space import ConfigurationSpace
 from cspace.limits import KEEP, free_bytes
 from cspace.map.search import open_chain
 from cspace.space import CSpace
-from planners.catalogue import CUBES
+from planners.catalogue import GRID
 from planners.local_planner import LocalPlanner
 from planners.search import GRACE, Search, SearchResult
 from planners.states import Configuration
@@ -90,7 +90,7 @@ class Passages:
         result = soon.run(self.edges, start, goal, self.time_limit, joined=True)
         if len(result.path):
             return result
-        path = self.edges.search(CUBES, (start, goal), self.search.simplify, None, max(self._left(), GRACE))
+        path = self.edges.search(GRID, (start, goal), self.search.simplify, None, max(self._left(), GRACE))
         if len(path):
             return SearchResult(path, ALONG, clock() - self.began)
         if counted or self._left() <= 0.0:

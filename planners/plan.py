@@ -16,7 +16,16 @@ from cspace.compiling import clock
 from cspace.configuration_space import ConfigurationSpace, Leg
 from cspace.errors import InputError
 from cspace.space import CSpace
-from planners.catalogue import BIRRT, CUBES, IGNORE_OBJECTIVES, OWN, SECOND_THREAD, WIDEST, planner_named, planner_names
+from planners.catalogue import (
+    BIRRT,
+    GRID,
+    IGNORE_OBJECTIVES,
+    MAX_CLEARANCE,
+    OWN,
+    SECOND_THREAD,
+    planner_named,
+    planner_names,
+)
 from planners.local_planner import CAR_AXES, CURVES, DRIVES, HOLONOMIC, ON_THE_SPOT, LocalPlanner, local_planner, text
 from planners.objectives import ClearanceObjective, OverlapObjective, WeightedLength, edges_on_map, overlap_field
 from planners.passages import Passages, shortened
@@ -81,11 +90,11 @@ def choices(space: ConfigurationSpace) -> Choices:
     >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
     >>> choices = planners.choices(cspace.build(workspace, cspace.Robot.disc(0.2)))
     >>> choices.planners[-2:], choices.drives, choices.curves
-    (('Cubes', 'Widest'), ('holonomic',), ())
+    (('Grid', 'MaxClearance'), ('holonomic',), ())
     """
     own = local_planner(space).own
     if not isinstance(space, CSpace):
-        own = tuple(name for name in own if name != WIDEST)  # which takes a map in memory
+        own = tuple(name for name in own if name != MAX_CLEARANCE)  # which takes a map in memory
     turns = space.axes == CAR_AXES
     return Choices((*planner_names(), *own), DRIVES if turns else DRIVES[:1], CURVES if turns else ())
 
@@ -129,12 +138,12 @@ def plan(
 
     *Arms.* In the space of an arm (:func:`cspace.build_arm_space`), an edge moves all joints in step, continuous ones
     the shorter way, and is proven all along by the geometry itself, so that ``exact`` changes nothing. Its path counts
-    whole turns, so that straight motions join the rows. Drives, "Cubes", "Widest", "clearance" and "overlap" are for
-    maps.
+    whole turns, so that straight motions join the rows. Drives, "Grid", "MaxClearance", "clearance" and "overlap" are
+    for maps.
 
     *Long tails.* If FREE cells join start and goal, RRTConnect mostly ends at once, and sometimes takes very long. So,
     if ``planner`` is left out, the drive is holonomic and the objective is the length, it has ten thousand iterations,
-    or ``iterations``; then the map's own search takes over, see "Cubes". That has the rest of the time limit, and a
+    or ``iterations``; then the map's own search takes over, see "Grid". That has the rest of the time limit, and a
     tenth of a second at least. A planner that is named keeps the search to itself.
 
     Planners that go on improving their path (BITstar, InformedRRTstar, PRMstar, RRTstar, SORRTstar) use up the time
@@ -158,9 +167,9 @@ def plan(
         but for Dubins curves RRT, for RRTConnect's tree at the goal grows by curves that leave the goal, where a car
         that cannot reverse needs those that arrive, so it often fails among obstacles. Planners that also follow edges
         backwards are refused for Dubins curves, and for "differential" get edges that are free both ways. Or a search
-        of our own. "Cubes", :meth:`cspace.CSpace.find_path` of a map, moves the robot in any direction and turns it on
+        of our own. "Grid", :meth:`cspace.CSpace.find_path` of a map, moves the robot in any direction and turns it on
         the spot; it finds a path in milliseconds wherever FREE cells join start and goal, and is deterministic.
-        "Widest", :meth:`cspace.CSpace.find_widest_path`, gives the path of the largest clearance, and then the
+        "MaxClearance", :meth:`cspace.CSpace.find_widest_path`, gives the path of the largest clearance, and then the
         shortest; it is deterministic, unless the time limit ends it; not on a map in a store. "BiRRT",
         :meth:`cspace.ArmSpace.find_path`, is the default for an arm: two trees in compiled code, whose motions are
         proven only where a path may be.
@@ -253,18 +262,18 @@ def plan(
     endpoints = edges.endpoint(start, "start"), edges.endpoint(goal, "goal")
     if name in OWN:
         if name not in edges.own:
-            rule = f"{BIRRT} is for arms, {CUBES} and {WIDEST} follow the cells of a map"
+            rule = f"{BIRRT} is for arms, {GRID} and {MAX_CLEARANCE} follow the cells of a map"
             hint = "leave planner out, or choose e.g. planner='RRTConnect'"
             raise InputError("planner", f"is {name!r}, and space is {space!r}", rule, hint, value=name)
         asks = exact and edges.follows_cells  # without cells, the geometry is asked anyway
         _check_own(name, objective=objective, exact=asks, drive=drive, iterations=iterations)
-    if name == WIDEST and not isinstance(space, CSpace):
+    if name == MAX_CLEARANCE and not isinstance(space, CSpace):
         rule, hint = "a path there is found part by part", "choose another, or plan on space.window(lower, upper)"
         raise InputError("planner", f"is {name!r}, on a map in a store", rule, hint, value=name)
     exists = edges.path_exists(endpoints)
     legs = space.legs(*endpoints) if edges.may_join(exists) else []
     if planner is None and len(legs) > 1 and (objective, drive, iterations) == ("length", HOLONOMIC, None):
-        name = CUBES
+        name = GRID
     result = _search(search_on, edges, legs, exists, limit)
     searched = time.perf_counter()
     waypoints = edges.corners(result.path)
@@ -334,7 +343,7 @@ def _search(
         endpoints = tuple(first.tolist()), tuple(last.tolist())
         result = _leg(search_on(part.space), part, endpoints, exists, limit)
         if len(legs) > 1 and not len(result.path) and edges.drive == HOLONOMIC:
-            result = _leg(replace(search_on(part.space), planner=CUBES), part, endpoints, exists, limit)
+            result = _leg(replace(search_on(part.space), planner=GRID), part, endpoints, exists, limit)
         planning, simplification = planning + result.planning, simplification + result.simplification
         result = replace(result, path=edges.wrap_yaws(result.path))
         waypoints = edges.corners(result.path)

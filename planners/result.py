@@ -37,7 +37,7 @@ class Times:
 
     The time limit is for planning and simplification. The other two are mostly a millisecond; at the first plan on a
     map they include what the map caches for all later ones: components, blocks of FREE cells, and, for the planner
-    "Widest", the clearance of every cell, which takes seconds on a map of 10^8 cells.
+    "MaxClearance", the clearance of every cell, which takes seconds on a map of 10^8 cells.
 
     Attributes
     ----------

@@ -420,7 +420,7 @@ def across() -> tuple[cspace.CSpace, tuple[float, float], tuple[float, float]]:
     return made(states, (True, False), 24), (-1.4, 0.3), (0.6, 1.0)
 
 
-@pytest.mark.parametrize("planner", [None, "Cubes", "Widest", "RRTConnect", "KPIECE1", "BITstar"])
+@pytest.mark.parametrize("planner", [None, "Grid", "MaxClearance", "RRTConnect", "KPIECE1", "BITstar"])
 def test_planners_go_across_the_seam(planner: str | None) -> None:
     space, left, right = across()
     plan = planners.plan(space, left, right, planner=planner, seed=3, time_limit=0.3 if planner == "BITstar" else 20.0)

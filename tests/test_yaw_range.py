@@ -92,7 +92,7 @@ def test_joint_maps_return_angles_from_minus_pi_to_below_pi(drawn: Any, seed: in
 
 
 @pytest.mark.parametrize("name", ["turning", "yawing"])
-@pytest.mark.parametrize("planner", ["RRTConnect", "Cubes", "Widest"])
+@pytest.mark.parametrize("planner", ["RRTConnect", "Grid", "MaxClearance"])
 def test_plans_return_yaws_from_minus_pi_to_below_pi(name: str, planner: str) -> None:
     start, goal = ([*q[:-1], q[-1] + turns * 2.0 * math.pi] for q, turns in zip(ENDPOINTS[name], (1, -2), strict=True))
     plan = planners.plan(room(name), start, goal, planner=planner, simplify=False, seed=0)

@@ -76,7 +76,7 @@ def _compare(report: Report, problem: Problem) -> None:
         "ours, planners.simple_setup and RRTConnect": partial(solve, space, lambda: planners.simple_setup(space))
     }
     if space.grid.dim == 3:
-        names = ("Cubes", "RRTConnect")
+        names = ("Grid", "RRTConnect")
         ours = {f"ours, planners.plan, {name}": partial(solve_by_plan, space, name) for name in names} | ours
     compare(report, space, built, problem.peer(report, space), ours, queries, seeds, least=problem.least)
 

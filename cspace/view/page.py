@@ -110,7 +110,7 @@ class Panel:
         gui, canvas = self._gui, self._canvas
         planners, drives = (choices.planners, choices.drives) if choices else ((), ("holonomic",))
         self.planner = gui.add_dropdown(
-            "planner", (AUTOMATIC, *planners), hint="Of OMPL; Cubes and Widest are a map's own."
+            "planner", (AUTOMATIC, *planners), hint="Of OMPL; Grid and MaxClearance are a map's own."
         )
         self.drive = gui.add_dropdown("drive", drives, hint="How the robot moves.", visible=len(drives) > 1)
         self.turning_radius = gui.add_number("turning radius (m)", 1.0, min=0.01, step=0.05, visible=False)

@@ -56,7 +56,7 @@ def test_every_planner_ends_in_time(planner: str, name: str, curve: str | None) 
         in_time(space, endpoints, SHORT, objective="clearance", **options)
 
 
-def test_cubes_are_given_up_in_time() -> None:
+def test_grid_search_keeps_the_time_limit() -> None:
     """From side to side of a maze, at any rotation, there is little to lead on."""
     occupied = np.zeros((300, 300), dtype=bool)
     for k in range(1, 10):
@@ -64,8 +64,8 @@ def test_cubes_are_given_up_in_time() -> None:
         occupied[30 * k : 30 * k + 3, slice(0, 24) if k % 2 else slice(-24, None)] = False
     space = build(Workspace.from_array(occupied, 0.05), Robot.rectangle(0.6, 0.3), rotations=72)
     start, goal = (0.7, 7.5, 0.0), (14.3, 7.5, 1.5)
-    planners.plan(space, start, start, planner="Cubes")
-    plan = in_time(space, (start, goal), planner="Cubes")
+    planners.plan(space, start, start, planner="Grid")
+    plan = in_time(space, (start, goal), planner="Grid")
     assert not plan.solved and plan.status == f"no path found within {LIMIT} s; a path exists"
 
 
@@ -75,10 +75,10 @@ def test_the_widest_path_is_given_up_in_time() -> None:
     occupied[200], occupied[200, 200:209], occupied[::40, ::40] = True, False, True
     space = build(Workspace.from_array(occupied, 0.05), Robot.rectangle(0.3, 0.2), rotations=72)
     start, goal = (0.7, 0.7, 0.0), (19.3, 19.3, 1.5)
-    planners.plan(space, start, start, planner="Widest")
-    plan = in_time(space, (start, goal), planner="Widest")
+    planners.plan(space, start, start, planner="MaxClearance")
+    plan = in_time(space, (start, goal), planner="MaxClearance")
     assert not plan.solved and plan.status == f"no path found within {LIMIT} s; a path exists"
-    assert plan.advice == "planner='Cubes', which finds one, or more time (time_limit=0.15)"
+    assert plan.advice == "planner='Grid', which finds one, or more time (time_limit=0.15)"
 
 
 def test_a_step_that_asks_for_ever_is_cut_off() -> None:

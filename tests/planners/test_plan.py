@@ -216,39 +216,43 @@ def test_on_a_real_map_a_path_is_found_where_one_is_proven_to_exist(data: Path) 
     assert True in proofs
 
 
-def test_cubes_join_all_that_free_cells_join() -> None:
+def test_grid_joins_whatever_free_cells_join() -> None:
     for name in ("plane", "space"):
-        plan = planners.plan(room(name), *ENDPOINTS[name], planner="cubes")
+        plan = planners.plan(room(name), *ENDPOINTS[name], planner="grid")
         check(room(name), plan, *ENDPOINTS[name])
-        rough = planners.plan(room(name), *ENDPOINTS[name], planner="Cubes", simplify=False)
+        rough = planners.plan(room(name), *ENDPOINTS[name], planner="Grid", simplify=False)
         check(room(name), rough, *ENDPOINTS[name])
-        assert plan.planner == "Cubes" and plan.length <= rough.length
-        assert plan.path.tolist() == planners.plan(room(name), *ENDPOINTS[name], planner="Cubes", seed=3).path.tolist()
+        assert plan.planner == "Grid" and plan.length <= rough.length
+        assert plan.path.tolist() == planners.plan(room(name), *ENDPOINTS[name], planner="Grid", seed=3).path.tolist()
         space, start, goal = halves(name, MIXED)
-        missed = planners.plan(space, start, goal, planner="Cubes")
+        missed = planners.plan(space, start, goal, planner="Grid")
         check_none(space, missed)
         assert missed.status == "no chain of FREE cells joins start and goal; undecided whether one exists"
 
 
-def test_cubes_turns_where_it_must() -> None:
+def test_grid_turns_only_where_it_must() -> None:
     state = np.zeros((4, 3, 3), np.uint8)
     state[1] = [[0, 1, 0], [0, 1, 0], [0, 1, 0]]
     space = with_state(state, 4)
     for yaw in (0.1, 1.6):
-        plan = planners.plan(space, (0.5, 0.5, yaw), (2.5, 2.5, yaw), planner="Cubes", simplify=False)
+        plan = planners.plan(space, (0.5, 0.5, yaw), (2.5, 2.5, yaw), planner="Grid", simplify=False)
         assert plan.solved and plan.certified and (plan.path[:, 2] == yaw).all() == (yaw == 0.1)
-    plan = planners.plan(space, (0.5, 0.5, 0.0), (2.5, 2.5, 1.6), planner="Cubes")
+    plan = planners.plan(space, (0.5, 0.5, 0.0), (2.5, 2.5, 1.6), planner="Grid")
     assert plan.certified and plan.path[-1].tolist() == [2.5, 2.5, 1.6]
 
 
 @pytest.mark.parametrize("name", SPACES)
 def test_the_widest_path_has_more_room_than_others(name: str) -> None:
     space, endpoints = room(name), ENDPOINTS[name]
-    plan, other = (planners.plan(space, *endpoints, planner=each, seed=1, time_limit=20.0) for each in ("widest", None))
+    plan, other = (
+        planners.plan(space, *endpoints, planner=each, seed=1, time_limit=20.0) for each in ("maxclearance", None)
+    )
     check(space, plan, *endpoints)
-    assert plan.planner == "Widest" and plan.clearance >= other.clearance
-    assert np.array_equal(plan.path, planners.plan(space, *endpoints, planner="Widest", seed=2, time_limit=5.0).path)
-    rough = planners.plan(space, *endpoints, planner="Widest", simplify=False)
+    assert plan.planner == "MaxClearance" and plan.clearance >= other.clearance
+    assert np.array_equal(
+        plan.path, planners.plan(space, *endpoints, planner="MaxClearance", seed=2, time_limit=5.0).path
+    )
+    rough = planners.plan(space, *endpoints, planner="MaxClearance", simplify=False)
     check(space, rough, *endpoints)
     assert len(rough.waypoints) > len(plan.waypoints)
 
@@ -286,9 +290,9 @@ def test_where_a_path_exists_the_status_says_so() -> None:
         check_none(room(name), plan)
         known = "one exists for a robot that also moves sideways" if curve else "a path exists"
         assert plan.status == f"no path found within 1e-06 s; {known}" and plan.path_exists is True
-        assert "time_limit=1e-05" in plan.advice and ("planner='Cubes', which finds one" in plan.advice) == (not curve)
+        assert "time_limit=1e-05" in plan.advice and ("planner='Grid', which finds one" in plan.advice) == (not curve)
     exact = planners.plan(room("plane"), *ENDPOINTS["plane"], time_limit=1e-6, planner="RRT", exact=True)
-    assert exact.advice.startswith("planner='Cubes' without exact=True, which finds one")
+    assert exact.advice.startswith("planner='Grid' without exact=True, which finds one")
 
 
 # ---- start and goal --------------------------------------------------------------------------------------------------
@@ -373,15 +377,15 @@ def test_a_map_without_free_cells_has_no_nearest_one() -> None:
     ("plane", {"seed": True}, "seed is True"),
     ("plane", {"seed": "one"}, "seed is 'one'"),
     ("plane", {"planner": "RRTConect"}, r"did you mean RRTConnect.*KPIECE1"),
-    ("plane", {"planner": "Cubes", "exact": True}, "exact is True and planner is 'Cubes'.*leave exact out"),
-    ("plane", {"planner": "Cubes", "iterations": 3}, "iterations is 3 and planner is 'Cubes'"),
+    ("plane", {"planner": "Grid", "exact": True}, "exact is True and planner is 'Grid'.*leave exact out"),
+    ("plane", {"planner": "Grid", "iterations": 3}, "iterations is 3 and planner is 'Grid'"),
     (
         "yawing",
         {"drive": "dubins", "turning_radius": 1.0},
         "drive is 'dubins' and the map.s configurations are .x, y, z, yaw.*leave drive",
     ),
     ("yawing", {"start": (1.0, 2.0, 3.0)}, r"4 numbers; pass \(x, y, z, yaw\), in metres"),
-    ("plane", {"planner": "Cubes", "objective": "clearance"}, "objective is 'clearance'"),
+    ("plane", {"planner": "Grid", "objective": "clearance"}, "objective is 'clearance'"),
     ("floating", {"start": (1.0, 2.0, 3.0)}, r"7 numbers; pass \(x, y, z, qx, qy, qz, qw\)"),
     ("floating", {"start": (0.5, 0.5, 0.5, 0, 0, 0, 2)}, "start has a quaternion of norm 2; it must be 1"),
     ("turning", {"drive": "dubins"}, "turning_radius is missing.*metres"),
@@ -399,8 +403,12 @@ def test_a_map_without_free_cells_has_no_nearest_one() -> None:
     ("turning", {"drive": "dubins", "turning_radius": 1.0, "exact": True}, "exact is True and drive is 'dubins'"),
     ("turning", {"exact": 3}, "exact is 3"),
     ("turning", {"drive": "differential", "turning_radius": 1.0}, "1.0 and drive is 'differential'"),
-    ("turning", {"drive": "differential", "planner": "Widest"}, "drive is 'differential' and planner is 'Widest'"),
-    ("turning", {"drive": "differential", "planner": "Cubes"}, "drive is 'differential' and planner is 'Cubes'"),
+    (
+        "turning",
+        {"drive": "differential", "planner": "MaxClearance"},
+        "drive is 'differential' and planner is 'MaxClearance'",
+    ),
+    ("turning", {"drive": "differential", "planner": "Grid"}, "drive is 'differential' and planner is 'Grid'"),
     ("yawing", {"drive": "differential"}, "drive is 'differential' and .* .x, y, z, yaw.*leave drive"),
     ("plane", {"drive": "differential-reverse"}, "are .x, y.;.*rotations=72"),
     ("turning", {"drive": None}, "drive is None"),

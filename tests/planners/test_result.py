@@ -228,7 +228,7 @@ def test_plan_says_that_it_was_proven_when_planned() -> None:
 def test_old_plan_is_drawn_with_the_edges_that_are_no_longer_free() -> None:
     wall = shapely.box(1.9, 0.0, 2.1, 1.6)
     space = build(Workspace.from_polygons([wall], 0.05, (0.0, 0.0, 4.0, 3.0)), Robot.disc(0.2))
-    plan = planners.plan(space, (0.5, 0.5), (3.5, 0.5), planner="Cubes")
+    plan = planners.plan(space, (0.5, 0.5), (3.5, 0.5), planner="Grid")
     name = "path, no longer proven free"
     assert name not in [text.get_text() for text in plan.plot().figure.legends[0].get_texts()]
     space.place("cart", shapely.box(0.9, 0.7, 1.4, 1.2))

@@ -99,7 +99,7 @@ def test_every_geometric_planner_that_can_be_made_is_listed() -> None:
 def test_what_can_be_chosen_on_a_map(name: str) -> None:
     space = room(name)
     choices = planners.choices(space)
-    assert choices.planners == (*planners.planner_names(), "Cubes", "Widest")
+    assert choices.planners == (*planners.planner_names(), "Grid", "MaxClearance")
     assert choices.drives == (DRIVES if name == "turning" else ("holonomic",))
     for drive in choices.drives:
         radius = 0.4 if drive in choices.curves else None
@@ -108,10 +108,10 @@ def test_what_can_be_chosen_on_a_map(name: str) -> None:
         planners.choices(space.grid)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("name", [*planners.planner_names(), "Cubes"])
+@pytest.mark.parametrize("name", [*planners.planner_names(), "Grid"])
 def test_names_may_be_written_in_any_case(name: str) -> None:
     assert planner_named(name) == planner_named(name.lower()) == planner_named(name.upper()) == name
-    if name != "Cubes":
+    if name != "Grid":
         setup = planners.simple_setup(room("plane"))
         planner = make_planner(name, setup.getSpaceInformation())
         assert type(planner) is getattr(og, name)
@@ -131,7 +131,7 @@ def test_fmt_begins_with_few_samples_along_curves(drive: str) -> None:
 @pytest.mark.parametrize(
     ("wrong", "meant"),
     [
-        *[("RRTConect", "RRTConnect"), ("bit*", "BITstar"), ("prm-star", "PRMstar"), ("cube", "Cubes")],
+        *[("RRTConect", "RRTConnect"), ("bit*", "BITstar"), ("prm-star", "PRMstar"), ("gri", "Grid")],
         *[(wrong, None) for wrong in ("", "Planner", "SimpleSetup", 3)],
     ],
 )

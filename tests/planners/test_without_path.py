@@ -49,15 +49,15 @@ def test_the_maps_own_search_takes_over_on_a_real_map(offices: CSpace) -> None:
     assert few.certified and few.status == "path found: along FREE cells"
 
 
-def test_a_named_planner_keeps_the_search_and_the_advice_names_cubes(offices: CSpace) -> None:
+def test_named_planner_keeps_the_search_and_hint_names_grid(offices: CSpace) -> None:
     for options, without in (({}, ""), ({"iterations": 1}, " without iterations")):
         plan = planners.plan(offices, *UNLUCKY, planner="RRTConnect", time_limit=0.01, **options)
         check_none(offices, plan)
         assert plan.status.endswith("; a path exists")
-        assert plan.advice == f"planner='Cubes'{without}, which finds one, or more time (time_limit=0.1)"
+        assert plan.advice == f"planner='Grid'{without}, which finds one, or more time (time_limit=0.1)"
     plan = planners.plan(offices, *UNLUCKY, planner="RRTstar", time_limit=0.01, objective="clearance")
-    assert plan.solved or plan.advice.startswith("planner='Cubes' without objective, which finds one")
-    assert planners.plan(offices, *UNLUCKY, planner="Cubes").certified
+    assert plan.solved or plan.advice.startswith("planner='Grid' without objective, which finds one")
+    assert planners.plan(offices, *UNLUCKY, planner="Grid").certified
 
 
 def test_the_maps_own_search_takes_over_in_a_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -94,7 +94,7 @@ def test_a_plan_ends_at_once_if_no_chain_of_free_cells_joins_start_and_goal(
 
 def test_the_advice_fits_the_map_and_the_planner(tmp_path: Path) -> None:
     space, start, goal = halves("plane", MIXED)
-    assert planners.plan(space, start, goal, planner="Cubes").advice.startswith("planner='RRTConnect' with exact=True")
+    assert planners.plan(space, start, goal, planner="Grid").advice.startswith("planner='RRTConnect' with exact=True")
     walls = np.zeros((60, 40), dtype=bool)
     walls[30:32] = True  # a path leads around the map
     options = {"store": tmp_path / "m", "tile": 15, "outside": "free"}
