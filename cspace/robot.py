@@ -17,7 +17,7 @@ from cspace.check import not_negative, positive
 from cspace.errors import FileError, InputError
 from cspace.grid import check_reach
 from cspace.raster import Raster
-from cspace.rotations import STILL, Turn
+from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.shapes import Balls, BoundedShape, Mesh, Polygons, Shape, Voxels, primitives, shape_from_spec, shape_of
 from cspace.shown import NotebookPicture
 
@@ -477,7 +477,9 @@ class Robot(NotebookPicture):
         """
         return self.shape.inner.inscribed_radius
 
-    def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
+    def rasters(
+        self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
+    ) -> tuple[Raster, Raster]:
         """The discrete robot at a spacing, as two sets of offsets.
 
         Parameters
@@ -486,7 +488,7 @@ class Robot(NotebookPicture):
             Side of the map's cells, metres.
         margin : float
             Metres by which the robot is grown, on the outer side only.
-        turn : Turn
+        rotation : RotationCell
             The rotations about the reference point for which the rasters are to hold.
 
         Returns
@@ -505,10 +507,10 @@ class Robot(NotebookPicture):
         side = positive(spacing, "spacing")
         grown = not_negative(margin, "margin", GROWN)
         # A corner of the box round the origin is farther away than its sides, and may be turned onto an axis.
-        far = (self.span * (1.0 if turn.matrix is None else math.sqrt(self.dim)) + grown) / side
+        far = (self.span * (1.0 if rotation.matrix is None else math.sqrt(self.dim)) + grown) / side
         hint = "use a larger spacing, or check the robot's units (metres) and origin"
         check_reach(far, "robot", "its reference point", hint)
-        return self.shape.rasters(side, grown, turn)
+        return self.shape.rasters(side, grown, rotation)
 
 
 def robot_of(source: Robot | ShapeLike) -> Robot:

@@ -432,14 +432,14 @@ class CSpace(ConfigurationMap, MapExport):
     def _free_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """:meth:`find_path`; TimeoutError where it takes longer."""
         from cspace.map.paths import in_time, pulled_straight, unwind, waypoints
-        from cspace.map.search import GREED, TURN, Graph
+        from cspace.map.search import GREED, TURN_COST, Graph
 
         until, dim, neighbors = clock() + seconds, self.grid.dim, self.rotations.neighbors
         endpoints = np.stack([self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))])
         first, last = map(self._cells_of, endpoints)
 
         def chain(neighbors: Ints) -> Ints:
-            turns = np.full(neighbors.shape, TURN)
+            turns = np.full(neighbors.shape, TURN_COST)
             graph = Graph.of(self._seen, self._slice_of, neighbors, turns, self.periodic_axes[:dim])
             return graph.chain(first, last, until, greed=GREED)
 

@@ -228,12 +228,12 @@ class Workspace(WorkspacePlot):
             If the YAML or its image is missing or malformed.
         """
         from cspace.files.ros import read_ros_map
-        from cspace.raster.bitmaps import upright
+        from cspace.raster.bitmaps import align_image
 
         check_word(unknown, "unknown", UNKNOWNS)
         image = read_ros_map(path)
         with _placing(path):
-            grid, outer, inner, unseen = upright(*image, unknown)
+            grid, outer, inner, unseen = align_image(*image, unknown)
         return cls(grid, outer, inner, source=str(path), unknown=unseen)
 
     @classmethod
@@ -265,10 +265,10 @@ class Workspace(WorkspacePlot):
             If a turned map takes more cells than are read, or than fit into memory.
         """
         from cspace.files.ros import read_occupancy_grid
-        from cspace.raster.bitmaps import upright
+        from cspace.raster.bitmaps import align_image
 
         check_word(unknown, "unknown", UNKNOWNS)
-        grid, outer, inner, unseen = upright(*read_occupancy_grid(msg, free_thresh, occupied_thresh), unknown)
+        grid, outer, inner, unseen = align_image(*read_occupancy_grid(msg, free_thresh, occupied_thresh), unknown)
         return cls(grid, outer, inner, source="occupancy grid", unknown=unseen)
 
     @classmethod

@@ -17,7 +17,7 @@ from cspace.arrays import MIXED, Floats, Ints
 from cspace.compiling import bind_kernel, jit, kernel
 from cspace.map.points import around_is_free
 from cspace.map.storage import Map
-from cspace.rotations.base import TURN
+from cspace.rotations.base import TWO_PI
 from cspace.space import CSpace
 from planners.integrals import LONGEST_TURN, CostDensity, Field, cost_at
 
@@ -247,14 +247,14 @@ def onwards(pose: Pose, turn: int, length: float) -> Pose:
 @jit
 def _around(angle: float) -> float:
     """An angle in [-pi, pi)."""
-    return angle - TURN * math.floor((angle + math.pi) / TURN)
+    return angle - TWO_PI * math.floor((angle + math.pi) / TWO_PI)
 
 
 @jit  # it makes arrays
 def _ahead(angle: float, snap: float) -> float:
     """An arc driven forwards, in [0, 2 pi), and 0 where it is a whole turn but for ``snap``."""
-    angle -= TURN * math.floor(angle / TURN)
-    return 0.0 if angle > TURN - snap else angle
+    angle -= TWO_PI * math.floor(angle / TWO_PI)
+    return 0.0 if angle > TWO_PI - snap else angle
 
 
 @kernel

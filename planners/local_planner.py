@@ -29,7 +29,7 @@ from cspace.configuration_map import ConfigurationMap
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
 from cspace.map.periodic import with_wrapped_angles
-from cspace.rotations.base import ANGLE_SLACK, TURN, angle_axes, shorter, warn_of_degrees, wrapped
+from cspace.rotations.base import ANGLE_SLACK, TWO_PI, angle_axes, shorter, warn_of_degrees, wrapped
 from cspace.space import CSpace
 from planners.catalogue import BIRRT, GRID, MAX_CLEARANCE, OWN, planner_named
 from planners.states import TURN_WEIGHT, Configuration, check_space, kind_of
@@ -418,7 +418,7 @@ class EdgesOnMap(LocalPlanner):
         limits = []
         for name, q in zip(("start", "goal"), endpoints, strict=True):
             low, high = self._free_yaws(q)
-            if high - low < TURN - ANGLE_SLACK:
+            if high - low < TWO_PI - ANGLE_SLACK:
                 yaws = f"{math.ceil(1e3 * low) / 1e3:g} to {math.floor(1e3 * high) / 1e3:g} rad"
                 few = ", too few to turn around" * (self.drive in ON_THE_SPOT)
                 limits.append(f"at the {name} only yaws {yaws} are proven free{few}")
@@ -433,7 +433,7 @@ class EdgesOnMap(LocalPlanner):
             return -math.pi, math.pi
         free, widths = np.roll(free, -cell), np.roll(np.diff(borders, axis=1)[:, 0], -cell)
         above, below = int(np.argmin(free)), int(np.argmin(free[::-1]))  # FREE cells from this one on, and before it
-        low = q[2] - (q[2] - borders[cell, 0]) % TURN
+        low = q[2] - (q[2] - borders[cell, 0]) % TWO_PI
         return low - float(widths[len(widths) - below :].sum()), low + float(widths[:above].sum())
 
     @property
@@ -632,7 +632,7 @@ class JointMotions(LocalPlanner):
     @property
     def bounds(self) -> tuple[Floats, Floats]:
         # Joints without limits that are no circles: those that others follow by half are the same after two turns.
-        return np.maximum(self.space.arm.lower, -2.0 * TURN), np.minimum(self.space.arm.upper, 2.0 * TURN)
+        return np.maximum(self.space.arm.lower, -2.0 * TWO_PI), np.minimum(self.space.arm.upper, 2.0 * TWO_PI)
 
     @property
     def step(self) -> float:
@@ -857,9 +857,9 @@ def _offsets(turns: Floats, lengths: Floats, yaws: Floats) -> Floats:
 
 def _canonical(yaw: float) -> float:
     """A yaw from (-2 pi, 2 pi) in [-pi, pi)."""
-    return yaw - TURN if yaw >= math.pi else yaw + TURN if yaw < -math.pi else yaw
+    return yaw - TWO_PI if yaw >= math.pi else yaw + TWO_PI if yaw < -math.pi else yaw
 
 
 def _turn(first: float, second: float) -> float:
     """The angle from one yaw to another, the shorter way."""
-    return math.remainder(second - first, TURN)
+    return math.remainder(second - first, TWO_PI)

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 import cspace
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Rotations, Workspace
 from cspace.engines.slices import slice_rasters
-from cspace.rotations.base import TURN
+from cspace.rotations.base import TWO_PI
 from oracles import overlaps_by_shifts
 from refusals import refusals
 from strategies import robots, seeds, solid_robots, stars
@@ -259,7 +259,7 @@ def test_slices_made_together_are_each_their_own(count, size):
         yaw = np.full(len(cells), space.rotations.representatives[k])
         q = np.column_stack([space.grid.center_of(cells), yaw])
         assert (counted.overlap(q) == counted.overlaps[k].ravel()).all()
-        others = np.append(borders[k : k + 2], borders[k] + TURN)  # this cell, and all others as one
+        others = np.append(borders[k : k + 2], borders[k] + TWO_PI)  # this cell, and all others as one
         assert (cspace.build(workspace, robot, rotations=others).state[0] == space.state[k]).all()
 
 

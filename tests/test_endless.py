@@ -34,13 +34,13 @@ from handmade import map_in
 from oracles import graph_of, linked, segment_meets_block
 from planners.states import kind_of
 
-TURN = 2.0 * math.pi
+TWO_PI = 2.0 * math.pi
 SPACES = [(True, False), (False, True), (True, True), (True, False, False), (False, True, True)]
 
 
 def made(states: Any, periodic_axes: tuple[bool, ...], cells: int) -> cspace.CSpace:
     """The map of some states, with so many cells around each circle."""
-    side = TURN / cells
+    side = TWO_PI / cells
     grid = Grid(np.where(periodic_axes, -math.pi, -1.0), side, states.shape, tuple("abc")[: states.ndim])
     workspace = Workspace(grid, states != FREE, states > MIXED)
     robot, rotations = Robot("arm", Point.at_origin(states.ndim)), Rotations.of(None)
@@ -71,7 +71,7 @@ def drawn(space: cspace.CSpace, rng: np.random.Generator, n: int) -> Any:
     """Configurations in the grid, or whole turns from there."""
     grid = space.grid
     inside = rng.uniform(grid.lower, grid.upper, (n, grid.dim))
-    return inside + TURN * rng.integers(-3, 4, inside.shape) * space.periodic_axes
+    return inside + TWO_PI * rng.integers(-3, 4, inside.shape) * space.periodic_axes
 
 
 def cell(space: cspace.CSpace, q: Any) -> tuple[int, ...]:
@@ -100,9 +100,9 @@ def test_paths_lead_across_the_seam(data: st.DataObject, periodic_axes: tuple[bo
             assert (len(path) > 0) == same
             if same:
                 np.testing.assert_allclose(path[0], q[one], atol=1e-9)
-                turns = (path[-1] - q[other]) / TURN
+                turns = (path[-1] - q[other]) / TWO_PI
                 np.testing.assert_allclose(turns, np.rint(turns) * periodic_axes, atol=1e-9)
-                assert (np.abs(np.diff(path, axis=0))[:, list(periodic_axes)] < 0.5 * TURN + 1e-9).all()
+                assert (np.abs(np.diff(path, axis=0))[:, list(periodic_axes)] < 0.5 * TWO_PI + 1e-9).all()
                 assert space.certify_path(path).all()
         if states[at[one]] == FREE:
             lower, upper = space.reachable_bounds(q[one])
@@ -129,7 +129,7 @@ def test_edges_go_the_shorter_way(data: st.DataObject, periodic_axes: tuple[bool
     )
     for start, end, free in zip(q0, q1, answers, strict=True):
         step = end - start
-        step -= TURN * np.round(step / TURN) * periodic_axes
+        step -= TWO_PI * np.round(step / TWO_PI) * periodic_axes
         a, b = ((each - grid.lower) / grid.spacing for each in (start, start + step))
         first, last = np.floor(np.minimum(a, b)).astype(int), np.floor(np.maximum(a, b)).astype(int)
         touched = [
@@ -182,7 +182,7 @@ def test_half_a_turn_goes_the_same_way_everywhere(data: st.DataObject, exact: bo
 @given(first=near_half_turns(), last=near_half_turns())
 def test_the_shorter_way_is_that_of_the_standard_library(first: float, last: float) -> None:
     """Of arrays as of floats, to the last bit; what is no number stays none."""
-    assert float(shorter(np.array([last - first]), [True])[0]) == math.remainder(last - first, TURN)
+    assert float(shorter(np.array([last - first]), [True])[0]) == math.remainder(last - first, TWO_PI)
     np.testing.assert_array_equal(shorter(np.array([math.nan, last, -0.0]), [True, False, True]), [math.nan, last, 0.0])
 
 
@@ -205,7 +205,7 @@ def test_distances_see_across_the_seam(data: st.DataObject, periodic_axes: tuple
     truth = grid.spacing * np.minimum(nearest(np.argwhere(states != FREE), 0.5), border)
     clearance = space.clearance(q)
     assert (clearance <= truth + 1e-9).all()
-    assert (clearance >= np.minimum(truth, 0.5 * TURN) - 1e-6).all()
+    assert (clearance >= np.minimum(truth, 0.5 * TWO_PI) - 1e-6).all()
     check = space.clearance_checker()
     np.testing.assert_allclose([check(*each) for each in q], clearance, atol=1e-12)
     if (states == FREE).any():
@@ -214,7 +214,7 @@ def test_distances_see_across_the_seam(data: st.DataObject, periodic_axes: tuple
             center = space.nearest_free(each)
             step = each - center
             assert space.is_free(center)
-            assert np.linalg.norm(step - TURN * np.round(step / TURN) * periodic_axes) <= distance + 1e-9
+            assert np.linalg.norm(step - TWO_PI * np.round(step / TWO_PI) * periodic_axes) <= distance + 1e-9
     for distance in (0.3 * grid.spacing, 1.2 * grid.spacing):
         low, high = np.floor(place - distance / grid.spacing).astype(int), np.floor(place + distance / grid.spacing)
         for k in range(len(q)):
@@ -223,7 +223,7 @@ def test_distances_see_across_the_seam(data: st.DataObject, periodic_axes: tuple
             inside = [(each >= 0).all() and (each < grid.shape).all() for each in cells]
             free = all(ok and states[tuple(each)] == FREE for ok, each in zip(inside, cells, strict=True))
             # Of what is wider than half a turn nothing is known.
-            assert space.is_free_around(q[k], distance) == free or (not free or distance > 0.4 * TURN)
+            assert space.is_free_around(q[k], distance) == free or (not free or distance > 0.4 * TWO_PI)
 
 
 def room_of(states: Any, periodic_axes: tuple[bool, ...]) -> Any:
@@ -265,7 +265,7 @@ def test_the_widest_path_leads_across_the_seam(data: st.DataObject, periodic_axe
         whole = map_in(space.workspace, space.robot, states.copy())
         search = Widest.of(whole.record, whole.record.states, whole.rotations, periodic_axes)
         for start, goal in rng.choice(free, (2, 2)) if len(free) else []:
-            turns = TURN * rng.integers(-2, 3, (2, grid.dim)) * periodic_axes
+            turns = TWO_PI * rng.integers(-2, 3, (2, grid.dim)) * periodic_axes
             endpoints = grid.center_of(np.array([start, goal])) + turns
             one, other = (int(np.ravel_multi_index(tuple(each), states.shape)) for each in (start, goal))
             best, length = widest_chain(room, periodic_axes, one, other)
@@ -276,7 +276,7 @@ def test_the_widest_path_leads_across_the_seam(data: st.DataObject, periodic_axe
             assert min(room[cell(space, each)] for each in path) >= best  # what is narrowest may lie beside a corner
             for each in (path, space.find_widest_path(*endpoints)):
                 np.testing.assert_allclose(each[0], endpoints[0], atol=1e-9)
-                more = (each[-1] - endpoints[1]) / TURN
+                more = (each[-1] - endpoints[1]) / TWO_PI
                 np.testing.assert_allclose(more, np.rint(more) * periodic_axes, atol=1e-9)
                 assert space.certify_path(each).all()
             both = np.append(0, start), np.append(0, goal)
@@ -352,7 +352,7 @@ def test_what_is_placed_across_the_seam_is_on_both_sides(periodic_axes: tuple[bo
         space.is_free(q)
         space.place("balls", centers, radius=radius)
         steps = q[:, np.newaxis] - centers
-        apart = np.linalg.norm(steps - TURN * np.round(steps / TURN) * periodic_axes, axis=2).min(axis=1)
+        apart = np.linalg.norm(steps - TWO_PI * np.round(steps / TWO_PI) * periodic_axes, axis=2).min(axis=1)
         side = space.grid.spacing * math.sqrt(len(periodic_axes))
         assert not space.is_free(q)[apart <= radius].any()
         assert (space.clearance(q) <= np.maximum(apart - radius, 0.0) + 1e-9).all()
@@ -394,7 +394,7 @@ def test_copies_and_files_and_what_there_is_not(tmp_path: Path) -> None:
     for call, message in ask:
         with pytest.raises(InputError, match=message):
             call()
-    for far in (left[0] + 100.0 * TURN, 1e9, math.inf, math.nan):  # which is left as well, or is refused
+    for far in (left[0] + 100.0 * TWO_PI, 1e9, math.inf, math.nan):  # which is left as well, or is refused
         for exact in (False, True):
             assert not space.point_checker(exact=exact)(far, left[1])
             assert not space.edge_checker(exact=exact)(far, *left[1:], *left)
@@ -426,12 +426,12 @@ def test_planners_go_across_the_seam(planner: str | None) -> None:
     plan = planners.plan(space, left, right, planner=planner, seed=3, time_limit=0.3 if planner == "BITstar" else 20.0)
     assert plan.certified
     assert plan.path_exists is True
-    assert plan.length >= math.hypot(TURN - 2.0, 0.7) - 1e-6
+    assert plan.length >= math.hypot(TWO_PI - 2.0, 0.7) - 1e-6
     assert (np.abs(np.diff(plan.path[:, 0])) <= math.pi).all()
-    assert plan.path[-1, 0] == pytest.approx(right[0] - TURN)
+    assert plan.path[-1, 0] == pytest.approx(right[0] - TWO_PI)
 
 
 def test_an_objective_goes_across_the_seam() -> None:
     space, left, right = across()
     plan = planners.plan(space, left, right, planner="RRTstar", objective="clearance", seed=3, time_limit=0.3)
-    assert plan.certified and plan.path[-1, 0] == pytest.approx(right[0] - TURN)
+    assert plan.certified and plan.path[-1, 0] == pytest.approx(right[0] - TWO_PI)

@@ -23,7 +23,7 @@ from planners.states import kind_of
 LENGTH, CALLBACK_LENGTH = 50.0, 100.0
 """Length of edges in batches, and of edges in callbacks, cells."""
 
-TURN = 0.5
+MAX_ROTATION = 0.5
 """Largest rotation along an edge, radians."""
 
 ALONE = "ours, on one core"
@@ -73,7 +73,7 @@ def edges_inside(space: CSpace, number: int, length: float, rng: np.random.Gener
         first, way = space.sample_free(number, rng), rng.normal(size=(number, dim))
         last = first.copy()
         last[:, :dim] += length * space.grid.spacing * way / np.linalg.norm(way, axis=1)[:, None]
-        last[:, dim:] += rng.uniform(-TURN, TURN, last[:, dim:].shape)
+        last[:, dim:] += rng.uniform(-MAX_ROTATION, MAX_ROTATION, last[:, dim:].shape)
         found.append(np.stack([first, last], axis=1)[space.grid.contains(last[:, :dim])])
     edges = np.concatenate(found)[:number]
     return np.ascontiguousarray(edges[:, 0]), np.ascontiguousarray(edges[:, 1])

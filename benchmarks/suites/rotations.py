@@ -27,7 +27,7 @@ SLICES = 6
 CONTAINED = 500
 """Configurations tested for containment, too."""
 
-EDGE, TURN = 10.0, 0.3
+EDGE, MAX_ROTATION = 10.0, 0.3
 """Length of edges, cells, and largest rotation about an axis, radians."""
 
 BUDGET = 60.0
@@ -198,7 +198,9 @@ def _edges(space: CSpace, rng: np.random.Generator, number: int) -> tuple[Floats
     goals = starts.copy()
     goals[:, :3] += EDGE * space.grid.spacing * way / np.linalg.norm(way, axis=1, keepdims=True)
     goals[:, :3] = np.clip(goals[:, :3], space.grid.lower, space.grid.upper)
-    goals[:, 3:] += rng.uniform(-TURN, TURN, goals[:, 3:].shape) / (2.0 if space.rotations.dof == 4 else 1.0)
+    goals[:, 3:] += rng.uniform(-MAX_ROTATION, MAX_ROTATION, goals[:, 3:].shape) / (
+        2.0 if space.rotations.dof == 4 else 1.0
+    )
     if space.rotations.dof == 4:
         goals[:, 3:] /= np.linalg.norm(goals[:, 3:], axis=1, keepdims=True)
     return starts, goals

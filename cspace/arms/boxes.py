@@ -30,7 +30,7 @@ from cspace.exact.triangles import box_of
 from cspace.grid import SLACK
 from cspace.kernels import THIN, cross, dot, minus, placed, point_triangle, rotated, row_of
 from cspace.map.points import replaced
-from cspace.raster.surfaces import turn_above
+from cspace.raster.surfaces import signed_crossing
 
 WAITING: Final = 96
 """Blocks that wait at a time, at most: one for each halving of three axes of 2^31 cells, and some."""
@@ -367,7 +367,7 @@ def depth(solids: Solids, surface: int, x: float, y: float, z: float) -> float:
     """How deep a point lies in a closed surface, at least; below zero outside."""
     box, turns, least = solids.boxes[surface], 0, np.inf
     for t in range(solids.firsts[surface], solids.firsts[surface + 1]):
-        turns += turn_above(solids.triangles[t], x, y, z) * solids.turns[t]
+        turns += signed_crossing(solids.triangles[t], x, y, z) * solids.turns[t]
         least = min(least, point_triangle((x, y, z), solids.triangles[t]))
     # Outside, the distance must not be too small, as it may be to thin triangles.
     return least if turns != 0 else -least - THIN * (box[3] - box[0] + box[4] - box[1] + box[5] - box[2])

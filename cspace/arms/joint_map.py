@@ -29,7 +29,7 @@ from cspace.limits import Planned, check_memory
 from cspace.map.contents import Contents
 from cspace.robot import Robot
 from cspace.rotations import Rotations
-from cspace.rotations.base import TURN
+from cspace.rotations.base import TWO_PI
 from cspace.shapes import Point
 from cspace.space import CSpace
 from cspace.threads import cores, in_threads
@@ -122,8 +122,8 @@ def build_joint_map(
     periodic_axes = tuple(np.isinf(intervals).all(axis=1).tolist())
     if any(periodic_axes):
         intervals[list(periodic_axes)] = -math.pi, math.pi
-        around = _counts(np.array([[0.0, TURN]]), side).item()
-        side = TURN / around
+        around = _counts(np.array([[0.0, TWO_PI]]), side).item()
+        side = TWO_PI / around
         if around * side - math.pi < math.pi:  # the last cell holds the last angle
             side = math.nextafter(side, math.inf)
     counts = _counts(intervals, side)

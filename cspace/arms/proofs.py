@@ -24,7 +24,7 @@ from cspace.compiling import kernel
 from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
 from cspace.exact.triangles import DEPTH, Trees, box_of, crosses, pierces
 from cspace.kernels import box_extent, dot, extent_along, minus, placed, point_triangle, rotated_back, row_of
-from cspace.raster.surfaces import turn_above
+from cspace.raster.surfaces import signed_crossing
 
 WAITING: Final = 1024
 """Parts of a motion that wait at a time, at most."""
@@ -330,7 +330,7 @@ def encloses(solids: Solids, surface: int, point: Row, deep: float) -> bool:
         return False
     turns = 0
     for t in range(solids.firsts[surface], solids.firsts[surface + 1]):
-        turns += turn_above(solids.triangles[t], x, y, z) * solids.turns[t]
+        turns += signed_crossing(solids.triangles[t], x, y, z) * solids.turns[t]
     if turns == 0:
         return False
     if deep >= 0.0:  # the distances cost far more than the turns, and few points get here

@@ -31,7 +31,7 @@ from cspace.check import check_pairs, check_rng, not_negative, positive, whole
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
 from cspace.map.batches import Query, own
-from cspace.rotations.base import TURN, beside
+from cspace.rotations.base import TWO_PI, beside
 from cspace.shapes import ShapeLike
 from cspace.shown import ArmPlot
 from cspace.threads import in_chunks
@@ -465,7 +465,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         images = np.where(self.periodic_axes, beside(goals, start), goals)
         for joint in np.flatnonzero(self.periodic_axes)[:MAX_DOUBLED_JOINTS]:
             others = images.copy()
-            others[:, joint] += np.where(images[:, joint] > start[joint], -TURN, TURN)
+            others[:, joint] += np.where(images[:, joint] > start[joint], -TWO_PI, TWO_PI)
             images = np.concatenate([images, others])
         return images
 

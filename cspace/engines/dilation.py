@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from cspace.arrays import Bools, Bytes, Ints, Words
 from cspace.compiling import always_inline, kernel
 from cspace.kernels import load, store
-from cspace.raster import Raster, runs_of
+from cspace.raster import Raster, extract_runs
 from cspace.threads import cores, in_threads
 
 Cells = NDArray[np.uint8]
@@ -130,7 +130,7 @@ class Runs(NamedTuple):
     @classmethod
     def of(cls, rasters: Sequence[Raster], shape: tuple[int, int, int]) -> list[Runs]:
         """The runs of rasters on a map of a shape; all at once, for many are small."""
-        table, owner = runs_of(rasters)
+        table, owner = extract_runs(rasters)
         clipped = np.zeros(len(rasters), dtype=np.bool_)
         *far, longest = np.abs(table).max(axis=0, initial=0).tolist()
         if far[0] >= shape[0] or far[1] >= shape[1] or far[2] + longest >= shape[2]:

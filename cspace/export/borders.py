@@ -19,7 +19,7 @@ from cspace.errors import InputError
 from cspace.files.access import replacing
 from cspace.grid import Grid
 from cspace.limits import check_memory
-from cspace.raster.bitmaps import cell_squares
+from cspace.raster.bitmaps import boundary_mesh
 
 _BYTES: Final = 160
 """For each square of the border: its corners, its triangles, and its share of the vertices."""
@@ -51,7 +51,7 @@ def free_border(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
             "build it with a smaller spacing, robot or margin",
         )
     check_memory(_BYTES * count, "the border of the free space", grid)
-    vertices, faces, turns = cell_squares(free[1:-1, 1:-1, 1:-1], grid.spacing, grid.lower)
+    vertices, faces, turns = boundary_mesh(free[1:-1, 1:-1, 1:-1], grid.spacing, grid.lower)
     return vertices, np.where(turns[:, None] < 0, faces[:, ::-1], faces)
 
 

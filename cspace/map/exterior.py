@@ -39,7 +39,7 @@ class Exterior:
         """
         box = np.zeros((2, occupied.ndim), dtype=np.int64)
         if policy == "free":
-            cells = Raster.trimmed(occupied, (0,) * occupied.ndim)
+            cells = Raster.from_bitmap(occupied, (0,) * occupied.ndim)
             box = np.array([cells.lower, cells.upper])
         return cls.around(occupied.shape, box, rasters, policy)
 

@@ -12,7 +12,7 @@ from cspace.arrays import Bools, Floats, Ints
 from cspace.compiling import kernel
 from cspace.map.points import Numbers, cell_of, configuration, is_usable, layered
 from cspace.map.storage import Map
-from cspace.raster import Raster, runs_of
+from cspace.raster import Raster, extract_runs
 
 Counts = NDArray[np.int16] | NDArray[np.int32]
 
@@ -61,7 +61,7 @@ class Runs(NamedTuple):
     @classmethod
     def of(cls, rasters: Sequence[Raster]) -> Runs:
         """Those of rasters, one for each slice."""
-        rows, owner = runs_of(rasters)
+        rows, owner = extract_runs(rasters)
         return cls(rows, np.searchsorted(owner, np.arange(len(rasters)), side="right"))
 
 

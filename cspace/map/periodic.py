@@ -22,7 +22,7 @@ from cspace.grid import Grid
 from cspace.limits import check_memory
 from cspace.map.batches import Kernel
 from cspace.rotations import OneRotation
-from cspace.rotations.base import MAX_JOINT_ANGLE, TURN, shorter, wrapped
+from cspace.rotations.base import MAX_JOINT_ANGLE, TWO_PI, shorter, wrapped
 from cspace.workspace import Workspace
 
 T = TypeVar("T")
@@ -164,7 +164,7 @@ def with_wrapped_angles(check: Callable[..., T], periodic_axes: Sequence[bool]) 
         return check
 
     # Python finds local names sooner than global ones.
-    most, turn, half, remainder = MAX_JOINT_ANGLE, TURN, math.pi, math.remainder
+    most, turn, half, remainder = MAX_JOINT_ANGLE, TWO_PI, math.pi, math.remainder
 
     def wrapped(*numbers: float) -> T:
         near = list(numbers)
@@ -188,4 +188,4 @@ def below_half_a_turn(check: Callable[..., bool], periodic_axes: Sequence[bool])
     circles, dof = [k for k, turns in enumerate(periodic_axes) if turns], len(periodic_axes)
     if not circles:
         return check
-    return lambda *both: all(abs(both[dof + k] - both[k]) < 0.499 * TURN for k in circles) and check(*both)
+    return lambda *both: all(abs(both[dof + k] - both[k]) < 0.499 * TWO_PI for k in circles) and check(*both)

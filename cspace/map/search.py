@@ -21,7 +21,7 @@ Spot = tuple[int, int, int, int]
 GREED: Final = 8.0
 """Weight of the way ahead against the way behind where any chain will do: above 1 it is found sooner, and is longer."""
 
-TURN: Final = 4.0
+TURN_COST: Final = 4.0
 """Cells of way that a turn into the next rotation cell counts as there: straight on is tried first."""
 
 MARGIN: Final = 16.0

@@ -37,7 +37,7 @@ class Raster:
     lower: tuple[int, ...]
 
     @classmethod
-    def trimmed(cls, cells: Bools, lower: tuple[int, ...]) -> Raster:
+    def from_bitmap(cls, cells: Bools, lower: tuple[int, ...]) -> Raster:
         """The set of the True entries of ``cells``, whose first entry is the offset ``lower``."""
         window, left = [], cells
         for _ in range(cells.ndim):
@@ -73,7 +73,7 @@ class Raster:
         return int(np.count_nonzero(self.cells))
 
 
-def runs_of(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
+def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
     """The offsets of rasters as runs along the last axis, shape (n, 4), and which raster each is of, shape (n,).
 
     A run is its first offset, with 0 before it in the plane, and its length. Those of a raster follow each other.
@@ -97,7 +97,7 @@ def runs_of(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
     return table, owner
 
 
-def blank(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:
+def allocate_bitmap(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:
     """An empty bitmap over the lattice points of a box, with two cells to spare, and the offset of its first entry.
 
     Raises InputError if the box holds more cells than a raster may.

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from cspace.files.ros import MapInfo
 
 
-def polygon_outline(polygon: Polygon) -> Floats:
+def ring_segments(polygon: Polygon) -> Floats:
     """Segments ``(x0, y0, x1, y1)`` of all rings of a polygon, shape (E, 4)."""
     rings = [polygon.exterior, *polygon.interiors]
     return np.concatenate([point_segments(np.asarray(ring.coords)[:, :2]) for ring in rings])
@@ -68,7 +68,7 @@ def _runs(cells: NDArray[np.int8]) -> tuple[NDArray[Any], NDArray[Any], NDArray[
     return line, start, stop, steps[line, start + 1]
 
 
-def cell_faces(cells: Bools, spacing: float, lower: Any) -> Floats:
+def boundary_triangles(cells: Bools, spacing: float, lower: Any) -> Floats:
     """Triangles of the border of the union of closed cells, shape (n, 3, 3).
 
     Sides that lie in one plane are merged to rectangles.
@@ -85,7 +85,7 @@ def cell_faces(cells: Bools, spacing: float, lower: Any) -> Floats:
 
 def rectangle_triangles(sides: Bools, axis: int, spacing: float, lower: Any) -> Floats:
     """Triangles of the squares ``sides[k, i, j]`` that lie in the lattice plane k across an axis, shape (n, 3, 3)."""
-    low, high = rectangles(sides)
+    low, high = merge_into_rectangles(sides)
     first, second = low.copy(), low.copy()
     first[:, 1], second[:, 2] = high[:, 1], high[:, 2]
     corners = np.stack([low, first, high, second], axis=1)
@@ -94,7 +94,7 @@ def rectangle_triangles(sides: Bools, axis: int, spacing: float, lower: Any) -> 
     return np.asarray(points[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 3))
 
 
-def cell_squares(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Ints, Ints]:
+def boundary_mesh(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Ints, Ints]:
     """The sides of closed cells that lie on the border of their union, as triangles that share edges whole.
 
     Gives their corners, shape (V, 3), metres, the triangles, shape (F, 3), and for each of these 1 where it faces
@@ -119,16 +119,16 @@ def cell_squares(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Ints
     return vertices, faces, np.concatenate(turns).astype(np.int64)
 
 
-def cell_boxes(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Floats]:
+def cover_with_boxes(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Floats]:
     """Boxes whose union is that of closed cells, as few as runs along two axes leave: corners, shape (n, d), metres."""
     corner = np.asarray(lower, dtype=np.float64)
-    low, high = rectangles(cells.reshape((-1, *cells.shape[-2:])))
+    low, high = merge_into_rectangles(cells.reshape((-1, *cells.shape[-2:])))
     high[:, 0] += 1
     first = 3 - cells.ndim
     return corner + spacing * low[:, first:], corner + spacing * high[:, first:]
 
 
-def rectangles(sides: Bools) -> tuple[Ints, Ints]:
+def merge_into_rectangles(sides: Bools) -> tuple[Ints, Ints]:
     """Rectangles that cover the set entries of each layer: lattice corners ``(layer, row, column)``, lower and upper.
 
     Runs along a row, and rows with the same run that follow one another taken together.
@@ -150,7 +150,7 @@ def rectangles(sides: Bools) -> tuple[Ints, Ints]:
     )
 
 
-def held_by_cells(cells: Bools, starts: Sequence[Floats], length: float, side: float) -> Bools:
+def boxes_within_cells(cells: Bools, starts: Sequence[Floats], length: float, side: float) -> Bools:
     """Which boxes of a lattice lie wholly in the union of closed cells.
 
     A box may lie in any cell whose interval, grown by ``SLACK``, holds part of it along every axis; it is in the union
@@ -177,7 +177,7 @@ QUARTERS: Final = ((1, 0), (0, 1), (-1, 0), (0, -1))
 """Cosine and sine of 0 to 3 quarter turns."""
 
 
-def upright(info: MapInfo, free: Bools, occupied: Bools, unknown: str) -> tuple[Grid, Bools, Bools, Bools]:
+def align_image(info: MapInfo, free: Bools, occupied: Bools, unknown: str) -> tuple[Grid, Bools, Bools, Bools]:
     """Return the upright grid of an image, its cells that meet and that lie in obstacles, and the unknown ones.
 
     What is neither free nor occupied is unknown, and counts as ``unknown`` says: "occupied" or "free". ``free`` and

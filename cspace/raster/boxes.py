@@ -40,7 +40,7 @@ import numpy as np
 from cspace.arrays import Bools, Floats
 from cspace.compiling import kernel
 from cspace.grid import SLACK, Grid, check_reach
-from cspace.raster import Raster, blank
+from cspace.raster import Raster, allocate_bitmap
 from cspace.raster.segments import OBSTACLE
 from cspace.threads import in_chunks
 
@@ -76,13 +76,13 @@ def rounded_rasters(boxes: Rounded, spacing: float, outward: Floats, inward: Flo
     wide = Rounded(boxes.lows / spacing, boxes.highs / spacing, (boxes.radii + outward) / spacing)
     tight = wide._replace(radii=boxes.radii / spacing - inward / spacing)
     reach = wide.radii[:, None] + 1.0
-    outer, lower = blank((wide.lows - reach).min(axis=0), (wide.highs + reach).max(axis=0))
+    outer, lower = allocate_bitmap((wide.lows - reach).min(axis=0), (wide.highs + reach).max(axis=0))
     inner = np.zeros_like(outer)
     shift = -np.asarray(lower, dtype=np.float64)
     mark_touched(outer, wide.moved(shift), -1.0, 1.0)
     remaining = tight.radii >= 0.0
     mark_inside(inner, Rounded(*(part[remaining] for part in tight.moved(shift))), 0.0, 0.0)
-    return Raster.trimmed(outer, lower), Raster.trimmed(inner, lower)
+    return Raster.from_bitmap(outer, lower), Raster.from_bitmap(inner, lower)
 
 
 def rounded_cells(boxes: Rounded, grid: Grid) -> tuple[Bools, Bools]:

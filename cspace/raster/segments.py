@@ -41,27 +41,27 @@ import numpy as np
 from cspace.arrays import Bools, Floats
 from cspace.compiling import kernel
 from cspace.grid import SLACK, Grid, check_reach
-from cspace.raster import Raster, blank
-from cspace.rotations import STILL, Turn
+from cspace.raster import Raster, allocate_bitmap
+from cspace.rotations import NO_ROTATION, RotationCell
 
 OBSTACLE: Final = ("an obstacle", "the map's corner", "clip the obstacles to the map, or check their units (metres)")
 """Subject and mend of the error about obstacles that reach too far."""
 
 
 def outline_rasters(
-    parts: Sequence[tuple[Floats, bool]], spacing: float, margin: float = 0.0, turn: Turn = STILL
+    parts: Sequence[tuple[Floats, bool]], spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
 ) -> tuple[Raster, Raster]:
     """Outer and inner raster of a robot that is a union of regions and lines; all in metres.
 
     Each part has its border segments ``(x0, y0, x1, y1)``, shape (E, 4), and whether they form closed curves, in any
-    order, and the part is what these enclose by even-odd parity. The rasters hold for all rotations of the turn.
+    order, and the part is what these enclose by even-odd parity. The rasters hold for all rotations of the cell.
     """
-    scaled = [_turned(_cut(segments / spacing, turn), turn) for segments, _ in parts]
-    growths = [turn.displacement(outline.reshape(-1, 2, 2)).max(axis=1) for outline in scaled]
+    scaled = [_turned(_cut(segments / spacing, rotation), rotation) for segments, _ in parts]
+    growths = [rotation.displacement(outline.reshape(-1, 2, 2)).max(axis=1) for outline in scaled]
     radius = margin / spacing
     every = np.concatenate(scaled).reshape(-1, 2)
     reach = radius + max(float(growth.max()) for growth in growths) + 1.0
-    outer, lower = blank(every.min(axis=0) - reach, every.max(axis=0) + reach)
+    outer, lower = allocate_bitmap(every.min(axis=0) - reach, every.max(axis=0) + reach)
     inner = np.zeros_like(outer)
     shift = np.tile(np.asarray(lower, dtype=np.float64), 2)
     for outline, growth, (_, filled) in zip(scaled, growths, parts, strict=True):
@@ -75,7 +75,7 @@ def outline_rasters(
         border = np.zeros_like(outer)
         mark_touched(border, local, growth, 0.0, 0.0, SLACK)
         inner |= inside & ~border
-    return Raster.trimmed(outer, lower), Raster.trimmed(inner, lower)
+    return Raster.from_bitmap(outer, lower), Raster.from_bitmap(inner, lower)
 
 
 def outline_cells(parts: Sequence[tuple[Floats, bool]], grid: Grid) -> tuple[Bools, Bools]:
@@ -116,13 +116,13 @@ def _localise(segments: Floats, grid: Grid) -> tuple[Floats | None, tuple[slice,
     return np.ascontiguousarray(local - np.tile(first, 2)), window
 
 
-def _turned(segments: Floats, turn: Turn) -> Floats:
-    return turn.apply(segments.reshape(-1, 2)).reshape(-1, 4)
+def _turned(segments: Floats, rotation: RotationCell) -> Floats:
+    return rotation.apply(segments.reshape(-1, 2)).reshape(-1, 4)
 
 
-def _cut(segments: Floats, turn: Turn) -> Floats:
+def _cut(segments: Floats, rotation: RotationCell) -> Floats:
     """Segments in cells, cut into pieces along which the displacement within a turn varies by less than a quarter."""
-    swing = float(turn.displacement(np.array([1.0, 0.0])))
+    swing = float(rotation.displacement(np.array([1.0, 0.0])))
     lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
     pieces = np.maximum(np.ceil(4.0 * swing * lengths).astype(int), 1)
     if (pieces == 1).all():

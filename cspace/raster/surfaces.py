@@ -44,9 +44,9 @@ from cspace.arrays import Bools, Floats, Ints
 from cspace.compiling import jit, kernel
 from cspace.errors import InputError
 from cspace.grid import SLACK, Grid, check_reach
-from cspace.raster import Raster, blank
-from cspace.raster.triangles import mark_touched, mark_within, swept
-from cspace.rotations import STILL, Turn
+from cspace.raster import Raster, allocate_bitmap
+from cspace.raster.triangles import mark_touched, mark_within, sweep
+from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.threads import in_chunks
 
 Labels = NDArray[np.int32]
@@ -314,7 +314,7 @@ def _fill_buckets(first: Ints, last: Ints, count: int, starts: Ints, entries: In
                 entries[starts[row * count + column]] = t
 
 
-class Winding:
+class WindingNumber:
     """The winding number of closed surfaces, at any point.
 
     Triangles, shape (n, 3, 3), face outward where their corners run counterclockwise; neighbours share their corners to
@@ -325,7 +325,7 @@ class Winding:
         self._triangles, self._turns = np.ascontiguousarray(triangles), turns
         self._buckets = Buckets.of(self._triangles) if len(triangles) else None
 
-    def numbers(self, points: Floats) -> Ints:
+    def evaluate(self, points: Floats) -> Ints:
         """Winding numbers of points, shape (n, 3), that are farther from the surfaces than rounding; shape (n,)."""
         points = np.ascontiguousarray(points)
         out = np.zeros(len(points), dtype=np.int64)
@@ -345,7 +345,7 @@ def mark_enclosed(out: Bools, triangles: Floats, turns: Ints) -> None:
     """Set ``out[i]`` where closed surfaces go round the lattice point ``i``: their winding number there is not zero.
 
     The triangles, shape (n, 3, 3), are in cells, as the indices of ``out``, out of which they may reach; as those
-    of :class:`Winding`, with how often each counts.
+    of :class:`WindingNumber`, with how often each counts.
     """
 
     def work(start: int, stop: int) -> int:
@@ -407,7 +407,7 @@ def _height(y: float, low_y: float, low_z: float, high_y: float, high_z: float) 
 
 
 @kernel
-def turn_above(triangle: Floats, x: float, y: float, z: float) -> int:
+def signed_crossing(triangle: Floats, x: float, y: float, z: float) -> int:
     """1 where a triangle lies above a point and faces up, -1 where it faces down, 0 where it does not lie there."""
     turn, low_y, low_z, high_y, high_z = _chord(triangle, x)
     return turn if turn != 0 and low_y <= y < high_y and _height(y, low_y, low_z, high_y, high_z) > z else 0
@@ -423,7 +423,7 @@ def _count(points: Floats, out: Ints, triangles: Floats, turns: Ints, buckets: B
         number = 0
         for entry in range(starts[b], starts[b + 1]):
             t = entries[entry]
-            number += turn_above(triangles[t], x, y, z) * turns[t]
+            number += signed_crossing(triangles[t], x, y, z) * turns[t]
         out[p] = number
 
 
@@ -575,7 +575,7 @@ def surface_cells(skin: SolidSurface, bounds: tuple[Floats, Floats], grid: Grid)
 
 
 def surface_rasters(
-    skin: SolidSurface, spacing: float, margin: float = 0.0, turn: Turn = STILL
+    skin: SolidSurface, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
 ) -> tuple[Raster, Raster]:
     """Outer and inner raster of a robot that is a solid; see :meth:`cspace.shapes.Shape.rasters`.
 
@@ -585,16 +585,18 @@ def surface_rasters(
     Raises InputError if the robot has too many cells at this spacing, or lies so far from its origin that rounding
     could reach the certificate's slack.
     """
-    vertices = turn.apply(skin.vertices) / spacing
+    vertices = rotation.apply(skin.vertices) / spacing
     triangles = vertices[skin.faces]
     corners = triangles.reshape(-1, 3)
     radius = margin / spacing
-    far = float(np.abs(corners).max() if turn.matrix is None else np.linalg.norm(corners, axis=1).max())
+    far = float(np.abs(corners).max() if rotation.matrix is None else np.linalg.norm(corners, axis=1).max())
     check_reach(far + radius, skin.source, "its origin", _MEND.format("move it to its origin"))
-    swing = float(turn.displacement(np.array([1.0, 0.0, 0.0])))
-    parts = swept(triangles, swing, turn.about_z)
+    swing = float(rotation.displacement(np.array([1.0, 0.0, 0.0])))
+    parts = sweep(triangles, swing, rotation.about_z)
     widest = float(parts.growth.max())
-    outer, lower = blank(corners.min(axis=0) - radius - widest - 1.0, corners.max(axis=0) + radius + widest + 1.0)
+    outer, lower = allocate_bitmap(
+        corners.min(axis=0) - radius - widest - 1.0, corners.max(axis=0) + radius + widest + 1.0
+    )
     inner = np.zeros_like(outer)
     shift = np.asarray(lower, dtype=np.float64)
     local = triangles - shift
@@ -606,18 +608,18 @@ def surface_rasters(
         upper, below = np.moveaxis(outer, axis, 0)[:0:-1], np.moveaxis(outer, axis, 0)[-2::-1]
         upper |= below
     if skin.shell is not None:
-        mark_enclosed(inner, turn.apply(skin.shell.vertices)[skin.shell.faces] / spacing - shift, skin.shell.turns)
+        mark_enclosed(inner, rotation.apply(skin.shell.vertices)[skin.shell.faces] / spacing - shift, skin.shell.turns)
         outer |= inner
         # Where a point is so near to the surface that rounding could matter, nothing is said.
         border = np.zeros_like(inner)
         mark_touched(border, local, 0.0, 0.0, 2.0 * SLACK)
         inner &= ~border
-        within = Raster.trimmed(inner, lower)
+        within = Raster.from_bitmap(inner, lower)
         if widest > 0.0 and within.cells.size:
             border = ~within.cells  # no other point is looked at
             mark_within(border, parts.moved(-np.array(within.lower, dtype=np.float64)), 0.0, 0.0)
-            within = Raster.trimmed(~border, within.lower)
-        return Raster.trimmed(outer, lower), within
+            within = Raster.from_bitmap(~border, within.lower)
+        return Raster.from_bitmap(outer, lower), within
     if skin.fill:
         near = np.zeros_like(outer)
         mark_touched(near, local, -0.5, 0.5)
@@ -626,7 +628,7 @@ def surface_rasters(
             skin.fill(spacing)
         outer |= _grown(inner, radius + widest)
         inner &= widest == 0.0
-    return Raster.trimmed(outer, lower), Raster.trimmed(inner, lower)
+    return Raster.from_bitmap(outer, lower), Raster.from_bitmap(inner, lower)
 
 
 def _fill(inside: Bools, touched: Bools) -> None:

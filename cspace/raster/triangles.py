@@ -123,7 +123,7 @@ class SweptTriangles(NamedTuple):
         return self._replace(triangles=self.triangles + shift, origin=self.origin + shift)
 
 
-def swept(triangles: Floats, swing: float, about_z: bool) -> SweptTriangles:
+def sweep(triangles: Floats, swing: float, about_z: bool) -> SweptTriangles:
     """Triangles that turn about the origin, cut to pieces so small that their growth is about that of each point.
 
     A point at distance 1 from the origin (from the z axis, if ``about_z``) comes as far as ``swing`` from its place; 0
@@ -134,7 +134,7 @@ def swept(triangles: Floats, swing: float, about_z: bool) -> SweptTriangles:
         return SweptTriangles(
             triangles, still, still, np.full(len(triangles), np.inf), np.zeros(3), size, swing, about_z
         )
-    pieces = cut_to(triangles, _VARIATION / swing, _PART, about_z)
+    pieces = subdivide(triangles, _VARIATION / swing, _PART, about_z)
     places = pieces[..., : 2 if about_z else 3]
     middles = (places[:, 0] + places[:, 1] + places[:, 2]) / 3.0
     nearest = np.sqrt(np.einsum("ij,ij->i", middles, middles)) - _farthest(places - middles[:, None])
@@ -167,7 +167,7 @@ def mark_within(out: Bools, parts: SweptTriangles, half: float, radius: float) -
 
 
 @jit
-def cut_to(triangles: Floats, longest: float, part: float = 0.0, about_z: bool = False) -> Floats:
+def subdivide(triangles: Floats, longest: float, part: float = 0.0, about_z: bool = False) -> Floats:
     """Pieces of triangles, shape (n, 3, 3): halved across the longest side until it is no longer than it may be.
 
     That is ``longest``, or ``part`` of the distance of the nearest corner from the origin (from the z axis, if

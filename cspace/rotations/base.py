@@ -16,7 +16,7 @@ from cspace.check import finite
 from cspace.compiling import compilable
 from cspace.errors import AngleWarning, InputError, warn_user
 
-TURN: Final = 2.0 * math.pi
+TWO_PI: Final = 2.0 * math.pi
 
 MAX_ANGLE: Final = 2.0**20
 """Largest angle of a configuration, in radians, that is wrapped."""
@@ -29,7 +29,7 @@ ANGLE_SLACK: Final = 1e-9
 """Rounding allowance in radians: rotation cells count as that much wider on both sides."""
 
 
-LARGEST_EXPECTED: Final = TURN * (1.0 + 1e-9)
+LARGEST_EXPECTED: Final = TWO_PI * (1.0 + 1e-9)
 """Largest angle, in radians, that a user is expected to pass: beyond it, the angle is probably in degrees."""
 
 
@@ -56,8 +56,8 @@ def shorter(steps: Floats, periodic_axes: ArrayLike = True) -> Floats:
 
     It is what :func:`math.remainder` gives, to the last bit, so that also half a turn is gone the same way everywhere.
     """
-    rest = np.fmod(steps, 2.0 * TURN)  # exact, as is what follows
-    return np.where(periodic_axes, rest - TURN * np.rint(rest / TURN), steps)
+    rest = np.fmod(steps, 2.0 * TWO_PI)  # exact, as is what follows
+    return np.where(periodic_axes, rest - TWO_PI * np.rint(rest / TWO_PI), steps)
 
 
 def wrapped(angles: Floats, periodic_axes: ArrayLike = True) -> Floats:
@@ -68,7 +68,7 @@ def wrapped(angles: Floats, periodic_axes: ArrayLike = True) -> Floats:
 
 def beside(angle: Floats, other: Floats) -> Floats:
     """Angles as many whole turns on as bring them next to others."""
-    return angle + TURN * np.rint((other - angle) / TURN)
+    return angle + TWO_PI * np.rint((other - angle) / TWO_PI)
 
 
 Cursor = Any
@@ -79,7 +79,7 @@ PAIRS: Final = 2**20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Turn:
+class RotationCell:
     """A rotation cell as a shape meets it: one rotation, and how far the others of the cell are from it.
 
     Attributes
@@ -109,7 +109,7 @@ class Turn:
         return np.asarray(2.0 * math.sin(min(self.covering_angle, math.pi) / 2.0) * lever)
 
 
-STILL: Final = Turn()
+NO_ROTATION: Final = RotationCell()
 """No rotation at all."""
 
 
@@ -485,9 +485,9 @@ class Rotations(ABC):
         """
         return np.zeros(1, dtype=np.int64)
 
-    def turns(self, dim: int) -> list[Turn]:
+    def turns(self, dim: int) -> list[RotationCell]:
         """The cells as shapes in the plane or in space meet them."""
-        return [STILL]
+        return [NO_ROTATION]
 
     @property
     def centers(self) -> Floats:

@@ -16,7 +16,7 @@ from cspace.arrays import Floats, Ints, Matrix, Numbers, frozen
 from cspace.check import finite, whole
 from cspace.compiling import compilable
 from cspace.errors import InputError
-from cspace.rotations.base import COVERING_ANGLE, DIAL_STEPS, Coordinate, Dial, Rotations, Symmetric, Turn
+from cspace.rotations.base import COVERING_ANGLE, DIAL_STEPS, Coordinate, Dial, RotationCell, Rotations, Symmetric
 
 NORM_SLACK: Final = 1e-6
 """How far the norm of a quaternion may be from 1."""
@@ -211,9 +211,9 @@ class QuaternionRotations(Rotations):
             known.setdefault(change.tobytes(), (matrix, change))
         return known.values()
 
-    def turns(self, dim: int) -> list[Turn]:
+    def turns(self, dim: int) -> list[RotationCell]:
         matrices = self._matrices(self.centers, dim)
-        return [Turn(matrix, a) for matrix, a in zip(matrices, self.covering_angles.tolist(), strict=True)]
+        return [RotationCell(matrix, a) for matrix, a in zip(matrices, self.covering_angles.tolist(), strict=True)]
 
     @property
     def centers(self) -> Floats:

@@ -19,12 +19,12 @@ from cspace.rotations.base import (
     COVERING_ANGLE,
     DIAL_STEPS,
     MAX_ANGLE,
-    TURN,
+    TWO_PI,
     Coordinate,
     Dial,
+    RotationCell,
     Rotations,
     Symmetric,
-    Turn,
     wrapped,
 )
 
@@ -67,7 +67,7 @@ class YawRotations(Rotations):
         if value is None or np.ndim(value) == 0:
             hint = "pass e.g. 72, the cells' borders in radians, or Rotations.quaternions(8) for all rotations in space"
             count = whole(value, "rotations", 1, MAX_YAWS, hint)
-            width = TURN / count
+            width = TWO_PI / count
             borders = [(k - 0.5) * width for k in range(count)]
         else:
             if np.size(value) > MAX_YAWS + 1:
@@ -77,7 +77,7 @@ class YawRotations(Rotations):
             if angles.ndim != 1 or len(angles) < 2:
                 rule, hint = "it must hold at least two borders", "pass e.g. 72, or numpy.linspace(0, 2 * numpy.pi, 73)"
                 raise InputError("rotations", f"has shape {angles.shape}", rule, hint, value=value)
-            if (np.diff(angles) <= 0).any() or abs(angles[0]) > TURN:
+            if (np.diff(angles) <= 0).any() or abs(angles[0]) > TWO_PI:
                 raise InputError(
                     "rotations",
                     "are borders that do not ascend, or begin more than a turn from zero",
@@ -85,7 +85,7 @@ class YawRotations(Rotations):
                     "sort them, in radians",
                     value=value,
                 )
-            if abs(angles[-1] - angles[0] - TURN) > ANGLE_SLACK:
+            if abs(angles[-1] - angles[0] - TWO_PI) > ANGLE_SLACK:
                 raise InputError(
                     "rotations",
                     f"reach from {angles[0]:g} to {angles[-1]:g} rad",
@@ -94,7 +94,7 @@ class YawRotations(Rotations):
                     value=value,
                 )
             borders = angles[:-1].tolist()
-        return cls((*borders, borders[0] + TURN))
+        return cls((*borders, borders[0] + TWO_PI))
 
     @classmethod
     def of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> YawRotations:
@@ -114,7 +114,7 @@ class YawRotations(Rotations):
 
     def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
         yaw = rotation[0] + (2.0 * next(numbers) - 1.0) * angle
-        turned = math.remainder(yaw, TURN)
+        turned = math.remainder(yaw, TWO_PI)
         return (turned if turned < math.pi else -math.pi,)
 
     def _canonical(self, rotation: Floats, name: str) -> Floats:
@@ -126,7 +126,7 @@ class YawRotations(Rotations):
 
     def _between(self, first: Floats, second: Floats) -> Floats:
         apart = second - first
-        return np.asarray(apart - TURN * np.round(apart / TURN))
+        return np.asarray(apart - TWO_PI * np.round(apart / TWO_PI))
 
     def _turned(self, rotation: Floats, by: Floats) -> Floats:
         return rotation + by
@@ -163,7 +163,7 @@ class YawRotations(Rotations):
             rule = f"at most {MAX_ANGLE:.0f} can be wrapped exactly"
             raise InputError("yaw", f"is {largest:g} rad", rule, "wrap it first", value=largest)
         # As the compiled look-ups wrap, to the last bit; a yaw within the borders stays as it is.
-        wrapped = angles - np.floor((angles - self.borders[0]) / TURN) * TURN
+        wrapped = angles - np.floor((angles - self.borders[0]) / TWO_PI) * TWO_PI
         return np.clip(np.searchsorted(self.borders, wrapped, side="right") - 1, 0, self.count - 1).astype(np.int64)
 
     def cells_of(self, q: Floats) -> Ints:
@@ -185,13 +185,13 @@ class YawRotations(Rotations):
             return cells % (self.count // shape.symmetry)
         return cells
 
-    def turns(self, dim: int) -> list[Turn]:
+    def turns(self, dim: int) -> list[RotationCell]:
         """Rotations about the z axis, or about the origin of the plane."""
         made = []
         for yaw, angle in zip(self.representatives.tolist(), self.covering_angles.tolist(), strict=True):
             matrix = np.eye(dim)
             matrix[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
-            made.append(Turn(matrix, angle, about_z=True))
+            made.append(RotationCell(matrix, angle, about_z=True))
         return made
 
     @property
@@ -216,14 +216,14 @@ class YawRotations(Rotations):
         return wrapped(np.asarray(self.borders)[cells] + self.volumes[cells] * within)[:, None]
 
     def distances(self, q: Floats) -> Floats:
-        return np.asarray(np.abs((self.representatives - q[..., -1:] + np.pi) % TURN - np.pi))
+        return np.asarray(np.abs((self.representatives - q[..., -1:] + np.pi) % TWO_PI - np.pi))
 
     def cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
         """As of all rotations; found by the borders alone."""
         reach = np.minimum(angles + ANGLE_SLACK, math.pi)
         limits = q[:, -1] + np.stack([-reach, reach])
-        turns = np.floor((limits - self.borders[0]) / TURN)
-        within = np.searchsorted(self.borders, limits - turns * TURN, side="right") - 1
+        turns = np.floor((limits - self.borders[0]) / TWO_PI)
+        within = np.searchsorted(self.borders, limits - turns * TWO_PI, side="right") - 1
         low, high = (turns * self.count + np.clip(within, 0, self.count - 1)).astype(np.int64)
         counts = np.minimum(high - low + 1, self.count)
         rows = np.repeat(np.arange(len(q)), counts)
@@ -347,14 +347,14 @@ class YawCells(NamedTuple):
 @compilable
 def in_turn(borders: Floats, yaw: float) -> float:
     """A yaw from the first border to the last, but for rounding."""
-    return yaw - math.floor((yaw - float(borders[0])) / TURN) * TURN
+    return yaw - math.floor((yaw - float(borders[0])) / TWO_PI) * TWO_PI
 
 
 @compilable
 def cell_of_wrapped(borders: Floats, yaw: float) -> int:
     """Rotation cell of a wrapped yaw, a border belonging to the cell above it: guessed as if all were equally wide."""
     count = borders.shape[0] - 1
-    guess = (yaw - borders[0]) * (count / TURN)
+    guess = (yaw - borders[0]) * (count / TWO_PI)
     low = np.int64(guess) if 0.0 <= guess < count else 0
     if borders[np.uint64(low)] <= yaw < borders[np.uint64(low + 1)]:
         return int(low)
@@ -371,9 +371,9 @@ def cell_of_wrapped(borders: Floats, yaw: float) -> int:
 @compilable
 def first_cell(borders: Floats, least: float) -> int:
     """First cell, widened by ANGLE_SLACK, that holds an angle."""
-    turns = math.floor((least - borders[0]) / TURN)
+    turns = math.floor((least - borders[0]) / TWO_PI)
     k = cell_of_wrapped(borders, in_turn(borders, least))
-    on_border = least - (borders[k] + turns * TURN) <= ANGLE_SLACK
+    on_border = least - (borders[k] + turns * TWO_PI) <= ANGLE_SLACK
     return int(k + turns * (borders.shape[0] - 1) - (1 if on_border else 0))
 
 
@@ -383,15 +383,15 @@ def widened(borders: Floats, cell: int) -> tuple[int, float, float]:
     count = borders.shape[0] - 1
     turns = math.floor(cell / count)
     k = cell - turns * count
-    return k, borders[k] + turns * TURN - ANGLE_SLACK, borders[k + 1] + turns * TURN + ANGLE_SLACK
+    return k, borders[k] + turns * TWO_PI - ANGLE_SLACK, borders[k + 1] + turns * TWO_PI + ANGLE_SLACK
 
 
 @compilable
 def shorter_turn(first: float, second: float) -> float:
     """Signed angle from one yaw to another along the shorter arc, in [-pi, pi]."""
     turn = second - first
-    turn -= math.floor(turn / TURN) * TURN
-    return turn - TURN if turn > math.pi else turn
+    turn -= math.floor(turn / TWO_PI) * TWO_PI
+    return turn - TWO_PI if turn > math.pi else turn
 
 
 @compilable
@@ -408,4 +408,4 @@ def share(low: float, high: float, start: float, turn: float) -> tuple[float, fl
 def yaw_arc(q0: Numbers, q1: Numbers, arc: int) -> float:
     """Signed angle from one yaw to another along the shorter arc, or along the other one."""
     turn = shorter_turn(q0[-1], q1[-1])
-    return turn if arc == 0 else (turn - TURN if turn > 0.0 else turn + TURN)
+    return turn if arc == 0 else (turn - TWO_PI if turn > 0.0 else turn + TWO_PI)

@@ -14,7 +14,7 @@ from cspace.check import check_points, finite
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.raster import Raster
-from cspace.rotations import STILL, Turn
+from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.shapes.shape import ExactShape, Pieces
 
 if TYPE_CHECKING:
@@ -87,11 +87,13 @@ class Balls(ExactShape):
         around = self.radii - np.linalg.norm(self.centers, axis=1)
         return max(super().inscribed_radius, float(around.max()))
 
-    def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
+    def rasters(
+        self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
+    ) -> tuple[Raster, Raster]:
         from cspace.raster.boxes import Rounded, rounded_rasters
 
-        growth = turn.displacement(self.centers)
-        centers = turn.apply(self.centers)
+        growth = rotation.displacement(self.centers)
+        centers = rotation.apply(self.centers)
         return rounded_rasters(Rounded(centers, centers, self.radii), spacing, margin + growth, growth)
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
@@ -174,10 +176,12 @@ class Point(Balls):
         """The one of the plane, or of space."""
         return cls(np.zeros((1, dim)), np.zeros(1))
 
-    def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
+    def rasters(
+        self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
+    ) -> tuple[Raster, Raster]:
         if margin > 0.0:
-            return super().rasters(spacing, margin, turn)
-        own = Raster.trimmed(np.ones((1,) * self.dim, dtype=np.bool_), (0,) * self.dim)
+            return super().rasters(spacing, margin, rotation)
+        own = Raster.from_bitmap(np.ones((1,) * self.dim, dtype=np.bool_), (0,) * self.dim)
         return own, own
 
     @property

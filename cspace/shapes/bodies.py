@@ -151,12 +151,12 @@ def _outermost_outward(vertices: Floats, faces: Ints, bodies: list[Body]) -> lis
     for b in np.flatnonzero(inward).tolist():
         cavity[b] = ((low < lows[b]).all(axis=1) & (highs[b] < high).all(axis=1)).any()
     if cavity.any():
-        from cspace.raster.surfaces import Winding
+        from cspace.raster.surfaces import WindingNumber
 
         around, within = outward[owner] & (turns != 0), np.flatnonzero(cavity[owner])
         middle = triangles.reshape(-1, 3).mean(axis=0)
         corners = (triangles[within] - middle).reshape(-1, 3)
-        out = Winding(triangles[around] - middle, turns[around]).numbers(corners) <= 0
+        out = WindingNumber(triangles[around] - middle, turns[around]).evaluate(corners) <= 0
         cavity[np.repeat(owner[within], 3)[out]] = False
     over = inward & ~cavity
     return [body._replace(turns=-body.turns, volume=-body.volume) if over[b] else body for b, body in enumerate(bodies)]

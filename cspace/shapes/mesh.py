@@ -18,7 +18,7 @@ from cspace.check import check_points, finite, unmasked
 from cspace.errors import GeometryError, InputError, warn_user
 from cspace.grid import Grid
 from cspace.raster import Raster
-from cspace.rotations import STILL, Turn
+from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.shapes.bodies import Body, find_bodies
 from cspace.shapes.polygon import Polygons
 from cspace.shapes.shape import BoundedShape, ExactShape, Pieces, Shape, ordered_rows
@@ -26,7 +26,7 @@ from cspace.shapes.shape import BoundedShape, ExactShape, Pieces, Shape, ordered
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-    from cspace.raster.surfaces import Buckets, SolidSurface, Winding
+    from cspace.raster.surfaces import Buckets, SolidSurface, WindingNumber
 
 
 MOST_OFF: Final = 100.0
@@ -259,10 +259,12 @@ class Mesh(ExactShape):
         """
         return sum(body.volume for body in self.bodies)
 
-    def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
+    def rasters(
+        self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
+    ) -> tuple[Raster, Raster]:
         from cspace.raster.surfaces import surface_rasters
 
-        return surface_rasters(self._skin(), spacing, margin, turn)
+        return surface_rasters(self._skin(), spacing, margin, rotation)
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
         from cspace.raster.surfaces import surface_cells
@@ -395,7 +397,7 @@ class Mesh(ExactShape):
         array = check_points(points, "points", self.dim)
         if self.solid == "surface":
             return np.zeros(array.shape[:-1], dtype=np.bool_)
-        numbers = self._winding.numbers((array - self.bounds[0]).reshape(-1, 3))
+        numbers = self._winding.evaluate((array - self.bounds[0]).reshape(-1, 3))
         return np.asarray(numbers.reshape(array.shape[:-1]) != 0)
 
     @property
@@ -440,11 +442,11 @@ class Mesh(ExactShape):
         return turns
 
     @cached_property
-    def _winding(self) -> Winding:
-        from cspace.raster.surfaces import Winding
+    def _winding(self) -> WindingNumber:
+        from cspace.raster.surfaces import WindingNumber
 
         counted = np.flatnonzero(self._turns)
-        return Winding(self.vertices[self.faces[counted]] - self.bounds[0], self._turns[counted])
+        return WindingNumber(self.vertices[self.faces[counted]] - self.bounds[0], self._turns[counted])
 
     @property
     def closed(self) -> tuple[Floats, Ints]:

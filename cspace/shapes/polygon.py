@@ -15,8 +15,8 @@ from cspace.check import check_points, finite
 from cspace.errors import GeometryError
 from cspace.grid import Grid
 from cspace.raster import Raster
-from cspace.raster.bitmaps import point_segments, polygon_outline
-from cspace.rotations import STILL, Turn
+from cspace.raster.bitmaps import point_segments, ring_segments
+from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.shapes.shape import ExactShape, Pieces
 
 if TYPE_CHECKING:
@@ -122,10 +122,12 @@ class Polygons(ExactShape):
         """Number of corners of all borders."""
         return sum(len(segments) for segments, _ in self.parts)
 
-    def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
+    def rasters(
+        self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
+    ) -> tuple[Raster, Raster]:
         from cspace.raster.segments import outline_rasters
 
-        return outline_rasters(self.parts, spacing, margin, turn)
+        return outline_rasters(self.parts, spacing, margin, rotation)
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
         from cspace.raster.segments import outline_cells
@@ -196,7 +198,7 @@ def _parts(geometries: Iterable[BaseGeometry]) -> Iterator[tuple[Floats, bool]]:
 
     for shape in shapely.get_parts(list(geometries)):
         if shape.geom_type == "Polygon":
-            yield polygon_outline(shape), True
+            yield ring_segments(shape), True
         elif hasattr(shape, "geoms"):
             yield from _parts(list(shape.geoms))
         else:

@@ -16,7 +16,7 @@ from cspace.arrays import Bools, Floats, Ints, Surface
 from cspace.errors import GeometryError, InputError
 from cspace.grid import Grid
 from cspace.raster import Raster
-from cspace.rotations import STILL, Turn
+from cspace.rotations import NO_ROTATION, RotationCell
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -94,7 +94,9 @@ class Shape(ABC):
         return ("the plane", "space")[self.dim - 2]
 
     @abstractmethod
-    def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
+    def rasters(
+        self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
+    ) -> tuple[Raster, Raster]:
         """The shape as a robot: the offsets that it meets, and those that lie in it.
 
         Parameters
@@ -103,13 +105,13 @@ class Shape(ABC):
             Side of the map's cells, ``h``, metres.
         margin : float
             Metres by which the shape is grown, on the outer side only.
-        turn : Turn
+        rotation : RotationCell
             The rotations for which the rasters are to hold.
 
         Returns
         -------
         outer : Raster
-            Every offset ``m`` for which the grown shape meets ``h * (m + [-1, 1]^d)`` at some rotation of the turn.
+            Every offset ``m`` for which the grown shape meets ``h * (m + [-1, 1]^d)`` at some rotation of the cell.
         inner : Raster
             Only offsets ``m`` for which ``h * m`` lies in the shape at all of them.
 
@@ -355,8 +357,10 @@ class BoundedShape(Shape):
     def inner(self) -> ExactShape:
         return self._inner
 
-    def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
-        return self.outer.rasters(spacing, margin, turn)[0], self.inner.rasters(spacing, 0.0, turn)[1]
+    def rasters(
+        self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
+    ) -> tuple[Raster, Raster]:
+        return self.outer.rasters(spacing, margin, rotation)[0], self.inner.rasters(spacing, 0.0, rotation)[1]
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
         return self.outer.cells(grid)[0], self.inner.cells(grid)[1]

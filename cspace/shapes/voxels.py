@@ -16,8 +16,14 @@ from cspace.check import check_cells, check_point, check_points, positive
 from cspace.errors import GeometryError
 from cspace.grid import Grid
 from cspace.raster import Raster
-from cspace.raster.bitmaps import boundary_segments, cell_boxes, cell_faces, cell_squares, held_by_cells
-from cspace.rotations import STILL, Turn
+from cspace.raster.bitmaps import (
+    boundary_mesh,
+    boundary_segments,
+    boundary_triangles,
+    boxes_within_cells,
+    cover_with_boxes,
+)
+from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.shapes.polygon import Polygons
 from cspace.shapes.shape import Boxes, ExactShape, Pieces
 
@@ -69,12 +75,14 @@ class Box(ExactShape):
     def measure(self) -> float:
         return float(np.prod(self.upper - self.lower))
 
-    def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
-        if turn.matrix is not None:
+    def rasters(
+        self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
+    ) -> tuple[Raster, Raster]:
+        if rotation.matrix is not None:
             from cspace.raster.surfaces import ClosedSurface, SolidSurface, surface_rasters
 
             shell = ClosedSurface(*self.surface, np.ones(len(_FACES), dtype=np.int64))
-            return surface_rasters(SolidSurface(*self.surface, shell, source="box"), spacing, margin, turn)
+            return surface_rasters(SolidSurface(*self.surface, shell, source="box"), spacing, margin, rotation)
         from cspace.raster.boxes import Rounded, rounded_rasters
 
         box = Rounded(self.lower[None], self.upper[None], np.zeros(1))
@@ -159,15 +167,17 @@ class Voxels(ExactShape):
     def measure(self) -> float:
         return float(np.count_nonzero(self.occupied)) * self.side**self.dim
 
-    def rasters(self, spacing: float, margin: float = 0.0, turn: Turn = STILL) -> tuple[Raster, Raster]:
+    def rasters(
+        self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
+    ) -> tuple[Raster, Raster]:
         if self.dim == 2:
             from cspace.raster.segments import outline_rasters
 
-            return outline_rasters([(self._segments, True)], spacing, margin, turn)
-        if turn.matrix is not None:
+            return outline_rasters([(self._segments, True)], spacing, margin, rotation)
+        if rotation.matrix is not None:
             from cspace.raster.surfaces import SolidSurface, surface_rasters
 
-            return surface_rasters(SolidSurface(*self.surface, self._shell, source="bitmap"), spacing, margin, turn)
+            return surface_rasters(SolidSurface(*self.surface, self._shell, source="bitmap"), spacing, margin, rotation)
         from cspace.raster.boxes import rounded_rasters
 
         boxes = self._boxes
@@ -177,8 +187,8 @@ class Voxels(ExactShape):
             low + np.arange(count, dtype=np.float64) - corner
             for low, count, corner in zip(outer.lower, outer.cells.shape, self.lower / spacing, strict=True)
         ]
-        inside = held_by_cells(self.occupied, starts, 0.0, self.side / spacing)
-        return outer, Raster.trimmed(inside, outer.lower)
+        inside = boxes_within_cells(self.occupied, starts, 0.0, self.side / spacing)
+        return outer, Raster.from_bitmap(inside, outer.lower)
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
         from cspace.raster.boxes import rounded_cells
@@ -188,7 +198,7 @@ class Voxels(ExactShape):
             (low - corner) / grid.spacing + np.arange(count, dtype=np.float64)
             for low, corner, count in zip(grid.lower, self.lower, grid.shape, strict=True)
         ]
-        return outer, held_by_cells(self.occupied, starts, 1.0, self.side / grid.spacing)
+        return outer, boxes_within_cells(self.occupied, starts, 1.0, self.side / grid.spacing)
 
     def contains(self, points: ArrayLike) -> Bools:
         array = check_points(points, "points", self.dim)
@@ -206,7 +216,7 @@ class Voxels(ExactShape):
     def boundary(self) -> Pieces:
         if self.dim == 2:
             return Pieces(self._segments.reshape(-1, 2, 2), np.zeros(len(self._segments)))
-        triangles = cell_faces(self.occupied, self.side, self.lower)
+        triangles = boundary_triangles(self.occupied, self.side, self.lower)
         return Pieces(triangles, np.zeros(len(triangles)))
 
     @property
@@ -216,7 +226,7 @@ class Voxels(ExactShape):
         from cspace.raster.surfaces import Components
 
         cells, cavities = self.occupied, Components.of(~self.occupied)
-        lows, highs = cell_boxes(cells, 1.0, np.zeros(3))
+        lows, highs = cover_with_boxes(cells, 1.0, np.zeros(3))
         firsts = lows.astype(np.int64) @ (cells.shape[1] * cells.shape[2], cells.shape[2], 1)
         sizes = np.asarray(self.side * cavities.lengths()[cavities.at(firsts)], dtype=np.float64)
         return Boxes(self.lower + self.side * lows, self.lower + self.side * highs, sizes)
@@ -229,14 +239,14 @@ class Voxels(ExactShape):
     def _boxes(self) -> Rounded:
         from cspace.raster.boxes import Rounded
 
-        lows, highs = cell_boxes(self.occupied, self.side, self.lower)
+        lows, highs = cover_with_boxes(self.occupied, self.side, self.lower)
         return Rounded(lows, highs, np.zeros(len(lows)))
 
     @cached_property
     def _shell(self) -> ClosedSurface:
         from cspace.raster.surfaces import ClosedSurface
 
-        return ClosedSurface(*cell_squares(self.occupied, self.side, self.lower))
+        return ClosedSurface(*boundary_mesh(self.occupied, self.side, self.lower))
 
     @cached_property
     def outline(self) -> BaseGeometry:

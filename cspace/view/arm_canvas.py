@@ -13,7 +13,7 @@ from cspace.arrays import BLOCKED, FREE, MIXED, Floats
 from cspace.errors import InputError
 from cspace.plot.arms import ROOM, ArmFigure, along_joints
 from cspace.plot.artists import CLASSES, COLLIDES, UNDECIDED
-from cspace.rotations.base import TURN, wrapped
+from cspace.rotations.base import TWO_PI, wrapped
 from cspace.view.canvas import MARKS, Canvas, Dial, as_light, far_apart, samples, state_text
 from cspace.view.scene import KINDS, ROBOT, rgb
 
@@ -52,7 +52,7 @@ class ArmCanvas(Canvas):
         self.about = ", ".join(f"{count} {name}{'s' * (count != 1)}" for name, count in counts.items())
         self._scale = np.array([1.0 if unit == "m" else math.degrees(1.0) for unit in arm.units])
         steps = np.where(self._scale == 1.0, _MILLIMETRE, _TENTH)
-        turn = np.where(space.periodic_axes, math.pi, TURN)
+        turn = np.where(space.periodic_axes, math.pi, TWO_PI)
         lower = np.ceil(np.where(np.isinf(arm.lower), -turn, arm.lower) * self._scale / steps - 1e-6) * steps
         upper = np.floor(np.where(np.isinf(arm.upper), turn, arm.upper) * self._scale / steps + 1e-6) * steps
         units = np.where(self._scale == 1.0, "m", "°")

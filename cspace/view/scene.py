@@ -25,7 +25,7 @@ from cspace.plot.artists import (
 from cspace.plot.route import rings
 from cspace.plot.surface import SURFACES
 from cspace.plot.surface import UNSEEN as DIM
-from cspace.raster.bitmaps import rectangles
+from cspace.raster.bitmaps import merge_into_rectangles
 from cspace.robot import Robot
 from cspace.view.level_of_detail import Blocks, Part
 
@@ -181,7 +181,7 @@ def _facing(solid: Bools, axis: int, up: int, rim: bool) -> Ints:
     inner = (slice(1, None), slice(None, -1)) if up == 0 else (slice(None, -1), slice(1, None))
     seen[inner[0]] &= ~cells[inner[1]]
     seen[-up] &= rim
-    low, high = rectangles(seen)
+    low, high = merge_into_rectangles(seen)
     corners = np.empty((len(low), 4, 3), dtype=np.int64)
     corners[..., axis] = low[:, :1] + up
     corners[..., one] = np.stack([low[:, 1], high[:, 1], high[:, 1], low[:, 1]], axis=1)

@@ -15,8 +15,8 @@ from cspace.arms.hulls import TILE, corners_of, forest_of
 from cspace.shapes import Mesh, Shape
 from urdfs import joint, link, random_arm, written
 
-TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
-POSE = np.vstack([np.c_[TURN, (0.3, -0.2, 0.1)], [0, 0, 0, 1]])
+ROTATION = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
+POSE = np.vstack([np.c_[ROTATION, (0.3, -0.2, 0.1)], [0, 0, 0, 1]])
 
 
 def mesh(made: Any) -> Shape:

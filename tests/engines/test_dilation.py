@@ -16,7 +16,7 @@ from strategies import bitmaps
 def test_dilation_in_threads_equals_dilation_in_one(outside):
     rng = np.random.default_rng(5)
     occupied = rng.random((1500, 1100)) < 0.0002
-    raster = Raster.trimmed(rng.random((41, 130)) < 0.5, (-20, -71))
+    raster = Raster.from_bitmap(rng.random((41, 130)) < 0.5, (-20, -71))
     (ours,), _ = collide(dilation, occupied, [raster], outside, workers=2)
     (theirs,), _ = collide(fft, occupied, [raster], outside)
     assert (ours == theirs).all()
@@ -26,14 +26,14 @@ def test_a_run_does_not_see_the_next_row():
     """It reaches far beyond the end of a row on one side, and not at all on the other."""
     occupied = np.zeros((5, 64), dtype=bool)
     occupied[1:, :9] = True
-    (hit,), _ = collide(dilation, occupied, [Raster.trimmed(np.ones((1, 60), bool), (0, 0))], False)
+    (hit,), _ = collide(dilation, occupied, [Raster.from_bitmap(np.ones((1, 60), bool), (0, 0))], False)
     assert (hit == occupied).all()
 
 
 @given(bitmaps(12), st.tuples(st.integers(-9, 9), st.integers(-9, 9)), st.integers(1, 9), st.integers(1, 9))
 def test_runs_are_the_offsets_that_can_fall_on_the_map(cells, lower, nx, ny):
-    raster = Raster.trimmed(cells, lower)
-    other = Raster.trimmed(np.ones((2, 3), bool), (0, 0))
+    raster = Raster.from_bitmap(cells, lower)
+    other = Raster.from_bitmap(np.ones((2, 3), bool), (0, 0))
     _, runs, _ = Runs.of([other, raster, other], (1, nx, ny))
     table = runs.table[runs.is_first]
     covered = {(x, y + k) for _, x, y, n in table.tolist() for k in range(n)}
@@ -47,8 +47,8 @@ def test_runs_are_the_offsets_that_can_fall_on_the_map(cells, lower, nx, ny):
 
 
 def test_memory_is_that_of_the_map_with_what_is_around_it():
-    raster = Raster.trimmed(np.ones((21, 65), bool), (-10, -32))
+    raster = Raster.from_bitmap(np.ones((21, 65), bool), (-10, -32))
     assert (
         dilation.bytes_needed((1000, 640), [raster]) == 1021 * 84
     )  # rows share 32 cells between them, and one more is read
-    assert dilation.bytes_needed((1000, 640), [Raster.trimmed(np.zeros((1, 1), bool), (0, 0))]) == 0
+    assert dilation.bytes_needed((1000, 640), [Raster.from_bitmap(np.zeros((1, 1), bool), (0, 0))]) == 0

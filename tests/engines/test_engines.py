@@ -22,18 +22,18 @@ def problems(draw, dim=None, side=9, across=7):
     dim = dim or draw(st.integers(2, 3))
     occupied = draw(hnp.arrays(np.bool_, st.tuples(*[st.integers(1, side)] * dim)))
     cells = draw(hnp.arrays(np.bool_, st.tuples(*[st.integers(1, across)] * dim)))
-    return occupied, Raster.trimmed(cells, draw(st.tuples(*[st.integers(-12, 6)] * dim))), draw(st.booleans())
+    return occupied, Raster.from_bitmap(cells, draw(st.tuples(*[st.integers(-12, 6)] * dim))), draw(st.booleans())
 
 
 @both
 @settings(max_examples=60)
 @given(problem=problems())
-@example(problem=(np.ones((1, 1), bool), Raster.trimmed(np.ones((1, 1), bool), (0, 0)), False))
-@example(problem=(np.ones((1, 9), bool), Raster.trimmed(np.ones((5, 1), bool), (-2, 0)), True))
-@example(problem=(np.zeros((4, 4), bool), Raster.trimmed(np.ones((20, 20), bool), (-9, -9)), True))
-@example(problem=(np.ones((4, 4), bool), Raster.trimmed(np.ones((20, 20), bool), (-9, -9)), False))
-@example(problem=(np.ones((4, 4), bool), Raster.trimmed(np.zeros((2, 2), bool), (0, 0)), True))
-@example(problem=(np.zeros((4, 4, 4), bool), Raster.trimmed(np.ones((9, 9, 9), bool), (-4, -4, -4)), True))
+@example(problem=(np.ones((1, 1), bool), Raster.from_bitmap(np.ones((1, 1), bool), (0, 0)), False))
+@example(problem=(np.ones((1, 9), bool), Raster.from_bitmap(np.ones((5, 1), bool), (-2, 0)), True))
+@example(problem=(np.zeros((4, 4), bool), Raster.from_bitmap(np.ones((20, 20), bool), (-9, -9)), True))
+@example(problem=(np.ones((4, 4), bool), Raster.from_bitmap(np.ones((20, 20), bool), (-9, -9)), False))
+@example(problem=(np.ones((4, 4), bool), Raster.from_bitmap(np.zeros((2, 2), bool), (0, 0)), True))
+@example(problem=(np.zeros((4, 4, 4), bool), Raster.from_bitmap(np.ones((9, 9, 9), bool), (-4, -4, -4)), True))
 def test_engines_count_what_the_sum_counts(engine, problem):
     occupied, raster, outside = problem
     expected = overlaps_by_shifts(occupied, raster, outside)
@@ -58,7 +58,7 @@ def test_engines_agree_with_each_other(seed, dim):
         size = rng.integers(1, across, dim)
         size[-1] = rng.integers(1, 200 if dim == 2 else 80)
         cells = rng.random(size) < rng.choice([0.01, 0.7, 1.0])
-        rasters.append(Raster.trimmed(cells, tuple((rng.integers(-size, 10)).tolist())))
+        rasters.append(Raster.from_bitmap(cells, tuple((rng.integers(-size, 10)).tolist())))
     outside, results = bool(rng.integers(2)), []
     for engine in ENGINES.values():
         hits, _ = collide(engine, occupied, rasters, outside, workers=2)
@@ -75,7 +75,7 @@ def test_engines_agree_with_each_other(seed, dim):
 @both
 def test_a_map_that_is_not_in_one_piece(engine):
     wide = np.random.default_rng(0).random((80, 200)) < 0.1
-    raster = Raster.trimmed(np.ones((3, 5), bool), (-1, -2))
+    raster = Raster.from_bitmap(np.ones((3, 5), bool), (-1, -2))
     for part in (wide.T, wide[:, ::3]):
         assert (collide(engine, part, [raster], True)[0][0] == (overlaps_by_shifts(part, raster, True) > 0)).all()
 
@@ -88,7 +88,7 @@ def test_one_worker_stays_in_the_calling_thread(engine, monkeypatch):
     monkeypatch.setattr(threading.Thread, "start", refuse)
     occupied = np.zeros((900, 900), dtype=bool)
     occupied[450, 450] = True
-    raster = Raster.trimmed(np.ones((301, 301), bool), (-150, -150))
+    raster = Raster.from_bitmap(np.ones((301, 301), bool), (-150, -150))
     assert collide(engine, occupied, [raster], False, workers=1)[0][0].sum() == 301**2
 
 
@@ -96,7 +96,7 @@ def test_one_worker_stays_in_the_calling_thread(engine, monkeypatch):
 def test_progress_runs_to_the_end(engine):
     seen = []
     occupied = np.random.default_rng(0).random((2500, 1100)) < 0.001
-    raster = Raster.trimmed(np.ones((41, 30), bool), (-2, -2))
+    raster = Raster.from_bitmap(np.ones((41, 30), bool), (-2, -2))
     collide(engine, occupied, [raster], True, workers=2, progress=lambda done, total: seen.append((done, total)))
     assert [done for done, _ in seen] == list(range(1, seen[-1][1] + 1)) and len(seen) > 1
 
@@ -109,14 +109,16 @@ def test_an_error_in_the_progress_callback_stops_the_run(engine):
     before = threading.active_count()
     occupied = np.random.default_rng(0).random((4000, 300)) < 0.1
     with pytest.raises(KeyboardInterrupt):
-        collide(engine, occupied, [Raster.trimmed(np.ones((25, 5), bool), (-2, -2))], True, workers=2, progress=stop)
+        collide(
+            engine, occupied, [Raster.from_bitmap(np.ones((25, 5), bool), (-2, -2))], True, workers=2, progress=stop
+        )
     assert threading.active_count() == before
 
 
 def test_dilation_is_taken_but_for_counts_and_robots_of_very_many_rows():
-    block = Raster.trimmed(np.ones((300, 300), bool), (0, 0))
-    sieve = Raster.trimmed(np.indices((301, 301))[1] % 6 == 0, (0, 0))
-    ball = Raster.trimmed(np.linalg.norm(np.indices((91, 91, 91)) - 45.0, axis=0) < 45.5, (0, 0, 0))
+    block = Raster.from_bitmap(np.ones((300, 300), bool), (0, 0))
+    sieve = Raster.from_bitmap(np.indices((301, 301))[1] % 6 == 0, (0, 0))
+    ball = Raster.from_bitmap(np.linalg.norm(np.indices((91, 91, 91)) - 45.0, axis=0) < 45.5, (0, 0, 0))
     assert sieve.count > 301 * ROWS[2] and np.count_nonzero(ball.cells.any(axis=2)) > 6000
     assert choose([block]) == choose([ball]) == "direct" and choose([sieve]) == "fft"
     assert choose([block], counts=True) == "fft" and ENGINES["fft"].COUNTS and not ENGINES["direct"].COUNTS

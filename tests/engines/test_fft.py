@@ -40,7 +40,7 @@ def test_tiles_take_constant_lines(axis, outside):
     """Inner tiles in space, all of whose lines along two axes are wholly obstacle or wholly free."""
     occupied = np.zeros((200, 200, 200), dtype=bool)
     np.moveaxis(occupied, axis, 0)[[3, 70, 71, 72, 90, 149, 197]] = True
-    raster = Raster.trimmed(np.indices((3, 4, 5)).prod(axis=0) == 4, (-1, -2, 1))
+    raster = Raster.from_bitmap(np.indices((3, 4, 5)).prod(axis=0) == 4, (-1, -2, 1))
     assert max(choose_tiling(occupied.shape, raster.cells.shape, raster.count).step) < 80
     check(occupied, [raster], outside)
 
@@ -55,7 +55,7 @@ def test_correlation_takes_slabs_bars_and_boxes(seed):
         cuts = [np.sort(rng.integers(0, n + 1, 2)) if rng.random() < 0.5 else (0, n) for n in occupied.shape]
         occupied[tuple(slice(*cut) for cut in cuts)] ^= True
     cells, lower = rng.random(rng.integers(1, 5, 3)) < 0.7, rng.integers(-6, 3, 3)
-    raster = Raster.trimmed(cells, tuple(lower.tolist()))
+    raster = Raster.from_bitmap(cells, tuple(lower.tolist()))
     check(occupied, [raster], bool(rng.integers(2)))
 
 
@@ -71,7 +71,7 @@ def test_tiles_that_share_a_transform(seed):
         occupied[tuple(slice(*span) for span in zip(low, high, strict=True))] ^= rng.random() < 0.9
     occupied[tuple(rng.integers(0, occupied.shape, (9, 2)).T)] = True
     rasters = [
-        Raster.trimmed(rng.random((30, 25)) < share, tuple(rng.integers(-20, 5, 2).tolist()))
+        Raster.from_bitmap(rng.random((30, 25)) < share, tuple(rng.integers(-20, 5, 2).tolist()))
         for share in rng.choice([0.3, 1.0], rng.integers(1, 3))
     ]
     outside = bool(rng.integers(2))
@@ -88,11 +88,13 @@ def test_rasters_that_share_a_transform(seed):
     occupied = rng.random(rng.integers(150, 300, 2)) < rng.choice([0.001, 0.05, 1.0])
     shares = rng.choice([0.1, 1.0], rng.integers(9, 14))
     rasters = [
-        Raster.trimmed(rng.random(rng.integers(1, 16, 2)) < share, tuple(rng.integers(-20, 5, 2).tolist()))
+        Raster.from_bitmap(rng.random(rng.integers(1, 16, 2)) < share, tuple(rng.integers(-20, 5, 2).tolist()))
         for share in shares
     ]
-    rasters[3] = Raster.trimmed(np.arange(501)[None, :] % 500 == 0, (0, 0))  # one of its offsets is never on the map
-    rasters[5] = Raster.trimmed(np.zeros((2, 2), bool), (0, 0))
+    rasters[3] = Raster.from_bitmap(
+        np.arange(501)[None, :] % 500 == 0, (0, 0)
+    )  # one of its offsets is never on the map
+    rasters[5] = Raster.from_bitmap(np.zeros((2, 2), bool), (0, 0))
     outside = bool(rng.integers(2))
     extent, count = (40, 40), max(raster.count for raster in rasters)
     assert choose_tiling(occupied.shape, extent, count, 2, len(rasters)).digits > 1
@@ -101,7 +103,7 @@ def test_rasters_that_share_a_transform(seed):
 
 def test_float64_where_float32_is_not_proven():
     disc = np.hypot(*np.mgrid[-250:251, -250:251]) <= 250
-    raster = Raster.trimmed(disc, (-250, -250))
+    raster = Raster.from_bitmap(disc, (-250, -250))
     occupied = np.zeros((700, 600), dtype=bool)
     occupied[350, 300] = occupied[10, 10] = True
     (counts,), precision = collide(fft, occupied, [raster], False, np.int32)
@@ -111,7 +113,7 @@ def test_float64_where_float32_is_not_proven():
     for i, j in np.argwhere(occupied):
         expected[i : i + 501, j : j + 501] += disc[::-1, ::-1]
     assert (counts == expected[250:950, 250:850]).all()
-    small = Raster.trimmed(disc[240:261, 240:261], (-10, -10))
+    small = Raster.from_bitmap(disc[240:261, 240:261], (-10, -10))
     assert collide(fft, occupied[:50, :50], [small], False)[1] == "float32"
 
 
@@ -158,7 +160,7 @@ def test_tiles_fit_the_cache_and_the_robot():
 def test_robot_spectra_larger_than_their_memory_are_taken_in_turns(monkeypatch, size):
     monkeypatch.setattr(fft, "SPECTRA_BYTES", size)
     occupied = np.random.default_rng(1).random((200, 120)) < 0.02
-    rasters = [Raster.trimmed(np.ones((3, 4 + k), bool), (-1, -k)) for k in range(40)]
+    rasters = [Raster.from_bitmap(np.ones((3, 4 + k), bool), (-1, -k)) for k in range(40)]
     for used in (rasters[:1], rasters):
         seen = []
         hits, _ = collide(

@@ -11,7 +11,7 @@ from scipy import ndimage
 import cspace
 from cspace import Workspace
 from cspace.exact.boundaries import anchors_of, clipped, obstacle_border
-from cspace.raster.bitmaps import cell_faces
+from cspace.raster.bitmaps import boundary_triangles
 from cspace.shapes import Pieces
 from strategies import seeds, stars
 
@@ -30,7 +30,7 @@ def test_borders_of_cells_have_an_anchor_a_part(seed):
     rng = np.random.default_rng(seed)
     cells = rng.random(rng.integers(1, 7, 3)) < 0.5
     if cells.any():
-        triangles = cell_faces(cells, 1.0, (0.0, 0.0, 0.0))
+        triangles = boundary_triangles(cells, 1.0, (0.0, 0.0, 0.0))
         assert len(anchors_of(bare(triangles))[0]) >= ndimage.label(cells, np.ones((3, 3, 3)))[1]
 
 

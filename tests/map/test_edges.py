@@ -15,7 +15,7 @@ import handmade
 import oracles
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.rotations import Rotations
-from cspace.rotations.base import ANGLE_SLACK, TURN
+from cspace.rotations.base import ANGLE_SLACK, TWO_PI
 from handmade import Outside, but, cells_around, exterior_blocked, map_of, outsides, state_of, states
 from planning import edge
 from strategies import rotation_cells, seeds
@@ -210,7 +210,7 @@ yaws = st.one_of(
     st.floats(-7, 7),
     uniform(-7, 7),
     uniform(-7, 7),
-    st.tuples(st.just("border"), st.integers(0, 11), st.sampled_from([0.0, math.pi, -math.pi, TURN, -TURN])),
+    st.tuples(st.just("border"), st.integers(0, 11), st.sampled_from([0.0, math.pi, -math.pi, TWO_PI, -TWO_PI])),
 )
 endpoints = st.tuples(coordinates, coordinates, coordinates, yaws)
 blocks = st.lists(st.tuples(st.integers(0, 11), *[st.integers(0, SIDE - 1)] * 3), max_size=16)
@@ -277,11 +277,11 @@ def test_the_shorter_way_is_walked_and_both_at_half_a_turn():
     assert not free_but([(6, 1, 1)], 8).motion_is_free(start, half)
     for away, expected in ((1e-6, True), (-1e-6, False), (1e-11, False), (-1e-11, False)):
         assert quarter.motion_is_free(start, (0.3, 0.3, math.pi + away)) == expected
-    assert quarter.motion_is_free(start, (0.3, 0.3, 40 * TURN - 2.0))
+    assert quarter.motion_is_free(start, (0.3, 0.3, 40 * TWO_PI - 2.0))
 
 
 def test_borders_have_slack():
-    space = free_but([(1, 1, 1)], [0.0, 1.0, 2.0, TURN])
+    space = free_but([(1, 1, 1)], [0.0, 1.0, 2.0, TWO_PI])
     for yaw, expected in ((1.0 - 0.5 * ANGLE_SLACK, False), (1.0 - 1e-6, True), (2.0 + 1e-6, True), (2.0, False)):
         assert space.motion_is_free((0.3, 0.3, yaw), (0.4, 0.4, yaw)) == expected
     assert not space.motion_is_free((0.3, 0.3, -0.1), (0.3, 0.3, 1.0))

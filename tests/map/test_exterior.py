@@ -25,7 +25,7 @@ def test_what_is_said_of_the_outside_follows_from_the_rasters(seed, dim, exterio
     for _ in range(SLICES):
         cells, lower = rng.random(rng.integers(1, 4, dim)) < 0.7, tuple(rng.integers(-3, 3, dim).tolist())
         inner = cells & (rng.random(cells.shape) < 0.8)
-        rasters.append((Raster.trimmed(cells, lower), Raster.trimmed(inner, lower)))
+        rasters.append((Raster.from_bitmap(cells, lower), Raster.from_bitmap(inner, lower)))
     exterior = Exterior.of(occupied, rasters, "blocked" if exterior_blocked else "free")
     around = [
         k

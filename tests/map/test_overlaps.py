@@ -36,7 +36,7 @@ def test_overlaps_are_the_pairs(seed, dim, outside):
     shape, size = (tuple(rng.integers(1, most, dim).tolist()) for most in (6, 5))
     occupied, cells = rng.random(shape) < 0.4, rng.random(size) < 0.6
     cells[tuple(rng.integers(0, size))] = True
-    raster = Raster.trimmed(cells, tuple(rng.integers(-4, 3, dim).tolist()))
+    raster = Raster.from_bitmap(cells, tuple(rng.integers(-4, 3, dim).tolist()))
     space = map_of(np.zeros(shape), outside=outside, rasters=[(raster, raster)], occupied=occupied)
     spots = np.array(list(itertools.product(*(range(-3, n + 3) for n in shape))))
     wide = np.pad(occupied, 12, constant_values=outside == "blocked")
@@ -49,11 +49,11 @@ def test_overlaps_are_the_pairs(seed, dim, outside):
 
 def test_runs_are_the_cells_of_a_raster():
     cells = np.random.default_rng(0).random((3, 4, 5)) < 0.5
-    raster = Raster.trimmed(cells, (-2, 7, 1))
+    raster = Raster.from_bitmap(cells, (-2, 7, 1))
     runs = Runs.of([raster]).rows
     inside = {(dx, dy, first + k) for dx, dy, first, length in runs.tolist() for k in range(length)}
     assert inside == {tuple(cell) for cell in (np.argwhere(raster.cells) + raster.lower).tolist()}
-    assert Runs.of([Raster.trimmed(np.zeros((2, 2, 2), bool), (0, 0, 0))]).rows.shape == (0, 4)
+    assert Runs.of([Raster.from_bitmap(np.zeros((2, 2, 2), bool), (0, 0, 0))]).rows.shape == (0, 4)
 
 
 @pytest.mark.parametrize(("count", "dtype"), [(300, np.int16), (32_767, np.int16), (32_768, np.int32)])

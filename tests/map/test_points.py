@@ -14,7 +14,7 @@ import cspace
 import handmade
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
 from cspace.rotations import Rotations
-from cspace.rotations.base import ANGLE_SLACK, MAX_ANGLE, TURN
+from cspace.rotations.base import ANGLE_SLACK, MAX_ANGLE, TWO_PI
 from handmade import Outside, but, map_of, outsides, state_of, states
 from refusals import refusals
 from strategies import rotation_cells, seeds
@@ -156,8 +156,8 @@ def test_whole_turns_change_nothing(space):
             q[:, 3:] *= wraps
             turn = turn * wraps
         else:
-            q[:, space.grid.dim :] += wraps * TURN
-            turn = turn + wraps * TURN
+            q[:, space.grid.dim :] += wraps * TWO_PI
+            turn = turn + wraps * TWO_PI
         assert (space.classify(q) == states[tuple(cells.T)]).all()
         assert (space.states_at(turn) == states[number]).all()
 
@@ -186,7 +186,7 @@ def test_every_look_up_takes_the_same_rotation_cell_on_far_borders():
     space = map_of(np.broadcast_to(states[:, None, None], (72, 3, 3)), 72)
     borders = np.asarray(cells.borders)[:-1]
     for wraps in (-3, 0, 2, 100, 1000, 150_000):
-        q = np.column_stack([np.full((72, 2), 0.3), borders + wraps * TURN])
+        q = np.column_stack([np.full((72, 2), 0.3), borders + wraps * TWO_PI])
         expected = space.classify(q)
         assert (states[cells.cell_of(q[:, 2])] == expected).all()
         assert space.path_exists(q, q).tolist() == [[True, None, False][state] for state in expected]
@@ -259,7 +259,7 @@ uniform = seeds.map(lambda seed: float(np.random.default_rng(seed).uniform(0, 1)
 """Numbers without hypothesis's liking for round ones."""
 turned_yaws = st.one_of(
     uniform.map(lambda share: 14.0 * share - 7.0),
-    st.tuples(st.just("border"), st.integers(0, 11), st.sampled_from([0.0, math.pi, -math.pi, TURN, -TURN])),
+    st.tuples(st.just("border"), st.integers(0, 11), st.sampled_from([0.0, math.pi, -math.pi, TWO_PI, -TWO_PI])),
 )
 
 
@@ -270,7 +270,7 @@ def meets_box(cell, borders, q, distance, angle, slack=0.0):
     ):
         return False
     low, high = borders[cell[0]] - angle - slack, borders[cell[0] + 1] + angle + slack
-    return any(low <= q[-1] + wraps * TURN <= high for wraps in range(-5, 6))
+    return any(low <= q[-1] + wraps * TWO_PI <= high for wraps in range(-5, 6))
 
 
 @settings(max_examples=60)
@@ -306,9 +306,9 @@ def test_boxes_that_begin_on_a_border_far_off():
     borders, closed = np.asarray(space.rotations.borders), space.rotations.representatives[40]
     angle = 1.0
     for wraps in (2, 10, 1000):
-        yaw = borders + wraps * TURN + angle + ANGLE_SLACK
+        yaw = borders + wraps * TWO_PI + angle + ANGLE_SLACK
         for nudged in (yaw, np.nextafter(yaw, 0.0), np.nextafter(yaw, 1e9)):
-            near = np.abs((nudged - closed + math.pi) % TURN - math.pi) < angle
+            near = np.abs((nudged - closed + math.pi) % TWO_PI - math.pi) < angle
             q = np.column_stack([np.full((64, 2), 0.3), nudged])
             assert not space.is_free_around(q, 0.0, angle)[near].any()
 

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 import handmade
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
 from cspace.rotations import Rotations
-from cspace.rotations.base import TURN
+from cspace.rotations.base import TWO_PI
 from strategies import rotation_cells, seeds
 
-BORDERS = [-1.0, -0.8, 0.5, 0.6, 3.0, TURN - 1]
+BORDERS = [-1.0, -0.8, 0.5, 0.6, 3.0, TWO_PI - 1]
 
 
 @pytest.fixture(scope="module", params=[*handmade.KINDS, "shared"])
@@ -41,7 +41,7 @@ def test_samples_are_uniform_over_the_free_volume(space):
     turn, widths = space.rotations.cells_of(samples), space.rotations.volumes
     if space.rotations.dof == 1:
         above = samples[:, dim] - np.asarray(space.rotations.borders)[turn]
-        within = np.column_stack([within, (above - TURN * np.floor(above / TURN)) / widths[turn]])
+        within = np.column_stack([within, (above - TWO_PI * np.floor(above / TWO_PI)) / widths[turn]])
     states = space.state.reshape(len(widths), *space.grid.shape)
     parts = 2 ** within.shape[1]
     part = (within >= 0.5) @ (2 ** np.arange(within.shape[1]))
@@ -98,7 +98,7 @@ def test_nearest_free_is_the_nearest(seed, kind, rotations, spacing, dense):
         assert (np.abs(free - nearest) < 1e-12).all(axis=1).any()
 
         def distance(to, q=q):
-            turn = np.abs((to[..., dim:] - q[dim:] + math.pi) % TURN - math.pi).sum(axis=-1)
+            turn = np.abs((to[..., dim:] - q[dim:] + math.pi) % TWO_PI - math.pi).sum(axis=-1)
             if space.rotations.dof == 4:
                 turn = 2.0 * np.arccos(np.minimum(np.abs(to[..., dim:] @ q[dim:]), 1.0))
             return np.linalg.norm(to[..., :dim] - q[:dim], axis=-1) + turn / 2

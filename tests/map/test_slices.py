@@ -12,8 +12,8 @@ import cspace
 import oracles
 from cspace import Robot, Workspace
 from cspace.engines.slices import raster_parts, slice_rasters
-from cspace.rotations import Rotations, Turn
-from cspace.rotations.base import TURN
+from cspace.rotations import RotationCell, Rotations
+from cspace.rotations.base import TWO_PI
 from cspace.shapes import Shape
 from strategies import robots
 
@@ -32,7 +32,7 @@ def test_quarter_turns_by_permutation_are_fresh_rasters(robot, count, margin):
     made = slice_rasters(robot, 0.17, margin, cells)
     turns = zip(cells.representatives.tolist(), cells.covering_angles.tolist(), strict=True)
     for pair, (yaw, covering_angle) in zip(made, turns, strict=False):
-        fresh = robot.rasters(0.17, margin, Turn(rotation(yaw), covering_angle, about_z=True))
+        fresh = robot.rasters(0.17, margin, RotationCell(rotation(yaw), covering_angle, about_z=True))
         assert [oracles.raster_offsets(one) for one in pair] == [oracles.raster_offsets(one) for one in fresh]
 
 
@@ -117,7 +117,7 @@ def test_shared_slices_are_those_made_without_sharing(name, count, monkeypatch):
 
 
 def test_unequal_cells_share_nothing_but_a_discs():
-    borders = [0.0, 1.0, math.pi, math.pi + 1.0, TURN]
+    borders = [0.0, 1.0, math.pi, math.pi + 1.0, TWO_PI]
     cells = Rotations.of(borders)
     assert cells.slices_for(Robot.rectangle(0.7, 0.3).shape).tolist() == [0, 1, 2, 3]
     assert cells.slices_for(Robot.disc(0.3).shape).tolist() == [0, 0, 0, 0]

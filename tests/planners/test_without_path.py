@@ -20,7 +20,7 @@ from planning import CAR, SPACES, check_none, halves, room
 from strategies import seeds
 
 JOINED = [*((name, "holonomic") for name in SPACES), *(("turning", drive) for drive in DRIVES[1:])]
-TURN = 2.0 * math.pi
+TWO_PI = 2.0 * math.pi
 
 
 def options_for(drive: str) -> dict[str, Any]:
@@ -186,7 +186,7 @@ def free_range(space: CSpace, q: Any, step: float = 1e-3) -> tuple[float, float]
     ends = []
     for way in (-1.0, 1.0):
         yaw = q[2]
-        while abs(yaw - q[2]) < TURN and space.is_free([q[0], q[1], yaw + way * step]):
+        while abs(yaw - q[2]) < TWO_PI and space.is_free([q[0], q[1], yaw + way * step]):
             yaw += way * step
         ends.append(yaw)
     return ends[0], ends[1]
@@ -225,7 +225,7 @@ def test_the_yaws_that_a_status_names_are_those_that_look_ups_find_free(seed: in
     found = {name: (float(low), float(high)) for name, low, high in YAWS.findall(plan.status)}
     for name, q in zip(("start", "goal"), ends, strict=True):
         low, high = free_range(space, q, 2e-3)
-        assert (name in found) == (high - low < TURN)
+        assert (name in found) == (high - low < TWO_PI)
         if name in found:
             assert found[name] == pytest.approx((low, high), abs=5e-3)
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from cspace.raster.bitmaps import boundary_segments, cell_boxes, cell_faces
+from cspace.raster.bitmaps import boundary_segments, boundary_triangles, cover_with_boxes
 from strategies import seeds
 
 CELLS = hnp.arrays(np.bool_, st.tuples(st.integers(1, 7), st.integers(1, 7)))
@@ -81,7 +81,7 @@ def test_cells_that_touch_in_a_corner_meet_to_the_last_bit() -> None:
 def test_faces_of_cells_are_their_border(seed: int) -> None:
     rng = np.random.default_rng(seed)
     cells = rng.random(rng.integers(1, 7, 3)) < 0.5
-    triangles = cell_faces(cells, 1.0, (0.0, 0.0, 0.0))
+    triangles = boundary_triangles(cells, 1.0, (0.0, 0.0, 0.0))
     padded = np.pad(cells, 1)
     area = sum(int((np.diff(padded.astype(int), axis=axis) != 0).sum()) for axis in range(3))
     sides = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -93,7 +93,7 @@ def test_faces_of_cells_are_their_border(seed: int) -> None:
         assert sides[0] != sides[1]
     rebuilt = np.zeros(cells.shape, dtype=int)
     for (x0, y0, z0), (x1, y1, z1) in zip(
-        *np.asarray(cell_boxes(cells, 1.0, (0.0, 0.0, 0.0))).astype(int), strict=True
+        *np.asarray(cover_with_boxes(cells, 1.0, (0.0, 0.0, 0.0))).astype(int), strict=True
     ):
         rebuilt[x0:x1, y0:y1, z0:z1] += 1
     np.testing.assert_array_equal(rebuilt, cells)

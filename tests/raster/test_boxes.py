@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from cspace import Grid, InputError
 from cspace.grid import SLACK
-from cspace.raster.bitmaps import cell_boxes
+from cspace.raster.bitmaps import cover_with_boxes
 from cspace.raster.boxes import Rounded, rounded_rasters
 from cspace.shapes import Balls, Box, Voxels
 from strategies import seeds
@@ -216,7 +216,7 @@ def test_boxes_of_cells_are_disjoint_and_cover_the_set(seed, density, dim):
     rng = np.random.default_rng(seed)
     occupied = rng.random(tuple(rng.integers(1, 9, dim))) < density
     counts = np.zeros(occupied.shape, dtype=int)
-    for low, high in zip(*cell_boxes(occupied, 1.0, (0.0,) * dim), strict=True):
+    for low, high in zip(*cover_with_boxes(occupied, 1.0, (0.0,) * dim), strict=True):
         counts[tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))] += 1
     assert (counts == occupied).all()
 

@@ -16,7 +16,7 @@ from scipy.optimize import nnls
 import solids
 from cspace import Grid, InputError, Mesh, MeshWarning
 from cspace.raster.surfaces import Components
-from cspace.raster.triangles import cut_to, mark_within, swept
+from cspace.raster.triangles import mark_within, subdivide, sweep
 from oracles import cross, distance_to_triangles, dot, units
 from strategies import seeds
 
@@ -377,21 +377,21 @@ def test_the_distance_of_a_cube_is_exact(size):
             continue
         for radius, expected in ((gap * (1 + 1e-9), True), (gap - 1e-5, False)):
             out = np.zeros((1, 1, 1), dtype=bool)
-            mark_within(out, swept(triangle[None], 0.0, False), 1.0, radius)
+            mark_within(out, sweep(triangle[None], 0.0, False), 1.0, radius)
             assert out[0, 0, 0] == expected, (triangle, gap, radius)
 
 
 def test_pieces_of_triangles_are_as_short_as_asked_and_cover_them():
     rng = np.random.default_rng(4)
     triangles = rng.normal(size=(20, 3, 3)) * 3.0
-    pieces = cut_to(triangles, 0.7, 0.0, False)
+    pieces = subdivide(triangles, 0.7, 0.0, False)
     assert np.linalg.norm(pieces - np.roll(pieces, -1, axis=1), axis=2).max() <= 0.7
     areas = [
         np.linalg.norm(np.cross(part[:, 1] - part[:, 0], part[:, 2] - part[:, 0]), axis=1).sum()
         for part in (triangles, pieces)
     ]
     assert areas[0] == pytest.approx(areas[1])
-    assert (cut_to(triangles, np.inf, 0.0, False) == triangles).all()
+    assert (subdivide(triangles, np.inf, 0.0, False) == triangles).all()
 
 
 @pytest.mark.parametrize("margin", [0.0, 0.3, 1.0])

@@ -12,20 +12,20 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cspace import Mesh, Robot
-from cspace.rotations import STILL, Turn
+from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.shapes import Balls, Box, Voxels
 from strategies import robots, seeds
 
 
 def yaw_turn(yaw, covering_angle=0.0, dim=2):
-    return Turn(Rotation.from_rotvec([0, 0, yaw]).as_matrix()[:dim, :dim], covering_angle, about_z=True)
+    return RotationCell(Rotation.from_rotvec([0, 0, yaw]).as_matrix()[:dim, :dim], covering_angle, about_z=True)
 
 
 def places(raster):
     return set(map(tuple, (np.argwhere(raster.cells) + raster.lower).tolist()))
 
 
-def rasters(robot, spacing, margin=0.0, turn=STILL):
+def rasters(robot, spacing, margin=0.0, turn=NO_ROTATION):
     return [places(raster) for raster in robot.rasters(spacing, margin, turn)]
 
 
@@ -103,7 +103,7 @@ SOLID = {
 
 def random_turn(rng, about_z, angle=0.0):
     rotation = Rotation.from_rotvec([0, 0, rng.uniform(-4, 4)]) if about_z else Rotation.random(rng=rng)
-    return Turn(rotation.as_matrix(), angle, about_z)
+    return RotationCell(rotation.as_matrix(), angle, about_z)
 
 
 def within(rng, turn):
@@ -111,7 +111,7 @@ def within(rng, turn):
     way = np.array([0.0, 0.0, rng.choice([-1.0, 1.0])]) if turn.about_z else rng.normal(size=3)
     angle = turn.covering_angle * min(1.0, rng.uniform(0.0, 1.3))
     matrix = Rotation.from_rotvec(way / np.linalg.norm(way) * angle).as_matrix() @ turn.matrix
-    return Turn(matrix, 0.0, turn.about_z)
+    return RotationCell(matrix, 0.0, turn.about_z)
 
 
 @pytest.mark.parametrize("name", SOLID)
@@ -192,7 +192,7 @@ def test_a_turned_mesh_is_the_mesh_of_turned_vertices(seed, about_z, solid, marg
 
 def test_a_filled_robot_holds_its_inside_at_every_rotation():
     robot = Robot.mesh((TORUS.vertices, TORUS.faces), solid="fill")
-    turn = Turn(Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix(), 0.1)
+    turn = RotationCell(Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix(), 0.1)
     outer, inner = rasters(robot, 0.08, 0.0, turn)
     assert not inner
     solid = Robot.mesh((TORUS.vertices, TORUS.faces))

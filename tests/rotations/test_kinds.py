@@ -18,7 +18,7 @@ from cspace.arrays import Bools, Floats, Ints, Matrix, Numbers
 from cspace.cli.options import configuration, rotation_cells
 from cspace.compiling import compilable
 from cspace.errors import InputError
-from cspace.rotations import Rotations, Turn
+from cspace.rotations import RotationCell, Rotations
 from cspace.rotations.base import COVERING_ANGLE, Coordinate, Symmetric
 from cspace.rotations.yaw import YawCells, YawRotations
 
@@ -67,9 +67,9 @@ class PitchRotations(YawRotations):
     def images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         return Rotations.images(self, shape)
 
-    def turns(self, dim: int) -> list[Turn]:
+    def turns(self, dim: int) -> list[RotationCell]:
         return [
-            Turn(matrix, angle)
+            RotationCell(matrix, angle)
             for matrix, angle in zip(self._matrices(self.centers, dim), self.covering_angles.tolist(), strict=True)
         ]
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import cspace
 from cspace import InputError, Robot, Workspace
 from cspace.rotations import Rotations
-from cspace.rotations.base import ANGLE_SLACK, MAX_ANGLE, TURN, wrapped
+from cspace.rotations.base import ANGLE_SLACK, MAX_ANGLE, TWO_PI, wrapped
 from refusals import refusals
 from strategies import rotation_cells, seeds
 
@@ -19,14 +19,16 @@ from strategies import rotation_cells, seeds
 def test_a_count_cuts_the_circle_evenly_around_zero(count):
     cells = Rotations.of(count)
     assert cells.count == count == len(cells.representatives)
-    assert wrapped(cells.representatives - TURN / count * np.arange(count)) == pytest.approx(np.zeros(count), abs=1e-12)
+    assert wrapped(cells.representatives - TWO_PI / count * np.arange(count)) == pytest.approx(
+        np.zeros(count), abs=1e-12
+    )
     assert (cells.representatives >= -math.pi).all() and (cells.representatives < math.pi).all()
     assert cells.covering_angles == pytest.approx(np.full(count, math.pi / count), abs=2 * ANGLE_SLACK)
     assert cells.is_uniform()
 
 
 def test_cells_share_a_slice_only_where_their_borders_are_a_symmetry_apart_but_for_rounding():
-    square, even = Robot.rectangle(1.0, 1.0).shape, np.linspace(0.0, TURN, 9)
+    square, even = Robot.rectangle(1.0, 1.0).shape, np.linspace(0.0, TWO_PI, 9)
     for off, slices in ((1e-15, 2), (5e-12, 2), (2e-11, 8), (1e-6, 8)):
         jittered = even + off * np.array([0, 1, 0, 0, 0, 0, 0, 0, 0])
         assert len(np.unique(Rotations.of(jittered).slices_for(square))) == slices
@@ -36,10 +38,10 @@ def test_cells_share_a_slice_only_where_their_borders_are_a_symmetry_apart_but_f
 def test_cells_cover_the_circle_without_overlap(value):
     cells = Rotations.of(value)
     borders = np.asarray(cells.borders)
-    assert (np.diff(borders) > 0).all() and borders[-1] == borders[0] + TURN
+    assert (np.diff(borders) > 0).all() and borders[-1] == borders[0] + TWO_PI
     if np.ndim(value):
         assert borders == pytest.approx(value, abs=1e-9)
-    middles = cells.representatives + TURN * np.floor((borders[1:] - cells.representatives) / TURN)
+    middles = cells.representatives + TWO_PI * np.floor((borders[1:] - cells.representatives) / TWO_PI)
     assert (borders[:-1] < middles).all() and (middles < borders[1:]).all()
     reach = np.stack([borders[1:] - middles, middles - borders[:-1]])
     assert (cells.covering_angles >= reach).all()
@@ -52,10 +54,10 @@ def test_a_yaw_belongs_to_the_cell_between_its_borders(value, seed, wraps):
     yaw = np.random.default_rng(seed).uniform(borders[0], borders[-1], 50)
     expected = [max(k for k in range(cells.count) if borders[k] <= one) for one in yaw]
     away = np.abs(yaw[:, None] - borders).min(axis=1) > 1e-9
-    assert (cells.cell_of(yaw + wraps * TURN) == expected)[away].all()
+    assert (cells.cell_of(yaw + wraps * TWO_PI) == expected)[away].all()
     # A border may be wrapped to the number next to it: it belongs to one of its two cells.
     above = np.arange(cells.count)
-    numbers = cells.cell_of(borders[:-1] + wraps * TURN)
+    numbers = cells.cell_of(borders[:-1] + wraps * TWO_PI)
     assert ((numbers == above) | (numbers == (above - 1) % cells.count)).all()
 
 
@@ -78,12 +80,12 @@ def test_borders_may_be_given_as_degrees_turned_to_radians():
     ([0.0], "at least two borders"),
     ([[0.0, 6.0]], "at least two borders"),
     ([0.0, math.pi], "must cover the whole circle"),
-    ([0.0, 1.0, TURN - 1e-6], "must cover the whole circle"),
+    ([0.0, 1.0, TWO_PI - 1e-6], "must cover the whole circle"),
     ([0.0, 1.0, 7.0], "must cover the whole circle"),
-    ([0.0, 1.0, 1.0, TURN], "do not ascend"),
-    ([0.0, 2.0, 1.0, TURN], "do not ascend"),
-    ([100.0, 101.0, 100.0 + TURN], "more than a turn from zero"),
-    ([0.0, math.nan, TURN], "nan"),
+    ([0.0, 1.0, 1.0, TWO_PI], "do not ascend"),
+    ([0.0, 2.0, 1.0, TWO_PI], "do not ascend"),
+    ([100.0, 101.0, 100.0 + TWO_PI], "more than a turn from zero"),
+    ([0.0, math.nan, TWO_PI], "nan"),
     ([0.0, math.inf], "inf"),
     ([0.0, 90.0, 180.0, 270.0, 360.0], "numpy.radians turns degrees"),
 )

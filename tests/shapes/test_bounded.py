@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 import cspace
 import solids
 from cspace import InputError, Robot, Rotations, Workspace
-from cspace.rotations import Turn
+from cspace.rotations import RotationCell
 from cspace.spectral import decompose
 from handmade import half_turns
 from refusals import refusals
@@ -52,7 +52,7 @@ def test_rasters_hold_for_the_shape_itself(kind, angle, spacing):
     make, inside = kind
     rng = np.random.default_rng(3)
     middle = Rotation.random(rng=rng)
-    outer, inner = make(RADIUS, LENGTH).rasters(spacing, 0.0, Turn(middle.as_matrix(), angle))
+    outer, inner = make(RADIUS, LENGTH).rasters(spacing, 0.0, RotationCell(middle.as_matrix(), angle))
     for _ in range(4):
         axis = rng.normal(size=3)
         turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * rng.choice([angle, angle * rng.random()])) * middle

@@ -8,7 +8,7 @@ import shapely
 import trimesh
 
 from cspace import GeometryError, Grid, InputError, Mesh, Robot, Workspace
-from cspace.rotations import Turn
+from cspace.rotations import RotationCell
 from cspace.shapes import Balls, Box, Polygons, Voxels, shape_from_spec
 
 TORUS = trimesh.creation.torus(0.5, 0.2, major_sections=12, minor_sections=8)
@@ -136,7 +136,7 @@ def test_a_shape_is_the_same_under_no_rotation_and_seldom_under_others(shape):
     quarter[:2, :2] = [[0, -1], [1, 0]]
     assert not shape.is_same(quarter)
     assert not shape.is_round
-    same = shape.rasters(0.13, 0.0, Turn(np.eye(shape.dim), 0.0, about_z=True))
+    same = shape.rasters(0.13, 0.0, RotationCell(np.eye(shape.dim), 0.0, about_z=True))
     for mine, theirs in zip(shape.rasters(0.13), same, strict=True):
         assert mine.lower == theirs.lower
         assert (mine.cells == theirs.cells).all()

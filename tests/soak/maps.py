@@ -17,7 +17,7 @@ from tests.soak.plane import draw_case
 from tests.soak.space import draw_solid_case
 from tests.soak.tally import Case, Rng, Tally, draw_until, not_free, pick_close
 
-TURN = 2.0 * np.pi
+TWO_PI = 2.0 * np.pi
 
 PER_STATE = 900
 """Configurations drawn in FREE and in BLOCKED cells of each map, half of them where the state changes."""
@@ -309,7 +309,7 @@ def along(space: CSpace, starts: Floats, goals: Floats, t: Floats, rng: Rng) -> 
     dim = space.grid.dim
     steps = goals - starts
     if space.rotations.dof == 1:
-        turns = (steps[:, dim:] + np.pi) % TURN - np.pi
+        turns = (steps[:, dim:] + np.pi) % TWO_PI - np.pi
         steps[:, dim:] = np.where(np.pi - np.abs(turns) < 1e-9, np.pi * rng.choice([-1.0, 1.0], turns.shape), turns)
     q = starts[:, None] + t[:, None] * steps[:, None]
     if space.rotations.dof == 4:
@@ -329,7 +329,7 @@ def _in_cells(space: CSpace, cells: NDArray[np.integer], rng: Rng) -> Floats:
     turns = _in_rotation_cells(space, cells[:, 0], _within(rng, (len(cells), 3)))
     if space.rotations.dof == 4:
         return np.column_stack([points, turns * rng.choice([-1.0, 1.0], (len(turns), 1))])
-    return np.column_stack([points, turns + TURN * rng.integers(-2, 3, turns.shape)])
+    return np.column_stack([points, turns + TWO_PI * rng.integers(-2, 3, turns.shape)])
 
 
 def _in_rotation_cells(space: CSpace, cells: NDArray[np.integer], part: Floats) -> Floats:
