@@ -141,7 +141,7 @@ def edges(report: Report, seed: int) -> None:
     size = 256 if quick else 512
     plane = Workspace.from_array(inputs.boxes(size, 0.06, rng), 0.05)
     space = cspace.build(plane, Robot.rectangle(0.8, 0.4), rotations=72)
-    _compare_edges(report, f"map of 72 yaws x {size} x {size} cells, turns up to {TURN} rad", space, rng)
+    _compare_edges(report, f"map of 72 yaws x {size} x {size} cells, turns up to {MAX_ROTATION} rad", space, rng)
     size = 64 if quick else 256
     space = cspace.build(Workspace.from_array(inputs.boxes(size, 0.06, rng, 3), 0.05), Robot.ball(0.2))
     _compare_edges(report, f"map of {size}^3 cells", space, rng)

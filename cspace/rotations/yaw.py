@@ -89,7 +89,7 @@ class YawRotations(Rotations):
                 raise InputError(
                     "rotations",
                     f"reach from {angles[0]:g} to {angles[-1]:g} rad",
-                    f"they must cover the whole circle, 2 pi = {TURN:.9f}",
+                    f"they must cover the whole circle, 2 pi = {TWO_PI:.9f}",
                     "end with the first border plus 2 pi (numpy.radians turns degrees)",
                     value=value,
                 )
