@@ -1,16 +1,18 @@
-"""Lists that are kept in several places agree: formats, short texts of robots, public names."""
+"""Lists that are kept in several places agree: formats, short texts of robots, public names, the version."""
 
 import dataclasses
 import inspect
 import re
 import runpy
 import sys
+import tomllib
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 from unittest import mock
 
 import pytest
+import yaml
 
 import cspace
 import cspace.arms
@@ -172,3 +174,14 @@ def test_every_public_function_is_in_the_features_table(conf: dict[str, Any]) ->
             if not name.startswith("_") and not inspect.isclass(value) and name not in {*known, *inside}:
                 missing.append(f"{kind.__name__}.{name}")
     assert missing == []
+
+
+# ---- the version -----------------------------------------------------------------------------------------------------
+
+
+def test_version_is_the_same_in_every_file() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    newest = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert newest is not None
+    assert cspace.__version__ == project["version"] == citation["version"] == newest[1]

@@ -156,10 +156,10 @@ def _compare_edges(
     space.motion_is_free(starts, goals)  # marks blocks
     free = space.motion_is_free(starts, goals)
     report.note(f"{free.mean():.0%} of the edges are proven free")
-    informations = {name: discrete(space, make) for name, make in _checkers(space).items()}
+    space_informations = {name: discrete(space, make) for name, make in _checkers(space).items()}
     for kind, a, b in (("random", starts, goals), ("free", starts[free], goals[free])):
         calls: dict[str, Callable[[], Any]] = {"ours": partial(space.motion_is_free, a, b)}
-        for name, si in informations.items():
+        for name, si in space_informations.items():
             calls[name] = asker(si.checkMotion, edges_of(space, si, a[:part], b[:part]))
         timings = _also_alone(calls, runs)
         each = {name: timing.per(len(timing.value)) for name, timing in timings.items()}
@@ -168,7 +168,7 @@ def _compare_edges(
             far = "" if name.startswith("ours") else f", extrapolated from {part}"
             report.figure(f"  all of them{far}", timing.median * len(a), "s")
         ours = timings["ours"].value[:part]
-        for name in informations:
+        for name in space_informations:
             stepped = name.startswith("discrete")
             report.ratio(f"{kind} edges: {name} / ours", each[name], each["ours"], least=least if stepped else None)
             if stepped:

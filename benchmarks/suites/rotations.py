@@ -148,19 +148,19 @@ def _look_ups(report: Report, space: CSpace, fcl: Fcl, rng: np.random.Generator)
 
     few = q[:1000]
     starts, goals = _edges(space, rng, 1000)
-    informations = {
+    space_informations = {
         "ours": planners.simple_setup(space).getSpaceInformation(),
         "ours, exact": planners.simple_setup(space, exact=True).getSpaceInformation(),
         "FCL": planning.peer_setup(space, fcl.is_free)().getSpaceInformation(),
     }
-    checker = planners.StateValidityChecker(informations["ours"], space)
-    states = states_of(space, informations["ours"], few)
+    checker = planners.StateValidityChecker(space_informations["ours"], space)
+    states = states_of(space, space_informations["ours"], few)
     callback = interleave({"callback": asker(checker.isValid, states)}, runs)["callback"].per(1000)
     report.timing("isValid of our checker, as OMPL calls it", callback)
     report.figure("  the same, of CPU", 1e6 * callback.median_cpu, "us", most=0.6)
     asks: dict[str, Callable[[], list[bool]]] = {}
     walks: dict[str, Callable[[], list[bool]]] = {}
-    for name, si in informations.items():
+    for name, si in space_informations.items():
         si.setup()
         asks[name] = asker(si.isValid, states_of(space, si, few))
         walks[name] = asker(si.checkMotion, edges_of(space, si, starts, goals))

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -112,7 +113,8 @@ def test_a_worker_with_another_cspace(live, code, version, tmp_path):
     """One that is there is told of before any work; one that comes later, when it is given a tile."""
     (tmp_path / "cspace").mkdir()
     (tmp_path / "cspace" / "__init__.py").write_text(code)
-    workspace, message = random_workspace((90, 90)), rf"workers with cspace {version}; all must have cspace 0\.1\.0"
+    workspace = random_workspace((90, 90))
+    message = rf"workers with cspace {version}; all must have cspace {re.escape(cspace.__version__)}"
     other = live.worker(code=tmp_path)
     with live.client(1) as client:
         with pytest.raises(InputError, match=message):
