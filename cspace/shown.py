@@ -1,40 +1,20 @@
-"""Methods that draw, view and export: each hands its object to a room above.
+"""Methods that draw, view and export. Each resolves a function of a higher room by name when it is called.
 
-This is the one module that imports from rooms above it; it does so when a method is called.
+So this module imports nothing above it. Signatures with types are in ``shown.pyi``.
 """
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar, Unpack, cast, overload
-
-from numpy.typing import ArrayLike
-
-if TYPE_CHECKING:
-    import xarray
-    from matplotlib.axes import Axes
-
-    from cspace.export.messages import CostmapOptions
-    from cspace.files.ros import Costmap, OccupancyGrid
-    from cspace.plot.arms import ArmPlotOptions
-    from cspace.plot.picture import PlotOptions, WorkspaceOptions
-    from cspace.space import CSpace
-    from cspace.view.viewer import Viewer, ViewOptions
-    from cspace.workspace import Workspace
-
-Message = TypeVar("Message")
+from functools import partial
+from pkgutil import resolve_name
 
 
 class NotebookPicture:
-    """Something that notebooks show as a small picture."""
+    """An object that notebooks show as a small picture."""
 
     __slots__ = ()
 
-    def _repr_html_(self) -> str:
+    def _repr_html_(self):
         """Return the repr and a small picture, for notebooks."""
-        from cspace.plot import as_html
-
-        return as_html(self, [repr(self)])
+        return resolve_name("cspace.plot:as_html")(self, [repr(self)])
 
 
 class WorkspacePlot(NotebookPicture):
@@ -42,65 +22,60 @@ class WorkspacePlot(NotebookPicture):
 
     __slots__ = ()
 
-    def plot(self, **options: Unpack[WorkspaceOptions]) -> Axes:
-        """Draw the obstacles; no window is opened.
+    def plot(self, **options):
+        """Draw the obstacles; open no window.
 
         Parameters
         ----------
         **options
-            Of :func:`cspace.plot.plot`: ``view``, ``at``, ``zoom``, ``cut``, ``camera``, ``ax``, ``legend`` and
-            ``title``, by default the source and the side of a cell.
+            Options of :func:`cspace.plot.plot`: ``view``, ``at``, ``zoom``, ``cut``, ``camera``, ``ax``, ``legend`` and
+            ``title``. The title defaults to the source and the length of a cell.
 
         Returns
         -------
         matplotlib.axes.Axes
-            The axes, which a notebook shows as the picture; ``ax.figure`` is the figure.
+            Notebooks show the axes as the picture; ``ax.figure`` is the figure.
 
         Raises
         ------
         InputError
-            As :func:`cspace.plot.plot`.
+            For the reasons of :func:`cspace.plot.plot`.
         """
-        from cspace.plot.picture import plot
-        from cspace.plot.route import WorkspaceView
-
-        return plot(WorkspaceView(cast("Workspace", self)), **options)
+        return resolve_name("cspace.plot.maps:plot_map")(self, **options)
 
 
 class MapPlot:
     """Pictures of a map."""
 
-    def plot(self, **options: Unpack[PlotOptions]) -> Axes:
-        """Draw the map, or an overview of one in tiles; see :func:`cspace.plot.plot`, which takes the same.
+    def plot(self, **options):
+        """Draw the map, or an overview of a tiled map, with the options of :func:`cspace.plot.plot`.
 
-        No window is opened; a notebook shows the axes as the picture. If a path crosses the seam of continuous joints,
-        the map is drawn as far as the path goes.
+        No window opens; notebooks show the axes as the picture. If a path crosses the seam of continuous joints, the
+        picture extends as far as the path.
         """
-        from cspace.plot.maps import plot_map
-
-        return plot_map(self, **options)
+        return resolve_name("cspace.plot.maps:plot_map")(self, **options)
 
 
 class ArmPlot:
     """Pictures of an arm."""
 
-    def plot(self, **options: Unpack[ArmPlotOptions]) -> Axes:
-        """Draw the arm among its obstacles, in three dimensions, and a path as pale arms with the curve of its end.
+    def plot(self, **options):
+        """Draw the arm among its obstacles in three dimensions, and a path as pale arms and the curve of its end.
 
-        No window is opened; a notebook shows the axes as the picture.
+        No window opens; notebooks show the axes as the picture.
 
         Parameters
         ----------
         q : array-like, shape (dof,), optional
-            Where the arm is; by default at the end of the path, or at zero.
+            Configuration of the arm; by default the end of the path, or zero.
         path : array-like, shape (n, dof), or Plan, optional
         camera : array-like, shape (2,), optional
-            Elevation and azimuth in degrees.
+            Elevation and azimuth, degrees.
         ax : matplotlib.axes.Axes, optional
-            In three dimensions; by default of a new figure.
+            Axes in three dimensions; by default of a new figure.
         legend : bool
         title : str, optional
-            By default the arm's name.
+            Default: the name of the arm.
 
         Returns
         -------
@@ -111,102 +86,83 @@ class ArmPlot:
         InputError, ConfigurationError
             If a configuration has the wrong shape or is outside the limits, or ``ax`` has two dimensions.
         """
-        from cspace.plot.arms import draw_arm
-
-        return draw_arm(self, **options)
+        return resolve_name("cspace.plot.maps:plot_map")(self, **options)
 
 
 class SpaceView:
-    """A space on a page in the browser."""
+    """A page in the browser that shows a space."""
 
-    def view(self, *, block: bool = True, **options: Unpack[ViewOptions]) -> Viewer:
-        """Show the space on a page in the browser, and plan there; needs viser: ``pip install "cspace[view]"``.
+    def view(self, *, block=True, **options):
+        """Show the space on a page in the browser, and plan there; needs ``pip install "cspace[view]"``.
 
-        The page shows obstacles and the robot, with the border of the C-obstacle of a map, or the closest pair of an
-        arm. Start and goal are set there, paths planned and played, and the page says what is proven. It is served on
-        this machine alone, unless ``host`` says otherwise, and its address is printed if ``block`` is set.
+        The page shows the obstacles, the robot, and the border of a map's C-obstacle or the closest pair of an arm. On
+        it one sets start and goal, plans and plays paths, and reads what is proven. It is served on this machine alone,
+        unless ``host`` says otherwise.
 
         Parameters
         ----------
         block : bool
-            Whether to wait until Ctrl-C is pressed. If not, :meth:`cspace.view.Viewer.close` ends the page.
+            Print the address and wait for Ctrl-C. Otherwise :meth:`cspace.view.Viewer.close` ends the page.
         path : array-like, shape (n, dof), or Plan, optional
             A path to show.
         start, goal : array-like, shape (dof,), optional
-            Where the two are at first; by default the endpoints of the path, or FREE configurations far apart.
+            Initial start and goal; by default the endpoints of the path, or FREE configurations far apart.
         host : str
-            Address to serve on; by default "127.0.0.1". Who can reach it can plan there, and move the page.
+            Address to serve on, by default "127.0.0.1". Whoever can reach it can plan on the page and move it.
         port : int, optional
-            By default the first free one from 8080 on.
+            Default: the first free port from 8080 on.
 
         Returns
         -------
         cspace.view.Viewer
-            The page: its ``url``, its ``plan``, ``refresh()`` for a map that was updated, ``close()``.
+            The page, with its ``url``, its ``plan``, ``refresh()`` for a map that was updated, and ``close()``.
 
         Raises
         ------
         InputError
-            If the path or a configuration has the wrong shape, the port is taken, or the host is none of this machine.
+            If the path or a configuration has the wrong shape, the port is taken, or this machine lacks the address.
         MissingPackageError
             If viser is not installed.
         """
-        from cspace.view.viewer import opened
-
-        return opened(self, block, options)
+        return resolve_name("cspace.view.viewer:open_viewer")(self, block, options)
 
 
 class MapExport(NotebookPicture):
     """Files and messages of a map in memory."""
 
-    def to_xarray(self) -> xarray.Dataset:
-        """The map with named dimensions, coordinates and units; see :func:`cspace.export.maps.to_xarray`."""
-        from cspace.export.maps import to_xarray
+    def to_xarray(self):
+        """Return the map with named dimensions, coordinates and units; see :func:`cspace.export.maps.to_xarray`."""
+        return resolve_name("cspace.export.maps:to_xarray")(self._contents)
 
-        return to_xarray(cast("CSpace", self)._contents)
-
-    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
+    def save(self, path, *, overwrite=False):
         """Save as a Zarr folder, which :func:`cspace.open` reads; see :func:`cspace.store.save`."""
-        from cspace.store import save
+        self._write(partial(resolve_name("cspace.store:save"), path=path, overwrite=overwrite), exterior=True)
 
-        cast("CSpace", self)._write(lambda contents: save(contents, path, overwrite=overwrite), exterior=True)
-
-    def export(self, path: str | Path, *, overwrite: bool = False, rotation: ArrayLike | None = None) -> None:
+    def export(self, path, *, overwrite=False, rotation=None):
         """Write the map for other programs, in the format of the suffix; see :func:`cspace.export.maps.export`.
 
-        ``.npz``; ``.nc``, netCDF; ``.vti`` for ParaView; in the plane ``.yaml``, a ROS map, and ``.tif``, a GeoTIFF; in
-        space ``.ply``, ``.obj`` and ``.stl``, the border of the FREE cells. Formats of one slice need its ``rotation``
-        if the robot turns; ``.vti`` and ``.nc`` hold that one or all of them.
+        Formats are ``.npz``, netCDF (``.nc``) and ParaView (``.vti``). Plane maps also have ROS maps (``.yaml``) and
+        GeoTIFF (``.tif``); maps in space also have the border of the FREE cells (``.ply``, ``.obj``, ``.stl``).
+        Formats of one slice need its ``rotation`` if the robot rotates; ``.vti`` and ``.nc`` hold one slice or all.
         """
-        from cspace.export.maps import export
+        write = resolve_name("cspace.export.maps:export")
+        self._write(partial(write, path=path, overwrite=overwrite, rotation=rotation))
 
-        cast("CSpace", self)._write(lambda contents: export(contents, path, overwrite=overwrite, rotation=rotation))
+    def to_occupancy_grid(self, msg=None, *, rotation=None, frame_id="map"):
+        """Return a plane map as a ROS occupancy grid: FREE is 0, BLOCKED 100, MIXED -1 (unknown).
 
-    @overload
-    def to_occupancy_grid(
-        self, msg: None = None, *, rotation: ArrayLike | None = None, frame_id: str = "map"
-    ) -> OccupancyGrid: ...
-    @overload
-    def to_occupancy_grid(
-        self, msg: Message, *, rotation: ArrayLike | None = None, frame_id: str = "map"
-    ) -> Message: ...
-    def to_occupancy_grid(
-        self, msg: Message | None = None, *, rotation: ArrayLike | None = None, frame_id: str = "map"
-    ) -> Message | OccupancyGrid:
-        """A map of the plane as an occupancy grid of ROS: FREE is 0, BLOCKED 100 and MIXED -1, which is unknown.
-
-        :meth:`Workspace.from_occupancy_grid` reads it back as the cells that are not FREE, or with ``unknown="free"``
-        as those that are BLOCKED.
+        :meth:`Workspace.from_occupancy_grid` reads it back: as the cells that are not FREE, or, with
+        ``unknown="free"``, as the BLOCKED cells.
 
         Parameters
         ----------
         msg : object, optional
-            A message to fill, of ROS 1 or 2: what has the fields of ``nav_msgs/OccupancyGrid``. A new
-            :class:`cspace.files.ros.OccupancyGrid` if left out.
+            A message of ROS 1 or 2 to fill: any object with the fields of ``nav_msgs/OccupancyGrid``. Default: a new
+            :class:`cspace.files.ros.OccupancyGrid`.
         rotation : array-like, shape (k,), optional
-            Of a robot that turns: the one to take. If left out, 0 is free, and 100 blocked, at every rotation.
+            Rotation of the robot. Default: 0 means free, and 100 blocked, at every rotation.
         frame_id : str
-            Of the header, whose stamp is left as it is.
+            Frame in the header, whose stamp stays as it is.
 
         Returns
         -------
@@ -216,46 +172,32 @@ class MapExport(NotebookPicture):
         Raises
         ------
         InputError
-            If the map is one in space, the message lacks a field, or ``rotation`` is none of the map.
+            If the map is in space, the message lacks a field, or the map does not have the ``rotation``.
         """
-        from cspace.export.messages import occupancy_grid_of
+        return resolve_name("cspace.export.messages:occupancy_grid_of")(self, msg, rotation, frame_id)
 
-        return occupancy_grid_of(cast("CSpace", self), msg, rotation, frame_id)
+    def to_costmap(self, msg=None, *, inflation_radius=0.55, cost_scaling_factor=10.0, rotation=None, frame_id="map"):
+        """Return a plane map as a Nav2 costmap, inflated by the robot itself instead of by a circle.
 
-    @overload
-    def to_costmap(self, msg: None = None, **options: Unpack[CostmapOptions]) -> Costmap: ...
-    @overload
-    def to_costmap(self, msg: Message, **options: Unpack[CostmapOptions]) -> Message: ...
-    def to_costmap(
-        self,
-        msg: Message | None = None,
-        *,
-        inflation_radius: float = 0.55,
-        cost_scaling_factor: float = 10.0,
-        rotation: ArrayLike | None = None,
-        frame_id: str = "map",
-    ) -> Message | Costmap:
-        """A map of the plane as a costmap of Nav2, inflated by the robot itself instead of by a circle.
-
-        254 is an obstacle, 255 unknown, 253 not proven free for the robot; a FREE cell costs
-        ``252 * exp(-cost_scaling_factor * clearance)``, rounded down, with the clearance of its middle, which stands
-        for Nav2's distance less the inscribed radius; and 0 farther from obstacles than ``inflation_radius``.
+        254 is an obstacle, 255 unknown, 253 not proven free for the robot. A FREE cell costs
+        ``252 * exp(-cost_scaling_factor * clearance)``, rounded down, and 0 if it is farther than ``inflation_radius``
+        from the obstacles. Its clearance, taken at its center, stands for Nav2's distance less the inscribed radius.
 
         Parameters
         ----------
         msg : object, optional
-            A message to fill: what has the fields of ``nav2_msgs/Costmap``. A new
-            :class:`cspace.files.ros.Costmap` if left out.
+            A message to fill: any object with the fields of ``nav2_msgs/Costmap``. Default: a new
+            :class:`cspace.files.ros.Costmap`.
         inflation_radius : float
-            Metres from the obstacles, zero or above; the clearance and the radius of the robot's inscribed circle,
-            margin included, are held against it. The defaults of this and the next are Nav2's.
+            Metres from the obstacles, zero or above; compared with the clearance plus the radius of the robot's
+            inscribed circle, margin included. The default is Nav2's, as is that of ``cost_scaling_factor``.
         cost_scaling_factor : float
             Per metre, zero or above.
         rotation : array-like, shape (k,), optional
-            Of a robot that turns: the one to take. If left out, the one of the largest clearance, cell by cell. That
-            takes some nanoseconds for each cell and slice at the first call; after an update, only around its changes.
+            Rotation of the robot. Default: in each cell, the rotation of the largest clearance; this takes some
+            nanoseconds for each cell and slice at the first call, and later only for what an update changed.
         frame_id : str
-            Of the header, whose stamp is left as it is.
+            Frame in the header, whose stamp stays as it is.
 
         Returns
         -------
@@ -265,9 +207,7 @@ class MapExport(NotebookPicture):
         Raises
         ------
         InputError
-            If the map is one in space, the message lacks a field, or an argument is not usable.
+            If the map is in space, the message lacks a field, or an argument is not usable.
         """
-        from cspace.export.messages import costmap_of
-
-        space = cast("CSpace", self)
-        return costmap_of(space, msg, inflation_radius, cost_scaling_factor, rotation, frame_id)
+        fill = resolve_name("cspace.export.messages:costmap_of")
+        return fill(self, msg, inflation_radius, cost_scaling_factor, rotation, frame_id)

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from graphlib import TopologicalSorter
 from importlib.util import find_spec
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import NamedTuple
 
 FOLDERS = [Path(str(spec.origin)).parent for name in ("cspace", "planners") if (spec := find_spec(name))]
@@ -45,8 +46,11 @@ ORDER = [
 
 LEVELS = {room: level for level, rooms in enumerate(ORDER) for room in rooms.split()}
 
-DELEGATES = "cspace.shown"
-"""The only module that may import from rooms above it, and only when a method is called or for type checkers."""
+DELEGATES = ast.parse(FILES["cspace.shown"].read_text(encoding="utf-8"))
+"""The module whose methods resolve functions of rooms above it by name."""
+
+STUBS = ast.parse(FILES["cspace.shown"].with_suffix(".pyi").read_text(encoding="utf-8"))
+"""Types of these methods."""
 
 
 class Import(NamedTuple):
@@ -55,7 +59,6 @@ class Import(NamedTuple):
     module: str
     line: int
     imported: str
-    is_lazy: bool
 
 
 def room(module: str) -> str:
@@ -67,11 +70,7 @@ def imports(module: str) -> Iterator[Import]:
     """Yield the imports of a module, including those in functions and for type checkers."""
     for node in ast.walk(ast.parse(FILES[module].read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            yield from (
-                Import(module, node.lineno, alias.name, node.col_offset > 0)
-                for alias in node.names
-                if alias.name in FILES
-            )
+            yield from (Import(module, node.lineno, alias.name) for alias in node.names if alias.name in FILES)
         elif isinstance(node, ast.ImportFrom):
             assert not node.level, f"{module} imports by a relative name"
             for alias in node.names:
@@ -80,12 +79,11 @@ def imports(module: str) -> Iterator[Import]:
                 inner = f"{node.module}.{alias.name}"
                 imported = inner if inner in FILES else str(node.module)
                 if imported in FILES:
-                    yield Import(module, node.lineno, imported, node.col_offset > 0)
+                    yield Import(module, node.lineno, imported)
 
 
 def test_imports_form_no_circle() -> None:
     graph = {module: {other.imported for other in imports(module)} - {module} for module in FILES}
-    graph[DELEGATES].clear()
     assert len(list(TopologicalSorter(graph).static_order())) == len(FILES)
 
 
@@ -96,12 +94,31 @@ def test_each_room_has_one_place_in_the_order() -> None:
 
 def test_imports_between_rooms_point_down() -> None:
     upward = [
-        found
-        for module in FILES
-        for found in imports(module)
-        if LEVELS[room(found.imported)] < LEVELS[room(module)] and not (module == DELEGATES and found.is_lazy)
+        found for module in FILES for found in imports(module) if LEVELS[room(found.imported)] < LEVELS[room(module)]
     ]
     assert not upward, "\n".join(f"{FILES[i.module]}:{i.line} imports {i.imported}" for i in upward)
+
+
+def test_delegates_resolve_to_functions() -> None:
+    calls = [node for node in ast.walk(DELEGATES) if isinstance(node, ast.Call)]
+    names = [ast.literal_eval(call.args[0]) for call in calls if getattr(call.func, "id", "") == "resolve_name"]
+    assert names
+    for name in names:
+        assert callable(resolve_name(name)), name
+
+
+def test_stubs_have_the_arguments_of_the_delegates() -> None:
+    def arguments(module: ast.Module) -> dict[str, set[str]]:
+        methods = [
+            (f"{owner.name}.{method.name}", method.args)
+            for owner in module.body
+            if isinstance(owner, ast.ClassDef)
+            for method in owner.body
+            if isinstance(method, ast.FunctionDef)
+        ]
+        return {name: {a.arg for a in (*args.args, *args.kwonlyargs)} for name, args in methods}
+
+    assert arguments(STUBS) == arguments(DELEGATES)
 
 
 def test_public_names_are_imported_at_their_first_use() -> None:

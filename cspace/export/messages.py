@@ -9,7 +9,7 @@ import re
 from array import array
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final, TypedDict, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,15 +30,6 @@ LETHAL, INSCRIBED, NO_INFORMATION = 254, 253, 255
 
 OCCUPANCY: Final = {FREE: 0, MIXED: -1, BLOCKED: 100}
 """Value of each state in an occupancy grid, in per cent; -1 is unknown."""
-
-
-class CostmapOptions(TypedDict, total=False):
-    """Options of :meth:`cspace.CSpace.to_costmap` besides the message."""
-
-    inflation_radius: float
-    cost_scaling_factor: float
-    rotation: ArrayLike | None
-    frame_id: str
 
 
 def occupancy_grid_of(

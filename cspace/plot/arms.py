@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Final, TypedDict
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -15,9 +15,6 @@ from cspace.plot.surface import SURFACES, Painting, polygons_of, steps_at
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from numpy.typing import ArrayLike
-
-    from cspace.plot.route import HasPath
 
 GHOSTS: Final = 5
 """Arms that are drawn along a path, besides the one at its end."""
@@ -36,17 +33,6 @@ _FACES: Final = 1000
 """Triangles of a moving link, at most, before they are divided: pictures of an animation are many."""
 _SEEN: Final = 24
 """Configurations along a path that must lie in view."""
-
-
-class ArmPlotOptions(TypedDict, total=False):
-    """What :meth:`cspace.ArmSpace.plot` takes."""
-
-    q: ArrayLike
-    path: ArrayLike | HasPath
-    camera: ArrayLike
-    ax: Axes
-    legend: bool
-    title: str
 
 
 class ArmFigure:

@@ -10,8 +10,9 @@ import numpy as np
 from cspace.arms.space import ArmSpace
 from cspace.plot.arms import draw_arm
 from cspace.plot.picture import plot
-from cspace.plot.route import polyline
+from cspace.plot.route import WorkspaceView, polyline
 from cspace.tiles.space import TiledCSpace
+from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,6 +37,11 @@ def plot_map(space: Any, **options: Any) -> Axes:
 @plot_map.register(TiledCSpace)
 def _(space: TiledCSpace, **options: Any) -> Axes:
     return plot(space.overview(), **options)
+
+
+@plot_map.register(Workspace)
+def _(workspace: Workspace, **options: Any) -> Axes:
+    return plot(WorkspaceView(workspace), **options)
 
 
 plot_map.register(ArmSpace, draw_arm)

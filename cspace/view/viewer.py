@@ -162,7 +162,7 @@ def _(space: ArmSpace) -> MakeCanvas:
     return partial(ArmCanvas, space)
 
 
-def opened(space: Any, block: bool, options: ViewOptions) -> Viewer:
+def open_viewer(space: Any, block: bool, options: ViewOptions) -> Viewer:
     """Open a page of a space; wait until it is closed if ``block`` is set."""
     viewer = Viewer(space, canvas_of(space), **options)
     if block:
