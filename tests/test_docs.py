@@ -6,6 +6,7 @@ network or other machines.
 
 import doctest
 import re
+import runpy
 import shlex
 from collections.abc import Callable
 from functools import partial
@@ -24,6 +25,7 @@ from cspace.demo import write_inputs
 from cspace.plot import animate
 from cspace.plot.picture import save_figure
 from planners import Plan, plan
+from test_imports import LEVELS
 
 ROOT = Path(cspace.__file__).parents[1]
 BLOCK = re.compile(r"^```(python|console)\n(.*?)^```", re.DOTALL | re.MULTILINE)
@@ -102,6 +104,23 @@ def call(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in arguments:
         if name.endswith((".csv", ".png", ".gif", ".vti", ".zarr", ".yaml", ".json")):
             assert Path(name).exists(), f"{command} did not write {name}"
+
+
+def test_the_architecture_page_has_every_room() -> None:
+    page = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
+    rooms = {
+        name.strip("/") for row in re.findall(r"^\| (`.*?) \|", page, re.MULTILINE) for name in row.split("`")[1::2]
+    }
+    assert rooms == {name.removeprefix("cspace.") for name in LEVELS}
+
+
+def test_the_pictures_of_concepts_can_be_drawn(tmp_path: Path) -> None:
+    names = runpy.run_path(str(ROOT / "docs" / "pictures" / "draw.py"))
+    names["draw_all"](tmp_path)
+    assert {file.name for file in tmp_path.iterdir()} == {
+        file.name for file in (ROOT / "docs" / "pictures").glob("*.png")
+    }
+    assert {room for _, rooms, _ in names["FLOORS"] for room in rooms} <= {name.split(".")[-1] for name in LEVELS}
 
 
 @pytest.mark.parametrize("module", WITH_EXAMPLES)

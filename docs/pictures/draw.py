@@ -1,0 +1,331 @@
+"""Draw the pictures of the explanation pages: ``python docs/pictures/draw.py`` rewrites the PNG files beside it.
+
+All but the house and the hull tree are drawn from maps that the library builds here, so they show real answers.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+import shapely
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import FancyArrowPatch, FancyBboxPatch, Patch, Rectangle
+from numpy.typing import ArrayLike, NDArray
+from shapely import affinity
+
+import cspace
+from cspace.spectral import minkowski_sum
+
+FREE, MIXED, BLOCKED = "#ffffff", "#d55e00", "#a6d3ee"
+OBSTACLE, ROBOT, PATH, PALE = "#262626", "#009e73", "#6a1b9a", "#c3e6da"
+GRID = "#bbbbbb"
+DPI = 120
+ARC_RADIUS = 0.7
+"""Radius in metres of the arc that shows the parts of a motion."""
+STATES = ListedColormap([FREE, MIXED, BLOCKED])
+
+
+def draw_all(folder: Path) -> None:
+    """Write every picture into a folder, as PNG."""
+    style = {"font.size": 9.0, "figure.facecolor": "white", "axes.titlesize": 10.0}
+    with matplotlib.rc_context(style):
+        for draw in (draw_correlation, draw_states, draw_covering_angle, draw_window, draw_hull_tree, draw_house):
+            figure = draw()
+            name = draw.__name__.removeprefix("draw_")
+            figure.savefig(folder / f"{name}.png", dpi=DPI, bbox_inches="tight")
+            plt.close(figure)
+
+
+# ---- concepts --------------------------------------------------------------------------------------------------------
+
+
+def draw_correlation() -> Figure:
+    """Draw obstacle cells W, robot offsets A, and the number of coincidences for each cell of the map."""
+    occupied = np.zeros((11, 8), dtype=bool)
+    occupied[3:5, :4] = True
+    occupied[7:9, 5:] = True
+    offsets = [(0, 0), (1, 0), (0, 1), (-1, 0)]
+    counts = np.zeros(occupied.shape, dtype=int)
+    for k in np.ndindex(occupied.shape):
+        for m in offsets:
+            i = (k[0] + m[0], k[1] + m[1])
+            counts[k] += 0 <= i[0] < 11 and 0 <= i[1] < 8 and occupied[i]
+    figure, axes = plt.subplots(1, 3, figsize=(9.6, 2.9), width_ratios=[11, 5, 11], layout="constrained")
+    axes[0].set_title("W: cells that meet an obstacle")
+    fill_cells(axes[0], occupied, ListedColormap([FREE, OBSTACLE]))
+    raster = np.zeros((5, 5), dtype=bool)
+    for m in offsets:
+        raster[m[0] + 2, m[1] + 2] = True
+    axes[1].set_title("A: offsets of the robot")
+    fill_cells(axes[1], raster, ListedColormap([FREE, ROBOT]))
+    axes[1].plot(2.5, 2.5, "o", color="white", markersize=5.0)
+    axes[1].text(2.5, -0.6, "dot: reference point", ha="center", fontsize=8.0)
+    axes[2].set_title("W * A: coincidences for each position")
+    fill_cells(axes[2], counts > 0, ListedColormap([FREE, BLOCKED]))
+    for k in np.ndindex(counts.shape):
+        color, weight = ("#999999", "normal") if counts[k] == 0 else ("black", "bold")
+        axes[2].text(
+            k[0] + 0.5, k[1] + 0.5, counts[k], ha="center", va="center", fontsize=7.5, color=color, weight=weight
+        )
+    return figure
+
+
+def draw_states() -> Figure:
+    """Draw the states around an obstacle at two spacings, with the exact border of the C-obstacle."""
+    obstacle = shapely.Polygon([(1.6, 1.1), (3.3, 1.4), (2.9, 2.6), (1.9, 2.3)])
+    robot = shapely.box(-0.45, -0.3, 0.45, 0.3)
+    exact = minkowski_sum(obstacle, affinity.scale(robot, -1.0, -1.0, origin=(0, 0)))[0]
+    figure, axes = plt.subplots(1, 2, figsize=(9.6, 4.0), layout="constrained")
+    for ax, spacing in zip(axes, (0.2, 0.1), strict=True):
+        workspace = cspace.Workspace.from_polygons([obstacle], spacing=spacing, bounds=(0.6, 0.4, 4.4, 3.4))
+        space = cspace.build(workspace, robot, outside="free")
+        states = space.classify(centers(workspace.grid))
+        draw_states_in(ax, states, (0.6, 4.4, 0.4, 3.4), spacing)
+        ax.add_patch(polygon(exact, edgecolor="black", facecolor="none", linewidth=1.2, linestyle="--", zorder=3))
+        ax.add_patch(polygon(obstacle, facecolor=OBSTACLE, zorder=3))
+        ax.add_patch(
+            polygon(affinity.translate(robot, 1.22, 2.75), facecolor="none", edgecolor=ROBOT, linewidth=2.0, zorder=4)
+        )
+        ax.plot(1.22, 2.75, "o", color=ROBOT, markersize=4.0, zorder=5)
+        ax.set_title(f"cells of {spacing} m")
+    handles = [
+        Patch(facecolor=FREE, edgecolor=GRID, label="FREE"),
+        Patch(facecolor=MIXED, label="MIXED"),
+        Patch(facecolor=BLOCKED, label="BLOCKED"),
+        Patch(facecolor=OBSTACLE, label="obstacle"),
+        Patch(facecolor="none", edgecolor=ROBOT, linewidth=2.0, label="robot at one position"),
+        plt.Line2D([], [], color="black", linestyle="--", label="exact border of the C-obstacle"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False, fontsize=8.5)
+    return figure
+
+
+def draw_covering_angle() -> Figure:
+    """Draw a rectangle at the rotations of one yaw cell, and the sets that contain and lie in all of them."""
+    figure, axes = plt.subplots(1, 2, figsize=(9.6, 3.5), layout="constrained")
+    robot = shapely.box(-0.5, -0.28, 1.3, 0.28)
+    for ax, count, cell in ((axes[0], 12, 1), (axes[1], 36, 3)):
+        rotations = cspace.Rotations.of(count)
+        angle, center = float(rotations.covering_angles[cell]), float(np.ravel(rotations.centers)[cell])
+        at = [
+            affinity.rotate(robot, center + t, origin=(0, 0), use_radians=True) for t in np.linspace(-angle, angle, 61)
+        ]
+        outer, inner = shapely.union_all(at), shapely.intersection_all(at)
+        ax.add_patch(polygon(outer, facecolor="#fbd9bf", edgecolor=MIXED, linewidth=1.5))
+        ax.add_patch(polygon(inner, facecolor="#d4eaf7", edgecolor="#4a90c0", linewidth=1.5))
+        for shape in (at[0], at[-1]):
+            ax.add_patch(polygon(shape, facecolor="none", edgecolor="#777777", linewidth=0.8, linestyle=":"))
+        ax.add_patch(polygon(at[30], facecolor="none", edgecolor=ROBOT, linewidth=2.0))
+        ax.plot(0, 0, "o", color="black", markersize=4.0)
+        tip = np.array([1.3, 0.28])
+        reach = 2.0 * np.hypot(*tip) * np.sin(angle / 2.0)
+        ax.set_title(f"rotations={count}: covering angle {np.degrees(angle):.0f}°, the tip moves by {reach:.2f} m")
+        ax.set(xlim=(-0.95, 1.65), ylim=(-0.75, 1.2), aspect="equal")
+        ax.axis("off")
+    handles = [
+        Patch(facecolor="none", edgecolor=ROBOT, linewidth=2.0, label="robot at the representative"),
+        plt.Line2D([], [], color="#777777", linestyle=":", label="at both ends of the cell"),
+        Patch(facecolor="#fbd9bf", edgecolor=MIXED, label="at some rotation of the cell: lies in A_out"),
+        Patch(facecolor="#d4eaf7", edgecolor="#4a90c0", label="at every rotation of the cell: holds A_in"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=8.5)
+    return figure
+
+
+def draw_window() -> Figure:
+    """Draw a map in tiles, and a window of it."""
+    rng = np.random.default_rng(4)
+    occupied = np.zeros((256, 192), dtype=bool)
+    for x, y in np.ndindex(8, 6):
+        w, h = rng.integers(12, 23, 2)
+        occupied[32 * x + 5 : 32 * x + 5 + w, 32 * y + 5 : 32 * y + 5 + h] = True
+    lower, upper = (40.0, 25.0), (85.0, 66.0)
+    with tempfile.TemporaryDirectory() as folder:
+        workspace = cspace.Workspace.from_array(occupied, 0.5)
+        space = cspace.build(workspace, cspace.Robot.disc(1.2), store=Path(folder) / "city.zarr", tile=64)
+        whole = space.classify(centers(workspace.grid))
+        window = space.window(lower, upper)
+        part = window.classify(centers(window.grid))
+        start, end = window.grid.lower, window.grid.upper
+    figure, axes = plt.subplots(1, 2, figsize=(9.6, 3.9), width_ratios=[5, 4], layout="constrained")
+    axes[0].set_title("a map in a store: 4 x 3 tiles")
+    axes[1].set_title("space.window(lower, upper), in memory")
+    for ax, states, extent in (
+        (axes[0], whole, (0.0, 128.0, 0.0, 96.0)),
+        (axes[1], part, (start[0], end[0], start[1], end[1])),
+    ):
+        draw_states_in(ax, states, extent, None)
+    for x in range(0, 129, 32):
+        axes[0].plot([x, x], [0, 96], color="black", linewidth=1.0)
+    for y in range(0, 97, 32):
+        axes[0].plot([0, 128], [y, y], color="black", linewidth=1.0)
+    axes[0].text(2, 90, "tile", fontsize=9.0, weight="bold", backgroundcolor="white")
+    for ax in axes:
+        size = (upper[0] - lower[0], upper[1] - lower[1])
+        ax.add_patch(Rectangle(lower, *size, fill=False, edgecolor=PATH, linewidth=2.2))
+    axes[1].set_facecolor("#f6c9a8")
+    axes[1].set(xlim=(start[0] - 5, end[0] + 5), ylim=(start[1] - 5, end[1] + 5))
+    axes[1].text(start[0] - 4.2, start[1] - 3.9, "outside: unknown, so MIXED", fontsize=8.5)
+    handles = [
+        Patch(facecolor=FREE, edgecolor=GRID, label="FREE"),
+        Patch(facecolor=MIXED, label="MIXED"),
+        Patch(facecolor=BLOCKED, label="BLOCKED"),
+        Patch(facecolor="none", edgecolor=PATH, linewidth=2.2, label="the box that was asked for"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=8.5)
+    return figure
+
+
+def draw_hull_tree() -> Figure:
+    """Draw the levels of a hull tree, and the parts into which a motion past an obstacle is halved."""
+    joint = (0.0, 0.0)
+    parts = [
+        shapely.Polygon([(-0.15, -0.15), (0.9, -0.12), (0.9, 0.12), (-0.15, 0.15)]),
+        shapely.Polygon([(0.85, -0.12), (1.55, -0.1), (1.55, 0.1), (0.85, 0.12)]),
+        shapely.Polygon([(1.4, -0.1), (1.6, -0.1), (1.62, 0.5), (1.42, 0.5)]),
+        shapely.Polygon([(1.42, 0.45), (1.9, 0.42), (1.9, 0.58), (1.42, 0.6)]),
+    ]
+    link = shapely.union_all(parts)
+    obstacle = shapely.Polygon([(1.2, 1.69), (1.75, 1.6), (1.8, 2.1), (1.1, 2.2)])
+    levels = [[parts], [parts[:2], parts[2:]], [[part] for part in parts]]
+    figure, axes = plt.subplots(1, 2, figsize=(9.6, 3.9), width_ratios=[3, 4], layout="constrained")
+    axes[0].set_title("a hull tree: each level lies closer around the link")
+    for row, groups in enumerate(levels):
+        for group in groups:
+            hull = affinity.translate(shapely.union_all(group).convex_hull, 0.0, -1.05 * row)
+            axes[0].add_patch(polygon(hull, facecolor="#fdebdd", edgecolor=MIXED, linewidth=1.5))
+        axes[0].add_patch(polygon(affinity.translate(link, 0.0, -1.05 * row), facecolor=ROBOT, alpha=0.85))
+        axes[0].text(-0.3, 0.15 - 1.05 * row, ("1 hull", "2 hulls", "4 hulls")[row], ha="right", va="center")
+    axes[0].set(xlim=(-1.1, 2.1), ylim=(-2.4, 0.8), aspect="equal")
+    pieces = halve_motion(link, obstacle, joint, np.radians(-55.0), np.radians(82.0))
+    axes[1].set_title(f"a motion of 137°, proven free in {len(pieces)} parts")
+    colors = plt.get_cmap("viridis")(np.linspace(0.1, 0.9, len(pieces)))
+    for (first, last), color in zip(pieces, colors, strict=True):
+        for t in (first, last):
+            placed = affinity.rotate(link, t, origin=joint, use_radians=True)
+            axes[1].add_patch(polygon(placed, facecolor="none", edgecolor="#999999", linewidth=0.6))
+        arc = np.linspace(first, last, 20)
+        axes[1].plot(
+            ARC_RADIUS * np.cos(arc), ARC_RADIUS * np.sin(arc), color=color, linewidth=5.0, solid_capstyle="butt"
+        )
+    for t in {t for piece in pieces for t in piece}:
+        tick = np.array([ARC_RADIUS - 0.07, ARC_RADIUS + 0.07])
+        axes[1].plot(tick * np.cos(t), tick * np.sin(t), color="black", linewidth=0.8)
+    axes[1].add_patch(polygon(affinity.rotate(link, pieces[0][0], origin=joint, use_radians=True), facecolor=ROBOT))
+    axes[1].add_patch(polygon(obstacle, facecolor=OBSTACLE))
+    axes[1].plot(*joint, "o", color="black", markersize=5.0)
+    axes[1].text(0.75, -0.45, "far: long parts", ha="left")
+    axes[1].text(1.95, 1.45, "near: short parts", ha="left")
+    axes[1].set(xlim=(-0.7, 3.2), ylim=(-1.5, 2.3), aspect="equal")
+    for ax in axes:
+        ax.axis("off")
+    return figure
+
+
+def halve_motion(
+    link: shapely.Geometry, obstacle: shapely.Geometry, joint: tuple[float, float], first: float, last: float
+) -> list[tuple[float, float]]:
+    """Halve a turn of a link until in each part the link cannot reach the obstacle from the middle of the part."""
+    middle, half = (first + last) / 2.0, (last - first) / 2.0
+    placed = affinity.rotate(link, middle, origin=joint, use_radians=True)
+    reach = max(np.hypot(x - joint[0], y - joint[1]) for x, y in shapely.get_coordinates(link))
+    if placed.distance(obstacle) > half * reach:
+        return [(first, last)]
+    halves = (first, middle), (middle, last)
+    return [piece for part in halves for piece in halve_motion(link, obstacle, joint, *part)]
+
+
+# ---- the house -------------------------------------------------------------------------------------------------------
+
+FLOORS: tuple[tuple[str, tuple[str, ...], str], ...] = (
+    ("doors for users", ("cspace", "cli", "demo", "view"), "#e8e3f3"),
+    ("planning", ("planners",), "#e8e3f3"),
+    ("pictures, files for others", ("plot", "export"), "#e8e3f3"),
+    ("arms", ("arms",), "#d4eaf7"),
+    ("maps for users", ("space", "builder", "opening", "update", "tiles"), "#d4eaf7"),
+    ("stored maps", ("store",), "#d4eaf7"),
+    ("frequency domain", ("spectral",), "#d4eaf7"),
+    ("proofs and look-ups", ("exact", "map"), "#d4eaf7"),
+    ("engines", ("engines",), "#d4eaf7"),
+    ("what users make", ("robot", "workspace", "obstacles"), "#d9f0e6"),
+    ("geometry", ("shapes", "raster", "rotations"), "#d9f0e6"),
+    ("bytes to arrays", ("files",), "#d9f0e6"),
+    ("ground", ("grid", "limits", "check", "errors", "arrays", "compiling", "threads", "kernels"), "#eeeeee"),
+)
+"""Floors of the house from top to bottom, each with its rooms and its colour. Imports point down."""
+
+
+def draw_house() -> Figure:
+    """Draw the rooms of the two packages, and the ways of a workspace and of a query through them."""
+    figure = plt.figure(figsize=(9.6, 6.2))
+    ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    left, width, height = 2.35, 7.3, 0.62
+    for row, (floor, rooms, color) in enumerate(FLOORS):
+        y = (len(FLOORS) - 1 - row) * height
+        ax.text(left - 0.12, y + height / 2, floor, ha="right", va="center", color="#444444")
+        each = width / len(rooms)
+        for k, room in enumerate(rooms):
+            x = left + k * each
+            box = FancyBboxPatch(
+                (x + 0.06, y + 0.08), each - 0.12, height - 0.16, boxstyle="round,pad=0,rounding_size=0.06",
+                facecolor=color, edgecolor="#888888",
+            )  # fmt: skip
+            ax.add_patch(box)
+            size = 9.5 if len(rooms) < 7 else 8.5
+            ax.text(x + each / 2, y + height / 2, room, ha="center", va="center", fontsize=size, family="monospace")
+    top = len(FLOORS) * height
+    ax.add_patch(
+        FancyArrowPatch(
+            (left + width + 0.25, top), (left + width + 0.25, 0), arrowstyle="-|>", mutation_scale=14, color="#888888"
+        )
+    )
+    ax.text(left + width + 0.42, top / 2, "imports point down", rotation=-90, va="center", color="#555555")
+    ax.set(xlim=(0.2, left + width + 0.75), ylim=(-0.1, top + 0.1))
+    ax.axis("off")
+    return figure
+
+
+# ---- parts of pictures -----------------------------------------------------------------------------------------------
+
+
+def fill_cells(ax: Axes, cells: NDArray[Any], colors: ListedColormap) -> None:
+    """Fill cells indexed ``[x, y]``, with lines between them."""
+    ax.pcolormesh(cells.T, cmap=colors, vmin=0, vmax=colors.N - 1, edgecolors=GRID, linewidth=0.6)
+    ax.set(aspect="equal", xlim=(-0.05, cells.shape[0] + 0.05), ylim=(-0.05, cells.shape[1] + 0.05))
+    ax.axis("off")
+
+
+def draw_states_in(ax: Axes, states: ArrayLike, extent: tuple[float, ...], spacing: float | None) -> None:
+    """Draw states indexed ``[x, y]`` as an image, with lines between cells if their spacing is given."""
+    ax.imshow(np.asarray(states).T, origin="lower", extent=extent, cmap=STATES, vmin=0, vmax=2, interpolation="none")
+    if spacing is not None:
+        for x in np.arange(extent[0], extent[1] + spacing / 2, spacing):
+            ax.plot([x, x], extent[2:], color=GRID, linewidth=0.4)
+        for y in np.arange(extent[2], extent[3] + spacing / 2, spacing):
+            ax.plot(extent[:2], [y, y], color=GRID, linewidth=0.4)
+    ax.set(aspect="equal", xlim=extent[:2], ylim=extent[2:], xlabel="x [m]", ylabel="y [m]")
+
+
+def centers(grid: cspace.Grid) -> NDArray[np.float64]:
+    """Return the centers of all cells of a grid in the plane, shape (nx, ny, 2)."""
+    return np.stack(np.meshgrid(grid.centers(0), grid.centers(1), indexing="ij"), axis=-1)
+
+
+def polygon(shape: Any, **style: Any) -> plt.Polygon:
+    """Return the outline of a polygon as a patch."""
+    return plt.Polygon(np.array(shape.exterior.coords), **style)
+
+
+if __name__ == "__main__":
+    draw_all(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)
