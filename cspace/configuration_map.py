@@ -23,7 +23,7 @@ from cspace.rotations.base import warn_of_degrees
 from cspace.shown import MapPlot
 
 if TYPE_CHECKING:
-    from cspace.exact.proofs import Exact
+    from cspace.exact.proofs import ExactQueries
     from cspace.map.contents import Contents
     from cspace.store import Store
 
@@ -286,7 +286,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     @property
     @abstractmethod
-    def _exact(self) -> Exact:
+    def _exact(self) -> ExactQueries:
         """Exact look-ups, by the geometry itself."""
 
     @property

@@ -44,7 +44,7 @@ from cspace.workspace import Workspace, copied
 
 if TYPE_CHECKING:
     from cspace.exact.boundaries import Problem
-    from cspace.exact.proofs import Exact
+    from cspace.exact.proofs import ExactQueries
     from cspace.map.clearance import Inflation
     from cspace.map.components import Components
     from cspace.map.mip import OccupancyBits, OccupancyPyramid
@@ -900,10 +900,10 @@ class CSpace(ConfigurationMap, MapExport):
             raise InputError(what, "is asked for", f"it is undefined on a map with periodic axes ({axes})", hint)
 
     @lazy
-    def _exact(self) -> Exact:
-        from cspace.exact.proofs import Exact
+    def _exact(self) -> ExactQueries:
+        from cspace.exact.proofs import ExactQueries
 
-        return Exact(self._problem())
+        return ExactQueries(self._problem())
 
     def _problem(self) -> Problem:
         """What exact look-ups decide."""

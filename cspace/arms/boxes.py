@@ -25,8 +25,8 @@ from cspace.arms.chain import SLIDES, TURNS, column, place, relative_pose, rotat
 from cspace.arms.proofs import Scene, Solids, Work, excess_of, is_nested, least_of
 from cspace.arrays import BLOCKED, FREE, MIXED, Floats, Ints, Row, States
 from cspace.compiling import kernel
-from cspace.exact import ADVANCE
-from cspace.exact.triangles import box_of
+from cspace.exact import ADVANCE_FACTOR
+from cspace.exact.triangles import read_box
 from cspace.grid import SLACK
 from cspace.kernels import THIN, cross, dot, minus, placed, point_triangle, rotated, row_of
 from cspace.map.points import replaced
@@ -206,7 +206,7 @@ def are_near(scene: Scene, pair: int, box: Box, work: Work) -> bool:
     solids = scene.solids
     i, j = scene.pairs[pair]
     slide, angle = displacement_bounds(scene, solids.bodies[i], solids.bodies[j], box, work)
-    moved = (slide + angle * solids.levers[i]) / ADVANCE
+    moved = (slide + angle * solids.levers[i]) / ADVANCE_FACTOR
     return excess_of(scene, pair, (0.0, moved, moved), box.least, 0.0, work) < 0.0
 
 
@@ -329,7 +329,7 @@ def depth_in_row(row: Floats, point: Row) -> float:
     if row[9] >= 0.0:
         away = minus(point, (row[0], row[1], row[2]))
         return row[9] - math.sqrt(dot(away, away)) if row[9] > 0.0 else -np.inf
-    away, one, other, third = box_of(row, point)
+    away, one, other, third = read_box(row, point)
     deep, square = np.inf, 0.0
     for axis in (one, other, third):
         half = math.sqrt(dot(axis, axis))

@@ -33,7 +33,7 @@ import numpy as np
 
 from cspace.arrays import Floats, Ints, Matrix, Row
 from cspace.compiling import always_inline, kernel
-from cspace.exact.triangles import bounds_of_rows, boxes_of, most
+from cspace.exact.triangles import bound_rows, build_boxes, node_maxima
 from cspace.kernels import (
     THIN,
     box_extent,
@@ -117,7 +117,7 @@ class RelativeMotion(NamedTuple):
     drift: Row
     half: float
     bend: float
-    most: float
+    node_maxima: float
     least: float
 
 
@@ -128,10 +128,10 @@ def hulls_of(rows: Floats, volume: float) -> Hulls:
     """
     if not len(rows):
         return Hulls(np.empty((0, 9)), np.empty((0, 4), np.int64), np.empty((3, 0)))
-    box, order, spans = boxes_of(*bounds_of_rows(rows))
+    box, order, spans = build_boxes(*bound_rows(rows))
     rows, (starts, counts) = rows[order], spans.T
     boxes = np.column_stack(
-        [box, np.linalg.norm(box[:, 3:], axis=1), most(np.maximum(rows[:, 9], 0.0), spans), 0.0 * starts]
+        [box, np.linalg.norm(box[:, 3:], axis=1), node_maxima(np.maximum(rows[:, 9], 0.0), spans), 0.0 * starts]
     )
     nodes, leaf = np.zeros((len(box), 4), dtype=np.int64), counts == 1
     inside = np.flatnonzero(~leaf)
@@ -229,13 +229,13 @@ def _hull_of(points: Floats, volume: float) -> tuple[Floats, float, float, bool]
 @kernel
 def farthest(points: Floats, triangles: Floats) -> float:
     """How far the farthest point is from the nearest one of some triangles, none of which is thin."""
-    most = 0.0
+    node_maxima = 0.0
     for p in range(len(points)):
         apart = math.inf
         for t in range(len(triangles)):
             apart = min(apart, point_triangle(row_of(points[p], 0), triangles[t]))
-        most = max(most, apart)
-    return most
+        node_maxima = max(node_maxima, apart)
+    return node_maxima
 
 
 def forest_of(solids: Sequence[Sequence[Hulls]]) -> tuple[Hulls, Ints, Ints]:
@@ -316,14 +316,14 @@ def least_excess(
             hx, hy, hz = box_extent(flight.matrix, row_of(box, 3))
             # How far the node can move, along each axis and in all.
             x, y, z = vx + wy * mz - wz * my, vy + wz * mx - wx * mz, vz + wx * my - wy * mx
-            half, most = flight.half, flight.most
+            half, node_maxima = flight.half, flight.node_maxima
             swing = half * turn * box[6] + flight.bend
             sx, sy, sz = (
-                min(half * abs(x) + swing, most),
-                min(half * abs(y) + swing, most),
-                min(half * abs(z) + swing, most),
+                min(half * abs(x) + swing, node_maxima),
+                min(half * abs(y) + swing, node_maxima),
+                min(half * abs(z) + swing, node_maxima),
             )
-            speed = min(half * math.sqrt(x * x + y * y + z * z) + swing, most)
+            speed = min(half * math.sqrt(x * x + y * y + z * z) + swing, node_maxima)
         whole = hulls.nodes[a, 3] + hulls.nodes[b, 3] == 2
         dx, dy, dz = abs(mx - still[0]) - still[3], abs(my - still[1]) - still[4], abs(mz - still[2]) - still[5]
         excess = max(dx - hx - sx, dy - hy - sy, dz - hz - sz) - least

@@ -23,7 +23,7 @@ from cspace.check import finite, positive
 from cspace.engines.slices import Progress
 from cspace.errors import ConfigurationError, InputError
 from cspace.exact.boundaries import Problem, Proofs
-from cspace.exact.proofs import BorderProofs
+from cspace.exact.proofs import BoundaryProofs
 from cspace.grid import Grid
 from cspace.limits import Planned, check_memory
 from cspace.map.contents import Contents
@@ -349,13 +349,13 @@ class JointProofs:
         free[inside] = are_free(self._scene, *(self._whole(q[inside]) for q in (q0, q1)))
         return free
 
-    def excess(self, points: Floats, lengths: Floats, turns: Floats) -> float:
-        return self._in_joints.excess(points, lengths, turns)
+    def slack(self, points: Floats, lengths: Floats, turns: Floats) -> float:
+        return self._in_joints.slack(points, lengths, turns)
 
     @cached_property
     def _in_joints(self) -> Proofs:
         """Proofs of distances in joint space, to the cells that are not FREE."""
-        return BorderProofs(self._problem)
+        return BoundaryProofs(self._problem)
 
     def _whole(self, q: Floats) -> Floats:
         """Configurations of the arm, shape (n, arm.dof)."""

@@ -21,8 +21,8 @@ from cspace.arms.chain import Chain, bounds_of, flight_of, place, relative_pose
 from cspace.arms.hulls import CACHED, Hulls, least_excess
 from cspace.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.compiling import kernel
-from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
-from cspace.exact.triangles import DEPTH, Trees, box_of, crosses, pierces
+from cspace.exact import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
+from cspace.exact.triangles import MAX_PENDING_PAIRS, Trees, crosses, pierces, read_box
 from cspace.kernels import box_extent, dot, extent_along, minus, placed, point_triangle, rotated_back, row_of
 from cspace.raster.surfaces import signed_crossing
 
@@ -148,7 +148,7 @@ def work_of(scene: Scene) -> Work:
         np.empty(pairs, dtype=np.bool_),
         np.full((pairs, 2), -1),
         np.zeros((CACHED, 4)),
-        np.empty((DEPTH, 2), dtype=np.int64),
+        np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64),
     )
 
 
@@ -174,7 +174,7 @@ def least_of(scene: Scene, q0: Floats, q1: Floats) -> float:
     for b in range(1, len(chain.parents)):
         q, r = q0[chain.numbers[b]], q1[chain.numbers[b]]
         size += abs(chain.factors[b]) * (abs(q) + abs(r)) + abs(chain.offsets[b])
-    return scene.least + ROUNDING * 2.0**-9 * size * scene.far
+    return scene.least + DISTANCE_ROUNDING * 2.0**-9 * size * scene.far
 
 
 @kernel
@@ -212,7 +212,7 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
         head = (head + 1) % WAITING if row == head else head
         first, last = parts[row, 0], parts[row, 1]
         half, middle = 0.5 * (last - first), 0.5 * (first + last)
-        if looks == MOST_DISTANCES or half < SHORTEST:
+        if looks == MAX_DISTANCES_PER_EDGE or half < MIN_ADVANCE:
             return False
         place(chain, q0, q1, middle, work.poses)
         looks += 1
@@ -222,13 +222,13 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
             if not left[row, n]:
                 continue
             # The rounding of what moves is a small part of all that does.
-            bend = half * (half * work.bounds[n, 1] + least * work.bounds[n, 2]) / ADVANCE
-            bounds = half / ADVANCE, bend, half * work.bounds[n, 0] / ADVANCE
-            excess = excess_of(scene, n, bounds, least, 0.0, work)
-            left[row, n] = excess < 0.0
-            if excess < 0.0:
+            bend = half * (half * work.bounds[n, 1] + least * work.bounds[n, 2]) / ADVANCE_FACTOR
+            bounds = half / ADVANCE_FACTOR, bend, half * work.bounds[n, 0] / ADVANCE_FACTOR
+            slack = excess_of(scene, n, bounds, least, 0.0, work)
+            left[row, n] = slack < 0.0
+            if slack < 0.0:
                 nearest, undecided = n, True
-                if excess == -np.inf:
+                if slack == -np.inf:
                     return False
             if work.nodes[1, 0] and not work.not_nested[n]:
                 # As long as no borders meet, whether one lies within the other stays as it is.
@@ -259,9 +259,9 @@ def excess_of(
         return np.inf
     flight = flight_of(work.poses[solids.bodies[i]], work.poses[solids.bodies[j]], half, bend, most, least)
     nodes[0, 0], nodes[0, 1] = nearest[n, 0], nearest[n, 1]
-    excess = least_excess(solids.hulls, solids.roots[i], solids.roots[j], flight, enough, nodes, work.directions)
+    slack = least_excess(solids.hulls, solids.roots[i], solids.roots[j], flight, enough, nodes, work.directions)
     nearest[n, 0], nearest[n, 1] = nodes[0, 0], nodes[0, 1]
-    return excess
+    return slack
 
 
 @kernel
@@ -390,7 +390,7 @@ def is_beside(matrix: Matrix, middle: Row, half: Row, piece: Floats) -> bool:
     """
     if piece[9] >= 0.0:
         return False
-    offset, u, v, w = box_of(piece, middle)
+    offset, u, v, w = read_box(piece, middle)
     axes = u, v, w
     for k in range(3):
         axis = axes[k]
@@ -412,11 +412,11 @@ def distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, work: Wo
         out[k] = np.inf
         for n in range(len(scene.pairs)):
             work.nearest[n, 0] = -1  # so that the bound does not depend on what was looked at before
-            excess = excess_of(scene, n, STILL, least, out[k], work)
-            if excess >= 0.0 and nodes[1, 0] and is_nested(scene, n, work, -1.0):
-                excess = -1.0
-            if excess < out[k]:
-                out[k] = excess
+            slack = excess_of(scene, n, STILL, least, out[k], work)
+            if slack >= 0.0 and nodes[1, 0] and is_nested(scene, n, work, -1.0):
+                slack = -1.0
+            if slack < out[k]:
+                out[k] = slack
                 nearest[k, 0], nearest[k, 1], nearest[k, 2] = n, nodes[0, 0], nodes[0, 1]
 
 

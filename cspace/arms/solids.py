@@ -19,9 +19,9 @@ from cspace.arms.proofs import Scene, Solids
 from cspace.arrays import Floats, Ints, StrPath
 from cspace.check import finite, positive
 from cspace.errors import InputError
-from cspace.exact import ROUNDING
-from cspace.exact.boundaries import anchors_of, in_space
-from cspace.exact.triangles import Trees, box_rows, together, tree_of_rows, triangle_rows
+from cspace.exact import DISTANCE_ROUNDING
+from cspace.exact.boundaries import as_triangles, part_anchors
+from cspace.exact.triangles import Trees, build_tree, concatenate_trees, pack_boxes, pack_triangles
 from cspace.limits import check_memory
 from cspace.shapes import BoundedShape, ExactShape, Mesh, Pieces, Shape, ShapeLike, Voxels, shape_of
 from cspace.workspace import Workspace
@@ -86,12 +86,12 @@ class PosedShape:
     def border(self) -> Pieces:
         """Its border, as triangles."""
         simplices, radii = self._exact.boundary()
-        return in_space([Pieces(self.moved(simplices), radii)])
+        return as_triangles([Pieces(self.moved(simplices), radii)])
 
     @property
     def rows(self) -> tuple[Floats, Floats]:
         """Its border as rows of a tree, shape (n, 10), and their levers about the origin."""
-        return triangle_rows(self.border), np.linalg.norm(self.border.simplices, axis=-1).max(axis=1)
+        return pack_triangles(self.border), np.linalg.norm(self.border.simplices, axis=-1).max(axis=1)
 
     @cached_property
     def trees(self) -> dict[tuple[PosedShape, ...], Trees]:
@@ -116,7 +116,7 @@ class PosedShape:
     @cached_property
     def anchors(self) -> Floats:
         """A point of each part that hangs together, shape (n, 3)."""
-        return anchors_of(self.border)[0]
+        return part_anchors(self.border)[0]
 
     @cached_property
     def probes(self) -> Floats:
@@ -155,8 +155,8 @@ class StaticShape(PosedShape):
         """Rows of a tree, and 1 for those that could lie in a link as a whole, else 0."""
         if self._exact.is_boxes:
             lows, highs, sizes = self._exact.boxes
-            return box_rows(lows, highs, self.pose), (sizes <= self.reach).astype(np.float64)
-        rows = triangle_rows(self.border)
+            return pack_boxes(lows, highs, self.pose), (sizes <= self.reach).astype(np.float64)
+        rows = pack_triangles(self.border)
         return rows, np.full(len(rows), float(self.is_filled))
 
     @cached_property
@@ -207,7 +207,7 @@ def solids_of(solids: Sequence[Solid], side: int, outer: Solids | None = None) -
     points = [[part.probes if side else part.anchors for part in each] for each in parts]
     closed = [surface for each in surfaces for surface in each]
     if outer is None or any(part.sides[0] is not part.sides[1] for solid in solids for part in solid.parts):
-        trees, roots_of_trees = together([_tree(each) for each in parts])
+        trees, roots_of_trees = concatenate_trees([_tree(each) for each in parts])
         tree_roots = np.array(roots_of_trees, dtype=np.int64)
     else:
         trees, tree_roots = outer.trees, outer.tree_roots
@@ -239,7 +239,7 @@ def _tree(parts: Sequence[PosedShape]) -> Trees:
     trees, key = parts[0].trees, tuple(parts)
     if key not in trees:
         rows, levers = zip(*(part.rows for part in parts), strict=True)
-        trees[key] = tree_of_rows(np.concatenate(rows), np.concatenate(levers))
+        trees[key] = build_tree(np.concatenate(rows), np.concatenate(levers))
     return trees[key]
 
 
@@ -256,18 +256,20 @@ def scene_of(
     """Solids from outside, of which those of some pairs, by their numbers, may not touch."""
     made = solids_of(solids, 0)
     far = _far(chain, made)
-    return Scene(chain, made, np.array(pairs, dtype=np.int64).reshape(-1, 2), far, margin + 2.0 * ROUNDING * far)
+    return Scene(
+        chain, made, np.array(pairs, dtype=np.int64).reshape(-1, 2), far, margin + 2.0 * DISTANCE_ROUNDING * far
+    )
 
 
 def scene_within(scene: Scene, solids: Sequence[Solid]) -> Scene:
     """Return the same scene from within, where what touches collides.
 
-    Distances must exceed ``2 ROUNDING far`` for the places of points, and as much again for the rounding of
+    Distances must exceed ``2 DISTANCE_ROUNDING far`` for the places of points, and as much again for the rounding of
     :func:`cspace.kernels.point_triangle`, which is below ``2^-38`` of the largest link or obstacle.
     """
     made = solids_of(solids, 1, scene.solids)
     far = _far(scene.chain, made)
-    return Scene(scene.chain, made, scene.pairs, far, 4.0 * ROUNDING * far)
+    return Scene(scene.chain, made, scene.pairs, far, 4.0 * DISTANCE_ROUNDING * far)
 
 
 def _far(chain: Chain, solids: Solids) -> float:

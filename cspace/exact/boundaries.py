@@ -1,4 +1,4 @@
-"""Borders of the robot and of the obstacles, as the pieces between which exact answers measure."""
+"""Boundaries of the robot and of the obstacles, as triangles, segments and points."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 
 from cspace.arrays import Bools, Floats, Ints
-from cspace.exact import ROUNDING
+from cspace.exact import DISTANCE_ROUNDING
 from cspace.grid import Grid
 from cspace.map.storage import Map
 from cspace.raster.bitmaps import rectangle_triangles
@@ -18,23 +18,29 @@ from cspace.shapes import ExactShape, Pieces
 from cspace.shapes.bodies import component_labels
 from cspace.workspace import Workspace
 
-CUT_ERROR: Final = 2.0**-48
-"""Rounding of a border that is cut, relative to its coordinates."""
+CLIP_ROUNDING: Final = 2.0**-48
+"""Rounding of a clipped boundary, relative to its largest coordinate."""
 
 
 class Proofs(Protocol):
-    """Proofs for one robot among the obstacles of one workspace, of what the cells of the map leave open.
-
-    ``edge(*q0, *q1)`` is whether all of an edge is free, and ``are_free(q0, q1)`` whether each of many is, for shapes
-    (n, dof); an edge that ends where it starts is a point.
-    ``excess(points, lengths, turns)``: by how much the robot is farther from obstacles than it has to be, metres, on
-    pieces of a path that is free, by their middles, shape (n, dof), how far they lead and how much they turn; or zero.
-    """
+    """Proofs for the configurations and edges that the cells of a map leave undecided."""
 
     @property
-    def edge(self) -> Callable[..., bool]: ...
-    def are_free(self, q0: Floats, q1: Floats) -> Bools: ...
-    def excess(self, points: Floats, lengths: Floats, turns: Floats) -> float: ...
+    def edge(self) -> Callable[..., bool]:
+        """Function ``edge(*q0, *q1)`` that returns True if the whole edge is proven free.
+
+        An edge with equal endpoints is a point.
+        """
+
+    def are_free(self, q0: Floats, q1: Floats) -> Bools:
+        """Return whether each edge, shapes (n, dof), is proven free."""
+
+    def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
+        """Return a lower bound of (distance - required distance) along a free path, metres, at least zero.
+
+        The path is given in pieces: their midpoints, shape (n, dof), their lengths and their rotation angles, shape
+        (n,).
+        """
 
 
 class Problem(NamedTuple):
@@ -48,10 +54,10 @@ class Problem(NamedTuple):
     robot : Robot
     margin : float
         Metres.
-    walled : bool
-        Whether all outside the grid is obstacle.
+    exterior_blocked : bool
+        True if everything outside the grid is an obstacle.
     prove : callable or None
-        Makes the proofs, of a map of joints by the space of their arm; None where robot and obstacles are all there is.
+        Makes the proofs. A joint map passes the proofs of its arm; None uses the boundaries of robot and obstacles.
     """
 
     map: Map
@@ -68,45 +74,53 @@ class Problem(NamedTuple):
         return self.workspace.grid.dim + self.rotations.dof
 
     @property
-    def far(self) -> float:
-        """The largest coordinate of the grid and of the robot in its own frame, together, metres."""
+    def max_coordinate(self) -> float:
+        """Largest coordinate of a placed robot point in the grid, metres."""
         grid = self.workspace.grid
         return float(np.abs([*grid.lower, *grid.upper]).max()) + self.robot.span
 
     @property
-    def least(self) -> float:
-        """What a distance has to exceed, but for what grows with the configuration, metres."""
-        return self.margin + self.rotations.slack * self.robot.span + ROUNDING * (self.far + self.margin)
+    def required_distance(self) -> float:
+        """Distance that proves a configuration free, metres; callers add the rounding of the configuration."""
+        return (
+            self.margin
+            + self.rotations.slack * self.robot.span
+            + DISTANCE_ROUNDING * (self.max_coordinate + self.margin)
+        )
 
 
-class Obstacles(NamedTuple):
-    """The border of obstacles, shape by shape, and by how much cutting it to the grid may have moved it, metres."""
+class ObstacleBoundary(NamedTuple):
+    """Boundary of each obstacle, and the rounding error of clipping it to the grid, metres."""
 
     pieces: list[Pieces]
     error: float
 
 
-def obstacle_border(workspace: Workspace, *, exterior_blocked: bool) -> Obstacles:
-    """The border of the obstacles of a workspace, cut to the grid, whose own border needs no pieces where
-    ``exterior_blocked``.
+def obstacle_boundary(workspace: Workspace, *, exterior_blocked: bool) -> ObstacleBoundary:
+    """Return the boundaries of all obstacles, clipped to the grid.
+
+    Clipped solids get caps on the faces of the grid, unless the exterior is blocked anyway.
 
     Raises InputError if an obstacle is a mesh whose inside depends on the spacing.
     """
     borders, error = [], 0.0
     for shape in (each.outer for each in workspace.obstacles):
         whole = shape.boundary()
-        pieces = clipped(whole, workspace.grid)
+        pieces = clip(whole, workspace.grid)
         if pieces is not whole:
             if len(pieces.radii):
-                error = max(error, CUT_ERROR * float(np.abs(whole.simplices).max()))
+                error = max(error, CLIP_ROUNDING * float(np.abs(whole.simplices).max()))
             if not exterior_blocked and shape.encloses and whole.simplices.shape[1] > 1:
-                pieces = _bare(np.concatenate([pieces.simplices, *_lids(shape, workspace)]))
+                pieces = _without_radii(np.concatenate([pieces.simplices, *_make_caps(shape, workspace)]))
         borders.append(pieces)
-    return Obstacles(borders, error)
+    return ObstacleBoundary(borders, error)
 
 
-def in_space(parts: Sequence[Pieces]) -> Pieces:
-    """Pieces together, as triangles: those of fewer corners have their last one again; the plane is at z = 0."""
+def as_triangles(parts: Sequence[Pieces]) -> Pieces:
+    """Join pieces into triangles in space.
+
+    Points and segments repeat their last corner. Pieces of the plane lie at z = 0.
+    """
     simplices, radii = [np.empty((0, 3, 3))], [np.empty(0)]
     for part in parts:
         _, corners, dim = part.simplices.shape
@@ -116,25 +130,28 @@ def in_space(parts: Sequence[Pieces]) -> Pieces:
     return Pieces(np.concatenate(simplices), np.concatenate(radii))
 
 
-def clipped(border: Pieces, grid: Grid) -> Pieces:
-    """What of a border lies in the grid's closed box; what is round and reaches it stays whole."""
+def clip(border: Pieces, grid: Grid) -> Pieces:
+    """Clip a boundary to the closed box of the grid; balls that reach the box stay whole."""
     simplices, lower, upper = border.simplices, np.asarray(grid.lower), np.asarray(grid.upper)
     low, high = simplices.min(axis=1), simplices.max(axis=1)
     if ((low >= lower) & (high <= upper)).all():
         return border
     if simplices.shape[1] == 1 or border.radii.any():
-        # What is that far does not reach the grid, and its square would overflow.
+        # Farther pieces do not reach the grid. Without the cap, the squares of large distances would overflow.
         apart = np.sqrt((np.clip(np.maximum(lower - high, low - upper), 0.0, 1e100) ** 2).sum(axis=1))
         near = apart <= border.radii * (1.0 + 1e-9) + 1e-9 * grid.spacing
         return Pieces(simplices[near], border.radii[near])
     for axis in range(grid.dim):
         for wall, sign in ((lower[axis], 1.0), (upper[axis], -1.0)):
-            simplices = _cut(simplices, axis, wall, sign)
-    return _bare(simplices)
+            simplices = _clip_to_half_space(simplices, axis, wall, sign)
+    return _without_radii(simplices)
 
 
-def parts_of(border: Pieces) -> tuple[Floats, Ints]:
-    """Corners of a border, shape (n, d), connected part by connected part, and where each part begins."""
+def connected_parts(border: Pieces) -> tuple[Floats, Ints]:
+    """Sort the vertices of a boundary by connected part.
+
+    Returns the vertices, shape (n, d), and the index of the first vertex of each part.
+    """
     corners, dim = border.simplices.shape[1:]
     points, which = np.unique(border.simplices.reshape(-1, dim), axis=0, return_inverse=True)
     rows = which.reshape(-1, corners)
@@ -144,33 +161,33 @@ def parts_of(border: Pieces) -> tuple[Floats, Ints]:
     return np.ascontiguousarray(points[order]), np.flatnonzero(np.diff(labels[order], prepend=-1))
 
 
-def anchors_of(border: Pieces) -> tuple[Floats, Floats]:
-    """One point of each connected part of a border, shape (n, d), and how large the part is, metres, shape (n,)."""
-    points, starts = parts_of(border)
+def part_anchors(border: Pieces) -> tuple[Floats, Floats]:
+    """Return one vertex of each connected part, shape (n, d), and the size of the part, metres, shape (n,)."""
+    points, starts = connected_parts(border)
     if not len(points):
         return points, np.empty(0)
     low, high = np.minimum.reduceat(points, starts), np.maximum.reduceat(points, starts)
     return points[starts], (high - low).max(axis=1)
 
 
-def _cut(simplices: Floats, axis: int, wall: float, sign: float) -> Floats:
-    """What of segments or triangles lies where ``sign * (coordinate - wall)`` is zero or above."""
+def _clip_to_half_space(simplices: Floats, axis: int, wall: float, sign: float) -> Floats:
+    """Clip segments or triangles to ``sign * (coordinate - wall) >= 0`` along an axis."""
     corners = simplices.shape[1]
     height = sign * (simplices[:, :, axis] - wall)
     inside = height >= 0.0
     count = inside.sum(axis=1)
     parts = [simplices[count == corners]]
-    for number in range(1, corners):
-        chosen = np.flatnonzero(count == number)
-        # The corner that is alone on its side comes first.
-        alone = np.argmax(inside[chosen] == (number == 1), axis=1)
-        turned = (alone[:, None] + np.arange(corners)) % corners
-        first, *others = np.moveaxis(simplices[chosen[:, None], turned], 1, 0)
-        h, *heights = np.moveaxis(height[chosen[:, None], turned], 1, 0)
+    for kept in range(1, corners):
+        chosen = np.flatnonzero(count == kept)
+        # Rotate the corners so that the only corner on its side of the wall comes first.
+        alone = np.argmax(inside[chosen] == (kept == 1), axis=1)
+        order = (alone[:, None] + np.arange(corners)) % corners
+        first, *others = np.moveaxis(simplices[chosen[:, None], order], 1, 0)
+        h, *heights = np.moveaxis(height[chosen[:, None], order], 1, 0)
         crossings = [first + (h / (h - g))[:, None] * (p - first) for p, g in zip(others, heights, strict=True)]
         for crossing in crossings:
             crossing[:, axis] = wall
-        if number == 1:
+        if kept == 1:
             parts.append(np.stack([first, *crossings], axis=1))
         else:
             (ab, ac), (b, c) = crossings, others
@@ -178,44 +195,46 @@ def _cut(simplices: Floats, axis: int, wall: float, sign: float) -> Floats:
     return np.concatenate(parts)
 
 
-def _lids(shape: ExactShape, workspace: Workspace) -> Iterator[Floats]:
-    """Where a shape is cut open on the border of the grid."""
+def _make_caps(shape: ExactShape, workspace: Workspace) -> Iterator[Floats]:
+    """Yield the caps of a shape that the faces of the grid cut open."""
     grid, (low, high) = workspace.grid, shape.bounds
     for axis in range(grid.dim):
         for upper, crosses in ((0, low[axis] < grid.lower[axis]), (1, high[axis] > grid.upper[axis])):
             if crosses:
-                yield from _LIDS[grid.dim](shape, workspace, axis, upper)
+                yield from _CAP_MAKERS[grid.dim](shape, workspace, axis, upper)
 
 
-def _cells_on(shape: ExactShape, workspace: Workspace, axis: int, upper: int) -> Iterator[Floats]:
-    """In space: the outer cells on a side of the grid, across an axis."""
+def _cap_cells(shape: ExactShape, workspace: Workspace, axis: int, upper: int) -> Iterator[Floats]:
+    """Yield the faces of the outer cells on one side of a grid in space."""
     columns = np.moveaxis(workspace.outer, axis, 0)
     sides = np.zeros((columns.shape[0] + 1, *columns.shape[1:]), dtype=np.bool_)
     sides[-upper] = columns[-upper]
     yield rectangle_triangles(sides, axis, workspace.grid.spacing, workspace.grid.lower)
 
 
-def _filled_on(shape: ExactShape, workspace: Workspace, axis: int, upper: int) -> Iterator[Floats]:
-    """In the plane: what of a side of the grid, across an axis, lies in the shape."""
-    return (_lid(region, workspace.grid, axis, upper) for region in shape.regions)
+def _cap_regions(shape: ExactShape, workspace: Workspace, axis: int, upper: int) -> Iterator[Floats]:
+    """Yield the segments of one side of a plane grid that lie in the regions of a shape."""
+    return (_cap_region(region, workspace.grid, axis, upper) for region in shape.regions)
 
 
-_LIDS: Final = {2: _filled_on, 3: _cells_on}
+_CAP_MAKERS: Final = {2: _cap_regions, 3: _cap_cells}
 
 
-def _lid(region: Floats, grid: Grid, axis: int, upper: int) -> Floats:
-    """Segments of a side of the grid, across an axis, that lie in a region; shape (n, 2, 2)."""
+def _cap_region(region: Floats, grid: Grid, axis: int, upper: int) -> Floats:
+    """Return the segments of one side of a plane grid inside a region, shape (n, 2, 2)."""
     wall, along = (grid.lower, grid.upper)[upper][axis], 1 - axis
     first, last = np.moveaxis(region.reshape(-1, 2, 2), 1, 0)
-    # Closed curves cross a line an even number of times, if a corner on it counts as below: between, one is inside.
+    # A closed curve crosses a line an even number of times if a corner on the line counts as below.
+    # So sorted crossings, taken in pairs, bound the intervals inside.
     crosses = (first[:, axis] <= wall) != (last[:, axis] <= wall)
     first, last = first[crosses], last[crosses]
-    share = (wall - first[:, axis]) / (last[:, axis] - first[:, axis])
-    at = np.sort(first[:, along] + share * (last[:, along] - first[:, along]))
-    endpoints = np.full((len(at) // 2, 2, 2), wall)
-    endpoints[:, :, along] = np.clip(at.reshape(-1, 2), grid.lower[along], grid.upper[along])
+    fraction = (wall - first[:, axis]) / (last[:, axis] - first[:, axis])
+    crossings = np.sort(first[:, along] + fraction * (last[:, along] - first[:, along]))
+    endpoints = np.full((len(crossings) // 2, 2, 2), wall)
+    endpoints[:, :, along] = np.clip(crossings.reshape(-1, 2), grid.lower[along], grid.upper[along])
     return endpoints[endpoints[:, 0, along] < endpoints[:, 1, along]]
 
 
-def _bare(simplices: Floats) -> Pieces:
+def _without_radii(simplices: Floats) -> Pieces:
+    """Return pieces with zero radii."""
     return Pieces(simplices, np.zeros(len(simplices)))

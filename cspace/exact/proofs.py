@@ -1,6 +1,6 @@
-"""Exact look-ups: the cells of a map answer where they decide, and the borders of robot and obstacles elsewhere.
+"""Exact queries: map cells answer first, then the boundaries of robot and obstacles.
 
-The plane lies in space at z = 0, where segments are triangles that have a corner twice.
+The plane lies in space at z = 0; its segments are triangles with a repeated corner.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import numpy as np
 
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Matrix, Row, States
 from cspace.compiling import bind_row_kernel, jit, kernel
-from cspace.exact import ADVANCE, MOST_DISTANCES, ROUNDING, SHORTEST
-from cspace.exact.boundaries import Problem, Proofs, anchors_of, in_space, obstacle_border, parts_of
-from cspace.exact.triangles import DEPTH, Motion, Trees, box_around, share_apart, trees_of
+from cspace.exact import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
+from cspace.exact.boundaries import Problem, Proofs, as_triangles, connected_parts, obstacle_boundary, part_anchors
+from cspace.exact.triangles import MAX_PENDING_PAIRS, Motion, Trees, build_trees, free_fraction, place_box
 from cspace.grid import MAX_COORDINATE
 from cspace.kernels import dot, minus, placed, rotated_back, row_of
 from cspace.map.batches import own
@@ -27,24 +27,28 @@ from cspace.map.storage import Map
 from cspace.shapes import Box, Pieces
 from cspace.threads import in_chunks
 
-SLIDE: Final = 2.0
-"""Longest part of an edge that one distance is to prove, in cells: longer ones take a search far and wide."""
-
-GOLDEN: Final = 0.618
-"""Multiples of the golden section, but for whole numbers, are spread evenly however many there are."""
-
-WAITING: Final = 1024
-"""Parts of an edge that wait at a time, at most."""
-
-ANCHORS: Final = 100_000
-"""Points of configurations that are looked at together, about."""
-
-THREAD: Final = 500
-"""Motions below which a second thread costs more than it saves."""
+MAX_MOTION_CELLS: Final = 2.0
+"""Longest part of an edge that one distance query tries to prove, in cells; longer parts make the tree search slow."""
 
 
-class Exact:
-    """Exact look-ups of a map: its cells answer where they decide, and proofs decide what they leave open."""
+GOLDEN_RATIO: Final = 0.618
+"""Inverse of the golden ratio; the fractional parts of its multiples fill [0, 1) evenly."""
+
+
+MAX_PENDING_PARTS: Final = 1024
+"""Capacity of the queue of unproven parts of an edge."""
+
+
+ANCHORS_PER_BATCH: Final = 100_000
+"""Approximate number of anchors tested for containment at once."""
+
+
+MIN_PROOFS_PER_THREAD: Final = 500
+"""Edges below which a second thread costs more than it saves."""
+
+
+class ExactQueries:
+    """Exact queries of a map: cells answer where they decide, proofs decide the rest."""
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
@@ -52,8 +56,11 @@ class Exact:
         self._lock = threading.RLock()
 
     def points(self, map_: Map, q: Floats, out: Bools) -> int:
-        """Kernel of points, shape (n, dof): whether they are free."""
-        proofs, states = self._made(), np.empty(len(q), dtype=np.uint8)
+        """Fill ``out`` with whether points, shape (n, dof), are free.
+
+        Returns the index of the first invalid point, or -1.
+        """
+        proofs, states = self._current_proofs(), np.empty(len(q), dtype=np.uint8)
         bad = classify(map_, q, states)
         if bad < 0:
             np.equal(states, FREE, out=out)
@@ -61,83 +68,86 @@ class Exact:
         return bad
 
     def edges(self, map_: Map, q0: Floats, q1: Floats, out: Bools) -> int:
-        """Kernel of edges, shapes (n, dof), along the shorter arc: whether they are free."""
-        proofs = self._made()
+        """Fill ``out`` with whether edges, shapes (n, dof), are free along the shorter arc.
+
+        Returns the index of the first invalid edge, or -1.
+        """
+        proofs = self._current_proofs()
         bad = edges_are_free(map_, None, q0, q1, out)
         if bad < 0:
             _prove(proofs, np.flatnonzero(~out), q0, q1, out)
         return bad
 
-    def distance(self, points: Floats, lengths: Floats, turns: Floats) -> float:
-        """Lower bound, proven, of the distance between robot and obstacles on a path that is free, metres.
+    def distance(self, points: Floats, lengths: Floats, angles: Floats) -> float:
+        """Return a proven lower bound of the obstacle distance along a free path, metres.
 
-        The path is given in pieces: by their middles, shape (n, dof), in metres and radians, and by the metres and the
-        radians along each of them, shape (n,). No point of the robot is farther than half of both from where it is in
-        the middle. Where all outside the grid is obstacle, that counts too. Infinite where there is none.
+        The path is given in pieces: their midpoints, shape (n, dof), in metres and radians, and the length and rotation
+        angle of each, shape (n,). From its midpoint, a piece extends by half its length and half its angle. A blocked
+        exterior counts as an obstacle. The bound is infinite if there are no obstacles.
         """
-        return self._problem.margin + self._made().excess(own(points), lengths, turns)
+        return self._problem.margin + self._current_proofs().slack(own(points), lengths, angles)
 
     def point_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
-        """``check(*q)``; ``quick`` is whether a point is FREE."""
-        self._made()
-        return lambda *q: quick(*q) or self._made().edge(*q, *q)
+        """Return ``check(*q)``; ``quick(*q)`` must return True only if q is in a FREE cell."""
+        self._current_proofs()
+        return lambda *q: quick(*q) or self._current_proofs().edge(*q, *q)
 
     def edge_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
-        """``check(*q0, *q1)``; ``quick`` is whether an edge leads through FREE cells."""
-        self._made()
-        return lambda *both: quick(*both) or self._made().edge(*both)
+        """Return ``check(*q0, *q1)``; ``quick(*q0, *q1)`` must return True only if the edge lies in FREE cells."""
+        self._current_proofs()
+        return lambda *both: quick(*both) or self._current_proofs().edge(*both)
 
     def renew(self, problem: Callable[[], Problem]) -> None:
-        """Solve another problem of the same map; checkers that were handed out do so from their next call on."""
+        """Replace the problem after an update; existing checkers use the new one from their next call on."""
         with self._lock:
             self._problem, self._proofs = problem(), None
 
-    def _made(self) -> Proofs:
-        """The proofs among the obstacles as they are now."""
+    def _current_proofs(self) -> Proofs:
+        """Return the proofs for the current obstacles, made at the first call."""
         proofs = self._proofs
         if proofs is None:
             with self._lock:
                 if self._proofs is None:
-                    self._proofs = (self._problem.prove or BorderProofs)(self._problem)
+                    self._proofs = (self._problem.prove or BoundaryProofs)(self._problem)
                 proofs = self._proofs
         return proofs
 
 
 def _prove(proofs: Proofs, left: Ints, q0: Floats, q1: Floats, out: Bools) -> None:
-    """Fill ``out`` for the edges that the cells leave open, by their indices."""
+    """Fill ``out`` at the indices ``left`` with whether the edges are proven free."""
     if len(left):
         starts = q0[left]
         out[left] = proofs.are_free(starts, starts if q1 is q0 else q1[left])
 
 
-class Nesting(NamedTuple):
-    """A robot and obstacles as solids.
+class Containment(NamedTuple):
+    """Robot and obstacles as solids, to decide which contains a part of the other.
 
-    A connected part that meets no border of the other side lies in its solid as a whole, or not at all, so that one
-    point of it decides; of the robot's parts, any of their corners.
+    If a connected part does not meet the other boundary, it lies entirely inside or entirely outside the other solid,
+    so that one of its points decides. For a part of the robot, any of its corners decides.
 
     Attributes
     ----------
     corners : ndarray of float64, shape (n, 4)
-        Of the robot, part by part, each with the number of the next part's first.
-    walled : bool
-        Whether all outside the grid is obstacle; otherwise none is.
+        Corners of the robot, sorted by part, each with the index of the first corner of the next part.
+    exterior_blocked : bool
+        True if everything outside the grid is an obstacle; otherwise nothing outside is.
     outer, inner : ndarray of bool, shape (nx, ny, nz)
-        Cells that meet obstacles, and those that lie in them; in the plane nz is 1.
+        Cells that meet obstacles, and cells inside obstacles; nz is 1 in the plane.
     anchors : ndarray of float64, shape (m, 3)
-        One point of each part of obstacles that could lie in the robot, in order of x.
+        One point of each obstacle part that could fit into the robot, sorted by x.
     low, high : tuple of float
-        Corners of the robot's bounding box.
+        Corners of the bounding box of the robot.
     reach : float
-        How far the robot reaches from its reference point, and a little more.
-    solid : bool
-        Whether there are obstacles with an inside that their borders do not decide.
-    boxed : bool
-        Whether the robot is all of its bounding box.
+        Upper bound of the distance between the reference point and any point of the robot.
+    has_solids : bool
+        True if some obstacles have an inside that their cells do not decide.
+    is_box : bool
+        True if the robot fills its bounding box.
     regions : ndarray of float64, shape (m, 4)
-        Segments around what a robot of the plane fills, part by part.
-    stops : ndarray of int64, shape (parts,)
-        Where each of these ends.
+        Segments around the regions that a robot of the plane fills, sorted by region.
+    region_stops : ndarray of int64, shape (regions,)
+        Index after the last segment of each region.
     """
 
     corners: Floats
@@ -148,69 +158,71 @@ class Nesting(NamedTuple):
     low: Row
     high: Row
     reach: float
-    solid: bool
-    boxed: bool
+    has_solids: bool
+    is_box: bool
     regions: Floats
-    stops: Ints
+    region_stops: Ints
 
 
-class Borders(NamedTuple):
-    """Trees of robot, obstacles and walls, by their roots.
+class BoundaryTrees(NamedTuple):
+    """Trees of the boundaries of robot, obstacles and walls, given by their roots.
 
-    Lengths of trees, ``rho``, the robot's longest lever, and ``least``, what a distance has to exceed, are those in
-    metres times ``scale``. Walls are the sides of the grid's box, where all outside it is obstacle.
+    All lengths are scaled: metres times ``scale``. ``max_lever`` is the longest lever of the robot, and ``required``
+    the distance that proves a configuration free. Walls are the faces of the grid, used if the exterior is blocked.
     """
 
     trees: Trees
     robot: int
     obstacles: int
     walls: int
-    rho: float
+    max_lever: float
     scale: float
-    least: float
+    required: float
 
 
-class World(NamedTuple):
-    """What every proof needs."""
+class ProofInputs(NamedTuple):
+    """The map, the boundaries and the solids that every proof uses."""
 
     map: Map
-    borders: Borders
-    nesting: Nesting
+    boundaries: BoundaryTrees
+    containment: Containment
 
 
-class BorderProofs:
+class BoundaryProofs:
     """Proofs for one robot among the obstacles of one workspace; each kernel is compiled at its first call."""
 
     def __init__(self, problem: Problem) -> None:
         workspace, self._robot = problem.workspace, problem.robot.shape.outer
-        borders, grid = obstacle_border(workspace, exterior_blocked=problem.exterior_blocked), workspace.grid
-        # Balls and points have no inside but what is near their middle: the distance decides.
-        parts = zip((each.outer for each in workspace.shapes or ()), borders.pieces, strict=False)
+        boundaries, grid = obstacle_boundary(workspace, exterior_blocked=problem.exterior_blocked), workspace.grid
+        # Balls and points need no containment test, because the distance from their center decides.
+        parts = zip((each.outer for each in workspace.shapes or ()), boundaries.pieces, strict=False)
         self._shapes = [shape for shape, part in parts if shape.encloses and part.simplices.shape[1] == grid.dim]
-        border, still = in_space([self._robot.boundary()]), in_space(borders.pieces)
-        # Over the plane the walls rise so high that it is their sides that are near.
+        boundary, fixed = as_triangles([self._robot.boundary()]), as_triangles(boundaries.pieces)
+        # Walls of a plane grid are so high that their sides, not their tops, are nearest.
         sides = np.pad(np.subtract(grid.upper, grid.lower), (0, 3 - grid.dim), mode="maximum")
-        room = Box.of(sides, np.pad(np.add(grid.lower, grid.upper) / 2.0, (0, 3 - grid.dim)))
-        walls = in_space([room.boundary()] if problem.exterior_blocked else [])
-        far = problem.far + float(np.abs(still.simplices).max(initial=0.0) + still.radii.max(initial=0.0))
-        scale = 2.0 ** -math.frexp(far)[1]
-        trees, roots = trees_of(
-            [Pieces(scale * part.simplices, scale * part.radii) for part in (border, still, walls)],
+        walls_box = Box.of(sides, np.pad(np.add(grid.lower, grid.upper) / 2.0, (0, 3 - grid.dim)))
+        walls = as_triangles([walls_box.boundary()] if problem.exterior_blocked else [])
+        max_coordinate = problem.max_coordinate + float(
+            np.abs(fixed.simplices).max(initial=0.0) + fixed.radii.max(initial=0.0)
+        )
+        scale = 2.0 ** -math.frexp(max_coordinate)[1]
+        trees, roots = build_trees(
+            [Pieces(scale * part.simplices, scale * part.radii) for part in (boundary, fixed, walls)],
             problem.rotations.about_z,
         )
-        corners, starts = parts_of(border)
-        stops = np.append(starts[1:], len(corners))
+        corners, starts = connected_parts(boundary)
+        part_stops = np.append(starts[1:], len(corners))
         self._anchors, reach = corners[starts], float(np.sqrt((corners**2).sum(axis=1)).max())
         anchors = [np.empty((0, 3))]
-        # The same of balls of the robot; elsewhere only what is small fits in.
-        if self._robot.encloses and (border.simplices != border.simplices[:, :1]).any():
-            anchored = (anchors_of(in_space([part])) for part in borders.pieces)
+        # A robot of balls needs no anchors either. Only parts no larger than the robot can lie inside it.
+        if self._robot.encloses and (boundary.simplices != boundary.simplices[:, :1]).any():
+            anchored = (part_anchors(as_triangles([part])) for part in boundaries.pieces)
             anchors += [points[sizes <= 2.0 * reach] for points, sizes in anchored]
         small = np.concatenate(anchors)
         low, high = (np.pad(corner, (0, 3 - grid.dim)) for corner in self._robot.bounds)
         regions, cells = self._robot.regions, (*grid.shape, 1)[:3]
-        nesting = Nesting(
-            corners=np.hstack([corners, np.repeat(stops, stops - starts)[:, None]]),
+        containment = Containment(
+            corners=np.hstack([corners, np.repeat(part_stops, part_stops - starts)[:, None]]),
             exterior_blocked=problem.exterior_blocked,
             outer=workspace.outer.reshape(cells),
             inner=(workspace.inner if workspace.shapes else workspace.outer).reshape(cells),
@@ -218,23 +230,24 @@ class BorderProofs:
             low=tuple(low.tolist()),
             high=tuple(high.tolist()),
             reach=1.001 * reach,
-            solid=bool(self._shapes),
-            boxed=isinstance(self._robot, Box),
+            has_solids=bool(self._shapes),
+            is_box=isinstance(self._robot, Box),
             regions=np.concatenate([np.empty((0, 4)), *regions]),
-            stops=np.cumsum([len(region) for region in regions], dtype=np.int64),
+            region_stops=np.cumsum([len(region) for region in regions], dtype=np.int64),
         )
-        least = scale * (problem.least + borders.error + ROUNDING * far)
-        rho = float(trees.boxes[0, 6])
-        self._borders = Borders(trees, roots[0], roots[1], roots[2], rho, scale, least)
-        self._world = World(problem.map, self._borders, nesting)
+        required = scale * (problem.required_distance + boundaries.error + DISTANCE_ROUNDING * max_coordinate)
+        max_lever = float(trees.boxes[0, 6])
+        self._boundaries = BoundaryTrees(trees, roots[0], roots[1], roots[2], max_lever, scale, required)
+        self._inputs = ProofInputs(problem.map, self._boundaries, containment)
         self._dof, self._dim, self._rotations = problem.dof, grid.dim, problem.rotations
         self._bounds = np.asarray(grid.lower), np.asarray(grid.upper)
-        self._together = 1 + ANCHORS // (1 + len(self._anchors) + len(small))
+        self._batch_size = 1 + ANCHORS_PER_BATCH // (1 + len(self._anchors) + len(small))
 
     @cached_property
     def edge(self) -> Callable[..., bool]:
+        """Compiled ``edge(*q0, *q1)`` of :class:`Proofs`."""
         dof = self._dof
-        kernel = bind_row_kernel(prove_edge, self._world, 2 * dof)
+        kernel = bind_row_kernel(prove_edge, self._inputs, 2 * dof)
 
         def edge(*both: float) -> bool:
             state = kernel(both)
@@ -243,216 +256,227 @@ class BorderProofs:
         return edge
 
     def are_free(self, q0: Floats, q1: Floats) -> Bools:
+        """Return whether each edge, shapes (n, dof), is proven free."""
         states = np.empty(len(q0), dtype=np.uint8)
 
-        def work(first: int, last: int) -> int:
-            prove_edges(self._world, q0[first:last], q1[first:last], room(), states[first:last])
+        def prove_chunk(start: int, stop: int) -> int:
+            prove_edges(self._inputs, q0[start:stop], q1[start:stop], make_scratch(), states[start:stop])
             return -1
 
-        in_chunks(work, len(q0), THREAD)
+        in_chunks(prove_chunk, len(q0), MIN_PROOFS_PER_THREAD)
         free: Bools = states == FREE
         left = np.flatnonzero(states == MIXED)
         if len(left):
-            # Many edges may begin at one configuration.
+            # Edges often share their start, so each start is tested once.
             starts, which = np.unique(q0[left], axis=0, return_inverse=True)
-            nested = [self._are_nested(part) for part in np.array_split(starts, 1 + len(starts) // self._together)]
+            nested = [self._are_nested(part) for part in np.array_split(starts, 1 + len(starts) // self._batch_size)]
             free[left] = ~np.concatenate(nested)[which.reshape(-1)]
         return free
 
-    def excess(self, points: Floats, lengths: Floats, turns: Floats) -> float:
-        borders, (places, matrices) = self._borders, self._placed(points)
-        spans = 0.5 * (borders.scale * lengths + borders.rho * turns)
-        return float(least_excess(borders, borders.scale * places, matrices, spans, room().pairs)) / borders.scale
+    def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
+        """Return a lower bound of (distance - required distance) along a free path, metres; see :class:`Proofs`."""
+        boundaries, (positions, matrices) = self._boundaries, self._place_robot(points)
+        spans = 0.5 * (boundaries.scale * lengths + boundaries.max_lever * angles)
+        pairs = make_scratch().node_pairs
+        return float(path_slack(boundaries, boundaries.scale * positions, matrices, spans, pairs)) / boundaries.scale
 
-    def _placed(self, points: Floats) -> tuple[Floats, Floats]:
-        """Reference points in space, shape (n, 3), and rotation matrices, shape (n, 3, 3), of configurations."""
-        places, matrices = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
-        places[:, : self._dim], matrices[:, 2, 2] = points[:, : self._dim], 1.0
+    def _place_robot(self, points: Floats) -> tuple[Floats, Floats]:
+        """Return reference points, shape (n, 3), and rotation matrices, shape (n, 3, 3), of configurations."""
+        positions, matrices = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
+        positions[:, : self._dim], matrices[:, 2, 2] = points[:, : self._dim], 1.0
         matrices[:, : self._dim, : self._dim] = self._rotations.matrices(points)
-        return places, matrices
+        return positions, matrices
 
     def _are_nested(self, q: Floats) -> Bools:
-        """Whether a part of one side lies in the other, where no borders meet and compiled code does not decide."""
-        nesting, (places, turns) = self._world.nesting, self._placed(q)
+        """Return whether a part of one side lies inside the other, given that no boundaries meet.
+
+        Tests only the cases that :func:`containment_state` leaves MIXED.
+        """
+        containment, (positions, angles) = self._inputs.containment, self._place_robot(q)
         nested, (low, high) = np.zeros(len(q), dtype=np.bool_), self._bounds
         if self._shapes:
-            anchors = (self._anchors @ turns.swapaxes(1, 2) + places[:, None])[..., : self._dim]
-            # Obstacles end where the grid does.
-            which, points = _chosen((low <= anchors) & (anchors <= high), anchors)
+            anchors = (self._anchors @ angles.swapaxes(1, 2) + positions[:, None])[..., : self._dim]
+            # Obstacles end at the bounds of the grid.
+            which, points = _select_points((low <= anchors) & (anchors <= high), anchors)
             for part in self._shapes if len(points) else ():
                 inside = which[part.contains(points)]
                 nested[inside] = True
                 if len(inside) and nested.all():
                     break
-        if len(nesting.anchors) and not len(nesting.stops):  # else compiled code has looked at what lies in the robot
-            near = (nesting.anchors - places[:, None]) @ turns
-            which, points = _chosen((near >= nesting.low) & (near <= nesting.high), near)
+        # If the robot has regions of the plane, compiled code has tested the anchors already.
+        if len(containment.anchors) and not len(containment.region_stops):
+            near = (containment.anchors - positions[:, None]) @ angles
+            which, points = _select_points((near >= containment.low) & (near <= containment.high), near)
             if len(points):
                 nested[which[self._robot.contains(points)]] = True
         return nested
 
 
-def _chosen(within: Bools, points: Floats) -> tuple[Ints, Floats]:
-    """The points, shape (n, m, d), that are within along every axis, and the first index of each."""
+def _select_points(within: Bools, points: Floats) -> tuple[Ints, Floats]:
+    """Return the points, shape (n, m, d), inside along every axis, and the first index of each."""
     chosen = np.asarray(within.all(axis=2))
     return np.nonzero(chosen)[0], points[chosen]
 
 
-class Work(NamedTuple):
-    """Room for parts of an edge that wait, as a ring, and for pairs of nodes."""
+class Scratch(NamedTuple):
+    """Scratch memory of an edge proof: a queue of its unproven parts, and a stack of node pairs."""
 
     parts: Floats
-    pairs: Ints
+    node_pairs: Ints
 
 
-def room() -> Work:
-    """New room."""
-    return Work(np.empty((WAITING, 2)), np.full(DEPTH, -1))
+def make_scratch() -> Scratch:
+    """Allocate scratch memory."""
+    return Scratch(np.empty((MAX_PENDING_PARTS, 2)), np.full(MAX_PENDING_PAIRS, -1))
 
 
 @kernel
-def prove_edges(world: World, first: Floats, second: Floats, work: Work, out: States) -> None:
-    """:func:`edge_state` of edges, shapes (n, dof)."""
+def prove_edges(inputs: ProofInputs, first: Floats, second: Floats, scratch: Scratch, out: States) -> None:
+    """Fill ``out`` with :func:`edge_state` of edges, shapes (n, dof)."""
     for k in range(first.shape[0]):
-        q0, q1 = configuration(world.map, first, k), configuration(world.map, second, k)
-        out[k] = edge_state(world, q0, q1, work)
+        q0, q1 = configuration(inputs.map, first, k), configuration(inputs.map, second, k)
+        out[k] = edge_state(inputs, q0, q1, scratch)
 
 
 @jit
-def prove_edge(world: World, both: Numbers) -> int:
-    """:func:`edge_state` of an edge, given by its endpoints in a row."""
-    q0, q1 = halves(world.map, both)
-    rotations = world.map.rotations
+def prove_edge(inputs: ProofInputs, both: Numbers) -> int:
+    """Return :func:`edge_state` of an edge, given as its two endpoints in one row."""
+    q0, q1 = halves(inputs.map, both)
+    rotations = inputs.map.rotations
     if not (rotations.is_usable(q0) and rotations.is_usable(q1)):
         return BLOCKED
-    work = Work(np.empty((WAITING, 2)), np.empty(DEPTH, np.int64))
-    return edge_state(world, q0, q1, work)
+    scratch = Scratch(np.empty((MAX_PENDING_PARTS, 2)), np.empty(MAX_PENDING_PAIRS, np.int64))
+    return edge_state(inputs, q0, q1, scratch)
 
 
 @kernel
-def edge_state(world: World, q0: Numbers, q1: Numbers, work: Work) -> int:
-    """FREE where all configurations of an edge are free, and BLOCKED where that is not proven.
+def edge_state(inputs: ProofInputs, q0: Numbers, q1: Numbers, scratch: Scratch) -> int:
+    """Return FREE if a whole edge is proven free, BLOCKED if not.
 
-    MIXED where they are free if neither the robot nor an obstacle lies in the other at the first of them. An edge that
-    ends where it starts is a point. Where two arcs are equally long but for rounding, both are proven.
+    MIXED means that no boundaries meet along the edge: it is free if neither robot nor obstacles contain the other at
+    the first endpoint. An edge with equal endpoints is a point. If two arcs are equally long up to rounding, both must
+    be proven.
     """
     state = FREE
-    for arc in range(world.map.rotations.arc_count(q0, q1)):
-        state = max(state, arc_state(world, q0, q1, arc, work)) if state != BLOCKED else BLOCKED
+    for arc in range(inputs.map.rotations.arc_count(q0, q1)):
+        state = max(state, arc_state(inputs, q0, q1, arc, scratch)) if state != BLOCKED else BLOCKED
     return state
 
 
 @kernel
-def arc_state(world: World, q0: Numbers, q1: Numbers, arc: int, work: Work) -> int:
-    """The same along one of the shortest arcs.
+def arc_state(inputs: ProofInputs, q0: Numbers, q1: Numbers, arc: int, scratch: Scratch) -> int:
+    """Return :func:`edge_state` along one of the shortest arcs.
 
-    Parts are proven by the map, or by how far apart all is in their middle, which may leave something on either side.
-    The end comes first, and then longer parts mostly before shorter ones, so that a collision far along shows early.
+    The map proves a part of the edge, or the distance at its midpoint proves an interval around the midpoint and leaves
+    the remainders on both sides. The endpoint is tested first, then mostly longer parts before shorter ones, so that a
+    collision anywhere on the edge is found early.
     """
-    (map_, borders, nesting), parts, size = world, work.parts, 0.0
-    scale = borders.scale
+    (map_, boundaries, containment), parts, size = inputs, scratch.parts, 0.0
+    scale = boundaries.scale
     for axis in range(len(map_.lower)):
         length = abs(q0[axis]) + abs(q1[axis])
-        if not length <= 2.0 * MAX_COORDINATE * map_.spacing:  # nor is NaN
+        if not length <= 2.0 * MAX_COORDINATE * map_.spacing:  # the negated comparison refuses NaN too
             return BLOCKED
         size += length
     angle, jump = map_.rotations.turn_of(q0, q1, arc)
-    step = minus(place_of(map_, q1, scale), place_of(map_, q0, scale))
-    least, spacing = borders.least + 2.0 * ROUNDING * scale * size + jump * borders.rho, scale * map_.spacing
-    speed = math.sqrt(dot(step, step)) + angle * borders.rho
-    # At their endpoints most of a planner's edges collide; of a point that is all.
+    step = minus(reference_point(map_, q1, scale), reference_point(map_, q0, scale))
+    required = boundaries.required + 2.0 * DISTANCE_ROUNDING * scale * size + jump * boundaries.max_lever
+    spacing = scale * map_.spacing
+    speed = math.sqrt(dot(step, step)) + angle * boundaries.max_lever
+    # Most colliding edges of a planner collide at an endpoint. For a point, the endpoint is the whole edge.
     parts[0, 0], parts[0, 1], parts[1, 0], parts[1, 1] = 1.0, 1.0, 0.0, 1.0
-    work.pairs[0] = -1
-    head, waiting, measured, nested = 0, 2 if speed > 0.0 else 1, 0, FREE
-    while waiting > 0:
-        waiting -= 1
-        # Now from here, now from there: of neighbours mostly both collide, or neither. Where room gets scarce the
-        # newest, which is short, so that few are added before some are done.
-        scarce = waiting >= WAITING - DEPTH
-        row = (head + (waiting if scarce else int(waiting * (GOLDEN * measured % 1.0)))) % WAITING
+    scratch.node_pairs[0] = -1
+    head, pending, measured, nested = 0, 2 if speed > 0.0 else 1, 0, FREE
+    while pending > 0:
+        pending -= 1
+        # Pick parts from all over the queue, because neighbours mostly both collide or are both free.
+        # When the queue is nearly full, pick the newest part: it is short and adds few others.
+        nearly_full = pending >= MAX_PENDING_PARTS - MAX_PENDING_PAIRS
+        row = (head + (pending if nearly_full else int(pending * (GOLDEN_RATIO * measured % 1.0)))) % MAX_PENDING_PARTS
         first, last = parts[row, 0], parts[row, 1]
-        if not scarce:
+        if not nearly_full:
             parts[row, 0], parts[row, 1] = parts[head, 0], parts[head, 1]
-            head = (head + 1) % WAITING
-        half, middle = 0.5 * (last - first), 0.5 * (first + last)
-        # Where the rotation jumps, a part may be at any rotation of the whole.
+            head = (head + 1) % MAX_PENDING_PARTS
+        half, center = 0.5 * (last - first), 0.5 * (first + last)
+        # If the rotation jumps, a part may be at any rotation of the whole arc, so cells prove nothing.
         if (
             jump == 0.0
             and 0.0 < last - first < 1.0
             and edge_is_free(map_, None, along(map_, q0, q1, arc, first), along(map_, q0, q1, arc, last))
         ):
             continue
-        q = along(map_, q0, q1, arc, middle)
-        state, reach, part = state_at(map_, q), 2.0 * half * speed, 0.0
-        if state == FREE and reach == 0.0:
+        q = along(map_, q0, q1, arc, center)
+        state, travel, proven = state_at(map_, q), 2.0 * half * speed, 0.0
+        if state == FREE and travel == 0.0:
             continue
-        if state == BLOCKED or measured == MOST_DISTANCES:
+        if state == BLOCKED or measured == MAX_DISTANCES_PER_EDGE:
             return BLOCKED
-        if reach <= (spacing if state == FREE else SLIDE * spacing):
-            place = place_of(map_, q, scale)
-            motion = Motion(map_.rotations.matrix_of(q), place, step, angle, least, 0.0)
-            part = half / ADVANCE
-            walls = -1 if borders.walls < 0 or is_within(borders, motion, part) else borders.walls
-            part = share_apart(borders.trees, borders.robot, (walls, borders.obstacles), motion, part, work.pairs)
+        if travel <= (spacing if state == FREE else MAX_MOTION_CELLS * spacing):
+            position = reference_point(map_, q, scale)
+            motion = Motion(map_.rotations.matrix_of(q), position, step, angle, required, 0.0)
+            enough = half / ADVANCE_FACTOR
+            walls = -1 if boundaries.walls < 0 or stays_within_walls(boundaries, motion, enough) else boundaries.walls
+            others = walls, boundaries.obstacles
+            proven = free_fraction(boundaries.trees, boundaries.robot, others, motion, enough, scratch.node_pairs)
             measured += 1
-            if part < 0.0:
+            if proven < 0.0:
                 return BLOCKED
-            # As long as no borders meet, whether one lies within the other stays as it is.
+            # While no boundaries meet, containment cannot change, so it is tested once.
             if measured == 1:
-                nested = nested_at(nesting, map_, q, motion.matrix)
+                nested = containment_state(containment, map_, q, motion.matrix)
                 if nested == BLOCKED:
                     return BLOCKED
-            part *= ADVANCE
-            if part < min(half, SHORTEST):
+            proven *= ADVANCE_FACTOR
+            if proven < min(half, MIN_ADVANCE):
                 return BLOCKED
-        if part < half:
-            row = (head + waiting) % WAITING
-            parts[row, 0], parts[row, 1] = first, middle - part
-            row = (row + 1) % WAITING
-            parts[row, 0], parts[row, 1] = middle + part, last
-            waiting += 2
+        if proven < half:
+            row = (head + pending) % MAX_PENDING_PARTS
+            parts[row, 0], parts[row, 1] = first, center - proven
+            row = (row + 1) % MAX_PENDING_PARTS
+            parts[row, 0], parts[row, 1] = center + proven, last
+            pending += 2
     return nested
 
 
 @kernel
-def is_within(borders: Borders, motion: Motion, part: float) -> bool:
-    """Whether the box around a robot stays within the walls for a part of a motion."""
-    box, wall = borders.trees.boxes[borders.robot], borders.trees.boxes[borders.walls]
-    middle, half = box_around(motion, box)
-    middle = minus(middle, row_of(wall, 0))
-    turn = box[6] * motion.angle + motion.slide
+def stays_within_walls(boundaries: BoundaryTrees, motion: Motion, fraction: float) -> bool:
+    """Return True if the bounding box of the robot stays within the walls during a fraction of a motion."""
+    box, wall = boundaries.trees.boxes[boundaries.robot], boundaries.trees.boxes[boundaries.walls]
+    center, half = place_box(motion, box)
+    center = minus(center, row_of(wall, 0))
+    drift = box[6] * motion.angle + motion.drift
     for axis in range(3):
-        # An infinite part of no way at all is no number, and proves nothing.
-        if not abs(middle[axis]) + half[axis] + part * (abs(motion.step[axis]) + turn) < wall[3 + axis]:
+        # An infinite fraction of a zero motion is NaN; the negated comparison makes it prove nothing.
+        if not abs(center[axis]) + half[axis] + fraction * (abs(motion.step[axis]) + drift) < wall[3 + axis]:
             return False
     return True
 
 
 @kernel
-def least_excess(borders: Borders, places: Floats, matrices: Floats, spans: Floats, work: Ints) -> float:
-    """By how much the least distance on pieces of a path exceeds what it has to; zero if not proven to.
+def path_slack(boundaries: BoundaryTrees, positions: Floats, matrices: Floats, spans: Floats, scratch: Ints) -> float:
+    """Return a lower bound of (distance - required distance) along a path, at least zero.
 
-    The robot is placed in the middle of each piece, from where no point of it moves farther than the piece's span. All
-    lengths are those of trees, and no borders may lie nested there.
+    The robot is placed at the midpoint of each piece of the path. No point of it moves farther than the span of the
+    piece from there. All lengths are scaled like the trees. No part of robot or obstacles may lie inside the other.
     """
-    best, still = math.inf, (0.0, 0.0, 0.0)
-    for k in range(len(places)):
-        x, y, z = place = row_of(places[k], 0)
-        turn = matrices[k]
-        matrix = row_of(turn[0], 0), row_of(turn[1], 0), row_of(turn[2], 0)
-        # What moves by a metre to whatever side comes as far as the distance; what is farther does not matter.
-        least = borders.least + 2.0 * ROUNDING * (abs(x) + abs(y) + abs(z))
-        motion = Motion(matrix, place, still, 0.0, least, 1.0)
-        others = borders.walls, borders.obstacles
-        best = min(best, share_apart(borders.trees, borders.robot, others, motion, best + spans[k], work) - spans[k])
+    best, fixed = math.inf, (0.0, 0.0, 0.0)
+    for k in range(len(positions)):
+        x, y, z = position = row_of(positions[k], 0)
+        rows = matrices[k]
+        matrix = row_of(rows[0], 0), row_of(rows[1], 0), row_of(rows[2], 0)
+        required = boundaries.required + 2.0 * DISTANCE_ROUNDING * (abs(x) + abs(y) + abs(z))
+        # With a drift of 1 and no other motion, the free fraction is the distance itself, capped at best + span.
+        motion = Motion(matrix, position, fixed, 0.0, required, 1.0)
+        others, enough = (boundaries.walls, boundaries.obstacles), best + spans[k]
+        best = min(best, free_fraction(boundaries.trees, boundaries.robot, others, motion, enough, scratch) - spans[k])
         if best <= 0.0:
             return 0.0
     return best
 
 
 @kernel
-def place_of(map_: Map, q: Numbers, scale: float) -> Row:
-    """The reference point of the robot, in space and in lengths of trees."""
+def reference_point(map_: Map, q: Numbers, scale: float) -> Row:
+    """Return the reference point of the robot in space, times ``scale``."""
     z = 0.0
     for axis in range(2, len(map_.lower)):
         z = q[axis]
@@ -460,57 +484,60 @@ def place_of(map_: Map, q: Numbers, scale: float) -> Row:
 
 
 @kernel
-def nested_at(nesting: Nesting, map_: Map, q: Numbers, matrix: Matrix) -> int:
-    """Whether a part of one side lies in the other, where no borders meet: FREE, BLOCKED, or MIXED for unknown."""
-    place, lower, state, k = place_of(map_, q, 1.0), place_of(map_, map_.lower, 1.0), FREE, 0
-    (nx, ny, nz), count = nesting.outer.shape, nesting.corners.shape[0]
+def containment_state(containment: Containment, map_: Map, q: Numbers, matrix: Matrix) -> int:
+    """Return BLOCKED if a part of one side lies inside the other, MIXED if undecided, else FREE.
+
+    No boundaries of robot and obstacles may meet at q.
+    """
+    position, lower, state, k = reference_point(map_, q, 1.0), reference_point(map_, map_.lower, 1.0), FREE, 0
+    (nx, ny, nz), count = containment.outer.shape, containment.corners.shape[0]
     while k < count:
-        corner = nesting.corners[k]
-        x, y, z = minus(placed(matrix, place, row_of(corner, 0)), lower)
+        corner = containment.corners[k]
+        x, y, z = minus(placed(matrix, position, row_of(corner, 0)), lower)
         i, j, m = math.floor(x / map_.spacing), math.floor(y / map_.spacing), math.floor(z / map_.spacing)
         after = int(corner[3])
         if not (0 <= i < nx and 0 <= j < ny and 0 <= m < nz):
-            if nesting.exterior_blocked:
+            if containment.exterior_blocked:
                 return BLOCKED
             k = after
-        elif nesting.inner[i, j, m]:
+        elif containment.inner[i, j, m]:
             return BLOCKED
-        elif not nesting.outer[i, j, m]:
+        elif not containment.outer[i, j, m]:
             k = after
         else:
             k += 1
-            if k == after and nesting.solid:  # no corner of the part decides
+            if k == after and containment.has_solids:  # all corners of the part are in undecided cells
                 state = MIXED
-    first, last = 0, nesting.anchors.shape[0]
+    first, last = 0, containment.anchors.shape[0]
     while first < last:
-        middle = (first + last) // 2
-        if nesting.anchors[middle, 0] < place[0] - nesting.reach:
-            first = middle + 1
+        center = (first + last) // 2
+        if containment.anchors[center, 0] < position[0] - containment.reach:
+            first = center + 1
         else:
-            last = middle
-    low, high = nesting.low, nesting.high
-    for k in range(first, nesting.anchors.shape[0]):
-        anchor = nesting.anchors[k]
-        x, y, z = minus(row_of(anchor, 0), place)
-        if x > nesting.reach:
+            last = center
+    low, high = containment.low, containment.high
+    for k in range(first, containment.anchors.shape[0]):
+        anchor = containment.anchors[k]
+        x, y, z = minus(row_of(anchor, 0), position)
+        if x > containment.reach:
             break
         x, y, z = rotated_back(matrix, (x, y, z))
         if low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]:
-            if nesting.boxed or is_filled(nesting, x, y):
+            if containment.is_box or is_in_region(containment, x, y):
                 return BLOCKED
-            if not len(nesting.stops):
+            if not len(containment.region_stops):
                 state = MIXED
     return state
 
 
 @kernel
-def is_filled(nesting: Nesting, x: float, y: float) -> bool:
-    """Whether a point that is not on the border lies in a region of the robot, by the parity of a ray to the right."""
+def is_in_region(containment: Containment, x: float, y: float) -> bool:
+    """Return True if a point off the boundary lies in a region of the robot, by ray parity."""
     first = 0
-    for stop in nesting.stops:
+    for stop in containment.region_stops:
         inside = False
         for k in range(first, stop):
-            ax, ay, bx, by = nesting.regions[k]
+            ax, ay, bx, by = containment.regions[k]
             if (ay <= y) != (by <= y) and ax + (y - ay) / (by - ay) * (bx - ax) > x:
                 inside = not inside
         if inside:

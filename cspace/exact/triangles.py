@@ -1,28 +1,28 @@
-"""Compiled proofs that the triangles of a robot that moves stay apart from those that do not, in trees of boxes.
+"""Compiled proofs that the triangles of a moving robot stay apart from fixed triangles and boxes.
 
-A ball is a triangle without size, its middle, grown by its radius; a segment has one corner twice. What does not move
-may also be of boxes, which are solid.
+A ball is a triangle with three equal corners and a radius; a segment repeats one corner. Fixed trees may also contain
+boxes, which are solid.
 
-*What is proven.* For any vector n, two triangles are at least as far apart as their projections onto a line along n::
+*Bound.* For any vector n, the distance of two triangles is at least the gap between their projections onto a line along
+n::
 
     distance >= min n.(b_j - a_0) / |n| - max n.(a_i - a_0) / |n|        over their corners a_i and b_j
 
-and where one moves by less than that, along n, they stay apart. So n may come from anywhere: whatever rounding does to
-it, the bound holds for the n that was found, and of triangles without height or length as of all others. It is taken
-from what is nearest: the normals of the faces, the way between the nearest points of two edges, and the normal of both;
-one of these is along the shortest way from one triangle to the other, so that little is lost. Of a triangle and a box,
-the nearest points are found by going from one to the other and back; the normals of faces and of edges decide the rest
-(S. Gottschalk, M. C. Lin and D. Manocha, 1996).
+If the motion along n is smaller than that gap, the triangles stay apart. The bound holds for every n, so n may come
+from inexact geometry, also of degenerate triangles. Candidates for n are the normals of the faces, the vector between
+the nearest points of two edges, and the normal of both edges. One of them is along the shortest vector between the
+triangles, so that the bound is nearly sharp. For a triangle and a box, alternating projections find the nearest points;
+the normals of faces and edges decide the other cases (S. Gottschalk, M. C. Lin and D. Manocha, 1996).
 
-*Rounding.* With u = 2^-53 and D the largest distance of any corner from a_0, each ``n.(x - a_0)`` is wrong by at most
-4 u |n| D (a difference, a product, two sums), the length of n by 4 u of itself, and the difference, the quotient and
-the radii add three roundings of numbers up to D or the radii: below 2^-48 times D and the radii together. Lengths are
-multiplied by a power of two that takes the coordinates to about one, and |n| is at least 2^-300: what falls below the
-smallest double is far below that. The allowance :data:`cspace.exact.ROUNDING` is more than fifty times as much, placing
-the corners included.
+*Rounding.* Let u = 2^-53, and let D be the largest distance of any corner from a_0. Each ``n.(x - a_0)`` is wrong by at
+most 4 u |n| D (a difference, a product, two sums), and the length of n by 4 u of itself. The difference, the quotient
+and the radii add three roundings of numbers up to D or the radii. The total is below 2^-48 times the sum of D and the
+radii. Lengths are multiplied by a power of two that brings the coordinates to about one, and |n| is at least 2^-300, so
+underflow is far below that. The allowance :data:`cspace.exact.DISTANCE_ROUNDING` is more than fifty times the total,
+including the placing of the corners.
 
-The shortest way itself is lost to rounding where edges are all but parallel or faces all but without height. Distances
-below a ten-millionth of the edges' lengths may then count as none.
+If edges are nearly parallel or faces nearly degenerate, rounding loses the shortest vector. Distances below 1e-7 of the
+edge lengths may then count as zero.
 """
 
 from __future__ import annotations
@@ -39,34 +39,37 @@ from cspace.kernels import box_extent, cross, dot, gap_between, minus, nearest_o
 from cspace.shapes import Pieces
 
 Corners = tuple[Row, Row, Row]
-Box = tuple[Row, Row, Row, Row]
-"""The middle of a box and its half axes."""
-LEAST_SQUARE = 2.0**-600
-"""Squared length of the shortest vector along which projections are compared."""
+OrientedBox = tuple[Row, Row, Row, Row]
+"""Center and half axes of a box."""
 
-DEPTH = 128
-"""Pairs of nodes that wait at a time, at most: fewer than the levels of two trees, and a few."""
+MIN_SQUARED_LENGTH = 2.0**-600
+"""Squared length of the shortest vector used as a projection axis."""
 
 
-PAIR = 32
-OTHER = 2**PAIR - 1
-"""A pair of nodes as one number, the first one in its upper half, and the mask of the other one."""
+MAX_PENDING_PAIRS = 128
+"""Capacity of the stack of node pairs; a search needs at most the levels of both trees, plus a few."""
+
+PAIR_SHIFT = 32
+"""Bits of a node index: a pair of nodes is one integer with the first node in its upper half."""
+
+NODE_MASK = 2**PAIR_SHIFT - 1
+"""Mask of the second node of a pair."""
 
 
 class Trees(NamedTuple):
     """Triangles in trees of boxes.
 
-    The children of a node with n triangles have the first n // 2 of them, which is the next node, and the others, which
-    comes 2 (n // 2) nodes later.
+    A node with n triangles has two children: the next node has the first n // 2 of them, and the node 2 (n // 2) later
+    the others.
 
     Attributes
     ----------
     boxes : ndarray of float64, shape (m, 7)
-        The middle and half the sides of each node's box, radii included, and the triangles' longest lever.
+        Center and half sides of each box, radii included, and the longest lever of its triangles.
     spans : ndarray of int64, shape (m, 2)
-        The first triangle of each node, and how many it has.
+        Index of the first triangle of each node, and their number.
     triangles : ndarray of float64, shape (n, 10)
-        Three corners and a radius; of a box its middle, two half axes, and the length of the third one, below zero.
+        Three corners and a radius. A box has its center, two half axes, and the length of the third, negated.
     """
 
     boxes: Floats
@@ -75,45 +78,48 @@ class Trees(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """How the robot is placed and moves.
+    """Pose and motion of the robot.
 
     Attributes
     ----------
     matrix : tuple of tuple of float
-        Rows of its rotation matrix.
-    place : tuple of float
+        Rows of the rotation matrix.
+    position : tuple of float
     step : tuple of float
-        By how much it moves, at most either way.
+        Largest translation, in either direction.
     angle : float
-        By how much it turns, at most either way, about its reference point.
-    least : float
-        What a distance has to exceed.
-    slide : float
-        By how much its reference point moves besides, at most, in whatever direction.
+        Largest rotation about the reference point, in either direction, radians.
+    required : float
+        Distance that proves the robot free.
+    drift : float
+        Largest additional translation, in any direction.
     """
 
     matrix: Matrix
-    place: Row
+    position: Row
     step: Row
     angle: float
-    least: float
-    slide: float
+    required: float
+    drift: float
 
 
-def trees_of(borders: Sequence[Pieces], about_z: bool) -> tuple[Trees, list[int]]:
-    """A tree for each of some sets of triangles, and their roots; levers are about the z axis, or about the origin."""
+def build_trees(borders: Sequence[Pieces], about_z: bool) -> tuple[Trees, list[int]]:
+    """Build one tree for each set of triangles; return them with their roots.
+
+    Levers are distances from the z axis if ``about_z``, else from the origin.
+    """
     levers = [np.linalg.norm(b.simplices[..., : 2 if about_z else 3], axis=-1).max(axis=1) for b in borders]
-    return together([tree_of_rows(triangle_rows(b), each) for b, each in zip(borders, levers, strict=True)])
+    return concatenate_trees([build_tree(pack_triangles(b), each) for b, each in zip(borders, levers, strict=True)])
 
 
-def tree_of_rows(rows: Floats, levers: Floats) -> Trees:
-    """A tree of rows of :attr:`Trees.triangles`, and of the lever of each."""
-    box, order, spans = boxes_of(*bounds_of_rows(rows))
-    return Trees(np.column_stack([box, most(levers[order], spans)]), spans, rows[order])
+def build_tree(rows: Floats, levers: Floats) -> Trees:
+    """Build a tree from rows of :attr:`Trees.triangles` and their levers."""
+    box, order, spans = build_boxes(*bound_rows(rows))
+    return Trees(np.column_stack([box, node_maxima(levers[order], spans)]), spans, rows[order])
 
 
-def together(trees: Sequence[Trees]) -> tuple[Trees, list[int]]:
-    """Trees as one, and their roots; -1 of those that have nothing."""
+def concatenate_trees(trees: Sequence[Trees]) -> tuple[Trees, list[int]]:
+    """Concatenate trees; return them with their roots, -1 for an empty tree."""
     roots, spans, nodes, rows = list[int](), list[Ints](), 0, 0
     for tree in trees:
         roots.append(nodes if len(tree.boxes) else -1)
@@ -123,37 +129,38 @@ def together(trees: Sequence[Trees]) -> tuple[Trees, list[int]]:
     return Trees(boxes, np.concatenate(spans), triangles), roots
 
 
-def triangle_rows(border: Pieces) -> Floats:
-    """Triangles as the rows of a tree, shape (n, 10)."""
+def pack_triangles(border: Pieces) -> Floats:
+    """Return triangles as rows of a tree, shape (n, 10)."""
     return np.hstack([border.simplices.reshape(-1, 9), border.radii[:, None]])
 
 
-def box_rows(lows: Floats, highs: Floats, pose: Floats) -> Floats:
-    """Boxes along the axes, shapes (n, 3), placed by a pose, shape (4, 4), as the rows of a tree."""
-    turn, half = pose[:3, :3], 0.5 * (highs - lows)
+def pack_boxes(lows: Floats, highs: Floats, pose: Floats) -> Floats:
+    """Return axis-aligned boxes, shapes (n, 3), moved by a pose, shape (4, 4), as rows of a tree."""
+    rotation, half = pose[:3, :3], 0.5 * (highs - lows)
     rows = np.empty((len(lows), 10))
-    rows[:, :3] = 0.5 * (lows + highs) @ turn.T + pose[:3, 3]
-    rows[:, 3:6], rows[:, 6:9], rows[:, 9] = half[:, :1] * turn[:, 0], half[:, 1:2] * turn[:, 1], -half[:, 2]
+    rows[:, :3] = 0.5 * (lows + highs) @ rotation.T + pose[:3, 3]
+    rows[:, 3:6], rows[:, 6:9], rows[:, 9] = half[:, :1] * rotation[:, 0], half[:, 1:2] * rotation[:, 1], -half[:, 2]
     return rows
 
 
-def bounds_of_rows(rows: Floats) -> tuple[Floats, Floats]:
-    """The lower and upper corners of what holds each row, shape (n, 3)."""
+def bound_rows(rows: Floats) -> tuple[Floats, Floats]:
+    """Return the lower and upper corners of the bounding box of each row, shape (n, 3)."""
     is_box = rows[:, 9] < 0.0
     corners, grown = rows[:, :9].reshape(-1, 3, 3), np.maximum(rows[:, 9:], 0.0)
     low, high = corners.min(axis=1) - grown, corners.max(axis=1) + grown
-    middle, first, second = np.moveaxis(corners[is_box], 1, 0)
+    center, first, second = np.moveaxis(corners[is_box], 1, 0)
     third = np.cross(first, second)
     third *= (rows[is_box, 9] / np.linalg.norm(third, axis=1))[:, None]
     half = np.abs(first) + np.abs(second) + np.abs(third)
-    low[is_box], high[is_box] = middle - half, middle + half
+    low[is_box], high[is_box] = center - half, center + half
     return low, high
 
 
-def boxes_of(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
-    """The boxes of a tree of what lies between corners, shape (m, 6), the order in which it has them, and which.
+def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
+    """Build the boxes of a tree by halving along the longest side.
 
-    The latter are the first one of each node and how many it has, shape (m, 2).
+    Returns the boxes, shape (m, 6), the order of the items in the tree, and the first item and number of items of each
+    node, shape (m, 2).
     """
     n = len(low)
     boxes, order, spans = np.empty((max(2 * n - 1, 0), 6)), np.arange(n), np.empty((max(2 * n - 1, 0), 2), np.int64)
@@ -165,101 +172,108 @@ def boxes_of(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
         spans[nodes, 0], spans[nodes, 1] = starts, counts
         if counts.max() == 1:
             break
-        # Each node's triangles in order along its box's longest side; the first half of them go to one side.
+        # Sort the items of each node along the longest side of its box, then split them in half.
         which = np.repeat(np.arange(len(nodes)), counts)
         axis = (upper - lower).argmax(axis=1)[which]
         order = order[np.argsort(which * n + ranks[3 * order + axis])]
         first, split = counts // 2, counts > 1
-        there = np.stack([np.ones_like(split), split], axis=1)
-        nodes = np.stack([nodes + split, nodes + 2 * first], axis=1)[there]
-        starts = np.stack([starts, starts + first], axis=1)[there]
-        counts = np.stack([np.where(split, first, 1), counts - first], axis=1)[there]
+        exists = np.stack([np.ones_like(split), split], axis=1)
+        nodes = np.stack([nodes + split, nodes + 2 * first], axis=1)[exists]
+        starts = np.stack([starts, starts + first], axis=1)[exists]
+        counts = np.stack([np.where(split, first, 1), counts - first], axis=1)[exists]
     return boxes, order, spans
 
 
-def most(values: Floats, spans: Ints) -> Floats:
-    """The largest value of each node of a tree, by those of its triangles."""
+def node_maxima(values: Floats, spans: Ints) -> Floats:
+    """Return the largest value among the items of each node."""
     bounds = np.stack([spans[:, 0], spans.sum(axis=1)], axis=1).ravel()
     return np.asarray(np.maximum.reduceat(np.append(values, 0.0), bounds)[::2]) if len(spans) else np.empty(0)
 
 
 @kernel
-def share_apart(trees: Trees, robot: int, others: tuple[int, int], motion: Motion, enough: float, work: Ints) -> float:
-    """The part of a motion, ``enough`` at most, within which no triangle of a robot can reach others.
+def free_fraction(
+    trees: Trees, robot: int, others: tuple[int, int], motion: Motion, enough: float, scratch: Ints
+) -> float:
+    """Return the fraction of a motion, at most ``enough``, within which the robot cannot touch others.
 
-    All are given by the roots of their trees, -1 for none. Below zero where it is too near to them as it is placed.
-    ``work``, shape (DEPTH,), is scratch space; its first number is the last pair of triangles that set the bound, which
-    is likely to do so again, and -1 before there is one.
+    Robot and others are given by the roots of their trees, -1 for none. The result is negative if the robot is too near
+    at its current pose. ``scratch``, shape (MAX_PENDING_PAIRS,), caches in its first entry the pair of triangles that
+    set the last bound, because the same pair often sets the next one; -1 means none.
     """
     best, last, top, spans = float(enough), -1, 1, trees.spans
-    middle = half = (0.0, 0.0, 0.0)
-    turn = 0.0
+    center = half = (0.0, 0.0, 0.0)
+    drift = 0.0
     for other in others:
         if other >= 0:
-            work[top] = robot << PAIR | other
+            scratch[top] = robot << PAIR_SHIFT | other
             top += 1
-    if work[0] >= 0:
-        work[top] = work[0]
+    if scratch[0] >= 0:
+        scratch[top] = scratch[0]
         top += 1
     while top > 1:
         top -= 1
-        pair = work[top]
-        a, b = pair >> PAIR, pair & OTHER
+        pair = scratch[top]
+        a, b = pair >> PAIR_SHIFT, pair & NODE_MASK
         if a != last:
             box, last = trees.boxes[a], a
-            middle, half = box_around(motion, box)
-            turn = box[6] * motion.angle + motion.slide
+            center, half = place_box(motion, box)
+            drift = box[6] * motion.angle + motion.drift
         box, n, m = trees.boxes[b], spans[a, 1], spans[b, 1]
-        # Boxes that stay apart along one axis: so do all triangles in them.
+        # If the boxes stay apart along one axis, so do all their triangles.
         apart = False
         for k in range(3):
-            gap = abs(middle[k] - box[k]) - half[k] - box[3 + k]
-            apart = apart or gap > best * (abs(motion.step[k]) + turn)
+            gap = abs(center[k] - box[k]) - half[k] - box[3 + k]
+            apart = apart or gap > best * (abs(motion.step[k]) + drift)
         if apart:
             continue
         if n == 1 and m == 1:
-            share = share_of_pair(trees.triangles[spans[a, 0]], trees.triangles[spans[b, 0]], motion, turn, best)
-            if share < best:
-                best, work[0] = share, pair
+            fraction = pair_free_fraction(
+                trees.triangles[spans[a, 0]], trees.triangles[spans[b, 0]], motion, drift, best
+            )
+            if fraction < best:
+                best, scratch[0] = fraction, pair
                 if best < 0.0:
                     break
             continue
-        # The one with the larger box is taken apart.
+        # Split the node with the larger box.
         fixed = n == 1 or (m > 1 and box[3] + box[4] + box[5] > half[0] + half[1] + half[2])
-        count, shift = (m, 0) if fixed else (n, PAIR)
+        count, shift = (m, 0) if fixed else (n, PAIR_SHIFT)
         first, second = pair + (1 << shift), pair + (2 * (count // 2) << shift)
         if fixed:
-            # Its nearer half comes first: less need not be proven of the other.
-            one, other, nearer = trees.boxes[first & OTHER], trees.boxes[second & OTHER], 0.0
+            # Visit the nearer child first, because its bound may prune the other.
+            one, other, nearer = trees.boxes[first & NODE_MASK], trees.boxes[second & NODE_MASK], 0.0
             for k in range(3):
-                nearer += (one[k] - other[k]) * (middle[k] - 0.5 * (one[k] + other[k]))
+                nearer += (one[k] - other[k]) * (center[k] - 0.5 * (one[k] + other[k]))
             if nearer < 0.0:
                 first, second = second, first
-        work[top], work[top + 1] = second, first
+        scratch[top], scratch[top + 1] = second, first
         top += 2
     return best
 
 
 @always_inline
-def box_around(motion: Motion, box: Floats) -> tuple[Row, Row]:
-    """Return the middle and half the sides of a box around a node of the robot, grown by ``motion.least``."""
+def place_box(motion: Motion, box: Floats) -> tuple[Row, Row]:
+    """Return center and half sides of the box around a robot node at its pose, grown by ``motion.required``."""
     x, y, z = box_extent(motion.matrix, row_of(box, 3))
-    middle = placed(motion.matrix, motion.place, row_of(box, 0))
-    return middle, (x + motion.least, y + motion.least, z + motion.least)
+    center = placed(motion.matrix, motion.position, row_of(box, 0))
+    return center, (x + motion.required, y + motion.required, z + motion.required)
 
 
 @kernel
-def share_of_pair(p: Floats, q: Floats, motion: Motion, turn: float, enough: float) -> float:
-    """:func:`share_apart` of two triangles, of which the first moves by ``turn`` at most as the robot turns."""
-    # All from the first corner of the robot's triangle: it is at the origin.
+def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enough: float) -> float:
+    """Return :func:`free_fraction` of two triangles, the first of which moves by up to ``drift`` in any direction."""
+    # Use the first corner of the robot's triangle as the origin, for the smaller rounding.
     p0, matrix = row_of(p, 0), motion.matrix
-    zero, p1, p2 = corners_from(p, p0)
-    a, b = (zero, rotated(matrix, p1), rotated(matrix, p2)), corners_from(q, placed(matrix, motion.place, p0))
-    u, v = sides_of(a), sides_of(b)
-    step, least = motion.step, motion.least + p[9] + q[9]
+    zero, p1, p2 = read_corners(p, p0)
+    a, b = (zero, rotated(matrix, p1), rotated(matrix, p2)), read_corners(q, placed(matrix, motion.position, p0))
+    u, v = edge_vectors(a), edge_vectors(b)
+    step, required = motion.step, motion.required + p[9] + q[9]
     nearest, normal = math.inf, cross(v[0], v[1])
-    best = max(share_along(cross(u[0], u[1]), a, b, step, turn, least), share_along(normal, a, b, step, turn, least))
-    # Of a segment or point, which has its last corner twice, one side is all.
+    best = max(
+        free_fraction_along(cross(u[0], u[1]), a, b, step, drift, required),
+        free_fraction_along(normal, a, b, step, drift, required),
+    )
+    # A segment or point repeats its last corner, so its first edge is its only one.
     for k in range(3 if dot(u[1], u[1]) > 0.0 else 1):
         for m in range(3 if dot(v[1], v[1]) > 0.0 else 1):
             if best >= enough:
@@ -268,44 +282,45 @@ def share_of_pair(p: Floats, q: Floats, motion: Motion, turn: float, enough: flo
             square = dot(gap, gap)
             if square < nearest:
                 nearest, normal = square, cross(u[k], v[m])
-                best = max(best, share_along(gap, a, b, step, turn, least))
-    return min(max(best, share_along(normal, a, b, step, turn, least)), enough)
+                best = max(best, free_fraction_along(gap, a, b, step, drift, required))
+    return min(max(best, free_fraction_along(normal, a, b, step, drift, required)), enough)
 
 
 @kernel
-def corners_from(q: Floats, origin: Row) -> Corners:
-    """The corners of a triangle of a tree, seen from a point."""
+def read_corners(q: Floats, origin: Row) -> Corners:
+    """Return the corners of a triangle row, relative to ``origin``."""
     x, y, z = origin
     return (q[0] - x, q[1] - y, q[2] - z), (q[3] - x, q[4] - y, q[5] - z), (q[6] - x, q[7] - y, q[8] - z)
 
 
 @always_inline
-def sides_of(a: Corners) -> Corners:
-    """The sides of a triangle, each from its corner to the next one."""
+def edge_vectors(a: Corners) -> Corners:
+    """Return the edges of a triangle, each from its corner to the next."""
     return minus(a[1], a[0]), minus(a[2], a[1]), minus(a[0], a[2])
 
 
 @kernel
-def share_along(n: Row, a: Corners, b: Corners, step: Row, turn: float, least: float) -> float:
-    """Return :func:`share_apart` of triangles by their projections onto a line; -1 if too near, or n is too short.
+def free_fraction_along(n: Row, a: Corners, b: Corners, step: Row, drift: float, required: float) -> float:
+    """Return :func:`free_fraction` of two triangles projected onto n; -1 if too near or n is too short.
 
-    Corners are seen from the first one of a, which moves by ``step`` and by ``turn`` in any direction, either way.
+    Corners are relative to the first corner of a, which moves by ``step``, forwards or backwards, and by up to
+    ``drift`` in any direction.
     """
     (_, a1, a2), (b0, b1, b2), square = a, b, dot(n, n)
-    if not LEAST_SQUARE < square < math.inf:
+    if not MIN_SQUARED_LENGTH < square < math.inf:
         return -1.0
     length = math.sqrt(square)
     s, t, x, y, z = dot(n, a1), dot(n, a2), dot(n, b0), dot(n, b1), dot(n, b2)
     above, below = min(x, min(y, z)) - max(s, max(t, 0.0)), min(s, min(t, 0.0)) - max(x, max(y, z))
-    excess = max(above, below) / length - least
-    if not excess > 0.0:
+    slack = max(above, below) / length - required
+    if not slack > 0.0:
         return -1.0
-    return excess / (abs(dot(n, step)) / length + turn)
+    return slack / (abs(dot(n, step)) / length + drift)
 
 
 @kernel
-def box_of(q: Floats, origin: Row) -> Box:
-    """A box of a tree, seen from a point."""
+def read_box(q: Floats, origin: Row) -> OrientedBox:
+    """Return a box row as center and half axes, relative to ``origin``."""
     u, v = row_of(q, 3), row_of(q, 6)
     w = cross(u, v)
     factor = q[9] / math.sqrt(dot(w, w))
@@ -313,75 +328,80 @@ def box_of(q: Floats, origin: Row) -> Box:
 
 
 @kernel
-def pierces(corners: Corners, q: Floats, deep: float) -> bool:
-    """Whether a point of a triangle is found in a box or ball of a tree, farther from its border than ``deep``."""
+def pierces(corners: Corners, q: Floats, depth: float) -> bool:
+    """Return True if a point of a triangle is found deeper than ``depth`` in a box or ball of a tree."""
     a0 = corners[0]
-    a1, a2, middle = minus(corners[1], a0), minus(corners[2], a0), minus(row_of(q, 0), a0)
-    near = nearest_of_triangle(middle, a1, a2)
+    a1, a2, center = minus(corners[1], a0), minus(corners[2], a0), minus(row_of(q, 0), a0)
+    near = nearest_of_triangle(center, a1, a2)
     if q[9] >= 0.0:
-        offset = minus(near, middle)
-        return bool(q[9] > deep and dot(offset, offset) < (q[9] - deep) ** 2)
-    box = box_of(q, a0)
-    part = 0.5
+        offset = minus(near, center)
+        return bool(q[9] > depth and dot(offset, offset) < (q[9] - depth) ** 2)
+    box = read_box(q, a0)
+    scale = 0.5
     for _ in range(16):
         offset, within = minus(near, box[0]), True
         for k in range(1, 4):
             length = math.sqrt(dot(box[k], box[k]))
-            within = within and abs(dot(offset, box[k])) < length * (length - deep)
+            within = within and abs(dot(offset, box[k])) < length * (length - depth)
         if within:
             return True
-        # To and fro between the triangle and a smaller box, so that it ends within; one that grows to all but the box.
-        near = nearest_of_triangle(nearest_of_box(near, box, part), a1, a2)
-        part = 0.5 + 0.5 * part
+        # Alternate projections between the triangle and a shrunken box, so that they can end inside the box.
+        # The shrunken box grows towards the full box.
+        near = nearest_of_triangle(nearest_in_box(near, box, scale), a1, a2)
+        scale = 0.5 + 0.5 * scale
     return False
 
 
 @kernel
-def crosses(a: Corners, b: Corners, least: float) -> bool:
-    """Whether a side of one triangle is proven to lead through the inside of the other one.
+def crosses(a: Corners, b: Corners, tolerance: float) -> bool:
+    """Return True if an edge of one triangle is proven to pass through the interior of the other.
 
-    It does, whatever rounding is: each corner may be off by a quarter of ``least``.
+    Rounding is covered: each corner may be off by a quarter of ``tolerance``.
     """
-    return _leads_through(a, b, least) or _leads_through(b, a, least)
+    return _edge_pierces(a, b, tolerance) or _edge_pierces(b, a, tolerance)
 
 
 @kernel
-def _leads_through(a: Corners, b: Corners, least: float) -> bool:
-    """Whether a side of the first triangle does so.
+def _edge_pierces(a: Corners, b: Corners, tolerance: float) -> bool:
+    """Return True if an edge of triangle a is proven to pass through triangle b.
 
-    Its ends lie on the two sides of the other one's plane, and its line winds about all sides of that alike.
+    The ends of the edge lie on opposite sides of the plane of b, and its line passes all edges of b on the same side.
     """
     for k in range(3):
         p, q = a[k], a[k + 1 if k < 2 else 0]
-        one = _side_of(p, b[0], b[1], b[2], least)
-        if one == 0 or _side_of(q, b[0], b[1], b[2], least) != -one:
+        side = _side_of_plane(p, b[0], b[1], b[2], tolerance)
+        if side == 0 or _side_of_plane(q, b[0], b[1], b[2], tolerance) != -side:
             continue
-        sign = _side_of(p, q, b[0], b[1], least)
-        if sign != 0 and _side_of(p, q, b[1], b[2], least) == sign and _side_of(p, q, b[2], b[0], least) == sign:
+        sign = _side_of_plane(p, q, b[0], b[1], tolerance)
+        if (
+            sign != 0
+            and _side_of_plane(p, q, b[1], b[2], tolerance) == sign
+            and _side_of_plane(p, q, b[2], b[0], tolerance) == sign
+        ):
             return True
     return False
 
 
 @kernel
-def _side_of(p: Row, a: Row, b: Row, c: Row, least: float) -> int:
-    """On which side of a plane through three points another one is, 1 or -1; 0 where rounding decides.
+def _side_of_plane(p: Row, a: Row, b: Row, c: Row, tolerance: float) -> int:
+    """Return the side, 1 or -1, of the plane abc on which p lies; 0 if rounding could change it.
 
-    The determinant changes by less than ``(s + 2 e)^3 - s^3`` where each point moves by e and none is farther than s,
-    and rounding adds less than ``64 * 2^-52 s^3``.
+    The determinant changes by less than ``(s + 2 e)^3 - s^3`` if each point moves by at most e and none is farther than
+    s from p. Rounding adds less than ``64 * 2^-52 s^3``.
     """
     u, v, w = minus(a, p), minus(b, p), minus(c, p)
     s = math.sqrt(max(dot(u, u), dot(v, v), dot(w, w)))
-    volume, doubt = dot(u, cross(v, w)), (2.0 * least + 2.0**-46 * s) * (s + least) * (s + least)
-    return 1 if volume > doubt else -1 if volume < -doubt else 0
+    volume, error = dot(u, cross(v, w)), (2.0 * tolerance + 2.0**-46 * s) * (s + tolerance) * (s + tolerance)
+    return 1 if volume > error else -1 if volume < -error else 0
 
 
 @kernel
-def nearest_of_box(p: Row, box: Box, part: float) -> Row:
-    """The point that is nearest to another one, of a part of a box about its middle, as well as rounding allows."""
+def nearest_in_box(p: Row, box: OrientedBox, scale: float) -> Row:
+    """Return the point nearest to p in a box scaled by ``scale`` about its center, up to rounding."""
     x, y, z = box[0]
     offset = minus(p, box[0])
     for k in range(1, 4):
         axis = box[k]
-        t = min(max(dot(offset, axis) / dot(axis, axis), -part), part)
+        t = min(max(dot(offset, axis) / dot(axis, axis), -scale), scale)
         x, y, z = x + t * axis[0], y + t * axis[1], z + t * axis[2]
     return x, y, z

@@ -13,7 +13,7 @@ import numpy as np
 from cspace.arrays import Floats, Ints
 from cspace.compiling import jit, kernel
 from cspace.errors import InputError
-from cspace.exact.triangles import trees_of
+from cspace.exact.triangles import build_trees
 from cspace.grid import Grid
 from cspace.kernels import point_segment, point_triangle, row_of
 from cspace.limits import check_memory
@@ -118,7 +118,7 @@ class Border:
         longest = np.linalg.norm(edges, axis=2).max(axis=1)
         areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
         doubts = np.where((areas <= THIN * longest**2) & (self.dim == 3), THIN * longest, 0.0)
-        (boxes, spans, rows), _ = trees_of([Pieces(triangles, doubts)], about_z=False)
+        (boxes, spans, rows), _ = build_trees([Pieces(triangles, doubts)], about_z=False)
         corners = np.ascontiguousarray(rows[:, :9]).reshape(-1, 3, 3)
         return Tree(corners, rows[:, 9].copy(), boxes, spans, self.dim == 3)
 

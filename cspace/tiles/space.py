@@ -27,7 +27,7 @@ from cspace.update import Patch, Update
 if TYPE_CHECKING:
     from distributed import Client
 
-    from cspace.exact.proofs import Exact
+    from cspace.exact.proofs import ExactQueries
 
 
 AROUND: Final = {2: 1024, 3: 256}
@@ -352,7 +352,7 @@ class TiledCSpace(ConfigurationMap):
         return -1
 
     @property
-    def _exact(self) -> Exact:
+    def _exact(self) -> ExactQueries:
         raise needs_memory("exact")
 
 

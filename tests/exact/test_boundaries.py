@@ -10,7 +10,7 @@ from scipy import ndimage
 
 import cspace
 from cspace import Workspace
-from cspace.exact.boundaries import anchors_of, clipped, obstacle_border
+from cspace.exact.boundaries import clip, obstacle_boundary, part_anchors
 from cspace.raster.bitmaps import boundary_triangles
 from cspace.shapes import Pieces
 from strategies import seeds, stars
@@ -31,7 +31,7 @@ def test_borders_of_cells_have_an_anchor_a_part(seed):
     cells = rng.random(rng.integers(1, 7, 3)) < 0.5
     if cells.any():
         triangles = boundary_triangles(cells, 1.0, (0.0, 0.0, 0.0))
-        assert len(anchors_of(bare(triangles))[0]) >= ndimage.label(cells, np.ones((3, 3, 3)))[1]
+        assert len(part_anchors(bare(triangles))[0]) >= ndimage.label(cells, np.ones((3, 3, 3)))[1]
 
 
 @settings(max_examples=30)
@@ -41,13 +41,13 @@ def test_clipping_leaves_what_is_in_the_box(seed):
     grid = cspace.Grid((0.0, 0.0, 0.0), 0.5, (2, 2, 2))
     triangles = rng.uniform(-1, 2, (5, 3, 3))
     triangles[0, :, 0] = 1.0  # on a border of the box
-    parts = clipped(bare(triangles), grid).simplices
+    parts = clip(bare(triangles), grid).simplices
     assert (parts >= 0.0).all() and (parts <= 1.0).all()
     weights = rng.dirichlet(np.ones(3), 20_000)
     for triangle in triangles:
         inside = (np.abs(weights @ triangle - 0.5) <= 0.5 + 1e-9).all(axis=1).mean()
         whole = areas(triangle[None])[0]
-        part = clipped(bare(triangle[None]), grid).simplices
+        part = clip(bare(triangle[None]), grid).simplices
         assert areas(part).sum() == pytest.approx(inside * whole, abs=0.03 * whole)
 
 
@@ -65,7 +65,7 @@ def test_a_cut_polygon_has_the_border_that_shapely_gives_it(corners, seed, round
         return
     workspace = Workspace.from_polygons(polygons, 0.25, (0, 0, 1, 1))
     for exterior_blocked in (False, True):
-        pieces = obstacle_border(workspace, exterior_blocked=exterior_blocked).pieces
+        pieces = obstacle_boundary(workspace, exterior_blocked=exterior_blocked).pieces
         segments = np.concatenate([part.simplices for part in pieces])
         assert (segments >= 0.0).all() and (segments <= 1.0).all()
         ours = shapely.union_all([*shapely.linestrings(segments), *shapely.points(segments[:, 0])])
@@ -80,12 +80,12 @@ def test_a_cut_polygon_has_the_border_that_shapely_gives_it(corners, seed, round
 def test_balls_that_reach_the_grid_stay_whole():
     grid = cspace.Grid((0.0, 0.0), 0.5, (2, 2))
     balls = Pieces(np.array([[[1.5, 0.5]], [[1.5, 1.5]], [[0.5, 0.5]], [[5.0, 0.5]]]), np.array([0.5, 0.6, 0.0, 1.0]))
-    np.testing.assert_array_equal(clipped(balls, grid).radii, [0.5, 0.0])
+    np.testing.assert_array_equal(clip(balls, grid).radii, [0.5, 0.0])
 
 
 def test_anchors_are_one_a_part():
     rng = np.random.default_rng(0)
     spheres = [trimesh.creation.icosphere(1, r).triangles + 3.0 * k for k, r in enumerate((0.5, 0.2, 0.9))]
-    points, sizes = anchors_of(bare(rng.permutation(np.concatenate(spheres))))
+    points, sizes = part_anchors(bare(rng.permutation(np.concatenate(spheres))))
     assert sorted(np.round(points.mean(axis=1) / 3.0).tolist()) == [0.0, 1.0, 2.0]
     np.testing.assert_allclose(np.sort(sizes), [0.4, 1.0, 1.8], rtol=0.2)

@@ -88,7 +88,7 @@ def test_what_lies_within_the_other_is_found_in_parts_of_any_size(make, monkeypa
     space, other = make(), make()
     q = draw(space, np.random.default_rng(2), 60)
     free = space.is_free(q, exact=True)
-    monkeypatch.setattr("cspace.exact.proofs.ANCHORS", 0)
+    monkeypatch.setattr("cspace.exact.proofs.ANCHORS_PER_BATCH", 0)
     np.testing.assert_array_equal(other.is_free(q, exact=True), free)
 
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import solids
 from cspace.compiling import kernel
-from cspace.exact.triangles import DEPTH, Motion, crosses, share_apart, trees_of
+from cspace.exact.triangles import MAX_PENDING_PAIRS, Motion, build_trees, crosses, free_fraction
 from cspace.shapes import Pieces
 from oracles import cross, dot, minus
 from strategies import seeds
@@ -115,15 +115,15 @@ def pieces(triangles, radius=0.0):
 
 @kernel
 def share(trees, roots, motion, enough, work):
-    return share_apart(trees, roots[0], (-1, roots[1]), motion, enough, work)
+    return free_fraction(trees, roots[0], (-1, roots[1]), motion, enough, work)
 
 
 class Pair:
     """A robot and obstacles; ``work`` is kept, as along an edge."""
 
     def __init__(self, robot, obstacles):
-        self.trees, roots = trees_of([robot, obstacles], False)
-        self.roots, self.work = tuple(roots), np.full(DEPTH, -1)
+        self.trees, roots = build_trees([robot, obstacles], False)
+        self.roots, self.work = tuple(roots), np.full(MAX_PENDING_PAIRS, -1)
 
     def share(self, place=HERE, turn=STILL, step=HERE, angle=0.0, least=0.0, enough=np.inf):
         matrix = tuple(tuple(row) for row in turn.tolist())
