@@ -192,7 +192,7 @@ class LocalPlanner(ABC):
 
     @abstractmethod
     def clearance(self, path: Floats) -> float:
-        """Room along a path, as :attr:`planners.Plan.clearance`."""
+        """Bound the clearance along a path from below, as :attr:`planners.Plan.clearance`; NaN for an arm."""
 
     @abstractmethod
     def distance(self, path: Floats) -> float:
@@ -621,10 +621,10 @@ class JointMotions(LocalPlanner):
         return math.fsum(np.linalg.norm(np.diff(path, axis=0), axis=1)), 0.0
 
     def clearance(self, path: Floats) -> float:
-        return self.space.path_clearance(path)
+        return math.nan
 
     def distance(self, path: Floats) -> float:
-        return self.space.margin + self.clearance(path) if self.are_free(path) else 0.0
+        return self.space.path_obstacle_distance(path)
 
     def dense(self, path: Floats) -> tuple[Floats, NDArray[np.int8] | None]:
         return path, None

@@ -121,7 +121,7 @@ class ClearanceObjective(WeightedLength):
         As for :class:`WeightedLength`.
     weight : float
         How many extra metres a metre at clearance zero is worth.
-    comfort : float, optional
+    clearance_threshold : float, optional
         Clearance in metres from which on a path costs its length. A tenth of the map's longer side, if left out.
 
     Raises
@@ -146,7 +146,7 @@ class ClearanceObjective(WeightedLength):
         scale = 1.0 / (
             COMFORT * grid.spacing * max(grid.shape)
             if clearance_threshold is None
-            else positive(clearance_threshold, "comfort")
+            else positive(clearance_threshold, "clearance_threshold")
         )
         super().__init__(
             si,

@@ -122,7 +122,7 @@ class Plan:
     times : Times
     space : CSpace, TiledCSpace, ArmSpace or None
         The map that it was planned on; None after pickling or copying, which drop the map and keep :attr:`clearance`
-        as it is then.
+        as it is then, or :attr:`obstacle_distance` of an arm.
     """
 
     path: Floats
@@ -151,9 +151,12 @@ class Plan:
     times: Times
     space: ConfigurationSpace | None = None
     _clearance: float = math.nan
+    _obstacle_distance: float = math.nan
 
     def __getstate__(self) -> list[Any]:
         left = {"space": None, "_clearance": self.clearance}
+        if math.isnan(self.clearance):
+            left["_obstacle_distance"] = self.obstacle_distance
         return [left.get(each.name, getattr(self, each.name)) for each in fields(self)]
 
     @property
@@ -162,9 +165,9 @@ class Plan:
 
         Metres from any configuration on it to the nearest one that is not FREE, be it in collision or undecided, in the
         map as it is now; :attr:`obstacle_distance` is that of the robot from the obstacles. For a robot that turns, the
-        distance is that of its position, at the rotation it has there. Zero along a path through MIXED cells. For an
-        arm, by how much links are farther from obstacles, and from each other, than the margin. NaN where not solved.
-        Computed at each access; the first one on a map takes longer.
+        distance is that of its position, at the rotation it has there. Zero along a path through MIXED cells. NaN for
+        an arm, which has :attr:`obstacle_distance`, and where not solved. Computed at each access; the first one on a
+        map takes longer.
         """
         edges = self._edges
         return edges.clearance(self.waypoints) if edges else self._clearance
@@ -176,11 +179,11 @@ class Plan:
         Metres between the robot itself, without margin, and the obstacles as they are now: their shapes where the map
         has them, else the outer cells; and, unless the map is open, its border. It is a quarter of a cell below the
         true least distance at most, but the margin at least; infinite where there is nothing, and zero where the path
-        is no longer proven free. NaN where not solved, where the map was left behind or lies in a store, and where what
-        fills a mesh depends on the spacing. Computed at each access; the first one on a map takes longer.
+        is no longer proven free. For an arm, also the distance of links from each other. NaN where not solved, where the map
+        was left behind (except of an arm) or lies in a store, and where what fills a mesh depends on the spacing. Computed at each access; the first one on a map takes longer.
         """
         edges = self._edges
-        return edges.distance(self.waypoints) if edges else math.nan
+        return edges.distance(self.waypoints) if edges else self._obstacle_distance
 
     @property
     def shown_distance(self) -> tuple[str, float]:
@@ -535,7 +538,7 @@ class Plan:
         FileError
             If the file exists and may not be replaced, or cannot be written.
         """
-        names = [each.name for each in fields(self) if each.name not in ("space", "_clearance")]
+        names = [each.name for each in fields(self) if each.name not in ("space", "_clearance", "_obstacle_distance")]
         names += ["clearance", "obstacle_distance"]
         record = {name: _plain(getattr(self, name)) for name in names}
         _write(path, overwrite, lambda file: file.write(json.dumps(record, indent=2, allow_nan=False) + "\n"))

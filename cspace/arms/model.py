@@ -94,7 +94,7 @@ class Arm:
         Their limits; infinite for continuous joints.
     links : tuple of Solid
         Links that have a collision geometry, each on the body that it moves with.
-    allowed : dict of pairs of str to str
+    allowed_collisions : dict of pairs of str to str
         Links that may touch each other, in the order of the alphabet, and why: ``"adjacent"``, ``"one body"``,
         ``"always"`` for those that touch in each of 100 random configurations, ``"held"``, or what the SRDF says.
     frames : dict of str to ndarray of float64, shape (4, 4)
@@ -117,7 +117,7 @@ class Arm:
     lower: Floats
     upper: Floats
     links: tuple[Solid, ...]
-    allowed: dict[Names, str]
+    allowed_collisions: dict[Names, str]
     frames: dict[str, Floats]
     chain: Chain
     units: tuple[str, ...]
@@ -209,7 +209,7 @@ class Arm:
         return {link.name: whole[link.body] @ self.frames.get(link.name, np.eye(4)) for link in self.links}
 
     def attach(
-        self, name: str, shape: ShapeLike, link: str, pose: ArrayLike | None = None, touch: Iterable[str] = ()
+        self, name: str, shape: ShapeLike, link: str, pose: ArrayLike | None = None, touch_links: Iterable[str] = ()
     ) -> Arm:
         """The arm with an object that a link carries, such as a tool, or a box that was grasped.
 
@@ -223,7 +223,7 @@ class Arm:
             It moves with this one, and may touch it.
         pose : array-like, shape (4, 4), optional
             From the object's frame to that of the link; by default they are the same.
-        touch : str or iterable of str
+        touch_links : str or iterable of str
             Other links that it may touch.
 
         Raises
@@ -238,10 +238,12 @@ class Arm:
         if not isinstance(name, str):
             raise InputError("name", f"is {name!r}", "it must be a string", "pass e.g. 'tool'", value=name)
         try:
-            others = [touch] if isinstance(touch, str) else list(touch)
+            others = [touch_links] if isinstance(touch_links, str) else list(touch_links)
         except TypeError as error:
             rule = "it must be names of links"
-            raise InputError("touch", f"is {touch!r}", rule, "pass a list of strings", value=touch) from error
+            raise InputError(
+                "touch_links", f"is {touch_links!r}", rule, "pass a list of strings", value=touch_links
+            ) from error
         if name in names:
             raise InputError("name", f"is {name!r}", "a link has it", "choose another one", value=name)
         for each in (link, *others):
@@ -252,15 +254,15 @@ class Arm:
         body = self.links[names.index(link)].body
         place = np.eye(4) if pose is None else rigid(pose, "pose")
         held = Solid(name, body, (placed_shared(solid, self.frames[link] @ place),))
-        allowed = self.allowed | {pair_of(name, each): "held" for each in (link, *others)}
-        return replace(self, links=(*self.links, held), allowed=allowed)
+        allowed = self.allowed_collisions | {pair_of(name, each): "held" for each in (link, *others)}
+        return replace(self, links=(*self.links, held), allowed_collisions=allowed)
 
     @cached_property
     def pairs(self) -> dict[Names, str]:
         """Every two links with a geometry, and what is known of them.
 
-        Why they may touch, as in :attr:`allowed`, or how often they touch in 1000 random configurations, which are
-        always the same: ``"never"``, ``"sometimes"`` or ``"always"``. Every proof checks all of these: sampling proves
+        Why they may touch, as in :attr:`allowed_collisions`, or how often they touch in 1000 random configurations,
+        which are always the same: ``"never"``, ``"sometimes"`` or ``"always"``. Every proof checks all of these: sampling proves
         nothing.
         """
         moving = _moving(self.links)
@@ -269,7 +271,7 @@ class Arm:
         labels = ["never" if share == 1.0 else "sometimes" if share else "always" for share in shares.tolist()]
         reasons = {pair_of(a.name, b.name): "one body" for a, b in combinations(self.links, 2)}
         reasons |= {self._names(pair): label for pair, label in zip(moving, labels, strict=True)}
-        return reasons | {pair: why for pair, why in self.allowed.items() if pair in reasons}
+        return reasons | {pair: why for pair, why in self.allowed_collisions.items() if pair in reasons}
 
     def _names(self, pair: tuple[int, int]) -> Names:
         return pair_of(self.links[pair[0]].name, self.links[pair[1]].name)
@@ -437,13 +439,13 @@ class _Assembly:
             tuple("m" if self._joints[name].kind == SLIDES else "rad" for name in self._moving),
         )
         if srdf is None:
-            return replace(arm, allowed=self._default_allowed(arm))
+            return replace(arm, allowed_collisions=self._default_allowed(arm))
         from cspace.files.urdf import read_srdf
 
         read, start = read_srdf(srdf, self._urdf), arm.clamp(np.zeros(arm.dof)).tolist()
         return replace(
             arm,
-            allowed=read.allowed,
+            allowed_collisions=read.allowed,
             groups={name: tuple(joint for joint in arm.joints if joint in each) for name, each in read.groups.items()},
             named_configurations={
                 name: frozen(np.array([state.get(*each) for each in zip(arm.joints, start, strict=True)]))

@@ -47,8 +47,8 @@ _TRIES: Final = 100_000
 """Samples of which none is free, after which sampling is given up."""
 
 
-_SHARES: Final = (0.95, 0.8, 0.6, 0.4, 0.2, 0.1, 0.03)
-"""Parts of the clearance at some of its points that are tried as a bound for all of a path."""
+_SHARES: Final = (0.95, 0.8, 0.6, 0.4, 0.2, 0.1, 0.03, 0.0)
+"""Shares of (least distance at some points of a path - margin) that are tried for the whole path; 0 is the margin."""
 
 
 _ROUNDING: Final = 1e-9
@@ -63,7 +63,7 @@ class Contact(NamedTuple):
     link, other : str
         A link, and the obstacle or link that it may not touch.
     distance : float
-        How far apart they are at least, metres; zero where that is not proven to be more.
+        Lower bound of the distance between them, metres; zero where the configuration is not proven free.
     points : ndarray of float64, shape (2, 3)
         The nearest points of the two, in the frame of the base, within rounding.
     """
@@ -114,7 +114,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         self, arm: Arm, obstacles: Mapping[str, PosedShape], allowed: Iterable[tuple[str, str]], margin: float
     ) -> None:
         self.arm, self.obstacles, self.margin = arm, dict(obstacles), margin
-        may_touch = arm.allowed.keys() | {pair_of(*pair) for pair in allowed}
+        may_touch = arm.allowed_collisions.keys() | {pair_of(*pair) for pair in allowed}
         sizes = [np.subtract(*part.shape.outer.bounds) for link in arm.links for part in link.parts]
         reach = max(float(np.linalg.norm(size)) for size in sizes)
         placed = [Solid(name, 0, (StaticShape(each.shape, each.pose, reach),)) for name, each in obstacles.items()]
@@ -144,7 +144,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                 link,
                 f"touches obstacle {obstacle!r}, or comes nearer than the margin, at every configuration",
                 "no joint moves it",
-                f"move the obstacle, or pass allowed=[({link!r}, {obstacle!r})]",
+                f"move the obstacle, or pass allowed_collisions=[({link!r}, {obstacle!r})]",
             )
 
     def _refuse_always(self) -> None:
@@ -157,7 +157,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                 link,
                 f"touches {other!r}, or comes nearer than the margin, at each of {LOOKS} random configurations",
                 "they may not, and no configuration would be free",
-                f"mend the robot or its SRDF, move the obstacle, or pass allowed=[({link!r}, {other!r})]",
+                f"mend the robot or its SRDF, move the obstacle, or pass allowed_collisions=[({link!r}, {other!r})]",
             )
 
     def _always_touch(self, pairs: Ints) -> Iterator[tuple[str, str]]:
@@ -209,10 +209,11 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
         return check
 
-    def clearance(self, q: ArrayLike) -> float | Floats:
-        """Lower bound of how much farther links are from obstacles, and from each other, than the margin, metres.
+    def obstacle_distance(self, q: ArrayLike) -> float | Floats:
+        """Bound the distance of links from obstacles, and from each other, from below, metres.
 
-        Zero where they are nearer than that, or it is not proven.
+        The distance is that of the geometry itself, without margin. It is zero where a configuration is not proven
+        free, and infinite if there is nothing to touch.
 
         Parameters
         ----------
@@ -231,11 +232,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         out, _ = self._distances(self.record, points.reshape(-1, self.arm.dof))
         return out.reshape(points.shape[:-1]) if points.ndim > 1 else float(out[0])
 
-    def path_clearance(self, path: ArrayLike) -> float:
-        """Lower bound of the clearance all along a path, metres.
+    def path_obstacle_distance(self, path: ArrayLike) -> float:
+        """Bound :meth:`obstacle_distance` along a whole path from below, metres; 0 if the path is not proven free.
 
-        What is proven is the largest of some shares of the least that is seen at waypoints and between them; zero where
-        the path is not proven free.
+        The bound is the largest proven share of the smallest distance at waypoints and halfway between them.
 
         Parameters
         ----------
@@ -249,13 +249,14 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         path = self.checked(path, "path").reshape(-1, self.dof)
         self._check_spans(path[:-1], path[1:])
         middles = 0.5 * (path[:-1] + path[1:])
-        most = float(np.min(self.clearance(np.concatenate([path, middles]))))
-        if len(path) < 2 or math.isinf(most):
+        most = float(np.min(self.obstacle_distance(np.concatenate([path, middles]))))
+        if len(path) < 2 or math.isinf(most) or most == 0.0:
             return most
         for share in _SHARES:
-            wider = self.record._replace(least=self.record.least + share * most)
+            extra = share * (most - self.margin)
+            wider = self.record._replace(least=self.record.least + extra)
             if are_free(wider, own(path[:-1]), own(path[1:])).all():
-                return share * most
+                return self.margin + extra
         return 0.0
 
     def closest(self, q: ArrayLike) -> Contact:
@@ -297,7 +298,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             return -1
 
         in_chunks(work, len(rows), THREAD)
-        return np.maximum(out, 0.0), nearest
+        return np.where(out > 0.0, out + self.margin, 0.0), nearest
 
     def sample_free(self, n: int | None = None, rng: np.random.Generator | None = None) -> Floats:
         """Free configurations, uniform within the limits of the joints; for continuous ones, within a turn.
@@ -516,7 +517,7 @@ def in_collision(space: ArmSpace, q: Floats, name: str) -> ConfigurationError:
     """The error that says what touches at a configuration, shape (dof,), from which no path leads."""
     link, other, *_ = space.closest(q)
     problem = f"is not proven free: {link} is in collision with {other}, or all but"
-    hint = f"choose another, or pass allowed=[({link!r}, {other!r})] where they may touch"
+    hint = f"choose another, or pass allowed_collisions=[({link!r}, {other!r})] where they may touch"
     point = f"({', '.join(f'{x:.6g}' for x in q)})"
     return ConfigurationError(name, f"{point} {problem}", "a path starts and ends where it is proven", hint, value=q)
 
@@ -525,7 +526,7 @@ def build_arm_space(
     obstacles: Workspace | Mapping[str, Workspace | PosedShape | ShapeLike],
     arm: Arm,
     *,
-    allowed: Iterable[tuple[str, str]] = (),
+    allowed_collisions: Iterable[tuple[str, str]] = (),
     margin: float = 0.0,
     at: ArrayLike | None = None,
 ) -> ArmSpace:
@@ -539,8 +540,8 @@ def build_arm_space(
         of any other its cells; all beyond the grid is free. Unknown cells are obstacles as ``outer`` says, and prove no
         configuration BLOCKED.
     arm : Arm
-    allowed : iterable of pairs of str
-        A link, and an obstacle or link that it may touch, besides those that :attr:`Arm.allowed` holds.
+    allowed_collisions : iterable of pairs of str
+        A link, and an obstacle or link that it may touch, besides those that :attr:`Arm.allowed_collisions` holds.
     margin : float
         Metres by which FREE stays clear.
     at : array-like, shape (4, 4), optional
@@ -562,12 +563,14 @@ def build_arm_space(
             raise InputError(
                 "obstacles", f"name one {name!r}", "a link has that name", "choose another one", value=name
             )
-    pairs = list(allowed)
+    pairs = list(allowed_collisions)
     for pair in pairs:
         for name in pair:
             if name not in links and name not in named:
                 known = ", ".join((*links, *named))
-                raise InputError("allowed", f"names {name!r}", f"there are {known}", "name two of these", value=name)
+                raise InputError(
+                    "allowed_collisions", f"names {name!r}", f"there are {known}", "name two of these", value=name
+                )
     least = not_negative(margin, "margin")
     base = np.linalg.inv(np.eye(4) if at is None else rigid(at, "at")).astype(np.float64)
     placed = {name: placed_obstacle(each, name, base) for name, each in named.items()}

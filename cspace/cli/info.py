@@ -135,7 +135,7 @@ def describe_arm(arm: Arm) -> dict[str, Any]:
             joints[with_unit(joint, unit)] = [low, high]
     triangles = {link.name: sum(len(part.shape.outer.surface[1]) for part in link.parts) for link in arm.links}
     pairs = list(combinations(sorted(triangles), 2))
-    allowed = sum(pair in arm.allowed for pair in pairs)
+    allowed = sum(pair in arm.allowed_collisions for pair in pairs)
     named = ByName({name: q.tolist() for name, q in arm.named_configurations.items()})
     return {
         "arm": arm.name,

@@ -39,6 +39,7 @@ class ArmCanvas(Canvas):
     """
 
     has_cells = False
+    distance_name = "obstacle distance"
 
     def __init__(self, space: Any, server: ViserServer, points: Floats, marks: dict[str, Floats]) -> None:
         given = {name: space.checked(q, name) for name, q in marks.items()}
@@ -91,6 +92,9 @@ class ArmCanvas(Canvas):
     def along(self, points: Floats, shares: Floats) -> Floats:
         return along_joints(points, shares)
 
+    def distance(self, q: Floats) -> Any:
+        return self._space.obstacle_distance(q)
+
     def describe(self, q: Floats) -> str:
         """As :meth:`Canvas.describe`; the arm is coloured by its state, and what is nearest to touching is drawn."""
         state = int(self._space.classify(q))
@@ -99,7 +103,7 @@ class ArmCanvas(Canvas):
         try:
             contact = self._space.closest(q)
         except InputError:  # there is nothing to touch
-            return state_text(state, math.inf)
+            return state_text(state, math.inf, self.unit, self.distance_name)
         self._server.scene.add_line_segments(
             "/contact",
             contact.points[np.newaxis],
@@ -107,7 +111,7 @@ class ArmCanvas(Canvas):
             thickness=4.0,
             thickness_units="screen",
         )
-        text = state_text(state, contact.distance)
+        text = state_text(state, contact.distance, self.unit, self.distance_name)
         return f"{text}  \nnearest to touching: {contact.link} and {contact.other}"
 
     def prove(self, q0: Floats, q1: Floats) -> str:

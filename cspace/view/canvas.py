@@ -68,7 +68,9 @@ class Canvas(ABC):
     title, about : str
         The space in a line or two.
     unit : str
-        Of clearances.
+        Unit of :meth:`distance`.
+    distance_name : str
+        The distance that is shown and colours paths: "clearance", or "obstacle distance" of an arm.
     legend : list of tuple of str
         Colours, and what they mean.
     has_cells : bool
@@ -85,6 +87,7 @@ class Canvas(ABC):
     title: str
     about: str
     unit = "m"
+    distance_name = "clearance"
     legend: list[tuple[str, str]]
     has_cells = True
     is_quick = True
@@ -113,8 +116,8 @@ class Canvas(ABC):
     def along(self, points: Floats, shares: Floats) -> Floats:
         """Configurations at shares, from 0 to 1, of the length of a path, shape (n, dof)."""
 
-    def clearance(self, q: Floats) -> Any:
-        """The clearance of configurations; NaN where the space gives none."""
+    def distance(self, q: Floats) -> Any:
+        """Return the distance called :attr:`distance_name` at configurations; NaN where the space gives none."""
         try:
             return self._space.clearance(q)
         except ConfigurationError:  # a map in a store has none there
@@ -122,7 +125,7 @@ class Canvas(ABC):
 
     def describe(self, q: Floats) -> str:
         """What is known of a configuration, in words; it may be shown, too."""
-        return state_text(int(self._space.classify(q)), float(self.clearance(q)), self.unit)
+        return state_text(int(self._space.classify(q)), float(self.distance(q)), self.unit, self.distance_name)
 
     @abstractmethod
     def prove(self, q0: Floats, q1: Floats) -> str:
@@ -142,12 +145,12 @@ class Canvas(ABC):
         """Have ``moved`` called with where the start or the goal is dragged to, if it can be."""
 
     def follow(self, points: Floats) -> float:
-        """Draw a path, coloured by the clearance along it; its largest clearance."""
+        """Draw a path, coloured by :meth:`distance`; return the largest distance along it."""
         if not len(points):
             self._server.scene.remove_by_name("/path")
             return math.nan
         along = self.along(points, np.linspace(0.0, 1.0, STATIONS))
-        values = self.clearance(along)
+        values = self.distance(along)
         places, colors = self._traced(along), as_light(path_colors(values))
         self._server.scene.add_line_segments(
             "/path",
@@ -210,10 +213,9 @@ class Canvas(ABC):
         camera.position = middle + distance * back
 
 
-def state_text(state: int, clearance: float, unit: str = "m") -> str:
-    """A configuration's state and clearance."""
-    room = f", clearance at least {clearance:.3f} {unit}" if 0.0 < clearance < math.inf else ""
-    return STATES[state] + room
+def state_text(state: int, distance: float, unit: str, name: str) -> str:
+    """Describe a configuration's state and named distance."""
+    return STATES[state] + (f", {name} at least {distance:.3f} {unit}" if 0.0 < distance < math.inf else "")
 
 
 def samples(space: Any, otherwise: Floats) -> Floats:

@@ -151,11 +151,13 @@ class Panel:
             slider.value = min(max(number, slider.min), slider.max)
 
     def follow(self, most: float | None) -> None:
-        """Begin at the start of a path, of which the largest clearance is given; None if there is no path."""
+        """Begin at the start of a path, of which the largest distance is given; None if there is no path."""
         self.share.value = 0.0
         self.share.disabled = self.play.disabled = most is None
         none = "Plan one, or open the page with a path."
-        self.scale.content = _note(none) if most is None else _scale(most, self._canvas.unit)
+        self.scale.content = (
+            _note(none) if most is None else _scale(most, self._canvas.unit, self._canvas.distance_name)
+        )
 
 
 class Page:
@@ -389,15 +391,15 @@ def _legend(rows: list[tuple[str, str]]) -> str:
     return f'<div style="font-size:0.8em;padding:0.4em 0.8em">{items}</div>'
 
 
-def _scale(most: float, unit: str) -> str:
+def _scale(most: float, unit: str, name: str) -> str:
     """The colours of the path."""
     if math.isnan(most):
-        return _note("A map in a store gives no clearance here.")
+        return _note(f"A map in a store gives no {name} here.")
     bar = f"height:0.6em;border-radius:0.3em;background:linear-gradient(to right,{LOW},{HIGH})"
     row = "display:flex;justify-content:space-between"
     return (
         f'<div style="font-size:0.8em;padding:0.2em 0.8em 0.6em"><div style="{bar}"></div>'
-        f'<div style="{row}"><span>0</span><span>clearance</span><span>{most:.2g} {unit}</span></div></div>'
+        f'<div style="{row}"><span>0</span><span>{name}</span><span>{most:.2g} {unit}</span></div></div>'
     )
 
 

@@ -149,7 +149,7 @@ def test_no_ball_on_the_way_of_a_far_motion_is_missed(tmp_path: Path, seed: int)
         pose = arm.poses(q0 + t * (q1 - q0))[each.name]
         there = np.eye(4)
         there[:3, 3] = pose[:3, :3] @ corners[rng.integers(len(corners))] + pose[:3, 3]
-        space = build_arm_space({"seed": PosedShape(Robot.ball(1e-4).shape, there)}, arm, allowed=touch)
+        space = build_arm_space({"seed": PosedShape(Robot.ball(1e-4).shape, there)}, arm, allowed_collisions=touch)
         assert not space.motion_is_free(q0, q1)
 
 
@@ -206,6 +206,6 @@ def test_a_flat_plate_with_a_window_is_open_there(tmp_path: Path) -> None:
     wall = np.eye(4)
     wall[0, 3] = 0.5
     space = build_arm_space({"plate": PosedShape(Mesh(corners, faces, solid="surface"), wall)}, arm)
-    assert space.clearance((0.0,)) == pytest.approx(0.35)
+    assert space.obstacle_distance((0.0,)) == pytest.approx(0.35)
     assert space.motion_is_free((-0.4,), (0.4,))
     assert not space.is_free((0.8,))

@@ -74,7 +74,7 @@ def test_three_joints_of_an_arm_against_fcl(tmp_path: Path, seed: int) -> None:
     """Random boxes on joints of all kinds; the others are held still."""
     space, oracle, rng = scene(tmp_path, seed)
     configurations = space.sample_free(50, rng)
-    held = configurations[np.argmax(space.clearance(configurations))]
+    held = configurations[np.argmax(space.obstacle_distance(configurations))]
     names = space.arm.joints[:3]
     intervals = np.stack([np.maximum(held - 1.0, space.arm.lower), np.minimum(held + 1.0, space.arm.upper)], axis=1)
     limits = dict(zip(names, map(tuple, intervals.tolist()), strict=False))

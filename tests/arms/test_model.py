@@ -84,15 +84,15 @@ def test_neighbours_may_touch_unless_an_srdf_lists_pairs(tmp_path: Path) -> None
         joint("two", "bare", "b", axis=(1, 0, 0)),
         joint("three", "b", "c", at=(1, 0, 0)),
     )
-    assert Arm.from_urdf(path).allowed == {("a", "b"): "adjacent", ("b", "c"): "adjacent"}
+    assert Arm.from_urdf(path).allowed_collisions == {("a", "b"): "adjacent", ("b", "c"): "adjacent"}
     srdf = tmp_path / "arm.srdf"
     srdf.write_text('<robot name="small"><disable_collisions link1="c" link2="a" reason="Never"/></robot>')
-    assert Arm.from_urdf(path, srdf).allowed == {("a", "c"): "Never"}
+    assert Arm.from_urdf(path, srdf).allowed_collisions == {("a", "c"): "Never"}
     srdf.write_text(
         '<robot name="small"><group name="all"><chain base_link="a" tip_link="c"/></group>'
         '<disable_default_collisions link="b"/><enable_collisions link1="b" link2="c"/></robot>'
     )
-    assert Arm.from_urdf(path, srdf).allowed.keys() == {("a", "b")}
+    assert Arm.from_urdf(path, srdf).allowed_collisions.keys() == {("a", "b")}
 
 
 def test_srdf_names_of_missing_and_bare_links_are_skipped_with_one_warning(tmp_path: Path) -> None:
@@ -114,7 +114,7 @@ def test_srdf_names_of_missing_and_bare_links_are_skipped_with_one_warning(tmp_p
     with pytest.warns(UserWarning, match=r"bellows, lost, gone, three, which the URDF.* bare, without coll") as heard:
         arm = Arm.from_urdf(path, srdf)
     assert [each.filename for each in heard] == [__file__]
-    assert arm.allowed == {("a", "b"): "SRDF"}
+    assert arm.allowed_collisions == {("a", "b"): "SRDF"}
     assert arm.groups == {"g": ("two",)}
     assert {name: q.tolist() for name, q in arm.named_configurations.items()} == {"g/s": [0, 0], "alone": [0, 1]}
 
@@ -193,14 +193,14 @@ def test_pairs_are_sorted_into_always_sometimes_and_never(tmp_path: Path) -> Non
         joint("other", "sleeve", "hook", kind="fixed"),
     )
     arm = Arm.from_urdf(path)
-    assert arm.allowed == {
+    assert arm.allowed_collisions == {
         ("base", "sleeve"): "adjacent",
         ("core", "sleeve"): "adjacent",
         ("hook", "sleeve"): "one body",
         ("core", "lamp"): "one body",
         ("base", "core"): "always",
     }
-    assert arm.pairs == arm.allowed | {
+    assert arm.pairs == arm.allowed_collisions | {
         ("base", "hook"): "sometimes",
         ("base", "lamp"): "never",
         ("core", "hook"): "never",
@@ -213,10 +213,10 @@ def test_pairs_are_sorted_into_always_sometimes_and_never(tmp_path: Path) -> Non
     forgotten = Arm.from_urdf(path, srdf)
     assert forgotten.pairs["core", "sleeve"] == "always"
     with pytest.raises(
-        ConfigurationError, match=r"touches 'sleeve'.*at each of 1000.*allowed=\[\('core', 'sleeve'\)\]"
+        ConfigurationError, match=r"touches 'sleeve'.*at each of 1000.*allowed_collisions=\[\('core', 'sleeve'\)\]"
     ):
-        build_arm_space({}, forgotten, allowed=[("base", "sleeve")])
-    known = build_arm_space({}, forgotten, allowed=[("base", "sleeve"), ("core", "sleeve")])
+        build_arm_space({}, forgotten, allowed_collisions=[("base", "sleeve")])
+    known = build_arm_space({}, forgotten, allowed_collisions=[("base", "sleeve"), ("core", "sleeve")])
     assert known.is_free((0.0, 0.0))
     assert not known.is_free((0.54, 0.0))
 
@@ -252,7 +252,7 @@ def test_warnings_of_open_meshes_name_an_option_that_the_caller_takes(tmp_path: 
     assert "pass solid='surface'" in str(heard[0].message) and "fill" not in str(heard[0].message)
     arm = Arm.from_urdf(path, solid="surface")  # warns of nothing
     ball = {"ball": Robot.ball(0.05).shape}
-    assert build_arm_space(ball, arm, allowed=[("a", "ball")]).is_free((0.0,))
+    assert build_arm_space(ball, arm, allowed_collisions=[("a", "ball")]).is_free((0.0,))
     options: Any = {"solid": "fill"}
     with pytest.raises(InputError, match=r"solid is 'fill'.*use 'auto' or 'surface'"):
         Arm.from_urdf(path, **options)
@@ -269,7 +269,7 @@ def test_warnings_of_open_shapes_name_what_makes_surfaces_of_them(tmp_path: Path
     may = [("foot", "tool"), ("upper", "tool")]
     for call in (
         lambda: arm.attach("tool", open_box, "fore"),
-        lambda: build_arm_space({"tool": open_box}, arm, allowed=may),
+        lambda: build_arm_space({"tool": open_box}, arm, allowed_collisions=may),
     ):
         with pytest.warns(MeshWarning, match=r"pass cspace.Mesh.of\(mesh, solid='surface'\)") as heard:
             call()
@@ -377,15 +377,15 @@ BALL = Robot.ball(0.1)
     (("fore", BALL, "upper"), "a link has it"),
     (("tool", BALL, "wing"), "is 'wing'"),
     (("tool", BALL, "fore", 2.0 * np.eye(4)), "rigid motion"),
-    (("tool", BALL, "fore", None, 5), "touch is 5; it must be names of links"),
+    (("tool", BALL, "fore", None, 5), "touch_links is 5; it must be names of links"),
     ((5, BALL, "fore"), "name is 5; it must be a string"),
 )
 def test_attach_refuses(tmp_path: Path, arguments: tuple[Any, ...], message: str) -> None:
     *given, touch = (*arguments, ()) if len(arguments) < 5 else arguments
     with pytest.raises(InputError, match=message):
-        Arm.from_urdf(planar(tmp_path)).attach(*given, touch=touch)
+        Arm.from_urdf(planar(tmp_path)).attach(*given, touch_links=touch)
 
 
 def test_attach_takes_one_name_of_a_link(tmp_path: Path) -> None:
-    arm = Arm.from_urdf(planar(tmp_path)).attach("tool", BALL, "fore", touch="upper")
-    assert arm.allowed["tool", "upper"] == "held"
+    arm = Arm.from_urdf(planar(tmp_path)).attach("tool", BALL, "fore", touch_links="upper")
+    assert arm.allowed_collisions["tool", "upper"] == "held"

@@ -38,7 +38,7 @@ def oracle(path: Path, arm: Arm, still: list[Any]) -> ArmOracle:
 
 
 def only_obstacles(obstacles: Any, arm: Arm, name: str = "workspace", at: Any = None) -> ArmSpace:
-    return build_arm_space(obstacles, arm, allowed=only_links(arm, name), at=at)
+    return build_arm_space(obstacles, arm, allowed_collisions=only_links(arm, name), at=at)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -58,8 +58,8 @@ def test_grids_of_obstacles_agree_with_fcl(tmp_path: Path, seed: int) -> None:
         assert (state == FREE) == (apart > 1e-6)
         assert state != BLOCKED or within.apart(q) == 0.0
         if state == FREE:
-            assert space.clearance(q) == pytest.approx(apart, rel=0.05, abs=1e-6)
-            assert space.clearance(q) <= apart + 1e-6
+            assert space.obstacle_distance(q) == pytest.approx(apart, rel=0.05, abs=1e-6)
+            assert space.obstacle_distance(q) <= apart + 1e-6
     starts = points[states == FREE][:8]
     goals = np.clip(starts + rng.normal(scale=0.4, size=starts.shape), arm.lower, arm.upper)
     proven = np.asarray(space.motion_is_free(starts, goals))
@@ -99,7 +99,7 @@ def test_clouds_of_obstacles_agree_with_fcl(tmp_path: Path, radius: float) -> No
         assert (state == FREE) == (apart > 1e-6)
         assert state != BLOCKED or apart == 0.0
         if state == FREE:
-            assert space.clearance(q) == pytest.approx(apart, rel=0.05, abs=1e-6)
+            assert space.obstacle_distance(q) == pytest.approx(apart, rel=0.05, abs=1e-6)
 
 
 def within_each_other(folder: Path, size: float) -> Arm:
@@ -117,7 +117,7 @@ def test_what_lies_within_the_other(tmp_path: Path, size: float, width: int) -> 
     arm, lower = within_each_other(tmp_path, size), (5 - 20.5 * 0.1, -20.5 * 0.1, -20.5 * 0.1)
     space = build_arm_space(Workspace.from_array(cells, 0.1, lower), arm)
     assert space.classify((0.0,)) == BLOCKED
-    assert space.clearance((0.0,)) == 0.0
+    assert space.obstacle_distance((0.0,)) == 0.0
     assert space.is_free((1.5,))
     assert not space.motion_is_free((0.0,), (1e-3,))
     outer = build_arm_space(Workspace.from_array(cells, 0.1, lower, inner=np.zeros_like(cells)), arm)
@@ -161,8 +161,8 @@ def test_obstacles_of_all_kinds_have_their_names(tmp_path: Path) -> None:
     space = build_arm_space(many, arm)
     for angle, name in ((0.0, "cells"), (np.pi / 2, "cloud"), (-2.0, "mesh"), (3.0, "ball")):
         assert space.closest((angle, 0.0)).other == name
-    assert space.clearance((0.0, 0.0)) == pytest.approx(0.6, abs=1e-6)
-    assert space.clearance((np.pi / 2, 0.0)) == pytest.approx(0.5, abs=1e-6)
+    assert space.obstacle_distance((0.0, 0.0)) == pytest.approx(0.6, abs=1e-6)
+    assert space.obstacle_distance((np.pi / 2, 0.0)) == pytest.approx(0.5, abs=1e-6)
 
 
 def test_a_map_that_is_updated_later_stays_as_it_was(tmp_path: Path) -> None:

@@ -109,7 +109,7 @@ def test_where_there_is_no_path_the_search_ends_in_time(tmp_path: Any) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_arms_of_all_kinds_of_joints(tmp_path: Any, seed: int) -> None:
     arm = Arm.from_urdf(random_arm(tmp_path, seed))
-    space = build_arm_space({"post": box((0.2, 0.2, 2.0), 0.8, 0.0, 0.0)}, arm, allowed=[("l0", "post")])
+    space = build_arm_space({"post": box((0.2, 0.2, 2.0), 0.8, 0.0, 0.0)}, arm, allowed_collisions=[("l0", "post")])
     q0, q1 = space.sample_free(2, np.random.default_rng(seed))
     path = space.find_path(q0, q1, seed=seed, time_limit=0.5)
     assert not len(path) or space.certify_path(path).all()

@@ -37,9 +37,9 @@ def scene(tmp_path: Path, seed: int) -> tuple[ArmSpace, ArmOracle, np.random.Gen
     }
     shapes = {name: PosedShape(Robot.box(size).shape, pose) for name, (size, pose) in blocks.items()}
     ground = [("l0", name) for name in shapes]
-    space = build_arm_space(shapes, arm, allowed=ground)
+    space = build_arm_space(shapes, arm, allowed_collisions=ground)
     still = {name: [box(size, pose[:3, 3], pose[:3, :3])] for name, (size, pose) in blocks.items()}
-    return space, ArmOracle(path, arm, still, [*arm.allowed, *ground]), rng
+    return space, ArmOracle(path, arm, still, [*arm.allowed_collisions, *ground]), rng
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -51,7 +51,7 @@ def test_states_agree_with_fcl(tmp_path: Path, seed: int) -> None:
     assert (apart[states == FREE] > 0.0).all()
     assert (apart[states == BLOCKED] < 1e-6).all()
     assert (states[apart > 1e-6] == FREE).all()
-    near = np.asarray(space.clearance(points))
+    near = np.asarray(space.obstacle_distance(points))
     np.testing.assert_allclose(near[apart > 1e-3], apart[apart > 1e-3], rtol=1e-3, atol=1e-5)
     assert (near[apart > 0.0] <= apart[apart > 0.0] + 1e-6).all()
 
@@ -74,11 +74,11 @@ def test_a_path_keeps_as_far_away_as_is_said(tmp_path: Path) -> None:
     space, oracle, rng = scene(tmp_path, 0)
     free = space.sample_free(24, rng)
     goals = np.clip(free + rng.normal(scale=0.3, size=free.shape), space.arm.lower, space.arm.upper)
-    rooms = [space.path_clearance([q0, q1]) for q0, q1 in zip(free, goals, strict=True)]
+    rooms = [space.path_obstacle_distance([q0, q1]) for q0, q1 in zip(free, goals, strict=True)]
     assert sum(room > 0.0 for room in rooms) > 8
     for q0, q1, room in zip(free, goals, rooms, strict=True):
         assert min(oracle.apart(q0 + t * (q1 - q0)) for t in np.linspace(0.0, 1.0, 40)) >= room - 1e-6
-    assert space.path_clearance(free[:1]) == space.clearance(free[0])
+    assert space.path_obstacle_distance(free[:1]) == space.obstacle_distance(free[0])
     blocked = np.flatnonzero(~np.asarray(space.motion_is_free(free, goals)))
     assert len(blocked) and not any(rooms[k] for k in blocked)
 
@@ -89,7 +89,7 @@ def test_small_arms_answer_as_worked_out_by_hand(tmp_path: Path) -> None:
     post = {"post": PosedShape(Robot.box((0.1, 0.1, 1.0)).shape, at(1.5, 1.0, 0.0))}
     space = build_arm_space(post, arm)
     assert space.classify((0.0, 0.0)) == FREE
-    assert space.clearance((0.0, 0.0)) == pytest.approx(0.9, abs=1e-6)
+    assert space.obstacle_distance((0.0, 0.0)) == pytest.approx(0.9, abs=1e-6)
     assert space.classify((0.0, np.pi / 2 - 0.3)) == FREE
     angle = np.arctan2(1.0, 1.5)
     assert space.classify((angle, 0.0)) == BLOCKED
@@ -140,7 +140,7 @@ def test_what_lies_within_the_other_is_no_free_configuration(tmp_path: Path, swa
     other = 2.1 - size
     space = build_arm_space({"thing": PosedShape(Robot.box((other,) * 3).shape, at(5, 0, 0))}, Arm.from_urdf(path))
     assert space.classify((0.0,)) == BLOCKED
-    assert space.clearance((0.0,)) == 0.0
+    assert space.obstacle_distance((0.0,)) == 0.0
     assert space.is_free((1.5,))
     assert not space.motion_is_free((0.0,), (1e-3,))
 
@@ -152,20 +152,24 @@ def test_round_obstacles_and_things_that_are_held(tmp_path: Path) -> None:
         "can": PosedShape(Robot.cylinder(0.2, 1.0).shape, at(0.0, 2.5, 0.0)),
     }
     space = build_arm_space(solids, arm)
-    assert space.clearance((0.0, 0.0)) == pytest.approx(0.2, abs=1e-6)
-    assert space.clearance((np.pi / 2, 0.0)) == pytest.approx(0.3, abs=2e-3)
+    assert space.obstacle_distance((0.0, 0.0)) == pytest.approx(0.2, abs=1e-6)
+    assert space.obstacle_distance((np.pi / 2, 0.0)) == pytest.approx(0.3, abs=2e-3)
     longer = arm.attach("tool", Robot.box((0.3, 0.02, 0.02)).shape, "fore", at(1.1, 0.0, 0.0))
     held = build_arm_space(solids, longer)
-    assert held.clearance((np.pi / 2, 0.0)) == pytest.approx(0.05, abs=2e-3)
+    assert held.obstacle_distance((np.pi / 2, 0.0)) == pytest.approx(0.05, abs=2e-3)
     assert not held.is_free((0.0, 0.0))
+    careful = build_arm_space(solids, arm, margin=0.1)  # its distances are those of the geometry, without margin
+    assert careful.obstacle_distance((0.0, 0.0)) == pytest.approx(0.2, abs=1e-6)
+    assert careful.path_obstacle_distance([(0.0, 0.0), (0.05, 0.0)]) > 0.1
+    assert build_arm_space(solids, arm, margin=0.25).obstacle_distance((0.0, 0.0)) == 0.0
 
 
 def test_obstacles_that_touch_what_does_not_move_are_refused_unless_they_may(tmp_path: Path) -> None:
     arm = Arm.from_urdf(planar(tmp_path))
     floor = {"floor": PosedShape(Robot.box((4.0, 4.0, 0.1)).shape, at(0, 0, -0.25))}
-    with pytest.raises(ConfigurationError, match=r"foot touches obstacle 'floor'.*allowed="):
+    with pytest.raises(ConfigurationError, match=r"foot touches obstacle 'floor'.*allowed_collisions="):
         build_arm_space(floor, arm)
-    assert build_arm_space(floor, arm, allowed=[("foot", "floor")]).is_free((0.0, 0.0))
+    assert build_arm_space(floor, arm, allowed_collisions=[("foot", "floor")]).is_free((0.0, 0.0))
 
 
 @refusals(
@@ -176,10 +180,13 @@ def test_obstacles_that_touch_what_does_not_move_are_refused_unless_they_may(tmp
     (lambda s: s.certify_path(np.empty((0, 2))), "path has shape"),
     (lambda s: s.sample_free(-1, np.random.default_rng(1)), "n is -1"),
     (lambda s: s.closest([(0.0, 0.0)]), "one configuration is asked for"),
-    (lambda s: build_arm_space({}, s.arm, allowed=[("fore", "foot")]).closest((0.0, 0.0)), "there is nothing to touch"),
+    (
+        lambda s: build_arm_space({}, s.arm, allowed_collisions=[("fore", "foot")]).closest((0.0, 0.0)),
+        "there is nothing to touch",
+    ),
     (lambda s: build_arm_space({"foot": Robot.ball(1.0).shape}, s.arm), "a link has that name"),
     (lambda s: build_arm_space({"disc": Robot.disc(1.0).shape}, s.arm), "arms are in space"),
-    (lambda s: build_arm_space({}, s.arm, allowed=[("foot", "sky")]), "names 'sky'"),
+    (lambda s: build_arm_space({}, s.arm, allowed_collisions=[("foot", "sky")]), "names 'sky'"),
     (lambda s: build_arm_space({}, s.arm, margin=-1.0), "margin is -1.0"),
 )
 def test_arm_spaces_refuse(tmp_path: Path, call: Any, message: str) -> None:
@@ -194,7 +201,7 @@ def test_build_arm_takes_shapes_and_paths(tmp_path: Path) -> None:
     )
     points = np.zeros((2, 3, 2))
     assert np.shape(space.is_free(points)) == np.shape(space.classify(points)) == (2, 3)
-    assert np.shape(space.clearance(points)) == (2, 3)
+    assert np.shape(space.obstacle_distance(points)) == (2, 3)
     assert space.certify_path([(0.0, 0.0), (0.2, 0.0), (-1.0, 0.5)]).all()
     assert not space.certify_path([(0.0, 0.0), (1.2, 0.0)]).any()
     assert space.certify_path([(0.0, 0.0)]).shape == (0,)
@@ -210,7 +217,7 @@ def test_no_thin_obstacle_on_the_way_is_missed(tmp_path: Path, seed: int) -> Non
     arm = Arm.from_urdf(path)
     touch = [("l0", "seed"), *((a.name, b.name) for a in arm.links for b in arm.links if a.name < b.name)]
     away = {"seed": PosedShape(Robot.ball(1e-3).shape, at(20.0, 0.0, 0.0))}
-    empty, rng = build_arm_space(away, arm, allowed=touch), np.random.default_rng(seed)
+    empty, rng = build_arm_space(away, arm, allowed_collisions=touch), np.random.default_rng(seed)
     for each in arm.links[1:]:
         for _ in range(12):
             q0, q1 = sampled(arm, rng, 2)
@@ -220,7 +227,7 @@ def test_no_thin_obstacle_on_the_way_is_missed(tmp_path: Path, seed: int) -> Non
             pose = arm.poses(q0 + rng.uniform() * (q1 - q0))[each.name]
             there = pose[:3, :3] @ point + pose[:3, 3]
             assert not build_arm_space(
-                {"seed": PosedShape(Robot.ball(1e-3).shape, at(*there))}, arm, allowed=touch
+                {"seed": PosedShape(Robot.ball(1e-3).shape, at(*there))}, arm, allowed_collisions=touch
             ).motion_is_free(q0, q1)
             assert empty.motion_is_free(q0, q1)
 
@@ -299,7 +306,7 @@ def test_certified_motions_turn_continuous_joints_the_shorter_way(
     arm = Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None))
     point = radius * np.cos(direction), radius * np.sin(direction)
     ball = {"ball": PosedShape(Robot.ball(0.1).shape, at(*point, 0.0))}
-    space = build_arm_space(ball, arm, allowed=[("foot", "ball")])
+    space = build_arm_space(ball, arm, allowed_collisions=[("foot", "ball")])
     q1 = (q0[0] + turn, elbow)
     near = distances_to_bars(np.linspace(q0, q1, 2000), point).min()
     certified = space.certify_path([q0, q1])[0]
@@ -315,7 +322,11 @@ def test_long_turns_of_continuous_joints_are_refused_in_paths_and_roadmaps(tmp_p
     space = build_arm_space({}, Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None)))
     rows = [(0.0, 0.0), (np.pi, 1.0), (4.0, 0.0), (-2.0, 0.0)]
     assert space.certify_path(rows[:3]).all()
-    for call in (space.certify_path, space.path_clearance, lambda path: space.certify_path([[path[0]] * 4, path])):
+    for call in (
+        space.certify_path,
+        space.path_obstacle_distance,
+        lambda path: space.certify_path([[path[0]] * 4, path]),
+    ):
         with pytest.raises(InputError, match="path turns shoulder by 6 rad from row 2 to row 3"):
             call(rows)
     with pytest.raises(InputError, match="path turns shoulder by 4 rad from row 2 to row 0"):

@@ -1,5 +1,7 @@
 """Plans of arms: every planner of OMPL, proven motions, joints that turn for ever, and errors."""
 
+import math
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -48,18 +50,18 @@ def test_every_planner_finds_a_path_that_is_proven(tmp_path: Path, name: str) ->
     between = np.concatenate([np.linspace(a, b, 60) for a, b in zip(plan.path[:-1], plan.path[1:], strict=True)])
     assert np.asarray(space.is_free(between)).all()
     assert plan.length == pytest.approx(np.linalg.norm(np.diff(plan.path, axis=0), axis=1).sum())
-    room = np.asarray(space.clearance(between)).min()
-    assert 0.0 <= plan.clearance <= room + 1e-9
-    assert plan.obstacle_distance == plan.clearance
+    room = np.asarray(space.obstacle_distance(between)).min()
+    assert 0.0 <= plan.obstacle_distance <= room + 1e-9 and math.isnan(plan.clearance)
     assert plan.units == ("rad", "rad") and (plan.length_unit, plan.distance_unit) == ("rad", "m")
 
 
-def test_clearance_along_a_path_is_close_to_the_least(tmp_path: Path) -> None:
+def test_obstacle_distance_of_a_path_is_close_to_its_least(tmp_path: Path) -> None:
     space = space_of(tmp_path)
     plan = planners.plan(space, (-0.5, 0.0), (-1.5, 0.5))
     between = np.linspace(plan.path[0], plan.path[-1], 400)
-    least = np.asarray(space.clearance(between)).min()
-    assert len(plan.path) == 2 and 0.9 * least < plan.clearance <= least
+    least = np.asarray(space.obstacle_distance(between)).min()
+    assert len(plan.path) == 2 and 0.9 * least < plan.obstacle_distance <= least
+    assert pickle.loads(pickle.dumps(plan)).obstacle_distance == plan.obstacle_distance
 
 
 def test_a_joint_that_turns_for_ever_goes_the_shorter_way(tmp_path: Path) -> None:
@@ -90,7 +92,7 @@ def test_a_joint_that_another_follows_by_half_is_no_circle(
         joint("one", "a", "b", at=(1, 0, 0), limits=None, kind="continuous"),
         joint("two", "b", "c", at=(1, 0, 0), extra=follows),
     )
-    space = build_arm_space({}, Arm.from_urdf(path), allowed=[("a", "c")])
+    space = build_arm_space({}, Arm.from_urdf(path), allowed_collisions=[("a", "c")])
     assert space.periodic_axes == (False,)
     plan = planners.plan(space, endpoints[:1], endpoints[1:], planner=planner, seed=1)
     assert plan.certified
@@ -115,7 +117,10 @@ def test_setup_of_ones_own(tmp_path: Path) -> None:
 @refusals(
     "options, message",
     ({"start": (0.0, 9.0)}, "start has elbow at 9; its limits are -3 and 3"),
-    ({"start": (0.37, 0.0)}, r"start \(0.37, 0\) is not proven free: fore is in collision with post.*allowed="),
+    (
+        {"start": (0.37, 0.0)},
+        r"start \(0.37, 0\) is not proven free: fore is in collision with post.*allowed_collisions=",
+    ),
     ({"goal": (0.0,)}, r"goal has shape \(1,\)"),
     ({"goal": (0.0, np.nan)}, "nan"),
     ({"planner": "Grid"}, "BiRRT is for arms, Grid"),

@@ -58,7 +58,14 @@ def test_no_weight_leaves_the_length(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "options", [{"weight": -1.0}, {"weight": math.nan}, {"weight": [1.0]}, {"comfort": 0.0}, {"comfort": math.inf}]
+    "options",
+    [
+        {"weight": -1.0},
+        {"weight": math.nan},
+        {"weight": [1.0]},
+        {"clearance_threshold": 0.0},
+        {"clearance_threshold": math.inf},
+    ],
 )
 def test_wrong_weights_are_refused(options: dict[str, Any]) -> None:
     space = room("plane")

@@ -140,8 +140,8 @@ def draw_small_arm(seed: int, number: int) -> Scene:
             pose[:3, 3] = rng.uniform(-1.0, 1.0, 3)
             solids.append((f"block{number}", kind, pose, sizes))
         allowed = [(link.name, name) for link in arm.links if not link.body for name, *_ in solids]
-        space = build_arm_space(our_solids(solids), arm, allowed=allowed)
-        meshes = Meshes(path, arm.joints, coal_solids(solids), allowed=frozenset(arm.allowed))
+        space = build_arm_space(our_solids(solids), arm, allowed_collisions=allowed)
+        meshes = Meshes(path, arm.joints, coal_solids(solids), allowed=frozenset(arm.allowed_collisions))
     return Scene("arm", f"draw_small_arm({seed}, {number})", ("solids", "arm"), space, meshes, sampled(arm, rng, 20))
 
 
