@@ -179,8 +179,10 @@ class Plan:
         Metres between the robot itself, without margin, and the obstacles as they are now: their shapes where the map
         has them, else the outer cells; and, unless the map is open, its border. It is a quarter of a cell below the
         true least distance at most, but the margin at least; infinite where there is nothing, and zero where the path
-        is no longer proven free. For an arm, also the distance of links from each other. NaN where not solved, where the map
-        was left behind (except of an arm) or lies in a store, and where what fills a mesh depends on the spacing. Computed at each access; the first one on a map takes longer.
+        is no longer proven free.
+        For an arm, also the distance of links from each other. NaN where not solved, where the map was left behind
+        (except of an arm) or lies in a store, and where what fills a mesh depends on the spacing. Computed at each
+        access; the first one on a map takes longer.
         """
         edges = self._edges
         return edges.distance(self.waypoints) if edges else self._obstacle_distance

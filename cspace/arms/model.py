@@ -262,8 +262,8 @@ class Arm:
         """Every two links with a geometry, and what is known of them.
 
         Why they may touch, as in :attr:`allowed_collisions`, or how often they touch in 1000 random configurations,
-        which are always the same: ``"never"``, ``"sometimes"`` or ``"always"``. Every proof checks all of these: sampling proves
-        nothing.
+        which are always the same: ``"never"``, ``"sometimes"`` or ``"always"``. Every proof checks all of these:
+        sampling proves nothing.
         """
         moving = _moving(self.links)
         scene = scene_of(self.chain, self.links, moving)
