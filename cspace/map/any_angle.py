@@ -10,14 +10,16 @@ Coordinates are in cells: u along the second axis of the array, v along the firs
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import Bytes, Floats, Ints
+from cspace.arrays import FREE, Floats, Ints
 from cspace.compiling import jit, kernel
 from cspace.map.search import keep_on
+from cspace.map.storage import Cells, row_in, state_in, zeros_below
 
 NODES_PER_STEP: Final = 2**13
 """Search nodes expanded between two looks at the clock: about a millisecond."""
@@ -29,7 +31,10 @@ INITIAL_NODES: Final = 2**10
 """Nodes for which there is memory at first; it doubles as needed."""
 
 START: Final = 0
-"""Point from which all paths begin."""
+"""Index of the point from which all paths begin."""
+
+NUDGE: Final = 2.0**-20
+"""Cells by which corners of a path are moved away from cells that are not FREE, far above the slack of look-ups."""
 
 
 class Runs(NamedTuple):
@@ -57,8 +62,7 @@ class Front(NamedTuple):
         Ends of each interval along u.
     nodes : ndarray of int64, shape (nodes, 4)
         The run entered; the line v of the interval times two, plus 1 if the run lies above it; 1 if the low end is a
-        corner plus 2 if the high end is; the last turning point. For a path that has reached the goal, the run is -1
-        and both ends are where it crosses the line.
+        corner plus 2 if the high end is; the last turning point. The run is -1 if the goal is visible from there.
     heap : ndarray of int64, shape (nodes,)
         Nodes that wait, as a binary heap by their bounds.
     bounds : ndarray of float64, shape (nodes,)
@@ -83,20 +87,26 @@ class Front(NamedTuple):
     state: Ints
 
 
-def shortest_path(cells: Bytes, start: Floats, goal: Floats, until: float, max_state: int = 0) -> Floats:
-    """Return the shortest path between two points through cells of state at most `max_state`.
+def shortest_path(
+    cells: Cells, first: int, shape: tuple[int, int], start: Floats, goal: Floats, until: float, max_state: int = FREE
+) -> Floats:
+    """Return the shortest path between two points of a slice, through cells of state at most `max_state`.
 
-    The path may touch the borders of other cells; it does not pass between two of them that share only a corner.
+    The path may touch the borders of other cells. It does not pass between two of them that share only a corner.
 
     Parameters
     ----------
-    cells : ndarray of uint8, shape (rows, columns)
-        States of the cells.
+    cells : Cells
+        States of all slices in a row.
+    first : int
+        Index of the first cell of the slice.
+    shape : tuple of int
+        Rows and columns of the slice.
     start, goal : ndarray of float64, shape (2,)
-        Points (v, u) along the two axes of the array, in cells, both in passable cells.
+        Points (v, u) along the two axes of the map, in cells, both in passable cells.
     until : float
         When to give up, in seconds of :data:`cspace.compiling.clock`.
-    max_state : int
+    max_state : {FREE, MIXED}
         The highest passable state.
 
     Returns
@@ -107,39 +117,50 @@ def shortest_path(cells: Bytes, start: Floats, goal: Floats, until: float, max_s
     Raises
     ------
     TimeoutError
-        If the search is not through in time.
+        If the search does not end in time.
     """
-    return shortest_path_through(find_runs(cells, max_state), start, goal, until)
-
-
-def shortest_path_through(runs: Runs, start: Floats, goal: Floats, until: float) -> Floats:
-    """Return the shortest path through runs; see :func:`shortest_path`."""
-    begin, end = (tuple(map(float, point[::-1])) for point in (start, goal))
-    rows = len(runs.first) - 1
-    homes = [run_at(runs, min(int(v), rows - 1), u) for u, v in (begin, end)]
-    if min(homes) < 0:
+    runs = find_runs(cells, first, shape[0], shape[1], max_state)
+    begin, end = ((float(point[1]), float(point[0])) for point in (start, goal))
+    home, aim = (run_at(runs, min(int(v), shape[0] - 1), u) for u, v in (begin, end))
+    if min(home, aim) < 0:
         return np.empty((0, 2))
-    if homes[0] == homes[1]:
+    if home == aim:
         return np.stack([start, goal])
     front = _first_front()
-    begin_search(runs, front, begin, end, homes[0], homes[1])
-    while not expand_nodes(runs, front, end, homes[1]):
+    begin_search(runs, front, begin, end, home, aim)
+    keep_on(until)
+    while not expand_nodes(runs, front, end, aim):
         keep_on(until)
         front = _with_room(front)
-    if front.state[3] < 0:
+    return _traced(front, start, goal)
+
+
+def _traced(front: Front, start: Floats, goal: Floats) -> Floats:
+    """Return the path that reached the goal, without repeated points; of length 0 if none did."""
+    node, path = int(front.state[3]), [goal]
+    if node < 0:
         return np.empty((0, 2))
-    path, point, crossing = [np.asarray(goal)], int(front.nodes[front.state[3], 3]), front.intervals[front.state[3], 0]
-    line = front.nodes[front.state[3], 1] >> 1
-    bend = np.array([line, crossing])
-    root = front.points[point, 1::-1]
-    if abs(np.cross(goal - root, bend - root)) > ROUNDING * max(1.0, float(np.abs(goal - root).max())):
-        path.append(bend)
-    while point >= 0:
+    point = int(front.nodes[node, 3])
+    while point != START:
         path.append(front.points[point, 1::-1])
         point = int(front.parents[point])
-    path = path[::-1]
-    keep = [True, *[bool((a != b).any()) for a, b in zip(path[1:], path[:-1], strict=True)]]
-    return np.array(path)[keep]
+    path.append(start)
+    return np.array([b for a, b in zip([None, *path], path, strict=False) if a is None or (a != b).any()])[::-1]
+
+
+def push_from_corners(cells: Cells, first: int, shape: tuple[int, int], path: Floats, also: bool) -> Floats:
+    """Return a path with its corners moved away from the cells that it turns around, by :data:`NUDGE`.
+
+    Look-ups of edges refuse an edge that touches a cell that is not FREE, though its border is proven with the FREE
+    cells beside it. With ``also``, the path gets further points, beside the corners that its edges touch.
+    """
+    points = [path[0]]
+    for a, b in itertools.pairwise(path):
+        beside = corners_beside(cells, first, shape[0], shape[1], a, b) if also else b[None]
+        points.extend(beside if also else [])
+        points.append(b)
+    pushed = [pushed_away(cells, first, shape[0], shape[1], point[0], point[1]) for point in points[1:-1]]
+    return np.array([points[0], *pushed, points[-1]])
 
 
 def _first_front() -> Front:
@@ -171,33 +192,42 @@ def _with_room(front: Front) -> Front:
 
 
 @jit
-def find_runs(cells: Bytes, max_state: int) -> Runs:
-    """Return the runs of cells of state at most `max_state`, row by row."""
-    rows, columns = cells.shape
-    first = np.zeros(rows + 1, dtype=np.int64)
+def find_runs(cells: Cells, first: int, rows: int, columns: int, max_state: int) -> Runs:
+    """Return the runs of cells of state at most `max_state` of a slice, row by row."""
+    counts = np.zeros(rows + 1, dtype=np.int64)
     for i in range(rows):
-        count, before = 0, False
-        for j in range(columns):
-            passable = cells[i, j] <= max_state
-            count += passable and not before
-            before = passable
-        first[i + 1] = first[i] + count
-    low, high = np.empty(first[rows], dtype=np.int64), np.empty(first[rows], dtype=np.int64)
-    run = 0
+        counts[i + 1] = counts[i] + _find_row(cells, first + i * columns, columns, max_state, counts[:0], counts[:0])
+    low, high = np.empty(counts[rows], dtype=np.int64), np.empty(counts[rows], dtype=np.int64)
     for i in range(rows):
-        before = False
-        for j in range(columns):
-            passable = cells[i, j] <= max_state
-            if passable and not before:
-                low[run] = j
-            if before and not passable:
-                high[run] = j
-                run += 1
-            before = passable
-        if before:
+        own = slice(counts[i], counts[i + 1])
+        _find_row(cells, first + i * columns, columns, max_state, low[own], high[own])
+    return Runs(counts, low, high)
+
+
+@kernel
+def _find_row(cells: Cells, first: int, columns: int, max_state: int, low: Ints, high: Ints) -> int:
+    """Return the number of runs of a row, and write their ends if there is room for any."""
+    run, inside = 0, False
+    for block in range(0, columns, 64):
+        not_free, blocked = row_in(cells, first + block, min(64, columns - block))
+        closed, j = (not_free if max_state == FREE else blocked), 0
+        while j < 64:
+            word = (closed if inside else ~closed) >> np.uint64(j)
+            if word == 0:
+                break
+            j += int(zeros_below(word))
+            if len(low):
+                if inside:
+                    high[run] = block + j
+                else:
+                    low[run] = block + j
+            run += inside
+            inside = not inside
+    if inside:
+        if len(low):
             high[run] = columns
-            run += 1
-    return Runs(first, low, high)
+        run += 1
+    return run
 
 
 @kernel
@@ -212,7 +242,7 @@ def run_at(runs: Runs, row: int, u: float) -> int:
 @kernel
 def _first_beyond(runs: Runs, row: int, u: float) -> int:
     """Return the first run of a row that ends beyond u."""
-    low, high = runs.first[row], runs.first[row + 1]
+    low, high = int(runs.first[row]), int(runs.first[row + 1])
     while low < high:
         center = (low + high) // 2
         if runs.high[center] > u:
@@ -234,7 +264,9 @@ def begin_search(
     while runs.first[row + 1] <= home:
         row += 1
     for side in range(2):
-        _add_intervals(runs, front, goal, aim, START, row, side == 1, home, float(runs.low[home]), float(runs.high[home]))
+        _add_intervals(
+            runs, front, goal, aim, START, row, side == 1, home, float(runs.low[home]), float(runs.high[home])
+        )
 
 
 @kernel
@@ -243,7 +275,8 @@ def expand_nodes(runs: Runs, front: Front, goal: tuple[float, float], aim: int) 
 
     It returns False for a look at the clock, and if memory for nodes or points may run out.
     """
-    intervals, nodes, heap, bounds, points, parents, table, state = front
+    intervals, nodes, bounds, state = front.intervals, front.nodes, front.bounds, front.state
+    points, parents = front.points, front.parents
     for _ in range(NODES_PER_STEP):
         if state[1] == 0:
             return True
@@ -270,7 +303,7 @@ def expand_nodes(runs: Runs, front: Front, goal: tuple[float, float], aim: int) 
                 if root < 0:
                     continue
             if run == aim:
-                _add_goal(front, goal, root, near, line)
+                _add_goal(front, goal, root)
             _add_intervals(runs, front, goal, aim, root, row, ahead, run, left, right)
             # It may go on along the line, past a cell that is not passable, and leave the run on the side it came from.
             if near == high or root == START:
@@ -282,7 +315,14 @@ def expand_nodes(runs: Runs, front: Front, goal: tuple[float, float], aim: int) 
         seen_low = min(max(_snapped(ru + (low - ru) * stretch), left), right)
         seen_high = max(min(_snapped(ru + (high - ru) * stretch), right), left)
         if run == aim:
-            _add_goal(front, goal, root, _crossing(ru, rv, goal[0], goal[1], line, low, high), line)
+            crossing = ru + (goal[0] - ru) * (line - rv) / (goal[1] - rv)
+            end = low if crossing < low - ROUNDING else high
+            if low - ROUNDING <= crossing <= high + ROUNDING:
+                _add_goal(front, goal, root)
+            elif low_turns if end == low else high_turns:
+                turn = _turn_at(front, end, float(line), root)
+                if turn >= 0:
+                    _add_goal(front, goal, turn)
         _add_intervals(runs, front, goal, aim, root, row, ahead, run, seen_low, seen_high)
         if low_turns and (seen_low > left or low > left):
             turn = _turn_at(front, low, float(line), root)
@@ -311,18 +351,17 @@ def _crossing(ru: float, rv: float, gu: float, gv: float, line: int, low: float,
     """
     if (gv - line) * (rv - line) > 0.0:
         gv = 2.0 * line - gv
-    if gv == rv:
+    if rv == line or gv == rv:
         return min(max(ru, low), high)
     return min(max(ru + (gu - ru) * (line - rv) / (gv - rv), low), high)
 
 
 @kernel
-def _add_goal(front: Front, goal: tuple[float, float], root: int, crossing: float, line: int) -> None:
-    """Add the node of a path that reaches the goal across a line."""
-    node = front.state[0]
-    front.intervals[node] = crossing, crossing
-    front.nodes[node] = -1, 2 * line, 0, root
-    _push(front, goal)
+def _add_goal(front: Front, goal: tuple[float, float], root: int) -> None:
+    """Add the node of a path that reaches the goal straight from a turning point."""
+    ru, rv, length = front.points[root]
+    front.nodes[front.state[0]] = -1, 0, 0, root
+    _push(front, length + math.hypot(goal[0] - ru, goal[1] - rv))
 
 
 @kernel
@@ -353,7 +392,7 @@ def _add_intervals(
             front.intervals[node] = begin, end
             turns = (1 if begin == corner_low else 0) + (2 if end == corner_high else 0)
             front.nodes[node] = other, 2 * (row + 1 if ahead else row) + (1 if ahead else 0), turns, root
-            _push(front, goal)
+            _push(front, _bound(front, root, row + 1 if ahead else row, begin, end, goal))
         other += 1
 
 
@@ -361,7 +400,7 @@ def _add_intervals(
 def _slot(front: Front, u: float, v: float) -> int:
     """Return the slot of a corner in the hash table, or the empty slot where it belongs."""
     table, points = front.table, front.points
-    slot = (np.int64(u) * 73856093 ^ np.int64(v) * 19349663) & (len(table) - 1)
+    slot = (int(u) * 73856093 ^ int(v) * 19349663) & (len(table) - 1)
     while table[slot] >= 0 and (points[table[slot], 0] != u or points[table[slot], 1] != v):
         slot = (slot + 1) & (len(table) - 1)
     return slot
@@ -372,7 +411,7 @@ def _length_to(front: Front, u: float, v: float, point: int) -> float:
     """Return the length of the shortest path known to a turning point."""
     if point == START:
         return 0.0
-    return front.points[front.table[_slot(front, u, v)], 2]
+    return float(front.points[front.table[_slot(front, u, v)], 2])
 
 
 @kernel
@@ -386,8 +425,8 @@ def _turn_at(front: Front, u: float, v: float, parent: int) -> int:
         if points[known, 2] < length - ROUNDING:
             return -1
         if points[known, 2] <= length:
-            return known
-    point = state[2]
+            return int(known)
+    point = int(state[2])
     points[point] = u, v, length
     front.parents[point] = parent
     front.table[slot] = point
@@ -403,22 +442,25 @@ def rehash(front: Front) -> None:
 
 
 @kernel
-def _push(front: Front, goal: tuple[float, float]) -> None:
-    """Put the node that was added last into the heap, with its bound."""
-    intervals, nodes, heap, bounds, points, _, _, state = front
+def _bound(front: Front, root: int, line: int, low: float, high: float, goal: tuple[float, float]) -> float:
+    """Return a lower bound of the length of paths through an interval."""
+    ru, rv, length = front.points[root]
+    crossing = _crossing(ru, rv, goal[0], goal[1], line, low, high)
+    return float(length) + math.hypot(crossing - ru, line - rv) + math.hypot(goal[0] - crossing, goal[1] - line)
+
+
+@kernel
+def _push(front: Front, bound: float) -> None:
+    """Put the node that was added last into the heap."""
+    heap, bounds, state = front.heap, front.bounds, front.state
     node = state[0]
-    ru, rv, length = points[nodes[node, 3]]
-    line = nodes[node, 1] >> 1
-    crossing = _crossing(ru, rv, goal[0], goal[1], line, intervals[node, 0], intervals[node, 1])
-    if rv == line:
-        crossing = min(max(ru, intervals[node, 0]), intervals[node, 1])
-    bounds[node] = length + math.hypot(crossing - ru, line - rv) + math.hypot(goal[0] - crossing, goal[1] - line)
+    bounds[node] = bound
     child = state[1]
     state[0] += 1
     state[1] += 1
     while child > 0:
         parent = (child - 1) // 2
-        if bounds[heap[parent]] <= bounds[node]:
+        if bounds[heap[parent]] <= bound:
             break
         heap[child] = heap[parent]
         child = parent
@@ -443,3 +485,45 @@ def _pop(front: Front) -> int:
         parent = child
     heap[parent] = last
     return int(top)
+
+
+# ---- paths that look-ups of edges certify ----------------------------------------------------------------------------
+
+
+@kernel
+def _away_from(cells: Cells, first: int, rows: int, columns: int, v: int, u: int) -> tuple[int, int]:
+    """Return the direction away from the one cell at a corner that is not FREE; (0, 0) if another number is not."""
+    count, dv, du = 0, 0, 0
+    for i in range(v - 1, v + 1):
+        for j in range(u - 1, u + 1):
+            if not (0 <= i < rows and 0 <= j < columns) or state_in(cells, first + i * columns + j) != FREE:
+                count += 1
+                dv, du = (1 if i < v else -1), (1 if j < u else -1)
+    return (dv, du) if count == 1 else (0, 0)
+
+
+@kernel
+def pushed_away(cells: Cells, first: int, rows: int, columns: int, v: float, u: float) -> tuple[float, float]:
+    """Return a corner moved away from its one cell that is not FREE, by :data:`NUDGE`."""
+    dv, du = _away_from(cells, first, rows, columns, int(v), int(u))
+    return v + NUDGE * dv, u + NUDGE * du
+
+
+@jit
+def corners_beside(cells: Cells, first: int, rows: int, columns: int, a: Floats, b: Floats) -> Floats:
+    """Return the corners, with one cell that is not FREE, that a segment passes within twice :data:`NUDGE`."""
+    steep = abs(b[0] - a[0]) > abs(b[1] - a[1])
+    along, across = (0, 1) if steep else (1, 0)
+    corners = np.empty((int(abs(b[along] - a[along])) + 2, 2))
+    count, step = 0, 1.0 if b[along] > a[along] else -1.0
+    place = math.floor(a[along]) + 1.0 if step > 0.0 else math.ceil(a[along]) - 1.0
+    while (b[along] - place) * step > 0.0:
+        there = a[across] + (b[across] - a[across]) * (place - a[along]) / (b[along] - a[along])
+        near = round(there)
+        if abs(there - near) < 2.0 * NUDGE:
+            v, u = (place, near) if steep else (near, place)
+            if _away_from(cells, first, rows, columns, int(v), int(u)) != (0, 0):
+                corners[count] = v, u
+                count += 1
+        place += step
+    return corners[:count]
