@@ -23,7 +23,7 @@ from commands import run
 from cspace import InputError, Robot, Workspace
 from cspace.files import points
 from cspace.files.formats import FORMATS, dimension_of
-from cspace.spectral.decompose import READERS
+from cspace.spectral.decompose import BALL_READERS
 from cspace.store import SUFFIXES
 from tests.soak import files as soak
 
@@ -80,7 +80,7 @@ def families(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 def test_every_reader_of_points_has_a_format() -> None:
     by_points = {suffix for suffix, known in FORMATS.items() if known.method == "from_points"}
-    assert by_points | {".npy", ".ply"} == set(points.READERS)
+    assert by_points | {".npy", ".ply"} == set(points.BALL_READERS)
 
 
 def test_every_format_is_in_the_docstring_and_in_the_docs() -> None:
@@ -93,7 +93,7 @@ def test_every_format_is_in_the_docstring_and_in_the_docs() -> None:
 
 def test_every_format_has_a_family_of_damaged_files(families: dict[str, Path]) -> None:
     suffixes = {Path(name).suffix for name in families}
-    read = {*FORMATS, *robot_suffixes(), *SUFFIXES, *READERS}
+    read = {*FORMATS, *robot_suffixes(), *SUFFIXES, *BALL_READERS}
     assert {SAME_CONTENT.get(suffix, suffix) for suffix in read} <= suffixes
 
 
