@@ -61,12 +61,12 @@ def robot_hint() -> str:
 
 def robot_forms() -> dict[str, str]:
     """Return the form of each short text of a robot, such as RADIUS for disc."""
-    return dict(re.findall(r"(\w+):(\S+),\s", robot_hint()))
+    return dict(re.findall(r"(\w+):(\S+?)(?:, |$)", robot_hint()))
 
 
 def robot_suffixes() -> list[str]:
     """Return the suffixes of the files that describe a robot."""
-    return re.findall(r"\.[a-z]\w*", robot_hint())
+    return re.findall(r"(?<!Robot)\.[a-z]\w*", robot_hint())
 
 
 # ---- formats of files ------------------------------------------------------------------------------------------------
@@ -111,14 +111,14 @@ def test_every_short_text_of_a_robot_is_documented() -> None:
     forms = robot_forms()
     assert "disc" in forms
     texts = {f"{kind}:{form}" for kind, form in forms.items()}
-    assert texts <= set(quoted(str(Robot.open.__doc__)))
+    assert texts <= set(quoted(str(Robot.parse.__doc__)))
     assert texts <= set(quoted((DOCS / "cli.md").read_text(encoding="utf-8")))
     described = re.sub(r"[^\w:]+", " ", run("map", "--help").output)
     assert [kind for kind in forms if f"{kind}:" not in described] == []
     examples = {text for row in table("robots.md") for text in quoted(row[0]) if text.partition(":")[0] in forms}
     assert {text.partition(":")[0] for text in examples} == set(forms)
     for text in examples - {"footprint:[[0.3,0.2],...]", "footprint:robot.urdf"}:
-        assert isinstance(Robot.open(text), Robot)
+        assert isinstance(Robot.parse(text), Robot)
 
 
 def test_every_file_of_a_robot_is_documented() -> None:
