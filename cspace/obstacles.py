@@ -19,7 +19,7 @@ from cspace.arrays import Bools, Box, Ints
 from cspace.check import check_cells, check_dims
 from cspace.errors import FileError
 from cspace.files.access import decoding
-from cspace.files.chunks import MISSING, ZarrArray, missing_chunk
+from cspace.files.chunks import MISSING_CHUNKS_ATTRIBUTE, ZarrArray, missing_chunk
 from cspace.grid import Grid
 from cspace.shapes import Shape, Voxels
 
@@ -214,7 +214,7 @@ def check_no_chunk_missing(array: Any) -> None:
 
     Raises FileError.
     """
-    if type(array).__module__.partition(".")[0] == "zarr" and array.attrs.get(MISSING) != "fill_value":
+    if type(array).__module__.partition(".")[0] == "zarr" and array.attrs.get(MISSING_CHUNKS_ATTRIBUTE) != "fill_value":
         with decoding(Lazy(array).name, "Zarr array"):
             if array.nchunks_initialized < array.nchunks:
                 raise missing_chunk(f"{array.nchunks - array.nchunks_initialized} of {array.nchunks} chunks")

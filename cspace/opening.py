@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import StrPath
 from cspace.errors import FileError
-from cspace.files.access import look_up, retry_if_replaced
+from cspace.files.access import inspect_path, retry_if_replaced
 from cspace.space import CSpace
 from cspace.store import Store, making_map, not_done
 from cspace.tiles.space import TiledCSpace
@@ -116,7 +116,7 @@ def open_slice(path: StrPath, rotation: ArrayLike = ()) -> NDArray[np.uint8]:
 
 def _check_folder(path: str | os.PathLike[str]) -> None:
     """Raise FileError if there is no folder at a path."""
-    (where, what), rule = look_up(path, "saved map"), "a saved map is a Zarr folder"
+    (where, what), rule = inspect_path(path, "saved map"), "a saved map is a Zarr folder"
     if not what:
         raise FileError(str(where), "does not exist", rule, "check the name")
     if what != "a folder":

@@ -36,7 +36,7 @@ from cspace import __version__
 from cspace.arrays import BLOCKED, FIELD_NAMES, MIXED, Bools, Box, Ints, States, StrPath, shared
 from cspace.compiling import kernel
 from cspace.errors import CspaceError, FileError
-from cspace.files.access import decoding, read_bytes, read_part, replacing, suffix_of
+from cspace.files.access import check_suffix, decoding, read_bytes, read_member, replacing
 from cspace.files.chunks import MAX_CHUNK_BYTES, Layout, unpack
 from cspace.files.plain import read_json
 from cspace.grid import Grid
@@ -77,7 +77,7 @@ TILED: Final = (*DIGESTED, "record")
 UNTILED: Final = ("overlap", *FIELD_NAMES)
 """Arrays that only a map in memory holds."""
 
-SUFFIXES: Final = (".zarr", "")
+MAP_SUFFIXES: Final = (".zarr", "")
 """Suffixes of stored maps."""
 
 CHUNK_CELLS: Final = 2**24
@@ -501,7 +501,7 @@ class Store:
 
     def _proven(self, file: str) -> bytes:
         """Read a file that has its digest in the metadata."""
-        content = read_part(self.path, file, "part of a saved map")
+        content = read_member(self.path, file, "part of a saved map")
         if content is None or file not in self.digests:
             raise unusable(self.path, f"its file {file!r} is missing")
         if digest_of(content) != self.digests[file]:
@@ -575,7 +575,7 @@ class Store:
     def _content(self, file: str) -> bytes | None:
         """Read the newest file of a name; None if there is none."""
         for folder in (self.metadata["aside"], "") if self.metadata["aside"] else ("",):
-            if (content := read_part(self.path / folder, file, "part of a store of tiles")) is not None:
+            if (content := read_member(self.path / folder, file, "part of a store of tiles")) is not None:
                 return content
         return None
 
@@ -965,7 +965,7 @@ def save(contents: Contents, path: StrPath, overwrite: bool = False) -> None:
     FileError
         If the output exists and may not be replaced, or cannot be written.
     """
-    suffix_of(path, SUFFIXES, "a map is saved as a Zarr folder, and exported to other formats by space.export")
+    check_suffix(path, MAP_SUFFIXES, "a map is saved as a Zarr folder, and exported to other formats by space.export")
     arrays, workspace = arrays_of(contents), contents.workspace
     tile = fit_tile(contents.grid.shape)
     settings = {

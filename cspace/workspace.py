@@ -329,10 +329,10 @@ class Workspace(WorkspacePlot):
         FileError
             If the file is missing, truncated or malformed; the message names the line.
         """
-        from cspace.files.images import read_3dmap, read_map
+        from cspace.files.images import read_movingai_map, read_movingai_voxels
 
         solid = str(path).lower().endswith(".3dmap")
-        cells = read_3dmap(path) if solid else read_map(path)
+        cells = read_movingai_voxels(path) if solid else read_movingai_map(path)
         return cls(Grid(np.zeros(cells.ndim), spacing, cells.shape), cells, cells, source=str(path))
 
     @classmethod
@@ -481,13 +481,13 @@ class Workspace(WorkspacePlot):
         FileError
             If the file is missing or malformed.
         """
-        from cspace.files.vector import SUFFIXES, read_shapes
+        from cspace.files.vector import POLYGON_SUFFIXES, read_shapes
 
         positive(spacing, "spacing")
         box = None if bounds is None else check_bounds(bounds)
         shape = Polygons(read_shapes(polygons))
         count = len(shape.geometries)
-        named = isinstance(polygons, str | os.PathLike) and Path(polygons).suffix.lower() in SUFFIXES
+        named = isinstance(polygons, str | os.PathLike) and Path(polygons).suffix.lower() in POLYGON_SUFFIXES
         source = str(polygons) if named else f"{count} polygon{'s' * (count > 1)}"
         return cls._of(shape, spacing, box, source, "set of polygons", lazy=lazy)
 
@@ -831,9 +831,9 @@ def reader_of(path: StrPath, options: Iterable[str] = ()) -> Callable[..., Works
     Raises InputError if the suffix is unknown, or an option does not apply, and FileError if the file had to be looked
     into and is missing.
     """
-    from cspace.files.formats import method_of
+    from cspace.files.formats import find_constructor
 
-    reader: Callable[..., Workspace] = getattr(Workspace, method_of(path))
+    reader: Callable[..., Workspace] = getattr(Workspace, find_constructor(path))
     known = _options_of(reader)
     for name in options:
         if name not in known:

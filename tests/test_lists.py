@@ -22,9 +22,9 @@ import planners
 from commands import run
 from cspace import InputError, Robot, Workspace
 from cspace.files import points
-from cspace.files.formats import FORMATS, dimension_of
-from cspace.spectral.decompose import BALL_READERS
-from cspace.store import SUFFIXES
+from cspace.files.formats import WORKSPACE_FORMATS, read_dimension
+from cspace.spectral.decompose import READERS
+from cspace.store import MAP_SUFFIXES
 from tests.soak import files as soak
 
 ROOT = Path(cspace.__file__).parents[1]
@@ -61,12 +61,12 @@ def robot_hint() -> str:
 
 def robot_forms() -> dict[str, str]:
     """Return the form of each short text of a robot, such as RADIUS for disc."""
-    return dict(re.findall(r"(\w+):(\S+?)(?:, |$)", robot_hint()))
+    return dict(re.findall(r"(\w+):(\S+),\s", robot_hint()))
 
 
 def robot_suffixes() -> list[str]:
     """Return the suffixes of the files that describe a robot."""
-    return re.findall(r"(?<!Robot)\.[a-z]\w*", robot_hint())
+    return re.findall(r"\.[a-z]\w*", robot_hint())
 
 
 # ---- formats of files ------------------------------------------------------------------------------------------------
@@ -79,21 +79,21 @@ def families(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 def test_every_reader_of_points_has_a_format() -> None:
-    by_points = {suffix for suffix, known in FORMATS.items() if known.method == "from_points"}
-    assert by_points | {".npy", ".ply"} == set(points.BALL_READERS)
+    by_points = {suffix for suffix, known in WORKSPACE_FORMATS.items() if known.method == "from_points"}
+    assert by_points | {".npy", ".ply"} == set(points.READERS)
 
 
 def test_every_format_is_in_the_docstring_and_in_the_docs() -> None:
     documented = {}
     for first, _, dimension, *_ in (row for row in table("files.md") if row[0].startswith("`.") and len(row) == 3):
         documented |= dict.fromkeys(quoted(first), {"plane": 2, "space": 3, "either": None}[dimension])
-    assert documented == {suffix: known.dimension for suffix, known in FORMATS.items()}
-    assert set(FORMATS) <= set(quoted(str(Workspace.open.__doc__)))
+    assert documented == {suffix: known.dimension for suffix, known in WORKSPACE_FORMATS.items()}
+    assert set(WORKSPACE_FORMATS) <= set(quoted(str(Workspace.open.__doc__)))
 
 
 def test_every_format_has_a_family_of_damaged_files(families: dict[str, Path]) -> None:
     suffixes = {Path(name).suffix for name in families}
-    read = {*FORMATS, *robot_suffixes(), *SUFFIXES, *BALL_READERS}
+    read = {*WORKSPACE_FORMATS, *robot_suffixes(), *MAP_SUFFIXES, *READERS}
     assert {SAME_CONTENT.get(suffix, suffix) for suffix in read} <= suffixes
 
 
@@ -101,7 +101,7 @@ def test_the_dimension_of_every_format_is_that_of_its_workspace(families: dict[s
     for name, path in families.items():
         opened: Any = soak.open_file(path)
         if isinstance(opened, Workspace):
-            assert dimension_of(path) == opened.grid.dim, name
+            assert read_dimension(path) == opened.grid.dim, name
 
 
 # ---- robots ----------------------------------------------------------------------------------------------------------
@@ -111,14 +111,14 @@ def test_every_short_text_of_a_robot_is_documented() -> None:
     forms = robot_forms()
     assert "disc" in forms
     texts = {f"{kind}:{form}" for kind, form in forms.items()}
-    assert texts <= set(quoted(str(Robot.parse.__doc__)))
+    assert texts <= set(quoted(str(Robot.open.__doc__)))
     assert texts <= set(quoted((DOCS / "cli.md").read_text(encoding="utf-8")))
     described = re.sub(r"[^\w:]+", " ", run("map", "--help").output)
     assert [kind for kind in forms if f"{kind}:" not in described] == []
     examples = {text for row in table("robots.md") for text in quoted(row[0]) if text.partition(":")[0] in forms}
     assert {text.partition(":")[0] for text in examples} == set(forms)
     for text in examples - {"footprint:[[0.3,0.2],...]", "footprint:robot.urdf"}:
-        assert isinstance(Robot.parse(text), Robot)
+        assert isinstance(Robot.open(text), Robot)
 
 
 def test_every_file_of_a_robot_is_documented() -> None:

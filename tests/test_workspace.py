@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 import cspace
 from cspace import Grid, Robot, Workspace
 from cspace.errors import FileError, InputError
-from cspace.files.formats import FORMATS, dimension_of
+from cspace.files.formats import WORKSPACE_FORMATS, read_dimension
 from cspace.limits import check_memory
 from cspace.workspace import covering_grid, covering_shape
 from refusals import refusals
@@ -146,8 +146,8 @@ def test_open_passes_options_on(files: Path) -> None:
     ("map.wkt", {"bounds": (0, 0, 1, 1)}, "spacing is missing"),
     ("map.yaml", {"spacing": 0.1}, "spacing is given .* takes unknown"),
     ("map.map", {"unknown": "free"}, "unknown is given .* takes spacing"),
-    ("map.step", {"spacing": 0.1}, r"ends in '.step'.*\.yaml, \.yml, \.map, \.3dmap, \.geojson"),
-    ("map", {}, "ends in ''"),
+    ("map.step", {"spacing": 0.1}, r"with suffix '.step'.*\.yaml, \.yml, \.map, \.3dmap, \.geojson"),
+    ("map", {}, "with suffix ''"),
     ("map.png", {"spacing": 0.0}, "spacing is 0.0"),
     ("map.map", {"spacing": -1.0}, "spacing is -1.0"),
 )
@@ -156,9 +156,9 @@ def test_open_refuses_options_of_other_readers(files: Path, name: str, options: 
         Workspace.open(files / name, **options)
 
 
-@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize("suffix", WORKSPACE_FORMATS)
 def test_missing_files_and_folders_are_named(tmp_path: Path, suffix: str) -> None:
-    spacing = inspect.signature(getattr(Workspace, FORMATS[suffix].method)).parameters.get("spacing")
+    spacing = inspect.signature(getattr(Workspace, WORKSPACE_FORMATS[suffix].method)).parameters.get("spacing")
     options = {} if spacing is None or spacing.default is not inspect.Parameter.empty else {"spacing": 1.0}
     path = tmp_path / f"absent{suffix}"
     with pytest.raises(FileError, match=f"absent{suffix}: does not exist"):
@@ -311,13 +311,13 @@ def test_the_spacing_that_a_refusal_tells_where_an_axis_is_one_cell(monkeypatch:
     [("a.yaml", 2), ("a.png", 2), ("a.wkt", 2), ("a.map", 2), ("a.3dmap", 3), ("a.stl", 3), ("a.bt", 3), ("a.csv", 3)],
 )
 def test_dimensions_follow_the_suffix(name: str, dim: int) -> None:
-    assert dimension_of(name) == dim
+    assert read_dimension(name) == dim
 
 
 def test_dimensions_of_an_array_follow_its_header(tmp_path: Path) -> None:
     for array, dim in ((np.zeros((3, 3), bool), 2), (np.zeros((3, 3, 3), bool), 3), (np.zeros((4, 3)), 3)):
         np.save(tmp_path / "a.npy", array)
-        assert dimension_of(tmp_path / "a.npy") == dim
+        assert read_dimension(tmp_path / "a.npy") == dim
 
 
 def test_shapes_of_any_kind_make_a_workspace():

@@ -24,7 +24,6 @@ from cspace.cli.options import (
     UnknownCells,
     check_dimensions,
     given,
-    open_robot,
     read_arm,
     read_robot,
     refuse_options,
@@ -86,6 +85,7 @@ def info(
     shows its fixed part.
     """
     from cspace.opening import open_map
+    from cspace.robot import Robot
 
     kind = kind or _kind(file)
     options = workspace_options(spacing, unknown, bounds, solid, radius)
@@ -99,7 +99,8 @@ def info(
     elif kind == "arm":
         document = describe_arm(read_arm(Path(file), srdf, solid, package_dirs))
     elif kind == "robot":
-        document = describe_robot(open_robot(file, solid, package_dirs), spacing)
+        described = Robot.open(file, **given(solid=solid, package_dirs=package_dirs or None))
+        document = describe_robot(described, spacing)
     else:
         beside = None if robot is None else read_robot(robot, robot_solid, package_dirs)
         document = survey(Path(file), options, options_of(context.command), beside, rotations)
@@ -209,12 +210,12 @@ def survey(
     Raises InputError if the suffix is not known, an option does not apply to it, or the robot is of another dimension,
     and FileError if the file is missing or malformed.
     """
-    from cspace.files.formats import dimension_of
+    from cspace.files.formats import read_dimension
     from cspace.workspace import Workspace, reader_of
 
     reader = reader_of(path, options)
     turning = rotation_cells(rotations)
-    check_dimensions(path, dimension_of(path), robot, turning)
+    check_dimensions(path, read_dimension(path), robot, turning)
     cells = _Cells(names, robot, turning)
     if reader.__name__ in _SHAPES:
         document = _shapes(cells, path, reader.__name__, **options)

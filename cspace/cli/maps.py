@@ -116,14 +116,14 @@ def make(
 ) -> None:
     """Build the map of a robot in a workspace, and save it."""
     from cspace.builder import build
-    from cspace.files.formats import dimension_of
-    from cspace.store import SUFFIXES
+    from cspace.files.formats import read_dimension
+    from cspace.store import MAP_SUFFIXES
     from cspace.workspace import Workspace, reader_of
 
     cells = rotation_cells(rotations)
     output = Path(workspace.with_suffix(".zarr").name) if output is None else output
     if tile is None:
-        check_outputs([output], SUFFIXES, overwrite)
+        check_outputs([output], MAP_SUFFIXES, overwrite)
     else:
         make_room(output, overwrite)
     options = workspace_options(spacing, unknown, bounds, solid, radius)
@@ -131,7 +131,7 @@ def make(
     with clock.step("read"):
         shape = read_robot(robot, robot_solid, package_dirs)
         reader_of(workspace, options)
-        check_dimensions(workspace, dimension_of(workspace), shape, cells)
+        check_dimensions(workspace, read_dimension(workspace), shape, cells)
         lazy = {} if tile is None else lazily(workspace, options)
         obstacles = Workspace.open(workspace, **options, **lazy)
     settings: BuildOptions = {

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import BLOCKED, FREE, MIXED
 from cspace.errors import InputError
-from cspace.files.access import replacing, suffix_of
-from cspace.files.ros import SUFFIXES
+from cspace.files.access import check_suffix, replacing
+from cspace.files.ros import ROS_MAP_SUFFIXES
 from cspace.grid import Grid
 
 LEVELS: Final = {FREE: 254, MIXED: 205, BLOCKED: 0}
@@ -68,7 +68,7 @@ def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], ov
     """
     import yaml
 
-    suffix_of(path, SUFFIXES, "a ROS map ends in .yaml")
+    check_suffix(path, ROS_MAP_SUFFIXES, "a ROS map ends in .yaml")
     target = Path(path)
     cells = np.asarray(state)
     if cells.shape != grid.shape[:2]:

@@ -17,11 +17,11 @@ from cspace.errors import InputError
 from cspace.export.borders import WRITERS, write_border
 from cspace.export.images import write_geotiff, write_ros_map
 from cspace.export.vti import write_vti
-from cspace.files.access import replacing, suffix_of
+from cspace.files.access import check_suffix, replacing
 from cspace.grid import Grid
 from cspace.map.contents import Contents
 from cspace.map.description import AXES, STACKED, arrays_of, attributes_of, axes_of, metadata_of
-from cspace.store import SUFFIXES, save
+from cspace.store import MAP_SUFFIXES, save
 
 if TYPE_CHECKING:
     import xarray
@@ -97,7 +97,7 @@ _SLICES: Final[Mapping[str, tuple[Write, Mapping[int, str]]]] = {
 _MANY: Final = (".vti", ".nc")
 """Formats that hold more than one rotation cell."""
 
-EXPORTS: Final = (*SUFFIXES, ".npz", *_SLICES)
+EXPORTS: Final = (*MAP_SUFFIXES, ".npz", *_SLICES)
 """All formats, by suffix."""
 
 
@@ -154,7 +154,7 @@ def check_export(path: StrPath, dim: int) -> str:
 
     Raises InputError if no format has it, or that one holds maps of the other dimension.
     """
-    suffix = suffix_of(path, EXPORTS, "the suffix says which format to write")
+    suffix = check_suffix(path, EXPORTS, "the suffix says which format to write")
     refused = _SLICES[suffix][1] if suffix in _SLICES else {}
     if dim in refused:
         hint = "write another format, e.g. .vti"

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats
 from cspace.check import not_negative
 from cspace.errors import InputError
-from cspace.files.ros import Costmap, JointTrajectoryPoint, OccupancyGrid, PoseStamped, lacking
+from cspace.files.ros import Costmap, JointTrajectoryPoint, OccupancyGrid, PoseStamped, missing_field_error
 from cspace.grid import Grid
 
 if TYPE_CHECKING:
@@ -162,7 +162,7 @@ def _set_fields(msg: Message, kind: str, fields: Mapping[str, object]) -> Messag
         for name in parents:
             target = getattr(target, name, None)
         if not hasattr(target, last):
-            raise lacking("msg", path, kind)
+            raise missing_field_error("msg", path, kind)
         setattr(target, last, value)
     return msg
 

@@ -1,1 +1,1 @@
-"""Files into arrays, one format per module: these modules know no grid and no map."""
+"""Readers of files into arrays, one format per module, without grids or maps."""

@@ -1,6 +1,7 @@
-"""Files: what is there and of a size that can be read is read, or an error names it; outputs are written.
+"""Reading of files of bounded size, and atomic writing of outputs.
 
-An output is either complete or not there: it is written under a temporary name beside the target, then renamed.
+Errors name the file. An output is complete or absent: it is written under a temporary name beside the target, then
+renamed.
 """
 
 from __future__ import annotations
@@ -22,72 +23,77 @@ from cspace.arrays import Floats, Ints
 from cspace.errors import CspaceError, FileError, InputError
 from cspace.limits import check_bytes
 
-_LONGEST_HEADER: Final = 2**16
-"""Bytes in which a text header before binary data must end."""
+_MAX_HEADER_BYTES: Final = 2**16
+"""Maximum size, in bytes, of a text header before binary data."""
 
-_LONGEST_NUMBER: Final = 64
-"""Bytes of a number that are read many at a time."""
+_MAX_NUMBER_BYTES: Final = 64
+"""Maximum length, in bytes, of a number that is parsed in a batch."""
 
-_ASIDE: Final = ".cspace-"
-"""Beginning of the names of outputs that are not complete, or are being replaced."""
+_TEMPORARY_PREFIX: Final = ".cspace-"
+"""Prefix of the names of outputs that are incomplete or being replaced."""
 
 _MAX_READS: Final = 1000
-"""Times that an output is read at most, if each time another process replaces it."""
+"""Maximum number of attempts to read an output that other processes keep replacing."""
 
-_PAUSE: Final = 0.002
-"""Seconds between two of these."""
+_RETRY_SECONDS: Final = 0.002
+"""Pause, in seconds, between two attempts to read an output that is being replaced."""
 
 Result = TypeVar("Result")
 
-_POINTER: Final = b"version https://git-lfs.github.com/spec/v1"
-"""First bytes of a pointer of git-lfs."""
+_LFS_POINTER_START: Final = b"version https://git-lfs.github.com/spec/v1"
+"""First bytes of a git-lfs pointer file."""
 
-_MAX_POINTER_BYTES: Final = 1024
-"""Largest size of a pointer of git-lfs, bytes, by its specification."""
+_MAX_LFS_POINTER_BYTES: Final = 1024
+"""Maximum size, in bytes, of a git-lfs pointer file, by its specification."""
 
-_SHOWN: Final = 60
-"""Characters of a wrong line that a message quotes."""
+_MAX_QUOTED_CHARACTERS: Final = 60
+"""Maximum number of characters of a wrong line that a message quotes."""
 
 
-def existing(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> Path:
-    """``path`` as a :class:`~pathlib.Path` to a file that is there and not too large.
+def check_file(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> Path:
+    """Return `path` as a Path, if a readable plain file is there.
 
-    ``kind`` says in messages what it should be, such as "ROS map"; each of its bytes takes ``memory`` bytes when read.
+    `kind` names the expected file in messages, such as "ROS map". Reading takes `memory` bytes per byte of the file.
 
-    Raises InputError if ``path`` is not a file name, and FileError if nothing is there, or no plain file, or one that
-    is too large (:mod:`cspace.limits`), or a pointer of git-lfs.
+    Raises InputError if `path` is not a file name. Raises FileError if the file is missing, is not a plain file, is
+    larger than :mod:`cspace.limits` allows, or is a git-lfs pointer.
     """
-    file, what = look_up(path, kind)
+    file, what = inspect_path(path, kind)
     if not what:
-        raise FileError(str(file), "does not exist", f"{_one(kind)} is to be read", "check the name and the folder")
+        raise FileError(str(file), "does not exist", f"{_one(kind)} is needed", "check the name and the folder")
     if what != "file":
-        raise FileError(str(file), f"is {what}", f"{_one(kind)} is read from a plain file", "pass the file itself")
+        raise FileError(str(file), f"is {what}", f"{_one(kind)} must be a plain file", "pass the file itself")
     try:
         size = file.stat().st_size
-    except OSError as error:  # it was removed just now
-        raise unreadable(path, kind, error) from error
-    if size <= _MAX_POINTER_BYTES:
+    except OSError as error:  # another process has just removed it
+        raise read_error(path, kind, error) from error
+    if size <= _MAX_LFS_POINTER_BYTES:
         _refuse_pointer(file, kind)
     check_bytes(file, size, memory=memory)
     return file
 
 
 def _refuse_pointer(file: Path, kind: str) -> None:
-    """Refuse a pointer that git-lfs leaves in place of a large file."""
+    """Raise FileError if `file` is a git-lfs pointer.
+
+    git-lfs leaves pointers in place of large files.
+    """
     try:
         with file.open("rb") as stream:
-            is_pointer = stream.read(len(_POINTER)) == _POINTER
+            is_pointer = stream.read(len(_LFS_POINTER_START)) == _LFS_POINTER_START
     except OSError as error:
-        raise unreadable(file, kind, error) from error
+        raise read_error(file, kind, error) from error
     if is_pointer:
         rule = f"the {kind} itself has not been fetched"
-        raise FileError(str(file), "is a pointer of git-lfs", rule, "run git lfs pull in its repository")
+        raise FileError(str(file), "is a git-lfs pointer", rule, "run git lfs pull in its repository")
 
 
-def look_up(path: str | os.PathLike[str], kind: str) -> tuple[Path, str]:
-    """A path, and what is there: "file", "a folder", "a device, a pipe or a socket", or nothing, the empty text.
+def inspect_path(path: str | os.PathLike[str], kind: str) -> tuple[Path, str]:
+    """Return a path and the type of file there.
 
-    Raises InputError if ``path`` is not a file name, and FileError if the system refuses to look there.
+    The type is "file", "a folder", "a device, a pipe or a socket", or "" if nothing is there.
+
+    Raises InputError if `path` is not a file name. Raises FileError if the system denies access.
     """
     try:
         file = Path(path)
@@ -95,26 +101,27 @@ def look_up(path: str | os.PathLike[str], kind: str) -> tuple[Path, str]:
             return file, "file"
         return file, "a folder" if file.is_dir() else "a device, a pipe or a socket" if file.exists() else ""
     except (TypeError, ValueError) as error:
-        raise not_a_name(path) from error
+        raise name_error(path) from error
     except OSError as error:
-        raise unreadable(path, kind, error) from error
+        raise read_error(path, kind, error) from error
 
 
-def not_a_name(path: object) -> InputError:
-    """The error for something that cannot be a file's name."""
+def name_error(path: object) -> InputError:
+    """Return the error for a value that cannot be a file name."""
     return InputError("path", f"is {path!r}", "it must be a file name", "pass a string or a pathlib.Path", value=path)
 
 
-def unreadable(path: str | os.PathLike[str], kind: str, error: OSError) -> FileError:
-    """The error for a file that the system refuses to read."""
+def read_error(path: str | os.PathLike[str], kind: str, error: OSError) -> FileError:
+    """Return the error for a file that the system refuses to read."""
     problem, rule = f"cannot be read: {error.strerror or error}", f"{_one(kind)} must be readable"
     return FileError(os.fspath(path), problem, rule, "check its permissions")
 
 
-class Fault(Exception):  # noqa: N818 - it becomes an error in decoding
-    """What is wrong with the content of a file, said without its name, which :func:`decoding` adds.
+class ContentError(Exception):
+    """An error in the content of a file, without its name.
 
-    The parts are those of :class:`cspace.errors.CspaceError`, and ``kind`` is the type of the error.
+    :func:`decoding` raises it again with the name. `kind` is the type of that error; the other parameters are those
+    of :class:`cspace.errors.CspaceError`.
     """
 
     def __init__(
@@ -132,59 +139,63 @@ class Fault(Exception):  # noqa: N818 - it becomes an error in decoding
 
 @contextmanager
 def decoding(path: str | os.PathLike[str], kind: str, *advice: str) -> Iterator[None]:
-    """Turn whatever damage makes the decoders in a block raise into one error for the file.
+    """Turn any exception of a decoder into an error naming the file.
 
-    ``advice`` are the rule and the mend of an error that is no :class:`Fault`; by default those of one.
+    `advice` is the rule and the hint for exceptions other than :class:`ContentError`, instead of its defaults.
     """
     try:
         yield
-    except (CspaceError, MemoryError, UserWarning):  # a warning of ours may be an error to its caller
+    except (CspaceError, MemoryError, UserWarning):  # callers may turn our warnings into errors
         raise
-    except Fault as problem:
+    except ContentError as problem:
         raise problem.kind(os.fspath(path), *problem.parts, value=problem.value) from problem
     except PermissionError as error:
-        raise unreadable(path, kind, error) from error
+        raise read_error(path, kind, error) from error
     except Exception as error:
         reason = f"{type(error).__name__}: {' '.join(str(error).split()):.200}"
-        raise FileError(os.fspath(path), *Fault(f"cannot be read as {_one(kind)} ({reason})", *advice).parts) from error
+        raise FileError(
+            os.fspath(path), *ContentError(f"cannot be read as {_one(kind)} ({reason})", *advice).parts
+        ) from error
 
 
-def suffix_of(path: str | os.PathLike[str], known: Iterable[str], rule: str, argument: str = "path") -> str:
-    """The suffix of a file's name, in small letters.
+def check_suffix(path: str | os.PathLike[str], known: Iterable[str], rule: str, argument: str = "path") -> str:
+    """Return the suffix of a file name, in lower case.
 
-    Raises InputError if ``path`` is no name of a file, or ends otherwise than in one of those that are known.
+    Raises InputError if `path` is not a file name, or its suffix is not in `known`.
     """
     try:
         file = Path(path)
     except TypeError as error:
-        raise not_a_name(path) from error
+        raise name_error(path) from error
     suffix = file.suffix.lower()
     if suffix not in known:
         hint = f"use one of {', '.join(filter(None, known))}"
-        raise InputError(argument, f"is {file}, which ends in {suffix!r}", rule, hint, value=path)
+        raise InputError(argument, f"is {file}, with suffix {suffix!r}", rule, hint, value=path)
     return suffix
 
 
 def read_bytes(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> bytes:
-    """Content of a file; ``memory`` as for :func:`existing`.
+    """Return the content of a file; `memory` as for :func:`check_file`.
 
-    Raises InputError or FileError as :func:`existing`, and if the system refuses to read it.
+    Raises InputError or FileError as :func:`check_file`, and FileError if the system refuses to read the file.
     """
-    file = existing(path, kind, memory)
+    file = check_file(path, kind, memory)
     try:
         return file.read_bytes()
     except OSError as error:
-        raise unreadable(file, kind, error) from error
+        raise read_error(file, kind, error) from error
 
 
-def read_part(folder: str | os.PathLike[str], name: str, kind: str) -> bytes | None:
-    """Read a file of a folder by the name that other files of the folder give it; None if it is missing.
+def read_member(folder: str | os.PathLike[str], name: str, kind: str) -> bytes | None:
+    """Read a file that another file of its folder names.
 
-    Raises FileError if the name leads out of the folder, or as :func:`existing`.
+    Returns None if the file is missing.
+
+    Raises FileError if the name leads out of the folder, or as :func:`check_file`.
     """
     part = PurePath(name)
     if part.drive or part.root or ".." in part.parts:
-        rule, hint = "a folder is read without any file outside of it", "do not trust it; fetch it again"
+        rule, hint = "files outside the folder are never read", "do not trust it; fetch it again"
         raise FileError(os.fspath(folder), f"names a file {name!r}", rule, hint)
     file = Path(folder, part)
     try:
@@ -196,27 +207,30 @@ def read_part(folder: str | os.PathLike[str], name: str, kind: str) -> bytes | N
 
 
 def read_text(path: str | os.PathLike[str], kind: str, memory: float = 4.0) -> str:
-    """Text of a file in UTF-8, line ends turned into ``\\n``; ``memory`` as for :func:`existing`.
+    """Return the text of a UTF-8 file.
 
-    Raises InputError or FileError as :func:`read_bytes`, and if the file is not text.
+    Every line end becomes a newline; `memory` as for :func:`check_file`.
+
+    Raises InputError or FileError as :func:`read_bytes`, and FileError if the file is not UTF-8.
     """
     content = read_bytes(path, kind, memory)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        problem, rule = f"is not text: byte {error.start} is not UTF-8", f"{_one(kind)} is a text file"
-        raise FileError(os.fspath(path), problem, rule, "pass the right file") from error
+        problem = f"is not text: byte {error.start} is not UTF-8"
+        raise FileError(os.fspath(path), problem, f"{_one(kind)} is a text file", "pass the right file") from error
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
 def read_columns(text: str, first: int = 1) -> Floats:
-    """Numbers of a text, shape (n, columns), a row for each line that holds some; (0, 0) where there are none.
+    """Parse lines of numbers into an array of shape (n, columns).
 
-    Columns are separated by commas where the first row has one, else by blanks; ``#`` begins a comment, and ``first``
-    is the number of the first line. A text that is cut within its last number cannot be told from a whole one.
+    Without numbers the shape is (0, 0). Commas separate columns if the first row has one, blanks otherwise; ``#``
+    starts a comment. `first` is the number of the first line, for messages. A text truncated within its last number
+    cannot be detected.
 
-    Raises Fault if a line holds something else than numbers, or has more or fewer than the first one; the message
-    names it.
+    Raises ContentError, naming the line, if a line holds anything but numbers or its length differs from the first
+    row's.
     """
     row = next((content for line in text.split("\n") if (content := _content(line))), "")
     if not row:
@@ -225,16 +239,16 @@ def read_columns(text: str, first: int = 1) -> Floats:
     try:
         return np.loadtxt(io.StringIO(text), dtype=np.float64, comments="#", delimiter=separator, ndmin=2)
     except ValueError as error:
-        raise _fault(text, first, separator, len(row.split(separator)), error) from error
+        raise _line_error(text, first, separator, len(row.split(separator)), error) from error
 
 
 def _content(line: str) -> str:
-    """A line without its comment."""
+    """Return a line without its comment."""
     return line.partition("#")[0].strip()
 
 
-def _fault(text: str, first: int, separator: str | None, columns: int, error: ValueError) -> Fault:
-    """What is wrong with the first line that is."""
+def _line_error(text: str, first: int, separator: str | None, columns: int, error: ValueError) -> ContentError:
+    """Return the error for the first line that cannot be parsed."""
     for number, line in enumerate(text.split("\n"), start=first):
         parts = _content(line).split(separator) if _content(line) else []
         rule = f"{columns} columns, like the first row"
@@ -242,32 +256,36 @@ def _fault(text: str, first: int, separator: str | None, columns: int, error: Va
             if len(list(map(float, parts))) in (0, columns):
                 continue
         except ValueError:
-            rule = "numbers alone; a heading needs a '#' before it"
-        problem = f"line {number} is {line.strip()[:_SHOWN]!r}"
-        return Fault(problem, f"it must hold {rule}", "mend the line, or fetch a truncated file again")
-    return Fault(f"cannot be read: {error}", "it must hold columns of numbers", "mend that line")
+            rule = "only numbers; put '#' before a heading"
+        problem = f"line {number} is {line.strip()[:_MAX_QUOTED_CHARACTERS]!r}"
+        return ContentError(problem, f"it must hold {rule}", "correct the line, or fetch a truncated file again")
+    return ContentError(f"cannot be read: {error}", "it must hold columns of numbers", "correct that line")
 
 
-def header_lines(content: bytes) -> Iterator[tuple[str, int]]:
-    """Lines at the beginning of a file, each with the place after it, as far as a header may reach."""
+def iterate_header_lines(content: bytes) -> Iterator[tuple[str, int]]:
+    """Yield each line of a header, and the position after it.
+
+    A header lies within the first 64 KiB.
+    """
     at = 0
-    while 0 <= at < min(len(content), _LONGEST_HEADER):
-        end = content.find(b"\n", at, at + _LONGEST_HEADER)
+    while 0 <= at < min(len(content), _MAX_HEADER_BYTES):
+        end = content.find(b"\n", at, at + _MAX_HEADER_BYTES)
         after = len(content) if end < 0 else end + 1
         yield content[at : after if end < 0 else end].decode("latin-1"), after
         at = after
 
 
 @overload
-def numbers_of(tokens: Sequence[bytes], kind: type[int]) -> Ints: ...
+def parse_numbers(tokens: Sequence[bytes], kind: type[int]) -> Ints: ...
 @overload
-def numbers_of(tokens: Sequence[bytes], kind: type[float]) -> Floats: ...
-def numbers_of(tokens: Sequence[bytes], kind: type[int] | type[float]) -> NDArray[Any]:
-    """Tokens as numbers, shape (n,).
+def parse_numbers(tokens: Sequence[bytes], kind: type[float]) -> Floats: ...
+def parse_numbers(tokens: Sequence[bytes], kind: type[int] | type[float]) -> NDArray[Any]:
+    """Parse tokens as numbers, shape (n,).
 
-    Raises ValueError or OverflowError if one is none, or beyond 64 bits.
+    Raises ValueError if a token is not a number, and OverflowError if it needs more than 64 bits.
     """
-    if max(map(len, tokens), default=0) > _LONGEST_NUMBER:  # a table of texts is as wide as its longest one
+    # An array of texts is as wide as its longest entry, so one long token would multiply the memory.
+    if max(map(len, tokens), default=0) > _MAX_NUMBER_BYTES:
         return np.array(list(map(kind, tokens)), dtype=np.dtype(kind))
     return np.array(tokens, dtype=np.bytes_).astype(kind) if tokens else np.empty(0, kind)
 
@@ -277,12 +295,15 @@ UNKNOWNS: Final = ("occupied", "free")
 
 
 def is_count(word: str) -> bool:
-    """Whether a word is a whole number without a sign, of at most 18 digits: more is no count of anything."""
+    """Return True for a decimal number of at most 18 digits.
+
+    Such numbers fit into 64 bits; a sign is not allowed.
+    """
     return word.isascii() and word.isdecimal() and len(word) <= 18
 
 
 def _one(kind: str) -> str:
-    """A kind of file with its article."""
+    """Return the kind of a file with its article."""
     return f"{'an' if kind[:1].lower() in 'aeio' else 'a'} {kind}"
 
 
@@ -290,24 +311,25 @@ def _one(kind: str) -> str:
 def replacing(
     path: str | os.PathLike[str], overwrite: bool = False, *, folder: Callable[[Path], bool] | None = None
 ) -> Iterator[Path]:
-    """Hand out a temporary name to write to; give it the real name once the block has ended well.
+    """Yield a temporary name; rename it to `path` if the block succeeds.
 
-    The name is in the same folder and has the same suffix; a link is followed. Any exception in the block, Ctrl-C
-    included, removes what was written and leaves the target as it was. Targets are checked before the block runs, so
-    that long work is not lost to a name that could never be used: FileError, as where writing fails. Several outputs
-    that belong together are nested, the one that refers to the others outermost::
+    The temporary name has the folder and suffix of the target; a link is followed. Any exception in the block, Ctrl-C
+    included, removes the temporary file and leaves the target unchanged. The target is checked before the block, so
+    that no long work is lost to an unusable name. Nest outputs that belong together; the one that refers to the
+    others goes outermost::
 
         with replacing("map.yaml") as yaml, replacing("map.pgm") as pgm:
             ...
 
-    With ``overwrite`` a folder is replaced only by a folder and a file only by a file. ``folder`` is given where the
-    output is a folder: it tells of an existing, non-empty one whether it is an earlier output, so that nothing else
-    is ever removed.
+    With `overwrite`, a folder replaces only a folder and a file only a file. Pass `folder` if the output is a folder:
+    it returns True for an existing folder that is an earlier output, so that nothing else is ever removed.
+
+    Raises FileError if the target may not be written, or if writing fails.
     """
     try:
         target = Path(os.path.realpath(path))
     except (TypeError, ValueError) as error:
-        raise not_a_name(path) from error
+        raise name_error(path) from error
     try:
         _check_target(target, overwrite, folder)
         temporary = _beside(target)
@@ -320,67 +342,66 @@ def replacing(
     except FileError:
         raise
     except OSError as error:
-        rule, hint = "an output needs a writable folder with free space", "free some or choose another folder"
-        raise FileError(str(target), f"cannot be written: {error.strerror or error}", rule, hint) from error
+        problem, rule = f"cannot be written: {error.strerror or error}", "outputs need a writable folder and free space"
+        raise FileError(str(target), problem, rule, "free some space or choose another folder") from error
 
 
 def check_output(target: Path, overwrite: bool) -> None:
-    """Refuse, before any work, a file or folder that may not be written; whether it is of our kind is seen later.
+    """Refuse an output path that cannot be written.
 
-    Raises FileError if its folder is missing or may not be written, or it exists and may not be replaced.
+    Call it before any work; :func:`replacing` checks the kind of the target.
+
+    Raises FileError if the parent folder is missing or read-only, or the target exists and `overwrite` is False.
     """
     parent = target.parent
     if not parent.is_dir():
-        problem = f"cannot be written: {parent} is not a folder", "outputs go to an existing folder", "create it first"
-    elif not os.access(parent, os.W_OK | os.X_OK):
-        denied = f"cannot be written: no permission to write in {parent}"
-        problem = denied, "an output needs a writable folder", "change its permissions or choose another"
-    elif target.exists() and not overwrite:
-        problem = "exists", "an existing output is kept unless told otherwise", "pass overwrite=True"
-    else:
-        return
-    raise FileError(str(target), *problem)
+        problem = f"cannot be written: {parent} is not a folder"
+        raise FileError(str(target), problem, "outputs go to an existing folder", "create it first")
+    if not os.access(parent, os.W_OK | os.X_OK):
+        problem = f"cannot be written: no permission to write in {parent}"
+        raise FileError(str(target), problem, "outputs need a writable folder", "change its permissions or use another")
+    if target.exists() and not overwrite:
+        raise FileError(str(target), "exists", "existing outputs are kept by default", "pass overwrite=True")
 
 
 def _check_target(target: Path, overwrite: bool, folder: Callable[[Path], bool] | None) -> None:
-    """Raise FileError where ``target`` may not be written."""
+    """Raise FileError if `target` cannot be replaced by the output."""
     check_output(target, overwrite)
     if not target.exists():
         return
     if folder is None and not target.is_file():
-        problem = "is not a plain file", "a file replaces only a file", "choose another name"
-    elif folder is not None and not target.is_dir():
-        problem = "is not a folder", "a folder replaces only a folder", "choose another name"
-    elif folder is not None and any(target.iterdir()) and not folder(target):
-        hint = "choose another name, or remove the folder yourself"
-        problem = "holds more than an earlier output", "only an earlier output is replaced", hint
-    else:
-        return
-    raise FileError(str(target), *problem)
+        raise FileError(str(target), "is not a plain file", "a file replaces only a file", "choose another name")
+    if folder is not None and not target.is_dir():
+        raise FileError(str(target), "is not a folder", "a folder replaces only a folder", "choose another name")
+    if folder is not None and any(target.iterdir()) and not folder(target):
+        rule, hint = "only an earlier output is replaced", "choose another name, or remove the folder yourself"
+        raise FileError(str(target), "holds more than an earlier output", rule, hint)
 
 
 def retry_if_replaced(path: str | os.PathLike[str], read: Callable[[], Result]) -> Result:
-    """Read an output; read it again if another process replaced it meanwhile.
+    """Read an output, and again whenever another process replaced it meanwhile.
 
-    A folder that :func:`replacing` writes is missing for an instant, between the two renames, and a reader may find
-    some files of the old folder and some of the new one.
+    :func:`replacing` renames a folder twice. A reader can find it missing in between, or find files of both folders.
 
-    Raises what `read` raises if the output stays as it is.
+    Raises what `read` raises if the output stays unchanged.
     """
     for _ in range(_MAX_READS - 1):
         before = _moment(path)
         try:
             return read()
         except FileError:
-            is_between = before is None and any(Path(os.path.realpath(path)).parent.glob(f"{_ASIDE}*"))
+            is_between = before is None and any(Path(os.path.realpath(path)).parent.glob(f"{_TEMPORARY_PREFIX}*"))
             if _moment(path) == before and not is_between:
                 raise
-            time.sleep(_PAUSE)
+            time.sleep(_RETRY_SECONDS)
     return read()
 
 
 def _moment(path: str | os.PathLike[str]) -> tuple[int, int, int] | None:
-    """Return what differs between a file or folder and the one that replaces it; None if nothing is there."""
+    """Return inode and times, which change when a file is replaced.
+
+    Returns None if nothing is there.
+    """
     try:
         status = Path(path).stat()
     except (OSError, TypeError, ValueError):
@@ -389,12 +410,18 @@ def _moment(path: str | os.PathLike[str]) -> tuple[int, int, int] | None:
 
 
 def _beside(target: Path) -> Path:
-    """A fresh name in the folder of ``target``: only within one folder is a rename sure to be atomic."""
-    return target.with_name(f"{_ASIDE}{uuid.uuid4().hex[:12]}{target.suffix}")
+    """Return a fresh name in the folder of `target`.
+
+    A rename is atomic only within one folder.
+    """
+    return target.with_name(f"{_TEMPORARY_PREFIX}{uuid.uuid4().hex[:12]}{target.suffix}")
 
 
 def _move(temporary: Path, target: Path) -> None:
-    """Rename ``temporary`` to ``target``; an old folder is kept aside until the new one is in its place."""
+    """Rename `temporary` to `target`.
+
+    An old folder is set aside until the new one is in place.
+    """
     if not target.is_dir():
         temporary.replace(target)
         return
@@ -411,7 +438,7 @@ def _move(temporary: Path, target: Path) -> None:
 
 
 def _remove(path: Path) -> None:
-    """Remove a file or folder of ours, where it is there."""
+    """Remove a file or folder of ours, if it exists."""
     if path.is_dir():
         shutil.rmtree(path, ignore_errors=True)
     else:

@@ -1,8 +1,8 @@
-"""Arrays in the Zarr format, read chunk by chunk; no chunk unpacks to more than its array declares.
+"""Arrays in the Zarr format, read chunk by chunk.
 
-A chunk of a few kilobytes can unpack to gigabytes, and the metadata of an array can name any installed package as its
-codec. So this module reads the metadata itself, accepts few codecs, and unpacks each chunk into a buffer of the size
-that the array declares. A missing chunk is an error, because its fill value could pass for free space.
+A chunk of a few kilobytes can unpack to gigabytes, and the metadata can name any installed package as codec. So this
+module parses the metadata itself, accepts few codecs, and unpacks each chunk into a buffer of the declared size. A
+missing chunk is an error, because its fill value could pass for free space.
 """
 
 from __future__ import annotations
@@ -22,32 +22,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Bytes, shared
-from cspace.files.access import Fault, decoding, look_up, read_part
+from cspace.files.access import ContentError, decoding, inspect_path, read_member
 from cspace.files.plain import read_json
 from cspace.limits import bytes_text
 
 COMPRESSORS: Final = ("zstd", "gzip", "blosc")
-"""Compressors that are read; beside them, only the codecs "bytes" and "crc32c" are."""
+"""Compressors that can be read; the only other codecs are "bytes" and "crc32c"."""
 
 MAX_CHUNK_BYTES: Final = 2**28
-"""Most bytes that one chunk of an array may unpack to."""
+"""Maximum number of bytes that one chunk may unpack to."""
 
-MISSING: Final = "missing_chunks"
-"""Attribute of an array; with the value "fill_value", its missing chunks hold the fill value."""
+MISSING_CHUNKS_ATTRIBUTE: Final = "missing_chunks"
+"""Attribute of an array; if it is "fill_value", missing chunks hold the fill value."""
 
 _ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 
-_KIND: Final = "Zarr array"
-_RULE: Final = "it must be a folder with one array of booleans, and not a saved map"
-_MEND: Final = "write it with zarr.create_array"
+_ZARR_KIND: Final = "Zarr array"
+_ARRAY_RULE: Final = "it must be a folder with one array of booleans, and not a saved map"
+_ARRAY_HINT: Final = "write it with zarr.create_array"
 
 
 def unpack(content: bytes, compressor: str, size: int, out: Bytes | None = None) -> Bytes:
-    """Decompress a chunk that must unpack to exactly `size` bytes, into `out` if it is zstd and `out` is given.
+    """Decompress a chunk of exactly `size` bytes.
 
-    At most `size` + 1 bytes are unpacked, whatever the content declares.
+    zstd unpacks into `out`, if given. At most `size` + 1 bytes are unpacked, whatever the content declares.
 
-    Raises Fault if it unpacks to another size, and any error of the decoders if it is damaged.
+    Raises ContentError if it unpacks to another size, and any error of the decoders if it is damaged.
     """
     import numcodecs
 
@@ -59,7 +59,7 @@ def unpack(content: bytes, compressor: str, size: int, out: Bytes | None = None)
         (declared, _, stored) = struct.unpack_from("<III", content, 4)
         _check_size(declared, size)
         if stored != len(content):
-            raise Fault(f"has a chunk of {len(content)} bytes that declares {stored}")
+            raise ContentError(f"has a chunk of {len(content)} bytes that declares {stored}")
         unpacked = numcodecs.Blosc().decode(content, out=np.empty(size, dtype=np.uint8))
     elif compressor == "gzip":
         unpacked = np.frombuffer(_gunzip(content, size + 1), dtype=np.uint8)
@@ -71,13 +71,16 @@ def unpack(content: bytes, compressor: str, size: int, out: Bytes | None = None)
 
 def _check_size(declared: int | None, size: int) -> None:
     if declared not in (None, size):
-        raise Fault(f"has a chunk that unpacks to {declared} bytes where {size} are needed")
+        raise ContentError(f"has a chunk that unpacks to {declared} bytes but {size} are needed")
 
 
 def _zstd_size(content: bytes) -> int | None:
-    """Return the size that the first frame declares; None if it declares none, so that numcodecs must fill `out`."""
+    """Return the size that the first zstd frame declares.
+
+    Returns None if it declares none; numcodecs then checks that the content fills `out`.
+    """
     if content[:4] != _ZSTD_MAGIC:
-        raise Fault("has a chunk that is not compressed by zstd")
+        raise ContentError("has a chunk that is not compressed by zstd")
     descriptor = content[4]
     single = descriptor >> 5 & 1
     width = (single, 2, 4, 8)[descriptor >> 6]
@@ -95,24 +98,24 @@ def _gunzip(content: bytes, limit: int) -> bytes:
 
 @dataclass(frozen=True)
 class Layout:
-    """How an array is cut into chunks, and how these are encoded.
+    """Division of an array into chunks, and their encoding.
 
     Attributes
     ----------
     shape, chunks : tuple of int
         Entries of the array and of a chunk along each axis.
     dtype : numpy.dtype
-        Booleans, whole or floating-point numbers, with the byte order of the file.
+        Booleans, integers or floats, in the byte order of the file.
     order : {"C", "F"}
-        Order of the entries of a chunk.
+        Order of the entries within a chunk.
     compressor : str
         One of :data:`COMPRESSORS`, or empty.
     checksums : int
         Number of CRC-32C checksums after the compressed bytes.
     prefix, separator : str
-        The name of a chunk's file is the prefix and the indices of the chunk, separated.
+        A chunk file is named by the prefix, then the indices of the chunk, separated.
     fill : object
-        Value of the missing chunks, as the metadata have it; None if they must not be missing.
+        Fill value of missing chunks; None if no chunk may be missing.
     """
 
     shape: tuple[int, ...]
@@ -127,9 +130,11 @@ class Layout:
 
     @classmethod
     def parse(cls, metadata: Any, attributes: Any = None) -> Layout:
-        """Parse the metadata of an array, as versions 2 and 3 of Zarr have them; version 2 keeps `attributes` apart.
+        """Parse array metadata of Zarr version 2 or 3.
 
-        Raises Fault if the array is not one that is read, and any error if the metadata are malformed.
+        `attributes` is for version 2, which keeps them in a separate file.
+
+        Raises ContentError if this module cannot read such an array, and any error if the metadata are malformed.
         """
         if metadata["zarr_format"] == 2:
             codecs = [codec["id"] for codec in (metadata["compressor"], *(metadata["filters"] or ())) if codec]
@@ -145,29 +150,33 @@ class Layout:
             separator = keys.get("configuration", {}).get("separator", separator)
             prefix, attributes = prefix and prefix + separator, metadata.get("attributes")
         else:
-            raise Fault("holds no array", _RULE, _MEND)
+            raise ContentError("holds no array", _ARRAY_RULE, _ARRAY_HINT)
         compressor = codecs.pop(0) if codecs and codecs[0] in COMPRESSORS else ""
         if set(codecs) - {"crc32c"} or (codecs and metadata["zarr_format"] == 2):
-            raise Fault(
+            raise ContentError(
                 f"is encoded with {', '.join(map(str, (*filter(None, [compressor]), *codecs))):.80}",
-                f"one compressor of {', '.join(COMPRESSORS)} is read, and crc32c after it",
+                f"only {', '.join(COMPRESSORS)}, one of them, and crc32c after it can be read",
                 "write it again with zarr's default codecs, or open it with zarr and pass the array",
             )
         if not re.fullmatch(r"[<>|][biuf]\d", text) or order not in ("C", "F") or separator not in (".", "/"):
-            raise Fault(f"has entries of type {text:.40}, which is not read")
-        fill = metadata["fill_value"] if (attributes or {}).get(MISSING) == "fill_value" else None
+            raise ContentError(f"has entries of type {text:.40}, which cannot be read")
+        fill = metadata["fill_value"] if (attributes or {}).get(MISSING_CHUNKS_ATTRIBUTE) == "fill_value" else None
         shapes = _counts(metadata["shape"]), _counts(chunks)
         layout = cls(*shapes, np.dtype(text), order, compressor, len(codecs), prefix, separator, fill)
         if len(layout.shape) != len(layout.chunks) or not isinstance(fill, bool | int | float | None):
-            raise Fault(f"has the shape {layout.shape}, chunks of {layout.chunks} and the fill value {fill!r:.40}")
+            raise ContentError(
+                f"has the shape {layout.shape}, chunks of {layout.chunks} and the fill value {fill!r:.40}"
+            )
         if layout.chunk_bytes > MAX_CHUNK_BYTES:
-            rule = f"a chunk may unpack to {bytes_text(MAX_CHUNK_BYTES)} at most"
-            raise Fault(f"has chunks of {bytes_text(layout.chunk_bytes)}", rule, "write it again in smaller chunks")
+            rule = f"a chunk may unpack to at most {bytes_text(MAX_CHUNK_BYTES)}"
+            raise ContentError(
+                f"has chunks of {bytes_text(layout.chunk_bytes)}", rule, "write it again in smaller chunks"
+            )
         return layout
 
     @property
     def chunk_bytes(self) -> int:
-        """Bytes that a chunk unpacks to."""
+        """Number of bytes that a chunk unpacks to."""
         return math.prod(self.chunks) * self.dtype.itemsize
 
     def key(self, index: Sequence[int]) -> str:
@@ -177,7 +186,7 @@ class Layout:
     def decode(self, content: bytes) -> NDArray[Any]:
         """Decode a chunk.
 
-        Raises Fault if it unpacks to another size than declared, and any error of the decoders if it is damaged.
+        Raises ContentError if its size differs from the declared one, and any error of the decoders if it is damaged.
         """
         from numcodecs.checksum32 import CRC32C
 
@@ -187,9 +196,11 @@ class Layout:
         return entries.reshape(self.chunks, order=self.order)  # type: ignore[call-overload, no-any-return]
 
     def read(self, box: Sequence[slice], content_of: Callable[[str], bytes | None]) -> NDArray[Any]:
-        """Read the entries in a box; `content_of` gives the content of a file by its name, or None if it is missing.
+        """Read the entries in a box.
 
-        Raises Fault if a chunk is missing, and errors as :meth:`decode`.
+        `content_of` returns the content of a named chunk file, or None if it is missing.
+
+        Raises ContentError if a chunk is missing, and as :meth:`decode`.
         """
         entries = np.empty([part.stop - part.start for part in box], dtype=self.dtype.newbyteorder("="))
         spans = [range(p.start // n, -(-p.stop // n)) for p, n in zip(box, self.chunks, strict=True)]
@@ -202,60 +213,63 @@ class Layout:
         return entries
 
 
-def missing_chunk(name: str) -> Fault:
-    """Return the error for an array that lacks a chunk, or several."""
-    return Fault(
+def missing_chunk(name: str) -> ContentError:
+    """Return the error for an array that lacks one or more chunks."""
+    attribute = MISSING_CHUNKS_ATTRIBUTE
+    return ContentError(
         f"lacks {name}",
-        "a chunk that was lost would pass for free space",
+        "a lost chunk would pass for free space",
         "copy the array again, or write it with zarr.create_array(..., config={'write_empty_chunks': True}); "
-        f'if missing chunks hold the fill value, set array.attrs["{MISSING}"] = "fill_value"',
+        f'if missing chunks hold the fill value, set array.attrs["{attribute}"] = "fill_value"',
     )
 
 
 def _counts(numbers: Any) -> tuple[int, ...]:
-    """Return whole numbers above zero as a tuple.
+    """Return positive whole numbers as a tuple.
 
-    Raises Fault if one is not.
+    Raises ContentError if a number is not a positive int.
     """
     if not all(type(number) is int and number > 0 for number in numbers):
-        raise Fault(f"has the shape {numbers!r:.40}; all sides must be whole numbers above zero")
+        raise ContentError(f"has the shape {numbers!r:.40}; all sides must be whole numbers above zero")
     return tuple(numbers)
 
 
 class ZarrArray:
-    """An array in a Zarr folder, of which an index of slices reads the chunks that it needs.
+    """An array in a Zarr folder that reads chunks when indexed.
 
-    Raises FileError if the folder holds no array, or one that is not read.
+    Raises FileError if the folder holds no array, or one that cannot be read.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.filename = Path(path).absolute()  # workers have other working folders
-        with decoding(path, _KIND, _RULE, _MEND):
+        with decoding(path, _ZARR_KIND, _ARRAY_RULE, _ARRAY_HINT):
             document, attributes = self._read_json("zarr.json"), None
             if document is None:
                 document, attributes = self._read_json(".zarray"), self._read_json(".zattrs")
             if document is None:
-                raise Fault("holds no array", _RULE, _MEND)
+                raise ContentError("holds no array", _ARRAY_RULE, _ARRAY_HINT)
             self._layout = Layout.parse(document, attributes)
         self.shape, self.dtype, self.ndim = self._layout.shape, self._layout.dtype, len(self._layout.shape)
 
     def __getitem__(self, box: Sequence[slice]) -> NDArray[Any]:
         """Read the entries in a box.
 
-        Raises FileError if a chunk is missing, damaged or unpacks to another size, or is not a plain file.
+        Raises FileError if a chunk is missing, damaged, of the wrong size, or not a plain file.
         """
-        with decoding(self.filename, _KIND):
+        with decoding(self.filename, _ZARR_KIND):
             return self._layout.read(box, self._content)
 
     def __reduce__(self) -> tuple[type[ZarrArray], tuple[Path]]:
+        """Pickle the path, so that each process reads the folder itself."""
         return ZarrArray, (self.filename,)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """Read all entries as a NumPy array."""
         return np.asarray(self[tuple(slice(0, n) for n in self.shape)], dtype=dtype)
 
     def _read_json(self, name: str) -> Any:
         file = self.filename / name
-        return read_json(file, _KIND) if look_up(file, _KIND)[1] else None
+        return read_json(file, _ZARR_KIND) if inspect_path(file, _ZARR_KIND)[1] else None
 
     def _content(self, name: str) -> bytes | None:
-        return read_part(self.filename, name, "chunk")
+        return read_member(self.filename, name, "chunk")

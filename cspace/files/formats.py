@@ -1,7 +1,4 @@
-"""Which constructor of a workspace a file goes to, by its suffix; and arrays, of numpy and of Zarr, whose type decides.
-
-Of arrays nothing is read before it is used.
-"""
+"""Formats of workspace files by suffix; lazy NumPy and Zarr arrays."""
 
 from __future__ import annotations
 
@@ -15,68 +12,69 @@ from numpy.typing import NDArray
 from cspace.arrays import StrPath
 from cspace.errors import InputError
 from cspace.files import meshes, ros, vector
-from cspace.files.access import decoding, existing, suffix_of
+from cspace.files.access import check_file, check_suffix, decoding
 from cspace.files.chunks import ZarrArray
 from cspace.files.polygons import read_ply_header
 from cspace.files.voxels import read_nrrd_dimension
 
-_KIND: Final = "NumPy array"
+_NUMPY_KIND: Final = "NumPy array"
 
 
 class Format(NamedTuple):
-    """How the files of a suffix are read.
+    """The reader of the files of a suffix.
 
     Attributes
     ----------
     method : str
-        The classmethod of ``Workspace`` that reads them.
+        Name of the classmethod of ``Workspace`` that reads them.
     dimension : int or None
-        2 in the plane, 3 in space; None if each file says.
+        2 in the plane, 3 in space; None if it depends on the file.
     """
 
     method: str
     dimension: int | None
 
 
-_IMAGES: Final = (".png", ".pgm", ".ppm", ".pbm", ".pnm", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+_IMAGE_SUFFIXES: Final = (".png", ".pgm", ".ppm", ".pbm", ".pnm", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 
-FORMATS: Final[dict[str, Format]] = {
-    **dict.fromkeys(ros.SUFFIXES, Format("from_ros_map", 2)),
+WORKSPACE_FORMATS: Final[dict[str, Format]] = {
+    **dict.fromkeys(ros.ROS_MAP_SUFFIXES, Format("from_ros_map", 2)),
     ".map": Format("from_movingai", 2),
     ".3dmap": Format("from_movingai", 3),
-    **dict.fromkeys(vector.SUFFIXES, Format("from_polygons", 2)),
+    **dict.fromkeys(vector.POLYGON_SUFFIXES, Format("from_polygons", 2)),
     **dict.fromkeys((".npy", ".zarr"), Format("from_array", None)),
-    **dict.fromkeys(meshes.SUFFIXES, Format("from_mesh", 3)),
+    **dict.fromkeys(meshes.MESH_SUFFIXES, Format("from_mesh", 3)),
     **dict.fromkeys((".bt", ".ot"), Format("from_octomap", 3)),
     ".nrrd": Format("from_nrrd", None),
     **dict.fromkeys((".xyz", ".txt", ".csv", ".pcd"), Format("from_points", 3)),
-    **dict.fromkeys(_IMAGES, Format("from_image", 2)),
+    **dict.fromkeys(_IMAGE_SUFFIXES, Format("from_image", 2)),
 }
-"""How the file of a workspace is read, by its suffix."""
+"""Reader of each suffix of a workspace file."""
 
 
-def method_of(path: StrPath) -> str:
-    """Return the name of the classmethod of ``Workspace`` that reads a file: by its suffix, then by how it begins.
+def find_constructor(path: StrPath) -> str:
+    """Return the name of the ``Workspace`` classmethod that reads a file.
 
-    Raises InputError if the suffix is unknown, and FileError if the file had to be looked into and is missing or
-    malformed.
+    The suffix decides, then the header.
+
+    Raises InputError if the suffix is unknown. Raises FileError if the header is needed and is missing or malformed.
     """
-    suffix = suffix_of(path, FORMATS, "the suffix says which format to read")
+    suffix = check_suffix(path, WORKSPACE_FORMATS, "the suffix selects the format")
     if suffix == ".npy":
         array = read_npy(path)
         return "from_points" if array.dtype.kind == "f" and array.shape[1:] == (3,) else "from_array"
     if suffix == ".ply":
         return "from_mesh" if read_ply_header(path).faces else "from_points"
-    return FORMATS[suffix].method
+    return WORKSPACE_FORMATS[suffix].method
 
 
-def dimension_of(path: StrPath) -> int:
-    """Return the dimension of a workspace's file, reading no more than its header.
+def read_dimension(path: StrPath) -> int:
+    """Return the dimension of a workspace file, reading at most its header.
 
-    Raises InputError or FileError as :func:`method_of`.
+    Raises InputError or FileError as :func:`find_constructor`.
     """
-    method, suffix = method_of(path), Path(path).suffix.lower()
-    dimension = FORMATS[suffix].dimension
+    method, suffix = find_constructor(path), Path(path).suffix.lower()
+    dimension = WORKSPACE_FORMATS[suffix].dimension
     if method == "from_nrrd":
         return read_nrrd_dimension(path)
     if dimension is None:
@@ -86,37 +84,37 @@ def dimension_of(path: StrPath) -> int:
 
 
 def read_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
-    """The array of a ``.npy`` file, read-only, its values left in the file until they are used.
+    """Map the array of a ``.npy`` file into memory, read-only.
 
-    Raises FileError if the file is missing, is no such file, is truncated, or holds Python objects.
+    Raises FileError if the file is missing, truncated, in another format, or holds Python objects.
     """
-    file = existing(path, _KIND)
+    file = check_file(path, _NUMPY_KIND)
     rule = "it must hold one array, boolean for cells or floating-point for points"
-    with decoding(file, _KIND, rule, "write it with numpy.save"), np.errstate(over="raise"):
+    with decoding(file, _NUMPY_KIND, rule, "write it with numpy.save"), np.errstate(over="raise"):
         return np.lib.format.open_memmap(file, mode="r")
 
 
 def read_cells(path: str | os.PathLike[str]) -> NDArray[Any]:
-    """The array of a ``.npy`` file, to be taken as cells.
+    """Map an array of cells from a ``.npy`` file into memory, read-only.
 
-    Raises InputError if it rather holds points, as whole numbers, and FileError as :func:`read_npy`.
+    Raises InputError if it looks like points saved as whole numbers, and FileError as :func:`read_npy`.
     """
     array = read_npy(path)
     if array.dtype.kind in "iu" and array.shape[1:] == (3,) and ((array != 0) & (array != 1)).any():
         raise InputError(
             os.fspath(path),
-            f"holds {len(array)} rows of three whole numbers, other ones than 0 and 1",
+            f"holds {len(array)} rows of three whole numbers beyond 0 and 1",
             "cells are booleans and points are floating-point numbers",
-            "save it as array.astype(float) if it holds points in metres, or as booleans if it holds cells",
+            "save points in metres as array.astype(float), and cells as booleans",
         )
     return array
 
 
 def read_zarr_array(path: str | os.PathLike[str]) -> ZarrArray:
-    """The array of a folder in the Zarr format, whose values are read where it is indexed.
+    """Open a Zarr folder as an array that reads when indexed.
 
-    Raises FileError if there is none.
+    Raises FileError if the folder is missing or holds no array.
     """
     if not Path(path).is_dir():
-        existing(path, "Zarr array")
+        check_file(path, "Zarr array")
     return ZarrArray(path)

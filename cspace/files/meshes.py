@@ -1,14 +1,14 @@
-"""Meshes from files, and from the objects of trimesh: all triangles that a file holds, or an error that names it.
+"""Triangle meshes from files and from trimesh objects.
 
-PLY, GLB and glTF are read by trimesh, with ``process=False``, and counted: a census of the file, made apart from the
-reading, must agree with what was read. STL, OBJ, OFF and COLLADA are read here. Of STL the census is the reading.
-trimesh moves triangles of OBJ where corners count backwards or are written in more than one way, loses those of lines
-that begin with a blank, and lays polygons that bend as fans that stick out of them. COLLADA is read here because
-pycollada drops what it does not know and warns on NumPy 2.5.
+A mesh is read with all of its triangles or refused. trimesh reads PLY, GLB and glTF, with ``process=False``, and a
+separate census of the file must agree with what it read. This package reads STL, OBJ, OFF and COLLADA itself. For STL
+the census is the reading. In OBJ files trimesh moves triangles whose corners count backwards or are written in mixed
+forms, loses those on lines with a leading blank, and cuts bent polygons into fans that stick out of them. pycollada
+drops unknown elements and warns on NumPy 2.5.
 
-In glTF, trimesh passes over fans of triangles, fills sparse and compressed accessors with zeros, takes quantised
-numbers as they are, leaves out instances, skins and morphs, and loses what hangs below a node with a camera. All of
-these are refused here by name; the triangles of the rest are counted, and their bounds compared with the header's.
+In glTF, trimesh skips triangle fans, fills sparse and compressed accessors with zeros, does not scale quantised
+numbers, and ignores instances, skins and morphs and everything below a camera node. This module refuses all of these
+by name. It counts the triangles of the rest and compares their bounds with the header's.
 """
 
 from __future__ import annotations
@@ -30,40 +30,51 @@ import numpy as np
 from cspace.arrays import Floats, Ints, Surface
 from cspace.check import finite
 from cspace.errors import GeometryError, InputError
-from cspace.files.access import Fault, decoding, existing, numbers_of, read_bytes, suffix_of
+from cspace.files.access import ContentError, check_file, check_suffix, decoding, parse_numbers, read_bytes
 from cspace.files.plain import check_nesting, parse_xml
-from cspace.files.polygons import joined, placed, read_obj, read_off, read_ply, triangulated, unfolded, unread
+from cspace.files.polygons import (
+    join_surfaces,
+    read_obj,
+    read_off,
+    read_ply,
+    surface_bytes,
+    transform_surface,
+    triangulate,
+    unsupported_part,
+)
 from cspace.limits import check_bytes
 
-_KIND: Final = "mesh"
+_MESH_KIND: Final = "mesh"
 
-_LOOKS: Final = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "KHR_xmp", "MSFT_texture_")
-"""Extensions, by their first letters, that leave the shape as it is."""
+_APPEARANCE_PREFIXES: Final = (
+    *("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "KHR_xmp", "MSFT_texture_"),
+)
+"""Prefixes of the glTF extensions that leave the shape unchanged."""
 
-_DEEPEST: Final = 256
-"""Levels of nodes within each other, at most."""
+_MAX_NODE_LEVELS: Final = 256
+"""Maximum depth of nested scene nodes."""
 
-_TRIANGLES: Final = 4
-_MODES: Final = {5: "strips of triangles", 6: "fans of triangles"}
-_WIDTHS: Final = {5121: 1, 5123: 2, 5125: 4, 5126: 12}
-"""Bytes of a corner's number, and of a position, by the type of its component."""
+_TRIANGLES_MODE: Final = 4
+_MODE_NAMES: Final = {5: "strips of triangles", 6: "fans of triangles"}
+_ROW_BYTES: Final = {5121: 1, 5123: 2, 5125: 4, 5126: 12}
+"""Bytes of an index, or of a position for type 5126 (float), by glTF component type."""
 
 
-def load_gltf(file: Path) -> tuple[Any, int]:
-    """The scene of a file, as trimesh reads it, and how many triangles it must have.
+def load_gltf_scene(file: Path) -> tuple[Any, int]:
+    """Read a glTF scene with trimesh, and count its declared triangles.
 
-    Raises FileError if the file or a buffer is missing, truncated or malformed, or another thing was read than is
-    declared, and GeometryError if there is something besides triangles, or shapes that depend on an extension, a skin,
-    a morph, or on numbers that are quantised, sparse or compressed.
+    Raises FileError if the file or a buffer is missing, truncated, malformed, or not read as declared. Raises
+    GeometryError if it holds anything but triangles, or if its shape depends on an extension, a skin, a morph, or on
+    quantised, sparse or compressed numbers.
     """
     import trimesh
 
-    data = read_bytes(file, _KIND, memory=4.0)
+    data = read_bytes(file, _MESH_KIND, memory=4.0)
     is_binary = file.suffix.lower() == ".glb"
     header = _header(_json_of(data) if is_binary else data)
     parts = [[_triangles(part, header) for part in mesh["primitives"]] for mesh in header.get("meshes", [])]
     sizes = [
-        sum(unfolded(header["accessors"][part["attributes"]["POSITION"]]["count"], faces) for part, faces in pairs)
+        sum(surface_bytes(header["accessors"][part["attributes"]["POSITION"]]["count"], faces) for part, faces in pairs)
         for pairs in map(zip, (mesh["primitives"] for mesh in header.get("meshes", [])), parts)
     ]
     places = list(_instances(header))
@@ -77,122 +88,134 @@ def load_gltf(file: Path) -> tuple[Any, int]:
     )
     primitives = [part for mesh in header["meshes"] for part in mesh["primitives"]]
     if len(primitives) != len(loaded.geometry):
-        raise Fault(f"declares {len(primitives)} parts, and {len(loaded.geometry)} were read")
+        raise ContentError(f"declares {len(primitives)} parts but {len(loaded.geometry)} were read")
     for primitive, geometry in zip(primitives, loaded.geometry.values(), strict=True):
         _compare(np.asarray(geometry.vertices), header["accessors"][primitive["attributes"]["POSITION"]])
     return loaded, declared
 
 
 def _triangles(primitive: dict[str, Any], header: dict[str, Any]) -> int:
-    """Triangles that a part must have, once everything about it is known to be read right."""
-    mode = primitive.get("mode", _TRIANGLES)
-    if mode != _TRIANGLES:
-        raise unread(f"a part of {_MODES.get(mode, f'points or lines (mode {mode})')}")
+    """Return the number of triangles of a primitive.
+
+    Refuses a primitive that trimesh would misread.
+    """
+    mode = primitive.get("mode", _TRIANGLES_MODE)
+    if mode != _TRIANGLES_MODE:
+        raise unsupported_part(f"a part of {_MODE_NAMES.get(mode, f'points or lines (mode {mode})')}")
     _refuse_extensions(primitive)
     if "POSITION" not in primitive["attributes"]:
-        raise unread("a part without positions of its own")
+        raise unsupported_part("a part without positions of its own")
     corners = _count(primitive["attributes"]["POSITION"], "VEC3", header)
     if "indices" in primitive:
         corners = _count(primitive["indices"], "SCALAR", header)
     if corners < 3 or corners % 3:
-        raise Fault(f"has a part of {corners} corners, which do not make triangles")
+        raise ContentError(f"has a part of {corners} corners, which is not a multiple of 3")
     return corners // 3
 
 
 def _count(number: int, kind: str, header: dict[str, Any]) -> int:
-    """Rows of an accessor whose numbers lie as they are in a buffer, within it."""
+    """Return the number of rows of a plain accessor.
+
+    Refuses one that exceeds its buffer.
+    """
     accessor = _item(header, "accessors", number)
     if "sparse" in accessor:
-        raise unread(f"a sparse accessor ({number})")
+        raise unsupported_part(f"a sparse accessor ({number})")
     if "bufferView" not in accessor:
-        raise unread(f"an accessor ({number}) without data, as compression leaves it")
+        raise unsupported_part(f"an accessor ({number}) without data, as after compression")
     component = accessor["componentType"]
     if kind == "VEC3" and component != 5126:
-        raise unread(f"quantised positions (accessor {number})")
-    if accessor["type"] != kind or component not in _WIDTHS or (kind == "SCALAR") == (component == 5126):
-        raise Fault(f"has accessor {number} of {accessor['type']} {component}, where {kind} must be")
+        raise unsupported_part(f"quantised positions (accessor {number})")
+    if accessor["type"] != kind or component not in _ROW_BYTES or (kind == "SCALAR") == (component == 5126):
+        raise ContentError(f"has accessor {number} of {accessor['type']} {component} instead of {kind}")
     view = _item(header, "bufferViews", accessor["bufferView"])
     _refuse_extensions(view)
-    width, count, start = _WIDTHS[component], accessor["count"], accessor.get("byteOffset", 0)
+    width, count, start = _ROW_BYTES[component], accessor["count"], accessor.get("byteOffset", 0)
     stride, first = view.get("byteStride", width), view.get("byteOffset", 0)
     end = start + (count - 1) * stride + width
     buffer = _item(header, "buffers", view["buffer"])
     if min(start, first) < 0 or count < 1 or stride < width or end > view["byteLength"]:
-        raise Fault("has an accessor that goes beyond its view, or is empty")
+        raise ContentError("has an accessor that is empty or exceeds its view")
     if first + view["byteLength"] > buffer["byteLength"]:
-        raise Fault("has a view of a buffer that goes beyond its end")
+        raise ContentError("has a view that exceeds its buffer")
     return int(count)
 
 
 def _instances(header: dict[str, Any]) -> Iterator[int]:
-    """The mesh of each place of the scene where one stands."""
+    """Yield the mesh index of each placed instance in the scene."""
     scenes, nodes = header.get("scenes", []), header.get("nodes", [])
     if not scenes and header.get("meshes"):
-        raise unread("meshes in no scene", "export it again with its scene")
+        raise unsupported_part("meshes in no scene", "export it again with its scene")
     if len(scenes) > 1 and "scene" not in header:
-        raise unread(f"{len(scenes)} scenes of which none is the default", "export one scene")
+        raise unsupported_part(f"{len(scenes)} scenes of which none is the default", "export one scene")
     seen: set[int] = set()
     roots = _item(header, "scenes", header.get("scene", 0)).get("nodes", []) if scenes else []
     pending = [(number, 1) for number in roots]
     while pending:
         number, level = pending.pop()
-        if level > _DEEPEST:
-            raise Fault(f"has more than {_DEEPEST} nodes within each other")
+        if level > _MAX_NODE_LEVELS:
+            raise ContentError(f"has more than {_MAX_NODE_LEVELS} nested nodes")
         if number in seen or not 0 <= number < len(nodes):
-            raise Fault(f"names node {number} twice, or it is not there; nodes form trees")
+            raise ContentError(f"names node {number} twice, or it is missing; nodes must form trees")
         seen.add(number)
         node = nodes[number]
         _refuse_extensions(node)
         pending += [(child, level + 1) for child in node.get("children", [])]
         if not any(np.asarray(node.get("rotation", [1.0]), dtype=np.float64)):
-            raise Fault("has a node with a rotation of length 0")
+            raise ContentError("has a node with a rotation of length 0")
         if "camera" in node and ("mesh" in node or node.get("children")):
-            raise unread("a mesh at or below a camera", "hang the camera below the mesh")
+            raise unsupported_part("a mesh at or below a camera", "hang the camera below the mesh")
         if "mesh" in node:
             mesh = _item(header, "meshes", node["mesh"])
             if "skin" in node:
-                raise unread("a mesh that a skin moves", "apply its pose, and export it without the skin")
+                raise unsupported_part("a mesh that a skin moves", "apply its pose and export it without the skin")
             if any(node.get("weights", mesh.get("weights", []))):
-                raise unread("a mesh that a morph moves", "apply the morph, and export it as it then is")
+                raise unsupported_part("a mesh that a morph moves", "apply the morph before exporting")
             yield node["mesh"]
 
 
 def _compare(points: Floats, accessor: dict[str, Any]) -> None:
-    """Hold the vertices that were read against the number and the bounds that their accessor declares."""
+    """Check the vertices of a primitive against its accessor.
+
+    The accessor declares their count and bounds.
+    """
     if len(points) != accessor["count"]:
-        raise Fault(f"declares {accessor['count']} vertices of a part, and {len(points)} were read")
+        raise ContentError(f"declares {accessor['count']} vertices of a part but {len(points)} were read")
     if "min" in accessor and "max" in accessor and np.isfinite(points).all():
         declared = np.array([accessor["min"], accessor["max"]], dtype=np.float64)
         measured = np.array([points.min(axis=0), points.max(axis=0)])
         if declared.shape != (2, 3) or not (np.abs(declared - measured) <= 1e-5 * np.abs(measured).max()).all():
-            raise Fault(f"declares bounds of a part that are {declared.tolist()}, and {measured.tolist()} were read")
+            raise ContentError(f"declares bounds {declared.tolist()} of a part but {measured.tolist()} were read")
 
 
 def _refuse_extensions(thing: dict[str, Any]) -> None:
-    foreign = [name for name in thing.get("extensions", {}) if not name.startswith(_LOOKS)]
+    foreign = [name for name in thing.get("extensions", {}) if not name.startswith(_APPEARANCE_PREFIXES)]
     if foreign:
-        raise unread(f"a part with the extension {foreign[0]}")
+        raise unsupported_part(f"a part with the extension {foreign[0]}")
 
 
 def _item(header: dict[str, Any], kind: str, number: int) -> dict[str, Any]:
     items = header.get(kind, [])
     if not 0 <= number < len(items):
-        raise Fault(f"names number {number} of its {len(items)} {kind}")
+        raise ContentError(f"names number {number} of its {len(items)} {kind}")
     item: dict[str, Any] = items[number]
     return item
 
 
 def _json_of(data: bytes) -> bytes:
-    """The header of a GLB file, whose chunks fill it to its end."""
+    """Return the header of a GLB file.
+
+    Refuses a file that its chunks do not fill exactly.
+    """
     if data[:4] != b"glTF" or int.from_bytes(data[4:8], "little") != 2:
-        raise Fault("does not begin with the head of a GLB file of version 2")
+        raise ContentError("does not begin with a GLB header of version 2")
     length, at = int.from_bytes(data[8:12], "little"), 12
     if length != len(data):
-        raise Fault(f"has {len(data)} bytes and declares {length}")
+        raise ContentError(f"has {len(data)} bytes but declares {length}")
     while at < length:
         at += 8 + int.from_bytes(data[at : at + 4], "little")
     if at != length or data[16:20] != b"JSON":
-        raise Fault("has a chunk that goes beyond its end, or no header in JSON")
+        raise ContentError("has a chunk that exceeds the file, or no header in JSON")
     return data[20 : 20 + int.from_bytes(data[12:16], "little")]
 
 
@@ -202,18 +225,18 @@ def _header(data: bytes) -> dict[str, Any]:
         check_nesting(text, "[{", "]}")
         header = json.loads(text)
     except ValueError as error:
-        raise Fault(f"has a header that is no JSON ({error})") from error
+        raise ContentError(f"has a header that is not JSON ({error})") from error
     if not isinstance(header, dict):
-        raise Fault("has a header that is no object of JSON")
+        raise ContentError("has a header that is not a JSON object")
     version = str(header.get("asset", {}).get("version", ""))
     if not version.startswith("2."):
-        raise Fault(f"is of version {version or 'none'}; glTF 2 is read")
+        raise ContentError(f"is of version {version or 'none'}; only glTF 2 is read")
     _refuse_extensions({"extensions": dict.fromkeys(header.get("extensionsRequired", []))})
     return header
 
 
 class _Beside(Mapping[str, bytes]):
-    """Files that a glTF file names: beside it or below, and nowhere else."""
+    """Files named by a glTF file, within its folder."""
 
     def __init__(self, file: Path) -> None:
         self.file = file
@@ -222,7 +245,7 @@ class _Beside(Mapping[str, bytes]):
         folder = self.file.parent
         other = folder / unquote(uri)
         if not other.resolve().is_relative_to(folder.resolve()):
-            raise Fault(f"has its data in {uri!r:.80}, outside of its folder")
+            raise ContentError(f"has its data in {uri!r:.80}, outside its folder")
         return read_bytes(other, "buffer of glTF")
 
     def __iter__(self) -> Iterator[str]:
@@ -233,29 +256,31 @@ class _Beside(Mapping[str, bytes]):
 
 
 Named = dict[str, Element | None]
-"""Elements by their ids; none where two have one."""
+"""Elements by id; None if two elements share the id."""
 
-_LEFT: Final = frozenset(["asset", "extra", "evaluate_scene", "instance_camera", "instance_light"])
+_SHAPELESS_CHILDREN: Final = frozenset(["asset", "extra", "evaluate_scene", "instance_camera", "instance_light"])
 """Children of a node that have no shape."""
 
-_PLACES: Final = 100_000
-"""Places of a scene, at most, beyond the elements of the file: a few nodes that hold others unfold into any number."""
+_MAX_EXTRA_VISITS: Final = 100_000
+"""Maximum number of node visits beyond the file's elements, because a few nested instances can unfold without end."""
 
-_WITHOUT_SURFACE: Final = frozenset(["source", "vertices", "extra", "lines", "linestrips"])
+_SURFACELESS_CHILDREN: Final = frozenset(["source", "vertices", "extra", "lines", "linestrips"])
 """Children of a mesh that have no surface."""
 
 
 def read_collada(file: Path) -> Surface:
-    """Triangles of the file's scene, its unit turned into metres, its axes as they are; lines are left.
+    """Read the triangles of a COLLADA scene, in metres.
 
-    Raises FileError if the file is truncated or malformed, and GeometryError if there is a surface that is not read, or
-    a polygon can be cut in several ways.
+    Axes stay as they are; lines are skipped.
+
+    Raises FileError if the file is truncated or malformed. Raises GeometryError if it has an unsupported surface or a
+    polygon whose triangles are ambiguous.
     """
     root = parse_xml(read_bytes(file, "mesh", memory=20.0))
     for element in root.iter():
         element.tag = str(element.tag).rpartition("}")[2]
     if root.tag != "COLLADA":
-        raise Fault(f"holds {root.tag}, not COLLADA")
+        raise ContentError(f"holds {root.tag}, not COLLADA")
     named: Named = {}
     for element in root.iter():
         if name := element.get("id"):
@@ -263,66 +288,66 @@ def read_collada(file: Path) -> Surface:
     unit = root.find("asset/unit")
     metres = float(unit.get("meter", "1")) if unit is not None else 1.0
     if not (math.isfinite(metres) and metres > 0.0):
-        raise Fault(f"has a unit of {metres:g} metres")
+        raise ContentError(f"has a unit of {metres:g} metres")
     instance = root.find("scene/instance_visual_scene")
     if instance is None:
-        raise unread("no scene that is shown; its geometries stand nowhere", "export it again with its scene")
+        raise unsupported_part("geometries in no scene", "export it again with its scene")
     scene = _target(instance, named)
     if scene.tag != "visual_scene":
-        raise Fault(f"names {scene.tag} as its scene")
+        raise ContentError(f"names {scene.tag} as its scene")
     places: list[tuple[Element, Floats]] = []
-    visits, most = 0, _PLACES + sum(1 for _ in root.iter())
+    visits, most = 0, _MAX_EXTRA_VISITS + sum(1 for _ in root.iter())
     pending: list[tuple[Element, Floats, tuple[Element, ...]]] = [
         (child, np.diag([metres, metres, metres, 1.0]), ()) for child in reversed(list(scene))
     ]
     while pending:
         element, above, path = pending.pop()
         visits += 1
-        if visits > most or len(path) > _DEEPEST:
-            raise Fault(f"puts nodes into nodes, {len(path)} deep, and {visits} in all or more")
-        if element.tag in _LEFT:
+        if visits > most or len(path) > _MAX_NODE_LEVELS:
+            raise ContentError(f"nests nodes {len(path)} deep, and {visits} in all or more")
+        if element.tag in _SHAPELESS_CHILDREN:
             continue
         if element.tag == "instance_node":
             element = _target(element, named)
         if element.tag == "node":
             if element in path:
-                raise Fault(f"has the node {element.get('id')!r} within itself")
+                raise ContentError(f"has the node {element.get('id')!r} within itself")
             transform, shapes = _local(element)
             pending += [(child, above @ transform, (*path, element)) for child in reversed(shapes)]
         elif element.tag == "instance_geometry":
             places.append((_target(element, named), above))
         else:
-            raise unread(f"a {element.tag} in its scene")
+            raise unsupported_part(f"a {element.tag} in its scene")
     arrays: dict[Element, Floats] = {}
     known = {each: _surfaces(each, named, arrays) for each in dict.fromkeys(each for each, _ in places)}
-    sizes = {each: sum(unfolded(len(points), len(faces)) for points, faces in known[each]) for each in known}
+    sizes = {each: sum(surface_bytes(len(points), len(faces)) for points, faces in known[each]) for each in known}
     check_bytes(file, sum(sizes[each] for each, _ in places), "unfolds to", memory=3.0)
-    return joined([placed(surface, above) for each, above in places for surface in known[each]])
+    return join_surfaces([transform_surface(surface, above) for each, above in places for surface in known[each]])
 
 
 def _target(instance: Element, named: Named) -> Element:
     url = instance.get("url", "")
     if not url.startswith("#"):
-        raise unread(f"a {instance.tag} of another file ({url!r})", "export it again as one file")
+        raise unsupported_part(f"a {instance.tag} of another file ({url!r})", "export it again as one file")
     target = named.get(url[1:])
     if target is None:
-        raise Fault(f"names {url!r}, which is not there, or there twice")
+        raise ContentError(f"names {url!r}, which is missing or repeated")
     return target
 
 
 def _local(node: Element) -> tuple[Floats, list[Element]]:
-    """Transform of a node in its parent, and the children that are no transforms."""
+    """Return the local transform of a node, and its other children."""
     transform, shapes = np.eye(4), []
     for child in node:
         if child.tag in ("lookat", "skew"):
-            raise unread(f"a node with the transform {child.tag}", "export it again with matrices")
+            raise unsupported_part(f"a node with the transform {child.tag}", "export it again with matrices")
         if child.tag not in _TRANSFORMS:
             shapes.append(child)
             continue
         size, matrix = _TRANSFORMS[child.tag]
         numbers = np.array((child.text or "").split(), dtype=np.float64)
         if len(numbers) != size:
-            raise Fault(f"has a {child.tag} of {len(numbers)} numbers; it has {size}")
+            raise ContentError(f"has a {child.tag} of {len(numbers)} numbers; it has {size}")
         transform = transform @ matrix(numbers)
     return transform, shapes
 
@@ -334,7 +359,10 @@ def _translation(offset: Floats) -> Floats:
 
 
 def _rotation(values: Floats) -> Floats:
-    """Turn about an axis by an angle in degrees (Rodrigues)."""
+    """Return a rotation matrix, shape (4, 4) (Rodrigues, 1840).
+
+    `values` are the axis and the angle in degrees.
+    """
     length = float(np.linalg.norm(values[:3]))
     x, y, z = values[:3] / length if length > 0.0 else values[:3]
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -350,18 +378,18 @@ _TRANSFORMS: Final[dict[str, tuple[int, Callable[[Floats], Floats]]]] = {
     "rotate": (4, _rotation),
     "scale": (3, lambda values: np.diag([*values, 1.0])),
 }
-"""How many numbers each transform of a node has, and its matrix."""
+"""Number of values of each transform of a node, and the function that makes its matrix."""
 
 
 def _surfaces(geometry: Element, named: Named, arrays: dict[Element, Floats]) -> list[Surface]:
-    """Surfaces of a geometry, one for each of its primitives."""
+    """Return one surface for each primitive of a geometry."""
     surfaces = []
     for shape in geometry:
         if shape.tag in ("asset", "extra"):
             continue
         if shape.tag != "mesh":
-            raise unread(f"a geometry that is a {shape.tag}")
-        surfaces += [_primitive(part, named, arrays) for part in shape if part.tag not in _WITHOUT_SURFACE]
+            raise unsupported_part(f"a geometry that is a {shape.tag}")
+        surfaces += [_primitive(part, named, arrays) for part in shape if part.tag not in _SURFACELESS_CHILDREN]
     return surfaces
 
 
@@ -371,10 +399,10 @@ def _primitive(part: Element, named: Named, arrays: dict[Element, Floats]) -> Su
     count = int(part.get("count", "0"))
     points = _positions(part, named, arrays) if count else np.empty((0, 3))
     if part.find("ph") is not None:
-        raise unread("a polygon with holes")
+        raise unsupported_part("a polygon with holes")
     if part.tag == "triangles":
         if len(corners) != 3 * count:
-            raise Fault(f"declares {count} triangles and holds {len(corners)} corners of them")
+            raise ContentError(f"declares {count} triangles but holds {len(corners)} corners")
         sizes = np.full(count, 3)
     elif part.tag == "polylist":
         counts = part.find("vcount")
@@ -382,10 +410,10 @@ def _primitive(part: Element, named: Named, arrays: dict[Element, Floats]) -> Su
     elif part.tag == "polygons":
         sizes = np.array(list(map(len, lists)), dtype=np.int64)
     else:
-        raise unread(f"a mesh with {part.tag}")
+        raise unsupported_part(f"a mesh with {part.tag}")
     if len(sizes) != count:
-        raise Fault(f"declares {count} {part.tag} and holds {len(sizes)}")
-    return points, triangulated(points, corners, sizes)
+        raise ContentError(f"declares {count} {part.tag} but holds {len(sizes)}")
+    return points, triangulate(points, corners, sizes)
 
 
 def _inputs(element: Element, semantic: str) -> list[Element]:
@@ -393,27 +421,27 @@ def _inputs(element: Element, semantic: str) -> list[Element]:
 
 
 def _corners(p: Element, part: Element) -> Ints:
-    """Vertex numbers of a list, in which other numbers stand between them."""
+    """Return the vertex indices of a list of mixed indices."""
     stride = 1 + max((int(given.get("offset", "0")) for given in part.findall("input")), default=0)
     given = _inputs(part, "VERTEX")
     numbers = _integers(p)
     if len(given) != 1 or len(numbers) % stride:
-        raise Fault(f"has {part.tag} with {len(given)} inputs VERTEX and {len(numbers)} numbers, {stride} each")
+        raise ContentError(f"has {part.tag} with {len(given)} inputs VERTEX and {len(numbers)} numbers, {stride} each")
     return numbers[int(given[0].get("offset", "0")) :: stride]
 
 
 def _positions(part: Element, named: Named, arrays: dict[Element, Floats]) -> Floats:
-    """Points of the vertices that a primitive names; ``arrays`` are those whose text was read before."""
+    """Return the positions of a primitive's vertices; `arrays` caches the parsed arrays."""
     vertices = [_source(given, named) for given in _inputs(part, "VERTEX")]
     sources = [_source(given, named) for element in vertices for given in _inputs(element, "POSITION")]
     if len(sources) != 1:
-        raise Fault(f"has {part.tag} with {len(sources)} sources of positions; they have one")
+        raise ContentError(f"has {part.tag} with {len(sources)} sources of positions instead of one")
     accessor = sources[0].find("technique_common/accessor")
     if accessor is None:
-        raise Fault("has a source of positions without an accessor")
+        raise ContentError("has a source of positions without an accessor")
     array = _source(accessor, named)
     if array.tag not in ("float_array", "int_array"):
-        raise Fault(f"has positions in {array.tag}")
+        raise ContentError(f"has positions in {array.tag}")
     values = arrays.get(array)
     if values is None:
         values = arrays[array] = np.array((array.text or "").split(), dtype=np.float64)
@@ -422,9 +450,9 @@ def _positions(part: Element, named: Named, arrays: dict[Element, Floats]) -> Fl
     columns = [i for i, param in enumerate(accessor.findall("param")) if param.get("name")]
     names = [param.get("name") for param in accessor.findall("param") if param.get("name")]
     if names != ["X", "Y", "Z"] or columns[-1] >= stride or first < 0 or count < 0:
-        raise Fault(f"has positions with the columns {names}; they are X, Y, Z")
+        raise ContentError(f"has positions with the columns {names} instead of X, Y, Z")
     if len(values) != int(array.get("count", len(values))) or len(values) < first + count * stride:
-        raise Fault(f"has {len(values)} numbers of positions, and declares more or fewer")
+        raise ContentError(f"has {len(values)} numbers of positions but declares another count")
     return values[first : first + count * stride].reshape(count, stride)[:, columns]
 
 
@@ -432,7 +460,7 @@ def _source(given: Element, named: Named) -> Element:
     name = given.get("source", "")
     source = named.get(name[1:]) if name.startswith("#") else None
     if source is None:
-        raise Fault(f"names the source {name!r}, which is not in it, or in it twice")
+        raise ContentError(f"names the source {name!r}, which is missing or repeated")
     return source
 
 
@@ -440,14 +468,14 @@ def _integers(element: Element) -> Ints:
     try:
         return np.array((element.text or "").split(), dtype=np.int64)
     except ValueError as error:
-        raise Fault(f"has a {element.tag} with something else than whole numbers ({error})") from error
+        raise ContentError(f"has a {element.tag} that holds more than whole numbers ({error})") from error
 
 
-# What trimesh logs of a bad file is said by the one error that is raised for it.
+# Silence trimesh's log of a bad file, because the error that is raised says it.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
-_RECORD: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-"""A triangle in a binary STL file, after a head of 84 bytes."""
+_STL_RECORD: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+"""A triangle of a binary STL file; the records follow a header of 84 bytes."""
 
 _FACET: Final = re.compile(
     rb"\bfacet normal \S+ \S+ \S+ outer loop" + 3 * rb" vertex (\S+) (\S+) (\S+)" + rb" endloop endfacet\b"
@@ -456,78 +484,78 @@ _SOLIDS: Final = re.compile(rb"^[ \t]*(end)?solid\b[^\n]*", re.MULTILINE)
 
 
 def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Ints]:
-    """Vertices, shape (V, 3), metres, and triangles, shape (F, 3), of a file; its suffix says how it is read.
+    """Read the vertices and triangles of a mesh file.
 
-    The parts of a scene are put where its transforms say, and joined. Coordinates are metres: those of ``.glb`` and
-    ``.gltf`` are by definition, those of ``.dae`` are turned into metres from the unit that the file names, and those
-    of the other formats, which name none, are taken to be. Axes are left as they are, whichever the file may call up.
+    Shapes are (V, 3), in metres, and (F, 3). The suffix selects the format. Parts of a scene are transformed and
+    joined. Coordinates of ``.glb`` and ``.gltf`` are metres by definition, those of ``.dae`` are converted from the
+    file's unit, and other formats are assumed to be in metres. Axes stay as they are, whichever the file calls up.
 
-    Nothing is mended or merged, and nothing of a surface is left out: a file with a part that is not read is refused
-    with GeometryError. So is a polygon with more than three corners if its triangles are not certain, because the
-    corners are out of one plane by more than rounding, or because no fan around one of them covers it. Lines and
-    points are left out in ``.obj``, ``.ply`` and ``.dae``, which often hold them besides; they are refused in
-    ``.glb`` and ``.gltf``. An ``.obj`` that is cut between two lines, or within its very last number, cannot be told
-    from a whole one: nothing in it counts.
+    Nothing is repaired, merged or dropped: a file with an unsupported part is refused with GeometryError. So is a
+    polygon of four or more corners whose triangles are ambiguous, because its corners are out of plane by more than
+    rounding or no fan around one of them covers it. Lines and points are skipped in ``.obj``, ``.ply`` and ``.dae``,
+    where they are common, and refused in ``.glb`` and ``.gltf``. Truncation of an ``.obj`` between two lines, or
+    within its last number, cannot be detected.
     """
-    file = existing(path, _KIND)
-    suffix = suffix_of(file, _READERS, "the suffix says how a mesh is read", "mesh")
-    with decoding(file, _KIND):
+    file = check_file(path, _MESH_KIND)
+    suffix = check_suffix(file, _READERS, "the suffix selects the format", "mesh")
+    with decoding(file, _MESH_KIND):
         vertices, faces = _READERS[suffix](file)
         if not len(faces):
             raise _without_triangles(str(file), "cloud of points" if len(vertices) else "")
         finite(vertices, f"vertices of {file}")
         wrong = faces[(faces < 0) | (faces >= len(vertices))]
         if len(wrong):
-            raise Fault(f"has a face that names vertex {wrong[0]}, counted from 0, of {len(vertices)}")
+            raise ContentError(f"has a face that names vertex {wrong[0]}, counted from 0, of {len(vertices)}")
     return vertices, np.ascontiguousarray(faces)
 
 
 def _stl(file: Path) -> Surface:
-    """Triangles of an STL file, three vertices of their own each."""
-    data = read_bytes(file, _KIND, memory=12.0)
+    """Read the triangles of an STL file, without shared vertices."""
+    data = read_bytes(file, _MESH_KIND, memory=12.0)
     declared = int.from_bytes(data[80:84], "little")
-    if len(data) == 84 + _RECORD.itemsize * declared and len(data) >= 84:
-        vertices = np.frombuffer(data, _RECORD, declared, 84)["corners"].reshape(-1, 3).astype(np.float64)
+    if len(data) == 84 + _STL_RECORD.itemsize * declared and len(data) >= 84:
+        vertices = np.frombuffer(data, _STL_RECORD, declared, 84)["corners"].reshape(-1, 3).astype(np.float64)
     elif data.lstrip()[:5].lower() == b"solid":
         vertices = _stl_text(data)
     else:
-        held = max(0.0, (len(data) - 84) / _RECORD.itemsize)
-        raise Fault(f"declares {declared} triangles and has bytes for {held:g}, as a binary STL file")
+        held = max(0.0, (len(data) - 84) / _STL_RECORD.itemsize)
+        raise ContentError(f"declares {declared} triangles but has bytes for {held:g}, as a binary STL file")
     return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
 
 
 def _stl_text(data: bytes) -> Floats:
-    """The corners of the triangles of an STL file in text."""
+    """Parse the corners of a text STL file, shape (3 F, 3)."""
     text = data.lower().replace(b"\r", b"\n")
     lines = list(_SOLIDS.finditer(text))
     kinds = [bool(line[1]) for line in lines]
     if not kinds or kinds != [False, True] * (len(kinds) // 2) or text[lines[-1].end() :].strip(b" \t\n\0"):
-        raise Fault("does not go from solid to endsolid, as an STL file in text does")
-    if b"\0" in text[: lines[-1].end()]:  # which numbers would end with
-        raise Fault("is not text")
+        raise ContentError("does not go from solid to endsolid, as a text STL file must")
+    if b"\0" in text[: lines[-1].end()]:  # a NUL would end a number
+        raise ContentError("is not text")
     if any(b"endfacet" in line[0] for line in lines):
-        raise Fault("has facets on a line of solid or endsolid; they need lines of their own")
-    text = b" ".join(_SOLIDS.sub(b"", text).split())  # patterns that look for blanks take the square of a long run
+        raise ContentError("has facets on a line of solid or endsolid; they need lines of their own")
+    # Single blanks, because patterns that skip blanks take quadratic time on long runs of them.
+    text = b" ".join(_SOLIDS.sub(b"", text).split())
     facets = _FACET.findall(text)
     counts = [text.count(word) for word in (b"facet", b"normal", b"vertex")]
     if counts != [2 * len(facets), len(facets), 3 * len(facets)]:
-        raise Fault(f"has words of facets beside its {len(facets)} whole ones")
-    return numbers_of([word for facet in facets for word in facet], float).reshape(-1, 3)
+        raise ContentError(f"has stray words of facets besides its {len(facets)} whole ones")
+    return parse_numbers([word for facet in facets for word in facet], float).reshape(-1, 3)
 
 
 def _gltf(file: Path) -> Surface:
-    """Triangles of a glTF scene, each mesh where its nodes put it: refused where it declares more or fewer."""
-    scene, declared = load_gltf(file)
-    vertices, faces = flattened(scene, str(file)) if declared else joined([])
+    """Read the triangles of a glTF scene, and check their number."""
+    scene, declared = load_gltf_scene(file)
+    vertices, faces = flatten_trimesh(scene, str(file)) if declared else join_surfaces([])
     if len(faces) != declared:
-        problem, rule = f"holds {declared} triangles, and {len(faces)} were read", "none may be lost or made up"
-        raise Fault(problem, rule, "write it again as binary STL", value=(declared, len(faces)))
+        problem, rule = f"holds {declared} triangles but {len(faces)} were read", "none may be lost or made up"
+        raise ContentError(problem, rule, "write it again as binary STL", value=(declared, len(faces)))
     return vertices, faces
 
 
 def _ply(file: Path) -> Surface:
     vertices, corners, sizes = read_ply(file)
-    return vertices, triangulated(vertices, corners, sizes)
+    return vertices, triangulate(vertices, corners, sizes)
 
 
 _READERS: Final[dict[str, Callable[[Path], Surface]]] = {
@@ -539,22 +567,25 @@ _READERS: Final[dict[str, Callable[[Path], Surface]]] = {
     ".gltf": _gltf,
     ".dae": read_collada,
 }
-"""Which function reads a file, by suffix."""
+"""Reader of each suffix."""
 
-SUFFIXES: Final = tuple(_READERS)
-"""Formats that are read."""
+MESH_SUFFIXES: Final = tuple(_READERS)
+"""Suffixes of the mesh formats."""
 
 
-def flattened(shape: Any, name: str) -> tuple[Floats, Ints]:
-    """Vertices and faces of a trimesh.Trimesh or trimesh.Scene, whose parts are placed and joined.
+def flatten_trimesh(shape: Any, name: str) -> tuple[Floats, Ints]:
+    """Return the joined vertices and faces of a trimesh object.
 
-    Raises InputError if it is something else, or a coordinate is not finite, and GeometryError if there are no
-    triangles, or something else besides; ``name`` is what messages call it.
+    `name` is the argument that messages name.
+
+    Raises InputError if it is of another type or a coordinate is not finite. Raises GeometryError if it has no
+    triangles, or anything but triangles.
     """
     import trimesh
 
     if isinstance(shape, trimesh.Scene):
-        parts = [(shape.geometry[part], transform) for transform, part in _placed(shape)]
+        places = map(shape.graph.get, shape.graph.nodes_geometry)
+        parts = [(shape.geometry[part], transform) for transform, part in places]
     elif isinstance(shape, trimesh.parent.Geometry):
         parts = [(shape, np.eye(4))]
     else:
@@ -569,19 +600,14 @@ def flattened(shape: Any, name: str) -> tuple[Floats, Ints]:
                 raise GeometryError(name, problem, rule, "remove it, or pass the meshes alone", value=part)
             raise _without_triangles(name, f"{what} ({type(part).__name__})")
         points = finite(part.vertices, f"vertices of {name}")
-        surfaces.append(placed((points, np.asarray(part.faces, dtype=np.int64)), transform))
+        surfaces.append(transform_surface((points, np.asarray(part.faces, dtype=np.int64)), transform))
     if not surfaces:
         raise _without_triangles(name, "")
-    return joined(surfaces)
-
-
-def _placed(scene: Any) -> list[tuple[Floats, str]]:
-    """Transform and name of each part of a scene, once for each place where it stands."""
-    return [scene.graph[node] for node in scene.graph.nodes_geometry]
+    return join_surfaces(surfaces)
 
 
 def _without_triangles(name: str, what: str) -> GeometryError:
     if not what:
         return GeometryError(name, "is empty", "a mesh needs triangles", "check what was exported")
-    hint = "for points use Workspace.from_points, or make a mesh of it first"
+    hint = "use Workspace.from_points for points, or make a mesh of it first"
     return GeometryError(name, f"is a {what}", "a mesh needs triangles", hint)

@@ -1,4 +1,7 @@
-"""Point clouds, by the suffix of the file; among them ``.pcd``, of the Point Cloud Library (Rusu and Cousins, 2011)."""
+"""Point clouds from files.
+
+``.pcd`` is the format of the Point Cloud Library (Rusu and Cousins, 2011).
+"""
 
 # PCD is read here because pypcd4 1.5 trusts the sizes that a header declares, and needs two more packages.
 
@@ -16,58 +19,57 @@ from numpy.typing import NDArray
 from cspace.arrays import Floats, StrPath
 from cspace.compiling import jit
 from cspace.errors import GeometryError
-from cspace.files.access import Fault, decoding, header_lines, read_bytes, read_columns, read_text, suffix_of
+from cspace.files.access import (
+    ContentError,
+    check_suffix,
+    decoding,
+    iterate_header_lines,
+    read_bytes,
+    read_columns,
+    read_text,
+)
 from cspace.files.formats import read_npy
 from cspace.files.polygons import read_ply
 from cspace.limits import check_bytes
 
-_KIND: Final = "PCD file"
+_PCD_KIND: Final = "PCD file"
 
-_TYPES: Final = {("F", 4), ("F", 8), *((kind, size) for kind in "IU" for size in (1, 2, 4, 8))}
-_LONGEST: Final = 2**20
-"""Bytes of one point, at most: far more than any scanner or descriptor writes."""
+_PCD_TYPES: Final = {("F", 4), ("F", 8), *((kind, size) for kind in "IU" for size in (1, 2, 4, 8))}
+_MAX_POINT_BYTES: Final = 2**20
+"""Maximum size of one point in bytes, far more than any scanner or descriptor writes."""
 
-_UNPACKED: Final = 88
-"""Bytes that one packed byte of LZF can stand for, at most: three of them may copy 264."""
+_MAX_LZF_RATIO: Final = 88
+"""Maximum number of bytes that one byte of LZF unpacks to: three bytes can copy 264."""
 
-_KEYS: Final = (
-    "VERSION",
-    "FIELDS",
-    "COLUMNS",
-    "SIZE",
-    "TYPE",
-    "COUNT",
-    "WIDTH",
-    "HEIGHT",
-    "VIEWPOINT",
-    "POINTS",
-    "DATA",
+_PCD_KEYS: Final = (
+    *("VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT"),
+    *("WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"),
 )
 
 
 def read_points(path: StrPath) -> Floats:
-    """Points of a cloud, shape (n, 3), in the file's unit, metres; its suffix says how it is read.
+    """Read a point cloud, shape (n, 3), in metres.
 
-    ``.npy``: an array of shape (n, 3). ``.xyz``, ``.txt``, ``.csv``: lines of x, y and z, separated by blanks or
-    commas, with ``#`` before comments. ``.ply``: its vertices. ``.pcd``: the format of the Point Cloud Library.
-    Colours, normals and other columns are left. Nothing counts the lines of a text: one that is cut between two
-    lines, or within its very last number, reads as a smaller cloud.
+    The suffix selects the format. ``.npy``: an array of shape (n, 3). ``.xyz``, ``.txt``, ``.csv``: lines of x, y
+    and z, separated by blanks or commas, with ``#`` before comments. ``.ply``: its vertices. ``.pcd``: the format
+    of the Point Cloud Library. Colours, normals and other columns are skipped. Truncation of a text between two
+    lines, or within its last number, cannot be detected.
 
-    Raises GeometryError if there is no point, or a point is not finite: many sensors write NaN where they saw
-    nothing, which is neither free nor occupied. Or if a ``.ply`` has surfaces that are no faces.
+    Raises GeometryError if there are no points, or if a ``.ply`` has surfaces other than faces. Also if a point is
+    not finite: many sensors write NaN where they saw nothing, which is neither free nor occupied.
     """
-    read = READERS[suffix_of(path, READERS, "the suffix says how a cloud is written", "points")]
+    read = READERS[check_suffix(path, READERS, "the suffix selects the format", "points")]
+    read = READERS[check_suffix(path, READERS, "the suffix says how a cloud is written", "points")]
     with decoding(path, "point cloud"):
         points = read(path)
         if not len(points):
-            hint = "check how it was written"
-            raise Fault("holds no point", "a cloud needs one at least", hint, kind=GeometryError)
+            raise ContentError("holds no point", "a cloud needs one", "check how it was written", kind=GeometryError)
         broken = int((~np.isfinite(points).all(axis=1)).sum())
         if broken:
-            raise Fault(
+            raise ContentError(
                 f"holds {broken} points of {len(points)} that are not finite",
-                "where the sensor saw nothing is neither free nor occupied",
-                "drop them before the file is written: points[np.isfinite(points).all(axis=1)]",
+                "NaN, where a sensor saw nothing, is neither free nor occupied",
+                "drop them before writing: points[np.isfinite(points).all(axis=1)]",
                 kind=GeometryError,
             )
     return points
@@ -77,20 +79,20 @@ def _read_npy(path: StrPath) -> Floats:
     array = read_npy(path)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
         rule = "a cloud is one array of numbers of shape (n, 3)"
-        raise Fault(f"holds shape {array.shape} and type {array.dtype}", rule, "save such a one")
+        raise ContentError(f"holds shape {array.shape} and type {array.dtype}", rule, "save one of that shape")
     return np.array(array, dtype=np.float64)
 
 
 def _read_text(path: StrPath) -> Floats:
     rows = read_columns(read_text(path, "point cloud", memory=12.0))
     if len(rows) and rows.shape[1] < 3:
-        raise Fault(f"has {rows.shape[1]} columns", "points have x, y and z", "write three for each")
+        raise ContentError(f"has {rows.shape[1]} columns", "points have x, y and z", "write three columns")
     return np.ascontiguousarray(rows[:, :3]) if len(rows) else np.zeros((0, 3))
 
 
 @dataclass(frozen=True, slots=True)
 class _Header:
-    """What the text before the points says."""
+    """Content of the text before the points."""
 
     fields: tuple[str, ...]
     types: tuple[np.dtype[np.generic], ...]
@@ -101,37 +103,41 @@ class _Header:
 
     @property
     def record(self) -> np.dtype[np.void]:
-        """One point, with its fields named by their number: padding fields share one name."""
+        """Data type of one point.
+
+        Fields are named by index, because padding fields share one name.
+        """
         return np.dtype([(str(n), *entry) for n, entry in enumerate(zip(self.types, self.counts, strict=True))])
 
     @property
     def xyz(self) -> list[int]:
-        """Numbers of the fields that hold the coordinates."""
+        """Indices of the coordinate fields."""
         return [self.fields.index(axis) for axis in "xyz"]
 
 
 def read_pcd(path: str | os.PathLike[str]) -> Floats:
-    """Coordinates of a ``.pcd`` file, shape (n, 3), in its unit; NaN where the sensor saw nothing.
+    """Read the coordinates of a ``.pcd`` file, shape (n, 3).
 
-    It is encoded as ``ascii``, ``binary`` or ``binary_compressed``. The fields ``x``, ``y`` and ``z`` are read, of
-    any numeric type; others are left. ``VIEWPOINT`` is not applied, as in the Point Cloud Library. An ``ascii`` file
-    that is cut within its very last number has all its points, and is not told from a whole one.
+    They are in the unit of the file. Coordinates are NaN where the sensor saw nothing. The data may be ``ascii``,
+    ``binary`` or ``binary_compressed``. The fields ``x``, ``y`` and ``z`` may have any numeric type; others are
+    skipped. ``VIEWPOINT`` is not applied, as in the Point Cloud Library. Truncation of an ``ascii`` file within its
+    last number cannot be detected.
     """
-    content = read_bytes(path, _KIND, memory=12.0)
+    content = read_bytes(path, _PCD_KIND, memory=12.0)
     header, end = _split(content)
     points = _DECODERS[header.data](header, content[end:], os.fspath(path))
     return np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
 
 
 def _split(content: bytes) -> tuple[_Header, int]:
-    """The header, and the byte after it."""
+    """Return the header and the position of the byte after it."""
     entries: dict[str, list[str]] = {}
     end = 0
-    for number, (line, after) in enumerate(header_lines(content), start=1):
+    for number, (line, after) in enumerate(iterate_header_lines(content), start=1):
         key, *values = line.partition("#")[0].split() or [""]
-        if key and key not in _KEYS:
-            rule = f"the header of a PCD file has lines of {', '.join(_KEYS)}"
-            raise Fault(f"line {number} is {line[:40]!r}", rule, "the file is damaged or of another format")
+        if key and key not in _PCD_KEYS:
+            rule = f"a PCD header has lines of {', '.join(_PCD_KEYS)}"
+            raise ContentError(f"line {number} is {line[:40]!r}", rule, "the file is damaged or of another format")
         if key:
             entries["FIELDS" if key == "COLUMNS" else key] = values
         end = after
@@ -139,12 +145,12 @@ def _split(content: bytes) -> tuple[_Header, int]:
             break
     missing = [key for key in ("FIELDS", "SIZE", "TYPE", "DATA") if key not in entries]
     if missing or not ("POINTS" in entries or {"WIDTH", "HEIGHT"} <= entries.keys()):
-        raise Fault(f"has no {' and '.join(missing) or 'POINTS'} in its header, which ends with DATA")
+        raise ContentError(f"lacks {' and '.join(missing) or 'POINTS'} in its header, which ends with DATA")
     return _header(entries, number), end
 
 
 def _header(entries: dict[str, list[str]], lines: int) -> _Header:
-    """The header, checked."""
+    """Check the entries of a header and convert them."""
     fields = tuple(entries["FIELDS"])
     try:
         sizes = [int(word) for word in entries["SIZE"]]
@@ -152,23 +158,23 @@ def _header(entries: dict[str, list[str]], lines: int) -> _Header:
         grid = [int(entries[key][0]) for key in ("WIDTH", "HEIGHT") if key in entries]
         points = int(entries["POINTS"][0]) if "POINTS" in entries else math.prod(grid)
     except (ValueError, IndexError) as error:
-        raise Fault(f"has a malformed header: {error}; SIZE, COUNT and POINTS hold whole numbers") from error
+        raise ContentError(f"has a malformed header: {error}; SIZE, COUNT and POINTS hold whole numbers") from error
     types = list(zip(entries["TYPE"], sizes, strict=False))
-    if not (len(fields) == len(sizes) == len(entries["TYPE"]) == len(counts)) or not set(types) <= _TYPES:
+    if not (len(fields) == len(sizes) == len(entries["TYPE"]) == len(counts)) or not set(types) <= _PCD_TYPES:
         rule = "each field needs a type F, I or U, a size of 1, 2, 4 or 8 bytes and a count"
-        raise Fault(f"has fields {fields} of types {types} and counts {counts}; {rule}")
+        raise ContentError(f"has fields {fields} of types {types} and counts {counts}; {rule}")
     coordinates = [field for field in fields if field in ("x", "y", "z")]
     if sorted(coordinates) != ["x", "y", "z"] or any(counts[fields.index(axis)] != 1 for axis in "xyz"):
-        raise Fault(f"has the fields {' '.join(fields)}; a cloud in space has x, y and z, once each")
+        raise ContentError(f"has the fields {' '.join(fields)}; a cloud in space has x, y and z, once each")
     if min(*counts, points, *grid) < 0 or (len(grid) == 2 and math.prod(grid) != points):
-        where = " x ".join(map(str, grid))
-        raise Fault(f"says {points} points in {where}, with counts {counts}, which do not agree")
+        size = " x ".join(map(str, grid))
+        raise ContentError(f"says {points} points in {size}, with counts {counts}, which do not agree")
     length = sum(size * count for size, count in zip(sizes, counts, strict=True))
-    if length > _LONGEST:
-        raise Fault(f"says {length} bytes for each point, by SIZE and COUNT; at most {_LONGEST} are read")
+    if length > _MAX_POINT_BYTES:
+        raise ContentError(f"says {length} bytes per point, by SIZE and COUNT; at most {_MAX_POINT_BYTES} are read")
     data = " ".join(entries["DATA"])
     if data not in _DECODERS:
-        raise Fault(f"says DATA {data!r:.60}", f"it is one of {', '.join(_DECODERS)}", "write the file again")
+        raise ContentError(f"says DATA {data!r:.60}", f"it must be one of {', '.join(_DECODERS)}", "write it again")
     dtypes = tuple(np.dtype(f"<{kind.lower()}{size}") for kind, size in types)
     return _Header(fields, dtypes, counts, points, data, lines)
 
@@ -177,39 +183,42 @@ def _ascii(header: _Header, body: bytes, file: str) -> Floats:
     rows = read_columns(body.decode("latin-1"), header.lines + 1)
     starts = np.cumsum([0, *header.counts])
     if len(rows) != header.points:
-        raise Fault(f"holds {len(rows)} points, and its header says {header.points}")
+        raise ContentError(f"holds {len(rows)} points but its header says {header.points}")
     if len(rows) and rows.shape[1] != starts[-1]:
-        raise Fault(f"has {rows.shape[1]} columns, and its header says {starts[-1]}")
+        raise ContentError(f"has {rows.shape[1]} columns but its header says {starts[-1]}")
     return rows[:, starts[header.xyz]] if len(rows) else np.zeros((0, 3))
 
 
 def _binary(header: _Header, body: bytes, file: str) -> Floats:
     record = header.record
     if len(body) < header.points * record.itemsize:
-        raise Fault(f"holds {len(body) // record.itemsize} points, and its header says {header.points}")
+        raise ContentError(f"holds {len(body) // record.itemsize} points but its header says {header.points}")
     cloud = np.frombuffer(body, dtype=record, count=header.points)
     return np.stack([cloud[str(n)].astype(np.float64) for n in header.xyz], axis=1)
 
 
 def _compressed(header: _Header, body: bytes, file: str) -> Floats:
-    """One field after the other, packed by LZF; before them the sizes, packed and unpacked."""
+    """Unpack points that are stored field after field.
+
+    The packed and unpacked sizes come first; LZF packs the rest.
+    """
     wanted = header.points * header.record.itemsize
     if header.points == 0:
         return np.zeros((0, 3))
     if len(body) < 8:
-        raise Fault(f"holds {len(body)} bytes after its header, and its header says at least 8")
+        raise ContentError(f"holds {len(body)} bytes after its header but its header says at least 8")
     packed, unpacked = (int(size) for size in np.frombuffer(body, dtype="<u4", count=2))
     if len(body) - 8 < packed:
-        raise Fault(f"holds {len(body) - 8} bytes of packed points, and its header says {packed}")
+        raise ContentError(f"holds {len(body) - 8} bytes of packed points but its header says {packed}")
     if unpacked != wanted:
         size = f"{header.points} points of {header.record.itemsize} bytes are {wanted}"
-        raise Fault(f"says {unpacked} bytes of points; {size}")
-    if wanted > _UNPACKED * packed:
-        raise Fault(f"says {packed} packed bytes for {wanted}; one stands for {_UNPACKED} at most")
+        raise ContentError(f"says {unpacked} bytes of points; {size}")
+    if wanted > _MAX_LZF_RATIO * packed:
+        raise ContentError(f"says {packed} packed bytes for {wanted}; one unpacks to at most {_MAX_LZF_RATIO}")
     check_bytes(file, wanted, "unpacks to", memory=4.0)
     plain = np.empty(wanted, dtype=np.uint8)
     if unpack_lzf(np.frombuffer(body, dtype=np.uint8, count=packed, offset=8), plain) != wanted:
-        raise Fault(f"does not unpack to the {wanted} bytes that it tells")
+        raise ContentError(f"does not unpack to the declared {wanted} bytes")
     widths = [header.points * kind.itemsize * n for kind, n in zip(header.types, header.counts, strict=True)]
     starts = np.cumsum([0, *widths])
     columns = [plain[starts[n] : starts[n + 1]].view(header.types[n]) for n in header.xyz]
@@ -218,10 +227,10 @@ def _compressed(header: _Header, body: bytes, file: str) -> Floats:
 
 @jit
 def unpack_lzf(packed: NDArray[np.uint8], out: NDArray[np.uint8]) -> int:
-    """Unpack LZF (Lehmann), as points are packed: runs of literal bytes, and copies of bytes that were written before.
+    """Unpack LZF (Lehmann) into `out`.
 
-    Gives the number of bytes written, or -1 where the packed bytes end too early, reach back before the first byte, or
-    hold more than ``out``.
+    LZF alternates runs of literal bytes and copies of bytes written before. Return the number of bytes written, or
+    -1 if the packed bytes are truncated, refer back before the first byte, or exceed `out`.
     """
     read, written = 0, 0
     while read < len(packed):
@@ -270,4 +279,4 @@ READERS: Final[dict[str, Callable[[StrPath], Floats]]] = {
     ".ply": lambda path: read_ply(path)[0],
     ".pcd": read_pcd,
 }
-"""Which function reads a cloud, by suffix."""
+"""Reader of each suffix."""

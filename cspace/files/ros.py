@@ -1,7 +1,7 @@
-"""ROS data without ROS: YAML maps with their images, messages, and the robots of Nav2 parameter files.
+"""ROS maps, messages and Nav2 parameter files, without ROS.
 
-A message is any object with the right fields. The classes here have the fields of the messages of ROS 2 of the same
-names, for use without ROS.
+A message is any object with the right fields. The classes here are for use without ROS, and have the fields of the
+ROS 2 messages of the same names.
 """
 
 from __future__ import annotations
@@ -21,28 +21,27 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import Bools, Floats, Ints
 from cspace.check import finite, not_negative, positive
 from cspace.errors import FileError, GeometryError, InputError, warn_user
-from cspace.files.access import Fault, decoding
+from cspace.files.access import ContentError, decoding
 from cspace.files.images import Shades, read_shades
 from cspace.files.plain import read_yaml
 
-SUFFIXES: Final = (".yaml", ".yml")
+ROS_MAP_SUFFIXES: Final = (".yaml", ".yml")
 
-_FAR: Final = 1e15
-"""Metres beyond which nothing is placed; resolutions are no smaller than one part of it."""
-_KEYS: Final = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
-"""What the YAML file must say."""
+_MAX_METRES: Final = 1e15
+"""Maximum coordinate and resolution, in metres; its reciprocal is the minimum resolution."""
+
+_REQUIRED_MAP_KEYS: Final = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 
 
 def read_ros_map(path: str | os.PathLike[str]) -> tuple[MapInfo, Bools, Bools]:
-    """Read a ROS map.
+    """Read the placement and cells of a ROS map.
 
-    The image becomes cells as in map_server of ROS 1 and Navigation2. With *shade* the mean of the colour channels
-    from 0 (black) to 1 (white), and ``p = 1 - shade``, or ``p = shade`` where ``negate`` is 1:
+    The image becomes cells as in map_server of ROS 1 and Navigation2. Here *shade* is the mean of the colour channels
+    from 0 (black) to 1 (white); ``p = 1 - shade``, or ``p = shade`` if ``negate`` is 1:
 
-    * ``trinary`` (also where ``mode`` is absent): ``p >= occupied_thresh`` is occupied, ``p < free_thresh`` is free,
-      the rest is unknown;
-    * ``scale``: ``p < free_thresh`` is free, the rest is occupied: a cell that is occupied with some probability is
-      not proven free;
+    * ``trinary`` (the default): ``p >= occupied_thresh`` is occupied, ``p < free_thresh`` is free, the rest is unknown;
+    * ``scale``: ``p < free_thresh`` is free and the rest is occupied, because a cell with some probability of being
+      occupied is not proven free;
     * ``raw``: ``round(255 * shade)`` is the occupancy in per cent; below ``100 * free_thresh`` is free, up to 100 is
       occupied, above is unknown.
 
@@ -52,14 +51,14 @@ def read_ros_map(path: str | os.PathLike[str]) -> tuple[MapInfo, Bools, Bools]:
     Parameters
     ----------
     path : path-like
-        The YAML file. Its ``image`` is looked up beside it.
+        The YAML file. The path of its ``image`` is relative to its folder.
 
     Returns
     -------
     info : MapInfo
-        Where the cells lie.
+        Placement of the cells.
     free, occupied : ndarray of bool, shape (nx, ny)
-        Cells that are neither are unknown.
+        Cells in neither array are unknown.
 
     Raises
     ------
@@ -72,18 +71,18 @@ def read_ros_map(path: str | os.PathLike[str]) -> tuple[MapInfo, Bools, Bools]:
 
 
 class MapInfo(NamedTuple):
-    """Where the cells of a map lie.
+    """Placement of the cells of a map.
 
     Attributes
     ----------
     source : str
-        What the map is, for messages.
+        Name of the map in messages.
     resolution : float
         Side of a cell, metres.
     origin : tuple of float
         Lower left corner of the first cell, metres.
     yaw : float
-        By which the map is turned about that corner, radians.
+        Rotation of the map about that corner, radians.
     """
 
     source: str
@@ -94,7 +93,7 @@ class MapInfo(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class _Header:
-    """What the YAML file says."""
+    """Content of the YAML file of a map."""
 
     info: MapInfo
     image: pathlib.Path
@@ -107,67 +106,72 @@ class _Header:
 def _read_header(path: str | os.PathLike[str]) -> _Header:
     document = read_yaml(path, "ROS map")
     if not isinstance(document, dict):
-        raise _fault(f"holds {type(document).__name__}", "keys and values", "write e.g. 'resolution: 0.05'")
-    missing = [key for key in _KEYS if key not in document]
+        raise _key_error(f"holds {type(document).__name__}", "keys and values", "write e.g. 'resolution: 0.05'")
+    missing = [key for key in _REQUIRED_MAP_KEYS if key not in document]
     if missing:
-        beside = ", ".join(document) or "nothing"
-        raise _fault(f"{missing[0]} is missing", f"there, beside {beside:.200}", f"add '{missing[0]}:'")
+        present = ", ".join(document) or "nothing"
+        raise _key_error(f"{missing[0]} is missing", f"there, besides {present:.200}", f"add '{missing[0]}:'")
     image, mode, negate = document["image"], document.get("mode", "trinary"), document["negate"]
     if not isinstance(image, str) or not image or "\0" in image:
-        raise _fault(f"image is {image!r:.60}", "the name of the image", "write e.g. 'image: map.pgm'")
+        raise _key_error(f"image is {image!r:.60}", "the name of the image", "write e.g. 'image: map.pgm'")
     if not isinstance(mode, str) or mode not in MODES:
-        raise _fault(f"mode is {mode!r:.60}", f"one of {', '.join(MODES)}", "correct it")
+        raise _key_error(f"mode is {mode!r:.60}", f"one of {', '.join(MODES)}", "correct it")
     resolution = _number(document["resolution"], "resolution")
-    if not 1.0 / _FAR <= resolution <= _FAR:
-        rule = f"metres per cell, above zero, from {1.0 / _FAR:g} to {_FAR:g}"
-        raise _fault(f"resolution is {resolution}", rule, "write e.g. 'resolution: 0.05'")
+    if not 1.0 / _MAX_METRES <= resolution <= _MAX_METRES:
+        rule = f"metres per cell, above zero, from {1.0 / _MAX_METRES:g} to {_MAX_METRES:g}"
+        raise _key_error(f"resolution is {resolution}", rule, "write e.g. 'resolution: 0.05'")
     origin = document["origin"]
     if not isinstance(origin, list) or len(origin) != 3:
-        raise _fault(f"origin is {origin!r:.60}", "x, y and yaw", "write e.g. 'origin: [0.0, 0.0, 0.0]'")
+        raise _key_error(f"origin is {origin!r:.60}", "x, y and yaw", "write e.g. 'origin: [0.0, 0.0, 0.0]'")
     x, y, yaw = (_number(value, f"origin[{i}]") for i, value in enumerate(origin))
-    if max(abs(x), abs(y)) > _FAR:
-        raise _fault(f"origin is {origin!r:.60}", f"metres, at most {_FAR:g}", "check its units")
+    if max(abs(x), abs(y)) > _MAX_METRES:
+        raise _key_error(f"origin is {origin!r:.60}", f"metres, at most {_MAX_METRES:g}", "check its units")
     if isinstance(negate, list | dict) or negate not in (0, 1):
-        raise _fault(f"negate is {negate!r:.60}", "0 or 1", "write 'negate: 0' where dark pixels are obstacles")
+        raise _key_error(f"negate is {negate!r:.60}", "0 or 1", "write 'negate: 0' if dark pixels are obstacles")
     if negate and mode == "raw":
-        raise _fault("negate is 1 in raw mode", "0 there: ROS 1 and ROS 2 disagree on what it does", "remove it")
+        raise _key_error("negate is 1 in raw mode", "0 there: ROS 1 and ROS 2 disagree on its effect", "remove it")
     occupied, free = (_number(document[key], key) for key in ("occupied_thresh", "free_thresh"))
     for key, value in (("occupied_thresh", occupied), ("free_thresh", free)):
         if not 0.0 <= value <= 1.0:
-            raise _fault(f"{key} is {value}", "between 0 and 1", "correct it")
+            raise _key_error(f"{key} is {value}", "between 0 and 1", "correct it")
     if free >= occupied:
-        raise _fault(f"free_thresh is {free} and occupied_thresh is {occupied}", "free below occupied", "exchange them")
+        raise _key_error(
+            f"free_thresh is {free} and occupied_thresh is {occupied}", "free below occupied", "exchange them"
+        )
     info = MapInfo(os.fspath(path), resolution, (x, y), yaw)
     return _Header(info, _beside(path, image), mode, bool(negate), occupied, free)
 
 
 def _beside(path: str | os.PathLike[str], image: str) -> pathlib.Path:
-    """The image's file; said where it is a link out of the folder of the map, or named so."""
+    """Return the path of the image.
+
+    Warns if it lies outside the map's folder.
+    """
     folder = pathlib.Path(path).parent
     file = folder / image
     try:
         outside = not file.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError, ValueError) as error:
-        problem = f"image is {image!r:.60}, which cannot be looked up"
-        raise _fault(problem, "the name of a file", "correct it") from error
+        problem = f"image is {image!r:.60}, which is not a valid path"
+        raise _key_error(problem, "the name of a file", "correct it") from error
     if outside:
-        warn_user(f"{os.fspath(path)}: image is {image!r}, which lies outside of its folder")
+        warn_user(f"{os.fspath(path)}: image is {image!r}, which lies outside the folder of the map")
     return file
 
 
 def _number(value: Any, key: str) -> float:
-    """A finite number."""
+    """Return a value as a finite float."""
     try:
         number = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError):
         number = math.nan
     if not math.isfinite(number):
-        raise _fault(f"{key} is {value!r:.60}", "a finite number", "correct it")
+        raise _key_error(f"{key} is {value!r:.60}", "a finite number", "correct it")
     return number
 
 
-def _fault(problem: str, rule: str, hint: str) -> Fault:
-    return Fault(problem, f"in a ROS map it must be {rule}", hint)
+def _key_error(problem: str, rule: str, hint: str) -> ContentError:
+    return ContentError(problem, f"in a ROS map it must be {rule}", hint)
 
 
 def _trinary(header: _Header, image: Shades) -> tuple[Bools, Bools]:
@@ -200,11 +204,11 @@ MODES: Final[Mapping[str, Callable[[_Header, Shades], tuple[Bools, Bools]]]] = {
     "scale": _scale,
     "raw": _raw,
 }
-"""From a shade to free and occupied cells, by the ``mode`` of the YAML; the remaining cells are unknown."""
+"""Function that classifies the shades into free and occupied cells, by the ``mode`` of the YAML."""
 
 
-_TILT: Final = 1e-6
-"""Components of a quaternion, of norm 1, below which a map is taken to lie flat."""
+_MAX_TILT: Final = 1e-6
+"""Maximum x and y components, relative to the norm of the quaternion, of a map that lies flat."""
 
 
 @dataclass
@@ -263,7 +267,10 @@ class MapMetaData:
 
 @dataclass
 class OccupancyGrid:
-    """nav_msgs/OccupancyGrid: per cent of occupancy row by row, from the cell of the lowest x and y; -1 is unknown."""
+    """nav_msgs/OccupancyGrid.
+
+    `data` is the occupancy in per cent, row by row from the lowest x and y; -1 is unknown.
+    """
 
     header: Header = field(default_factory=Header)
     info: MapMetaData = field(default_factory=MapMetaData)
@@ -285,7 +292,10 @@ class CostmapMetaData:
 
 @dataclass
 class Costmap:
-    """nav2_msgs/Costmap: costs from 0 to 255 row by row, from the cell of the lowest x and y."""
+    """nav2_msgs/Costmap.
+
+    `data` holds costs from 0 to 255, row by row from the lowest x and y.
+    """
 
     header: Header = field(default_factory=Header)
     metadata: CostmapMetaData = field(default_factory=CostmapMetaData)
@@ -337,30 +347,35 @@ class JointTrajectory:
 
 
 class GridMessage(Protocol):
-    """What has the fields of ``nav_msgs/OccupancyGrid``; each is looked up by its name."""
+    """Any object with the fields of ``nav_msgs/OccupancyGrid``."""
 
     @property
-    def info(self) -> object: ...
+    def info(self) -> object:
+        """Size and placement."""
+        ...
+
     @property
-    def data(self) -> object: ...
+    def data(self) -> object:
+        """Occupancy of the cells."""
+        ...
 
 
 def read_occupancy_grid(msg: GridMessage, free_thresh: float, occupied_thresh: float) -> tuple[MapInfo, Bools, Bools]:
-    """Return where the cells of a message lie, the free and the occupied ones, shape (nx, ny).
+    """Read the placement, and the free and occupied cells, of a message.
 
-    Arguments are those of :meth:`cspace.Workspace.from_occupancy_grid`. Raises InputError if a field is missing or not
-    as it must be, or another argument is not usable.
+    Parameters are those of :meth:`cspace.Workspace.from_occupancy_grid`.
+
+    Raises InputError if a field is missing or invalid, or another argument is invalid.
     """
     low, high = not_negative(free_thresh, "free_thresh", ""), not_negative(occupied_thresh, "occupied_thresh", "")
     if not 0.0 <= low < high <= 1.0:
-        rule = "free_thresh must be below occupied_thresh, both from 0 to 1"
-        hint = "pass e.g. 0.25 and 0.65"
+        rule, hint = "free_thresh must be below occupied_thresh, both from 0 to 1", "pass e.g. 0.25 and 0.65"
         raise InputError("free_thresh", f"is {low:g} and occupied_thresh is {high:g}", rule, hint, value=free_thresh)
     width, height = (_size(msg, name) for name in ("width", "height"))
     values = _values(_field(msg, "data"))
     if values.shape != (width * height,):
-        rule = f"it must have one value for each of width x height = {width} x {height} cells"
-        raise InputError("msg.data", f"has shape {values.shape}", rule, "pass the message whole", value=values)
+        rule = f"it must have width x height = {width} x {height} values"
+        raise InputError("msg.data", f"has shape {values.shape}", rule, "pass the whole message", value=values)
     percent = values.reshape(height, width).T
     known = (percent >= 0) & (percent <= 100)
     free, occupied = known & (percent / 100.0 < low), known & (percent / 100.0 >= high)
@@ -369,38 +384,36 @@ def read_occupancy_grid(msg: GridMessage, free_thresh: float, occupied_thresh: f
 
 
 def _field(msg: object, path: str) -> Any:
-    """A field of a message, by the names on the way to it."""
+    """Return a field of a message by its dotted path."""
     value = msg
     for name in path.split("."):
         try:
             value = getattr(value, name)
         except AttributeError as error:
-            raise lacking("msg", path, "nav_msgs/OccupancyGrid") from error
+            raise missing_field_error("msg", path, "nav_msgs/OccupancyGrid") from error
     return value
 
 
-def lacking(argument: str, path: str, kind: str) -> InputError:
-    """Return the error of a message that has no such field."""
+def missing_field_error(argument: str, path: str, kind: str) -> InputError:
+    """Return the error for a message without a field."""
     return InputError(argument, f"has no {path}", f"it must have the fields of {kind}", "pass such a message")
 
 
 def _size(msg: object, name: str) -> int:
     value = _field(msg, f"info.{name}")
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-        raise InputError(
-            f"msg.info.{name}", f"is {value!r}", "it must be a whole number above zero", "fill it", value=value
-        )
+        rule = "it must be a whole number above zero"
+        raise InputError(f"msg.info.{name}", f"is {value!r}", rule, "set it", value=value)
     return int(value)
 
 
 def _values(data: ArrayLike) -> Ints | NDArray[np.int8]:
-    """The data of a message, whatever holds its whole numbers."""
+    """Return the data of a message as an array of integers."""
     try:
         values = np.asarray(data)
     except ValueError as error:
-        raise InputError(
-            "msg.data", "is not one list of numbers", "it must be", "pass the message whole", value=data
-        ) from error
+        rule = "it must be a flat list of numbers"
+        raise InputError("msg.data", "is ragged", rule, "pass the whole message", value=data) from error
     if values.dtype.kind not in "iu":
         problem = f"holds values of type {values.dtype}"
         raise InputError("msg.data", problem, "they must be whole numbers, from -1 to 100", "round them", value=data)
@@ -408,52 +421,61 @@ def _values(data: ArrayLike) -> Ints | NDArray[np.int8]:
 
 
 def _resolution(msg: object) -> float:
-    """The side of a cell; a message keeps it in single precision, of which the shortest number is what was meant."""
+    """Return the side of a cell, metres.
+
+    Messages store single precision; this undoes the rounding.
+    """
     value = positive(_field(msg, "info.resolution"), "msg.info.resolution")
     single = np.float32(value)
     return float(str(single)) if float(single) == value else value
 
 
 def _yaw(msg: object) -> float:
-    """By how much the map is turned; a quaternion of zeros, as messages have it that nobody filled, is none."""
+    """Return the yaw of the map, radians.
+
+    An unset quaternion, all zeros, counts as no rotation.
+    """
     place = "info.origin.orientation"
     x, y, z, w = finite([_field(msg, f"{place}.{name}") for name in "xyzw"], f"msg.{place}").tolist()
     norm = math.hypot(x, y, z, w)
     if norm == 0.0:
         return 0.0
-    if max(abs(x), abs(y)) > _TILT * norm:
-        rule = "a map lies flat, and is turned about z alone"
+    if max(abs(x), abs(y)) > _MAX_TILT * norm:
+        rule = "a map must lie flat, turned about z only"
         problem = f"is ({x:g}, {y:g}, {z:g}, {w:g}), which is tilted"
         raise InputError(f"msg.{place}", problem, rule, "set x and y to 0", value=(x, y, z, w))
     return 2.0 * math.atan2(z, w)
 
 
-PADDING: Final = 0.01
-"""Metres of ``footprint_padding`` where a file does not say."""
+DEFAULT_FOOTPRINT_PADDING: Final = 0.01
+"""Default ``footprint_padding`` of Nav2, metres."""
 
-_NONE: Final[tuple[object, ...]] = (None, "", "[]", [])
-"""Footprints that are none, for which the radius counts."""
+_NO_FOOTPRINT: Final[tuple[object, ...]] = (None, "", "[]", [])
+"""Values of ``footprint`` that leave the robot to its radius."""
 
 
-class Base(NamedTuple):
-    """What a costmap says of a robot: the corners of its footprint, or else its radius; and by how much to pad it."""
+class CostmapRobot(NamedTuple):
+    """Footprint corners or radius, and padding, of a costmap's robot; metres."""
 
     corners: tuple[tuple[float, float], ...]
     radius: float
     padding: float
 
     def __str__(self) -> str:
+        """Describe the robot in the words of the parameters."""
         size = f"a footprint of {len(self.corners)} corners" if self.corners else f"a robot_radius of {self.radius:g} m"
         return f"{size}, footprint_padding {self.padding:g} m"
 
 
-def corners_of(footprint: str | ArrayLike, name: str = "footprint") -> Floats:
-    """The corners of a footprint, shape (n, 2), metres.
+def parse_footprint(footprint: str | ArrayLike, name: str = "footprint") -> Floats:
+    """Parse the corners of a footprint, shape (n, 2), metres.
 
-    A text is Nav2's, ``"[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"``. Raises GeometryError if it is not a
-    list of three points or more, and InputError, with its ``name``, if a number is not finite.
+    A text has the form of Nav2, ``"[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"``.
+
+    Raises GeometryError if it is not a list of at least three points, and InputError if a number is not finite;
+    `name` is the argument that messages name.
     """
-    rule = "it must be three points or more, each of two numbers, x and y in metres"
+    rule = "it must be at least three points, each of x and y in metres"
     problem, hint = f"is {footprint!r:.80}", "write e.g. [[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"
     try:
         value = ast.literal_eval(footprint.strip()) if isinstance(footprint, str) else footprint
@@ -465,17 +487,17 @@ def corners_of(footprint: str | ArrayLike, name: str = "footprint") -> Floats:
     return corners
 
 
-def read_nav2(path: str | os.PathLike[str], costmap: str | None = None) -> Base:
-    """What a file of parameters says of the robot.
+def read_nav2(path: str | os.PathLike[str], costmap: str | None = None) -> CostmapRobot:
+    """Read the robot of a Nav2 parameter file.
 
-    Every table that holds ``footprint`` or ``robot_radius`` is looked at, at whatever depth: those of the local and of
-    the global costmap in a file of Nav2, or the top of a ``costmap_common_params.yaml`` of ROS 1. Where the costmaps of
-    a file differ in it, one has to be named, such as "local_costmap".
+    The search covers tables at any depth with ``footprint`` or ``robot_radius``: the local and global costmaps of a
+    Nav2 file, or the top of a ROS 1 ``costmap_common_params.yaml``. If they differ, pass `costmap`, for example
+    "local_costmap".
 
-    Raises FileError if the file is missing or malformed, describes no robot, or several, or not that costmap.
+    Raises FileError if the file is missing or malformed, or describes no robot, several, or not that costmap.
     """
     file = os.fspath(path)
-    tables = dict(_tables(read_yaml(path, "file of Nav2's parameters"), ()))
+    tables = dict(_tables(read_yaml(path, "Nav2 parameter file"), ()))
     if not tables:
         hint = "write e.g. 'robot_radius: 0.22' in its local_costmap and global_costmap"
         raise FileError(file, "holds neither footprint nor robot_radius", "a costmap has one of them", hint)
@@ -487,25 +509,28 @@ def read_nav2(path: str | os.PathLike[str], costmap: str | None = None) -> Base:
         names = "; ".join(f"{name} has {base}" for name, base in chosen.items())
         first = next(iter(chosen))
         hint = f"pass e.g. costmap={first!r}, or {pathlib.Path(file).name}#{first}"
-        raise FileError(file, f"tells of more than one robot: {names}", "one is mapped at a time", hint)
+        raise FileError(file, f"describes several robots: {names}", "a map has one robot", hint)
     return next(iter(chosen.values()))
 
 
 def _tables(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Tables that tell of a robot, each with the names of those that it is in; a repeated name is said once."""
+    """Yield each table that describes a robot, named by path.
+
+    A name repeated in a row appears once.
+    """
     if not isinstance(value, dict):
         return
-    if value.get("footprint") not in _NONE or "robot_radius" in value:
+    if value.get("footprint") not in _NO_FOOTPRINT or "robot_radius" in value:
         names = [name for name in path if name != "ros__parameters"]
         yield "/".join(name for k, name in enumerate(names) if name not in names[k - 1 : k]), value
     for name, part in value.items():
         yield from _tables(part, (*path, name))
 
 
-def _base(table: Mapping[str, Any], place: str) -> Base:
+def _base(table: Mapping[str, Any], place: str) -> CostmapRobot:
     footprint: Any = table.get("footprint")
-    padding = not_negative(table.get("footprint_padding", PADDING), f"{place}: footprint_padding")
-    if footprint in _NONE:
-        return Base((), positive(table["robot_radius"], f"{place}: robot_radius"), padding)
-    corners: Sequence[Sequence[float]] = corners_of(footprint, f"{place}: footprint").tolist()
-    return Base(tuple((x, y) for x, y in corners), 0.0, padding)
+    padding = not_negative(table.get("footprint_padding", DEFAULT_FOOTPRINT_PADDING), f"{place}: footprint_padding")
+    if footprint in _NO_FOOTPRINT:
+        return CostmapRobot((), positive(table["robot_radius"], f"{place}: robot_radius"), padding)
+    corners: Sequence[Sequence[float]] = parse_footprint(footprint, f"{place}: footprint").tolist()
+    return CostmapRobot(tuple((x, y) for x, y in corners), 0.0, padding)

@@ -1,4 +1,7 @@
-"""Robots from URDF files, and what SRDF files add: allowed contacts, groups, named states and end effectors."""
+"""Robots from URDF files, with additions from SRDF files.
+
+SRDF files add allowed contacts, groups, named states and end effectors.
+"""
 
 from __future__ import annotations
 
@@ -18,13 +21,13 @@ import numpy as np
 
 from cspace.arrays import Floats
 from cspace.errors import FileError, InputError, optional, warn_user
-from cspace.files.access import Fault, decoding, read_bytes
+from cspace.files.access import ContentError, decoding, read_bytes
 from cspace.files.plain import check_expanded, parse_xml
 
 if TYPE_CHECKING:
     from yourdfpy import URDF
 
-_KIND: Final = "URDF"
+_URDF_KIND: Final = "URDF"
 
 GEOMETRIES: Final[Mapping[str, tuple[str, ...]]] = {
     "box": ("size",),
@@ -32,10 +35,10 @@ GEOMETRIES: Final[Mapping[str, tuple[str, ...]]] = {
     "sphere": ("radius",),
     "mesh": ("filename",),
 }
-"""Shapes of collision geometry, and the attributes that each must have."""
+"""Required attributes of each shape of collision geometry."""
 
 
-_NUMBERS: Final[Mapping[str, Mapping[str, int]]] = {
+_NUMBERS_PER_ATTRIBUTE: Final[Mapping[str, Mapping[str, int]]] = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
     "limit": {"lower": 1, "upper": 1},
@@ -45,42 +48,45 @@ _NUMBERS: Final[Mapping[str, Mapping[str, int]]] = {
     "sphere": {"radius": 1},
     "mesh": {"scale": 3},
 }
-"""Attributes that hold numbers, and how many."""
+"""Number of values of each numeric attribute, by element."""
 
 
 PackageDirs: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]]"
 
 
 _PACKAGE_SCHEMES: Final = ("package", "model")
-"""Schemes of names that begin with the name of a package."""
+"""Schemes of mesh names that start with the name of a package."""
 
-_LISTED: Final = 3
-"""Meshes that a warning names, at most."""
+_MAX_LISTED_MESHES: Final = 3
+"""Maximum number of meshes that a warning names."""
 
 
 def load_urdf(path: str | os.PathLike[str]) -> URDF:
-    """The file as yourdfpy reads it, once it is known to hold what that takes for granted."""
+    """Load a file with yourdfpy, after checking what yourdfpy takes for granted.
+
+    Raises MissingPackageError without yourdfpy, and FileError if the file is missing or malformed.
+    """
     yourdfpy = optional("yourdfpy", "URDF files are read with it", "urdf")
-    # What it logs is said by the errors here.
+    # Silence its log, because the errors here say the same.
     logging.getLogger("yourdfpy").addHandler(logging.NullHandler())
-    data = read_bytes(path, _KIND, memory=20.0)
-    with decoding(path, _KIND):
+    data = read_bytes(path, _URDF_KIND, memory=20.0)
+    with decoding(path, _URDF_KIND):
         root = parse_xml(data)
         _check(root)
         plain = io.BytesIO(ElementTree.tostring(root))
-        # Without its scene graphs: placing the links of a long chain by them takes cubic time.
+        # Without its scene graphs, because they take cubic time for the links of a long chain.
         return yourdfpy.URDF.load(plain, load_meshes=False, build_scene_graph=False, build_collision_scene_graph=False)
 
 
 def find_meshes(
     urdf: URDF, links: Iterable[str], path: str | os.PathLike[str], package_dirs: Sequence[Path]
 ) -> dict[str, Path]:
-    """Find the mesh files of links, before any of them is read; return each by its name in the URDF.
+    """Find the mesh files of links, by name, without reading them.
 
-    The order of the search is that of :meth:`cspace.Robot.from_urdf`. One warning names the files that were found only
-    elsewhere than their names say.
+    The search order is that of :meth:`cspace.Robot.from_urdf`. One warning lists the files that were found only under
+    a part of their names.
 
-    Raises FileError if a mesh is missing, or several files could be meant.
+    Raises FileError if a mesh is missing or ambiguous.
     """
     places: dict[str, str] = {}
     for link in links:
@@ -95,7 +101,7 @@ def locate_meshes(
 ) -> dict[str, Path]:
     """Find the mesh files that a file names, as :func:`find_meshes` does.
 
-    ``places`` says for each name, in messages, where the file has it.
+    `places` describes for messages where the file names each mesh.
     """
     folder = Path(path).resolve().parent
     meshes: dict[str, Path] = {}
@@ -108,27 +114,28 @@ def locate_meshes(
             guesses[name] = found[0]
         meshes[name] = found[0]
     if guesses:
-        listed = [f"{name} from {file}" for name, file in list(guesses.items())[:_LISTED]]
-        more = f" and {len(guesses) - _LISTED} more" if len(guesses) > _LISTED else ""
+        listed = [f"{name} from {file}" for name, file in list(guesses.items())[:_MAX_LISTED_MESHES]]
+        more = f" and {len(guesses) - _MAX_LISTED_MESHES} more" if len(guesses) > _MAX_LISTED_MESHES else ""
         warn_user(
-            f"{os.fspath(path)}: no mesh is where its name says; read instead, as the only file with the rest of the "
-            f"name: {', '.join(listed)}{more}; if this is wrong, pass package_dirs=FOLDER, where FOLDER holds the "
-            "folder of the package"
+            f"{os.fspath(path)}: meshes are missing under their full names; the only file with the rest of the name is "
+            f"read instead: {', '.join(listed)}{more}; if this is wrong, pass package_dirs=FOLDER, where FOLDER holds "
+            "the folder of the package"
         )
     return meshes
 
 
 def _check(root: Element) -> None:
-    """Refuse what would be read in part, or misread."""
+    """Refuse a URDF that yourdfpy would read in part, or misread."""
     if root.tag != "robot":
-        raise Fault(f"holds <{root.tag:.60}>, not <robot>", "a URDF file describes a robot", "pass the right file")
+        problem = f"holds <{root.tag:.60}>, not <robot>"
+        raise ContentError(problem, "a URDF file describes a robot", "pass the right file")
     check_expanded(root)
     names = [str(element.get("name")) for element in root.findall("link")]
     if not names:
-        raise Fault("has no <link>", "a robot has one at least", "pass the right file")
+        raise ContentError("has no <link>", "a robot needs one", "pass the right file")
     for kind, given in (("link", names), ("joint", [str(joint.get("name")) for joint in root.findall("joint")])):
         if twice := [name for name, times in Counter(given).items() if times > 1]:
-            raise Fault(f"has more than one {kind} {twice[0]!r}", "each has a name of its own", "rename one")
+            raise ContentError(f"has more than one {kind} {twice[0]!r}", "names must be unique", "rename one")
         for element in root.findall(kind):
             _check_numbers(element, f"{kind} {element.get('name')!r}")
     parents: dict[str, str] = {}
@@ -137,15 +144,15 @@ def _check(root: Element) -> None:
         links = [getattr(joint.find(end), "attrib", {}).get("link") for end in ("parent", "child")]
         if not all(end in known for end in links):
             problem = f"joins {links[0]!r} to {links[1]!r} by the joint {joint.get('name')!r}"
-            raise Fault(problem, "both must be links of it", "correct the names")
+            raise ContentError(problem, "both must be links of the robot", "correct the names")
         axis = getattr(joint.find("axis"), "attrib", {}).get("xyz", "1")
         if joint.get("type") != "fixed" and not any(word.strip("+-0.eE") for word in axis.split()):
-            raise Fault(f"has the axis {axis!r} at the joint {joint.get('name')!r}", "it is not zero", "correct it")
+            problem = f"has the axis {axis!r} at the joint {joint.get('name')!r}"
+            raise ContentError(problem, "it must not be zero", "correct it")
         parent, child = map(str, links)
         if child in parents:
-            raise Fault(
-                f"joins {child!r} to {parents[child]!r} and {parent!r}", "a link has one parent", "drop a joint"
-            )
+            problem = f"joins {child!r} to {parents[child]!r} and {parent!r}"
+            raise ContentError(problem, "a link has one parent", "remove a joint")
         parents[child] = parent
     rooted: set[str] = set()
     for name in names:
@@ -153,21 +160,21 @@ def _check(root: Element) -> None:
         while child in parents and child not in rooted:
             child = parents[child]
             if child in above:
-                raise Fault(f"joins {name!r} in a loop of joints", "links are a tree", "drop a joint")
+                raise ContentError(f"joins {name!r} in a loop of joints", "links must form a tree", "remove a joint")
             above.add(child)
         rooted |= above
     if len(names) - len(parents) != 1:
         loose = ", ".join(name for name in names if name not in parents) or "none"
-        raise Fault(f"has these links without a parent: {loose}", "one is the root of all others", "join them")
+        raise ContentError(f"has these links without a parent: {loose}", "there must be one root", "join the others")
     for link in root.findall("link"):
         for number, collision in enumerate(link.findall("collision")):
             _check_geometry(collision.find("geometry"), f"link {link.get('name')!r}, collision {number}")
 
 
 def _check_numbers(element: Element, place: str) -> None:
-    """Refuse what is no number, or not as many, in a link or a joint."""
+    """Refuse attributes with a wrong count of numbers."""
     for part in element.iter():
-        for name, count in _NUMBERS.get(str(part.tag), {}).items():
+        for name, count in _NUMBERS_PER_ATTRIBUTE.get(str(part.tag), {}).items():
             text = part.get(name, " ".join("0" * count))
             try:
                 numbers = [float(word) for word in text.split()]
@@ -175,17 +182,19 @@ def _check_numbers(element: Element, place: str) -> None:
                 numbers = []
             if len(numbers) not in {count, 1 if name == "scale" else count}:
                 rule = "it must be one number" if count == 1 else f"it must be {count} numbers"
-                raise Fault(f"has {name}={text!r} at the {part.tag} of {place}", rule, "correct it")
+                raise ContentError(f"has {name}={text!r} at the {part.tag} of {place}", rule, "correct it")
 
 
 def _check_geometry(geometry: Element | None, place: str) -> None:
     shapes = [] if geometry is None else list(geometry)
     if len(shapes) != 1 or shapes[0].tag not in GEOMETRIES:
         kinds = ", ".join(f"<{shape.tag:.40}>" for shape in shapes) or "nothing"
-        raise Fault(f"has {kinds} as the geometry of {place}", f"it is one of {', '.join(GEOMETRIES)}", "correct it")
+        problem = f"has {kinds} as the geometry of {place}"
+        raise ContentError(problem, f"it must be one of {', '.join(GEOMETRIES)}", "correct it")
     for name in GEOMETRIES[shapes[0].tag]:
         if name not in shapes[0].attrib:
-            raise Fault(f"lacks the {name} of the {shapes[0].tag} of {place}", "it must be there", "add it")
+            problem = f"lacks the {name} of the {shapes[0].tag} of {place}"
+            raise ContentError(problem, "it must be there", "add it")
 
 
 def root_link(urdf: URDF) -> str:
@@ -203,23 +212,23 @@ def _children(urdf: URDF) -> dict[str, list[Any]]:
 
 
 def fixed_links(urdf: URDF) -> list[str]:
-    """The root and the links that only fixed joints part from it."""
+    """Return the root and the links that fixed joints attach."""
     rigid, below = [root_link(urdf)], _children(urdf)
-    for name in rigid:  # which grows meanwhile
+    for name in rigid:  # the list grows in the loop
         rigid += [joint.child for joint in below[name] if joint.type == "fixed"]
     return rigid
 
 
 def zero_poses(urdf: URDF) -> dict[str, Floats]:
-    """Return the pose of each link in the frame of the root, shape (4, 4), with the joints at zero.
+    """Return the pose of each link, with all joints at zero.
 
-    A joint that mimics another one is at its offset.
+    Poses are relative to the root, shape (4, 4). A joint that mimics another one is at its offset.
     """
     from scipy.spatial.transform import Rotation
 
     root, below = root_link(urdf), _children(urdf)
     poses, order = {root: np.eye(4)}, [root]
-    for name in order:  # which grows meanwhile
+    for name in order:  # the list grows in the loop
         for joint in below[name]:
             motion = np.eye(4)
             offset = joint.mimic.offset if joint.mimic is not None else None
@@ -233,7 +242,10 @@ def zero_poses(urdf: URDF) -> dict[str, Floats]:
 
 
 def package_folders(package_dirs: PackageDirs) -> list[Path]:
-    """Return the folders of ``package_dirs``, which may be a single one."""
+    """Return `package_dirs`, one folder or several, as a list of paths.
+
+    Raises InputError if it is of another type or a folder is missing.
+    """
     try:
         folders = [Path(package_dirs)] if isinstance(package_dirs, str | os.PathLike) else [*map(Path, package_dirs)]
     except TypeError as error:
@@ -247,9 +259,9 @@ def package_folders(package_dirs: PackageDirs) -> list[Path]:
 
 
 def _places(name: str, folder: Path, package_dirs: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """Return where the file of a mesh may be, in order, and where it may be if the name is not exact.
+    """Return the candidate paths of a mesh.
 
-    ``folder`` is that of the URDF.
+    First by its full name, in order, then by a part of the name. `folder` is the folder of the URDF.
     """
     scheme, _, rest = name.rpartition("://")
     above = [folder, *folder.parents]
@@ -268,7 +280,7 @@ def _places(name: str, folder: Path, package_dirs: Sequence[Path]) -> tuple[list
 
 
 def _files(places: Iterable[Path]) -> list[Path]:
-    """Return the places that are files, without repetitions."""
+    """Return the paths that are files, without duplicates."""
     files: dict[Path, Path] = {}
     for place in places:
         with suppress(OSError):  # a name that no file can have
@@ -278,22 +290,19 @@ def _files(places: Iterable[Path]) -> list[Path]:
 
 
 def _check_single(found: Sequence[Path], place: str, folder: Path) -> None:
-    """Refuse a mesh with no file, or with several files that could be meant."""
+    """Raise FileError if a mesh has no file, or several candidates."""
     hint = "put it there, correct its name, or pass package_dirs=FOLDER, where FOLDER holds the folder of its package"
     if not found:
-        rule = (
-            f"it is looked for in package_dirs, {folder} and the folders above it, ROS_PACKAGE_PATH and "
-            "AMENT_PREFIX_PATH"
-        )
-        raise FileError(place, "does not exist", rule, hint)
+        places = f"package_dirs, {folder} and the folders above it, ROS_PACKAGE_PATH and AMENT_PREFIX_PATH"
+        raise FileError(place, "does not exist", f"the search covers {places}", hint)
     if len(found) > 1:
-        rule = f"several files could be meant: {', '.join(map(str, found))}"
-        raise FileError(place, "does not exist under its whole name", rule, hint)
+        rule = f"several files match a part of it: {', '.join(map(str, found))}"
+        raise FileError(place, "does not exist under its full name", rule, hint)
 
 
-_SRDF: Final = "SRDF"
+_SRDF_KIND: Final = "SRDF"
 
-_MOVING: Final = ("revolute", "continuous", "prismatic")
+_MOVING_TYPES: Final = ("revolute", "continuous", "prismatic")
 """Types of joints with one value."""
 
 
@@ -303,11 +312,11 @@ class EndEffector(NamedTuple):
     Attributes
     ----------
     parent_link : str
-        The link that carries it.
+        Link that carries it.
     group : str
         Group of its own joints.
     parent_group : str
-        Group of the joints that move it; empty if the SRDF does not say.
+        Group of the joints that move it; empty if undeclared.
     """
 
     parent_link: str
@@ -321,12 +330,12 @@ class Srdf(NamedTuple):
     Attributes
     ----------
     allowed : dict of (str, str) to str
-        Pairs of links that may touch, each in the order of the alphabet, and why.
+        Reason for each pair of links that may touch; the links of a pair are in alphabetical order.
     groups : dict of str to set of str
         Joints of each group.
     states : dict of str to dict of str to float
-        Values of the joints that turn or slide, by ``GROUP/STATE``, or by ``STATE`` if it has no group. States without
-        a known joint are left out.
+        Values of the revolute and prismatic joints, by ``GROUP/STATE``, or by ``STATE`` without a group. States
+        without known joints are omitted.
     end_effectors : dict of str to EndEffector
     """
 
@@ -339,16 +348,17 @@ class Srdf(NamedTuple):
 def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
     """Read the SRDF of a robot.
 
-    What names links or joints that the URDF does not have is skipped, and so are pairs that name a link without
-    collision geometry. One warning lists them all.
+    Elements that name unknown links or joints are skipped, and so are pairs with a link without collision geometry.
+    One warning lists all of them.
 
     Raises FileError if the file is missing or malformed.
     """
-    data = read_bytes(path, _SRDF, memory=20.0)
-    with decoding(path, _SRDF):
+    data = read_bytes(path, _SRDF_KIND, memory=20.0)
+    with decoding(path, _SRDF_KIND):
         root = parse_xml(data)
         if root.tag != "robot":
-            raise Fault(f"holds <{root.tag:.60}>, not <robot>", "an SRDF file describes a robot", "pass the right file")
+            problem = f"holds <{root.tag:.60}>, not <robot>"
+            raise ContentError(problem, "an SRDF file describes a robot", "pass the right file")
         check_expanded(root)
         reader = _Reader(root, urdf)
         srdf = Srdf(reader.allowed(), reader.groups(), reader.states(), reader.end_effectors())
@@ -363,7 +373,7 @@ def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
 
 
 class _Reader:
-    """Elements of an SRDF beside the links and joints of the URDF."""
+    """Parser of an SRDF that notes unknown names."""
 
     def __init__(self, root: Element, urdf: URDF) -> None:
         self._root, self._links = root, urdf.link_map
@@ -374,13 +384,16 @@ class _Reader:
         self.bare: dict[str, None] = {}
 
     def _known(self, names: Iterable[str], there: Container[str]) -> bool:
-        """Return whether all names are there; note the others."""
+        """Return True if all names are in `there`; note the missing ones."""
         missing = [name for name in names if name not in there]
         self.unknown |= dict.fromkeys(missing)
         return not missing
 
     def allowed(self) -> dict[tuple[str, str], str]:
-        """Return the pairs that may touch; like MoveIt, apply defaults first, then what is enabled, then disabled."""
+        """Return the pairs that may touch.
+
+        Like MoveIt, apply the defaults first, then enabled, then disabled pairs.
+        """
         solid = {name: None for name, link in self._links.items() if link.collisions}
         allowed: dict[tuple[str, str], str] = {}
         for (name,), why in self._named("disable_default_collisions", "link"):
@@ -394,20 +407,24 @@ class _Reader:
         return allowed
 
     def _named(self, tag: str, *keys: str) -> Iterator[tuple[tuple[str, ...], str]]:
-        """Yield the links that elements name, if the URDF has all of them, and the reason."""
+        """Yield known links that elements name, and the reason."""
         for element in self._root.iter(tag):
             names = tuple(_attribute(element, key) for key in keys)
             if self._known(names, self._links):
-                yield names, element.get("reason") or _SRDF
+                yield names, element.get("reason") or _SRDF_KIND
 
     def groups(self) -> dict[str, set[str]]:
+        """Return the joints of each group."""
         elements = {_attribute(each, "name"): each for each in self._root.findall("group")}
         return {name: self._members(name, elements, frozenset()) for name in elements}
 
     def _members(self, name: str, elements: dict[str, Element], within: frozenset[str]) -> set[str]:
-        """Return the joints of a group and of its subgroups; ``within`` are the groups that it is a part of."""
+        """Return the joints of a group and its subgroups.
+
+        `within` holds the enclosing groups.
+        """
         if name in within:
-            raise Fault(f"has the group {name!r} within itself", "subgroups end somewhere", "drop one of them")
+            raise ContentError(f"has the group {name!r} within itself", "subgroups must end", "remove one of them")
         joints: set[str] = set()
         for part in elements[name]:
             if part.tag == "joint" and self._known([each := _attribute(part, "name")], self._kinds):
@@ -431,17 +448,19 @@ class _Reader:
         return joints
 
     def states(self) -> dict[str, dict[str, float]]:
+        """Return the named states, without unknown joints."""
         states = {}
         for state in self._root.findall("group_state"):
             name = "/".join(filter(None, (state.get("group"), _attribute(state, "name"))))
             values = {_attribute(each, "name"): _attribute(each, "value") for each in state.findall("joint")}
             if not self._known(values, self._kinds) and values.keys().isdisjoint(self._kinds):
                 continue
-            moving = [joint for joint in values if self._kinds.get(joint) in _MOVING]
+            moving = [joint for joint in values if self._kinds.get(joint) in _MOVING_TYPES]
             states[name] = {joint: _number(values[joint], name, joint) for joint in moving}
         return states
 
     def end_effectors(self) -> dict[str, EndEffector]:
+        """Return the end effectors by name."""
         effectors = {}
         for each in self._root.findall("end_effector"):
             link, group = _attribute(each, "parent_link"), _attribute(each, "group")
@@ -457,15 +476,16 @@ def _number(text: str, state: str, joint: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise Fault(f"has {joint} at {text!r} in the state {state!r}", "it must be one finite number", "correct it")
+        problem = f"has {joint} at {text!r} in the state {state!r}"
+        raise ContentError(problem, "it must be one finite number", "correct it")
     return value
 
 
 def _attribute(element: Element, key: str) -> str:
-    """Return an attribute that must be there."""
+    """Return a required attribute."""
     value = element.get(key)
     if value is None:
-        raise Fault(f"has a <{element.tag}> without {key}", "it must be there", "add it")
+        raise ContentError(f"has a <{element.tag}> without {key}", "it must be there", "add it")
     return value
 
 

@@ -19,15 +19,15 @@ from cspace.limits import check_file_memory
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-SUFFIXES: Final = (".geojson", ".json", ".wkt")
+POLYGON_SUFFIXES: Final = (".geojson", ".json", ".wkt")
 
-_KIND: Final = "file of polygons"
+_POLYGONS_KIND: Final = "file of polygons"
 
-_FIRST_COLLECTION: Final = 4
-"""Type number of a multipoint in GEOS; those above are collections as well."""
+_MIN_COLLECTION_TYPE: Final = 4
+"""Type number of a multipoint in GEOS; all larger ones are collections too."""
 
-_BYTES_A_POINT: Final = 1000.0
-"""What a point of a file takes at most, as an object of its own and once more within its collection."""
+_BYTES_PER_POINT: Final = 1000.0
+"""Maximum memory, in bytes, of one point of a file, as an object and again in its collection."""
 
 _WKT: Final = re.compile(
     r"\s*(POINT|LINESTRING|LINEARRING|POLYGON|MULTI\w+|GEOMETRYCOLLECTION)\s*(?:(?:ZM|Z|M)\s*)?(?:\(|EMPTY)",
@@ -36,15 +36,16 @@ _WKT: Final = re.compile(
 
 
 def read_shapes(source: Any) -> list[BaseGeometry]:
-    """The parts of all obstacles that a source describes: polygons, lines, rings and points, each valid and not empty.
+    """Return the simple geometries of all obstacles in `source`.
 
-    A source is a shapely geometry; GeoJSON as a mapping (geometry, Feature or FeatureCollection); a WKT string; a
-    file that ends in ``.geojson``, ``.json`` (GeoJSON) or ``.wkt`` (one geometry, or one on each line; nothing counts
-    them, and one that is cut between two lines reads as fewer); or an iterable of these. Coordinates are metres; no
-    coordinate system is looked at. Polygons are filled; lines, rings and points are obstacles without an inside.
+    Each is valid and not empty. `source` is a shapely geometry; GeoJSON as a mapping (geometry, Feature or
+    FeatureCollection); a WKT string; a file that ends in ``.geojson``, ``.json`` (GeoJSON) or ``.wkt`` (one
+    geometry, or one per line; truncation between two lines cannot be detected); or an iterable of these.
+    Coordinates are metres; a coordinate reference system is ignored. Polygons are filled; lines, rings and points
+    are obstacles without an interior.
 
     Raises GeometryError if there is no geometry, or one is malformed, empty, self-crossing, or has coordinates that
-    are not finite or three for each point.
+    are not finite or three-dimensional.
     """
     named = [(name, _parts(shape)) for name, shape in _geometries(source, "polygons")]
     shapes = [part for _, parts in named for part in parts]
@@ -56,12 +57,12 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
 
 
 def is_wkt(text: str) -> bool:
-    """Return True if a text begins as a geometry in WKT does."""
+    """Return True if a text begins like a geometry in WKT."""
     return bool(_WKT.match(text))
 
 
 def _geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
-    """Every geometry of ``source``, with a name for messages."""
+    """Yield every geometry of `source`, with a name for messages."""
     import shapely
 
     if isinstance(source, shapely.Geometry):
@@ -79,19 +80,19 @@ def _geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
 
 
 def _from_text(source: str | os.PathLike[str], name: str) -> Iterator[tuple[str, BaseGeometry]]:
-    """A WKT string or a file."""
+    """Yield the geometries of a WKT string or a file."""
     suffix = Path(source).suffix.lower()
-    if suffix not in SUFFIXES:
+    if suffix not in POLYGON_SUFFIXES:
         if isinstance(source, str) and is_wkt(source):
             yield name, _from_wkt(source, name)
             return
-        rule = f"a string must be WKT or a file that ends in {', '.join(SUFFIXES)}"
+        rule = f"a string must be WKT or a file that ends in {', '.join(POLYGON_SUFFIXES)}"
         raise InputError(name, f"is {os.fspath(source)[:60]!r}", rule, "pass e.g. 'POINT (1 2)'", value=source)
     file = os.fspath(source)
     if suffix == ".wkt":
-        text = read_text(source, _KIND, memory=10.0)
+        text = read_text(source, _POLYGONS_KIND, memory=10.0)
         points = 1 + text.count(",")
-        check_file_memory(file, f"holds {points:,} points", _BYTES_A_POINT * points)
+        check_file_memory(file, f"holds {points:,} points", _BYTES_PER_POINT * points)
         lines = [line for line in text.split("\n") if line.strip()]
         if lines and all(_WKT.match(line) for line in lines):
             for number, line in enumerate(lines, start=1):
@@ -101,70 +102,65 @@ def _from_text(source: str | os.PathLike[str], name: str) -> Iterator[tuple[str,
         else:
             raise FileError(file, f"begins with {text[:40]!r}", "it must hold WKT", "write e.g. 'POINT (1 2)'")
         return
-    document = read_json(source, _KIND, each_list=_BYTES_A_POINT)
+    document = read_json(source, _POLYGONS_KIND, each_list=_BYTES_PER_POINT)
     if not isinstance(document, dict):
-        raise FileError(
-            file, f"holds a JSON {type(document).__name__}", "GeoJSON is an object", "write e.g. {'type': ...}"
-        )
+        problem = f"holds a JSON {type(document).__name__}"
+        raise FileError(file, problem, "GeoJSON is an object", "write e.g. {'type': ...}")
     yield from _from_geojson(document, file)
 
 
 def _from_wkt(text: str, name: str) -> BaseGeometry:
     import shapely
 
-    if "\0" in text:  # where the parser would stop without a word
-        raise GeometryError(
-            name, "is not WKT: it holds a NUL character", "it must be text", f"mend {text[:60]!r}", value=text
-        )
+    hint = f"correct {text[:60]!r}"
+    if "\0" in text:  # the parser would stop there silently
+        raise GeometryError(name, "is not WKT: it holds a NUL character", "it must be text", hint, value=text)
     try:
         with decoding(name, "WKT geometry"):
             check_nesting(text, "(", ")")
-        with np.errstate(invalid="ignore"):  # NaN is refused by name later
+        with np.errstate(invalid="ignore"):  # a later check refuses NaN by name
             return shapely.from_wkt(text)
     except (shapely.errors.ShapelyError, NotImplementedError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise GeometryError(
-            name, f"is not WKT: {reason}", "it must be whole", f"mend {text[:60]!r}", value=text
-        ) from error
+        problem = f"is not WKT: {' '.join(str(error).split())}"
+        raise GeometryError(name, problem, "it must be whole", hint, value=text) from error
 
 
 def _from_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str, BaseGeometry]]:
-    """A geometry, Feature or FeatureCollection."""
+    """Yield the geometries of a GeoJSON geometry, Feature or FeatureCollection."""
     from shapely.geometry import shape
 
     kind = document.get("type")
     if kind == "FeatureCollection":
         features = document.get("features")
         if not isinstance(features, list) or not all(isinstance(feature, Mapping) for feature in features):
-            rule = "they must be a list of objects"
-            raise GeometryError(name, f"has features {features!r:.60}", rule, "mend the file", value=features)
+            problem = f"has features {features!r:.60}"
+            raise GeometryError(name, problem, "they must be a list of objects", "correct the file", value=features)
         for index, feature in enumerate(features):
             yield from _from_geojson(feature, f"{name}, feature {index}")
         return
     if kind == "Feature":
         inner = document.get("geometry")
         if not isinstance(inner, Mapping):
-            hint = "remove the feature or mend it"
-            raise GeometryError(name, f"has geometry {inner!r:.60}", "an obstacle needs one", hint, value=inner)
+            problem, hint = f"has geometry {inner!r:.60}", "remove or correct the feature"
+            raise GeometryError(name, problem, "an obstacle needs one", hint, value=inner)
         yield from _from_geojson(inner, name)
         return
     try:
         with np.errstate(invalid="ignore"):
             geometry = shape(document)
-    except Exception as error:  # What lists of anything but numbers lead shapely to may be anything.
+    except Exception as error:  # shapely may raise anything for coordinates that are not numbers
         problem = f"of type {kind!r:.40} is not GeoJSON: {' '.join(str(error).split()):.200}"
-        raise GeometryError(
-            name, problem, "it must hold 'type' and 'coordinates' as RFC 7946 says", "mend it", value=document
-        ) from error
+        rule = "it must hold 'type' and 'coordinates' as RFC 7946 says"
+        raise GeometryError(name, problem, rule, "correct it", value=document) from error
     yield name, geometry
 
 
 def _parts(shape: BaseGeometry) -> list[BaseGeometry]:
-    """The simple geometries of a collection, however deep it is nested; of a simple one itself."""
+    """Return the simple geometries of a nested collection, in order."""
     import shapely
 
     parts = np.array([shape], dtype=object)
-    while (nested := (shapely.get_type_id(parts) >= _FIRST_COLLECTION) & ~shapely.is_empty(parts)).any():
+    while (nested := (shapely.get_type_id(parts) >= _MIN_COLLECTION_TYPE) & ~shapely.is_empty(parts)).any():
         inner, owners = shapely.get_parts(parts[nested], return_index=True)
         places = np.concatenate([np.flatnonzero(~nested), np.flatnonzero(nested)[owners]])
         parts = np.concatenate([parts[~nested], inner])[np.argsort(places, kind="stable")]
@@ -189,11 +185,11 @@ def _check(names: list[str], lasts: Ints, shapes: list[BaseGeometry]) -> None:
         rule, hint = "NaN and infinities are refused", "drop or replace it"
         raise GeometryError(name, f"has a vertex at ({x}, {y})", rule, hint, value=shapes[owners[broken[0]]])
     for which in np.flatnonzero(shapely.is_empty(array)):
-        hint = "leave it out or fill it"
-        raise GeometryError(name_of(which), "is empty", "an obstacle must cover some ground", hint, value=shapes[which])
+        rule, hint = "an obstacle must cover some ground", "remove it or fill it"
+        raise GeometryError(name_of(which), "is empty", rule, hint, value=shapes[which])
     for which in np.flatnonzero(shapely.has_z(array)):
-        problem, hint = "has z coordinates", "drop them with shapely.force_2d, if their height does not matter"
-        raise GeometryError(name_of(which), problem, "obstacles in the plane have two", hint, value=shapes[which])
+        rule, hint = "obstacles in the plane have two", "drop them with shapely.force_2d if height does not matter"
+        raise GeometryError(name_of(which), "has z coordinates", rule, hint, value=shapes[which])
     for which in np.flatnonzero(~shapely.is_valid(array)):
         problem, hint = f"is not valid: {shapely.is_valid_reason(array[which])}", "redraw it, or try shapely.make_valid"
-        raise GeometryError(name_of(which), problem, "a border may not cross itself", hint, value=shapes[which])
+        raise GeometryError(name_of(which), problem, "a boundary may not cross itself", hint, value=shapes[which])

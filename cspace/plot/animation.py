@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cspace.arrays import Floats
 from cspace.check import positive
 from cspace.errors import InputError
-from cspace.files.access import replacing, suffix_of
+from cspace.files.access import check_suffix, replacing
 from cspace.plot import artists
 from cspace.plot.arms import MovingArm, along_joints
 from cspace.plot.route import HasAxes, HasPath, Look, MapLike, Route, polyline
@@ -102,7 +102,7 @@ def animate(
         If the file exists and ``overwrite`` is not set, or cannot be written.
     """
     target = Path(file)
-    suffix_of(target, (".gif",), "an animation is a GIF", "file")
+    check_suffix(target, (".gif",), "an animation is a GIF", "file")
     points = polyline(space, path)
     if not len(points):
         raise InputError("path", "is empty", "an animation needs a path", "pass one that was found", value=path)

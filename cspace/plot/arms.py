@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cspace.arrays import Bools, Floats, Surface
-from cspace.files.polygons import joined, placed
+from cspace.files.polygons import join_surfaces, transform_surface
 from cspace.plot import artists
 from cspace.plot.route import Look, lost_steps, marked, polyline
 from cspace.plot.surface import SURFACES, Painting, polygons_of, steps_at
@@ -55,8 +55,12 @@ class ArmFigure:
         self.links = {}
         for link in arm.links:
             back = np.linalg.inv(arm.frames.get(link.name, np.eye(4)))
-            self.links[link.name] = joined([placed(part.shape.outer.surface, back @ part.pose) for part in link.parts])
-        self.obstacles = {name: placed(each.shape.outer.surface, each.pose) for name, each in space.obstacles.items()}
+            self.links[link.name] = join_surfaces(
+                [transform_surface(part.shape.outer.surface, back @ part.pose) for part in link.parts]
+            )
+        self.obstacles = {
+            name: transform_surface(each.shape.outer.surface, each.pose) for name, each in space.obstacles.items()
+        }
         self.moving = [link.name for link in arm.links if link.body]
         depth = [0]
         for parent in arm.chain.parents[1:].tolist():
@@ -76,7 +80,7 @@ class ArmFigure:
     def placed(self, q: Floats) -> dict[str, Surface]:
         """The surfaces of the links at a configuration, shape (dof,), by name."""
         poses = self._arm.poses(q)
-        return {name: placed(surface, poses[name]) for name, surface in self.links.items()}
+        return {name: transform_surface(surface, poses[name]) for name, surface in self.links.items()}
 
     def tips(self, points: Floats) -> Floats:
         """Where the middle of the :attr:`tip` is at configurations, shape (n, 3)."""

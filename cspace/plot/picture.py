@@ -16,7 +16,7 @@ import numpy as np
 from cspace.arrays import Floats
 from cspace.check import positive
 from cspace.errors import InputError
-from cspace.files.access import replacing, suffix_of
+from cspace.files.access import check_suffix, replacing
 from cspace.plot import artists
 from cspace.plot.route import (
     HasPath,
@@ -287,7 +287,7 @@ def save_figure(draw: Callable[[], Any], file: str | os.PathLike[str], overwrite
     FileError if the file exists and ``overwrite`` is not set, or cannot be written.
     """
     target = Path(file)
-    suffix_of(target, SUFFIXES, "the suffix says what to write", "file")
+    check_suffix(target, SUFFIXES, "the suffix says what to write", "file")
     dots = positive(dpi, "dpi", "pixels per inch")
     if dots > _MOST_DPI:
         rule = f"it must be at most {_MOST_DPI:,.0f} pixels per inch, which is some 20,000 pixels across"

@@ -131,17 +131,16 @@ def _mesh(source: MeshLike) -> Mesh:
 
 def _shape_of_text(source: str | os.PathLike[str], name: str) -> Shape:
     """Make the shape of a short text, of WKT, or of a file of polygons or a mesh."""
-    from cspace.files.meshes import SUFFIXES as MESHES
-    from cspace.files.vector import SUFFIXES as POLYGONS
-    from cspace.files.vector import is_wkt, read_shapes
+    from cspace.files.meshes import MESH_SUFFIXES
+    from cspace.files.vector import POLYGON_SUFFIXES, is_wkt, read_shapes
 
     suffix = Path(source).suffix.lower()
     if isinstance(source, str) and is_short_text(source):
         return parse_short_text(source, name).shape
-    if suffix in MESHES:
+    if suffix in MESH_SUFFIXES:
         return _mesh(source)
-    if suffix in POLYGONS or (isinstance(source, str) and is_wkt(source)):
+    if suffix in POLYGON_SUFFIXES or (isinstance(source, str) and is_wkt(source)):
         return Polygons(read_shapes(source))
-    rule = f"it must be a short text, WKT, or a file that ends in {', '.join((*POLYGONS, *MESHES))}"
+    rule = f"it must be a short text, WKT, or a file that ends in {', '.join((*POLYGON_SUFFIXES, *MESH_SUFFIXES))}"
     hint = f"pass {', '.join(SHORT_TEXTS)}, or what Robot.open makes of other files"
     raise InputError(name, f"is {os.fspath(source)[:60]!r}", rule, hint, value=source)

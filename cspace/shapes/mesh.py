@@ -540,13 +540,13 @@ def _without_cracks(shadow: BaseGeometry, width: float) -> BaseGeometry:
 
 def _arrays_of(shape: Any) -> tuple[Any, Any, str]:
     """Vertices, faces and a name."""
-    from cspace.files.meshes import flattened, read_mesh
+    from cspace.files.meshes import flatten_trimesh, read_mesh
 
     if isinstance(shape, (str, os.PathLike)):
         return *read_mesh(shape), Path(shape).name
     if isinstance(shape, (tuple, list)) and len(shape) == 2:
         return *shape, "mesh"
-    return *flattened(shape, "mesh"), "mesh"
+    return *flatten_trimesh(shape, "mesh"), "mesh"
 
 
 def _checked_vertices(values: Any, source: str) -> Floats:

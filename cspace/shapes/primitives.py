@@ -81,9 +81,9 @@ def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
     """Make a polygon from a footprint as Nav2 writes it, ``"[[0.3, 0.2], ...]"``, or from its corners; metres."""
     import numpy as np
 
-    from cspace.files.ros import corners_of
+    from cspace.files.ros import parse_footprint
 
-    points = corners_of(corners)
+    points = parse_footprint(corners)
     polygon = Polygons.of(points + not_negative(padding, "padding") * np.sign(points))
     return NamedShape(f"polygon with {polygon.corners} corners", polygon)
 
@@ -156,7 +156,7 @@ def parse_short_text(text: str, name: str = "shape") -> NamedShape:
         solid = parse_short_text(rest, name)
         return NamedShape(f"footprint of {solid.name}", solid.shape.flattened())
     if kind == FOOTPRINT:
-        hint = f"write e.g. {FOOTPRINT}:[[0.3,0.2],[-0.3,0.2],[0,-0.2]], or use Robot.open(path).footprint() for a file"
+        hint = f"write e.g. {FOOTPRINT}:[[0.3,0.2],[-0.3,0.2],[0,-0.2]] or {FOOTPRINT}:cylinder:0.3x0.5"
         raise InputError(name, f"is {text!r}", "after the colon must stand corners or a short text", hint, value=text)
     form = FORMS[kind]
     sizes, at, place = rest.partition("@")

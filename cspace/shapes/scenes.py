@@ -16,10 +16,10 @@ import numpy as np
 from cspace.arrays import Floats, StrPath, Surface
 from cspace.check import check_point, finite, positive
 from cspace.errors import GeometryError, InputError, warn_user
-from cspace.files.access import Fault, decoding
+from cspace.files.access import ContentError, decoding
 from cspace.files.meshes import read_mesh
 from cspace.files.plain import read_yaml
-from cspace.files.polygons import joined, placed, unfolded
+from cspace.files.polygons import join_surfaces, surface_bytes, transform_surface
 from cspace.files.urdf import (
     GEOMETRIES,
     PackageDirs,
@@ -80,8 +80,8 @@ def read_urdf(
                 )
             transform = pose if collision.origin is None else pose @ finite(collision.origin, f"{place}: origin")
             outer, inner = _sides(collision.geometry, meshes, place)
-            moved = placed(outer, transform)
-            pairs.append((moved, moved if inner is outer else placed(inner, transform)))
+            moved = transform_surface(outer, transform)
+            pairs.append((moved, moved if inner is outer else transform_surface(inner, transform)))
     has_shape = [name for name in urdf.link_map if urdf.link_map[name].collisions]
     if not pairs:
         hint = f"name links that have: {', '.join(has_shape)}" if has_shape else "add <collision> to its links"
@@ -94,7 +94,7 @@ def read_urdf(
             "they are put where their joints are at zero"
         )
     curved = any(outer is not inner for outer, inner in pairs)
-    return [joined(side) for side in list(zip(*pairs, strict=True))[: 1 + curved]]
+    return [join_surfaces(side) for side in list(zip(*pairs, strict=True))[: 1 + curved]]
 
 
 def shapes_of(
@@ -131,7 +131,7 @@ def _mesh(mesh: Any, meshes: Mapping[str, Path], place: str) -> Pair:
     scale = finite(np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3), f"{place}: scale")
     if not scale.all():
         raise InputError(f"{place}: scale", f"is {scale.tolist()}", "no factor may be zero", "correct it", value=scale)
-    surface = placed(read_mesh(meshes[str(mesh.filename)]), np.diag([*scale, 1.0]))
+    surface = transform_surface(read_mesh(meshes[str(mesh.filename)]), np.diag([*scale, 1.0]))
     return surface, surface
 
 
@@ -218,11 +218,11 @@ def read_moveit_scene(
         world = _table(scene.get("world", scene), "world")
         if "collision_objects" not in world:
             rule = "a planning scene lists its obstacles there"
-            raise Fault("has no world.collision_objects", rule, "pass the YAML of a moveit_msgs/PlanningScene")
+            raise ContentError("has no world.collision_objects", rule, "pass the YAML of a moveit_msgs/PlanningScene")
         octomap = _table(_table(world.get("octomap"), "octomap").get("octomap"), "octomap")
         if octomap.get("data"):
             hint = "save it as .bt, read it with Workspace.from_octomap, and remove it here"
-            raise Fault("holds an OctoMap", "only collision objects are read", hint)
+            raise ContentError("holds an OctoMap", "only collision objects are read", hint)
         reader = _Reader(path, plane_ball, folders)
         objects = reader.objects(_items(world["collision_objects"], "collision_objects"))
         frames = {frame for frame, _ in objects.values()}
@@ -258,7 +258,9 @@ class _Reader:
             operation = operation.lower() if isinstance(operation, str) else operation
             if operation not in _OPERATIONS or _OPERATIONS[operation] == _MOVE:
                 rule = "it must be add, append or remove (0, 2 or 1)"
-                raise Fault(f"has the operation {operation!r} at object {name!r}", rule, "write the scene as it is")
+                raise ContentError(
+                    f"has the operation {operation!r} at object {name!r}", rule, "write the scene as it is"
+                )
             if _OPERATIONS[operation] == _REMOVE:
                 objects.pop(name, None)
                 continue
@@ -267,11 +269,11 @@ class _Reader:
             parts = list(self._parts(entry, f"object {name!r}"))
             if not parts:
                 rule = "it must have primitives, meshes or planes"
-                raise Fault(f"has no shape at object {name!r}", rule, "add them, or remove the object")
+                raise ContentError(f"has no shape at object {name!r}", rule, "add them, or remove the object")
             if _OPERATIONS[operation] == _APPEND and name in objects:
                 if objects[name][0] != frame:
                     problem = f"appends to object {name!r} in frame {frame!r}, which is in frame {objects[name][0]!r}"
-                    raise Fault(problem, "both must be the same", "write both in one frame")
+                    raise ContentError(problem, "both must be the same", "write both in one frame")
                 parts = [*objects[name][1], *parts]
             objects[name] = frame, parts
         return objects
@@ -285,11 +287,11 @@ class _Reader:
             poses = _items(entry.get(poses_name), f"{poses_name} of {place}")
             if len(poses) != len(items) and (poses or len(items) > 1):
                 problem = f"has {len(items)} {name} and {len(poses)} {poses_name} at {place}"
-                raise Fault(problem, "there must be a pose for each", "add or remove some")
+                raise ContentError(problem, "there must be a pose for each", "add or remove some")
             for number, item in enumerate(items):
                 self._count += 1
                 if self._count > MAX_SHAPES:
-                    raise Fault(f"holds more than {MAX_SHAPES} shapes", "no more are read", "split the scene")
+                    raise ContentError(f"holds more than {MAX_SHAPES} shapes", "no more are read", "split the scene")
                 here = f"{name}[{number}] of {place}"
                 pose = _pose(poses[number] if poses else None, f"{poses_name}[{number}] of {place}")
                 yield makers[name](item, here, whole @ pose)
@@ -300,14 +302,16 @@ class _Reader:
         kind = kind.lower() if isinstance(kind, str) else kind
         if isinstance(kind, bool) or kind not in _PRIMITIVES:
             known = ", ".join(f"{name} ({key})" for key, (name, _, _) in _PRIMITIVES.items() if isinstance(key, int))
-            raise Fault(f"has the type {kind!r} at {place}", f"it must be one of {known}", "write such a primitive")
+            raise ContentError(
+                f"has the type {kind!r} at {place}", f"it must be one of {known}", "write such a primitive"
+            )
         name, sizes, make = _PRIMITIVES[kind]
         given = _items(table.get("dimensions"), f"dimensions of {place}")
         values = _numbers(given, len(given), f"dimensions of {place}")
         # Lists of three numbers are common, the last ones zero where the shape has fewer.
         if len(values) < len(sizes) or values[len(sizes) :].any() or not (values[: len(sizes)] > 0.0).all():
             rule = f"a {name} has {', '.join(sizes)}, metres above zero"
-            raise Fault(f"has the dimensions {values.tolist()} at {place}", rule, "correct them")
+            raise ContentError(f"has the dimensions {values.tolist()} at {place}", rule, "correct them")
         return make(*values[: len(sizes)].tolist()), pose
 
     def _mesh(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
@@ -320,8 +324,10 @@ class _Reader:
             if table.get("dimensions") is not None:
                 scale = _numbers(table["dimensions"], 3, f"dimensions of {place}")
             if not scale.all():
-                raise Fault(f"has the dimensions {scale.tolist()} at {place}", "no factor may be zero", "correct them")
-            vertices, faces = placed(self._meshes[name], np.diag([*scale, 1.0]))
+                raise ContentError(
+                    f"has the dimensions {scale.tolist()} at {place}", "no factor may be zero", "correct them"
+                )
+            vertices, faces = transform_surface(self._meshes[name], np.diag([*scale, 1.0]))
         else:
             points = _items(table.get("vertices"), f"vertices of {place}")
             corners = [
@@ -333,20 +339,22 @@ class _Reader:
                 len(each) != 3 or not all(type(n) is int and 0 <= n < len(points) for n in each) for each in corners
             ):
                 problem = f"has a triangle that is not three numbers of its {len(points)} vertices at {place}"
-                raise Fault(problem, "vertices are counted from 0", "correct it")
+                raise ContentError(problem, "vertices are counted from 0", "correct it")
             faces = np.array(corners, dtype=np.int64).reshape(-1, 3)
-        self._bytes += unfolded(len(vertices), len(faces))
+        self._bytes += surface_bytes(len(vertices), len(faces))
         check_file_memory(self._path, "holds meshes", self._bytes)
         return Mesh(vertices, faces, source=f"{os.fspath(self._path)}: {place}"), pose
 
     def _plane(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
         if self._plane_ball is None:
             hint = "pass bounds for a workspace, or plane_radius for an arm"
-            raise Fault(f"has a plane, {place}", "a plane has no end, and an obstacle needs one", hint)
+            raise ContentError(f"has a plane, {place}", "a plane has no end, and an obstacle needs one", hint)
         *normal, offset = _numbers(_table(item, place).get("coef"), 4, f"coef of {place}").tolist()
         length = float(np.linalg.norm(normal))
         if not length > 0.0:
-            raise Fault(f"has the coef {[*normal, offset]} at {place}", "a, b and c may not all be zero", "correct it")
+            raise ContentError(
+                f"has the coef {[*normal, offset]} at {place}", "a, b and c may not all be zero", "correct it"
+            )
         direction = pose[:3, :3] @ np.divide(normal, length)
         center, radius = self._plane_ball
         # A point x of the shape's own frame lies in the plane where normal . x + offset = 0.
@@ -388,8 +396,8 @@ def _moved_exact(shape: ExactShape, pose: Floats) -> ExactShape:
     if isinstance(shape, Box) and np.array_equal(pose[:3, :3], np.eye(3)):
         return Box.of(shape.extents, shape.center + pose[:3, 3])
     if isinstance(shape, Mesh):
-        return Mesh(*placed((shape.vertices, shape.faces), pose), shape.solid, shape.source)
-    return Mesh(*placed(shape.surface, pose))
+        return Mesh(*transform_surface((shape.vertices, shape.faces), pose), shape.solid, shape.source)
+    return Mesh(*transform_surface(shape.surface, pose))
 
 
 def _frames(transforms: Sequence[Any], frames: set[str]) -> dict[str, Floats]:
@@ -419,7 +427,7 @@ def _frames(transforms: Sequence[Any], frames: set[str]) -> dict[str, Floats]:
         roots.add(root)
     if len(roots) > 1:
         problem = f"has objects in the frames {', '.join(map(repr, sorted(frames)))}"
-        raise Fault(problem, "fixed_frame_transforms must lead from all to one frame", "write all in one frame")
+        raise ContentError(problem, "fixed_frame_transforms must lead from all to one frame", "write all in one frame")
     return motions
 
 
@@ -453,14 +461,16 @@ def _pose(value: Any, place: str) -> Floats:
 def _table(value: Any, place: str) -> Mapping[str, Any]:
     """Return a table; an empty one for nothing."""
     if value is not None and not isinstance(value, dict):
-        raise Fault(f"has {str(value)[:40]!r} as {place}", "it must be a table of names and values", "correct it")
+        raise ContentError(
+            f"has {str(value)[:40]!r} as {place}", "it must be a table of names and values", "correct it"
+        )
     return value or {}
 
 
 def _items(value: Any, place: str) -> Sequence[Any]:
     """Return a list; an empty one for nothing."""
     if value is not None and not isinstance(value, list):
-        raise Fault(f"has {str(value)[:40]!r} as {place}", "it must be a list", "correct it")
+        raise ContentError(f"has {str(value)[:40]!r} as {place}", "it must be a list", "correct it")
     return value or []
 
 
@@ -473,5 +483,5 @@ def _numbers(value: Any, count: int, place: str) -> Floats:
         or len(value) != count
         or not all(type(each) in (int, float) and abs(each) < 1e100 for each in value)
     ):
-        raise Fault(f"has {str(value)[:60]} as {place}", f"it must be {count} finite numbers", "correct it")
+        raise ContentError(f"has {str(value)[:60]} as {place}", f"it must be {count} finite numbers", "correct it")
     return np.array(value, dtype=np.float64)

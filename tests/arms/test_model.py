@@ -350,7 +350,7 @@ def test_a_joint_may_mimic_a_later_one(tmp_path: Path) -> None:
         '<robot><group_state name="s" group="g"><joint name="elbow" value="up"/></group_state></robot>',
         "has elbow at 'up' in the state 'g/s'; it must be one finite number",
     ),
-    ('<robot xmlns:x="http://www.ros.org/wiki/xacro"><x:if/></robot>', "macros of xacro"),
+    ('<robot xmlns:x="http://www.ros.org/wiki/xacro"><x:if/></robot>', "xacro macros"),
     ("<html/>", "holds <html>, not <robot>"),
     ("<robot", "arm.srdf"),
 )

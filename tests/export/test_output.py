@@ -68,7 +68,7 @@ def test_an_interruption_leaves_what_was_there(
 def test_what_exists_is_kept_unless_told_otherwise(tmp_path: Path, writer: Callable[..., None]) -> None:
     path = tmp_path / "out"
     writer(path, "old")
-    with pytest.raises(FileError, match=r"out: exists; an existing output is kept .*overwrite=True"):
+    with pytest.raises(FileError, match=r"out: exists; existing outputs are kept .*overwrite=True"):
         writer(path, "new")
     written = path / "text" if path.is_dir() else path
     assert written.read_text() == "old"
@@ -161,7 +161,7 @@ def test_a_link_is_followed(tmp_path: Path) -> None:
 
 def test_an_unwritable_folder_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "access", lambda *_: False)
-    with pytest.raises(FileError, match=r"no permission to write in .*; an output needs a writable folder"):
+    with pytest.raises(FileError, match=r"no permission to write in .*; outputs need a writable folder"):
         write(tmp_path / "out", "new")
     assert names(tmp_path) == []
 
@@ -175,7 +175,7 @@ def test_permissions_are_respected(tmp_path: Path) -> None:
 
 def test_a_full_disk_is_named(tmp_path: Path) -> None:
     with (
-        pytest.raises(FileError, match=r"out: cannot be written: No space left .*; an output needs"),
+        pytest.raises(FileError, match=r"out: cannot be written: No space left .*; outputs need"),
         replacing(tmp_path / "out") as temporary,
     ):
         temporary.write_text("half")

@@ -23,7 +23,7 @@ from PIL import Image
 import cspace
 from cspace import FileError, InputError, Workspace
 from cspace.errors import CspaceError
-from cspace.files.access import Fault
+from cspace.files.access import ContentError
 from cspace.files.plain import parse_xml, read_yaml
 from cspace.limits import raised_limits
 from cspace.shapes import Mesh
@@ -92,7 +92,7 @@ def ros_map(tmp_path: Path, **changes: str) -> Path:
     ({"resolution": "&x 0.05\nbeside: *x"}, "anchor"),
     ({"1": "2"}, "key '1'"),
     ({"? [a]": "2"}, "key"),
-    ({"negate": "0\nnegate: 1"}, "there twice"),
+    ({"negate": "0\nnegate: 1"}, "is repeated"),
     ({"image": '"a\\0b"'}, "image is"),
     ({"origin": "[.nan, 0, 0]"}, "origin"),
     ({"resolution": "yes"}, "resolution is True"),
@@ -118,12 +118,12 @@ def test_read_yaml_agrees_with_the_json_parser(tmp_path: Path, document: object)
 
 def test_xml_is_refused_by_its_entities_and_its_depth() -> None:
     for text, message in (
-        ('<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "declares an entity"),
-        ('<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]><a>&b;</a>', "declares an entity"),
-        ("<a>" * 257 + "</a>" * 257, "more than 256 elements"),
-        ("<a>", "is no XML"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "declares an XML entity"),
+        ('<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]><a>&b;</a>', "declares an XML entity"),
+        ("<a>" * 257 + "</a>" * 257, "more than 256 nested elements"),
+        ("<a>", "is not XML"),
     ):
-        with pytest.raises(Fault, match=message):
+        with pytest.raises(ContentError, match=message):
             parse_xml(text.encode())
     assert len(list(parse_xml(("<a>" * 256 + "</a>" * 256).encode()).iter())) == 256
 
@@ -153,7 +153,7 @@ def test_nesting_is_refused_before_anything_recurses(
     tmp_path: Path, name: str, opening: str, middle: str, closing: str, levels: int
 ) -> None:
     (tmp_path / name).write_text(opening * levels + middle + closing * levels)
-    refused(tmp_path / name, "brackets within each other", spacing=0.1)
+    refused(tmp_path / name, "nested brackets", spacing=0.1)
 
 
 # ---- sizes -------------------------------------------------------------------------------------------------------
@@ -283,8 +283,8 @@ def test_a_few_nodes_do_not_unfold_into_any_number(tmp_path: Path, families: dic
         return f"{head}{library}<library_visual_scenes>{tail}"
 
     for name, content, message in (
-        ("a.dae", nodes(12, 10), "nodes into nodes"),
-        ("a.dae", nodes(5_000, 1), "nodes into nodes"),
+        ("a.dae", nodes(12, 10), "nests nodes"),
+        ("a.dae", nodes(5_000, 1), "nests nodes"),
         ("b.dae", text.replace(shown, 3_000 * shown), "unfolds to"),
     ):
         (tmp_path / name).write_text(content)
@@ -292,7 +292,7 @@ def test_a_few_nodes_do_not_unfold_into_any_number(tmp_path: Path, families: dic
             refused(tmp_path / name, message, spacing=0.1)
     (tmp_path / "a.dae").write_text(nodes(2, 3))
     assert len(Mesh.of(tmp_path / "a.dae").faces) == 9 * 12
-    for children, message in ((False, "unfolds to"), (True, "more than 256 nodes within each other")):
+    for children, message in ((False, "unfolds to"), (True, "more than 256 nested nodes")):
         (tmp_path / "a.glb").write_bytes(glb_of_places(3_000, children))
         with raised_limits(max_bytes=2**21):
             refused(tmp_path / "a.glb", message, spacing=0.1)
@@ -360,7 +360,7 @@ def test_a_face_of_coincident_corners_takes_memory_as_large_as_it_is(tmp_path: P
 def test_a_face_that_names_few_vertices_again_and_again_is_refused(
     tmp_path: Path, name: str, corners: list[int]
 ) -> None:
-    refused(polygon_in(tmp_path / name, SQUARE, corners), "vertices again and again", spacing=0.1)
+    refused(polygon_in(tmp_path / name, SQUARE, corners), "repeat only", spacing=0.1)
 
 
 def test_fans_of_a_file_are_tried_in_time_as_long_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -370,7 +370,7 @@ def test_fans_of_a_file_are_tried_in_time_as_long_as_it_is(tmp_path: Path, monke
     visited: list[int] = []
     cross = np.cross
     monkeypatch.setattr(np, "cross", lambda a, b: visited.append(a.size) or cross(a, b))
-    refused(tmp_path / "a.obj", "none of the corners that were tried sees it whole", spacing=0.1)
+    refused(tmp_path / "a.obj", "none of the tried corners sees it whole", spacing=0.1)
     assert len(visited) < 20
 
 
@@ -409,7 +409,7 @@ def test_a_link_out_of_the_folder_is_told(tmp_path: Path) -> None:
     path = ros_map(tmp_path / "inner")
     (tmp_path / "inner" / "map.png").rename(tmp_path / "map.png")
     (tmp_path / "inner" / "map.png").symlink_to(tmp_path / "map.png")
-    with pytest.warns(UserWarning, match="lies outside of its folder"):
+    with pytest.warns(UserWarning, match="lies outside the folder"):
         Workspace.open(path)
 
 
@@ -427,7 +427,7 @@ def test_gltf_reads_no_file_outside_of_its_folder(tmp_path: Path, uri: str) -> N
         "buffers": [{"byteLength": 36, "uri": uri}],
     }
     (tmp_path / "inner" / "a.gltf").write_text(json.dumps(header))
-    refused(tmp_path / "inner" / "a.gltf", "outside of its folder", spacing=0.1)
+    refused(tmp_path / "inner" / "a.gltf", "outside its folder", spacing=0.1)
 
 
 def test_no_codec_of_a_store_is_looked_for_by_its_name(tmp_path: Path, families: dict[str, Path]) -> None:
@@ -486,7 +486,7 @@ def test_elements_within_elements_are_refused(
 ) -> None:
     head, end = re.match(r"(<\w+[^>]*>)(.*)", families[name].read_text(), re.DOTALL).groups()  # type: ignore[union-attr]
     (tmp_path / name).write_text(f"{head}{'<extra>' * levels}{'</extra>' * levels}{end}")
-    with pytest.raises(FileError, match="more than 256 elements within each other"):
+    with pytest.raises(FileError, match="more than 256 nested elements"):
         Mesh.of(tmp_path / name) if name == "box.dae" else cspace.Robot.from_urdf(tmp_path / name)
 
 
@@ -505,7 +505,7 @@ def test_a_link_out_of_the_folder_of_a_gltf_is_refused(tmp_path: Path) -> None:
     header = json.loads(content[20 : 20 + struct.unpack("<I", content[12:16])[0]])
     header["buffers"][0]["uri"] = "a.bin"
     (tmp_path / "inner" / "a.gltf").write_text(json.dumps(header))
-    refused(tmp_path / "inner" / "a.gltf", "outside of its folder", spacing=0.1)
+    refused(tmp_path / "inner" / "a.gltf", "outside its folder", spacing=0.1)
 
 
 def test_names_that_are_none_are_refused() -> None:

@@ -18,7 +18,7 @@ from refusals import refusals
 def read_shades(path, kind):
     """Shades of an image, and where it is opaque."""
     image = read_image_shades(path, kind)
-    shade = image.levels / float(image.most)
+    shade = image.levels / float(image.white_level)
     return shade, np.broadcast_to(image.opaque, shade.shape)
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from cspace import FileError, GeometryError, InputError
 from cspace.files.meshes import read_mesh
-from cspace.files.polygons import triangulated
+from cspace.files.polygons import triangulate
 from mesh_files import BOX, CORNERS, FACES, FAR, QUADS, SECOND, VERTICES, check_boxes, check_refused, lines, read
 from refusals import refusals
 
@@ -64,14 +64,14 @@ def test_corners_of_obj_may_name_more_than_a_vertex(tmp_path, corner):
     ("curv 0 1 1 2\n", "'curv'"),
     ("call other.obj\n", "'call'"),
     ("fo 1 2 3\n", "'fo'"),
-    ("1 2 3\n", "no statement"),
-    ("ff 1 2 3\n", "no statement"),
+    ("1 2 3\n", "not a statement"),
+    ("ff 1 2 3\n", "not a statement"),
     ("f 1 2\n", "2 corners"),
     ("f 0 1 2\n", "vertex 0"),
     ("f 1 2 9\n", "vertex 8"),
     ("f 1 2 -9\n", "vertex -1"),
-    ("f 1 2 3.5\n", "no whole number"),
-    ("f 1 2 /3\n", "no whole number"),
+    ("f 1 2 3.5\n", "not a whole number"),
+    ("f 1 2 /3\n", "not a whole number"),
     ("v 1 2\n", "2 numbers"),
     ("v 1 2 3 2\n", "weights"),
     ("mtllib C:\\\nf 1 2 3\n", "backslash"),
@@ -95,7 +95,7 @@ def test_a_large_obj_is_read_whole(tmp_path):
 
 
 def area_of(points, sizes):
-    faces = triangulated(np.array(points, float), np.arange(len(points)), np.array(sizes))
+    faces = triangulate(np.array(points, float), np.arange(len(points)), np.array(sizes))
     return trimesh.Trimesh(points, faces, process=False).area
 
 
@@ -135,7 +135,7 @@ def test_polygons_without_an_area_and_of_huge_or_tiny_size_do_no_harm(tmp_path):
     assert area_of(line, [4]) == 0.0
     assert area_of([(1, 1, 1)] * 4, [4]) == 0.0
     for scale in (1e-160, 1e90):
-        face = triangulated(CORNERS * scale, QUADS.reshape(-1), np.full(6, 4))
+        face = triangulate(CORNERS * scale, QUADS.reshape(-1), np.full(6, 4))
         assert face.shape == (12, 3)
     with pytest.raises(InputError, match="is nan; NaN"):
         read(tmp_path, "nan.obj", "v 0 0 nan\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
@@ -173,8 +173,8 @@ def test_all_solids_of_a_text_stl_are_read(tmp_path, write):
 
 @refusals(
     "content, message",
-    (binary_stl(6), "declares 6 triangles and has bytes for 12"),
-    (binary_stl(13), "declares 13 triangles and has bytes for 12"),
+    (binary_stl(6), "declares 6 triangles but has bytes for 12"),
+    (binary_stl(13), "declares 13 triangles but has bytes for 12"),
     (binary_stl()[:60], "truncated"),
     (b"solid " + binary_stl(6)[6:], "solid"),
     (text_stl() + text_stl(FAR).replace("endsolid", ""), "endsolid"),
@@ -230,7 +230,7 @@ def test_off_files_are_read_with_their_colours_and_comments(tmp_path, text):
     (f"OFF\n8 6 0\n{POINTS}{SIDES.replace('4 3', '2 3', 1)}", "2 corners"),
     (f"OFF\n8 6 0\n{POINTS}{SIDES.replace('4 3', '4 8', 1)}", "vertex 8"),
     (f"OFF\n8 6 0\n{POINTS}{SIDES.replace('4 3', '4 -1', 1)}", "vertex -1"),
-    (f"OFF\n8 6 0\n{POINTS.replace('4.0 4.0 4.0', '4.0 4.0')}{SIDES}", "alike"),
+    (f"OFF\n8 6 0\n{POINTS.replace('4.0 4.0 4.0', '4.0 4.0')}{SIDES}", "unequal length"),
     (f"4OFF\n8 6 0\n{POINTS.replace(chr(10), ' 2' + chr(10))}{SIDES}", "4OFF"),
     (f"OFF BINARY\n8 6 0\n{POINTS}{SIDES}", "binary"),
     (f"8 6 0\n{POINTS}{SIDES}", "begin with OFF"),

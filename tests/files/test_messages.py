@@ -243,7 +243,7 @@ def test_a_quaternion_that_nobody_filled_is_no_turn():
     (changed(info__width=4), {}, r"msg\.data has shape \(6,\); .* width x height = 4 x 2"),
     (changed(data=[0.5] * 6), {}, r"msg\.data holds values of type float64"),
     (changed(data=bytes(6)), {}, r"msg\.data holds values of type \|S"),
-    (changed(data=[[1], [1, 2]]), {}, r"msg\.data is not one list"),
+    (changed(data=[[1], [1, 2]]), {}, r"msg\.data is ragged"),
     (changed(info__resolution=0.0), {}, r"msg\.info\.resolution is 0\.0"),
     (changed(info__resolution=math.nan), {}, r"msg\.info\.resolution is nan"),
     (changed(info__origin__position__x=math.inf), {}, r"msg\.info\.origin\.position\.x is inf"),

@@ -7,7 +7,7 @@ import pytest
 
 from cspace import Grid, Workspace
 from cspace.errors import FileError
-from cspace.files.images import read_map
+from cspace.files.images import read_movingai_map
 from refusals import refusals
 
 MAPS = ["AR0011SR", "Berlin_1_1024", "arena", "brc504d", "maze512-32-0", "random512-10-0"]
@@ -27,12 +27,12 @@ def test_a_tiny_map_is_read(tmp_path: Path) -> None:
 
 def test_every_letter_has_its_meaning(tmp_path: Path) -> None:
     (tmp_path / "all.map").write_text("type octile\nwidth 7\nheight 1\nmap\n.GS@OTW")
-    assert read_map(tmp_path / "all.map").tolist() == [[False]] * 3 + [[True]] * 4
+    assert read_movingai_map(tmp_path / "all.map").tolist() == [[False]] * 3 + [[True]] * 4
 
 
 def test_windows_line_ends_are_read(tmp_path: Path) -> None:
     (tmp_path / "tiny.map").write_bytes(TINY.replace("\n", "\r\n").encode() + b"\r\n\r\n")
-    assert read_map(tmp_path / "tiny.map").sum() == 2
+    assert read_movingai_map(tmp_path / "tiny.map").sum() == 2
 
 
 @refusals(
@@ -47,9 +47,9 @@ def test_windows_line_ends_are_read(tmp_path: Path) -> None:
     ("type octile\nheight 1\nheight 1\nmap\n.", "line 3 is 'height 1'"),
     ("type octile\nheight 1\nwidth 1\n.", "line 4 is '.'"),
     ("type octile\nheight 1\nwidth 1", "line 4 is missing"),
-    ("type octile\nheight 2\nwidth 3\nmap\n...\n..", "line 6 has 2 characters, and the header says width 3"),
+    ("type octile\nheight 2\nwidth 3\nmap\n...\n..", "line 6 has 2 characters but the header says width 3"),
     ("type octile\nheight 2\nwidth 3\nmap\n...\n....", "line 6 has 4 characters"),
-    ("type octile\nheight 2\nwidth 3\nmap\n...", "ends at line 5 with 1 rows, and the header says height 2"),
+    ("type octile\nheight 2\nwidth 3\nmap\n...", "ends at line 5 with 1 rows but the header says height 2"),
     ("type octile\nheight 1\nwidth 3\nmap\n...\n...", "ends at line 6 with 2 rows"),
     ("type octile\nheight 2\nwidth 3\nmap\n...\n.x.", "line 6, column 2 is 'x'"),
     ("type octile\nheight 2\nwidth 3\nmap\n...\n. .", "line 6, column 2 is ' '"),
@@ -57,13 +57,13 @@ def test_windows_line_ends_are_read(tmp_path: Path) -> None:
 def test_malformed_maps_are_refused(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "bad.map").write_text(text)
     with pytest.raises(FileError, match=message):
-        read_map(tmp_path / "bad.map")
+        read_movingai_map(tmp_path / "bad.map")
 
 
 def test_a_map_that_is_not_text_is_refused(tmp_path: Path) -> None:
     (tmp_path / "bad.map").write_bytes(b"type octile\n\xff\xfe")
     with pytest.raises(FileError, match="byte 12 is not UTF-8"):
-        read_map(tmp_path / "bad.map")
+        read_movingai_map(tmp_path / "bad.map")
 
 
 @pytest.mark.parametrize("name", MAPS)

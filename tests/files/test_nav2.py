@@ -30,7 +30,7 @@ def written(folder, local, world):
 def test_a_footprint_is_its_polygon():
     robot = Robot.from_footprint(TEXT)
     assert robot.geometry.equals(shapely.box(-0.3, -0.2, 0.3, 0.2))
-    assert Robot.parse(f"footprint:{TEXT}").geometry.equals(robot.geometry)
+    assert Robot.open(f"footprint:{TEXT}").geometry.equals(robot.geometry)
     assert Robot.from_footprint([(0, 0), (1, 0), (0, 1)]).geometry.area == 0.5
 
 
@@ -105,7 +105,7 @@ def test_bad_parameters_are_named(tmp_path, table, error, message):
     ["", "[]", "0.3", "[[" * 200, "__import__('os')", "[[1, 2, 3]] * 3", None, [[1, 2], [3]], [[np.nan] * 2] * 3],
 )
 def test_what_is_no_footprint_is_refused(footprint):
-    with pytest.raises(GeometryError, match="three points or more"):
+    with pytest.raises(GeometryError, match="at least three points"):
         Robot.from_footprint(footprint)
     with pytest.raises(InputError, match="padding is -1"):
         Robot.from_footprint(TEXT, padding=-1)

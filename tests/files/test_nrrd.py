@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 import cspace
 from cspace import Grid, Robot, Workspace
 from cspace.errors import CspaceError, FileError, InputError
-from cspace.files.formats import dimension_of
+from cspace.files.formats import read_dimension
 from refusals import refusals
 from strategies import seeds
 
@@ -61,7 +61,7 @@ def test_cells_are_the_values_at_or_above_the_threshold(
     assert (workspace.outer == (values >= 40)).all()
     assert workspace.inner is workspace.outer
     assert workspace.grid == Grid(np.zeros(len(shape)), 0.1, shape)
-    assert dimension_of(path) == len(shape)
+    assert read_dimension(path) == len(shape)
     path.unlink()
 
 
@@ -135,12 +135,12 @@ PLAIN = "NRRD0004\ntype: uchar\ndimension: 2\nsizes: 3 2\nencoding: raw\nspacing
     (PLAIN.replace("raw", "gzip") + "\n", gzip.compress(bytes(7), mtime=0), "more values"),
     (PLAIN.replace("raw", "gzip") + "\n", gzip.compress(bytes(6), mtime=0)[:-3], "cannot be read as a grid in NRRD"),
     (PLAIN.replace("raw", "gzip") + "\n", b"not packed", "cannot be read as a grid in NRRD"),
-    (PLAIN.replace("raw", "bzip2") + "\n", b"", "has the encoding 'bzip2'; raw and gzip are read"),
+    (PLAIN.replace("raw", "bzip2") + "\n", b"", "has the encoding 'bzip2'; only raw and gzip are read"),
     (PLAIN.replace("uchar", "block") + "\n", b"", "has values of type 'block'"),
     (PLAIN.replace("uchar", "short") + "\n", bytes(12), "says endian ''; it must be little or big"),
     (PLAIN.replace("3 2", "3 -2") + "\n", b"", "says sizes '3 -2'"),
     (PLAIN.replace("3 2", "3 2 1 1").replace(": 2", ": 4") + "\n", b"", "has 4 sizes; a grid has 2 or 3 axes"),
-    (PLAIN.replace("dimension: 2", "dimension: 3") + "\n", b"", "says dimension '3' and has 2 sizes"),
+    (PLAIN.replace("dimension: 2", "dimension: 3") + "\n", b"", "says dimension '3' but has 2 sizes"),
     (PLAIN + "data file: other.raw\n\n", b"", "keeps its values in another file"),
     (PLAIN + "byte skip: -1\n\n", bytes(6), "skips data"),
     (PLAIN + "sizes: 3 2\n\n", bytes(6), "says 'sizes' twice"),
@@ -151,7 +151,7 @@ PLAIN = "NRRD0004\ntype: uchar\ndimension: 2\nsizes: 3 2\nencoding: raw\nspacing
     (PLAIN + "space directions: (1,0) (1,0)\n\n", bytes(6), "cells must be cubes along the axes"),
     (PLAIN + "space directions: none (1,0)\n\n", bytes(6), "it must be 2 vectors of 2 finite numbers"),
     (PLAIN + 'units: "mm" "s"\n\n', bytes(6), "has the units 'mm', 's'"),
-    (PLAIN + "axis mins: 0 0\n\n", bytes(6), "says where it begins by axis mins or maxs; .* pass lower="),
+    (PLAIN + "axis mins: 0 0\n\n", bytes(6), "gives its bounds as axis mins or maxs; .* pass lower="),
     (PLAIN + "space origin: (1e300,0)\n\n", bytes(6), "cells from the origin"),
     (PLAIN.replace("uchar", "float") + "endian: big\n\n", np.full(6, np.nan, ">f4").tobytes(), "holds NaN"),
     (PLAIN + "\n", bytes([0, 1, 2, 0, 0, 0]), "threshold is missing for .*, which holds 2; without it"),

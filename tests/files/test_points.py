@@ -123,23 +123,23 @@ def test_truncated_pcd_is_refused(tmp_path, encoding):
         if length > body + 30 and encoding == "binary":
             record = 4 + 4 + 3 + 8 + 4
             left = (length - content.index(b"\n", body) - 1) // record
-            assert f"holds {left} points, and its header says 5" in message
+            assert f"holds {left} points but its header says 5" in message
 
 
 def test_truncated_pcd_is_refused_with_the_counts(tmp_path):
     content = pcd(CLOUD, "ascii")
     lines = content.decode().splitlines()
-    assert "holds 3 points, and its header says 5" in refused(write(tmp_path, "a.pcd", "\n".join(lines[:-2]) + "\n"))
+    assert "holds 3 points but its header says 5" in refused(write(tmp_path, "a.pcd", "\n".join(lines[:-2]) + "\n"))
     assert f"line {len(lines)} is" in refused(write(tmp_path, "b.pcd", content[:-8]))
     packed = pcd(CLOUD, "binary_compressed")
     size = len(packed) - packed.index(b"compressed\n") - len(b"compressed\n") - 8
     message = refused(write(tmp_path, "c.pcd", packed[:-10]))
-    assert f"holds {size - 10} bytes of packed points, and its header says {size}" in message
+    assert f"holds {size - 10} bytes of packed points but its header says {size}" in message
 
 
 @refusals(
     "old, new, message",
-    ("FIELDS rgb x _ y z\n", "", "no FIELDS"),
+    ("FIELDS rgb x _ y z\n", "", "lacks FIELDS"),
     ("DATA binary\n", "", "line 11"),
     ("DATA binary", "DATA zip", "DATA 'zip'"),
     ("POINTS 5", "POINTS 6", "6 points in 5 x 1"),
@@ -261,8 +261,8 @@ def test_text_is_read_with_any_separator(tmp_path, name, text):
     "text, message",
     (TEXT + "\n1 2", "line 6 is '1 2'; it must hold 3 columns"),
     (TEXT + "\n\n1 2 3 4", "line 7 is '1 2 3 4'; it must hold 3 columns"),
-    ("x y z\n" + TEXT, "line 1 is 'x y z'; it must hold numbers alone"),
-    ("# head\n1 2 3\n1 2 abc", "line 3 is '1 2 abc'; it must hold numbers"),
+    ("x y z\n" + TEXT, "line 1 is 'x y z'; it must hold only numbers"),
+    ("# head\n1 2 3\n1 2 abc", "line 3 is '1 2 abc'; it must hold only numbers"),
     ("1,2,3\n4 5 6", "line 2 is '4 5 6'"),
     ("1,2,3\n4,,6", "line 2 is '4,,6'"),
     ("1;2;3", "line 1 is '1;2;3'"),
@@ -329,7 +329,7 @@ def test_other_names_are_refused(tmp_path):
 @pytest.mark.parametrize("number", [5, 0])
 def test_pcd_with_absurd_counts_is_refused(tmp_path, encoding, count, number):
     content = pcd(CLOUD[:number], encoding).replace(b"COUNT 1 1 3 1 1", f"COUNT {count} 1 3 1 1".encode())
-    assert "bytes for each point, by SIZE and COUNT" in refused(write(tmp_path, "cloud.pcd", content))
+    assert "bytes per point, by SIZE and COUNT" in refused(write(tmp_path, "cloud.pcd", content))
 
 
 def test_pcd_that_declares_more_than_it_can_unpack_to_is_refused(tmp_path, monkeypatch):
@@ -341,7 +341,7 @@ def test_pcd_that_declares_more_than_it_can_unpack_to_is_refused(tmp_path, monke
     start = content.index(b"compressed\n") + len(b"compressed\n")
     packed = struct.unpack("<I", content[start : start + 4])[0]
     content = content[:start] + struct.pack("<II", packed, 23 * 150000000) + content[start + 8 :]
-    assert "one stands for 88 at most" in refused(write(tmp_path, "cloud.pcd", content))
+    assert "one unpacks to at most 88" in refused(write(tmp_path, "cloud.pcd", content))
 
 
 def test_pcd_of_equal_points_is_read_however_well_it_packs(tmp_path):

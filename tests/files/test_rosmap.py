@@ -100,7 +100,7 @@ def test_pgm_beside_the_yaml_whatever_the_working_folder(
 def test_an_absolute_image_name_is_followed_with_a_warning(tmp_path: Path) -> None:
     (tmp_path / "elsewhere").mkdir()
     path = _write(tmp_path, [[0, 255]], image=str(tmp_path / "map.png")).rename(tmp_path / "elsewhere" / "map.yaml")
-    with pytest.warns(UserWarning, match="lies outside of its folder"):
+    with pytest.warns(UserWarning, match="lies outside the folder"):
         assert _column(path) == [True, False]
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from cspace import Grid, Workspace
 from cspace.arrays import Bools
 from cspace.errors import FileError, InputError
-from cspace.files.images import read_3dmap
+from cspace.files.images import read_movingai_voxels
 from refusals import refusals
 from strategies import seeds
 
@@ -29,7 +29,7 @@ def read_octomap(path: Path, unknown: str = "occupied") -> tuple[Grid, Bools, Bo
 
 def test_tiny_voxel_map_by_hand(tmp_path: Path) -> None:
     (tmp_path / "tiny.3dmap").write_text(TINY)
-    blocked = read_3dmap(tmp_path / "tiny.3dmap")
+    blocked = read_movingai_voxels(tmp_path / "tiny.3dmap")
     assert blocked.shape == (2, 3, 4)
     assert np.argwhere(blocked).tolist() == [[0, 0, 0], [1, 0, 2], [1, 2, 3]]
 
@@ -37,12 +37,12 @@ def test_tiny_voxel_map_by_hand(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", [TINY.replace("\n", "\r\n"), TINY + "\n\n", TINY + "1 0 2", TINY.replace(" ", "  ")])
 def test_other_spellings_of_the_tiny_map(tmp_path: Path, text: str) -> None:
     (tmp_path / "tiny.3dmap").write_bytes(text.encode())
-    assert read_3dmap(tmp_path / "tiny.3dmap").sum() == 3
+    assert read_movingai_voxels(tmp_path / "tiny.3dmap").sum() == 3
 
 
 def test_a_voxel_map_may_have_no_obstacle(tmp_path: Path) -> None:
     (tmp_path / "free.3dmap").write_text("voxel 2 3 4")
-    assert not read_3dmap(tmp_path / "free.3dmap").any()
+    assert not read_movingai_voxels(tmp_path / "free.3dmap").any()
 
 
 @refusals(
@@ -70,13 +70,17 @@ def test_a_voxel_map_may_have_no_obstacle(tmp_path: Path) -> None:
 def test_malformed_voxel_maps_are_refused(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "bad.3dmap").write_text(text, encoding="utf-8")
     with pytest.raises(FileError) as caught:
-        read_3dmap(tmp_path / "bad.3dmap")
+        read_movingai_voxels(tmp_path / "bad.3dmap")
     assert message in str(caught.value)
 
 
 @refusals(
     "read, content, message",
-    (read_3dmap, b"voxel 1000000 1000000 1000000\n", r"1000000 x 1000000 x 1000000 cells, 1e\+18 in all; at most"),
+    (
+        read_movingai_voxels,
+        b"voxel 1000000 1000000 1000000\n",
+        r"1000000 x 1000000 x 1000000 cells, 1e\+18 in all; at most",
+    ),
     (
         read_octomap,
         FULL.format(1).encode() + struct.pack("<fB", -1.0, 0),
@@ -100,10 +104,10 @@ def test_real_voxel_maps_agree_with_a_plain_reading(data: Path, name: str, shape
     for line in path.read_text().splitlines()[1:]:
         x, y, z = map(int, line.split())
         expected[x, y, z] = True
-    assert (read_3dmap(path) == expected).all()
+    assert (read_movingai_voxels(path) == expected).all()
 
 
-def leaves_of(tree):
+def decode_leaves(tree):
     """The first cell, the side in cells and the state of each leaf, by the library."""
     side = tree.getResolution()
     for leaf in tree.begin_leafs():
@@ -121,7 +125,7 @@ def agrees(path, tree):
     first = np.round(np.array(grid.lower) / grid.spacing).astype(int)
     assert np.allclose(grid.lower, first * grid.spacing, rtol=1e-15)
     expected = np.full(grid.shape, -1)
-    for low, size, state in leaves_of(tree):
+    for low, size, state in decode_leaves(tree):
         start = low - first
         assert (start >= 0).all()
         assert (start + size <= grid.shape).all()
@@ -172,7 +176,7 @@ def test_coarse_leaves_are_expanded(tmp_path):
         tree.updateNode((np.array(index) + 0.5) * 0.25, 10.0)
     tree.updateNode(np.array([4.1, 0.1, 0.1]), -10.0)
     tree.write(os.fsencode(tmp_path / "block.ot"))
-    assert {size for _, size, _ in leaves_of(tree)} == {8, 1}
+    assert {size for _, size, _ in decode_leaves(tree)} == {8, 1}
     expected = agrees(tmp_path / "block.ot", tree)
     assert (expected[:8, :8, :8] == 1).all()
     assert (expected[8:] == 1).sum() == 0
@@ -232,16 +236,16 @@ def test_a_leaf_is_occupied_from_even_odds_on(tmp_path):
     (BINARY.format(-1).encode() + chain(), "size '-1'"),
     (BINARY.replace("0.1", "nan").format(17).encode() + chain(), "res 'nan'"),
     (BINARY.replace("0.1", "0").format(17).encode() + chain(), "res '0'"),
-    (BINARY.format(0).encode(), "knows no cell"),
-    (BINARY.format(17).encode(), "ends after 1 nodes, and its header says 17"),
-    (BINARY.format(17).encode() + chain()[:9], "ends after 5 nodes, and its header says 17"),
-    (BINARY.format(10).encode() + chain(), "holds 17 nodes, where its header says 10"),
-    (BINARY.format(100).encode() + chain(), "holds 17 nodes, where its header says 100"),
+    (BINARY.format(0).encode(), "has no known cell"),
+    (BINARY.format(17).encode(), "ends after 1 nodes but its header says 17"),
+    (BINARY.format(17).encode() + chain()[:9], "ends after 5 nodes but its header says 17"),
+    (BINARY.format(10).encode() + chain(), "holds 17 nodes but its header says 10"),
+    (BINARY.format(100).encode() + chain(), "holds 17 nodes but its header says 100"),
     (BINARY.format(1000).encode() + b"\xff" * 4000, "an inner node below level 16"),
     (BINARY.format(2).encode() + b"\x03\x00\x00\x00", "an inner node without children"),
     (BINARY.format(1).encode() + b"\xaa\xaa", "more nodes"),
-    (FULL.format(3).encode() + struct.pack("<fB", 1.0, 255), "ends after 1 nodes, and its header says 3"),
-    (FULL.format(3).encode() + struct.pack("<fB", 1.0, 255) * 2 + b"123", "ends after 2 nodes, and"),
+    (FULL.format(3).encode() + struct.pack("<fB", 1.0, 255), "ends after 1 nodes but its header says 3"),
+    (FULL.format(3).encode() + struct.pack("<fB", 1.0, 255) * 2 + b"123", "ends after 2 nodes but"),
     (FULL.format(99).encode() + struct.pack("<fB", 1.0, 1) * 99, "an inner node below level 16"),
     (FULL.format(2).encode() + struct.pack("<fBfB", 1.0, 1, float("nan"), 0), "1 nodes without a value (NaN)"),
 )
