@@ -64,7 +64,7 @@ def test_bounds_fall_from_ring_to_ring_and_rings_hold_each_frequency_a_single_ti
     rng = np.random.default_rng(29)
     balls = [BallDescriptor(rng.uniform(0.0, 1.0, (6, dim)), np.full(6, 0.2)) for _ in range(2)]
     rings = Rings.of(np.linspace(3.0, 4.0, dim), (20, 24, 28)[:dim])
-    spectra = [Spectrum.of(each, each.middle, rings, 1e-12, norm_square(each)) for each in balls]
+    spectra = [Spectrum.of(each, each.center, rings, 1e-12, norm_square(each)) for each in balls]
     bounds = Terms.of(*spectra, rings, 1e-12).bounds
     assert (np.diff(bounds) <= 1e-9 * bounds[0]).all()
     both = {tuple(k) for k in np.concatenate([rings.indices, -rings.indices]).tolist()}
@@ -80,9 +80,9 @@ def test_what_is_outside_the_band_is_never_understated() -> None:
     balls = BallDescriptor(np.random.default_rng(0).uniform(0.0, 1.0, (6, 2)), np.full(6, 0.1))
     rings = Rings.of(np.full(2, 3.0), (6, 6))
     norm = norm_square(balls)
-    best = Spectrum.of(balls, balls.middle, rings, 1e-12, norm)
+    best = Spectrum.of(balls, balls.center, rings, 1e-12, norm)
     for accuracy in (1e-2, 1e-4):
-        rough = Spectrum.of(balls, balls.middle, rings, accuracy, (norm[0], 0.125))
+        rough = Spectrum.of(balls, balls.center, rings, accuracy, (norm[0], 0.125))
         assert rough.error >= 2.0 * accuracy * 0.99 * float(np.abs(best.values[0]))
         moduli, less = np.abs(rough.values), rings.twice / 9.0
         least = float((less * np.maximum(moduli - rough.error, 0.0) ** 2).sum())
@@ -90,7 +90,7 @@ def test_what_is_outside_the_band_is_never_understated() -> None:
         assert rough.tail >= norm[0] - float((less * moduli**2).sum()) + 0.125
         assert rough.tail <= norm[0] - least + 0.125 + 4.0 * rough.error**2 * len(rings.indices)
     far = BallDescriptor(balls.centers + 1e6, balls.radii)
-    assert Spectrum.of(far, far.middle, rings, 1e-12, norm).error > 100.0 * best.error
+    assert Spectrum.of(far, far.center, rings, 1e-12, norm).error > 100.0 * best.error
 
 
 def of_all_pairs(balls: BallDescriptor) -> tuple[float, float]:
@@ -186,7 +186,7 @@ def test_norms_by_batches_of_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(3)
     balls = BallDescriptor(rng.uniform(0.0, 1.0, (90, 2)), rng.choice([0.1, 0.2, 0.33], 90))
     value, error = norm_square(balls)
-    monkeypatch.setattr("cspace.spectral.spectra.BATCH", 7)
+    monkeypatch.setattr("cspace.spectral.spectra.BALLS_PER_BATCH", 7)
     again, off = norm_square(balls)
     assert again == pytest.approx(value, rel=1e-9, abs=error + off)
 
@@ -195,11 +195,11 @@ def test_rounded_radii_only_grow_or_only_shrink() -> None:
     radii = np.random.default_rng(0).uniform(0.1, 2.0, 50)
     balls = BallDescriptor(np.zeros((50, 2)), radii)
     for number in (1, 2, 3, 8):
-        up, down = balls.rounded(number, up=True).radii, balls.rounded(number, up=False).radii
+        up, down = balls.round_radii(number, up=True).radii, balls.round_radii(number, up=False).radii
         assert (up >= radii).all() and (down <= radii).all()
         assert max(len(np.unique(up)), len(np.unique(down))) <= number
         assert up.max() == radii.max() and down.min() == radii.min()
-    assert balls.rounded(50, up=True) is balls
+    assert balls.round_radii(50, up=True) is balls
 
 
 def test_balls_that_touch_but_for_rounding_share_less() -> None:

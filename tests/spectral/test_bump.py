@@ -106,7 +106,7 @@ def test_the_table_tells_the_spectrum(alpha, most, dim):
         table = bump.table(dim, most, tolerance)
         assert np.abs(table(k) - exact).max() <= tolerance * bump.radial_spectrum(0.0, dim)
     assert table(k[:500].reshape(2, -1)).shape == (2, 250)
-    with pytest.raises(InputError, match="make it for the largest"):
+    with pytest.raises(InputError, match="make a larger table"):
         table(np.array([most + 2.0]))
 
 
@@ -233,8 +233,8 @@ def test_a_pair_is_the_integral_of_the_product_of_descriptors(dim):
 
 FREQUENCIES = [
     ((-1.0, 2), "below zero|zero or above"),
-    ((math.nan, 2), "frequency|most"),
-    ((math.inf, 3), "frequency|most"),
+    ((math.nan, 2), "frequency"),
+    ((math.inf, 3), "frequency"),
     ((2e5, 2), "units"),
     ((1.0, 1), "dim is 1"),
     ((1.0, 4), "dim is 4"),

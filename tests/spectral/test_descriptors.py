@@ -166,9 +166,9 @@ def test_unions_of_balls_are_balls():
     both = union(one, other)
     grid = Grid((-1, -1), 0.1, (40, 30))
     np.testing.assert_allclose(both.sample(grid).values, union(one.sample(grid), other.sample(grid)).values)
-    with pytest.raises(InputError, match="both must be the same"):
+    with pytest.raises(InputError, match="they must agree"):
         union(one, BallDescriptor([[0.0, 0.0]], 1.0, Bump(3.0)))
-    with pytest.raises(InputError, match="both must be the same"):
+    with pytest.raises(InputError, match="they must agree"):
         union(one, BallDescriptor([[0.0, 0.0, 0.0]], 1.0))
     with pytest.raises(InputError, match="sampled on a grid"):
         union(one.sample(grid), other)
@@ -236,17 +236,17 @@ PLANE = on_grid(np.ones((3, 3)))
     "ask, match",
     (lambda: on_grid(np.full((2, 2), math.nan)), "NaN"),
     (lambda: Descriptor(Grid((0, 0), 1.0, (2, 3)), np.ones((3, 2))), "values has shape"),
-    (lambda: union(PLANE, on_grid(np.ones((3, 4)))), "sample them alike"),
-    (lambda: union(PLANE, on_grid(np.ones((3, 3)), lower=0.1)), "sample them alike"),
-    (lambda: intersection(PLANE, on_grid(np.ones((3, 3)), spacing=0.6)), "sample them alike"),
-    (lambda: minkowski_sum(PLANE, on_grid(np.ones((3, 3)), spacing=0.6)), "both must be the same"),
-    (lambda: minkowski_sum(PLANE, on_grid(np.ones((3, 3, 3)))), "both must be the same"),
+    (lambda: union(PLANE, on_grid(np.ones((3, 4)))), "sample all on it"),
+    (lambda: union(PLANE, on_grid(np.ones((3, 3)), lower=0.1)), "sample all on it"),
+    (lambda: intersection(PLANE, on_grid(np.ones((3, 3)), spacing=0.6)), "sample all on it"),
+    (lambda: minkowski_sum(PLANE, on_grid(np.ones((3, 3)), spacing=0.6)), "they must agree"),
+    (lambda: minkowski_sum(PLANE, on_grid(np.ones((3, 3, 3)))), "they must agree"),
     (lambda: minkowski_sum(PLANE, PLANE, "fast"), "method is 'fast'"),
     (lambda: minkowski_sum(PLANE, np.ones((3, 3))), "no Descriptor"),
     (lambda: superlevel(PLANE, math.nan), "threshold"),
     (lambda: superlevel(PLANE, [0.0, 1.0]), "threshold"),
     (lambda: superlevel(BallDescriptor([[0.0, 0.0]], 1.0)), "no Descriptor"),
-    (lambda: indicator(shapely.box(0, 0, 1, 1), Grid((0, 0, 0), 1.0, (2, 2, 2))), "2 coordinates and"),
+    (lambda: indicator(shapely.box(0, 0, 1, 1), Grid((0, 0, 0), 1.0, (2, 2, 2))), "has 2 dimensions"),
     (lambda: indicator(np.ones((2, 2), dtype=bool), PLANE.grid), "values has shape"),
     (lambda: indicator(np.full((3, 3), 0.5), PLANE.grid), "boolean"),
     (lambda: BallDescriptor([[0.0, 0.0]], 0.0), "above zero"),
@@ -254,7 +254,7 @@ PLANE = on_grid(np.ones((3, 3)))
     (lambda: BallDescriptor([[0.0, math.nan]], 1.0), "NaN"),
     (lambda: BallDescriptor([[0.0, 0.0]], 1.0, 2.0), "must be a Bump"),
     (lambda: BallDescriptor(np.empty((0, 2)), 1.0), "at least 1"),
-    (lambda: BallDescriptor([[0.0, 0.0]], 1.0).sample(Grid((0, 0, 0), 1.0, (2, 2, 2))), "2 coordinates and"),
+    (lambda: BallDescriptor([[0.0, 0.0]], 1.0).sample(Grid((0, 0, 0), 1.0, (2, 2, 2))), "has 2 dimensions"),
 )
 def test_unusable_input_is_refused(ask, match):
     with pytest.raises(InputError, match=match):

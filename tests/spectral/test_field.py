@@ -64,7 +64,7 @@ def field(case: tuple[CSpace, FourierOverlap]) -> OverlapField:
 def test_the_field_is_the_overlap_and_its_gradient_at_the_cells(
     case: tuple[CSpace, FourierOverlap], batch: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cspace.spectral.overlap.BATCH", batch)
+    monkeypatch.setattr("cspace.spectral.overlap.FIELD_CELLS_PER_BATCH", batch)
     space, overlap = case
     field = OverlapField.of(space, overlap)
     dim = space.grid.dim
@@ -150,7 +150,7 @@ def test_other_fields_and_values_are_refused(case: tuple[CSpace, FourierOverlap]
     with pytest.raises(InputError, match="shape"):
         OverlapField(space, {**field.arrays, "penetration_x": np.zeros(3)})
     flat = ([[0.0] * (5 - space.grid.dim)], 0.2)
-    with pytest.raises(InputError, match="as many"):
+    with pytest.raises(InputError, match="must agree"):
         OverlapField.of(space, FourierOverlap(flat, flat, band=5.0))
     for wrong in (None, 3, "x", [1, 2]):
         with pytest.raises(InputError, match=r"overlap is a .*FourierOverlap"):

@@ -427,8 +427,8 @@ INNER, OUTER = (
     (lambda: FourierOverlap(([[0.0, 0.0]], 1e50), ONE), "reach"),
     (lambda: FourierOverlap(ONE, ONE, band=9.0).value([0.0, 0.0, 0.0]), "last axis"),
     (lambda: FourierOverlap(ONE, ONE, band=9.0).separated([math.inf, 0.0]), "infinities"),
-    (lambda: FourierOverlap(ONE, ONE, band=9.0).rotated(np.diag([1.0, -1.0])), "mirrors"),
-    (lambda: FourierOverlap(ONE, ONE, band=9.0).rotated(2.0 * np.eye(2)), "stretches"),
+    (lambda: FourierOverlap(ONE, ONE, band=9.0).rotated(np.diag([1.0, -1.0])), "rotation matrix"),
+    (lambda: FourierOverlap(ONE, ONE, band=9.0).rotated(2.0 * np.eye(2)), "rotation matrix"),
     (lambda: FourierOverlap(SPACE, SPACE, band=9.0).rotated(0.5), "Rotation"),
 )
 def test_other_values_are_refused(call: Any, message: str) -> None:

@@ -176,7 +176,7 @@ def test_coordinates_may_be_large():
 
 @refusals(
     "arguments, error, expected",
-    ((shapely.Point(0, 0), Descriptor(Grid((0, 0), 1.0, (1, 1)), [[1.0]])), InputError, "is a Point, and no Desc"),
+    ((shapely.Point(0, 0), Descriptor(Grid((0, 0), 1.0, (1, 1)), [[1.0]])), InputError, "is a Point, no Desc"),
     ((shapely.Polygon(), shapely.Point(0, 0)), GeometryError, "empty"),
     ((shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), shapely.Point(0, 0)), GeometryError, "polygons"),
     ((shapely.Point(0, 0).buffer(1, 4000).boundary,) * 2, InputError, "at most 10,000,000 are united; simplify"),

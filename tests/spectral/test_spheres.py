@@ -124,8 +124,8 @@ def test_unusable_spheres_are_refused(changes, message):
 
 @refusals(
     "shape, options, error, message",
-    (RECTANGLE, {}, InputError, "neither"),
-    (RECTANGLE, {"number": 3, "tolerance": 0.1}, InputError, "both"),
+    (RECTANGLE, {}, InputError, "number is None and tolerance is None"),
+    (RECTANGLE, {"number": 3, "tolerance": 0.1}, InputError, "number is 3 and tolerance is 0.1"),
     (RECTANGLE, {"number": 0}, InputError, "whole number above zero"),
     (RECTANGLE, {"number": 2.5}, InputError, "whole"),
     (RECTANGLE, {"number": True}, InputError, "whole number above zero"),
