@@ -10,8 +10,8 @@ Two kinds of geometric functions are kept apart, because proofs use them in diff
   distance by less than 2^-48 L. A normal is off by less than 5 u times the square of the longest side, which is below
   2^-38 of its length for triangles that are not thin, and so is the distance from the plane relative to L. Callers
   allow for that: rasters by ``2^-20 + 2^-34 L`` (:mod:`cspace.raster.triangles`), decompositions by
-  :data:`cspace.spectral.regions.NORMAL_ROUNDING`, arms by :data:`cspace.arms.hulls.FLAT` for what is FREE and by ``least`` of
-  :func:`cspace.arms.solids.scene_within` for what is BLOCKED.
+  :data:`cspace.spectral.regions.NORMAL_ROUNDING`, arms by :data:`cspace.arms.hulls.FLAT` for what is FREE and by
+  ``least`` of :func:`cspace.arms.solids.scene_within` for what is BLOCKED.
 """
 
 from __future__ import annotations
