@@ -161,7 +161,7 @@ def build(
     margin, cells = not_negative(margin, "margin", GROWN), Rotations.of(rotations)
     for name, given, kind, is_wrong, hint in (
         ("workspace", workspace, "Workspace", not isinstance(workspace, Workspace), "Workspace.from_array(...) first"),
-        ("robot", robot, "Robot", isinstance(robot, Workspace | str | os.PathLike), "Robot.open('disc:0.3') second"),
+        ("robot", robot, "Robot", isinstance(robot, Workspace | str | os.PathLike), "Robot.parse('disc:0.3') second"),
     ):
         if is_wrong:
             hint = f"call build(workspace, robot), with e.g. {hint}"

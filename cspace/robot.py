@@ -39,9 +39,10 @@ class Robot(NotebookPicture):
     """A rigid robot in the plane or in space.
 
     Make one with :meth:`polygon`, :meth:`rectangle`, :meth:`disc`, :meth:`ellipse`, :meth:`from_footprint` or
-    :meth:`from_nav2` in the plane, :meth:`mesh`, :meth:`box`, :meth:`ball`, :meth:`cylinder`, :meth:`capsule` or
-    :meth:`from_urdf` in space, and :meth:`balls`, :meth:`cells` or :meth:`open` in either. The reference point, whose
-    position is the configuration, is the origin; it may lie anywhere, also outside the shape.
+    :meth:`from_nav2` in the plane, :meth:`from_mesh`, :meth:`box`, :meth:`ball`, :meth:`cylinder`, :meth:`capsule` or
+    :meth:`from_urdf` in space, and :meth:`from_balls`, :meth:`from_bitmap`, :meth:`parse` or :meth:`open` in either.
+    The reference point, whose position is the configuration, is the origin; it may lie anywhere, also outside the
+    shape.
 
     Attributes
     ----------
@@ -55,7 +56,7 @@ class Robot(NotebookPicture):
     >>> import cspace
     >>> cspace.Robot.rectangle(0.7, 0.5)
     Robot(rectangle 0.7 m x 0.5 m, in the plane)
-    >>> cspace.Robot.open("disc:0.3").span
+    >>> cspace.Robot.parse("disc:0.3").span
     0.3
     """
 
@@ -154,7 +155,7 @@ class Robot(NotebookPicture):
         return cls(*primitives.ball(radius, center))
 
     @classmethod
-    def balls(cls, centers: ArrayLike | BallSet, radii: ArrayLike | None = None) -> Robot:
+    def from_balls(cls, centers: ArrayLike | BallSet, radii: ArrayLike | None = None) -> Robot:
         """A union of discs in the plane, or of balls in space.
 
         Parameters
@@ -209,7 +210,7 @@ class Robot(NotebookPicture):
         return cls(*primitives.capsule(radius, length, center))
 
     @classmethod
-    def mesh(cls, shape: MeshLike, *, solid: Solid = "auto", name: str | None = None) -> Robot:
+    def from_mesh(cls, shape: MeshLike, *, solid: Solid = "auto", name: str | None = None) -> Robot:
         """A triangle mesh.
 
         Parameters
@@ -235,7 +236,7 @@ class Robot(NotebookPicture):
         return cls(name or f"mesh of {len(mesh.faces)} triangles", mesh)
 
     @classmethod
-    def cells(cls, occupied: ArrayLike, spacing: float, lower: ArrayLike | None = None) -> Robot:
+    def from_bitmap(cls, occupied: ArrayLike, spacing: float, lower: ArrayLike | None = None) -> Robot:
         """A bitmap: the union of the closed cells ``lower + spacing * (i + [0, 1]^d)`` where ``occupied[i]`` is set.
 
         Parameters
@@ -338,8 +339,8 @@ class Robot(NotebookPicture):
             left out, that of the root and of the links that fixed joints join to it, in the frame of the root; a
             warning names those that have geometry and are left out because they move, such as wheels.
         solid : {"auto", "surface", "fill"}
-            What of the geometry has an inside, as for :meth:`mesh`. Boxes, cylinders and spheres are solid, so that
-            "surface" is for links of meshes alone.
+            What of the geometry has an inside, as for :meth:`from_mesh`. Boxes, cylinders and spheres are solid, so
+            that "surface" is for links of meshes alone.
         package_dirs : path-like or sequence of path-like, optional
             Folders that hold the folders of ROS packages.
 
@@ -392,20 +393,46 @@ class Robot(NotebookPicture):
         return robot
 
     @classmethod
-    def open(
-        cls, source: str | os.PathLike[str], *, solid: Solid | None = None, package_dirs: PackageDirs | None = None
-    ) -> Robot:
-        """A robot from a short text or a file.
+    def parse(cls, text: str) -> Robot:
+        """Make the robot that a short text describes; :meth:`open` reads files.
 
         Parameters
         ----------
-        source : str or Path
+        text : str
             ``disc:RADIUS``, ``rect:LENGTHxWIDTH``, ``ellipse:RADIUS_X,RADIUS_Y``, ``ball:RADIUS``, ``box:XxYxZ``,
-            ``cylinder:RADIUSxHEIGHT``, ``capsule:RADIUSxLENGTH`` (metres), each followed by its center where that is
-            not the origin, as in ``rect:4.5x1.9@1.3,0``; ``footprint:[[X,Y],...]``, or ``footprint:`` and a robot in
-            space, for its projection; a file of polygons: ``.geojson``, ``.json`` or ``.wkt``; a mesh: ``.stl``,
-            ``.obj``, ``.ply``, ``.off``, ``.glb``, ``.gltf``, ``.dae``; a robot's description: ``.urdf``, links of it
-            as ``FILE.urdf#LINK,LINK``; or Nav2's parameters: ``.yaml``, those of one costmap as ``FILE.yaml#COSTMAP``.
+            ``cylinder:RADIUSxHEIGHT``, ``capsule:RADIUSxLENGTH`` (metres), each followed by its center if that is not
+            the origin, as in ``rect:4.5x1.9@1.3,0``; ``footprint:[[X,Y],...]``, or ``footprint:`` and the text of a
+            robot in space, for its projection.
+
+        Raises
+        ------
+        InputError
+            If the text is none of these, or a size is not above zero.
+
+        Examples
+        --------
+        >>> import cspace
+        >>> cspace.Robot.parse("rect:0.7x0.5")
+        Robot(rectangle 0.7 m x 0.5 m, in the plane)
+        """
+        if not isinstance(text, str) or not primitives.is_short_text(text):
+            forms = ", ".join(primitives.SHORT_TEXTS)
+            rule = "it must be a short text such as 'ball:0.3' (metres)"
+            raise InputError("robot", f"is {text!r}", rule, f"pass {forms}; Robot.open reads files", value=text)
+        return cls(*primitives.parse_short_text(text, "robot"))
+
+    @classmethod
+    def open(
+        cls, path: str | os.PathLike[str], *, solid: Solid | None = None, package_dirs: PackageDirs | None = None
+    ) -> Robot:
+        """Read a robot from a file; :meth:`parse` takes short texts.
+
+        Parameters
+        ----------
+        path : path-like
+            Polygons: ``.geojson``, ``.json`` or ``.wkt``; a mesh: ``.stl``, ``.obj``, ``.ply``, ``.off``, ``.glb``,
+            ``.gltf``, ``.dae``; a robot's description: ``.urdf``, links of it as ``FILE.urdf#LINK,LINK``; or Nav2's
+            parameters: ``.yaml``, those of one costmap as ``FILE.yaml#COSTMAP``.
         solid : {"auto", "surface", "fill"}, optional
             For a mesh, or those of a URDF: what has an inside; "auto" if left out.
         package_dirs : path-like or sequence of path-like, optional
@@ -414,40 +441,38 @@ class Robot(NotebookPicture):
         Raises
         ------
         InputError
-            If the text is none of these, or ``solid`` or ``package_dirs`` is given for a robot that does not take it.
+            If the suffix is none of these, the path is a short text, or ``solid`` or ``package_dirs`` is given for a
+            file that does not take it.
         FileError
             If the file cannot be read.
         """
         try:
-            text = os.fspath(source)
+            text = os.fspath(path)
         except TypeError as error:
-            problem, rule = f"is {source!r}", "it must be a short text such as 'ball:0.3' (metres), or a file name"
-            raise InputError("robot", problem, rule, "pass a string or a pathlib.Path", value=source) from error
-        kind, colon, rest = text.partition(":")
-        if colon and kind == primitives.FOOTPRINT and not rest.lstrip().startswith("["):
-            return cls.open(rest, solid=solid, package_dirs=package_dirs).footprint()
+            raise InputError(
+                "robot", f"is {path!r}", "it must be a file name", "pass a string or a pathlib.Path", value=path
+            ) from error
         files = _files()
-        path, mark, part = text.rpartition("#")
+        name, mark, part = text.rpartition("#")
         if not mark or Path(text).suffix.lower() in files:
-            path, part = text, ""
-        suffix = Path(path).suffix.lower()
-        reader, taken = files.get(suffix, (None, ()))
+            name, part = text, ""
+        suffix = Path(name).suffix.lower()
+        if primitives.is_short_text(text) and not Path(name).exists():
+            raise InputError("robot", f"is {text!r}", "it must be a file", f"use Robot.parse({text!r})", value=path)
+        if suffix not in files:
+            forms, known = ", ".join(primitives.SHORT_TEXTS), ", ".join(files)
+            if name and Path(name).exists():
+                raise FileError(name, f"has the suffix {suffix!r}", f"a robot's are {known}", "convert the file")
+            rule, hint = "it must be a file that describes a robot", f"pass {known}; Robot.parse takes {forms}"
+            raise InputError("robot", f"is {text!r}", rule, hint, value=path)
+        reader, taken = files[suffix]
         given = {"solid": solid, "package_dirs": package_dirs}
-        options = {name: value for name, value in given.items() if value is not None}
-        for name, value in options.items():
-            if name not in taken:
-                rule = f"it is for {', '.join(known for known, (_, names) in files.items() if name in names)}"
-                raise InputError(name, f"is {value!r} for {source}", rule, "leave it out", value=value)
-        if primitives.is_short_text(text):
-            return cls(*primitives.parse_short_text(text, "robot"))
-        if reader is not None:
-            return reader(Path(path), *[part] if part else [], **options)
-        forms, known = ", ".join(primitives.SHORT_TEXTS), ", ".join(files)
-        if path and Path(path).exists():
-            raise FileError(path, f"has the suffix {suffix!r}", f"a robot's are {known}", f"or pass {forms}")
-        raise InputError(
-            "robot", f"is {text!r}", "it must be a short text or a file", f"pass {forms}, or {known}", value=source
-        )
+        options = {option: value for option, value in given.items() if value is not None}
+        for option, value in options.items():
+            if option not in taken:
+                rule = f"it is for {', '.join(known for known, (_, names) in files.items() if option in names)}"
+                raise InputError(option, f"is {value!r} for {text}", rule, "leave it out", value=value)
+        return reader(Path(name), *[part] if part else [], **options)
 
     @property
     def geometry(self) -> BaseGeometry:
@@ -524,11 +549,11 @@ def robot_of(source: Robot | ShapeLike) -> Robot:
         return Robot(*primitives.parse_short_text(source, "robot"))
     shape = shape_of(source, name="robot")
     if isinstance(shape, Mesh):
-        return Robot.mesh(shape)
+        return Robot.from_mesh(shape)
     if isinstance(shape, Polygons):
         return Robot.polygon(shape.geometries)
     if isinstance(shape, Balls):
-        return Robot.balls(shape.centers, shape.radii)
+        return Robot.from_balls(shape.centers, shape.radii)
     return Robot(type(shape).__name__.lower(), shape)
 
 
@@ -541,7 +566,7 @@ def _files() -> dict[str, tuple[Callable[..., Robot], tuple[str, ...]]]:
     from cspace.files.vector import POLYGON_SUFFIXES, read_shapes
 
     def mesh(path: Path, *part: str, solid: Solid = "auto") -> Robot:
-        return Robot.mesh(path, solid=solid, name=f"mesh {path.name}")
+        return Robot.from_mesh(path, solid=solid, name=f"mesh {path.name}")
 
     def polygon(path: Path, *part: str) -> Robot:
         return Robot.polygon(read_shapes(path), name=f"polygon {path.name}")

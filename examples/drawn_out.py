@@ -22,7 +22,7 @@ def solid(*corners: tuple[tuple[float, ...], tuple[float, ...]]) -> trimesh.Trim
 # %%
 # The key has a head of 20 x 24 x 6 mm, and on it a stem of 10 mm. The housing is a block with a slot along x.
 
-key = cspace.Robot.mesh(solid(((-10, -12, 0), (10, 12, 6)), ((-10, -5, 5), (10, 5, 20))), name="key")
+key = cspace.Robot.from_mesh(solid(((-10, -12, 0), (10, 12, 6)), ((-10, -5, 5), (10, 5, 20))), name="key")
 block = [
     ((-30, -24, -10), (30, 24, -2)),  # floor
     ((-30, -24, -4), (30, -14, 14)),  # walls

@@ -2,7 +2,7 @@
 Robots of many kinds
 ====================
 
-A robot is a short text, a file, or a shape in code. ``Robot.open`` takes what the command line takes.
+A robot is a short text (``Robot.parse``), a file (``Robot.open``), or a shape in code. The command line takes both.
 """
 
 import tempfile
@@ -28,12 +28,12 @@ urdf = Path(folder.name, "cart.urdf")
 urdf.write_text(URDF)
 
 # %%
-# ``Robot.open`` takes them all. On a map in the plane a robot in space is its projection, ``footprint``.
+# On a map in the plane a robot in space is its projection, ``footprint``.
 
 texts = ["disc:0.3", "rect:0.9x0.5@0.2,0", "ellipse:0.5,0.3", "footprint:[[0.4,0.3],[0.4,-0.3],[-0.2,-0.2],[-0.2,0.2]]"]
-texts += ["cylinder:0.3x1.2", "capsule:0.2x0.8", str(urdf)]
-robots = [cspace.Robot.open(text) for text in texts]
-robots.append(cspace.Robot.cells(np.tri(5, dtype=bool), spacing=0.1, lower=(-0.2, -0.2)))
+texts += ["cylinder:0.3x1.2", "capsule:0.2x0.8"]
+robots = [*(cspace.Robot.parse(text) for text in texts), cspace.Robot.open(urdf)]
+robots.append(cspace.Robot.from_bitmap(np.tri(5, dtype=bool), spacing=0.1, lower=(-0.2, -0.2)))
 folder.cleanup()
 
 figure, axes = plt.subplots(2, 4, figsize=(11, 4), layout="constrained", sharex=True, sharey=True)

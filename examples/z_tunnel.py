@@ -25,7 +25,7 @@ boxes = [
 ]
 wall = trimesh.util.concatenate([trimesh.creation.box(bounds=box) for box in boxes])
 workspace = cspace.Workspace.from_mesh(wall, 0.025, bounds=(-2, -2, -2, 2, 2, 2))
-cube = cspace.Robot.mesh(trimesh.creation.box((0.06, 0.06, 0.06)), name="cube")
+cube = cspace.Robot.from_mesh(trimesh.creation.box((0.06, 0.06, 0.06)), name="cube")
 space = cspace.build(workspace, cube)
 plan = planners.plan(space, (0, 0, 1.5), (0, 0, -1.5), planner="Grid")
 print(plan)

@@ -106,7 +106,7 @@ def field() -> cspace.CSpace:
     balls = np.array([(0.0, 0.0), (0.15, 0.0)]), np.full(2, 0.12)
     obstacles = np.array([(1.0, 0.32)]), np.array([0.3])
     workspace = cspace.Workspace.from_balls(*obstacles, 0.1, bounds=(0.0, 0.0, 2.0, 1.6))
-    space = cspace.build(workspace, cspace.Robot.balls(*balls), rotations=6)
+    space = cspace.build(workspace, cspace.Robot.from_balls(*balls), rotations=6)
     return space.with_overlap_field(FourierOverlap.of_shapes(balls, obstacles, swell=0.2))
 
 

@@ -57,10 +57,10 @@ def robots(draw, size=1.0):
         return Robot.polygon([shapely.Polygon(draw(stars(size / 2))), shapely.box(size, 0.0, 1.4 * size, size / 2)])
     if kind == "balls":
         n = int(rng.integers(2, 6))
-        return Robot.balls(rng.uniform(-size, size, (n, 2)), size * rng.uniform(0.1, 0.5, n))
+        return Robot.from_balls(rng.uniform(-size, size, (n, 2)), size * rng.uniform(0.1, 0.5, n))
     occupied = rng.random((int(rng.integers(1, 6)), int(rng.integers(1, 6)))) < 0.6
     occupied[0, 0] = True
-    return Robot.cells(occupied, size / 4 * rng.uniform(0.5, 1.5), center)
+    return Robot.from_bitmap(occupied, size / 4 * rng.uniform(0.5, 1.5), center)
 
 
 @st.composite
@@ -90,8 +90,8 @@ def solid_robots(draw, size=0.4):
         occupied[0, 0, 0] = True
         side = draw(st.sampled_from([SIDE, 0.11]))
         lows = center + side * np.argwhere(occupied)
-        return Robot.cells(occupied, side, center), [(low, low + side, 0.0) for low in lows]
+        return Robot.from_bitmap(occupied, side, center), [(low, low + side, 0.0) for low in lows]
     n = 1 if kind == "ball" else int(rng.integers(2, 5))
     centers, radii = center + rng.uniform(-size, size, (n, 3)) * (n > 1), size * rng.uniform(0.1, 0.9, n)
-    robot = Robot.ball(radii[0], centers[0]) if n == 1 else Robot.balls(centers, radii)
+    robot = Robot.ball(radii[0], centers[0]) if n == 1 else Robot.from_balls(centers, radii)
     return robot, [(c, c, r) for c, r in zip(centers, radii, strict=True)]

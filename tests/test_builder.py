@@ -111,7 +111,7 @@ def test_no_false_answer_of_boxes_that_turn_in_space(seed, outside, margin, as_m
     occupied = rng.random((10, 9, 6)) < rng.choice([0.01, 0.04])
     extents, middle = rng.uniform(0.1, 0.9, 3), rng.uniform(-0.3, 0.3, 3) * rng.integers(0, 2)
     box = trimesh.creation.box(extents, trimesh.transformations.translation_matrix(middle))
-    robot = Robot.mesh(box) if as_mesh else Robot.box(extents, middle)
+    robot = Robot.from_mesh(box) if as_mesh else Robot.box(extents, middle)
     space = cspace.build(
         Workspace.from_array(occupied, H), robot, rotations=int(rng.integers(1, 20)), outside=outside, margin=margin
     )
@@ -150,7 +150,7 @@ def test_convex_pairs_agree_with_the_exact_minkowski_sum(first, second):
     hulls = [manifold3d.Manifold.hull_points(points) for points in (-robot, obstacle)]
     made = [cspace_mesh(hull) for hull in (manifold3d.Manifold.hull_points(robot), hulls[1])]
     workspace = Workspace.from_mesh(made[1], h, (-4, -4, -4, 4, 4, 4))
-    space = cspace.build(workspace, Robot.mesh(made[0]), outside="free")
+    space = cspace.build(workspace, Robot.from_mesh(made[0]), outside="free")
     total = minkowski_sum(*hulls)
     # A cell whose lower corner is p meets the sum where p lies in the sum and the reflected cell together.
     reach = minkowski_sum(total, manifold3d.Manifold.cube((h, h, h)).translate((-h, -h, -h)))
@@ -330,7 +330,7 @@ def test_a_build_can_be_broken_off():
         (shapely.box(-0.25, -0.2, 0.25, 0.2), Robot.rectangle(0.5, 0.4)),
         (L_SHAPE, Robot.polygon(L_SHAPE)),
         (Robot.disc(0.2).shape, Robot.disc(0.2)),
-        (trimesh.creation.box((0.4, 0.2, 0.3)), Robot.mesh(trimesh.creation.box((0.4, 0.2, 0.3)))),
+        (trimesh.creation.box((0.4, 0.2, 0.3)), Robot.from_mesh(trimesh.creation.box((0.4, 0.2, 0.3)))),
         (Robot.box((0.4, 0.2, 0.3)).shape, Robot.box((0.4, 0.2, 0.3))),
     ],
     ids=["shapely", "corners", "disc", "trimesh", "box"],

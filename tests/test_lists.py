@@ -23,7 +23,7 @@ from commands import run
 from cspace import InputError, Robot, Workspace
 from cspace.files import points
 from cspace.files.formats import WORKSPACE_FORMATS, read_dimension
-from cspace.spectral.decompose import READERS
+from cspace.spectral.decompose import BALL_READERS
 from cspace.store import MAP_SUFFIXES
 from tests.soak import files as soak
 
@@ -61,12 +61,12 @@ def robot_hint() -> str:
 
 def robot_forms() -> dict[str, str]:
     """Return the form of each short text of a robot, such as RADIUS for disc."""
-    return dict(re.findall(r"(\w+):(\S+),\s", robot_hint()))
+    return dict(re.findall(r"(\w+):(\S+?)(?:, |$)", robot_hint()))
 
 
 def robot_suffixes() -> list[str]:
     """Return the suffixes of the files that describe a robot."""
-    return re.findall(r"\.[a-z]\w*", robot_hint())
+    return re.findall(r"(?<!Robot)\.[a-z]\w*", robot_hint())
 
 
 # ---- formats of files ------------------------------------------------------------------------------------------------
@@ -80,7 +80,7 @@ def families(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 def test_every_reader_of_points_has_a_format() -> None:
     by_points = {suffix for suffix, known in WORKSPACE_FORMATS.items() if known.method == "from_points"}
-    assert by_points | {".npy", ".ply"} == set(points.READERS)
+    assert by_points | {".npy", ".ply"} == set(points.CLOUD_READERS)
 
 
 def test_every_format_is_in_the_docstring_and_in_the_docs() -> None:
@@ -93,7 +93,7 @@ def test_every_format_is_in_the_docstring_and_in_the_docs() -> None:
 
 def test_every_format_has_a_family_of_damaged_files(families: dict[str, Path]) -> None:
     suffixes = {Path(name).suffix for name in families}
-    read = {*WORKSPACE_FORMATS, *robot_suffixes(), *MAP_SUFFIXES, *READERS}
+    read = {*WORKSPACE_FORMATS, *robot_suffixes(), *MAP_SUFFIXES, *BALL_READERS}
     assert {SAME_CONTENT.get(suffix, suffix) for suffix in read} <= suffixes
 
 
@@ -111,14 +111,14 @@ def test_every_short_text_of_a_robot_is_documented() -> None:
     forms = robot_forms()
     assert "disc" in forms
     texts = {f"{kind}:{form}" for kind, form in forms.items()}
-    assert texts <= set(quoted(str(Robot.open.__doc__)))
+    assert texts <= set(quoted(str(Robot.parse.__doc__)))
     assert texts <= set(quoted((DOCS / "cli.md").read_text(encoding="utf-8")))
     described = re.sub(r"[^\w:]+", " ", run("map", "--help").output)
     assert [kind for kind in forms if f"{kind}:" not in described] == []
     examples = {text for row in table("robots.md") for text in quoted(row[0]) if text.partition(":")[0] in forms}
     assert {text.partition(":")[0] for text in examples} == set(forms)
     for text in examples - {"footprint:[[0.3,0.2],...]", "footprint:robot.urdf"}:
-        assert isinstance(Robot.open(text), Robot)
+        assert isinstance(Robot.parse(text), Robot)
 
 
 def test_every_file_of_a_robot_is_documented() -> None:

@@ -265,9 +265,9 @@ def test_robots_and_their_short_texts_are_obstacles() -> None:
     space, other = room(), room()
     for text in ("disc:0.3@1,1", "rect:0.5x0.3@2,1", "ellipse:0.5,0.3@2,2", "footprint:[[1,1],[2,1],[1,2]]"):
         space.place("e", text)
-        other.place("e", Robot.open(text))
+        other.place("e", Robot.parse(text))
         np.testing.assert_array_equal(space.state, other.state)
-        assert space.placed["e"].spec == Robot.open(text).shape.spec
+        assert space.placed["e"].spec == Robot.parse(text).shape.spec
         assert not space.is_free(space.placed["e"].outer.bounds[0] + 0.2, exact=True)
 
 

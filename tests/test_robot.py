@@ -15,7 +15,7 @@ def test_the_geometry_is_the_shape():
     assert Robot.polygon(SQUARE).geometry.equals(shapely.box(0, 0, 1, 1))
     assert Robot.rectangle(2, 1, (3, 4)).geometry.equals(shapely.box(2, 3.5, 4, 4.5))
     assert Robot.disc(2, (1, 0)).geometry.bounds == pytest.approx((-1, -2, 3, 2))
-    bitmap = Robot.cells([[True, False], [True, True]], 0.5, (-0.5, 0)).geometry
+    bitmap = Robot.from_bitmap([[True, False], [True, True]], 0.5, (-0.5, 0)).geometry
     assert bitmap.equals(shapely.union_all([shapely.box(-0.5, 0, 0.5, 0.5), shapely.box(0, 0, 0.5, 1)]))
 
 
@@ -36,7 +36,7 @@ def test_the_geometry_is_the_shape():
     ],
 )
 def test_short_texts_make_robots_and_shapes(text, robot):
-    assert Robot.open(text).spec == robot.spec
+    assert Robot.parse(text).spec == robot.spec
     assert shape_of(text).spec == shape_of(robot).spec == robot.shape.spec
 
 
@@ -54,26 +54,29 @@ def test_opens_polygon_files(tmp_path, data):
     (lambda: Robot.disc(float("nan")), "nan"),
     (lambda: Robot.disc(1.0, (0, 0, 0)), "center"),
     (lambda: Robot.box((1.0, 0.0, 1.0)), r"extents\[1\] is 0\.0; it must be one number above zero"),
-    (lambda: Robot.open(5), "robot is 5; it must be a short text"),
+    (lambda: Robot.open(5), "robot is 5; it must be a file name"),
+    (lambda: Robot.parse(5), "robot is 5; it must be a short text"),
+    (lambda: Robot.open("disc:0.3"), r"robot is .disc:0.3.; it must be a file; use Robot.parse\(.disc:0.3.\)"),
+    (lambda: Robot.parse("robot.urdf"), "must be a short text .*; Robot.open reads files"),
     (lambda: Robot.rectangle(1.0, 0.0), "width is 0.0"),
-    (lambda: Robot.balls([], []), "centers"),
-    (lambda: Robot.balls([(0, 0)], [1, 2]), "radii"),
-    (lambda: Robot.balls([(0, 0), (1, 1)], [1, 0]), "radii holds 0"),
+    (lambda: Robot.from_balls([], []), "centers"),
+    (lambda: Robot.from_balls([(0, 0)], [1, 2]), "radii"),
+    (lambda: Robot.from_balls([(0, 0), (1, 1)], [1, 0]), "radii holds 0"),
     (lambda: Robot.polygon(shapely.Polygon()), "empty"),
     (lambda: Robot.polygon([(0, 0), (1, 1)]), "at least 3"),
     (lambda: Robot.polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), "Self-intersection"),
     (lambda: Robot.polygon([(0, 0), (1, 1), (2, 2)]), "polygon has area 0|not simple"),
     (lambda: Robot.polygon([(0, 0), (1, np.nan), (2, 2)]), "nan"),
     (lambda: Robot.polygon(shapely.LineString([(0, 0), (1, 1)])), "LineString"),
-    (lambda: Robot.cells(np.zeros((3, 3), bool), 0.1), "no True cell"),
-    (lambda: Robot.cells(np.ones((3, 3)), 0.1), "boolean"),
-    (lambda: Robot.cells(np.ones((3, 3), bool), -0.1), "spacing is -0.1"),
-    (lambda: Robot.open("disc:wide"), "RADIUS"),
-    (lambda: Robot.open("disc:-0.3"), "above zero"),
-    (lambda: Robot.open("rect:0.3"), "LENGTHxWIDTH"),
-    (lambda: Robot.open("cube:0.3"), "disc:RADIUS"),
-    (lambda: Robot.open("ellipse:0.3x0.2"), "must stand RADIUS_X,RADIUS_Y, each above zero"),
-    (lambda: Robot.open("ellipse:0.3,-0.2"), "above zero"),
+    (lambda: Robot.from_bitmap(np.zeros((3, 3), bool), 0.1), "no True cell"),
+    (lambda: Robot.from_bitmap(np.ones((3, 3)), 0.1), "boolean"),
+    (lambda: Robot.from_bitmap(np.ones((3, 3), bool), -0.1), "spacing is -0.1"),
+    (lambda: Robot.parse("disc:wide"), "RADIUS"),
+    (lambda: Robot.parse("disc:-0.3"), "above zero"),
+    (lambda: Robot.parse("rect:0.3"), "LENGTHxWIDTH"),
+    (lambda: Robot.parse("cube:0.3"), "disc:RADIUS"),
+    (lambda: Robot.parse("ellipse:0.3x0.2"), "must stand RADIUS_X,RADIUS_Y, each above zero"),
+    (lambda: Robot.parse("ellipse:0.3,-0.2"), "above zero"),
     (lambda: Robot.ellipse(0.3, 0.0), "radius_y is 0.0; it must be one number above zero"),
     (lambda: Robot.ellipse(0.3, 0.2, (1e9, 0.0)), "center is .*; at most 1e.09 times the radius"),
     (lambda: Robot.from_spec({"kind": "teapot"}), "teapot"),
@@ -83,8 +86,8 @@ def test_opens_polygon_files(tmp_path, data):
     (lambda: Robot.disc(0.4, (4e6, 0.0)).rasters(0.05), "from its reference point"),
     (lambda: Robot.disc(0.4, (1e300, 0.0)).rasters(0.05), "from its reference point"),
     (lambda: Robot.polygon(np.add([(0, 0), (1, 0), (0, 1)], 4e6)).rasters(0.05), "check the robot's units"),
-    (lambda: Robot.cells(np.ones((2, 2), bool), 1e-9, (4e6, 0)).rasters(0.05), "from its reference point"),
-    (lambda: Robot.cells(np.ma.array(np.ones((2, 2), bool), mask=True), 0.1), "4 masked"),
+    (lambda: Robot.from_bitmap(np.ones((2, 2), bool), 1e-9, (4e6, 0)).rasters(0.05), "from its reference point"),
+    (lambda: Robot.from_bitmap(np.ma.array(np.ones((2, 2), bool), mask=True), 0.1), "4 masked"),
 )
 def test_robots_refuse(make, message):
     with pytest.raises(InputError, match=message):
@@ -95,7 +98,7 @@ def test_a_bitmap_of_odd_bytes_is_what_numpy_shows():
     """Viewed as boolean, all of these bytes are True."""
     odd = np.full((6, 5), 100, np.uint8)
     odd[2:4] = 101
-    mine, plain = Robot.cells(odd.view(bool), 0.1), Robot.cells(np.ones((6, 5), bool), 0.1)
+    mine, plain = Robot.from_bitmap(odd.view(bool), 0.1), Robot.from_bitmap(np.ones((6, 5), bool), 0.1)
     assert (mine.shape.boundary().simplices == plain.shape.boundary().simplices).all()
     assert mine.spec == plain.spec
 
@@ -124,13 +127,13 @@ TETRAHEDRON = (np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1.0)]), [(0, 2,
 
 def test_a_mesh_off_its_reference_point_is_a_single_warning():
     vertices, faces = TETRAHEDRON
-    Robot.mesh((vertices + 1.0, faces))
+    Robot.from_mesh((vertices + 1.0, faces))
     with pytest.warns(UserWarning, match=r"lies 17.3205 m from its origin.* by \(-10.5, -10.5, -10.5\) m"):
-        robot = Robot.mesh((vertices + 10.0, faces))
+        robot = Robot.from_mesh((vertices + 10.0, faces))
     again = Robot.from_spec(robot.spec)
     assert again.spec == robot.spec
     with pytest.raises(GeometryError, match="at most 100 times"):
-        Robot.mesh((vertices + 200.0, faces))
+        Robot.from_mesh((vertices + 200.0, faces))
     spec = {**robot.spec, **Mesh.of((vertices + 200.0, faces)).spec}
     with pytest.raises(InputError, match="at most 100 times"):
         Robot.from_spec(spec)

@@ -384,7 +384,7 @@ def test_what_is_saved_is_of_one_moment(tmp_path: Path, monkeypatch: pytest.Monk
     space = room()
     changing = threading.Thread(target=lambda: space.update(BLOCK, (10, 10)))
     module: Any = np if name == "map.npz" else images
-    step = "savez_compressed" if name == "map.npz" else "suffix_of"
+    step = "savez_compressed" if name == "map.npz" else "check_suffix"
     begun = getattr(module, step)
 
     def in_the_midst(*args: Any, **members: Any) -> None:

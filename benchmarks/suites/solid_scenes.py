@@ -126,7 +126,7 @@ def rooms(quick: bool) -> Scene:
     workspace = Workspace.from_mesh(_mesh(obstacles), 0.2 if quick else 0.1, ROOMS_BOUNDS)
     half = math.sqrt(0.5)
     query = np.array((1.2, 1.5, 0.4, 0, 0, 0, 1)), np.array((6.8, 2.5, 0.4, 0, 0, half, half))
-    robot = Robot.mesh(_mesh(body), name="table")
+    robot = Robot.from_mesh(_mesh(body), name="table")
     models = {"triangles": obstacles.model}
     cuts = (2,) if quick else (4, 12, 8)
     return Scene("a table through a door", workspace, robot, body, obstacles, models, lambda space: [query], cuts, 5)
@@ -138,7 +138,7 @@ def trap(quick: bool) -> Scene:
     workspace = Workspace.from_mesh(_mesh(obstacles), 0.2 if quick else 0.1, TRAP_BOUNDS)
     half = math.sqrt(0.5)
     query = np.array((-0.3, 0, 0, 0, 0, half, half)), np.array((2.8, 0, 0, 0, 0, half, half))
-    robot = Robot.mesh(_mesh(body), name="hook")
+    robot = Robot.from_mesh(_mesh(body), name="hook")
     models = {"triangles": obstacles.model}
     cuts = (2,) if quick else (4,)
     return Scene("a bug trap", workspace, robot, body, obstacles, models, lambda space: [query], cuts, 6)
@@ -210,7 +210,7 @@ def tunnels(report: Report) -> Iterator[Scene]:
         yield Scene(
             f"{TUNNEL}, {name}",
             workspace,
-            Robot.mesh(folder / f"{name}.obj"),
+            Robot.from_mesh(folder / f"{name}.obj"),
             skins[name],
             skins["obstacles"],
             {"triangles": skins["obstacles"].model},

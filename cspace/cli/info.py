@@ -24,6 +24,7 @@ from cspace.cli.options import (
     UnknownCells,
     check_dimensions,
     given,
+    open_robot,
     read_arm,
     read_robot,
     refuse_options,
@@ -85,7 +86,6 @@ def info(
     shows its fixed part.
     """
     from cspace.opening import open_map
-    from cspace.robot import Robot
 
     kind = kind or _kind(file)
     options = workspace_options(spacing, unknown, bounds, solid, radius)
@@ -99,8 +99,7 @@ def info(
     elif kind == "arm":
         document = describe_arm(read_arm(Path(file), srdf, solid, package_dirs))
     elif kind == "robot":
-        described = Robot.open(file, **given(solid=solid, package_dirs=package_dirs or None))
-        document = describe_robot(described, spacing)
+        document = describe_robot(open_robot(file, solid, package_dirs), spacing)
     else:
         beside = None if robot is None else read_robot(robot, robot_solid, package_dirs)
         document = survey(Path(file), options, options_of(context.command), beside, rotations)

@@ -120,12 +120,31 @@ def workspace_options(
 def read_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) -> Robot:
     """Return the robot that ``--robot``, ``--robot-solid`` and ``--package-dir`` give.
 
-    Raises CspaceError as :meth:`cspace.Robot.open`.
+    Raises CspaceError as :func:`open_robot`.
+    """
+    with about_robot():
+        return open_robot(text, solid, package_dirs)
+
+
+def open_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) -> Robot:
+    """Return the robot of a short text or a file, or, of ``footprint:`` and a file, its projection.
+
+    Raises CspaceError as :meth:`cspace.Robot.parse` and :meth:`cspace.Robot.open`; InputError if a short text has
+    options.
     """
     from cspace.robot import Robot
+    from cspace.shapes.primitives import FOOTPRINT, is_short_text
 
-    with about_robot():
-        return Robot.open(text, **given(solid=solid, package_dirs=package_dirs or None))
+    options = given(solid=solid, package_dirs=package_dirs or None)
+    kind, _, rest = text.partition(":")
+    if kind == FOOTPRINT and rest and not rest.lstrip().startswith("[") and not is_short_text(rest):
+        return Robot.open(rest, **options).footprint()
+    if not is_short_text(text):
+        return Robot.open(text, **options)
+    for name, value in options.items():
+        rule = "it is for meshes, such as .stl, and .urdf" if name == "solid" else "it is for .urdf"
+        raise InputError(name, f"is {value!r} for {text}", rule, "leave it out", value=value)
+    return Robot.parse(text)
 
 
 def read_arm(file: Path, srdf: Path | None, solid: Solid | None, package_dirs: list[Path] | None) -> Arm:

@@ -213,6 +213,7 @@ def in_options(text: str, options: Options) -> str:
         name, value = options[found["name"]], found["value"]
         return name if value is None else f"{name} {value}"
 
+    text = text.replace("; Robot.parse takes ", ", or ")
     text = re.sub(r"Rotations\.(\w+)\((\d+)\)", r"\1:\2", text)
     argument = rf"(?<![^\s(])(?P<name>{'|'.join(options)})=(?:True\b|(?P<quote>['\"]?)(?P<value>[^\s'\"]*)(?P=quote))"
     return re.sub(argument, option, text) if options else text

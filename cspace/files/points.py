@@ -58,8 +58,8 @@ def read_points(path: StrPath) -> Floats:
     Raises GeometryError if there are no points, or if a ``.ply`` has surfaces other than faces. Also if a point is
     not finite: many sensors write NaN where they saw nothing, which is neither free nor occupied.
     """
-    read = READERS[check_suffix(path, READERS, "the suffix selects the format", "points")]
-    read = READERS[check_suffix(path, READERS, "the suffix says how a cloud is written", "points")]
+    read = CLOUD_READERS[check_suffix(path, CLOUD_READERS, "the suffix selects the format", "points")]
+    read = CLOUD_READERS[check_suffix(path, CLOUD_READERS, "the suffix says how a cloud is written", "points")]
     with decoding(path, "point cloud"):
         points = read(path)
         if not len(points):
@@ -271,7 +271,7 @@ _DECODERS: Final[dict[str, Callable[[_Header, bytes, str], Floats]]] = {
     "binary_compressed": _compressed,
 }
 
-READERS: Final[dict[str, Callable[[StrPath], Floats]]] = {
+CLOUD_READERS: Final[dict[str, Callable[[StrPath], Floats]]] = {
     ".npy": _read_npy,
     ".xyz": _read_text,
     ".txt": _read_text,

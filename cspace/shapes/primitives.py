@@ -156,7 +156,7 @@ def parse_short_text(text: str, name: str = "shape") -> NamedShape:
         solid = parse_short_text(rest, name)
         return NamedShape(f"footprint of {solid.name}", solid.shape.flattened())
     if kind == FOOTPRINT:
-        hint = f"write e.g. {FOOTPRINT}:[[0.3,0.2],[-0.3,0.2],[0,-0.2]] or {FOOTPRINT}:cylinder:0.3x0.5"
+        hint = f"write e.g. {FOOTPRINT}:[[0.3,0.2],[-0.3,0.2],[0,-0.2]], or use Robot.open(path).footprint() for a file"
         raise InputError(name, f"is {text!r}", "after the colon must stand corners or a short text", hint, value=text)
     form = FORMS[kind]
     sizes, at, place = rest.partition("@")

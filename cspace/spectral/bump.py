@@ -1,9 +1,8 @@
-"""The bump, a radial function that is 1 at the centre of a ball and fades to 0 at its border: its Fourier transform,
-tables of that, and integrals of the product of two, each around its own centre.
+"""The bump, a radial function for the descriptors of balls: its Fourier transform and integrals of products.
 
 All integrals are trapezoidal sums in u with ``s = 1 / (1 + exp(-pi sinh(u)))`` (H. Takahasi and M. Mori, "Double
-exponential formulas for numerical integration", 1974). They converge geometrically for functions that are smooth but
-for the ends of an interval, whatever they do there: the cusp of a bump at 0, a steep flank next to 1, or a jump.
+exponential formulas for numerical integration", 1974). They converge geometrically if the function is smooth inside an
+interval, whatever it does at the ends: the cusp of a bump at 0, a steep flank next to 1, or a jump.
 """
 
 from __future__ import annotations
@@ -23,48 +22,83 @@ from cspace.errors import CspaceError, InputError
 
 Radial = Callable[[Floats], Floats]
 
-LEAST_TOLERANCE: Final = 1e-13  # below this, rounding in float64 leaves nothing to ask for
+MIN_TOLERANCE: Final = 1e-13
+"""Smallest tolerance of a table, relative to the largest value; smaller ones are below the rounding of float64."""
 
-MOST_TOLERANCE: Final = 0.1
 
-VOLUME: Final = {2: math.pi, 3: 4.0 / 3.0 * math.pi}  # of the unit ball
+MAX_TOLERANCE: Final = 0.1
+"""Largest tolerance of a table, relative to the largest value."""
 
-LEAST_ALPHA: Final = 0.01
-MOST_ALPHA: Final = 1e4
 
-MOST_FREQUENCY: Final = 1e5
-"""Up to here the phases that rounding leaves are right to 1e-10 radians, where the spectrum is small."""
+UNIT_BALL_VOLUME: Final = {2: math.pi, 3: 4.0 / 3.0 * math.pi}
+"""Area of the unit disc and volume of the unit ball, by dimension."""
 
-PAIR_TOLERANCE: Final = 1e-9  # relative error of a pair's integral
 
-FLOOR: Final = 1e-60
-"""Part of the smaller ball's ``radius^dim`` below which the integral of a pair is known to that part of it only: there
-the result depends on the last bits of the radii."""
+MIN_ALPHA: Final = 0.01
+"""Smallest exponent of a bump."""
 
-TWO_RULES: Final = (26, 32)
-"""Of nodes; what two rules differ by bounds the error of the finer one, which is far less."""
+MAX_ALPHA: Final = 1e4
+"""Largest finite exponent of a bump."""
 
-SAFETY: Final = 4.0  # by how much measured errors are multiplied before they are relied upon
-FEW: Final = 8  # pairs up to which each is integrated by itself, to ``PAIR_TOLERANCE``
-COUNTS: Final = (48, 96, 192, 384)  # of nodes, for a pair's integral; two that follow each other must agree
-REACH: Final = 3.3  # largest modulus of u in a sum; above, what an interval has left is below 1e-18 of it
 
-NODES: Final = 160
-"""Nodes on either side of u = 0 for frequency 0. Two thirds of them leave 1e-14 of bumps from alpha = 0.01 to 1e4."""
+MAX_RADIAL_FREQUENCY: Final = 1e5
+"""Largest frequency of a spectrum, cycles per radius; up to here, rounded phases are right to 1e-10 radians."""
 
-CHUNK: Final = 2**21  # values of the kernel held together
-IN_CACHE: Final = 2**14  # values of a product held together
-HALF: Final = 0.5  # half the width of an interval of a table, in ``k``
-SMALL_ANGLE: Final = 0.25  # below this the series of ``x - sin(x)`` loses less than the difference
-SLACK: Final = 1e-9  # by how much a frequency may lie above a table, relative, from rounding
+
+PAIR_TOLERANCE: Final = 1e-9
+"""Relative error of the integral of a pair."""
+
+
+PAIR_FLOOR: Final = 1e-60
+"""Absolute error of the integral of a pair, relative to ``radius^dim`` of the smaller ball.
+
+Smaller integrals depend on the last bits of the radii."""
+
+
+BATCH_RULE_SIZES: Final = (26, 32)
+"""Node counts of two quadrature rules; their difference bounds the error of the finer rule."""
+
+
+SAFETY_FACTOR: Final = 4.0
+"""Factor by which measured errors are enlarged before proofs use them."""
+
+MAX_SINGLE_PAIRS: Final = 8
+"""Pairs up to which each is integrated individually, to ``PAIR_TOLERANCE``."""
+
+PAIR_RULE_SIZES: Final = (48, 96, 192, 384)
+"""Node counts tried for the integral of a pair, until two successive rules agree."""
+
+MAX_ABSCISSA: Final = 3.3
+"""Largest modulus of u in a sum; nodes beyond it are within 1e-18 of the ends of the interval."""
+
+
+MIN_TRANSFORM_NODES: Final = 160
+"""Nodes on either side of u = 0 for frequency 0; two thirds of them leave errors of 1e-14 for alpha from 0.01 to 1e4.
+"""
+
+
+KERNEL_VALUES_PER_CHUNK: Final = 2**21
+"""Values of the transform kernel held at once."""
+
+PRODUCT_VALUES_PER_CHUNK: Final = 2**14
+"""Values of a product held at once, so that they fit into the cache."""
+
+TABLE_HALF_WIDTH: Final = 0.5
+"""Half the width of a table interval, cycles per radius."""
+
+MAX_SERIES_ANGLE: Final = 0.25
+"""Angle in radians up to which the series of ``x - sin(x)`` is more accurate than the difference."""
+
+FREQUENCY_SLACK: Final = 1e-9
+"""Relative rounding by which a frequency may lie above its table."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bump:
-    """``psi(x) = exp(1 / (1 - |x|^-alpha))`` for ``0 < |x| < 1``, 1 at 0 and 0 from ``|x| = 1`` on.
+    """``psi(x) = exp(1 / (1 - |x|^-alpha))`` for ``0 < |x| < 1``, 1 at 0, and 0 from ``|x| = 1`` on.
 
-    It is above zero in the open unit ball and nowhere else (in float64 it underflows in a skin next to the border,
-    of ``1 / (745 alpha)`` of the radius or less), and smooth but for the centre, where it is as smooth as
+    The bump is positive in the open unit ball and zero elsewhere. In float64 it underflows in a layer at the boundary,
+    at most ``1 / (745 alpha)`` of the radius thick. It is smooth except at the center, where it is as smooth as
     ``|x|^alpha``. A ball of radius r around p has the descriptor ``psi((x - p) / r)`` (Lysenko, 2013; Behandish and
     Ilies, 2016).
 
@@ -79,62 +113,69 @@ class Bump:
     alpha: float = 2.0
 
     def __post_init__(self) -> None:
+        """Check the exponent."""
         unmasked(self.alpha, "alpha")
         try:
             alpha = float(self.alpha)
         except (TypeError, ValueError):
             alpha = math.nan
-        if not (LEAST_ALPHA <= alpha <= MOST_ALPHA or alpha == math.inf):
-            rule = f"it must be one number between {LEAST_ALPHA:g} and {MOST_ALPHA:g}, or infinite"
+        if not (MIN_ALPHA <= alpha <= MAX_ALPHA or alpha == math.inf):
+            rule = f"it must be one number from {MIN_ALPHA:g} to {MAX_ALPHA:g}, or infinite"
             raise InputError("alpha", f"is {self.alpha!r}", rule, "pass e.g. 2.0, or math.inf", value=self.alpha)
         object.__setattr__(self, "alpha", alpha)
 
     @property
     def is_indicator(self) -> bool:
-        """Whether it is 1 all over the open ball."""
+        """True if the bump is the indicator of the open ball."""
         return self.alpha == math.inf
 
     def profile(self, distance: ArrayLike) -> Floats:
-        """Values at distances from the centre, in radii, of any shape; InputError if one is not zero or above."""
+        """Evaluate the bump at distances from the center, in radii, of any shape.
+
+        Raises InputError if a distance is negative or not finite.
+        """
         return self.values(_check_not_negative(distance, "distance"))
 
     def values(self, distance: Floats) -> Floats:
-        """:meth:`profile` of an array, unchecked."""
+        """Evaluate :meth:`profile` for an array, without checks."""
         if self.is_indicator:
             return (distance < 1.0).astype(np.float64)
         with np.errstate(divide="ignore", over="ignore"):
-            # s^-alpha - 1, without the difference of two numbers near one: infinite at s = 0, and +0 from s = 1 on.
+            # expm1 avoids the cancellation in s^-alpha - 1; it is infinite at s = 0, and +0 from s = 1 on.
             powers = np.expm1(0.0 - self.alpha * np.log(np.minimum(distance, 1.0)))
             return np.asarray(np.exp(-1.0 / powers))
 
     def radial_spectrum(self, frequency: ArrayLike, dim: int) -> Floats:
-        """Fourier transform ``integral psi(x) exp(-2 pi i w.x) dx`` of the bump of radius 1, a function of ``k = |w|``.
+        """Compute the Fourier transform of the bump of radius 1 at the moduli ``k = |w|``.
 
-        That of radius r is ``r^dim`` times this at ``k = r |w|``. For ``frequency``, shape (...), in cycles per radius,
-        from 0 to 1e5, and ``dim`` 2 or 3, it is right to 1e-13 of the value at 0; InputError for other values.
+        The transform is ``integral psi(x) exp(-2 pi i w.x) dx``. A bump of radius r has ``r^dim`` times this value at
+        ``k = r |w|``. ``frequency``, shape (...), is in cycles per radius, from 0 to 1e5; ``dim`` is 2 or 3. The error
+        is at most 1e-13 of the value at 0.
+
+        Raises InputError for other frequencies or dimensions.
         """
         k = _check_frequency(frequency, "frequency")
         check_word(dim, "dim", (2, 3))
         return radial_transform(self.values, k, dim)
 
-    def table(self, dim: int, most: float, tolerance: float = 1e-12) -> Callable[[Floats], Floats]:
-        """The same spectrum for many frequencies, computed at some of them, and interpolated: a function of ``k``.
+    def table(self, dim: int, max_frequency: float, tolerance: float = 1e-12) -> Callable[[Floats], Floats]:
+        """Return a function that interpolates :meth:`radial_spectrum` at any number of frequencies.
 
-        The tolerance, from 1e-13 to 0.1, is relative to the value at 0. Raises InputError where a value is not usable,
-        then, and when the function is called above ``most``.
+        ``tolerance``, from 1e-13 to 0.1, is relative to the value at 0. Raises InputError if a value is not usable; the
+        returned function raises it for frequencies above ``max_frequency``.
         """
         within = check_tolerance(tolerance)
         check_word(dim, "dim", (2, 3))
-        return _table(
-            self, dim, math.ceil(_check_frequency(not_negative(most, "most", "pass cycles per radius"), "most")), within
-        )
+        highest = not_negative(max_frequency, "max_frequency", "pass cycles per radius")
+        return _table(self, dim, math.ceil(_check_frequency(highest, "max_frequency")), within)
 
     def pair_integral(self, first: float, second: float, distance: float, dim: int) -> float:
-        """Integral of ``psi(x / first) psi((x - distance e) / second)`` over the plane or space.
+        """Integrate ``psi(x / first) psi((x - distance e) / second)`` over the plane or space.
 
-        It falls with the distance: both functions are spherically symmetric and fall towards their borders. Radii and
-        the distance of the centres are metres; the result, metres to the power ``dim``, is right to 1e-9 of itself, or
-        to 1e-60 of the smaller ball, and 0 from the sum of the radii on, or where it underflows.
+        The integral decreases with the distance, because both functions are radially symmetric and decreasing. Radii
+        and ``distance``, between the centers, are in metres. The result, metres to the power ``dim``, has a relative
+        error of 1e-9 or an absolute error of 1e-60 of the smaller ball. It is 0 if the distance reaches the sum of the
+        radii, or if it underflows.
 
         Raises InputError if a value is not usable, and CspaceError if the quadrature does not converge.
         """
@@ -146,38 +187,33 @@ class Bump:
         if gap[0] >= a[0] + b[0]:
             return 0.0
         last = math.nan
-        for count in COUNTS:
+        for count in PAIR_RULE_SIZES:
             value = float(product_integrals(self.values, a, b, gap, dim, count)[0])
-            if abs(value - last) <= PAIR_TOLERANCE * max(value, FLOOR * min(a[0], b[0]) ** dim):
+            if abs(value - last) <= PAIR_TOLERANCE * max(value, PAIR_FLOOR * min(a[0], b[0]) ** dim):
                 return value
             last = value
-        raise CspaceError(
-            "distance",
-            f"is {distance!r}",
-            "the integral of the two bumps must be within reach of rules",
-            "please report it",
-            value=distance,
-        )
+        rule = "the integral of the two bumps must converge"
+        raise CspaceError("distance", f"is {distance!r}", rule, "please report it", value=distance)
 
 
 def check_bump(bump: Any) -> Bump:
-    """The bump itself, or the usual one for None; InputError if it is neither."""
+    """Return the bump, or ``Bump()`` for None; raise InputError for anything else."""
     if bump is not None and not isinstance(bump, Bump):
         raise InputError("bump", f"is {bump!r}", "it must be a Bump", "pass e.g. Bump(2.0)", value=bump)
     return Bump() if bump is None else bump
 
 
-def check_tolerance(tolerance: Any, least: float = LEAST_TOLERANCE) -> float:
-    """A relative tolerance from ``least`` to 0.1."""
+def check_tolerance(tolerance: Any, least: float = MIN_TOLERANCE) -> float:
+    """Return a relative tolerance from ``least`` to 0.1; raise InputError for anything else."""
     value = finite(tolerance, "tolerance")
-    if value.ndim or not least <= value <= MOST_TOLERANCE:
-        rule = f"it must be one number from {least:g} to {MOST_TOLERANCE:g}, for it is relative to the largest value"
+    if value.ndim or not least <= value <= MAX_TOLERANCE:
+        rule = f"it must be one number from {least:g} to {MAX_TOLERANCE:g}, relative to the largest value"
         raise InputError("tolerance", f"is {tolerance!r}", rule, "pass e.g. 1e-9", value=tolerance)
     return float(value)
 
 
 def _check_not_negative(values: ArrayLike, name: str) -> Floats:
-    """Finite numbers, none below zero, of any shape."""
+    """Return finite numbers of any shape; raise InputError if one is negative."""
     array = finite(values, name)
     if (array < 0.0).any():
         raise InputError(name, f"holds {array.min():g}", "none may be below zero", "pass the modulus", value=values)
@@ -185,61 +221,62 @@ def _check_not_negative(values: ArrayLike, name: str) -> Floats:
 
 
 def _check_frequency(frequency: ArrayLike, name: str) -> Floats:
+    """Return frequencies as floats; raise InputError if one is negative or too high."""
     k = _check_not_negative(frequency, name)
-    most = float(k.max(initial=0.0))
-    if most > MOST_FREQUENCY:
-        rule = f"up to {MOST_FREQUENCY:g} are computed"
-        raise InputError(name, f"holds {most:g} cycles per radius", rule, "check its units", value=most)
+    highest = float(k.max(initial=0.0))
+    if highest > MAX_RADIAL_FREQUENCY:
+        rule = f"at most {MAX_RADIAL_FREQUENCY:g} are computed"
+        raise InputError(name, f"holds {highest:g} cycles per radius", rule, "check its units", value=highest)
     return k
 
 
 @lru_cache(maxsize=16)
-def _table(bump: Bump, dim: int, most: int, tolerance: float) -> RadialTable:
-    return RadialTable(radial_transform(bump.values, table_points(most, 0.5 * tolerance), dim), most)
+def _table(bump: Bump, dim: int, max_frequency: int, tolerance: float) -> RadialTable:
+    """Compute the table of a bump, or return a recent one."""
+    return RadialTable(radial_transform(bump.values, table_points(max_frequency, 0.5 * tolerance), dim), max_frequency)
 
 
 @lru_cache(maxsize=16)
-def double_exponential(count: int) -> tuple[Floats, Floats]:
-    """Nodes and weights on [0, 1], ``2 count + 1`` of them, the middle one at 1/2."""
-    u = REACH / count * np.arange(-count, count + 1)
+def double_exponential_rule(count: int) -> tuple[Floats, Floats]:
+    """Return ``2 count + 1`` nodes and weights of the quadrature on [0, 1]; the central node is 1/2."""
+    u = MAX_ABSCISSA / count * np.arange(-count, count + 1)
     down = np.exp(-math.pi * np.sinh(u))
     nodes = 1.0 / (1.0 + down)
-    return nodes, REACH / count * math.pi * np.cosh(u) * nodes * (down * nodes)
+    return nodes, MAX_ABSCISSA / count * math.pi * np.cosh(u) * nodes * (down * nodes)
 
 
 def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int) -> tuple[Floats, Floats]:
-    """Integrals of ``psi(x / first) psi((x - distance e) / second)``, all shape (n,), and by how much each may be off.
+    """Integrate products of bumps for many pairs, shape (n,); return the integrals and their error bounds.
 
-    Of more than a few pairs, that is what two rules differ by, at most, for any of the pairs, relative to the smaller
-    ball: on a single pair rules may agree by chance.
+    For more than a few pairs, the bound is the largest difference of two rules over all pairs, relative to the smaller
+    ball. On a single pair, two rules may agree by chance.
     """
     if bump.is_indicator:
         values = lens_measure(first, second, distances, dim)
-        return values, SAFETY * 2.0**-50 * values
+        return values, SAFETY_FACTOR * 2.0**-50 * values
     sizes = np.minimum(first, second) ** dim
-    if len(sizes) <= FEW:
+    if len(sizes) <= MAX_SINGLE_PAIRS:
         triples = zip(first.tolist(), second.tolist(), distances.tolist(), strict=True)
         values = np.array([bump.pair_integral(*triple, dim) for triple in triples])
-        return values, SAFETY * PAIR_TOLERANCE * values + FLOOR * sizes
-    rough, values = (product_integrals(bump.values, first, second, distances, dim, count) for count in TWO_RULES)
-    worst = SAFETY * float((np.abs(rough - values) / sizes).max())
+        return values, SAFETY_FACTOR * PAIR_TOLERANCE * values + PAIR_FLOOR * sizes
+    rough, values = (product_integrals(bump.values, first, second, distances, dim, count) for count in BATCH_RULE_SIZES)
+    worst = SAFETY_FACTOR * float((np.abs(rough - values) / sizes).max())
     return values, worst * sizes + 2.0**-46 * values
 
 
-def around(radius: Floats, dim: int) -> Floats:
-    """Length of a circle, or area of a sphere."""
-    return np.asarray(dim * VOLUME[dim] * radius ** (dim - 1))
+def sphere_measure(radius: Floats, dim: int) -> Floats:
+    """Return the length of a circle or the area of a sphere."""
+    return np.asarray(dim * UNIT_BALL_VOLUME[dim] * radius ** (dim - 1))
 
 
 # ---- transforms ------------------------------------------------------------------------------------------------------
 
 
 def radial_transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
-    """The Fourier transform of a radial function at ``k = |w|``, of any shape, to 1e-13 of its value at 0:
+    """Compute the Fourier transform of a non-negative radial function at ``k = |w|``, of any shape.
 
-    2 pi integral_0^1 f(s) J0(2 pi k s) s ds   in the plane,      4 pi integral_0^1 f(s) sinc(2 k s) s^2 ds   in space,
-
-    with ``sinc(x) = sin(pi x) / (pi x)``. The function is not below zero.
+    In the plane it is ``2 pi integral_0^1 f(s) J0(2 pi k s) s ds``, in space ``4 pi integral_0^1 f(s) sinc(2 k s) s^2
+    ds`` with ``sinc(x) = sin(pi x) / (pi x)``. The error is at most 1e-13 of the value at 0.
     """
     from scipy.special import j0
 
@@ -249,35 +286,39 @@ def radial_transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
     octaves = np.ceil(np.log2(np.maximum(flat, 1.0)))
     for octave in np.unique(octaves).tolist():
         rows = np.flatnonzero(octaves == octave)
-        # A kernel that turns by 2 pi k ds/du, at most pi / 4 of that, needs as many samples more.
-        s, weights = double_exponential(math.ceil(NODES + REACH * math.pi / 4.0 * 2.0**octave))
-        measure = weights * function(s) * around(s, dim)
-        for part in np.array_split(rows, math.ceil(len(rows) * len(s) / CHUNK)):
+        # The phase of the kernel advances by 2 pi k ds/du, and ds/du is at most pi / 4; add samples accordingly.
+        s, weights = double_exponential_rule(
+            math.ceil(MIN_TRANSFORM_NODES + MAX_ABSCISSA * math.pi / 4.0 * 2.0**octave)
+        )
+        measure = weights * function(s) * sphere_measure(s, dim)
+        for part in np.array_split(rows, math.ceil(len(rows) * len(s) / KERNEL_VALUES_PER_CHUNK)):
             result[part] = kernel(2.0 * flat[part][:, None] * s) @ measure
     return result.reshape(np.shape(frequencies))
 
 
 class RadialTable:
-    """A radial spectrum up to ``most``, interpolated between values (intervals, nodes) at :func:`table_points`.
+    """A radial spectrum up to a frequency, interpolated from its values at :func:`table_points`.
 
-    What vanishes outside the unit ball has a spectrum that is a mixture of ``exp(2 pi i k x)`` with ``|x| <= 1``; where
-    the function is not below zero, the mixture's weights sum to the spectrum at 0. So interpolation at Chebyshev nodes
-    errs, relative to that value, by at most what it errs for one such exponential: four times the sum of the Bessel
-    functions ``J_n(2 pi HALF)`` from the first degree left out (Trefethen, 2013, chapter 4).
+    A function that vanishes outside the unit ball has a spectrum that is a mixture of ``exp(2 pi i k x)`` with ``|x| <=
+    1``. If the function is not negative, the weights of the mixture sum to the spectrum at 0. So the relative error of
+    interpolation at Chebyshev nodes is at most its error for one such exponential: four times the sum of the Bessel
+    functions ``J_n(2 pi TABLE_HALF_WIDTH)`` from the first omitted degree on (Trefethen, 2013, chapter 4).
     """
 
-    def __init__(self, values: Floats, most: float) -> None:
-        self.most = most
+    def __init__(self, values: Floats, max_frequency: float) -> None:
+        self.max_frequency = max_frequency
         self._coefficients = np.ascontiguousarray(chebyshev_coefficients(values.T))
 
     def __call__(self, frequencies: Floats) -> Floats:
-        """The spectrum at ``k``, of any shape, from 0 to :attr:`most`; InputError above."""
+        """Interpolate the spectrum at frequencies of any shape; raise InputError above the table."""
         k = np.asarray(frequencies, dtype=np.float64)
-        if k.size and not (k.min() >= 0.0 and k.max() <= self.most * (1.0 + SLACK) + SLACK):
-            problem, rule = f"reach from {k.min():g} to {k.max():g}", f"the table holds those from 0 to {self.most:g}"
-            raise InputError("frequencies", problem, rule, "make it for the largest one", value=frequencies)
-        interval = np.minimum((k / (2.0 * HALF)).astype(np.intp), self._coefficients.shape[1] - 1)
-        x = k / HALF - (2.0 * interval + 1.0)
+        if k.size and not (
+            k.min() >= 0.0 and k.max() <= self.max_frequency * (1.0 + FREQUENCY_SLACK) + FREQUENCY_SLACK
+        ):
+            problem, rule = f"reach from {k.min():g} to {k.max():g}", f"the table ends at {self.max_frequency:g}"
+            raise InputError("frequencies", problem, rule, "make a larger table", value=frequencies)
+        interval = np.minimum((k / (2.0 * TABLE_HALF_WIDTH)).astype(np.intp), self._coefficients.shape[1] - 1)
+        x = k / TABLE_HALF_WIDTH - (2.0 * interval + 1.0)
         # Clenshaw's recurrence.
         one, two, doubled = np.zeros_like(k), np.zeros_like(k), 2.0 * x
         for row in self._coefficients[:0:-1]:
@@ -285,18 +326,19 @@ class RadialTable:
         return np.asarray(self._coefficients[0][interval] + x * one - two)
 
 
-def table_points(most: float, tolerance: float) -> Floats:
-    """Where a table up to ``most`` needs a spectrum, shape (intervals, nodes); the last may lie an interval above.
+def table_points(max_frequency: float, tolerance: float) -> Floats:
+    """Return the frequencies at which a table needs a spectrum, shape (intervals, nodes).
 
-    The tolerance, relative to the value at 0, is that of the interpolation; the spectrum's own error comes on top.
+    The last interval may end above ``max_frequency``. The tolerance is the interpolation error relative to the value at
+    0; the error of the spectrum itself adds to it.
     """
-    nodes = HALF * (1.0 + chebyshev_nodes(nodes_needed(tolerance, 2.0 * math.pi * HALF)))
-    intervals = max(1, math.ceil(most / (2.0 * HALF)))
-    return np.asarray(2.0 * HALF * np.arange(intervals)[:, None] + nodes)
+    nodes = TABLE_HALF_WIDTH * (1.0 + chebyshev_nodes(count_nodes(tolerance, 2.0 * math.pi * TABLE_HALF_WIDTH)))
+    intervals = max(1, math.ceil(max_frequency / (2.0 * TABLE_HALF_WIDTH)))
+    return np.asarray(2.0 * TABLE_HALF_WIDTH * np.arange(intervals)[:, None] + nodes)
 
 
-def nodes_needed(tolerance: float, phase: float) -> int:
-    """How many Chebyshev nodes an interval takes in whose half the exponentials turn by ``phase`` radians."""
+def count_nodes(tolerance: float, phase: float) -> int:
+    """Return how many Chebyshev nodes interpolate exponentials over half an interval of ``phase`` radians."""
     from scipy.special import jv
 
     terms = np.abs(jv(np.arange(int(2.0 * phase) + 80), phase))
@@ -304,12 +346,12 @@ def nodes_needed(tolerance: float, phase: float) -> int:
 
 
 def chebyshev_nodes(count: int) -> Floats:
-    """Zeros of the Chebyshev polynomial of a degree, falling."""
+    """Return the zeros of the Chebyshev polynomial of degree ``count``, in descending order."""
     return np.asarray(np.cos(math.pi * (np.arange(count) + 0.5) / count))
 
 
 def chebyshev_coefficients(values: Floats) -> Floats:
-    """Of the polynomials through values (count, ...) at :func:`chebyshev_nodes`, by a cosine transform."""
+    """Return the coefficients of the polynomials through values (count, ...) at :func:`chebyshev_nodes`."""
     from scipy.fft import dct
 
     coefficients = dct(values, axis=0) / len(values)
@@ -321,44 +363,48 @@ def chebyshev_coefficients(values: Floats) -> Floats:
 
 
 def product_integrals(function: Radial, a: Floats, b: Floats, distance: Floats, dim: int, count: int) -> Floats:
-    """Integrals of ``f(|x| / a) f(|x - distance e| / b)`` over the plane or space, all shape (n,), by one rule.
+    """Integrate ``f(|x| / a) f(|x - distance e| / b)`` over the plane or space, all shape (n,), by one rule.
 
-    In polar coordinates around the centre of the smaller ball, in its radius, over the part that the other one covers,
+    Uses polar coordinates around the center of the smaller ball, in units of its radius, over the part inside the other
+    ball,
 
         integral f(s) s^(dim - 1) integral f(rho / b) dOmega ds,    rho^2 = s^2 + D^2 - 2 s D cos(theta).
 
-    The interval of s is cut where it meets the other centre, and where the other ball begins to cover less than all
-    directions. There are ``2 count + 1`` nodes in each part of it.
+    The interval of s is cut at the other center, and at the radius from which the other ball covers only some
+    directions. Each piece has ``2 count + 1`` nodes.
     """
     small, large = np.minimum(a, b), np.maximum(a, b)
     radii, gaps = large / small, distance / small
-    x, weights = double_exponential(count)
+    x, weights = double_exponential_rule(count)
     first = np.clip(gaps - radii, 0.0, 1.0)
     cuts = [np.clip(cut, first, 1.0) for cut in (gaps, radii - gaps)]
     borders = np.sort([first, *cuts, np.ones_like(first)], axis=0)[..., None]
-    # From the near side of a lens, however thin, so that no digits of it are lost.
+    # Measure from the near side of the lens, so that thin lenses keep their digits.
     rise = (borders[:-1] - first[:, None]) + np.diff(borders, axis=0) * x
     radial = first[:, None] + rise
     mass = np.diff(borders, axis=0) * weights * function(radial) * radial ** (dim - 1)
     positive = np.nonzero(mass)
     mass, rise, radial, pairs = mass[positive], rise[positive], radial[positive], positive[1]
     totals = np.zeros(len(gaps))
-    for part in np.array_split(np.arange(len(mass)), math.ceil(len(mass) * len(x) / IN_CACHE) or 1):
+    for part in np.array_split(np.arange(len(mass)), math.ceil(len(mass) * len(x) / PRODUCT_VALUES_PER_CHUNK) or 1):
         s, gap, radius = radial[part], gaps[pairs[part]], radii[pairs[part]]
         depth = np.where(first[pairs[part]] > 0.0, rise[part], radius + s - gap)
-        with np.errstate(divide="ignore", over="ignore"):  # all directions are covered where centres coincide
+        with np.errstate(divide="ignore", over="ignore"):  # coinciding centers cover all directions
             covered = np.clip(depth * (radius + gap - s) / (4.0 * s * gap), 0.0, 1.0)[:, None]
-        sines, densities = _directions(covered, x, dim)
+        sines, densities = _direction_rule(covered, x, dim)
         square = ((s - gap) ** 2)[:, None] + 4.0 * (s * gap)[:, None] * sines
         values = function(np.sqrt(square) / radius[:, None]) * densities
         totals += np.bincount(pairs[part], mass[part] * (values @ weights), len(gaps))
     return np.asarray(totals * small**dim)
 
 
-def _directions(covered: Floats, x: Floats, dim: int) -> tuple[Floats, Floats]:
-    """``sin(theta / 2)^2`` from 0 to ``covered``, shape (n, 1), at parts x of the way, and ``dOmega / dx``, without a
-    sine: on a sphere the area between two circles is proportional to the difference of the former, and on a circle both
-    are fractions in ``tan(theta / 4)``."""
+def _direction_rule(covered: Floats, x: Floats, dim: int) -> tuple[Floats, Floats]:
+    """Return ``sin(theta / 2)^2`` at the nodes x of the covered directions, and ``dOmega / dx``.
+
+    ``covered``, shape (n, 1), is the largest ``sin(theta / 2)^2``. No sine is needed: on a sphere, the area between two
+    circles is proportional to the difference of their ``sin(theta / 2)^2``; on a circle, both are rational in
+    ``tan(theta / 4)``.
+    """
     if dim == 3:
         return covered * x, 4.0 * math.pi * covered
     last = np.sqrt(covered) / (1.0 + np.sqrt(1.0 - covered))
@@ -368,29 +414,31 @@ def _directions(covered: Floats, x: Floats, dim: int) -> tuple[Floats, Floats]:
 
 
 def lens_measure(a: Floats, b: Floats, distance: Floats, dim: int) -> Floats:
-    """Area or volume that two balls have in common, with small relative error also for thin lenses."""
+    """Return the area or volume of the intersection of two balls, accurate also for thin lenses."""
     least = np.minimum(a, b)
-    # Differences of like lengths first: they are exact, and what is left of them is all that counts.
+    # Subtract similar lengths first, because such differences are exact.
     depth = (np.maximum(a, b) - distance) + least
-    with np.errstate(all="ignore"):  # of values that are not taken
+    with np.errstate(all="ignore"):  # np.where drops the invalid values below
         lens = {2: _lens_area, 3: _lens_volume}[dim](a, b, distance, depth)
-    whole = VOLUME[dim] * least**dim
+    whole = UNIT_BALL_VOLUME[dim] * least**dim
     return np.where(distance >= a + b, 0.0, np.where(distance <= np.abs(a - b), whole, lens))
 
 
 def _lens_volume(a: Floats, b: Floats, distance: Floats, depth: Floats) -> Floats:
+    """Return the volume of a lens of two balls."""
     spread = distance * (distance + 2.0 * (a + b)) - 3.0 * (a - b) ** 2
     return np.asarray(math.pi * depth**2 * spread / (12.0 * distance))
 
 
 def _lens_area(a: Floats, b: Floats, distance: Floats, depth: Floats) -> Floats:
-    share = (b - a) / distance  # halves of quotients, for the product may underflow
-    return _segment(a, 0.5 * depth * (1.0 + share)) + _segment(b, 0.5 * depth * (1.0 - share))
+    """Return the area of a lens of two discs."""
+    share = (b - a) / distance  # divided before multiplying, because the product may underflow
+    return _segment_area(a, 0.5 * depth * (1.0 + share)) + _segment_area(b, 0.5 * depth * (1.0 - share))
 
 
-def _segment(radius: Floats, height: Floats) -> Floats:
-    """Area of the segment of a disc that is ``height`` high."""
+def _segment_area(radius: Floats, height: Floats) -> Floats:
+    """Return the area of a disc segment of height ``height``."""
     angle = 4.0 * np.arcsin(np.sqrt(np.minimum(1.0, height / (2.0 * radius))))
     series = [(-1.0) ** n / math.factorial(2 * n + 3) for n in range(6)]
     small = angle**3 * np.polynomial.polynomial.polyval(angle * angle, series)
-    return np.asarray(0.5 * radius**2 * np.where(angle > SMALL_ANGLE, angle - np.sin(angle), small))
+    return np.asarray(0.5 * radius**2 * np.where(angle > MAX_SERIES_ANGLE, angle - np.sin(angle), small))

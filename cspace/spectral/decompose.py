@@ -1,7 +1,7 @@
-"""decompose: balls that fill a shape from inside, or cover it, by a greedy choice among balls by the cells they add.
+"""Decomposition of shapes into balls that fill or cover them, chosen greedily by the cells they add.
 
-Lengths are in sides of a lattice's cell. A ball holds a cell where ``sum (|middle - center| + half)^2 <= reach^2`` over
-the axes: its middle, with ``half`` zero, or all of it.
+Lengths are in sides of a lattice cell. A ball contains a cell if ``sum (|cell_center - center| + half)^2 <= reach^2``
+over the axes: its center, if ``half`` is zero, or all of it.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from cspace.errors import FileError, GeometryError, InputError
 from cspace.files.access import check_suffix, replacing
 from cspace.files.plain import read_json, read_yaml
 from cspace.shapes import Balls, ExactShape, Shape, ShapeLike, shape_of
-from cspace.spectral.bump import VOLUME
+from cspace.spectral.bump import UNIT_BALL_VOLUME
 from cspace.spectral.descriptors import check_solid_balls
 from cspace.spectral.regions import (
     Lattice,
+    PieceTree,
     Region,
-    Tree,
-    balls_to_shape,
-    distance,
-    measure_of_balls,
-    shape_to_balls,
+    bound_ball_measure,
+    bound_balls_to_shape,
+    bound_distance,
+    bound_shape_to_balls,
 )
 
 if TYPE_CHECKING:
@@ -43,21 +43,22 @@ if TYPE_CHECKING:
 
 Kind = Literal["inner", "outer"]
 
-KINDS: Final = ("inner", "outer")
-FORMAT: Final = "cspace-spheres"
-VERSION: Final = 2
+BALL_KINDS: Final = ("inner", "outer")
+BALLS_FORMAT: Final = "cspace-spheres"
+BALLS_VERSION: Final = 2
 
-COLORS: Final = {"inner": "#0072b2", "outer": "#d55e00"}
-"""Of balls, from Okabe and Ito (2008)."""
+KIND_COLORS: Final = {"inner": "#0072b2", "outer": "#d55e00"}
+"""Colours of balls, from Okabe and Ito (2008)."""
 
-READERS: Final[dict[str, Callable[[Any, str], Any]]] = {".json": read_json, ".yaml": read_yaml, ".yml": read_yaml}
-RULE: Final = "balls go into .yaml, .yml or .json"
+
+BALL_READERS: Final[dict[str, Callable[[Any, str], Any]]] = {".json": read_json, ".yaml": read_yaml, ".yml": read_yaml}
+BALL_SUFFIX_RULE: Final = "balls go into .yaml, .yml or .json"
 
 _BOUNDS: Final = ("measure", "shape_measure", "hausdorff")
 
 
 class Bounds(NamedTuple):
-    """A number that lies between two."""
+    """Lower and upper bound of a number."""
 
     lower: float
     upper: float
@@ -97,21 +98,20 @@ class Spheres:
     shape: Shape | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
+        """Check the arrays and the bounds."""
         centers, radii = check_solid_balls(self.centers, self.radii)
-        check_word(self.kind, "kind", KINDS)
+        check_word(self.kind, "kind", BALL_KINDS)
         for name in _BOUNDS:
             pair = finite(getattr(self, name), name)
             if pair.shape != (2,) or not 0.0 <= pair[0] <= pair[1]:
-                rule = "it must be two numbers, zero or above, the lower one first"
-                raise InputError(
-                    name, f"is {getattr(self, name)!r}", rule, "pass Bounds(lower, upper)", value=getattr(self, name)
-                )
+                value, rule = getattr(self, name), "it must be two numbers, zero or above, the lower one first"
+                raise InputError(name, f"is {value!r}", rule, "pass Bounds(lower, upper)", value=value)
             object.__setattr__(self, name, Bounds(*pair.tolist()))
         object.__setattr__(self, "centers", frozen(centers))
         object.__setattr__(self, "radii", frozen(radii))
 
     def __len__(self) -> int:
-        """Number of balls."""
+        """Return the number of balls."""
         return len(self.radii)
 
     @property
@@ -121,7 +121,7 @@ class Spheres:
 
     @property
     def volume_bounds(self) -> Bounds:
-        """Bounds of the area or volume of the union, over that of the shape; without end if the shape has none."""
+        """Bounds of the area or volume of the union, relative to the shape; infinite if the shape has none."""
         low, high = self.shape_measure
         return Bounds(
             self.measure.lower / high if high > 0.0 else float("inf"),
@@ -130,25 +130,25 @@ class Spheres:
 
     @property
     def volume_ratio(self) -> float:
-        """The middle of :attr:`volume_bounds`; in the plane, these are some 1e-5 apart."""
+        """Mean of :attr:`volume_bounds`; in the plane, the bounds differ by about 1e-5."""
         return sum(self.volume_bounds) / 2.0
 
     def plot(self, ax: Axes | None = None, *, title: str | None = None) -> Axes:
-        """Draw the balls, and their shape where it is known, on axes or else in a new figure that belongs to no window.
+        """Draw the balls, and their shape if known, on axes or in a new figure without a window.
 
-        The title gives number, kind and how well they describe the shape, unless one is passed. Raises InputError if
-        axes are of the plane and balls are in space, or the other way around.
+        The default title gives the number, the kind and the distance to the shape. Raises InputError if the axes are of
+        the plane and the balls in space, or the reverse.
         """
         from matplotlib.collections import LineCollection, PatchCollection
         from matplotlib.figure import Figure
         from matplotlib.patches import Circle
 
-        solid, color = self.dim == 3, COLORS[self.kind]
+        solid, color = self.dim == 3, KIND_COLORS[self.kind]
         axes: Any = ax or Figure((6.5, 6.5), layout="constrained").add_subplot(projection="3d" if solid else None)
         if solid != hasattr(axes, "get_zlim"):
-            where = ("in the plane", "in space")
+            select = ("in the plane", "in space")
             hint = "add_subplot(projection='3d') makes axes for balls, and one without a projection for discs"
-            raise InputError("ax", f"is {where[not solid]}", f"the balls are {where[solid]}", hint, value=ax)
+            raise InputError("ax", f"is {select[not solid]}", f"the balls are {select[solid]}", hint, value=ax)
         if solid:
             shapes: list[tuple[ExactShape, dict[str, Any]]] = [(Balls(self.centers, self.radii), {"color": color})]
             if self.shape is not None:
@@ -156,7 +156,7 @@ class Spheres:
             for (vertices, faces), style in ((shape.surface, style) for shape, style in shapes):
                 axes.plot_trisurf(*vertices.T, triangles=faces, **style)
         else:
-            # So many discs lie over each other that their colours must be thin.
+            # Many discs overlap, so their colours must be translucent.
             discs = PatchCollection(list(map(Circle, self.centers, self.radii)), facecolor=(color, 0.16), linewidth=0.6)
             discs.set_edgecolor((color, 0.75))
             axes.add_collection(discs)
@@ -169,13 +169,13 @@ class Spheres:
         return axes  # type: ignore[no-any-return]
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
-        """Write all but the shape to a file, to the last bit; its name ends in ``.yaml``, ``.yml`` or ``.json``.
+        """Write the balls, without their shape and losslessly, to a ``.yaml``, ``.yml`` or ``.json`` file.
 
-        Raises InputError if it ends otherwise, and FileError if the file exists and ``overwrite`` is not set, or cannot
-        be written.
+        Raises InputError for another suffix. Raises FileError if the file exists and ``overwrite`` is not set, or
+        cannot be written.
         """
-        check_suffix(path, READERS, RULE)
-        record: dict[str, Any] = {"format": FORMAT, "version": VERSION, "kind": self.kind}
+        check_suffix(path, BALL_READERS, BALL_SUFFIX_RULE)
+        record: dict[str, Any] = {"format": BALLS_FORMAT, "version": BALLS_VERSION, "kind": self.kind}
         record |= {name: list(getattr(self, name)) for name in _BOUNDS}
         record |= {"centers": self.centers.tolist(), "radii": self.radii.tolist()}
         with replacing(path, overwrite) as temporary:
@@ -184,18 +184,18 @@ class Spheres:
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> Spheres:
-        """Read what :meth:`save` wrote.
+        """Read a file written by :meth:`save`.
 
-        Raises InputError if the name ends otherwise, and FileError if the file is missing, malformed, or of another
-        version.
+        Raises InputError for another suffix, and FileError if the file is missing, malformed, or of another version.
         """
-        load = READERS[check_suffix(path, READERS, RULE)]
+        load = BALL_READERS[check_suffix(path, BALL_READERS, BALL_SUFFIX_RULE)]
         record, name = load(path, "file of balls"), os.fspath(path)
-        if not isinstance(record, Mapping) or record.get("format") != FORMAT:
-            raise FileError(name, "holds no balls", f"its format must be {FORMAT!r}", "pass a file of Spheres.save")
-        if record.get("version") != VERSION:
+        if not isinstance(record, Mapping) or record.get("format") != BALLS_FORMAT:
+            rule = f"its format must be {BALLS_FORMAT!r}"
+            raise FileError(name, "holds no balls", rule, "pass a file of Spheres.save")
+        if record.get("version") != BALLS_VERSION:
             version = f"has version {record.get('version')!r}"
-            raise FileError(name, version, f"this library reads {VERSION}", "use the library that wrote it")
+            raise FileError(name, version, f"this library reads {BALLS_VERSION}", "use the library that wrote it")
         try:
             bounds = {key: record[key] for key in _BOUNDS}
             return cls(record["centers"], record["radii"], record["kind"], **bounds)
@@ -204,16 +204,35 @@ class Spheres:
             raise FileError(name, what, "it must be as Spheres.save writes it", "mend or write it again") from error
 
 
-FINER: Final = (1, 4)  # how much finer a lattice is tried, in cells, if of the balls fewer than USED are taken
-USED: Final = 0.9
-STEPS: Final = 12  # lengths by which balls may stick out that are tried, at most
-CANDIDATES: Final = 6_000  # centers that are looked at first, at most
-NEIGHBOURS: Final = 2  # how far, in cells, a ball is looked for that holds another
-LOST: Final = 0.02  # part of the way between two middles that a ball may stick out of another one that holds it
-CUTS: Final = (1, 2, 4, 8, 16)  # into how many parts a cell's sides are cut where no ball lies near
-ANY: Final = 2**40  # more balls than there are
-EPS: Final = 2.0**-20  # rounding allowance, in sides of a cell: by this, a ball that holds a cell reaches out of it
-ROUNDS: Final = 6  # how often every ball is moved, at most
+LATTICE_REFINEMENTS: Final = (1, 4)
+"""Factors by which the number of lattice cells grows, if fewer than MIN_USED_FRACTION of the balls are used."""
+
+MIN_USED_FRACTION: Final = 0.9
+"""Smallest fraction of the requested balls that ends the refinement."""
+
+MAX_BISECTIONS: Final = 12
+"""Largest number of lengths tried by which balls may stick out."""
+
+MAX_CANDIDATES: Final = 6_000
+"""Approximate number of candidate centers tried first."""
+
+NEIGHBOUR_CELLS: Final = 2
+"""Distance, in cells, within which a ball is compared with balls that may contain it."""
+
+CONTAINMENT_TOLERANCE: Final = 0.02
+"""Fraction of the distance of two centers by which a contained ball may stick out."""
+
+CELL_SUBDIVISIONS: Final = (1, 2, 4, 8, 16)
+"""Numbers of parts per side into which cells without a ball nearby are divided."""
+
+UNLIMITED_BALLS: Final = 2**40
+"""More balls than there are."""
+
+LATTICE_ROUNDING: Final = 2.0**-20
+"""Rounding allowance in sides of a cell: a ball reaches this far beyond the cells it contains."""
+
+MAX_POLISH_ROUNDS: Final = 6
+"""Largest number of moves of each ball."""
 
 
 def decompose(
@@ -252,160 +271,173 @@ def decompose(
     >>> len(discs.radii) <= 8
     True
     """
-    check_word(kind, "kind", KINDS)
+    check_word(kind, "kind", BALL_KINDS)
     if (number is None) == (tolerance is None):
-        problem = f"is {number!r} and tolerance {tolerance!r}: {'neither is' if number is None else 'both are'} given"
-        hint = "pass e.g. number=64, or tolerance=0.01 in metres"
-        raise InputError("number", problem, "balls are chosen by one of them", hint, value=number)
+        problem, rule = f"is {number!r} and tolerance is {tolerance!r}", "exactly one of them chooses the balls"
+        raise InputError("number", problem, rule, "pass e.g. number=64, or tolerance=0.01 in metres", value=number)
     length = None if tolerance is None else positive(tolerance, "tolerance")
     count = None if number is None else whole(number, "number", 1, hint="pass e.g. 64")
     region = Region(shape_of(shape))
     if kind == "inner" and not region.inner.measure[1] > 0.0:
         hint = "pass kind='outer', or a shape with an area or volume"
-        raise GeometryError("shape", "has no inside", "inner balls lie inside", hint, value=shape)
+        raise GeometryError("shape", "has no inside", "inner balls need one", hint, value=shape)
     if count is not None and not 0.0 < region.size < np.inf:
-        rule = "balls are counted by the cells of a lattice, which it must have"
-        problem = f"is {number}, and the shape {region.size:g} m across"
-        raise InputError("number", problem, rule, "pass a tolerance in place of a number", value=number)
-    for finer in FINER:
-        lattice = Lattice.fine(region, count, finer) if count else Lattice.within(region, length or 0.0)
-        centers, radii = (_inner if kind == "inner" else _outer)(lattice, count, length)
-        if not count or len(radii) >= USED * count:
+        problem, rule = f"is {number}, but the shape is {region.size:g} m across", "its lattice needs a finite size"
+        raise InputError("number", problem, rule, "pass a tolerance instead", value=number)
+    for finer in LATTICE_REFINEMENTS:
+        lattice = Lattice.for_count(region, count, finer) if count else Lattice.for_tolerance(region, length or 0.0)
+        centers, radii = (_fill_shape if kind == "inner" else _cover_shape)(lattice, count, length)
+        if not count or len(radii) >= MIN_USED_FRACTION * count:
             break
     order = np.argsort(-radii, kind="stable")
     centers, radii = centers[order], radii[order]
-    gap = shape_to_balls(lattice, centers, radii) if kind == "inner" else balls_to_shape(region, centers, radii)
-    measures = Bounds(*measure_of_balls(centers, radii)), Bounds(*region.measure)
+    gap = (
+        bound_shape_to_balls(lattice, centers, radii)
+        if kind == "inner"
+        else bound_balls_to_shape(region, centers, radii)
+    )
+    measures = Bounds(*bound_ball_measure(centers, radii)), Bounds(*region.measure)
     return Spheres(centers, radii, kind, *measures, Bounds(*gap), region.shape)
 
 
 # ---- which balls -----------------------------------------------------------------------------------------------------
 
 
-def _inner(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats]:
-    """Centers and radii of balls in a shape, metres: so many that add most, or that cover it with a tolerance added."""
-    inside = _maximal(lattice)
-    inside = inside.where(inside.depths > 0.0)
+def _fill_shape(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats]:
+    """Return centers and radii of balls in a shape, metres: ``number`` of them, or enough for a tolerance."""
+    inside = _medial_balls(lattice)
+    inside = inside.select(inside.depths > 0.0)
     if not len(inside.depths):
-        inside = _finer(lattice, lattice.middles)
+        inside = _deepest_points(lattice, lattice.cell_centers)
     reached = 0.0
     if number is None:
-        cover, balls = _covered(lattice, inside, (tolerance or 0.0) / lattice.side, inside=True)
+        cover, balls = _choose_cover(lattice, inside, (tolerance or 0.0) / lattice.side, inside=True)
         reached = np.inf if len(cover.open_cells) else 0.0
         centers = balls.centers[cover.trim(balls) > 0.0]
     else:
         cover = Cover(lattice, whole=False)
         chosen = cover.choose(inside, number)
-        if not len(chosen):  # so thin a shape that no middle lies in it
+        if not len(chosen):  # the shape is so thin that it contains no cell center
             chosen = np.argsort(-inside.depths)[:number]
         centers = inside.centers[chosen]
         cover.polish(centers, inside.depths[chosen])
-    centers = lattice.metres(centers)
-    radii = lattice.region.depths(centers)  # found anew, a proof
+    centers = lattice.to_metres(centers)
+    radii = lattice.region.depths(centers)  # recomputed as proven lower bounds
     centers, radii = centers[radii > 0.0], radii[radii > 0.0]
     if not len(radii):
-        problem, rule = "has room for no ball that was found", "inner balls lie inside"
-        raise InputError("shape", problem, rule, "pass kind='outer', or a shape that is less thin")
-    if reached and (reached := shape_to_balls(lattice, centers, radii)[1]) > (tolerance or 0.0):
-        problem = f"is {tolerance:g} m, and the shape is proven to be within {reached:g} m of {len(radii)} balls"
-        rule, hint = "what is thinner than the lattice has none near", "pass a larger tolerance, or kind='outer'"
+        problem, rule = "is too thin for any ball that was found", "inner balls need an inside"
+        raise InputError("shape", problem, rule, "pass kind='outer', or a thicker shape")
+    if reached and (reached := bound_shape_to_balls(lattice, centers, radii)[1]) > (tolerance or 0.0):
+        problem = f"is {tolerance:g} m, but {len(radii)} balls are proven within {reached:g} m of the shape only"
+        rule, hint = "parts thinner than the lattice have no balls", "pass a larger tolerance, or kind='outer'"
         raise InputError("tolerance", problem, rule, hint, value=tolerance)
     return centers, radii
 
 
-def _outer(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats]:
-    """Centers and radii of balls that cover a shape, in metres: at most so many, or that stick out by a tolerance."""
-    candidates = _maximal(lattice)
+def _cover_shape(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats]:
+    """Return centers and radii of balls that cover a shape, metres.
 
-    def at(length: float) -> LatticeBalls | None:
-        """LatticeBalls that stick out by no more; None where more are needed than so many."""
-        cover, balls = _covered(lattice, candidates, length, inside=False, most=number or ANY)
+    There are at most ``number`` balls, or they stick out by at most ``tolerance``.
+    """
+    candidates = _medial_balls(lattice)
+
+    def cover_within(length: float) -> LatticeBalls | None:
+        """Return balls that stick out by at most ``length``, or None if that takes more than ``number``."""
+        cover, balls = _choose_cover(lattice, candidates, length, inside=False, most=number or UNLIMITED_BALLS)
         if len(cover.open_cells):
             return None
         balls = balls._replace(reaches=cover.trim(balls))
-        return balls.where(balls.reaches > 0.0)
+        return balls.select(balls.reaches > 0.0)
 
     if tolerance is not None:
-        balls = at(tolerance / lattice.side)
+        balls = cover_within(tolerance / lattice.side)
     else:
-        balls = _least(at, 1.001 * lattice.diagonal, 2.0 * lattice.region.size / lattice.side)
+        balls = _bisect_length(cover_within, 1.001 * lattice.diagonal, 2.0 * lattice.region.size / lattice.side)
     if balls is None:
         name, value = ("number", number) if tolerance is None else ("tolerance", tolerance)
-        problem = f"is {value:g}, and balls that cover the shape within it were not found"
-        raise InputError(name, problem, "their union must hold all of it", "pass a larger one", value=value)
-    return lattice.metres(balls.centers), balls.reaches * lattice.side
+        problem = f"is {value:g}, but no such balls that cover the shape were found"
+        raise InputError(name, problem, "their union must contain the shape", f"pass a larger {name}", value=value)
+    return lattice.to_metres(balls.centers), balls.reaches * lattice.side
 
 
-def _covered(
-    lattice: Lattice, candidates: LatticeBalls, reach: float, *, inside: bool, most: int = ANY
+def _choose_cover(
+    lattice: Lattice, candidates: LatticeBalls, reach: float, *, inside: bool, most: int = UNLIMITED_BALLS
 ) -> tuple[Cover, LatticeBalls]:
-    """Choose balls, as large as their depths and ``reach``, in sides, until every cell lies in one, or there are so
-    many: then the cover has open cells."""
+    """Choose balls until every cell lies in one, or there are ``most`` of them.
+
+    The reach of a ball is its depth plus ``reach``, in sides. The cover has open cells if ``most`` balls do not
+    suffice.
+    """
     from scipy.spatial import KDTree
 
     cover = Cover(lattice, whole=True)
-    balls = candidates.where(np.zeros(0, dtype=np.int64))
-    # What candidates leave open, middles of cells near by may hold, and else finer points of a shape.
+    balls = candidates.select(np.zeros(0, dtype=np.int64))
+    # Cells that the candidates leave open get balls at nearby cell centers, then at finer points of the shape.
     for stage in range(3):
         left = cover.open_cells
         if not len(left) or len(balls.reaches) == most:
             break
-        offered = _finer(lattice, left) if stage == 2 else (candidates, _on_lattice(lattice))[stage]
+        offered = _deepest_points(lattice, left) if stage == 2 else (candidates, _balls_at_cell_centers(lattice))[stage]
         offered = offered._replace(reaches=offered.depths + reach)
-        offered = offered.where(offered.depths >= (0.0 if inside else -np.inf))
-        if len(left) < len(lattice.middles):  # those that reach none add nothing
+        offered = offered.select(offered.depths >= (0.0 if inside else -np.inf))
+        if len(left) < len(lattice.cell_centers):  # those that reach none add nothing
             bound = max(float(offered.reaches.max(initial=0.0)), 1.0)
-            offered = offered.where(
+            offered = offered.select(
                 KDTree(left).query(offered.centers, distance_upper_bound=bound)[0] <= offered.reaches
             )
-        balls = balls.joined(offered.where(cover.choose(offered, most - len(balls.reaches))))
+        balls = balls.append(offered.select(cover.choose(offered, most - len(balls.reaches))))
     return cover, balls
 
 
-def _least(at: Callable[[float], LatticeBalls | None], bad: float, good: float) -> LatticeBalls | None:
-    """What there is at the least length, between two, at which there is something; None where there is at none."""
-    best = at(good)
-    for _ in range(STEPS):
+def _bisect_length(
+    cover_within: Callable[[float], LatticeBalls | None], bad: float, good: float
+) -> LatticeBalls | None:
+    """Bisect the length, between ``bad`` and ``good``, for the smallest with a result; return that result or None."""
+    best = cover_within(good)
+    for _ in range(MAX_BISECTIONS):
         if best is None or good < 1.02 * bad:
             break
-        middle = float(np.sqrt(good * bad))
-        balls = at(middle)
-        best, bad, good = (best, middle, good) if balls is None else (balls, bad, middle)
+        length = float(np.sqrt(good * bad))
+        balls = cover_within(length)
+        best, bad, good = (best, length, good) if balls is None else (balls, bad, length)
     return best
 
 
 # ---- where they are looked for ---------------------------------------------------------------------------------------
 
 
-def _on_lattice(lattice: Lattice) -> LatticeBalls:
-    """As large as they fit round every middle of a cell."""
-    return LatticeBalls(lattice.middles, lattice.depths, lattice.depths)
+def _balls_at_cell_centers(lattice: Lattice) -> LatticeBalls:
+    """Return the largest ball in the shape around every cell center."""
+    return LatticeBalls(lattice.cell_centers, lattice.depths, lattice.depths)
 
 
-def _maximal(lattice: Lattice) -> LatticeBalls:
-    """Those of the lattice that no other near by holds, but for a sliver.
+def _medial_balls(lattice: Lattice) -> LatticeBalls:
+    """Return the balls at cell centers that no neighbouring ball contains, up to a sliver.
 
-    They lie along the medial axis. LatticeBalls that are grown by one length hold each other just as before.
+    They lie along the medial axis. Growing all balls by one length does not change which balls contain others.
     """
     from scipy.ndimage import grey_dilation
 
     depths = np.full(lattice.cells.shape, -np.inf)
     depths[lattice.cells] = lattice.depths
-    steps = (np.arange(-NEIGHBOURS, NEIGHBOURS + 1) if half else np.zeros(1) for half in lattice.half)
+    steps = (np.arange(-NEIGHBOUR_CELLS, NEIGHBOUR_CELLS + 1) if half else np.zeros(1) for half in lattice.half)
     distances = np.linalg.norm(np.meshgrid(*steps, indexing="ij"), axis=0)
-    reach = -(1.0 - LOST) * distances
+    reach = -(1.0 - CONTAINMENT_TOLERANCE) * distances
     held = grey_dilation(depths, footprint=distances > 0.0, structure=reach, mode="constant", cval=-np.inf) >= depths
-    balls = _on_lattice(lattice).where(~held[lattice.cells])
-    few = np.arange(len(balls.depths)) % max(1, -(-len(balls.depths) // CANDIDATES)) == 0
-    if len(few):
-        few[np.argmax(balls.depths)] = True
-    return balls.where(few)
+    balls = _balls_at_cell_centers(lattice).select(~held[lattice.cells])
+    kept = np.arange(len(balls.depths)) % max(1, -(-len(balls.depths) // MAX_CANDIDATES)) == 0
+    if len(kept):
+        kept[np.argmax(balls.depths)] = True
+    return balls.select(kept)
 
 
-def _finer(lattice: Lattice, cells: Floats) -> LatticeBalls:
-    """Those round a point in each of some cells, given by their middles, that lies in the shape; none without one."""
-    points = _on_lattice(lattice).where(np.zeros(0, dtype=np.int64))
-    for cuts in CUTS:
+def _deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
+    """Return balls around a point in each cell, given by its center, that lies in the shape.
+
+    Cells without such a point get no ball.
+    """
+    points = _balls_at_cell_centers(lattice).select(np.zeros(0, dtype=np.int64))
+    for cuts in CELL_SUBDIVISIONS:
         if not len(cells):
             break
         ticks = [(np.arange(cuts) + 0.5) / cuts - 0.5 if half else np.zeros(1) for half in lattice.half]
@@ -413,7 +445,7 @@ def _finer(lattice: Lattice, cells: Floats) -> LatticeBalls:
         depths = lattice.depths_at(trials.reshape(-1, 3)).reshape(len(cells), -1)
         rows, best = np.arange(len(cells)), depths.argmax(axis=1)
         deepest = LatticeBalls(trials[rows, best], depths[rows, best], depths[rows, best])
-        points = points.joined(deepest.where(deepest.depths > 0.0))
+        points = points.append(deepest.select(deepest.depths > 0.0))
         cells = cells[deepest.depths <= 0.0]
     return points
 
@@ -425,66 +457,67 @@ class LatticeBalls(NamedTuple):
     depths: Floats
     reaches: Floats
 
-    def where(self, chosen: NDArray[Any]) -> LatticeBalls:
-        """Those of a mask, or of some numbers."""
+    def select(self, chosen: NDArray[Any]) -> LatticeBalls:
+        """Return the balls of a mask or of some indices."""
         return LatticeBalls(*(column[chosen] for column in self))
 
-    def joined(self, other: LatticeBalls) -> LatticeBalls:
-        """Both together."""
+    def append(self, other: LatticeBalls) -> LatticeBalls:
+        """Return these balls followed by others."""
         return LatticeBalls(*map(np.concatenate, zip(self, other, strict=True)))
 
 
-class Cells(NamedTuple):
-    """The cells; compiled functions take them as they are.
+class CellCounts(NamedTuple):
+    """Cells of the lattice and the balls that contain them; compiled functions take this record.
 
-    ``times`` (nx, ny, nz) is how many of the chosen balls hold a cell, or -1 for cells that do not matter, and ``sums``
-    (nx, ny, nz + 1) how many cells of its row that none holds come before it; ``opens`` (nx, ny) is how many of these
-    there are in a row. ``rows`` (nx * ny, 4) is room for the rows of cells that a ball holds: i, j, and the first k and
-    the one after the last; and ``squares`` (nx * ny,) for the part of the squared distance that the first two axes make
-    up.
+    ``counts`` (nx, ny, nz) is the number of chosen balls that contain a cell, or -1 for ignored cells. ``prefix_sums``
+    (nx, ny, nz + 1) counts the open cells, in no ball, before a cell in its row; ``open_counts`` (nx, ny) those of the
+    whole row. ``rows`` (nx * ny, 4) is scratch for the rows of cells in a ball: i, j, first k, stop k. ``squares`` (nx
+    * ny,) is scratch for the part of the squared distance along the first two axes.
     """
 
-    times: NDArray[np.int32]
-    sums: NDArray[np.int32]
-    opens: NDArray[np.int32]
+    counts: NDArray[np.int32]
+    prefix_sums: NDArray[np.int32]
+    open_counts: NDArray[np.int32]
     half: Floats
     rows: Ints
     squares: Floats
 
 
 class Cover:
-    """The cells of a lattice, and balls chosen to hold them.
+    """The cells of a lattice, and the balls chosen to contain them.
 
-    Where ``whole``, a ball holds a cell if all of the cell lies in it, and every cell is to be held; or else, if its
-    middle does, and only those in the shape are.
+    If ``whole``, a ball contains a cell if it contains all of it, and every cell must be covered. Otherwise a ball
+    contains a cell if it contains its center, and only centers in the shape must be covered.
     """
 
     def __init__(self, lattice: Lattice, *, whole: bool) -> None:
         self._lattice = lattice
-        times = np.full(lattice.cells.shape, -1, dtype=np.int32)
-        times[lattice.cells] = 0 if whole else np.where(lattice.depths > 0.0, 0, -1)
-        sums = np.cumsum(np.pad(times == 0, ((0, 0), (0, 0), (1, 0))), axis=2, dtype=np.int32)
-        rows, half = math.prod(times.shape[:2]), lattice.half if whole else np.zeros(3)
-        opens = np.ascontiguousarray(sums[:, :, -1])
-        self._cells = Cells(times, sums, opens, half, np.empty((rows, 4), dtype=np.int64), np.empty(rows))
+        counts = np.full(lattice.cells.shape, -1, dtype=np.int32)
+        counts[lattice.cells] = 0 if whole else np.where(lattice.depths > 0.0, 0, -1)
+        prefix_sums = np.cumsum(np.pad(counts == 0, ((0, 0), (0, 0), (1, 0))), axis=2, dtype=np.int32)
+        rows, half = math.prod(counts.shape[:2]), lattice.half if whole else np.zeros(3)
+        open_counts = np.ascontiguousarray(prefix_sums[:, :, -1])
+        self._cells = CellCounts(
+            counts, prefix_sums, open_counts, half, np.empty((rows, 4), dtype=np.int64), np.empty(rows)
+        )
 
     @property
     def open_cells(self) -> Floats:
-        """Middles of the cells that no ball holds, shape (n, 3)."""
-        return np.argwhere(self._cells.times == 0) + np.float64(0.5)
+        """Centers of the cells in no ball, shape (n, 3)."""
+        return np.argwhere(self._cells.counts == 0) + np.float64(0.5)
 
     def choose(self, balls: LatticeBalls, most: int) -> Ints:
-        """Numbers of those among balls that a greedy choice takes, in their order."""
+        """Choose at most ``most`` balls greedily; return their indices in the order of choice."""
         lattice, dim = self._lattice, self._lattice.region.dim
         large = np.maximum(balls.reaches, 0.0) + 0.5 * lattice.diagonal
-        bounds = np.minimum(VOLUME[dim] * large**dim, float(len(lattice.middles)))
-        chosen, left = np.empty(min(most, len(bounds)), dtype=np.int64), int(self._cells.opens.sum())
+        bounds = np.minimum(UNIT_BALL_VOLUME[dim] * large**dim, float(len(lattice.cell_centers)))
+        chosen, left = np.empty(min(most, len(bounds)), dtype=np.int64), int(self._cells.open_counts.sum())
         return chosen[: choose(self._cells, balls.centers, balls.reaches, bounds, left, chosen)]
 
     def trim(self, balls: LatticeBalls) -> Floats:
-        """Drop balls that hold no cell alone, then cut the others to what they hold alone: reaches, 0 if dropped.
+        """Drop balls without cells of their own, then shrink the others; return their reaches, 0 if dropped.
 
-        Those that stick out most are first.
+        Balls that stick out most are processed first.
         """
         left = balls.reaches.copy()
         trim(self._cells, balls.centers, left, np.argsort(left, kind="stable"), only_drop=True)
@@ -492,34 +525,34 @@ class Cover:
         return left
 
     def polish(self, centers: Floats, radii: Floats) -> None:
-        """Move balls that lie in the shape, as large as it allows, to where they hold more cells; in place."""
+        """Move balls inside the shape to where they contain more cells, in place."""
         lattice, border = self._lattice, self._lattice.region.inner
-        placing = lattice.corner, lattice.side, border.slack
-        polish(self._cells, border.tree, centers, radii, placing, np.empty((2, 3)))
+        lattice_frame = lattice.corner, lattice.side, border.error
+        polish(self._cells, border.tree, centers, radii, lattice_frame, np.empty((2, 3)))
 
 
 @kernel
-def _span(center: float, length: float, count: int) -> tuple[int, int]:
-    """The middles within a length of a center along an axis: the first, and the one after the last."""
+def _cell_range(center: float, length: float, count: int) -> tuple[int, int]:
+    """Return the range [start, stop) of cell centers within a length of a center along an axis."""
     return max(0, math.ceil(center - length - 0.5)), min(count, math.floor(center + length + 0.5))
 
 
 @kernel
-def _find_rows(cells: Cells, center: Floats, reach: float) -> int:
-    """Fill ``cells.rows`` with the rows of cells that a ball holds; how many there are."""
-    nx, ny, nz = cells.times.shape
+def _find_rows(cells: CellCounts, center: Floats, reach: float) -> int:
+    """Fill ``cells.rows`` with the rows of cells in a ball; return their number."""
+    nx, ny, nz = cells.counts.shape
     half = cells.half
-    r = reach - EPS
+    r = reach - LATTICE_ROUNDING
     count = 0
-    for i in range(*_span(center[0], r - half[0], nx)):
+    for i in range(*_cell_range(center[0], r - half[0], nx)):
         x = (abs(i + 0.5 - center[0]) + half[0]) ** 2
         if x > r * r:
             continue
-        for j in range(*_span(center[1], math.sqrt(r * r - x) - half[1], ny)):
+        for j in range(*_cell_range(center[1], math.sqrt(r * r - x) - half[1], ny)):
             xy = x + (abs(j + 0.5 - center[1]) + half[1]) ** 2
             if xy > r * r:
                 continue
-            first, stop = _span(center[2], math.sqrt(r * r - xy) - half[2], nz)
+            first, stop = _cell_range(center[2], math.sqrt(r * r - xy) - half[2], nz)
             if first < stop:
                 cells.rows[count, 0], cells.rows[count, 1] = i, j
                 cells.rows[count, 2], cells.rows[count, 3] = first, stop
@@ -529,62 +562,62 @@ def _find_rows(cells: Cells, center: Floats, reach: float) -> int:
 
 
 @kernel
-def _add(cells: Cells, rows: int, step: int) -> None:
+def _count_ball(cells: CellCounts, rows: int, step: int) -> None:
     """Count a ball, whose rows were found, in (``step`` 1) or out (-1)."""
-    times, sums = cells.times, cells.sums
+    counts, prefix_sums = cells.counts, cells.prefix_sums
     for n in range(rows):
         i, j, first, stop = cells.rows[n]
         for k in range(first, stop):
-            if times[i, j, k] >= 0:
-                times[i, j, k] += step
-        for k in range(first, times.shape[2]):
-            sums[i, j, k + 1] = sums[i, j, k] + (times[i, j, k] == 0)
-        cells.opens[i, j] = sums[i, j, times.shape[2]]
+            if counts[i, j, k] >= 0:
+                counts[i, j, k] += step
+        for k in range(first, counts.shape[2]):
+            prefix_sums[i, j, k + 1] = prefix_sums[i, j, k] + (counts[i, j, k] == 0)
+        cells.open_counts[i, j] = prefix_sums[i, j, counts.shape[2]]
 
 
 @kernel
-def _gain(cells: Cells, center: Floats, reach: float) -> int:
-    """How many cells a ball holds that none holds so far; quick in rows of which few are left."""
-    nx, ny, nz = cells.times.shape
+def _count_gain(cells: CellCounts, center: Floats, reach: float) -> int:
+    """Count the open cells that a ball contains; rows without open cells are skipped."""
+    nx, ny, nz = cells.counts.shape
     half = cells.half
-    r = reach - EPS
+    r = reach - LATTICE_ROUNDING
     gain = 0
-    for i in range(*_span(center[0], r - half[0], nx)):
+    for i in range(*_cell_range(center[0], r - half[0], nx)):
         x = (abs(i + 0.5 - center[0]) + half[0]) ** 2
         if x > r * r:
             continue
-        for j in range(*_span(center[1], math.sqrt(r * r - x) - half[1], ny)):
-            if cells.opens[i, j] == 0:
+        for j in range(*_cell_range(center[1], math.sqrt(r * r - x) - half[1], ny)):
+            if cells.open_counts[i, j] == 0:
                 continue
             xy = x + (abs(j + 0.5 - center[1]) + half[1]) ** 2
             if xy > r * r:
                 continue
-            first, stop = _span(center[2], math.sqrt(r * r - xy) - half[2], nz)
+            first, stop = _cell_range(center[2], math.sqrt(r * r - xy) - half[2], nz)
             if first < stop:
-                gain += cells.sums[i, j, stop] - cells.sums[i, j, first]
+                gain += cells.prefix_sums[i, j, stop] - cells.prefix_sums[i, j, first]
     return gain
 
 
 @jit
-def choose(cells: Cells, centers: Floats, reaches: Floats, bounds: Floats, left: int, chosen: Ints) -> int:
-    """Fill ``chosen`` with the balls that a greedy choice takes, each for the cells that it adds; how many they are.
+def choose(cells: CellCounts, centers: Floats, reaches: Floats, bounds: Floats, left: int, chosen: Ints) -> int:
+    """Fill ``chosen`` greedily with the balls that add most cells; return their number.
 
-    A ball adds no more cells than it did before others were taken (M. Minoux, "Accelerated greedy algorithms for
-    maximizing submodular set functions", 1978), nor than ``bounds``. It ends when none of the cells ``left`` is added.
+    A ball adds at most ``bounds`` cells, and never more than before other balls were chosen (M. Minoux, "Accelerated
+    greedy algorithms for maximizing submodular set functions", 1978). It ends if none of the cells ``left`` is added.
     """
     count = 0
     queue = [(-bounds[n], n) for n in range(len(centers))]
     heapq.heapify(queue)
     while len(queue) > 0 and count < len(chosen) and left > 0:
         _, n = heapq.heappop(queue)
-        gain = _gain(cells, centers[n], reaches[n])
+        gain = _count_gain(cells, centers[n], reaches[n])
         if gain == 0:
             continue
-        # The gain is up to date; if it no longer leads, the ball waits with it.
+        # The gain is up to date. If another ball may gain more, queue this one again.
         if len(queue) > 0 and gain < -queue[0][0]:
             heapq.heappush(queue, (-float(gain), n))
             continue
-        _add(cells, _find_rows(cells, centers[n], reaches[n]), 1)
+        _count_ball(cells, _find_rows(cells, centers[n], reaches[n]), 1)
         chosen[count] = n
         count += 1
         left -= gain
@@ -592,64 +625,69 @@ def choose(cells: Cells, centers: Floats, reaches: Floats, bounds: Floats, left:
 
 
 @kernel
-def trim(cells: Cells, centers: Floats, reaches: Floats, order: Ints, only_drop: bool) -> None:
-    """Cut balls, in an order, to the cells that only they hold; ``reaches`` become zero where there are none."""
+def trim(cells: CellCounts, centers: Floats, reaches: Floats, order: Ints, only_drop: bool) -> None:
+    """Shrink balls, in an order, to the cells that only they contain; reaches become 0 if there are none."""
     for n in order:
         rows = _find_rows(cells, centers[n], reaches[n])
         square = -1.0
         for row in range(rows):
             i, j, first, stop = cells.rows[row]
             for k in range(first, stop):
-                if cells.times[i, j, k] == 1:
+                if cells.counts[i, j, k] == 1:
                     square = max(square, cells.squares[row] + (abs(k + 0.5 - centers[n, 2]) + cells.half[2]) ** 2)
-        # Two allowances: one that the ball reaches out of its cells, and one for the root.
-        least = math.sqrt(square) + 2.0 * EPS if square >= 0.0 else 0.0
+        # One allowance for the reach beyond the cells, one for the rounding of the root.
+        least = math.sqrt(square) + 2.0 * LATTICE_ROUNDING if square >= 0.0 else 0.0
         if least < reaches[n] and not (only_drop and least > 0.0):
-            _add(cells, rows, -1)
+            _count_ball(cells, rows, -1)
             if least > 0.0:
-                _add(cells, _find_rows(cells, centers[n], least), 1)
+                _count_ball(cells, _find_rows(cells, centers[n], least), 1)
             reaches[n] = least
 
 
 @kernel
 def polish(
-    cells: Cells, tree: Tree, centers: Floats, radii: Floats, placing: tuple[Floats, float, float], room: Floats
+    cells: CellCounts,
+    tree: PieceTree,
+    centers: Floats,
+    radii: Floats,
+    lattice_frame: tuple[Floats, float, float],
+    scratch: Floats,
 ) -> None:
-    """Move balls that lie in a shape, as large as it allows, to where they hold more cells; in place.
+    """Move balls inside a shape to where they contain more cells, in place.
 
-    A step that stays in the ball stays in the shape, so that the distance from the border is the new radius. Steps go
-    along the axes, and halve where none helps. ``placing`` is the corner of the lattice in the space of the tree, its
-    side, and the slack of distances; ``room``, shape (2, 3), is for a point in both.
+    A step inside the ball stays in the shape, so the distance from the boundary is the new radius. Steps go along the
+    axes, and halve if none helps. ``lattice_frame`` is the corner of the lattice in the space of the tree, its side,
+    and the error of distances. ``scratch``, shape (2, 3), holds a trial point in both frames.
     """
-    corner, side, slack = placing
-    trial, place = room[0], room[1]
-    for turn in range(ROUNDS):
+    corner, side, error = lattice_frame
+    trial, point = scratch[0], scratch[1]
+    for round_index in range(MAX_POLISH_ROUNDS):
         moved = False
         for n in range(len(centers)):
-            _add(cells, _find_rows(cells, centers[n], radii[n]), -1)
-            best = _gain(cells, centers[n], radii[n])
-            step = 2.0 / (1 << turn)
+            _count_ball(cells, _find_rows(cells, centers[n], radii[n]), -1)
+            best = _count_gain(cells, centers[n], radii[n])
+            step = 2.0 / (1 << round_index)
             for _ in range(4):
                 better = False
                 for direction in range(6):
                     axis = direction // 2
-                    if cells.times.shape[axis] == 1 or step >= 0.9 * radii[n]:
+                    if cells.counts.shape[axis] == 1 or step >= 0.9 * radii[n]:
                         continue
                     for along in range(3):
                         trial[along] = centers[n, along]
                     trial[axis] += step if direction % 2 else -step
                     for along in range(3):
-                        place[along] = corner[along] + side * trial[along]
-                    radius = (distance(tree, place, 2.0 * side * (radii[n] + step))[0] - slack) / side
+                        point[along] = corner[along] + side * trial[along]
+                    radius = (bound_distance(tree, point, 2.0 * side * (radii[n] + step))[0] - error) / side
                     if radius <= 0.0:
                         continue
-                    gain = _gain(cells, trial, radius)
+                    gain = _count_gain(cells, trial, radius)
                     if gain > best or (gain == best and radius > radii[n]):
                         better = moved = True
                         best = gain
                         centers[n, axis], radii[n] = trial[axis], radius
                 if not better:
                     step *= 0.5
-            _add(cells, _find_rows(cells, centers[n], radii[n]), 1)
+            _count_ball(cells, _find_rows(cells, centers[n], radii[n]), 1)
         if not moved:
             break

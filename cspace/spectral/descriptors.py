@@ -1,12 +1,12 @@
-"""Descriptors: functions that are above zero in a shape and nowhere else, and their algebra (Lysenko, 2013).
+"""Descriptors: functions that are positive in a shape and zero elsewhere, and their algebra (Lysenko, 2013).
 
-With ``U_t(f) = {x : f(x) > t}`` and descriptors that are nowhere below zero, ``U_0(f + g) = U_0(f) | U_0(g)``,
-``U_0(f g) = U_0(f) & U_0(g)``, and ``U_0(f * g)`` is the Minkowski sum of ``U_0(f)`` and ``U_0(g)``.
+Let ``U_t(f) = {x : f(x) > t}``. For non-negative descriptors, ``U_0(f + g) = U_0(f) | U_0(g)`` and ``U_0(f g) = U_0(f)
+& U_0(g)``, and ``U_0(f * g)`` is the Minkowski sum of ``U_0(f)`` and ``U_0(g)``.
 
 *Sums of polygons.* The sum of two convex sets is the convex hull of the sums of their corners, and the sum of two
-unions is the union of the sums of their parts. Polygons are cut into convex parts, which is checked exactly. The sums
-are grown, or shrunk, by a slack that exceeds all later rounding a hundred times: that of the corners (2^-53 of the
-largest coordinate), and that of the union (GEOS snaps vertices within 1e-12 of it, if it must).
+unions is the union of the sums of their parts. Polygons are cut into convex parts, and the cut is checked exactly. The
+sums grow, or shrink, by a slack that exceeds all later rounding a hundred times: the rounding of the corners (2^-53 of
+the largest coordinate) and of the union (GEOS snaps vertices within 1e-12 of it, if necessary).
 """
 
 from __future__ import annotations
@@ -36,11 +36,13 @@ if TYPE_CHECKING:
 
     from cspace.robot import Robot
 
-SLACK: Final = 2.0**-33
-"""Distance by which sums are grown or shrunk, as a share of the largest coordinate."""
+SUM_SLACK: Final = 2.0**-33
+"""Distance by which sums grow or shrink, relative to the largest coordinate."""
 
-MAX_CORNERS: Final = 10_000_000
-"""Largest number of sums of corners, of all pairs of convex parts."""
+
+MAX_SUM_CORNERS: Final = 10_000_000
+"""Largest number of sums of corners, over all pairs of convex parts."""
+
 
 Corner = tuple[float, float]
 
@@ -66,34 +68,32 @@ def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
 
     one, other = _convex_parts(first), _convex_parts(second)
     corners = len(one) * len(other) * one.shape[1] * other.shape[1]
-    if corners > MAX_CORNERS:
+    if corners > MAX_SUM_CORNERS:
         problem = f"and first make {corners:,} sums of corners of their {len(other)} and {len(one)} convex parts"
         hint = "simplify both, e.g. with shapely.simplify"
-        raise InputError("second", problem, f"at most {MAX_CORNERS:,} are united", hint, value=second)
+        raise InputError("second", problem, f"at most {MAX_SUM_CORNERS:,} are united", hint, value=second)
     points = (one[:, np.newaxis, :, np.newaxis] + other[:, np.newaxis]).reshape(len(one) * len(other), -1, 2)
-    slack = SLACK * float(np.abs(points).max())
+    slack = SUM_SLACK * float(np.abs(points).max())
     sums = shapely.convex_hull(shapely.linestrings(points))
     grown = shapely.buffer(sums, slack, join_style="mitre", cap_style="square")
     shrunk = shapely.buffer(sums[shapely.get_dimensions(sums) == 2], -slack, join_style="mitre")
-    # Corners that differ by the slack alone are merged, at the cost of half of it.
+    # Merge corners that differ only by the slack; this costs half of the slack.
     outer, inner = (shapely.simplify(shapely.union_all(parts), slack / 2.0) for parts in (grown, shrunk))
     shapely.prepare(outer)
     if not shapely.covers(outer, sums).all():
-        hint = "round both with shapely.set_precision"
-        raise GeometryError(
-            "first", "has a sum that GEOS unites wrongly", "its parts must be covered", hint, value=first
-        )
+        problem, hint = "has a sum that GEOS unites wrongly", "round both with shapely.set_precision"
+        raise GeometryError("first", problem, "the union must cover its parts", hint, value=first)
     return PolygonSum(inner, outer)
 
 
 def _convex_parts(geometry: BaseGeometry) -> Floats:
-    """Return convex sets whose union is a geometry, by their corners, shape (n, k, 2); corners may be repeated."""
+    """Split a geometry into convex sets, given by their corners, shape (n, k, 2); corners may repeat."""
     import shapely
 
     rings: list[list[Corner]] = []
     for part in read_shapes(geometry):
         if part.geom_type == "Polygon":
-            rings += _merged(_triangles(part))
+            rings += _merge_convex(_triangles(part))
         else:
             points = list(map(tuple, shapely.get_coordinates(part).tolist()))
             rings += [[*pair] for pair in pairwise(points)] or [points]
@@ -102,10 +102,10 @@ def _convex_parts(geometry: BaseGeometry) -> Floats:
 
 
 def _triangles(polygon: BaseGeometry) -> list[list[Corner]]:
-    """Cut a polygon into triangles, whose corners turn to the left, and check exactly that they tile it.
+    """Cut a polygon into counterclockwise triangles, and check exactly that they tile it.
 
-    If the border of the polygon is the sum of the borders of such triangles, the winding number of the polygon around
-    any point is the number of triangles around it: one inside the polygon, and zero outside.
+    If the boundary of the polygon is the sum of the boundaries of the triangles, the winding number of the polygon
+    around any point is the number of triangles around it: one inside the polygon, and zero outside.
 
     Raises GeometryError if it is not.
     """
@@ -129,31 +129,31 @@ def _triangles(polygon: BaseGeometry) -> list[list[Corner]]:
     return triangles
 
 
-def _merged(rings: list[list[Corner]]) -> list[list[Corner]]:
-    """Merge convex polygons that share an edge, as long as the result is convex (Hertel and Mehlhorn, 1983)."""
+def _merge_convex(rings: list[list[Corner]]) -> list[list[Corner]]:
+    """Merge convex polygons that share an edge while the result is convex (Hertel and Mehlhorn, 1983)."""
     pieces = dict(enumerate(rings))
     owner = {(ring[k - 1], ring[k]): number for number, ring in pieces.items() for k in range(len(ring))}
     for a, b in list(owner):
         one, other = owner[a, b], owner.get((b, a))
         if other is None or one == other:
             continue
-        left, right = _ending(pieces[one], a), _ending(pieces[other], b)  # b ... a, and a ... b
+        left, right = _rotate_ring(pieces[one], a), _rotate_ring(pieces[other], b)  # b ... a, and a ... b
         if _orientation(left[-2], a, right[1]) < 0 or _orientation(right[-2], b, left[1]) < 0:
             continue
         right = pieces.pop(other)
         owner.update({(right[k - 1], right[k]): one for k in range(len(right))})
-        pieces[one] = left + _ending(right, b)[1:-1]
+        pieces[one] = left + _rotate_ring(right, b)[1:-1]
     return list(pieces.values())
 
 
-def _ending(ring: list[Corner], corner: Corner) -> list[Corner]:
-    """Return a ring that ends with a corner."""
+def _rotate_ring(ring: list[Corner], corner: Corner) -> list[Corner]:
+    """Rotate a ring so that it ends with a corner."""
     stop = ring.index(corner) + 1
     return ring[stop:] + ring[:stop]
 
 
 def _add_ring(border: Counter[tuple[Corner, Corner]], ring: Sequence[Corner], times: int) -> None:
-    """Add the directed edges of a ring to a border, in which opposite edges cancel."""
+    """Add the directed edges of a ring to a boundary, in which opposite edges cancel."""
     for k in range(len(ring)):
         a, b = ring[k - 1], ring[k]
         if a < b:
@@ -163,7 +163,7 @@ def _add_ring(border: Counter[tuple[Corner, Corner]], ring: Sequence[Corner], ti
 
 
 def _without_straight_corners(ring: list[Corner]) -> list[Corner]:
-    """Return a ring without repeated corners, and without corners on the straight line between their neighbours."""
+    """Remove repeated corners and corners on the straight line between their neighbours from a ring."""
     start = ring.index(min(ring))  # a true corner
     kept: list[Corner] = []
     for corner in [*ring[start:], *ring[: start + 1]]:
@@ -175,47 +175,54 @@ def _without_straight_corners(ring: list[Corner]) -> list[Corner]:
 
 
 def _orientation(a: Corner, b: Corner, c: Corner) -> int:
-    """Return 1 if three points turn to the left, -1 if to the right, 0 if they lie on a line: exactly."""
+    """Return exactly 1 if three points turn left, -1 if right, 0 if they are collinear."""
     (ax, ay), (bx, by), (cx, cy) = ((Fraction(x), Fraction(y)) for x, y in (a, b, c))
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     return (area > 0) - (area < 0)
 
 
 BallsLike: TypeAlias = "BallSet | Robot | tuple[ArrayLike, ArrayLike]"
-"""Balls: what has ``centers`` and ``radii``, a robot of balls, or a pair of arrays of these."""
+"""Balls: an object with ``centers`` and ``radii``, a robot of balls, or a pair of arrays."""
 
-ROUNDING: Final = 2.0**-50
-"""Bound, with room to spare, of the relative error of the few operations that turn and shift a coordinate."""
 
-SAME: Final = 1e-9  # part of a cell or of the spacing by which grids may differ, from rounding, and still be the same
+PLACEMENT_ROUNDING: Final = 2.0**-50
+"""Bound of the relative error of rotating and translating a coordinate, with room to spare."""
 
-MOST_WHOLE: Final = 2.0**40
-"""Product of 2-norms up to which transforms in float64 leave whole sums whole: their error is below 1000 rounding units
-of it, so below an eighth."""
+
+GRID_TOLERANCE: Final = (
+    1e-9  # part of a cell or of the spacing by which grids may differ, from rounding, and still be the same
+)
+"""Largest difference of equal grids, relative to a cell or to the spacing."""
+
+
+MAX_EXACT_NORM: Final = 2.0**40
+"""Largest product of 2-norms for which FFTs of whole numbers can be rounded exactly.
+
+The error of a transform in float64 is below 1000 rounding units of the product, so below 1/8."""
+
 
 _TINY: Final = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True, eq=False)
 class Descriptor:
-    """A function given by its values at the middles of a grid's cells; the shape that it stands for is where it is
-    above zero.
+    """A function sampled at the cell centers of a grid; its shape is the set where it is positive.
 
-    Of the values, shape grid.shape, a copy is stored, as float64, read-only.
+    Stores a read-only float64 copy of the values, shape grid.shape.
 
-    Raises InputError if the values do not have the grid's shape, or one is not finite.
+    Raises InputError if the values do not have the shape of the grid, or one is not finite.
     """
 
     grid: Grid
     values: Floats = field(repr=False)
 
     def __post_init__(self) -> None:
+        """Check and copy the values."""
         values = finite(self.values, "values")
         if values.shape != self.grid.shape:
             problem = f"has shape {values.shape} on a grid of {self.grid.shape}"
-            raise InputError(
-                "values", problem, "both must be the same", "pass one value for each cell", value=self.values
-            )
+            rule, hint = "the shapes must be equal", "pass one value for each cell"
+            raise InputError("values", problem, rule, hint, value=self.values)
         values = values.copy()
         values.flags.writeable = False
         object.__setattr__(self, "values", values)
@@ -227,7 +234,7 @@ class Descriptor:
 
     @property
     def integral(self) -> float:
-        """Sum of the values times the measure of a cell."""
+        """Sum of the values times the area or volume of a cell."""
         return float(self.values.sum() * self.grid.spacing**self.dim)
 
 
@@ -256,22 +263,22 @@ class BallDescriptor(Balls):
         return float(self.bump.radial_spectrum(0.0, self.dim) * np.sum(self.radii**self.dim))
 
     @property
-    def middle(self) -> Floats:
-        """Middle of the box around the centers, shape (d,)."""
+    def center(self) -> Floats:
+        """Center of the bounding box of the centers, shape (d,)."""
         return np.asarray((self.centers.min(axis=0) + self.centers.max(axis=0)) / 2)
 
     def sample(self, grid: Grid) -> Descriptor:
-        """Values at the middles of the cells of a grid, which must have as many axes as the balls, or InputError."""
-        check_dims("set of balls", self.dim, grid.dim)
+        """Evaluate the descriptor at the cell centers of a grid; raise InputError if the dimensions differ."""
+        check_same_dim("set of balls", self.dim, grid.dim)
         values = np.zeros(grid.shape)
-        for window, squares in _near_balls(self.centers, self.radii, grid):
+        for window, squares in _ball_windows(self.centers, self.radii, grid):
             values[window] += self.bump.values(np.sqrt(squares))
         return Descriptor(grid, values)
 
-    def rounded(self, number: int, up: bool) -> BallDescriptor:
-        """The same with at most ``number`` different radii, each ball grown (``up``) or shrunk to the next of them.
+    def round_radii(self, number: int, up: bool) -> BallDescriptor:
+        """Return balls with at most ``number`` different radii, grown (``up``) or shrunk to the next of them.
 
-        Each serves about as many balls.
+        Each radius serves about equally many balls.
         """
         if len(np.unique(self.radii)) <= number:
             return self
@@ -282,7 +289,10 @@ class BallDescriptor(Balls):
 
 
 def check_solid_balls(centers: ArrayLike, radii: ArrayLike) -> tuple[Floats, Floats]:
-    """Copies of the centers, shape (n, dim), and radii above zero, shape (n,), of balls."""
+    """Return copies of the centers, shape (n, dim), and radii, shape (n,), of balls.
+
+    Raises InputError if a radius is not above zero.
+    """
     points, sizes = check_balls(centers, radii)
     if (sizes <= 0.0).any():
         hint = "drop balls that have no volume"
@@ -290,19 +300,21 @@ def check_solid_balls(centers: ArrayLike, radii: ArrayLike) -> tuple[Floats, Flo
     return points, sizes
 
 
-def check_dims(name: str, dim: int, other: int) -> None:
-    """Refuse what is in the plane beside what is in space, or the other way around."""
+def check_same_dim(name: str, dim: int, other: int) -> None:
+    """Raise InputError if two dimensions differ."""
     if dim != other:
-        problem, rule = f"has {dim} coordinates and what it goes with {other}", "both must have as many"
+        problem, rule = f"has {dim} dimensions, its counterpart has {other}", "they must agree"
         raise InputError(name, problem, rule, "pass all in the plane or all in space", value=dim)
 
 
-def balls_of(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
-    """The balls of an object with ``centers`` and ``radii``, of a robot of balls, or of a pair of arrays; InputError if
-    it is none of these."""
+def as_balls(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
+    """Return the balls of an object with ``centers`` and ``radii``, of a robot of balls, or of a pair of arrays.
+
+    Raises InputError for anything else.
+    """
     pair: Any = source
     balls: Any
-    for balls in (source, getattr(source, "shape", None)):  # of a robot, its shape has them
+    for balls in (source, getattr(source, "shape", None)):  # the shape of a robot has its balls
         if not isinstance(pair, tuple) and isinstance(balls, BallSet):
             pair = (balls.centers, balls.radii)
     if not isinstance(pair, tuple | list) or len(pair) != 2:
@@ -311,59 +323,60 @@ def balls_of(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
     return BallDescriptor(pair[0], pair[1], bump)
 
 
-def bump_of(bump: Bump | None, *sources: object) -> Bump:
-    """The bump that was passed, or else that of the sources that have one, or else the usual one.
+def common_bump(bump: Bump | None, *sources: object) -> Bump:
+    """Return the bump that was passed, else the bump of the sources, else ``Bump()``.
 
-    Raises InputError if it is no bump, or none was passed and those of the sources differ.
+    Raises InputError if it is no bump, or none was passed and the bumps of the sources differ.
     """
-    bumps = {own for source in sources if isinstance(own := getattr(source, "bump", None), Bump)}
+    bumps = {found for source in sources if isinstance(found := getattr(source, "bump", None), Bump)}
     if bump is None and len(bumps) > 1:
-        raise InputError("bump", f"is left out, and the descriptors have {bumps}", "both must have one", "pass bump=")
+        raise InputError("bump", f"is missing, but the descriptors have {bumps}", "they must agree", "pass bump=")
     return check_bump(bumps.pop() if bump is None and bumps else bump)
 
 
 def indicator(shape: ShapeLike, grid: Grid) -> Descriptor:
-    """1 at the middles of cells that lie in a shape, 0 elsewhere.
+    """Return the descriptor that is 1 at the centers of cells in a shape and 0 elsewhere.
 
     Parameters
     ----------
     shape : shapely geometry, trimesh.Trimesh or other shape, set of balls, or array-like of bool, shape grid.shape
-        Metres; closed sets, for which a middle on the border counts as inside, or, of a mesh, within rounding of it. An
-        array gives the cells themselves.
+        Metres. Shapes are closed sets: a cell center on the boundary counts as inside, for a mesh also within rounding
+        of it. An array gives the cells themselves.
     grid : Grid
 
-    Raises InputError if the shape and the grid do not have the same dimension, or an array has the wrong shape or holds
-    more than 0 and 1.
+    Raises InputError if shape and grid differ in dimension, or an array has the wrong shape or values other than 0 and
+    1.
     """
     return Descriptor(grid, np.asarray(_inside(shape, grid), dtype=np.float64))
 
 
 def _inside(shape: Any, grid: Grid) -> Bools:
+    """Return the cells whose center lies in a shape."""
     balls = isinstance(shape, BallSet)
     if hasattr(shape, "dtype") or isinstance(shape, list | tuple | int | float):
         return check_cells(shape, "shape")
     known: Any = shape if balls else shape_of(shape)
-    check_dims("shape", known.centers.shape[1] if balls else known.dim, grid.dim)
+    check_same_dim("shape", known.centers.shape[1] if balls else known.dim, grid.dim)
     if balls:
         inside = np.zeros(grid.shape, dtype=bool)
-        for window, squares in _near_balls(known.centers, np.maximum(known.radii, _TINY), grid):
+        for window, squares in _ball_windows(known.centers, np.maximum(known.radii, _TINY), grid):
             inside[window] |= squares <= 1.0
         return inside
     if not isinstance(known, ExactShape):
-        rule = "cells are decided by one that is known exactly"
-        raise InputError("shape", "is known by an outer and an inner shape", rule, "pass shape.outer or shape.inner")
-    middles = np.meshgrid(*(grid.centers(axis) for axis in range(grid.dim)), indexing="ij")
-    inside = known.contains(np.stack(middles, axis=-1))
-    if isinstance(known, Mesh):  # which calls the points of some sides in, and those of others out
+        problem, rule = "is bounded by an outer and an inner shape", "it must be an exact shape"
+        raise InputError("shape", problem, rule, "pass shape.outer or shape.inner")
+    centers = np.meshgrid(*(grid.centers(axis) for axis in range(grid.dim)), indexing="ij")
+    inside = known.contains(np.stack(centers, axis=-1))
+    if isinstance(known, Mesh):  # a mesh contains the points of only some of its faces, so mark them all
         mark_touched(inside, (known.triangles - np.asarray(grid.lower)) / grid.spacing, 0.5, 0.5)
     return np.asarray(inside)
 
 
-def _near_balls(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[Any, Floats]]:
-    """For each ball that reaches into a grid, a window of cells and their middles' squared distances, in radii."""
+def _ball_windows(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[Any, Floats]]:
+    """Yield for each ball near a grid its window of cells and their squared distances, in radii."""
     lower = np.array(grid.lower)
     for center, radius in zip(centers, radii.tolist(), strict=True):
-        # One cell more on either side, for rounding; far outside is far outside.
+        # Add one cell on either side, for rounding.
         first = np.floor((center - radius - lower) / grid.spacing) - 1.0
         last = np.ceil((center + radius - lower) / grid.spacing) + 1.0
         first, last = np.clip([first, last], 0, grid.shape).astype(np.int64)
@@ -374,12 +387,11 @@ def _near_balls(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[An
 
 
 def check_sampled(descriptor: Any) -> Descriptor:
-    """The descriptor, refused where it is not sampled."""
+    """Return the descriptor; raise InputError if it is not sampled on a grid."""
     if not isinstance(descriptor, Descriptor):
-        rule, hint = "this takes descriptors sampled on a grid", "make one with sample(grid) or indicator(shape, grid)"
-        raise InputError(
-            "descriptor", f"is a {type(descriptor).__name__}, and no Descriptor", rule, hint, value=descriptor
-        )
+        problem, rule = f"is a {type(descriptor).__name__}, no Descriptor", "it must be sampled on a grid"
+        hint = "make one with sample(grid) or indicator(shape, grid)"
+        raise InputError("descriptor", problem, rule, hint, value=descriptor)
     return descriptor
 
 
@@ -391,7 +403,7 @@ def union(first: BallDescriptor, *others: BallDescriptor) -> BallDescriptor: ...
 @overload
 def union(first: Descriptor, *others: Descriptor) -> Descriptor: ...
 def union(first: Descriptor | BallDescriptor, *others: Descriptor | BallDescriptor) -> Descriptor | BallDescriptor:
-    """The sum of descriptors: of sampled ones on one grid, or of balls of one bump, whose sum is that of all balls.
+    """Add descriptors sampled on one grid, or join descriptors of balls with one bump.
 
     Raises InputError if the kinds, grids, bumps or dimensions differ.
     """
@@ -402,16 +414,14 @@ def union(first: Descriptor | BallDescriptor, *others: Descriptor | BallDescript
         return Descriptor(sampled[0].grid, reduce(np.add, [each.values for each in sampled]))
     for each in balls[1:]:
         if each.bump != balls[0].bump or each.dim != balls[0].dim:
-            problem = (
-                f"holds balls of {each.bump} with {each.dim} coordinates, the first {balls[0].bump}, {balls[0].dim}"
-            )
-            raise InputError("others", problem, "both must be the same", "sample them on one grid first", value=each)
+            problem = f"holds balls of {each.bump} in {each.dim}D, the first is {balls[0].bump} in {balls[0].dim}D"
+            raise InputError("others", problem, "they must agree", "sample them on one grid first", value=each)
     centers, radii = (np.concatenate([getattr(each, name) for each in balls]) for name in ("centers", "radii"))
     return BallDescriptor(centers, radii, balls[0].bump)
 
 
 def intersection(first: Descriptor, *others: Descriptor) -> Descriptor:
-    """The product of descriptors on one grid.
+    """Multiply descriptors sampled on one grid.
 
     Raises InputError if one is not sampled (the product of two bumps is no bump), or the grids differ.
     """
@@ -420,7 +430,7 @@ def intersection(first: Descriptor, *others: Descriptor) -> Descriptor:
 
 
 def superlevel(descriptor: Descriptor, threshold: float = 0.0) -> Bools:
-    """``U_t``: the cells at whose middle a descriptor is above a threshold, which itself does not count.
+    """Return the set ``U_t``: the cells at whose center a descriptor exceeds a threshold.
 
     Raises InputError if the descriptor is not sampled, or the threshold is not one finite number.
     """
@@ -488,9 +498,9 @@ def minkowski_sum(
         return sum_polygons(first, second)
     one, other = check_sampled(first), check_sampled(second)
     f, g = one.grid, other.grid
-    if not _alike(f, g):
+    if not _same_spacing(f, g):
         problem = f"has {g.dim} axes and a spacing of {g.spacing:g} m, the first {f.dim} and {f.spacing:g} m"
-        raise InputError("second", problem, "both must be the same", "sample the descriptors alike", value=second)
+        raise InputError("second", problem, "they must agree", "sample both on similar grids", value=second)
     check_word(method, "method", ("fft", "direct"))
     lower = np.add(f.lower, g.lower) + 0.5 * f.spacing
     grid = Grid(lower, f.spacing, [n + m - 1 for n, m in zip(f.shape, g.shape, strict=True)])
@@ -498,15 +508,15 @@ def minkowski_sum(
 
 
 def _convolution(f: Floats, g: Floats, method: str) -> Floats:
-    """Sums over cells, rounded and cut as by :func:`minkowski_sum`."""
+    """Convolve two arrays; see the notes of :func:`minkowski_sum` for rounding."""
     from scipy.signal import convolve, convolve2d, fftconvolve
 
     if method == "fft":
         sums = np.asarray(fftconvolve(f, g))
-    else:  # in the plane there is a quicker loop than the one for all dimensions
+    else:  # convolve2d is faster than the general loop
         sums = np.asarray(convolve2d(f, g) if f.ndim == 2 else convolve(f, g, method="direct"))
     whole = all(np.array_equal(values, np.rint(values)) for values in (f, g))
-    if whole and np.linalg.norm(f) * np.linalg.norm(g) < MOST_WHOLE:
+    if whole and np.linalg.norm(f) * np.linalg.norm(g) < MAX_EXACT_NORM:
         return np.asarray(np.rint(sums))
     if (f < 0.0).any() or (g < 0.0).any():
         return sums
@@ -514,17 +524,17 @@ def _convolution(f: Floats, g: Floats, method: str) -> Floats:
     return np.where(pairs > 0.5, np.maximum(sums, _TINY), 0.0)
 
 
-def _alike(f: Grid, g: Grid) -> bool:
-    """Whether two grids have as many axes and one spacing, but for rounding."""
-    return f.dim == g.dim and abs(f.spacing - g.spacing) * max(f.shape + g.shape) <= SAME * f.spacing
+def _same_spacing(f: Grid, g: Grid) -> bool:
+    """Return True if two grids agree in dimension and spacing, up to rounding."""
+    return f.dim == g.dim and abs(f.spacing - g.spacing) * max(f.shape + g.shape) <= GRID_TOLERANCE * f.spacing
 
 
 def _on_one_grid(given: tuple[Any, ...]) -> list[Descriptor]:
-    """The descriptors, all sampled on the grid of the first."""
+    """Return the descriptors; raise InputError unless all are sampled on the grid of the first."""
     sampled = [check_sampled(each) for each in given]
     grid = sampled[0].grid
     for other in (each.grid for each in sampled):
-        same = grid.shape == other.shape and _alike(grid, other)
-        if not same or np.abs(np.subtract(grid.lower, other.lower)).max() > SAME * grid.spacing:
-            raise InputError("others", f"holds one on {other}", f"all must be on {grid}", "sample them alike")
+        same = grid.shape == other.shape and _same_spacing(grid, other)
+        if not same or np.abs(np.subtract(grid.lower, other.lower)).max() > GRID_TOLERANCE * grid.spacing:
+            raise InputError("others", f"holds one on {other}", f"all must be on {grid}", "sample all on it")
     return sampled

@@ -1,4 +1,4 @@
-"""How much two ball sets have in common, for any placement of one of them, and that overlap as a field on a map."""
+"""Overlap of two ball sets at any placement of one of them, and overlap fields on maps."""
 
 from __future__ import annotations
 
@@ -26,15 +26,22 @@ from cspace.map.points import configuration, is_usable, replaced
 from cspace.map.storage import Map
 from cspace.rotations import Rotations
 from cspace.spectral.bump import Bump, pair_integrals
-from cspace.spectral.descriptors import ROUNDING, BallDescriptor, BallsLike, balls_of, bump_of, check_dims
-from cspace.spectral.regions import gaps
+from cspace.spectral.descriptors import (
+    PLACEMENT_ROUNDING,
+    BallDescriptor,
+    BallsLike,
+    as_balls,
+    check_same_dim,
+    common_bump,
+)
+from cspace.spectral.regions import cube_gaps
 from cspace.spectral.spectra import (
     Rings,
     Spectrum,
     Terms,
-    highest_frequency,
+    estimate_band,
+    evaluate_real_series,
     norm_square,
-    real_series,
     separate_all,
     touching_overlap,
 )
@@ -42,22 +49,40 @@ from cspace.spectral.spectra import (
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-MOST: Final = 2**21  # frequencies, opposite ones counted as one, up to which the band is chosen where none is given
-LARGEST: Final = 2**26  # frequencies up to which a band may be given
-HIGHEST: Final = 2**15 - 1  # cycles per period, along an axis, that a short integer holds
+MAX_DEFAULT_FREQUENCIES: Final = 2**21
+"""Largest number of frequencies, opposite ones counted once, of a band chosen automatically."""
 
-PERIOD_ROOM: Final = 1e-6
-"""By how much, relative, the period is longer than it must be, so that rounding cannot make anything wrap around."""
+MAX_FREQUENCIES: Final = 2**26
+"""Largest number of frequencies of a given band."""
 
-LONGEST: Final = 1e40  # metres, above which squares of volumes overflow
-FARTHEST: Final = 1e6  # how many periods the balls may lie from the origin of their frame
-ACCURACY: Final = 1e-9  # of the values at many placements, relative to the root of the sum of the squares of the terms
-FEW: Final = 32  # placements up to which sums are quicker than a transform of the whole band
-NEAR: Final = 1e-6  # how far a matrix may be from a rotation; the nearest one is taken
+MAX_WAVE_INDEX: Final = 2**15 - 1
+"""Highest frequency along an axis, cycles per period, that int16 holds."""
+
+
+PERIOD_MARGIN: Final = 1e-6
+"""Relative margin of the period, so that rounding cannot make anything wrap around."""
+
+
+MAX_BALL_COORDINATE: Final = 1e40
+"""Largest coordinate in metres; above it, squares of volumes overflow."""
+
+MAX_PERIODS_FROM_ORIGIN: Final = 1e6
+"""Largest distance of the balls from the origin of their frame, in periods."""
+
+SERIES_TOLERANCE: Final = (
+    1e-9  # of the values at many placements, relative to the root of the sum of the squares of the terms
+)
+"""Tolerance of batches of values, relative to the 2-norm of the terms."""
+
+MAX_SUMMED_PLACEMENTS: Final = 32
+"""Placements up to which sums are faster than a transform of the whole band."""
+
+ROTATION_TOLERANCE: Final = 1e-6
+"""Largest deviation of a matrix from the nearest rotation."""
 
 
 class Verdict(IntEnum):
-    """Whether two ball sets are apart; the method that returns it states what it proves."""
+    """Whether two ball sets are apart; each method states what its verdict proves."""
 
     MISS = 0
     HIT = 1
@@ -66,16 +91,16 @@ class Verdict(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Separation:
-    """The verdict about one placement, and what it took; or about a batch, all in arrays of its shape.
+    """Verdict about one placement and its cost, or arrays of them for a batch.
 
     Attributes
     ----------
     verdict : Verdict, or ndarray of uint8
     frequencies : int, or ndarray of int64
-        How many were summed; 0 where the swollen obstacles alone proved the miss. Opposite ones count as one.
+        Number of frequencies summed, opposite ones counted once; 0 if the swollen obstacles alone proved the miss.
     overlap, bound : float, or ndarray of float64
-        The partial sum that was reached, square or cubic metres, of the outer balls, where there are inner ones too;
-        and by how much the ideal overlap, with all frequencies, can differ from it, rounding included.
+        The partial sum, square or cubic metres, of the outer balls if there are inner ones too. ``bound`` is the
+        largest difference to the ideal overlap of all frequencies, rounding included.
     """
 
     verdict: Verdict | Bytes
@@ -85,34 +110,33 @@ class Separation:
 
 
 class FourierOverlap:
-    """The overlap of a ball set A, placed anywhere, with a ball set B, for many placements.
+    """The overlap of a ball set A, at many placements, with a ball set B.
 
-    With the descriptors ``f(x) = sum over balls of psi((x - center) / radius)`` and A moved by t, the two overlap by
+    With the descriptors ``f(x) = sum over balls of psi((x - center) / radius)`` and A moved by t, the overlap is
 
         c(t) = integral f_B(x) f_A(x - t) dx = 1/V sum_w F_B(w) conj(F_A(w)) exp(2 pi i w.t),
 
-    in square or cubic metres, with V the volume of a period so long that nothing wraps around (Lysenko, 2013). c is
-    above zero exactly where an open ball of the moved A meets one of B, and grows with the depth of the collision.
-    *Every* t is answered: outside :attr:`domain` nothing of A comes near B, and c is exactly zero.
+    in square or cubic metres. V is the volume of a period so long that nothing wraps around (Lysenko, 2013). c(t) is
+    positive exactly if an open ball of the moved A meets one of B, and grows with the depth of the collision. Every t
+    is valid: outside :attr:`domain`, A is far from B and c is exactly zero.
 
     Parameters
     ----------
     a, b : object with ``centers`` and ``radii``, or (centers, radii)
-        Balls of A, in its own frame, and of B; both in the plane or in space; metres. Such as what
-        :func:`cspace.spectral.decompose` returns, or a :class:`cspace.Robot` of balls.
+        Balls of A, in its own frame, and of B; both in the plane or in space; metres. For example a result of
+        :func:`cspace.spectral.decompose`, or a :class:`cspace.Robot` of balls.
     bump : Bump, optional
-        Of both; if left out, that of a or b, where they are descriptors, or else ``Bump(2.0)``. Smooth ones need few
-        frequencies; flat ones (alpha above 8 or so, and infinite) up to a hundred times as many.
+        Bump of both sets. The default is the bump of a or b, if they are descriptors, else ``Bump(2.0)``. Smooth bumps
+        need few frequencies; flat ones (alpha above about 8, or infinite) up to a hundred times as many.
     threshold : float
         Overlap that :meth:`separated` decides about, zero or above; square or cubic metres.
     band : float, optional
-        Highest frequency along each axis, cycles per metre. If left out, chosen so that :attr:`bound` is about
-        ``tolerance`` times the threshold, or, where that is zero, times what a ball of A and one of B have in common,
-        both of median radius, when the center of one lies on the border of the other; but at most so high that there
-        are about two million frequencies.
+        Highest frequency along each axis, cycles per metre. By default :attr:`bound` becomes about ``tolerance`` times
+        the threshold. If the threshold is zero, it becomes about ``tolerance`` times the overlap of two balls of median
+        radius, the center of one on the boundary of the other. At most about two million frequencies are used.
     tolerance : float
     accuracy : float
-        Of the spectra, relative to their largest values.
+        Accuracy of the spectra, relative to their largest values.
 
     Raises
     ------
@@ -141,27 +165,27 @@ class FourierOverlap:
         tolerance: float = 1e-3,
         accuracy: float = 1e-12,
     ) -> None:
-        kind = bump_of(bump, a, b)
-        first, second = balls_of(a, "a", kind), balls_of(b, "b", kind)
-        check_dims("b", second.dim, first.dim)
+        kind = common_bump(bump, a, b)
+        first, second = as_balls(a, "a", kind), as_balls(b, "b", kind)
+        check_same_dim("b", second.dim, first.dim)
         self.threshold = not_negative(threshold, "threshold", "pass square or cubic metres")
         self._accuracy = accuracy
-        self._swell = 0.0  # by how much the balls are larger than those that the verdicts are about
-        self._inner: FourierOverlap | None = None  # that of the inner balls, where there are any
-        self._b, self._unturned, self._turn = second, first, np.eye(first.dim)
-        self._pivot, self._middle_b = first.middle, second.middle
+        self._swell = 0.0  # growth of the balls beyond the shapes of the verdicts, metres
+        self._inner: FourierOverlap | None = None  # overlap of the inner balls, if there are any
+        self._b, self._original, self._rotation = second, first, np.eye(first.dim)
+        self._pivot, self._center_b = first.center, second.center
         reach = np.linalg.norm(first.centers - self._pivot, axis=1) + first.radii
         self._reach = float(reach.max()) * (1.0 + 2.0**-40)
-        sides = (np.abs(second.centers - self._middle_b) + second.radii[:, None]).max(axis=0)
-        self._limits = (sides + self._reach) * (1.0 + 0.1 * PERIOD_ROOM)
-        lengths = 2.0 * (1.0 + PERIOD_ROOM) * self._limits
+        sides = (np.abs(second.centers - self._center_b) + second.radii[:, None]).max(axis=0)
+        self._half_sides = (sides + self._reach) * (1.0 + 0.1 * PERIOD_MARGIN)
+        lengths = 2.0 * (1.0 + PERIOD_MARGIN) * self._half_sides
         far = max(first.span, second.span)
-        if far > min(LONGEST, FARTHEST * float(lengths.min())):
-            problem = f"or a reaches {far:g} m from the origin of its frame, and both take up {lengths.min():g} m"
-            raise InputError("b", problem, "rounding would count", "move the origin nearer to them, or check the units")
+        if far > min(MAX_BALL_COORDINATE, MAX_PERIODS_FROM_ORIGIN * float(lengths.min())):
+            problem = f"or a reaches {far:g} m from the origin of its frame, but both span only {lengths.min():g} m"
+            raise InputError("b", problem, "rounding would matter", "move the origin nearer, or check the units")
         self._rings = self._make_rings(first, lengths, band, tolerance)
         self._norms = norm_square(first), norm_square(second)
-        self._spectrum_b = Spectrum.of(second, self._middle_b, self._rings, accuracy, self._norms[1])
+        self._spectrum_b = Spectrum.of(second, self._center_b, self._rings, accuracy, self._norms[1])
         self._place(first)
 
     @classmethod
@@ -178,12 +202,12 @@ class FourierOverlap:
         tolerance: float = 1e-3,
         accuracy: float = 1e-12,
     ) -> FourierOverlap:
-        """An overlap whose verdicts are proofs about the shapes that the balls stand for (``docs/frequency.md``).
+        """Return an overlap whose verdicts are proofs about shapes, given by balls (``docs/frequency.md``).
 
-        *MISS* proves that the closed shapes have no point in common. *HIT* proves that they do: an inner ball of A and
-        one of B overlap. Between the two lie placements closer than twice ``swell``, or than the balls resolve.
-        Values and gradients are those of the outer balls, grown by ``swell``; the threshold is what any two of these
-        have in common at least, if they touched before they grew.
+        *MISS* proves that the closed shapes have no common point. *HIT* proves that they have one, because an inner
+        ball of A and one of B overlap. Placements closer than twice ``swell``, or than the balls resolve, stay
+        *UNDECIDED*. Values and gradients are those of the outer balls, grown by ``swell``. The threshold is the
+        smallest overlap of any two grown balls that touched before they grew.
 
         Parameters
         ----------
@@ -192,16 +216,16 @@ class FourierOverlap:
         inner_a, inner_b : the same, optional
             Balls that lie in A, and B; without them there is no HIT.
         swell : float
-            Metres, above zero. Half a radius of the typical ball and more makes early verdicts; less makes fewer
-            placements undecided.
+            Metres, above zero. Half a typical radius or more gives early verdicts; less leaves fewer placements
+            undecided.
         classes : int
-            How many different radii there may be in each set, for each takes a transform: outer balls grow and inner
-            balls shrink to the next of them.
+            Largest number of different radii in each set, because each radius takes a transform. Outer balls grow and
+            inner balls shrink to the next of these radii.
         bump, tolerance, accuracy
             As for the class.
 
-        Raises as the class does; InputError also if only one of the inner sets is given, or the bump is so flat, or
-        ``swell`` so small, that grown balls that touched have too little in common to be computed.
+        Raises as the class does. Also raises InputError if only one of the inner sets is given, or if the overlap of
+        grown balls that touched is too small to compute, because the bump is too flat or ``swell`` too small.
         """
         given = {"outer_a": outer_a, "outer_b": outer_b, "inner_a": inner_a, "inner_b": inner_b}
         for name, source in given.items():
@@ -209,21 +233,21 @@ class FourierOverlap:
             if kind in ("inner", "outer") and kind != name[:5]:
                 hint = "decompose the shape with that kind"
                 raise InputError(name, f"is of kind {kind!r}", f"it must be {name[:5]!r}", hint, value=source)
-        chosen, more = bump_of(bump, *given.values()), positive(swell, "swell")
+        chosen, more = common_bump(bump, *given.values()), positive(swell, "swell")
         number = whole(classes, "classes", 1, hint="pass e.g. 8")
         if (inner_a is None) is not (inner_b is None):
-            raise InputError("inner_a", "is given without inner_b, or b without a", "a hit needs both", "pass both")
+            raise InputError("inner_a", "or inner_b is missing", "a HIT needs both", "pass both or neither")
         sets = [
-            balls_of(source, name, chosen).rounded(number, up=name.startswith("outer"))
+            as_balls(source, name, chosen).round_radii(number, up=name.startswith("outer"))
             for name, source in given.items()
             if source is not None
         ]
         a, b, *inner = sets
         for name, balls in zip(given, sets, strict=False):
-            check_dims(name, balls.dim, a.dim)
-        level = touching_overlap(a, b, more, ROUNDING * (a.span + b.span))
+            check_same_dim(name, balls.dim, a.dim)
+        level = touching_overlap(a, b, more, PLACEMENT_ROUNDING * (a.span + b.span))
         if level <= 0.0:
-            rule = f"grown balls that touched must share more than can be computed with alpha = {chosen.alpha:g}"
+            rule = f"with alpha = {chosen.alpha:g}, the overlap of grown balls is too small to compute"
             raise InputError("swell", f"is {more:g}", rule, "pass a larger swell", value=swell)
         grown = (BallDescriptor(balls.centers, balls.radii + more, chosen) for balls in (a, b))
         made = cls(*grown, threshold=level, tolerance=tolerance, accuracy=accuracy)
@@ -238,28 +262,28 @@ class FourierOverlap:
 
     @property
     def lengths(self) -> tuple[float, ...]:
-        """The period along each axis, metres."""
+        """Period along each axis, metres."""
         return tuple(self._rings.lengths.tolist())
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Frequencies along each axis, odd numbers: ``k / length``, k from ``-(count // 2)`` to ``count // 2``."""
+        """Number of frequencies along each axis, odd: ``k / length``, k from ``-(count // 2)`` to ``count // 2``."""
         return self._rings.counts
 
     @property
     def frequencies(self) -> int:
-        """How many frequencies there are up to the band limit, opposite ones counted as one; of inner balls too."""
+        """Number of frequencies in the band, inner balls included; opposite ones count once."""
         return len(self._rings.indices) + (self._inner.frequencies if self._inner else 0)
 
     @property
     def domain(self) -> tuple[Floats, Floats]:
-        """Lower and upper corner, metres, of the placements t where there can be any overlap; outside, it is zero."""
-        middle = self._middle_b - self._pivot
-        return middle - self._limits, middle + self._limits
+        """Lower and upper corner, metres, of the placements t with any overlap; outside, the overlap is zero."""
+        center = self._center_b - self._pivot
+        return center - self._half_sides, center + self._half_sides
 
     @property
     def bound(self) -> float:
-        """By how much :meth:`value` can differ from the ideal overlap: by the band limit and by rounding."""
+        """Largest difference of :meth:`value` from the ideal overlap, by the band limit and by rounding."""
         return float(self._terms.bounds[-1])
 
     @overload
@@ -269,69 +293,70 @@ class FourierOverlap:
     @overload
     def value(self, t: ArrayLike) -> float | Floats: ...
     def value(self, t: ArrayLike) -> float | Floats:
-        """The overlap up to the band limit with A moved by t, shape (..., d), metres: square or cubic metres, (...).
+        """Compute the overlap, up to the band limit, with A moved by t.
 
-        It is 0 outside the domain. More than a few dozen placements take one non-uniform transform together, whose
-        tolerance is 1e-9 of the root of the sum of the squares of the terms. Raises as the class does.
+        ``t``, shape (..., d), is in metres; the result, shape (...), in square or cubic metres. It is 0 outside the
+        domain. More than a few dozen placements share one non-uniform transform, with a tolerance of 1e-9 times the
+        2-norm of the terms. Raises as the class does.
         """
         sums = self._sums(t, [self._terms])
         return sums[..., 0] if sums.ndim > 1 else float(sums[0])
 
     def gradient(self, t: ArrayLike) -> Floats:
-        """The derivatives of :meth:`value`, shape (..., d): metres, or square metres in space."""
+        """Compute the derivatives of :meth:`value`, shape (..., d): metres, or square metres in space."""
         return self._sums(t, self._slopes)
 
     def value_and_gradient(self, t: ArrayLike) -> tuple[Floats, Floats]:
-        """:meth:`value`, shape (...), and :meth:`gradient`, in less time than one after the other."""
+        """Compute :meth:`value`, shape (...), and :meth:`gradient` together, which is faster."""
         sums = self._sums(t, [self._terms, *self._slopes])
         return sums[..., 0], sums[..., 1:]
 
     def rotated(self, rotation: ArrayLike | Rotation) -> FourierOverlap:
-        """The same with A turned about the origin of its frame: by an angle in the plane, radians, a matrix of shape
-        (d, d) or a scipy Rotation; InputError if it is none of these.
+        """Return the overlap with A rotated about the origin of its frame.
 
-        Only the spectrum of A is made anew, from turned centers; the period, the band and the threshold stay.
+        ``rotation`` is an angle in the plane, radians, a matrix of shape (d, d), or a scipy Rotation; raises InputError
+        for anything else. Only the spectrum of A is recomputed; the period, the band and the threshold stay.
         """
         matrix = _rotation_matrix(rotation, self.dim)
         other = copy.copy(self)
-        # From the first position, so that rounding does not change the shape, however often it is turned.
-        other._turn = _rotation_matrix(matrix @ self._turn, self.dim)
-        other._pivot = other._turn @ self._unturned.middle
-        first = self._unturned
-        other._place(BallDescriptor(first.centers @ other._turn.T, first.radii, first.bump))
+        # Rotate the original balls, so that rounding does not accumulate over repeated rotations.
+        other._rotation = _rotation_matrix(matrix @ self._rotation, self.dim)
+        other._pivot = other._rotation @ self._original.center
+        first = self._original
+        other._place(BallDescriptor(first.centers @ other._rotation.T, first.radii, first.bump))
         other._inner = self._inner.rotated(matrix) if self._inner else None
         return other
 
     def separated(self, t: ArrayLike, *, swelling: bool = True) -> Separation:
-        """Whether A, moved by t, and B are apart, from as few frequencies as possible.
+        """Decide whether A, moved by t, and B are apart, from as few frequencies as possible.
 
-        First, B's balls are swollen by a ball that holds A: where the middle of that lies in none of them, it is a MISS
-        without any frequency. Then the frequencies are summed ring by ring, from low to high, until the sum and a bound
-        of all that it leaves out decide: *MISS* proves that the ideal overlap, of all frequencies, lies below
-        :attr:`threshold`, or, from swollen balls, that it is zero; *HIT* that it lies above; *UNDECIDED* is what all
-        frequencies up to the band limit do not decide. With a threshold of zero a HIT proves that two balls overlap.
-        Of one made by :meth:`of_shapes`, MISS and HIT are proofs about the shapes, as stated there.
+        First, the balls of B grow by a ball that contains A. If its center lies in none of them, it is a MISS without
+        any frequency. Then the frequencies are summed ring by ring, from low to high, until the sum and a bound of the
+        remainder decide. *MISS* proves that the ideal overlap of all frequencies is below :attr:`threshold`, or, by
+        grown balls, zero. *HIT* proves that it is above. *UNDECIDED* means that all frequencies up to the band limit do
+        not decide. With a threshold of zero, HIT proves that two balls overlap. For an overlap made by
+        :meth:`of_shapes`, MISS and HIT are proofs about the shapes.
 
-        ``t`` is in metres, shape (..., d); without ``swelling`` the swollen balls are not looked at.
+        ``t``, shape (..., d), is in metres. ``swelling=False`` skips the grown balls.
         """
-        places = check_points(t, "t", self.dim)
-        verdicts, counts, sums = self._decide(np.ascontiguousarray(places.reshape(-1, self.dim)), swelling)
-        if places.ndim == 1:
+        placements = check_points(t, "t", self.dim)
+        verdicts, counts, sums = self._decide(np.ascontiguousarray(placements.reshape(-1, self.dim)), swelling)
+        if placements.ndim == 1:
             return Separation(Verdict(int(verdicts[0])), int(counts[0]), *sums[0].tolist())
-        shape = places.shape[:-1]
+        shape = placements.shape[:-1]
         totals, bounds = (column.reshape(shape) for column in sums.T)
         return Separation(verdicts.reshape(shape), counts.reshape(shape), totals, bounds)
 
     def _decide(self, ts: Floats, swelling: bool) -> tuple[Bytes, Ints, Floats]:
-        """Verdicts, numbers of frequencies, and sums with their bounds."""
-        places, balls = self._relative(ts), self._b
-        close = (np.abs(places) <= self._limits).all(axis=1)
+        """Return verdicts, numbers of frequencies, and sums with their bounds."""
+        placements, balls = self._relative(ts), self._b
+        close = (np.abs(placements) <= self._half_sides).all(axis=1)
         if swelling:
-            # Balls that were grown for the threshold are taken as they were: where those are apart, so are the shapes.
-            near, _ = gaps(places, 0.0, balls.centers - self._middle_b, balls.radii - self._swell)
-            close &= near <= self._reach - self._swell + 4.0 * self._far
-        verdicts, counts, sums = separate_all(places, close, self._terms, self.threshold)
-        if self._swell:  # what grown balls do not prove a miss, only inner ones prove a hit
+            # Use the balls as they were before they grew for the threshold: if these are apart, so are the shapes.
+            near, _ = cube_gaps(placements, 0.0, balls.centers - self._center_b, balls.radii - self._swell)
+            close &= near <= self._reach - self._swell + 4.0 * self._placement_error
+        verdicts, counts, sums = separate_all(placements, close, self._terms, self.threshold)
+        if self._swell:  # grown balls prove only misses; inner balls prove hits
             rest = np.flatnonzero(verdicts != Verdict.MISS)
             verdicts[rest] = Verdict.UNDECIDED
             if self._inner is not None and len(rest):
@@ -341,155 +366,161 @@ class FourierOverlap:
         return verdicts, counts, sums
 
     def _make_rings(self, a: BallDescriptor, lengths: Floats, band: float | None, tolerance: float) -> Rings:
+        """Return the rings of the given band, or of a band chosen by ``tolerance``."""
         if band is not None:
             highest = positive(band, "band", "cycles per metre")
         else:
             typical = np.median(a.radii, keepdims=True), np.median(self._b.radii, keepdims=True)
             scale = self.threshold or float(pair_integrals(a.bump, *typical, np.maximum(*typical), self.dim)[0][0])
-            highest = highest_frequency(a, self._b, positive(tolerance, "tolerance", "parts") * scale)
-            fitting = 0.5 * (2.0 * MOST / float(np.prod(lengths))) ** (1.0 / self.dim)
-            highest = min(highest, fitting, HIGHEST / float(lengths.max()))
+            highest = estimate_band(a, self._b, positive(tolerance, "tolerance", "parts") * scale)
+            fitting = 0.5 * (2.0 * MAX_DEFAULT_FREQUENCIES / float(np.prod(lengths))) ** (1.0 / self.dim)
+            highest = min(highest, fitting, MAX_WAVE_INDEX / float(lengths.max()))
         halves = tuple(max(1, math.floor(highest * length)) for length in lengths.tolist())
-        if math.prod(2 * half + 1 for half in halves) > LARGEST or max(halves) > HIGHEST:
+        if math.prod(2 * half + 1 for half in halves) > MAX_FREQUENCIES or max(halves) > MAX_WAVE_INDEX:
             problem = f"is {band!r}, which takes {' x '.join(str(2 * half + 1) for half in halves)} frequencies"
-            raise InputError("band", problem, f"at most {LARGEST} are computed", "pass a lower one", value=band)
+            raise InputError("band", problem, f"at most {MAX_FREQUENCIES} are computed", "pass a lower one", value=band)
         return Rings.of(lengths, halves)
 
     def _place(self, a: BallDescriptor) -> None:
-        """Take over the balls of A, whose middle and reach are known."""
+        """Replace the balls of A by their rotated copies."""
         self._a = a
-        # By so much rounding may move a placement at which there can be any overlap.
-        self._far = ROUNDING * (float(np.abs(self.domain).max()) + a.span + self._b.span)
+        # Rounding moves a placement in the domain by at most this distance.
+        self._placement_error = PLACEMENT_ROUNDING * (float(np.abs(self.domain).max()) + a.span + self._b.span)
         for made in ("_terms", "_slopes"):
             self.__dict__.pop(made, None)
 
     @cached_property
     def _terms(self) -> Terms:
-        """The terms of the overlap, made when they are asked for."""
+        """Terms of the overlap, computed at first use."""
         spectrum = Spectrum.of(self._a, self._pivot, self._rings, self._accuracy, self._norms[0])
-        return Terms.of(spectrum, self._spectrum_b, self._rings, self._far)
+        return Terms.of(spectrum, self._spectrum_b, self._rings, self._placement_error)
 
     @cached_property
     def _slopes(self) -> list[Terms]:
-        """The terms of the derivative along each axis."""
+        """Terms of the derivative along each axis."""
         waves = 2j * math.pi * self._rings.indices / self._rings.lengths
         return [self._terms._replace(products=self._terms.products * wave) for wave in waves.T]
 
-    def _relative(self, places: Floats) -> Floats:
-        """Placements of the middle of A relative to that of B."""
-        return np.asarray((places + self._pivot) - self._middle_b)
+    def _relative(self, placements: Floats) -> Floats:
+        """Return the center of A relative to the center of B, at placements."""
+        return np.asarray((placements + self._pivot) - self._center_b)
 
     def _sums(self, t: ArrayLike, sums: list[Terms]) -> Floats:
-        """Several sums of terms at placements, shape (..., sums)."""
-        places = check_points(t, "t", self.dim)
-        relative = self._relative(places.reshape(-1, self.dim))
-        inside = (np.abs(relative) <= self._limits).all(axis=-1)
+        """Return several sums of terms at placements, shape (..., sums)."""
+        placements = check_points(t, "t", self.dim)
+        relative = self._relative(placements.reshape(-1, self.dim))
+        inside = (np.abs(relative) <= self._half_sides).all(axis=-1)
         out = np.zeros((len(relative), len(sums)))
-        if np.count_nonzero(inside) > FEW:
-            boxes = np.stack([self._rings.box_of(terms.products / self._rings.twice) for terms in sums])
-            out[inside] = real_series(2.0 * math.pi * relative[inside] / self._rings.lengths, boxes, ACCURACY).T
+        if np.count_nonzero(inside) > MAX_SUMMED_PLACEMENTS:
+            boxes = np.stack([self._rings.to_box(terms.products / self._rings.twice) for terms in sums])
+            out[inside] = evaluate_real_series(
+                2.0 * math.pi * relative[inside] / self._rings.lengths, boxes, SERIES_TOLERANCE
+            ).T
         else:
             for column, terms in zip(out.T, sums, strict=True):
                 column[:] = separate_all(relative, inside, terms, math.nan)[2][:, 0]
-        return out.reshape(*places.shape[:-1], len(sums))
+        return out.reshape(*placements.shape[:-1], len(sums))
 
 
 def _rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
-    """The rotation matrix next to an angle in the plane, a matrix or a scipy Rotation, shape (dim, dim)."""
+    """Return the rotation matrix nearest to an angle, a matrix or a scipy Rotation, shape (dim, dim)."""
     values = finite(rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation, "rotation")
     if dim == 2 and values.ndim == 0:
         sine, cosine = math.sin(float(values)), math.cos(float(values))
         return np.array([[cosine, -sine], [sine, cosine]])
     if values.shape == (dim, dim):
         left, stretch, right = np.linalg.svd(values)
-        if np.abs(stretch - 1.0).max() <= NEAR and np.linalg.det(values) > 0.0:
+        if np.abs(stretch - 1.0).max() <= ROTATION_TOLERANCE and np.linalg.det(values) > 0.0:
             return np.asarray(left @ right)
     kinds, example = (("an angle in radians", "1.57"), ("a Rotation", "Rotation.identity()"))[dim - 2]
-    rule = f"it must be {kinds} or a matrix of shape {dim, dim} that turns and neither stretches nor mirrors"
+    rule = f"it must be {kinds} or a rotation matrix of shape {dim, dim}"
     raise InputError("rotation", f"is {rotation!r}", rule, f"pass e.g. {example}", value=rotation)
 
 
-BATCH: Final = 2**20  # cells whose values are computed together
+FIELD_CELLS_PER_BATCH: Final = 2**20
+"""Cells whose values are computed at once."""
 
 
 class Space(Protocol):
-    """What a field needs of a map; :class:`cspace.CSpace` has it all."""
+    """Attributes of a map that a field needs; :class:`cspace.CSpace` has them."""
 
     @property
-    def grid(self) -> Grid: ...
+    def grid(self) -> Grid:
+        """Grid of the map."""
+
     @property
-    def rotations(self) -> Rotations: ...
+    def rotations(self) -> Rotations:
+        """Rotation cells of the map."""
+
     @property
-    def record(self) -> Map: ...
+    def record(self) -> Map:
+        """The map as kernels take it."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class OverlapField:
-    """The overlap of a robot's descriptor with that of the obstacles at the middles of a map's cells, and its gradient.
+    """The overlap of the descriptors of robot and obstacles at the cell centers of a map, and its gradient.
 
-    A measure of penetration that is as smooth as the descriptors: above zero where balls meet, and growing with the
-    depth. It is no certificate; the states of the map are.
+    It measures penetration and is as smooth as the descriptors: positive if balls meet, and growing with the depth. It
+    is no certificate; the states of the map are.
 
     Attributes
     ----------
     space : CSpace
-    arrays : mapping of str to ndarray of float64, shape (nx, ny(, nz)), or (slices, ...) of a robot that turns
-        By the names in ``cspace.arrays.FIELD_NAMES``: the overlap, metres to the power of the dimension, and its
-        derivatives along the axes, one power less.
+    arrays : mapping of str to ndarray of float64, shape (nx, ny(, nz)), or (slices, ...) for a robot that rotates
+        The overlap, metres to the power of the dimension, and its derivatives along the axes, one power less. The names
+        are in ``cspace.arrays.FIELD_NAMES``.
 
-    Raises InputError if arrays are missing or superfluous, or one has not the shape and type of the map's, or is not
-    finite.
+    Raises InputError if arrays are missing or superfluous, have another shape or type than the map, or are not finite.
     """
 
     space: Space
     arrays: Mapping[str, Floats]
 
     def __post_init__(self) -> None:
+        """Check the arrays."""
         grid = self.space.grid
         object.__setattr__(self, "arrays", checked_fields(self.arrays, grid.dim, _shape(self.space)))
 
     @classmethod
     def of(cls, space: Space, overlap: FourierOverlap) -> OverlapField:
-        """The field of a map.
+        """Compute the field of a map.
 
-        Of a robot that turns, the values of a slice are those at the representative of the first rotation cell that it
-        serves.
+        If the robot rotates, a slice has the values at the representative of its first rotation cell. ``overlap`` is
+        between the balls of the robot, in the robot's frame, and the balls of the obstacles, in the map's frame. Grown
+        balls, such as those of :meth:`FourierOverlap.of_shapes`, overlap before the shapes do.
 
-        ``overlap`` is that of the robot's balls, in the robot's frame, with the obstacles', in the map's. Grown balls,
-        such as those of :meth:`FourierOverlap.of_shapes`, overlap before the shapes do.
-
-        Raises InputError if it is none, has another dimension than the map, or memory is too small, and
-        MissingPackageError if finufft is not installed.
+        Raises InputError if ``overlap`` is no FourierOverlap, has another dimension than the map, or memory is too
+        small. Raises MissingPackageError if finufft is not installed.
         """
         given: object = overlap
         if not isinstance(given, FourierOverlap):
             rule, hint = "it must be a FourierOverlap", "make it with e.g. FourierOverlap.of_shapes"
             raise InputError("overlap", f"is a {type(given).__name__}", rule, hint, value=given)
         grid, map_ = space.grid, space.record
-        check_dims("overlap", overlap.dim, grid.dim)
+        check_same_dim("overlap", overlap.dim, grid.dim)
         shape, count = map_.states.shape, 1 + grid.dim
         check_memory(8.0 * count * math.prod(shape), "the overlap field", grid)
         arrays = {name: np.empty(shape) for name in FIELD_NAMES[:count]}
         turns = space.rotations.turns(grid.dim)
         for number in range(shape[0]):
             matrix = turns[int(np.argmax(map_.slice_of == number))].matrix
-            placed = overlap if matrix is None else overlap.rotated(matrix)
-            for rows in np.array_split(np.arange(shape[1]), -(-grid.size // BATCH)):
+            rotated = overlap if matrix is None else overlap.rotated(matrix)
+            for rows in np.array_split(np.arange(shape[1]), -(-grid.size // FIELD_CELLS_PER_BATCH)):
                 cells = np.stack(np.meshgrid(rows, *map(np.arange, shape[2:]), indexing="ij"), axis=-1)
-                places = grid.center_of(cells)
-                value, gradient = placed.value_and_gradient(places)
+                value, gradient = rotated.value_and_gradient(grid.center_of(cells))
                 for name, array in zip(arrays, (value, *np.moveaxis(gradient, -1, 0)), strict=True):
                     arrays[name][number, rows] = array
         return cls(space, {name: array.reshape(_shape(space)) for name, array in arrays.items()})
 
     @property
     def values(self) -> Floats:
-        """The overlap at the middle of each cell, shape (nx, ny(, nz)), or (slices, ...) of a robot that turns."""
+        """Overlap at each cell center, shape (nx, ny(, nz)), or (slices, ...) for a robot that rotates."""
         return self.arrays[FIELD_NAMES[0]]
 
     @property
     def cells(self) -> Floats:
-        """The same by slice, shape (slices, nx, ny(, nz)), as ``field_at`` takes it."""
+        """Overlap by slice, shape (slices, nx, ny(, nz)), as kernels take it."""
         return np.ascontiguousarray(self.values).reshape(self.space.record.states.shape)
 
     @overload
@@ -499,10 +530,10 @@ class OverlapField:
     @overload
     def at(self, q: ArrayLike) -> float | Floats: ...
     def at(self, q: ArrayLike) -> float | Floats:
-        """The overlap at configurations (..., dof), linear between the middles of cells, and not below zero: shape
-        (...).
+        """Interpolate the overlap at configurations (..., dof), in metres and radians; shape (...).
 
-        Metres, and radians. Outside the grid the nearest value in it is taken; of a rotation, that of its cell.
+        The interpolation is linear between cell centers and never negative. Outside the grid it uses the nearest value;
+        rotations use the value of their cell.
 
         Raises InputError if the last axis is not dof long, or a value is NaN or infinite.
         """
@@ -512,7 +543,7 @@ class OverlapField:
         return overlaps
 
     def checker(self) -> Callable[..., float]:
-        """A quick :meth:`at` of floats: ``check(*q) -> float``; they must be finite, and are not checked."""
+        """Return a fast, unchecked :meth:`at` for floats: ``check(*q) -> float``; they must be finite."""
         check: Callable[..., float] = callback(Field(*self._fixed()), self._dof)
         return check
 
@@ -521,16 +552,18 @@ class OverlapField:
         return self.space.grid.dim + self.space.rotations.dof
 
     def _fixed(self) -> tuple[Any, ...]:
+        """Return the map and the field, as kernels take them."""
         return self.space.record, self.cells
 
 
 def _shape(space: Space) -> tuple[int, ...]:
+    """Return the shape of a field of the map."""
     return (*space.rotations.leading(space.record.states.shape[0]), *space.grid.shape)
 
 
 @kernel
 def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
-    """A field, linear between the middles of cells, at a configuration."""
+    """Interpolate a field linearly between cell centers, at a configuration."""
     dim = len(map_.lower)
     cell, shares = replaced(map_.states.shape, 0, map_.rotations.states_at(q)), map_.lower
     for axis in range(dim):
@@ -552,18 +585,19 @@ def field_at(map_: Map, values: Floats, q: tuple[float, ...]) -> float:
 
 @compilable
 class Field(NamedTuple):
-    """The value of a field at a configuration."""
+    """The value of a field at a configuration, as a compiled query."""
 
     map_: Map
     values: Floats
 
     def answer(self, q: Numbers) -> float:
+        """Return the value at a configuration."""
         return field_at(self.map_, self.values, q)
 
 
 @kernel
 def fields_at(map_: Map, values: Floats, points: Floats, out: Floats) -> int:
-    """``field_at`` for many configurations; the index of the first that is not usable, or -1."""
+    """Apply :func:`field_at` to many configurations; return the index of the first invalid one, or -1."""
     for k in range(len(points)):
         q = configuration(map_, points, k)
         if not is_usable(map_, q):

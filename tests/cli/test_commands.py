@@ -575,7 +575,7 @@ def test_a_map_that_carries_an_overlap_field(tmp_path: Path, turning: bool) -> N
     pytest.importorskip("finufft")
     balls, obstacles = ([(0.0, 0.0), (0.15, 0.0)], 0.12), ([(1.0, 0.32)], 0.3)
     workspace = cspace.Workspace.from_balls(*obstacles, 0.05, bounds=(0.0, 0.0, 2.0, 1.6))
-    plain = cspace.build(workspace, cspace.Robot.balls(*balls), rotations=12 if turning else None)
+    plain = cspace.build(workspace, cspace.Robot.from_balls(*balls), rotations=12 if turning else None)
     carried = plain.with_overlap_field(FourierOverlap.of_shapes(balls, obstacles, swell=0.2))
     plain.save(tmp_path / "plain.zarr")
     carried.save(tmp_path / "map.zarr")

@@ -25,7 +25,7 @@ def city(tmp_path_factory):
 def test_a_map_in_tiles_is_built_planned_on_drawn_and_exported(city):
     folder, workspace = city
     options = ("--robot", "rect:0.5x0.3", "--rotations", "8", "--spacing", "0.1", "--tile", "32", "--json")
-    space = cspace.build(workspace, cspace.Robot.open("rect:0.5x0.3"), rotations=8)
+    space = cspace.build(workspace, cspace.Robot.parse("rect:0.5x0.3"), rotations=8)
     for source in ("city.zarr", "city.npy"):
         out = folder / f"map-{source}.zarr"
         printed = json.loads(run("map", str(folder / source), *options, "-o", str(out)).stdout)

@@ -215,7 +215,7 @@ def test_one_within_the_other_is_a_collision():
 def test_parts_of_a_bitmap_that_lie_in_an_obstacle_collide():
     occupied = np.zeros((40, 3), dtype=bool)
     occupied[[0, 39]] = True
-    robot = Robot.cells(occupied, 0.1, (-2.0, 0.0))
+    robot = Robot.from_bitmap(occupied, 0.1, (-2.0, 0.0))
     space = cspace.build(Workspace.from_polygons(shapely.box(3, 0, 6, 6), 0.5, (0, 0, 6, 6)), robot, inner=False)
     assert not space.is_free([2.6, 3.0], exact=True)
 

@@ -33,8 +33,8 @@ SPACES = {
     "box": lambda: solid(Robot.box((0.3, 0.2, 0.3))),
     "box with yaw": lambda: solid(Robot.box((0.3, 0.1, 0.2)), rotations=6),
     "box any way": lambda: solid(Robot.box((0.3, 0.1, 0.2)), rotations=Rotations.quaternions(2)),
-    "mesh": lambda: solid(Robot.mesh(trimesh.creation.icosphere(1, 0.2))),
-    "balls": lambda: solid(Robot.balls([[0, 0, 0], [0.1, 0, 0]], [0.1, 0.15]), margin=0.02),
+    "mesh": lambda: solid(Robot.from_mesh(trimesh.creation.icosphere(1, 0.2))),
+    "balls": lambda: solid(Robot.from_balls([[0, 0, 0], [0.1, 0, 0]], [0.1, 0.15]), margin=0.02),
 }
 
 
@@ -131,7 +131,7 @@ def test_bad_input_is_refused(make, bad):
 
 
 def test_what_depends_on_the_spacing_is_refused():
-    space = solid(Robot.mesh(trimesh.creation.box((0.3, 0.3, 0.3)), solid="fill"))
+    space = solid(Robot.from_mesh(trimesh.creation.box((0.3, 0.3, 0.3)), solid="fill"))
     with pytest.raises(InputError, match=r"solid='fill'.*pass solid='auto'"):
         space.is_free(centers(space), exact=True)
 
@@ -155,7 +155,7 @@ def test_ztunnel_agrees_with_boxes(data, mesh):
     cube = trimesh.load(folder / "robot.obj", force="mesh").bounds
     workspace = Workspace.from_mesh(folder / "obstacles.obj", 0.1)
     size = cube[1] - cube[0]
-    robot = Robot.mesh(folder / "robot.obj") if mesh else Robot.box(size, cube.mean(axis=0))
+    robot = Robot.from_mesh(folder / "robot.obj") if mesh else Robot.box(size, cube.mean(axis=0))
     space = cspace.build(workspace, robot)
     rng = np.random.default_rng(0)
     cells = np.argwhere(space.state == cspace.MIXED)
@@ -175,7 +175,7 @@ def test_obstacles_end_where_the_grid_does(dim):
     else:
         mesh = trimesh.creation.box(bounds=[(2, 2, 2), (4, 10, 4)])
         workspace = Workspace.from_mesh(mesh, 0.25, bounds)
-    robot = Robot.balls(np.array([(0.0, 0.0, 0.0), (1.07, 3.0, 0.0)])[:, :dim], [0.05, 0.05])
+    robot = Robot.from_balls(np.array([(0.0, 0.0, 0.0), (1.07, 3.0, 0.0)])[:, :dim], [0.05, 0.05])
     near = np.array([1.93, 5.0, 3.0])[:dim]
     space = cspace.build(workspace, robot, outside="free")
     assert space.classify(near) == MIXED

@@ -116,7 +116,7 @@ def test_balls_are_round(seed, kind, margin, points):
     robot, body = {
         "box": (Robot.box(size), Blocks.boxes([-size / 2, size / 2])),
         "ball": (Robot.ball(0.2, spots[0]), Blocks.balls(spots[:1], np.array([0.2]))),
-        "balls": (Robot.balls(spots, reach), Blocks.balls(spots, reach)),
+        "balls": (Robot.from_balls(spots, reach), Blocks.balls(spots, reach)),
     }[kind]
     space = cspace.build(workspace, robot, margin=margin)
     gaps = gaps_of(space, body, Blocks.balls(centers, radii))
@@ -149,7 +149,7 @@ def test_voxels_among_voxels_agree_with_arithmetic(seed, outside):
     body[1, 1, 1] = True
     low, side, lower = rng.uniform(-3, 3, 3), rng.choice([0.1, 0.137]), rng.uniform(-0.3, 0.1, 3)
     workspace = Workspace.from_array(world, 0.1, low)
-    space = cspace.build(workspace, Robot.cells(body, side, lower), outside=outside)
+    space = cspace.build(workspace, Robot.from_bitmap(body, side, lower), outside=outside)
     boxes = low + 0.1 * (np.argwhere(world)[:, None] + np.array([[0], [1]]))
     parts = lower + side * (np.argwhere(body)[:, None] + np.array([[0], [1]]))
     gaps = gaps_of(space, Blocks.boxes(parts), Blocks.boxes(boxes))
@@ -190,7 +190,7 @@ def test_meshes_agree_with_manifold3d(seed, margin):
     obstacle, body = blob(rng, 0.7), blob(rng, 0.3)
     space = cspace.build(
         Workspace.from_mesh(obstacle, 0.1, (-1.2, -1.2, -1.2, 1.2, 1.2, 1.2)),
-        Robot.mesh(body),
+        Robot.from_mesh(body),
         outside="free",
         margin=margin,
         inner=bool(rng.integers(2)),
@@ -221,7 +221,7 @@ def test_mesh_robots_walk_a_thousand_points():
     boxes = np.stack([low, low + 0.25], axis=1)
     workspace = Workspace.from_mesh(boxes_mesh(boxes), 0.1, (0, 0, 0, 2, 2, 2))
     robot = (np.array([-0.1, -0.2, -0.05]), np.array([0.2, 0.1, 0.15]))
-    space = cspace.build(workspace, Robot.mesh(trimesh.creation.box(bounds=robot)))
+    space = cspace.build(workspace, Robot.from_mesh(trimesh.creation.box(bounds=robot)))
     gaps = gaps_of(space, Blocks.boxes(robot), Blocks.boxes(boxes))
     q0 = near_mixed(space, rng, 200)
     agrees(space, q0, gaps(q0))
@@ -243,9 +243,9 @@ def corridor(share, side=0.6):
 
 BODIES = {
     "box": Robot.box((0.9, 0.6, 0.5)),
-    "mesh": Robot.mesh(trimesh.creation.box((0.9, 0.6, 0.5))),
+    "mesh": Robot.from_mesh(trimesh.creation.box((0.9, 0.6, 0.5))),
     "ball": Robot.ball(0.3),
-    "cells": Robot.cells(np.ones((3, 2, 1), dtype=bool), 0.3, (-0.45, -0.3, -0.15)),
+    "cells": Robot.from_bitmap(np.ones((3, 2, 1), dtype=bool), 0.3, (-0.45, -0.3, -0.15)),
 }
 
 
@@ -268,7 +268,7 @@ def test_a_corridor_as_wide_as_the_robot_is_not_passable(body, share):
     assert not space.is_free([3.0, 2.0, 2.0], exact=True)
 
 
-@pytest.mark.parametrize("robot", [Robot.box((1, 1, 1)), Robot.mesh(trimesh.creation.box((1, 1, 1)))])
+@pytest.mark.parametrize("robot", [Robot.box((1, 1, 1)), Robot.from_mesh(trimesh.creation.box((1, 1, 1)))])
 def test_touching_is_a_collision(robot):
     space = cspace.build(Workspace.from_array(exterior_blocked((10, 10, 10), np.s_[5, 5, 5]), 1.0), robot)
     for shift in product((-1.0, 0.0, 1.0), repeat=3):  # sides, edges and corners
@@ -285,7 +285,7 @@ def test_one_within_the_other_is_a_collision(mesh):
     """Surfaces that are far apart prove nothing."""
 
     def robot(size):
-        return Robot.mesh(trimesh.creation.box(size)) if mesh else Robot.box(size)
+        return Robot.from_mesh(trimesh.creation.box(size)) if mesh else Robot.box(size)
 
     block = Workspace.from_mesh(trimesh.creation.box(bounds=[[1, 1, 1], [5, 5, 5]]), 0.5, (0, 0, 0, 6, 6, 6))
     within = cspace.build(block, robot((0.5, 0.5, 0.5)), inner=False)
@@ -311,7 +311,7 @@ def test_hollows_are_free():
     pillar = Workspace.from_mesh(
         trimesh.creation.icosphere(1, 0.1).apply_translation((3, 3, 3)), 0.5, (0, 0, 0, 6, 6, 6)
     )
-    carrier = cspace.build(pillar, Robot.mesh(hollow), inner=False)
+    carrier = cspace.build(pillar, Robot.from_mesh(hollow), inner=False)
     assert carrier.is_free([3.1, 3.0, 3.0], exact=True)
     assert carrier.motion_is_free([2.9, 3.0, 3.0], [3.1, 3.0, 3.1], exact=True)
     assert not carrier.is_free([4.5, 3.0, 3.0], exact=True)
@@ -327,7 +327,7 @@ def test_parts_of_a_robot_that_lie_in_an_obstacle_collide():
     occupied = np.zeros((40, 3, 3), dtype=bool)
     occupied[[0, 39]] = True
     block = Workspace.from_mesh(trimesh.creation.box(bounds=[[3, 0, 0], [6, 6, 6]]), 0.5, (0, 0, 0, 6, 6, 6))
-    space = cspace.build(block, Robot.cells(occupied, 0.1, (-2.0, 0.0, 0.0)), inner=False)
+    space = cspace.build(block, Robot.from_bitmap(occupied, 0.1, (-2.0, 0.0, 0.0)), inner=False)
     assert not space.is_free([2.6, 3.0, 3.0], exact=True)
 
 
@@ -335,7 +335,7 @@ def test_parts_of_a_robot_that_lie_in_an_obstacle_collide():
 def test_a_thin_robot_does_not_jump_over_a_thin_obstacle(mesh):
     points = Workspace.from_points([[1.0, 1.0, 1.0]], 0.25, (0, 0, 0, 2, 2, 2))
     plate = trimesh.creation.box((0.4, 0.4, 0.002))
-    space = cspace.build(points, Robot.mesh(plate) if mesh else Robot.box((0.4, 0.4, 0.002)), inner=False)
+    space = cspace.build(points, Robot.from_mesh(plate) if mesh else Robot.box((0.4, 0.4, 0.002)), inner=False)
     rng = np.random.default_rng(0)
     n = 40 if mesh else 400
     low = np.column_stack([rng.uniform(0.85, 1.15, (n, 2)), rng.uniform(0.7, 0.99, n)])
@@ -349,7 +349,7 @@ def test_a_thin_robot_does_not_jump_over_a_thin_obstacle(mesh):
 def test_what_lies_outside_the_bounds_is_clipped(outside):
     bar = trimesh.creation.box(bounds=[[2, 1, 1], [9, 3, 3]])
     workspace = Workspace.from_mesh(bar, 0.25, (0, 0, 0, 4, 4, 4))
-    for robot in (Robot.ball(0.3), Robot.mesh(trimesh.creation.icosphere(3, 0.3))):
+    for robot in (Robot.ball(0.3), Robot.from_mesh(trimesh.creation.icosphere(3, 0.3))):
         space = cspace.build(workspace, robot, outside=outside)
         assert space.is_free([4.301, 2.0, 2.0], exact=True) == (outside == "free")
         assert not space.is_free([4.29, 2.0, 2.0], exact=True)
@@ -408,7 +408,7 @@ def test_robots_that_turn_in_space(outside, turns):
     boxes = np.stack([low, low + 0.2], axis=1)
     mesh = trimesh.creation.box(bounds=[[-0.1, -0.05, -0.1], [0.5, 0.1, 0.1]])
     workspace = Workspace.from_mesh(boxes_mesh(boxes), 0.2, (0, 0, 0, 2, 2, 2))
-    space = cspace.build(workspace, Robot.mesh(mesh), rotations=TURNS[turns], outside=outside)
+    space = cspace.build(workspace, Robot.from_mesh(mesh), rotations=TURNS[turns], outside=outside)
     moved, still = (surface(part.vertices, part.faces) for part in (mesh, boxes_mesh(boxes)))
 
     corners = np.array(mesh.vertices)

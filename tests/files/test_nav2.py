@@ -30,7 +30,7 @@ def written(folder, local, world):
 def test_a_footprint_is_its_polygon():
     robot = Robot.from_footprint(TEXT)
     assert robot.geometry.equals(shapely.box(-0.3, -0.2, 0.3, 0.2))
-    assert Robot.open(f"footprint:{TEXT}").geometry.equals(robot.geometry)
+    assert Robot.parse(f"footprint:{TEXT}").geometry.equals(robot.geometry)
     assert Robot.from_footprint([(0, 0), (1, 0), (0, 1)]).geometry.area == 0.5
 
 

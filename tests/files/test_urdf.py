@@ -155,7 +155,7 @@ def test_packages_are_searched_in_the_documented_order_and_no_other_package_is_t
     assert side_of(cell, package_dirs=given) == side_of(cell, package_dirs=[str(given)]) == 5
     assert side_of(cell, package_dirs=[tmp_path / "ament" / "share", given]) == 1
     assert Robot.open(cell, package_dirs=given).shape.outer.bounds[1][0] == 2.5
-    assert Robot.open(f"footprint:{cell}", package_dirs=given).shape.outer.bounds[1][0] == pytest.approx(2.5)
+    assert Robot.open(cell, package_dirs=given).footprint().shape.outer.bounds[1][0] == pytest.approx(2.5)
 
 
 def test_a_mesh_of_a_missing_package_is_read_with_a_warning_if_only_one_file_could_be_meant(tmp_path, cell):
@@ -185,7 +185,7 @@ def test_bad_package_dirs_are_refused(cell, value, message):
     with pytest.raises(InputError, match=message):
         Robot.from_urdf(cell, package_dirs=value)
     with pytest.raises(InputError, match=r"package_dirs is .*it is for .urdf"):
-        Robot.open("disc:0.3", package_dirs=value)
+        Robot.open(Path(cell).with_name("robot.stl"), package_dirs=value)
 
 
 def test_reads_the_arms_of_others(data):
@@ -201,8 +201,8 @@ def test_reads_the_arms_of_others(data):
         (lambda: Robot.box((2, 1, 5), (3, 0, 0)), 2.0),
         (lambda: Robot.ball(0.5, (1, 2, 3)), np.pi / 4),
         (lambda: Robot.cylinder(0.5, 3), np.pi / 4),
-        (lambda: Robot.mesh(trimesh.creation.torus(2.0, 0.5)), np.pi * (2.5**2 - 1.5**2)),
-        (lambda: Robot.cells(np.ones((2, 3, 4), bool), 0.5), 1.5),
+        (lambda: Robot.from_mesh(trimesh.creation.torus(2.0, 0.5)), np.pi * (2.5**2 - 1.5**2)),
+        (lambda: Robot.from_bitmap(np.ones((2, 3, 4), bool), 0.5), 1.5),
         (lambda: Robot.disc(0.5), np.pi / 4),
     ],
 )
@@ -219,7 +219,7 @@ def test_a_footprint_is_the_shadow(make, area):
 
 def test_the_shadow_of_a_mesh_lies_between_its_two_sides():
     mesh = trimesh.creation.icosphere(1).apply_translation((0.3, 0.2, 0))
-    flat = Robot.mesh(mesh).footprint().shape
+    flat = Robot.from_mesh(mesh).footprint().shape
     outer, inner = flat.outer, flat.inner
     hull = shapely.convex_hull(shapely.multipoints(mesh.vertices[:, :2]))
     assert shapely.covers(outer.outline, hull)

@@ -28,7 +28,7 @@ def wedge():
     """A mesh without symmetries."""
     parts = [trimesh.creation.box((0.4, 0.1, 0.1)), trimesh.creation.box((0.1, 0.1, 0.3))]
     parts[1].apply_translation((0.15, 0.03, 0.2))
-    return Robot.mesh(trimesh.util.concatenate(parts))
+    return Robot.from_mesh(trimesh.util.concatenate(parts))
 
 
 TRIANGLE = Robot.polygon([(0, 0), (0.4, 0), (0, 0.2)])

@@ -178,7 +178,7 @@ def test_no_point_of_a_path_collides_in_any_world(seed: int, kind: str) -> None:
     robot = {
         "box": lambda: Robot.box((side, 0.3, 0.1), center),
         "ball": lambda: Robot.ball(side / 2, center),
-        "voxels": lambda: Robot.cells(np.ones((2, 1, 3), dtype=bool), side / 3, center - side / 2),
+        "voxels": lambda: Robot.from_bitmap(np.ones((2, 1, 3), dtype=bool), side / 3, center - side / 2),
     }[kind]()
     half = side / 2 / math.sqrt(3)  # of a cube within the ball
     low, high = {

@@ -65,7 +65,7 @@ def test_large_meshes_are_drawn_with_few_triangles() -> None:
     import trimesh
 
     ball = trimesh.creation.icosphere(subdivisions=5, radius=0.5)
-    figurine = RobotGlyph(Robot.mesh(ball), NONE)
+    figurine = RobotGlyph(Robot.from_mesh(ball), NONE)
     assert 200 < len(figurine.triangles) <= 2000
     np.testing.assert_allclose(figurine.extent(np.zeros(3)), ball.bounds, atol=0.02)
 

@@ -93,11 +93,11 @@ BITMAP = np.array([[[1, 1], [1, 0]], [[1, 0], [0, 0]], [[1, 0], [0, 1]]], dtype=
 
 SOLID = {
     "box": lambda: Robot.box((0.7, 0.4, 0.2), (0.2, 0.1, 0.0)),
-    "balls": lambda: Robot.balls([(0.2, 0.0, 0.1), (-0.3, 0.1, 0.0)], [0.2, 0.15]),
-    "cells": lambda: Robot.cells(BITMAP, 0.17, (-0.2, -0.1, -0.1)),
-    "torus": lambda: Robot.mesh((TORUS.vertices, TORUS.faces)),
-    "cavity": lambda: Robot.mesh((CAVITY.vertices, CAVITY.faces)),
-    "surface": lambda: Robot.mesh((TORUS.vertices, TORUS.faces), solid="surface"),
+    "balls": lambda: Robot.from_balls([(0.2, 0.0, 0.1), (-0.3, 0.1, 0.0)], [0.2, 0.15]),
+    "cells": lambda: Robot.from_bitmap(BITMAP, 0.17, (-0.2, -0.1, -0.1)),
+    "torus": lambda: Robot.from_mesh((TORUS.vertices, TORUS.faces)),
+    "cavity": lambda: Robot.from_mesh((CAVITY.vertices, CAVITY.faces)),
+    "surface": lambda: Robot.from_mesh((TORUS.vertices, TORUS.faces), solid="surface"),
 }
 
 
@@ -191,11 +191,11 @@ def test_a_turned_mesh_is_the_mesh_of_turned_vertices(seed, about_z, solid, marg
 
 
 def test_a_filled_robot_holds_its_inside_at_every_rotation():
-    robot = Robot.mesh((TORUS.vertices, TORUS.faces), solid="fill")
+    robot = Robot.from_mesh((TORUS.vertices, TORUS.faces), solid="fill")
     turn = RotationCell(Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix(), 0.1)
     outer, inner = rasters(robot, 0.08, 0.0, turn)
     assert not inner
-    solid = Robot.mesh((TORUS.vertices, TORUS.faces))
+    solid = Robot.from_mesh((TORUS.vertices, TORUS.faces))
     assert rasters(solid, 0.08, 0.0, turn)[0] <= outer
 
 

@@ -275,7 +275,7 @@ def test_no_false_answer_of_boxes_that_turn_any_way(seed, n, as_mesh, outside):
     occupied[2:5, 2:5, 1:4] |= rng.random() < 0.3
     extents, middle = rng.uniform(0.05, 0.6, 3), rng.uniform(-0.2, 0.2, 3) * rng.integers(0, 2)
     box = trimesh.creation.box(extents, trimesh.transformations.translation_matrix(middle))
-    robot = Robot.mesh(box) if as_mesh else Robot.box(extents, middle)
+    robot = Robot.from_mesh(box) if as_mesh else Robot.box(extents, middle)
     space = cspace.build(Workspace.from_array(occupied, H), robot, rotations=Rotations.quaternions(n), outside=outside)
     q = draw_configurations(space, rng, 600)
     states, depth = space.classify(q), depths(extents, middle, q, H * np.argwhere(occupied))

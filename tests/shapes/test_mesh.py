@@ -147,11 +147,11 @@ def test_a_mesh_that_was_made_as_one_warns_a_single_time_where_it_is_used():
     mesh, again = (Mesh(TETRAHEDRON, SIDES[1:]) for _ in range(2))
     with pytest.warns(MeshWarning, match="1 of 1 bodies") as caught:
         workspace = Workspace.from_mesh(mesh, 0.5)
-        robot = Robot.mesh(mesh)
+        robot = Robot.from_mesh(mesh)
         Mesh.of(mesh)
     assert len(caught) == 1
     with pytest.warns(MeshWarning, match="1 of 1 bodies"):
-        Robot.mesh(again)
+        Robot.from_mesh(again)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         Robot.from_spec(robot.spec)

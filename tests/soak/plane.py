@@ -318,7 +318,7 @@ def _discs(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
     number = int(rng.integers(2, 6))
     centers = scale.middle(rng, size, 2) + scale.place(rng.uniform(-size, size, (number, 2)))
     radii = scale.lengths(rng.uniform(0.1, 0.6, number) * size)
-    return Robot.balls(centers, radii), Shape([], centers, radii)
+    return Robot.from_balls(centers, radii), Shape([], centers, radii)
 
 
 def _rectangle(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
@@ -359,7 +359,7 @@ def _bitmap(rng: Rng, size: float, scale: Scale) -> tuple[Robot, Shape]:
     side = scale.length(size / max(bitmap.shape))
     lower = scale.middle(rng, size, 2)
     whole = union_of_cells(bitmap, Grid(lower, side, bitmap.shape))
-    return Robot.cells(bitmap, side, lower), Shape(list(shapely.get_parts(whole)))
+    return Robot.from_bitmap(bitmap, side, lower), Shape(list(shapely.get_parts(whole)))
 
 
 ROBOTS: dict[str, Callable[[Rng, float, Scale], tuple[Robot, Shape]]] = {

@@ -315,7 +315,7 @@ def _balls_robot(rng: Rng, size: float, scale: Scale) -> DrawnRobot:
     number = int(rng.integers(2, 6))
     centers = scale.middle(rng, size, 3) + scale.place(rng.uniform(-size, size, (number, 3)) / 2)
     radii = scale.lengths(rng.uniform(0.1, 0.5, number) * size)
-    return Robot.balls(centers, radii), Blocks.balls(centers, radii)
+    return Robot.from_balls(centers, radii), Blocks.balls(centers, radii)
 
 
 def _bitmap_robot(rng: Rng, size: float, scale: Scale) -> DrawnRobot:
@@ -323,12 +323,12 @@ def _bitmap_robot(rng: Rng, size: float, scale: Scale) -> DrawnRobot:
     bitmap[tuple(rng.integers(0, bitmap.shape))] = True
     side = scale.length(size / max(bitmap.shape))
     lower = scale.middle(rng, size, 3)
-    return Robot.cells(bitmap, side, lower), Blocks.boxes(lower + side * merged_cells(bitmap))
+    return Robot.from_bitmap(bitmap, side, lower), Blocks.boxes(lower + side * merged_cells(bitmap))
 
 
 def _mesh_robot(name: str, rng: Rng, size: float, scale: Scale) -> DrawnRobot:
     mesh, exact = MESHES[name](rng, scale.middle(rng, size, 3), scale.spacing * size / 2, scale)
-    return Robot.mesh(mesh), exact
+    return Robot.from_mesh(mesh), exact
 
 
 ROBOTS: dict[str, Callable[[Rng, float, Scale], DrawnRobot]] = {

@@ -15,7 +15,7 @@ from scipy.spatial.distance import cdist
 from cspace.demo import floor_plan
 from cspace.shapes import Mesh, Voxels
 from cspace.spectral import decompose
-from cspace.spectral.regions import measure_of_balls
+from cspace.spectral.regions import bound_ball_measure
 from oracles import distance_to_triangles, sample_surface, winds_around
 from strategies import seeds, stars
 
@@ -282,7 +282,7 @@ def test_the_area_of_discs_that_nearly_touch_is_within_its_bounds():
         centers = np.array([[p.real, p.imag] for p in (middle, beside, through)])
         radii = np.array([one, two, three])
         change = 3e-13
-        less, same, more = (measure_of_balls(centers, radii * (1.0 + s * change)) for s in (-1.0, 0.0, 1.0))
+        less, same, more = (bound_ball_measure(centers, radii * (1.0 + s * change)) for s in (-1.0, 0.0, 1.0))
         border = 2.0 * np.pi * float((radii**2).sum()) * change
         assert less[0] <= same[1] and same[0] <= more[1]
         assert same[0] - border <= less[1] and more[0] <= same[1] + border
@@ -292,15 +292,15 @@ def test_the_area_of_discs_that_nearly_touch_is_within_its_bounds():
 def test_the_area_of_discs_that_all_but_coincide():
     for gaps in ([0.0, 0.0], [1e-17, 1e-13], [1e-9, 1e-8], [1e-7, -1e-7]):
         centers = np.array([[0.0, 0.0], *([gap, 0.5 * gap] for gap in gaps)])
-        low, high = measure_of_balls(centers, np.ones(3))
+        low, high = bound_ball_measure(centers, np.ones(3))
         spread = math.hypot(1.0, 0.5) * (max(0.0, *gaps) - min(0.0, *gaps))
         assert low <= math.pi + 2.0 * spread and math.pi <= high
         assert high - low <= 1e-4
     grid = np.stack(np.meshgrid(np.arange(12.0), np.arange(12.0)), axis=-1).reshape(-1, 2)
-    low, high = measure_of_balls(grid, np.full(144, 0.5))
+    low, high = bound_ball_measure(grid, np.full(144, 0.5))
     assert low <= 36.0 * math.pi <= high <= low * (1.0 + 1e-3)
     # Those at the corners of each square meet in its middle, two by two just touching.
-    low, high = measure_of_balls(grid, np.full(144, math.sqrt(0.5)))
+    low, high = bound_ball_measure(grid, np.full(144, math.sqrt(0.5)))
     assert low <= 121.0 + 44.0 * (math.pi / 8.0 + 0.25) + 4.0 * math.pi / 8.0 <= high
     assert high <= low * (1.0 + 1e-3)
 

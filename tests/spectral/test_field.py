@@ -40,7 +40,7 @@ def scene(kind: str, **options: Any) -> tuple[CSpace, FourierOverlap]:
     workspace = Workspace.from_balls(centers, radii, 0.05, bounds=(*[0.0] * dim, *(2.0, 1.6, 1.0)[:dim]))
     turns = 12 if kind in ("turning", "shared") else None
     overlap = FourierOverlap.of_shapes(robot, (centers, radii), swell=0.2)
-    return build(workspace, Robot.balls(*robot), rotations=turns, **options), overlap
+    return build(workspace, Robot.from_balls(*robot), rotations=turns, **options), overlap
 
 
 @pytest.fixture(scope="module", params=["plane", "turning", "space"])
@@ -48,11 +48,11 @@ def case(request: pytest.FixtureRequest) -> tuple[CSpace, FourierOverlap]:
     if request.param == "space":
         centers = np.array([[0.5, 0.5, 0.6], [1.2, 1.0, 0.5]])
         workspace = Workspace.from_balls(centers, 0.25, 0.1, bounds=(0, 0, 0, 1.6, 1.5, 1.2))
-        robot = Robot.balls([[0.0, 0.0, 0.0], [0.15, 0.0, 0.0]], 0.12)
+        robot = Robot.from_balls([[0.0, 0.0, 0.0], [0.15, 0.0, 0.0]], 0.12)
         return build(workspace, robot), overlap_of(robot, (centers, 0.25))
     workspace = Workspace.from_balls(*OBSTACLES, 0.1, bounds=(0, 0, 4.6, 3.7))
     turns = 5 if request.param == "turning" else None
-    return build(workspace, Robot.balls(*ROBOT), rotations=turns), overlap_of(ROBOT, OBSTACLES)
+    return build(workspace, Robot.from_balls(*ROBOT), rotations=turns), overlap_of(ROBOT, OBSTACLES)
 
 
 @pytest.fixture(scope="module")
@@ -350,7 +350,7 @@ def test_a_map_of_turns_in_space_carries_one_too() -> None:
     balls = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]), np.full(2, 0.08)
     obstacles = np.array([[0.5, 0.5, 0.5]]), np.array([0.15])
     workspace = Workspace.from_balls(*obstacles, 0.1, bounds=(0, 0, 0, 1, 1, 1))
-    space = build(workspace, Robot.balls(*balls), rotations=Rotations.quaternions(1))
+    space = build(workspace, Robot.from_balls(*balls), rotations=Rotations.quaternions(1))
     overlap = FourierOverlap.of_shapes(balls, obstacles, swell=0.1)
     field = OverlapField.of(space, overlap)
     turns = Rotation.random(5, random_state=1)

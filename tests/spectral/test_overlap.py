@@ -384,7 +384,7 @@ def test_no_placements_have_no_values() -> None:
 
 
 def test_robots_of_balls_serve_and_others_are_refused() -> None:
-    overlap = FourierOverlap(Robot.balls([[0.0, 0.0]], 0.3), ([[1.0, 1.0]], 0.2), band=10.0)
+    overlap = FourierOverlap(Robot.from_balls([[0.0, 0.0]], 0.3), ([[1.0, 1.0]], 0.2), band=10.0)
     assert overlap.value([1.0, 1.0]) > 0.0
     for robot in (Robot.rectangle(1.0, 1.0), 3.0):
         with pytest.raises(InputError, match="decompose"):
