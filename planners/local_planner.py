@@ -188,7 +188,7 @@ class LocalPlanner(ABC):
 
     @abstractmethod
     def measured(self, path: Floats) -> tuple[float, float]:
-        """The length of a path and its turns, as :attr:`planners.Plan.length` and :attr:`planners.Plan.turning`."""
+        """Return :attr:`planners.Plan.length` and :attr:`planners.Plan.total_rotation` of a path."""
 
     @abstractmethod
     def clearance(self, path: Floats) -> float:

@@ -163,8 +163,8 @@ class ClearanceObjective(WeightedLength):
 class OverlapObjective(WeightedLength):
     """Length, weighted by how much the descriptors of robot and obstacles overlap: a smooth push away from obstacles.
 
-    A metre of path at overlap c costs ``1 + weight * (c / full)**2``; see :class:`WeightedLength`. Where the balls of
-    the field are grown, the overlap begins before the shapes touch, by the growth of both.
+    A metre of path at overlap c costs ``1 + weight * (c / saturation)**2``; see :class:`WeightedLength`. If the balls
+    of the field are grown, the overlap begins before the shapes touch, by the growth of both.
 
     Parameters
     ----------
@@ -173,15 +173,15 @@ class OverlapObjective(WeightedLength):
     field : cspace.spectral.OverlapField, optional
         Of the same map; the one that the map carries (:meth:`cspace.CSpace.with_overlap_field`), if left out.
     weight : float
-        How many extra metres a metre at overlap ``full`` is worth.
-    full : float, optional
+        How many extra metres a metre at overlap ``saturation`` is worth.
+    saturation : float, optional
         Overlap, square or cubic metres; the largest in a FREE cell, if left out.
 
     Raises
     ------
     InputError
         If the field is that of another map, or left out and the map carries none, ``weight`` is negative or not finite,
-        or ``full`` is not above zero; and as :func:`planners.state_space`.
+        or ``saturation`` is not above zero; and as :func:`planners.state_space`.
     """
 
     def __init__(
@@ -191,18 +191,21 @@ class OverlapObjective(WeightedLength):
         field: OverlapField | None = None,
         *,
         weight: float = 10.0,
-        full: float | None = None,
+        saturation: float | None = None,
         drive: str = HOLONOMIC,
         turning_radius: float | None = None,
     ) -> None:
         check_information(si, space)
         known = overlap_field(space, field)
-        whole = _largest_free(space, known) if full is None else positive(full, "full", "metres to the power of d")
+        if saturation is None:
+            saturation = _largest_free(space, known)
+        else:
+            saturation = positive(saturation, "saturation", "metres to the power of d")
         super().__init__(
             si,
             space,
             known.cells,
-            slope=1.0 / whole,
+            slope=1.0 / saturation,
             weight=weight,
             drive=drive,
             turning_radius=turning_radius,

@@ -192,7 +192,7 @@ def plan(
         BFMT, which ask for the cost between all pairs of near samples. They have to beat the cheapest of a few paths
         that RRTConnect finds in a tenth of the time, so that there is one where it finds any. BKPIECE1, KPIECE1,
         LBKPIECE1, RRT and RRTConnect stop at the first path; PRM and PRMstar cannot call Python from their second
-        thread. The length counts a radian of turn as half a metre, but for curves; see :attr:`Plan.turning`.
+        thread. The length counts a radian of turn as half a metre, but for curves; see :attr:`Plan.total_rotation`.
     exact : bool
         Decide MIXED cells by the geometry itself, so that passages are solved which are a hair wider than the robot.
         Slower there; edges are no less proven. Where the map cannot decide whether a path exists, the planner joins the
@@ -284,21 +284,21 @@ def plan(
         if array is not None:
             array.flags.writeable = False
     if len(result.path):
-        status, advice = "path found" + (f": {result.note}" if result.note else ""), ""
+        status, hint = "path found" + (f": {result.note}" if result.note else ""), ""
     elif exists is False:
-        status, advice = "no path exists: proven", ""
+        status, hint = "no path exists: proven", ""
     elif not legs:
         status = f"{NO_CHAIN}; {edges.known(exists)}"
-        advice = _either(edges.decide(name))
+        hint = _either(edges.decide(name))
     else:
         status = "; ".join([_gave_up(result, limit), edges.known(exists), *edges.limits_at(endpoints)])
         refused = {"exact=True": exact, "objective": objective != "length", "iterations": iterations is not None}
         without = [option for option, given in refused.items() if given]
-        advice = _either(edges.advise(exists, name, planner is not None, f"time_limit={10 * limit:g}", without))
+        hint = _either(edges.advise(exists, name, planner is not None, f"time_limit={10 * limit:g}", without))
     clamping = edges.explain_clamping(start, "start"), edges.explain_clamping(goal, "goal")
     status = "; ".join(filter(None, (status, *clamping)))
     certified = solved and result.proven and kind_of(space).same(result.path[[0, -1]], np.array(endpoints))
-    length, turning = edges.measured(waypoints) if solved else (math.nan, math.nan)
+    length, rotation = edges.measured(waypoints) if solved else (math.nan, math.nan)
     setup = searched - began - result.planning - result.simplification
     return Plan(
         path=path,
@@ -313,9 +313,9 @@ def plan(
         solved=solved,
         certified=certified,
         status=status,
-        advice=advice,
+        hint=hint,
         length=length,
-        turning=turning,
+        total_rotation=rotation,
         path_exists=exists,
         planner=name,
         objective=objective if isinstance(objective, str) else "custom",
@@ -393,9 +393,9 @@ def _gave_up(result: SearchResult, limit: float) -> str:
     return f"no path found: {result.note or 'the planner gave up'} after {result.planning:.2g} s{result.where}"
 
 
-def _either(advice: list[str]) -> str:
+def _either(hints: list[str]) -> str:
     """Join alternatives: "a, b, or c"."""
-    return ", or ".join(filter(None, [", ".join(advice[:-1]), *advice[-1:]]))
+    return ", or ".join(filter(None, [", ".join(hints[:-1]), *hints[-1:]]))
 
 
 def _objective(

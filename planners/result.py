@@ -95,13 +95,13 @@ class Plan:
     status : str
         The result in a line: that a path was found, or what is known where none was; and, for an arm, how far the start
         or goal was moved onto limits that it exceeded.
-    advice : str
+    hint : str
         What to try where the search found no path though there may be one; otherwise empty.
     length : float
         Metres that the reference point moves, along curves too; turning on the spot counts nothing. Of an arm, the
         length in its joints, a radian counting as a metre. NaN where not solved.
-    turning : float
-        Radians that the robot turns, all turns added up. Planners minimise the length and half a metre for
+    total_rotation : float
+        Radians that the robot turns along the path. Planners minimise the length and half a metre for
         each of these; but along curves the length alone. Zero of an arm, and NaN where not solved.
     path_exists : bool or None
         What the map proves of start and goal: a path exists, none does, or None for undecided at this resolution. True
@@ -137,9 +137,9 @@ class Plan:
     solved: bool
     certified: bool
     status: str
-    advice: str
+    hint: str
     length: float
-    turning: float
+    total_rotation: float
     path_exists: bool | None
     planner: str
     objective: str
@@ -274,14 +274,14 @@ class Plan:
         """The plan in a few lines."""
         if not self.solved:
             between = f"from {_point(self.start)} to {_point(self.goal)} ({', '.join(self.axes)})"
-            return [f"{self.planner}: {self.status}", between, *([f"try {self.advice}"] if self.advice else [])]
+            return [f"{self.planner}: {self.status}", between, *([f"try {self.hint}"] if self.hint else [])]
         radius = f" of {self.turning_radius:g} m" if self.turning_radius else ""
         edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}{radius}"
         endpoints = " to ".join(map(_point, self.waypoints[[0, -1]]))
         apart = f", {self.distance_text}" if self.distance_text else ""
-        turning = f", turning {self.turning:.2f} rad" if self.turning else ""
+        rotation = f", total rotation {self.total_rotation:.2f} rad" if self.total_rotation else ""
         return [
-            f"{self.planner}: {self.status}, {self._proof}; {self.length:.3f} {self.length_unit}{turning}{apart}",
+            f"{self.planner}: {self.status}, {self._proof}; {self.length:.3f} {self.length_unit}{rotation}{apart}",
             f"{len(self.waypoints)} waypoints ({', '.join(self.axes)}) from {endpoints}, {edges}",
             f"planned in {_text(self.times.planning + self.times.simplification)}, "
             f"set up in {_text(self.times.setup)}, checked in {_text(self.times.checking)}",

@@ -87,8 +87,8 @@ def check_space(space: object) -> None:
 def check_information(si: object, space: object) -> None:
     """Refuse, by an InputError, what is no space information of OMPL's, or no map."""
     if not isinstance(si, ob.SpaceInformation):
-        given, advice = type(si).__name__, "pass e.g. setup.getSpaceInformation()"
-        raise InputError("si", f"is a {given}", "it must be an ompl.base.SpaceInformation", advice, value=si)
+        given, hint = type(si).__name__, "pass e.g. setup.getSpaceInformation()"
+        raise InputError("si", f"is a {given}", "it must be an ompl.base.SpaceInformation", hint, value=si)
     check_space(space)
 
 

@@ -189,7 +189,7 @@ def on_arc(first: np.ndarray, chord: float, turn: float, way: int, along: np.nda
 def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
     """What holds of every solved plan, told by look-ups of single configurations."""
     dim, path, waypoints = space.grid.dim, plan.path, plan.waypoints
-    assert plan.solved and plan.certified and plan.status.startswith("path found") and not plan.advice
+    assert plan.solved and plan.certified and plan.status.startswith("path found") and not plan.hint
     for rows in (path, waypoints):
         assert rows.dtype == np.float64 and rows.shape[1:] == (space.dof,) and not rows.flags.writeable
         both = np.array([start, goal], dtype=float)
@@ -204,7 +204,7 @@ def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
     steps = np.linalg.norm(np.diff(path[:, :dim], axis=0), axis=1)
     if plan.turning_radius is None:
         assert (plan.direction is None) == (plan.drive == "holonomic") and plan.length == pytest.approx(steps.sum())
-        assert plan.turning == pytest.approx(angles.sum(), abs=1e-6)
+        assert plan.total_rotation == pytest.approx(angles.sum(), abs=1e-6)
         dense = list(straight)
     else:
         assert plan.turning_radius is not None and plan.direction is not None
@@ -232,7 +232,7 @@ def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
 def check_none(space: CSpace, plan: planners.Plan) -> None:
     """What holds of every plan that found nothing."""
     assert not plan.solved and not plan.certified and plan.path.shape == plan.waypoints.shape == (0, space.dof)
-    assert all(math.isnan(value) for value in (plan.length, plan.turning, plan.clearance))
+    assert all(math.isnan(value) for value in (plan.length, plan.total_rotation, plan.clearance))
 
 
 def values(states: Any) -> list[float]:

@@ -110,8 +110,8 @@ def plan(
             save_animation(drawn, planned.path, animate, overwrite, progress=progress)
     show({**described, "seconds": clock.seconds}, as_json)
     if not planned.solved:
-        advice = f"; try {in_options(planned.advice, options_of(context.command))}" if planned.advice else ""
-        typer.echo(f"cspace: from {start} to {goal}: {planned.status}{advice}", err=True)
+        hint = f"; try {in_options(planned.hint, options_of(context.command))}" if planned.hint else ""
+        typer.echo(f"cspace: from {start} to {goal}: {planned.status}{hint}", err=True)
         raise typer.Exit(1)
 
 
@@ -195,7 +195,7 @@ def _describe(plan: Plan) -> dict[str, Any]:
         described |= {
             "configurations": len(plan.path),
             with_unit("length", plan.length_unit): plan.length,
-            **({"turning_rad": plan.turning} if plan.turning else {}),
+            **({"total_rotation_rad": plan.total_rotation} if plan.total_rotation else {}),
             **({} if math.isnan(distance) else {with_unit(name, plan.distance_unit): distance}),
             "certified": plan.certified,
             "path": plan.path.tolist(),

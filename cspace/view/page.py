@@ -362,8 +362,8 @@ class Page:
 def _plan_text(plan: Plan) -> str:
     """A plan, and what it proves."""
     if not plan.solved:
-        advice = f"  \nTry {plan.advice}." if plan.advice else ""
-        return f"**{plan.status[:1].upper()}{plan.status[1:]}.**{advice}"
+        hint = f"  \nTry {plan.hint}." if plan.hint else ""
+        return f"**{plan.status[:1].upper()}{plan.status[1:]}.**{hint}"
     proof = "certified: every edge is proven free" if plan.certified else "not certified"
     apart = f", {plan.distance_text}" if plan.distance_text else ""
     seconds = plan.times.planning + plan.times.simplification

@@ -73,7 +73,7 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     "yaw that is infinite": ([*_TURN, "--start", "1,1,infdeg"], ["start", "inf"]),
     "time limit": ([*_PLAN, "--time-limit", "-1"], ["--time-limit is -1"]),
     "objective": ([*_PLAN, "--objective", "beauty"], ["--objective", "beauty", "length"]),
-    "negative turning radius": ([*_TURN, "--drive", "dubins", "--turning-radius", "-1"], ["turning-radius is -1"]),
+    "negative total rotationius": ([*_TURN, "--drive", "dubins", "--turning-radius", "-1"], ["turning-radius is -1"]),
     "curve without a radius": ([*_TURN, "--drive", "dubins"], ["--turning-radius is missing", "--drive dubins"]),
     "radius without a curve": ([*_TURN, "--turning-radius", "1"], ["--turning-radius is 1", "--drive dubins"]),
     "curve without rotations": (
@@ -189,7 +189,7 @@ def test_options_are_checked_before_any_work(room: Path, monkeypatch: pytest.Mon
     for name in (
         *("negative spacing", "no rotations", "bounds of words", "bounds reversed", "robot of the plane, mesh"),
         *("robot of the plane", "robot of space", "map exists", "start of three numbers", "start without a yaw"),
-        *("degrees without a unit", "curve without a radius", "negative turning radius", "curve without rotations"),
+        *("degrees without a unit", "curve without a radius", "negative total rotationius", "curve without rotations"),
         *("animation suffix", "path twice", "yaw in degrees", "yaw without rotations"),
         *("panels without rotations", "view of the plane", "point of two", "point of 3d", "surface of sections"),
         *("export at a yaw", "info of a map with a spacing", "info of a robot of the plane"),

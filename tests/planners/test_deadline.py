@@ -78,7 +78,7 @@ def test_the_widest_path_is_given_up_in_time() -> None:
     planners.plan(space, start, start, planner="MaxClearance")
     plan = in_time(space, (start, goal), planner="MaxClearance")
     assert not plan.solved and plan.status == f"no path found within {LIMIT} s; a path exists"
-    assert plan.advice == "planner='Grid', which finds one, or more time (time_limit=0.15)"
+    assert plan.hint == "planner='Grid', which finds one, or more time (time_limit=0.15)"
 
 
 def test_a_step_that_asks_for_ever_is_cut_off() -> None:

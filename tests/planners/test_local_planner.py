@@ -190,7 +190,7 @@ def test_on_a_roadmap_the_path_is_taken_that_is_shortest_with_its_turns(
     lengths = np.linalg.norm((last - first)[:, :2], axis=1) + 0.5 * turning
     graph = coo_array((lengths, tuple(edges.T)), shape=(len(rows), len(rows))).tocsr()
     least = dijkstra(graph, indices=roadmap.getStartIndex(0))[roadmap.getGoalIndex(0)]
-    assert plan.length + 0.5 * plan.turning == pytest.approx(least, abs=1e-6)
+    assert plan.length + 0.5 * plan.total_rotation == pytest.approx(least, abs=1e-6)
 
 
 @pytest.mark.parametrize("drive", DRIVES)

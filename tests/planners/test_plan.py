@@ -272,7 +272,7 @@ def test_a_proof_that_no_path_exists_spares_the_search(
     plan = planners.plan(space, start, goal, planner=planner, time_limit=60.0, **options_for(curve))
     check_none(space, plan)
     assert plan.path_exists is False and plan.times.planning == 0.0
-    assert (plan.status, plan.advice) == ("no path exists: proven", "")
+    assert (plan.status, plan.hint) == ("no path exists: proven", "")
 
 
 @pytest.mark.parametrize("name", ENDPOINTS)
@@ -290,9 +290,9 @@ def test_where_a_path_exists_the_status_says_so() -> None:
         check_none(room(name), plan)
         known = "one exists for a robot that also moves sideways" if curve else "a path exists"
         assert plan.status == f"no path found within 1e-06 s; {known}" and plan.path_exists is True
-        assert "time_limit=1e-05" in plan.advice and ("planner='Grid', which finds one" in plan.advice) == (not curve)
+        assert "time_limit=1e-05" in plan.hint and ("planner='Grid', which finds one" in plan.hint) == (not curve)
     exact = planners.plan(room("plane"), *ENDPOINTS["plane"], time_limit=1e-6, planner="RRT", exact=True)
-    assert exact.advice.startswith("planner='Grid' without exact=True, which finds one")
+    assert exact.hint.startswith("planner='Grid' without exact=True, which finds one")
 
 
 # ---- start and goal --------------------------------------------------------------------------------------------------

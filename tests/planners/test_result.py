@@ -265,7 +265,7 @@ def test_a_plan_that_failed_says_what_to_try() -> None:
     assert lines == ["Plan(RRTConnect: no path exists: proven", f"     {between.format(*start, *goal)})"]
     start, goal = ENDPOINTS["plane"]
     plan = planners.plan(room("plane"), start, goal, planner="RRT", time_limit=1e-6)
-    lines = [f"RRT: {plan.status}", between.format(*start, *goal), f"try {plan.advice}"]
+    lines = [f"RRT: {plan.status}", between.format(*start, *goal), f"try {plan.hint}"]
     assert repr(plan).splitlines() == [f"Plan({lines[0]}", f"     {lines[1]}", f"     {lines[2]})"]
     page = plan._repr_html_()
     assert page.startswith('<img src="data:image/png;base64,')

@@ -54,9 +54,9 @@ def test_named_planner_keeps_the_search_and_hint_names_grid(offices: CSpace) -> 
         plan = planners.plan(offices, *UNLUCKY, planner="RRTConnect", time_limit=0.01, **options)
         check_none(offices, plan)
         assert plan.status.endswith("; a path exists")
-        assert plan.advice == f"planner='Grid'{without}, which finds one, or more time (time_limit=0.1)"
+        assert plan.hint == f"planner='Grid'{without}, which finds one, or more time (time_limit=0.1)"
     plan = planners.plan(offices, *UNLUCKY, planner="RRTstar", time_limit=0.01, objective="clearance")
-    assert plan.solved or plan.advice.startswith("planner='Grid' without objective, which finds one")
+    assert plan.solved or plan.hint.startswith("planner='Grid' without objective, which finds one")
     assert planners.plan(offices, *UNLUCKY, planner="Grid").certified
 
 
@@ -89,19 +89,19 @@ def test_a_plan_ends_at_once_if_no_chain_of_free_cells_joins_start_and_goal(
     assert plan.path_exists is None and plan.times.planning == 0.0
     assert plan.status == "no chain of FREE cells joins start and goal; undecided whether one exists"
     finer = "a finer spacing" + " or more rotations" * (name in ("turning", "yawing", "floating"))
-    assert plan.advice == (finer if drive in CURVES else f"exact=True, or {finer}")
+    assert plan.hint == (finer if drive in CURVES else f"exact=True, or {finer}")
 
 
 def test_the_advice_fits_the_map_and_the_planner(tmp_path: Path) -> None:
     space, start, goal = halves("plane", MIXED)
-    assert planners.plan(space, start, goal, planner="Grid").advice.startswith("planner='RRTConnect' with exact=True")
+    assert planners.plan(space, start, goal, planner="Grid").hint.startswith("planner='RRTConnect' with exact=True")
     walls = np.zeros((60, 40), dtype=bool)
     walls[30:32] = True  # a path leads around the map
     options = {"store": tmp_path / "m", "tile": 15, "outside": "free"}
     tiled = build(Workspace.from_array(walls, 0.1), Robot.disc(0.2), **options)
     plan = planners.plan(tiled, [0.7, 3.2], [5.3, 3.2])
     where = "exact=True on space.window(lower, upper)"
-    assert plan.advice == f"{where}, a finer spacing, or a workspace with wider bounds"
+    assert plan.hint == f"{where}, a finer spacing, or a workspace with wider bounds"
 
 
 def test_with_exact_the_planner_searches_where_no_chain_of_free_cells_leads() -> None:

@@ -112,7 +112,7 @@ def test_between_the_cells_it_is_linear(case: tuple[CSpace, FourierOverlap], fie
 def test_the_objective_weighs_length_by_the_overlap(case: tuple[CSpace, FourierOverlap], field: OverlapField) -> None:
     space, _ = case
     si = planners.simple_setup(space).getSpaceInformation()
-    objective = planners.OverlapObjective(si, space, field, weight=4.0, full=0.01)
+    objective = planners.OverlapObjective(si, space, field, weight=4.0, saturation=0.01)
     turning = space.rotations.dof
     rng = np.random.default_rng(2)
     low, high = np.array(space.grid.lower), np.array(space.grid.upper)
@@ -142,7 +142,7 @@ def test_other_fields_and_values_are_refused(case: tuple[CSpace, FourierOverlap]
     other = build(space.workspace, space.robot, rotations=None)
     with pytest.raises(InputError, match="another map"):
         planners.OverlapObjective(si, space, OverlapField.of(other, overlap))
-    for options in ({"weight": -1.0}, {"full": 0.0}, {"turning_radius": 1.0}):
+    for options in ({"weight": -1.0}, {"saturation": 0.0}, {"turning_radius": 1.0}):
         with pytest.raises(InputError):
             planners.OverlapObjective(si, space, field, **options)
     with pytest.raises(InputError, match="fields are penetration;"):
