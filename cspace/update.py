@@ -323,7 +323,7 @@ class Updater:
         begin = np.maximum(low + reach[:, 0].min(axis=0), 0)
         end = np.minimum(high + reach[:, 1].max(axis=0), self._grid.shape)
         outer, inner = self._cells_after(patch, tuple(map(slice, begin.tolist(), end.tolist())))
-        sides = [[raster.moved((low - begin).tolist()) for raster in side[batch]] for side in self._sides]
+        sides = [[raster.translate((low - begin).tolist()) for raster in side[batch]] for side in self._sides]
         window = (slice(None), *map(slice, low.tolist(), high.tolist()))
         old = whole[window]
         states = np.empty(old.shape, dtype=np.uint8)

@@ -74,7 +74,7 @@ def raster_parts(robot: Robot, spacing: float, margin: float, rotations: Rotatio
         for known, (outer, inner) in made:  # which grows meanwhile
             for other in alike.get(known, ()):
                 matrix = images[made_by[other]][0].T
-                made.append((other, (outer.turned(matrix), inner.turned(matrix))))
+                made.append((other, (outer.rotate(matrix), inner.rotate(matrix))))
         return made
 
     return [partial(make, number) for number in np.flatnonzero(source == own).tolist()]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cspace.arrays import Bools, Ints, Words
 from cspace.compiling import always_inline, kernel
 from cspace.map.storage import Cells, Stack, bits_from, cells_of, expect, ones_in, read_only, row_in, state_in
-from cspace.raster.surfaces import unite
+from cspace.raster.surfaces import merge_sets
 from cspace.threads import cores, in_threads
 
 Nodes = NDArray[np.int32]
@@ -248,7 +248,7 @@ def continue_row(labels: Labels, at: int, before: tuple[int, int], parent: Nodes
                 if number < 0:
                     number = other
                 elif parent[number] != parent[other]:
-                    unite(parent, number, other)
+                    merge_sets(parent, number, other)
         if number < 0:
             number, parent[components], components = components, components, components + 1
         one = one and parent[number] == parent[numbers[first] if stop > first else number]
@@ -362,7 +362,7 @@ def meet_blocks(
                 bit = left & (~left + _ONE)
                 left ^= bit
                 one, two = number_at(labels, own, bit << ahead), number_at(labels, other, bit)
-                if unite(parent, one, MOST + two):
+                if merge_sets(parent, one, MOST + two):
                     faces.pairs[n_pairs] = one * MOST + two
                     n_pairs += 1
             if n_pairs == begin + most:
@@ -417,7 +417,7 @@ def join_nodes(roots: Nodes, base: Nodes, faces: Faces, fresh: int, changed: Boo
                 for k in range(begin, last):
                     one, two = own + (pairs[k] >> BITS), other + (pairs[k] & (MOST - 1))
                     if roots[one] != roots[two]:  # most are joined by now
-                        unite(roots, one, two)
+                        merge_sets(roots, one, two)
         begin = last
     for node in range(len(roots)):
         roots[node] = roots[roots[node]]  # which is no higher, and is a root by now

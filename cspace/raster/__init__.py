@@ -1,4 +1,4 @@
-"""Rasters: sets of lattice offsets, the discrete robot; and the compiled rasterisers that the shapes share."""
+"""Rasters (sets of lattice offsets) and the compiled rasterisers that the shapes share."""
 
 from __future__ import annotations
 
@@ -12,23 +12,24 @@ from cspace.arrays import Bools, Floats, Ints, frozen
 from cspace.errors import InputError
 from cspace.limits import free_bytes
 
-MAX_CELLS = 2**28
+MAX_RASTER_CELLS = 2**28
+"""Maximum number of cells in the bounding box of a raster."""
 
-SMALL = 2**22
-"""Cells up to which a robot is rasterised without a look at the memory."""
+UNCHECKED_CELLS = 2**22
+"""Number of cells up to which a robot is rasterised without checking the free memory."""
 
-BYTES = 6
-"""Memory for each cell of a robot while it is rasterised: several bitmaps."""
+BYTES_PER_CELL = 6
+"""Memory for each cell of a robot while it is rasterised, which takes several bitmaps."""
 
 
 @dataclass(frozen=True, slots=True)
 class Raster:
-    """A finite set of offsets ``m`` in Z^d, held as a bitmap trimmed to its bounding box.
+    """A finite set of offsets ``m`` in Z^d, stored as a bitmap trimmed to its bounding box.
 
     Attributes
     ----------
     cells : ndarray of bool
-        ``cells[i]`` is whether the offset ``lower + i`` belongs to the set; of shape (0, ...) for the empty set.
+        ``cells[i]`` is True if the set has the offset ``lower + i``; shape (0, ...) for the empty set.
     lower : tuple of int
         Offset of ``cells[0, ...]``.
     """
@@ -38,19 +39,19 @@ class Raster:
 
     @classmethod
     def from_bitmap(cls, cells: Bools, lower: tuple[int, ...]) -> Raster:
-        """The set of the True entries of ``cells``, whose first entry is the offset ``lower``."""
-        window, left = [], cells
+        """Return the set of the True entries of ``cells``, whose first entry is the offset ``lower``."""
+        window, remaining = [], cells
         for _ in range(cells.ndim):
-            used = np.flatnonzero(left.reshape(len(left), -1).any(axis=1))
-            if not len(used):
+            occupied = np.flatnonzero(remaining.reshape(len(remaining), -1).any(axis=1))
+            if not len(occupied):
                 return cls(np.zeros((0,) * cells.ndim, dtype=np.bool_), (0,) * cells.ndim)
-            window.append(slice(int(used[0]), int(used[-1]) + 1))
-            left = np.asarray(left.any(axis=0))
+            window.append(slice(int(occupied[0]), int(occupied[-1]) + 1))
+            remaining = np.asarray(remaining.any(axis=0))
         tight = np.ascontiguousarray(cells[tuple(window)])
-        return cls(frozen(tight), tuple(low + part.start for low, part in zip(lower, window, strict=True)))
+        return cls(frozen(tight), tuple(low + extent.start for low, extent in zip(lower, window, strict=True)))
 
-    def turned(self, matrix: Floats) -> Raster:
-        """The set turned by a matrix with one 1 or -1 in each row and column: an exact permutation of the lattice."""
+    def rotate(self, matrix: Floats) -> Raster:
+        """Rotate by a matrix with one 1 or -1 in each row and column, which permutes the lattice exactly."""
         if not self.cells.size:
             return self
         axes, signs = np.abs(matrix).argmax(axis=1), matrix.sum(axis=1)
@@ -58,13 +59,13 @@ class Raster:
         lower = tuple(self.lower[a] if sign > 0 else -self.upper[a] for a, sign in zip(axes, signs, strict=True))
         return Raster(np.ascontiguousarray(cells), lower)
 
-    def moved(self, by: Sequence[int]) -> Raster:
-        """The set with so much added to each offset."""
-        return Raster(self.cells, tuple(low + int(more) for low, more in zip(self.lower, by, strict=True)))
+    def translate(self, offset: Sequence[int]) -> Raster:
+        """Add an offset to every offset of the set."""
+        return Raster(self.cells, tuple(low + int(step) for low, step in zip(self.lower, offset, strict=True)))
 
     @property
     def upper(self) -> tuple[int, ...]:
-        """The largest offset along each axis, inclusive."""
+        """Largest offset along each axis, inclusive."""
         return tuple(low + n - 1 for low, n in zip(self.lower, self.cells.shape, strict=True))
 
     @property
@@ -74,21 +75,26 @@ class Raster:
 
 
 def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
-    """The offsets of rasters as runs along the last axis, shape (n, 4), and which raster each is of, shape (n,).
+    """List the offsets of rasters as runs along the last axis.
 
-    A run is its first offset, with 0 before it in the plane, and its length. Those of a raster follow each other.
+    Returns
+    -------
+    runs : ndarray of int64, shape (n, 4)
+        First offset of each run, with a leading 0 in the plane, and its length. Runs are in the order of the rasters.
+    owner : ndarray of int64, shape (n,)
+        Index of the raster that each run belongs to.
     """
-    places: list[Ints] = []
+    edges: list[Ints] = []
     for raster in rasters:
         lines, n = math.prod(raster.cells.shape[:-1]), raster.cells.shape[-1]
-        # With a gap before the first line and behind each: a run begins, or has ended, where two that follow differ.
+        # With a gap before the first line and after each line, runs start and stop where consecutive bits differ.
         bits = np.zeros(1 + lines * (n + 1), dtype=np.bool_)
         bits[1:].reshape(lines, n + 1)[:, :n] = raster.cells.reshape(lines, n)
-        places.append(np.flatnonzero(bits[1:] != bits[:-1]))
-    owner = np.repeat(np.arange(len(rasters)), [len(each) // 2 for each in places])
+        edges.append(np.flatnonzero(bits[1:] != bits[:-1]))
+    owner = np.repeat(np.arange(len(rasters)), [len(found) // 2 for found in edges])
     shapes = np.array([(1, *raster.cells.shape)[-3:] for raster in rasters])[owner]
     lower = np.array([(0, *raster.lower)[-3:] for raster in rasters])[owner]
-    first, stop = np.concatenate(places).reshape(-1, 2).T
+    first, stop = np.concatenate(edges).reshape(-1, 2).T
     line, last = np.divmod(first, shapes[:, 2] + 1)
     table = np.empty((len(first), 4), dtype=np.int64)
     table[:, 0], table[:, 1] = np.divmod(line, shapes[:, 1])
@@ -98,21 +104,21 @@ def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
 
 
 def allocate_bitmap(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:
-    """An empty bitmap over the lattice points of a box, with two cells to spare, and the offset of its first entry.
+    """Allocate an empty bitmap over the lattice points of a box, padded by two cells.
 
-    Raises InputError if the box holds more cells than a raster may.
+    Returns the bitmap and the offset of its first entry. Raises InputError if the box has more cells than a raster may.
     """
-    first = np.floor(low) - 2
-    shape = np.ceil(high) + 3 - first
-    cells, most = float(np.prod(shape)), MAX_CELLS
-    if cells > SMALL:
-        most = min(MAX_CELLS, (free_bytes() or BYTES * MAX_CELLS) // BYTES)
-    if cells > most:
-        across = " x ".join(f"{n:.0f}" for n in shape)
+    lower = np.floor(low) - 2
+    shape = np.ceil(high) + 3 - lower
+    cells, max_cells = float(np.prod(shape)), MAX_RASTER_CELLS
+    if cells > UNCHECKED_CELLS:
+        max_cells = min(MAX_RASTER_CELLS, (free_bytes() or BYTES_PER_CELL * MAX_RASTER_CELLS) // BYTES_PER_CELL)
+    if cells > max_cells:
+        size = " x ".join(f"{n:.0f}" for n in shape)
         raise InputError(
             "robot",
-            f"is {across} cells large at this spacing",
-            f"at most {most} cells are rasterised, with the memory that is free",
+            f"is {size} cells large at this spacing",
+            f"the free memory allows at most {max_cells}",
             "use a larger spacing, or check the robot's units (metres)",
         )
-    return np.zeros(tuple(shape.astype(int)), dtype=np.bool_), tuple(int(n) for n in first)
+    return np.zeros(tuple(shape.astype(int)), dtype=np.bool_), tuple(int(n) for n in lower)

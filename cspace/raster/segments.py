@@ -1,30 +1,29 @@
-"""Segments of the plane, each grown by a radius, and what closed curves of them enclose: robots and obstacles.
+"""Rasters of plane segments, each grown by a radius, and of the regions enclosed by closed curves.
 
 A *box* ``i`` is ``i + [b0, b1]^2``: ``(0, 1)`` for the cells of a workspace, ``(-1, 1)`` for the outer raster of a
-robot, ``(c, c)`` for sample points. Lengths are in cells, as the indices of the array that is written.
+robot, ``(c, c)`` for sample points. Lengths are in cells, in the index frame of the output array.
 
-*Robots.* With ``h`` the spacing and ``A`` the robot, grown by the margin on the outer side,
+*Robots.* With spacing ``h`` and robot ``A``, grown by the margin on the outer side,
 
 * outer = { m : A meets h * (m + [-1, 1]^2) },
 * inner = { m : h * m lies in A }.
 
-*Obstacles.* Outer cells are those that meet an obstacle, inner ones those that lie in one obstacle.
+*Obstacles.* Outer cells meet an obstacle, inner cells lie in one obstacle.
 
-*Safety against rounding.* All work is done in cells, on numbers below 2^22. The scaled vertices and each interval end
-computed from them are then off by less than 2^-28 cells: a few roundings of 2^-53 relative to such numbers, and no
-difference is ever divided by a smaller one (the clip parameter of an edge is a ratio in [0, 1] whose relative error is
-three roundings; the half chord of an end disc is taken of a radius that was enlarged first, by more than the rounding
-of its square). Outer rasters grow by ``SLACK`` = 2^-26 cells and inner ones shrink by as much. So the outer
-raster holds every offset of the definition, and at most those within 2 ``SLACK`` of it besides; the inner
-one holds no offset that the definition forbids, and leaves out at most those within 3 ``SLACK`` of the robot's border,
-among them lattice points exactly on it. The rounding of a look-up (also below 2^-28 cells) is covered by the same
-slack.
+*Rounding.* All work is done in cells, on numbers below 2^22. The scaled vertices and each interval end computed from
+them have errors below 2^-28 cells: a few roundings of 2^-53 relative to such numbers, and no difference is divided by a
+smaller one (the clip parameter of an edge is a ratio in [0, 1] whose relative error is three roundings; the half chord
+of an end disc is computed from a radius enlarged by more than the rounding of its square). Outer rasters grow by
+``SLACK`` = 2^-26 cells and inner rasters shrink by as much. So the outer raster contains every offset of the
+definition, and at most those within 2 ``SLACK`` of it besides. The inner raster contains only offsets of the
+definition, and misses at most those within 3 ``SLACK`` of the robot's boundary, among them lattice points exactly on
+it. The same slack covers the rounding of a look-up (also below 2^-28 cells).
 
-*Turning.* A rotation cell holds the turns within an angle a of its representative. A point p of the robot moves by at
-most ``2 |p| sin(a / 2)`` within it. So the robot at any turn of the cell lies in the representative one with each piece
-of its border grown by that, for the farthest point of the piece; and a point that is farther from each piece of the
-border than that is inside at all turns, if it is inside at one. Pieces are cut short enough for the growth to vary by
-less than a quarter of a cell along one.
+*Rotation.* A rotation cell contains the rotations within an angle a of its representative. Within the cell, a robot
+point p moves by at most ``2 |p| sin(a / 2)``. So the robot at any rotation of the cell lies in the robot at the
+representative rotation with each piece of its boundary grown by that displacement, for the farthest point of the piece.
+A point farther than that from each piece of the boundary is inside at all rotations if it is inside at one. Pieces are
+so short that the growth varies by less than a quarter of a cell along each.
 
 The work grows with the length of the boundary; only the parity fill visits every cell of the bounding box, at one byte
 each.
@@ -44,69 +43,74 @@ from cspace.grid import SLACK, Grid, check_reach
 from cspace.raster import Raster, allocate_bitmap
 from cspace.rotations import NO_ROTATION, RotationCell
 
-OBSTACLE: Final = ("an obstacle", "the map's corner", "clip the obstacles to the map, or check their units (metres)")
-"""Subject and mend of the error about obstacles that reach too far."""
+OBSTACLE_REACH: Final = (
+    "an obstacle",
+    "the map's corner",
+    "clip the obstacles to the map, or check their units (metres)",
+)
+"""Name, origin and hint of the error for obstacles that reach too far."""
 
 
 def outline_rasters(
     parts: Sequence[tuple[Floats, bool]], spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
 ) -> tuple[Raster, Raster]:
-    """Outer and inner raster of a robot that is a union of regions and lines; all in metres.
+    """Return the outer and inner raster of a robot that is a union of regions and lines, in metres.
 
-    Each part has its border segments ``(x0, y0, x1, y1)``, shape (E, 4), and whether they form closed curves, in any
-    order, and the part is what these enclose by even-odd parity. The rasters hold for all rotations of the cell.
+    Each part is a pair: boundary segments ``(x0, y0, x1, y1)``, shape (E, 4), and whether they form closed curves, in
+    any order. If they do, the part is the region that they enclose by even-odd parity. The rasters hold for all
+    rotations of the rotation cell.
     """
-    scaled = [_turned(_cut(segments / spacing, rotation), rotation) for segments, _ in parts]
-    growths = [rotation.displacement(outline.reshape(-1, 2, 2)).max(axis=1) for outline in scaled]
+    outlines = [_rotate_segments(_cut_segments(segments / spacing, rotation), rotation) for segments, _ in parts]
+    growths = [rotation.displacement(outline.reshape(-1, 2, 2)).max(axis=1) for outline in outlines]
     radius = margin / spacing
-    every = np.concatenate(scaled).reshape(-1, 2)
+    points = np.concatenate(outlines).reshape(-1, 2)
     reach = radius + max(float(growth.max()) for growth in growths) + 1.0
-    outer, lower = allocate_bitmap(every.min(axis=0) - reach, every.max(axis=0) + reach)
+    outer, lower = allocate_bitmap(points.min(axis=0) - reach, points.max(axis=0) + reach)
     inner = np.zeros_like(outer)
     shift = np.tile(np.asarray(lower, dtype=np.float64), 2)
-    for outline, growth, (_, filled) in zip(scaled, growths, parts, strict=True):
-        local = np.ascontiguousarray(outline - shift)
-        mark_touched(outer, local, growth + radius, -1.0, 1.0, SLACK)
+    for outline, growth, (_, filled) in zip(outlines, growths, parts, strict=True):
+        segments = np.ascontiguousarray(outline - shift)
+        mark_touched(outer, segments, growth + radius, -1.0, 1.0, SLACK)
         if not filled:
             continue
-        inside = np.zeros_like(outer)
-        mark_inside(inside, local, 0.0)
-        outer |= inside
-        border = np.zeros_like(outer)
-        mark_touched(border, local, growth, 0.0, 0.0, SLACK)
-        inner |= inside & ~border
+        enclosed = np.zeros_like(outer)
+        mark_inside(enclosed, segments, 0.0)
+        outer |= enclosed
+        near_boundary = np.zeros_like(outer)
+        mark_touched(near_boundary, segments, growth, 0.0, 0.0, SLACK)
+        inner |= enclosed & ~near_boundary
     return Raster.from_bitmap(outer, lower), Raster.from_bitmap(inner, lower)
 
 
 def outline_cells(parts: Sequence[tuple[Floats, bool]], grid: Grid) -> tuple[Bools, Bools]:
-    """Outer and inner cells of a union of obstacles, parts as of :func:`outline_rasters`.
+    """Return the outer and inner cells of a union of obstacles, parts as for :func:`outline_rasters`.
 
-    What lies outside the grid is clipped. Raises InputError if a coordinate is so far from the grid that rounding could
-    reach the certificate's slack.
+    Obstacles are clipped to the grid. Raises InputError if a coordinate is so far from the grid that rounding could
+    exceed ``SLACK``.
     """
     outer = np.zeros(grid.shape, dtype=np.bool_)
     inner = np.zeros(grid.shape, dtype=np.bool_)
     for segments, filled in parts:
-        local, window = _localise(segments, grid)
+        local, window = _to_window(segments, grid)
         if local is None:
             continue
         touched = np.zeros(outer[window].shape, dtype=np.bool_)
-        inside = np.zeros_like(touched)
+        enclosed = np.zeros_like(touched)
         mark_touched(touched, local, np.zeros(len(local)), 0.0, 1.0, SLACK)
         if filled:
-            mark_inside(inside, local, 0.5)
-        outer[window] |= touched | inside
-        inner[window] |= inside & ~touched
+            mark_inside(enclosed, local, 0.5)
+        outer[window] |= touched | enclosed
+        inner[window] |= enclosed & ~touched
     return outer, inner
 
 
-def _localise(segments: Floats, grid: Grid) -> tuple[Floats | None, tuple[slice, slice]]:
-    """Segments in cells from the first cell of the window of the grid that they can touch, and that window.
+def _to_window(segments: Floats, grid: Grid) -> tuple[Floats | None, tuple[slice, slice]]:
+    """Convert segments to cells relative to the window of the grid that they can touch.
 
-    The window reaches one cell past the grid's part of their bounding box; None where they miss the grid.
+    Returns the segments, or None if they miss the grid, and the window, which reaches one cell past their bounding box.
     """
     local = (segments - np.tile(grid.lower, 2)) / grid.spacing
-    check_reach(float(np.abs(local).max(initial=0.0)), *OBSTACLE)
+    check_reach(float(np.abs(local).max(initial=0.0)), *OBSTACLE_REACH)
     points = local.reshape(-1, 2)
     first = np.maximum(np.floor(points.min(axis=0)).astype(int) - 1, 0)
     stop = np.minimum(np.floor(points.max(axis=0)).astype(int) + 2, grid.shape)
@@ -116,33 +120,34 @@ def _localise(segments: Floats, grid: Grid) -> tuple[Floats | None, tuple[slice,
     return np.ascontiguousarray(local - np.tile(first, 2)), window
 
 
-def _turned(segments: Floats, rotation: RotationCell) -> Floats:
+def _rotate_segments(segments: Floats, rotation: RotationCell) -> Floats:
+    """Rotate segments by the representative rotation of a rotation cell."""
     return rotation.apply(segments.reshape(-1, 2)).reshape(-1, 4)
 
 
-def _cut(segments: Floats, rotation: RotationCell) -> Floats:
-    """Segments in cells, cut into pieces along which the displacement within a turn varies by less than a quarter."""
+def _cut_segments(segments: Floats, rotation: RotationCell) -> Floats:
+    """Cut segments into pieces along which the displacement in a rotation cell varies by under 1/4 cell."""
     swing = float(rotation.displacement(np.array([1.0, 0.0])))
     lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
     pieces = np.maximum(np.ceil(4.0 * swing * lengths).astype(int), 1)
     if (pieces == 1).all():
         return segments
-    whole = np.repeat(np.arange(len(segments)), pieces)
-    number = np.arange(len(whole)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    starts, steps = segments[whole, :2], segments[whole, 2:] - segments[whole, :2]
-    # Neighbouring pieces must share their endpoints to the last bit, so each one is computed by one formula.
-    first = starts + steps * (number / pieces[whole])[:, None]
+    source = np.repeat(np.arange(len(segments)), pieces)
+    index = np.arange(len(source)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    starts, steps = segments[source, :2], segments[source, 2:] - segments[source, :2]
+    # Neighbouring pieces must share endpoints to the last bit, so both ends use the same formula.
+    first = starts + steps * (index / pieces[source])[:, None]
     last = np.where(
-        (number + 1 == pieces[whole])[:, None],
-        segments[whole, 2:],
-        starts + steps * ((number + 1) / pieces[whole])[:, None],
+        (index + 1 == pieces[source])[:, None],
+        segments[source, 2:],
+        starts + steps * ((index + 1) / pieces[source])[:, None],
     )
     return np.hstack([first, last])
 
 
 @kernel
 def _segment_over_slab(px: float, py: float, qx: float, qy: float, x0: float, x1: float) -> tuple[float, float]:
-    """y-interval of a segment over the slab ``x0 <= x <= x1``; (inf, -inf) where they do not meet."""
+    """Return the y-interval of a segment over the slab ``x0 <= x <= x1``; (inf, -inf) if they are disjoint."""
     if max(px, qx) < x0 or min(px, qx) > x1:
         return math.inf, -math.inf
     if px == qx:
@@ -156,7 +161,7 @@ def _segment_over_slab(px: float, py: float, qx: float, qy: float, x0: float, x1
 
 @kernel
 def _disc_over_slab(cx: float, cy: float, radius: float, x0: float, x1: float) -> tuple[float, float]:
-    """y-interval of a disc over the slab ``x0 <= x <= x1``; (inf, -inf) where they do not meet."""
+    """Return the y-interval of a disc over the slab ``x0 <= x <= x1``; (inf, -inf) if they are disjoint."""
     dx = max(max(0.0, x0 - cx), cx - x1)
     if dx > radius:
         return math.inf, -math.inf
@@ -166,18 +171,18 @@ def _disc_over_slab(cx: float, cy: float, radius: float, x0: float, x1: float) -
 
 @kernel
 def mark_touched(out: Bools, segments: Floats, radii: Floats, b0: float, b1: float, slack: float) -> None:
-    """Set ``out[i]`` where box ``i`` comes within ``slack`` of a segment grown by its radius.
+    """Set ``out[i]`` if box ``i`` comes within ``slack`` of a segment grown by its radius.
 
-    The grown segment is convex, so that its part over the x-slab of a box spans an interval of y; the box meets it
-    exactly where their y-intervals overlap. That interval is the hull of those of the two end discs and of the
-    rectangle between them.
+    The grown segment is convex, so its part over the x-slab of a box spans a y-interval; the box meets it if and only
+    if their y-intervals overlap. That interval is the hull of the intervals of the two end discs and the rectangle
+    between them.
     """
     nx, ny = out.shape
     for e in range(segments.shape[0]):
         px, py = segments[e, 0], segments[e, 1]
         qx, qy = segments[e, 2], segments[e, 3]
         radius = radii[e] + slack if radii[e] > 0.0 else 0.0
-        # From the segment to a side of the rectangle.
+        # Offset from the segment to one side of the rectangle.
         ox, oy = py - qy, qx - px
         length = math.sqrt(ox * ox + oy * oy)
         scale = radius / length if length > 0.0 else 0.0
@@ -205,7 +210,7 @@ def mark_touched(out: Bools, segments: Floats, radii: Floats, b0: float, b1: flo
 
 @kernel
 def mark_inside(out: Bools, segments: Floats, c: float) -> None:
-    """Set ``out[i, j]`` where the point ``(i + c, j + c)`` is inside closed curves, by even-odd parity.
+    """Set ``out[i, j]`` if the point ``(i + c, j + c)`` is inside closed curves, by even-odd parity.
 
     Exact for points farther from the curve than rounding; ``out`` must be all False.
     """
@@ -218,7 +223,7 @@ def mark_inside(out: Bools, segments: Floats, c: float) -> None:
         if px > qx:
             px, qx = qx, px
             py, qy = qy, py
-        # The column x = i + c is crossed where px <= x < qx: a vertex counts for one of its two edges.
+        # An edge crosses the column x = i + c if px <= x < qx, so a vertex counts for one of its two edges.
         first = max(0, math.ceil(px - c))
         last = min(nx - 1, math.ceil(qx - c) - 1)
         for i in range(first, last + 1):
@@ -228,7 +233,7 @@ def mark_inside(out: Bools, segments: Floats, c: float) -> None:
                 j = max(j, 0)
                 out[i, j] = not out[i, j]
     for i in range(nx):
-        inside: bool = np.bool_(False)  # type: ignore[assignment]  # of one type for the compiler from the start
+        inside: bool = np.bool_(False)  # type: ignore[assignment]  # numba needs one type throughout
         for j in range(ny):
             inside ^= out[i, j]
             out[i, j] = inside

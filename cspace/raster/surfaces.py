@@ -1,34 +1,33 @@
-"""Surfaces in space, and what they enclose: robots and obstacles, outer and inner.
+"""Rasters of surfaces in space and of the solids that they enclose: robots and obstacles.
 
 The surface is marked exactly (see :mod:`cspace.raster.triangles`). A box that no triangle touches lies on one side of
-it, so that its middle, half a cell or more from the surface, decides whether it lies inside: by the winding number
-of the surface, or, of a surface to be filled, by whether untouched boxes join it to those around
-the surface.
+it, so its center, half a cell or more from the surface, decides if it lies inside. The winding number of the surface
+decides, or, for a surface to be filled, whether untouched boxes connect it to the exterior.
 
-*Turning.* A rotation cell holds the rotations within an angle a of its representative R. A point p of the robot A is
-at most ``2 |p| sin(a / 2)`` from ``R p`` at all of them (about the z axis, ``|p|`` is the distance from it). Cut the
-surface into pieces, and let ``g`` be the largest such displacement on a piece, which is that of a corner. Pieces are
-small enough for it to vary by no more than about a third of a cell along a side, or a quarter of itself. A point keeps
-its distance from the origin as well: it stays in the shell S between the nearest and the farthest point of its piece,
-and what comes to a place q was at most ``2 |q| sin(a / 2)`` away, so that g may be that for q, if it is less.
+*Rotation.* A rotation cell contains the rotations within an angle a of its representative R. A point p of the robot A
+stays within ``2 |p| sin(a / 2)`` of ``R p`` (about the z axis, ``|p|`` is the distance from the axis). Cut the surface
+into pieces, and let ``g`` be the largest displacement on a piece, attained at a corner. Pieces are so small that it
+varies by at most about a third of a cell along a side, or a quarter of itself. A point also keeps its distance from the
+origin: it stays in the spherical shell S between the nearest and the farthest point of its piece. A point that arrives
+at a position q was at most ``2 |q| sin(a / 2)`` away, so g may be replaced by that displacement of q if it is smaller.
 
-* *Outer.* Let q lie in R' A for a rotation R' of the cell, and not in R A. On the way from R to R', which stays within
-  the cell, q passes from the outside of the robot to its inside; so at some rotation R'' on the way it lies on the
-  border: ``q = R'' b``, within g of ``R b`` for the piece of b, and in its S. So R A together with all that is within g
-  of each piece of R's border, and in the piece's S, holds the robot at every rotation of the cell.
-* *Inner.* A point that lies in R A and, for each piece, farther from it than g or not in its S, is on no border on the
-  way, and so lies in the robot at every rotation of the cell.
+* *Outer.* Let q lie in R' A for a rotation R' of the cell, and not in R A. On the path from R to R', which stays in the
+  cell, q passes from the exterior of the robot to its interior; so at some rotation R'' on the path it lies on the
+  boundary: ``q = R'' b``, within g of ``R b`` for the piece of b, and in its S. So R A together with all points within
+  g of a piece of R's boundary, and in the piece's S, contains the robot at every rotation of the cell.
+* *Inner.* Let q lie in R A and, for each piece, be farther from it than g or outside its S. Then q is on no boundary
+  along any path, and so lies in the robot at every rotation of the cell.
 
-*Winding numbers* say how often closed surfaces go round a point. A ray runs from the point along z, and the triangles
-that it crosses are summed up: 1 where the ray leaves through the front of one, -1 where it enters. Each edge is crossed
-where half-open intervals say, at a point that all of its triangles compute alike; so the crossings of closed bodies are
-those of closed surfaces that differ from them by the rounding of one interpolation, and another one gives their height.
-Each is off by less than 3 * 2^-30 cells at coordinates of 2^22 cells (see :mod:`cspace.raster.triangles`). So the
-number is right for a point that is farther from the surface than 2^-27 cells, however the ray meets edges, vertices, or
-triangles seen from the side: the sum is an integer, and nothing is rounded to it.
+*Winding numbers* count how often closed surfaces enclose a point. A ray runs from the point along z, and the sum of its
+crossings is the winding number: 1 if the ray leaves through the front of a triangle, -1 if it enters. Half-open
+intervals decide if an edge is crossed, at a point that all triangles of the edge compute alike. So the crossings of
+closed bodies are those of closed surfaces that differ by the rounding of one interpolation; another interpolation gives
+the height. Each has an error below 3 * 2^-30 cells at coordinates of 2^22 cells (see :mod:`cspace.raster.triangles`).
+So the winding number is right for a point farther than 2^-27 cells from the surface, even if the ray meets edges,
+vertices, or triangles parallel to it: the sum is an integer, without rounding.
 
-*Components* of untouched boxes are held as runs along z. There are about as many runs as columns and touched boxes, so
-that labelling costs one look at each box, and memory for the runs alone.
+*Components* of untouched boxes are stored as runs along z. There are about as many runs as columns and touched boxes,
+so labelling reads each box once, and takes memory for the runs alone.
 """
 
 from __future__ import annotations
@@ -45,28 +44,28 @@ from cspace.compiling import jit, kernel
 from cspace.errors import InputError
 from cspace.grid import SLACK, Grid, check_reach
 from cspace.raster import Raster, allocate_bitmap
-from cspace.raster.triangles import mark_touched, mark_within, sweep
+from cspace.raster.triangles import mark_touched, mark_within, sweep_triangles
 from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.threads import in_chunks
 
 Labels = NDArray[np.int32]
 
-_SLABS_A_THREAD = 32
+_MIN_SLABS_PER_THREAD = 32
+"""Minimum number of layers of boxes across x for each thread."""
 
 
-class Components(NamedTuple):
-    """Sets of boxes, joined through sides; compiled functions take them as they are.
+class RunComponents(NamedTuple):
+    """Face-connected components of boxes, stored as runs along z; compiled functions take them as they are.
 
     Attributes
     ----------
     shape : tuple of int
-        Of the array of boxes.
+        Shape of the array of boxes.
     offsets : ndarray of int64
-        The runs of column ``i * ny + j`` are those from ``offsets[column]`` up to ``offsets[column + 1]``.
+        Column ``i * ny + j`` has the runs from ``offsets[column]`` up to ``offsets[column + 1]``.
     lows, highs, labels : ndarray of int32
-        For each run its first and last z, and the number of its component.
-    number : int
-        Of components.
+        First and last z of each run, and the label of its component.
+    n_components : int
     """
 
     shape: tuple[int, int, int]
@@ -74,11 +73,11 @@ class Components(NamedTuple):
     lows: Labels
     highs: Labels
     labels: Labels
-    number: int
+    n_components: int
 
     @classmethod
-    def of(cls, blocked: Bools) -> Components:
-        """The components of the False entries, shape (nx, ny, nz)."""
+    def of(cls, blocked: Bools) -> RunComponents:
+        """Label the components of the False entries, shape (nx, ny, nz)."""
         nx, ny, nz = blocked.shape
         counts = np.empty(nx * ny, dtype=np.int64)
 
@@ -86,7 +85,7 @@ class Components(NamedTuple):
             _count_runs(blocked, counts, start, stop)
             return -1
 
-        in_chunks(count, nx, _SLABS_A_THREAD)
+        in_chunks(count, nx, _MIN_SLABS_PER_THREAD)
         offsets = np.concatenate([[0], np.cumsum(counts)])
         lows, highs, parents, labels = (np.empty(int(offsets[-1]), dtype=np.int32) for _ in range(4))
 
@@ -94,37 +93,37 @@ class Components(NamedTuple):
             _list_runs(blocked, offsets, lows, highs, start, stop)
             return -1
 
-        in_chunks(fill, nx, _SLABS_A_THREAD)
-        number = int(_label_runs(ny, offsets, lows, highs, parents, labels))
-        return cls((nx, ny, nz), offsets, lows, highs, labels, number)
+        in_chunks(fill, nx, _MIN_SLABS_PER_THREAD)
+        n_components = int(_label_runs(ny, offsets, lows, highs, parents, labels))
+        return cls((nx, ny, nz), offsets, lows, highs, labels, n_components)
 
-    def at(self, boxes: Ints) -> Labels:
-        """The component of untouched boxes, numbered in the order of the array, shape (n,)."""
+    def labels_at(self, boxes: Ints) -> Labels:
+        """Return the labels of untouched boxes, given by their flat indices, shape (n,)."""
         column = np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets))
         starts = column * self.shape[2] + self.lows
         return np.asarray(self.labels[np.searchsorted(starts, boxes, side="right") - 1])
 
     def lengths(self) -> Ints:
-        """How many boxes each component is long, along the axis along which that is most, shape (number,)."""
+        """Return the longest side of each component's bounding box, in boxes, shape (n_components,)."""
         column = np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets))
-        longest = np.zeros(self.number, dtype=np.int64)
+        longest = np.zeros(self.n_components, dtype=np.int64)
         i, j = column // self.shape[1], column % self.shape[1]
         for low, high in ((i, i), (j, j), (self.lows, self.highs)):
-            first, last = np.full(self.number, max(self.shape)), np.zeros(self.number, dtype=np.int64)
+            first, last = np.full(self.n_components, max(self.shape)), np.zeros(self.n_components, dtype=np.int64)
             np.minimum.at(first, self.labels, low)
             np.maximum.at(last, self.labels, high)
             longest = np.maximum(longest, last - first + 1)
         return longest
 
-    def at_border(self) -> Bools:
-        """Whether each component reaches the border of the array, shape (number,)."""
+    def touch_boundary(self) -> Bools:
+        """Return True for each component that reaches the boundary of the array, shape (n_components,)."""
         nx, ny, nz = self.shape
         column = np.repeat(np.arange(nx * ny), np.diff(self.offsets))
         i, j = column // ny, column % ny
         outermost = (i == 0) | (i == nx - 1) | (j == 0) | (j == ny - 1) | (self.lows == 0) | (self.highs == nz - 1)
-        border = np.zeros(self.number, dtype=np.bool_)
-        border[self.labels[outermost]] = True
-        return border
+        touching = np.zeros(self.n_components, dtype=np.bool_)
+        touching[self.labels[outermost]] = True
+        return touching
 
     def fill(self, out: Bools, chosen: Bools) -> None:
         """Set ``out`` on the chosen components, and leave the rest as it is."""
@@ -134,26 +133,26 @@ class Components(NamedTuple):
             return -1
 
         if chosen.any():
-            in_chunks(work, self.shape[0], _SLABS_A_THREAD)
+            in_chunks(work, self.shape[0], _MIN_SLABS_PER_THREAD)
 
 
 @kernel
 def _count_runs(blocked: Bools, counts: Ints, start: int, stop: int) -> None:
-    """Set ``counts[i * ny + j]``, for first indices in ``[start, stop)``, to the number of runs in that column."""
+    """Set ``counts[i * ny + j]`` to the number of runs in that column, for first indices in ``[start, stop)``."""
     _, ny, nz = blocked.shape
     for i in range(start, stop):
         for j in range(ny):
-            number, before = 0, True
+            count, before = 0, True
             for k in range(nz):
                 here = blocked[i, j, k]
-                number += before and not here
+                count += before and not here
                 before = here
-            counts[i * ny + j] = number
+            counts[i * ny + j] = count
 
 
 @kernel
 def _list_runs(blocked: Bools, offsets: Ints, lows: Labels, highs: Labels, start: int, stop: int) -> None:
-    """Write first and last index of each run, for first indices in ``[start, stop)``, from the column's offset on."""
+    """Write first and last index of each run, for first indices in ``[start, stop)``, from its column's offset."""
     _, ny, nz = blocked.shape
     for i in range(start, stop):
         for j in range(ny):
@@ -171,8 +170,8 @@ def _list_runs(blocked: Bools, offsets: Ints, lows: Labels, highs: Labels, start
 
 
 @kernel
-def find(parents: Labels, node: int) -> int:
-    """The root of a node; the way there is halved (Tarjan, 1975)."""
+def find_root(parents: Labels, node: int) -> int:
+    """Return the root of a node, halving the path to it (Tarjan, 1975)."""
     while parents[node] != node:
         parents[node] = parents[parents[node]]
         node = parents[node]
@@ -180,9 +179,9 @@ def find(parents: Labels, node: int) -> int:
 
 
 @kernel
-def unite(parents: Labels, a: int, b: int) -> bool:
-    """Join two nodes, the lower root on top; whether they were apart."""
-    a, b = find(parents, a), find(parents, b)
+def merge_sets(parents: Labels, a: int, b: int) -> bool:
+    """Merge the sets of two nodes under the lower root; return False if they were one set."""
+    a, b = find_root(parents, a), find_root(parents, b)
     if a == b:
         return False
     parents[max(a, b)] = min(a, b)
@@ -190,12 +189,12 @@ def unite(parents: Labels, a: int, b: int) -> bool:
 
 
 @kernel
-def _join_columns(offsets: Ints, lows: Labels, highs: Labels, parents: Labels, column: int, other: int) -> None:
-    """Join the runs of two neighbouring columns that overlap."""
+def _merge_columns(offsets: Ints, lows: Labels, highs: Labels, parents: Labels, column: int, other: int) -> None:
+    """Merge the sets of overlapping runs in two neighbouring columns."""
     a, b = offsets[column], offsets[other]
     while a < offsets[column + 1] and b < offsets[other + 1]:
         if lows[a] <= highs[b] and lows[b] <= highs[a]:
-            unite(parents, a, b)
+            merge_sets(parents, a, b)
         if highs[a] < highs[b]:
             a += 1
         else:
@@ -204,30 +203,30 @@ def _join_columns(offsets: Ints, lows: Labels, highs: Labels, parents: Labels, c
 
 @kernel
 def _label_runs(ny: int, offsets: Ints, lows: Labels, highs: Labels, parents: Labels, labels: Labels) -> int:
-    """Number the components of runs that share a side of a cell, by their first runs; how many there are.
+    """Label the components of face-connected runs by their first runs; return the number of components.
 
-    ``parents`` is room for work, of the size of ``labels``.
+    ``parents`` is scratch space, of the size of ``labels``.
     """
     for run in range(len(parents)):
         parents[run] = run
     for column in range(len(offsets) - 1):
         if column % ny > 0:
-            _join_columns(offsets, lows, highs, parents, column, column - 1)
+            _merge_columns(offsets, lows, highs, parents, column, column - 1)
         if column >= ny:
-            _join_columns(offsets, lows, highs, parents, column, column - ny)
-    number = 0
+            _merge_columns(offsets, lows, highs, parents, column, column - ny)
+    count = 0
     for run in range(len(parents)):
-        # A root is the smallest run of its component, and a parent is smaller than its child: it has its number.
+        # A root is the smallest run of its component, and a parent is smaller than its child, so it is labelled.
         if parents[run] == run:
-            labels[run] = number
-            number += 1
+            labels[run] = count
+            count += 1
         else:
             labels[run] = labels[parents[run]]
-    return number
+    return count
 
 
 @kernel
-def _fill_runs(out: Bools, runs: Components, chosen: Bools, start: int, stop: int) -> None:
+def _fill_runs(out: Bools, runs: RunComponents, chosen: Bools, start: int, stop: int) -> None:
     """Set ``out`` on the runs of the chosen components, for first indices in ``[start, stop)``."""
     ny = out.shape[1]
     for i in range(start, stop):
@@ -238,13 +237,16 @@ def _fill_runs(out: Bools, runs: Components, chosen: Bools, start: int, stop: in
                         out[i, j, k] = True
 
 
-_MOST_BUCKETS: Final = 1024
-_ENTRIES_A_TRIANGLE: Final = 12
-_POINTS_A_THREAD: Final = 512
+_MAX_BUCKETS_PER_AXIS: Final = 1024
+"""Maximum number of buckets along x and along y."""
+_MAX_ENTRIES_PER_TRIANGLE: Final = 12
+"""Maximum mean number of buckets that a triangle is listed in."""
+_MIN_POINTS_PER_THREAD: Final = 512
+"""Minimum number of points for each thread."""
 
 
 class Buckets(NamedTuple):
-    """Which triangles are near: they are sorted by the rectangles of the plane (x, y) that their bounding boxes meet.
+    """Triangles sorted into buckets: the rectangles of the plane (x, y) that their bounding boxes meet.
 
     Attributes
     ----------
@@ -262,29 +264,29 @@ class Buckets(NamedTuple):
 
     @classmethod
     def of(cls, triangles: Floats) -> Buckets:
-        """Triangles, shape (n, 3, 3), n >= 1, in buckets; each bucket holds them in order."""
+        """Sort triangles, shape (n, 3, 3), n >= 1, into buckets; each bucket lists them in order."""
         lows, highs = triangles[..., :2].min(axis=1), triangles[..., :2].max(axis=1)
         low = lows.min(axis=0)
         extent = highs.max(axis=0) - low
-        count = min(_MOST_BUCKETS, max(1, int(np.sqrt(len(triangles)))))
+        count = min(_MAX_BUCKETS_PER_AXIS, max(1, int(np.sqrt(len(triangles)))))
         while True:
             scale = np.divide(count, extent, out=np.zeros(2), where=extent > 0.0)
-            # As the compiled rays find their bucket; it never falls as the coordinate grows, whatever the rounding.
+            # The same formula as for the compiled rays; it is monotonic in the coordinate in spite of rounding.
             first, last = (
                 np.clip(np.floor((corners - low) * scale), 0, count - 1).astype(np.int64) for corners in (lows, highs)
             )
             rows, columns = (last - first + 1).T
-            numbers = rows * columns
-            # Large triangles meet many buckets: rather few buckets than long lists of them.
-            if count == 1 or numbers.sum() <= _ENTRIES_A_TRIANGLE * len(triangles):
+            counts = rows * columns
+            # Large triangles meet many buckets, so use fewer buckets if the lists become long.
+            if count == 1 or counts.sum() <= _MAX_ENTRIES_PER_TRIANGLE * len(triangles):
                 break
             count //= 2
-        starts, entries = np.zeros(count * count + 1, dtype=np.int64), np.empty(numbers.sum(), dtype=np.int64)
+        starts, entries = np.zeros(count * count + 1, dtype=np.int64), np.empty(counts.sum(), dtype=np.int64)
         _fill_buckets(first, last, count, starts, entries)
         return cls(low, scale, np.full(2, count, dtype=np.int64), starts, entries)
 
     def near(self, lower: Floats, upper: Floats) -> Ints:
-        """Numbers, ascending, of all triangles that meet a box of space, and of some that are near it."""
+        """Return the ascending indices of all triangles that meet a box in space, and of some near it."""
         corners = ((np.stack([lower, upper])[:, :2] - self.low) * self.scale, 0, self.shape - 1)
         (first, left), (last, right) = np.clip(np.floor(corners[0]), *corners[1:]).astype(np.int64)
         rows = np.arange(first, last + 1) * self.shape[1]
@@ -297,7 +299,7 @@ class Buckets(NamedTuple):
 
 @kernel
 def _fill_buckets(first: Ints, last: Ints, count: int, starts: Ints, entries: Ints) -> None:
-    """Sort triangles into buckets, by the first and the last row and column of each, shape (n, 2)."""
+    """Sort triangles into buckets, given the first and last row and column of each triangle, shape (n, 2)."""
     for t in range(len(first)):
         for row in range(first[t, 0], last[t, 0] + 1):
             for column in range(first[t, 1], last[t, 1] + 1):
@@ -306,7 +308,7 @@ def _fill_buckets(first: Ints, last: Ints, count: int, starts: Ints, entries: In
     for b in range(len(starts)):
         stop += starts[b]
         starts[b] = stop
-    # Backwards, so that each bucket ends up with its triangles in order, and its start where it begins.
+    # Going backwards leaves the triangles of each bucket in order, and ``starts`` at the first of them.
     for t in range(len(first) - 1, -1, -1):
         for row in range(first[t, 0], last[t, 0] + 1):
             for column in range(first[t, 1], last[t, 1] + 1):
@@ -315,18 +317,18 @@ def _fill_buckets(first: Ints, last: Ints, count: int, starts: Ints, entries: In
 
 
 class WindingNumber:
-    """The winding number of closed surfaces, at any point.
+    """Winding number of closed surfaces at any point.
 
-    Triangles, shape (n, 3, 3), face outward where their corners run counterclockwise; neighbours share their corners to
-    the last bit. ``turns`` is how often each counts; -1 against its own direction.
+    Triangles, shape (n, 3, 3), face outward if their corners run counterclockwise; neighbours share corners to the last
+    bit. ``windings``, shape (n,), is the weight of each triangle; -1 reverses it.
     """
 
-    def __init__(self, triangles: Floats, turns: Ints) -> None:
-        self._triangles, self._turns = np.ascontiguousarray(triangles), turns
+    def __init__(self, triangles: Floats, windings: Ints) -> None:
+        self._triangles, self._windings = np.ascontiguousarray(triangles), windings
         self._buckets = Buckets.of(self._triangles) if len(triangles) else None
 
     def evaluate(self, points: Floats) -> Ints:
-        """Winding numbers of points, shape (n, 3), that are farther from the surfaces than rounding; shape (n,)."""
+        """Return the winding numbers at points, shape (n, 3), farther from the surfaces than rounding; shape (n,)."""
         points = np.ascontiguousarray(points)
         out = np.zeros(len(points), dtype=np.int64)
         buckets = self._buckets
@@ -334,51 +336,51 @@ class WindingNumber:
             return out
 
         def work(start: int, stop: int) -> int:
-            _count(points[start:stop], out[start:stop], self._triangles, self._turns, buckets)
+            _sum_crossings(points[start:stop], out[start:stop], self._triangles, self._windings, buckets)
             return -1
 
-        in_chunks(work, len(points), _POINTS_A_THREAD)
+        in_chunks(work, len(points), _MIN_POINTS_PER_THREAD)
         return out
 
 
-def mark_enclosed(out: Bools, triangles: Floats, turns: Ints) -> None:
-    """Set ``out[i]`` where closed surfaces go round the lattice point ``i``: their winding number there is not zero.
+def mark_enclosed(out: Bools, triangles: Floats, windings: Ints) -> None:
+    """Set ``out[i]`` if closed surfaces have a winding number other than zero at the lattice point ``i``.
 
-    The triangles, shape (n, 3, 3), are in cells, as the indices of ``out``, out of which they may reach; as those
-    of :class:`WindingNumber`, with how often each counts.
+    The triangles, shape (n, 3, 3), are in cells, in the index frame of ``out``, and may reach out of it; ``windings``
+    as for :class:`WindingNumber`.
     """
 
     def work(start: int, stop: int) -> int:
-        _mark_enclosed(out, triangles, turns, start, stop)
+        _mark_enclosed(out, triangles, windings, start, stop)
         return -1
 
-    in_chunks(work, len(out), _SLABS_A_THREAD)
+    in_chunks(work, len(out), _MIN_SLABS_PER_THREAD)
 
 
 @kernel
-def _bucket_of(value: float, low: float, scale: float, count: int) -> int:
-    """Bucket of a coordinate."""
+def _bucket_index(value: float, low: float, scale: float, count: int) -> int:
+    """Return the bucket of a coordinate."""
     return int(min(max(math.floor((value - low) * scale), 0), count - 1))
 
 
 @kernel
-def _chord(triangle: Floats, x: float) -> tuple[int, float, float, float, float]:
-    """The part of a triangle that a plane across x cuts: which way it faces, and (y, z) of its lower and upper end.
+def _cut_triangle(triangle: Floats, x: float) -> tuple[int, float, float, float, float]:
+    """Intersect a triangle with a plane across x: its facing and the (y, z) of its lower and upper end.
 
-    It faces up with 1 and down with -1, and is not there with 0. An edge is met where ``x`` lies in the half-open
-    interval of its ends, and its point there is computed from its end with the smaller x or from the other one,
-    whichever is nearer, so that all triangles at an edge compute the same point.
+    The facing is 1 for up, -1 for down, 0 if they are disjoint. The plane meets an edge if ``x`` lies in the half-open
+    interval of its ends. The point is computed from the nearer end, so that all triangles at an edge compute the same
+    point.
     """
-    turn, number = 0, 0
+    sign, crossings = 0, 0
     low_y, low_z, high_y, high_z = 0.0, 0.0, 0.0, 0.0
     for e in range(3):
         px, py, pz = triangle[e]
         qx, qy, qz = triangle[e + 1 if e < 2 else 0]
         if (px <= x) == (qx <= x):
             continue
-        sign = 1
+        direction = 1
         if px <= x:
-            sign = -1
+            direction = -1
         else:
             px, py, pz, qx, qy, qz = qx, qy, qz, px, py, pz
         t = (x - px) / (qx - px)
@@ -387,19 +389,19 @@ def _chord(triangle: Floats, x: float) -> tuple[int, float, float, float, float]
         else:
             t = (x - qx) / (px - qx)
             y, z = qy + t * (py - qy), qz + t * (pz - qz)
-        if number == 0 or y > high_y:
-            if number == 0:
+        if crossings == 0 or y > high_y:
+            if crossings == 0:
                 low_y, low_z = y, z
-            turn, high_y, high_z = sign, y, z
+            sign, high_y, high_z = direction, y, z
         else:
             low_y, low_z = y, z
-        number += 1
-    return turn, low_y, low_z, high_y, high_z
+        crossings += 1
+    return sign, low_y, low_z, high_y, high_z
 
 
 @kernel
-def _height(y: float, low_y: float, low_z: float, high_y: float, high_z: float) -> float:
-    """Where the line from one point to another is at y, from the nearer end."""
+def _interpolate_height(y: float, low_y: float, low_z: float, high_y: float, high_z: float) -> float:
+    """Return the z of the line between two points at y, computed from the nearer end."""
     t = (y - low_y) / (high_y - low_y)
     if t <= 0.5:
         return low_z + t * (high_z - low_z)
@@ -408,240 +410,243 @@ def _height(y: float, low_y: float, low_z: float, high_y: float, high_z: float) 
 
 @kernel
 def signed_crossing(triangle: Floats, x: float, y: float, z: float) -> int:
-    """1 where a triangle lies above a point and faces up, -1 where it faces down, 0 where it does not lie there."""
-    turn, low_y, low_z, high_y, high_z = _chord(triangle, x)
-    return turn if turn != 0 and low_y <= y < high_y and _height(y, low_y, low_z, high_y, high_z) > z else 0
+    """Return the crossing of the upward ray from a point with a triangle: 1 facing up, -1 down, 0 if none."""
+    sign, low_y, low_z, high_y, high_z = _cut_triangle(triangle, x)
+    return sign if sign != 0 and low_y <= y < high_y and _interpolate_height(y, low_y, low_z, high_y, high_z) > z else 0
 
 
 @kernel
-def _count(points: Floats, out: Ints, triangles: Floats, turns: Ints, buckets: Buckets) -> None:
-    """Set ``out`` to the winding number of each point."""
+def _sum_crossings(points: Floats, out: Ints, triangles: Floats, windings: Ints, buckets: Buckets) -> None:
+    """Set ``out`` to the winding number at each point."""
     low, scale, shape, starts, entries = buckets
     for p in range(len(points)):
         x, y, z = points[p]
-        b = _bucket_of(x, low[0], scale[0], shape[0]) * shape[1] + _bucket_of(y, low[1], scale[1], shape[1])
-        number = 0
+        b = _bucket_index(x, low[0], scale[0], shape[0]) * shape[1] + _bucket_index(y, low[1], scale[1], shape[1])
+        winding = 0
         for entry in range(starts[b], starts[b + 1]):
             t = entries[entry]
-            number += signed_crossing(triangles[t], x, y, z) * turns[t]
-        out[p] = number
+            winding += signed_crossing(triangles[t], x, y, z) * windings[t]
+        out[p] = winding
 
 
 @jit
-def _mark_enclosed(out: Bools, triangles: Floats, turns: Ints, start: int, stop: int) -> None:
-    """Set ``out[i]`` where surfaces go round the lattice point ``i``, for first indices in ``[start, stop)``.
+def _mark_enclosed(out: Bools, triangles: Floats, windings: Ints, start: int, stop: int) -> None:
+    """Set ``out[i]`` if surfaces enclose the lattice point ``i``, for first indices in ``[start, stop)``.
 
-    First the crossings of each column of points are counted, then they are listed: the first point above each.
+    The first pass counts the crossings of each column of points; the second lists the first point above each crossing.
     """
     _, ny, nz = out.shape
-    begins, points = np.zeros((stop - start) * ny + 2, np.int64), np.empty(0, np.int64)
-    counts = points
-    for listing in range(2):
-        if listing:
-            for column in range(2, len(begins)):
-                begins[column] += begins[column - 1]
-            points, counts = np.empty(begins[-1], np.int64), np.empty(begins[-1], np.int64)
+    offsets, heights = np.zeros((stop - start) * ny + 2, np.int64), np.empty(0, np.int64)
+    changes = heights
+    for second_pass in range(2):
+        if second_pass:
+            for column in range(2, len(offsets)):
+                offsets[column] += offsets[column - 1]
+            heights, changes = np.empty(offsets[-1], np.int64), np.empty(offsets[-1], np.int64)
         for t in range(len(triangles)):
-            if turns[t] == 0:
+            if windings[t] == 0:
                 continue
             triangle = triangles[t]
             low_x = min(triangle[0, 0], triangle[1, 0], triangle[2, 0])
             high_x = max(triangle[0, 0], triangle[1, 0], triangle[2, 0])
             for i in range(max(start, math.ceil(low_x)), min(stop - 1, math.floor(high_x)) + 1):
-                turn, low_y, low_z, high_y, high_z = _chord(triangle, i)
-                if turn == 0:
+                sign, low_y, low_z, high_y, high_z = _cut_triangle(triangle, i)
+                if sign == 0:
                     continue
                 for j in range(max(0, math.ceil(low_y)), min(ny, math.ceil(high_y))):
-                    # While a column is listed, its number in ``begins`` moves from where its list begins to its end.
+                    # Here ``offsets[column + 1]`` moves from the start of the column's list to its stop.
                     column = (i - start) * ny + j
-                    if not listing:
-                        begins[column + 2] += 1
+                    if not second_pass:
+                        offsets[column + 2] += 1
                         continue
-                    place = begins[column + 1]
-                    height = _height(j, low_y, low_z, high_y, high_z)
-                    points[place], counts[place] = min(max(math.ceil(height), 0), nz), turn * turns[t]
-                    begins[column + 1] += 1
-    # From below: what faces down is entered.
-    entered = np.zeros(nz + 1, np.int64)
+                    slot = offsets[column + 1]
+                    z = _interpolate_height(j, low_y, low_z, high_y, high_z)
+                    heights[slot], changes[slot] = min(max(math.ceil(z), 0), nz), sign * windings[t]
+                    offsets[column + 1] += 1
+    # From below, a ray enters through triangles that face down.
+    profile = np.zeros(nz + 1, np.int64)
     for column in range((stop - start) * ny):
-        first, last = begins[column], begins[column + 1]
-        if first == last:
+        begin, end = offsets[column], offsets[column + 1]
+        if begin == end:
             continue
         low, high = nz, 0
-        for place in range(first, last):
-            point = points[place]
-            entered[point] -= counts[place]
-            low, high = min(low, point), max(high, point)
-        number, row = 0, out[start + column // ny, column % ny]
+        for slot in range(begin, end):
+            height_index = heights[slot]
+            profile[height_index] -= changes[slot]
+            low, high = min(low, height_index), max(high, height_index)
+        winding, row = 0, out[start + column // ny, column % ny]
         for k in range(low, high):
-            number += entered[k]
-            entered[k] = 0
-            if number != 0:
+            winding += profile[k]
+            profile[k] = 0
+            if winding != 0:
                 row[k] = True
-        entered[high] = 0
+        profile[high] = 0
 
 
-_MEND: Final = "check its units (metres), {}, or use a larger spacing"
+_REACH_HINT: Final = "check its units (metres), {}, or use a larger spacing"
+"""Hint of the errors for surfaces that reach too far."""
 
-_MOST_FILLED: Final = 2**30
-"""Cells of the bounding box of a surface up to which it is filled."""
+_MAX_FILLED_CELLS: Final = 2**30
+"""Maximum number of cells in the bounding box of a surface to be filled."""
 
 
 class ClosedSurface(NamedTuple):
-    """Closed surfaces that go round an inside: wherever their winding number is not zero.
+    """Closed surfaces that enclose the points where their winding number is not zero.
 
     Attributes
     ----------
     vertices : ndarray of float64, shape (V, 3)
         Metres.
     faces : ndarray of int64, shape (F, 3)
-        They share edges whole, and vertices to the last bit.
-    turns : ndarray of int64, shape (F,)
-        How often each counts; -1 against its own direction.
+        Faces share whole edges, and vertices to the last bit.
+    windings : ndarray of int64, shape (F,)
+        Weight of each face; -1 reverses it.
     """
 
     vertices: Floats
     faces: Ints
-    turns: Ints
+    windings: Ints
 
 
 class SolidSurface(NamedTuple):
-    """A surface, and what it encloses.
+    """A surface with its interior.
 
     Attributes
     ----------
     vertices : ndarray of float64, shape (V, 3)
         Metres.
     faces : ndarray of int64, shape (F, 3)
-    shell : Shell or None
-        What has the same inside, and lies on the surface; None for a surface without an inside.
-    fill : callable or None
-        Given where its inside is instead whatever its raster encloses; called with the spacing where that is nothing.
+    shell : ClosedSurface or None
+        Part of the surface that encloses the same interior; None for a surface without interior.
+    on_empty : callable or None
+        If given, the surface is filled: its interior is whatever its raster encloses. Called with the spacing if that
+        is nothing.
     source : str
-        For messages.
+        Name of the shape in messages.
     """
 
     vertices: Floats
     faces: Ints
     shell: ClosedSurface | None = None
-    fill: Callable[[float], None] | None = None
+    on_empty: Callable[[float], None] | None = None
     source: str = "robot"
 
 
-def surface_cells(skin: SolidSurface, bounds: tuple[Floats, Floats], grid: Grid) -> tuple[Bools, Bools]:
-    """Cells that a solid meets, and cells that lie in it.
+def surface_cells(solid: SolidSurface, bounds: tuple[Floats, Floats], grid: Grid) -> tuple[Bools, Bools]:
+    """Return the cells that a solid meets and the cells that lie in it.
 
-    What lies outside the grid is clipped; what is filled is decided on the cells of the whole surface. Otherwise
-    triangles that do not meet the grid may be missing. ``bounds`` are the lower and upper corner of the whole
-    surface's bounding box, metres.
+    The solid is clipped to the grid, but filling uses the cells of the whole surface. Otherwise triangles that do not
+    meet the grid may be missing. ``bounds`` are the lower and upper corner of the whole surface's bounding box, metres.
 
-    Raises InputError if a vertex is so far from the grid that rounding could reach the certificate's slack, or a
-    surface to be filled reaches far out of the grid.
+    Raises InputError if a vertex is so far from the grid that rounding could exceed ``SLACK``, or if a surface to be
+    filled has too many cells.
     """
     lower, upper = ((corner - np.asarray(grid.lower)) / grid.spacing for corner in bounds)
-    far = float(max(np.abs(lower).max(), np.abs(upper).max()))
-    check_reach(far, skin.source, "the map's corner", _MEND.format("cut it to the map"))
+    reach = float(max(np.abs(lower).max(), np.abs(upper).max()))
+    check_reach(reach, solid.source, "the map's corner", _REACH_HINT.format("cut it to the map"))
     first, stop = np.floor(lower).astype(np.int64) - 1, np.floor(upper).astype(np.int64) + 2
     shape = np.asarray(grid.shape)
-    if not skin.fill:
+    if not solid.on_empty:
         first, stop = np.maximum(first, 0), np.minimum(stop, shape)
-    elif float(np.prod((stop - first).astype(float))) > _MOST_FILLED:
+    elif float(np.prod((stop - first).astype(float))) > _MAX_FILLED_CELLS:
         raise InputError(
-            skin.source,
+            solid.source,
             f"is {' x '.join(str(n) for n in stop - first)} cells large",
-            f"filling looks at all of them, and at most {_MOST_FILLED} are looked at",
+            f"at most {_MAX_FILLED_CELLS} can be filled",
             "use a larger spacing, cut the mesh to the map, or pass solid='surface'",
         )
     outer, inner = np.zeros(grid.shape, dtype=np.bool_), np.zeros(grid.shape, dtype=np.bool_)
     if (first >= stop).any() or (first >= shape).any() or (stop <= 0).any():
         return outer, inner
     touched = np.zeros(tuple((stop - first).tolist()), dtype=np.bool_)
-    mark_touched(touched, (skin.vertices[skin.faces] - np.asarray(grid.lower)) / grid.spacing - first, 0.0, 1.0)
+    mark_touched(touched, (solid.vertices[solid.faces] - np.asarray(grid.lower)) / grid.spacing - first, 0.0, 1.0)
     enclosed = np.zeros_like(touched)
-    if skin.shell is not None:
-        points = (skin.shell.vertices - np.asarray(grid.lower)) / grid.spacing - first - 0.5
-        mark_enclosed(enclosed, points[skin.shell.faces], skin.shell.turns)
+    if solid.shell is not None:
+        points = (solid.shell.vertices - np.asarray(grid.lower)) / grid.spacing - first - 0.5
+        mark_enclosed(enclosed, points[solid.shell.faces], solid.shell.windings)
         enclosed &= ~touched
-    elif skin.fill:
-        _fill(enclosed, touched)
+    elif solid.on_empty:
+        _fill_enclosed(enclosed, touched)
         if not enclosed.any():
-            skin.fill(grid.spacing)
+            solid.on_empty(grid.spacing)
     touched |= enclosed
-    # The window may reach out of the grid where the surface is filled.
+    # The window may reach out of the grid if the surface is filled.
     low, high = np.maximum(first, 0), np.minimum(stop, shape)
-    there, here = tuple(map(slice, low, high)), tuple(map(slice, low - first, high - first))
-    outer[there], inner[there] = touched[here], enclosed[here]
+    in_grid, in_window = tuple(map(slice, low, high)), tuple(map(slice, low - first, high - first))
+    outer[in_grid], inner[in_grid] = touched[in_window], enclosed[in_window]
     return outer, inner
 
 
 def surface_rasters(
-    skin: SolidSurface, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
+    solid: SolidSurface, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
 ) -> tuple[Raster, Raster]:
-    """Outer and inner raster of a robot that is a solid; see :meth:`cspace.shapes.Shape.rasters`.
+    """Return the outer and inner raster of a solid robot; see :meth:`cspace.shapes.Shape.rasters`.
 
-    A surface to be filled counts as itself and the cubes ``h * (m + [-1/2, 1/2]^3)`` that it encloses, turned by the
-    representative rotation, without touching them.
+    A surface to be filled counts as itself and the enclosed cubes ``h * (m + [-1/2, 1/2]^3)`` that do not touch it, at
+    the representative rotation.
 
     Raises InputError if the robot has too many cells at this spacing, or lies so far from its origin that rounding
-    could reach the certificate's slack.
+    could exceed ``SLACK``.
     """
-    vertices = rotation.apply(skin.vertices) / spacing
-    triangles = vertices[skin.faces]
+    vertices = rotation.apply(solid.vertices) / spacing
+    triangles = vertices[solid.faces]
     corners = triangles.reshape(-1, 3)
     radius = margin / spacing
-    far = float(np.abs(corners).max() if rotation.matrix is None else np.linalg.norm(corners, axis=1).max())
-    check_reach(far + radius, skin.source, "its origin", _MEND.format("move it to its origin"))
+    reach = float(np.abs(corners).max() if rotation.matrix is None else np.linalg.norm(corners, axis=1).max())
+    check_reach(reach + radius, solid.source, "its origin", _REACH_HINT.format("move it to its origin"))
     swing = float(rotation.displacement(np.array([1.0, 0.0, 0.0])))
-    parts = sweep(triangles, swing, rotation.about_z)
-    widest = float(parts.growth.max())
+    swept = sweep_triangles(triangles, swing, rotation.about_z)
+    max_growth = float(swept.growth.max())
     outer, lower = allocate_bitmap(
-        corners.min(axis=0) - radius - widest - 1.0, corners.max(axis=0) + radius + widest + 1.0
+        corners.min(axis=0) - radius - max_growth - 1.0, corners.max(axis=0) + radius + max_growth + 1.0
     )
     inner = np.zeros_like(outer)
-    shift = np.asarray(lower, dtype=np.float64)
-    local = triangles - shift
-    # Cells first: the cube m + [-1, 1]^3 is the eight cells that share its middle.
+    origin = np.asarray(lower, dtype=np.float64)
+    local = triangles - origin
+    # Cells first: the cube m + [-1, 1]^3 consists of the eight cells that share its center.
     mark_touched(outer, local, 0.0, 1.0)
-    if radius + widest > 0.0:
-        mark_within(outer, parts.moved(-shift - 0.5), 0.5, radius)
+    if radius + max_growth > 0.0:
+        mark_within(outer, swept.translate(-origin - 0.5), 0.5, radius)
     for axis in range(3):
         upper, below = np.moveaxis(outer, axis, 0)[:0:-1], np.moveaxis(outer, axis, 0)[-2::-1]
         upper |= below
-    if skin.shell is not None:
-        mark_enclosed(inner, rotation.apply(skin.shell.vertices)[skin.shell.faces] / spacing - shift, skin.shell.turns)
+    if solid.shell is not None:
+        mark_enclosed(
+            inner, rotation.apply(solid.shell.vertices)[solid.shell.faces] / spacing - origin, solid.shell.windings
+        )
         outer |= inner
-        # Where a point is so near to the surface that rounding could matter, nothing is said.
-        border = np.zeros_like(inner)
-        mark_touched(border, local, 0.0, 0.0, 2.0 * SLACK)
-        inner &= ~border
+        # Points so near to the surface that rounding could matter stay undecided.
+        near_surface = np.zeros_like(inner)
+        mark_touched(near_surface, local, 0.0, 0.0, 2.0 * SLACK)
+        inner &= ~near_surface
         within = Raster.from_bitmap(inner, lower)
-        if widest > 0.0 and within.cells.size:
-            border = ~within.cells  # no other point is looked at
-            mark_within(border, parts.moved(-np.array(within.lower, dtype=np.float64)), 0.0, 0.0)
-            within = Raster.from_bitmap(~border, within.lower)
+        if max_growth > 0.0 and within.cells.size:
+            near_surface = ~within.cells  # skips the other points
+            mark_within(near_surface, swept.translate(-np.array(within.lower, dtype=np.float64)), 0.0, 0.0)
+            within = Raster.from_bitmap(~near_surface, within.lower)
         return Raster.from_bitmap(outer, lower), within
-    if skin.fill:
+    if solid.on_empty:
         near = np.zeros_like(outer)
         mark_touched(near, local, -0.5, 0.5)
-        _fill(inner, near)
+        _fill_enclosed(inner, near)
         if not inner.any():
-            skin.fill(spacing)
-        outer |= _grown(inner, radius + widest)
-        inner &= widest == 0.0
+            solid.on_empty(spacing)
+        outer |= _dilate(inner, radius + max_growth)
+        inner &= max_growth == 0.0
     return Raster.from_bitmap(outer, lower), Raster.from_bitmap(inner, lower)
 
 
-def _fill(inside: Bools, touched: Bools) -> None:
-    """Set ``inside`` on the untouched boxes that no untouched ones join to the border of the array."""
-    components = Components.of(touched)
-    components.fill(inside, ~components.at_border())
+def _fill_enclosed(inside: Bools, touched: Bools) -> None:
+    """Set ``inside`` on the untouched boxes that no untouched boxes connect to the boundary of the array."""
+    components = RunComponents.of(touched)
+    components.fill(inside, ~components.touch_boundary())
 
 
-def _grown(cells: Bools, radius: float) -> Bools:
-    """Lattice points m whose ``m + [-1, 1]^3`` comes within a radius of ``n + [-1/2, 1/2]^3`` for one of the cells n.
+def _dilate(cells: Bools, radius: float) -> Bools:
+    """Return the lattice points m whose ``m + [-1, 1]^3`` is within a radius of ``n + [-1/2, 1/2]^3`` for a cell n.
 
-    The gap along an axis is less by one half than the distance from the cells grown by one, which adds up to less than
-    one; so the result is complete and holds no point farther than one cell too far.
+    Along each axis, the gap is half a cell less than the distance from the cells grown by one, less than one cell in
+    total. So the result is complete and has no point more than one cell too far.
     """
     from scipy.ndimage import binary_dilation, distance_transform_edt
 

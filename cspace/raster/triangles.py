@@ -1,41 +1,40 @@
-"""Triangles in space: the boxes that they touch, those within a distance of them, and how far a point is.
+"""Rasters of triangles in space: touched boxes, boxes within a distance, and point distances.
 
 A *box* ``i`` is ``i + [b0, b1]^3``: ``(0, 1)`` for the cells of a workspace, ``(-1, 1)`` for the outer raster of a
-robot, ``(0, 0)`` for lattice points. Lengths are in cells, as the indices of the array that is written.
+robot, ``(0, 0)`` for lattice points. Lengths are in cells, in the index frame of the output array.
 
-*Touched boxes.* For each slab of boxes across x, a triangle is cut to the slab, then, for each slab across y, what is
-left of it to that; the part that remains is convex, so that its z-values are an interval, and it meets exactly the
-boxes that meet that interval.
+*Touched boxes.* Each triangle is clipped to each slab of boxes across x, and the result to each slab across y. What
+remains is convex, so its z-values form an interval, and it meets exactly the boxes that meet that interval.
 
-*Safety against rounding.* Let u = 2^-53, and all vertices lie within 2^22 cells of the frame's corner (for a robot: of
-its origin), so that no two differ by more than 2^23 along an axis. In units of 2^-30 cells:
+*Rounding.* Let u = 2^-53. All vertices lie within 2^22 cells of the frame's corner (for a robot: of its origin), so no
+two differ by more than 2^23 along an axis. In units of 2^-30 cells:
 
-* A vertex in cells has two roundings relative to its size (the difference from the corner, the division by the
-  spacing), and that of a whole number of cells subtracted: less than 1.5. Where it was turned, three more: less than
-  1.5 again. (By how much a matrix misses a rotation belongs to the covering angle.)
-* A corner made by a cut lies on the cutting plane to the bit. Its other coordinates are ``p + t (q - p)`` with ``t``
-  at most 1/2, from the nearer end: ``t`` has three roundings relative to itself, the difference and the product one
-  each, so that with that of the sum it is off by less than 5 u 2^22 + 2^-31, which is 3.
-* The planes of one direction do not meet, so all corners of a first cut lie on the triangle's own edges, and those of
-  the second on the edges of the first result. Which corners there are is decided on the numbers as they are, without
+* A vertex in cells has two roundings relative to its size (the subtraction of the corner, the division by the spacing),
+  and one from the subtraction of a whole number of cells: less than 1.5. Rotation adds three more: less than 1.5 again.
+  (The error of the rotation matrix belongs to the covering angle.)
+* A corner made by clipping lies on the clipping plane to the bit. Its other coordinates are ``p + t (q - p)`` with
+  ``t`` at most 1/2, from the nearer end. The parameter ``t`` has three relative roundings, and difference, product and
+  sum one each, so the error is less than 5 u 2^22 + 2^-31, which is 3.
+* Planes of one direction do not intersect, so all corners of a first clip lie on the triangle's own edges, and those of
+  the second on the edges of the first result. The existence of a corner is decided on the numbers as they are, without
   rounding. So each point of the part of the triangle in a slab differs from a point of the computed part by less than
-  3, and after two cuts by less than 6, in y and z each.
+  3, and after two clips by less than 6, in y and z each.
 * The ends of a run of boxes have two more roundings: less than 1.
 
-Together that is less than 10. The slabs, and the runs of boxes, are widened to each side by ``SLACK`` = 2^-26 cells,
-which is 16. So every box that a triangle meets is marked, and no box farther than 2 ``SLACK`` from it along an axis;
-what is left of ``SLACK`` covers the rounding of a look-up, 4.
+The sum is less than 10. The slabs and the runs of boxes are widened on each side by ``SLACK`` = 2^-26 cells, which is
+16. So every box that meets a triangle is marked, and no box farther than 2 ``SLACK`` from it along an axis. The rest of
+``SLACK`` covers the rounding of a look-up, 4.
 
-*Boxes within a distance.* The distance of a triangle that a cube does not meet is that of two of their features: a
-corner and the triangle, a corner of the triangle and the cube, or two edges. Before that, going back and forth between
-points of both that are ever nearer to each other bounds it from both sides: by their distance, and, along the way from
-one to the other, by how far the corners of the triangle are past the cube. The second holds for any direction.
+*Boxes within a distance.* The distance between a triangle and a disjoint cube is that of two of their features: a
+corner and the triangle, a corner of the triangle and the cube, or two edges. Alternating projections, tried first,
+bound it from both sides: from above by the distance of the two points, and from below by the gap between cube and
+triangle corners along their difference. The lower bound holds for any direction.
 
-Let L be the size of all triangles together. A distance from the plane of a triangle is off by the rounding of its
-normal, relative to it less than 2^-39 (thinner triangles than 2^-12 are taken to be as near as their height allows), so
-by less than 2^-36 L. How far a corner is along a direction is off by less than 2^-50 L. The radius grows by more than
-both, by 2^-20 + 2^-34 L. The result is complete, and holds no more than that, but for thin triangles: for those, what
-lies within 2^-12 times their length besides.
+Let L be the extent of all triangles together. A distance to the plane of a triangle has the error of its normal, less
+than 2^-39 relative to it (triangles thinner than 2^-12 are assumed as near as their height allows), so less than 2^-36
+L. The position of a corner along a direction has an error below 2^-50 L. The radius grows by more than both, by 2^-20 +
+2^-34 L. The result is complete. It has no boxes beyond that radius, except for thin triangles: there, within 2^-12
+times their length besides.
 """
 
 from __future__ import annotations
@@ -51,51 +50,54 @@ from cspace.grid import SLACK
 from cspace.kernels import THIN, nearest_of_triangle, normal_of, point_triangle
 from cspace.threads import in_chunks
 
-STEEP: Final = 2.0**-5
-"""Upward part of a plane's normal below which its heights are not used."""
+MIN_NORMAL_Z: Final = 2.0**-5
+"""Minimum z-component of a unit normal for which the heights of its plane are used."""
 
-_VARIATION: Final = 0.35
-"""Cells by which the displacement within a turn may vary along the side of a piece,"""
+_MAX_GROWTH_VARIATION: Final = 0.35
+"""Maximum variation, in cells, of the displacement in a rotation cell along the side of a piece."""
 
-_PART: Final = 0.25
-"""or the part of itself, if that is more."""
+_MAX_RELATIVE_VARIATION: Final = 0.25
+"""Maximum of the same variation relative to the displacement; the larger of both maxima applies."""
 
-_TRIES: Final = 3
-"""Ways from a cube to a triangle that are tried before all of their features are."""
+_MAX_PROJECTIONS: Final = 3
+"""Number of alternating projections between cube and triangle that are tried before all features."""
 
-_ROUNDING: Final = 2.0**-20
-_TRIANGLES_A_THREAD: Final = 2_000
-_CUBES_A_THREAD: Final = 10_000
+_RADIUS_SLACK: Final = 2.0**-20
+"""Rounding allowance of a radius, in cells, before the share of the triangles' extent."""
+_MIN_TRIANGLES_PER_THREAD: Final = 2_000
+"""Minimum number of triangles for each thread."""
+_MIN_CUBES_PER_THREAD: Final = 10_000
+"""Minimum number of cubes for each thread."""
 
 
 def mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: float = SLACK) -> None:
-    """Set ``out[i]``, of three axes, where the box ``i + [b0, b1]^3`` meets a triangle.
+    """Set ``out[i]``, of three axes, if the box ``i + [b0, b1]^3`` meets a triangle.
 
-    All is in cells, as the indices of ``out``, out of which triangles, shape (n, 3, 3), may reach; ``b0`` and
-    ``b1`` are multiples of one half. What is nearer than ``slack`` counts as touching.
+    Triangles, shape (n, 3, 3), are in cells, in the index frame of ``out``, and may reach out of it; ``b0`` and ``b1``
+    are multiples of one half. A gap below ``slack`` counts as touching.
     """
-    if len(triangles) < 2 * _TRIANGLES_A_THREAD:
+    if len(triangles) < 2 * _MIN_TRIANGLES_PER_THREAD:
         _mark_touched(out, triangles, b0, b1, slack, 0, len(out))
         return
-    # Each thread has slabs of its own, about as many triangles in each, so that no two write to one cell.
-    middles = np.sort(np.clip(triangles[..., 0].mean(axis=1), 0, len(out)).astype(np.int64))
-    size = len(middles)
+    # Each thread gets its own slabs, with about equally many triangles, so that no two threads write to one cell.
+    centers = np.sort(np.clip(triangles[..., 0].mean(axis=1), 0, len(out)).astype(np.int64))
+    size = len(centers)
 
     def work(start: int, stop: int) -> int:
-        first = int(middles[start]) if start > 0 else 0
-        last = int(middles[stop]) if stop < size else len(out)
+        first = int(centers[start]) if start > 0 else 0
+        last = int(centers[stop]) if stop < size else len(out)
         _mark_touched(out, triangles, b0, b1, slack, first, last)
         return -1
 
-    in_chunks(work, size, _TRIANGLES_A_THREAD)
+    in_chunks(work, size, _MIN_TRIANGLES_PER_THREAD)
 
 
 class SweptTriangles(NamedTuple):
-    """Triangles, and where their points come as they turn about the origin by no more than some angle.
+    """Triangles with the region that their points reach by rotations about the origin up to an angle.
 
-    A point of a triangle stays within the triangle's growth of its place, and as far from the origin as it is: in the
-    shell between the triangle's nearest and its farthest point, and within ``swing`` times its distance from the origin
-    of its place. About the z axis, it also stays at its height, and the distances are those from the axis.
+    A point of a triangle stays within the triangle's growth of its position. It keeps its distance from the origin, so
+    it stays in the spherical shell between the triangle's nearest and farthest point, and within ``swing`` times that
+    distance of its position. For rotations about the z axis it also keeps its height, and distances are from the axis.
 
     Attributes
     ----------
@@ -103,9 +105,9 @@ class SweptTriangles(NamedTuple):
     growth, nearest, farthest : ndarray of float64, shape (n,)
     origin : ndarray of float64, shape (3,)
     size : float
-        Of the longest side of the box around all triangles.
+        Longest side of the box around all triangles.
     swing : float
-        How far a point at distance 1 from the origin comes from its place.
+        Maximum displacement of a point at distance 1 from the origin.
     about_z : bool
     """
 
@@ -118,110 +120,111 @@ class SweptTriangles(NamedTuple):
     swing: float
     about_z: bool
 
-    def moved(self, shift: Floats) -> SweptTriangles:
-        """The same in another frame."""
+    def translate(self, shift: Floats) -> SweptTriangles:
+        """Return the triangles and their origin moved by ``shift``, shape (3,)."""
         return self._replace(triangles=self.triangles + shift, origin=self.origin + shift)
 
 
-def sweep(triangles: Floats, swing: float, about_z: bool) -> SweptTriangles:
-    """Triangles that turn about the origin, cut to pieces so small that their growth is about that of each point.
+def sweep_triangles(triangles: Floats, swing: float, about_z: bool) -> SweptTriangles:
+    """Cut rotating triangles into pieces so small that their growth is about that of each point.
 
-    A point at distance 1 from the origin (from the z axis, if ``about_z``) comes as far as ``swing`` from its place; 0
-    is for triangles that do not turn. All is in cells.
+    ``swing`` is the maximum displacement of a point at distance 1 from the origin (from the z axis, if ``about_z``); 0
+    if the triangles do not rotate. All lengths are in cells.
     """
-    still, size = np.zeros(len(triangles)), float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+    zero, size = np.zeros(len(triangles)), float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
     if swing == 0.0:
-        return SweptTriangles(
-            triangles, still, still, np.full(len(triangles), np.inf), np.zeros(3), size, swing, about_z
-        )
-    pieces = subdivide(triangles, _VARIATION / swing, _PART, about_z)
-    places = pieces[..., : 2 if about_z else 3]
-    middles = (places[:, 0] + places[:, 1] + places[:, 2]) / 3.0
-    nearest = np.sqrt(np.einsum("ij,ij->i", middles, middles)) - _farthest(places - middles[:, None])
-    # The distance from the origin is convex, so that it is largest at a corner.
-    farthest = _farthest(places)
+        return SweptTriangles(triangles, zero, zero, np.full(len(triangles), np.inf), np.zeros(3), size, swing, about_z)
+    pieces = subdivide(triangles, _MAX_GROWTH_VARIATION / swing, _MAX_RELATIVE_VARIATION, about_z)
+    positions = pieces[..., : 2 if about_z else 3]
+    centers = (positions[:, 0] + positions[:, 1] + positions[:, 2]) / 3.0
+    nearest = np.sqrt(np.einsum("ij,ij->i", centers, centers)) - _max_corner_distance(positions - centers[:, None])
+    # The distance from the origin is convex, so it is largest at a corner.
+    farthest = _max_corner_distance(positions)
     return SweptTriangles(pieces, swing * farthest, nearest, farthest, np.zeros(3), size, swing, about_z)
 
 
-def _farthest(triangles: Floats) -> Floats:
-    """The distance of the farthest corner of each triangle from the origin."""
+def _max_corner_distance(triangles: Floats) -> Floats:
+    """Return the distance of the farthest corner of each triangle from the origin."""
     first, second, third = np.einsum("ijk,ijk->ji", triangles, triangles)
     farthest: Floats = np.sqrt(np.maximum(np.maximum(first, second), third))
     return farthest
 
 
-def mark_within(out: Bools, parts: SweptTriangles, half: float, radius: float) -> None:
-    """Set ``out[i]`` where the cube ``i + [-half, half]^3`` comes within a radius of where a triangle comes.
+def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -> None:
+    """Set ``out[i]`` if the cube ``i + [-half, half]^3`` is within a radius of a swept triangle.
 
-    The cubes that meet a triangle must be set already, unless ``half`` is zero. All is in cells, in the index frame of
-    ``out``.
+    The cubes that meet a triangle must be set already, unless ``half`` is zero. Lengths are in cells, in the index
+    frame of ``out``.
     """
-    size = parts.size
-    slack = _ROUNDING + 2.0**-34 * size
+    size = swept.size
+    slack = _RADIUS_SLACK + 2.0**-34 * size
 
     def work(start: int, stop: int) -> int:
-        _mark_within(out.view(np.uint8), parts, half, radius, slack, start, stop)
+        _mark_within(out.view(np.uint8), swept, half, radius, slack, start, stop)
         return -1
 
-    in_chunks(work, len(out), 1 + len(out) * _CUBES_A_THREAD // max(1, out.size))
+    in_chunks(work, len(out), 1 + len(out) * _MIN_CUBES_PER_THREAD // max(1, out.size))
 
 
 @jit
-def subdivide(triangles: Floats, longest: float, part: float = 0.0, about_z: bool = False) -> Floats:
-    """Pieces of triangles, shape (n, 3, 3): halved across the longest side until it is no longer than it may be.
+def subdivide(triangles: Floats, max_side: float, max_relative: float = 0.0, about_z: bool = False) -> Floats:
+    """Halve triangles across the longest side until all sides are short; shape (n, 3, 3).
 
-    That is ``longest``, or ``part`` of the distance of the nearest corner from the origin (from the z axis, if
-    ``about_z``), whichever is more.
+    The maximum side is ``max_side``, or ``max_relative`` times the distance of the nearest corner from the origin (from
+    the z axis, if ``about_z``), whichever is larger.
     """
-    done, number = np.empty((2 * len(triangles) + 16, 3, 3)), 0
-    waiting = np.empty((64, 3, 3))  # halves of halves: one for each halving
+    pieces, count = np.empty((2 * len(triangles) + 16, 3, 3)), 0
+    stack = np.empty((64, 3, 3))  # one triangle for each level of halving
     axes = 2 if about_z else 3
     for triangle in triangles:
-        _copy(triangle, waiting[0])
-        left = 1
-        while left > 0:
-            piece = waiting[left - 1]
-            side, square, lever = 0, 0.0, math.inf
+        _copy(triangle, stack[0])
+        depth = 1
+        while depth > 0:
+            piece = stack[depth - 1]
+            side, square, nearest = 0, 0.0, math.inf
             for e in range(3):
                 length, far = 0.0, 0.0
                 for axis in range(3):
                     length += (piece[(e + 1) % 3, axis] - piece[e, axis]) ** 2
                     far += piece[e, axis] ** 2 if axis < axes else 0.0
-                lever = min(lever, far)
+                nearest = min(nearest, far)
                 if length > square:
                     side, square = e, length
-            if math.sqrt(square) <= max(longest, part * math.sqrt(lever)) or left == len(waiting):
-                if number == len(done):
-                    more = np.empty((2 * number, 3, 3))
-                    for k in range(number):
-                        _copy(done[k], more[k])
-                    done = more
-                _copy(piece, done[number])
-                number += 1
-                left -= 1
+            if math.sqrt(square) <= max(max_side, max_relative * math.sqrt(nearest)) or depth == len(stack):
+                if count == len(pieces):
+                    larger = np.empty((2 * count, 3, 3))
+                    for k in range(count):
+                        _copy(pieces[k], larger[k])
+                    pieces = larger
+                _copy(piece, pieces[count])
+                count += 1
+                depth -= 1
                 continue
             first, second = side, (side + 1) % 3
             for axis in range(3):
-                middle = (piece[first, axis] + piece[second, axis]) / 2.0
+                midpoint = (piece[first, axis] + piece[second, axis]) / 2.0
                 for e in range(3):
-                    waiting[left, e, axis] = piece[e, axis]
-                waiting[left, first, axis] = middle
-                piece[second, axis] = middle
-            left += 1
-    return done[:number]
+                    stack[depth, e, axis] = piece[e, axis]
+                stack[depth, first, axis] = midpoint
+                piece[second, axis] = midpoint
+            depth += 1
+    return pieces[:count]
 
 
 @kernel
 def _copy(triangle: Floats, to: Floats) -> None:
-    """Number by number: what may not fit as a whole takes two seconds of compiling, for the words of its error."""
+    """Copy element by element, because numba takes two seconds to compile the error of an array assignment."""
     for e in range(3):
         for axis in range(3):
             to[e, axis] = triangle[e, axis]
 
 
 @kernel
-def _at(plane: float, pa: float, qa: float, pc: float, qc: float) -> float:
-    """Coordinate c where a segment meets a plane of axis a, computed from the nearer end for the smaller rounding."""
+def _interpolate_at(plane: float, pa: float, qa: float, pc: float, qc: float) -> float:
+    """Return coordinate c where a segment meets a plane of axis a.
+
+    It is computed from the nearer end, for the smaller rounding.
+    """
     t = (plane - pa) / (qa - pa)
     if t <= 0.5:
         return pc + t * (qc - pc)
@@ -230,7 +233,7 @@ def _at(plane: float, pa: float, qa: float, pc: float, qc: float) -> float:
 
 @kernel
 def _clip_to_slab(triangle: Floats, x0: float, x1: float, polygon: Floats) -> int:
-    """The (y, z) of the corners, in order, of the part of a triangle over ``x0 <= x <= x1``; their number."""
+    """Clip a triangle to ``x0 <= x <= x1``; write the (y, z) of its corners in order and return their number."""
     n = 0
     for e in range(3):
         px, py, pz = triangle[e]
@@ -241,15 +244,15 @@ def _clip_to_slab(triangle: Floats, x0: float, x1: float, polygon: Floats) -> in
         for side in range(2):
             plane = x0 if (side == 0) == (px < qx) else x1
             if (px < plane < qx) or (qx < plane < px):
-                polygon[n, 0] = _at(plane, px, qx, py, qy)
-                polygon[n, 1] = _at(plane, px, qx, pz, qz)
+                polygon[n, 0] = _interpolate_at(plane, px, qx, py, qy)
+                polygon[n, 1] = _interpolate_at(plane, px, qx, pz, qz)
                 n += 1
     return n
 
 
 @kernel
-def _span_over_slab(polygon: Floats, n: int, y0: float, y1: float) -> tuple[float, float]:
-    """z-interval of the part of a convex polygon (y, z) over ``y0 <= y <= y1``; (inf, -inf) where there is none."""
+def _clip_to_interval(polygon: Floats, n: int, y0: float, y1: float) -> tuple[float, float]:
+    """Return the z-interval of a convex polygon (y, z) over ``y0 <= y <= y1``; (inf, -inf) if empty."""
     low, high = math.inf, -math.inf
     for e in range(n):
         py, pz = polygon[e]
@@ -257,17 +260,17 @@ def _span_over_slab(polygon: Floats, n: int, y0: float, y1: float) -> tuple[floa
         if y0 <= py <= y1:
             low, high = min(low, pz), max(high, pz)
         if (py < y0 < qy) or (qy < y0 < py):
-            z = _at(y0, py, qy, pz, qz)
+            z = _interpolate_at(y0, py, qy, pz, qz)
             low, high = min(low, z), max(high, z)
         if (py < y1 < qy) or (qy < y1 < py):
-            z = _at(y1, py, qy, pz, qz)
+            z = _interpolate_at(y1, py, qy, pz, qz)
             low, high = min(low, z), max(high, z)
     return low, high
 
 
 @jit
 def _mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: float, start: int, stop: int) -> None:
-    """Set ``out[i]`` where box ``i`` comes within ``slack`` of a triangle, for first indices in ``[start, stop)``."""
+    """Set ``out[i]`` if box ``i`` is within ``slack`` of a triangle, for first indices in ``[start, stop)``."""
     _, ny, nz = out.shape
     polygon = np.empty((9, 2))
     for t in range(triangles.shape[0]):
@@ -286,7 +289,7 @@ def _mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: fl
             first_y = max(0, math.ceil(low_y - slack - b1))
             last_y = min(ny - 1, math.floor(high_y + slack - b0))
             for j in range(first_y, last_y + 1):
-                low, high = _span_over_slab(polygon, n, j + b0 - slack, j + b1 + slack)
+                low, high = _clip_to_interval(polygon, n, j + b0 - slack, j + b1 + slack)
                 if low > high:
                     continue
                 first_z = max(0, math.ceil(low - slack - b1))
@@ -296,15 +299,15 @@ def _mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: fl
 
 
 @kernel
-def _box_point(dx: float, dy: float, dz: float, half: float) -> float:
-    """Distance of a point from a cube about the origin."""
+def _cube_point_distance(dx: float, dy: float, dz: float, half: float) -> float:
+    """Return the distance of a point from a cube centered at the origin."""
     dx, dy, dz = max(abs(dx) - half, 0.0), max(abs(dy) - half, 0.0), max(abs(dz) - half, 0.0)
     return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @kernel
-def _box_edges(p: Floats, q: Floats, center: Floats, half: float) -> float:
-    """Smallest distance of a segment from the edges of a cube, where both are met between their ends; else inf."""
+def _cube_edges_distance(p: Floats, q: Floats, center: Floats, half: float) -> float:
+    """Return the distance between a segment and the edges of a cube, over pairs of interior points; else inf."""
     best = math.inf
     for axis in range(3):
         u, v = (axis + 1) % 3, (axis + 2) % 3
@@ -322,8 +325,8 @@ def _box_edges(p: Floats, q: Floats, center: Floats, half: float) -> float:
 
 
 @kernel
-def _box_triangle(triangle: Floats, center: Floats, half: float) -> float:
-    """Distance of a triangle from a cube that it does not meet."""
+def _cube_triangle_distance(triangle: Floats, center: Floats, half: float) -> float:
+    """Return the distance between a triangle and a disjoint cube."""
     best = math.inf
     for corner in range(8):
         x = center[0] + (half if corner & 1 else -half)
@@ -332,21 +335,21 @@ def _box_triangle(triangle: Floats, center: Floats, half: float) -> float:
         best = min(best, point_triangle((x, y, z), triangle))
     for e in range(3):
         p, q = triangle[e], triangle[e + 1 if e < 2 else 0]
-        best = min(best, _box_point(p[0] - center[0], p[1] - center[1], p[2] - center[2], half))
-        best = min(best, _box_edges(p, q, center, half))
+        best = min(best, _cube_point_distance(p[0] - center[0], p[1] - center[1], p[2] - center[2], half))
+        best = min(best, _cube_edges_distance(p, q, center, half))
     return best
 
 
 @kernel
-def _is_near(triangle: Floats, center: Floats, half: float, most: float, slack: float) -> bool:
-    """Whether a triangle comes within a distance of a cube that it does not meet; or perhaps within ``slack`` more."""
+def _is_near(triangle: Floats, center: Floats, half: float, max_distance: float, slack: float) -> bool:
+    """Return True if a triangle is within ``max_distance`` of a disjoint cube; undecided up to ``slack`` more."""
     cx, cy, cz = center
     x, y, z = cx, cy, cz
     ax, ay, az = triangle[0]
     u = triangle[1, 0] - ax, triangle[1, 1] - ay, triangle[1, 2] - az
     v = triangle[2, 0] - ax, triangle[2, 1] - ay, triangle[2, 2] - az
-    for _ in range(_TRIES):
-        # From the point of the cube to the triangle's nearest, and from there to that of the cube.
+    for _ in range(_MAX_PROJECTIONS):
+        # Project the cube's point onto the triangle, and the result back onto the cube.
         px, py, pz = nearest_of_triangle((x - ax, y - ay, z - az), u, v)
         px, py, pz = px + ax, py + ay, pz + az
         x = min(max(px, cx - half), cx + half)
@@ -354,40 +357,41 @@ def _is_near(triangle: Floats, center: Floats, half: float, most: float, slack: 
         z = min(max(pz, cz - half), cz + half)
         dx, dy, dz = px - x, py - y, pz - z
         square = dx * dx + dy * dy + dz * dz
-        if square <= most * most:
+        if square <= max_distance * max_distance:
             return True
-        # Along this way, whatever it is, no point of the triangle lies before its first corner.
+        # Along any direction, a corner of the triangle comes first.
         first = math.inf
         for corner in range(3):
             p = triangle[corner]
             first = min(first, dx * (p[0] - cx) + dy * (p[1] - cy) + dz * (p[2] - cz))
-        if first - half * (abs(dx) + abs(dy) + abs(dz)) > (most + slack) * math.sqrt(square):
+        if first - half * (abs(dx) + abs(dy) + abs(dz)) > (max_distance + slack) * math.sqrt(square):
             return False
-    return _box_triangle(triangle, center, half) <= most + slack
+    return _cube_triangle_distance(triangle, center, half) <= max_distance + slack
 
 
 @jit
 def _mark_within(
-    out: Bytes, parts: SweptTriangles, half: float, radius: float, slack: float, start: int, stop: int
+    out: Bytes, swept: SweptTriangles, half: float, radius: float, slack: float, start: int, stop: int
 ) -> None:
-    """Set ``out[i]`` where the cube ``i + [-half, half]^3`` comes within a radius of where triangles come.
+    """Set ``out[i]`` if the cube ``i + [-half, half]^3`` is within a radius of a swept triangle.
 
-    For first indices in ``[start, stop)``; the cubes that meet a triangle must be set already. Most cubes within reach
-    of a triangle are set, some by many; so meanwhile a number above zero in ``out`` is how many from there on are.
+    Covers first indices in ``[start, stop)``; the cubes that meet a triangle must be set already. Most cubes in reach
+    are set by several triangles, so during the work a positive value in ``out`` is the number of set cubes from there
+    on, which later triangles skip.
     """
     _, ny, nz = out.shape
     center = np.empty(3)
-    # Along each axis, squares: of the nearest and farthest of a cube from the origin, and of its gap to a triangle.
+    # Squares along each axis: nearest and farthest distance of a cube from the origin, and its gap to the center.
     lows, highs, gaps = np.empty((3, max(out.shape))), np.empty((3, max(out.shape))), np.empty((3, max(out.shape)))
     for axis in range(3):
         for k in range(out.shape[axis]):
-            from_origin = abs(k - parts.origin[axis])
+            from_origin = abs(k - swept.origin[axis])
             lows[axis, k], highs[axis, k] = max(0.0, from_origin - half) ** 2, (from_origin + half) ** 2
-    for t in range(len(parts.triangles)):
-        triangle, near = parts.triangles[t], parts.growth[t] + radius
+    for t in range(len(swept.triangles)):
+        triangle, near = swept.triangles[t], swept.growth[t] + radius
         a, b, c = triangle[0], triangle[1], triangle[2]
         mx, my, mz = (a[0] + b[0] + c[0]) / 3.0, (a[1] + b[1] + c[1]) / 3.0, (a[2] + b[2] + c[2]) / 3.0
-        # Farther than this from its middle a cube is too far from all of the triangle.
+        # Radius of the triangle about its center: a cube beyond it, plus the reach, cannot be near.
         limit = math.sqrt(
             max(
                 (a[0] - mx) ** 2 + (a[1] - my) ** 2 + (a[2] - mz) ** 2,
@@ -395,34 +399,34 @@ def _mark_within(
                 (c[0] - mx) ** 2 + (c[1] - my) ** 2 + (c[2] - mz) ** 2,
             )
         )
-        # These, and what they are held against, are squares.
+        # These three are squares, as are the values compared with them.
         limit = (limit + near + slack) ** 2
-        outside = (parts.farthest[t] + radius + slack) ** 2
-        within = max(0.0, parts.nearest[t] - radius - slack) ** 2
-        reach, rise = near + half + slack, (radius if parts.about_z else near) + half + slack
-        first = max(start, math.ceil(min(a[0], b[0], c[0]) - reach))
-        last = min(stop - 1, math.floor(max(a[0], b[0], c[0]) + reach))
+        outside = (swept.farthest[t] + radius + slack) ** 2
+        within = max(0.0, swept.nearest[t] - radius - slack) ** 2
+        reach, rise = near + half + slack, (radius if swept.about_z else near) + half + slack
+        first_x = max(start, math.ceil(min(a[0], b[0], c[0]) - reach))
+        last_x = min(stop - 1, math.floor(max(a[0], b[0], c[0]) + reach))
         first_y = max(0, math.ceil(min(a[1], b[1], c[1]) - reach))
         last_y = min(ny - 1, math.floor(max(a[1], b[1], c[1]) + reach))
         first_z = max(0, math.ceil(min(a[2], b[2], c[2]) - rise))
         last_z = min(nz - 1, math.floor(max(a[2], b[2], c[2]) + rise))
-        # Nor does it come near where the plane of the triangle is too far: in each column, outside a stretch of it.
-        along_x, along_y, middle, stretch = _slope(triangle, near + slack, half)
-        for axis, (begin, end, place) in enumerate(((first, last, mx), (first_y, last_y, my), (first_z, last_z, mz))):
+        # Cubes far from the plane of the triangle cannot be near either, which bounds k in each column.
+        along_x, along_y, center_z, half_height = _plane_heights(triangle, near + slack, half)
+        for axis, (begin, end, m) in enumerate(((first_x, last_x, mx), (first_y, last_y, my), (first_z, last_z, mz))):
             for k in range(begin, end + 1):
-                gaps[axis, k] = max(0.0, abs(k - place) - half) ** 2
-        for i in range(first, last + 1):
+                gaps[axis, k] = max(0.0, abs(k - m) - half) ** 2
+        for i in range(first_x, last_x + 1):
             for j in range(first_y, last_y + 1):
                 across, low_flat, high_flat = (
                     gaps[0, i] + gaps[1, j],
                     lows[0, i] + lows[1, j],
                     highs[0, i] + highs[1, j],
                 )
-                if across > limit or low_flat > outside or (parts.about_z and high_flat < within):
+                if across > limit or low_flat > outside or (swept.about_z and high_flat < within):
                     continue
-                level = middle + along_x * (i - mx) + along_y * (j - my)
-                row, k = out[i, j], max(first_z, math.ceil(level - stretch)) - 1
-                last_k = min(last_z, math.floor(level + stretch))
+                level = center_z + along_x * (i - mx) + along_y * (j - my)
+                row, k = out[i, j], max(first_z, math.ceil(level - half_height)) - 1
+                last_k = min(last_z, math.floor(level + half_height))
                 while k < last_k:
                     k += 1
                     step = row[k]
@@ -433,15 +437,15 @@ def _mark_within(
                         k += step - 1
                         continue
                     gap, low, high = across + gaps[2, k], low_flat, high_flat
-                    if not parts.about_z:
+                    if not swept.about_z:
                         low, high = low + lows[2, k], high + highs[2, k]
                     if gap > limit or low > outside or high < within:
                         continue
-                    # What comes into the cube is no farther from the origin than that, and came no farther than this.
-                    most = min(near, parts.swing * (math.sqrt(high) + radius) + radius)
-                    if gap > most * most:
+                    # A point in the cube is at most sqrt(high) + radius from the origin, which bounds its displacement.
+                    max_distance = min(near, swept.swing * (math.sqrt(high) + radius) + radius)
+                    if gap > max_distance * max_distance:
                         center[0], center[1], center[2] = i, j, k
-                        if not _is_near(triangle, center, half, most, slack):
+                        if not _is_near(triangle, center, half, max_distance, slack):
                             continue
                     row[k] = 1
     for i in range(start, stop):
@@ -452,18 +456,19 @@ def _mark_within(
 
 
 @kernel
-def _slope(triangle: Floats, near: float, half: float) -> tuple[float, float, float, float]:
-    """The plane of a triangle as heights: how they grow with x and y, the one at its middle, how far from it to look.
+def _plane_heights(triangle: Floats, distance: float, half: float) -> tuple[float, float, float, float]:
+    """Return the plane of a triangle as slopes along x and y, center height, and half height of the search.
 
-    So far are cubes that come within ``near`` of the plane; where it is steep, or the triangle thin, any distance.
+    The half height covers all cubes within ``distance`` of the plane; it is unlimited if the plane is steep or the
+    triangle thin.
     """
     a, b, c = triangle[0], triangle[1], triangle[2]
-    middle = (a[2] + b[2] + c[2]) / 3.0
+    center_z = (a[2] + b[2] + c[2]) / 3.0
     x, y, z = normal_of(triangle)
     longest = 0.0
     for axis in range(3):
         longest = max(longest, (b[axis] - a[axis]) ** 2, (c[axis] - a[axis]) ** 2, (c[axis] - b[axis]) ** 2)
-    if z * z <= STEEP * STEEP * (x * x + y * y + z * z) or abs(z) <= THIN * longest:
-        return 0.0, 0.0, middle, 2.0**31
+    if z * z <= MIN_NORMAL_Z * MIN_NORMAL_Z * (x * x + y * y + z * z) or abs(z) <= THIN * longest:
+        return 0.0, 0.0, center_z, 2.0**31
     normal = math.sqrt(x * x + y * y + z * z)
-    return -x / z, -y / z, middle, (near * normal + half * (abs(x) + abs(y) + abs(z))) / abs(z)
+    return -x / z, -y / z, center_z, (distance * normal + half * (abs(x) + abs(y) + abs(z))) / abs(z)

@@ -90,16 +90,16 @@ class Balls(ExactShape):
     def rasters(
         self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
     ) -> tuple[Raster, Raster]:
-        from cspace.raster.boxes import Rounded, rounded_rasters
+        from cspace.raster.boxes import RoundedBoxes, rounded_rasters
 
         growth = rotation.displacement(self.centers)
         centers = rotation.apply(self.centers)
-        return rounded_rasters(Rounded(centers, centers, self.radii), spacing, margin + growth, growth)
+        return rounded_rasters(RoundedBoxes(centers, centers, self.radii), spacing, margin + growth, growth)
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
-        from cspace.raster.boxes import Rounded, rounded_cells
+        from cspace.raster.boxes import RoundedBoxes, rounded_cells
 
-        return rounded_cells(Rounded(self.centers, self.centers, self.radii), grid)
+        return rounded_cells(RoundedBoxes(self.centers, self.centers, self.radii), grid)
 
     def contains(self, points: ArrayLike) -> Bools:
         from scipy.spatial import cKDTree

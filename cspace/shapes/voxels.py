@@ -30,7 +30,7 @@ from cspace.shapes.shape import Boxes, ExactShape, Pieces
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-    from cspace.raster.boxes import Rounded
+    from cspace.raster.boxes import RoundedBoxes
     from cspace.raster.surfaces import ClosedSurface
 
 _CORNERS = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)], dtype=np.float64)
@@ -83,15 +83,15 @@ class Box(ExactShape):
 
             shell = ClosedSurface(*self.surface, np.ones(len(_FACES), dtype=np.int64))
             return surface_rasters(SolidSurface(*self.surface, shell, source="box"), spacing, margin, rotation)
-        from cspace.raster.boxes import Rounded, rounded_rasters
+        from cspace.raster.boxes import RoundedBoxes, rounded_rasters
 
-        box = Rounded(self.lower[None], self.upper[None], np.zeros(1))
+        box = RoundedBoxes(self.lower[None], self.upper[None], np.zeros(1))
         return rounded_rasters(box, spacing, np.full(1, margin), np.zeros(1))
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
-        from cspace.raster.boxes import Rounded, rounded_cells
+        from cspace.raster.boxes import RoundedBoxes, rounded_cells
 
-        return rounded_cells(Rounded(self.lower[None], self.upper[None], np.zeros(1)), grid)
+        return rounded_cells(RoundedBoxes(self.lower[None], self.upper[None], np.zeros(1)), grid)
 
     def contains(self, points: ArrayLike) -> Bools:
         array = check_points(points, "points", self.dim)
@@ -223,12 +223,12 @@ class Voxels(ExactShape):
     def boxes(self) -> Boxes:
         if self.dim == 2:
             return super().boxes
-        from cspace.raster.surfaces import Components
+        from cspace.raster.surfaces import RunComponents
 
-        cells, cavities = self.occupied, Components.of(~self.occupied)
+        cells, cavities = self.occupied, RunComponents.of(~self.occupied)
         lows, highs = cover_with_boxes(cells, 1.0, np.zeros(3))
         firsts = lows.astype(np.int64) @ (cells.shape[1] * cells.shape[2], cells.shape[2], 1)
-        sizes = np.asarray(self.side * cavities.lengths()[cavities.at(firsts)], dtype=np.float64)
+        sizes = np.asarray(self.side * cavities.lengths()[cavities.labels_at(firsts)], dtype=np.float64)
         return Boxes(self.lower + self.side * lows, self.lower + self.side * highs, sizes)
 
     @cached_property
@@ -236,11 +236,11 @@ class Voxels(ExactShape):
         return boundary_segments(self.occupied, self.side, self.lower)
 
     @cached_property
-    def _boxes(self) -> Rounded:
-        from cspace.raster.boxes import Rounded
+    def _boxes(self) -> RoundedBoxes:
+        from cspace.raster.boxes import RoundedBoxes
 
         lows, highs = cover_with_boxes(self.occupied, self.side, self.lower)
-        return Rounded(lows, highs, np.zeros(len(lows)))
+        return RoundedBoxes(lows, highs, np.zeros(len(lows)))
 
     @cached_property
     def _shell(self) -> ClosedSurface:

@@ -134,7 +134,9 @@ class Job:
                 numbers = store.numbers(layer)
                 block = room[: len(numbers)]
                 # From a tile's first cell on, the cells of its window are as much farther.
-                pairs = [(a.moved(before), b.moved(before)) for a, b in (self.pairs[number] for number in numbers)]
+                pairs = [
+                    (a.translate(before), b.translate(before)) for a, b in (self.pairs[number] for number in numbers)
+                ]
                 sides = sides_of(pairs, store.proves_blocked is not False)
                 engine = Correlation.by(store.metadata["method"], sides, store.metadata["outside"], self.threads)
                 engine.fill(outer, inner, sides, block, None)

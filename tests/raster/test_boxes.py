@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from cspace import Grid, InputError
 from cspace.grid import SLACK
 from cspace.raster.bitmaps import cover_with_boxes
-from cspace.raster.boxes import Rounded, rounded_rasters
+from cspace.raster.boxes import RoundedBoxes, rounded_rasters
 from cspace.shapes import Balls, Box, Voxels
 from strategies import seeds
 
@@ -145,7 +145,7 @@ def test_rasters_of_ball_robots_agree_with_arithmetic(data, spacing, margin):
 @given(st.data(), st.sampled_from(SPACINGS), st.sampled_from(MARGINS))
 def test_rasters_of_box_robots_agree_with_arithmetic(data, spacing, margin):
     corners = np.sort(data.draw(coordinates(spacing, (2, 3), 2)), axis=0)
-    box = Rounded(corners[:1], corners[1:], np.zeros(1))
+    box = RoundedBoxes(corners[:1], corners[1:], np.zeros(1))
     outer, inner = rounded_rasters(box, spacing, np.full(1, margin), np.zeros(1))
     check_robot(corners[:1], corners[1:], np.zeros(1), spacing, margin, outer, inner, 3)
 

@@ -15,8 +15,8 @@ from scipy.optimize import nnls
 
 import solids
 from cspace import Grid, InputError, Mesh, MeshWarning
-from cspace.raster.surfaces import Components
-from cspace.raster.triangles import mark_within, subdivide, sweep
+from cspace.raster.surfaces import RunComponents
+from cspace.raster.triangles import mark_within, subdivide, sweep_triangles
 from oracles import cross, distance_to_triangles, dot, units
 from strategies import seeds
 
@@ -377,7 +377,7 @@ def test_the_distance_of_a_cube_is_exact(size):
             continue
         for radius, expected in ((gap * (1 + 1e-9), True), (gap - 1e-5, False)):
             out = np.zeros((1, 1, 1), dtype=bool)
-            mark_within(out, sweep(triangle[None], 0.0, False), 1.0, radius)
+            mark_within(out, sweep_triangles(triangle[None], 0.0, False), 1.0, radius)
             assert out[0, 0, 0] == expected, (triangle, gap, radius)
 
 
@@ -445,19 +445,19 @@ def test_a_thin_robot_only_ever_errs_to_the_large_side():
 
 @given(hnp.arrays(np.bool_, st.tuples(*(st.integers(1, 7),) * 3)))
 def test_components_agree_with_scipy(blocked):
-    components = Components.of(blocked)
+    components = RunComponents.of(blocked)
     labels, count = scipy.ndimage.label(~blocked)
-    assert components.number == count
+    assert components.n_components == count
     ring = np.ones_like(blocked)
     ring[1:-1, 1:-1, 1:-1] = False
     labels_seen = set()
-    for number, at_border in enumerate(components.at_border()):
+    for number, touch_boundary in enumerate(components.touch_boundary()):
         out = np.zeros_like(blocked)
         components.fill(out, np.arange(count) == number)
         label = int(labels[tuple(np.argwhere(out)[0])])
         labels_seen.add(label)
         assert (out == (labels == label)).all()
-        assert at_border == (out & ring).any()
+        assert touch_boundary == (out & ring).any()
     assert labels_seen == set(range(1, count + 1))
 
 

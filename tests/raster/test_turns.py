@@ -206,4 +206,4 @@ def test_quarter_turns_by_permutation_are_fresh_rasters(name):
     for turns in range(1, 4):
         fresh = robot.rasters(0.083, 0.02, yaw_turn(turns * math.pi / 2, angle, 3))
         matrix = np.linalg.matrix_power(np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), turns)
-        assert [places(raster.turned(matrix)) for raster in first] == [places(raster) for raster in fresh]
+        assert [places(raster.rotate(matrix)) for raster in first] == [places(raster) for raster in fresh]
