@@ -20,13 +20,13 @@ from cspace.check import check_word, not_negative, whole
 from cspace.engines import ENGINES, METHODS
 from cspace.engines.slices import (
     Correlation,
-    Pair,
     Progress,
-    Rasters,
-    Sides,
+    RasterGroups,
+    RasterPair,
+    RasterTask,
+    group_rasters,
     raster_bytes,
-    raster_parts,
-    sides_of,
+    raster_tasks,
     slice_rasters,
 )
 from cspace.errors import InputError
@@ -206,11 +206,11 @@ def build(
     states: Stack
 
     def correlation_of(
-        pairs: Sequence[Pair], engines: int, workers: int | None, progress: Progress | None
-    ) -> tuple[Correlation, Sides]:
+        pairs: Sequence[RasterPair], engines: int, workers: int | None, progress: Progress | None
+    ) -> tuple[Correlation, RasterGroups]:
         """The engine for the rasters of slices, and these by side, where so many engines work in parallel."""
-        sides = sides_of(pairs, inner)
-        correlation = Correlation.by(method, sides, outside, workers, progress, overlap)
+        sides = group_rasters(pairs, inner)
+        correlation = Correlation.create(method, sides, outside, workers, progress, overlap)
         own = engines * max(correlation.engine.bytes_needed(grid.shape, side, workers) for side in sides)
         if own > TRANSFORM_BYTES:  # what every build may take was looked at
             what = "the map, with what its engine needs for this robot,"
@@ -222,11 +222,11 @@ def build(
         # make one together where that is large.
         states = packed = PackedStates((slices, *grid.shape))
         table, lock = np.empty((slices, 2 * grid.dim + 1), dtype=np.int64), Lock()
-        parts = raster_parts(robot, grid.spacing, margin, cells)
+        parts = raster_tasks(robot, grid.spacing, margin, cells)
         large, room = grid.size > SCRATCH_BYTES, max(1, SCRATCH_BYTES // grid.size)
         threads = 1 if large else workers or cores()
 
-        def settle(parts: Sequence[Rasters]) -> str:
+        def settle(parts: Sequence[RasterTask]) -> str:
             made = list(itertools.chain.from_iterable(part() for part in parts))
             scratch, precision = np.empty((min(room, len(made)), *grid.shape), dtype=np.uint8), ""
             for start in range(0, len(made), room):

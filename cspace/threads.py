@@ -1,4 +1,4 @@
-"""Work in threads: compiled loops release the GIL, and share nothing that they write."""
+"""Threads for compiled loops, which release the GIL and share nothing that they write."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from typing import TypeVar
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-LEAST = 50_000
-"""Elements below which a second thread costs more than it saves."""
+MIN_ITEMS_PER_THREAD = 50_000
+"""Number of items below which a second thread costs more than it saves."""
 
-_here = threading.local()  # whether this thread is one of several already
+_local = threading.local()  # has the attribute is_worker in threads that are started here
 
 
 def cores() -> int:
-    """Number of cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def in_chunks(work: Callable[[int, int], int], size: int, least: int = LEAST) -> int:
-    """Call ``work(start, stop)`` over chunks of ``range(size)``, in threads where that pays.
+def in_chunks(work: Callable[[int, int], int], size: int, min_items: int = MIN_ITEMS_PER_THREAD) -> int:
+    """Call ``work(start, stop)`` over chunks of ``range(size)``, in threads if that is faster.
 
-    Each call gives the index, from ``start``, of the first bad element of its chunk, or -1; so does this, of all. A
-    chunk of fewer than ``least`` is not worth a thread. What the work itself would do in chunks, it does alone.
+    Each call returns the index, relative to ``start``, of the first bad item of its chunk, or -1. Returns the same for
+    the whole range. A thread gets at least ``min_items``. Nested calls run serially.
     """
-    threads = 1 if getattr(_here, "shared", False) else min(cores(), max(1, size // least))
+    threads = 1 if getattr(_local, "is_worker", False) else min(cores(), max(1, size // min_items))
     if threads == 1:
         return work(0, size)
     bounds = [size * k // threads for k in range(threads + 1)]
-    with ThreadPoolExecutor(threads, initializer=_share) as pool:
+    with ThreadPoolExecutor(threads, initializer=_mark_worker) as pool:
         bad = list(pool.map(work, bounds[:-1], bounds[1:]))
     return next((start + index for start, index in zip(bounds, bad, strict=False) if index >= 0), -1)
 
@@ -43,14 +43,14 @@ def in_threads(
     threads: int,
     progress: Callable[[int], None] | None = None,
 ) -> list[Result]:
-    """Results for all items; a failure or Ctrl-C stops those that have not begun.
+    """Return ``work(item)`` for all items, computed in threads.
 
-    What the work itself would do in chunks, it does alone.
+    A failure or Ctrl-C cancels the items that have not begun. Nested calls run serially.
     """
     threads = min(threads, len(items))
     if threads == 1:
         return _gather(map(work, items), progress)
-    with ThreadPoolExecutor(threads, initializer=_share) as pool:
+    with ThreadPoolExecutor(threads, initializer=_mark_worker) as pool:
         try:
             return _gather(pool.map(work, items), progress)
         except BaseException:
@@ -58,14 +58,16 @@ def in_threads(
             raise
 
 
-def _share() -> None:
-    _here.shared = True
+def _mark_worker() -> None:
+    """Make nested calls in this thread run serially."""
+    _local.is_worker = True
 
 
-def _gather(done: Iterable[Result], progress: Callable[[int], None] | None) -> list[Result]:
-    results = []
-    for number, result in enumerate(done, start=1):
-        results.append(result)
+def _gather(results: Iterable[Result], progress: Callable[[int], None] | None) -> list[Result]:
+    """List results as they arrive, reporting their count."""
+    gathered = []
+    for count, result in enumerate(results, start=1):
+        gathered.append(result)
         if progress is not None:
-            progress(number)
-    return results
+            progress(count)
+    return gathered

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 
 from cspace.arrays import BLOCKED, Bools, Ints, frozen, shared
 from cspace.check import check_cells
-from cspace.engines.dilation import Runs, collide, in_space
-from cspace.engines.slices import Correlation, Sides, sides_of
+from cspace.engines.dilation import ClippedRuns, collide, to_three_axes
+from cspace.engines.slices import Correlation, RasterGroups, group_rasters
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.limits import SCRATCH_BYTES
@@ -195,12 +195,12 @@ class Updater:
         self._grid, self._endless, self._layers = contents.grid, contents.periodic_axes, contents.layers
         self._states, self._overlaps = contents.states, contents.overlaps
         self._rasters, self._exterior, self._renew_map = rasters, exterior, renew
-        self._sides = sides_of(rasters, _proves_blocked(contents, rasters) if blocked is None else blocked)
-        self._engine = Correlation.by("fft" if counts else "direct", self._sides, contents.outside, None)
+        self._sides = group_rasters(rasters, _proves_blocked(contents, rasters) if blocked is None else blocked)
+        self._engine = Correlation.create("fft" if counts else "direct", self._sides, contents.outside, None)
         self._reach = _reach(self._sides, shape, contents.outside == "blocked", counts)
         self._size = np.max([outer.cells.shape for outer, _ in rasters], axis=0)
         self._weights = np.bincount(contents.slice_of, minlength=len(contents.states))
-        self._nowhere = np.array([*in_space(shape), -1, -1, -1])
+        self._nowhere = np.array([*to_three_axes(shape), -1, -1, -1])
         self._workspace = copied(contents.workspace, live=True)
         self._layer_counts = _layer_counts(self._workspace.outer) if contents.outside == "free" else []
 
@@ -420,7 +420,7 @@ def _layer_counts(cells: Bools) -> list[Ints]:
     return [np.count_nonzero(cells, axis=tuple(axes - {axis})) for axis in sorted(axes)]
 
 
-def _reach(sides: Sides, shape: Sequence[int], exterior_blocked: bool, counts: bool) -> Ints:
+def _reach(sides: RasterGroups, shape: Sequence[int], exterior_blocked: bool, counts: bool) -> Ints:
     """Return the least and the greatest offset in each slice that decide about cells, shape (slices, 2, d).
 
     A robot that meets blocked cells outside the grid from everywhere depends on no cell, unless overlaps are counted.
@@ -428,7 +428,7 @@ def _reach(sides: Sides, shape: Sequence[int], exterior_blocked: bool, counts: b
     reach = np.empty((len(sides), len(sides[0]), 2, 3), dtype=np.int64)
     reach[:, :, 0], reach[:, :, 1] = _NEVER, -_NEVER
     for number, side in enumerate(sides):
-        for row, runs in zip(reach[number], Runs.of(side, in_space(shape)), strict=True):
+        for row, runs in zip(reach[number], ClippedRuns.of(side, to_three_axes(shape)), strict=True):
             if len(runs.table) and not (runs.clipped and exterior_blocked and not (counts and number == 0)):
                 last = runs.table[:, :3].copy()
                 last[:, 2] += runs.table[:, 3] - 1

@@ -1,7 +1,7 @@
-"""Engines: what decides, for every position of a robot at once, whether it overlaps the obstacles.
+"""Engines, which decide for all robot positions at once if the robot overlaps obstacles.
 
-There are two, which share no code and make the same map: transforms, whose cost hardly depends on the robot, and
-dilation, 64 cells at a time, which costs a step for each row of the robot.
+There are two; they share no code and build the same map. The cost of transforms hardly depends on the robot; dilation
+handles 64 cells at a time, at the cost of one step for each row of the robot.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from cspace.arrays import Bools
 from cspace.engines import dilation, fft
 from cspace.raster import Raster
 
-ROWS: Final = {2: 30, 3: 280}
-"""Rows of consecutive offsets, in the plane and in space, for each cell that a robot is across, from which on
-transforms are the quicker engine.
+MAX_ROWS_PER_CELL: Final = {2: 30, 3: 280}
+"""Rows of offsets, per cell of robot diameter, up to which dilation is faster than transforms, by dimension.
 
-Measured once, on two cores: robots 40 to 400 cells across break even at 23 to 50 in the plane, 280 to 350 in space."""
+Measured once, on two cores: robots 40 to 400 cells across break even at 23 to 50 in the plane, 280 to 350 in space.
+"""
 
 
 class Engine(Protocol):
-    """What :func:`cspace.build` needs of an engine."""
+    """Interface of engines to :func:`cspace.build`."""
 
     COUNTS: bool
-    """Whether it can count overlaps."""
+    """True if the engine can count overlaps."""
 
     def collide(
         self,
@@ -40,7 +40,7 @@ class Engine(Protocol):
         workers: int | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> str:
-        """Write, for every cell k of the map, what becomes of the overlaps of ``W[k + m]`` with the offsets m.
+        """Write, for every cell k of the map, the overlaps of ``W[k + m]`` with the offsets m.
 
         Parameters
         ----------
@@ -48,42 +48,46 @@ class Engine(Protocol):
             Obstacle cells W.
         rasters : sequence of Raster
             Robot offsets.
-        out : sequence of ndarray, one for each raster, all of the shape of ``occupied`` or of a smaller one
-            C-ordered; a smaller one gets the first cells. Booleans become whether there is any overlap; int32, with
-            engines that count, how many there are.
+        out : sequence of ndarray, one for each raster
+            C-ordered, all of the shape of ``occupied`` or of one smaller shape, for the first cells. Booleans are set
+            to True if any offset overlaps; int32, with engines that count, to the number of overlaps.
         outside : bool
-            Whether the cells outside the map are obstacles.
+            True if the cells outside the map are obstacles.
         add : bool
-            Add 1 to ``out``, arrays of uint8, wherever there is any overlap.
+            Add 1 to ``out``, arrays of uint8, for any overlap.
         workers : int, optional
             Threads; by default one for each core that the process may use.
         progress : callable, optional
-            Called with (parts done, parts in all), from the calling thread.
+            Called with (finished parts, all parts), from the calling thread.
 
         Returns
         -------
         {"integer", "float32", "float64"}
-            The arithmetic that it took.
+            Arithmetic that was used.
         """
 
     def bytes_needed(self, shape: Sequence[int], rasters: Sequence[Raster], workers: int | None = None) -> int:
-        """Memory that :meth:`collide` takes at most beside its input and results, in bytes."""
+        """Return the peak memory of :meth:`collide` beside its input and results, in bytes."""
 
 
 ENGINES: Final[dict[str, Engine]] = {"fft": fft, "direct": dilation}
 
 METHODS: Final = (*ENGINES, "auto")
+"""Values of ``method`` in :func:`cspace.build`."""
 
 
-def choose(rasters: Sequence[Raster], *, counts: bool = False) -> str:
-    """The engine to take for a robot's rasters: dilation, unless overlaps are counted or it has very many rows."""
+def choose_engine(rasters: Sequence[Raster], *, counts: bool = False) -> str:
+    """Return the name of the faster engine for a robot's rasters.
+
+    That is dilation, unless overlaps are counted or the robot has very many rows.
+    """
     if counts:
         return "fft"
-    sample = [raster.cells for raster in rasters[:: max(1, len(rasters) // 8)]]  # turned robots are much alike
-    most = sum(ROWS[cells.ndim] * max(cells.shape) for cells in sample)
-    return "direct" if sum(map(_rows, sample)) <= most else "fft"
+    sample = [raster.cells for raster in rasters[:: max(1, len(rasters) // 8)]]  # rotations of one robot are similar
+    max_rows = sum(MAX_ROWS_PER_CELL[cells.ndim] * max(cells.shape) for cells in sample)
+    return "direct" if sum(map(_count_rows, sample)) <= max_rows else "fft"
 
 
-def _rows(cells: Bools) -> int:
-    """Number of runs of set entries along the last axis."""
+def _count_rows(cells: Bools) -> int:
+    """Return the number of runs of set entries along the last axis."""
     return int(np.count_nonzero(cells[..., :1]) + np.count_nonzero(cells[..., 1:] > cells[..., :-1]))

@@ -1,10 +1,10 @@
-"""The engine by dilation: a workspace bitmap dilated by robot rasters, 64 cells a word, in integers.
+"""Engine by dilation: a workspace bitmap dilated by robot rasters, 64 cells a word, in integers.
 
-For every cell k of the map: whether ``W[k + m]`` is set for any offset m of the robot. The offsets are taken as runs
-along the last axis. A bitmap in which bit k says whether any of the ``L`` cells from k on is set serves all runs of
-length L; it is made from that for the next shorter length with one shift. Each run then costs one shift of this bitmap
-to the robot's place. So the work is cells / 64 times (runs + lengths), whatever the number of offsets.
-The lowest bit of a word is the first cell, and its lowest byte the first.
+For every cell k of the map, compute whether ``W[k + m]`` is set for any offset m of the robot. The offsets are grouped
+into runs along the last axis. A bitmap whose bit k is set if any of the ``L`` cells from k on is set serves all runs of
+length L; it results from the bitmap of the next shorter length by one shift. Each run then costs one shift of this
+bitmap by the run's offset. So the work is cells / 64 times (runs + lengths), whatever the number of offsets. The lowest
+bit of a word is the first cell, and its lowest byte the first eight.
 """
 
 from __future__ import annotations
@@ -26,36 +26,36 @@ from cspace.threads import cores, in_threads
 
 Cells = NDArray[np.uint8]
 Task: TypeAlias = tuple[Words, int, Cells, tuple[int, int]]
-"""Runs, as :meth:`PackedGrid.placed` gives them; their last word; results; and a block of rows of these."""
+"""Batches of runs from :meth:`PackedGrid.place_runs`; their last word; results; and a block of rows."""
 
 COUNTS: Final = False
-"""This engine finds only whether there is any overlap."""
+"""True if the engine can count overlaps."""
 
-PACKED: Final = 2**20
+CELLS_PER_PACKING: Final = 2**20
 """Cells that are packed into words at a time."""
 
-WORD: Final = 64
+WORD_BITS: Final = 64
 """Cells in a word."""
 
-OCTET: Final = 8
+BYTE_BITS: Final = 8
 """Cells in a byte."""
 
-FOUR: Final = 4
+RUNS_PER_BATCH: Final = 4
 """Runs that are added to a result at a time."""
 
-BLOCK: Final = 2**14
-"""Words of results that are made together, at least: with what they are made from they fit a core's cache."""
+MIN_WORDS_PER_BLOCK: Final = 2**14
+"""Minimum number of result words in a block: with their source they fit a core's cache."""
 
-TASKS: Final = 16
-"""Parts of the work that each thread should have, for all to end at about the same time."""
+BLOCK_TASKS_PER_THREAD: Final = 16
+"""Groups of blocks for each thread, so that all threads finish at about the same time."""
 
-LEAST: Final = 2_000_000
-"""Words times runs below which a second thread costs more than it saves."""
+MIN_WORD_RUNS_FOR_THREADS: Final = 2_000_000
+"""Number of words times runs below which a second thread costs more than it saves."""
 
 _REPEAT = np.uint64(0x0101010101010101)
 _SELECT = np.uint64(0x8040201008040201)
 _CARRY = np.uint64(0x7F7F7F7F7F7F7F7F)
-_ONE, _LAST, _EVERY = np.uint64(1), np.uint64(63), ~np.uint64(0)
+_ONE, _LAST_BIT, _ALL_BITS = np.uint64(1), np.uint64(63), ~np.uint64(0)
 
 
 def collide(
@@ -68,55 +68,64 @@ def collide(
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> str:
-    """Dilate one bitmap by several rasters; see :class:`cspace.engines.Engine`. Small work takes one thread."""
-    shape, results = in_space(occupied.shape), in_space(out[0].shape)
-    live: list[tuple[Raster, Ints, Cells]] = []
-    for raster, runs, result in zip(rasters, Runs.of(rasters, shape), out, strict=True):
+    """Dilate one bitmap by several rasters; see :class:`cspace.engines.Engine`.
+
+    Small work takes one thread.
+    """
+    shape, results = to_three_axes(occupied.shape), to_three_axes(out[0].shape)
+    used: list[tuple[Raster, Ints, Cells]] = []
+    for raster, runs, result in zip(rasters, ClippedRuns.of(rasters, shape), out, strict=True):
         if len(runs.table) and not (outside and runs.clipped):
-            live.append((raster, runs.table, result.reshape(results).view(np.uint8)))
+            used.append((raster, runs.table, result.reshape(results).view(np.uint8)))
         elif add:
             result += np.uint8(outside and runs.clipped)
         else:
             result[...] = outside and runs.clipped
-    if not live:
+    if not used:
         return "integer"
-    longest = max(int(table[-1, 3]) for _, table, _ in live)
+    longest = max(int(table[-1, 3]) for _, table, _ in used)
     cells = occupied.view(np.uint8).reshape(shape)
-    board = PackedGrid(cells, results, [raster for raster, _, _ in live], longest, outside)
-    placed, stops = board.placed(np.concatenate([table for _, table, _ in live])), [0]
-    stops += np.cumsum([len(table) // FOUR for _, table, _ in live]).tolist()
-    reaches = np.maximum.reduceat(placed[:, 1::2].max(axis=1), stops[:-1]).tolist()
+    grid = PackedGrid(cells, results, [raster for raster, _, _ in used], longest, outside)
+    batches, stops = grid.place_runs(np.concatenate([table for _, table, _ in used])), [0]
+    stops += np.cumsum([len(table) // RUNS_PER_BATCH for _, table, _ in used]).tolist()
+    last_words = np.maximum.reduceat(batches[:, 1::2].max(axis=1), stops[:-1]).tolist()
     tasks: list[Task] = []
-    for (a, b), reach, (_, _, view) in zip(itertools.pairwise(stops), reaches, live, strict=True):
-        tasks += [(placed[a:b], reach, view, block) for block in board.blocks(reach)]
-    work = sum(FOUR * len(table) * (last - first) * board.cells for table, _, _, (first, last) in tasks) // WORD
-    threads = (workers or cores()) if work >= LEAST else 1
-    parts = min(len(tasks), TASKS * threads)
-    groups = [tasks[len(tasks) * k // parts : len(tasks) * (k + 1) // parts] for k in range(parts)]
-    advance = None if progress is None else lambda done: progress(done, parts)
-    in_threads(partial(board.settle, add), groups, threads, advance)
+    for (a, b), last_word, (_, _, view) in zip(itertools.pairwise(stops), last_words, used, strict=True):
+        tasks += [(batches[a:b], last_word, view, block) for block in grid.blocks(last_word)]
+    word_runs = (
+        sum(RUNS_PER_BATCH * len(table) * (last - first) * grid.cells for table, _, _, (first, last) in tasks)
+        // WORD_BITS
+    )
+    threads = (workers or cores()) if word_runs >= MIN_WORD_RUNS_FOR_THREADS else 1
+    n_groups = min(len(tasks), BLOCK_TASKS_PER_THREAD * threads)
+    groups = [tasks[len(tasks) * k // n_groups : len(tasks) * (k + 1) // n_groups] for k in range(n_groups)]
+    advance = None if progress is None else lambda done: progress(done, n_groups)
+    in_threads(partial(grid.dilate_blocks, add), groups, threads, advance)
     return "integer"
 
 
 def bytes_needed(shape: Sequence[int], rasters: Sequence[Raster], workers: int | None = None) -> int:
-    """Memory that :func:`collide` takes at most beside its input and results, in bytes, but for a few megabytes."""
-    live = [raster for raster in rasters if raster.cells.size]
-    if not live:
+    """Return the peak memory of :func:`collide` beside its input and results, in bytes.
+
+    Up to a few megabytes are not counted.
+    """
+    used = [raster for raster in rasters if raster.cells.size]
+    if not used:
         return 0
-    _, (rows, _, cells) = padded(in_space(shape), in_space(shape), live)
-    return int(rows * cells) // OCTET
+    _, (rows, _, cells) = padded_sizes(to_three_axes(shape), to_three_axes(shape), used)
+    return int(rows * cells) // BYTE_BITS
 
 
-class Runs(NamedTuple):
-    """The offsets of a raster that can fall on a map, as rows of consecutive ones along the last axis.
+class ClippedRuns(NamedTuple):
+    """Runs along the last axis of a raster's offsets, clipped to those that can fall on a map.
 
     Attributes
     ----------
     table : ndarray of int64, shape (n, 4)
-        The first offset of each, with 0 along the first axis in the plane, and how many offsets it has; ascending in
-        this number. The last one of each length is repeated until their number is a multiple of FOUR.
+        First offset of each run, with 0 along the first axis in the plane, and its length; ascending in length. The
+        last run of each length is repeated to fill batches of RUNS_PER_BATCH.
     clipped : bool
-        Whether there are other offsets, which always fall outside the map.
+        True if there are other offsets, which always fall outside the map.
     """
 
     table: Ints
@@ -124,84 +133,89 @@ class Runs(NamedTuple):
 
     @property
     def is_first(self) -> Bools:
-        """Whether a row is the first of its kind, shape (n,)."""
+        """Mask of the rows that differ from the row before, shape (n,)."""
         return np.append(True, (self.table[1:] != self.table[:-1]).any(axis=1))[: len(self.table)]
 
     @classmethod
-    def of(cls, rasters: Sequence[Raster], shape: tuple[int, int, int]) -> list[Runs]:
-        """The runs of rasters on a map of a shape; all at once, for many are small."""
+    def of(cls, rasters: Sequence[Raster], shape: tuple[int, int, int]) -> list[ClippedRuns]:
+        """Return the runs of each raster on a map of a shape.
+
+        All rasters are handled at once, because many are small.
+        """
         table, owner = extract_runs(rasters)
         clipped = np.zeros(len(rasters), dtype=np.bool_)
-        *far, longest = np.abs(table).max(axis=0, initial=0).tolist()
-        if far[0] >= shape[0] or far[1] >= shape[1] or far[2] + longest >= shape[2]:
-            before = np.bincount(owner, table[:, 3], len(rasters))
-            first, stop = np.maximum(table[:, 2], 1 - shape[2]), np.minimum(table[:, 2] + table[:, 3], shape[2])
-            near = (np.abs(table[:, :2]) < shape[:2]).all(axis=1) & (first < stop)
-            table, owner = np.column_stack([table[:, :2], first, stop - first])[near], owner[near]
-            clipped = np.bincount(owner, table[:, 3], len(rasters)) < before
-        kind = (longest + 1) * owner + table[:, 3]
-        order = np.argsort(kind, kind="stable")
-        table, owner, kind = table[order], owner[order], kind[order]
-        last = np.flatnonzero(np.append(kind[1:] != kind[:-1], len(kind) > 0))  # of each length
-        times = np.ones(len(table), dtype=np.int64)
-        times[last] += -np.diff(last, prepend=-1) % FOUR
-        bounds = np.append(0, np.cumsum(times))[np.searchsorted(owner, np.arange(len(rasters) + 1))].tolist()
-        table = np.repeat(table, times, axis=0)
+        *reach, longest = np.abs(table).max(axis=0, initial=0).tolist()
+        if reach[0] >= shape[0] or reach[1] >= shape[1] or reach[2] + longest >= shape[2]:
+            lengths = np.bincount(owner, table[:, 3], len(rasters))
+            start, stop = np.maximum(table[:, 2], 1 - shape[2]), np.minimum(table[:, 2] + table[:, 3], shape[2])
+            reachable = (np.abs(table[:, :2]) < shape[:2]).all(axis=1) & (start < stop)
+            table, owner = np.column_stack([table[:, :2], start, stop - start])[reachable], owner[reachable]
+            clipped = np.bincount(owner, table[:, 3], len(rasters)) < lengths
+        key = (longest + 1) * owner + table[:, 3]
+        order = np.argsort(key, kind="stable")
+        table, owner, key = table[order], owner[order], key[order]
+        last = np.flatnonzero(np.append(key[1:] != key[:-1], len(key) > 0))  # of each length
+        repeats = np.ones(len(table), dtype=np.int64)
+        repeats[last] += -np.diff(last, prepend=-1) % RUNS_PER_BATCH
+        bounds = np.append(0, np.cumsum(repeats))[np.searchsorted(owner, np.arange(len(rasters) + 1))].tolist()
+        table = np.repeat(table, repeats, axis=0)
         parts = itertools.pairwise(bounds)
-        return [cls(table[a:b], far) for (a, b), far in zip(parts, clipped.tolist(), strict=True)]
+        return [cls(table[a:b], reach) for (a, b), reach in zip(parts, clipped.tolist(), strict=True)]
 
 
-def in_space(numbers: Sequence[int], front: int = 1) -> tuple[int, int, int]:
-    """Numbers along three axes, such as a map's shape; one in the plane has one layer, as the first axis."""
-    layers, rows, cells = (*(front,) * (3 - len(numbers)), *numbers)
+def to_three_axes(values: Sequence[int], fill: int = 1) -> tuple[int, int, int]:
+    """Prepend ``fill`` to values along two axes, such as the shape of a plane map."""
+    layers, rows, cells = (*(fill,) * (3 - len(values)), *values)
     return layers, rows, cells
 
 
-def padded(shape: Sequence[int], results: Sequence[int], rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
-    """How much before a map's first cells robots reach, shape (3,), and rows, rows of a layer, and cells of a row.
+def padded_sizes(shape: Sequence[int], results: Sequence[int], rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
+    """Return the padding of a map by the reach of robots, and its padded sizes.
 
-    ``results`` are the first cells, as many along each axis, that robots are placed at. What is around the map is the
-    same everywhere, so that the end of a row is the beginning of the next one, and the last rows of a layer are the
-    first ones of the next. Rows begin with a byte, and one more is read from than robots reach.
+    The padding is the reach before the map's first cells, shape (3,); the sizes are total rows, rows per layer and
+    cells per row. ``results`` is the number of first cells along each axis that are robot positions. The padding has
+    one value, so the end of a row serves as the beginning of the next one, and the last rows of a layer as the first
+    rows of the next. Rows begin at a byte, and one row more is read than robots reach.
     """
-    far = np.array(shape) - 1  # larger offsets cannot fall on the map
+    largest = np.array(shape) - 1  # larger offsets cannot fall on the map
     first = np.array([raster.lower for raster in rasters])
     last = first + [raster.cells.shape for raster in rasters] - 1
-    before, after = (np.array(in_space(reach.max(axis=0).tolist(), 0)) for reach in (-first, last))
+    before, after = (np.array(to_three_axes(reach.max(axis=0).tolist(), 0)) for reach in (-first, last))
     after -= np.subtract(shape, results)
-    below, above = np.minimum(np.maximum(before, 0), far), np.minimum(np.maximum(after, 0), far)
+    below, above = np.minimum(np.maximum(before, 0), largest), np.minimum(np.maximum(after, 0), largest)
     _, rows, cells = shape + np.maximum(below, above)
     layers = below[0] + shape[0] + above[0]
-    return below, np.array([(layers - 1) * rows + below[1] + shape[1] + above[1] + 1, rows, -(-cells // OCTET) * OCTET])
+    return below, np.array(
+        [(layers - 1) * rows + below[1] + shape[1] + above[1] + 1, rows, -(-cells // BYTE_BITS) * BYTE_BITS]
+    )
 
 
-class Rows(NamedTuple):
-    """Rows of bits from the first one to before ``stop``, as many in each as ``octets`` bytes hold.
+class RowRange(NamedTuple):
+    """Rows of bits from ``first`` up to ``stop``, with ``bytes_per_row`` bytes each.
 
-    A layer has ``each`` of them.
+    A layer has ``rows_per_layer`` rows.
     """
 
     first: int
     stop: int
-    octets: int
-    each: int
+    bytes_per_row: int
+    rows_per_layer: int
 
 
 class Scratch(NamedTuple):
-    """What a block is made from, and what becomes of it."""
+    """Buffers of one block: two of the source's length, and the result."""
 
-    now: Words
-    then: Words
+    current: Words
+    widened: Words
     result: Words
-    octets: Bytes  # of the result
+    result_bytes: Bytes  # view of result
 
 
 class PackedGrid:
-    """A map in bits, with as much around it as robots reach; its rows follow each other without a gap.
+    """A map in bits, padded by the reach of robots; rows follow each other without a gap.
 
-    ``occupied`` holds 0 or 1, shape (layers, rows, cells), and ``results`` is how many of its first layers, rows and
-    cells robots are placed at; ``longest`` is the greatest number of a robot's offsets in a row, and ``outside`` what
-    lies around the map.
+    ``occupied`` contains 0 or 1, shape (layers, rows, cells). ``results`` is the number of first layers, rows and cells
+    that are robot positions, ``longest`` the length of the longest run, and ``outside`` the value of the padding.
     """
 
     def __init__(
@@ -213,126 +227,131 @@ class PackedGrid:
         outside: bool,
     ) -> None:
         self.results = results
-        self.pads, sizes = padded(occupied.shape, results, rasters)
+        self.pads, sizes = padded_sizes(occupied.shape, results, rasters)
         total, self.rows, self.cells = sizes.tolist()
-        # A block is read past the last run's place, as far as the longest run reaches, and two words more.
-        self.padding = longest // WORD + 3
-        words = np.full(total * self.cells // WORD + 2 + self.padding, ~np.uint64(0) if outside else np.uint64(0))
+        # A block is read past the last run's position by the length of the longest run, and two words more.
+        self.padding = longest // WORD_BITS + 3
+        words = np.full(total * self.cells // WORD_BITS + 2 + self.padding, ~np.uint64(0) if outside else np.uint64(0))
         before, above, left = self.pads.tolist()
-        each = max(1, PACKED // self.cells)
-        slab, octets = (
-            np.full((min(each, occupied.shape[1]), self.cells), outside, dtype=np.uint8),
+        chunk = max(1, CELLS_PER_PACKING // self.cells)
+        unpacked, packed = (
+            np.full((min(chunk, occupied.shape[1]), self.cells), outside, dtype=np.uint8),
             words.view(np.uint8),
         )
-        for layer, own in enumerate(occupied, start=before):
-            for row in range(0, len(own), each):
-                part = slab[: len(own) - row]
-                part[:, left : left + own.shape[1]] = own[row : row + each]
-                first = (layer * self.rows + above + row) * self.cells // OCTET
-                octets[first : first + part.size // OCTET] = np.packbits(part, bitorder="little")
+        for layer, cells in enumerate(occupied, start=before):
+            for row in range(0, len(cells), chunk):
+                rows_part = unpacked[: len(cells) - row]
+                rows_part[:, left : left + cells.shape[1]] = cells[row : row + chunk]
+                first_byte = (layer * self.rows + above + row) * self.cells // BYTE_BITS
+                packed[first_byte : first_byte + rows_part.size // BYTE_BITS] = np.packbits(
+                    rows_part, bitorder="little"
+                )
         self.words = words
         self._buffers = threading.local()
 
-    def placed(self, runs: Ints) -> Words:
-        """The runs of tables, FOUR of one length in a row: it, and the word and the shift of each."""
+    def place_runs(self, runs: Ints) -> Words:
+        """Return batches of RUNS_PER_BATCH runs of one length: the length, and word and shift of each run."""
         steps = np.array([self.rows * self.cells, self.cells, 1])
-        words, shifts = np.divmod((runs[:, :3] + self.pads) @ steps, WORD)
-        placed = np.empty((len(runs) // FOUR, 1 + 2 * FOUR), dtype=np.uint64)
-        placed[:, 0] = runs[::FOUR, 3]
-        placed[:, 1::2], placed[:, 2::2] = words.reshape(-1, FOUR), shifts.reshape(-1, FOUR)
-        return placed
+        words, shifts = np.divmod((runs[:, :3] + self.pads) @ steps, WORD_BITS)
+        batches = np.empty((len(runs) // RUNS_PER_BATCH, 1 + 2 * RUNS_PER_BATCH), dtype=np.uint64)
+        batches[:, 0] = runs[::RUNS_PER_BATCH, 3]
+        batches[:, 1::2], batches[:, 2::2] = words.reshape(-1, RUNS_PER_BATCH), shifts.reshape(-1, RUNS_PER_BATCH)
+        return batches
 
-    def blocks(self, reach: int) -> list[tuple[int, int]]:
-        """First row, and the one after the last, of the parts in which results are made; the first begins a word.
+    def blocks(self, last_word: int) -> list[tuple[int, int]]:
+        """Split the rows into blocks (start, stop); each start begins a word.
 
-        ``reach`` is the last word of any run.
+        ``last_word`` is the last word of any run.
         """
         rows = (self.results[0] - 1) * self.rows + self.results[1]
-        each = max(BLOCK, reach) * WORD / self.cells
-        number = max(1, round(rows / each))
-        return list(itertools.pairwise([*(rows * k // number // OCTET * OCTET for k in range(number)), rows]))
+        chunk = max(MIN_WORDS_PER_BLOCK, last_word) * WORD_BITS / self.cells
+        count = max(1, round(rows / chunk))
+        return list(itertools.pairwise([*(rows * k // count // BYTE_BITS * BYTE_BITS for k in range(count)), rows]))
 
-    def settle(self, add: bool, tasks: Sequence[Task]) -> None:
-        """Make the results of blocks of rows for robots, and write them."""
+    def dilate_blocks(self, add: bool, tasks: Sequence[Task]) -> None:
+        """Dilate blocks of rows by robots, and write or add the results."""
         buffers = self._buffers
-        for table, last, out, part in tasks:
-            size = -(-(part[1] - part[0]) * self.cells // WORD)
-            reach = size + last + self.padding
+        for table, last_word, out, block in tasks:
+            size = -(-(block[1] - block[0]) * self.cells // WORD_BITS)
+            reach = size + last_word + self.padding
             if getattr(buffers, "size", 0) < reach:
                 buffers.arrays, buffers.size = [np.empty(reach, np.uint64) for _ in range(3)], reach
-            now, then, words = buffers.arrays
-            scratch = Scratch(now[:reach], then[:reach], words[:size], words[:size].view(np.uint8))
-            rows = Rows(*part, self.cells // OCTET, self.rows)
-            near = self.words[rows.first * rows.octets // OCTET :][:reach]
-            settle_block(near, table, scratch, rows, add, out)
+            current, widened, words = buffers.arrays
+            scratch = Scratch(current[:reach], widened[:reach], words[:size], words[:size].view(np.uint8))
+            rows = RowRange(*block, self.cells // BYTE_BITS, self.rows)
+            source = self.words[rows.first * rows.bytes_per_row // BYTE_BITS :][:reach]
+            dilate_rows(source, table, scratch, rows, add, out)
 
 
 @kernel
-def dilate_block(near: Words, runs: Words, spare: Words, more: Words, result: Words) -> bool:
-    """Whether some cell of a set lies at each place from the first word on, moved by any offset of a robot's runs.
+def dilate_block(source: Words, runs: Words, current: Words, widened: Words, result: Words) -> bool:
+    """Dilate a packed bitmap by robot runs; return False, writing nothing, if the bitmap is empty.
 
-    ``runs`` are those of :meth:`PackedGrid.placed`, by ascending length. ``near``, ``spare`` and ``more`` are as long
-    as ``result`` and the reach of all runs, and a word more. False, and nothing is written, where nothing is near.
+    ``runs`` are batches of :meth:`PackedGrid.place_runs`, by ascending length. ``source``, ``current`` and ``widened``
+    have the length of ``result`` plus the reach of all runs plus one word.
     """
-    any_bit = np.uint64(0)
-    for k in range(near.size):
-        any_bit |= near[k]
-        spare[k] = near[k]
-    if any_bit == 0:
+    any_bits = np.uint64(0)
+    for k in range(source.size):
+        any_bits |= source[k]
+        current[k] = source[k]
+    if any_bits == 0:
         return False
     for k in range(result.size):
         result[k] = 0
-    length: int = np.int64(1)  # type: ignore[assignment]  # of one type for the compiler from the start
-    now, then = spare, more
-    for four in runs:
-        longer: int = np.int64(four[0])  # type: ignore[assignment]
-        while length < longer:
-            # A bit stands for as many cells from its own on as ``length``.
-            step = min(length, longer - length)
-            _widen(now, step, then)
-            now, then = then, now
+    length: int = np.int64(1)  # type: ignore[assignment]  # numba needs one type throughout
+    wide, wider = current, widened
+    for batch in runs:
+        next_length: int = np.int64(batch[0])  # type: ignore[assignment]
+        while length < next_length:
+            # A bit of ``wide`` covers ``length`` cells from its own cell on.
+            step = min(length, next_length - length)
+            _widen(wide, step, wider)
+            wide, wider = wider, wide
             length += step
-        _unite(now, four, result)
+        _unite(wide, batch, result)
     return True
 
 
 @always_inline
 def _shifted(words: Words, k: np.uint64, shift: np.uint64) -> np.uint64:
-    """The word that begins so many bits after the beginning of word k."""
-    word: np.uint64 = (words[k] >> shift) | ((words[k + _ONE] << _ONE) << (_LAST - shift))
+    """Return the word that begins ``shift`` bits after the start of word k."""
+    word: np.uint64 = (words[k] >> shift) | ((words[k + _ONE] << _ONE) << (_LAST_BIT - shift))
     return word
 
 
 @kernel
-def _widen(now: Words, step: int, then: Words) -> None:
-    """``then[k] = now[k] | now[k + step]``, bit by bit; the last ``step`` bits, and a word, are left out."""
+def _widen(words: Words, step: int, widened: Words) -> None:
+    """Set ``widened[k] = words[k] | words[k + step]``, bit by bit, except for the last ``step`` bits and a word."""
     jump, shift = step >> 6, np.uint64(step & 63)
-    for k in range(now.size - jump - 1):
-        then[k] = now[k] | _shifted(now, np.uint64(jump + k), shift)
+    for k in range(words.size - jump - 1):
+        widened[k] = words[k] | _shifted(words, np.uint64(jump + k), shift)
 
 
 @kernel
-def _unite(now: Words, four: Words, result: Words) -> None:
-    """Add four runs to a result."""
-    a, b, c, d = four[1], four[3], four[5], four[7]
-    s, t, u, v = four[2], four[4], four[6], four[8]
+def _unite(words: Words, batch: Words, result: Words) -> None:
+    """Add a batch of runs to a result."""
+    a, b, c, d = batch[1], batch[3], batch[5], batch[7]
+    s, t, u, v = batch[2], batch[4], batch[6], batch[8]
     for n in range(result.size):
         k = np.uint64(n)
         result[n] |= (
-            _shifted(now, a + k, s) | _shifted(now, b + k, t) | _shifted(now, c + k, u) | _shifted(now, d + k, v)
+            _shifted(words, a + k, s)
+            | _shifted(words, b + k, t)
+            | _shifted(words, c + k, u)
+            | _shifted(words, d + k, v)
         )
 
 
 @kernel
-def unpack(octets: Bytes, rows: Rows, any_set: bool, add: bool, out: Bytes) -> None:
-    """Write rows of bits into ``out``, shape (layers, rows, cells), or add them; those past its rows are left out.
+def unpack(packed: Bytes, rows: RowRange, any_set: bool, add: bool, out: Bytes) -> None:
+    """Write rows of bits into ``out``, shape (layers, rows, cells), or add them.
 
-    Unless something was ``any_set``, all are zero.
+    Rows outside ``out`` are skipped. Unless ``any_set``, all bits are zero.
     """
-    cells, old = out.shape[2], _EVERY if add else np.uint64(0)
-    eights = cells >> 3
+    cells, mask = out.shape[2], _ALL_BITS if add else np.uint64(0)
+    n_bytes = cells >> 3
     for row in range(rows.stop - rows.first):
-        x, y = (rows.first + row) // rows.each, (rows.first + row) % rows.each
+        x, y = (rows.first + row) // rows.rows_per_layer, (rows.first + row) % rows.rows_per_layer
         if x >= out.shape[0] or y >= out.shape[1]:
             continue
         line = out[x, y]
@@ -340,22 +359,24 @@ def unpack(octets: Bytes, rows: Rows, any_set: bool, add: bool, out: Bytes) -> N
             for k in range(0 if add else cells):
                 line[k] = 0
             continue
-        first = row * rows.octets
-        for k in range(eights):
-            store(line, 8 * k, (load(line, 8 * k) & old) + spread(np.uint64(octets[first + k])))
-        for k in range(8 * eights, cells):
-            bit = (octets[first + (k >> 3)] >> np.uint8(k & 7)) & np.uint8(1)
+        first = row * rows.bytes_per_row
+        for k in range(n_bytes):
+            store(line, 8 * k, (load(line, 8 * k) & mask) + spread(np.uint64(packed[first + k])))
+        for k in range(8 * n_bytes, cells):
+            bit = (packed[first + (k >> 3)] >> np.uint8(k & 7)) & np.uint8(1)
             line[k] = line[k] + bit if add else bit
 
 
 @always_inline
 def spread(byte: np.uint64) -> np.uint64:
-    """The bits of a byte, as 0 or 1 in each byte of a word."""
+    """Return a word with the bits of a byte, as 0 or 1, in its bytes."""
     return ((((byte * _REPEAT) & _SELECT) + _CARRY) >> np.uint64(7)) & _REPEAT
 
 
 @kernel
-def settle_block(near: Words, runs: Words, scratch: Scratch, rows: Rows, add: bool, out: NDArray[np.uint8]) -> None:
-    """Dilate the rows from the first, which begins a word, to before the last; write or add them."""
-    any_set = dilate_block(near, runs, scratch.now, scratch.then, scratch.result)
-    unpack(scratch.octets, rows, any_set, add, out)
+def dilate_rows(
+    source: Words, runs: Words, scratch: Scratch, rows: RowRange, add: bool, out: NDArray[np.uint8]
+) -> None:
+    """Dilate a range of rows, whose first begins a word, and write or add it."""
+    any_set = dilate_block(source, runs, scratch.current, scratch.widened, scratch.result)
+    unpack(scratch.result_bytes, rows, any_set, add, out)

@@ -1,39 +1,37 @@
-"""The engine by transforms: correlation of a workspace bitmap with robot rasters (Kavraki, 1995) in tiles.
+"""Engine by transforms: correlation of a workspace bitmap with robot rasters (Kavraki, 1995) in tiles.
 
 ``overlap[k] = sum over m of W[k + m] * A[m]`` for every cell k of the map, where W outside the map is all obstacle or
-all free. The map is read in tiles small enough for a core's cache (overlap-save). A tile without obstacles, or all
-obstacle, is settled without a transform; the spectrum of any other is multiplied with that of every raster. Where it is
-proven that the rounding allows it, one transform yields the overlaps with several
-rasters, or in several tiles, as digits of one number.
+all free. The map is read in tiles that fit a core's cache (overlap-save). Tiles without obstacles, or all obstacle,
+need no transform; the spectrum of any other tile is multiplied by that of every raster. If the rounding provably allows
+it, one transform yields the overlaps with several rasters, or in several tiles, as digits of one number.
 
-*How far a correlation by FFT can be from the integer that it stands for.* A tile of ``W - 1/2`` (values of modulus 1/2,
-so 2-norm ``sqrt(T) / 2`` for T cells) is correlated with a robot bitmap ``A`` (2-norm ``sqrt(count)``). Let ``u`` be
-the unit roundoff and write each transform as passes over the prime factors of its lengths, every pass a set of small
-butterflies followed by twiddle factors.
+*Error of an FFT correlation.* A tile of ``W - 1/2`` (values of modulus 1/2, so 2-norm ``sqrt(T) / 2`` for T cells) is
+correlated with a robot bitmap ``A`` (2-norm ``sqrt(count)``). Let ``u`` be the unit roundoff. Each transform consists
+of passes over the prime factors of its lengths, and each pass of small butterflies followed by twiddle factors.
 
 * *One pass.* A complex addition has relative error u, a complex product sqrt(5) u (Brent, Percival and Zimmermann,
-  2007), a stored twiddle factor u. A radix-2 butterfly therefore perturbs its result by at most (1 + sqrt(5) + 1) u
-  = 4.3 u, relative to the 2-norm and equally relative to the sum of the moduli of its inputs; radices 4 and 8 are
-  cheaper than two and three such passes. Radix 3 and 5 butterflies, as sums of at most 5 products in any order, stay
-  below 12 u and 19 u in the 2-norm; 14 and 23 are used.
+  2007), a stored twiddle factor u. A radix-2 butterfly therefore perturbs its result by at most (1 + sqrt(5) + 1) u =
+  4.3 u, relative to the 2-norm and equally relative to the sum of the moduli of its inputs; radices 4 and 8 are cheaper
+  than two and three such passes. Radix 3 and 5 butterflies, as sums of at most 5 products in any order, stay below 12 u
+  and 19 u in the 2-norm; the code uses 14 and 23.
 * *Forward.* Passes are multiples of unitary maps, so their errors add: the spectrum of the tile has relative 2-norm
   error at most ``g u``, with ``g`` the sum of the pass constants (Higham, 2002, theorem 24.2, has the same shape with a
-  larger constant). Lines and layers of the tile that are constant are not transformed: what they would yield is a
-  multiple of 1/2, and exact. The robot's spectrum is computed in float64 and rounded once.
+  larger constant). Constant lines and layers of the tile are not transformed: their result is a multiple of 1/2, and
+  exact. The robot's spectrum is computed in float64 and rounded once.
 * *Product.* By Cauchy-Schwarz the errors of both spectra change the exact inverse transform, at any point, by at most
   ``(g + 1) u |W - 1/2| |A|``; the product's own rounding adds ``sqrt(5) u |W - 1/2| |A|``.
 * *Inverse.* Each result is a sum over paths through the passes, so its error is at most ``g u`` times the mean modulus
   of the product, which Cauchy-Schwarz again bounds by ``|W - 1/2| |A|``.
 
-Together ``(2 g + 8) u |W - 1/2| |A|``, where 8 covers the terms of order one (product, scaling, conversions) and those
-of second order. In float64 the robot's spectrum is not better than the tile's, which adds another ``g``.
+The sum is ``(2 g + 8) u |W - 1/2| |A|``, where 8 covers the terms of order one (product, scaling, conversions) and
+those of second order. In float64 the robot's spectrum is not more precise than the tile's, which adds another ``g``.
 
 *Several rasters, or tiles, in one transform.* With overlaps below ``B = 2^b``, the digits to base ``B`` of the overlap
-with ``A_0 + B A_1 + B^2 A_2 + ...`` are the overlaps with ``A_0``, ``A_1``, ... So where the error of the sum, whose
-2-norm is at most ``(1 + B + B^2 + ...) |A|``, is below 1/4, one transform yields them all. In the same way a tile can
-hold several of the map, ``(W_0 - 1/2) + B (W_1 - 1/2) + ...``; with n rasters, and B^n for B, there is a digit for each
-tile and raster. Float64 costs half as much again as float32 and often carries three or four digits. Sums stay below
-2^50, so that adding what the transform left out, in float64, costs at most another 1/8.
+with ``A_0 + B A_1 + B^2 A_2 + ...`` are the overlaps with ``A_0``, ``A_1``, ... So if the error of the sum, whose
+2-norm is at most ``(1 + B + B^2 + ...) |A|``, is below 1/4, one transform yields them all. In the same way one
+transform can contain several tiles of the map, ``(W_0 - 1/2) + B (W_1 - 1/2) + ...``; with n rasters, and B^n for B,
+there is a digit for each tile and raster. Float64 costs half as much again as float32 and often carries three or four
+digits. Sums stay below 2^50, so adding in float64 what the transform left out costs at most another 1/8.
 """
 
 from __future__ import annotations
@@ -46,7 +44,7 @@ from functools import cache, partial
 from typing import Any, Final, TypeVar
 
 import numpy as np
-import scipy  # its parts are read when they are first used
+import scipy  # loads its submodules on first use
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Floats, Ints
@@ -54,45 +52,47 @@ from cspace.compiling import jit, kernel
 from cspace.raster import Raster
 from cspace.threads import cores, in_threads
 
-MARGIN = 0.25
-"""Largest proven error with which overlaps, being whole numbers, are taken from a transform."""
+MAX_ERROR = 0.25
+"""Maximum proven error of a transform from which overlaps are rounded."""
 
 UNIT_ROUNDOFF = {"float32": 2.0**-24, "float64": 2.0**-53}
+"""Unit roundoff of each precision."""
 
-SUM_BITS = 50
-"""Bits that the overlaps with several rasters may take together, as digits of one sum."""
+MAX_SUM_BITS = 50
+"""Maximum bits of a sum whose digits are the overlaps with several rasters."""
 
-_PASS = {2: 4.3, 3: 14.0, 5: 23.0}
+_PASS_ERRORS = {2: 4.3, 3: 14.0, 5: 23.0}
+"""Relative error of a pass, in units of the roundoff, by its radix."""
 
-TASKS = 8
-"""Tasks that each thread should have, for all to end at about the same time."""
+TILE_TASKS_PER_THREAD = 8
+"""Tasks for each thread, so that all threads finish at about the same time."""
 
-LEAST_INVERSES = 4
-"""Inverse transforms in one task, at least: each task makes the spectrum of its tile afresh."""
+MIN_INVERSES_PER_TASK = 4
+"""Minimum inverse transforms in one task, because each task computes the spectrum of its tile afresh."""
 
-SIZES: Final = tuple(2**k for k in (12, 14, 16, 18, 20, 22))
+TIMED_SIZES: Final = tuple(2**k for k in (12, 14, 16, 18, 20, 22))
 """Points of the transforms that were timed, once, on two cores of a server."""
 
-SECONDS_A_POINT: Final = {
+SECONDS_PER_POINT: Final = {
     "float32": (2.4e-9, 2.5e-9, 2.5e-9, 2.6e-9, 3.0e-9, 4.8e-9),
     "float64": (3.4e-9, 3.5e-9, 3.6e-9, 4.0e-9, 7.0e-9, 14.0e-9),
 }
-"""Half of what a tile's transforms, there and back, and all that is done with its numbers take, for each size."""
+"""Half the time per point of a tile's transforms, forward and back, and of the work on its numbers, by size."""
 
-SECONDS_A_TILE: Final = 4e-5
-"""For each tile, whatever its size."""
+SECONDS_PER_TILE: Final = 4e-5
+"""Time per tile, in seconds, independent of its size."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tiling:
-    """How a map is cut for overlap-save correlation.
+    """Tiles of a map for overlap-save correlation.
 
     Attributes
     ----------
     tile : tuple of int
         Transform length along each axis.
     step : tuple of int
-        Results that one tile yields along each axis.
+        Results of one tile along each axis.
     precision : str
         "float32" or "float64".
     error : float
@@ -102,9 +102,9 @@ class Tiling:
     stack : int
         Tiles that share a transform.
     bits : int
-        Bits that the overlaps with one raster take in their sum.
+        Bits of the overlaps with one raster in a sum.
     pieces : int
-        Parts that the rasters of a tile are settled in, so that all threads have work.
+        Parts that the rasters of a tile are split into, so that all threads have work.
     """
 
     tile: tuple[int, ...]
@@ -118,7 +118,7 @@ class Tiling:
 
     @property
     def spectrum_bytes(self) -> int:
-        """Memory that the spectrum of a tile or robot takes."""
+        """Memory of the spectrum of a tile or robot."""
         width = 8 if self.precision == "float32" else 16
         return math.prod(self.tile[:-1]) * (self.tile[-1] // 2 + 1) * width
 
@@ -126,30 +126,32 @@ class Tiling:
 def choose_tiling(
     shape: Sequence[int], extent: Sequence[int], count: int, threads: int = 1, rasters: int = 1
 ) -> Tiling:
-    """The cheapest tiling whose proven error stays below a quarter.
+    """Return the cheapest tiling whose proven error stays below a quarter.
 
     ``shape`` is that of the map, and ``extent`` that of the robots' common bounding box, in cells; ``count`` is the
-    largest number of offsets in one of the rasters. So many ``threads`` work on a tile each.
+    largest number of offsets in one of the rasters. Each of the ``threads`` works on its own tile.
     """
     candidates = [_lengths(n, r) for n, r in zip(shape, extent, strict=True)]
     bits = count.bit_length()
-    most = max(1, SUM_BITS // bits)
+    max_shares = max(1, MAX_SUM_BITS // bits)
     best, best_cost = None, math.inf
     for axes in itertools.product(*candidates):
-        tile, numbers = zip(*axes, strict=True)
-        tiles = math.prod(numbers)
+        tile, counts = zip(*axes, strict=True)
+        tiles = math.prod(counts)
         for precision in UNIT_ROUNDOFF:
-            cost_of_one = transform_seconds(math.prod(tile), precision)
-            for shares in range(min(most, rasters * tiles), 0, -1):
+            transform_cost = transform_seconds(math.prod(tile), precision)
+            for shares in range(min(max_shares, rasters * tiles), 0, -1):
                 digits = min(shares, rasters)
                 stack = shares // digits
                 inverses = -(-rasters // digits)
-                pieces = max(1, min(inverses // LEAST_INVERSES, -(-TASKS * threads * stack // tiles)))
+                pieces = max(
+                    1, min(inverses // MIN_INVERSES_PER_TASK, -(-TILE_TASKS_PER_THREAD * threads * stack // tiles))
+                )
                 rounds = math.ceil(math.ceil(tiles / stack) * pieces / threads)
-                cost = rounds * (1 - (-inverses // pieces)) * cost_of_one
+                cost = rounds * (1 - (-inverses // pieces)) * transform_cost
                 if cost >= best_cost:
                     break
-                if (error := error_bound(tile, count, precision, digits * stack)) < MARGIN:
+                if (error := error_bound(tile, count, precision, digits * stack)) < MAX_ERROR:
                     step = tuple(length - r + 1 for length, r in zip(tile, extent, strict=True))
                     best = Tiling(tile, step, precision, error, digits, stack, bits, pieces)
                     best_cost = cost
@@ -161,39 +163,43 @@ def choose_tiling(
 
 @cache
 def transform_seconds(size: int, precision: str) -> float:
-    """Half of what a tile of so many points takes: one transform and its share of the rest."""
-    known = SECONDS_A_POINT[precision]
-    place = max(math.log2(size / SIZES[0]) / 2.0, 0.0)
-    left = min(int(place), len(SIZES) - 2)
-    # Between the sizes that were timed, and above the largest, the cost of a point goes on as it does around.
-    return size * (known[left + 1] + (known[left + 1] - known[left]) * (place - left - 1)) + 0.5 * SECONDS_A_TILE
+    """Return half the time of a tile of ``size`` points: one transform and its share of the rest."""
+    known = SECONDS_PER_POINT[precision]
+    position = max(math.log2(size / TIMED_SIZES[0]) / 2.0, 0.0)
+    index = min(int(position), len(TIMED_SIZES) - 2)
+    # The cost of a point is interpolated between the timed sizes, and extrapolated above the largest.
+    return (
+        size * (known[index + 1] + (known[index + 1] - known[index]) * (position - index - 1)) + 0.5 * SECONDS_PER_TILE
+    )
 
 
 def _lengths(cells: int, extent: int) -> list[tuple[int, int]]:
-    """Transform lengths worth a try, and the number of tiles that each makes: the shortest one for each number."""
+    """Return useful transform lengths with the number of tiles; the shortest length for each number."""
     whole = fast_length(cells + extent - 1)
-    least = min(whole, max(extent + extent // 2, 64))
-    tiles = {-(-cells // (length - extent + 1)): length for length in reversed(_fast_lengths(whole)) if length >= least}
-    return [(length, number) for number, length in tiles.items()]
+    shortest = min(whole, max(extent + extent // 2, 64))
+    tiles = {
+        -(-cells // (length - extent + 1)): length for length in reversed(_fast_lengths(whole)) if length >= shortest
+    }
+    return [(length, count) for count, length in tiles.items()]
 
 
-def fast_length(least: int) -> int:
-    """The smallest length with quick transforms that is not below ``least``."""
-    return min(length for length in _fast_lengths(2 * least) if length >= least)
+def fast_length(minimum: int) -> int:
+    """Return the smallest fast transform length that is at least ``minimum``."""
+    return min(length for length in _fast_lengths(2 * minimum) if length >= minimum)
 
 
 @cache
-def _fast_lengths(most: int) -> tuple[int, ...]:
-    """Lengths with quick transforms: powers of two times 1, 3, 5, 9 or 15."""
+def _fast_lengths(maximum: int) -> tuple[int, ...]:
+    """Return the fast transform lengths: powers of two times 1, 3, 5, 9 or 15."""
     odd = (1, 3, 5, 9, 15)
-    return tuple(sorted(o << k for o in odd for k in range(most.bit_length()) if o << k <= most))
+    return tuple(sorted(o << k for o in odd for k in range(maximum.bit_length()) if o << k <= maximum))
 
 
 @cache
 def growth(length: int) -> float:
-    """Sum of the pass constants of a transform whose length has no prime factor above 5."""
+    """Sum the pass errors of a transform whose length has no prime factor above 5."""
     total = 0.0
-    for prime, constant in _PASS.items():
+    for prime, constant in _PASS_ERRORS.items():
         while length % prime == 0:
             length //= prime
             total += constant
@@ -203,10 +209,10 @@ def growth(length: int) -> float:
 
 
 def error_bound(tile: Sequence[int], count: int, precision: str, digits: int = 1) -> float:
-    """Largest error of an overlap, or of a sum of several as digits, that a tile's transforms can make.
+    """Bound the error of an overlap, or of a sum of several as digits, in a tile's transforms.
 
-    ``tile`` are the transforms' lengths, and ``count`` is the number of offsets in the robot's raster; the largest, for
-    several. There are so many ``digits``: those of rasters that share a transform, times those of the tiles.
+    ``tile`` is the transform lengths, and ``count`` the largest number of offsets in a robot raster. ``digits`` is the
+    number of rasters that share a transform times the number of tiles.
     """
     passes = sum(growth(length) for length in tile)
     transforms = 2 if precision == "float32" else 3
@@ -219,19 +225,19 @@ Corner = tuple[int, ...]
 Item = TypeVar("Item")
 
 COUNTS: Final = True
-"""This engine counts overlaps."""
+"""True if the engine can count overlaps."""
 
-TILE_SPECTRA: Final = 3
-"""Arrays as large as a tile's spectrum that a thread holds at once, at most."""
+MAX_SPECTRA_PER_THREAD: Final = 3
+"""Maximum number of arrays as large as a tile's spectrum that a thread uses at once."""
 
-SPECTRA_BYTES: Final = 2**25
-"""Memory for robot spectra held at once; more rasters than fit are taken in turns."""
+MAX_SPECTRA_BYTES: Final = 2**25
+"""Memory for robot spectra; more rasters than fit are transformed in several rounds."""
 
-FEW: Final = 0.8
-"""Part of a tile's lines above which those that are constant are transformed too, which saves a copy of all."""
+MAX_MIXED_FRACTION: Final = 0.8
+"""Fraction of mixed lines in a tile above which constant lines are transformed too, which saves a copy."""
 
-NEAREST: Final = 1.5 * 2.0**52
-"""A number below 2^50 that is added to this is rounded to the nearest whole one, which the low bits then hold."""
+ROUNDING_OFFSET: Final = 1.5 * 2.0**52
+"""Adding this rounds a number below 2^50 to a whole number, stored in the low bits of the sum."""
 
 
 def collide(
@@ -249,64 +255,69 @@ def collide(
     With one worker everything runs in the calling thread, where ``scipy.fft.set_backend`` holds.
     """
     shape = occupied.shape
-    parts = [Part.within_reach(raster, shape, outside) for raster in rasters]
-    live = [(part, result) for part, result in zip(parts, out, strict=True) if part.cells.size]
-    for part, result in zip(parts, out, strict=True):
-        if not part.cells.size:
-            _write(result, part.constant, add)
-    if not live:
+    clipped = [ClippedRaster.clip(raster, shape, outside) for raster in rasters]
+    used = [(raster, result) for raster, result in zip(clipped, out, strict=True) if raster.cells.size]
+    for raster, result in zip(clipped, out, strict=True):
+        if not raster.cells.size:
+            _write(result, raster.constant, add)
+    if not used:
         return "float32"
 
     threads = workers or cores()
-    lower, tiling = _tiling([part for part, _ in live], shape, threads)
+    lower, tiling = _choose_window([raster for raster, _ in used], shape, threads)
     corners = list(itertools.product(*(range(0, n, s) for n, s in zip(out[0].shape, tiling.step, strict=True))))
     stacks = [corners[first : first + tiling.stack] for first in range(0, len(corners), tiling.stack)]
-    groups = [live[first : first + tiling.digits] for first in range(0, len(live), tiling.digits)]
-    turns = min(len(groups), math.ceil(len(groups) * tiling.spectrum_bytes / SPECTRA_BYTES))
-    pieces = math.ceil(tiling.pieces / turns)
-    for turn in range(turns):
+    groups = [used[first : first + tiling.digits] for first in range(0, len(used), tiling.digits)]
+    rounds = min(len(groups), math.ceil(len(groups) * tiling.spectrum_bytes / MAX_SPECTRA_BYTES))
+    pieces = math.ceil(tiling.pieces / rounds)
+    for part in range(rounds):
         run = _TileRun(occupied, outside, tiling, lower, add)
-        members = _share(groups, turn, turns)
-        # Of a single robot the lines of its transform are shared out, of several the robots.
-        alone = partial(run.robot_spectrum, threads=threads if len(members) == 1 else 1)
-        ready = list(zip(members, in_threads(alone, members, threads), strict=True))
-        tasks = [(stack, _share(ready, piece, pieces)) for piece in range(pieces) for stack in stacks]
-        advance = None if progress is None else partial(_advance, progress, turn * len(tasks), turns * len(tasks))
-        in_threads(run.settle, tasks, threads, advance)
+        members = _split(groups, part, rounds)
+        # Threads share the lines of a single robot's transform, or else the robots.
+        transform = partial(run.robot_spectrum, threads=threads if len(members) == 1 else 1)
+        ready = list(zip(members, in_threads(transform, members, threads), strict=True))
+        tasks = [(stack, _split(ready, piece, pieces)) for piece in range(pieces) for stack in stacks]
+        advance = (
+            None if progress is None else partial(_report_progress, progress, part * len(tasks), rounds * len(tasks))
+        )
+        in_threads(run.compute_tiles, tasks, threads, advance)
     return tiling.precision
 
 
 def bytes_needed(shape: Sequence[int], rasters: Sequence[Raster], workers: int | None = None) -> int:
-    """Memory that :func:`collide` takes at most beside its input and results, in bytes."""
-    live = [part for part in (Part.within_reach(raster, shape, False) for raster in rasters) if part.cells.size]
-    if not live:
+    """Return the peak memory of :func:`collide` beside its input and results, in bytes."""
+    used = [raster for raster in (ClippedRaster.clip(raster, shape, False) for raster in rasters) if raster.cells.size]
+    if not used:
         return 0
     threads = workers or cores()
-    _, tiling = _tiling(live, shape, threads)
+    _, tiling = _choose_window(used, shape, threads)
     tiles = math.prod(-(-n // step) for n, step in zip(shape, tiling.step, strict=True)) * tiling.pieces
-    robots = min(-(-len(live) // tiling.digits) * tiling.spectrum_bytes, SPECTRA_BYTES + tiling.spectrum_bytes)
-    return robots + TILE_SPECTRA * min(threads, tiles) * tiling.spectrum_bytes
+    robots = min(-(-len(used) // tiling.digits) * tiling.spectrum_bytes, MAX_SPECTRA_BYTES + tiling.spectrum_bytes)
+    return robots + MAX_SPECTRA_PER_THREAD * min(threads, tiles) * tiling.spectrum_bytes
 
 
-def _tiling(parts: Sequence[Part], shape: Sequence[int], threads: int) -> tuple[tuple[int, ...], Tiling]:
-    """The first offset of one window for all rasters, so that they share the tiles and their spectra; and the tiles."""
+def _choose_window(
+    rasters: Sequence[ClippedRaster], shape: Sequence[int], threads: int
+) -> tuple[tuple[int, ...], Tiling]:
+    """Return the first offset of one window for all rasters, and its tiling, so that they share tiles."""
     axes = range(len(shape))
-    lower = tuple(min(part.lower[a] for part in parts) for a in axes)
-    extent = tuple(max(part.lower[a] + part.cells.shape[a] for part in parts) - lower[a] for a in axes)
-    return lower, choose_tiling(shape, extent, max(part.count for part in parts), threads, len(parts))
+    lower = tuple(min(raster.lower[a] for raster in rasters) for a in axes)
+    extent = tuple(max(raster.lower[a] + raster.cells.shape[a] for raster in rasters) - lower[a] for a in axes)
+    return lower, choose_tiling(shape, extent, max(raster.count for raster in rasters), threads, len(rasters))
 
 
-def _share(items: Sequence[Item], number: int, of: int) -> Sequence[Item]:
-    """One of several parts of a sequence that are about equally long."""
-    return items[len(items) * number // of : len(items) * (number + 1) // of]
+def _split(items: Sequence[Item], part: int, parts: int) -> Sequence[Item]:
+    """Return one of several parts of a sequence, of about equal length."""
+    return items[len(items) * part // parts : len(items) * (part + 1) // parts]
 
 
-def _advance(progress: Callable[[int, int], None], before: int, total: int, done: int) -> None:
-    progress(before + done, total)
+def _report_progress(progress: Callable[[int, int], None], previous: int, total: int, finished: int) -> None:
+    """Report progress over several rounds."""
+    progress(previous + finished, total)
 
 
 def _write(out: NDArray[Any], value: Any, add: bool) -> None:
-    """Set results, or add to them whether there is any overlap."""
+    """Set results, or add 1 for any overlap."""
     if add:
         out += np.not_equal(value, 0)
     else:
@@ -314,8 +325,8 @@ def _write(out: NDArray[Any], value: Any, add: bool) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
-    """The offsets of a raster that can fall on the map, and what the others contribute everywhere."""
+class ClippedRaster:
+    """The offsets of a raster that can fall on the map, and the constant overlap of all others."""
 
     cells: Bools
     lower: tuple[int, ...]
@@ -323,7 +334,8 @@ class Part:
     constant: int
 
     @classmethod
-    def within_reach(cls, raster: Raster, shape: Sequence[int], outside: bool) -> Part:
+    def clip(cls, raster: Raster, shape: Sequence[int], outside: bool) -> ClippedRaster:
+        """Clip a raster to the offsets that can fall on a map of a shape."""
         window, lower = [], []
         for low, size, n in zip(raster.lower, raster.cells.shape, shape, strict=True):
             start = max(0, 1 - n - low)
@@ -339,20 +351,20 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """Where a tile's results begin, its first cell with three coordinates, and how many obstacles its lines have."""
+    """Corner of a tile's results, its first cell on three axes, and the obstacle count of each line."""
 
     corner: Corner
     first: Ints
     counts: Ints
 
 
-Member = tuple[Part, NDArray[Any]]
+Member = tuple[ClippedRaster, NDArray[Any]]
 Group = Sequence[Member]
 Spectrum = NDArray[Any]
 
 
 class _TileRun:
-    """The tiles of one correlation: what they share, and how one of them is settled."""
+    """Tiles of one correlation, with the settings that they share."""
 
     def __init__(
         self,
@@ -367,22 +379,25 @@ class _TileRun:
         self.real = np.dtype(tiling.precision)
 
     def robot_spectrum(self, members: Group, threads: int = 1) -> Spectrum:
-        """Conjugate spectrum of rasters, as digits of one, transformed in float64 from the rows that they fill."""
-        firsts = [tuple(p - q for p, q in zip(part.lower, self.lower, strict=True)) for part, _ in members]
-        lasts = [np.add(first, part.cells.shape) for first, (part, _) in zip(firsts, members, strict=True)]
-        spectrum = np.zeros(np.max(lasts, axis=0))
-        for number, (first, last, (part, _)) in enumerate(zip(firsts, lasts, members, strict=True)):
-            spectrum[tuple(map(slice, first, last))] += part.cells * 2.0 ** (self.tiling.bits * number)
+        """Return the conjugate spectrum of rasters, as digits of one.
+
+        It is transformed in float64, from non-empty rows only.
+        """
+        starts = [tuple(p - q for p, q in zip(raster.lower, self.lower, strict=True)) for raster, _ in members]
+        stops = [np.add(start, raster.cells.shape) for start, (raster, _) in zip(starts, members, strict=True)]
+        spectrum = np.zeros(np.max(stops, axis=0))
+        for digit, (start, stop, (raster, _)) in enumerate(zip(starts, stops, members, strict=True)):
+            spectrum[tuple(map(slice, start, stop))] += raster.cells * 2.0 ** (self.tiling.bits * digit)
         spectrum = scipy.fft.rfft(spectrum, n=self.tiling.tile[-1], axis=-1, workers=threads)
         for axis, length in enumerate(self.tiling.tile[:-1]):
             spectrum = scipy.fft.fft(spectrum, n=length, axis=axis, workers=threads)
         np.conj(spectrum, out=spectrum)
         return np.asarray(spectrum, np.complex64 if self.real == np.float32 else np.complex128)
 
-    def settle(self, task: tuple[Sequence[Corner], Sequence[tuple[Group, Spectrum]]]) -> None:
-        """Write the results from corners on, as far as one transform yields them, for groups with their spectra."""
+    def compute_tiles(self, task: tuple[Sequence[Corner], Sequence[tuple[Group, Spectrum]]]) -> None:
+        """Write the results of tiles that share a transform, for groups of rasters with their spectra."""
         corners, groups = task
-        tiles = [tile for corner in corners if (tile := self._read(corner, groups)) is not None]
+        tiles = [tile for corner in corners if (tile := self._read_tile(corner, groups)) is not None]
         if not tiles:
             return
         spectrum = self._spectrum(tiles)
@@ -390,97 +405,101 @@ class _TileRun:
         for members, robots in groups:
             sums = self._invert(np.multiply(spectrum, robots, out=product))
             if len(members) == len(tiles) == 1:
-                self._take(members[0], sums, tiles[0].corner)
+                self._write_overlaps(members[0], sums, tiles[0].corner)
             else:
-                self._take_digits(members, sums, tiles)
+                self._write_digits(members, sums, tiles)
 
-    def _read(self, corner: Corner, groups: Sequence[tuple[Group, Spectrum]]) -> Tile | None:
-        """What a tile holds; None, with the results written, where it is all obstacle or all free."""
+    def _read_tile(self, corner: Corner, groups: Sequence[tuple[Group, Spectrum]]) -> Tile | None:
+        """Count the obstacles of a tile; if all cells are equal, write the results and return None."""
         lengths = self.tiling.tile
         first = np.array([0] * (3 - len(lengths)) + [c + low for c, low in zip(corner, self.lower, strict=True)])
         counts = np.empty((1, *lengths[:-1])[-2:], np.int64)
         occupied = count_lines(self.cells, first, lengths[-1], self.outside, counts)
         if occupied not in (0, math.prod(lengths)):
             return Tile(corner, first, counts)
-        for part, result in itertools.chain.from_iterable(members for members, _ in groups):
-            _write(self._view(result, corner), part.constant + (part.count if occupied else 0), self.add)
+        for raster, result in itertools.chain.from_iterable(members for members, _ in groups):
+            _write(self._result_view(result, corner), raster.constant + (raster.count if occupied else 0), self.add)
         return None
 
-    def _take(self, member: Member, sums: NDArray[Any], corner: Corner) -> None:
-        """Results of one raster from what a transform yields."""
-        part, result = member
-        view = self._view(result, corner)
-        centred = sums[tuple(slice(n) for n in view.shape)]
-        # The transform saw W - 1/2, so half the robot's cells are missing from each overlap.
-        missing = part.constant + part.count / 2
+    def _write_overlaps(self, member: Member, sums: NDArray[Any], corner: Corner) -> None:
+        """Write the results of one raster from an inverse transform."""
+        raster, result = member
+        view = self._result_view(result, corner)
+        centered = sums[tuple(slice(n) for n in view.shape)]
+        # The transform used W - 1/2, so half the robot's cells are missing from each overlap.
+        missing = raster.constant + raster.count / 2
         if view.dtype == np.bool_:
-            np.greater(centred, 0.5 - missing, out=view)
+            np.greater(centered, 0.5 - missing, out=view)
         elif self.add:
-            view += centred > 0.5 - missing
+            view += centered > 0.5 - missing
         else:
-            view[...] = np.rint(centred + np.float64(missing))
+            view[...] = np.rint(centered + np.float64(missing))
 
-    def _take_digits(self, members: Group, sums: NDArray[Any], tiles: Sequence[Tile]) -> None:
-        """Results of several rasters or tiles, whose overlaps are the digits of one sum."""
+    def _write_digits(self, members: Group, sums: NDArray[Any], tiles: Sequence[Tile]) -> None:
+        """Write the results of several rasters or tiles, whose overlaps are the digits of one sum."""
         bits = self.tiling.bits
         digits = [
-            (bits * (self.tiling.digits * above + number), member, tile.corner)
-            for above, tile in enumerate(tiles)
-            for number, member in enumerate(members)
+            (bits * (self.tiling.digits * stacked + digit), member, tile.corner)
+            for stacked, tile in enumerate(tiles)
+            for digit, member in enumerate(members)
         ]
         sums = np.ascontiguousarray(sums, np.float64)
-        round_sums(sums, sum(part.count << shift for shift, (part, _), _ in digits) / 2)
+        round_sums(sums, sum(raster.count << shift for shift, (raster, _), _ in digits) / 2)
         whole = sums.view(np.int64)
         ones = (1 << bits) - 1
-        for shift, (part, result), corner in digits:
-            view = self._view(result, corner)
+        for shift, (raster, result), corner in digits:
+            view = self._result_view(result, corner)
             if view.dtype.itemsize == 1:
-                always, marks = part.constant > 0, result.view(np.uint8)
-                layers = 3 - marks.ndim
+                always_hit, flags = raster.constant > 0, result.view(np.uint8)
+                layers = 3 - flags.ndim
                 mark_digit(
                     np.expand_dims(whole, tuple(range(layers))),
                     ones << shift,
-                    always,
+                    always_hit,
                     self.add,
-                    np.expand_dims(marks, tuple(range(layers))),
+                    np.expand_dims(flags, tuple(range(layers))),
                     np.array([0] * layers + list(corner)),
                     np.array([1] * layers + list(view.shape)),
                 )
             else:
-                part_of_sum = whole[tuple(slice(n) for n in view.shape)] >> shift
-                view[...] = (part_of_sum & ones) + part.constant
+                shifted = whole[tuple(slice(n) for n in view.shape)] >> shift
+                view[...] = (shifted & ones) + raster.constant
 
-    def _view(self, result: NDArray[Any], corner: Corner) -> NDArray[Any]:
+    def _result_view(self, result: NDArray[Any], corner: Corner) -> NDArray[Any]:
+        """Return the part of a result that a tile computes."""
         return result[tuple(slice(start, start + step) for start, step in zip(corner, self.tiling.step, strict=True))]
 
     def _spectrum(self, tiles: Sequence[Tile]) -> Spectrum:
-        """Spectrum of W - 1/2 over tiles, as digits of one; lines and layers that are constant are not transformed."""
+        """Return the spectrum of W - 1/2 over tiles, as digits of one.
+
+        Constant lines and layers are not transformed.
+        """
         tile, length = self.tiling.tile, self.tiling.tile[-1]
-        scales = [2.0 ** (self.tiling.bits * self.tiling.digits * above) for above in range(len(tiles))]
-        mixed = np.any([(each.counts > 0) & (each.counts < length) for each in tiles], axis=0)
-        if np.count_nonzero(mixed) > FEW * mixed.size:
+        scales = [2.0 ** (self.tiling.bits * self.tiling.digits * stacked) for stacked in range(len(tiles))]
+        mixed = np.any([(contents.counts > 0) & (contents.counts < length) for contents in tiles], axis=0)
+        if np.count_nonzero(mixed) > MAX_MIXED_FRACTION * mixed.size:
             mixed[...] = True
         cells = np.zeros((int(np.count_nonzero(mixed)), length), self.real)
-        for scale, each in zip(scales, tiles, strict=True):
-            add_lines(self.cells, each.first, self.outside, scale, mixed, cells)
+        for scale, contents in zip(scales, tiles, strict=True):
+            add_lines(self.cells, contents.first, self.outside, scale, mixed, cells)
         lines = scipy.fft.rfft(cells, axis=-1, overwrite_x=True)
         levels = np.zeros(mixed.shape)
-        for scale, each in zip(scales, tiles, strict=True):
-            levels += scale * (each.counts - length / 2)
+        for scale, contents in zip(scales, tiles, strict=True):
+            levels += scale * (contents.counts - length / 2)
         layers = lines.reshape(*mixed.shape, -1) if mixed.all() else place_lines(mixed, levels, lines)
         if len(tile) == 3:
             changing = np.flatnonzero(mixed.any(axis=1) | (levels != levels[:, :1]).any(axis=1))
-            begin, end = (int(changing[0]), int(changing[-1]) + 1) if changing.size else (0, 0)
-            turned = scipy.fft.fft(layers[begin:end], axis=1)
-            for constant in (layers[:begin], layers[end:]):
+            low, high = (int(changing[0]), int(changing[-1]) + 1) if changing.size else (0, 0)
+            transformed = scipy.fft.fft(layers[low:high], axis=1)
+            for constant in (layers[:low], layers[high:]):
                 level = constant[:, 0, 0] * tile[1]
                 constant[...] = 0.0
                 constant[:, 0, 0] = level
-            layers[begin:end] = turned
+            layers[low:high] = transformed
         return np.asarray(scipy.fft.fft(layers.reshape(*tile[:-1], -1), axis=0, overwrite_x=True))
 
     def _invert(self, product: NDArray[Any]) -> NDArray[Any]:
-        """Inverse transform, axis by axis, keeping only the rows that carry results."""
+        """Invert a spectrum axis by axis, keeping only the rows that contain results."""
         for axis, keep in enumerate(self.tiling.step[:-1]):
             product = scipy.fft.ifft(product, axis=axis, overwrite_x=True)[(slice(None),) * axis + (slice(keep),)]
         return np.asarray(scipy.fft.irfft(product, n=self.tiling.tile[-1], axis=-1, overwrite_x=True))
@@ -488,26 +507,27 @@ class _TileRun:
 
 @kernel
 def count_lines(occupied: NDArray[np.uint8], first: Ints, length: int, outside: bool, counts: Ints) -> int:
-    """Obstacle cells of each line along the last axis of a tile whose first cell is given, and of the whole tile.
+    """Count the obstacle cells of each line along the last axis of a tile; return their sum.
 
-    Arrays of cells have three axes; those of the plane are one layer. ``counts`` has a number for each line.
+    Cells have three axes; a plane map is one layer. ``first`` is the first cell of the tile; ``counts`` has an entry
+    for each line.
     """
     nx, ny, nz = occupied.shape
-    begin, end = min(max(first[2], 0), nz), min(max(first[2] + length, 0), nz)
-    padding = (length - (end - begin)) * outside
+    low, high = min(max(first[2], 0), nz), min(max(first[2] + length, 0), nz)
+    padding = (length - (high - low)) * outside
     total = 0
     for i in range(counts.shape[0]):
         x = first[0] + i
         for j in range(counts.shape[1]):
             y = first[1] + j
             if 0 <= x < nx and 0 <= y < ny:
-                row, number = occupied[x, y, begin:end], padding
+                row, count = occupied[x, y, low:high], padding
                 for k in range(row.size):
-                    number += row[k]
+                    count += row[k]
             else:
-                number = length * outside
-            counts[i, j] = number
-            total += number
+                count = length * outside
+            counts[i, j] = count
+            total += count
     return total
 
 
@@ -520,40 +540,40 @@ def add_lines(
     mixed: Bools,
     lines: NDArray[np.floating],
 ) -> None:
-    """Add W - 1/2, times a scale, to those lines of a tile that are ``mixed``, not constant; in their order.
+    """Add W - 1/2, times a scale, to the ``mixed`` lines of a tile, in their order.
 
-    Arrays of cells as for :func:`count_lines`.
+    Mixed lines are not constant. Cells as for :func:`count_lines`.
     """
     unit = lines.dtype.type(scale)
     half = lines.dtype.type(0.5 * scale)
     nx, ny, nz = occupied.shape
     length = lines.shape[1]
     padding = outside * unit - half
-    number = 0
+    line_index = 0
     for i in range(mixed.shape[0]):
         x = first[0] + i
         for j in range(mixed.shape[1]):
             if not mixed[i, j]:
                 continue
             y = first[1] + j
-            begin = end = 0
+            low = high = 0
             if 0 <= x < nx and 0 <= y < ny:
-                begin, end = min(max(first[2], 0), nz), min(max(first[2] + length, 0), nz)
-            line = lines[number]
-            low = begin - first[2] if begin < end else length
-            for k in range(low):
+                low, high = min(max(first[2], 0), nz), min(max(first[2] + length, 0), nz)
+            line = lines[line_index]
+            before = low - first[2] if low < high else length
+            for k in range(before):
                 line[k] += padding
-            if begin < end:
-                row, inside, rest = occupied[x, y, begin:end], line[low:], line[end - first[2] :]
+            if low < high:
+                row, inside, rest = occupied[x, y, low:high], line[before:], line[high - first[2] :]
                 for k in range(row.size):
                     inside[k] += row[k] * unit - half
                 for k in range(rest.size):
                     rest[k] += padding
-            number += 1
+            line_index += 1
 
 
 def place_lines(mixed: Bools, levels: Floats, lines: NDArray[Any]) -> NDArray[Any]:
-    """Spectra of all lines: those of the lines that are not constant, in order, and from the sums of the others."""
+    """Return the spectra of all lines: transformed lines as given, constant lines from their sums."""
     spectrum = np.zeros((*mixed.shape, lines.shape[1]), lines.dtype)
     spectrum[mixed] = lines
     spectrum[~mixed, 0] = levels[~mixed]
@@ -562,25 +582,25 @@ def place_lines(mixed: Bools, levels: Floats, lines: NDArray[Any]) -> NDArray[An
 
 @jit
 def round_sums(sums: Floats, missing: float) -> None:
-    """Add to sums what they miss, and put the nearest whole numbers into the low bits of the results."""
+    """Add ``missing`` to sums, and round them into the low bits of the results."""
     flat = sums.ravel()
     for k in range(flat.size):
-        flat[k] = (flat[k] + missing) + NEAREST
+        flat[k] = (flat[k] + missing) + ROUNDING_OFFSET
 
 
 @kernel
 def mark_digit(
     whole: Ints,
     mask: int,
-    always: bool,
+    always_hit: bool,
     add: bool,
     out: NDArray[np.uint8],
     corner: Ints,
     shape: Ints,
 ) -> None:
-    """Whether bits of the first whole numbers, as many as ``shape``, are set, written or added to ``out`` at a corner.
+    """Write or add to ``out``, at a corner, whether bits of whole numbers are set.
 
-    Arrays have three axes; those of the plane are one layer.
+    ``shape`` is the number of entries along each axis. Arrays have three axes; a plane map is one layer.
     """
     x, y, z = corner
     nx, ny, nz = shape
@@ -589,7 +609,7 @@ def mark_digit(
             row, numbers = out[x + i, y + j, z : z + nz], whole[i, j]
             if add:
                 for k in range(nz):
-                    row[k] += always or (numbers[k] & mask) != 0
+                    row[k] += always_hit or (numbers[k] & mask) != 0
             else:
                 for k in range(nz):
-                    row[k] = always or (numbers[k] & mask) != 0
+                    row[k] = always_hit or (numbers[k] & mask) != 0

@@ -1,4 +1,4 @@
-"""Slices of a map: the robot's rasters for each rotation, and their correlation with the workspace's cells."""
+"""Slices of a map: the robot's rasters for each rotation, correlated with the workspace's cells."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools
-from cspace.engines import ENGINES, Engine, choose
+from cspace.engines import ENGINES, Engine, choose_engine
 from cspace.limits import RASTER_CELL_BYTES, SLICE_BYTES
 from cspace.raster import Raster
 from cspace.robot import Robot
@@ -20,88 +20,88 @@ from cspace.rotations import Rotations
 from cspace.threads import cores, in_threads
 
 SAMPLED_ROTATIONS = 32
-"""Rotations, about, at which the size of a robot's rasters is estimated."""
+"""Approximate number of rotations at which the size of a robot's rasters is estimated."""
 
-CELLS_A_THREAD = 50_000
+MIN_CELLS_FOR_THREADS = 50_000
 """Cells of the robot's box, over all slices, below which a second thread costs more than it saves."""
 
-Pair = tuple[Raster, Raster]
-Rasters = Callable[[], list[tuple[int, Pair]]]
-"""Makes the outer and the inner raster of some slices, with their numbers."""
+RasterPair = tuple[Raster, Raster]
+RasterTask = Callable[[], list[tuple[int, RasterPair]]]
+"""Rasterises the outer and inner raster of some slices; returns them with the slice indices."""
 
 
-def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[Pair]:
-    """Outer and inner raster of the robot for each slice."""
-    parts = raster_parts(robot, spacing, margin, rotations)
+def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[RasterPair]:
+    """Return the outer and inner raster of the robot for each slice."""
+    tasks = raster_tasks(robot, spacing, margin, rotations)
     cells = float(np.prod(np.ptp(robot.shape.outer.bounds, axis=0) / spacing + 1.0))
-    threads = cores() if len(parts) * cells > CELLS_A_THREAD else 1
-    made = dict(itertools.chain.from_iterable(in_threads(lambda part: part(), parts, threads)))
-    return [made[number] for number in range(len(made))]
+    threads = cores() if len(tasks) * cells > MIN_CELLS_FOR_THREADS else 1
+    rasters = dict(itertools.chain.from_iterable(in_threads(lambda task: task(), tasks, threads)))
+    return [rasters[number] for number in range(len(rasters))]
 
 
 def raster_bytes(robot: Robot, spacing: float, margin: float, rotations: Rotations, slices: int) -> float:
-    """Estimate the memory for the rasters of so many slices, from the robot's bounds at some rotations, in bytes."""
+    """Estimate the memory for the rasters of ``slices`` slices, from the robot's bounds at some rotations."""
     if slices == 1:
         return 0.0
     centers = rotations.centers[:: max(1, rotations.count // SAMPLED_ROTATIONS)]
     matrices = rotations.matrices(np.hstack([np.zeros((len(centers), robot.dim)), centers]))
     corners = np.array(list(itertools.product(*zip(*robot.shape.outer.bounds, strict=True))))
     sides = np.ptp(corners @ matrices.swapaxes(1, 2), axis=1) + 2.0 * margin
-    cells = 2.0 * float(np.prod(sides / spacing + 2.0, axis=1).mean())  # of the outer and the inner raster
+    cells = 2.0 * float(np.prod(sides / spacing + 2.0, axis=1).mean())  # outer and inner raster
     return slices * (SLICE_BYTES + RASTER_CELL_BYTES[robot.dim] * cells)
 
 
-def raster_parts(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[Rasters]:
-    """What makes the rasters of the robot for all slices.
+def raster_tasks(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[RasterTask]:
+    """Return tasks that together make the rasters of the robot for all slices.
 
-    Each is rasterised afresh from the turned geometry, but for those that are another one turned by quarters or
-    mirrored, which come in the same part as that.
+    Rasters are made from the rotated geometry, except for slices that are the image of another slice by quarter turns
+    or mirrors; those are made in the same task as that slice.
     """
     if rotations.preserve(robot.shape):
         return [lambda: [(0, robot.rasters(spacing, margin))]]
     slice_of = rotations.slices_for(robot.shape)
-    first, turns = np.unique(slice_of, return_index=True)[1], rotations.turns(robot.dim)
-    # Of the slices that each one becomes, the least, and what makes it so; the way back is the transposed matrix.
+    first_cells, cells = np.unique(slice_of, return_index=True)[1], rotations.turns(robot.dim)
+    # Each slice comes from the smallest of its images; the transposed matrix maps it back.
     images = rotations.images(robot.shape)
-    becomes = np.array([slice_of[cells[first]] for _, cells in images])
-    made_by, source, own = becomes.argmin(axis=0), becomes.min(axis=0), np.arange(len(first))
-    alike: dict[int, list[int]] = {}
-    for number in np.flatnonzero(source < own).tolist():
-        alike.setdefault(int(source[number]), []).append(number)
+    image_slices = np.array([slice_of[image_cells[first_cells]] for _, image_cells in images])
+    image_indices, sources, slices = image_slices.argmin(axis=0), image_slices.min(axis=0), np.arange(len(first_cells))
+    images_of: dict[int, list[int]] = {}
+    for index in np.flatnonzero(sources < slices).tolist():
+        images_of.setdefault(int(sources[index]), []).append(index)
 
-    def make(number: int) -> list[tuple[int, Pair]]:
-        made = [(number, robot.rasters(spacing, margin, turns[first[number]]))]
-        for known, (outer, inner) in made:  # which grows meanwhile
-            for other in alike.get(known, ()):
-                matrix = images[made_by[other]][0].T
-                made.append((other, (outer.rotate(matrix), inner.rotate(matrix))))
-        return made
+    def rasterise(index: int) -> list[tuple[int, RasterPair]]:
+        rasters = [(index, robot.rasters(spacing, margin, cells[first_cells[index]]))]
+        for index_known, (outer, inner) in rasters:  # grows during the loop
+            for image in images_of.get(index_known, ()):
+                matrix = images[image_indices[image]][0].T
+                rasters.append((image, (outer.rotate(matrix), inner.rotate(matrix))))
+        return rasters
 
-    return [partial(make, number) for number in np.flatnonzero(source == own).tolist()]
+    return [partial(rasterise, index) for index in np.flatnonzero(sources == slices).tolist()]
 
 
 Progress = Callable[[int, int], None]
-Sides = Sequence[Sequence[Raster]]
-"""The outer rasters of slices, and, where BLOCKED is to be proven, the inner ones."""
+RasterGroups = Sequence[Sequence[Raster]]
+"""Outer rasters of all slices and, if BLOCKED is to be proven, inner rasters of all slices."""
 
-STEP: Final = 1000
-"""Steps of progress that a correlation counts for."""
+STEPS_PER_CORRELATION: Final = 1000
+"""Progress steps of one correlation."""
 
 
-def sides_of(pairs: Sequence[Pair], inner: bool) -> Sides:
-    """The rasters of slices by side."""
-    return [list(side) for side in zip(*pairs, strict=True)][: 2 if inner else 1]
+def group_rasters(pairs: Sequence[RasterPair], inner: bool) -> RasterGroups:
+    """Split pairs of rasters into all outer and, if ``inner``, all inner rasters."""
+    return [list(group) for group in zip(*pairs, strict=True)][: 2 if inner else 1]
 
 
 @dataclass(frozen=True, slots=True)
 class Correlation:
-    """An engine at work for one build.
+    """Settings and engine of the correlations of one build.
 
     Attributes
     ----------
     engine : Engine
     outside : str
-        What lies outside the cells that :meth:`fill` is given: "blocked" or "free".
+        State outside the cells that :meth:`fill` is given: "blocked" or "free".
     workers : int or None
         Threads.
     progress : callable or None
@@ -113,42 +113,42 @@ class Correlation:
     progress: Progress | None = None
 
     @classmethod
-    def by(
+    def create(
         cls,
         method: str,
-        sides: Sides,
+        groups: RasterGroups,
         outside: str,
         workers: int | None,
         progress: Progress | None = None,
         counts: bool = False,
     ) -> Correlation:
-        """By the engine of a name, or, for "auto", by the one to take for these rasters."""
-        engine = ENGINES[choose(sides[0], counts=counts) if method == "auto" else method]
+        """Select the engine by name or, for "auto", the faster one for these rasters."""
+        engine = ENGINES[choose_engine(groups[0], counts=counts) if method == "auto" else method]
         return cls(engine, outside, workers, progress)
 
     def fill(
         self,
         outer: Bools,
         inner: Bools,
-        sides: Sides,
+        groups: RasterGroups,
         state: NDArray[np.uint8],
         overlaps: NDArray[np.int32] | None,
     ) -> str:
-        """Fill all slices from the outer and, where there are any, the inner rasters; the arithmetic that it took.
+        """Fill all slices from their rasters; return the arithmetic that was used.
 
-        ``outer`` and ``inner`` are the cells that meet an obstacle, and those that lie in one; the same array where
-        both are the same. Slices that are smaller are of their first cells.
+        ``outer`` and ``inner`` are the cells that meet an obstacle and the cells that lie in one; the same array if
+        both are equal. Slices smaller than the cells get the first cells.
         """
-        outers, inners = sides[0], [raster for side in sides[1:] for raster in side]
+        outers, inners = groups[0], [raster for group in groups[1:] for raster in group]
         collides = state.view(np.bool_)
         if inners and overlaps is None and len(outers) == 1 and inner is outer:
-            # One slice and one workspace bitmap, which is read for both rasters together.
-            lies_in = np.empty(state[0].shape, dtype=np.bool_)
-            precision = self._collide(outer, [*outers, *inners], [collides[0], lies_in], (0, 1))
-            state[0] += lies_in
+            # One slice and one workspace bitmap: correlate both rasters in one pass over the bitmap.
+            inside = np.empty(state[0].shape, dtype=np.bool_)
+            precision = self._collide(outer, [*outers, *inners], [collides[0], inside], (0, 1))
+            state[0] += inside
             return precision
         counts = collides if overlaps is None else overlaps
-        precision = self._collide(outer, outers, list(counts), (0, len(sides)))
+        precision = self._collide(outer, outers, list(counts), (0, len(groups)))
         if overlaps is not None:
             np.not_equal(overlaps, 0, out=collides)
         if inners:
@@ -161,18 +161,19 @@ class Correlation:
         occupied: Bools,
         rasters: Sequence[Raster],
         out: Sequence[NDArray[Any]],
-        step: tuple[int, int],
+        part: tuple[int, int],
         add: bool = False,
     ) -> str:
-        """One step of so many; each counts alike for progress, however many parts it has."""
-        (number, steps), progress = step, self.progress
+        """Run one correlation as part ``index`` of ``count`` equal parts of the progress."""
+        (index, count), progress = part, self.progress
 
         def advance(done: int, total: int) -> None:
             if progress is not None:
-                progress(number * STEP + STEP * done // total, steps * STEP)
+                step = STEPS_PER_CORRELATION * index + STEPS_PER_CORRELATION * done // total
+                progress(step, STEPS_PER_CORRELATION * count)
 
         precision = self.engine.collide(
             occupied, rasters, out, outside=self.outside == "blocked", add=add, workers=self.workers, progress=advance
         )
-        advance(1, 1)  # also where there was nothing to do
+        advance(1, 1)  # even if there was nothing to do
         return precision

@@ -11,7 +11,7 @@ from cspace.map.batches import Kernel, Query, in_threaded_chunks
 from cspace.map.derived import Lock
 from cspace.map.periodic import Periodic
 from cspace.map.storage import Map
-from cspace.threads import LEAST
+from cspace.threads import MIN_ITEMS_PER_THREAD
 
 Result = TypeVar("Result")
 
@@ -19,7 +19,7 @@ Result = TypeVar("Result")
 class Backend(Protocol):
     """The cells of a map, over which compiled kernels are run."""
 
-    def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = LEAST) -> Query:
+    def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = MIN_ITEMS_PER_THREAD) -> Query:
         """Return a query that runs a kernel over the rows of a batch.
 
         The kernel is called as ``kernel(map_, *arguments, *rows, out)`` with the record of the map. ``passed`` is its
@@ -47,7 +47,7 @@ class MemoryBackend:
     periodic: Periodic
     lock: Lock
 
-    def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = LEAST) -> Query:
+    def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = MIN_ITEMS_PER_THREAD) -> Query:
         """See :meth:`Backend.query`."""
         run = partial(kernel, self.map_, *arguments)
         return in_threaded_chunks(self.periodic.wrap_rows(run) if self.periodic else run, least)

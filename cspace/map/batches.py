@@ -14,7 +14,7 @@ from cspace.check import check_rows
 from cspace.errors import InputError
 from cspace.rotations import Rotations
 from cspace.rotations.base import warn_of_degrees
-from cspace.threads import LEAST, in_chunks
+from cspace.threads import MIN_ITEMS_PER_THREAD, in_chunks
 
 Kernel = Callable[..., int]
 """``kernel(*rows, out)`` fills ``out``, shape (n,), for rows of shape (n, d), and gives the index of the first one that
@@ -173,7 +173,7 @@ def as_points(q: ArrayLike, name: str, dof: int) -> Floats:
     return np.asarray(check_rows(q, name, dof), dtype=np.float64)
 
 
-def in_threaded_chunks(kernel: Kernel, least: int = LEAST) -> Query:
+def in_threaded_chunks(kernel: Kernel, least: int = MIN_ITEMS_PER_THREAD) -> Query:
     """An :data:`Query` of a compiled kernel, in threads of at least ``least`` rows each."""
     return partial(_fill, kernel, least)
 

@@ -162,7 +162,7 @@ class OccupancyPyramid:
             mark(states, marks, (line.view(np.uint8), line, line.copy()), its[start:stop])
             return -1
 
-        in_chunks(work, len(its), least=1 + int(len(its) * CELLS_A_THREAD / max(size, 1.0)))
+        in_chunks(work, len(its), min_items=1 + int(len(its) * CELLS_A_THREAD / max(size, 1.0)))
         every = (
             slice(None),
             *map(slice, its[:, 1:4].min(axis=0) >> 2 * SHIFT, (its[:, 4:].max(axis=0) >> 2 * SHIFT) + 1),

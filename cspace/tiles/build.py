@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.engines import choose
+from cspace.engines import choose_engine
 from cspace.engines.slices import Progress, raster_bytes
 from cspace.errors import FileError, InputError
 from cspace.files.access import replacing
@@ -107,7 +107,7 @@ def _fill(job: Job, settings: Settings) -> None:
     advance(len(todo))
     engine = store.metadata["method"]
     if engine == "auto":
-        engine = choose([outer for outer, _ in job.pairs])
+        engine = choose_engine([outer for outer, _ in job.pairs])
     store.tidy()
     store.reseal(**store.totals(), precision="integer" if engine == "direct" else "float64")
 

@@ -26,7 +26,7 @@ from cspace.map.exterior import Exterior
 from cspace.map.storage import ASIDE, MISSING, USED, Map, TileCells, pack, read_only
 from cspace.obstacles import Held
 from cspace.store import Record, Store, not_done
-from cspace.threads import LEAST, in_chunks
+from cspace.threads import MIN_ITEMS_PER_THREAD, in_chunks
 from cspace.tiles.work import Job
 
 ROWS_IN_A_PIECE: Final = 2**18
@@ -141,7 +141,7 @@ class TileBackend:
                     if self.store is store and not store.is_past:
                         return result
 
-    def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = LEAST) -> Query:
+    def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = MIN_ITEMS_PER_THREAD) -> Query:
         """See :meth:`cspace.map.backend.Backend.query`; rows are copied in pieces."""
 
         def run(*rows_and_out: Any) -> int:

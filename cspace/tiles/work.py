@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from cspace import __version__
 from cspace.arrays import Bools, Ints, States
-from cspace.engines.slices import Correlation, Pair, sides_of, slice_rasters
+from cspace.engines.slices import Correlation, RasterPair, group_rasters, slice_rasters
 from cspace.errors import CspaceError, FileError, InputError, optional
 from cspace.limits import KEEP, bytes_text, free_bytes
 from cspace.obstacles import Source, changed
@@ -66,7 +66,7 @@ class Job:
     threads: int = 1
 
     @cached_property
-    def pairs(self) -> list[Pair]:
+    def pairs(self) -> list[RasterPair]:
         """The rasters of the robot, for each slice."""
         store = self.store
         return slice_rasters(store.robot, store.grid.spacing, store.metadata["margin"], store.rotations)
@@ -90,8 +90,8 @@ class Job:
         store, grid = self.store, self.store.grid
         sides = np.minimum(np.array(store.tile) + self.reach[1] - self.reach[0], grid.shape)
         states = store.depth * int(np.prod(store.tile))
-        part = sides_of(self.pairs[:: max(1, len(self.pairs) // 8)], store.proves_blocked is not False)
-        engine = Correlation.by(store.metadata["method"], part, "blocked", 1).engine
+        part = group_rasters(self.pairs[:: max(1, len(self.pairs) // 8)], store.proves_blocked is not False)
+        engine = Correlation.create(store.metadata["method"], part, "blocked", 1).engine
         return (
             3 * int(np.prod(sides))
             + 2 * states
@@ -137,8 +137,8 @@ class Job:
                 pairs = [
                     (a.translate(before), b.translate(before)) for a, b in (self.pairs[number] for number in numbers)
                 ]
-                sides = sides_of(pairs, store.proves_blocked is not False)
-                engine = Correlation.by(store.metadata["method"], sides, store.metadata["outside"], self.threads)
+                sides = group_rasters(pairs, store.proves_blocked is not False)
+                engine = Correlation.create(store.metadata["method"], sides, store.metadata["outside"], self.threads)
                 engine.fill(outer, inner, sides, block, None)
                 yield block
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace.engines import dilation, fft
-from cspace.engines.dilation import Runs
+from cspace.engines.dilation import ClippedRuns
 from cspace.raster import Raster
 from oracles import collide, raster_offsets
 from strategies import bitmaps
@@ -34,7 +34,7 @@ def test_a_run_does_not_see_the_next_row():
 def test_runs_are_the_offsets_that_can_fall_on_the_map(cells, lower, nx, ny):
     raster = Raster.from_bitmap(cells, lower)
     other = Raster.from_bitmap(np.ones((2, 3), bool), (0, 0))
-    _, runs, _ = Runs.of([other, raster, other], (1, nx, ny))
+    _, runs, _ = ClippedRuns.of([other, raster, other], (1, nx, ny))
     table = runs.table[runs.is_first]
     covered = {(x, y + k) for _, x, y, n in table.tolist() for k in range(n)}
     offsets = set(raster_offsets(raster))

@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from cspace.engines import ENGINES, ROWS, choose
+from cspace.engines import ENGINES, MAX_ROWS_PER_CELL, choose_engine
 from cspace.raster import Raster
 from oracles import collide, overlaps_by_shifts
 from strategies import seeds
@@ -119,7 +119,7 @@ def test_dilation_is_taken_but_for_counts_and_robots_of_very_many_rows():
     block = Raster.from_bitmap(np.ones((300, 300), bool), (0, 0))
     sieve = Raster.from_bitmap(np.indices((301, 301))[1] % 6 == 0, (0, 0))
     ball = Raster.from_bitmap(np.linalg.norm(np.indices((91, 91, 91)) - 45.0, axis=0) < 45.5, (0, 0, 0))
-    assert sieve.count > 301 * ROWS[2] and np.count_nonzero(ball.cells.any(axis=2)) > 6000
-    assert choose([block]) == choose([ball]) == "direct" and choose([sieve]) == "fft"
-    assert choose([block], counts=True) == "fft" and ENGINES["fft"].COUNTS and not ENGINES["direct"].COUNTS
-    assert choose([block] * 30 + [sieve]) == "direct"
+    assert sieve.count > 301 * MAX_ROWS_PER_CELL[2] and np.count_nonzero(ball.cells.any(axis=2)) > 6000
+    assert choose_engine([block]) == choose_engine([ball]) == "direct" and choose_engine([sieve]) == "fft"
+    assert choose_engine([block], counts=True) == "fft" and ENGINES["fft"].COUNTS and not ENGINES["direct"].COUNTS
+    assert choose_engine([block] * 30 + [sieve]) == "direct"

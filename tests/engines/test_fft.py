@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from cspace.engines import fft
 from cspace.engines.fft import (
-    MARGIN,
-    SECONDS_A_POINT,
-    SIZES,
+    MAX_ERROR,
+    SECONDS_PER_POINT,
+    TIMED_SIZES,
     UNIT_ROUNDOFF,
     choose_tiling,
     error_bound,
@@ -108,7 +108,9 @@ def test_float64_where_float32_is_not_proven():
     occupied[350, 300] = occupied[10, 10] = True
     (counts,), precision = collide(fft, occupied, [raster], False, np.int32)
     assert precision == "float64"
-    assert error_bound(choose_tiling(occupied.shape, disc.shape, raster.count).tile, raster.count, "float32") > MARGIN
+    assert (
+        error_bound(choose_tiling(occupied.shape, disc.shape, raster.count).tile, raster.count, "float32") > MAX_ERROR
+    )
     expected = np.zeros((1200, 1100), dtype=int)
     for i, j in np.argwhere(occupied):
         expected[i : i + 501, j : j + 501] += disc[::-1, ::-1]
@@ -158,7 +160,7 @@ def test_tiles_fit_the_cache_and_the_robot():
 
 @pytest.mark.parametrize("size", [1, 2**18])
 def test_robot_spectra_larger_than_their_memory_are_taken_in_turns(monkeypatch, size):
-    monkeypatch.setattr(fft, "SPECTRA_BYTES", size)
+    monkeypatch.setattr(fft, "MAX_SPECTRA_BYTES", size)
     occupied = np.random.default_rng(1).random((200, 120)) < 0.02
     rasters = [Raster.from_bitmap(np.ones((3, 4 + k), bool), (-1, -k)) for k in range(40)]
     for used in (rasters[:1], rasters):
@@ -172,7 +174,7 @@ def test_robot_spectra_larger_than_their_memory_are_taken_in_turns(monkeypatch, 
 
 
 def test_transforms_cost_more_the_larger_they_are():
-    for precision, known in SECONDS_A_POINT.items():
+    for precision, known in SECONDS_PER_POINT.items():
         seconds = [transform_seconds(2**k, precision) for k in range(8, 35)]
         assert (np.diff(seconds) > 0).all()
-        assert transform_seconds(SIZES[2], precision) == pytest.approx(SIZES[2] * known[2], rel=0.3)
+        assert transform_seconds(TIMED_SIZES[2], precision) == pytest.approx(TIMED_SIZES[2] * known[2], rel=0.3)

@@ -14,7 +14,7 @@ from cspace.map import mip
 from cspace.map.batches import EDGES_A_THREAD, ROWS, answer_pairs
 from cspace.map.mip import CELLS_AN_EDGE
 from cspace.rotations import Rotations
-from cspace.threads import LEAST
+from cspace.threads import MIN_ITEMS_PER_THREAD
 from handmade import configurations, map_of
 from placements import draw_configurations
 from refusals import refusals
@@ -69,7 +69,9 @@ def near(space, q, rng):
 
 @pytest.mark.parametrize("make", KINDS)
 @settings(max_examples=8)
-@given(seeds, st.sampled_from(["free", "blocked"]), st.sampled_from([1, 1023, 1024, 1025, 2 * LEAST + 1]))
+@given(
+    seeds, st.sampled_from(["free", "blocked"]), st.sampled_from([1, 1023, 1024, 1025, 2 * MIN_ITEMS_PER_THREAD + 1])
+)
 def test_states_and_clearances_of_many_are_those_of_each(make, seed, outside, number):
     rng = np.random.default_rng(seed)
     space = make(rng, outside=outside)
@@ -126,7 +128,7 @@ def test_arrays_of_any_layout_get_the_same_answers(make):
 def test_the_first_bad_number_is_named(make, dtype, value):
     rng = np.random.default_rng(5)
     space = made(make, 5)
-    half = {"q": LEAST + 2, "edge": max(ROWS, EDGES_A_THREAD) + 2}
+    half = {"q": MIN_ITEMS_PER_THREAD + 2, "edge": max(ROWS, EDGES_A_THREAD) + 2}
     ask = {"q": space.classify, "edge": partial(space.motion_is_free, np.full(space.dof, 0.5))}
     for name, middle in half.items():
         last = 2 * middle

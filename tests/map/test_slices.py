@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import cspace
 import oracles
 from cspace import Robot, Workspace
-from cspace.engines.slices import raster_parts, slice_rasters
+from cspace.engines.slices import raster_tasks, slice_rasters
 from cspace.rotations import RotationCell, Rotations
 from cspace.rotations.base import TWO_PI
 from cspace.shapes import Shape
@@ -54,7 +54,7 @@ L_SHAPE = np.array([[[1], [1]], [[1], [0]], [[1], [0]]], dtype=bool)
 )
 def test_what_turns_and_mirrors_of_the_world_make_are_fresh_rasters(robot, rotations, fresh):
     """Of a box, 16 cells need one raster; a cube's quarter turns, and mirrors of what has two like sides, add to it."""
-    assert len(raster_parts(robot, 0.17, 0.02, rotations)) == fresh
+    assert len(raster_tasks(robot, 0.17, 0.02, rotations)) == fresh
     made, turns = slice_rasters(robot, 0.17, 0.02, rotations), rotations.turns(robot.dim)
     for number, cell in zip(*np.unique(rotations.slices_for(robot.shape), return_index=True), strict=True):
         own = robot.rasters(0.17, 0.02, turns[cell])
