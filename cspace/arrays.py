@@ -1,4 +1,4 @@
-"""Array types and cell states that all rooms share, and functions on plain arrays."""
+"""Array types, cell states and functions on plain arrays."""
 
 import os
 from collections.abc import Sequence
@@ -18,47 +18,47 @@ Cell = TypeVar("Cell", np.bool_, np.uint8)
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 Numbers = tuple[float, ...]
-"""A configuration, or what compiled code makes of one."""
+"""Coordinates of a configuration, or numbers that compiled code derives from them."""
 
 Row = tuple[float, float, float]
 Matrix = tuple[Row, Row, Row]
 
 Surface = tuple[Floats, Ints]
-"""Triangles: vertices, shape (V, 3), metres, and the numbers of their corners among these, shape (F, 3)."""
+"""Triangles: vertices, shape (V, 3), metres, and vertex indices of the faces, shape (F, 3)."""
 
 Box = tuple[slice, ...]
-"""Cells along each axis."""
+"""Range of cells along each axis."""
 
 StrPath = str | os.PathLike[str]
-"""The name of a file."""
+"""Path of a file."""
 
 FREE: Final = 0
 """State of a cell in which every configuration is proven collision-free."""
 
 MIXED: Final = 1
-"""State of a cell that is not decided at this resolution."""
+"""State of a cell that is undecided at this resolution."""
 
 BLOCKED: Final = 2
 """State of a cell in which every configuration is proven to be in collision."""
 
 STATE_NAMES: Final = ("free", "mixed", "blocked")
-"""Name of each state, by its value."""
+"""Names of the states, in the order of their values."""
 
 FIELD_NAMES: Final = ("penetration", "penetration_x", "penetration_y", "penetration_z")
 """Names of a map's overlap field in files: the overlap of descriptors, and its derivatives along the axes."""
 
-BAND_BYTES: Final = 16
-"""Bytes of a row that are written together when a plane is transposed: 8 to 16 are quickest, 64 take twice as long."""
+COPY_BAND_BYTES: Final = 16
+"""Bytes of a row that are copied at a time when a plane is transposed; 64 bytes take twice as long as 8 to 16."""
 
 
 def frozen(array: NDArray[Any]) -> NDArray[Any]:
-    """The array, not to be written."""
+    """Return the array after making it read-only."""
     array.setflags(write=False)
     return array
 
 
 def in_c_order(array: NDArray[Scalar]) -> NDArray[Scalar]:
-    """Return an array in C order: itself if it is, else a copy."""
+    """Return an array in C order, copied only if necessary."""
     if array.ndim != 2 or abs(array.strides[0]) >= abs(array.strides[1]):
         return np.ascontiguousarray(array)
     copy = np.empty(array.shape, dtype=array.dtype)
@@ -67,41 +67,42 @@ def in_c_order(array: NDArray[Scalar]) -> NDArray[Scalar]:
 
 
 def copy_transposed(rows: NDArray[Scalar], out: NDArray[Scalar]) -> None:
-    """Copy rows, shape (n, m), into the columns of ``out``, shape (m, n), in narrow bands.
+    """Copy rows, shape (n, m), into the columns of ``out``, shape (m, n).
 
-    Copied at once, each cache line of the result would be read and written for every one of its entries: for 16,384 x
-    16,384 bytes that takes eight times as long.
+    Narrow bands are copied, because otherwise each cache line of the result would be read and written for each of its
+    entries: eight times slower for 16,384 x 16,384 bytes.
     """
-    width = max(1, BAND_BYTES // rows.itemsize)
-    for first in range(0, len(rows), width):
-        out[:, first : first + width] = rows[first : first + width].T
+    width = max(1, COPY_BAND_BYTES // rows.itemsize)
+    for start in range(0, len(rows), width):
+        out[:, start : start + width] = rows[start : start + width].T
 
 
-def in_blocks(cells: NDArray[Cell], starts: Sequence[Ints], most: np.ufunc = np.maximum) -> NDArray[Cell]:
-    """The largest entry in each block of cells, or the least, by ``np.minimum``; of booleans, whether any is set.
+def reduce_blocks(cells: NDArray[Cell], starts: Sequence[Ints], combine: np.ufunc = np.maximum) -> NDArray[Cell]:
+    """Return the maximum of each block of cells.
 
-    ``starts`` are the first cells of the blocks along each axis, from 0 on.
+    ``starts`` are the first cells of the blocks along each axis, from 0 on. ``combine`` may be ``np.minimum`` instead;
+    the maximum of booleans is whether any is set.
     """
-    # Entries of all blocks are compared at once: twenty times faster than ``reduceat``, which goes block by block.
+    # Combining all blocks at once is twenty times faster than ``reduceat``, which goes block by block.
     for axis, start in enumerate(starts):
         last = np.append(start[1:], cells.shape[axis]) - 1
         reduced = cells.take(start, axis)
         for step in range(1, int((last - start).max()) + 1):
-            most(reduced, cells.take(np.minimum(start + step, last), axis), out=reduced)
+            combine(reduced, cells.take(np.minimum(start + step, last), axis), out=reduced)
         cells = reduced
     return cells
 
 
 def block_starts(shape: Sequence[int], side: int) -> list[Ints]:
-    """The first cells, along each axis, of blocks of so many cells."""
+    """Return the first cells of blocks of ``side`` cells along each axis."""
     return [np.arange(0, n, side) for n in shape]
 
 
-def shared(box: Sequence[slice], other: Sequence[slice]) -> tuple[Box, Box]:
+def intersect_boxes(box: Sequence[slice], other: Sequence[slice]) -> tuple[Box, Box]:
     """Intersect two boxes of cells; return the intersection in the indices of each box."""
     pairs = [(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(box, other, strict=True)]
     here, there = (
-        tuple(slice(low - part.start, high - part.start) for (low, high), part in zip(pairs, each, strict=True))
+        tuple(slice(low - s.start, high - s.start) for (low, high), s in zip(pairs, each, strict=True))
         for each in (box, other)
     )
     return here, there

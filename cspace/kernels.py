@@ -1,17 +1,17 @@
 """Small compiled functions: geometry in space, with vectors as tuples of floats, and unaligned words.
 
-Two kinds of geometric functions are kept apart, because proofs use them in different ways:
+Two kinds of geometric functions are separate, because proofs use them in different ways:
 
 * **Nearest points** (:func:`triangle_weights`, :func:`nearest_of_triangle`, :func:`gap_between`) are as good as
-  rounding allows, poor for thin triangles and nearly parallel segments. A proof takes only a direction from them,
-  or a point of the triangle: the weights lie in [0, 1], so that the point is within 2^-50 of the coordinates of one.
-* **Distances** (:func:`point_segment`, :func:`point_triangle`) are within a bound of the true one. Let L be the largest
-  distance between any two of the points. With u = 2^-53, the foot on a segment is off by less than 12 u L, and the
-  distance by less than 2^-48 L. A normal is off by less than 5 u times the square of the longest side, which is below
-  2^-38 of its length for triangles that are not thin, and so is the distance from the plane relative to L. Callers
-  allow for that: rasters by ``2^-20 + 2^-34 L`` (:mod:`cspace.raster.triangles`), decompositions by
-  :data:`cspace.spectral.regions.NORMAL_ROUNDING`, arms by :data:`cspace.arms.hulls.FLAT` for what is FREE and by
-  ``least`` of :func:`cspace.arms.solids.scene_within` for what is BLOCKED.
+  rounding allows, and poor for thin triangles and nearly parallel segments. A proof uses only a direction from them, or
+  a point of the triangle: the weights lie in [0, 1], so the point is within 2^-50 of the coordinates of a point in it.
+* **Distances** (:func:`point_segment`, :func:`point_triangle`) are within a bound of the true distance. Let L be the
+  largest distance between any two of the points. With u = 2^-53, the foot on a segment has an error below 12 u L, and
+  the distance below 2^-48 L. A normal has an error below 5 u times the square of the longest side, which is below 2^-38
+  of its length for triangles that are not thin, and so has the distance from the plane relative to L. Callers allow for
+  that: rasters by ``2^-20 + 2^-34 L`` (:mod:`cspace.raster.triangles`), decompositions by
+  :data:`cspace.spectral.regions.NORMAL_ROUNDING`, arms by :data:`cspace.arms.hulls.FLAT` for FREE and by ``least`` of
+  :func:`cspace.arms.solids.scene_within` for BLOCKED.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ THIN: Final = 2.0**-12
 
 
 @always_inline
-def row_of(numbers: Floats, first: int) -> Row:
-    """Return three consecutive numbers of an array."""
-    return numbers[first], numbers[first + 1], numbers[first + 2]
+def row_at(array: Floats, start: int) -> Row:
+    """Return three consecutive entries of an array."""
+    return array[start], array[start + 1], array[start + 2]
 
 
 @always_inline
@@ -43,13 +43,13 @@ def minus(a: Row, b: Row) -> Row:
 
 
 @always_inline
-def scaled(a: Row, factor: float) -> Row:
+def scale_vector(a: Row, factor: float) -> Row:
     """Return ``factor * a``."""
     return factor * a[0], factor * a[1], factor * a[2]
 
 
 @always_inline
-def shifted(a: Row, u: Row, t: float) -> Row:
+def add_scaled(a: Row, u: Row, t: float) -> Row:
     """Return ``a + t * u``."""
     return a[0] + t * u[0], a[1] + t * u[1], a[2] + t * u[2]
 
@@ -67,15 +67,18 @@ def cross(a: Row, b: Row) -> Row:
 
 
 @always_inline
-def rotated(matrix: Matrix, p: Row) -> Row:
+def rotate(matrix: Matrix, p: Row) -> Row:
     """Return the product of a matrix, given by its rows, and a vector."""
     x, y, z = matrix
     return dot(x, p), dot(y, p), dot(z, p)
 
 
 @always_inline
-def rotated_back(matrix: Matrix, p: Row) -> Row:
-    """Return the product of a transposed matrix, given by its rows before, and a vector."""
+def rotate_back(matrix: Matrix, p: Row) -> Row:
+    """Return the product of a transposed matrix and a vector.
+
+    The rows of ``matrix`` are those before it is transposed.
+    """
     x, y, z = matrix
     return (
         x[0] * p[0] + y[0] * p[1] + z[0] * p[2],
@@ -85,21 +88,24 @@ def rotated_back(matrix: Matrix, p: Row) -> Row:
 
 
 @always_inline
-def placed(matrix: Matrix, place: Row, p: Row) -> Row:
-    """Return where a point comes by a rotation, given by its rows, and then a translation."""
-    return shifted(rotated(matrix, p), place, 1.0)
+def apply_pose(matrix: Matrix, position: Row, p: Row) -> Row:
+    """Rotate a point by a matrix, given by its rows, then translate it."""
+    return add_scaled(rotate(matrix, p), position, 1.0)
 
 
 @always_inline
 def box_extent(matrix: Matrix, half: Row) -> Row:
-    """Return half the sides of the upright box around a rotated box, by half the sides of that."""
+    """Return the half sides of the axis-aligned box around a rotated box."""
     x, y, z = matrix
     return extent_along(x, half), extent_along(y, half), extent_along(z, half)
 
 
 @always_inline
 def extent_along(n: Row, half: Row) -> float:
-    """Return half the length of an upright box's projection onto a line, by half its sides."""
+    """Return the half length of a box's projection onto a line.
+
+    The box is axis-aligned, with half sides ``half``.
+    """
     return abs(n[0]) * half[0] + abs(n[1]) * half[1] + abs(n[2]) * half[2]
 
 
@@ -108,10 +114,10 @@ def extent_along(n: Row, half: Row) -> float:
 
 @kernel
 def triangle_weights(a: Row, b: Row, c: Row) -> tuple[float, float]:
-    """Return the weights (s, t) of the triangle's point nearest to the origin, ``a + s (b - a) + t (c - a)``.
+    """Return the weights (s, t) of the triangle's point nearest to the origin.
 
-    Both lie in [0, 1]. On a side or corner, s, t or ``1 - s - t`` is exactly zero. Corners may coincide.
-    C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
+    The point is ``a + s (b - a) + t (c - a)``. Both weights lie in [0, 1]. On a side or corner, s, t or ``1 - s - t``
+    is exactly zero. Corners may coincide. C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
     """
     ab, ac = minus(b, a), minus(c, a)
     d1, d2 = -dot(ab, a), -dot(ac, a)
@@ -131,26 +137,27 @@ def triangle_weights(a: Row, b: Row, c: Row) -> tuple[float, float]:
         return 0.0, (d2 / (d2 - d6) if d2 > d6 else 0.0)
     va = d3 * d6 - d5 * d4
     if va <= 0.0 and d4 >= d3 and d5 >= d6:
-        whole = (d4 - d3) + (d5 - d6)
-        t = (d4 - d3) / whole if whole > 0.0 else 0.0
+        total = (d4 - d3) + (d5 - d6)
+        t = (d4 - d3) / total if total > 0.0 else 0.0
         return 1.0 - t, t
-    whole = va + vb + vc
-    s = min(max(vb / whole, 0.0), 1.0) if whole > 0.0 else 0.0
-    return s, (min(max(vc / whole, 0.0), 1.0 - s) if whole > 0.0 else 0.0)
+    total = va + vb + vc
+    s = min(max(vb / total, 0.0), 1.0) if total > 0.0 else 0.0
+    return s, (min(max(vc / total, 0.0), 1.0 - s) if total > 0.0 else 0.0)
 
 
 @kernel
 def nearest_of_triangle(p: Row, u: Row, v: Row) -> Row:
-    """Return the point nearest to p of the triangle with the corners 0, u and v."""
-    s, t = triangle_weights(scaled(p, -1.0), minus(u, p), minus(v, p))
+    """Return the point of the triangle (0, u, v) nearest to p."""
+    s, t = triangle_weights(scale_vector(p, -1.0), minus(u, p), minus(v, p))
     return s * u[0] + t * v[0], s * u[1] + t * v[1], s * u[2] + t * v[2]
 
 
 @kernel
 def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
-    """Return the shortest way to one segment, from p along u, from another one, from q along v.
+    """Return the shortest vector to one segment from another.
 
-    C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.9.
+    The first is ``p + s u`` and the second ``q + t v``, s and t in [0, 1]. C. Ericson, "Real-Time Collision Detection",
+    2005, section 5.1.9.
     """
     r = minus(p, q)
     uu, vv, uv, ur, vr = dot(u, u), dot(v, v), dot(u, v), dot(u, r), dot(v, r)
@@ -171,23 +178,23 @@ def point_segment(p: Row, a: Row, b: Row) -> float:
     square = dot(ab, ab)
     t = min(max(dot(ap, ab) / square, 0.0), 1.0) if square > 0.0 else 0.0
     # From the nearer end, for the smaller rounding.
-    way = shifted(minus(p, b), ab, 1.0 - t) if t > 0.5 else shifted(ap, ab, -t)
-    return dot(way, way)
+    gap = add_scaled(minus(p, b), ab, 1.0 - t) if t > 0.5 else add_scaled(ap, ab, -t)
+    return dot(gap, gap)
 
 
 @kernel
 def point_triangle(p: Row, triangle: Floats) -> float:
     """Return the distance between p and a triangle, shape (3, 3).
 
-    It is up to :data:`THIN` times the longest side too small for a triangle thinner than that.
+    For a triangle thinner than :data:`THIN`, it is up to THIN times the longest side too small.
     """
-    a, b, c = row_of(triangle[0], 0), row_of(triangle[1], 0), row_of(triangle[2], 0)
+    a, b, c = row_at(triangle[0], 0), row_at(triangle[1], 0), row_at(triangle[2], 0)
     ab, bc, ca = minus(b, a), minus(c, b), minus(a, c)
     distance = math.sqrt(min(point_segment(p, a, b), point_segment(p, b, c), point_segment(p, c, a)))
     longest, n = max(dot(ab, ab), dot(bc, bc), dot(ca, ca)), normal_of(triangle)
     length = math.sqrt(dot(n, n))
     if length <= THIN * longest:
-        # No point of the triangle is farther from its sides than its height.
+        # Every point of the triangle is within its height of its sides.
         return max(0.0, distance - THIN * math.sqrt(longest))
     n, ap = (n[0] / length, n[1] / length, n[2] / length), minus(p, a)
     if dot(n, cross(ab, ap)) < 0.0 or dot(n, cross(bc, minus(p, b))) < 0.0 or dot(n, cross(ca, minus(p, c))) < 0.0:
@@ -197,38 +204,42 @@ def point_triangle(p: Row, triangle: Floats) -> float:
 
 @kernel
 def normal_of(triangle: Floats) -> Row:
-    """Return the normal of a triangle, shape (3, 3), twice as long as its area."""
-    a = row_of(triangle[0], 0)
-    return cross(minus(row_of(triangle[1], 0), a), minus(row_of(triangle[2], 0), a))
+    """Return the normal of a triangle, shape (3, 3); its length is twice the area."""
+    a = row_at(triangle[0], 0)
+    return cross(minus(row_at(triangle[1], 0), a), minus(row_at(triangle[2], 0), a))
 
 
 # ---- unaligned words -----------------------------------------------------------------------------------------------
 
 
-def _load(context: Any, octets: Any, number: Any) -> Any:
-    """The word that begins with a byte of an array, wherever that lies; seven more must follow it."""
+def _emit_load(context: Any, octets: Any, index: Any) -> Any:
+    """Load the word that begins at a byte of an array.
+
+    The word may be unaligned; seven more bytes must follow.
+    """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.load(_place(context, builder, signature, arguments), align=1)
+        return builder.load(_emit_word_pointer(context, builder, signature, arguments), align=1)
 
     return types.uint64(octets, types.int64), generate
 
 
-def _store(context: Any, octets: Any, number: Any, word: Any) -> Any:
-    """Write a word over the byte of an array and the seven that follow it."""
+def _emit_store(context: Any, octets: Any, index: Any, word: Any) -> Any:
+    """Store a word at a byte of an array and the seven bytes that follow."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        builder.store(arguments[2], _place(context, builder, signature, arguments), align=1)
+        builder.store(arguments[2], _emit_word_pointer(context, builder, signature, arguments), align=1)
         return context.get_dummy_value()
 
     return types.void(octets, types.int64, types.uint64), generate
 
 
-def _place(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _emit_word_pointer(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    """Return a pointer to the word that begins at a byte of an array."""
     data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
     return builder.bitcast(builder.gep(data, [arguments[1]]), ir.IntType(64).as_pointer())
 
 
-# A view of bytes as words takes a quarter of a second to compile.
-load: Any = intrinsic(_load)
-store: Any = intrinsic(_store)
+# These intrinsics replace a view of bytes as words, which takes a quarter of a second to compile.
+load_word: Any = intrinsic(_emit_load)
+store_word: Any = intrinsic(_emit_store)

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace import __version__
-from cspace.arrays import BLOCKED, FIELD_NAMES, MIXED, Bools, Box, Ints, States, StrPath, shared
+from cspace.arrays import BLOCKED, FIELD_NAMES, MIXED, Bools, Box, Ints, States, StrPath, intersect_boxes
 from cspace.compiling import kernel
 from cspace.errors import CspaceError, FileError
 from cspace.files.access import check_suffix, decoding, read_bytes, read_member, replacing
@@ -663,7 +663,7 @@ class Store:
         outer = np.full(tuple(part.stop - part.start for part in box), outside, dtype=np.bool_)
         inner = outer if self.metadata["same"] else outer.copy()
         for index in self.tiles_in(box):
-            here, there = shared(box, self.cells(index))
+            here, there = intersect_boxes(box, self.cells(index))
             own = self.obstacles(index, (known or self.known)(index), outer[here])
             outer[here] = own[0][there]
             if inner is not outer:
@@ -688,7 +688,7 @@ class Store:
                     mixed = zip(low, high, box, strict=True)
                     part[tuple(slice(max(0, a - b.start), max(0, z + 1 - b.start)) for a, z, b in mixed)] = MIXED
             for index in self.tiles_in(box):
-                here, there = shared(box, self.cells(index))
+                here, there = intersect_boxes(box, self.cells(index))
                 place = block[(slice(None), *here)]
                 own = self.states(index, layer, (known or self.known)(index), place)
                 if own is not place:

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arrays import BLOCKED, Bools, Ints, frozen, shared
+from cspace.arrays import BLOCKED, Bools, Ints, frozen, intersect_boxes
 from cspace.check import check_cells
 from cspace.engines.dilation import ClippedRuns, collide, to_three_axes
 from cspace.engines.slices import Correlation, RasterGroups, group_rasters
@@ -353,7 +353,7 @@ class Updater:
 
     def _cells_after(self, patch: Patch, window: tuple[slice, ...]) -> tuple[Bools, Bools]:
         """Return a window of the workspace as it is with the patch; one array if inner and outer cells are the same."""
-        here, there = shared(window, patch.window)
+        here, there = intersect_boxes(window, patch.window)
         outer, inner = self._workspace.outer[window].copy(), self._workspace.inner
         inner = outer if self._are_same(patch) else inner[window].copy()
         inner[here] = patch.inner[there]

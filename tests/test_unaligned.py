@@ -3,15 +3,15 @@
 import numpy as np
 from numba import njit
 
-from cspace.kernels import load, store
+from cspace.kernels import load_word, store_word
 
 
 @njit
 def swapped(octets, first, second):
     """Exchange two words."""
-    word = load(octets, first)
-    store(octets, first, load(octets, second))
-    store(octets, second, word)
+    word = load_word(octets, first)
+    store_word(octets, first, load_word(octets, second))
+    store_word(octets, second, word)
 
 
 def test_words_are_read_and_written_wherever_they_begin():

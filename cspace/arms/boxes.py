@@ -28,7 +28,7 @@ from cspace.compiling import kernel
 from cspace.exact import ADVANCE_FACTOR
 from cspace.exact.triangles import read_box
 from cspace.grid import SLACK
-from cspace.kernels import THIN, cross, dot, minus, placed, point_triangle, rotated, row_of
+from cspace.kernels import THIN, apply_pose, cross, dot, minus, point_triangle, rotate, row_at
 from cspace.map.points import replaced
 from cspace.raster.surfaces import signed_crossing
 
@@ -230,7 +230,7 @@ def displacement_bounds(scene: Scene, a: int, b: int, box: Box, work: Work) -> t
             continue
         if chain.kinds[j] == TURNS:
             joint = poses[j]
-            axis = rotated(rotation_of(joint), row_of(chain.axes[j], 0))
+            axis = rotate(rotation_of(joint), row_at(chain.axes[j], 0))
             off = cross(axis, minus(origin, column(joint, 3)))
             now = math.sqrt(dot(off, off)) + box.least
             slide += travel * min(lengths[j], now + drift - travel * lengths[j])
@@ -285,7 +285,7 @@ def ball_meets(inside: Inside, i: int, j: int, box: Box, work: Work) -> bool:
         rest = balls.radii[n] - (slide + angle * balls.levers[n] + box.least)
         if rest + balls.deepest[j] <= 0.0:
             continue
-        x, y, z = point = placed(matrix, shift, row_of(balls.centers[n], 0))
+        x, y, z = point = apply_pose(matrix, shift, row_at(balls.centers[n], 0))
         if solids.filled[j] and reaches_piece(solids, j, point, rest, work):
             return True
         for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):

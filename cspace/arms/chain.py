@@ -29,7 +29,7 @@ import numpy as np
 from cspace.arms.hulls import RelativeMotion
 from cspace.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.compiling import always_inline, kernel
-from cspace.kernels import cross, dot, minus, rotated, row_of, shifted
+from cspace.kernels import add_scaled, cross, dot, minus, rotate, row_at
 from cspace.map.batches import own
 
 MOST_BODIES: Final = 64
@@ -110,7 +110,7 @@ def place(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Floats) -> None
             out[i, 3] = a3 + along * (a0 * x + a1 * y + a2 * z)
             out[i, 4], out[i, 5] = parent[i, 4], parent[i, 5]
         rate = chain.factors[b] * (q1[number] - q0[number])
-        u = rotated(rotation_of(out), (x, y, z))
+        u = rotate(rotation_of(out), (x, y, z))
         moment = cross(column(out, 3), u)
         for i in range(3):
             if chain.kinds[b] == TURNS:
@@ -127,23 +127,27 @@ def relative_pose(one: Floats, other: Floats) -> tuple[Matrix, Row]:
     away = minus(column(one, 3), column(other, 3))
     u, v, w = column(one, 0), column(one, 1), column(one, 2)
     matrix = (dot(x, u), dot(x, v), dot(x, w)), (dot(y, u), dot(y, v), dot(y, w)), (dot(z, u), dot(z, v), dot(z, w))
-    return matrix, rotated(transposed, away)
+    return matrix, rotate(transposed, away)
 
 
 @kernel
-def flight_of(one: Floats, other: Floats, half: float, bend: float, most: float, least: float) -> RelativeMotion:
+def flight_of(
+    one: Floats, other: Floats, half: float, curvature_bound: float, most: float, least: float
+) -> RelativeMotion:
     """Return how one of two placed bodies moves as seen from the other one."""
     spin, transposed = minus(column(one, 4), column(other, 4)), (column(other, 0), column(other, 1), column(other, 2))
     swept = cross(spin, column(other, 3))
-    drift = shifted(swept, minus(column(one, 5), column(other, 5)), 1.0)
+    drift = add_scaled(swept, minus(column(one, 5), column(other, 5)), 1.0)
     matrix, place = relative_pose(one, other)
-    return RelativeMotion(matrix, place, rotated(transposed, spin), rotated(transposed, drift), half, bend, most, least)
+    return RelativeMotion(
+        matrix, place, rotate(transposed, spin), rotate(transposed, drift), half, curvature_bound, most, least
+    )
 
 
 @always_inline
 def rotation_of(pose: Floats) -> Matrix:
     """Return the rows of the rotation of a pose."""
-    return row_of(pose[0], 0), row_of(pose[1], 0), row_of(pose[2], 0)
+    return row_at(pose[0], 0), row_at(pose[1], 0), row_at(pose[2], 0)
 
 
 @always_inline

@@ -11,10 +11,11 @@ G. Gilbert, D. W. Johnson and S. S. Keerthi, "A fast procedure for computing the
 three-dimensional space", 1988).
 
 *Motions.* As seen from the other one, a body moves at a moment as one that turns: a point p at the velocity ``v + w x
-p``, of which the part along n is ``n.v + (n x w).p``. With h the time to either side and ``bend`` a bound of all
-accelerations times half the square of h, its place along n stays between those of p plus and minus h times that, give
-or take the bend. That is linear in p, so that two more shadows, along ``n + h (n x w)`` and ``n - h (n x w)``, bound
-the whole motion. Before that a cheaper bound is tried: the speed of the node's middle, and that of its ball about it.
+p``, of which the part along n is ``n.v + (n x w).p``. Let h be the time to either side, and ``curvature_bound`` half
+the square of h times a bound of all accelerations. Then the place of p along n stays between those of p plus and minus
+h times that velocity, give or take that bound. That is linear in p, so that two more shadows, along ``n + h (n x w)``
+and ``n - h (n x w)``, bound the whole motion. Before that a cheaper bound is tried: the speed of the node's middle,
+and that of its ball about it.
 
 *Rounding.* The shadow of a corner passes a product of a matrix and a vector, and a scalar product: with u = 2^-53, it
 is off by less than 16 u times the coordinates and the length of n, which is one but for 4 u. Below 2^-48 of the
@@ -36,16 +37,16 @@ from cspace.compiling import always_inline, kernel
 from cspace.exact.triangles import bound_rows, build_boxes, node_maxima
 from cspace.kernels import (
     THIN,
+    add_scaled,
+    apply_pose,
     box_extent,
     cross,
     dot,
     minus,
-    placed,
     point_triangle,
-    rotated_back,
-    row_of,
-    scaled,
-    shifted,
+    rotate_back,
+    row_at,
+    scale_vector,
     triangle_weights,
 )
 
@@ -103,10 +104,10 @@ class RelativeMotion(NamedTuple):
         A point p moves at ``drift + spin x p`` at the moment.
     half : float
         The time to either side that the proof covers.
-    bend : float
-        By how much it can leave that meanwhile.
-    most : float
-        By how much any of its points can move meanwhile in all.
+    curvature_bound : float
+        Maximum deviation from that linear motion meanwhile.
+    max_displacement : float
+        Maximum displacement of any of its points meanwhile.
     least : float
         What a distance has to exceed.
     """
@@ -116,8 +117,8 @@ class RelativeMotion(NamedTuple):
     spin: Row
     drift: Row
     half: float
-    bend: float
-    node_maxima: float
+    curvature_bound: float
+    max_displacement: float
     least: float
 
 
@@ -229,13 +230,13 @@ def _hull_of(points: Floats, volume: float) -> tuple[Floats, float, float, bool]
 @kernel
 def farthest(points: Floats, triangles: Floats) -> float:
     """How far the farthest point is from the nearest one of some triangles, none of which is thin."""
-    node_maxima = 0.0
+    largest = 0.0
     for p in range(len(points)):
         apart = math.inf
         for t in range(len(triangles)):
-            apart = min(apart, point_triangle(row_of(points[p], 0), triangles[t]))
-        node_maxima = max(node_maxima, apart)
-    return node_maxima
+            apart = min(apart, point_triangle(row_at(points[p], 0), triangles[t]))
+        largest = max(largest, apart)
+    return largest
 
 
 def forest_of(solids: Sequence[Sequence[Hulls]]) -> tuple[Hulls, Ints, Ints]:
@@ -312,18 +313,18 @@ def least_excess(
         box, still = hulls.boxes[a], hulls.boxes[b]
         if a != last:
             last = a
-            mx, my, mz = placed(flight.matrix, flight.place, row_of(box, 0))
-            hx, hy, hz = box_extent(flight.matrix, row_of(box, 3))
+            mx, my, mz = apply_pose(flight.matrix, flight.place, row_at(box, 0))
+            hx, hy, hz = box_extent(flight.matrix, row_at(box, 3))
             # How far the node can move, along each axis and in all.
             x, y, z = vx + wy * mz - wz * my, vy + wz * mx - wx * mz, vz + wx * my - wy * mx
-            half, node_maxima = flight.half, flight.node_maxima
-            swing = half * turn * box[6] + flight.bend
+            half, max_displacement = flight.half, flight.max_displacement
+            swing = half * turn * box[6] + flight.curvature_bound
             sx, sy, sz = (
-                min(half * abs(x) + swing, node_maxima),
-                min(half * abs(y) + swing, node_maxima),
-                min(half * abs(z) + swing, node_maxima),
+                min(half * abs(x) + swing, max_displacement),
+                min(half * abs(y) + swing, max_displacement),
+                min(half * abs(z) + swing, max_displacement),
             )
-            speed = min(half * math.sqrt(x * x + y * y + z * z) + swing, node_maxima)
+            speed = min(half * math.sqrt(x * x + y * y + z * z) + swing, max_displacement)
         whole = hulls.nodes[a, 3] + hulls.nodes[b, 3] == 2
         dx, dy, dz = abs(mx - still[0]) - still[3], abs(my - still[1]) - still[4], abs(mz - still[2]) - still[5]
         excess = max(dx - hx - sx, dy - hy - sy, dz - hz - sz) - least
@@ -403,22 +404,22 @@ def excess_between(
             if count:
                 break
             n, square = (1.0, 0.0, 0.0), 1.0
-        n = scaled(n, 1.0 / math.sqrt(square))
-        one, high = highest(hulls, a, rotated_back(flight.matrix, n))
-        other, low = highest(hulls, b, scaled(n, -1.0))
+        n = scale_vector(n, 1.0 / math.sqrt(square))
+        one, high = highest(hulls, a, rotate_back(flight.matrix, n))
+        other, low = highest(hulls, b, scale_vector(n, -1.0))
         shadow = -low - high - dot(n, flight.place)
         if shadow - least > gap:
             gap, direction = shadow - least, n
             best = max(best, gap - speed)
             # Along n it may move by less.
-            if best <= enough and gap - flight.bend > enough and half > 0.0:
-                tilt, along = scaled(cross(n, flight.spin), half), half * dot(n, flight.drift)
+            if best <= enough and gap - flight.curvature_bound > enough and half > 0.0:
+                tilt, along = scale_vector(cross(n, flight.spin), half), half * dot(n, flight.drift)
                 for sign in (1.0, -1.0):
                     m = (n[0] + sign * tilt[0], n[1] + sign * tilt[1], n[2] + sign * tilt[2])
-                    _, top = highest(hulls, a, rotated_back(flight.matrix, m))
+                    _, top = highest(hulls, a, rotate_back(flight.matrix, m))
                     shadow_m = -low - top - dot(m, flight.place) - sign * along
                     shadow = min(shadow, shadow_m)
-                best = max(best, shadow - least - flight.bend)
+                best = max(best, shadow - least - flight.curvature_bound)
                 shadow = gap + least
             if best > enough:
                 break
@@ -431,7 +432,7 @@ def excess_between(
             break
         if count and length - shadow <= 1e-10 * length:
             break
-        n, p, q, r, count = nearest(minus(other, placed(flight.matrix, flight.place, one)), p, q, r, count)
+        n, p, q, r, count = nearest(minus(other, apply_pose(flight.matrix, flight.place, one)), p, q, r, count)
         before, length = length, math.sqrt(dot(n, n))
         if count == 4 or not length < before:
             break
@@ -470,7 +471,7 @@ def nearest(w: Row, p: Row, q: Row, r: Row, count: int) -> tuple[Row, Row, Row, 
         return in_triangle(w, p if count else w, p if count else w)
     if count == 2:
         return in_triangle(w, p, r)
-    o = scaled(w, -1.0)
+    o = scale_vector(w, -1.0)
     u, v, x = minus(p, w), minus(q, w), minus(r, w)
     volume = dot(u, cross(v, x))
     s, t, y = dot(o, cross(v, x)) / volume, dot(u, cross(o, x)) / volume, dot(u, cross(v, o)) / volume
@@ -496,10 +497,10 @@ def in_triangle(a: Row, b: Row, c: Row) -> tuple[Row, Row, Row, Row, int]:
         return c, c, c, c, 1
     ab, ac = minus(b, a), minus(c, a)
     if t == 0.0:
-        return shifted(a, ab, s), a, b, b, 2
+        return add_scaled(a, ab, s), a, b, b, 2
     if s == 0.0:
-        return shifted(a, ac, t), a, c, c, 2
+        return add_scaled(a, ac, t), a, c, c, 2
     if s + t == 1.0:
-        return shifted(b, minus(c, b), t), b, c, c, 2
+        return add_scaled(b, minus(c, b), t), b, c, c, 2
     n = cross(ab, ac)
-    return scaled(n, dot(n, a) / dot(n, n)), a, b, c, 3
+    return scale_vector(n, dot(n, a) / dot(n, n)), a, b, c, 3

@@ -23,7 +23,7 @@ from cspace.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.compiling import kernel
 from cspace.exact import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
 from cspace.exact.triangles import MAX_PENDING_PAIRS, Trees, crosses, pierces, read_box
-from cspace.kernels import box_extent, dot, extent_along, minus, placed, point_triangle, rotated_back, row_of
+from cspace.kernels import apply_pose, box_extent, dot, extent_along, minus, point_triangle, rotate_back, row_at
 from cspace.raster.surfaces import signed_crossing
 
 WAITING: Final = 1024
@@ -197,8 +197,8 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
         return False
     for n in range(pairs):
         i, j = scene.pairs[n]
-        most, bend, turned = bounds_of(chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1)
-        work.bounds[n, 0], work.bounds[n, 1], work.bounds[n, 2] = most, bend, turned
+        most, curvature_bound, turned = bounds_of(chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1)
+        work.bounds[n, 0], work.bounds[n, 1], work.bounds[n, 2] = most, curvature_bound, turned
         work.not_nested[n], left[0, n] = False, True
         far = max(far, most)
     if far == 0.0:
@@ -222,8 +222,8 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, work: Work) -> bool:
             if not left[row, n]:
                 continue
             # The rounding of what moves is a small part of all that does.
-            bend = half * (half * work.bounds[n, 1] + least * work.bounds[n, 2]) / ADVANCE_FACTOR
-            bounds = half / ADVANCE_FACTOR, bend, half * work.bounds[n, 0] / ADVANCE_FACTOR
+            curvature_bound = half * (half * work.bounds[n, 1] + least * work.bounds[n, 2]) / ADVANCE_FACTOR
+            bounds = half / ADVANCE_FACTOR, curvature_bound, half * work.bounds[n, 0] / ADVANCE_FACTOR
             slack = excess_of(scene, n, bounds, least, 0.0, work)
             left[row, n] = slack < 0.0
             if slack < 0.0:
@@ -252,12 +252,12 @@ def excess_of(
 
     ``bounds``: the time to either side, and by how much the pair can leave its motion meanwhile, and can move in all.
     """
-    solids, nodes, nearest, (half, bend, most) = scene.solids, work.nodes, work.nearest, bounds
+    solids, nodes, nearest, (half, curvature_bound, most) = scene.solids, work.nodes, work.nearest, bounds
     i, j = scene.pairs[n]
     if solids.roots[i] < 0 or solids.roots[j] < 0:
         nodes[1, 0] = 0
         return np.inf
-    flight = flight_of(work.poses[solids.bodies[i]], work.poses[solids.bodies[j]], half, bend, most, least)
+    flight = flight_of(work.poses[solids.bodies[i]], work.poses[solids.bodies[j]], half, curvature_bound, most, least)
     nodes[0, 0], nodes[0, 1] = nearest[n, 0], nearest[n, 1]
     slack = least_excess(solids.hulls, solids.roots[i], solids.roots[j], flight, enough, nodes, work.directions)
     nearest[n, 0], nearest[n, 1] = nodes[0, 0], nodes[0, 1]
@@ -283,7 +283,7 @@ def anchor_lies_in(scene: Scene, i: int, j: int, work: Work, deep: float) -> boo
     matrix, shift = relative_pose(work.poses[solids.bodies[i]], work.poses[solids.bodies[j]])
     for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
         for n in range(solids.starts[i, 1], solids.starts[i + 1, 1]):
-            if encloses(solids, surface, placed(matrix, shift, row_of(solids.anchors[n], 0)), deep):
+            if encloses(solids, surface, apply_pose(matrix, shift, row_at(solids.anchors[n], 0)), deep):
                 return True
     return False
 
@@ -299,7 +299,7 @@ def piece_lies_in(scene: Scene, i: int, j: int, work: Work, deep: float) -> bool
         # The box around the surface, as it is placed in the frame of what does not move: what is near is looked for.
         middle = 0.5 * (whole[0] + whole[3]), 0.5 * (whole[1] + whole[4]), 0.5 * (whole[2] + whole[5])
         half = 0.5 * (whole[3] - whole[0]), 0.5 * (whole[4] - whole[1]), 0.5 * (whole[5] - whole[2])
-        (x, y, z), (hx, hy, hz) = placed(back, shift_back, middle), box_extent(back, half)
+        (x, y, z), (hx, hy, hz) = apply_pose(back, shift_back, middle), box_extent(back, half)
         nodes[1, 0], top = solids.tree_roots[i], 2
         while top > 1:
             top -= 1
@@ -310,7 +310,7 @@ def piece_lies_in(scene: Scene, i: int, j: int, work: Work, deep: float) -> bool
             if abs(y - box[1]) > hy + box[4] or abs(z - box[2]) > hz + box[5]:
                 continue
             if m == 1:
-                if encloses(solids, surface, placed(matrix, shift, row_of(trees.triangles[row], 0)), deep):
+                if encloses(solids, surface, apply_pose(matrix, shift, row_at(trees.triangles[row], 0)), deep):
                     return True
                 continue
             nodes[top, 0], nodes[top + 1, 0] = b + 1, b + 2 * (m // 2)
@@ -356,22 +356,22 @@ def borders_cross(scene: Scene, n: int, work: Work, least: float) -> bool:
         top -= 1
         a, b = nodes[top, 0], nodes[top, 1]
         box, against, (row, m), (piece, k) = trees.boxes[a], trees.boxes[b], trees.spans[a], trees.spans[b]
-        middle, (hx, hy, hz) = placed(matrix, shift, row_of(box, 0)), box_extent(matrix, row_of(box, 3))
-        x, y, z = minus(middle, row_of(against, 0))
+        middle, (hx, hy, hz) = apply_pose(matrix, shift, row_at(box, 0)), box_extent(matrix, row_at(box, 3))
+        x, y, z = minus(middle, row_at(against, 0))
         if abs(x) > hx + against[3] or abs(y) > hy + against[4] or abs(z) > hz + against[5]:
             continue
-        if k == 1 and is_beside(matrix, middle, row_of(box, 3), trees.triangles[piece]):
+        if k == 1 and is_beside(matrix, middle, row_at(box, 3), trees.triangles[piece]):
             continue
         if m == 1 and k == 1:
             p, q = trees.triangles[row], trees.triangles[piece]
             corners = (
-                placed(matrix, shift, row_of(p, 0)),
-                placed(matrix, shift, row_of(p, 3)),
-                placed(matrix, shift, row_of(p, 6)),
+                apply_pose(matrix, shift, row_at(p, 0)),
+                apply_pose(matrix, shift, row_at(p, 3)),
+                apply_pose(matrix, shift, row_at(p, 6)),
             )
             if q[9] != 0.0 and pierces(corners, q, least):
                 return True
-            if p[9] == 0.0 and q[9] == 0.0 and crosses(corners, (row_of(q, 0), row_of(q, 3), row_of(q, 6)), least):
+            if p[9] == 0.0 and q[9] == 0.0 and crosses(corners, (row_at(q, 0), row_at(q, 3), row_at(q, 6)), least):
                 return True
         elif m == 1 or (k > 1 and against[3] + against[4] + against[5] > hx + hy + hz):
             nodes[top, 1], nodes[top + 1, 0], nodes[top + 1, 1] = b + 1, a, b + 2 * (k // 2)
@@ -394,7 +394,7 @@ def is_beside(matrix: Matrix, middle: Row, half: Row, piece: Floats) -> bool:
     axes = u, v, w
     for k in range(3):
         axis = axes[k]
-        if abs(dot(offset, axis)) > extent_along(rotated_back(matrix, axis), half) + dot(axis, axis):
+        if abs(dot(offset, axis)) > extent_along(rotate_back(matrix, axis), half) + dot(axis, axis):
             return True
     return False
 

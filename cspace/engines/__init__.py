@@ -40,7 +40,9 @@ class Engine(Protocol):
         workers: int | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> str:
-        """Write, for every cell k of the map, the overlaps of ``W[k + m]`` with the offsets m.
+        """Write the overlaps at every cell k of the map.
+
+        The overlaps at k are the offsets m with ``W[k + m]`` set.
 
         Parameters
         ----------
@@ -67,7 +69,7 @@ class Engine(Protocol):
         """
 
     def bytes_needed(self, shape: Sequence[int], rasters: Sequence[Raster], workers: int | None = None) -> int:
-        """Return the peak memory of :meth:`collide` beside its input and results, in bytes."""
+        """Return the peak memory of :meth:`collide`, in bytes, excluding its input and results."""
 
 
 ENGINES: Final[dict[str, Engine]] = {"fft": fft, "direct": dilation}

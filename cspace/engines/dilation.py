@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Bytes, Ints, Words
 from cspace.compiling import always_inline, kernel
-from cspace.kernels import load, store
+from cspace.kernels import load_word, store_word
 from cspace.raster import Raster, extract_runs
 from cspace.threads import cores, in_threads
 
@@ -105,9 +105,9 @@ def collide(
 
 
 def bytes_needed(shape: Sequence[int], rasters: Sequence[Raster], workers: int | None = None) -> int:
-    """Return the peak memory of :func:`collide` beside its input and results, in bytes.
+    """Return the peak memory of :func:`collide`, in bytes.
 
-    Up to a few megabytes are not counted.
+    Excludes its input, its results and up to a few megabytes.
     """
     used = [raster for raster in rasters if raster.cells.size]
     if not used:
@@ -117,7 +117,9 @@ def bytes_needed(shape: Sequence[int], rasters: Sequence[Raster], workers: int |
 
 
 class ClippedRuns(NamedTuple):
-    """Runs along the last axis of a raster's offsets, clipped to those that can fall on a map.
+    """Runs of a raster's offsets, clipped to a map.
+
+    Runs are along the last axis. Offsets that cannot fall on the map are left out.
 
     Attributes
     ----------
@@ -164,15 +166,15 @@ class ClippedRuns(NamedTuple):
 
 
 def to_three_axes(values: Sequence[int], fill: int = 1) -> tuple[int, int, int]:
-    """Prepend ``fill`` to values along two axes, such as the shape of a plane map."""
+    """Prepend ``fill`` to values along two axes."""
     layers, rows, cells = (*(fill,) * (3 - len(values)), *values)
     return layers, rows, cells
 
 
 def padded_sizes(shape: Sequence[int], results: Sequence[int], rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
-    """Return the padding of a map by the reach of robots, and its padded sizes.
+    """Return the padding of a map by the reach of robots.
 
-    The padding is the reach before the map's first cells, shape (3,); the sizes are total rows, rows per layer and
+    Returns the reach before the map's first cells, shape (3,), and the padded sizes: total rows, rows per layer and
     cells per row. ``results`` is the number of first cells along each axis that are robot positions. The padding has
     one value, so the end of a row serves as the beginning of the next one, and the last rows of a layer as the first
     rows of the next. Rows begin at a byte, and one row more is read than robots reach.
@@ -212,10 +214,11 @@ class Scratch(NamedTuple):
 
 
 class PackedGrid:
-    """A map in bits, padded by the reach of robots; rows follow each other without a gap.
+    """A map in bits, padded by the reach of robots.
 
-    ``occupied`` contains 0 or 1, shape (layers, rows, cells). ``results`` is the number of first layers, rows and cells
-    that are robot positions, ``longest`` the length of the longest run, and ``outside`` the value of the padding.
+    Rows follow each other without a gap. ``occupied`` contains 0 or 1, shape (layers, rows, cells). ``results`` is the
+    number of first layers, rows and cells that are robot positions, ``longest`` the length of the longest run, and
+    ``outside`` the value of the padding.
     """
 
     def __init__(
@@ -250,7 +253,10 @@ class PackedGrid:
         self._buffers = threading.local()
 
     def place_runs(self, runs: Ints) -> Words:
-        """Return batches of RUNS_PER_BATCH runs of one length: the length, and word and shift of each run."""
+        """Return batches of runs: the length, and word and shift of each.
+
+        A batch has RUNS_PER_BATCH runs of one length.
+        """
         steps = np.array([self.rows * self.cells, self.cells, 1])
         words, shifts = np.divmod((runs[:, :3] + self.pads) @ steps, WORD_BITS)
         batches = np.empty((len(runs) // RUNS_PER_BATCH, 1 + 2 * RUNS_PER_BATCH), dtype=np.uint64)
@@ -285,10 +291,11 @@ class PackedGrid:
 
 @kernel
 def dilate_block(source: Words, runs: Words, current: Words, widened: Words, result: Words) -> bool:
-    """Dilate a packed bitmap by robot runs; return False, writing nothing, if the bitmap is empty.
+    """Dilate a packed bitmap by robot runs.
 
-    ``runs`` are batches of :meth:`PackedGrid.place_runs`, by ascending length. ``source``, ``current`` and ``widened``
-    have the length of ``result`` plus the reach of all runs plus one word.
+    Returns False, writing nothing, if the bitmap is empty. ``runs`` are batches of :meth:`PackedGrid.place_runs`, by
+    ascending length. ``source``, ``current`` and ``widened`` have the length of ``result`` plus the reach of all runs
+    plus one word.
     """
     any_bits = np.uint64(0)
     for k in range(source.size):
@@ -314,14 +321,17 @@ def dilate_block(source: Words, runs: Words, current: Words, widened: Words, res
 
 @always_inline
 def _shifted(words: Words, k: np.uint64, shift: np.uint64) -> np.uint64:
-    """Return the word that begins ``shift`` bits after the start of word k."""
+    """Return the word that begins ``shift`` bits into word k."""
     word: np.uint64 = (words[k] >> shift) | ((words[k + _ONE] << _ONE) << (_LAST_BIT - shift))
     return word
 
 
 @kernel
 def _widen(words: Words, step: int, widened: Words) -> None:
-    """Set ``widened[k] = words[k] | words[k + step]``, bit by bit, except for the last ``step`` bits and a word."""
+    """Set ``widened[k] = words[k] | words[k + step]`` for each bit.
+
+    The last ``step`` bits, and a word, are left out.
+    """
     jump, shift = step >> 6, np.uint64(step & 63)
     for k in range(words.size - jump - 1):
         widened[k] = words[k] | _shifted(words, np.uint64(jump + k), shift)
@@ -344,9 +354,9 @@ def _unite(words: Words, batch: Words, result: Words) -> None:
 
 @kernel
 def unpack(packed: Bytes, rows: RowRange, any_set: bool, add: bool, out: Bytes) -> None:
-    """Write rows of bits into ``out``, shape (layers, rows, cells), or add them.
+    """Write or add rows of bits to ``out``.
 
-    Rows outside ``out`` are skipped. Unless ``any_set``, all bits are zero.
+    ``out`` has the shape (layers, rows, cells); rows outside it are skipped. Unless ``any_set``, all bits are zero.
     """
     cells, mask = out.shape[2], _ALL_BITS if add else np.uint64(0)
     n_bytes = cells >> 3
@@ -361,7 +371,7 @@ def unpack(packed: Bytes, rows: RowRange, any_set: bool, add: bool, out: Bytes) 
             continue
         first = row * rows.bytes_per_row
         for k in range(n_bytes):
-            store(line, 8 * k, (load(line, 8 * k) & mask) + spread(np.uint64(packed[first + k])))
+            store_word(line, 8 * k, (load_word(line, 8 * k) & mask) + spread(np.uint64(packed[first + k])))
         for k in range(8 * n_bytes, cells):
             bit = (packed[first + (k >> 3)] >> np.uint8(k & 7)) & np.uint8(1)
             line[k] = line[k] + bit if add else bit
@@ -369,7 +379,7 @@ def unpack(packed: Bytes, rows: RowRange, any_set: bool, add: bool, out: Bytes) 
 
 @always_inline
 def spread(byte: np.uint64) -> np.uint64:
-    """Return a word with the bits of a byte, as 0 or 1, in its bytes."""
+    """Spread the bits of a byte over the bytes of a word."""
     return ((((byte * _REPEAT) & _SELECT) + _CARRY) >> np.uint64(7)) & _REPEAT
 
 
@@ -377,6 +387,9 @@ def spread(byte: np.uint64) -> np.uint64:
 def dilate_rows(
     source: Words, runs: Words, scratch: Scratch, rows: RowRange, add: bool, out: NDArray[np.uint8]
 ) -> None:
-    """Dilate a range of rows, whose first begins a word, and write or add it."""
+    """Dilate a range of rows, and write or add it.
+
+    The first row begins a word.
+    """
     any_set = dilate_block(source, runs, scratch.current, scratch.widened, scratch.result)
     unpack(scratch.result_bytes, rows, any_set, add, out)

@@ -163,7 +163,10 @@ def choose_tiling(
 
 @cache
 def transform_seconds(size: int, precision: str) -> float:
-    """Return half the time of a tile of ``size`` points: one transform and its share of the rest."""
+    """Return half the time of a tile of ``size`` points.
+
+    It covers one transform and its share of the rest.
+    """
     known = SECONDS_PER_POINT[precision]
     position = max(math.log2(size / TIMED_SIZES[0]) / 2.0, 0.0)
     index = min(int(position), len(TIMED_SIZES) - 2)
@@ -174,7 +177,10 @@ def transform_seconds(size: int, precision: str) -> float:
 
 
 def _lengths(cells: int, extent: int) -> list[tuple[int, int]]:
-    """Return useful transform lengths with the number of tiles; the shortest length for each number."""
+    """Return useful transform lengths with their number of tiles.
+
+    Only the shortest length for each number is useful.
+    """
     whole = fast_length(cells + extent - 1)
     shortest = min(whole, max(extent + extent // 2, 64))
     tiles = {
@@ -190,14 +196,20 @@ def fast_length(minimum: int) -> int:
 
 @cache
 def _fast_lengths(maximum: int) -> tuple[int, ...]:
-    """Return the fast transform lengths: powers of two times 1, 3, 5, 9 or 15."""
+    """Return the fast transform lengths, up to a maximum.
+
+    They are powers of two times 1, 3, 5, 9 or 15.
+    """
     odd = (1, 3, 5, 9, 15)
     return tuple(sorted(o << k for o in odd for k in range(maximum.bit_length()) if o << k <= maximum))
 
 
 @cache
 def growth(length: int) -> float:
-    """Sum the pass errors of a transform whose length has no prime factor above 5."""
+    """Sum the pass errors of a transform.
+
+    Its length has no prime factor above 5.
+    """
     total = 0.0
     for prime, constant in _PASS_ERRORS.items():
         while length % prime == 0:
@@ -209,10 +221,11 @@ def growth(length: int) -> float:
 
 
 def error_bound(tile: Sequence[int], count: int, precision: str, digits: int = 1) -> float:
-    """Bound the error of an overlap, or of a sum of several as digits, in a tile's transforms.
+    """Bound the error of an overlap in a tile's transforms.
 
-    ``tile`` is the transform lengths, and ``count`` the largest number of offsets in a robot raster. ``digits`` is the
-    number of rasters that share a transform times the number of tiles.
+    For several ``digits``, bound the error of their sum: their number is that of the rasters that share a transform
+    times that of the tiles. ``tile`` is the transform lengths, and ``count`` the largest number of offsets in a robot
+    raster.
     """
     passes = sum(growth(length) for length in tile)
     transforms = 2 if precision == "float32" else 3
@@ -285,7 +298,7 @@ def collide(
 
 
 def bytes_needed(shape: Sequence[int], rasters: Sequence[Raster], workers: int | None = None) -> int:
-    """Return the peak memory of :func:`collide` beside its input and results, in bytes."""
+    """Return the peak memory of :func:`collide`, in bytes, excluding its input and results."""
     used = [raster for raster in (ClippedRaster.clip(raster, shape, False) for raster in rasters) if raster.cells.size]
     if not used:
         return 0
@@ -299,7 +312,10 @@ def bytes_needed(shape: Sequence[int], rasters: Sequence[Raster], workers: int |
 def _choose_window(
     rasters: Sequence[ClippedRaster], shape: Sequence[int], threads: int
 ) -> tuple[tuple[int, ...], Tiling]:
-    """Return the first offset of one window for all rasters, and its tiling, so that they share tiles."""
+    """Return the first offset and the tiling of a common window.
+
+    All rasters share the window, and so its tiles and their spectra.
+    """
     axes = range(len(shape))
     lower = tuple(min(raster.lower[a] for raster in rasters) for a in axes)
     extent = tuple(max(raster.lower[a] + raster.cells.shape[a] for raster in rasters) - lower[a] for a in axes)
@@ -326,7 +342,10 @@ def _write(out: NDArray[Any], value: Any, add: bool) -> None:
 
 @dataclass(frozen=True, slots=True)
 class ClippedRaster:
-    """The offsets of a raster that can fall on the map, and the constant overlap of all others."""
+    """Offsets of a raster that can fall on the map.
+
+    ``constant`` is the overlap of all others, which is the same at every cell.
+    """
 
     cells: Bools
     lower: tuple[int, ...]
@@ -335,7 +354,7 @@ class ClippedRaster:
 
     @classmethod
     def clip(cls, raster: Raster, shape: Sequence[int], outside: bool) -> ClippedRaster:
-        """Clip a raster to the offsets that can fall on a map of a shape."""
+        """Clip a raster to the offsets that can fall on a map."""
         window, lower = [], []
         for low, size, n in zip(raster.lower, raster.cells.shape, shape, strict=True):
             start = max(0, 1 - n - low)
@@ -351,7 +370,10 @@ class ClippedRaster:
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """Corner of a tile's results, its first cell on three axes, and the obstacle count of each line."""
+    """Corner of a tile's results, with its obstacle counts.
+
+    ``first`` is its first cell on three axes; ``counts`` has an entry for each line.
+    """
 
     corner: Corner
     first: Ints
@@ -395,7 +417,10 @@ class _TileRun:
         return np.asarray(spectrum, np.complex64 if self.real == np.float32 else np.complex128)
 
     def compute_tiles(self, task: tuple[Sequence[Corner], Sequence[tuple[Group, Spectrum]]]) -> None:
-        """Write the results of tiles that share a transform, for groups of rasters with their spectra."""
+        """Compute the results of tiles that share a transform.
+
+        ``task`` is the corners of the tiles and the groups of rasters with their spectra.
+        """
         corners, groups = task
         tiles = [tile for corner in corners if (tile := self._read_tile(corner, groups)) is not None]
         if not tiles:
@@ -410,7 +435,10 @@ class _TileRun:
                 self._write_digits(members, sums, tiles)
 
     def _read_tile(self, corner: Corner, groups: Sequence[tuple[Group, Spectrum]]) -> Tile | None:
-        """Count the obstacles of a tile; if all cells are equal, write the results and return None."""
+        """Count the obstacles of a tile.
+
+        If all cells are equal, write the results and return None.
+        """
         lengths = self.tiling.tile
         first = np.array([0] * (3 - len(lengths)) + [c + low for c, low in zip(corner, self.lower, strict=True)])
         counts = np.empty((1, *lengths[:-1])[-2:], np.int64)
@@ -436,7 +464,7 @@ class _TileRun:
             view[...] = np.rint(centered + np.float64(missing))
 
     def _write_digits(self, members: Group, sums: NDArray[Any], tiles: Sequence[Tile]) -> None:
-        """Write the results of several rasters or tiles, whose overlaps are the digits of one sum."""
+        """Write the results whose overlaps are the digits of one sum."""
         bits = self.tiling.bits
         digits = [
             (bits * (self.tiling.digits * stacked + digit), member, tile.corner)
@@ -499,7 +527,7 @@ class _TileRun:
         return np.asarray(scipy.fft.fft(layers.reshape(*tile[:-1], -1), axis=0, overwrite_x=True))
 
     def _invert(self, product: NDArray[Any]) -> NDArray[Any]:
-        """Invert a spectrum axis by axis, keeping only the rows that contain results."""
+        """Invert a spectrum, keeping only the rows that contain results."""
         for axis, keep in enumerate(self.tiling.step[:-1]):
             product = scipy.fft.ifft(product, axis=axis, overwrite_x=True)[(slice(None),) * axis + (slice(keep),)]
         return np.asarray(scipy.fft.irfft(product, n=self.tiling.tile[-1], axis=-1, overwrite_x=True))
@@ -507,10 +535,10 @@ class _TileRun:
 
 @kernel
 def count_lines(occupied: NDArray[np.uint8], first: Ints, length: int, outside: bool, counts: Ints) -> int:
-    """Count the obstacle cells of each line along the last axis of a tile; return their sum.
+    """Count the obstacle cells of each line of a tile; return their sum.
 
-    Cells have three axes; a plane map is one layer. ``first`` is the first cell of the tile; ``counts`` has an entry
-    for each line.
+    Lines are along the last axis. Cells have three axes; a plane map is one layer. ``first`` is the first cell of the
+    tile; ``counts`` has an entry for each line.
     """
     nx, ny, nz = occupied.shape
     low, high = min(max(first[2], 0), nz), min(max(first[2] + length, 0), nz)
@@ -540,9 +568,9 @@ def add_lines(
     mixed: Bools,
     lines: NDArray[np.floating],
 ) -> None:
-    """Add W - 1/2, times a scale, to the ``mixed`` lines of a tile, in their order.
+    """Add scaled W - 1/2 to the ``mixed`` lines of a tile.
 
-    Mixed lines are not constant. Cells as for :func:`count_lines`.
+    Mixed lines are not constant; ``lines`` has an entry for each of them, in order. Cells as for :func:`count_lines`.
     """
     unit = lines.dtype.type(scale)
     half = lines.dtype.type(0.5 * scale)
@@ -573,7 +601,10 @@ def add_lines(
 
 
 def place_lines(mixed: Bools, levels: Floats, lines: NDArray[Any]) -> NDArray[Any]:
-    """Return the spectra of all lines: transformed lines as given, constant lines from their sums."""
+    """Return the spectra of all lines of a tile.
+
+    Mixed lines have their transforms, constant lines their sums.
+    """
     spectrum = np.zeros((*mixed.shape, lines.shape[1]), lines.dtype)
     spectrum[mixed] = lines
     spectrum[~mixed, 0] = levels[~mixed]
@@ -582,7 +613,10 @@ def place_lines(mixed: Bools, levels: Floats, lines: NDArray[Any]) -> NDArray[An
 
 @jit
 def round_sums(sums: Floats, missing: float) -> None:
-    """Add ``missing`` to sums, and round them into the low bits of the results."""
+    """Add ``missing`` to sums, and round them.
+
+    The low bits of the results are the whole numbers.
+    """
     flat = sums.ravel()
     for k in range(flat.size):
         flat[k] = (flat[k] + missing) + ROUNDING_OFFSET
@@ -598,9 +632,10 @@ def mark_digit(
     corner: Ints,
     shape: Ints,
 ) -> None:
-    """Write or add to ``out``, at a corner, whether bits of whole numbers are set.
+    """Write or add to ``out`` whether bits of whole numbers are set.
 
-    ``shape`` is the number of entries along each axis. Arrays have three axes; a plane map is one layer.
+    ``out`` is written from ``corner`` on; ``shape`` is the number of entries along each axis. Arrays have three axes; a
+    plane map is one layer.
     """
     x, y, z = corner
     nx, ny, nz = shape

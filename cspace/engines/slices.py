@@ -40,7 +40,10 @@ def slice_rasters(robot: Robot, spacing: float, margin: float, rotations: Rotati
 
 
 def raster_bytes(robot: Robot, spacing: float, margin: float, rotations: Rotations, slices: int) -> float:
-    """Estimate the memory for the rasters of ``slices`` slices, from the robot's bounds at some rotations."""
+    """Estimate the memory for the rasters of ``slices`` slices.
+
+    It uses the robot's bounds at some rotations.
+    """
     if slices == 1:
         return 0.0
     centers = rotations.centers[:: max(1, rotations.count // SAMPLED_ROTATIONS)]
@@ -52,7 +55,7 @@ def raster_bytes(robot: Robot, spacing: float, margin: float, rotations: Rotatio
 
 
 def raster_tasks(robot: Robot, spacing: float, margin: float, rotations: Rotations) -> list[RasterTask]:
-    """Return tasks that together make the rasters of the robot for all slices.
+    """Return tasks that together make the rasters of all slices.
 
     Rasters are made from the rotated geometry, except for slices that are the image of another slice by quarter turns
     or mirrors; those are made in the same task as that slice.
@@ -89,7 +92,10 @@ STEPS_PER_CORRELATION: Final = 1000
 
 
 def group_rasters(pairs: Sequence[RasterPair], inner: bool) -> RasterGroups:
-    """Split pairs of rasters into all outer and, if ``inner``, all inner rasters."""
+    """Split pairs of rasters into all outer and all inner rasters.
+
+    Inner rasters are left out unless ``inner``.
+    """
     return [list(group) for group in zip(*pairs, strict=True)][: 2 if inner else 1]
 
 
@@ -122,7 +128,7 @@ class Correlation:
         progress: Progress | None = None,
         counts: bool = False,
     ) -> Correlation:
-        """Select the engine by name or, for "auto", the faster one for these rasters."""
+        """Select the engine by name, or the faster one for "auto"."""
         engine = ENGINES[choose_engine(groups[0], counts=counts) if method == "auto" else method]
         return cls(engine, outside, workers, progress)
 
@@ -164,7 +170,7 @@ class Correlation:
         part: tuple[int, int],
         add: bool = False,
     ) -> str:
-        """Run one correlation as part ``index`` of ``count`` equal parts of the progress."""
+        """Run one correlation as one of several equal parts of the progress."""
         (index, count), progress = part, self.progress
 
         def advance(done: int, total: int) -> None:

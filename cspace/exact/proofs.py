@@ -19,7 +19,7 @@ from cspace.exact import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_ED
 from cspace.exact.boundaries import Problem, Proofs, as_triangles, connected_parts, obstacle_boundary, part_anchors
 from cspace.exact.triangles import MAX_PENDING_PAIRS, Motion, Trees, build_trees, free_fraction, place_box
 from cspace.grid import MAX_COORDINATE
-from cspace.kernels import dot, minus, placed, rotated_back, row_of
+from cspace.kernels import apply_pose, dot, minus, rotate_back, row_at
 from cspace.map.batches import own
 from cspace.map.edges import along, edge_is_free, edges_are_free
 from cspace.map.points import Numbers, classify, configuration, halves, state_at
@@ -443,7 +443,7 @@ def stays_within_walls(boundaries: BoundaryTrees, motion: Motion, fraction: floa
     """Return True if the bounding box of the robot stays within the walls during a fraction of a motion."""
     box, wall = boundaries.trees.boxes[boundaries.robot], boundaries.trees.boxes[boundaries.walls]
     center, half = place_box(motion, box)
-    center = minus(center, row_of(wall, 0))
+    center = minus(center, row_at(wall, 0))
     drift = box[6] * motion.angle + motion.drift
     for axis in range(3):
         # An infinite fraction of a zero motion is NaN; the negated comparison makes it prove nothing.
@@ -461,9 +461,9 @@ def path_slack(boundaries: BoundaryTrees, positions: Floats, matrices: Floats, s
     """
     best, fixed = math.inf, (0.0, 0.0, 0.0)
     for k in range(len(positions)):
-        x, y, z = position = row_of(positions[k], 0)
+        x, y, z = position = row_at(positions[k], 0)
         rows = matrices[k]
-        matrix = row_of(rows[0], 0), row_of(rows[1], 0), row_of(rows[2], 0)
+        matrix = row_at(rows[0], 0), row_at(rows[1], 0), row_at(rows[2], 0)
         required = boundaries.required + 2.0 * DISTANCE_ROUNDING * (abs(x) + abs(y) + abs(z))
         # With a drift of 1 and no other motion, the free fraction is the distance itself, capped at best + span.
         motion = Motion(matrix, position, fixed, 0.0, required, 1.0)
@@ -493,7 +493,7 @@ def containment_state(containment: Containment, map_: Map, q: Numbers, matrix: M
     (nx, ny, nz), count = containment.outer.shape, containment.corners.shape[0]
     while k < count:
         corner = containment.corners[k]
-        x, y, z = minus(placed(matrix, position, row_of(corner, 0)), lower)
+        x, y, z = minus(apply_pose(matrix, position, row_at(corner, 0)), lower)
         i, j, m = math.floor(x / map_.spacing), math.floor(y / map_.spacing), math.floor(z / map_.spacing)
         after = int(corner[3])
         if not (0 <= i < nx and 0 <= j < ny and 0 <= m < nz):
@@ -518,10 +518,10 @@ def containment_state(containment: Containment, map_: Map, q: Numbers, matrix: M
     low, high = containment.low, containment.high
     for k in range(first, containment.anchors.shape[0]):
         anchor = containment.anchors[k]
-        x, y, z = minus(row_of(anchor, 0), position)
+        x, y, z = minus(row_at(anchor, 0), position)
         if x > containment.reach:
             break
-        x, y, z = rotated_back(matrix, (x, y, z))
+        x, y, z = rotate_back(matrix, (x, y, z))
         if low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]:
             if containment.is_box or is_in_region(containment, x, y):
                 return BLOCKED

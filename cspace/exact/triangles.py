@@ -35,7 +35,7 @@ import numpy as np
 
 from cspace.arrays import Floats, Ints, Matrix, Row
 from cspace.compiling import always_inline, kernel
-from cspace.kernels import box_extent, cross, dot, gap_between, minus, nearest_of_triangle, placed, rotated, row_of
+from cspace.kernels import apply_pose, box_extent, cross, dot, gap_between, minus, nearest_of_triangle, rotate, row_at
 from cspace.shapes import Pieces
 
 Corners = tuple[Row, Row, Row]
@@ -254,8 +254,8 @@ def free_fraction(
 @always_inline
 def place_box(motion: Motion, box: Floats) -> tuple[Row, Row]:
     """Return center and half sides of the box around a robot node at its pose, grown by ``motion.required``."""
-    x, y, z = box_extent(motion.matrix, row_of(box, 3))
-    center = placed(motion.matrix, motion.position, row_of(box, 0))
+    x, y, z = box_extent(motion.matrix, row_at(box, 3))
+    center = apply_pose(motion.matrix, motion.position, row_at(box, 0))
     return center, (x + motion.required, y + motion.required, z + motion.required)
 
 
@@ -263,9 +263,9 @@ def place_box(motion: Motion, box: Floats) -> tuple[Row, Row]:
 def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enough: float) -> float:
     """Return :func:`free_fraction` of two triangles, the first of which moves by up to ``drift`` in any direction."""
     # Use the first corner of the robot's triangle as the origin, for the smaller rounding.
-    p0, matrix = row_of(p, 0), motion.matrix
+    p0, matrix = row_at(p, 0), motion.matrix
     zero, p1, p2 = read_corners(p, p0)
-    a, b = (zero, rotated(matrix, p1), rotated(matrix, p2)), read_corners(q, placed(matrix, motion.position, p0))
+    a, b = (zero, rotate(matrix, p1), rotate(matrix, p2)), read_corners(q, apply_pose(matrix, motion.position, p0))
     u, v = edge_vectors(a), edge_vectors(b)
     step, required = motion.step, motion.required + p[9] + q[9]
     nearest, normal = math.inf, cross(v[0], v[1])
@@ -321,17 +321,17 @@ def free_fraction_along(n: Row, a: Corners, b: Corners, step: Row, drift: float,
 @kernel
 def read_box(q: Floats, origin: Row) -> OrientedBox:
     """Return a box row as center and half axes, relative to ``origin``."""
-    u, v = row_of(q, 3), row_of(q, 6)
+    u, v = row_at(q, 3), row_at(q, 6)
     w = cross(u, v)
     factor = q[9] / math.sqrt(dot(w, w))
-    return minus(row_of(q, 0), origin), u, v, (factor * w[0], factor * w[1], factor * w[2])
+    return minus(row_at(q, 0), origin), u, v, (factor * w[0], factor * w[1], factor * w[2])
 
 
 @kernel
 def pierces(corners: Corners, q: Floats, depth: float) -> bool:
     """Return True if a point of a triangle is found deeper than ``depth`` in a box or ball of a tree."""
     a0 = corners[0]
-    a1, a2, center = minus(corners[1], a0), minus(corners[2], a0), minus(row_of(q, 0), a0)
+    a1, a2, center = minus(corners[1], a0), minus(corners[2], a0), minus(row_at(q, 0), a0)
     near = nearest_of_triangle(center, a1, a2)
     if q[9] >= 0.0:
         offset = minus(near, center)

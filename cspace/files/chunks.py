@@ -21,7 +21,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.arrays import Bytes, shared
+from cspace.arrays import Bytes, intersect_boxes
 from cspace.files.access import ContentError, decoding, inspect_path, read_member
 from cspace.files.plain import read_json
 from cspace.limits import bytes_text
@@ -205,7 +205,9 @@ class Layout:
         entries = np.empty([part.stop - part.start for part in box], dtype=self.dtype.newbyteorder("="))
         spans = [range(p.start // n, -(-p.stop // n)) for p, n in zip(box, self.chunks, strict=True)]
         for index in itertools.product(*spans):
-            here, there = shared(box, [slice(i * n, (i + 1) * n) for i, n in zip(index, self.chunks, strict=True)])
+            here, there = intersect_boxes(
+                box, [slice(i * n, (i + 1) * n) for i, n in zip(index, self.chunks, strict=True)]
+            )
             content = content_of(self.key(index))
             if content is None and self.fill is None:
                 raise missing_chunk(f"its chunk {self.key(index)}")

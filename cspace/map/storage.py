@@ -20,7 +20,7 @@ from numpy.typing import DTypeLike, NDArray
 from cspace.arrays import FREE, Bytes, Ints, frozen
 from cspace.compiling import always_inline, dispatch_on_type, kernel
 from cspace.errors import InputError
-from cspace.kernels import load
+from cspace.kernels import load_word
 from cspace.limits import KEEP, bytes_text, free_bytes
 from cspace.rotations import CompiledRotations
 
@@ -138,7 +138,7 @@ ones_in: Any = intrinsic(_count)
 def word_at(packed: Bytes, number: int) -> np.uint64:
     """The word that begins with a cell."""
     shift = np.uint64(2 * (number & 3))
-    word: np.uint64 = load(packed, number >> 2) >> shift
+    word: np.uint64 = load_word(packed, number >> 2) >> shift
     return word | np.uint64(packed[(number >> 2) + 8]) << _ONE << (np.uint64(63) - shift)
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.image import AxesImage
 
-from cspace.arrays import in_blocks
+from cspace.arrays import reduce_blocks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -77,7 +77,7 @@ class CellImage(AxesImage):
         if self._shown != spans:
             seen = self._classes[tuple(slice(first, stop) for first, stop, _ in spans)]
             # Sides of blocks differ by at most one cell.
-            blocks = in_blocks(seen, [np.arange(count) * (stop - first) // count for first, stop, count in spans])
+            blocks = reduce_blocks(seen, [np.arange(count) * (stop - first) // count for first, stop, count in spans])
             self.set_data(self._colors[blocks.T])
             self._shown = spans
         (x0, y0), (x1, y1) = box

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from cspace.arrays import Bools, Floats, Ints, Surface, block_starts, in_blocks
+from cspace.arrays import Bools, Floats, Ints, Surface, block_starts, reduce_blocks
 from cspace.check import check_word, finite
 from cspace.errors import InputError
 from cspace.grid import Grid
@@ -261,12 +261,12 @@ def border_faces(
     side = math.ceil(max(cells.shape) / 200)  # more blocks would be smaller than a picture shows
     while True:
         starts = block_starts(cells.shape, side)
-        blocks, lattice = _visible(in_blocks(cells, starts), towards)
+        blocks, lattice = _visible(reduce_blocks(cells, starts), towards)
         if len(blocks) <= MOST:
             break
         side = max(side + 1, math.floor(side * math.sqrt(len(blocks) / MOST)))
     corners = grid.lower + grid.spacing * (first + np.minimum(side * lattice, cells.shape))
-    return corners, ~in_blocks(plain, starts)[tuple(blocks.T)]
+    return corners, ~reduce_blocks(plain, starts)[tuple(blocks.T)]
 
 
 def _visible(solid: Bools, towards: Floats) -> tuple[Ints, Ints]:

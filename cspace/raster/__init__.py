@@ -24,7 +24,7 @@ BYTES_PER_CELL = 6
 
 @dataclass(frozen=True, slots=True)
 class Raster:
-    """A finite set of offsets ``m`` in Z^d, stored as a bitmap trimmed to its bounding box.
+    """A finite set of offsets in Z^d, stored as a trimmed bitmap.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Raster:
 
     @classmethod
     def from_bitmap(cls, cells: Bools, lower: tuple[int, ...]) -> Raster:
-        """Return the set of the True entries of ``cells``, whose first entry is the offset ``lower``."""
+        """Trim a bitmap; its first entry is the offset ``lower``."""
         window, remaining = [], cells
         for _ in range(cells.ndim):
             occupied = np.flatnonzero(remaining.reshape(len(remaining), -1).any(axis=1))
@@ -51,7 +51,7 @@ class Raster:
         return cls(frozen(tight), tuple(low + extent.start for low, extent in zip(lower, window, strict=True)))
 
     def rotate(self, matrix: Floats) -> Raster:
-        """Rotate by a matrix with one 1 or -1 in each row and column, which permutes the lattice exactly."""
+        """Rotate by a signed permutation matrix, which is exact."""
         if not self.cells.size:
             return self
         axes, signs = np.abs(matrix).argmax(axis=1), matrix.sum(axis=1)
@@ -104,9 +104,10 @@ def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
 
 
 def allocate_bitmap(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:
-    """Allocate an empty bitmap over the lattice points of a box, padded by two cells.
+    """Allocate an empty bitmap around a box of lattice points.
 
-    Returns the bitmap and the offset of its first entry. Raises InputError if the box has more cells than a raster may.
+    It is padded by two cells. Returns the bitmap and the offset of its first entry. Raises InputError if the box has
+    more cells than a raster may.
     """
     lower = np.floor(low) - 2
     shape = np.ceil(high) + 3 - lower

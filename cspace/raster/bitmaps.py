@@ -25,7 +25,10 @@ if TYPE_CHECKING:
 
 
 def ring_segments(polygon: Polygon) -> Floats:
-    """Return the segments ``(x0, y0, x1, y1)`` of all rings of a polygon, shape (E, 4)."""
+    """Return the segments of all rings of a polygon.
+
+    Each is ``(x0, y0, x1, y1)``; shape (E, 4).
+    """
     rings = [polygon.exterior, *polygon.interiors]
     return np.concatenate([point_segments(np.asarray(ring.coords)[:, :2]) for ring in rings])
 
@@ -41,13 +44,13 @@ def point_segments(points: Floats) -> Floats:
 
 
 def boundary_segments(occupied: Bools, spacing: float, lower: ArrayLike) -> Floats:
-    """Return the boundary segments ``(x0, y0, x1, y1)`` of a set of plane cells, shape (E, 4), metres.
+    """Return the boundary segments of a set of plane cells.
 
-    Collinear unit edges are merged, so that the count grows with the corners of the outline and not with its length.
-    Each piece of the outline is in exactly one segment, as even-odd parity requires; where two cells touch only in a
-    corner, both segments pass through it. All coordinates are ``lower + spacing * index``, so segments that meet share
-    the corner to the last bit. The occupied cells lie on the left of each segment. Vertical segments come first, then
-    horizontal ones.
+    Returns ``(x0, y0, x1, y1)``, shape (E, 4), metres. Collinear unit edges are merged, so that the count grows with
+    the corners of the outline and not with its length. Each piece of the outline is in exactly one segment, as even-odd
+    parity requires; if two cells touch only in a corner, both segments pass through it. All coordinates are ``lower +
+    spacing * index``, so segments that meet share the corner to the last bit. The occupied cells lie on the left of
+    each segment. Vertical segments come first, then horizontal ones.
     """
     cells = occupied.view(np.uint8) != 0  # a boolean array may contain bytes other than 0 and 1
     x, start, stop, step = _find_edge_runs(cells.view(np.int8))
@@ -59,9 +62,9 @@ def boundary_segments(occupied: Bools, spacing: float, lower: ArrayLike) -> Floa
 
 
 def _find_edge_runs(cells: NDArray[np.int8]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Find runs of equal steps across the lattice lines of the first axis.
+    """Find runs of equal steps across lattice lines.
 
-    Returns line, start, stop (both along the line) and step of each run.
+    The lattice lines divide the first axis. Returns line, start, stop (both along the line) and step of each run.
     """
     lines, length = len(cells) + 1, cells.shape[1]
     steps = np.zeros((lines, length + 2), dtype=np.int8)
@@ -75,9 +78,9 @@ def _find_edge_runs(cells: NDArray[np.int8]) -> tuple[NDArray[Any], NDArray[Any]
 
 
 def boundary_triangles(cells: Bools, spacing: float, lower: Any) -> Floats:
-    """Return triangles of the boundary of a union of closed cells, shape (n, 3, 3).
+    """Triangulate the boundary of a union of closed cells.
 
-    Coplanar faces are merged into rectangles.
+    Returns shape (n, 3, 3). Coplanar faces are merged into rectangles, so neighbours may share only part of an edge.
     """
     triangles = [np.empty((0, 3, 3))]
     for axis in range(3):
@@ -90,7 +93,10 @@ def boundary_triangles(cells: Bools, spacing: float, lower: Any) -> Floats:
 
 
 def rectangle_triangles(squares: Bools, axis: int, spacing: float, lower: Any) -> Floats:
-    """Triangulate the squares ``squares[k, i, j]`` in the lattice planes k across an axis, shape (n, 3, 3)."""
+    """Triangulate lattice squares across an axis.
+
+    ``squares[k, i, j]`` lies in the lattice plane k. Returns shape (n, 3, 3).
+    """
     low, high = merge_into_rectangles(squares)
     first, second = low.copy(), low.copy()
     first[:, 1], second[:, 2] = high[:, 1], high[:, 2]
@@ -101,7 +107,7 @@ def rectangle_triangles(squares: Bools, axis: int, spacing: float, lower: Any) -
 
 
 def boundary_mesh(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Ints, Ints]:
-    """Triangulate the boundary of a union of closed cells, without T-junctions.
+    """Triangulate the boundary of closed cells without T-junctions.
 
     Returns
     -------
@@ -131,9 +137,9 @@ def boundary_mesh(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Int
 
 
 def cover_with_boxes(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Floats]:
-    """Partition a union of closed cells into boxes, merging runs along two axes.
+    """Partition a union of closed cells into boxes.
 
-    Returns the lower and upper corners, shape (n, d) each, metres.
+    Runs are merged along two axes. Returns the lower and upper corners, shape (n, d) each, metres.
     """
     corner = np.asarray(lower, dtype=np.float64)
     low, high = merge_into_rectangles(cells.reshape((-1, *cells.shape[-2:])))
@@ -166,7 +172,7 @@ def merge_into_rectangles(squares: Bools) -> tuple[Ints, Ints]:
 
 
 def boxes_within_cells(cells: Bools, lows: Sequence[Floats], size: float, cell_size: float) -> Bools:
-    """Return a mask of the lattice boxes that lie wholly in the union of closed cells.
+    """Return a mask of the boxes inside a union of closed cells.
 
     A box may overlap any cell whose interval, grown by ``SLACK``, contains part of the box along every axis; the box
     lies in the union if all these cells are set. So faces shared by set cells count as inside, and the boundary of the
@@ -230,7 +236,10 @@ def align_image(info: MapInfo, free: Bools, occupied: Bools, unknown: str) -> tu
 
 
 def _count_quarter_turns(yaw: float, shape: tuple[int, ...]) -> int | None:
-    """Return the number of quarter turns, 0 to 3, if ``yaw`` is a multiple of pi / 2 up to rounding; else None."""
+    """Return how many quarter turns, 0 to 3, a yaw is.
+
+    Returns None if ``yaw`` is no multiple of pi / 2 up to rounding.
+    """
     if abs(yaw) > 4.0 * math.pi:  # multiples of pi / 2 that large have a rounding error above the tolerance
         return None
     quarters = round(yaw / (math.pi / 2))
@@ -239,7 +248,7 @@ def _count_quarter_turns(yaw: float, shape: tuple[int, ...]) -> int | None:
 
 
 def _rotated_bounds(info: MapInfo, shape: tuple[int, ...], cos: float, sin: float) -> tuple[Floats, Floats]:
-    """Return the lower and upper corner of the bounding box of the rotated image, in metres."""
+    """Return the bounding box of the rotated image, in metres."""
     corners = np.array([(0, 0), (shape[0], 0), shape, (0, shape[1])]) @ np.array([(cos, sin), (-sin, cos)])
     return (
         np.asarray(info.origin + info.resolution * corners.min(axis=0)),
@@ -273,7 +282,10 @@ def _rotate_image(
 
 
 def _sample_image(info: MapInfo, cells: Bools, grid: Grid) -> Bools:
-    """Return the grid cells whose center lies in a given cell of the rotated image, or outside it."""
+    """Sample a mask of the rotated image at cell centers.
+
+    Centers outside the image give True.
+    """
     cos, sin = math.cos(info.yaw), math.sin(info.yaw)
     x, y = (grid.centers(axis) - info.origin[axis] for axis in range(2))
     sampled = np.ones(grid.shape, dtype=np.bool_)

@@ -68,10 +68,11 @@ class RoundedBoxes(NamedTuple):
 
 
 def rounded_rasters(boxes: RoundedBoxes, spacing: float, outward: Floats, inward: Floats) -> tuple[Raster, Raster]:
-    """Return the outer and inner raster of a robot that is a union of rounded boxes.
+    """Rasterise a robot that is a union of rounded boxes.
 
-    The boxes are in the robot's frame, in metres. Each box grows by ``outward`` for the outer raster and shrinks by
-    ``inward`` for the inner raster, both shape (n,), metres. Raises InputError if the robot has too many cells.
+    Returns the outer and the inner raster. The boxes are in the robot's frame, in metres. Each box grows by ``outward``
+    for the outer raster and shrinks by ``inward`` for the inner raster, both shape (n,), metres. Raises InputError if
+    the robot has too many cells.
     """
     wide = RoundedBoxes(boxes.lows / spacing, boxes.highs / spacing, (boxes.radii + outward) / spacing)
     tight = wide._replace(radii=boxes.radii / spacing - inward / spacing)
@@ -86,10 +87,10 @@ def rounded_rasters(boxes: RoundedBoxes, spacing: float, outward: Floats, inward
 
 
 def rounded_cells(boxes: RoundedBoxes, grid: Grid) -> tuple[Bools, Bools]:
-    """Return the cells that meet a union of rounded boxes and the cells that lie in one of the boxes.
+    """Rasterise obstacles that are a union of rounded boxes.
 
-    The boxes are in metres; they are clipped to the grid. Raises InputError if a box reaches so far from the grid that
-    rounding could exceed ``SLACK``.
+    Returns the cells that meet a box, and the cells that lie in one box. The boxes are in metres; they are clipped to
+    the grid. Raises InputError if a box reaches so far from the grid that rounding could exceed ``SLACK``.
     """
     outer = np.zeros(grid.shape, dtype=np.bool_)
     inner = np.zeros(grid.shape, dtype=np.bool_)
@@ -110,26 +111,27 @@ def rounded_cells(boxes: RoundedBoxes, grid: Grid) -> tuple[Bools, Bools]:
 
 
 def mark_touched(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> None:
-    """Set ``out[i]`` if cube ``i + [b0, b1]^d`` meets a rounded box; cubes outside ``out`` are ignored.
+    """Set ``out[i]`` if cube ``i`` meets a rounded box.
 
-    ``out`` has two or three axes; the boxes are in cells, in the index frame of ``out``.
+    Cube ``i`` is ``i + [b0, b1]^d``; cubes outside ``out``, of two or three axes, are ignored. The boxes are in cells,
+    in the index frame of ``out``.
     """
     radii = np.where(boxes.radii > 0.0, boxes.radii + SLACK, 0.0)
     _mark_in_slabs(out, RoundedBoxes(boxes.lows - SLACK, boxes.highs + SLACK, radii), b0, b1)
 
 
 def mark_inside(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> None:
-    """Set ``out[i]`` if a cube lies wholly in one rounded box; parameters as for :func:`mark_touched`.
+    """Set ``out[i]`` if cube ``i`` lies wholly in one rounded box.
 
-    The farthest corner of a cube is in the box if and only if the nearest corner of the inverted cube (b0 and b1
-    swapped) is.
+    Parameters as for :func:`mark_touched`. The farthest corner of a cube is in the box if and only if the nearest
+    corner of the inverted cube (b0 and b1 swapped) is.
     """
     radii = np.maximum(boxes.radii - 2.0 * SLACK, 0.0)
     _mark_in_slabs(out, RoundedBoxes(boxes.lows + SLACK, boxes.highs - SLACK, radii), b1, b0)
 
 
 def _mark_in_slabs(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> None:
-    """Run the kernel in threads, each of which writes its own slab of ``out``."""
+    """Run the kernel in threads, each on its own slab."""
     missing = [1] * (3 - out.ndim)  # a third axis, along which all boxes extend past the single layer of cells
     lows, highs = np.insert(boxes.lows, missing, -2.0, axis=1), np.insert(boxes.highs, missing, 3.0, axis=1)
     lows, highs, radii = (np.ascontiguousarray(part) for part in (lows, highs, boxes.radii))
@@ -146,10 +148,11 @@ def _mark_in_slabs(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> Non
 
 @kernel
 def _mark_near(out: Bools, boxes: RoundedBoxes, b0: float, b1: float, start: int, stop: int) -> None:
-    """Set ``out[i]``, for first indices in ``[start, stop)``, if the gap to a box is at most its radius.
+    """Set ``out[i]`` if cube ``i`` is within the radius of a box.
 
-    The gap along an axis is zero if the intervals of cube and box meet. With ``b0`` above ``b1`` it is measured to the
-    farther end of the cube, so it becomes the excess of the cube over the box.
+    Covers first indices in ``[start, stop)``. The gap along an axis is zero if the intervals of cube and box meet. With
+    ``b0`` above ``b1`` it is measured to the farther end of the cube, so it becomes the excess of the cube over the
+    box.
     """
     lows, highs, radii = boxes
     _, ny, nz = out.shape

@@ -54,11 +54,11 @@ OBSTACLE_REACH: Final = (
 def outline_rasters(
     parts: Sequence[tuple[Floats, bool]], spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
 ) -> tuple[Raster, Raster]:
-    """Return the outer and inner raster of a robot that is a union of regions and lines, in metres.
+    """Rasterise a robot that is a union of regions and lines.
 
-    Each part is a pair: boundary segments ``(x0, y0, x1, y1)``, shape (E, 4), and whether they form closed curves, in
-    any order. If they do, the part is the region that they enclose by even-odd parity. The rasters hold for all
-    rotations of the rotation cell.
+    Returns the outer and the inner raster; lengths are in metres. Each part is a pair: boundary segments ``(x0, y0, x1,
+    y1)``, shape (E, 4), and whether they form closed curves, in any order. If they do, the part is the region that they
+    enclose by even-odd parity. The rasters hold for all rotations of the rotation cell.
     """
     outlines = [_rotate_segments(_cut_segments(segments / spacing, rotation), rotation) for segments, _ in parts]
     growths = [rotation.displacement(outline.reshape(-1, 2, 2)).max(axis=1) for outline in outlines]
@@ -83,10 +83,10 @@ def outline_rasters(
 
 
 def outline_cells(parts: Sequence[tuple[Floats, bool]], grid: Grid) -> tuple[Bools, Bools]:
-    """Return the outer and inner cells of a union of obstacles, parts as for :func:`outline_rasters`.
+    """Rasterise obstacles that are regions and lines.
 
-    Obstacles are clipped to the grid. Raises InputError if a coordinate is so far from the grid that rounding could
-    exceed ``SLACK``.
+    Returns the outer and the inner cells; parts as for :func:`outline_rasters`. Obstacles are clipped to the grid.
+    Raises InputError if a coordinate is so far from the grid that rounding could exceed ``SLACK``.
     """
     outer = np.zeros(grid.shape, dtype=np.bool_)
     inner = np.zeros(grid.shape, dtype=np.bool_)
@@ -105,9 +105,10 @@ def outline_cells(parts: Sequence[tuple[Floats, bool]], grid: Grid) -> tuple[Boo
 
 
 def _to_window(segments: Floats, grid: Grid) -> tuple[Floats | None, tuple[slice, slice]]:
-    """Convert segments to cells relative to the window of the grid that they can touch.
+    """Convert segments to cells of the window that they can touch.
 
-    Returns the segments, or None if they miss the grid, and the window, which reaches one cell past their bounding box.
+    Returns the segments, or None if they miss the grid, and the window of the grid, which reaches one cell past their
+    bounding box.
     """
     local = (segments - np.tile(grid.lower, 2)) / grid.spacing
     check_reach(float(np.abs(local).max(initial=0.0)), *OBSTACLE_REACH)
@@ -126,7 +127,10 @@ def _rotate_segments(segments: Floats, rotation: RotationCell) -> Floats:
 
 
 def _cut_segments(segments: Floats, rotation: RotationCell) -> Floats:
-    """Cut segments into pieces along which the displacement in a rotation cell varies by under 1/4 cell."""
+    """Cut segments so that the displacement hardly varies along each.
+
+    Within a rotation cell it varies by less than a quarter of a cell along a piece.
+    """
     swing = float(rotation.displacement(np.array([1.0, 0.0])))
     lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
     pieces = np.maximum(np.ceil(4.0 * swing * lengths).astype(int), 1)
@@ -147,7 +151,10 @@ def _cut_segments(segments: Floats, rotation: RotationCell) -> Floats:
 
 @kernel
 def _segment_over_slab(px: float, py: float, qx: float, qy: float, x0: float, x1: float) -> tuple[float, float]:
-    """Return the y-interval of a segment over the slab ``x0 <= x <= x1``; (inf, -inf) if they are disjoint."""
+    """Return the y-interval of a segment over a slab.
+
+    The slab is ``x0 <= x <= x1``. Returns (inf, -inf) if they are disjoint.
+    """
     if max(px, qx) < x0 or min(px, qx) > x1:
         return math.inf, -math.inf
     if px == qx:
@@ -161,7 +168,10 @@ def _segment_over_slab(px: float, py: float, qx: float, qy: float, x0: float, x1
 
 @kernel
 def _disc_over_slab(cx: float, cy: float, radius: float, x0: float, x1: float) -> tuple[float, float]:
-    """Return the y-interval of a disc over the slab ``x0 <= x <= x1``; (inf, -inf) if they are disjoint."""
+    """Return the y-interval of a disc over a slab.
+
+    The slab is ``x0 <= x <= x1``. Returns (inf, -inf) if they are disjoint.
+    """
     dx = max(max(0.0, x0 - cx), cx - x1)
     if dx > radius:
         return math.inf, -math.inf
@@ -171,11 +181,11 @@ def _disc_over_slab(cx: float, cy: float, radius: float, x0: float, x1: float) -
 
 @kernel
 def mark_touched(out: Bools, segments: Floats, radii: Floats, b0: float, b1: float, slack: float) -> None:
-    """Set ``out[i]`` if box ``i`` comes within ``slack`` of a segment grown by its radius.
+    """Set ``out[i]`` if box ``i`` meets a segment grown by its radius.
 
-    The grown segment is convex, so its part over the x-slab of a box spans a y-interval; the box meets it if and only
-    if their y-intervals overlap. That interval is the hull of the intervals of the two end discs and the rectangle
-    between them.
+    Gaps up to ``slack`` count as touching. The grown segment is convex, so its part over the x-slab of a box spans a
+    y-interval; the box meets it if and only if their y-intervals overlap. That interval is the hull of the intervals of
+    the two end discs and the rectangle between them.
     """
     nx, ny = out.shape
     for e in range(segments.shape[0]):
@@ -210,9 +220,10 @@ def mark_touched(out: Bools, segments: Floats, radii: Floats, b0: float, b1: flo
 
 @kernel
 def mark_inside(out: Bools, segments: Floats, c: float) -> None:
-    """Set ``out[i, j]`` if the point ``(i + c, j + c)`` is inside closed curves, by even-odd parity.
+    """Fill closed curves by even-odd parity.
 
-    Exact for points farther from the curve than rounding; ``out`` must be all False.
+    Sets ``out[i, j]`` if the point ``(i + c, j + c)`` is inside. Exact for points farther from the curve than rounding;
+    ``out`` must be all False.
     """
     nx, ny = out.shape
     for e in range(segments.shape[0]):

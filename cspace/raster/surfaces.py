@@ -55,7 +55,9 @@ _MIN_SLABS_PER_THREAD = 32
 
 
 class RunComponents(NamedTuple):
-    """Face-connected components of boxes, stored as runs along z; compiled functions take them as they are.
+    """Face-connected components of boxes, stored as runs along z.
+
+    Compiled functions take them as they are.
 
     Attributes
     ----------
@@ -98,13 +100,19 @@ class RunComponents(NamedTuple):
         return cls((nx, ny, nz), offsets, lows, highs, labels, n_components)
 
     def labels_at(self, boxes: Ints) -> Labels:
-        """Return the labels of untouched boxes, given by their flat indices, shape (n,)."""
+        """Return the labels of untouched boxes.
+
+        ``boxes`` are flat indices, shape (n,).
+        """
         column = np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets))
         starts = column * self.shape[2] + self.lows
         return np.asarray(self.labels[np.searchsorted(starts, boxes, side="right") - 1])
 
     def lengths(self) -> Ints:
-        """Return the longest side of each component's bounding box, in boxes, shape (n_components,)."""
+        """Return the longest side of each component's bounding box.
+
+        Counted in boxes, shape (n_components,).
+        """
         column = np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets))
         longest = np.zeros(self.n_components, dtype=np.int64)
         i, j = column // self.shape[1], column % self.shape[1]
@@ -116,7 +124,7 @@ class RunComponents(NamedTuple):
         return longest
 
     def touch_boundary(self) -> Bools:
-        """Return True for each component that reaches the boundary of the array, shape (n_components,)."""
+        """Return a mask of the components at the boundary of the array."""
         nx, ny, nz = self.shape
         column = np.repeat(np.arange(nx * ny), np.diff(self.offsets))
         i, j = column // ny, column % ny
@@ -126,7 +134,7 @@ class RunComponents(NamedTuple):
         return touching
 
     def fill(self, out: Bools, chosen: Bools) -> None:
-        """Set ``out`` on the chosen components, and leave the rest as it is."""
+        """Set ``out`` on the chosen components."""
 
         def work(start: int, stop: int) -> int:
             _fill_runs(out, self, chosen, start, stop)
@@ -138,7 +146,10 @@ class RunComponents(NamedTuple):
 
 @kernel
 def _count_runs(blocked: Bools, counts: Ints, start: int, stop: int) -> None:
-    """Set ``counts[i * ny + j]`` to the number of runs in that column, for first indices in ``[start, stop)``."""
+    """Count the runs in each column.
+
+    Sets ``counts[i * ny + j]`` for first indices in ``[start, stop)``.
+    """
     _, ny, nz = blocked.shape
     for i in range(start, stop):
         for j in range(ny):
@@ -152,7 +163,10 @@ def _count_runs(blocked: Bools, counts: Ints, start: int, stop: int) -> None:
 
 @kernel
 def _list_runs(blocked: Bools, offsets: Ints, lows: Labels, highs: Labels, start: int, stop: int) -> None:
-    """Write first and last index of each run, for first indices in ``[start, stop)``, from its column's offset."""
+    """Write first and last index of each run.
+
+    Covers first indices in ``[start, stop)``, from each column's offset on.
+    """
     _, ny, nz = blocked.shape
     for i in range(start, stop):
         for j in range(ny):
@@ -171,7 +185,7 @@ def _list_runs(blocked: Bools, offsets: Ints, lows: Labels, highs: Labels, start
 
 @kernel
 def find_root(parents: Labels, node: int) -> int:
-    """Return the root of a node, halving the path to it (Tarjan, 1975)."""
+    """Return the root of a node, halving its path (Tarjan, 1975)."""
     while parents[node] != node:
         parents[node] = parents[parents[node]]
         node = parents[node]
@@ -180,7 +194,10 @@ def find_root(parents: Labels, node: int) -> int:
 
 @kernel
 def merge_sets(parents: Labels, a: int, b: int) -> bool:
-    """Merge the sets of two nodes under the lower root; return False if they were one set."""
+    """Merge the sets of two nodes; return False if equal.
+
+    The lower root becomes the root.
+    """
     a, b = find_root(parents, a), find_root(parents, b)
     if a == b:
         return False
@@ -203,9 +220,9 @@ def _merge_columns(offsets: Ints, lows: Labels, highs: Labels, parents: Labels, 
 
 @kernel
 def _label_runs(ny: int, offsets: Ints, lows: Labels, highs: Labels, parents: Labels, labels: Labels) -> int:
-    """Label the components of face-connected runs by their first runs; return the number of components.
+    """Label the components of face-connected runs; return their number.
 
-    ``parents`` is scratch space, of the size of ``labels``.
+    Labels are in the order of the first runs. ``parents`` is scratch space, of the size of ``labels``.
     """
     for run in range(len(parents)):
         parents[run] = run
@@ -227,7 +244,10 @@ def _label_runs(ny: int, offsets: Ints, lows: Labels, highs: Labels, parents: La
 
 @kernel
 def _fill_runs(out: Bools, runs: RunComponents, chosen: Bools, start: int, stop: int) -> None:
-    """Set ``out`` on the runs of the chosen components, for first indices in ``[start, stop)``."""
+    """Set ``out`` on the runs of the chosen components.
+
+    Covers first indices in ``[start, stop)``.
+    """
     ny = out.shape[1]
     for i in range(start, stop):
         for j in range(ny):
@@ -246,7 +266,9 @@ _MIN_POINTS_PER_THREAD: Final = 512
 
 
 class Buckets(NamedTuple):
-    """Triangles sorted into buckets: the rectangles of the plane (x, y) that their bounding boxes meet.
+    """Triangles sorted by the plane rectangles that they may meet.
+
+    The rectangles, called buckets, divide the plane (x, y); a triangle is listed in all that its bounding box meets.
 
     Attributes
     ----------
@@ -264,7 +286,10 @@ class Buckets(NamedTuple):
 
     @classmethod
     def of(cls, triangles: Floats) -> Buckets:
-        """Sort triangles, shape (n, 3, 3), n >= 1, into buckets; each bucket lists them in order."""
+        """Sort triangles, shape (n, 3, 3), into buckets.
+
+        There is at least one triangle; each bucket lists its triangles in order.
+        """
         lows, highs = triangles[..., :2].min(axis=1), triangles[..., :2].max(axis=1)
         low = lows.min(axis=0)
         extent = highs.max(axis=0) - low
@@ -286,7 +311,10 @@ class Buckets(NamedTuple):
         return cls(low, scale, np.full(2, count, dtype=np.int64), starts, entries)
 
     def near(self, lower: Floats, upper: Floats) -> Ints:
-        """Return the ascending indices of all triangles that meet a box in space, and of some near it."""
+        """List all triangles that meet a box, and some near it.
+
+        Returns ascending indices.
+        """
         corners = ((np.stack([lower, upper])[:, :2] - self.low) * self.scale, 0, self.shape - 1)
         (first, left), (last, right) = np.clip(np.floor(corners[0]), *corners[1:]).astype(np.int64)
         rows = np.arange(first, last + 1) * self.shape[1]
@@ -299,7 +327,10 @@ class Buckets(NamedTuple):
 
 @kernel
 def _fill_buckets(first: Ints, last: Ints, count: int, starts: Ints, entries: Ints) -> None:
-    """Sort triangles into buckets, given the first and last row and column of each triangle, shape (n, 2)."""
+    """Sort triangles into buckets by their rows and columns.
+
+    ``first`` and ``last`` are the first and last row and column of each triangle, shape (n, 2).
+    """
     for t in range(len(first)):
         for row in range(first[t, 0], last[t, 0] + 1):
             for column in range(first[t, 1], last[t, 1] + 1):
@@ -328,7 +359,10 @@ class WindingNumber:
         self._buckets = Buckets.of(self._triangles) if len(triangles) else None
 
     def evaluate(self, points: Floats) -> Ints:
-        """Return the winding numbers at points, shape (n, 3), farther from the surfaces than rounding; shape (n,)."""
+        """Return the winding numbers at points, shape (n,).
+
+        ``points``, shape (n, 3), must be farther from the surfaces than rounding.
+        """
         points = np.ascontiguousarray(points)
         out = np.zeros(len(points), dtype=np.int64)
         buckets = self._buckets
@@ -344,10 +378,10 @@ class WindingNumber:
 
 
 def mark_enclosed(out: Bools, triangles: Floats, windings: Ints) -> None:
-    """Set ``out[i]`` if closed surfaces have a winding number other than zero at the lattice point ``i``.
+    """Set ``out[i]`` if closed surfaces enclose lattice point ``i``.
 
-    The triangles, shape (n, 3, 3), are in cells, in the index frame of ``out``, and may reach out of it; ``windings``
-    as for :class:`WindingNumber`.
+    A point is enclosed if the winding number is not zero. The triangles, shape (n, 3, 3), are in cells, in the index
+    frame of ``out``, and may reach out of it; ``windings`` as for :class:`WindingNumber`.
     """
 
     def work(start: int, stop: int) -> int:
@@ -365,11 +399,11 @@ def _bucket_index(value: float, low: float, scale: float, count: int) -> int:
 
 @kernel
 def _cut_triangle(triangle: Floats, x: float) -> tuple[int, float, float, float, float]:
-    """Intersect a triangle with a plane across x: its facing and the (y, z) of its lower and upper end.
+    """Intersect a triangle with a plane across x.
 
-    The facing is 1 for up, -1 for down, 0 if they are disjoint. The plane meets an edge if ``x`` lies in the half-open
-    interval of its ends. The point is computed from the nearer end, so that all triangles at an edge compute the same
-    point.
+    Returns its facing and the (y, z) of its lower and upper end. The facing is 1 for up, -1 for down, 0 if they are
+    disjoint. The plane meets an edge if ``x`` lies in the half-open interval of its ends. The point is computed from
+    the nearer end, so that all triangles at an edge compute the same point.
     """
     sign, crossings = 0, 0
     low_y, low_z, high_y, high_z = 0.0, 0.0, 0.0, 0.0
@@ -401,7 +435,7 @@ def _cut_triangle(triangle: Floats, x: float) -> tuple[int, float, float, float,
 
 @kernel
 def _interpolate_height(y: float, low_y: float, low_z: float, high_y: float, high_z: float) -> float:
-    """Return the z of the line between two points at y, computed from the nearer end."""
+    """Return the z of a line at y, from its nearer end."""
     t = (y - low_y) / (high_y - low_y)
     if t <= 0.5:
         return low_z + t * (high_z - low_z)
@@ -410,7 +444,10 @@ def _interpolate_height(y: float, low_y: float, low_z: float, high_y: float, hig
 
 @kernel
 def signed_crossing(triangle: Floats, x: float, y: float, z: float) -> int:
-    """Return the crossing of the upward ray from a point with a triangle: 1 facing up, -1 down, 0 if none."""
+    """Return the crossing of a triangle and the upward ray from a point.
+
+    It is 1 if the triangle faces up, -1 if it faces down, 0 if they are disjoint.
+    """
     sign, low_y, low_z, high_y, high_z = _cut_triangle(triangle, x)
     return sign if sign != 0 and low_y <= y < high_y and _interpolate_height(y, low_y, low_z, high_y, high_z) > z else 0
 
@@ -431,9 +468,10 @@ def _sum_crossings(points: Floats, out: Ints, triangles: Floats, windings: Ints,
 
 @jit
 def _mark_enclosed(out: Bools, triangles: Floats, windings: Ints, start: int, stop: int) -> None:
-    """Set ``out[i]`` if surfaces enclose the lattice point ``i``, for first indices in ``[start, stop)``.
+    """Set ``out[i]`` if surfaces enclose lattice point ``i``.
 
-    The first pass counts the crossings of each column of points; the second lists the first point above each crossing.
+    Covers first indices in ``[start, stop)``. The first pass counts the crossings of each column of points; the second
+    lists the first point above each crossing.
     """
     _, ny, nz = out.shape
     offsets, heights = np.zeros((stop - start) * ny + 2, np.int64), np.empty(0, np.int64)
@@ -491,7 +529,7 @@ _MAX_FILLED_CELLS: Final = 2**30
 
 
 class ClosedSurface(NamedTuple):
-    """Closed surfaces that enclose the points where their winding number is not zero.
+    """Closed surfaces, which enclose points of non-zero winding number.
 
     Attributes
     ----------
@@ -533,10 +571,11 @@ class SolidSurface(NamedTuple):
 
 
 def surface_cells(solid: SolidSurface, bounds: tuple[Floats, Floats], grid: Grid) -> tuple[Bools, Bools]:
-    """Return the cells that a solid meets and the cells that lie in it.
+    """Rasterise a solid obstacle.
 
-    The solid is clipped to the grid, but filling uses the cells of the whole surface. Otherwise triangles that do not
-    meet the grid may be missing. ``bounds`` are the lower and upper corner of the whole surface's bounding box, metres.
+    Returns the cells that it meets and the cells that lie in it. The solid is clipped to the grid, but filling uses the
+    cells of the whole surface. Otherwise triangles that do not meet the grid may be missing. ``bounds`` are the lower
+    and upper corner of the whole surface's bounding box, metres.
 
     Raises InputError if a vertex is so far from the grid that rounding could exceed ``SLACK``, or if a surface to be
     filled has too many cells.
@@ -580,10 +619,10 @@ def surface_cells(solid: SolidSurface, bounds: tuple[Floats, Floats], grid: Grid
 def surface_rasters(
     solid: SolidSurface, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
 ) -> tuple[Raster, Raster]:
-    """Return the outer and inner raster of a solid robot; see :meth:`cspace.shapes.Shape.rasters`.
+    """Rasterise a solid robot; see :meth:`cspace.shapes.Shape.rasters`.
 
-    A surface to be filled counts as itself and the enclosed cubes ``h * (m + [-1/2, 1/2]^3)`` that do not touch it, at
-    the representative rotation.
+    Returns the outer and the inner raster. A surface to be filled counts as itself and the enclosed cubes ``h * (m +
+    [-1/2, 1/2]^3)`` that do not touch it, at the representative rotation.
 
     Raises InputError if the robot has too many cells at this spacing, or lies so far from its origin that rounding
     could exceed ``SLACK``.
@@ -637,14 +676,18 @@ def surface_rasters(
 
 
 def _fill_enclosed(inside: Bools, touched: Bools) -> None:
-    """Set ``inside`` on the untouched boxes that no untouched boxes connect to the boundary of the array."""
+    """Set ``inside`` on untouched boxes cut off from the boundary.
+
+    Boxes are cut off if no untouched boxes connect them to the boundary of the array.
+    """
     components = RunComponents.of(touched)
     components.fill(inside, ~components.touch_boundary())
 
 
 def _dilate(cells: Bools, radius: float) -> Bools:
-    """Return the lattice points m whose ``m + [-1, 1]^3`` is within a radius of ``n + [-1/2, 1/2]^3`` for a cell n.
+    """Dilate cubes by a radius.
 
+    Returns the lattice points m whose ``m + [-1, 1]^3`` is within the radius of ``n + [-1/2, 1/2]^3`` for a cell n.
     Along each axis, the gap is half a cell less than the distance from the cells grown by one, less than one cell in
     total. So the result is complete and has no point more than one cell too far.
     """

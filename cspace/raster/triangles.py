@@ -71,10 +71,10 @@ _MIN_CUBES_PER_THREAD: Final = 10_000
 
 
 def mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: float = SLACK) -> None:
-    """Set ``out[i]``, of three axes, if the box ``i + [b0, b1]^3`` meets a triangle.
+    """Set ``out[i]`` if box ``i`` meets a triangle.
 
-    Triangles, shape (n, 3, 3), are in cells, in the index frame of ``out``, and may reach out of it; ``b0`` and ``b1``
-    are multiples of one half. A gap below ``slack`` counts as touching.
+    Box ``i`` is ``i + [b0, b1]^3``, where ``b0`` and ``b1`` are multiples of one half. Triangles, shape (n, 3, 3), are
+    in cells, in the index frame of ``out``, and may reach out of it. A gap below ``slack`` counts as touching.
     """
     if len(triangles) < 2 * _MIN_TRIANGLES_PER_THREAD:
         _mark_touched(out, triangles, b0, b1, slack, 0, len(out))
@@ -93,11 +93,12 @@ def mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: flo
 
 
 class SweptTriangles(NamedTuple):
-    """Triangles with the region that their points reach by rotations about the origin up to an angle.
+    """Triangles with the region that they sweep by rotations.
 
-    A point of a triangle stays within the triangle's growth of its position. It keeps its distance from the origin, so
-    it stays in the spherical shell between the triangle's nearest and farthest point, and within ``swing`` times that
-    distance of its position. For rotations about the z axis it also keeps its height, and distances are from the axis.
+    The rotations are about the origin, up to an angle. A point of a triangle stays within the triangle's growth of its
+    position. It keeps its distance from the origin, so it stays in the spherical shell between the triangle's nearest
+    and farthest point, and within ``swing`` times that distance of its position. For rotations about the z axis it also
+    keeps its height, and distances are from the axis.
 
     Attributes
     ----------
@@ -126,7 +127,7 @@ class SweptTriangles(NamedTuple):
 
 
 def sweep_triangles(triangles: Floats, swing: float, about_z: bool) -> SweptTriangles:
-    """Cut rotating triangles into pieces so small that their growth is about that of each point.
+    """Cut rotating triangles into pieces of nearly constant growth.
 
     ``swing`` is the maximum displacement of a point at distance 1 from the origin (from the z axis, if ``about_z``); 0
     if the triangles do not rotate. All lengths are in cells.
@@ -144,17 +145,17 @@ def sweep_triangles(triangles: Floats, swing: float, about_z: bool) -> SweptTria
 
 
 def _max_corner_distance(triangles: Floats) -> Floats:
-    """Return the distance of the farthest corner of each triangle from the origin."""
+    """Return the distance of each triangle's farthest corner from the origin."""
     first, second, third = np.einsum("ijk,ijk->ji", triangles, triangles)
     farthest: Floats = np.sqrt(np.maximum(np.maximum(first, second), third))
     return farthest
 
 
 def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -> None:
-    """Set ``out[i]`` if the cube ``i + [-half, half]^3`` is within a radius of a swept triangle.
+    """Set ``out[i]`` if cube ``i`` is within a radius of a swept triangle.
 
-    The cubes that meet a triangle must be set already, unless ``half`` is zero. Lengths are in cells, in the index
-    frame of ``out``.
+    Cube ``i`` is ``i + [-half, half]^3``. The cubes that meet a triangle must be set already, unless ``half`` is zero.
+    Lengths are in cells, in the index frame of ``out``.
     """
     size = swept.size
     slack = _RADIUS_SLACK + 2.0**-34 * size
@@ -168,10 +169,10 @@ def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -
 
 @jit
 def subdivide(triangles: Floats, max_side: float, max_relative: float = 0.0, about_z: bool = False) -> Floats:
-    """Halve triangles across the longest side until all sides are short; shape (n, 3, 3).
+    """Halve triangles across the longest side until it is short.
 
-    The maximum side is ``max_side``, or ``max_relative`` times the distance of the nearest corner from the origin (from
-    the z axis, if ``about_z``), whichever is larger.
+    Returns shape (n, 3, 3). The maximum side is ``max_side``, or ``max_relative`` times the distance of the nearest
+    corner from the origin (from the z axis, if ``about_z``), whichever is larger.
     """
     pieces, count = np.empty((2 * len(triangles) + 16, 3, 3)), 0
     stack = np.empty((64, 3, 3))  # one triangle for each level of halving
@@ -213,7 +214,10 @@ def subdivide(triangles: Floats, max_side: float, max_relative: float = 0.0, abo
 
 @kernel
 def _copy(triangle: Floats, to: Floats) -> None:
-    """Copy element by element, because numba takes two seconds to compile the error of an array assignment."""
+    """Copy a triangle element by element.
+
+    Assigning the array would take numba two seconds more, to compile its error.
+    """
     for e in range(3):
         for axis in range(3):
             to[e, axis] = triangle[e, axis]
@@ -233,7 +237,10 @@ def _interpolate_at(plane: float, pa: float, qa: float, pc: float, qc: float) ->
 
 @kernel
 def _clip_to_slab(triangle: Floats, x0: float, x1: float, polygon: Floats) -> int:
-    """Clip a triangle to ``x0 <= x <= x1``; write the (y, z) of its corners in order and return their number."""
+    """Clip a triangle to ``x0 <= x <= x1``.
+
+    Writes the (y, z) of the corners in order, and returns their number.
+    """
     n = 0
     for e in range(3):
         px, py, pz = triangle[e]
@@ -252,7 +259,10 @@ def _clip_to_slab(triangle: Floats, x0: float, x1: float, polygon: Floats) -> in
 
 @kernel
 def _clip_to_interval(polygon: Floats, n: int, y0: float, y1: float) -> tuple[float, float]:
-    """Return the z-interval of a convex polygon (y, z) over ``y0 <= y <= y1``; (inf, -inf) if empty."""
+    """Return the z-interval of a convex polygon over an interval of y.
+
+    The polygon is (y, z), the interval ``y0 <= y <= y1``. Returns (inf, -inf) if they are disjoint.
+    """
     low, high = math.inf, -math.inf
     for e in range(n):
         py, pz = polygon[e]
@@ -270,7 +280,10 @@ def _clip_to_interval(polygon: Floats, n: int, y0: float, y1: float) -> tuple[fl
 
 @jit
 def _mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: float, start: int, stop: int) -> None:
-    """Set ``out[i]`` if box ``i`` is within ``slack`` of a triangle, for first indices in ``[start, stop)``."""
+    """Set ``out[i]`` if box ``i`` is within ``slack`` of a triangle.
+
+    Covers first indices in ``[start, stop)``.
+    """
     _, ny, nz = out.shape
     polygon = np.empty((9, 2))
     for t in range(triangles.shape[0]):
@@ -300,14 +313,17 @@ def _mark_touched(out: Bools, triangles: Floats, b0: float, b1: float, slack: fl
 
 @kernel
 def _cube_point_distance(dx: float, dy: float, dz: float, half: float) -> float:
-    """Return the distance of a point from a cube centered at the origin."""
+    """Return the distance of a point from a cube at the origin."""
     dx, dy, dz = max(abs(dx) - half, 0.0), max(abs(dy) - half, 0.0), max(abs(dz) - half, 0.0)
     return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @kernel
 def _cube_edges_distance(p: Floats, q: Floats, center: Floats, half: float) -> float:
-    """Return the distance between a segment and the edges of a cube, over pairs of interior points; else inf."""
+    """Return the distance between a segment and the edges of a cube.
+
+    Only pairs of interior points count; inf if there are none.
+    """
     best = math.inf
     for axis in range(3):
         u, v = (axis + 1) % 3, (axis + 2) % 3
@@ -342,7 +358,10 @@ def _cube_triangle_distance(triangle: Floats, center: Floats, half: float) -> fl
 
 @kernel
 def _is_near(triangle: Floats, center: Floats, half: float, max_distance: float, slack: float) -> bool:
-    """Return True if a triangle is within ``max_distance`` of a disjoint cube; undecided up to ``slack`` more."""
+    """Return True if a triangle is within ``max_distance`` of a cube.
+
+    They are disjoint. Up to ``slack`` beyond that, the answer may be True as well.
+    """
     cx, cy, cz = center
     x, y, z = cx, cy, cz
     ax, ay, az = triangle[0]
@@ -373,11 +392,11 @@ def _is_near(triangle: Floats, center: Floats, half: float, max_distance: float,
 def _mark_within(
     out: Bytes, swept: SweptTriangles, half: float, radius: float, slack: float, start: int, stop: int
 ) -> None:
-    """Set ``out[i]`` if the cube ``i + [-half, half]^3`` is within a radius of a swept triangle.
+    """Set ``out[i]`` if cube ``i`` is within a radius of a swept triangle.
 
-    Covers first indices in ``[start, stop)``; the cubes that meet a triangle must be set already. Most cubes in reach
-    are set by several triangles, so during the work a positive value in ``out`` is the number of set cubes from there
-    on, which later triangles skip.
+    Cube ``i`` is ``i + [-half, half]^3``; covers first indices in ``[start, stop)``. The cubes that meet a triangle
+    must be set already. Most cubes in reach are set by several triangles, so during the work a positive value in
+    ``out`` is the number of set cubes from there on, which later triangles skip.
     """
     _, ny, nz = out.shape
     center = np.empty(3)
@@ -457,10 +476,10 @@ def _mark_within(
 
 @kernel
 def _plane_heights(triangle: Floats, distance: float, half: float) -> tuple[float, float, float, float]:
-    """Return the plane of a triangle as slopes along x and y, center height, and half height of the search.
+    """Return the plane of a triangle as heights over (x, y).
 
-    The half height covers all cubes within ``distance`` of the plane; it is unlimited if the plane is steep or the
-    triangle thin.
+    Returns the slopes along x and y, the height of the center, and the half height to search. That covers all cubes
+    within ``distance`` of the plane; it is unlimited if the plane is steep or the triangle thin.
     """
     a, b, c = triangle[0], triangle[1], triangle[2]
     center_z = (a[2] + b[2] + c[2]) / 3.0

@@ -14,7 +14,7 @@ from cspace.compiling import jit, kernel
 from cspace.errors import InputError
 from cspace.exact.triangles import build_trees
 from cspace.grid import Grid
-from cspace.kernels import point_segment, point_triangle, row_of
+from cspace.kernels import point_segment, point_triangle, row_at
 from cspace.limits import check_memory
 from cspace.shapes import Balls, ExactShape, Pieces, Polygons, Shape
 from cspace.threads import in_chunks
@@ -322,7 +322,7 @@ def _distance_to_box(point: Floats, box: Floats) -> float:
 @jit  # a kernel could not allocate arrays
 def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, float]:
     """Return bounds of the distance from a point to the nearest piece, each capped at ``cap``."""
-    position, near, far = row_of(point, 0), cap, cap
+    position, near, far = row_at(point, 0), cap, cap
     pending, gaps = np.empty(MAX_PENDING_NODES, dtype=np.int64), np.empty(MAX_PENDING_NODES)
     pending[0], gaps[0], count = 0, 0.0, 1
     while count > 0:
@@ -338,7 +338,7 @@ def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, f
                 if tree.spatial:
                     gap = point_triangle(position, piece)
                 else:
-                    gap = math.sqrt(point_segment(position, row_of(piece[0], 0), row_of(piece[1], 0)))
+                    gap = math.sqrt(point_segment(position, row_at(piece[0], 0), row_at(piece[1], 0)))
                 near, far = min(near, gap), min(far, gap + tree.errors[n])
             continue
         first, second = node + 1, node + 2 * (size // 2)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Box, Bytes, Ints, in_blocks, shared
+from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Box, Bytes, Ints, intersect_boxes, reduce_blocks
 from cspace.grid import Grid
 from cspace.limits import WORKSPACE_BYTES, check_memory, map_bytes
 from cspace.map.contents import Contents
@@ -64,7 +64,7 @@ def _unknown(store: Store, box: Box) -> Bools | None:
     if "unknown" not in store.names:
         return None
     unknown = np.zeros(tuple(part.stop - part.start for part in box), dtype=np.bool_)
-    here, there = shared(box, tuple(slice(0, n) for n in store.grid.shape))
+    here, there = intersect_boxes(box, tuple(slice(0, n) for n in store.grid.shape))
     unknown[here] = store.array("unknown")[there]
     return unknown
 
@@ -142,8 +142,8 @@ def _reduce(job: Job, index: Index, factor: int) -> Reduced:
     for layer in range(store.layers):
         block = store.states(index, layer, record)[(slice(0, len(store.numbers(layer))), *own)]
         starts = [np.arange(len(block)), *begins]
-        least.append(in_blocks(block, starts, np.minimum))
-        most.append(in_blocks(block, starts))
-    outer = in_blocks(store.obstacles(index, record)[0], begins)
+        least.append(reduce_blocks(block, starts, np.minimum))
+        most.append(reduce_blocks(block, starts))
+    outer = reduce_blocks(store.obstacles(index, record)[0], begins)
     first = tuple(part.start // factor for part in cells)
     return Reduced(first, np.concatenate(least), np.concatenate(most), outer)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cspace.arrays import Bools, Box, Ints, shared
+from cspace.arrays import Bools, Box, Ints, intersect_boxes
 from cspace.errors import InputError
 from cspace.store import Index, Store, aside_name
 from cspace.tiles.work import Job, run
@@ -29,7 +29,7 @@ class Patched:
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
         outer, inner = self._store.obstacles_in(box)
-        here, there = shared(box, self._patch.window)
+        here, there = intersect_boxes(box, self._patch.window)
         if all(part.start < part.stop for part in here):
             outer[here] = self._patch.outer[there]
             if inner is not outer:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cspace.arrays import Floats, Ints, block_starts, in_blocks
+from cspace.arrays import Floats, Ints, block_starts, reduce_blocks
 from cspace.grid import Grid
 from cspace.plot.artists import Classes, classes_of, ground_of
 
@@ -144,7 +144,7 @@ def blocks(classes: Callable[[tuple[slice, ...]], Classes], part: Part) -> Block
     made = []
     for low in range(part.first[0], part.stop[0], rows):
         slab = classes((slice(low, min(low + rows, part.stop[0])), *others))
-        made.append(in_blocks(slab, block_starts(slab.shape, part.side)))
+        made.append(reduce_blocks(slab, block_starts(slab.shape, part.side)))
     return Blocks(np.concatenate(made), np.array(part.first), part.side)
 
 

@@ -122,13 +122,13 @@ def test_bounds_of_what_moves_against_differences(tmp_path: Path, make: Any, sta
         for other in arm.links:
             if one.body == other.body:
                 continue
-            far, bend, _ = bounds(arm.chain, one.body, other.body, rho, q0, q1)
+            far, curvature_bound, _ = bounds(arm.chain, one.body, other.body, rho, q0, q1)
             seen = np.stack([(corners @ (np.linalg.inv(each[other.name]) @ each[one.name]).T)[:, :3] for each in poses])
             speed = np.linalg.norm(np.diff(seen, axis=0), axis=-1).max() * 100
             bent = np.linalg.norm(np.diff(seen, n=2, axis=0), axis=-1).max() * 100**2
             assert speed <= far * (1 + 1e-6)
-            assert bent <= 2.0 * bend * (1 + 1e-6) + 1e-9
-            nearest = max(nearest, bent / (2.0 * bend + 1e-9))
+            assert bent <= 2.0 * curvature_bound * (1 + 1e-6) + 1e-9
+            nearest = max(nearest, bent / (2.0 * curvature_bound + 1e-9))
     assert start is None or nearest > 0.9
 
 

@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from cspace import Grid
-from cspace.arrays import in_blocks
+from cspace.arrays import reduce_blocks
 from cspace.plot.cell_image import CellImage
 from pictures import rendered
 
@@ -21,7 +21,7 @@ def test_coarse_cells_hold_the_largest_class(data: st.DataObject) -> None:
     classes = data.draw(arrays(np.uint8, shape, elements=st.integers(0, 4)))
     counts = data.draw(st.tuples(*(st.integers(1, n) for n in shape)))
     starts = [np.array([i * n // m for i in range(m)]) for n, m in zip(shape, counts, strict=True)]
-    blocks, least = in_blocks(classes, starts), in_blocks(classes, starts, np.minimum)
+    blocks, least = reduce_blocks(classes, starts), reduce_blocks(classes, starts, np.minimum)
     assert blocks.shape == counts
     starts = [[*start, n] for start, n in zip(starts, shape, strict=True)]
     for i, j in np.ndindex(blocks.shape):
