@@ -23,7 +23,7 @@ from .rotations import Rotations as Rotations
 from .shapes.mesh import Mesh as Mesh
 from .shapes.mesh import MeshWarning as MeshWarning
 from .space import CSpace as CSpace
-from .spectral import Spheres as Spheres
+from .spectral import BallDecomposition as BallDecomposition
 from .tiles.space import TiledCSpace as TiledCSpace
 from .workspace import Workspace as Workspace
 

@@ -160,7 +160,7 @@ class Robot(NotebookPicture):
 
         Parameters
         ----------
-        centers : array-like, shape (n, 2) or (n, 3), or Spheres
+        centers : array-like, shape (n, 2) or (n, 3), or BallDecomposition
             Metres, in the robot's frame. A decomposition brings its radii.
         radii : array-like, shape (n,), or one number
             Metres, above zero.

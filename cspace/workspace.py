@@ -552,7 +552,7 @@ class Workspace(WorkspacePlot):
 
         Parameters
         ----------
-        centers : array-like, shape (n, 2) or (n, 3), or Spheres
+        centers : array-like, shape (n, 2) or (n, 3), or BallDecomposition
             Metres. A decomposition brings its radii.
         radii : array-like, shape (n,), or one number
             Metres, zero or above.

@@ -129,10 +129,10 @@ save(figure, 2)
 # And their descriptor, the sum of their bumps.
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 4.4), layout="constrained", sharex=True, sharey=True)
-spheres = decompose(SHAPE, kind="inner", number=48)
-spheres.plot(left, title=f"48 inner discs, {100.0 * spheres.volume_ratio:.1f} % of the area")
+balls = decompose(SHAPE, kind="inner", number=48)
+balls.plot(left, title=f"48 inner discs, {100.0 * balls.volume_ratio:.1f} % of the area")
 grid = cspace.Grid((0.2, 0.2), 0.004, (400, 400))
-values = BallDescriptor(spheres.centers, spheres.radii, Bump(2.0)).sample(grid).values
+values = BallDescriptor(balls.centers, balls.radii, Bump(2.0)).sample(grid).values
 extent = (grid.lower[0], grid.upper[0], grid.lower[1], grid.upper[1])
 image = right.imshow(np.where(values > 0.0, values, np.nan).T, origin="lower", extent=extent, cmap="cividis")
 right.plot(*SHAPE.exterior.xy, color="#262626", linewidth=1.2)

@@ -1,8 +1,8 @@
 """The frequency domain: descriptors and their spectra, balls that fill or cover shapes, and overlaps of ball sets."""
 
 from cspace.spectral.bump import Bump as Bump
+from cspace.spectral.decompose import BallDecomposition as BallDecomposition
 from cspace.spectral.decompose import Bounds as Bounds
-from cspace.spectral.decompose import Spheres as Spheres
 from cspace.spectral.decompose import decompose as decompose
 from cspace.spectral.descriptors import BallDescriptor as BallDescriptor
 from cspace.spectral.descriptors import Descriptor as Descriptor

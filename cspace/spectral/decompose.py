@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 Kind = Literal["inner", "outer"]
 
 BALL_KINDS: Final = ("inner", "outer")
-BALLS_FORMAT: Final = "cspace-spheres"
+BALLS_FORMAT: Final = "cspace-balls"
 BALLS_VERSION: Final = 2
 
 KIND_COLORS: Final = {"inner": "#0072b2", "outer": "#d55e00"}
@@ -65,7 +65,7 @@ class Bounds(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Spheres:
+class BallDecomposition:
     """Balls in space, or discs in the plane, that lie in a shape or cover it.
 
     Made by :func:`cspace.spectral.decompose`, or read with :meth:`open`.
@@ -183,7 +183,7 @@ class Spheres:
         return Path(path)
 
     @classmethod
-    def open(cls, path: str | os.PathLike[str]) -> Spheres:
+    def open(cls, path: str | os.PathLike[str]) -> BallDecomposition:
         """Read a file written by :meth:`save`.
 
         Raises InputError for another suffix, and FileError if the file is missing, malformed, or of another version.
@@ -192,7 +192,7 @@ class Spheres:
         record, name = load(path, "file of balls"), os.fspath(path)
         if not isinstance(record, Mapping) or record.get("format") != BALLS_FORMAT:
             rule = f"its format must be {BALLS_FORMAT!r}"
-            raise FileError(name, "holds no balls", rule, "pass a file of Spheres.save")
+            raise FileError(name, "holds no balls", rule, "pass a file of BallDecomposition.save")
         if record.get("version") != BALLS_VERSION:
             version = f"has version {record.get('version')!r}"
             raise FileError(name, version, f"this library reads {BALLS_VERSION}", "use the library that wrote it")
@@ -201,7 +201,9 @@ class Spheres:
             return cls(record["centers"], record["radii"], record["kind"], **bounds)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             what = f"lacks {error}" if isinstance(error, KeyError) else f"is malformed: {error}"
-            raise FileError(name, what, "it must be as Spheres.save writes it", "mend or write it again") from error
+            raise FileError(
+                name, what, "it must be as BallDecomposition.save writes it", "mend or write it again"
+            ) from error
 
 
 LATTICE_REFINEMENTS: Final = (1, 4)
@@ -237,7 +239,7 @@ MAX_POLISH_ROUNDS: Final = 6
 
 def decompose(
     shape: ShapeLike, *, kind: Kind = "inner", number: int | None = None, tolerance: float | None = None
-) -> Spheres:
+) -> BallDecomposition:
     """LatticeBalls that fill a shape from inside, or that cover it.
 
     Each ball is taken, one after the other, for the cells of a lattice that it adds (V. Chvatal, "A greedy heuristic
@@ -297,7 +299,7 @@ def decompose(
         else bound_balls_to_shape(region, centers, radii)
     )
     measures = Bounds(*bound_ball_measure(centers, radii)), Bounds(*region.measure)
-    return Spheres(centers, radii, kind, *measures, Bounds(*gap), region.shape)
+    return BallDecomposition(centers, radii, kind, *measures, Bounds(*gap), region.shape)
 
 
 # ---- which balls -----------------------------------------------------------------------------------------------------

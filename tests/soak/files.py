@@ -50,7 +50,7 @@ def families(folder: Path) -> dict[str, Path]:
     import zarr
     from PIL import Image
 
-    from cspace.spectral import Bounds, Spheres
+    from cspace.spectral import BallDecomposition, Bounds
 
     def put(name: str, content: bytes | str) -> None:
         (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
@@ -122,7 +122,7 @@ def families(folder: Path) -> dict[str, Path]:
     put("packed.pcd", f"{head}binary_compressed\n".encode() + sizes + lzf)
     np.save(folder / "points.npy", points)
     np.save(folder / "cells.npy", cells)
-    balls = Spheres([(0.0, 0.0), (1.0, 0.5)], [0.5, 0.25], "outer", *([Bounds(0.1, 0.3)] * 3))
+    balls = BallDecomposition([(0.0, 0.0), (1.0, 0.5)], [0.5, 0.25], "outer", *([Bounds(0.1, 0.3)] * 3))
     for suffix in ("yaml", "json"):
         balls.save(folder / f"balls.{suffix}")
     return {path.name: path for path in sorted(folder.iterdir())}
@@ -130,10 +130,10 @@ def families(folder: Path) -> dict[str, Path]:
 
 def open_file(path: Path) -> object:
     """Open a file by the function that a user calls."""
-    from cspace.spectral import Spheres
+    from cspace.spectral import BallDecomposition
 
     if path.name.startswith("balls"):
-        return Spheres.open(path)
+        return BallDecomposition.open(path)
     if path.name.startswith(("saved", "forged")):
         return cspace.open(path)
     if path.name == "tiles":

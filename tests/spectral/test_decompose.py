@@ -70,13 +70,13 @@ LOOSE = {"part": 0.08}
 def balls_of(shape, size, kind, way):
     """As many balls as asked, or as near to the shape."""
     options = {"tolerance": way["part"] * size} if "part" in way else way
-    spheres = decompose(shape, kind=kind, **options)
+    balls = decompose(shape, kind=kind, **options)
     if "number" in way:
-        assert len(spheres) <= way["number"]
+        assert len(balls) <= way["number"]
     else:
         slack = 1.0 if kind == "outer" else 1.1
-        assert spheres.hausdorff.upper <= options["tolerance"] * slack * (1 + 1e-9)
-    return spheres
+        assert balls.hausdorff.upper <= options["tolerance"] * slack * (1 + 1e-9)
+    return balls
 
 
 def diagonal(shape):
@@ -96,39 +96,39 @@ def sampled(shape, rng, number=4000):
     )
 
 
-def gaps(points, spheres):
+def gaps(points, balls):
     """Distances from points to a union of balls; below zero inside."""
-    return (cdist(points, spheres.centers) - spheres.radii).min(axis=1)
+    return (cdist(points, balls.centers) - balls.radii).min(axis=1)
 
 
-def check_flat(spheres, shape, rng):
+def check_flat(balls, shape, rng):
     size = diagonal(shape)
     points = sampled(shape, rng)
-    low, high = spheres.hausdorff
+    low, high = balls.hausdorff
     assert 0.0 <= low <= high
     # Polygons with many corners, inside and outside the discs.
     count = 256
-    inner = shapely.union_all(shapely.buffer(shapely.points(spheres.centers), spheres.radii, quad_segs=count))
+    inner = shapely.union_all(shapely.buffer(shapely.points(balls.centers), balls.radii, quad_segs=count))
     sag = 1.0 / math.cos(math.pi / (4 * count))
-    outer = shapely.union_all(shapely.buffer(shapely.points(spheres.centers), spheres.radii * sag, quad_segs=count))
-    if len(spheres) < 200:
-        assert inner.area <= spheres.measure.upper * (1 + 1e-9)
-        assert outer.area >= spheres.measure.lower * (1 - 1e-9)
-    assert spheres.volume_bounds.upper - spheres.volume_bounds.lower <= 1e-4 * spheres.volume_ratio
-    if spheres.kind == "inner":
-        centers = shapely.points(spheres.centers)
+    outer = shapely.union_all(shapely.buffer(shapely.points(balls.centers), balls.radii * sag, quad_segs=count))
+    if len(balls) < 200:
+        assert inner.area <= balls.measure.upper * (1 + 1e-9)
+        assert outer.area >= balls.measure.lower * (1 - 1e-9)
+    assert balls.volume_bounds.upper - balls.volume_bounds.lower <= 1e-4 * balls.volume_ratio
+    if balls.kind == "inner":
+        centers = shapely.points(balls.centers)
         assert shapely.covers(shape, centers).all()
-        assert (spheres.radii <= shapely.distance(centers, shapely.boundary(shape)) + 1e-15 * size).all()
+        assert (balls.radii <= shapely.distance(centers, shapely.boundary(shape)) + 1e-15 * size).all()
         assert shapely.within(inner, shape.buffer(1e-9 * size))
-        gap = float(gaps(points, spheres).max())
+        gap = float(gaps(points, balls).max())
         assert gap <= high
         assert low <= high <= gap + 0.05 * size
-        assert spheres.volume_bounds.upper <= 1.0 + 1e-9
+        assert balls.volume_bounds.upper <= 1.0 + 1e-9
     else:
-        assert (gaps(points, spheres) <= 0.0).all()
+        assert (gaps(points, balls) <= 0.0).all()
         assert shape.difference(outer).area <= 1e-12 * size**2
         around = np.linspace(0.0, 2 * np.pi, 60)
-        rim = spheres.centers[:, None] + spheres.radii[:, None, None] * np.stack([np.cos(around), np.sin(around)], -1)
+        rim = balls.centers[:, None] + balls.radii[:, None, None] * np.stack([np.cos(around), np.sin(around)], -1)
         gap = float(shapely.distance(shapely.points(rim), shape).max())
         assert gap <= high + 1e-12 * size
         assert low <= gap + 0.05 * size
@@ -140,35 +140,35 @@ def check_flat(spheres, shape, rng):
 def test_flat_shapes_are_bounded_by_balls(name, kind, way):
     shape = FLAT[name]
     whole = shapely.union_all(shape) if isinstance(shape, list) else shape
-    spheres = balls_of(shape, diagonal(whole), kind, OPTIONS[way])
-    check_flat(spheres, whole, np.random.default_rng(0))
+    balls = balls_of(shape, diagonal(whole), kind, OPTIONS[way])
+    check_flat(balls, whole, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", BITMAPS)
 def test_bitmaps_are_bounded_by_balls(name, kind):
     cells, lower = BITMAPS[name], (0.3, -2.0)
-    spheres = decompose(Voxels.of(cells, 0.1, lower), kind=kind, number=40)
-    check_flat(spheres, cells_of(cells, 0.1, lower), np.random.default_rng(0))
+    balls = decompose(Voxels.of(cells, 0.1, lower), kind=kind, number=40)
+    check_flat(balls, cells_of(cells, 0.1, lower), np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_large_bitmap_is_taken_in_blocks(kind):
     x, y = np.mgrid[:700, :500]
     cells = (x - 350) ** 2 / 3 + (y - 250) ** 2 < 150**2
-    spheres = decompose(Voxels.of(cells, 0.01), kind=kind, number=10)
+    balls = decompose(Voxels.of(cells, 0.01), kind=kind, number=10)
     points = (np.argwhere(cells) + np.random.default_rng(0).random((int(cells.sum()), 2))) * 0.01
-    near = gaps(points, spheres)
-    assert spheres.volume_ratio > 0.85
-    assert near.max() <= (spheres.hausdorff.upper if kind == "inner" else 0.0)
+    near = gaps(points, balls)
+    assert balls.volume_ratio > 0.85
+    assert near.max() <= (balls.hausdorff.upper if kind == "inner" else 0.0)
 
 
 @pytest.mark.parametrize("shape", [RECTANGLE, ELL], ids=["3:1", "ell"])
 def test_64_balls_fill_nine_tenths(shape):
-    spheres = decompose(shape, number=64)
-    discs = shapely.union_all(shapely.buffer(shapely.points(spheres.centers), spheres.radii, quad_segs=64))
+    balls = decompose(shape, number=64)
+    discs = shapely.union_all(shapely.buffer(shapely.points(balls.centers), balls.radii, quad_segs=64))
     assert discs.area / shape.area > 0.98
-    assert spheres.volume_ratio == pytest.approx(discs.area / shape.area, abs=1e-3)
+    assert balls.volume_ratio == pytest.approx(discs.area / shape.area, abs=1e-3)
 
 
 @settings(max_examples=10)
@@ -178,80 +178,80 @@ def test_random_polygons_are_bounded_by_balls(vertices, kind, way, seed):
     check_flat(balls_of(vertices, diagonal(shape), kind, way), shape, np.random.default_rng(seed))
 
 
-def check_solid(spheres, mesh, rng):
+def check_solid(balls, mesh, rng):
     triangles = np.asarray(mesh.triangles)
     size = float(np.linalg.norm(np.ptp(triangles.reshape(-1, 3), axis=0)))
     low, high = mesh.bounds
     surface = np.vstack([sample_surface(triangles, 3000, rng), np.asarray(mesh.vertices)])
     points = rng.uniform(low, high, (400, 3))
     points = np.vstack([surface, points[winds_around(points, triangles)]])
-    near = gaps(points, spheres)
-    if spheres.kind == "inner":
-        assert winds_around(spheres.centers, triangles).all()
-        assert (spheres.radii <= distance_to_triangles(spheres.centers, triangles) + 1e-12 * size).all()
-        assert near.max() <= spheres.hausdorff.upper
-        assert spheres.hausdorff.lower <= near.max() + 0.05 * size
-        assert spheres.volume_bounds.lower <= 1.0
+    near = gaps(points, balls)
+    if balls.kind == "inner":
+        assert winds_around(balls.centers, triangles).all()
+        assert (balls.radii <= distance_to_triangles(balls.centers, triangles) + 1e-12 * size).all()
+        assert near.max() <= balls.hausdorff.upper
+        assert balls.hausdorff.lower <= near.max() + 0.05 * size
+        assert balls.volume_bounds.lower <= 1.0
     else:
         assert (near <= 0.0).all()
         turns = rng.normal(size=(20, 3))
         turns /= np.linalg.norm(turns, axis=1)[:, None]
-        rim = (spheres.centers[:, None] + spheres.radii[:, None, None] * turns).reshape(-1, 3)
+        rim = (balls.centers[:, None] + balls.radii[:, None, None] * turns).reshape(-1, 3)
         rim = rim[rng.choice(len(rim), min(300, len(rim)), replace=False)]
         out = np.where(winds_around(rim, triangles), 0.0, distance_to_triangles(rim, triangles))
-        assert out.max() <= spheres.hausdorff.upper
-        assert spheres.volume_bounds.upper >= 1.0 - 1e-9
+        assert out.max() <= balls.hausdorff.upper
+        assert balls.volume_bounds.upper >= 1.0 - 1e-9
     held = rng.uniform(low - 0.3, high + 0.3, (30_000, 3))
-    share = (gaps(held, spheres) <= 0.0).mean() * float(np.prod(high - low + 0.6))
-    if (spheres.centers - spheres.radii[:, None] > low - 0.3).all():
-        assert spheres.measure.lower * 0.93 - 0.02 <= share <= spheres.measure.upper * 1.07 + 0.02
+    share = (gaps(held, balls) <= 0.0).mean() * float(np.prod(high - low + 0.6))
+    if (balls.centers - balls.radii[:, None] > low - 0.3).all():
+        assert balls.measure.lower * 0.93 - 0.02 <= share <= balls.measure.upper * 1.07 + 0.02
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", SOLIDS)
 def test_solids_are_bounded_by_balls(name, kind):
     mesh, way = SOLIDS[name], OPTIONS["number"] if name == "icosphere" else LOOSE
-    spheres = balls_of(mesh, float(np.linalg.norm(mesh.extents)), kind, way)
-    check_solid(spheres, mesh, np.random.default_rng(0))
+    balls = balls_of(mesh, float(np.linalg.norm(mesh.extents)), kind, way)
+    check_solid(balls, mesh, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_voxels_are_bounded_by_balls(kind):
     cells = bitmap((6, 5, 7), 3)
-    spheres = decompose(Voxels.of(cells, 0.2), kind=kind, tolerance=0.15)
+    balls = decompose(Voxels.of(cells, 0.2), kind=kind, tolerance=0.15)
     points = (np.argwhere(cells)[:, None] + np.random.default_rng(1).random((60, 3))).reshape(-1, 3) * 0.2
     corners = (np.argwhere(cells)[:, None] + np.argwhere(np.ones((2, 2, 2)))).reshape(-1, 3) * 0.2
-    near = gaps(np.vstack([points, corners]), spheres)
-    assert near.max() <= (spheres.hausdorff.upper if kind == "inner" else 0.0)
+    near = gaps(np.vstack([points, corners]), balls)
+    assert near.max() <= (balls.hausdorff.upper if kind == "inner" else 0.0)
     if kind == "inner":
         turns = np.random.default_rng(2).normal(size=(200, 3))
         turns /= np.linalg.norm(turns, axis=1)[:, None]
-        rim = (spheres.centers[:, None] + 0.999999 * spheres.radii[:, None, None] * turns).reshape(-1, 3)
+        rim = (balls.centers[:, None] + 0.999999 * balls.radii[:, None, None] * turns).reshape(-1, 3)
         assert cells[tuple(np.floor(rim / 0.2).astype(int).T)].all()
 
 
 def test_open_surfaces_and_lines_can_be_covered():
     sheet = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0.2]]), np.array([[0, 1, 2]]), "surface")
-    spheres = decompose(sheet, kind="outer", tolerance=0.1)
-    assert (gaps(sample_surface(sheet.triangles, 5000, np.random.default_rng(0)), spheres) <= 0.0).all()
-    assert math.isinf(spheres.volume_ratio)
-    assert spheres.hausdorff.upper <= 0.1
+    balls = decompose(sheet, kind="outer", tolerance=0.1)
+    assert (gaps(sample_surface(sheet.triangles, 5000, np.random.default_rng(0)), balls) <= 0.0).all()
+    assert math.isinf(balls.volume_ratio)
+    assert balls.hausdorff.upper <= 0.1
     line = shapely.LineString([(0, 0), (1, 2), (3, 2)])
-    spheres = decompose(line, kind="outer", number=30)
+    balls = decompose(line, kind="outer", number=30)
     along = shapely.get_coordinates(shapely.line_interpolate_point(line, np.linspace(0, 1, 999), normalized=True))
-    assert (gaps(along, spheres) <= 0.0).all()
-    assert len(spheres) <= 30 and spheres.hausdorff.upper <= 0.15
+    assert (gaps(along, balls) <= 0.0).all()
+    assert len(balls) <= 30 and balls.hausdorff.upper <= 0.15
 
 
 def test_balls_in_a_hollow_mesh_stay_out_of_the_cavity():
     hull, hole = trimesh.creation.box((1, 1, 1)), trimesh.creation.box((0.6, 0.6, 0.6))
     hole.invert()
     hollow = trimesh.util.concatenate([hull, hole])
-    spheres = decompose(hollow, number=30)
-    away = np.linalg.norm(np.maximum(np.abs(spheres.centers) - 0.3, 0.0), axis=1)
-    assert (spheres.radii <= away).all()
-    assert (spheres.radii <= 0.5 - np.abs(spheres.centers).max(axis=1)).all()
-    assert spheres.shape_measure.lower <= 1 - 0.6**3 <= spheres.shape_measure.upper
+    balls = decompose(hollow, number=30)
+    away = np.linalg.norm(np.maximum(np.abs(balls.centers) - 0.3, 0.0), axis=1)
+    assert (balls.radii <= away).all()
+    assert (balls.radii <= 0.5 - np.abs(balls.centers).max(axis=1)).all()
+    assert balls.shape_measure.lower <= 1 - 0.6**3 <= balls.shape_measure.upper
 
 
 def test_the_same_call_gives_the_same_balls():
@@ -328,5 +328,5 @@ def test_real_polygons_are_bounded_by_balls(data, kind):
 def test_real_meshes_are_bounded_by_balls(data, name, kind):
     mesh = Mesh.of(data / "solids" / name)
     corners = SimpleNamespace(triangles=mesh.triangles, vertices=mesh.vertices, bounds=mesh.bounds)
-    spheres = balls_of(mesh, float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))), kind, LOOSE)
-    check_solid(spheres, corners, np.random.default_rng(0))
+    balls = balls_of(mesh, float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))), kind, LOOSE)
+    check_solid(balls, corners, np.random.default_rng(0))

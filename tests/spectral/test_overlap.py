@@ -13,7 +13,16 @@ from scipy.spatial.transform import Rotation
 
 import solids
 from cspace import Grid, InputError, MissingPackageError, Robot
-from cspace.spectral import BallDescriptor, Bounds, Bump, FourierOverlap, Separation, Spheres, Verdict, intersection
+from cspace.spectral import (
+    BallDecomposition,
+    BallDescriptor,
+    Bounds,
+    Bump,
+    FourierOverlap,
+    Separation,
+    Verdict,
+    intersection,
+)
 from cspace.spectral.bump import pair_integrals
 from cspace.spectral.spectra import norm_square
 from refusals import refusals
@@ -398,7 +407,7 @@ SPACE = ([[0.0, 0.0, 0.0]], 0.2)
 
 
 INNER, OUTER = (
-    Spheres([[0.0, 0.0]], 0.2, kind, Bounds(0, 1), Bounds(0, 1), Bounds(0, 1)) for kind in ("inner", "outer")
+    BallDecomposition([[0.0, 0.0]], 0.2, kind, Bounds(0, 1), Bounds(0, 1), Bounds(0, 1)) for kind in ("inner", "outer")
 )
 
 

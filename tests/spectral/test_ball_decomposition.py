@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from cspace import Robot
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.shapes.mesh import Mesh
-from cspace.spectral import Bounds, Spheres, decompose
+from cspace.spectral import BallDecomposition, Bounds, decompose
 from refusals import refusals
 
 RECTANGLE = shapely.box(0.0, 0.0, 3.0, 1.0)
@@ -22,7 +22,7 @@ TRIANGLE = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 
 def random_spheres(dim=2, seed=0, n=20):
     rng = np.random.default_rng(seed)
     centers, radii = rng.normal(size=(n, dim)) * 1e3, rng.random(n) * 10.0 ** rng.integers(-9, 3, n)
-    return Spheres(centers, radii, "outer", Bounds(0.1, 0.3), Bounds(0.0, 1 / 3), Bounds(1e-17, 2e22))
+    return BallDecomposition(centers, radii, "outer", Bounds(0.1, 0.3), Bounds(0.0, 1 / 3), Bounds(1e-17, 2e22))
 
 
 @pytest.mark.parametrize("suffix", [".json", ".yaml", ".yml", ".JSON"])
@@ -30,7 +30,7 @@ def random_spheres(dim=2, seed=0, n=20):
 def test_files_keep_every_bit(tmp_path, suffix, dim):
     spheres = random_spheres(dim)
     file = spheres.save(tmp_path / f"balls{suffix}")
-    back = Spheres.open(file)
+    back = BallDecomposition.open(file)
     assert back.centers.tobytes() == spheres.centers.tobytes()
     assert back.radii.tobytes() == spheres.radii.tobytes()
     for name in ("kind", "measure", "shape_measure", "hausdorff"):
@@ -53,15 +53,15 @@ def test_files_are_not_replaced_unasked(tmp_path):
     ("{", "cannot be read"),
     ("[1]", "holds no balls"),
     ('{"format": "other"}', "holds no balls"),
-    ('{"format": "cspace-spheres", "version": 7}', "version 7"),
-    ('{"format": "cspace-spheres", "version": 2}', "lacks"),
+    ('{"format": "cspace-balls", "version": 7}', "version 7"),
+    ('{"format": "cspace-balls", "version": 2}', "lacks"),
 )
 @pytest.mark.parametrize("suffix", [".json", ".yaml"])
 def test_damaged_files_are_refused(tmp_path, text, message, suffix):
     file = tmp_path / f"balls{suffix}"
     file.write_text(text)
     with pytest.raises(FileError, match=message):
-        Spheres.open(file)
+        BallDecomposition.open(file)
 
 
 @pytest.mark.parametrize("suffix", [".json", ".yaml"])
@@ -86,24 +86,24 @@ def test_damaged_files_are_refused(tmp_path, text, message, suffix):
     ],
 )
 def test_nonsense_in_files_is_refused(tmp_path, key, value, suffix):
-    record = {"format": "cspace-spheres", "version": 2, "kind": "inner", "measure": [0, 1]}
+    record = {"format": "cspace-balls", "version": 2, "kind": "inner", "measure": [0, 1]}
     record |= {"shape_measure": [0, 1], "hausdorff": [0, 1], "centers": [[0, 0]], "radii": [1]}
     file = tmp_path / f"balls{suffix}"
     dump = json.dumps if suffix == ".json" else yaml.safe_dump
     file.write_text(dump(record))
-    assert len(Spheres.open(file)) == 1
+    assert len(BallDecomposition.open(file)) == 1
     file.write_text(dump(record | {key: value}))
     with pytest.raises(FileError, match="malformed"):
-        Spheres.open(file)
+        BallDecomposition.open(file)
 
 
 def test_unusable_file_names_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"\.txt"):
         random_spheres().save(tmp_path / "balls.txt")
     with pytest.raises(FileError, match="does not exist"):
-        Spheres.open(tmp_path / "none.yaml")
+        BallDecomposition.open(tmp_path / "none.yaml")
     with pytest.raises(InputError, match="file name"):
-        Spheres.open(3)
+        BallDecomposition.open(3)
 
 
 @refusals(
@@ -119,7 +119,7 @@ def test_unusable_spheres_are_refused(changes, message):
     values = {"centers": [[0.0, 0.0]], "radii": [1.0], "kind": "inner"}
     values |= {name: Bounds(0, 1) for name in ("measure", "shape_measure", "hausdorff")}
     with pytest.raises(InputError, match=message):
-        Spheres(**(values | changes))
+        BallDecomposition(**(values | changes))
 
 
 @refusals(
