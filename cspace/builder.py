@@ -52,7 +52,7 @@ class BuildOptions(TypedDict, total=False):
 
     rotations: int | ArrayLike | Rotations | None
     inner: bool
-    overlap: bool
+    counts: bool
     method: str
     outside: str
     margin: float
@@ -80,7 +80,7 @@ def build(
     *,
     rotations: int | ArrayLike | Rotations | None = None,
     inner: bool = True,
-    overlap: bool = False,
+    counts: bool = False,
     method: str = "auto",
     outside: str = "blocked",
     margin: float = 0.0,
@@ -98,7 +98,7 @@ def build(
         The obstacles.
     robot : Robot, or shape
         The robot, of the same dimension. A shape (a ``trimesh.Trimesh``, a shapely polygon, or anything else that
-        :meth:`CSpace.place` takes) is a robot whose reference point is its origin.
+        :meth:`CSpace.add_obstacle` takes) is a robot whose reference point is its origin.
     rotations : int, array-like or Rotations, optional
         For a robot that turns, in space about the z axis: a number of equal cells of yaw, the first with its middle at
         0, or the borders of the cells in radians, ascending over a whole turn. For one that turns about any axis in
@@ -109,8 +109,8 @@ def build(
         translates.
     inner : bool
         Also prove cells BLOCKED. Without it, every cell that is not FREE is MIXED, at half the work.
-    overlap : bool
-        Store the overlap counts of the outer rasters as :attr:`CSpace.overlaps`.
+    counts : bool
+        Store the overlap counts of the outer rasters as :attr:`CSpace.overlap_counts`.
     method : {"auto", "fft", "direct"}
         The engine; the map is the same, cell for cell. "fft" correlates by transforms, "direct" dilates 64 cells at a
         time, and "auto" takes that unless the robot has very many rows, or overlap counts are wanted, which only
@@ -167,16 +167,16 @@ def build(
             hint = f"call build(workspace, robot), with e.g. {hint}"
             raise InputError(name, f"is a {type(given).__name__}", f"it must be a {kind}", hint, value=given)
     robot = robot_of(robot)
-    _check(workspace, robot, cells, method, overlap, outside, workers)
+    _check(workspace, robot, cells, method, counts, outside, workers)
     if store is not None:
         from cspace.tiles.build import Settings, build_tiles
 
-        if overlap:
+        if counts:
             rule, hint = (
                 "a store of tiles holds states alone",
                 "leave it out, and take overlaps from windows of the map",
             )
-            raise InputError("overlap", "is True, with a store", rule, hint, value=overlap)
+            raise InputError("counts", "is True, with a store", rule, hint, value=counts)
         settings: Settings = {
             "rotations": cells,
             "inner": inner,
@@ -197,9 +197,9 @@ def build(
     slice_of = cells.slices_for(robot.shape)
     slices = int(slice_of.max()) + 1
     about_rasters = raster_bytes(robot, grid.spacing, margin, cells, slices)
-    if is_packed(grid.shape, slices, overlap):
+    if is_packed(grid.shape, slices, counts):
         about_rasters = min(about_rasters, SLICE_BYTES * slices)  # only some are there at a time
-    needed = map_bytes(grid.shape, slices, overlap) + about_rasters
+    needed = map_bytes(grid.shape, slices, counts) + about_rasters
     check_fits = partial(check_memory, grid=grid, fewer=cells.fewer, slices=slices, rasters=about_rasters)
     check_fits(needed, "the map", fixed=TRANSFORM_BYTES, seconds=build_seconds(grid.shape, slices))
     rasters, exterior, overlaps = None, None, None
@@ -210,14 +210,14 @@ def build(
     ) -> tuple[Correlation, RasterGroups]:
         """The engine for the rasters of slices, and these by side, where so many engines work in parallel."""
         sides = group_rasters(pairs, inner)
-        correlation = Correlation.create(method, sides, outside, workers, progress, overlap)
+        correlation = Correlation.create(method, sides, outside, workers, progress, counts)
         own = engines * max(correlation.engine.bytes_needed(grid.shape, side, workers) for side in sides)
         if own > TRANSFORM_BYTES:  # what every build may take was looked at
             what = "the map, with what its engine needs for this robot,"
             check_fits(needed + own - TRANSFORM_BYTES, what)
         return correlation, sides
 
-    if is_packed(grid.shape, slices, overlap):
+    if is_packed(grid.shape, slices, counts):
         # Each thread makes slices, from the robot's rasters to states in two bits, before it begins with others; all
         # make one together where that is large.
         states = packed = PackedStates((slices, *grid.shape))
@@ -249,7 +249,7 @@ def build(
         rasters = slice_rasters(robot, grid.spacing, margin, cells)
         correlation, sides = correlation_of(rasters, 1, workers, progress)
         states = np.empty((slices, *grid.shape), dtype=np.uint8)
-        overlaps = np.empty(states.shape, dtype=np.int32) if overlap else None
+        overlaps = np.empty(states.shape, dtype=np.int32) if counts else None
         precision = correlation.fill(workspace.outer, workspace.inner, sides, states, overlaps)
     contents = Contents(
         workspace,
@@ -276,7 +276,7 @@ def _check(
     robot: Robot,
     rotations: Rotations,
     method: str,
-    overlap: bool,
+    counts: bool,
     outside: str,
     workers: int | None,
 ) -> None:
@@ -293,9 +293,9 @@ def _check(
     if workers is not None:
         whole(workers, "workers", 1, hint="leave it out for all cores")
     check_word(method, "method", METHODS, "leave it out")
-    if overlap and method != "auto" and not ENGINES[method].COUNTS:
+    if counts and method != "auto" and not ENGINES[method].COUNTS:
         rule = "this engine finds only whether there is any overlap; counts need the transforms"
         raise InputError(
-            "method", f"is {method!r} and overlap is True", rule, "use method='fft' or method='auto'", value=method
+            "method", f"is {method!r} and counts is True", rule, "use method='fft' or method='auto'", value=method
         )
     check_word(outside, "outside", OUTSIDES)

@@ -213,7 +213,7 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
     if pairs.dtype.kind not in "iu" or pairs.ndim != 2 or pairs.shape[1] != 2 or vertices.ndim != 2:
         problem = f"has shape {pairs.shape} and type {pairs.dtype}, for vertices of shape {vertices.shape}"
         rule = "each edge must be two whole numbers, and vertices a list of configurations"
-        raise InputError("edges", problem, rule, "pass shapes (m, 2) and (n, dof)", value=edges)
+        raise InputError("edges", problem, rule, "pass shapes (m, 2) and (n, size)", value=edges)
     wrong = (pairs < 0) | (pairs >= len(vertices))
     if wrong.any():
         number = int(np.argwhere(wrong)[0, 0])

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from cspace.map.contents import Contents
     from cspace.store import Store
 
-_ANSWERS = np.array([None, True, False], dtype=object)
-
 
 class Joined(Protocol):
     """Components of cells, joined side to side."""
@@ -110,6 +108,10 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         """Units of the numbers in a configuration: "m", "rad", or "1" for those of a quaternion."""
         return (*self.grid.units, *self.rotations.units)
 
+    @property
+    def dof(self) -> int:
+        return self.size - ("qw" in self.rotations.names)  # a quaternion has norm 1
+
     @abstractmethod
     def count(self) -> tuple[int, int, int]:
         """Number of FREE, MIXED and BLOCKED cells, over all rotation cells."""
@@ -122,45 +124,71 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     # ---- look-ups ----------------------------------------------------------------------------------------------------
 
-    def checked(self, q: ArrayLike, name: str = "q") -> Floats:
-        points = as_points(q, name, self.dof)
-        answer(points, self.dof, self._classify(), np.uint8, int, name, self._angles)  # raises where one is not finite
+    def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
+        points = as_points(q, name, self.size)
+        answer(points, self.size, self._classify(), np.uint8, int, name, self._angles)  # raises where one is not finite
         return points
 
     @overload
-    def path_exists(self, q0: Configuration, q1: Configuration) -> bool | None: ...  # type: ignore[overload-overlap]
+    def is_connected(self, q0: Configuration, q1: Configuration) -> bool: ...  # type: ignore[overload-overlap]
     @overload
-    def path_exists(self, q0: ConfigurationBatch, q1: ArrayLike) -> NDArray[np.object_]: ...
+    def is_connected(self, q0: ConfigurationBatch, q1: ArrayLike) -> Bools: ...
     @overload
-    def path_exists(self, q0: ArrayLike, q1: ConfigurationBatch) -> NDArray[np.object_]: ...
-    def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | NDArray[np.object_] | None:
-        """Whether a collision-free path joins configurations.
+    def is_connected(self, q0: ArrayLike, q1: ConfigurationBatch) -> Bools: ...
+    def is_connected(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
+        """Return True if a collision-free path is proven to exist between configurations.
 
-        Components of cells are computed at the first call and cached; those of a map in a store, in the store.
+        A chain of FREE cells joins them. False is no proof of the opposite: see :meth:`is_disconnected`. Components of
+        cells are computed at the first call and cached; those of a map in a store, in the store.
 
         Parameters
         ----------
-        q0, q1 : array-like, shape (dof,) or (..., dof)
+        q0, q1 : array-like, shape (size,) or (..., size)
             Metres, and radians; broadcast against each other.
 
         Returns
         -------
-        True, False or None, or ndarray of object, shape (...)
-            True: a chain of FREE cells joins them. False: no chain of FREE and MIXED cells does, which proves that no
-            collision-free path exists. None: undecided at this resolution.
+        bool or ndarray of bool, shape (...)
         """
-        return self._backend.at_one_moment(lambda: self._path_exists(q0, q1))
+        return _bool_or_array(self._connectivity(q0, q1)[0])
 
-    def _path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | NDArray[np.object_] | None:
-        endpoints = [as_points(q, name, self.dof) for q, name in ((q0, "q0"), (q1, "q1"))]
-        both = np.concatenate([points.reshape(-1, self.dof) for points in endpoints])
+    @overload
+    def is_disconnected(self, q0: Configuration, q1: Configuration) -> bool: ...  # type: ignore[overload-overlap]
+    @overload
+    def is_disconnected(self, q0: ConfigurationBatch, q1: ArrayLike) -> Bools: ...
+    @overload
+    def is_disconnected(self, q0: ArrayLike, q1: ConfigurationBatch) -> Bools: ...
+    def is_disconnected(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
+        """Return True if it is proven that no collision-free path exists between configurations.
+
+        No chain of FREE and MIXED cells joins them. If neither this nor :meth:`is_connected` is True, the map is too
+        coarse to decide; plan with ``exact=True``, or build with a finer spacing. Both share cached components.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (size,) or (..., size)
+            Metres, and radians; broadcast against each other.
+
+        Returns
+        -------
+        bool or ndarray of bool, shape (...)
+        """
+        return _bool_or_array(self._connectivity(q0, q1)[1])
+
+    def _connectivity(self, q0: ArrayLike, q1: ArrayLike) -> tuple[Bools, Bools]:
+        """Return which pairs are proven connected, and which are proven disconnected, of shape (...) each."""
+        return self._backend.at_one_moment(lambda: self._compute_connectivity(q0, q1))
+
+    def _compute_connectivity(self, q0: ArrayLike, q1: ArrayLike) -> tuple[Bools, Bools]:
+        endpoints = [as_points(q, name, self.size) for q, name in ((q0, "q0"), (q1, "q1"))]
+        both = np.concatenate([points.reshape(-1, self.size) for points in endpoints])
         states = np.empty(len(both), dtype=np.uint8)
         if self._classify()([both], states) >= 0:
-            self.checked(q0, "q0"), self.checked(q1, "q1")  # one of them raises
+            self._check_configurations(q0, "q0"), self._check_configurations(q1, "q1")  # one of them raises
         for points, name in zip(endpoints, ("q0", "q1"), strict=True):
             if points.ndim == 1:
                 warn_of_degrees(points, self._angles, name)
-        cells, count = self._cells_of(both), endpoints[0].size // self.dof
+        cells, count = self._cells_of(both), endpoints[0].size // self.size
 
         def pairs(values: NDArray[Any]) -> list[NDArray[Any]]:
             halves = values[:count], values[count:]
@@ -183,8 +211,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         free = joined(passable & (highest == FREE), mixed=False)
         left = passable & ~free
         passable = free | (left if left.all() and few_join() else joined(left, mixed=True))
-        answers: NDArray[np.object_] = _ANSWERS[np.where(passable, free, 2), ...]
-        return answers if answers.ndim else answers[()]
+        return np.asarray(free), np.asarray(~passable)
 
     @overload
     def is_free_around(self, q: Configuration, distance: float, angle: float = 0.0) -> bool: ...  # type: ignore[overload-overlap]
@@ -198,7 +225,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
         Parameters
         ----------
-        q : array-like, shape (dof,) or (..., dof)
+        q : array-like, shape (size,) or (..., size)
             Metres, and radians.
         distance : float
             Metres, zero or above.
@@ -213,7 +240,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
         reach = not_negative(distance, "distance"), not_negative(angle, "angle", "pass it in radians")
         query = self._backend.query(boxes_are_free, *reach, passed=True)
-        return answer(q, self.dof, query, np.bool_, bool, angles=self._angles)
+        return answer(q, self.size, query, np.bool_, bool, angles=self._angles)
 
     @overload
     def clearance(self, q: Configuration) -> float: ...  # type: ignore[overload-overlap]
@@ -230,7 +257,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
         Parameters
         ----------
-        q : array-like, shape (dof,) or (..., dof)
+        q : array-like, shape (size,) or (..., size)
             Metres, and radians.
 
         Returns
@@ -238,7 +265,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         float or ndarray of float64, shape (...)
             Metres.
         """
-        return answer(q, self.dof, self._clearances(), np.float64, float, angles=self._angles)
+        return answer(q, self.size, self._clearances(), np.float64, float, angles=self._angles)
 
     # ---- what differs ------------------------------------------------------------------------------------------------
 
@@ -249,7 +276,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     @property
     @abstractmethod
-    def facts(self) -> dict[str, object]:
+    def _facts(self) -> dict[str, object]:
         """Facts about the map besides its grid, for people: plain values by name."""
 
     @property
@@ -305,6 +332,10 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         """Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` of configurations, in the grid or not."""
         cells = self.grid.cell_of(points[..., : self.grid.dim])
         return np.concatenate([self.rotations.cells_of(points)[..., None], cells], axis=-1)
+
+
+def _bool_or_array(proven: Bools) -> bool | Bools:
+    return proven if proven.ndim else bool(proven)
 
 
 def _unknown() -> bool:

@@ -36,14 +36,19 @@ class ConfigurationSpace(SpaceView, ABC):
         """Units of the numbers in a configuration: "m", "rad", or "1" for those of a quaternion."""
 
     @cached_property
-    def dof(self) -> int:
-        """How many numbers a configuration has."""
+    def size(self) -> int:
+        """Length of a configuration, ``len(axes)``: 7 in SE(3), whose rotation is a quaternion of four numbers."""
         return len(self.axes)
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom: 3 in SE(2), 6 in SE(3), and of an arm the number of its joints."""
+        return self.size
 
     @property
     def periodic_axes(self) -> tuple[bool, ...]:
         """Which numbers are angles of continuous joints, where a whole turn more is the same configuration."""
-        return (False,) * self.dof
+        return (False,) * self.size
 
     @cached_property
     def _angles(self) -> dict[int, str]:
@@ -51,12 +56,12 @@ class ConfigurationSpace(SpaceView, ABC):
         return angle_axes(self.axes, self.periodic_axes)
 
     @abstractmethod
-    def checked(self, q: ArrayLike, name: str = "q") -> Floats:
+    def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
         """Configurations as an array of floats, once they are checked.
 
         Parameters
         ----------
-        q : array-like, shape (dof,) or (..., dof)
+        q : array-like, shape (size,) or (..., size)
             Metres, and radians.
         name : str
             What the error is to call them.
@@ -80,7 +85,7 @@ class ConfigurationSpace(SpaceView, ABC):
 
         Parameters
         ----------
-        q : array-like, shape (dof,) or (..., dof)
+        q : array-like, shape (size,) or (..., size)
             Metres, and radians.
 
         Returns
@@ -91,7 +96,7 @@ class ConfigurationSpace(SpaceView, ABC):
         Raises
         ------
         InputError
-            If the last axis is not dof long, or a value is NaN or infinite.
+            If the last axis is not :attr:`size` long, or a value is NaN or infinite.
         ConfigurationError
             If one is outside the limits of an arm's joint.
 
@@ -100,7 +105,7 @@ class ConfigurationSpace(SpaceView, ABC):
         AngleWarning
             If the yaw, or the angle of a continuous joint, of a single configuration is beyond a whole turn.
         """
-        return answer(q, self.dof, self._classify(), np.uint8, int, angles=self._angles)
+        return answer(q, self.size, self._classify(), np.uint8, int, angles=self._angles)
 
     @overload
     def is_free(self, q: Configuration, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
@@ -112,7 +117,7 @@ class ConfigurationSpace(SpaceView, ABC):
         With ``exact``, the geometry itself decides in MIXED cells of a map; see :mod:`cspace.exact`. For an arm it
         always does.
         """
-        return answer(q, self.dof, self._frees(exact), np.bool_, bool, angles=self._angles)
+        return answer(q, self.size, self._frees(exact), np.bool_, bool, angles=self._angles)
 
     @overload
     def motion_is_free(self, q0: Configuration, q1: Configuration, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
@@ -129,7 +134,7 @@ class ConfigurationSpace(SpaceView, ABC):
 
         Parameters
         ----------
-        q0, q1 : array-like, shape (dof,) or (..., dof)
+        q0, q1 : array-like, shape (size,) or (..., size)
             Endpoints of the edges, metres and radians; broadcast against each other.
         exact : bool
             Where cells are MIXED, let the geometry itself prove the edge; see :mod:`cspace.exact`. For an arm it
@@ -144,7 +149,7 @@ class ConfigurationSpace(SpaceView, ABC):
         InputError, ConfigurationError
             As :meth:`classify`.
         """
-        return evaluate_edges(q0, q1, self.dof, lambda number: self._edges(number, exact), self._angles)
+        return evaluate_edges(q0, q1, self.size, lambda number: self._edges(number, exact), self._angles)
 
     def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Bools:
         """Whether each edge of a path, of paths, or of a roadmap is proven collision-free all along.
@@ -155,11 +160,11 @@ class ConfigurationSpace(SpaceView, ABC):
 
         Parameters
         ----------
-        path : array-like, shape (n, dof) or (..., n, dof)
+        path : array-like, shape (n, size) or (..., n, size)
             Configurations, metres and radians: those of a path in order, of several paths of equal length, or the
             vertices of a roadmap.
         edges : array-like of int, shape (m, 2), optional
-            Indices, from 0, of the two vertices of each edge; ``path`` must then have shape (n, dof). Left out, each
+            Indices, from 0, of the two vertices of each edge; ``path`` must then have shape (n, size). Left out, each
             configuration is joined to the next.
         exact : bool
             As for :meth:`motion_is_free`.
@@ -188,25 +193,25 @@ class ConfigurationSpace(SpaceView, ABC):
         >>> space.certify_path(corners, [(0, 2), (2, 3)])
         array([ True, False])
         """
-        points = self.checked(path, "path")
+        points = self._check_configurations(path, "path")
         if edges is not None:
             pairs = check_pairs(edges, points)
             return answer_pairs(np.ascontiguousarray(points), pairs, self._edges(len(pairs), exact))
         if points.ndim < 2 or points.shape[-2] == 0:
             rule = "it must hold at least one configuration in a row"
             raise InputError(
-                "path", f"has shape {points.shape}", rule, f"pass an array of shape (n, {self.dof})", value=path
+                "path", f"has shape {points.shape}", rule, f"pass an array of shape (n, {self.size})", value=path
             )
         q0, q1 = points[..., :-1, :], points[..., 1:, :]
-        return np.asarray(evaluate_edges(q0, q1, self.dof, lambda number: self._edges(number, exact)))
+        return np.asarray(evaluate_edges(q0, q1, self.size, lambda number: self._edges(number, exact)))
 
-    def legs(self, q0: ArrayLike, q1: ArrayLike) -> Sequence[Leg]:
+    def _tile_subproblems(self, q0: ArrayLike, q1: ArrayLike) -> Sequence[Leg]:
         """Return the parts of the space, in memory, that a path leads through, for a planner of your own.
 
         Each is a function that opens it, with the configurations that the path joins in it. Only a map in a store has
-        several; see :meth:`cspace.TiledCSpace.legs`.
+        several; see :class:`cspace.TiledCSpace`.
         """
-        return [(lambda: self, self.checked(q0, "q0"), self.checked(q1, "q1"))]
+        return [(lambda: self, self._check_configurations(q0, "q0"), self._check_configurations(q1, "q1"))]
 
     # ---- what differs ------------------------------------------------------------------------------------------------
 

@@ -28,8 +28,8 @@ class WorkspacePlot(NotebookPicture):
         Parameters
         ----------
         **options
-            Options of :func:`cspace.plot.plot`: ``view``, ``at``, ``zoom``, ``cut``, ``camera``, ``ax``, ``legend`` and
-            ``title``. The title defaults to the source and the length of a cell.
+            Options of :func:`cspace.plot.plot`: ``view``, ``center``, ``zoom``, ``cut``, ``camera``, ``ax``,
+            ``legend`` and ``title``. The title defaults to the source and the length of a cell.
 
         Returns
         -------
@@ -66,9 +66,9 @@ class ArmPlot:
 
         Parameters
         ----------
-        q : array-like, shape (dof,), optional
+        q : array-like, shape (size,), optional
             Configuration of the arm; by default the end of the path, or zero.
-        path : array-like, shape (n, dof), or Plan, optional
+        path : array-like, shape (n, size), or Plan, optional
         camera : array-like, shape (2,), optional
             Elevation and azimuth, degrees.
         ax : matplotlib.axes.Axes, optional
@@ -103,9 +103,9 @@ class SpaceView:
         ----------
         block : bool
             Print the address and wait for Ctrl-C. Otherwise :meth:`cspace.view.Viewer.close` ends the page.
-        path : array-like, shape (n, dof), or Plan, optional
+        path : array-like, shape (n, size), or Plan, optional
             A path to show.
-        start, goal : array-like, shape (dof,), optional
+        start, goal : array-like, shape (size,), optional
             Initial start and goal; by default the endpoints of the path, or FREE configurations far apart.
         host : str
             Address to serve on, by default "127.0.0.1". Whoever can reach it can plan on the page and move it.

@@ -62,7 +62,7 @@ class CSpace(ConfigurationMap, MapExport):
     quaternion ``(qx, qy, qz, qw)`` where it turns about any axis.
 
     :func:`cspace.build` makes it and :func:`cspace.open` reads a saved one. Every look-up takes one configuration,
-    shape (dof,), and answers with a Python number, or a batch, shape (..., dof), and answers with an array of shape
+    shape (size,), and answers with a Python number, or a batch, shape (..., size), and answers with an array of shape
     (...). Look-ups are compiled and may be called from several threads at once. What they derive from the map (labels,
     sums, which blocks of cells are all FREE) is computed at the first call and cached; a copy or a pickle of the map
     leaves it out. Yaw is in radians, and wrapped. Of a quaternion and its negative, which are the same rotation,
@@ -75,7 +75,7 @@ class CSpace(ConfigurationMap, MapExport):
     Axes of continuous joints are periodic: angles may be any, up to 256 radians, and a whole turn more is the same
     configuration. Edges turn these joints the shorter way, as OMPL does, and rows of a path count whole turns, so that
     straight motions join them. Obstacles placed beyond the middle turn come in again, whole turns on. On such a map
-    :meth:`clearance` is computed up to half a turn, and :meth:`is_free_around` within as much; :meth:`overlap`,
+    :meth:`clearance` is computed up to half a turn, and :meth:`is_free_around` within as much; :meth:`overlap_count`,
     :meth:`obstacle_distance` and overlap fields are undefined.
 
     Parameters
@@ -95,8 +95,8 @@ class CSpace(ConfigurationMap, MapExport):
     array([ True, False])
     >>> space.motion_is_free((1.0, 1.0), (7.0, 1.0))
     False
-    >>> space.path_exists((1.0, 1.0), (7.0, 1.0))
-    True
+    >>> space.is_connected((1.0, 1.0), (7.0, 1.0)), space.is_disconnected((1.0, 1.0), (7.0, 1.0))
+    (True, False)
     >>> round(space.clearance((2.0, 3.0)), 3)
     1.7
     """
@@ -129,7 +129,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     @property
     def periodic_axes(self) -> tuple[bool, ...]:
-        return self._contents.periodic_axes or (False,) * self.dof
+        return self._contents.periodic_axes or (False,) * self.size
 
     @property
     def outside(self) -> str:
@@ -145,13 +145,13 @@ class CSpace(ConfigurationMap, MapExport):
         return self._contents.precision
 
     @property
-    def overlaps(self) -> NDArray[np.int32] | None:
+    def overlap_counts(self) -> NDArray[np.int32] | None:
         """Overlap of each cell, by slice, if it was stored; read-only."""
-        counts = self._contents.overlaps
+        counts = self._contents.overlap_counts
         return None if counts is None else read_only(counts).reshape(self._contents.leading(len(counts)))
 
     @property
-    def state(self) -> NDArray[np.uint8]:
+    def cell_states(self) -> NDArray[np.uint8]:
         """State of each cell, shape (nx, ny) or (nx, ny, nz); of a robot that turns (rotations, nx, ny(, nz)).
 
         Read-only. A new array at each call where rotation cells share a slice, or states take two bits.
@@ -188,9 +188,9 @@ class CSpace(ConfigurationMap, MapExport):
         return f"{free=}, {mixed=}, {blocked=}"
 
     @property
-    def facts(self) -> dict[str, object]:
+    def _facts(self) -> dict[str, object]:
         grid, rotations, states, fields = self.grid, self.rotations, self._seen, self._contents.fields
-        arrays: list[Any] = [states, *fields.values()] + ([] if self.overlaps is None else [self.overlaps])
+        arrays: list[Any] = [states, *fields.values()] + ([] if self.overlap_counts is None else [self.overlap_counts])
         measure = f"{('area', 'volume')[grid.dim - 2]}_{grid.measure_unit.replace(' ', '_')}"
         filled = "mean_" * bool(rotations.names) + f"free_{measure}"
         free = counts_of(states)[:, FREE][self._slice_of]
@@ -203,7 +203,7 @@ class CSpace(ConfigurationMap, MapExport):
             "cells": dict(zip(STATE_NAMES, self.count(), strict=True)),
             filled: mean,
             "precision": self.precision,
-            "overlaps": self.overlaps is not None,
+            "overlap_counts": self.overlap_counts is not None,
             **({"overlap_field": True} if fields else {}),
             "memory_bytes": sum(array.nbytes for array in arrays),
         }
@@ -216,10 +216,10 @@ class CSpace(ConfigurationMap, MapExport):
     # ---- one configuration -------------------------------------------------------------------------------------------
 
     @overload
-    def overlap(self, q: Configuration) -> int: ...  # type: ignore[overload-overlap]
+    def overlap_count(self, q: Configuration) -> int: ...  # type: ignore[overload-overlap]
     @overload
-    def overlap(self, q: ConfigurationBatch) -> Ints: ...
-    def overlap(self, q: ArrayLike) -> int | Ints:
+    def overlap_count(self, q: ConfigurationBatch) -> Ints: ...
+    def overlap_count(self, q: ArrayLike) -> int | Ints:
         """Number of (obstacle cell, robot offset) pairs that coincide at configurations.
 
         The count is that of the outer rasters: in the grid it is zero exactly where a configuration is FREE, and grows
@@ -228,7 +228,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         Parameters
         ----------
-        q : array-like, shape (dof,) or (..., dof)
+        q : array-like, shape (size,) or (..., size)
             Metres, and radians.
 
         Returns
@@ -249,7 +249,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         Parameters
         ----------
-        q : array-like, shape (dof,) or (..., dof)
+        q : array-like, shape (size,) or (..., size)
             Metres, and radians.
 
         Returns
@@ -270,7 +270,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         Parameters
         ----------
-        q : array-like, shape (dof,) or (..., dof)
+        q : array-like, shape (size,) or (..., size)
             Metres, and radians; of pieces of a path their middles.
         lengths, turns : array-like, shape () or (...)
             Metres and radians along each piece. No point of the robot is farther than half of both from where it is in
@@ -289,8 +289,8 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.map.points import classify_few
 
         self._refuse_periodic("obstacle_distance", "use the space of the arm")
-        points = as_points(q, "q", self.dof)
-        rows, spans = own(points.reshape(-1, self.dof)), list[Floats]()
+        points = as_points(q, "q", self.size)
+        rows, spans = own(points.reshape(-1, self.size)), list[Floats]()
         for name, given in (("lengths", lengths), ("turns", turns)):
             along = finite(given, name)
             if along.shape not in ((), points.shape[:-1]) or (along < 0.0).any():
@@ -298,8 +298,10 @@ class CSpace(ConfigurationMap, MapExport):
                 raise InputError(name, f"is {given!r}", rule, hint, value=given)
             spans.append(np.full(points.shape[:-1], along).ravel())
         states = np.empty(len(rows), dtype=np.uint8)
-        if classify_few(self.record, rows, states) >= 0:  # to look them up together gains little beside the distances
-            self.checked(points)  # raises
+        if (
+            classify_few(self._kernel_map, rows, states) >= 0
+        ):  # to look them up together gains little beside the distances
+            self._check_configurations(points)  # raises
         left = rows[states != FREE]
         if len(left) and not all(itertools.starmap(self.point_checker(exact=True), left.tolist())):
             return 0.0
@@ -318,7 +320,7 @@ class CSpace(ConfigurationMap, MapExport):
         Returns
         -------
         callable
-            ``check(*q) -> bool``, of the dof numbers of a configuration, as floats; False where they are none.
+            ``check(*q) -> bool``, of the size numbers of a configuration, as floats; False where they are none.
         """
         check = self._exact.point_checker(self._point_checker) if exact else self._point_checker
         return with_wrapped_angles(check, self.periodic_axes)
@@ -345,12 +347,12 @@ class CSpace(ConfigurationMap, MapExport):
         Returns
         -------
         callable
-            ``check(*q) -> float``, of the dof numbers of a configuration; they must be finite floats, and are not
+            ``check(*q) -> float``, of the size numbers of a configuration; they must be finite floats, and are not
             checked.
         """
         from cspace.map.clearance import checker
 
-        return with_wrapped_angles(checker(self.record, self.marks, self.dof), self.periodic_axes)
+        return with_wrapped_angles(checker(self._kernel_map, self._live_marks, self.size), self.periodic_axes)
 
     # ---- what FREE cells join ----------------------------------------------------------------------------------------
 
@@ -361,7 +363,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         Parameters
         ----------
-        q : array-like, shape (dof,)
+        q : array-like, shape (size,)
             Metres, and radians.
 
         Returns
@@ -374,7 +376,7 @@ class CSpace(ConfigurationMap, MapExport):
         ConfigurationError
             If the configuration is not FREE, or not in the grid.
         """
-        with self._lock:  # as for path_exists
+        with self._lock:  # as for is_connected
             first, last = self._components.box(self._cells_of(self._one_free(q, "q")))
         lower = np.asarray(self.grid.lower)
         return lower + self.grid.spacing * first, lower + self.grid.spacing * (last + 1)
@@ -391,7 +393,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         Parameters
         ----------
-        q0, q1 : array-like, shape (dof,)
+        q0, q1 : array-like, shape (size,)
             FREE configurations in the grid.
         straight : bool
             If False, return the chain of cells without shortening it.
@@ -400,7 +402,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         Returns
         -------
-        ndarray of float64, shape (n, dof)
+        ndarray of float64, shape (n, size)
             Waypoints, from q0 to q1, each edge between two proven free, yaw in [-pi, pi); of length 0 where chains of
             FREE cells do not join them, one of them lies on the border of a cell that is not FREE, or none was found in
             time.
@@ -427,7 +429,7 @@ class CSpace(ConfigurationMap, MapExport):
         try:
             path = search(q0, q1, straight, seconds)
         except TimeoutError:
-            return np.empty((0, self.dof))
+            return np.empty((0, self.size))
         periodic = self._contents.periodic
         return periodic.begin_at(path, np.asarray(q0, dtype=np.float64)) if periodic else path
 
@@ -454,13 +456,13 @@ class CSpace(ConfigurationMap, MapExport):
         if not len(cells) and (neighbors.size or not still):
             cells, still = chain(neighbors), False
         if not len(cells):
-            return np.empty((0, self.dof))
+            return np.empty((0, self.size))
         cells = unwind(cells, self.grid.shape, self.periodic_axes[:dim])
         path = waypoints(self.grid, self.rotations, endpoints, cells, self.periodic_axes[:dim])
         if still:  # q1 may have the same rotation in other numbers: a quaternion of the other sign
             path[:, dim:] = endpoints[0][dim:]
         if not self.certify_path(path).all():
-            return np.empty((0, self.dof))
+            return np.empty((0, self.size))
         check = in_time(below_half_a_turn(self.edge_checker(), self.periodic_axes), until)
         return pulled_straight(path, dim, check, 2.0 * self.grid.spacing) if straight else path
 
@@ -482,7 +484,7 @@ class CSpace(ConfigurationMap, MapExport):
                 pushed = np.column_stack([points, np.tile(endpoints[0, 2:], (len(points), 1))])
                 if self.certify_path(pushed).all():
                     return pushed
-        return np.empty((0, self.dof))
+        return np.empty((0, self.size))
 
     def find_widest_path(
         self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True, time_limit: float | None = None
@@ -500,7 +502,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         Parameters
         ----------
-        q0, q1 : array-like, shape (dof,)
+        q0, q1 : array-like, shape (size,)
             FREE configurations in the grid.
         straight : bool
             Whether to leave out waypoints that straight edges do not need.
@@ -509,7 +511,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         Returns
         -------
-        ndarray of float64, shape (n, dof)
+        ndarray of float64, shape (n, size)
             Waypoints, from q0 to q1, each edge between two proven free, yaw in [-pi, pi); of length 0 where chains of
             FREE cells of the grid do not join them, one of them lies on the border of a cell that is not FREE, or none
             was found in time.
@@ -533,7 +535,7 @@ class CSpace(ConfigurationMap, MapExport):
         cells = self.grid.size * self.rotations.count * 2 ** sum(self.periodic_axes)
         needed, fewer = BYTES * cells, self.rotations.fewer
         check_memory(needed, "the map, to find its widest path,", self.grid, fewer=fewer)
-        own = self.own_record
+        own = self._grid_kernel_map
         with self._lock:
             # Searches that still use the old levels keep them.
             widest = vars(self)["_widest"] = self._widest.renewed(own, self._seen)
@@ -561,7 +563,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         Returns
         -------
-        ndarray of float64, shape (n, dof), or (dof,)
+        ndarray of float64, shape (n, size), or (size,)
             Metres, and radians; yaw, and angles of continuous joints, in [-pi, pi), as OMPL's bounds require.
 
         Raises
@@ -586,12 +588,12 @@ class CSpace(ConfigurationMap, MapExport):
 
         Parameters
         ----------
-        q : array-like, shape (dof,)
+        q : array-like, shape (size,)
             Metres and radians; may lie anywhere. Half a metre counts as much as a radian, as in OMPL's SE(2).
 
         Returns
         -------
-        ndarray of float64, shape (dof,)
+        ndarray of float64, shape (size,)
             Metres, and radians; yaw, and angles of continuous joints, in [-pi, pi), as OMPL's bounds require.
 
         Raises
@@ -603,11 +605,11 @@ class CSpace(ConfigurationMap, MapExport):
 
         periodic = self._contents.periodic
         if periodic:
-            wrapped = periodic.canonical(as_points(q, "q", self.dof))
+            wrapped = periodic.canonical(as_points(q, "q", self.size))
             return periodic.canonical(self._unrolled.nearest_free(wrapped))
-        point = self.checked(q, "q")
+        point = self._check_configurations(q, "q")
         if point.ndim != 1:
-            rule = f"it must be one configuration of {self.dof} numbers"
+            rule = f"it must be one configuration of {self.size} numbers"
             raise InputError("q", f"has shape {point.shape}", rule, "ask for one at a time", value=q)
         center = nearest(self._seen, self._slice_of, self.rotations, self.grid, point)
         if center is None:
@@ -629,18 +631,17 @@ class CSpace(ConfigurationMap, MapExport):
 
         The :class:`Workspace` that was passed to the build, and other maps of it, stay as they are: the first update
         copies its cells. Then :attr:`workspace` shows the current ones, which are the obstacles from then on; its
-        ``shapes`` are None, and look-ups with ``exact=True`` use the outer cells instead. What :meth:`place` has placed
-        stays on top. An overlap field belongs to the obstacles as they were, and is dropped. A map built without
+        ``shapes`` are None, and look-ups with ``exact=True`` use the outer cells instead. What :meth:`add_obstacle`
+        added stays on top. An overlap field belongs to the obstacles as they were, and is dropped. A map built without
         ``inner`` gets no BLOCKED cells, also after it is saved and opened.
 
         What look-ups have cached follows the change at their next call, but for the counts of FREE cells for
         :meth:`sample_free` and the geometry for ``exact=True``, which are made again.
 
-        Updates wait for each other, and so do :meth:`path_exists`, :meth:`reachable_bounds` and
-        :meth:`contains_robot`, whose
-        answers depend on many cells, :meth:`save`, :meth:`export`, copies, pickles and forks of the process. Any other
-        look-up that another thread makes meanwhile sees each cell as it was or as it is going to be. An
-        :meth:`overlap` computed meanwhile may be neither the old count nor the new one.
+        Updates wait for each other, and so do :meth:`is_connected`, :meth:`is_disconnected`, :meth:`reachable_bounds`
+        and :meth:`contains_robot`, whose answers depend on many cells, :meth:`save`, :meth:`export`, copies, pickles
+        and forks of the process. Any other look-up that another thread makes meanwhile sees each cell as it was or as
+        it is going to be. An :meth:`overlap_count` computed meanwhile may be neither the old count nor the new one.
 
         Parameters
         ----------
@@ -678,16 +679,16 @@ class CSpace(ConfigurationMap, MapExport):
         with self._lock:
             return self._updates.update(patch)
 
-    def place(self, name: str, obstacle: ShapeLike, *, radius: ArrayLike | None = None) -> Update:
-        """Place a named obstacle, in metres, or move it there, and update this map.
+    def add_obstacle(self, name: str, shape: ShapeLike, *, radius: ArrayLike | None = None) -> Update:
+        """Add a named obstacle, in metres, or move it there, and update this map.
 
         The map is from then on what a build would give with these obstacles: what the workspace holds otherwise, and
-        all that was placed. An obstacle replaces the one of the same name, and what that one covered reappears.
+        all that was added. An obstacle replaces the one of the same name, and what that one covered reappears.
         Obstacles may overlap; a cell is in the workspace if it is in any of them. Of one that sticks out of the grid,
         what is in the grid counts; one that lies wholly outside it keeps its name, and changes nothing.
 
         Look-ups with ``exact=True`` use the obstacle itself, and not its cells. :meth:`update` goes on to change what
-        the workspace holds otherwise, below all that was placed; from then on exact look-ups use its cells.
+        the workspace holds otherwise, below all that was added; from then on exact look-ups use its cells.
         All else is as for :meth:`update`. A move over a longer way than the robot reaches is two changes, new place
         first, so that look-ups from other threads may see the obstacle at both, and never at neither.
 
@@ -697,7 +698,7 @@ class CSpace(ConfigurationMap, MapExport):
         Parameters
         ----------
         name : str
-        obstacle : shape, or array-like, shape (n, 2) or (n, 3)
+        shape : shape, or array-like, shape (n, 2) or (n, 3)
             Metres, in the map's frame. In the plane what :meth:`Workspace.from_polygons` takes, such as a shapely
             geometry, or three or more corners of a polygon; in space a mesh, as :meth:`Workspace.from_mesh` takes, such
             as a ``trimesh.Trimesh``; in both points with their ``radius``, a decomposition into balls, a shape of
@@ -722,30 +723,28 @@ class CSpace(ConfigurationMap, MapExport):
         >>> import numpy as np, shapely, cspace
         >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
         >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
-        >>> space.place("cart", shapely.box(1.8, 1.3, 2.2, 1.7)).changed
+        >>> space.add_obstacle("cart", shapely.box(1.8, 1.3, 2.2, 1.7)).changed
         176
-        >>> space.place("people", [(1.0, 1.0), (3.0, 2.0)], radius=0.25).changed
+        >>> space.add_obstacle("people", [(1.0, 1.0), (3.0, 2.0)], radius=0.25).changed
         262
-        >>> space.remove("cart").changed
+        >>> space.remove_obstacle("cart").changed
         130
-        >>> list(space.placed)
+        >>> list(space.obstacles)
         ['people']
         """
         if not isinstance(name, str) or not name:
             rule = "it must be a text that is not empty"
             raise InputError("name", f"is {name!r}", rule, 'pass e.g. "cart"', value=name)
         self._check_whole()
-        shape = shape_of(obstacle, radius, "obstacle")
-        if shape.dim != self.grid.dim:
-            problem, place = f"is in {shape.place}", ("the plane", "space")[self.grid.dim - 2]
-            raise InputError(
-                "obstacle", problem, f"the map is in {place}", "pass one of as many coordinates", value=obstacle
-            )
+        obstacle = shape_of(shape, radius, "shape")
+        if obstacle.dim != self.grid.dim:
+            problem, place = f"is in {obstacle.place}", ("the plane", "space")[self.grid.dim - 2]
+            raise InputError("shape", problem, f"the map is in {place}", "pass one of as many coordinates", value=shape)
         with self._lock:
-            return self._updates.place(name, shape)
+            return self._updates.place(name, obstacle)
 
-    def remove(self, name: str) -> Update:
-        """Remove an obstacle that :meth:`place` has placed; what it covered reappears.
+    def remove_obstacle(self, name: str) -> Update:
+        """Remove an obstacle that :meth:`add_obstacle` added; what it covered reappears.
 
         Parameters
         ----------
@@ -761,15 +760,15 @@ class CSpace(ConfigurationMap, MapExport):
             If there is no obstacle of that name.
         """
         with self._lock:
-            placed = self.placed
+            placed = self.obstacles
             if name not in placed:
-                there = f"there are {', '.join(map(repr, placed))}" if placed else "nothing was placed"
-                raise InputError("name", f"is {name!r}", there, "ask space.placed for the names", value=name)
+                there = f"there are {', '.join(map(repr, placed))}" if placed else "none was added"
+                raise InputError("name", f"is {name!r}", there, "ask space.obstacles for the names", value=name)
             return self._updates.place(name, None)
 
     @property
-    def placed(self) -> dict[str, Shape]:
-        """The obstacles that were placed, by name, where they are now; a copy."""
+    def obstacles(self) -> dict[str, Shape]:
+        """The obstacles that were added, by name, where they are now; a copy."""
         with self._lock:
             layers = self._contents.layers
             return {} if layers is None else {name: each.shape for name, each in layers.placed.items()}
@@ -881,16 +880,16 @@ class CSpace(ConfigurationMap, MapExport):
         return self._contents.exterior or Exterior.of(self.workspace.outer, self._rasters, self.outside)
 
     @property
-    def record(self) -> Map:
+    def _kernel_map(self) -> Map:
         """What compiled functions take of the map, such as those of ``cspace.map.points``; it follows updates.
 
         Periodic axes are unrolled.
         """
-        return self._unrolled.own_record
+        return self._unrolled._grid_kernel_map
 
     @lazy
-    def own_record(self) -> Map:
-        """As :attr:`record`, of the cells of the grid alone, without unrolling."""
+    def _grid_kernel_map(self) -> Map:
+        """As :attr:`_kernel_map`, of the cells of the grid alone, without unrolling."""
         grid, rotations = self.grid, self.rotations.compiled(self._slice_of)
         return Map(
             record_of(self._seen),
@@ -937,7 +936,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         exterior_blocked, prove = self.outside != "free", self._contents.prove
         return Problem(
-            self.record, self.rotations, self._unrolled.workspace, self.robot, self.margin, exterior_blocked, prove
+            self._kernel_map, self.rotations, self._unrolled.workspace, self.robot, self.margin, exterior_blocked, prove
         )
 
     @lazy
@@ -957,8 +956,8 @@ class CSpace(ConfigurationMap, MapExport):
         return self._components.hint(cells)
 
     @property
-    def marks(self) -> OccupancyBits:
-        """What compiled functions of the clearance take beside the :attr:`record`; it follows updates."""
+    def _live_marks(self) -> OccupancyBits:
+        """What compiled functions of the clearance take beside the :attr:`_kernel_map`; it follows updates."""
         return self._marks(cells=True, eager=True)
 
     def _marks(self, *, cells: bool, eager: bool = False) -> OccupancyBits:
@@ -999,7 +998,7 @@ class CSpace(ConfigurationMap, MapExport):
     def _widest(self) -> Widest:
         from cspace.map.widest import Widest
 
-        return Widest.of(self.own_record, self._seen, self.rotations, self.periodic_axes[: self.grid.dim])
+        return Widest.of(self._grid_kernel_map, self._seen, self.rotations, self.periodic_axes[: self.grid.dim])
 
     @lazy
     def _inflation(self) -> Inflation:
@@ -1011,13 +1010,13 @@ class CSpace(ConfigurationMap, MapExport):
     def _point_checker(self) -> Callable[..., bool]:
         from cspace.map.callbacks import point_checker
 
-        return point_checker(self.record, self.dof)
+        return point_checker(self._kernel_map, self.size)
 
     @lazy
     def _edge_checker(self) -> Callable[..., bool]:
         from cspace.map.callbacks import edge_checker
 
-        return edge_checker(self.record, self.dof)
+        return edge_checker(self._kernel_map, self.size)
 
     def _cells_of(self, points: Floats) -> Ints:
         periodic = self._contents.periodic
@@ -1027,7 +1026,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     @lazy
     def _backend(self) -> MemoryBackend:
-        return MemoryBackend(self.record, self._contents.periodic, self._lock)
+        return MemoryBackend(self._kernel_map, self._contents.periodic, self._lock)
 
     # ---- kernels and checks ------------------------------------------------------------------------------------------
 
@@ -1047,18 +1046,18 @@ class CSpace(ConfigurationMap, MapExport):
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
         from cspace.map.overlaps import overlaps
 
-        self._refuse_periodic("overlap", "use classify: a point overlaps with no cell, or with one")
+        self._refuse_periodic("overlap_count", "use classify: a point overlaps with no cell, or with one")
         # What is not known may be an obstacle, and may be none.
         exterior_blocked = self.outside != "free" if side == "outer" else self.outside == "blocked"
         workspace = self.workspace
         outer = side == "outer" or workspace.inner is workspace.outer
         sums = self._outer_sums if outer else self._inner_sums
         query = self._backend.query(overlaps, sums.counts, self._runs, int(exterior_blocked))
-        return answer(q, self.dof, query, np.int64, int, angles=self._angles)
+        return answer(q, self.size, query, np.int64, int, angles=self._angles)
 
     def _one_free(self, q: ArrayLike, name: str) -> Floats:
         """Return one FREE configuration in the grid, its yaw in [-pi, pi)."""
-        point = self.rotations.canonical(self.checked(q, name), name)
+        point = self.rotations.canonical(self._check_configurations(q, name), name)
         if point.ndim != 1 or not self.grid.contains(point[: self.grid.dim]) or not self.is_free(point):
             rule = "it must be one FREE configuration in the grid"
             raise ConfigurationError(name, f"is {q!r}", rule, "ask nearest_free for one", value=q)

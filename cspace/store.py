@@ -1,6 +1,7 @@
 """Stored maps: a folder in the Zarr format with the states of a map, tile by tile; a saved map is a store of one tile.
 
-``state`` has chunks of one tile and some slices, ``outer`` and, if it differs, ``inner`` chunks of one tile. ``record``
+``cell_states`` has chunks of one tile and some slices, ``outer`` and, if it differs, ``inner`` chunks of one tile.
+``record``
 has a row of numbers for each tile: the counts of its states, the box around its obstacles, and the digests (SHA-256) of
 its other chunks. A row is written last: a tile is done once its row is there. All other arrays are written at once, and
 the metadata of the folder hold a digest of each of their files, of all rows together, and of themselves.
@@ -68,13 +69,13 @@ _OLD_FORMATS: Final = (FORMAT, "cspace-tiles")
 
 ROOT: Final = "zarr.json"
 
-DIGESTED: Final = ("state", "outer", "inner")
+DIGESTED: Final = ("cell_states", "outer", "inner")
 """Arrays whose chunks have their digests in the records of tiles."""
 
 TILED: Final = (*DIGESTED, "record")
 """Arrays with one chunk, or several, for each tile."""
 
-UNTILED: Final = ("overlap", *FIELD_NAMES)
+UNTILED: Final = ("overlap_counts", *FIELD_NAMES)
 """Arrays that only a map in memory holds."""
 
 MAP_SUFFIXES: Final = (".zarr", "")
@@ -613,7 +614,7 @@ class Store:
             for number, states in zip(self.numbers(layer), block, strict=True):
                 mixed, blocked = tally(states.reshape(-1))
                 counts[number] = states.size - mixed - blocked, mixed, blocked
-            digests.append(self.write("state", (layer, *index), block, aside))
+            digests.append(self.write("cell_states", (layer, *index), block, aside))
         extent = np.array([[0, part.stop - part.start - 1] for part in self.cells(index)]).T
         for name, part in zip(("outer", "inner"), cells, strict=False):
             if name == "outer" and self.metadata["outside"] == "free":  # the only one that asks for it
@@ -643,7 +644,7 @@ class Store:
 
         Read into ``out``, and return it, if it has that shape and is contiguous.
         """
-        states: States = self.read("state", (layer, *index), record.digests[layer], out)
+        states: States = self.read("cell_states", (layer, *index), record.digests[layer], out)
         used = states[tuple(slice(0, len(part)) for part in (self.numbers(layer), *map(_range, self.cells(index))))]
         if used.max(initial=0) > BLOCKED:
             raise unusable(self.path, f"its tile {index} holds {used.max()}, which is none of the states 0 to 2")
@@ -726,8 +727,10 @@ class Store:
             raise unusable(self.path, "its records differ from their digest")
         arrays = {name: self.array(name) for name in self.names.difference(TILED, ("shapes",))}
         box = tuple(slice(0, n) for n in self.grid.shape)
-        packed = is_packed(self.grid.shape, self.slices, "overlap" in arrays)
-        check_bytes(self.path / "state", self.slices * math.prod(self.grid.shape) // (4 if packed else 1), "unpacks to")
+        packed = is_packed(self.grid.shape, self.slices, "overlap_counts" in arrays)
+        check_bytes(
+            self.path / "cell_states", self.slices * math.prod(self.grid.shape) // (4 if packed else 1), "unpacks to"
+        )
         outer, inner = self.obstacles_in(box, records.__getitem__)
         source, unknown = self.metadata["workspace_source"], arrays.get("unknown")
         leading = (*self.rotations.leading(self.slices), *self.grid.shape)
@@ -741,7 +744,7 @@ class Store:
             str(self.metadata["outside"]),
             float(self.metadata["margin"]),
             str(self.metadata["precision"]),
-            arrays.get("overlap"),
+            arrays.get("overlap_counts"),
             {name: arrays[name].reshape(leading) for name in FIELD_NAMES if name in arrays},
             Exterior(arrays["exterior"]) if "exterior" in arrays else None,
             self.proves_blocked,
@@ -824,7 +827,7 @@ class Store:
 def _check_names(store: Store) -> None:
     """Raise FileError unless a store has all arrays that it needs, and only known ones."""
     inner = () if store.metadata["same"] else ("inner",)
-    required = ("state", "outer", *inner, "record", "slice_of", *AXES[: store.grid.dim], *turns_of(store.names))
+    required = ("cell_states", "outer", *inner, "record", "slice_of", *AXES[: store.grid.dim], *turns_of(store.names))
     lacking = [name for name in required if name not in store.names]
     if lacking:
         raise unusable(store.path, f"it holds no {' and no '.join(lacking)}")
@@ -918,7 +921,7 @@ def _chunks_of(metadata: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
     """Return the shape of the chunks of each array with tiles."""
     tile, slices, depth = tuple(metadata["tile"]), metadata["slices"], metadata["depth"]
     columns = 3 * slices + 2 * len(tile) + _DIGEST * (-(-slices // depth) + 2)
-    return {"state": (depth, *tile), "outer": tile, "inner": tile, "record": (*(1,) * len(tile), columns)}
+    return {"cell_states": (depth, *tile), "outer": tile, "inner": tile, "record": (*(1,) * len(tile), columns)}
 
 
 def _files_of(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterator[tuple[str, bytes]]:
@@ -927,7 +930,7 @@ def _files_of(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterato
     chunks = {name: side for name, side in _chunks_of(metadata).items() if name != "inner" or not metadata["same"]}
     counts = (-(-n // t) for n, t in zip(grid.shape, metadata["tile"], strict=True))
     shapes = dict.fromkeys(chunks, grid.shape)
-    shapes |= {"state": (metadata["slices"], *grid.shape), "record": (*counts, chunks["record"][-1])}
+    shapes |= {"cell_states": (metadata["slices"], *grid.shape), "record": (*counts, chunks["record"][-1])}
     for name, array in arrays.items():
         size, is_stack = array.itemsize, stored()[name].axes[0] == "slice" and array.ndim > 2
         shapes[name] = array.shape
@@ -975,7 +978,7 @@ def save(contents: Contents, path: StrPath, overwrite: bool = False) -> None:
         "method": "auto",
         "stamp": Held(workspace.outer, workspace.inner).stamp,
     }
-    states, cells = arrays["state"], [arrays[name] for name in ("outer", "inner") if name in arrays]
+    states, cells = arrays["cell_states"], [arrays[name] for name in ("outer", "inner") if name in arrays]
     untiled = {name: array for name, array in arrays.items() if name not in TILED}
     with replacing(path, overwrite, folder=_is_ours) as temporary:
         store = Store.create(temporary, metadata_of(contents) | settings, untiled)

@@ -191,9 +191,9 @@ class Updater:
         exterior: Exterior,
         renew: Callable[[Change], None],
     ) -> None:
-        blocked, counts, shape = contents.proves_blocked, contents.overlaps is not None, contents.grid.shape
+        blocked, counts, shape = contents.proves_blocked, contents.overlap_counts is not None, contents.grid.shape
         self._grid, self._endless, self._layers = contents.grid, contents.periodic_axes, contents.layers
-        self._states, self._overlaps = contents.states, contents.overlaps
+        self._states, self._overlap_counts = contents.states, contents.overlap_counts
         self._rasters, self._exterior, self._renew_map = rasters, exterior, renew
         self._sides = group_rasters(rasters, _proves_blocked(contents, rasters) if blocked is None else blocked)
         self._engine = Correlation.create("fft" if counts else "direct", self._sides, contents.outside, None)
@@ -327,7 +327,7 @@ class Updater:
         window = (slice(None), *map(slice, low.tolist(), high.tolist()))
         old = whole[window]
         states = np.empty(old.shape, dtype=np.uint8)
-        overlaps = None if self._overlaps is None else np.empty(old.shape, dtype=np.int32)
+        overlaps = None if self._overlap_counts is None else np.empty(old.shape, dtype=np.int32)
         self._engine.fill(outer, inner, sides, states, overlaps)
         differ = old != states
         changed = np.count_nonzero(differ, axis=tuple(range(1, differ.ndim)))
@@ -337,8 +337,8 @@ class Updater:
         if isinstance(self._states, PackedStates):  # which gave a copy
             for k in np.flatnonzero(changed).tolist():
                 self._states.write(batch.start + k, whole[k])
-        if self._overlaps is not None and overlaps is not None:
-            self._overlaps[batch][window] = overlaps
+        if self._overlap_counts is not None and overlaps is not None:
+            self._overlap_counts[batch][window] = overlaps
 
     def _boxes(self, differ: Bools, lower: Sequence[int] | Ints) -> Ints:
         """Return the boxes around the set cells of windows whose first cell is ``lower``, as in :class:`Change`."""

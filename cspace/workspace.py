@@ -372,7 +372,7 @@ class Workspace(WorkspacePlot):
         Parameters
         ----------
         shapes : iterable of Shape, Robot, shapely geometry, trimesh.Trimesh, str, ...
-            Each is what :meth:`cspace.CSpace.place` takes, also a robot or a short text such as
+            Each is what :meth:`cspace.CSpace.add_obstacle` takes, also a robot or a short text such as
             ``"ellipse:0.5,0.3@2,1"``, whose reference point is then the origin of the map. Metres.
         spacing : float
             Side of a cell, in metres.
@@ -384,7 +384,8 @@ class Workspace(WorkspacePlot):
         ------
         InputError
             If there is no shape, one is not usable, they are not all in the plane or all in space, or the map does not
-            fit into memory. For shapes with names, build the map first and :meth:`cspace.CSpace.place` each of them.
+            fit into memory. For shapes with names, build the map first and :meth:`cspace.CSpace.add_obstacle` each of
+            them.
         FileError
             If a file is missing or malformed.
 
@@ -398,7 +399,7 @@ class Workspace(WorkspacePlot):
         positive(spacing, "spacing")
         hint = "pass a list of them"
         if isinstance(shapes, Mapping):
-            hint += "; obstacles with names are placed in a map, with space.place(name, shape)"
+            hint += "; obstacles with names are added to a map, with space.add_obstacle(name, shape)"
         if isinstance(shapes, Mapping | str) or not isinstance(shapes, Iterable):
             raise InputError("shapes", f"is a {type(shapes).__name__}", "it must be several shapes", hint, value=shapes)
         made = [shape_of(shape, name=f"shapes[{number}]") for number, shape in enumerate(shapes)]

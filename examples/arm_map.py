@@ -56,8 +56,8 @@ print(joints)
 # motion leads. Within a part, any planner finds a way, and the map proves it.
 
 start, goal, behind = np.array([0.2, 0.9]), np.array([-1.2, -1.0]), np.array([1.7, -0.9])
-print("is there a path to the goal?", joints.path_exists(start, goal))
-print("and behind the post?", joints.path_exists(start, behind), "- which is a proof")
+print("is there a path to the goal?", joints.is_connected(start, goal))
+print("is it proven that none leads behind the post?", joints.is_disconnected(start, behind))
 plan = planners.plan(joints, start, goal, planner="MaxClearance")
 print(plan)
 print("proven by the arm itself as well:", bool(np.all(space.certify_path(plan.path))))

@@ -45,7 +45,7 @@ figure, axes = plt.subplots(rows, 4, figsize=(12, 2.1 * rows), sharex=True, shar
 for ax in axes.flat[len(plans) :]:
     ax.set_visible(False)
 for ax, plan in zip(axes.flat, plans, strict=False):
-    ax.imshow(space.state.T > 0, origin="lower", extent=(0, 10, 0, 6), cmap="Greys", vmax=2)
+    ax.imshow(space.cell_states.T > 0, origin="lower", extent=(0, 10, 0, 6), cmap="Greys", vmax=2)
     ax.plot(*plan.path.T, color="#0072b2", linewidth=2)
     ax.plot(*start, "o", color="#009e73")
     ax.plot(*goal, "*", color="#d55e00", markersize=10)

@@ -23,10 +23,11 @@ start, goal = (1.5, 2.0, 0.0), (8.5, 2.0, 0.0)
 # Three robots, each 1.3 m long. The first passes. Of the second, 2 cm narrower than the corridor, the cells cannot
 # decide; ``exact=True`` asks the geometry itself, and the path is no less proven. The third is too wide: proven.
 
-answers = {True: "a path exists", False: "proven: no path exists, at any yaw", None: "the cells cannot decide"}
 for width in (0.6, 0.98, 1.2):
     space = cspace.build(workspace, cspace.Robot.rectangle(1.3, width), rotations=72)
     plan = planners.plan(space, start, goal, exact=True, time_limit=5, seed=1)
-    print(f"robot {width:g} m wide, corridor 1 m: {answers[space.path_exists(start, goal)]}")
+    print(f"robot {width:g} m wide, corridor 1 m")
+    print(f"  a path is proven to exist: {space.is_connected(start, goal)}")
+    print(f"  no path is proven to exist, at any yaw: {space.is_disconnected(start, goal)}")
     print(f"  {plan.status}; certified: {plan.certified}")
     save_plot(space, f"corridor_{width:g}.png", True, path=plan if plan.solved else None, start=start, goal=goal)

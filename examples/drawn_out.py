@@ -37,11 +37,12 @@ cap = ((22, -24, -4), (30, 24, 14))
 # Seated, the key is at the origin; outside means above the housing. Cells are half a millimetre.
 
 seated, outside = (0.0, 0.0, 0.0), (0.0, 0.0, 0.045)
-answers = {True: "comes out", False: "cannot come out: proven", None: "undecided at this spacing"}
 for name, parts in (("open", block), ("capped", [*block, cap])):
     workspace = cspace.Workspace.from_mesh(solid(*parts), 0.0005, (-0.06, -0.05, -0.03, 0.08, 0.05, 0.06))
     space = cspace.build(workspace, key, outside="free")
-    print(f"slot {name}: the key {answers[space.path_exists(seated, outside)]}")
+    print(f"slot {name}: the key")
+    print(f"  comes out, proven: {space.is_connected(seated, outside)}")
+    print(f"  cannot come out, proven: {space.is_disconnected(seated, outside)}")
     print(f"  straight up: {space.motion_is_free(seated, outside)}")
     print(f"  room of the seated key: {1000 * space.clearance(seated):.1f} mm in every direction")
-    save_plot(space, f"drawn_out_{name}.png", True, start=seated, goal=outside, at=seated)
+    save_plot(space, f"drawn_out_{name}.png", True, start=seated, goal=outside, center=seated)

@@ -32,8 +32,7 @@ start, goal = (0.9, 1.0, 1.0), (6.1, 2.0, 1.0)
 # Level, at any yaw:
 
 level = cspace.build(cspace.Workspace.from_mesh(wall, 0.05, bounds), drone, rotations=72)
-answers = {True: "a path exists", False: "proven: no path exists", None: "the cells cannot decide"}
-print(answers[level.path_exists((*start, 0.0), (*goal, 0.0))])
+print("no path exists, proven:", level.is_disconnected((*start, 0.0), (*goal, 0.0)))
 
 # %%
 # Turning as it likes, in SE(3). The cells leave the slit undecided, and the geometry itself decides there: the path is

@@ -16,7 +16,7 @@ from cspace.demo import demo_workspace
 workspace = demo_workspace(spacing=0.05)
 radii = xr.DataArray(np.arange(0.1, 0.8, 0.1), dims="radius", name="radius")
 maps = [cspace.build(workspace, cspace.Robot.disc(radius)).to_xarray() for radius in radii.values]
-state = xr.concat([each["state"] for each in maps], radii)
+state = xr.concat([each["cell_states"] for each in maps], radii)
 cell = workspace.grid.spacing**2
 room = xr.Dataset(
     {

@@ -29,7 +29,7 @@ city = cspace.Workspace.from_array(houses, 0.2)
 folder = tempfile.TemporaryDirectory()
 space = cspace.build(city, cspace.Robot.disc(1.0), store=f"{folder.name}/city.zarr", tile=256)
 print(space)
-print("a path exists:", space.path_exists((3.0, 3.0), (145.0, 118.0)))
+print("a path exists:", space.is_connected((3.0, 3.0), (145.0, 118.0)))
 
 # %%
 # A path from tile to tile, drawn on an overview in larger cells, which are proven alike.

@@ -31,8 +31,8 @@ radius = 0.3
 space = cspace.build(office, cspace.Robot.disc(radius))
 
 # %%
-# Trolleys, each with the two places between which it goes, its sides and its speed. ``place`` puts an obstacle where it
-# is now, in metres, and takes it away where it was.
+# Trolleys, each with the two places between which it goes, its sides and its speed. ``add_obstacle`` puts an obstacle
+# where it is now, in metres, and takes it away where it was.
 
 trolleys = [
     ((2.0, 4.4), (14.0, 4.4), (0.9, 0.6), 0.8),
@@ -67,7 +67,7 @@ while not np.array_equal(q, goal) and len(frames) < 400:
         if trolley.distance(disc) > 0.2:
             gone[number] += speed * step
             began = time.perf_counter()
-            space.place(f"trolley {number}", trolley)
+            space.add_obstacle(f"trolley {number}", trolley)
             updates.append(time.perf_counter() - began)
     if not len(path) or not space.certify_path([q, *path]).all():  # the rest of the way, edge by edge, as it is now
         plan = planners.plan(space, q, goal, time_limit=0.5, seed=len(frames))
@@ -78,7 +78,7 @@ while not np.array_equal(q, goal) and len(frames) < 400:
         length = np.linalg.norm(path[0] - q)
         q = path[0] if length <= left else q + (path[0] - q) * left / length
         path, left = path[int(length <= left) :], left - length
-    frames.append((space.state + 3 * space.workspace.outer, q, path))
+    frames.append((space.cell_states + 3 * space.workspace.outer, q, path))
 
 print(f"arrived after {len(frames) * step:.1f} s, with {len(plans)} plans on the way")
 print(f"{len(updates)} moves of trolleys: {1e3 * statistics.median(updates):.2f} ms each in the median")

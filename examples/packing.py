@@ -3,7 +3,7 @@ Where does a part fit into a sheet?
 ===================================
 
 The other way round: the sheet of material is the obstacle, and the part must lie wholly inside. ``contains_robot`` is
-the proof that it does, and ``overlap`` a measure of how much of it does.
+the proof that it does, and ``overlap_count`` a measure of how much of it does.
 """
 
 import matplotlib.pyplot as plt
@@ -43,7 +43,7 @@ plt.close(figure)
 print("wrote packing.png")
 
 # %%
-# ``overlap`` counts the pairs of cells, of the sheet and of the part, that coincide: of a part that leaves the sheet to
-# the left, fewer and fewer.
+# ``overlap_count`` counts the pairs of cells, of the sheet and of the part, that coincide: of a part that leaves
+# the sheet to the left, fewer and fewer.
 
-print(space.overlap([(x, 0.02, 0.0) for x in (0.05, 0.0, -0.1, -0.2, -0.3)]))
+print(space.overlap_count([(x, 0.02, 0.0) for x in (0.05, 0.0, -0.1, -0.2, -0.3)]))

@@ -58,7 +58,7 @@ SHORTEST = 1.0 / 16.0
 
 def prover(space: CSpace, kind: int, radius: float) -> Callable[..., float]:
     """:func:`proven_length` of the floats of two configurations."""
-    map_ = space.record
+    map_ = space._kernel_map
     # A curve that leaves the grid is not proven, whatever is known out there.
     map_ = map_._replace(exterior=np.full_like(map_.exterior, MIXED))
     return bind_kernel(proven_length, (map_, kind, radius), 6)
@@ -66,7 +66,7 @@ def prover(space: CSpace, kind: int, radius: float) -> Callable[..., float]:
 
 def cost(space: CSpace, kind: int, radius: float, field: Field, law: CostDensity) -> Callable[..., float]:
     """:func:`curve_cost` of the floats of two configurations."""
-    fixed = (space.record, field, law, (kind, radius))
+    fixed = (space._kernel_map, field, law, (kind, radius))
     query = bind_kernel(curve_cost, (*fixed, (0.0,) * 6), 0).func  # type: ignore[attr-defined]
     return lambda *endpoints: query(*fixed, endpoints)
 

@@ -73,9 +73,9 @@ def cost_of_one(map_: Map, field: Field, law: CostDensity, both: Numbers) -> flo
     The integral takes the middles of steps of at most one cell and 5 degrees.
     """
     q0 = map_.lower + map_.rotations.zeros()
-    q1, dof, dim, square = q0, len(q0), len(map_.lower), 0.0
-    for axis in range(dof):
-        q0, q1 = replaced(q0, axis, both[axis]), replaced(q1, axis, both[dof + axis])
+    q1, size, dim, square = q0, len(q0), len(map_.lower), 0.0
+    for axis in range(size):
+        q0, q1 = replaced(q0, axis, both[axis]), replaced(q1, axis, both[size + axis])
     for axis in range(dim):
         square += (q1[axis] - q0[axis]) ** 2
     metres, angle = math.sqrt(square), map_.rotations.turn_of(q0, q1, 0)[0]
@@ -91,6 +91,6 @@ def cost_of_one(map_: Map, field: Field, law: CostDensity, both: Numbers) -> flo
 
 def edge_cost(space: CSpace, field: Field, law: CostDensity) -> Callable[..., float]:
     """``cost(*q0, *q1)`` of straight edges of a map."""
-    fixed = (space.record, field, law)
-    query = bind_kernel(cost_of_one, (*fixed, (0.0,) * (2 * space.dof)), 0).func  # type: ignore[attr-defined]
+    fixed = (space._kernel_map, field, law)
+    query = bind_kernel(cost_of_one, (*fixed, (0.0,) * (2 * space.size)), 0).func  # type: ignore[attr-defined]
     return lambda *endpoints: query(*fixed, endpoints)

@@ -76,7 +76,7 @@ class Pieces:
 
     Attributes
     ----------
-    middles : ndarray of float64, shape (n, dof)
+    middles : ndarray of float64, shape (n, size)
     lengths : ndarray of float64, shape (n,)
         Metres of translation along each piece.
     turns : ndarray of float64, shape (n,)
@@ -154,7 +154,7 @@ class LocalPlanner(ABC):
         return (lambda first, second: check(first, second) and check(second, first)) if self.bidirectional else check
 
     def wrap_yaws(self, path: Floats) -> Floats:
-        """Return a path, shape (n, dof), with its yaws in [-pi, pi)."""
+        """Return a path, shape (n, size), with its yaws in [-pi, pi)."""
         return path
 
     def corners(self, path: Floats) -> Floats:
@@ -180,7 +180,7 @@ class LocalPlanner(ABC):
 
     @abstractmethod
     def search(self, planner: str, endpoints: Endpoints, straight: bool, seed: int | None, seconds: float) -> Floats:
-        """A path by one of our own searches, shape (n, dof); of none if it finds none."""
+        """A path by one of our own searches, shape (n, size); of none if it finds none."""
 
     @abstractmethod
     def lengths(self, firsts: Floats, lasts: Floats) -> Floats:
@@ -225,8 +225,8 @@ class LocalPlanner(ABC):
         """Say which joints of a start or goal :meth:`endpoint` moves onto their limits; empty if none."""
         return ""
 
-    def path_exists(self, endpoints: Endpoints) -> bool | None:
-        """What is proven of a path before one is searched: that there is one, or none."""
+    def prove_existence(self, endpoints: Endpoints) -> bool | None:
+        """Return True if a path is proven to exist, False if none is proven to, and None if undecided."""
         return None
 
     def may_join(self, exists: bool | None) -> bool:
@@ -256,8 +256,8 @@ class LocalPlanner(ABC):
     def _point(self, q: ArrayLike, name: str) -> Floats:
         """One configuration, its length checked."""
         point = finite(q, name)
-        if point.shape != (self.space.dof,):
-            rule = f"it must be one configuration of {self.space.dof} numbers"
+        if point.shape != (self.space.size,):
+            rule = f"it must be one configuration of {self.space.size} numbers"
             hint = f"pass ({', '.join(self.space.axes)}), in metres and radians"
             raise InputError(name, f"has shape {point.shape}", rule, hint, value=q)
         return point
@@ -392,8 +392,9 @@ class EdgesOnMap(LocalPlanner):
             hint = f"the map has no FREE configuration {where}; use a smaller robot, margin or spacing"
         return ConfigurationError(name, f"{text(point)} {reason}", rule, hint, value=point, nearest=nearest)
 
-    def path_exists(self, endpoints: Endpoints) -> bool | None:
-        return self.space.path_exists(*endpoints)
+    def prove_existence(self, endpoints: Endpoints) -> bool | None:
+        connected, disconnected = self.space._connectivity(*endpoints)
+        return True if connected else False if disconnected else None
 
     def may_join(self, exists: bool | None) -> bool:
         """Return False if no path of such edges can join start and goal.
@@ -641,7 +642,7 @@ class JointMotions(LocalPlanner):
     def endpoint(self, q: ArrayLike, name: str) -> Configuration:
         space = self.space
         given = self._point(q, name)
-        point = space.arm.clamp(space.checked(given, name))
+        point = space.arm.clamp(space._check_configurations(given, name))
         warn_of_degrees(given, angle_axes(space.axes, space.periodic_axes), name)
         if not space.is_free(point):
             raise in_collision(space, point, name)

@@ -75,9 +75,9 @@ class WeightedLength(ob.OptimizationObjective):
         weight = not_negative(weight, "weight", "pass 10.0")
         edges = edges_on_map(space, drive, turning_radius)
         self._field, self._law = field, CostDensity(offset, slope, weight, edges.turn_weight)
-        self._kind, self._space, dim, dof = kind_of(space), space, space.grid.dim, space.dof
+        self._kind, self._space, dim, size = kind_of(space), space, space.grid.dim, space.size
         line = with_wrapped_angles(
-            lambda *endpoints: math.dist(endpoints[:dim], endpoints[dof : dof + dim]), space.periodic_axes
+            lambda *endpoints: math.dist(endpoints[:dim], endpoints[size : size + dim]), space.periodic_axes
         )
         self._line = self._kind.of_states(line)
         self._cost = self._own_cost = self._kind.of_states(edges.edge_cost(field, self._law))
@@ -151,7 +151,7 @@ class ClearanceObjective(WeightedLength):
         super().__init__(
             si,
             space,
-            space.marks,
+            space._live_marks,
             offset=1.0,
             slope=-scale,
             weight=weight,

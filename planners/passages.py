@@ -150,7 +150,7 @@ class Passages:
         """A chain of cells that are not BLOCKED, and not closed, from one configuration to another."""
         space, q = self.edges.space, np.array([start, goal])
         first, last = np.column_stack([space.rotations.cells_of(q), space.grid.cell_of(q[:, : space.grid.dim])])
-        return open_chain(space.own_record, space.rotations.neighbors, first, last, closed)
+        return open_chain(space._grid_kernel_map, space.rotations.neighbors, first, last, closed)
 
     def _left(self) -> float:
         """Seconds that are left; below zero where time is over."""
@@ -244,7 +244,7 @@ class Passages:
         return np.concatenate([near, around])
 
     def _centers(self, cells: Cells) -> Floats:
-        """Middles of cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``, shape (..., dof)."""
+        """Middles of cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``, shape (..., size)."""
         space = self.edges.space
         turns = space.rotations.centers[cells[..., 0]]
         return np.concatenate([space.grid.center_of(cells[..., 1:]), turns], axis=-1)

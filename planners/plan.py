@@ -159,7 +159,7 @@ def plan(
     Parameters
     ----------
     space : CSpace, TiledCSpace or ArmSpace
-    start, goal : array-like, shape (dof,)
+    start, goal : array-like, shape (size,)
         Configurations, of an arm one number for each joint, or in metres: ``(x, y)``, ``(x, y, yaw)``, ``(x, y, z)``,
         ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)``; yaw in radians, wrapped.
     planner : str, optional
@@ -270,8 +270,8 @@ def plan(
     if name == MAX_CLEARANCE and not isinstance(space, CSpace):
         rule, hint = "a path there is found part by part", "choose another, or plan on space.window(lower, upper)"
         raise InputError("planner", f"is {name!r}, on a map in a store", rule, hint, value=name)
-    exists = edges.path_exists(endpoints)
-    legs = space.legs(*endpoints) if edges.may_join(exists) else []
+    exists = edges.prove_existence(endpoints)
+    legs = space._tile_subproblems(*endpoints) if edges.may_join(exists) else []
     if planner is None and len(legs) > 1 and (objective, drive, iterations) == ("length", HOLONOMIC, None):
         name = GRID
     result = _search(search_on, edges, legs, exists, limit)
@@ -316,7 +316,8 @@ def plan(
         hint=hint,
         length=length,
         total_rotation=rotation,
-        path_exists=exists,
+        is_connected=exists is True,
+        is_disconnected=exists is False,
         planner=name,
         objective=objective if isinstance(objective, str) else "custom",
         drive=drive,
@@ -337,7 +338,7 @@ def _search(
     limit: float,
 ) -> SearchResult:
     """What the search finds, part by part of the map, or what is known without one."""
-    path, planning, simplification = np.empty((0, edges.space.dof)), 0.0, 0.0
+    path, planning, simplification = np.empty((0, edges.space.size)), 0.0, 0.0
     for opened, first, last in legs:
         part = replace(edges, space=opened())
         endpoints = tuple(first.tolist()), tuple(last.tolist())

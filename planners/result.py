@@ -64,15 +64,15 @@ class Plan:
 
     Attributes
     ----------
-    path : ndarray of float64, shape (n, dof), read-only
-        Configurations from start to goal, in metres; shape (0, dof) where not solved. Where the robot turns on the way,
-        they are dense enough to drive and to draw: rows lie at most a cell and 5 degrees apart, on the edges between
-        the waypoints. Yaw is in radians, in [-pi, pi): it jumps by a turn where it passes pi.
-    waypoints : ndarray of float64, shape (m, dof), read-only
+    path : ndarray of float64, shape (n, size), read-only
+        Configurations from start to goal, in metres; shape (0, size) where not solved. Where the robot turns on the
+        way, they are dense enough to drive and to draw: rows lie at most a cell and 5 degrees apart, on the edges
+        between the waypoints. Yaw is in radians, in [-pi, pi): it jumps by a turn where it passes pi.
+    waypoints : ndarray of float64, shape (m, size), read-only
         The configurations that edges join, which are rows of the path: all of them, where the robot does not turn. Of a
         differential drive, those where it begins to turn or to drive: straight edges join them, so that
         :meth:`cspace.CSpace.certify_path` proves waypoints and path alike.
-    start, goal : ndarray of float64, shape (dof,), read-only
+    start, goal : ndarray of float64, shape (size,), read-only
         What a path was looked for between, as planners hold it: yaw in [-pi, pi), a quaternion's norm 1, the joints of
         an arm within their limits.
     axes : tuple of str
@@ -103,9 +103,10 @@ class Plan:
     total_rotation : float
         Radians that the robot turns along the path. Planners minimise the length and half a metre for
         each of these; but along curves the length alone. Zero of an arm, and NaN where not solved.
-    path_exists : bool or None
-        What the map proves of start and goal: a path exists, none does, or None for undecided at this resolution. True
-        holds for a holonomic robot, whatever the drive.
+    is_connected : bool
+        Whether the map proves that a path from start to goal exists, for a holonomic robot, whatever the drive.
+    is_disconnected : bool
+        Whether the map proves that no path exists. If both are False, the map does not decide.
     planner : str
         Name of the planner.
     objective : str
@@ -140,7 +141,8 @@ class Plan:
     hint: str
     length: float
     total_rotation: float
-    path_exists: bool | None
+    is_connected: bool
+    is_disconnected: bool
     planner: str
     objective: str
     drive: str
@@ -248,7 +250,7 @@ class Plan:
         >>> plan = planners.plan(space, (1.0, 1.5), (3.0, 1.5))
         >>> plan.recheck()
         array([ True])
-        >>> update = space.place("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
+        >>> update = space.add_obstacle("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
         >>> plan.certified, plan.recheck()
         (True, array([False]))
         """
@@ -429,7 +431,7 @@ class Plan:
         msg : object, optional
             A message to fill, of ROS 1 or 2: any object with the fields of ``trajectory_msgs/JointTrajectory``. A new
             :class:`cspace.files.ros.JointTrajectory` if left out.
-        velocities : float, array-like of shape (dof,), or mapping of joint names to floats, optional
+        velocities : float, array-like of shape (size,), or mapping of joint names to floats, optional
             Largest speed of each joint, in rad/s (m/s for a joint that slides), above zero. Each motion between two
             rows takes as long as its slowest joint needs.
         duration : float, optional
@@ -476,7 +478,7 @@ class Plan:
         return np.concatenate([[0.0], np.cumsum(times)])
 
     def _speeds(self, velocities: ArrayLike | Mapping[str, float] | None) -> Floats:
-        """Return the largest speed of each joint, shape (dof,)."""
+        """Return the largest speed of each joint, shape (size,)."""
         rule = f"it must be one number, or one for each of {', '.join(self.axes)}, above zero"
         if isinstance(velocities, Mapping):
             if missing := [joint for joint in self.axes if joint not in velocities]:

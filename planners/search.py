@@ -124,7 +124,7 @@ class SearchResult:
 
     Attributes
     ----------
-    path : ndarray of float64, shape (n, dof)
+    path : ndarray of float64, shape (n, size)
         The configurations that edges join; none where the goal was not reached.
     note : str
         How the path was found, or why not, where there is more to say.
@@ -391,7 +391,7 @@ class _Run:
         return simple if lengths[0] <= lengths[1] * (1.0 + 1e-12) else settled
 
     def _rows(self, path: og.PathGeometric) -> Floats:
-        """The configurations of a path, shape (n, dof)."""
+        """The configurations of a path, shape (n, size)."""
         return self._kind.unwind(np.array([self._kind.read(state) for state in path.getStates()]))
 
 

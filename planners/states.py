@@ -54,7 +54,7 @@ class StateKind:
     periodic_axes: tuple[bool, ...] = ()
 
     def unwind(self, path: Floats) -> Floats:
-        """A path of OMPL's, shape (n, dof), as edges join its rows, where whole turns count."""
+        """A path of OMPL's, shape (n, size), as edges join its rows, where whole turns count."""
         if not self.periodic_axes:
             return path
         unwind, steps = path.copy(), np.diff(path, axis=0)
@@ -62,7 +62,7 @@ class StateKind:
         return unwind
 
     def same(self, one: Floats, other: Floats) -> bool:
-        """Whether configurations are the same, shape (..., dof)."""
+        """Whether configurations are the same, shape (..., size)."""
         if not self.periodic_axes:
             return np.array_equal(one, other)
         return bool((np.abs(shorter(one - other, self.periodic_axes)) <= SAME * np.array(self.periodic_axes)).all())
@@ -202,14 +202,14 @@ def _joints(periodic_axes: tuple[bool, ...]) -> StateKind:
 
     All count alike: a radian as much as a metre.
     """
-    dof, circles = len(periodic_axes), np.flatnonzero(periodic_axes).tolist()
+    size, circles = len(periodic_axes), np.flatnonzero(periodic_axes).tolist()
     if not circles:
-        numbers = range(dof)
+        numbers = range(size)
 
         def read_vector(state: ob.State) -> Configuration:
             return tuple([state[k] for k in numbers])
 
-        return _by_reading(lambda: ob.RealVectorStateSpace(dof), _bound, read_vector, _write_vector)
+        return _by_reading(lambda: ob.RealVectorStateSpace(size), _bound, read_vector, _write_vector)
     limited = np.flatnonzero(~np.array(periodic_axes)).tolist()
     first = bool(limited)  # the subspace of those that have limits comes first, if there are any
 
@@ -227,7 +227,7 @@ def _joints(periodic_axes: tuple[bool, ...]) -> StateKind:
             _bound(states.getSubspace(0), [lower[k] for k in limited], [upper[k] for k in limited])
 
     def read(state: ob.State) -> Configuration:
-        q = [0.0] * dof
+        q = [0.0] * size
         if limited:
             vector = state[0]
             for n, k in enumerate(limited):

@@ -143,12 +143,12 @@ def all_cells(states):
 def middles(space, cells):
     """The middle configuration of cells ``(rotation, ...)``."""
     q = space.grid.center_of(cells[:, 1:])
-    return q if not space.rotations.dof else np.column_stack([q, space.rotations.centers[cells[:, 0]]])
+    return q if not space.rotations.names else np.column_stack([q, space.rotations.centers[cells[:, 0]]])
 
 
 def configurations(space, q):
     """Numbers as configurations of a map: quaternions get the norm 1."""
-    if space.rotations.dof == 4:
+    if len(space.rotations.names) == 4:
         q[..., 3:] /= np.linalg.norm(q[..., 3:], axis=-1, keepdims=True)
     return q
 

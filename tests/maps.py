@@ -2,11 +2,13 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import shapely
 import trimesh
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 import cspace
@@ -24,11 +26,23 @@ def same(a: cspace.CSpace, b: cspace.CSpace) -> None:
     assert all(one[name].dtype == two[name].dtype for name in one.variables)
     assert (a.grid, a.robot.spec, a.robot.name, a.rotations) == (b.grid, b.robot.spec, b.robot.name, b.rotations)
     assert (a.workspace.inner is a.workspace.outer) == (b.workspace.inner is b.workspace.outer)
-    low, high = ([*np.add(corner, by), 9.0 * by][: a.dof] for corner, by in ((a.grid.lower, -1.0), (a.grid.upper, 1.0)))
+    low, high = (
+        [*np.add(corner, by), 9.0 * by][: a.size] for corner, by in ((a.grid.lower, -1.0), (a.grid.upper, 1.0))
+    )
     q = np.random.default_rng(0).uniform(low, high, (64, len(low)))
     if "qw" in a.axes:
         q = np.hstack([q[:, :3], Rotation.random(64, rng=0).as_quat()])
     np.testing.assert_array_equal(a.classify(q), b.classify(q))
+
+
+def proven_paths(space: Any, q0: ArrayLike, q1: ArrayLike) -> Any:
+    """Return True if a path is proven to exist, False if none is proven to, else None; of batches an object array."""
+    connected, disconnected = space.is_connected(q0, q1), space.is_disconnected(q0, q1)
+    if isinstance(connected, bool):
+        assert isinstance(disconnected, bool) and not (connected and disconnected)
+        return True if connected else False if disconnected else None
+    assert connected.dtype == disconnected.dtype == np.bool_ and not (connected & disconnected).any()
+    return np.array([None, False, True], dtype=object)[2 * connected + disconnected]
 
 
 def files(path: Path) -> Iterator[Path]:
@@ -48,7 +62,7 @@ def plane() -> cspace.CSpace:
     """A room with a column in it: inner differs from outer, overlaps and shapes are there."""
     room = shapely.box(0, 0, 4, 3) - shapely.box(0.31, 0.32, 3.7, 2.68)
     workspace = cspace.Workspace.from_polygons([room, shapely.Point(2, 1.5).buffer(0.4)], 0.1)
-    return cspace.build(workspace, cspace.Robot.disc(0.2), overlap=True, margin=0.03)
+    return cspace.build(workspace, cspace.Robot.disc(0.2), counts=True, margin=0.03)
 
 
 def grid() -> cspace.CSpace:
@@ -62,7 +76,7 @@ def turning() -> cspace.CSpace:
     workspace = cspace.Workspace.from_array(np.eye(12, 9, dtype=bool), 0.1)
     borders = [-1.0, 0.3, 1.1, 2.0, 4.0, 2.0 * np.pi - 1.0]
     robot = cspace.Robot.polygon([(0, 0), (0.4, 0), (0, 0.2)])
-    return cspace.build(workspace, robot, rotations=borders, overlap=True)
+    return cspace.build(workspace, robot, rotations=borders, counts=True)
 
 
 def symmetric() -> cspace.CSpace:
@@ -83,7 +97,7 @@ def solid() -> cspace.CSpace:
     base = cspace.Workspace.from_mesh(housing, 0.1, (-1.0, -0.9, -0.8, 1.0, 0.9, 0.8))
     shapes = (Balls.of([(0.5, 0.5, 0.5)], 0.2), housing, Balls.of([(-0.8, 0.0, 0.1), (0.0, 0.0, 0.7)], [0.0, 0.1]))
     workspace = cspace.Workspace(base.grid, base.outer, base.inner, source=base.source, shapes=shapes)
-    return cspace.build(workspace, cspace.Robot.box((0.3, 0.2, 0.1)), overlap=True, margin=0.03)
+    return cspace.build(workspace, cspace.Robot.box((0.3, 0.2, 0.1)), counts=True, margin=0.03)
 
 
 def solid_turning() -> cspace.CSpace:

@@ -16,9 +16,9 @@ def draw_configurations(space, rng, n, far=False):
     q = np.where(rng.random((n, dim)) < 0.05, np.where(rng.random((n, dim)) < 0.5, low, high), q)
     if far:
         q[::97] = rng.choice([-1e300, -1e9, 1e9, 1e300], q[::97].shape)
-    if not space.rotations.dof:
+    if not space.rotations.names:
         return q
-    if space.rotations.dof == 4:
+    if len(space.rotations.names) == 4:
         return np.column_stack([q, draw_quaternions(space.rotations, rng, n)])
     on_border = rng.choice(np.asarray(space.rotations.borders), n) + 2.0 * np.pi * rng.integers(-1, 2, n)
     near = on_border + rng.choice([0.0, 1e-12, -1e-12, 1e-6, -1e-6], n)

@@ -89,7 +89,7 @@ def halves(name: str, between: int) -> tuple[CSpace, Any, Any]:
     cells = (19, 9) if name in ("plane", "turning") else (19, 9, 9)
     state = np.full((Rotations.of(turns).count, *cells), FREE, dtype=np.uint8)
     state[:, 9] = between
-    rest = (*(4.5,) * (len(cells) - 1), *{1: (1.0,), 4: (0.0, 0.6, 0.0, 0.8)}.get(Rotations.of(turns).dof, ()))
+    rest = (*(4.5,) * (len(cells) - 1), *{1: (1.0,), 4: (0.0, 0.6, 0.0, 0.8)}.get(Rotations.of(turns).size, ()))
     return with_state(state[0] if turns is None else state, turns), (2.5, *rest), (16.5, *rest)
 
 
@@ -106,7 +106,7 @@ def configurations(space: CSpace, n: int, seed: int) -> np.ndarray:
     lower, upper = np.array(space.grid.lower), np.array(space.grid.upper)
     corners = lower + space.grid.spacing * rng.integers(0, np.array(space.grid.shape) + 1, (n // 4, space.grid.dim))
     q = np.concatenate([rng.uniform(lower - 0.2, upper + 0.2, (n, space.grid.dim)), corners])
-    return usable(space, np.column_stack([q, rng.uniform(-math.pi, math.pi, (len(q), space.dof - space.grid.dim))]))
+    return usable(space, np.column_stack([q, rng.uniform(-math.pi, math.pi, (len(q), space.size - space.grid.dim))]))
 
 
 def edges_from(space: CSpace, n: int, seed: int, reach: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
@@ -131,7 +131,7 @@ def edge(space: CSpace, first: np.ndarray, last: np.ndarray, shares: np.ndarray)
 
 
 def edges(space: CSpace, firsts: np.ndarray, lasts: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same of many edges, shapes (n, shares, dof) and (n,)."""
+    """The same of many edges, shapes (n, shares, size) and (n,)."""
     dim = space.grid.dim
     places = firsts[:, None, :dim] + shares[:, None] * (lasts - firsts)[:, None, :dim]
     if "qw" in space.axes:
@@ -153,7 +153,7 @@ def turn_between(first: Any, second: Any) -> Any:
 @cache
 def shut_corners(space: CSpace) -> tuple[np.ndarray, cKDTree]:
     """Corners of the cells that are not FREE, but beside one that is, and a tree of their middles."""
-    shut = space.state != FREE
+    shut = space.cell_states != FREE
     border = np.argwhere(shut & ~ndimage.binary_erosion(shut, border_value=1)).reshape(-1, space.grid.dim)
     corners = np.array(space.grid.lower) + space.grid.spacing * border
     return corners, cKDTree(corners + space.grid.spacing / 2.0)
@@ -191,7 +191,7 @@ def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
     dim, path, waypoints = space.grid.dim, plan.path, plan.waypoints
     assert plan.solved and plan.certified and plan.status.startswith("path found") and not plan.hint
     for rows in (path, waypoints):
-        assert rows.dtype == np.float64 and rows.shape[1:] == (space.dof,) and not rows.flags.writeable
+        assert rows.dtype == np.float64 and rows.shape[1:] == (space.size,) and not rows.flags.writeable
         both = np.array([start, goal], dtype=float)
         assert np.array_equal(rows[[0, -1], :dim], both[:, :dim])
         assert (edges(space, rows[[0, -1]], both, np.zeros(1))[1] < 1e-7).all()
@@ -199,7 +199,7 @@ def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
     assert (path[:, dim:] >= -math.pi).all() and (path[:, dim:] < math.pi).all()
     known = {tuple(row) for row in path.tolist()}
     assert all(tuple(row) in known for row in waypoints.tolist())
-    along = np.linspace(0.0, 1.0, 20 if space.dof > dim else 200)
+    along = np.linspace(0.0, 1.0, 20 if space.size > dim else 200)
     straight, angles = edges(space, path[:-1], path[1:], along)
     steps = np.linalg.norm(np.diff(path[:, :dim], axis=0), axis=1)
     if plan.turning_radius is None:
@@ -217,13 +217,13 @@ def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
         assert (np.abs(turns) <= 1.02 * steps / plan.turning_radius + 1e-6).all()
         assert all(np.abs(points[-1, :2] - b[:2]).max() < 1e-5 for b, points in zip(path[1:], dense, strict=True))
     points = np.concatenate([path, *dense])
-    if space.dof > dim:
+    if space.size > dim:
         assert (angles <= math.radians(5) + 1e-7).all()
         assert (steps[angles > 1e-7] <= space.grid.spacing * (1 + 1e-9)).all()
         assert 0.0 <= plan.clearance <= space.clearance(points).min() + 1.5 * space.grid.spacing + 1e-9
     if not plan.exact:
         assert space.is_free(points).all()
-        if space.dof == dim:
+        if space.size == dim:
             least = least_distance(space, points)
             assert max(0.0, least - 2.3 * space.grid.spacing) <= plan.clearance <= least
     assert all(seconds >= 0.0 for seconds in dataclasses.astuple(plan.times))
@@ -231,7 +231,7 @@ def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
 
 def check_none(space: CSpace, plan: planners.Plan) -> None:
     """What holds of every plan that found nothing."""
-    assert not plan.solved and not plan.certified and plan.path.shape == plan.waypoints.shape == (0, space.dof)
+    assert not plan.solved and not plan.certified and plan.path.shape == plan.waypoints.shape == (0, space.size)
     assert all(math.isnan(value) for value in (plan.length, plan.total_rotation, plan.clearance))
 
 

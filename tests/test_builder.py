@@ -49,23 +49,23 @@ def test_states_are_those_of_the_definition(problem, rotations, outside, margin)
         rotations = Rotations.quaternions(2) if outer.ndim == 3 else None
     workspace = Workspace.from_array(outer, H, inner=inner)
     options = {"rotations": rotations, "outside": outside, "margin": margin}
-    counted = cspace.build(workspace, robot, overlap=True, **options)
-    cells, wanted = np.argwhere(np.ones_like(outer)), np.empty_like(counted.record.states)
+    counted = cspace.build(workspace, robot, counts=True, **options)
+    cells, wanted = np.argwhere(np.ones_like(outer)), np.empty_like(counted._kernel_map.states)
     rasters = slice_rasters(robot, H, margin, counted.rotations)
-    for number, cell in zip(*np.unique(counted.record.slice_of, return_index=True), strict=True):
+    for number, cell in zip(*np.unique(counted._kernel_map.slice_of, return_index=True), strict=True):
         far, near = rasters[number]
         touches = overlaps_by_shifts(outer, far, outside == "blocked")
         lies_in = overlaps_by_shifts(inner, near, outside == "blocked")
         wanted[number] = np.where(lies_in > 0, BLOCKED, np.where(touches > 0, MIXED, FREE))
-        assert (counted.overlaps.reshape(wanted.shape)[number] == touches).all()
-        center = np.broadcast_to(counted.rotations.centers[cell], (len(cells), counted.rotations.dof))
+        assert (counted.overlap_counts.reshape(wanted.shape)[number] == touches).all()
+        center = np.broadcast_to(counted.rotations.centers[cell], (len(cells), len(counted.rotations.names)))
         q = np.column_stack([counted.grid.center_of(cells), center])
-        assert counted.overlap(q).tolist() == touches.ravel().tolist()
-    assert (counted.record.states == wanted).all()
+        assert counted.overlap_count(q).tolist() == touches.ravel().tolist()
+    assert (counted._kernel_map.states == wanted).all()
     for method in ("fft", "direct"):
-        assert (cspace.build(workspace, robot, method=method, **options).record.states == wanted).all()
+        assert (cspace.build(workspace, robot, method=method, **options)._kernel_map.states == wanted).all()
     bare = cspace.build(workspace, robot, inner=False, **options)
-    assert (bare.record.states == np.minimum(wanted, MIXED)).all()
+    assert (bare._kernel_map.states == np.minimum(wanted, MIXED)).all()
 
 
 @settings(max_examples=25)
@@ -94,12 +94,12 @@ def test_agrees_with_the_exact_minkowski_sum(robot, obstacle):
     lower = np.stack(np.meshgrid(*map(np.arange, space.grid.shape), indexing="ij"), -1) * h + space.grid.lower
     cells = shapely.box(lower[..., 0], lower[..., 1], lower[..., 0] + h, lower[..., 1] + h)
     rounding = 4.0 / scale
-    assert not shapely.intersects(cells[space.state == FREE], exact.buffer(-rounding)).any()
-    assert shapely.covers(exact.buffer(rounding), cells[space.state == BLOCKED]).all()
+    assert not shapely.intersects(cells[space.cell_states == FREE], exact.buffer(-rounding)).any()
+    assert shapely.covers(exact.buffer(rounding), cells[space.cell_states == BLOCKED]).all()
     inner = np.argwhere(shapely.covers(shapely.Polygon(obstacle).buffer(-1e-6), cells))
     offsets = np.stack(np.meshgrid(*[np.arange(-20, 21)] * 2), -1).reshape(-1, 2)
     offsets = offsets[shapely.contains_xy(shapely.Polygon(robot).buffer(-1e-6), *(h * offsets).T)]
-    assert (space.state[tuple((inner[:, None] - offsets).reshape(-1, 2).T)] == BLOCKED).all()
+    assert (space.cell_states[tuple((inner[:, None] - offsets).reshape(-1, 2).T)] == BLOCKED).all()
 
 
 @pytest.mark.filterwarnings("ignore:the robot's mesh is")  # farther from its origin than it is wide
@@ -155,11 +155,11 @@ def test_convex_pairs_agree_with_the_exact_minkowski_sum(first, second):
     # A cell whose lower corner is p meets the sum where p lies in the sum and the reflected cell together.
     reach = minkowski_sum(total, manifold3d.Manifold.cube((h, h, h)).translate((-h, -h, -h)))
     lower = np.stack(np.meshgrid(*map(np.arange, space.grid.shape), indexing="ij"), -1) * h + space.grid.lower
-    assert depth(reach, lower[space.state == FREE]).max(initial=-np.inf) <= 1e-5
-    corners = lower[space.state == BLOCKED][:, None] + h * np.array(list(itertools.product((0, 1), repeat=3)))
+    assert depth(reach, lower[space.cell_states == FREE]).max(initial=-np.inf) <= 1e-5
+    corners = lower[space.cell_states == BLOCKED][:, None] + h * np.array(list(itertools.product((0, 1), repeat=3)))
     assert depth(total, corners.reshape(-1, 3)).min(initial=np.inf) >= -1e-5
     # What is undecided is a band along the border of the sum.
-    middles = lower[space.state == MIXED] + h / 2
+    middles = lower[space.cell_states == MIXED] + h / 2
     assert np.abs(depth(total, middles)).max(initial=0.0) <= 2.5 * np.sqrt(3) * h + thin(robot) + thin(obstacle)
 
 
@@ -201,7 +201,7 @@ def test_maps_obey_monotony_union_and_translation(problem, rotations, shift, dat
     options = {"rotations": rotations, "outside": "free"}
 
     def states(occupied, margin=0.0):
-        return cspace.build(Workspace.from_array(occupied, 0.125), robot, margin=margin, **options).state
+        return cspace.build(Workspace.from_array(occupied, 0.125), robot, margin=margin, **options).cell_states
 
     assert (states(first | second) == np.maximum(states(first), states(second))).all()
     grown = states(first, margin=0.13)
@@ -219,10 +219,10 @@ def test_maps_obey_monotony_union_and_translation(problem, rotations, shift, dat
 @given(robots(0.4), st.sampled_from([4, 8, 12]), seeds)
 def test_a_quarter_turn_of_the_world_is_a_quarter_turn_of_the_map(robot, count, seed):
     occupied = np.random.default_rng(seed).random((9, 12)) < 0.1
-    state = cspace.build(Workspace.from_array(occupied, 0.2), robot, rotations=count).state
+    state = cspace.build(Workspace.from_array(occupied, 0.2), robot, rotations=count).cell_states
     # (x, y) goes to (-y, x): entry [x, y] of the turned bitmap is entry [y, -x] of the bitmap.
     world = Workspace.from_array(np.ascontiguousarray(occupied.T[::-1]), 0.2)
-    assert (cspace.build(world, robot, rotations=count).state == np.roll(state, count // 4, 0).mT[:, ::-1]).all()
+    assert (cspace.build(world, robot, rotations=count).cell_states == np.roll(state, count // 4, 0).mT[:, ::-1]).all()
 
 
 @settings(max_examples=12)
@@ -231,14 +231,14 @@ def test_a_turn_of_the_world_in_space_is_a_turn_of_the_map(body, rotations, seed
     """Quarter turns about z with yaw; with all rotations half turns about each axis, given by where quaternions go."""
     occupied, options = np.random.default_rng(seed).random((6, 5, 4)) < 0.1, {"outside": outside}
     space = cspace.build(Workspace.from_array(occupied, H), body[0], rotations=rotations, **options)
-    cells, yaws = space.rotations, space.rotations.dof == 1
+    cells, yaws = space.rotations, len(space.rotations.names) == 1
     for axis in (2,) if yaws else (0, 1, 2):
         turn = Rotation.from_rotvec((math.pi / 2 if yaws else math.pi) * np.eye(3)[axis])
         # Of an array the turned entry [x, y, z] comes from where the inverse takes it.
-        turned = [part.swapaxes(-3, -2) if yaws else part for part in (occupied, space.state)]
+        turned = [part.swapaxes(-3, -2) if yaws else part for part in (occupied, space.cell_states)]
         flips = (-3,) if yaws else tuple({-3, -2, -1} - {axis - 3})
         world, wanted = (np.ascontiguousarray(np.flip(part, flips)) for part in turned)
-        states = cspace.build(Workspace.from_array(world, H), body[0], rotations=rotations, **options).state
+        states = cspace.build(Workspace.from_array(world, H), body[0], rotations=rotations, **options).cell_states
         images = (np.arange(8) + 2) % 8 if yaws else cells.cell_of((turn * Rotation.from_quat(cells.centers)).as_quat())
         assert (states[images] == wanted).all()
 
@@ -250,17 +250,17 @@ def test_slices_made_together_are_each_their_own(count, size):
     occupied = np.random.default_rng(4).random((60, 50)) < 0.02
     workspace, robot = Workspace.from_array(occupied, 0.1), Robot.polygon(size * np.array(L_SHAPE))
     space = cspace.build(workspace, robot, rotations=count, method="fft")
-    counted = cspace.build(workspace, robot, rotations=count, overlap=True)
+    counted = cspace.build(workspace, robot, rotations=count, counts=True)
     assert {space.precision, counted.precision} <= {"float32", "float64"}
-    assert len(space.record.states) == count and (counted.state == space.state).all()
+    assert len(space._kernel_map.states) == count and (counted.cell_states == space.cell_states).all()
     cells = np.argwhere(np.ones(occupied.shape, dtype=bool))
     borders = np.asarray(space.rotations.borders)
     for k in {0, 1, count // 2, count - 1}:
         yaw = np.full(len(cells), space.rotations.representatives[k])
         q = np.column_stack([space.grid.center_of(cells), yaw])
-        assert (counted.overlap(q) == counted.overlaps[k].ravel()).all()
+        assert (counted.overlap_count(q) == counted.overlap_counts[k].ravel()).all()
         others = np.append(borders[k : k + 2], borders[k] + TWO_PI)  # this cell, and all others as one
-        assert (cspace.build(workspace, robot, rotations=others).state[0] == space.state[k]).all()
+        assert (cspace.build(workspace, robot, rotations=others).cell_states[0] == space.cell_states[k]).all()
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1)])
@@ -271,19 +271,19 @@ def test_thin_empty_and_full_maps_and_giant_robots(shape, fill, radius, outside)
     workspace = Workspace.from_array(np.full(shape, bool(fill)), 0.1)
     space = cspace.build(workspace, Robot.disc(radius), outside=outside)
     if fill:
-        assert (space.state == BLOCKED).all()
+        assert (space.cell_states == BLOCKED).all()
     elif outside == "free":
-        assert (space.state == FREE).all()
+        assert (space.cell_states == FREE).all()
     else:
-        assert (space.state != FREE).all()  # nowhere does the robot fit within a map one cell wide
-        assert (space.state == BLOCKED).any() == (radius > 0.1)
+        assert (space.cell_states != FREE).all()  # nowhere does the robot fit within a map one cell wide
+        assert (space.cell_states == BLOCKED).any() == (radius > 0.1)
 
 
 def test_the_example_of_a_wall():
     """A disc of radius 0.3 on cells of 0.1: FREE from four cells off the wall, BLOCKED up to two."""
     occupied = np.zeros((21, 3), dtype=bool)
     occupied[10] = True
-    row = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.29), outside="free").state[:, 1]
+    row = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.29), outside="free").cell_states[:, 1]
     assert row.tolist() == [FREE] * 7 + [MIXED] + [BLOCKED] * 5 + [MIXED] + [FREE] * 7
 
 
@@ -296,19 +296,19 @@ def test_the_mixed_band_is_thin(robot):
     occupied = np.zeros((200, 160), dtype=bool)
     for x, y in rng.integers(0, 150, (30, 2)):
         occupied[x : x + 9, y : y + 5] = True
-    state = cspace.build(Workspace.from_array(occupied, 0.05), robot, outside="free").state
+    state = cspace.build(Workspace.from_array(occupied, 0.05), robot, outside="free").cell_states
     steps = ndimage.distance_transform_cdt(state != BLOCKED, metric="chessboard")
     assert 1 <= steps[state == MIXED].max() <= 3
 
 
 @pytest.mark.parametrize("rotations", [None, 2, 5, 17])
-@pytest.mark.parametrize("overlap", [False, True])
-def test_progress_reaches_the_end(rotations, overlap):
+@pytest.mark.parametrize("counts", [False, True])
+def test_progress_reaches_the_end(rotations, counts):
     grid = Workspace.from_array(np.random.default_rng(4).random((60, 50)) < 0.02, 0.1)
     shapes = Workspace.from_polygons(shapely.box(0, 0, 1, 1), 0.1, bounds=(-1, -1, 2, 2))
     for workspace in (grid, shapes):
         seen = []
-        options = {"overlap": overlap, "progress": lambda *step, seen=seen: seen.append(step)}
+        options = {"counts": counts, "progress": lambda *step, seen=seen: seen.append(step)}
         cspace.build(workspace, Robot.polygon(L_SHAPE), rotations=rotations, **options)
         done, steps = np.array(seen).T
         assert (np.diff(done) >= 0).all() and done[-1] == steps[-1] and len(set(steps.tolist())) == 1
@@ -338,7 +338,7 @@ def test_a_build_can_be_broken_off():
 def test_shape_is_a_robot_with_its_origin_as_reference_point(shape, robot):
     workspace = Workspace.from_array(np.random.default_rng(1).random((12,) * robot.dim) < 0.05, 0.1)
     space, expected = cspace.build(workspace, shape, rotations=4), cspace.build(workspace, robot, rotations=4)
-    np.testing.assert_array_equal(space.state, expected.state)
+    np.testing.assert_array_equal(space.cell_states, expected.cell_states)
     np.testing.assert_array_equal(Robot("named", shape).shape.bounds, robot.shape.bounds)
 
 
@@ -351,7 +351,7 @@ WORKSPACE = Workspace.from_array(np.eye(4, dtype=bool), 0.1)
     ({"rotations": -4}, "rotations is -4"),
     ({"rotations": [0.0, 1.0, 3.0]}, "whole circle"),
     ({"method": "guess"}, "'fft', 'direct' or 'auto'"),
-    ({"method": "direct", "overlap": True}, "use method='fft' or method='auto'"),
+    ({"method": "direct", "counts": True}, "use method='fft' or method='auto'"),
     ({"method": None}, "method is None"),
     ({"outside": "unknown"}, "outside is 'unknown'"),
     ({"margin": -0.1}, "margin is -0.1"),

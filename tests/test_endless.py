@@ -31,6 +31,7 @@ from cspace.rotations import Rotations
 from cspace.rotations.base import shorter
 from cspace.shapes import Point
 from handmade import map_in
+from maps import proven_paths
 from oracles import graph_of, linked, segment_meets_block
 from planners.states import kind_of
 
@@ -94,7 +95,7 @@ def test_paths_lead_across_the_seam(data: st.DataObject, periodic_axes: tuple[bo
         same = free[at[one]] >= 0 and free[at[one]] == free[at[other]]
         apart = passable[at[one]] < 0 or passable[at[one]] != passable[at[other]]
         with mock.patch.dict(SHIFTS, {2: (0, 2, 2), 3: (1, 1, 1)}):
-            assert space.path_exists(q[one], q[other]) is (True if same else False if apart else None)
+            assert proven_paths(space, q[one], q[other]) is (True if same else False if apart else None)
         if states[at[one]] == FREE and states[at[other]] == FREE and stays[[one, other]].all():
             path = space.find_path(q[one], q[other])
             assert (len(path) > 0) == same
@@ -168,7 +169,7 @@ def test_half_a_turn_goes_the_same_way_everywhere(data: st.DataObject, exact: bo
     assert space.certify_path(np.concatenate([q0, q1]), pairs, exact=exact).tolist() == edges
     assert [bool(space.certify_path([q0[k], q1[k]], exact=exact).all()) for k in range(4)] == edges[:4]
     assert [clearance(*q) for q in q0.tolist()] == space.clearance(q0).tolist()
-    assert (space.path_exists(q0, q0) == True).tolist() == space.is_free(q0).tolist()  # noqa: E712 - True, False or None
+    assert space.is_connected(q0, q0).tolist() == space.is_free(q0).tolist()
     si = ob.SpaceInformation(planners.state_space(space))
     valid, motion = (kind(si, space, exact=exact) for kind in (planners.StateValidityChecker, planners.MotionValidator))
     start, end = si.allocState(), si.allocState()
@@ -263,7 +264,7 @@ def test_the_widest_path_leads_across_the_seam(data: st.DataObject, periodic_axe
     for _ in range(2):
         room, free = room_of(states, periodic_axes), np.argwhere(states == FREE)
         whole = map_in(space.workspace, space.robot, states.copy())
-        search = Widest.of(whole.record, whole.record.states, whole.rotations, periodic_axes)
+        search = Widest.of(whole._kernel_map, whole._kernel_map.states, whole.rotations, periodic_axes)
         for start, goal in rng.choice(free, (2, 2)) if len(free) else []:
             turns = TWO_PI * rng.integers(-2, 3, (2, grid.dim)) * periodic_axes
             endpoints = grid.center_of(np.array([start, goal])) + turns
@@ -318,7 +319,7 @@ def test_an_update_is_seen_on_both_sides(periodic_axes: tuple[bool, ...], cells:
     space, q = made(states, periodic_axes, cells), None
     q = drawn(space, rng, 200)
     checks = space.point_checker(), space.edge_checker(), space.clearance_checker()
-    space.path_exists(q[0], q[1]), space.motion_is_free(q[:-1], q[1:])
+    space.is_connected(q[0], q[1]), space.motion_is_free(q[:-1], q[1:])
     for _ in range(4):
         low = rng.integers(0, shape)
         size = np.minimum(rng.integers(1, 5, len(shape)), np.array(shape) - low)
@@ -326,10 +327,10 @@ def test_an_update_is_seen_on_both_sides(periodic_axes: tuple[bool, ...], cells:
         states[box] = rng.integers(0, 2, size) * 2
         space.update(states[box] > 0, low.tolist())
         fresh = made(states, periodic_axes, cells)
-        np.testing.assert_array_equal(space.state, states)
+        np.testing.assert_array_equal(space.cell_states, states)
         for name in ("classify", "clearance"):
             np.testing.assert_array_equal(getattr(space, name)(q), getattr(fresh, name)(q))
-        for name in ("motion_is_free", "path_exists"):
+        for name in ("motion_is_free", "is_connected", "is_disconnected"):
             np.testing.assert_array_equal(getattr(space, name)(q[:-1], q[1:]), getattr(fresh, name)(q[:-1], q[1:]))
         for each in q[:20] if (states == FREE).any() else ():
             np.testing.assert_array_equal(space.nearest_free(each), fresh.nearest_free(each))
@@ -350,7 +351,7 @@ def test_what_is_placed_across_the_seam_is_on_both_sides(periodic_axes: tuple[bo
         centers = drawn(space, rng, 3)
         centers[0] = np.where(periodic_axes, math.pi, centers[0])
         space.is_free(q)
-        space.place("balls", centers, radius=radius)
+        space.add_obstacle("balls", centers, radius=radius)
         steps = q[:, np.newaxis] - centers
         apart = np.linalg.norm(steps - TWO_PI * np.round(steps / TWO_PI) * periodic_axes, axis=2).min(axis=1)
         side = space.grid.spacing * math.sqrt(len(periodic_axes))
@@ -358,9 +359,9 @@ def test_what_is_placed_across_the_seam_is_on_both_sides(periodic_axes: tuple[bo
         assert (space.clearance(q) <= np.maximum(apart - radius, 0.0) + 1e-9).all()
         alone = states[tuple(np.transpose([cell(space, each) for each in q]))]
         np.testing.assert_array_equal(space.classify(q)[apart > radius + side], alone[apart > radius + side])
-        assert space.placed["balls"].bounds[0] == pytest.approx(centers.min(axis=0) - radius)
-    space.remove("balls")
-    np.testing.assert_array_equal(space.state, states)
+        assert space.obstacles["balls"].bounds[0] == pytest.approx(centers.min(axis=0) - radius)
+    space.remove_obstacle("balls")
+    np.testing.assert_array_equal(space.cell_states, states)
 
 
 def test_copies_and_files_and_what_there_is_not(tmp_path: Path) -> None:
@@ -377,13 +378,16 @@ def test_copies_and_files_and_what_there_is_not(tmp_path: Path) -> None:
         pickle.loads(pickle.dumps(space)),
     ):
         assert repr(again) == repr(space)
-        assert again.path_exists(left, right) is True
+        assert again.is_connected(left, right)
         assert again.periodic_axes == (True, False)
     assert space.to_xarray().attrs["periodic_axes"] == "a"
-    assert space.facts["periodic_axes"] == ["a"]
+    assert space._facts["periodic_axes"] == ["a"]
     ask: list[tuple[Any, str]] = [
-        (lambda: space.overlap(left), r"overlap is asked for; it is undefined on a map with periodic axes \(a\);"),
-        (lambda: space.contains_robot(left), "overlap is asked for"),
+        (
+            lambda: space.overlap_count(left),
+            r"overlap_count is asked for; it is undefined on a map with periodic axes \(a\);",
+        ),
+        (lambda: space.contains_robot(left), "overlap_count is asked for"),
         (lambda: space.is_free((300.0, 0.0)), "at most 256 are wrapped exactly"),
         (lambda: space.is_free((math.inf, 0.0)), "at most 256 are wrapped exactly"),
         (lambda: space.is_free((math.nan, 0.0)), "nan.*must be finite"),
@@ -425,7 +429,7 @@ def test_planners_go_across_the_seam(planner: str | None) -> None:
     space, left, right = across()
     plan = planners.plan(space, left, right, planner=planner, seed=3, time_limit=0.3 if planner == "BITstar" else 20.0)
     assert plan.certified
-    assert plan.path_exists is True
+    assert plan.is_connected
     assert plan.length >= math.hypot(TWO_PI - 2.0, 0.7) - 1e-6
     assert (np.abs(np.diff(plan.path[:, 0])) <= math.pi).all()
     assert plan.path[-1, 0] == pytest.approx(right[0] - TWO_PI)

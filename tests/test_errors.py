@@ -61,7 +61,7 @@ LARGE = 10**400
         lambda space: space.is_free([LARGE, 1]),
         lambda space: space.is_free([[1, 1], [1, -LARGE]], exact=True),
         lambda space: space.clearance([LARGE, 1]),
-        lambda space: space.path_exists([LARGE, 1], [1, 1]),
+        lambda space: space.is_connected([LARGE, 1], [1, 1]),
         lambda space: space.motion_is_free([1, 1], [1, LARGE]),
         lambda space: space.nearest_free([LARGE, 1]),
         lambda space: space.sample_free(LARGE),

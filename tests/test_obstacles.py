@@ -19,6 +19,7 @@ import solids
 from cspace import BLOCKED, FREE, ConfigurationError, InputError, Robot, Workspace
 from cspace.map.components import Components
 from cspace.shapes import Box, Shape, shape_of
+from maps import proven_paths
 from refusals import refusals
 from tests.soak.plane import placed
 from updates import BLOCK, SPACING, World, agree, check, checkers, room, worlds
@@ -55,16 +56,16 @@ class Stage:
         rng = self.world.rng
         name, way = str(rng.choice(["cart", "dog", "door"])), rng.random()
         if way < 0.25 and name in self.placed:
-            space.remove(name)
+            space.remove_obstacle(name)
             del self.placed[name]
         elif way < 0.4:
             cells, lower, inner = self.world.patch()
             space.update(cells, lower, inner=inner)
         else:
             obstacle, radius = self.obstacle()
-            space.place(name, obstacle, radius=radius)
+            space.add_obstacle(name, obstacle, radius=radius)
             self.placed[name] = shape_of(obstacle, radius)
-        assert list(space.placed) == list(self.placed)
+        assert list(space.obstacles) == list(self.placed)
         return self.build()
 
     def build(self) -> cspace.CSpace:
@@ -88,8 +89,8 @@ def test_whatever_is_placed_and_moved_equals_a_rebuild(world: World, asked: bool
         check(space, stage.build(), world)
     for _ in range(4):
         check(space, stage.step(space), world)
-    for name in list(space.placed):
-        space.remove(name)
+    for name in list(space.obstacles):
+        space.remove_obstacle(name)
     check(space, world.build(), world)
 
 
@@ -109,12 +110,12 @@ def test_checkers_and_exact_answers_follow(world: World) -> None:
 @pytest.mark.parametrize("rotations", [None, 24])
 def test_a_move_across_the_map_returns_what_it_changed(rotations: int | None) -> None:
     space = room(robot=Robot.rectangle(0.5, 0.3, (0.1, 0.0)), rotations=rotations)
-    space.path_exists((1.0, 1.0), (2.0, 2.0)) if rotations is None else space.clearance((1.0, 1.0, 0.0))
-    space.place("cart", shapely.box(0.52, 0.52, 0.98, 0.98))
+    space.is_connected((1.0, 1.0), (2.0, 2.0)) if rotations is None else space.clearance((1.0, 1.0, 0.0))
+    space.add_obstacle("cart", shapely.box(0.52, 0.52, 0.98, 0.98))
     for corner in (0.62, 1.7, 2.31):  # overlapping, in reach of one robot, and not
-        before = space.state.copy()
-        update = space.place("cart", shapely.box(corner, corner, corner + 0.46, corner + 0.46))
-        changed = np.argwhere(space.state != before)
+        before = space.cell_states.copy()
+        update = space.add_obstacle("cart", shapely.box(corner, corner, corner + 0.46, corner + 0.46))
+        changed = np.argwhere(space.cell_states != before)
         assert update.changed == len(changed) > 0
         assert (changed[:, -2:] >= update.lower).all() and (changed[:, -2:] < update.upper).all()
 
@@ -125,34 +126,34 @@ def test_polygons_of_a_workspace_stay_what_they_are() -> None:
     space = cspace.build(Workspace.from_polygons(wall, 0.1, bounds), Robot.disc(0.3))
     q = np.random.default_rng(0).uniform((0.3, 0.3), (3.7, 2.7), (400, 2))
     before = space.is_free(q, exact=True)
-    space.place("cart", CART)
+    space.add_obstacle("cart", CART)
     both = cspace.build(Workspace.from_polygons([wall, CART], 0.1, bounds), Robot.disc(0.3))
-    np.testing.assert_array_equal(space.state, both.state)
+    np.testing.assert_array_equal(space.cell_states, both.cell_states)
     np.testing.assert_array_equal(space.is_free(q, exact=True), both.is_free(q, exact=True))
-    space.remove("cart")
+    space.remove_obstacle("cart")
     np.testing.assert_array_equal(space.is_free(q, exact=True), before)
-    assert space.workspace.shapes is not None and not space.placed
+    assert space.workspace.shapes is not None and not space.obstacles
 
 
 def test_a_move_too_small_for_the_cells_is_seen_by_exact_answers() -> None:
     space = room()
     free = space.point_checker(exact=True)
-    space.place("cart", shapely.box(1.83, 1.33, 2.17, 1.67))
+    space.add_obstacle("cart", shapely.box(1.83, 1.33, 2.17, 1.67))
     assert free(2.0, 1.98) and not free(2.0, 1.96)
-    assert space.place("cart", shapely.box(1.83, 1.33, 2.17, 1.69)).changed == 0
+    assert space.add_obstacle("cart", shapely.box(1.83, 1.33, 2.17, 1.69)).changed == 0
     assert not free(2.0, 1.98) and free(2.0, 2.0)
 
 
 def test_updates_go_below_what_is_placed() -> None:
     space, empty = room(), room()
-    space.place("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
-    state = space.state.copy()
+    space.add_obstacle("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
+    state = space.cell_states.copy()
     assert space.update(BLOCK & False, (18, 13)).changed == 0  # nothing was there to be cleared
-    np.testing.assert_array_equal(space.state, state)
+    np.testing.assert_array_equal(space.cell_states, state)
     space.update(BLOCK, (18, 13))
-    space.remove("cart")
+    space.remove_obstacle("cart")
     empty.update(BLOCK, (18, 13))
-    np.testing.assert_array_equal(space.state, empty.state)
+    np.testing.assert_array_equal(space.cell_states, empty.cell_states)
 
 
 def test_what_is_unknown_is_known_where_something_is_placed_or_updated() -> None:
@@ -160,13 +161,13 @@ def test_what_is_unknown_is_known_where_something_is_placed_or_updated() -> None
     unknown[:, 10:] = True
     workspace = Workspace(cspace.Grid((0, 0), 0.1, (40, 30)), unknown, unknown, unknown=unknown)
     space = cspace.build(workspace, Robot.disc(0.1))
-    space.place("cart", CART)
+    space.add_obstacle("cart", CART)
     cart = shape_of(CART).cells(workspace.grid)[0]
     np.testing.assert_array_equal(space.workspace.unknown, unknown & ~cart)
     space.update(BLOCK, (0, 20))
     unknown[:4, 20:24] = False
     np.testing.assert_array_equal(space.workspace.unknown, unknown & ~cart)
-    space.remove("cart")
+    space.remove_obstacle("cart")
     np.testing.assert_array_equal(space.workspace.unknown, unknown)
     assert workspace.unknown is not None and workspace.unknown[:4, 20:24].all()
 
@@ -187,10 +188,10 @@ def test_exact_answers_agree_with_shapely(rotations: int | None) -> None:
     for _ in range(4):
         corner, spots = rng.uniform(0.0, 2.6, 2), rng.uniform(0.0, 3.0, (4, 2))
         cart = shapely.affinity.rotate(shapely.box(*corner, *np.add(corner, (0.7, 0.4))), float(rng.uniform(0, 90)))
-        space.place("cart", cart)
-        space.place("legs", spots, radius=0.08)
+        space.add_obstacle("cart", cart)
+        space.add_obstacle("legs", spots, radius=0.08)
         blocked = shapely.union_all([still, cart])
-        q = np.column_stack([rng.uniform(0.0, 3.0, (400, 2)), rng.uniform(-3.0, 3.0, 400)])[:, : space.dof]
+        q = np.column_stack([rng.uniform(0.0, 3.0, (400, 2)), rng.uniform(-3.0, 3.0, 400)])[:, : space.size]
         shapely.prepare(blocked)
         bodies = placed(body, q)
         from_spots = shapely.distance(bodies[:, None], shapely.points(spots)).min(axis=1) - 0.08
@@ -210,15 +211,15 @@ def test_exact_answers_agree_with_fcl(rotations: Any) -> None:
     for _ in range(3):
         turn, middle, spots = Rotation.random(random_state=rng), rng.uniform(0.6, 1.8, 3), rng.uniform(0.4, 2.0, (5, 3))
         box = trimesh.creation.box(sides)
-        space.place("box", (box.vertices @ turn.as_matrix().T + middle, box.faces))
-        space.place("balls", spots, radius=0.1)
+        space.add_obstacle("box", (box.vertices @ turn.as_matrix().T + middle, box.faces))
+        space.add_obstacle("balls", spots, radius=0.1)
         there = [solids.box(sides, middle, turn.as_matrix()), *(solids.ball(0.1, spot) for spot in spots)]
         turns = (
             Rotation.from_rotvec(rng.uniform(-3.0, 3.0, (300, 1)) * (0, 0, 1))
-            if space.dof == 4
+            if space.size == 4
             else Rotation.random(300, rng)
         )
-        numbers = {3: np.empty((300, 0)), 4: turns.as_rotvec()[:, 2:], 7: turns.as_quat()}[space.dof]
+        numbers = {3: np.empty((300, 0)), 4: turns.as_rotvec()[:, 2:], 7: turns.as_quat()}[space.size]
         q = np.hstack([rng.uniform(0.5, 1.9, (300, 3)), numbers])
         for one, free in zip(q, space.is_free(q, exact=True), strict=True):
             placed = one[:3], solids.turn_of(one).as_matrix()
@@ -244,40 +245,40 @@ def test_shapes_may_be_given_in_many_ways() -> None:
     states = []
     for obstacle, radius in obstacles:
         space = room()
-        space.place("cart", obstacle, radius=radius)
-        states.append(space.state)
+        space.add_obstacle("cart", obstacle, radius=radius)
+        states.append(space.cell_states)
     assert all((state == states[0]).all() for state in states)
     solid = cspace.build(Workspace.from_array(np.zeros((8, 8, 8), dtype=bool), 0.2), Robot.ball(0.2))
     box, states = trimesh.creation.box(bounds=[(0.5, 0.5, 0.5), (0.9, 1.1, 1.0)]), []
     meshes = (box, trimesh.Scene([box]), (box.vertices, box.faces), cspace.Mesh.of(box))
     for obstacle in (*meshes, Box.of((0.4, 0.6, 0.5), (0.7, 0.8, 0.75))):
-        solid.place("box", obstacle)
-        states.append(solid.state.copy())
+        solid.add_obstacle("box", obstacle)
+        states.append(solid.cell_states.copy())
     assert all((state == states[0]).all() for state in states)
     balls = cspace.shapes.Balls.of([(0.8, 0.8, 0.8)], 0.3)
-    solid.place("box", balls)
-    states = [solid.state.copy()]
-    solid.place("box", balls.centers, radius=balls.radii)
-    assert (solid.state == states[0]).all() and list(solid.placed) == ["box"]
+    solid.add_obstacle("box", balls)
+    states = [solid.cell_states.copy()]
+    solid.add_obstacle("box", balls.centers, radius=balls.radii)
+    assert (solid.cell_states == states[0]).all() and list(solid.obstacles) == ["box"]
 
 
 def test_robots_and_their_short_texts_are_obstacles() -> None:
     space, other = room(), room()
     for text in ("disc:0.3@1,1", "rect:0.5x0.3@2,1", "ellipse:0.5,0.3@2,2", "footprint:[[1,1],[2,1],[1,2]]"):
-        space.place("e", text)
-        other.place("e", Robot.parse(text))
-        np.testing.assert_array_equal(space.state, other.state)
-        assert space.placed["e"].spec == Robot.parse(text).shape.spec
-        assert not space.is_free(space.placed["e"].outer.bounds[0] + 0.2, exact=True)
+        space.add_obstacle("e", text)
+        other.add_obstacle("e", Robot.parse(text))
+        np.testing.assert_array_equal(space.cell_states, other.cell_states)
+        assert space.obstacles["e"].spec == Robot.parse(text).shape.spec
+        assert not space.is_free(space.obstacles["e"].outer.bounds[0] + 0.2, exact=True)
 
 
 @refusals(
     "name, obstacle, radius, message",
     ("cart", Robot.ball(0.3), None, "is in space"),
     ("cart", "ball:0.3", None, "is in space"),
-    ("cart", "cube:0.3", None, "obstacle is 'cube:0.3'; it must be a short text, WKT, or a file"),
+    ("cart", "cube:0.3", None, "shape is 'cube:0.3'; it must be a short text, WKT, or a file"),
     ("cart", "ellipse:0.3", None, "must stand RADIUS_X,RADIUS_Y"),
-    ("cart", cspace.arms.PosedShape(Robot.ball(0.3), np.eye(4)), None, "is a Placed"),
+    ("cart", cspace.arms.PosedShape(Robot.ball(0.3), np.eye(4)), None, "is a PosedShape"),
     ("", CART, None, "not empty"),
     (3, CART, None, "not empty"),
     (None, CART, None, "not empty"),
@@ -304,35 +305,35 @@ def test_robots_and_their_short_texts_are_obstacles() -> None:
 )
 def test_what_is_refused_changes_nothing(name: Any, obstacle: Any, radius: Any, message: str) -> None:
     space = room()
-    space.place("cart", CART)
-    state, shape = space.state.copy(), space.placed["cart"]
+    space.add_obstacle("cart", CART)
+    state, shape = space.cell_states.copy(), space.obstacles["cart"]
     with pytest.raises(cspace.CspaceError, match=message):
-        space.place(name, obstacle, radius=radius)
-    np.testing.assert_array_equal(space.state, state)
-    assert space.placed == {"cart": shape} and not space.is_free((2.0, 1.5), exact=True)
+        space.add_obstacle(name, obstacle, radius=radius)
+    np.testing.assert_array_equal(space.cell_states, state)
+    assert space.obstacles == {"cart": shape} and not space.is_free((2.0, 1.5), exact=True)
 
 
 def test_unknown_names_and_parts_of_maps_are_refused() -> None:
     space = room()
-    with pytest.raises(InputError, match="nothing was placed"):
-        space.remove("cart")
-    space.place("cart", CART)
+    with pytest.raises(InputError, match="none was added"):
+        space.remove_obstacle("cart")
+    space.add_obstacle("cart", CART)
     with pytest.raises(InputError, match="there are 'cart'"):
-        space.remove("dog")
+        space.remove_obstacle("dog")
     fill = cspace.Mesh.of(trimesh.creation.box((1, 1, 1)), "fill")
     solid = cspace.build(Workspace.from_array(np.zeros((8, 8, 8), dtype=bool), 0.2), Robot.ball(0.2))
     with pytest.raises(InputError, match="solid='fill'"):
-        solid.place("box", fill)
-    assert not solid.placed
+        solid.add_obstacle("box", fill)
+    assert not solid.obstacles
 
 
 def test_maps_in_tiles_refuse(tmp_path: Path) -> None:
     workspace = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
     tiled = cspace.build(workspace, Robot.disc(0.3), store=tmp_path / "map.zarr", tile=16)
     with pytest.raises(ConfigurationError, match="place needs a map in memory"):
-        tiled.place("cart", CART)
+        tiled.add_obstacle("cart", CART)
     with pytest.raises(ConfigurationError, match="part of a larger one"):
-        tiled.window((0.0, 0.0), (2.0, 2.0)).place("cart", CART)
+        tiled.window((0.0, 0.0), (2.0, 2.0)).add_obstacle("cart", CART)
 
 
 # ---- copies, files, threads ------------------------------------------------------------------------------------------
@@ -341,28 +342,28 @@ def test_maps_in_tiles_refuse(tmp_path: Path) -> None:
 @pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, lambda space: pickle.loads(pickle.dumps(space))])
 def test_copies_know_the_names_and_go_their_own_way(again: Any) -> None:
     space, empty = room(), room()
-    space.place("cart", CART)
+    space.add_obstacle("cart", CART)
     other = again(space)
-    assert list(other.placed) == ["cart"]
-    other.remove("cart")
-    np.testing.assert_array_equal(other.state, empty.state)
-    assert list(space.placed) == ["cart"] and not space.is_free((2.0, 1.5))
-    space.place("cart", shapely.box(0.5, 0.5, 0.6, 0.6))
-    np.testing.assert_array_equal(other.state, empty.state)
-    space.remove("cart")
-    np.testing.assert_array_equal(space.state, empty.state)
+    assert list(other.obstacles) == ["cart"]
+    other.remove_obstacle("cart")
+    np.testing.assert_array_equal(other.cell_states, empty.cell_states)
+    assert list(space.obstacles) == ["cart"] and not space.is_free((2.0, 1.5))
+    space.add_obstacle("cart", shapely.box(0.5, 0.5, 0.6, 0.6))
+    np.testing.assert_array_equal(other.cell_states, empty.cell_states)
+    space.remove_obstacle("cart")
+    np.testing.assert_array_equal(space.cell_states, empty.cell_states)
 
 
 def test_files_hold_obstacles_and_no_names(tmp_path: Path) -> None:
     space = room()
-    space.place("cart", CART)
+    space.add_obstacle("cart", CART)
     space.save(tmp_path / "map.zarr")
     opened = cspace.open(tmp_path / "map.zarr")
-    assert not opened.placed
-    np.testing.assert_array_equal(opened.state, space.state)
+    assert not opened.obstacles
+    np.testing.assert_array_equal(opened.cell_states, space.cell_states)
     q = np.random.default_rng(0).uniform((1.0, 1.0), (3.0, 2.0), (300, 2))
     np.testing.assert_array_equal(opened.is_free(q, exact=True), space.is_free(q, exact=True))
-    opened.place("cart", shapely.box(0.5, 0.5, 0.6, 0.6))
+    opened.add_obstacle("cart", shapely.box(0.5, 0.5, 0.6, 0.6))
     assert not opened.is_free((2.0, 1.5))
 
 
@@ -372,35 +373,35 @@ def test_obstacles_from_threads_wait_for_each_other() -> None:
     def ask() -> None:
         q = np.random.default_rng(1).uniform(-1.0, 5.0, (50, 2))
         space.clearance(q)
-        space.path_exists(q[:25], q[25:])
+        space.is_connected(q[:25], q[25:])
         space.is_free(q, exact=True)
         copy.copy(space)
-        list(space.placed)
+        list(space.obstacles)
 
     def move(name: str) -> None:
         rng = np.random.default_rng(ord(name))
         for _ in range(15):
-            space.place(name, [rng.uniform(0.0, 4.0, 2)], radius=0.2)
-        space.remove(name) if name == "a" else None
+            space.add_obstacle(name, [rng.uniform(0.0, 4.0, 2)], radius=0.2)
+        space.remove_obstacle(name) if name == "a" else None
 
     while_two_ask(ask, [partial(move, name) for name in "abc"])
-    assert set(space.placed) == {"b", "c"}
+    assert set(space.obstacles) == {"b", "c"}
     fresh = cspace.build(space.workspace, space.robot, outside="free")
     again = room("free")
-    for name, shape in space.placed.items():
-        again.place(name, shape)
+    for name, shape in space.obstacles.items():
+        again.add_obstacle(name, shape)
     q = np.random.default_rng(0).uniform(-1.0, 5.0, (300, 2))
     for other in (fresh, again):
-        np.testing.assert_array_equal(space.state, other.state)
+        np.testing.assert_array_equal(space.cell_states, other.cell_states)
         np.testing.assert_array_equal(space.clearance(q), other.clearance(q))
         np.testing.assert_array_equal(space.is_free(q, exact=True), other.is_free(q, exact=True))
-        np.testing.assert_array_equal(space.path_exists(q[:150], q[150:]), other.path_exists(q[:150], q[150:]))
+        np.testing.assert_array_equal(proven_paths(space, q[:150], q[150:]), proven_paths(other, q[:150], q[150:]))
 
 
 def test_an_interrupted_move_leaves_a_map_that_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
     space, calls, real = room(), [], Components.renew
-    space.place("cart", shapely.box(0.5, 0.5, 0.9, 0.9))
-    space.path_exists((1.0, 1.0), (2.0, 2.0))
+    space.add_obstacle("cart", shapely.box(0.5, 0.5, 0.9, 0.9))
+    space.is_connected((1.0, 1.0), (2.0, 2.0))
 
     def interrupt(self: Components, change: Any) -> None:
         calls.append(change)
@@ -410,10 +411,10 @@ def test_an_interrupted_move_leaves_a_map_that_is_right(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(Components, "renew", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        space.place("cart", shapely.box(3.0, 2.0, 3.4, 2.4))  # two changes
+        space.add_obstacle("cart", shapely.box(3.0, 2.0, 3.4, 2.4))  # two changes
     fresh = room()
-    fresh.place("cart", shapely.box(3.0, 2.0, 3.4, 2.4))
-    np.testing.assert_array_equal(space.state, fresh.state)
+    fresh.add_obstacle("cart", shapely.box(3.0, 2.0, 3.4, 2.4))
+    np.testing.assert_array_equal(space.cell_states, fresh.cell_states)
     q = np.random.default_rng(0).uniform(0.0, 3.0, (100, 2))
-    np.testing.assert_array_equal(space.path_exists(q[:50], q[50:]), fresh.path_exists(q[:50], q[50:]))
+    np.testing.assert_array_equal(proven_paths(space, q[:50], q[50:]), proven_paths(fresh, q[:50], q[50:]))
     np.testing.assert_array_equal(space.is_free(q, exact=True), fresh.is_free(q, exact=True))

@@ -20,6 +20,7 @@ from cspace.engines.slices import Correlation
 from cspace.export import images
 from cspace.map.components import Components
 from handmade import exterior_blocked
+from maps import proven_paths
 from refusals import refusals
 from updates import BLOCK, World, agree, check, checkers, room, worlds
 from waiting import while_two_ask
@@ -86,17 +87,17 @@ def test_without_inner_nothing_becomes_blocked(bare: bool, outside: str) -> None
     space.update(BLOCK, (20, 20))
     occupied[20:24, 20:24] = True
     fresh = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.3), **options)
-    np.testing.assert_array_equal(space.state, fresh.state)
-    assert set(np.unique(space.state)) == {FREE, MIXED}
+    np.testing.assert_array_equal(space.cell_states, fresh.cell_states)
+    assert set(np.unique(space.cell_states)) == {FREE, MIXED}
 
 
 def test_a_state_made_by_hand_may_be_read_only() -> None:
     made = room()
-    given_state = made.state
+    given_state = made.cell_states
     assert not given_state.flags.writeable
     space = handmade.map_in(made.workspace, made.robot, given_state)
     space.update(BLOCK, (18, 13))
-    assert not np.array_equal(space.state, given_state)  # which belongs to the other map
+    assert not np.array_equal(space.cell_states, given_state)  # which belongs to the other map
 
 
 # ---- what is told ----------------------------------------------------------------------------------------------------
@@ -104,12 +105,12 @@ def test_a_state_made_by_hand_may_be_read_only() -> None:
 
 def test_an_update_returns_what_it_looked_at() -> None:
     space = room()
-    before = space.state.copy()
+    before = space.cell_states.copy()
     update = space.update(BLOCK, (18, 13))
     reach = 4  # cells: three of the disc's own, and one more as any point of a cell may meet it
     assert update.occupied == 16
     assert (update.lower, update.upper) == ((18 - reach, 13 - reach), (22 + reach, 17 + reach))
-    changed = np.argwhere(space.state != before)
+    changed = np.argwhere(space.cell_states != before)
     assert update.changed == len(changed)
     assert (changed >= update.lower).all() and (changed < update.upper).all()
 
@@ -125,16 +126,16 @@ def test_only_what_differs_is_looked_at() -> None:
 
 def test_cells_count_in_every_rotation() -> None:
     space = room(robot=Robot.rectangle(0.8, 0.4), rotations=8)  # of which four slices are stored
-    before = space.state.copy()
+    before = space.cell_states.copy()
     update = space.update(BLOCK, (18, 13))
-    assert update.changed == np.count_nonzero(space.state != before)
+    assert update.changed == np.count_nonzero(space.cell_states != before)
 
 
 def test_a_robot_larger_than_the_map_changes_nothing() -> None:
     space = room(robot=Robot.disc(9.0))
     update = space.update(BLOCK, (18, 13))
     assert update.occupied == 16 and update.changed == 0 and update.lower == update.upper
-    assert (space.state == BLOCKED).all()
+    assert (space.cell_states == BLOCKED).all()
 
 
 # ---- whose cells change ----------------------------------------------------------------------------------------------
@@ -143,22 +144,22 @@ def test_a_robot_larger_than_the_map_changes_nothing() -> None:
 def test_the_workspace_and_other_maps_of_it_stay() -> None:
     workspace = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
     space, other = (cspace.build(workspace, Robot.disc(0.3)) for _ in range(2))
-    state = other.state.copy()
+    state = other.cell_states.copy()
     space.update(BLOCK, (18, 13))
     assert not workspace.outer.any() and other.workspace is workspace
-    np.testing.assert_array_equal(other.state, state)
+    np.testing.assert_array_equal(other.cell_states, state)
     assert space.workspace.outer.sum() == 16 and not space.workspace.outer.flags.writeable
-    assert space.workspace.source == workspace.source and not space.state.flags.writeable
+    assert space.workspace.source == workspace.source and not space.cell_states.flags.writeable
 
 
 def test_a_map_of_the_current_workspace_stays_when_the_first_goes_on() -> None:
     space = cspace.build(Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1), Robot.disc(0.3))
     space.update(BLOCK, (18, 13))
     other = cspace.build(space.workspace, Robot.disc(0.2))
-    state, cells = other.state.copy(), other.workspace.outer.copy()
+    state, cells = other.cell_states.copy(), other.workspace.outer.copy()
     space.update(~BLOCK, (18, 13))
     assert not space.workspace.outer.any() and (other.workspace.outer == cells).all() and cells.any()
-    assert (other.state == state).all() and not other.is_free((2.0, 1.5), exact=True)
+    assert (other.cell_states == state).all() and not other.is_free((2.0, 1.5), exact=True)
 
 
 def test_shapes_are_replaced_by_cells() -> None:
@@ -213,7 +214,7 @@ def test_a_door_closes_and_opens() -> None:
     for shut in (False, True, False):
         space.update(door & shut, (20, 10))
         plan = planners.plan(space, *endpoints, seed=1)
-        assert plan.path_exists is (not shut) and plan.solved is (not shut)
+        assert plan.is_disconnected is shut and plan.is_connected is (not shut) and plan.solved is (not shut)
         assert plan.certified is (not shut)
 
 
@@ -240,17 +241,17 @@ def test_a_door_closes_and_opens() -> None:
 )
 def test_what_is_refused_changes_nothing(cells, lower, inner, message) -> None:
     space = room()
-    workspace, state = space.workspace, space.state.copy()
+    workspace, state = space.workspace, space.cell_states.copy()
     with pytest.raises(InputError, match=message):
         space.update(cells, lower, inner=inner)
     assert space.workspace is workspace and not workspace.outer.any()
-    np.testing.assert_array_equal(space.state, state)
+    np.testing.assert_array_equal(space.cell_states, state)
     space.update(BLOCK, (18, 13))
-    held = space.workspace.outer.copy(), space.state.copy()
+    held = space.workspace.outer.copy(), space.cell_states.copy()
     with pytest.raises(InputError, match=message):
         space.update(cells, lower, inner=inner)
     np.testing.assert_array_equal(space.workspace.outer, held[0])
-    np.testing.assert_array_equal(space.state, held[1])
+    np.testing.assert_array_equal(space.cell_states, held[1])
 
 
 def test_cells_of_any_kind_are_taken() -> None:
@@ -264,7 +265,7 @@ def test_cells_of_any_kind_are_taken() -> None:
         for lower in ((18, 13), [18, 13], np.array([18, 13]), (np.int32(18), 13)):
             space = room()
             space.update(cells, lower)
-            np.testing.assert_array_equal(space.state, expected.state)
+            np.testing.assert_array_equal(space.cell_states, expected.cell_states)
             assert set(np.unique(space.workspace.outer.view(np.uint8))) == {0, 1}
 
 
@@ -282,7 +283,7 @@ def test_an_interrupted_update_leaves_a_map_that_is_right(
     keeper: str, rotations: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     outer, rng = np.zeros((20, 18), dtype=bool), np.random.default_rng(0)
-    options = {"outside": "free", "margin": 0.0, "overlap": True, "rotations": rotations}
+    options = {"outside": "free", "margin": 0.0, "counts": True, "rotations": rotations}
     world = World(outer, outer.copy(), Robot.rectangle(2.0, 1.0), options, rng)
     space = world.build()
     check(space, world.build(), world)
@@ -328,7 +329,7 @@ def test_an_update_interrupted_between_batches_of_slices_is_completed(
     occupied = np.zeros((40, 30), dtype=bool)
     occupied[18:22, 13:17] = True
     fresh = cspace.build(Workspace.from_array(occupied, 0.1), space.robot, outside="free", rotations=5)
-    np.testing.assert_array_equal(space.state, fresh.state)
+    np.testing.assert_array_equal(space.cell_states, fresh.cell_states)
     np.testing.assert_array_equal(space.workspace.outer, occupied)
 
 
@@ -343,7 +344,7 @@ def test_an_update_without_memory_for_its_window_changes_nothing(monkeypatch: py
         with pytest.raises(MemoryError):
             space.update(BLOCK, (18, 13))
     assert not space.workspace.outer.any()
-    np.testing.assert_array_equal(space.state, room().state)
+    np.testing.assert_array_equal(space.cell_states, room().cell_states)
     assert space.update(BLOCK, (18, 13)).occupied == 16
 
 
@@ -353,14 +354,14 @@ def test_an_update_without_memory_for_its_window_changes_nothing(monkeypatch: py
 def test_updates_from_threads_wait_for_each_other() -> None:
     space, rng = room("free"), np.random.default_rng(0)
     space.clearance((1.0, 1.0))
-    space.path_exists((1.0, 1.0), (2.0, 2.0))
+    space.is_connected((1.0, 1.0), (2.0, 2.0))
     places = [(int(x), int(y)) for x, y in rng.integers(0, (36, 26), (40, 2))]
 
     def ask() -> None:
         q = np.random.default_rng(1).uniform(-1.0, 5.0, (50, 2))
         space.clearance(q)
-        space.path_exists(q[:25], q[25:])
-        space.overlap(q)
+        space.is_connected(q[:25], q[25:])
+        space.overlap_count(q)
         space.sample_free(3, np.random.default_rng(2))
 
     def put(own: list[tuple[int, int]]) -> None:
@@ -372,10 +373,10 @@ def test_updates_from_threads_wait_for_each_other() -> None:
     for x, y in places:
         occupied[x : x + 4, y : y + 4] = True
     fresh = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.3), outside="free")
-    np.testing.assert_array_equal(space.state, fresh.state)
+    np.testing.assert_array_equal(space.cell_states, fresh.cell_states)
     q = rng.uniform(-1.0, 5.0, (300, 2))
     np.testing.assert_array_equal(space.clearance(q), fresh.clearance(q))
-    np.testing.assert_array_equal(space.path_exists(q[:150], q[150:]), fresh.path_exists(q[:150], q[150:]))
+    np.testing.assert_array_equal(proven_paths(space, q[:150], q[150:]), proven_paths(fresh, q[:150], q[150:]))
 
 
 @pytest.mark.parametrize("name", ["map.npz", "map.yaml"])
@@ -388,25 +389,25 @@ def test_what_is_saved_is_of_one_moment(tmp_path: Path, monkeypatch: pytest.Monk
     begun = getattr(module, step)
 
     def in_the_midst(*args: Any, **members: Any) -> None:
-        before = space.state.copy()
+        before = space.cell_states.copy()
         changing.start()
         changing.join(0.2)
-        assert changing.is_alive() and (space.state == before).all()
+        assert changing.is_alive() and (space.cell_states == before).all()
         begun(*args, **members)
 
     monkeypatch.setattr(module, step, in_the_midst)
     space.export(tmp_path / name)
     changing.join()
-    assert (space.state != FREE).sum() > (room().state != FREE).sum()
+    assert (space.cell_states != FREE).sum() > (room().cell_states != FREE).sum()
 
 
 def test_paths_are_of_before_an_update_or_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
     # A cell that becomes FREE amid others, away from the rest, in a block that had one component.
     space = cspace.build(Workspace.from_array(exterior_blocked((40, 40), np.s_[10:20, 10:20]), 0.1), Robot.disc(0.01))
     pocket, corner, answers = (1.55, 1.55), (3.5, 3.5), []
-    asking = threading.Thread(target=lambda: answers.append(space.path_exists(pocket, corner)))
-    assert space.path_exists(pocket, corner) is False
-    assert space.path_exists(corner, (0.5, 0.5)) is True
+    asking = threading.Thread(target=lambda: answers.append(space.is_disconnected(pocket, corner)))
+    assert space.is_disconnected(pocket, corner)
+    assert space.is_connected(corner, (0.5, 0.5))
     renew = Components.renew
 
     def in_the_midst(self: Components, boxes: np.ndarray) -> None:
@@ -420,4 +421,4 @@ def test_paths_are_of_before_an_update_or_after_it(monkeypatch: pytest.MonkeyPat
     space.update(ring, (10, 10))
     asking.join()
     assert space.is_free(pocket)
-    assert answers == [space.path_exists(pocket, corner)] == [False]
+    assert answers == [space.is_disconnected(pocket, corner)] == [True]

@@ -326,11 +326,11 @@ def test_shapes_of_any_kind_make_a_workspace():
     empty = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
     space = cspace.build(empty, Robot.disc(0.2), outside="free")
     for number, shape in enumerate(shapes):
-        space.place(str(number), shape)
+        space.add_obstacle(str(number), shape)
     assert (workspace.outer == space.workspace.outer).all()
     assert (workspace.inner == space.workspace.inner).all()
     built = cspace.build(workspace, Robot.disc(0.2), outside="free")
-    assert (built.state == space.state).all()
+    assert (built.cell_states == space.cell_states).all()
     q = np.random.default_rng(0).uniform((0, 0), (4, 3), (500, 2))
     assert (built.is_free(q, exact=True) == space.is_free(q, exact=True)).all()
     polygons = [shapely.box(0, 0, 1, 3), shapely.box(2, 1, 2.55, 4)]
@@ -347,7 +347,7 @@ def test_shapes_of_any_kind_make_a_workspace():
 @refusals(
     "shapes, message",
     ([], "shapes holds no shape"),
-    ({"cart": shapely.box(0, 0, 1, 1)}, r"shapes is a dict; .* space\.place\(name, shape\)"),
+    ({"cart": shapely.box(0, 0, 1, 1)}, r"shapes is a dict; .* space\.add_obstacle\(name, shape\)"),
     ("disc:0.3", "shapes is a str; it must be several shapes; pass a list"),
     (shapely.box(0, 0, 1, 1), "shapes is a Polygon"),
     (Robot.disc(1.0), "shapes is a Robot"),

@@ -20,6 +20,7 @@ from cspace import Robot, Workspace, limits
 from cspace.arrays import Floats
 from cspace.errors import ConfigurationError
 from cspace.map.storage import PackedStates
+from maps import proven_paths
 from planners.states import kind_of
 from planning import ENDPOINTS, room
 from strategies import rotation_cells, seeds
@@ -79,7 +80,7 @@ def test_maps_return_yaws_from_minus_pi_to_below_pi(rotations: Any, kind: str, s
             assert_in_range(*returned_yaws(each, rng))
         first, last = ends(space, rng)
         assert_in_range(tiled.nearest_free(first)[-1], tiled.rotations.centers)
-        assert_in_range(*(end[-1] for _, *both in tiled.legs(first, last) for end in both))
+        assert_in_range(*(end[-1] for _, *both in tiled._tile_subproblems(first, last) for end in both))
 
 
 @settings(max_examples=10)
@@ -108,7 +109,7 @@ def test_exact_plans_return_yaws_from_minus_pi_to_below_pi() -> None:
     occupied[1:12, 1:-1] = occupied[28:39, 1:-1] = occupied[:, 3:6] = False
     space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.6, 0.29), rotations=36)
     ends = (0.7, 0.45, -math.pi), (3.4, 0.45, -math.pi)
-    assert space.path_exists(*ends) is None
+    assert proven_paths(space, *ends) is None
     for seed in range(3):
         plan = planners.plan(space, *ends, exact=True, seed=seed, time_limit=20.0, simplify=False)
         assert plan.solved

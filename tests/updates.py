@@ -70,7 +70,7 @@ class World:
         sides = np.array(self.outer.shape) * SPACING
         q = np.array(self.lower) + self.rng.uniform(-0.4, 1.4, (n, len(sides))) * sides
         q = np.where(self.rng.random(q.shape) < 0.1, grid.upper, q)
-        return self.configurations(np.column_stack([q, self.rng.uniform(-9.0, 9.0, (n, self.turns.dof))]))
+        return self.configurations(np.column_stack([q, self.rng.uniform(-9.0, 9.0, (n, len(self.turns.names)))]))
 
     def near(self, q: NDArray[np.float64], share: float) -> NDArray[np.float64]:
         """Configurations at a share of the way to others."""
@@ -78,7 +78,7 @@ class World:
 
     def configurations(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
         """Numbers as configurations: quaternions get the norm 1."""
-        if self.turns.dof == 4:
+        if len(self.turns.names) == 4:
             q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
         return q
 
@@ -97,7 +97,7 @@ def worlds(draw: st.DrawFn, kinds: tuple[str, ...] = KINDS) -> World:
     options = {
         "outside": draw(st.sampled_from(["blocked", "free"])),
         "margin": draw(st.sampled_from([0.0, 0.4])),
-        "overlap": draw(st.booleans()),
+        "counts": draw(st.booleans()),
         "rotations": draw(st.sampled_from(turns)) if "turning" in kind else None,
     }
     size = SPACING * draw(st.sampled_from([0.1, 1.3, 3.0, 1.5 * most]))
@@ -112,29 +112,30 @@ def worlds(draw: st.DrawFn, kinds: tuple[str, ...] = KINDS) -> World:
 
 def check(space: CSpace, fresh: CSpace, world: World) -> None:
     """Fail unless all that a map answers is what one answers that was built anew."""
-    np.testing.assert_array_equal(space.record.states, fresh.record.states)
+    np.testing.assert_array_equal(space._kernel_map.states, fresh._kernel_map.states)
     assert space.count() == fresh.count()
     for mine, other in (
         (space.workspace.outer, fresh.workspace.outer),
         (space.workspace.inner, fresh.workspace.inner),
-        (space.overlaps, fresh.overlaps),
+        (space.overlap_counts, fresh.overlap_counts),
     ):
         assert (mine is None) == (other is None)
         np.testing.assert_array_equal(mine, other)
     q = world.points(40)
     queries = {
         "classify": (q,),
-        "overlap": (q,),
+        "overlap_count": (q,),
         "contains_robot": (q,),
         "clearance": (q,),
-        "path_exists": (q[:, None], q[None]),
+        "is_connected": (q[:, None], q[None]),
+        "is_disconnected": (q[:, None], q[None]),
         "motion_is_free": (q, world.near(q, 0.2)),
         "certify_path": (q,),
     }
     for name, given in queries.items():
         np.testing.assert_array_equal(getattr(space, name)(*given), getattr(fresh, name)(*given), name)
     np.testing.assert_array_equal(space.is_free_around(q, SPACING, 0.3), fresh.is_free_around(q, SPACING, 0.3))
-    if (fresh.record.states == FREE).any():
+    if (fresh._kernel_map.states == FREE).any():
         draws = [one.sample_free(9, np.random.default_rng(1)) for one in (space, fresh)]
         np.testing.assert_array_equal(*draws)
         np.testing.assert_array_equal(space.nearest_free(q[0]), fresh.nearest_free(q[0]))

@@ -66,8 +66,9 @@ animate(space, plan, "cars_film.gif", True, seconds=8)
 # What is proven, and what is not
 # -------------------------------
 #
-# Every curve of a certified plan is free along its whole length. ``path_exists`` is about a robot that may turn on the
-# spot: its ``False`` holds for cars too, its ``True`` need not. The smaller the turning radius, the more a car can do:
+# Every curve of a certified plan is free along its whole length. ``is_connected`` is about a robot that may turn on
+# the spot, and need not hold for a car; ``is_disconnected`` holds for cars too. The smaller the
+# turning radius, the more a car can do:
 
 for radius in (3.0, 4.0, 7.0):
     plan = planners.plan(space, start, (0.0, 9.0, math.pi), drive="dubins", turning_radius=radius, time_limit=3, seed=1)

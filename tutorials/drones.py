@@ -36,7 +36,7 @@ print(space)
 # through the roof, unless you build with ``outside="free"``.
 
 start, goal = (1.0, 2.0, 0.5), (5.0, 2.5, 0.5)
-print("a path exists:", space.path_exists(start, goal))
+print("a path exists:", space.is_connected(start, goal))
 plan = planners.plan(space, start, goal, seed=1)
 print(plan)
 save_plot(space, "drones_1.png", True, path=plan, view="3d")
@@ -55,7 +55,7 @@ save_plot(space, "drones_2.png", True, path=plan)
 
 slender = cspace.Robot.box((0.3, 2.0, 0.3))
 still = cspace.build(house, slender)
-print("without a turn:", still.path_exists(start, goal))
+print("without a turn none exists:", still.is_disconnected(start, goal))
 turning = cspace.build(house, slender, rotations=72)
 plan = planners.plan(turning, (*start, 0.0), (*goal, 0.0), time_limit=10, seed=1)
 print(plan)

@@ -49,12 +49,12 @@ print(space.motion_is_free((3.0, 8.0), (3.0, 6.0)))
 print(space.clearance((3.0, 8.0)))
 
 # %%
-# Whether a path exists at all is known before any search: ``True`` and ``False`` are proven, ``None`` means that cells
-# of this size cannot decide. The store room, upper right, has a door of 0.45 m, and the robot is 0.6 m wide.
+# The map can prove before any search that a path exists, or that none does. If both answers are False, cells of this
+# size cannot decide. The store room, upper right, has a door of 0.45 m, and the robot is 0.6 m wide.
 
 start, goal, store_room = (1.4, 8.6), (14.6, 1.2), (13.5, 8.4)
-print(space.path_exists(start, goal))
-print(space.path_exists(start, store_room))
+print(space.is_connected(start, goal))
+print(space.is_disconnected(start, store_room))
 
 # %%
 # Plan
@@ -104,11 +104,11 @@ save_plot(space, "mobile_robots_4.png", True, view="panels")
 space = cspace.build(workspace, cspace.Robot.disc(0.3))
 before = planners.plan(space, start, goal, seed=4)
 x, y = before.path[len(before.path) // 2]
-print(space.place("crate", box(x - 0.4, y - 0.4, x + 0.4, y + 0.4)))
+print(space.add_obstacle("crate", box(x - 0.4, y - 0.4, x + 0.4, y + 0.4)))
 print("still free:", space.certify_path(before.path).all())
 after = planners.plan(space, start, goal, seed=4)
 save_plot(space, "mobile_robots_5.png", True, path=after)
-space.remove("crate")
+space.remove_obstacle("crate")
 print("free again:", space.certify_path(before.path).all())
 
 # %%

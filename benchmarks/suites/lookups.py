@@ -116,7 +116,7 @@ def _by_rows(space: CSpace, points: Floats) -> NDArray[np.uint8]:
     cells = np.floor((points - space.grid.lower) / space.grid.spacing).astype(np.int64)
     inside = ((cells >= 0) & (cells < space.grid.shape)).all(axis=-1)
     states = np.full(len(points), BLOCKED, dtype=np.uint8)
-    states[inside] = space.state[cells[inside, 0], cells[inside, 1]]
+    states[inside] = space.cell_states[cells[inside, 0], cells[inside, 1]]
     return states
 
 
@@ -126,7 +126,7 @@ def _by_columns(space: CSpace, points: Floats) -> NDArray[np.uint8]:
     x = np.floor((points[:, 0] - lower_x) / spacing).astype(np.int64)
     y = np.floor((points[:, 1] - lower_y) / spacing).astype(np.int64)
     inside = (x >= 0) & (x < nx) & (y >= 0) & (y < ny)
-    return np.where(inside, space.state[np.where(inside, x, 0), np.where(inside, y, 0)], np.uint8(BLOCKED))
+    return np.where(inside, space.cell_states[np.where(inside, x, 0), np.where(inside, y, 0)], np.uint8(BLOCKED))
 
 
 # ---- edges -----------------------------------------------------------------------------------------------------------
@@ -181,8 +181,8 @@ def _compare_edges(
 def _checkers(space: CSpace) -> dict[str, Callable[[Any], Any]]:
     """Return what OMPL's discrete validator asks: our checker, the barest look-up, and one that says yes."""
     checkers = {"discrete, our isValid": lambda si: planners.StateValidityChecker(si, space)}
-    if space.grid.dim == 2 and not space.rotations.dof:
-        rows = [bytes(row) for row in space.state]
+    if space.grid.dim == 2 and not space.rotations.names:
+        rows = [bytes(row) for row in space.cell_states]
         scale = 1.0 / space.grid.spacing
 
         class WorkspaceView(ob.StateValidityChecker):

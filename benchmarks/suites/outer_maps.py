@@ -27,7 +27,7 @@ Call = Callable[[], Bools]
 def ours(workspace: Workspace, robot: Robot, method: str) -> Bools:
     """Return the outer map of a robot that only translates, from its shape on."""
     space = cspace.build(workspace, robot, inner=False, outside="free", method=method)
-    return space.state.view(np.bool_)  # FREE is 0 and MIXED 1
+    return space.cell_states.view(np.bool_)  # FREE is 0 and MIXED 1
 
 
 def named(method: str) -> str:

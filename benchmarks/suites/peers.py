@@ -226,7 +226,7 @@ def _against(
     for method, least in goals.items():
         own = timings[named(method)]
         report.ratio(f"{peer} / {named(method)}", timings[peer], own, least=least)
-        slices = zip(own.value.state != cspace.FREE, timings[peer].value, strict=True)
+        slices = zip(own.value.cell_states != cspace.FREE, timings[peer].value, strict=True)
         report.check(all((a == b).all() for a, b in slices), f"{named(method)}: equal to the peer, cell for cell")
     return timings
 

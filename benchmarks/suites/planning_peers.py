@@ -105,10 +105,10 @@ def plane_problems(report: Report, rng: np.random.Generator) -> Iterator[Problem
 def far_apart(space: CSpace, number: int, rng: np.random.Generator) -> list[Query]:
     """Draw FREE pairs, half the map's diagonal apart, that a path joins and no straight edge does."""
     least = 0.5 * np.linalg.norm(np.subtract(space.grid.upper, space.grid.lower))
-    draws = 5_000 if space.rotations.dof else 20_000
+    draws = 5_000 if space.rotations.names else 20_000
     starts, goals = space.sample_free(draws, rng), space.sample_free(draws, rng)
     fit = np.linalg.norm((starts - goals)[:, : space.grid.dim], axis=1) >= least
-    fit &= (space.path_exists(starts, goals) == True) & ~space.motion_is_free(starts, goals)  # noqa: E712 - of objects
+    fit &= space.is_connected(starts, goals) & ~space.motion_is_free(starts, goals)
     if fit.sum() < number:
         raise RuntimeError(f"only {fit.sum()} of {draws} random pairs are far apart, joined and out of sight")
     return list(zip(starts[fit][:number], goals[fit][:number], strict=True))
@@ -121,7 +121,7 @@ def _from_scenarios(space: CSpace, number: int = 3) -> list[Query]:
     for x0, y0, x1, y1, _ in rows[np.argsort(-rows[:, 4], kind="stable")]:
         # Rows are counted from the top of the map.
         start, goal = (np.array([x + 0.5, space.grid.shape[1] - y - 0.5]) for x, y in ((x0, y0), (x1, y1)))
-        if space.path_exists(start, goal) is True and not space.motion_is_free(start, goal):
+        if space.is_connected(start, goal) and not space.motion_is_free(start, goal):
             queries.append((start, goal))
             if len(queries) == number:
                 break

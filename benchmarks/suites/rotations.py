@@ -186,7 +186,7 @@ def _look_ups(report: Report, space: CSpace, fcl: Fcl, rng: np.random.Generator)
 def _random(space: CSpace, number: int, rng: np.random.Generator) -> Floats:
     """Draw configurations in the grid, uniform in position and rotation."""
     places = rng.uniform(space.grid.lower, space.grid.upper, (number, 3))
-    if space.rotations.dof == 1:
+    if len(space.rotations.names) == 1:
         return np.column_stack([places, rng.uniform(-np.pi, np.pi, number)])
     turns = rng.normal(size=(number, 4))
     return np.column_stack([places, turns / np.linalg.norm(turns, axis=1, keepdims=True)])
@@ -199,9 +199,9 @@ def _edges(space: CSpace, rng: np.random.Generator, number: int) -> tuple[Floats
     goals[:, :3] += EDGE * space.grid.spacing * way / np.linalg.norm(way, axis=1, keepdims=True)
     goals[:, :3] = np.clip(goals[:, :3], space.grid.lower, space.grid.upper)
     goals[:, 3:] += rng.uniform(-MAX_ROTATION, MAX_ROTATION, goals[:, 3:].shape) / (
-        2.0 if space.rotations.dof == 4 else 1.0
+        2.0 if len(space.rotations.names) == 4 else 1.0
     )
-    if space.rotations.dof == 4:
+    if len(space.rotations.names) == 4:
         goals[:, 3:] /= np.linalg.norm(goals[:, 3:], axis=1, keepdims=True)
     return starts, goals
 

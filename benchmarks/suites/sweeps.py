@@ -202,7 +202,7 @@ def _sample(
     }
     if not ready:
         return
-    state = cspace.build(workspace, robot, outside="free").state
+    state = cspace.build(workspace, robot, outside="free").cell_states
     cells = np.concatenate([rng.integers(0, state.shape, (SAMPLE, state.ndim)), _beside_others(state, rng)])
     q = cells + rng.random(cells.shape)
     expected = state[tuple(cells.T)]

@@ -70,8 +70,8 @@ def _throughput(report: Report, rng: np.random.Generator, folder: Path) -> None:
             report.timing(label, timing)
         inside, stored = timings.values()
         report.ratio("throughput of the store, of that in memory", inside, stored, least=0.5)
-        states = zarr.open_group(str(folder / "one"), mode="r")["state"]
-        whole = inside.value.record.states
+        states = zarr.open_group(str(folder / "one"), mode="r")["cell_states"]
+        whole = inside.value._kernel_map.states
         report.check(all(np.array_equal(states[k], part) for k, part in enumerate(whole)), "states are equal")
         stored_bytes = _bytes(folder / "one")
         report.figure("bytes a cell on disk", stored_bytes / whole.size, "B")
@@ -126,24 +126,24 @@ def _large(
     report.figure("largest worker", max(peak) / 1e9, "GB", most=2.0)
     report.figure("bytes on disk", _bytes(path) / 1e6, "MB")
     upper = [size * SPACING] * 2 + [np.pi] * bool(rotations)
-    q = rng.uniform(0.0, upper, (10**6, space.dof))
+    q = rng.uniform(0.0, upper, (10**6, space.size))
     space.classify(q[:1])
     space.motion_is_free(q[0], q[0])
     states = _timed(report, "10^6 look-ups at random", lambda: space.classify(q))
-    near = q[: 10**4] + rng.normal(size=(10**4, space.dof)) * ([20.0, 20.0] + [0.3] * bool(rotations))
+    near = q[: 10**4] + rng.normal(size=(10**4, space.size)) * ([20.0, 20.0] + [0.3] * bool(rotations))
     free = _timed(report, "10^4 edges of some 25 m", lambda: space.motion_is_free(q[: 10**4], near))
     report.check(not (free & (states[: 10**4] != cspace.FREE)).any(), "no free edge begins in a cell that is not FREE")
     window = space.window(q[0, :2] - 20.0, q[0, :2] + 20.0)
     here = window.grid.contains(q[:, :2])
     report.check(np.array_equal(window.classify(q[here]), states[here]), "a window answers alike")
-    _timed(report, "components of all tiles, labelled and joined", space.label)
+    _timed(report, "components of all tiles, labelled and joined", space.compute_components)
     free_q = q[states == cspace.FREE]
     endpoints = [
         free_q[np.argmin(np.abs(free_q[:, :2] - corner).sum(axis=1))] for corner in (50.0, size * SPACING - 50.0)
     ]
     report.figure("cells from start to goal", float(np.abs(endpoints[1] - endpoints[0])[:2].max() / SPACING), "")
     plan = _timed(report, "a plan", lambda: planners.plan(space, *endpoints, seed=0, time_limit=10.0), most=60.0)
-    report.note(f"{plan.status}; a path exists: {plan.path_exists}; {plan.length:.0f} m")
+    report.note(f"{plan.status}; a path exists: {plan.is_connected}; {plan.length:.0f} m")
     report.check(plan.certified or not plan.solved, "the path is certified, where one was found")
     report.figure("this process", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6, "GB")
 

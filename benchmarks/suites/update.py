@@ -66,7 +66,7 @@ def _moves(report: Report, floor: Workspace, name: str) -> None:
     report.section(f"{name}, {' x '.join(map(str, floor.grid.shape))} cells x 72 yaws; trolley of 1.2 m x 0.8 m")
     space = cspace.build(floor, Robot.rectangle(0.9, 0.6, (0.15, 0.0)), rotations=72)
     q = space.sample_free(MOVES + 3, np.random.default_rng(1))
-    space.path_exists(q[-1], q[-2])
+    space.is_connected(q[-1], q[-2])
     space.clearance(q[-3])
     cspace.build(floor, Robot.disc(0.2)).to_costmap()  # compiles
     first = Timing(None)
@@ -78,12 +78,12 @@ def _moves(report: Report, floor: Workspace, name: str) -> None:
         "leaps across the map": [(*q[k, :2], 9.0 * k) for k in range(MOVES)],
     }
     for way, places in boxes.items():
-        timings = {name: Timing(None) for name in ("place", "path_exists after it", "clearance after that", "costmap")}
+        timings = {name: Timing(None) for name in ("place", "is_connected after it", "clearance after that", "costmap")}
         move, asked, distance, costs = timings.values()
         for x, y, angle in places:
             moved = affinity.translate(affinity.rotate(trolley, angle, origin=(0, 0)), x, y)
-            move.take(lambda moved=moved: space.place("trolley", moved))
-            asked.take(lambda: space.path_exists(q[-1], q[-2]))
+            move.take(lambda moved=moved: space.add_obstacle("trolley", moved))
+            asked.take(lambda: space.is_connected(q[-1], q[-2]))
             distance.take(lambda: space.clearance(q[-3]))
             costs.take(space.to_costmap)
         report.timings({f"{way}: {name}": timing for name, timing in timings.items()})
@@ -91,9 +91,9 @@ def _moves(report: Report, floor: Workspace, name: str) -> None:
         most = MOST if name == FLOORS[-1] else None
         report.figure(f"{way}: all three, CPU time in the median", 1e3 * float(np.median(each)), "ms", most=most)
     fresh = cspace.build(space.workspace, space.robot, rotations=72)
-    report.check(bool((space.state == fresh.state).all()), "states equal those of a build")
-    answers = [one.path_exists(q[:20], q[20:40]) for one in (space, fresh)]
-    report.check(np.array_equal(*answers), "path_exists equals that of a build")
+    report.check(bool((space.cell_states == fresh.cell_states).all()), "states equal those of a build")
+    answers = [one.is_connected(q[:20], q[20:40]) for one in (space, fresh)]
+    report.check(np.array_equal(*answers), "is_connected equals that of a build")
     report.check(space.to_costmap().data == fresh.to_costmap().data, "costmap equals that of a build")
 
 
@@ -128,4 +128,4 @@ def _compare(
     for name, timing in timings.items():
         report.timing(name, timing)
         report.ratio(f"{name} / an update", timing, each, least=least if name == "build" else None)
-    report.check(bool((space.state == build().state).all()), "states equal those of a build")
+    report.check(bool((space.cell_states == build().cell_states).all()), "states equal those of a build")

@@ -56,7 +56,7 @@ def build_joint_map(
     spacing: float,
     joints: Sequence[str] | None = None,
     *,
-    at: ArrayLike | None = None,
+    held_joints: ArrayLike | None = None,
     limits: Mapping[str, tuple[float, float]] | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
@@ -71,7 +71,7 @@ def build_joint_map(
         whole cells make a turn.
     joints : sequence of str, optional
         The joints of the map, in the order of its axes; by default all of the arm's.
-    at : array-like, shape (arm.dof,), optional
+    held_joints : array-like, shape (arm.dof,), optional
         A configuration of the arm, at which the other joints are held; needed where there are others.
     limits : mapping of str to (float, float), optional
         The part of a joint's range that is mapped; by default all between its limits, and of continuous joints the
@@ -114,10 +114,10 @@ def build_joint_map(
     if len(names) not in (2, 3) or len(set(names)) < len(names):
         rule = "a map is of two or three different joints"
         raise InputError(
-            "joints", f"are {', '.join(names)}", rule, "name them, and pass at= for the others", value=names
+            "joints", f"are {', '.join(names)}", rule, "name them, and pass held_joints= for the others", value=names
         )
     numbers = np.array([arm.joints.index(name) for name in names])
-    held = _held(space, names, at)
+    held = _held(space, names, held_joints)
     intervals = np.array([_limits(space, name, limits) for name in names])
     periodic_axes = tuple(np.isinf(intervals).all(axis=1).tolist())
     if any(periodic_axes):
@@ -168,23 +168,29 @@ def _fill(scene: Scene, inside: Inside, cells: Cells, block: Ints, states: NDArr
     fill(scene, inside, cells, rest_of(block, cells, len(scene.pairs)), states, work_of(scene))
 
 
-def _held(space: ArmSpace, names: Sequence[str], at: ArrayLike | None) -> Floats:
+def _held(space: ArmSpace, names: Sequence[str], held_joints: ArrayLike | None) -> Floats:
     """A configuration of the arm, of which the numbers of the map's joints do not count."""
     others = [name for name in space.arm.joints if name not in names]
-    if at is None:
+    if held_joints is None:
         if others:
             rule = f"the map holds {', '.join(others)} still"
-            raise InputError("at", "is missing", rule, f"pass a configuration of the arm, {space.arm.dof} numbers")
+            raise InputError(
+                "held_joints", "is missing", rule, f"pass a configuration of the arm, {space.arm.dof} numbers"
+            )
         return np.zeros(space.arm.dof)
-    held = space.arm.checked(at, "at")
+    held = space.arm._check_configurations(held_joints, "held_joints")
     if held.ndim != 1:
         raise InputError(
-            "at", f"has shape {held.shape}", "it must be one configuration of the arm", "pass one", value=at
+            "held_joints",
+            f"has shape {held.shape}",
+            "it must be one configuration of the arm",
+            "pass one",
+            value=held_joints,
         )
     within = space.arm.clamp(held)
     numbers = [space.arm.joints.index(name) for name in others]
     within[numbers] = held[numbers]
-    space.arm.check_limits(within, "at")
+    space.arm.check_limits(within, "held_joints")
     return held.copy()
 
 
@@ -198,7 +204,7 @@ def _limits(space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]
             rule, hint = "after a turn the arm is not where it was", f"pass limits={{{name!r}: (-3.14, 3.14)}}"
             raise InputError("limits", problem, rule, hint, value=limits)
         if own[0] == own[1]:
-            hint = "name the other joints; at= says where it is held"
+            hint = "name the other joints; held_joints= says where it is held"
             raise InputError(
                 "joints", f"name {name!r}, which stays at {own[0]:g}", "a map is of what moves", hint, value=name
             )
@@ -235,7 +241,7 @@ def _check_held(space: ArmSpace, numbers: Ints, held: Floats, still: Ints) -> No
         link, other, *_ = space.contact(scene, q)
         problem = f"has {link} touch {other!r}, or come nearer than the margin"
         rule = f"{', '.join(space.arm.joints[number] for number in numbers)} do not move them apart"
-        raise ConfigurationError("at", problem, rule, "hold the other joints elsewhere", value=held)
+        raise ConfigurationError("held_joints", problem, rule, "hold the other joints elsewhere", value=held)
 
 
 def _cells(space: ArmSpace, grid: Grid, numbers: Ints, held: Floats) -> Cells:

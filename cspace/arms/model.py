@@ -203,7 +203,7 @@ class Arm:
         ----------
         q : array-like, shape (dof,)
         """
-        point = self.checked(q, "q")
+        point = self._check_configurations(q, "q")
         placed = place_bodies(self.chain, point)
         whole = np.concatenate([placed, np.broadcast_to([[[0.0, 0.0, 0.0, 1.0]]], (len(placed), 1, 4))], axis=1)
         return {link.name: whole[link.body] @ self.frames.get(link.name, np.eye(4)) for link in self.links}
@@ -217,7 +217,7 @@ class Arm:
         ----------
         name : str
             A name that no link has.
-        shape : Shape, trimesh.Trimesh, path-like, or anything else that :meth:`cspace.CSpace.place` takes
+        shape : Shape, trimesh.Trimesh, path-like, or anything else that :meth:`cspace.CSpace.add_obstacle` takes
             In space, metres, e.g. ``trimesh.creation.box((0.1, 0.1, 0.2))``.
         link : str
             It moves with this one, and may touch it.
@@ -306,7 +306,7 @@ class Arm:
         """Move configurations, shape (..., dof), onto the limits where they are beyond them."""
         return np.asarray(q.clip(self.lower, self.upper))
 
-    def checked(self, q: ArrayLike, name: str) -> Floats:
+    def _check_configurations(self, q: ArrayLike, name: str) -> Floats:
         """Configurations, shape (..., dof).
 
         Raises

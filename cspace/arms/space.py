@@ -196,7 +196,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """A quick ``motion_is_free`` of floats, ``check(*q0, *q1)``, as :meth:`cspace.CSpace.edge_checker`."""
-        scene, dof, rooms = self.record, self.dof, threading.local()
+        scene, dof, rooms = self.record, self.size, threading.local()
 
         def check(*endpoints: float) -> bool:
             try:
@@ -228,7 +228,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         ConfigurationError, InputError
             As :meth:`is_free`.
         """
-        points = self.checked(q, "q")
+        points = self._check_configurations(q, "q")
         out, _ = self._distances(self.record, points.reshape(-1, self.arm.dof))
         return out.reshape(points.shape[:-1]) if points.ndim > 1 else float(out[0])
 
@@ -246,7 +246,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         ConfigurationError, InputError
             As :meth:`certify_path`.
         """
-        path = self.checked(path, "path").reshape(-1, self.dof)
+        path = self._check_configurations(path, "path").reshape(-1, self.size)
         self._check_spans(path[:-1], path[1:])
         middles = 0.5 * (path[:-1] + path[1:])
         most = float(np.min(self.obstacle_distance(np.concatenate([path, middles]))))
@@ -267,7 +267,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         ConfigurationError, InputError
             As :meth:`is_free`; also if there is nothing to touch.
         """
-        point = self.checked(q, "q")
+        point = self._check_configurations(q, "q")
         if point.ndim != 1:
             raise InputError("q", f"has shape {point.shape}", "one configuration is asked for", "pass one", value=q)
         if not len(self.record.pairs):
@@ -382,10 +382,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         from cspace.arms.search import search_path
 
-        start, goals = self.checked(q0, "q0"), np.atleast_2d(self.checked(q1, "q1"))
+        start, goals = self._check_configurations(q0, "q0"), np.atleast_2d(self._check_configurations(q1, "q1"))
         for name, q, dims in (("q0", start, (1,)), ("q1", goals, (2,))):
             if q.ndim not in dims or not len(q):
-                rule = f"it must be one configuration of {self.dof} numbers" + " or rows of them" * (name == "q1")
+                rule = f"it must be one configuration of {self.size} numbers" + " or rows of them" * (name == "q1")
                 raise InputError(name, f"has shape {q.shape}", rule, f"pass ({', '.join(self.axes)})", value=q)
         seconds = positive(time_limit, "time_limit", "seconds")
         start, goals = self.arm.clamp(start), self.arm.clamp(goals)
@@ -450,7 +450,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         ConfigurationError
             If a configuration is more than 1e-5 rad (m) beyond a limit.
         """
-        points = self.checked(path, "path")
+        points = self._check_configurations(path, "path")
         if edges is not None:
             pairs = check_pairs(edges, points)
             self._check_spans(points[pairs[:, 0]], points[pairs[:, 1]], pairs)
@@ -505,10 +505,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
     def _rows(self, parts: Sequence[Any], names: Sequence[str]) -> list[Floats]:
         """Batches, shape (n, dof), as kernels take them."""
-        return [own(self.checked(part, name)) for part, name in zip(parts, names, strict=True)]
+        return [own(self._check_configurations(part, name)) for part, name in zip(parts, names, strict=True)]
 
-    def checked(self, q: ArrayLike, name: str = "q") -> Floats:
-        points = self.arm.checked(q, name)
+    def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
+        points = self.arm._check_configurations(q, name)
         self.arm.check_limits(points, name)
         return points
 
@@ -528,7 +528,7 @@ def build_arm_space(
     *,
     allowed_collisions: Iterable[tuple[str, str]] = (),
     margin: float = 0.0,
-    at: ArrayLike | None = None,
+    base_pose: ArrayLike | None = None,
 ) -> ArmSpace:
     """The space of an arm among obstacles.
 
@@ -536,7 +536,8 @@ def build_arm_space(
     ----------
     obstacles : Workspace, or mapping of str to Workspace, PosedShape or shape
         In space by name, metres. A shape is a ``trimesh.Trimesh``, a file of one, or anything else that
-        :meth:`CSpace.place` takes. A workspace alone is called ``"workspace"``. Its mesh or point cloud is used itself,
+        :meth:`CSpace.add_obstacle` takes. A workspace alone is called ``"workspace"``. Its mesh or point cloud is used
+        itself,
         of any other its cells; all beyond the grid is free. Unknown cells are obstacles as ``outer`` says, and prove no
         configuration BLOCKED.
     arm : Arm
@@ -544,7 +545,7 @@ def build_arm_space(
         A link, and an obstacle or link that it may touch, besides those that :attr:`Arm.allowed_collisions` holds.
     margin : float
         Metres by which FREE stays clear.
-    at : array-like, shape (4, 4), optional
+    base_pose : array-like, shape (4, 4), optional
         Where the arm's base stands, in the frame of the obstacles; by default the frames are the same.
 
     Raises
@@ -572,7 +573,7 @@ def build_arm_space(
                     "allowed_collisions", f"names {name!r}", f"there are {known}", "name two of these", value=name
                 )
     least = not_negative(margin, "margin")
-    base = np.linalg.inv(np.eye(4) if at is None else rigid(at, "at")).astype(np.float64)
+    base = np.linalg.inv(np.eye(4) if base_pose is None else rigid(base_pose, "base_pose")).astype(np.float64)
     placed = {name: placed_obstacle(each, name, base) for name, each in named.items()}
     return ArmSpace(arm, {name: each for name, each in placed.items() if each is not None}, pairs, least)
 

@@ -167,8 +167,8 @@ def describe_map(space: ConfigurationMap) -> dict[str, Any]:
         "shape": list(grid.shape),
         "outside": space.outside,
         "margin_m": space.margin,
-        **space.rotations.facts,
-        **space.facts,
+        **space.rotations._facts,
+        **space._facts,
     }
 
 
@@ -183,7 +183,7 @@ def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]
 
     shapes = {"outer": robot.shape.outer, "inner": robot.shape.inner}
     corners = np.array(shapes["outer"].bounds)
-    facts = {name: {**describe_box(np.array(shape.bounds)), **shape.facts} for name, shape in shapes.items()}
+    facts = {name: {**describe_box(np.array(shape.bounds)), **shape._facts} for name, shape in shapes.items()}
     return {
         "robot": robot.name,
         **(facts["outer"] if shapes["inner"] is shapes["outer"] else facts),
@@ -245,7 +245,7 @@ def _mesh(path: Path, solid: Solid = "auto") -> tuple[Any, dict[str, Any]]:
     from cspace.shapes import Mesh
 
     mesh = Mesh.of(path, solid)
-    return mesh.bounds, mesh.facts
+    return mesh.bounds, mesh._facts
 
 
 def _points(path: Path, radius: float = 0.0) -> tuple[Any, dict[str, Any]]:
@@ -305,7 +305,7 @@ class _Cells:
     def __init__(self, names: Options, robot: Robot | None, cells: Rotations) -> None:
         self._names, self.slices, self._robot, self._rotations = names, 1, robot, cells
         self._facts: dict[str, Any] = {}
-        if cells.facts:
+        if cells._facts:
             # A robot with a symmetry needs fewer slices than there are rotation cells.
             self.slices = cells.count if robot is None else int(cells.slices_for(robot.shape).max()) + 1
             self._facts = {"rotations": cells.count, "slices": self.slices}

@@ -98,7 +98,7 @@ def make(
     inner: Annotated[
         bool, typer.Option("--inner/--no-inner", help="Tell BLOCKED from MIXED; without, both are MIXED.")
     ] = True,
-    overlap: Annotated[bool, typer.Option("--overlap", help="Keep the overlap counts in the map.")] = False,
+    counts: Annotated[bool, typer.Option("--counts", help="Keep the overlap counts in the map.")] = False,
     method: Annotated[Literal["auto", "fft", "direct"], typer.Option(help="The engine; the map is the same.")] = "auto",
     tile: Annotated[
         int | None,
@@ -137,7 +137,7 @@ def make(
     settings: BuildOptions = {
         "rotations": cells,
         "inner": inner,
-        "overlap": overlap,
+        "counts": counts,
         "method": method,
         "outside": outside,
         "margin": margin,
@@ -184,12 +184,12 @@ def picture(
             "too  [default: chosen]."
         ),
     ] = None,
-    at: Annotated[
+    center: Annotated[
         str | None,
         typer.Option(metavar="X,Y[,Z]", help="The point of sections, and of rotations, metres  [default: chosen]."),
     ] = None,
     zoom: Annotated[
-        float | None, typer.Option(metavar="TIMES", help="Show a part only, so many times larger, around --at.")
+        float | None, typer.Option(metavar="TIMES", help="Show a part only, so many times larger, around --center.")
     ] = None,
     surface: Annotated[
         Literal["obstacles", "free"] | None,
@@ -218,7 +218,7 @@ def picture(
     marks = read_marks(start, goal, axes, units)
     options = given(
         rotation=None if rotation is None else rotation_of(rotation, "--rotation", axes),
-        at=None if at is None else configuration(at, "--at", places, units[: len(places)]),
+        center=None if center is None else configuration(center, "--center", places, units[: len(places)]),
         zoom=zoom,
         surface=surface,
         cut=cut,

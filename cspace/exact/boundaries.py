@@ -33,12 +33,12 @@ class Proofs(Protocol):
         """
 
     def are_free(self, q0: Floats, q1: Floats) -> Bools:
-        """Return whether each edge, shapes (n, dof), is proven free."""
+        """Return whether each edge, shapes (n, size), is proven free."""
 
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
         """Return a lower bound of (distance - required distance) along a free path, metres, at least zero.
 
-        The path is given in pieces: their midpoints, shape (n, dof), their lengths and their rotation angles, shape
+        The path is given in pieces: their midpoints, shape (n, size), their lengths and their rotation angles, shape
         (n,).
         """
 
@@ -69,9 +69,9 @@ class Problem(NamedTuple):
     prove: Callable[[Problem], Proofs] | None = None
 
     @property
-    def dof(self) -> int:
+    def size(self) -> int:
         """Length of a configuration."""
-        return self.workspace.grid.dim + self.rotations.dof
+        return self.workspace.grid.dim + len(self.rotations.names)
 
     @property
     def max_coordinate(self) -> float:

@@ -56,7 +56,7 @@ class ExactQueries:
         self._lock = threading.RLock()
 
     def points(self, map_: Map, q: Floats, out: Bools) -> int:
-        """Fill ``out`` with whether points, shape (n, dof), are free.
+        """Fill ``out`` with whether points, shape (n, size), are free.
 
         Returns the index of the first invalid point, or -1.
         """
@@ -68,7 +68,7 @@ class ExactQueries:
         return bad
 
     def edges(self, map_: Map, q0: Floats, q1: Floats, out: Bools) -> int:
-        """Fill ``out`` with whether edges, shapes (n, dof), are free along the shorter arc.
+        """Fill ``out`` with whether edges, shapes (n, size), are free along the shorter arc.
 
         Returns the index of the first invalid edge, or -1.
         """
@@ -81,7 +81,8 @@ class ExactQueries:
     def distance(self, points: Floats, lengths: Floats, angles: Floats) -> float:
         """Return a proven lower bound of the obstacle distance along a free path, metres.
 
-        The path is given in pieces: their midpoints, shape (n, dof), in metres and radians, and the length and rotation
+        The path is given in pieces: their midpoints, shape (n, size), in metres and radians, and the length and
+        rotation
         angle of each, shape (n,). From its midpoint, a piece extends by half its length and half its angle. A blocked
         exterior counts as an obstacle. The bound is infinite if there are no obstacles.
         """
@@ -239,24 +240,24 @@ class BoundaryProofs:
         max_lever = float(trees.boxes[0, 6])
         self._boundaries = BoundaryTrees(trees, roots[0], roots[1], roots[2], max_lever, scale, required)
         self._inputs = ProofInputs(problem.map, self._boundaries, containment)
-        self._dof, self._dim, self._rotations = problem.dof, grid.dim, problem.rotations
+        self._size, self._dim, self._rotations = problem.size, grid.dim, problem.rotations
         self._bounds = np.asarray(grid.lower), np.asarray(grid.upper)
         self._batch_size = 1 + ANCHORS_PER_BATCH // (1 + len(self._anchors) + len(small))
 
     @cached_property
     def edge(self) -> Callable[..., bool]:
         """Compiled ``edge(*q0, *q1)`` of :class:`Proofs`."""
-        dof = self._dof
-        kernel = bind_row_kernel(prove_edge, self._inputs, 2 * dof)
+        size = self._size
+        kernel = bind_row_kernel(prove_edge, self._inputs, 2 * size)
 
         def edge(*both: float) -> bool:
             state = kernel(both)
-            return state == FREE or (state == MIXED and not self._are_nested(np.array([both[:dof]]))[0])
+            return state == FREE or (state == MIXED and not self._are_nested(np.array([both[:size]]))[0])
 
         return edge
 
     def are_free(self, q0: Floats, q1: Floats) -> Bools:
-        """Return whether each edge, shapes (n, dof), is proven free."""
+        """Return whether each edge, shapes (n, size), is proven free."""
         states = np.empty(len(q0), dtype=np.uint8)
 
         def prove_chunk(start: int, stop: int) -> int:
@@ -332,7 +333,7 @@ def make_scratch() -> Scratch:
 
 @kernel
 def prove_edges(inputs: ProofInputs, first: Floats, second: Floats, scratch: Scratch, out: States) -> None:
-    """Fill ``out`` with :func:`edge_state` of edges, shapes (n, dof)."""
+    """Fill ``out`` with :func:`edge_state` of edges, shapes (n, size)."""
     for k in range(first.shape[0]):
         q0, q1 = configuration(inputs.map, first, k), configuration(inputs.map, second, k)
         out[k] = edge_state(inputs, q0, q1, scratch)

@@ -74,14 +74,18 @@ def write_ros_map(state: ArrayLike, grid: Grid, path: str | os.PathLike[str], ov
     if cells.shape != grid.shape[:2]:
         problem = f"has shape {cells.shape} on a grid of {grid.shape}, and {target} names a ROS map"
         raise InputError(
-            "state", problem, "it is that of a grid in the plane", "pass CSpace.state, or one slice of it", value=state
+            "state",
+            problem,
+            "it is that of a grid in the plane",
+            "pass CSpace.cell_states, or one slice of it",
+            value=state,
         )
     if cells.dtype.kind not in "iu" or cells.min() < FREE or cells.max() > BLOCKED:
         raise InputError(
             "state",
             "holds other values than FREE, MIXED and BLOCKED",
             "it is a state",
-            "pass CSpace.state",
+            "pass CSpace.cell_states",
             value=state,
         )
     image = target.with_suffix(".pgm")

@@ -76,7 +76,7 @@ def _netcdf(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: 
     if "rotation" in dataset.dims and len(cells) == 1:
         dataset = dataset.isel(rotation=cells[0])
     dataset = dataset.transpose(..., *reversed(contents.grid.axes))
-    dataset["state"].attrs["flag_values"] = np.array([FREE, MIXED, BLOCKED], dtype=np.int8)
+    dataset["cell_states"].attrs["flag_values"] = np.array([FREE, MIXED, BLOCKED], dtype=np.int8)
     with replacing(path, overwrite) as temporary:
         dataset.to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
 
@@ -111,11 +111,12 @@ def export(
     contents : Contents
     path : path-like
         ``.zarr`` or no suffix: a Zarr folder, as :meth:`cspace.CSpace.save` writes it. ``.npz``: a compressed archive
-        for ``numpy.load``, with ``state`` (uint8 [slice, x, y] or [slice, x, y, z]: 0 free, 1 mixed, 2 blocked),
+        for ``numpy.load``, with ``cell_states`` (uint8 [slice, x, y] or [slice, x, y, z]: 0 free, 1 mixed, 2 blocked),
         ``slice_of`` (``state[slice_of]`` are the states by rotation), ``x``, ``y`` and in space ``z`` (centers of the
         cells, metres), ``outer``, the other arrays that the map has, ``lower``, ``spacing`` and ``metadata`` (JSON).
-        ``.vti``: cells for ParaView, with the arrays ``state``, ``outer``, and where the map has them ``inner``,
-        ``unknown``, ``overlap`` and those of its overlap field (``penetration`` and its derivatives); of a robot that
+        ``.vti``: cells for ParaView, with the arrays ``cell_states``, ``outer``, and where the map has them ``inner``,
+        ``unknown``, ``overlap_counts`` and those of its overlap field (``penetration`` and its derivatives); of a
+        robot that
         turns one for each rotation cell, ``state_00`` and so on, whose rotations are the field data ``yaw``, or ``qx``
         to ``qw``. ``.nc``: netCDF-3 with the variables of :func:`to_xarray`, indexed ``[rotation, z, y, x]``.
         ``.tif``, ``.tiff``: a map of the plane as a GeoTIFF in its own metres, 0 FREE, 1 MIXED, 2 BLOCKED. ``.yaml``:
@@ -189,14 +190,15 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     -------
     xarray.Dataset
         Dimensions ``x``, ``y`` and in space ``z``, or the joints of an arm, with the middles of the cells, in metres or
-        radians. Variables ``state`` (uint8, flags free, mixed and blocked), ``outer`` and ``inner`` (bool, the
-        workspace) and, where the map has them, ``overlap`` (int32), ``penetration`` and its derivatives
+        radians. Variables ``cell_states`` (uint8, flags free, mixed and blocked), ``outer`` and ``inner`` (bool, the
+        workspace) and, where the map has them, ``overlap_counts`` (int32), ``penetration`` and its derivatives
         ``penetration_x`` and so on (float64), and ``shapes`` (bytes of JSON text, which makes the obstacles again). The
         arrays are read-only; copy the Dataset to change it. Attributes are text, numbers and lists of numbers:
         ``lower``, ``spacing``, ``outside``, ``margin``, ``precision``, ``rotations`` (their number), ``robot`` (JSON
         text for ``Robot.from_spec``), ``workspace_source`` and the versions.
 
-        For a robot that turns, ``state``, ``overlap`` and the field have the dimension ``rotation`` before those of the
+        For a robot that turns, ``cell_states``, ``overlap_counts`` and the field have the dimension ``rotation``
+        before those of the
         cells, with the coordinates ``yaw`` (the representative, radians), ``yaw_bounds`` (its borders),
         ``covering_angle`` and ``slice_of``. A state holds for all yaw angles between the bounds.
 
@@ -211,10 +213,10 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
     >>> space = cspace.build(workspace, cspace.Robot.rectangle(0.4, 0.2), rotations=8)
     >>> dataset = space.to_xarray()
-    >>> free = (dataset.state == cspace.FREE).mean("y")
+    >>> free = (dataset.cell_states == cspace.FREE).mean("y")
     >>> free.sizes
     Frozen({'rotation': 8, 'x': 30})
-    >>> one = dataset.state.isel(rotation=int(space.rotations.cell_of(0.3)))
+    >>> one = dataset.cell_states.isel(rotation=int(space.rotations.cell_of(0.3)))
     >>> float(one.yaw)
     0.0
     """

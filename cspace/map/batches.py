@@ -28,12 +28,12 @@ S = TypeVar("S")
 
 Number = np.floating[Any] | np.integer[Any] | np.bool_
 Configuration = Sequence[float] | np.ndarray[tuple[int], np.dtype[Number]]
-"""One configuration, shape (dof,), as type checkers know it."""
+"""One configuration, shape (size,), as type checkers know it."""
 
 ConfigurationBatch = (
     NDArray[Number] | Sequence[Sequence[float]] | Sequence[NDArray[Number]] | Sequence[Sequence[Sequence[float]]]
 )
-"""A batch of them, shape (..., dof)."""
+"""A batch of them, shape (..., size)."""
 
 NO_ANGLES: Final[Mapping[int, str]] = {}
 
@@ -46,7 +46,7 @@ ROWS: Final = 8_192
 
 def answer(
     q: ArrayLike,
-    dof: int,
+    size: int,
     query: Query,
     dtype: type[D],
     scalar: Callable[[Any], S],
@@ -58,7 +58,7 @@ def answer(
     Parameters
     ----------
     q : array-like, shape (d,) or (..., d)
-    dof : int
+    size : int
         The length d of a configuration.
     query : callable
         Answers for a batch; :func:`in_threaded_chunks` makes one of a kernel.
@@ -73,8 +73,8 @@ def answer(
 
     Raises InputError if the last axis is not d long, or a value is not a finite number.
     """
-    points = check_rows(q, name, dof)
-    flat = points.reshape(-1, dof)
+    points = check_rows(q, name, size)
+    flat = points.reshape(-1, size)
     out = np.empty(len(flat), dtype=dtype)
     bad = query([flat], out)
     if bad >= 0:
@@ -87,7 +87,7 @@ def answer(
 def evaluate_edges(
     q0: ArrayLike,
     q1: ArrayLike,
-    dof: int,
+    size: int,
     query_for: Callable[[int], Query],
     angles: Mapping[int, str] = NO_ANGLES,
 ) -> bool | Bools:
@@ -95,7 +95,7 @@ def evaluate_edges(
 
     ``query_for(n)`` answers for n edges.
     """
-    rows0, rows1 = check_rows(q0, "q0", dof), check_rows(q1, "q1", dof)
+    rows0, rows1 = check_rows(q0, "q0", size), check_rows(q1, "q1", size)
     given, shape = ((rows0, "q0"), (rows1, "q1")), rows0.shape
     if rows1.shape != shape:
         try:
@@ -104,7 +104,7 @@ def evaluate_edges(
             problem = f"has shape {rows0.shape} and q1 {rows1.shape}"
             raise InputError("q0", problem, "they must broadcast", "pass batches of equal shape", value=q0) from error
         rows0, rows1 = np.broadcast_to(rows0, shape), np.broadcast_to(rows1, shape)
-    first, second = rows0.reshape(-1, dof), rows1.reshape(-1, dof)
+    first, second = rows0.reshape(-1, size), rows1.reshape(-1, size)
     out = np.empty(len(first), dtype=np.bool_)
     bad = query_for(len(out))([first, second], out)
     if bad >= 0:
@@ -168,9 +168,9 @@ class _Chosen:
         return self[:]
 
 
-def as_points(q: ArrayLike, name: str, dof: int) -> Floats:
+def as_points(q: ArrayLike, name: str, size: int) -> Floats:
     """``q`` as float64 with its last axis checked; whether it is finite is left to the kernels."""
-    return np.asarray(check_rows(q, name, dof), dtype=np.float64)
+    return np.asarray(check_rows(q, name, size), dtype=np.float64)
 
 
 def in_threaded_chunks(kernel: Kernel, least: int = MIN_ITEMS_PER_THREAD) -> Query:

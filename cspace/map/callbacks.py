@@ -17,20 +17,20 @@ from cspace.map.points import state_at
 from cspace.map.storage import Map
 
 
-def point_checker(map_: Map, dof: int) -> Callable[..., bool]:
+def point_checker(map_: Map, size: int) -> Callable[..., bool]:
     """``check(*q)``: whether a configuration is FREE."""
     # Looking up a point is too short to let go of the interpreter for.
-    return callback(Point(map_), dof, nogil=False)
+    return callback(Point(map_), size, nogil=False)
 
 
-def edge_checker(map_: Map, dof: int) -> Callable[..., bool]:
+def edge_checker(map_: Map, size: int) -> Callable[..., bool]:
     """``check(*q0, *q1)``: whether an edge is FREE all along."""
-    return bind_kernel(_compiled(_OF_TWO[dof], nogil=True), (Edge(map_),), 2 * dof)
+    return bind_kernel(_compiled(_OF_TWO[size], nogil=True), (Edge(map_),), 2 * size)
 
 
-def callback(query: Any, dof: int, nogil: bool = True) -> Callable[..., Any]:
+def callback(query: Any, size: int, nogil: bool = True) -> Callable[..., Any]:
     """``call(*q)``: the method ``answer`` of a record, for the floats of one configuration."""
-    return bind_kernel(_compiled(_OF_ONE[dof], nogil), (query,), dof)
+    return bind_kernel(_compiled(_OF_ONE[size], nogil), (query,), size)
 
 
 @compilable

@@ -457,7 +457,7 @@ def nearest_part(word: np.uint64, wide: np.uint64, place: float, size: float, fi
 
 @kernel
 def clearances(map_: Map, marks: OccupancyBits, points: Floats, out: Floats) -> int:
-    """Clearances of configurations, shape (n, dof), in metres; the index of the first one that is not usable, or -1."""
+    """Clearances of configurations, shape (n, size), metres; the index of the first one that is not usable, or -1."""
     last, dim = map_.lower + map_.rotations.zeros(), len(map_.lower)
     known = math.inf
     for n in range(points.shape[0]):
@@ -487,9 +487,9 @@ class Clearance(NamedTuple):
         return clearance_at(self.map_, self.marks, q, math.inf) * self.map_.spacing
 
 
-def checker(map_: Map, marks: OccupancyBits, dof: int) -> Callable[..., float]:
+def checker(map_: Map, marks: OccupancyBits, size: int) -> Callable[..., float]:
     """A quick clearance of the numbers of one configuration; it stays right through all changes."""
-    return callback(Clearance(map_, marks), dof)
+    return callback(Clearance(map_, marks), size)
 
 
 Squares = NDArray[np.int32]

@@ -44,7 +44,7 @@ class Contents:
         Metres by which the robot was grown where FREE was proven.
     precision : {"integer", "float32", "float64"}
         Arithmetic of the engine: whole numbers, or transforms in floating point, rounded to them.
-    overlaps : ndarray of int32, the shape of states, or None
+    overlap_counts : ndarray of int32, the shape of states, or None
         Overlap of each cell; taken over likewise.
     fields : mapping of str to ndarray of float64
         What :class:`cspace.spectral.OverlapField` holds; all of it, or nothing.
@@ -73,7 +73,7 @@ class Contents:
     outside: str = "blocked"
     margin: float = 0.0
     precision: str = "integer"
-    overlaps: NDArray[np.int32] | None = None
+    overlap_counts: NDArray[np.int32] | None = None
     fields: Mapping[str, Floats] = field(default_factory=dict)
     exterior: Exterior | None = None
     proves_blocked: bool | None = None
@@ -85,7 +85,7 @@ class Contents:
         if any(self.periodic_axes):
             object.__setattr__(self, "rotations", Periodic(self.periodic_axes, self.grid.shape))
         shape = (int(self.slice_of.max()) + 1, *self.grid.shape)
-        for name, array, kind in (("states", self.states, np.uint8), ("overlaps", self.overlaps, np.int32)):
+        for name, array, kind in (("states", self.states, np.uint8), ("overlap_counts", self.overlap_counts, np.int32)):
             if array is not None and (array.shape != shape or array.dtype != kind):
                 rule = f"it must have the map's shape {shape} and type {np.dtype(kind)}"
                 raise InputError(
@@ -125,7 +125,7 @@ class Contents:
             self,
             workspace=copied(self.workspace),
             states=self.states.copy(),
-            overlaps=None if self.overlaps is None else self.overlaps.copy(),
+            overlap_counts=None if self.overlap_counts is None else self.overlap_counts.copy(),
             exterior=None if self.exterior is None else Exterior(self.exterior.table.copy()),
             layers=None if self.layers is None else self.layers.copy(),
         )

@@ -22,12 +22,12 @@ from cspace.rotations import Rotations
 from cspace.shapes import Shape, shape_from_spec
 
 FORMAT: Final = "cspace-map"
-VERSION: Final = 3
+VERSION: Final = 4
 """Version of the format; a reader refuses all others."""
 
 AXES: Final = ("x", "y", "z")
 
-STACKED: Final = ("state", "overlap", *FIELD_NAMES)
+STACKED: Final = ("cell_states", "overlap_counts", *FIELD_NAMES)
 """Arrays with one entry for each slice."""
 
 
@@ -68,7 +68,7 @@ _OVERLAP_FIELD: Final = (
 )
 
 ARRAYS: Final[dict[str, Stored]] = {
-    "state": _stored(
+    "cell_states": _stored(
         "slice cells",
         "uint8",
         255,
@@ -84,10 +84,10 @@ ARRAYS: Final[dict[str, Stored]] = {
         -1,
         "what is known of a tile that is done",
         comment="FREE, MIXED and BLOCKED cells of each slice; first and last cell of its obstacles; SHA-256 of its "
-        "chunks of state, of outer, and of inner or outer again",
+        "chunks of cell_states, of outer, and of inner or outer again",
     ),
     "unknown": _stored("cells", "bool", True, "workspace cells that nothing is known of"),
-    "overlap": _stored(
+    "overlap_counts": _stored(
         "slice cells", "int32", -1, "number of coinciding pairs of obstacle cell and robot offset", units="1"
     ),
     **{
@@ -99,7 +99,7 @@ ARRAYS: Final[dict[str, Stored]] = {
         "int64",
         np.iinfo(np.int64).max,
         "slice that serves a rotation cell",
-        comment="where state has the dimension slice, state.isel(slice=slice_of) has the dimension rotation",
+        comment="where cell_states has the axis slice, cell_states.isel(slice=slice_of) has the axis rotation",
     ),
     "exterior": _stored(
         "slice corner",
@@ -201,13 +201,14 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
 def arrays_of(contents: Contents) -> dict[str, Any]:
     """Return the arrays of a map, by the names of :func:`stored`. No cells are copied; states may be in two bits each.
 
-    ``inner`` is there only if it differs from ``outer``, ``unknown`` only if there are such cells, ``overlap`` only if
+    ``inner`` is there only if it differs from ``outer``, ``unknown`` only if there are such cells, ``overlap_counts``
+    only if
     the map was built with it, the overlap field only if the map carries one, the arrays of rotation cells only if the
     robot turns, and ``shapes`` only if the obstacles are known as shapes.
     """
     workspace, grid = contents.workspace, contents.grid
     arrays: dict[str, Any] = {
-        "state": read_only_of(contents.states),
+        "cell_states": read_only_of(contents.states),
         "outer": workspace.outer,
         "slice_of": contents.slice_of,
     }
@@ -218,8 +219,8 @@ def arrays_of(contents: Contents) -> dict[str, Any]:
     if contents.exterior is not None:
         arrays["exterior"] = contents.exterior.table
     stacked: dict[str, NDArray[Any]] = dict(contents.fields)
-    if contents.overlaps is not None:
-        stacked["overlap"] = read_only(contents.overlaps)
+    if contents.overlap_counts is not None:
+        stacked["overlap_counts"] = read_only(contents.overlap_counts)
     arrays |= {name: array.reshape(contents.states.shape) for name, array in stacked.items()}
     arrays |= {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
     return {**arrays, **contents.rotations.coordinates, **shapes_array(workspace.shapes)}

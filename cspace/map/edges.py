@@ -39,7 +39,7 @@ UPRIGHT = 2.0**-500
 
 @kernel
 def edges_are_free(map_: Map, blocks: Words | None, first: Floats, second: Floats, out: Bools) -> int:
-    """``edge_is_free`` of edges, shapes (n, dof); the index of the first edge that is not usable, or -1."""
+    """``edge_is_free`` of edges, shapes (n, size); the index of the first edge that is not usable, or -1."""
     for k in range(first.shape[0]):
         q0, q1 = configuration(map_, first, k), configuration(map_, second, k)
         if not (is_usable(map_, q0) and is_usable(map_, q1)):

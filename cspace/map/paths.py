@@ -35,7 +35,7 @@ def unwind(cells: Ints, shape: Sequence[int], periodic_axes: Sequence[bool]) -> 
 def waypoints(
     grid: Grid, rotations: Rotations, endpoints: Floats, cells: Ints, periodic_axes: Sequence[bool]
 ) -> Floats:
-    """The path from one configuration to another, shape (2, dof), by the middles of cells, shape (n, 1 + d).
+    """The path from one configuration to another, shape (2, size), by the middles of cells, shape (n, 1 + d).
 
     Cells may count on, as of :func:`unwind`; then endpoints are moved by whole turns to where the cells are.
     """
@@ -55,14 +55,14 @@ def in_time(check: Check, until: float) -> Check:
 def pulled_straight(points: Floats, dim: int, check: Check, step: float) -> Floats:
     """A shorter path with the same endpoints, by leaving out points between which the straight edge is free.
 
-    ``points``, shape (n, dof), are a path, each edge of which is free by ``check``, of the numbers of two
+    ``points``, shape (n, size), are a path, each edge of which is free by ``check``, of the numbers of two
     configurations; the first ``dim`` of these are a position. On long edges points are put, ``step`` metres apart,
     before they are pulled a second time.
     """
-    dof = points.shape[1]
+    size = points.shape[1]
 
     def backwards(*q: float) -> bool:
-        return check(*q[dof:], *q[:dof])  # every edge is checked in the direction in which it is driven
+        return check(*q[size:], *q[:size])  # every edge is checked in the direction in which it is driven
 
     path = points
     for number in range(ROUNDS):

@@ -56,7 +56,7 @@ class Periodic(OneRotation):
 
     @_quiet
     def canonical(self, q: Floats, name: str = "q") -> Floats:
-        """Return configurations, shape (..., dof), with each angle in [-pi, pi).
+        """Return configurations, shape (..., size), with each angle in [-pi, pi).
 
         Raises
         ------
@@ -159,7 +159,7 @@ def with_wrapped_angles(check: Callable[..., T], periodic_axes: Sequence[bool]) 
     Angles of the second configuration are those within half a turn of the first. Angles that look-ups refuse become
     NaN, where no configuration is free.
     """
-    circles, dof = [k for k, turns in enumerate(periodic_axes) if turns], len(periodic_axes)
+    circles, size = [k for k, turns in enumerate(periodic_axes) if turns], len(periodic_axes)
     if not circles:
         return check
 
@@ -172,9 +172,9 @@ def with_wrapped_angles(check: Callable[..., T], periodic_axes: Sequence[bool]) 
             first = numbers[k] if -most <= numbers[k] <= most else math.nan
             here = remainder(first, turn)
             near[k] = here = here if here != half else -half
-            if len(near) > dof:
-                angle = numbers[dof + k]
-                near[dof + k] = here + remainder(angle - first, turn) if -most <= angle <= most else math.nan
+            if len(near) > size:
+                angle = numbers[size + k]
+                near[size + k] = here + remainder(angle - first, turn) if -most <= angle <= most else math.nan
         return check(*near)
 
     return wrapped
@@ -185,7 +185,7 @@ def below_half_a_turn(check: Callable[..., bool], periodic_axes: Sequence[bool])
 
     The check takes the shorter arc, which is then another motion.
     """
-    circles, dof = [k for k, turns in enumerate(periodic_axes) if turns], len(periodic_axes)
+    circles, size = [k for k, turns in enumerate(periodic_axes) if turns], len(periodic_axes)
     if not circles:
         return check
-    return lambda *both: all(abs(both[dof + k] - both[k]) < 0.499 * TWO_PI for k in circles) and check(*both)
+    return lambda *both: all(abs(both[size + k] - both[k]) < 0.499 * TWO_PI for k in circles) and check(*both)

@@ -1,6 +1,6 @@
 """Compiled look-ups of configurations: their cells, their states, and whether all around them is FREE.
 
-Every function takes the record of a map, and a configuration as a tuple or configurations as an array, shape (n, dof).
+Every function takes the record of a map, and a configuration as a tuple or configurations as an array, shape (n, size).
 Loops over axes are unrolled by the compiler, and what is written for one axis here becomes code for two or for three.
 """
 
@@ -61,9 +61,9 @@ def configuration(map_: Map, points: Floats, k: int) -> Numbers:
 def halves(map_: Map, both: Numbers) -> tuple[Numbers, Numbers]:
     """Two configurations that are given in a row."""
     q0 = map_.lower + map_.rotations.zeros()
-    q1, dof = q0, len(q0)
-    for axis in range(dof):
-        q0, q1 = replaced(q0, axis, both[axis]), replaced(q1, axis, both[dof + axis])
+    q1, size = q0, len(q0)
+    for axis in range(size):
+        q0, q1 = replaced(q0, axis, both[axis]), replaced(q1, axis, both[size + axis])
     return q0, q1
 
 
@@ -123,7 +123,7 @@ def codes_of(map_: Map, numbers: Floats, slices: Ints, cells: Ints, codes: State
     instructions.
     """
     dim, shape = len(map_.lower), map_.states.shape
-    dof = dim + len(map_.rotations.zeros())
+    size = dim + len(map_.rotations.zeros())
     # As tuples: what lies in arrays would be read again after every write.
     sizes, first, last = map_.lower, map_.lower, map_.lower
     for axis in range(dim):
@@ -131,12 +131,12 @@ def codes_of(map_: Map, numbers: Floats, slices: Ints, cells: Ints, codes: State
         first = replaced(first, axis, float(map_.exterior[0, axis]))
         last = replaced(last, axis, float(map_.exterior[0, axis + dim]) + 1.0)
     # Which is known to the compiler: it leaves out the rest.
-    exterior, several = np.uint8(map_.exterior[0, 2 * dim]), dof > dim
+    exterior, several = np.uint8(map_.exterior[0, 2 * dim]), size > dim
     left = 0
     q = map_.lower + map_.rotations.zeros()
     for k in range(cells.shape[0]):
-        for axis in range(dof):
-            q = replaced(q, axis, numbers[np.uint64(dof * k + axis)])  # unsigned: no index is counted from the end
+        for axis in range(size):
+            q = replaced(q, axis, numbers[np.uint64(size * k + axis)])  # unsigned: no index is counted from the end
         cell, inside, border = map_.rotations.slice_among(slices, k), map_.rotations.is_usable(q), several
         boxed, total = True, 0.0
         for axis in range(dim):
@@ -189,12 +189,12 @@ def classify_few(map_: Map, points: Floats, out: States) -> int:
 def classify_many(map_: Map, points: Floats, out: States) -> int:
     """The same, step by step for all of a block."""
     # As the length of a tuple, which the compiler knows: it takes numbers of several points at once.
-    dof, numbers, size = len(map_.lower + map_.rotations.zeros()), points.reshape(-1), min(BLOCK, len(points))
-    cells, codes, slices = np.empty(size, np.int64), np.empty(size, np.uint8), np.empty(size, np.int64)
+    size, numbers, count = len(map_.lower + map_.rotations.zeros()), points.reshape(-1), min(BLOCK, len(points))
+    cells, codes, slices = np.empty(count, np.int64), np.empty(count, np.uint8), np.empty(count, np.int64)
     for first in range(0, points.shape[0], BLOCK):
         last = min(first + BLOCK, points.shape[0])
-        part = numbers[dof * first : dof * last]
-        map_.rotations.slices_at(part, dof, slices[: last - first])
+        part = numbers[size * first : size * last]
+        map_.rotations.slices_at(part, size, slices[: last - first])
         left = codes_of(map_, part, slices, cells[: last - first], codes)
         read_states(map_.cells, cells[: last - first], codes, out[first:last])
         if left == 0:

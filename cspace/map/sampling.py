@@ -235,7 +235,7 @@ def next_layer(low: Ints, high: Ints, axis: int, value: float, count: int, scale
 
 
 def nearest(states: Stack, slice_of: Ints, rotations: Rotations, grid: Grid, q: Floats) -> Floats | None:
-    """Middle of the FREE cell nearest to a configuration, shape (dof,), half a metre counting as much as a radian.
+    """Middle of the FREE cell nearest to a configuration, shape (size,), half a metre counting as much as a radian.
 
     None where there is no FREE cell. What is far from the configuration is not looked at.
     """

@@ -453,7 +453,8 @@ def trace_chain(cells: Cells, slice_of: Ints, neighbors: Ints, start: Ints, goal
 def open_chain(map_: Map, neighbors: Ints, start: Ints, goal: Ints, closed: Bools | None = None) -> Ints:
     """A chain of FREE and MIXED cells, each sharing a side with the next, with as few MIXED ones as can be.
 
-    Where :meth:`cspace.CSpace.path_exists` is None, this is where a path has to be looked for with ``exact=True``.
+    If a map proves neither that a path exists nor that none does, a path has to be looked for along this chain, with
+    ``exact=True``.
     Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)`` in the grid, and the chain has the shape (n, 1 + d), from
     start to goal; n is 0 where there is none. ``neighbors``, shape (rotations, n), are the rotation cells that each one
     shares a border with; -1 fills up. Cells that are ``closed``, shape (rotations, *cells), are left out.

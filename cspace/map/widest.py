@@ -348,7 +348,7 @@ def find_widest_path(
     straight: bool,
     until: float,
 ) -> Floats:
-    """Waypoints of the widest path between two configurations and their cells, shapes (2, dof) and (2, 1 + d).
+    """Waypoints of the widest path between two configurations and their cells, shapes (2, size) and (2, 1 + d).
 
     Of length 0 where there is none; TimeoutError from a time on. If not ``straight``, they are all the middles of cells
     that it passes. Along axes that close, rows count whole turns.

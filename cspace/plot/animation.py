@@ -70,7 +70,7 @@ def animate(
     Parameters
     ----------
     space : CSpace or ArmSpace
-    path : array-like, shape (n, dof), or Plan
+    path : array-like, shape (n, size), or Plan
         Configurations, joined by straight edges, in metres and radians; or anything whose ``path`` attribute holds
         them.
     file : path-like

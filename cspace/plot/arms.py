@@ -110,8 +110,8 @@ def draw_arm(
     """Draw an arm among obstacles; as :meth:`cspace.ArmSpace.plot`."""
     points = polyline(space, path)
     marks = marked(space, path, points, None, None)
-    stand = marks.get("goal", np.zeros(space.dof).clip(space.arm.lower, space.arm.upper))
-    stand = space.checked(stand if q is None else q, "q")
+    stand = marks.get("goal", np.zeros(space.size).clip(space.arm.lower, space.arm.upper))
+    stand = space._check_configurations(stand if q is None else q, "q")
     look = Look(ax=ax, camera=camera, legend=legend, title=title or space.arm.name)
     ghosts = along_joints(points, np.linspace(0.0, 1.0, GHOSTS + 1)[:-1]) if len(points) > 1 else points[:0]
     if marks and not len(points):

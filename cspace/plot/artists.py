@@ -67,7 +67,7 @@ THIN: Final = 12.0
 def classes_of(space: MapLike, rotation: Floats | None, layer: tuple[Any, ...] = ()) -> Classes:
     """Classes of the cells of the grid, or of a layer of them, which an index of the grid's arrays picks out.
 
-    At a rotation, shape (dof,), or over all of them where none is given.
+    At a rotation, shape (size,), or over all of them where none is given.
     """
     ground = ground_of(space.workspace, layer) * np.uint8(space.robot.shape.shown)  # or all of it OPEN
     if rotation is not None:
@@ -174,7 +174,7 @@ def halo(width: float, alpha: float = 1.0) -> AbstractPathEffect:
 
 
 def draw_robots(ax: Axes, figurine: RobotGlyph, at: Floats, pair: Sequence[int] = (0, 1)) -> list[Any]:
-    """Draw the robot at configurations, shape (n, dof), as seen in two axes; gives its legend entry.
+    """Draw the robot at configurations, shape (n, size), as seen in two axes; gives its legend entry.
 
     In the plane its nose shows where it looks.
     """

@@ -45,11 +45,11 @@ SUFFIXES: Final = (".png", ".pdf", ".svg", ".jpg")
 """Kinds of picture that can be written."""
 
 VIEWS: Final = {
-    "plane": ("rotation", "zoom", "at", "ax"),
-    "sections": ("rotation", "zoom", "at"),
-    "3d": ("rotation", "zoom", "at", "surface", "cut", "camera", "ax"),
-    "panels": ("rotation", "zoom", "at"),
-    "rotations": ("at",),
+    "plane": ("rotation", "zoom", "center", "ax"),
+    "sections": ("rotation", "zoom", "center"),
+    "3d": ("rotation", "zoom", "center", "surface", "cut", "camera", "ax"),
+    "panels": ("rotation", "zoom", "center"),
+    "rotations": ("center",),
 }
 """Kinds of picture, and the options that go with some of them only."""
 
@@ -70,7 +70,7 @@ class WorkspaceOptions(TypedDict, total=False):
     legend: bool
     title: str
     view: str
-    at: ArrayLike
+    center: ArrayLike
     zoom: float
     cut: float
     camera: ArrayLike
@@ -99,7 +99,7 @@ def plot(
     legend: bool = True,
     title: str | None = None,
     view: str | None = None,
-    at: ArrayLike | None = None,
+    center: ArrayLike | None = None,
     zoom: float | None = None,
     surface: str | None = None,
     cut: float | None = None,
@@ -127,11 +127,11 @@ def plot(
         For a map with rotations: show the slice at this one, as in a configuration (a yaw in radians, or a quaternion),
         or a panel for each of several. By default all are shown at once: where the robot is free at every rotation, at
         some, and at none; panels show six of them.
-    path : array-like, shape (n, dof), or Plan, optional
+    path : array-like, shape (n, size), or Plan, optional
         Configurations to join by straight edges, in metres and radians; or anything whose ``path`` attribute holds
-        them. Edges of a certified plan that are no longer proven free, e.g. after :meth:`cspace.CSpace.place`, are
-        dashed in another colour.
-    start, goal : array-like, shape (dof,), optional
+        them. Edges of a certified plan that are no longer proven free, e.g. after :meth:`cspace.CSpace.add_obstacle`,
+        are dashed in another colour.
+    start, goal : array-like, shape (size,), optional
         Configurations to mark; if left out, the endpoints of the path. An arrow shows a yaw.
     ax : matplotlib.axes.Axes, optional
         Where to draw; by default a new figure, which belongs to no window. ``view="3d"`` takes axes in three
@@ -146,7 +146,7 @@ def plot(
     view : {"plane", "sections", "3d", "panels", "rotations"}, optional
         Which picture; by default the only one that shows all rotations of a plane, and of space sections. Panels and
         rotations need a map with rotations.
-    at : array-like, shape (d,), optional
+    center : array-like, shape (d,), optional
         The point, in the grid, that ``zoom`` goes to, or whose rotations are drawn; in space also that sections go
         through, and panels at its height. By default half the way along the path; without a path the start, the goal,
         or the middle of the grid.
@@ -183,16 +183,16 @@ def plot(
     if given is not None and not isinstance(given, Axes):
         kind = type(given).__name__
         raise InputError("ax", f"is a {kind}", "it must be axes of matplotlib", "pass figure.add_subplot()", value=ax)
-    look = Look(rotation, ax, at, zoom, surface, cut, camera, legend, title)
+    look = Look(rotation, ax, center, zoom, surface, cut, camera, legend, title)
     kind = view_of(space.axes, view, {name: getattr(look, name) for name in look._fields[:7]})
     if kind != "panels":
         one = space.rotations.fixed if rotation is None else space.rotations.checked(rotation)
         look = look._replace(rotation=one)
     route = Route.of(space, path, start, goal, robot_every, zoom)
     if zoom is not None:
-        point = section_point(space, at, route)
+        point = section_point(space, center, route)
         space = Part(space, point, zoom)
-        route, look = route.within(space.grid), look._replace(at=point)
+        route, look = route.within(space.grid), look._replace(center=point)
     drawn = _DRAW[kind](space, route, look)
     if ax is None:
         # The figure belongs to no window that a notebook would show, and axes have no picture of their own there.
@@ -223,12 +223,12 @@ def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -
             others = " or ".join(other for other, names in VIEWS.items() if name in names)
             rule = f"it goes with the view {others}, and this one is {kind}"
             raise InputError(name, "is given", rule, "leave it out", value=value)
-    zoom, at = options.get("zoom"), options.get("at")
+    zoom, center = options.get("zoom"), options.get("center")
     if zoom is not None and positive(zoom, "zoom", "the map's longest side over that of the picture") < 1.0:
         raise InputError("zoom", f"is {zoom!r}", "it must be at least 1, all of the map", "pass e.g. 8", value=zoom)
-    if kind in ("plane", "3d") and at is not None and zoom is None:
+    if kind in ("plane", "3d") and center is not None and zoom is None:
         rule = "all of the map is drawn"
-        raise InputError("at", "is given without zoom", rule, "add e.g. zoom=8, or leave it out", value=at)
+        raise InputError("center", "is given without zoom", rule, "add e.g. zoom=8, or leave it out", value=center)
     return kind
 
 

@@ -117,7 +117,7 @@ class RobotGlyph:
         return np.concatenate([[0.0], np.cumsum(lengths)])
 
     def along(self, points: Floats, shares: Floats) -> Floats:
-        """Configurations at shares, from 0 to 1, of the length of a path, shape (n, dof)."""
+        """Configurations at shares, from 0 to 1, of the length of a path, shape (n, size)."""
         place = np.interp(shares * (lengths := self.travelled(points))[-1], lengths, np.arange(len(points)))
         first = np.minimum(place.astype(np.int64), max(len(points) - 2, 0))
         steps = self.rotations.steps(points[first], points[np.minimum(first + 1, len(points) - 1)])
@@ -185,7 +185,7 @@ class Look(NamedTuple):
 
     rotation: Any = None
     ax: Any = None
-    at: Any = None
+    center: Any = None
     zoom: float | None = None
     surface: str | None = None
     cut: float | None = None
@@ -200,11 +200,11 @@ class Route:
 
     Attributes
     ----------
-    points : ndarray of float64, shape (n, dof)
+    points : ndarray of float64, shape (n, size)
         The path; n is 0 where there is none.
-    marks : dict of str to ndarray of float64, shape (dof,)
+    marks : dict of str to ndarray of float64, shape (size,)
         Start and goal, those that there are.
-    stations : ndarray of float64, shape (m, dof)
+    stations : ndarray of float64, shape (m, size)
         Where the robot is drawn: along the path, then at the marks, which lie over the others.
     figurine : Figurine
     cut : bool
@@ -261,7 +261,7 @@ class Route:
         return np.stack([points.min(axis=0), points.max(axis=0)])
 
     def along(self, shares: Floats) -> Floats:
-        """Configurations at shares, from 0 to 1, of the path's length, shape (n, dof)."""
+        """Configurations at shares, from 0 to 1, of the path's length, shape (n, size)."""
         return self.figurine.along(self.points, shares)
 
     @property
@@ -271,7 +271,7 @@ class Route:
 
     @property
     def lost_parts(self) -> Floats:
-        """The :attr:`lost` steps, as :func:`with_gaps` returns them, shape (k, dof)."""
+        """The :attr:`lost` steps, as :func:`with_gaps` returns them, shape (k, size)."""
         return with_gaps(self.points, self.lost)
 
 
@@ -285,7 +285,7 @@ def rings(geometry: Any) -> list[Floats]:
 
 
 def polyline(space: HasAxes, path: Any) -> Floats:
-    """A path, or that of a plan, as an array, shape (n, dof)."""
+    """A path, or that of a plan, as an array, shape (n, size)."""
     values = getattr(path, "path", path)
     points = np.empty(0) if values is None else finite(values, "path")
     if points.shape == (0,):
@@ -348,7 +348,7 @@ def marked(space: HasAxes, path: Any, points: Floats, start: Any, goal: Any) -> 
 
 
 def _stations(points: Floats, every: float | None, figurine: RobotGlyph, zoom: float) -> Floats:
-    """Configurations along the path at which the robot is drawn, the ends left out, shape (n, dof)."""
+    """Configurations along the path at which the robot is drawn, the ends left out, shape (n, size)."""
     if every is not None and every != math.inf:
         every = positive(every, "robot_every")
     if len(points) < 2 or every == math.inf:
@@ -394,7 +394,7 @@ def simplified(vertices: Floats, faces: Ints, most: int = _FACES) -> tuple[Float
     return vertices, faces
 
 
-def section_point(space: MapLike, at: Any, route: Route) -> Floats:
+def section_point(space: MapLike, center: Any, route: Route) -> Floats:
     """The point, in the grid, that sections go through, shape (d,).
 
     Where the caller does not say: half the way along the path; without one, the start, the goal, or the middle.
@@ -402,23 +402,23 @@ def section_point(space: MapLike, at: Any, route: Route) -> Floats:
     Raises InputError if it is not one point of the grid.
     """
     grid = space.grid
-    if at is None:
+    if center is None:
         middle = [route.along(np.array([0.5]))[0]] if len(route.points) else list(route.marks.values())
         place = middle[0][: grid.dim] if middle else (np.add(grid.lower, grid.upper)) / 2
         return np.clip(place, grid.lower, grid.upper)
-    point = finite(at, "at")
+    point = finite(center, "center")
     if point.shape != (grid.dim,):
         hint = f"pass one point ({', '.join(space.axes[: grid.dim])}) in metres"
-        raise InputError("at", f"has shape {point.shape}", f"it must be ({grid.dim},)", hint, value=at)
+        raise InputError("center", f"has shape {point.shape}", f"it must be ({grid.dim},)", hint, value=center)
     if not grid.contains(point):
         given, low, high = (f"({', '.join(f'{v:g}' for v in corner)})" for corner in (point, grid.lower, grid.upper))
         rule = f"it must lie in the grid, from {low} to {high}"
-        raise InputError("at", f"is {given}", rule, "pass a point in there", value=at)
+        raise InputError("center", f"is {given}", rule, "pass a point in there", value=center)
     return point
 
 
 def within(points: Floats, axis: int, low: float, high: float) -> Floats:
-    """The parts of a path whose coordinate along an axis lies between two numbers, shape (n, dof).
+    """The parts of a path whose coordinate along an axis lies between two numbers, shape (n, size).
 
     Each part is two rows, and a row of NaN follows it, so that a line through all rows has gaps.
     """

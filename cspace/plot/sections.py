@@ -42,7 +42,7 @@ _COLUMNS: Final = 3
 
 def draw_sections(space: MapLike, route: Route, look: Look) -> Axes:
     """Draw three sections; as :func:`cspace.plot.plot`. Gives the axes of the one seen from above."""
-    point = section_point(space, look.at, route)
+    point = section_point(space, look.center, route)
     box = route.box(space)
     stretch = artists.stretches(box, _THIN)
     panels = _panels(box, stretch, space.grid.labels)
@@ -62,13 +62,13 @@ def draw_panels(space: MapLike, route: Route, look: Look) -> Axes:
     rotations = space.rotations
     shown = _distinct(space)
     if look.rotation is not None:
-        shown = finite(look.rotation, "rotation").reshape(-1, rotations.dof)
+        shown = finite(look.rotation, "rotation").reshape(-1, len(rotations.names))
     if not 1 <= len(shown) <= _MOST:
         rule = f"from 1 to {_MOST} panels can be shown"
         raise InputError("rotation", f"gives {len(shown)} rotations", rule, "pass a few", value=look.rotation)
     box = route.box(space, robots=False)
     stretch = artists.stretches(box)
-    point = section_point(space, look.at, route)
+    point = section_point(space, look.center, route)
     grid, layer = artists.section(space.grid, point)
     panels = _grid_of_panels(len(shown), box)
     classes: list[artists.Classes] = []
@@ -106,7 +106,7 @@ def draw_dials(space: MapLike, route: Route, look: Look) -> Axes:
     """Draw the rotations at one position; as :func:`cspace.plot.plot`. Gives the axes of the first dial."""
     from matplotlib.colors import to_rgba_array
 
-    point, grid = section_point(space, look.at, route), space.grid
+    point, grid = section_point(space, look.center, route), space.grid
     cell = tuple(grid.cell_of(point).tolist())
     rotations = space.rotations
     states = np.array([space.states_at(each)[cell] for each in space.slice_rotations])[space.slice_of]
@@ -206,7 +206,7 @@ def _spread(route: Route) -> Floats:
 def _parts_of(space: MapLike, route: Route, shown: Floats) -> list[Route]:
     """Return the part of a route in each panel: where the robot is turned most nearly as the panel shows it.
 
-    Rotations that share a slice are alike. ``shown`` are the rotations of the panels, shape (k, dof).
+    Rotations that share a slice are alike. ``shown`` are the rotations of the panels, shape (k, size).
     """
     rotations, slices, dim = space.rotations, space.rotations.slices_for(space.robot.shape), space.grid.dim
     alike = [rotations.centers[slices == slices[rotations.cells_of(rotation)]] for rotation in shown]
@@ -244,7 +244,7 @@ def _parts_of(space: MapLike, route: Route, shown: Floats) -> list[Route]:
 
 
 def _distinct(space: MapLike) -> Floats:
-    """Representatives of at most so many rotation cells whose slices differ, spread evenly, shape (n, dof)."""
+    """Representatives of at most so many rotation cells whose slices differ, spread evenly, shape (n, size)."""
     every = space.slice_rotations
     count = min(PANELS, len(every))
     return every[np.arange(count) * len(every) // count]

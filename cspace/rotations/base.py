@@ -52,7 +52,7 @@ def warn_of_degrees(q: Sequence[float] | Floats, angles: Mapping[int, str], name
 
 
 def shorter(steps: Floats, periodic_axes: ArrayLike = True) -> Floats:
-    """Steps, shape (..., dof), without whole turns of the numbers that are angles without an end: the shorter way.
+    """Steps, shape (..., k), without whole turns of the numbers that are angles without an end: the shorter way.
 
     It is what :func:`math.remainder` gives, to the last bit, so that also half a turn is gone the same way everywhere.
     """
@@ -143,7 +143,7 @@ class Dial(NamedTuple):
     title : str
     inside : ndarray of bool, shape (n, n)
         Which pixels belong to it.
-    rotations : ndarray of float64, shape (2, m, dof)
+    rotations : ndarray of float64, shape (2, m, k)
         Two of each of these, all but the same, as in configurations: they may lie in two cells with one border.
     marks : tuple of (str, float, float)
         Texts, and where they stand.
@@ -178,7 +178,7 @@ class CompiledRotations(Protocol):
     def states_at(self, q: Numbers) -> int:
         """The slice of the rotation cell that holds the rotation of a configuration."""
 
-    def slices_at(self, numbers: Floats, dof: int, out: Ints) -> None:
+    def slices_at(self, numbers: Floats, size: int, out: Ints) -> None:
         """The same of many, whose numbers are in a row, for :meth:`slice_among` to read; any, if not usable."""
 
     def slice_among(self, slices: Ints, k: int) -> int:
@@ -243,8 +243,6 @@ class Rotations(ABC):
     ----------
     names : tuple of str
         The numbers of a rotation.
-    dof : int
-        How many these are.
     units : tuple of str
         Their units: "rad", or "1" for the numbers of a quaternion.
     examples : tuple of str
@@ -353,12 +351,8 @@ class Rotations(ABC):
 
     # ---- rotations as numbers
 
-    @property
-    def dof(self) -> int:
-        return len(self.names)
-
     def canonical(self, q: Floats, name: str = "q") -> Floats:
-        """Configurations, shape (..., d + dof), with each yaw in [-pi, pi) and each quaternion of norm 1.
+        """Configurations, shape (..., d + k), with each yaw in [-pi, pi) and each quaternion of norm 1.
 
         Numbers that are so already stay as they are, to the last bit.
 
@@ -384,12 +378,12 @@ class Rotations(ABC):
         return self._matrices(rotation, place.shape[-1])
 
     def checked(self, rotation: ArrayLike, name: str = "rotation") -> Floats:
-        """A rotation as its numbers, canonical, shape (dof,).
+        """A rotation as its numbers, canonical, shape (k,).
 
         Raises InputError if it is not one rotation.
         """
         numbers = np.atleast_1d(finite(rotation, name))
-        if numbers.shape != (self.dof,):
+        if numbers.shape != (len(self.names),):
             rule = f"a rotation is given by {', '.join(self.names)}" if self.names else "the robot does not turn"
             raise InputError(name, f"has shape {numbers.shape}", rule, "pass one rotation", value=rotation)
         canonical = self._canonical(numbers, name)
@@ -397,11 +391,11 @@ class Rotations(ABC):
         return canonical
 
     def text(self, rotation: Floats) -> str:
-        """A rotation, shape (dof,), as a text for people."""
+        """A rotation, shape (k,), as a text for people."""
         return ""
 
     def of_matrix(self, matrix: Floats) -> Floats:
-        """The rotation, shape (dof,), that a rotation matrix of space is; of a yaw, that about z alone."""
+        """The rotation, shape (k,), that a rotation matrix of space is; of a yaw, that about z alone."""
         return np.empty(0)
 
     def heading(self, q: Floats) -> float | None:
@@ -413,7 +407,7 @@ class Rotations(ABC):
         return rotation
 
     def _parts(self, q: Floats) -> tuple[Floats, Floats]:
-        dim = q.shape[-1] - self.dof
+        dim = q.shape[-1] - len(self.names)
         return q[..., :dim], q[..., dim:]
 
     def _canonical(self, rotation: Floats, name: str) -> Floats:
@@ -453,7 +447,7 @@ class Rotations(ABC):
         return int(self.cells_of(self.centers[0] if rotation is None else self.checked(rotation, name)))
 
     def cells_of(self, q: Floats) -> Ints:
-        """Cells of configurations, shape (..., d + dof), of which only the last dof numbers count; shape (...)."""
+        """Cells of configurations, shape (..., d + k), of which only the last k numbers count; shape (...)."""
         return np.zeros(q.shape[:-1], dtype=np.int64)
 
     def leading(self, n: int) -> tuple[int, ...]:
@@ -491,7 +485,7 @@ class Rotations(ABC):
 
     @property
     def centers(self) -> Floats:
-        """The representative rotation of each cell, as a configuration has it, shape (count, dof)."""
+        """The representative rotation of each cell, as a configuration has it, shape (count, k)."""
         return np.zeros((1, 0))
 
     @property
@@ -515,18 +509,18 @@ class Rotations(ABC):
         return rng.choice(self.count, size=n, p=sizes / sizes.sum())
 
     def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
-        """A rotation drawn uniformly from each of some cells, shape (n, dof); that part of a cell's border is left."""
+        """A rotation drawn uniformly from each of some cells, shape (n, k); that part of a cell's border is left."""
         return np.zeros((len(cells), 0))
 
     def distances(self, q: Floats) -> Floats:
-        """Angles between rotations of configurations, shape (..., d + dof), and each cell's representative, radians.
+        """Angles between rotations of configurations, shape (..., d + k), and each cell's representative, radians.
 
         Of shape (..., count).
         """
         return np.zeros((*q.shape[:-1], 1))
 
     def cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
-        """Every cell with a rotation within an angle, shape (n,), of that of a configuration, shape (n, d + dof).
+        """Every cell with a rotation within an angle, shape (n,), of that of a configuration, shape (n, d + k).
 
         Gives pairs of a configuration and a cell, shape (m,) each, rounding included, in the order of the
         configurations.
@@ -562,7 +556,7 @@ class Rotations(ABC):
         return []
 
     @property
-    def facts(self) -> dict[str, object]:
+    def _facts(self) -> dict[str, object]:
         """What there is to say of the cells, for people: plain values by what they are."""
         width = float(np.degrees(2.0 * self.covering_angles.max()))
         return {"rotations": self.count, "rotation_cell_deg": round(width, 6)}
@@ -602,7 +596,7 @@ class OneRotation(Rotations):
         return cls()
 
     @property
-    def facts(self) -> dict[str, object]:
+    def _facts(self) -> dict[str, object]:
         return {}
 
     @property
@@ -635,7 +629,7 @@ class OneCell(NamedTuple):
     def states_at(self, q: Numbers) -> int:
         return 0
 
-    def slices_at(self, numbers: Floats, dof: int, out: Ints) -> None:
+    def slices_at(self, numbers: Floats, size: int, out: Ints) -> None:
         pass
 
     def slice_among(self, slices: Ints, k: int) -> int:

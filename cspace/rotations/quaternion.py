@@ -406,10 +406,10 @@ class QuaternionCells(NamedTuple):
         chart, i, j, k = parts_of(self.borders, q[-4:])
         return int(self.slice_of[cell_of_parts(self.borders, chart, i, j, k)])
 
-    def slices_at(self, numbers: Floats, dof: int, out: Ints) -> None:
+    def slices_at(self, numbers: Floats, size: int, out: Ints) -> None:
         borders = self.borders
         for m in range(len(out)):
-            first = dof * m + dof - 4
+            first = size * m + size - 4
             q = (numbers[first], numbers[first + 1], numbers[first + 2], numbers[first + 3])
             chart, i, j, k = parts_of(borders, q)
             out[m] = self.slice_of[np.uint64(cell_of_parts(borders, chart, i, j, k))]

@@ -289,10 +289,10 @@ class YawCells(NamedTuple):
     def states_at(self, q: Numbers) -> int:
         return int(self.slice_of[cell_of_wrapped(self.borders, in_turn(self.borders, q[-1]))])
 
-    def slices_at(self, numbers: Floats, dof: int, out: Ints) -> None:
+    def slices_at(self, numbers: Floats, size: int, out: Ints) -> None:
         angles = np.empty(len(out))
         for k in range(len(out)):
-            angles[k] = in_turn(self.borders, numbers[np.uint64(dof * k + dof - 1)])  # not counted from the end
+            angles[k] = in_turn(self.borders, numbers[np.uint64(size * k + size - 1)])  # not counted from the end
         for k in range(len(out)):
             out[k] = self.slice_of[np.uint64(cell_of_wrapped(self.borders, angles[k]))]
 

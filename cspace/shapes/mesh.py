@@ -237,7 +237,7 @@ class Mesh(ExactShape):
         return float(self.volume) if self.is_watertight else float("nan")
 
     @property
-    def facts(self) -> dict[str, object]:
+    def _facts(self) -> dict[str, object]:
         closed = sum(body.closed for body in self.bodies)
         return {
             "triangles": len(self.faces),

@@ -229,7 +229,7 @@ class ExactShape(Shape):
         """Area in the plane, volume in space, for people; NaN where it is not known."""
 
     @property
-    def facts(self) -> dict[str, object]:
+    def _facts(self) -> dict[str, object]:
         """What there is to say of the shape, for people: plain values by what they are."""
         return {("area_m2", "volume_m3")[self.dim - 2]: self.measure}
 

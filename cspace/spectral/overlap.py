@@ -453,7 +453,7 @@ class Space(Protocol):
         """Rotation cells of the map."""
 
     @property
-    def record(self) -> Map:
+    def _kernel_map(self) -> Map:
         """The map as kernels take it."""
 
 
@@ -497,7 +497,7 @@ class OverlapField:
         if not isinstance(given, FourierOverlap):
             rule, hint = "it must be a FourierOverlap", "make it with e.g. FourierOverlap.of_shapes"
             raise InputError("overlap", f"is a {type(given).__name__}", rule, hint, value=given)
-        grid, map_ = space.grid, space.record
+        grid, map_ = space.grid, space._kernel_map
         check_same_dim("overlap", overlap.dim, grid.dim)
         shape, count = map_.states.shape, 1 + grid.dim
         check_memory(8.0 * count * math.prod(shape), "the overlap field", grid)
@@ -521,7 +521,7 @@ class OverlapField:
     @property
     def cells(self) -> Floats:
         """Overlap by slice, shape (slices, nx, ny(, nz)), as kernels take it."""
-        return np.ascontiguousarray(self.values).reshape(self.space.record.states.shape)
+        return np.ascontiguousarray(self.values).reshape(self.space._kernel_map.states.shape)
 
     @overload
     def at(self, q: Configuration) -> float: ...  # type: ignore[overload-overlap]
@@ -530,35 +530,35 @@ class OverlapField:
     @overload
     def at(self, q: ArrayLike) -> float | Floats: ...
     def at(self, q: ArrayLike) -> float | Floats:
-        """Interpolate the overlap at configurations (..., dof), in metres and radians; shape (...).
+        """Interpolate the overlap at configurations (..., size), in metres and radians; shape (...).
 
         The interpolation is linear between cell centers and never negative. Outside the grid it uses the nearest value;
         rotations use the value of their cell.
 
-        Raises InputError if the last axis is not dof long, or a value is NaN or infinite.
+        Raises InputError if the last axis is not as long, or a value is NaN or infinite.
         """
         overlaps: float | Floats = answer(
-            q, self._dof, in_threaded_chunks(partial(fields_at, *self._fixed())), np.float64, float
+            q, self._size, in_threaded_chunks(partial(fields_at, *self._fixed())), np.float64, float
         )
         return overlaps
 
     def checker(self) -> Callable[..., float]:
         """Return a fast, unchecked :meth:`at` for floats: ``check(*q) -> float``; they must be finite."""
-        check: Callable[..., float] = callback(Field(*self._fixed()), self._dof)
+        check: Callable[..., float] = callback(Field(*self._fixed()), self._size)
         return check
 
     @property
-    def _dof(self) -> int:
-        return self.space.grid.dim + self.space.rotations.dof
+    def _size(self) -> int:
+        return self.space.grid.dim + len(self.space.rotations.names)
 
     def _fixed(self) -> tuple[Any, ...]:
         """Return the map and the field, as kernels take them."""
-        return self.space.record, self.cells
+        return self.space._kernel_map, self.cells
 
 
 def _shape(space: Space) -> tuple[int, ...]:
     """Return the shape of a field of the map."""
-    return (*space.rotations.leading(space.record.states.shape[0]), *space.grid.shape)
+    return (*space.rotations.leading(space._kernel_map.states.shape[0]), *space.grid.shape)
 
 
 @kernel

@@ -41,12 +41,12 @@ IN_A_PART: Final = "ask a part of it: space.window(lower, upper)"
 BY_CELLS: Final = "change its cells: space.update(cells, lower)"
 
 ONLY_IN_MEMORY: Final = {
-    "workspace precision overlaps state states_at": IN_A_PART,
-    "overlap contains_robot obstacle_distance overlap_field with_overlap_field": IN_A_PART,
-    "point_checker edge_checker clearance_checker record own_record marks": IN_A_PART,
+    "workspace precision overlap_counts cell_states states_at": IN_A_PART,
+    "overlap_count contains_robot obstacle_distance overlap_field with_overlap_field": IN_A_PART,
+    "point_checker edge_checker clearance_checker": IN_A_PART,
     "reachable_bounds find_path find_widest_path sample_free": IN_A_PART,
     "save export to_xarray to_occupancy_grid to_costmap": IN_A_PART,
-    "place placed remove": BY_CELLS,
+    "add_obstacle obstacles remove_obstacle": BY_CELLS,
 }
 """What :class:`cspace.CSpace` can do and :class:`TiledCSpace` cannot, with the hint of the error; besides, ``exact``.
 
@@ -58,11 +58,11 @@ class TiledCSpace(ConfigurationMap):
     """A certified map that stays in its store; look-ups read it tile by tile.
 
     :func:`cspace.build` makes it with a ``store``, and :func:`cspace.open` opens it. Its answers are those of the same
-    map in memory, :class:`cspace.CSpace`, look-up by look-up. It takes one configuration, shape (dof,), or any batch,
-    shape (..., dof); a batch is answered in pieces of 262,144 configurations, each of which reads a tile at most once.
+    map in memory, :class:`cspace.CSpace`, look-up by look-up. It takes one configuration, shape (size,), or any batch,
+    shape (..., size); a batch is answered in pieces of 262,144 configurations, each of which reads a tile at most once.
     :meth:`window` gives a part of it as a map in memory, for everything else: the page on large maps has the list.
 
-    A store that is half done opens too: :attr:`done` is the share, and look-ups refuse.
+    A store that is half done opens too: :attr:`progress` is the share, and look-ups refuse.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class TiledCSpace(ConfigurationMap):
         return self._kept.tile
 
     @property
-    def done(self) -> float:
+    def progress(self) -> float:
         """Share of the tiles that are done; 1 for a map that may be looked up."""
         return self._tiles.done
 
@@ -153,23 +153,28 @@ class TiledCSpace(ConfigurationMap):
 
     @property
     def _summary(self) -> str:
-        share = "" if self.done == 1.0 else f", {self.done:.1%} of them done"
+        share = "" if self.progress == 1.0 else f", {self.progress:.1%} of them done"
         return f"{len(self._kept)} tiles of {' x '.join(map(str, self.tile))}{share}"
 
     @property
-    def facts(self) -> dict[str, object]:
-        cells = {"cells": dict(zip(STATE_NAMES, self.count(), strict=True))} if self.done == 1.0 else {}
-        return {"tile": list(self.tile), "done_percent": round(100.0 * self.done, 4), **cells, "version": self.version}
+    def _facts(self) -> dict[str, object]:
+        cells = {"cells": dict(zip(STATE_NAMES, self.count(), strict=True))} if self.progress == 1.0 else {}
+        return {
+            "tile": list(self.tile),
+            "done_percent": round(100.0 * self.progress, 4),
+            **cells,
+            "version": self.version,
+        }
 
     def __reduce__(self) -> tuple[Callable[..., TiledCSpace], tuple[str, int]]:
         return TiledCSpace.open, (self.path, self._tiles.limit)
 
     # ---- what FREE cells join ----------------------------------------------------------------------------------------
 
-    def label(self, client: Client | None = None, progress: Progress | None = None) -> None:
-        """Label the components of the map, tile by tile, and keep them in the store.
+    def compute_components(self, client: Client | None = None, progress: Progress | None = None) -> None:
+        """Compute the components of the map, tile by tile, and keep them in the store.
 
-        :meth:`path_exists` does it at the first call, in threads of this process; here it is done beforehand, or on a
+        :meth:`is_connected` does it at the first call, in threads of this process; here it is done beforehand, or on a
         cluster. After an update only the tiles that it changed are labelled again.
 
         Parameters
@@ -196,22 +201,24 @@ class TiledCSpace(ConfigurationMap):
     def _components(self) -> Joined:
         return self._join()
 
-    def legs(self, q0: ArrayLike, q1: ArrayLike) -> list[tuple[Callable[[], CSpace], Floats, Floats]]:
+    def _tile_subproblems(self, q0: ArrayLike, q1: ArrayLike) -> list[tuple[Callable[[], CSpace], Floats, Floats]]:
         """The tiles through which FREE cells join two configurations, one after the other, for a planner of your own.
 
         Parameters
         ----------
-        q0, q1 : array-like, shape (dof,)
+        q0, q1 : array-like, shape (size,)
             FREE configurations in the grid.
 
         Returns
         -------
         list of (callable, ndarray of float64, ndarray of float64)
-            What opens the tile as a map in memory, and the configurations, shape (dof,), from which and to which a path
-            leads through it, yaw in [-pi, pi); the last one is the first one of the next tile. Empty where FREE cells
-            do not join the two.
+            What opens the tile as a map in memory, and the configurations, shape (size,), from which and to which a
+            path leads through it, yaw in [-pi, pi); the last one is the first one of the next tile. Empty where FREE
+            cells do not join the two.
         """
-        q0, q1 = (self.rotations.canonical(self.checked(q, name), name) for q, name in ((q0, "q0"), (q1, "q1")))
+        q0, q1 = (
+            self.rotations.canonical(self._check_configurations(q, name), name) for q, name in ((q0, "q0"), (q1, "q1"))
+        )
         cells = [self._cells_of(q) for q in (q0, q1)]
         tiles, crossings = self._tiles.at_one_moment(lambda: self._join().chain(*cells))
         if not tiles:
@@ -231,7 +238,7 @@ class TiledCSpace(ConfigurationMap):
 
     def nearest_free(self, q: ArrayLike) -> Floats:
         """As :meth:`cspace.CSpace.nearest_free`, of the FREE cells near there: half a tile to each side at most."""
-        point = self.checked(q)
+        point = self._check_configurations(q)
         middle = np.clip(point[: self.grid.dim], self.grid.lower, self.grid.upper)
         around = 0.5 * self.grid.spacing * np.minimum(self.tile, AROUND[self.grid.dim])
         return self.window(middle - around, middle + around).nearest_free(point)
@@ -288,7 +295,7 @@ class TiledCSpace(ConfigurationMap):
             )
         return self._part(first + self._tiles.job.reach[0], stop + self._tiles.job.reach[1])
 
-    def overview(self, most: int = 1024, client: Client | None = None) -> CSpace:
+    def overview(self, max_cells: int = 1024, client: Client | None = None) -> CSpace:
         """The whole map in larger cells, in memory: to be drawn, and to be looked up roughly.
 
         A cell is FREE where all that it is made of is FREE, BLOCKED where all is BLOCKED, and otherwise MIXED; so it is
@@ -296,12 +303,12 @@ class TiledCSpace(ConfigurationMap):
 
         Parameters
         ----------
-        most : int
+        max_cells : int
             Cells along an axis, at most.
         client : dask.distributed.Client, optional
             As for :func:`cspace.build`.
         """
-        count = whole(most, "most", 1, hint="pass e.g. 1024")
+        count = whole(max_cells, "max_cells", 1, hint="pass e.g. 1024")
         return self._tiles.at_one_moment(lambda: overview_of(self._tiles.job, count, client))
 
     def update(

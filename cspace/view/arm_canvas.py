@@ -42,10 +42,10 @@ class ArmCanvas(Canvas):
     distance_name = "obstacle distance"
 
     def __init__(self, space: Any, server: ViserServer, points: Floats, marks: dict[str, Floats]) -> None:
-        given = {name: space.checked(q, name) for name, q in marks.items()}
-        drawn = samples(space, np.zeros(space.dof).clip(space.arm.lower, space.arm.upper))
+        given = {name: space._check_configurations(q, name) for name, q in marks.items()}
+        drawn = samples(space, np.zeros(space.size).clip(space.arm.lower, space.arm.upper))
         super().__init__(server, space, far_apart(drawn, drawn) | given)
-        space.checked(points, "path")
+        space._check_configurations(points, "path")
         arm = space.arm
         self._figure = ArmFigure(space)
         self.title = arm.name

@@ -59,7 +59,7 @@ class Canvas(ABC):
 
     Attributes
     ----------
-    robot : ndarray of float64, shape (dof,)
+    robot : ndarray of float64, shape (size,)
         Where the robot is.
     dials : list of Dial
         What a configuration is set by.
@@ -114,7 +114,7 @@ class Canvas(ABC):
 
     @abstractmethod
     def along(self, points: Floats, shares: Floats) -> Floats:
-        """Configurations at shares, from 0 to 1, of the length of a path, shape (n, dof)."""
+        """Configurations at shares, from 0 to 1, of the length of a path, shape (n, size)."""
 
     def distance(self, q: Floats) -> Any:
         """Return the distance called :attr:`distance_name` at configurations; NaN where the space gives none."""

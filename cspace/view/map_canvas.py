@@ -22,12 +22,6 @@ from cspace.view.scene import KINDS, ROBOT, SECTION, Kind, Section, Stage, robot
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
 
-EXISTS: Final = {
-    True: "**A path exists: proven.**",
-    False: "**No path exists: proven.**",
-    None: "Whether a path exists is not decided at this resolution.",
-}
-"""Whether a path exists, in words."""
 ANGLES: Final = ("roll", "pitch", "yaw")
 """Turns about x, then y, then z, all of which stay where they are."""
 
@@ -35,8 +29,8 @@ ANGLES: Final = ("roll", "pitch", "yaw")
 class MapCanvas(Canvas):
     """Draws a map with the robot, its path, the start and the goal.
 
-    ``points`` are a path that is to be seen, shape (n, dof), and cells above the robot on it are cut off; ``marks`` are
-    the start and the goal, where they are given.
+    ``points`` are a path that is to be seen, shape (n, size), and cells above the robot on it are cut off; ``marks``
+    are the start and the goal, where they are given.
 
     Attributes
     ----------
@@ -114,7 +108,14 @@ class MapCanvas(Canvas):
         return f"{super().describe(q)}  \n{self._space.rotations.describe(q[self._space.grid.dim :])}"
 
     def prove(self, q0: Floats, q1: Floats) -> str:
-        return EXISTS[self._space.path_exists(q0, q1)]
+        connected, disconnected = self._space._connectivity(q0, q1)
+        if connected:
+            return "**A path exists: proven.**"
+        return (
+            "**No path exists: proven.**"
+            if disconnected
+            else "It is undecided at this resolution whether a path exists."
+        )
 
     # ---- what stands on its own --------------------------------------------------------------------------------------
 

@@ -163,13 +163,13 @@ class Panel:
 class Page:
     """A page: what it shows, and what people and programs do there.
 
-    ``path``, shape (n, dof), is one to show; n is 0 where there is none.
+    ``path``, shape (n, size), is one to show; n is 0 where there is none.
 
     Attributes
     ----------
     panel : Panel
         What can be set, and what is said.
-    marks : dict of str to ndarray of float64, shape (dof,)
+    marks : dict of str to ndarray of float64, shape (size,)
         The start and the goal.
     plan : planners.Plan or None
         What the last search found.

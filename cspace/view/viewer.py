@@ -62,7 +62,7 @@ class Viewer:
     ----------
     space : ConfigurationSpace
     canvas : callable
-        What draws it: is given a server, a path, shape (n, dof), and the start and the goal that there are.
+        What draws it: is given a server, a path, shape (n, size), and the start and the goal that there are.
     path, start, goal, host, port
         As for :meth:`cspace.CSpace.view`.
 

@@ -18,6 +18,7 @@ from arms.test_space import at, scene
 from cspace import BLOCKED, FREE, MIXED, CSpace, Robot
 from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space, build_joint_map
 from cspace.errors import ConfigurationError, InputError
+from maps import proven_paths
 from refusals import refusals
 from tests.soak.plane import placed
 from urdfs import joint, link, planar, written
@@ -52,9 +53,11 @@ def test_a_plane_arm_against_shapely(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     wrong = []
     for state, collides in ((FREE, True), (BLOCKED, False)):
-        cells = np.argwhere(made.state == state)
+        cells = np.argwhere(made.cell_states == state)
         # Those next to others are where a bound that is too weak would show.
-        near = np.array([(made.state[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] != state).any() for i, j in cells])
+        near = np.array(
+            [(made.cell_states[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] != state).any() for i, j in cells]
+        )
         sample = cells[near][rng.permutation(near.sum())[:250]]
         within = np.where(
             rng.random((len(sample), 2)) < 0.5, rng.integers(0, 2, (len(sample), 2)), rng.random((len(sample), 2))
@@ -78,8 +81,8 @@ def test_three_joints_of_an_arm_against_fcl(tmp_path: Path, seed: int) -> None:
     names = space.arm.joints[:3]
     intervals = np.stack([np.maximum(held - 1.0, space.arm.lower), np.minimum(held + 1.0, space.arm.upper)], axis=1)
     limits = dict(zip(names, map(tuple, intervals.tolist()), strict=False))
-    made = build_joint_map(space, 0.05, names, at=held, limits=limits)
-    states = np.asarray(made.state)
+    made = build_joint_map(space, 0.05, names, held_joints=held, limits=limits)
+    states = np.asarray(made.cell_states)
     assert all((states == state).any() for state in (FREE, BLOCKED))
     for state, apart in ((FREE, True), (BLOCKED, False)):
         cells = np.argwhere(states == state)
@@ -95,8 +98,8 @@ def test_no_path_is_a_proof(tmp_path: Path) -> None:
     space = plane(tmp_path, (-1.5, 1.5), posts)
     made = build_joint_map(space, 0.05)
     left, right = (-1.0, 0.3), (1.0, -0.3)
-    assert made.path_exists(left, right) is False
-    assert made.path_exists(left, (-0.9, -1.0)) is True
+    assert made.is_disconnected(left, right)
+    assert made.is_connected(left, (-0.9, -1.0))
     q = np.stack(np.meshgrid(np.linspace(-1.5, 1.5, 61), np.linspace(-3.0, 3.0, 61), indexing="ij"), axis=-1)
     free = ~touches(q.reshape(-1, 2), posts).reshape(61, 61)
     parts, _ = label(free, np.ones((3, 3)))
@@ -130,14 +133,14 @@ def test_all_that_a_map_can_do(tmp_path: Path) -> None:
     assert isinstance(again, CSpace)
     assert again.grid == made.grid
     assert repr(again) == repr(made)
-    np.testing.assert_array_equal(again.state, made.state)
+    np.testing.assert_array_equal(again.cell_states, made.cell_states)
     dataset = made.to_xarray()
-    assert dataset.state.dims == ("shoulder", "elbow")
+    assert dataset.cell_states.dims == ("shoulder", "elbow")
     assert dataset.elbow.attrs["units"] == "rad"
     ax = made.plot(path=made.find_path(start, goal))
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("shoulder (rad)", "elbow (rad)")
     # A part of the joints' own space may be closed as well.
-    assert made.place("keep out", [(2.4, 0.4), (2.6, 0.4), (2.6, 0.6), (2.4, 0.6)]).changed > 0
+    assert made.add_obstacle("keep out", [(2.4, 0.4), (2.6, 0.4), (2.6, 0.6), (2.4, 0.6)]).changed > 0
     assert not made.is_free((2.5, 0.5))
 
 
@@ -158,7 +161,7 @@ def test_a_joint_that_slides_and_limits_between_cells(tmp_path: Path) -> None:
     assert made.periodic_axes == (False, False)
     assert made.grid.units == ("rad", "m")
     assert made.grid.shape == (120, 9)
-    assert (made.state[:, -1] != FREE).all()
+    assert (made.cell_states[:, -1] != FREE).all()
     assert made.classify((0.0, 0.3)) == FREE
     assert made.classify((0.0, 0.01)) == BLOCKED
     assert made.classify((2.0, 0.01)) == FREE
@@ -202,12 +205,12 @@ def test_exact_answers_are_those_of_the_arm(tmp_path: Path, circle: bool) -> Non
     assert space.is_free(outside) and made.classify(outside) == MIXED and not made.is_free(outside, exact=True)
     plans = [planners.plan(made, a, b, exact=True, seed=1) for a, b in q[mixed][:6].reshape(3, 2, 2)]
     assert any(plan.certified for plan in plans)
-    assert all(plan.certified or plan.path_exists is False for plan in plans)
+    assert all(plan.certified or plan.is_disconnected for plan in plans)
     assert not any(touches(plan.path, posts).any() for plan in plans)
     middle = q[mixed][0]
     check, walk = made.point_checker(exact=True), made.edge_checker(exact=True)
     assert check(*middle) and walk(*middle, *middle)
-    made.place("closed", [middle], radius=0.01)  # of cells that are MIXED, and stay so
+    made.add_obstacle("closed", [middle], radius=0.01)  # of cells that are MIXED, and stay so
     assert not (check(*middle) or walk(*middle, *middle) or made.is_free(middle, exact=True))
     assert not (made.is_free(q, exact=True) & ~free).any()
 
@@ -218,15 +221,15 @@ def test_the_only_way_leads_across_the_seam(tmp_path: Path) -> None:
     made = build_joint_map(space, 0.05)
     assert made.grid.spacing == pytest.approx(2.0 * np.pi / 126)
     left, right = (-1.0, 0.3), (1.0, -0.3)
-    assert made.path_exists(left, right) is True
-    assert build_joint_map(space, 0.05, limits={"shoulder": (-np.pi, np.pi)}).path_exists(left, right) is False
+    assert made.is_connected(left, right)
+    assert build_joint_map(space, 0.05, limits={"shoulder": (-np.pi, np.pi)}).is_disconnected(left, right)
     for path in (made.find_path(left, right), planners.plan(made, left, right, seed=1).path):
         assert path[-1] == pytest.approx((1.0 - 2.0 * np.pi, -0.3))
         assert made.certify_path(path).all()
         assert np.all(space.certify_path(path))
         assert not touches(path, ((0.7, 0.0, 0.3),)).any()
     with_wall = build_joint_map(periodic_axes(tmp_path, ((0.7, 0.0, 0.3), (-0.7, 0.0, 0.3))), 0.05)
-    assert with_wall.path_exists(left, right) is False
+    assert with_wall.is_disconnected(left, right)
 
 
 @pytest.mark.parametrize("cells", [75, 76])
@@ -235,7 +238,7 @@ def test_the_last_angle_of_a_turn_is_in_the_last_cell(tmp_path: Path, cells: int
     made = build_joint_map(periodic_axes(tmp_path, ((0.7, 0.0, 0.3),)), 2.0 * np.pi / cells)
     last, other = (np.nextafter(np.pi, 0.0), 0.3), (2.5, 0.3)
     assert made.grid.shape[0] == cells
-    assert made.path_exists(last, other) is True
+    assert made.is_connected(last, other)
     assert len(made.find_path(last, other)) > 0
     assert planners.plan(made, last, other).certified
 
@@ -253,7 +256,7 @@ def test_joint_maps_agree_with_shapely(
     posts = tuple(zip(reach * np.cos(angle), reach * np.sin(angle), rng.uniform(0.1, 0.3, 4), strict=True))
     space = periodic_axes(tmp_path_factory.mktemp("arm"), posts, **elbow)
     made = build_joint_map(space, 0.12)
-    circles, states = made.periodic_axes, np.asarray(made.state)
+    circles, states = made.periodic_axes, np.asarray(made.cell_states)
     for state, collides in ((FREE, True), (BLOCKED, False)):
         cells = np.argwhere(states == state)
         near = np.array([(np.take(states, [k - 1, k, k + 1], 0, mode="wrap")[:, j] != state).any() for k, j in cells])
@@ -276,7 +279,7 @@ def test_joint_maps_agree_with_shapely(
         parts, pairs = parts.reshape(-1), rng.integers(0, len(q), (300, 2))
         pairs = pairs[(states.reshape(-1)[pairs] == FREE).all(axis=1)]
         same = (parts[pairs[:, 0]] == parts[pairs[:, 1]]) & (parts[pairs[:, 0]] > 0)
-        exists = made.path_exists(q[pairs[:, 0]], q[pairs[:, 1]])
+        exists = proven_paths(made, q[pairs[:, 0]], q[pairs[:, 1]])
         np.testing.assert_array_equal(exists == answer, same == answer)
 
 
@@ -303,7 +306,7 @@ def test_a_joint_that_others_follow_by_half(tmp_path: Path) -> None:
 @refusals(
     "options, message",
     ({"joints": ("shoulder", "wrist")}, "name 'wrist'; there are shoulder, elbow"),
-    ({"joints": ("elbow",), "at": (0.0, 0.0)}, "two or three different joints"),
+    ({"joints": ("elbow",), "held_joints": (0.0, 0.0)}, "two or three different joints"),
     ({"joints": ("elbow", "elbow")}, "two or three different joints"),
     ({"spacing": 0.0}, "spacing is 0.0"),
     ({"limits": {"elbow": (-4.0, 1.0)}}, "within -3 and 3"),
@@ -326,10 +329,10 @@ def test_joints_that_are_held_where_links_touch(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="at is missing; the map holds 2, 3 still"):
         build_joint_map(space, 0.5, ("0", "1"))
     with pytest.raises(InputError, match="has 3 at 5"):
-        build_joint_map(space, 0.5, ("0", "1"), at=(0, 0, 0, 5))
+        build_joint_map(space, 0.5, ("0", "1"), held_joints=(0, 0, 0, 5))
     with pytest.raises(ConfigurationError, match=r"has c touch 'a'.*2, 3 do not move them apart"):
-        build_joint_map(space, 0.5, ("2", "3"), at=(2.2, 2.2, 0, 0))
-    assert (build_joint_map(space, 0.1, ("1", "2"), at=(0, 0, 0, 0)).state == MIXED).any()
+        build_joint_map(space, 0.5, ("2", "3"), held_joints=(2.2, 2.2, 0, 0))
+    assert (build_joint_map(space, 0.1, ("1", "2"), held_joints=(0, 0, 0, 0)).cell_states == MIXED).any()
 
 
 def test_a_joint_that_stays_where_it_is(tmp_path: Path) -> None:
@@ -344,5 +347,5 @@ def test_a_joint_that_stays_where_it_is(tmp_path: Path) -> None:
     space = build_arm_space({}, Arm.from_urdf(path))
     assert space.sample_free(2, np.random.default_rng(0))[:, 0].tolist() == [0.3, 0.3]
     assert len(space.find_path((0.3, -1.0), (0.3, 1.0))) == 2
-    with pytest.raises(InputError, match=r"name 'one', which stays at 0.3.*at= says where it is held"):
+    with pytest.raises(InputError, match=r"name 'one', which stays at 0.3.*held_joints= says where it is held"):
         build_joint_map(space, 0.1)

@@ -37,8 +37,8 @@ def oracle(path: Path, arm: Arm, still: list[Any]) -> ArmOracle:
     return ArmOracle(path, arm, {"still": still}, only_links(arm, "still"))
 
 
-def only_obstacles(obstacles: Any, arm: Arm, name: str = "workspace", at: Any = None) -> ArmSpace:
-    return build_arm_space(obstacles, arm, allowed_collisions=only_links(arm, name), at=at)
+def only_obstacles(obstacles: Any, arm: Arm, name: str = "workspace", base_pose: Any = None) -> ArmSpace:
+    return build_arm_space(obstacles, arm, allowed_collisions=only_links(arm, name), base_pose=base_pose)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -78,7 +78,7 @@ def test_cells_that_are_turned_against_fcl(tmp_path: Path, moved: str) -> None:
     if moved == "obstacles":
         space = only_obstacles({"cells": PosedShape(shape, pose)}, arm, "cells")
     else:
-        space = only_obstacles({"cells": shape}, arm, "cells", at=np.linalg.inv(pose))
+        space = only_obstacles({"cells": shape}, arm, "cells", base_pose=np.linalg.inv(pose))
     around = oracle(path, arm, boxes_of(cells, pose))
     points = sampled(arm, rng, 40)
     free = np.asarray(space.is_free(points))
@@ -182,9 +182,9 @@ def test_cells_that_become_too_many_boxes(tmp_path: Path, monkeypatch: pytest.Mo
     away = np.eye(4)
     away[:3, 3] = 9.0
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 6_000_000)
-    build_arm_space(Workspace.from_array(np.indices((24, 24, 24))[0] % 2 == 0, 0.1), arm, at=away)
+    build_arm_space(Workspace.from_array(np.indices((24, 24, 24))[0] % 2 == 0, 0.1), arm, base_pose=away)
     with pytest.raises(InputError, match=r"needs about .* its cells are 6912 boxes"):
-        build_arm_space(Workspace.from_array(scattered, 0.1), arm, at=away)
+        build_arm_space(Workspace.from_array(scattered, 0.1), arm, base_pose=away)
 
 
 def test_cells_that_are_read_at_need(tmp_path: Path) -> None:

@@ -92,7 +92,7 @@ def test_map_writes_and_describes_a_map(room: Path) -> None:
 def test_options_of_map_reach_the_build(room: Path) -> None:
     common = ["map", "floor.npy", "--robot", "disc:0.15", "--spacing", 0.1]
     plain = document(*common, "-o", "plain.zarr")
-    assert document(*common, "-o", "o.zarr", "--overlap", "--rotations", 8)["memory_bytes"] == 5 * 300
+    assert document(*common, "-o", "o.zarr", "--counts", "--rotations", 8)["memory_bytes"] == 5 * 300
     assert document(*common, "-o", "n.zarr", "--no-inner")["cells"]["blocked"] == 0
     assert document(*common, "-o", "f.zarr", "--outside", "free")["outside"] == "free"
     grown = document(*common, "-o", "m.zarr", "--margin", 0.2, "--method", "fft")
@@ -152,8 +152,8 @@ def test_info_describes_maps(room: Path) -> None:
     # A rectangle around its middle has half of its slices twice.
     assert (printed["rotations"], printed["slices"], printed["rotation_cell_deg"]) == (8, 4, 45.0)
     assert printed["memory_bytes"] == 4 * 300
-    assert tuple(printed["cells"].values()) == tuple(np.bincount(space.state.ravel(), minlength=3).tolist())
-    assert printed["mean_free_area_m2"] == pytest.approx((space.state == cspace.FREE).mean() * 3.0)
+    assert tuple(printed["cells"].values()) == tuple(np.bincount(space.cell_states.ravel(), minlength=3).tolist())
+    assert printed["mean_free_area_m2"] == pytest.approx((space.cell_states == cspace.FREE).mean() * 3.0)
     assert not {"rotations", "slices", "mean_free_area_m2"} & set(document("info", "plane.zarr"))
     lines = run("info", "turning.zarr").stdout.splitlines()
     assert "rotation cell   45°" in lines
@@ -305,7 +305,7 @@ def arm_file(tmp_path: Path) -> Path:
 
 def test_arm_is_described_by_joints_links_and_pairs(arm_file: Path, tmp_path: Path) -> None:
     printed = document("info", arm_file)
-    assert (printed["kind"], printed["arm"], printed["dof"]) == ("arm", "small", 3)
+    assert (printed["kind"], printed["arm"], printed["size"]) == ("arm", "small", 3)
     assert printed["joints"] == {"shoulder_rad": [-1.0, 2.0], "elbow": "continuous", "slide_out_m": [0.0, 0.3]}
     assert printed["triangles_of_links"] == {"foot": 12, "upper": 12, "fore": 12, "tool": 24}
     assert sum(printed["pairs_of_links"].values()) == 6
@@ -465,7 +465,7 @@ def test_plan_says_that_no_path_exists(room: Path, file: str, drawn: list[Drawn]
     result = run("plan", file, "--start", start, "--goal", goal, "-o", "p.csv", "--picture", "p.png", "--json")
     assert (result.exit_code, result.stderr.count("\n")) == (1, 1), result.exception
     printed = json.loads(result.stdout)
-    assert (printed["solved"], printed["path_exists"]) == (False, False)
+    assert (printed["solved"], printed["is_connected"], printed["is_disconnected"]) == (False, False, True)
     assert "no path exists: proven" in result.stderr
     assert "try" not in result.stderr
     assert not Path("p.csv").exists()
@@ -547,7 +547,7 @@ def test_options_go_to_the_picture(room: Path, monkeypatch: pytest.MonkeyPatch) 
         "start": (1.0, 1.0, math.pi / 2),
         "goal": (1.0, 1.0, 0.0),
     }
-    assert passed("space.zarr", "--at", "0.3,0.6,0.4") == {"at": (0.3, 0.6, 0.4)}
+    assert passed("space.zarr", "--center", "0.3,0.6,0.4") == {"center": (0.3, 0.6, 0.4)}
     scene = ["--view", "3d", "--surface", "free", "--cut", "0.5"]
     assert passed("space.zarr", *scene) == {"view": "3d", "surface": "free", "cut": 0.5}
     document("plot", "plane.zarr", "-o", "map.png", "--robot-every", 0.5, "--dpi", 60)
@@ -557,10 +557,10 @@ def test_options_go_to_the_picture(room: Path, monkeypatch: pytest.MonkeyPatch) 
 def test_export_writes_every_format(room: Path) -> None:
     for file in ("out.vti", "free.stl", "free.ply", "free.obj", "copy.zarr", "copy.npz"):
         assert document("export", "space.zarr", file)["output"] == file
-    states = cspace.open("space.zarr").state
-    np.testing.assert_array_equal(cspace.open("copy.zarr").state, states)
+    states = cspace.open("space.zarr").cell_states
+    np.testing.assert_array_equal(cspace.open("copy.zarr").cell_states, states)
     with np.load("copy.npz") as held:
-        np.testing.assert_array_equal(held["state"][0], states)
+        np.testing.assert_array_equal(held["cell_states"][0], states)
     document("export", "turning.zarr", "slice.yaml", "--rotation", "90deg")
     image = cspace.Workspace.from_ros_map("slice.yaml", unknown="occupied")
     np.testing.assert_array_equal(~image.outer, cspace.open("turning.zarr").states_at(math.pi / 2) == cspace.FREE)

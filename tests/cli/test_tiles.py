@@ -107,7 +107,7 @@ def test_a_half_done_store_is_told_and_resumed(city, monkeypatch):
     other = run("map", str(folder / "city.npy"), *options)
     assert "was another one" in other.stderr
     run("map", str(folder / "city.npy"), *options, "--overwrite")
-    assert cspace.open(out).done == 1.0
+    assert cspace.open(out).progress == 1.0
 
 
 def test_options_that_do_not_go_together_are_refused(city):

@@ -30,8 +30,8 @@ def corridor(share):
 
 
 def distances(space, q, shape):
-    """Distance of the robot at configurations, shape (n, dof), from the obstacles; below zero inside, for discs."""
-    q = np.asarray(q, dtype=float).reshape(-1, space.dof)
+    """Distance of the robot at configurations, shape (n, size), from the obstacles; below zero inside, for discs."""
+    q = np.asarray(q, dtype=float).reshape(-1, space.size)
     if shape.is_empty:
         return np.full(len(q), np.inf)
     body = space.robot.shape
@@ -54,11 +54,11 @@ def along(q0, q1, n=1000):
 def draw(space, rng, n):
     """Configurations in and around the grid, half of them near cells that are MIXED."""
     q = rng.uniform(np.subtract(space.grid.lower, 0.5), np.add(space.grid.upper, 0.5), (n, 2))
-    cells = np.argwhere(space.record.states == MIXED)
+    cells = np.argwhere(space._kernel_map.states == MIXED)
     if len(cells):
         chosen = cells[rng.integers(len(cells), size=n // 2)]
         q[: n // 2] = space.grid.lower + space.grid.spacing * (chosen[:, 1:] + rng.random((n // 2, 2)))
-    return q if space.dof == 2 else np.column_stack([q, rng.uniform(-9.0, 9.0, n)])
+    return q if space.size == 2 else np.column_stack([q, rng.uniform(-9.0, 9.0, n)])
 
 
 @st.composite

@@ -50,14 +50,14 @@ def draw(space, rng, n):
     cells = np.argwhere(space.classify(centers(space)) == MIXED)
     chosen = cells[rng.integers(len(cells), size=n // 2)][:, -d:]
     q[: n // 2] = space.grid.lower + space.grid.spacing * (chosen + rng.random(chosen.shape))
-    return configurations(space, np.column_stack([q, rng.uniform(-9.0, 9.0, (n, space.rotations.dof))]))
+    return configurations(space, np.column_stack([q, rng.uniform(-9.0, 9.0, (n, len(space.rotations.names)))]))
 
 
 def centers(space):
     """Middles of all cells at the first rotation."""
     middles = space.grid.center_of(np.argwhere(np.ones(space.grid.shape, dtype=bool)))
     middles = np.column_stack([middles, np.tile(space.rotations.centers[0], (len(middles), 1))])
-    return middles.reshape(*space.grid.shape, space.dof)
+    return middles.reshape(*space.grid.shape, space.size)
 
 
 def test_batches_checkers_and_threads_answer_as_single_look_ups(make):
@@ -81,7 +81,7 @@ def test_batches_checkers_and_threads_answer_as_single_look_ups(make):
         assert space.motion_is_free(q0[k], q1[k], exact=True) is bool(edges[k])
     grid = space.motion_is_free(q0[:5, None], q1[None, :7], exact=True)
     assert grid.shape == (5, 7) and grid[3, 4] == space.motion_is_free(q0[3], q1[4], exact=True)
-    assert space.is_free(np.empty((0, 3, space.dof)), exact=True).shape == (0, 3)
+    assert space.is_free(np.empty((0, 3, space.size)), exact=True).shape == (0, 3)
 
 
 def test_what_lies_within_the_other_is_found_in_parts_of_any_size(make, monkeypatch):
@@ -108,7 +108,7 @@ def test_decided_cells_answer_without_geometry(make):
     edges = q[:-1], q[1:]
     through = space.motion_is_free(*edges)
     slices = space.rotations.slices_for(space.robot.shape)
-    states = space.state.reshape(-1, *space.grid.shape)[np.unique(slices, return_index=True)[1]]
+    states = space.cell_states.reshape(-1, *space.grid.shape)[np.unique(slices, return_index=True)[1]]
     of = space.workspace, space.robot, space.rotations, slices, states
     silent = cspace.CSpace(
         Contents(*of, margin=space.margin, prove=lambda problem: None)
@@ -120,7 +120,7 @@ def test_decided_cells_answer_without_geometry(make):
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_bad_input_is_refused(make, bad):
     space = make()
-    q = [0.0] * (space.dof - 1)
+    q = [0.0] * (space.size - 1)
     for call in (
         lambda: space.is_free([*q, bad], exact=True),
         lambda: space.motion_is_free([*q, 0.0], [*q, bad], exact=True),
@@ -158,7 +158,7 @@ def test_ztunnel_agrees_with_boxes(data, mesh):
     robot = Robot.from_mesh(folder / "robot.obj") if mesh else Robot.box(size, cube.mean(axis=0))
     space = cspace.build(workspace, robot)
     rng = np.random.default_rng(0)
-    cells = np.argwhere(space.state == cspace.MIXED)
+    cells = np.argwhere(space.cell_states == cspace.MIXED)
     q = space.grid.lower + 0.1 * (cells[rng.integers(len(cells), size=2000)] + rng.random((2000, 3)))
     low, high = q[:, None] + cube[0], q[:, None] + cube[1]
     meets = ((low <= boxes[:, 1]) & (high >= boxes[:, 0])).all(axis=-1).any(axis=1)

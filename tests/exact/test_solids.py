@@ -64,7 +64,7 @@ def edges_agree(space, q0, q1, gaps):
 def near_mixed(space, rng, n):
     """Places in MIXED cells, and some anywhere in and around the grid."""
     q = rng.uniform(np.subtract(space.grid.lower, 0.5), np.add(space.grid.upper, 0.5), (n, 3))
-    cells = np.argwhere(space.state == MIXED)
+    cells = np.argwhere(space.cell_states == MIXED)
     if len(cells):
         chosen = cells[rng.integers(len(cells), size=3 * n // 4)]
         q[: len(chosen)] = space.grid.lower + space.grid.spacing * (chosen + rng.random(chosen.shape))

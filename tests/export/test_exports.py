@@ -96,7 +96,7 @@ def ball() -> cspace.CSpace:
     cells = np.zeros((20, 18, 16), dtype=bool)
     cells[4:9, 5:8, 3:12] = cells[13, 12, 8] = True
     workspace = cspace.Workspace.from_array(cells, 0.1, (-0.7, 3.0, 0.3))
-    return cspace.build(workspace, cspace.Robot.ball(0.13), outside="free", overlap=True)
+    return cspace.build(workspace, cspace.Robot.ball(0.13), outside="free", counts=True)
 
 
 @pytest.mark.parametrize("suffix", WRITERS)
@@ -106,7 +106,7 @@ def test_a_mesh_file_reads_back(tmp_path: Path, ball: cspace.CSpace, suffix: str
     mesh = trimesh.load_mesh(path)
     assert mesh.is_watertight and mesh.is_winding_consistent
     assert mesh.volume == pytest.approx(ball.count()[0] * ball.grid.spacing**3, rel=1e-5)
-    vertices, faces = free_border(ball.state, ball.grid)
+    vertices, faces = free_border(ball.cell_states, ball.grid)
     exact = vertices if suffix != ".stl" else vertices.astype(np.float32).astype(np.float64)
     np.testing.assert_array_equal(np.sort(mesh.triangles, axis=None), np.sort(exact[faces], axis=None))
     if suffix == ".stl":
@@ -201,9 +201,9 @@ def test_vtk_finds_what_was_written(data: st.DataObject) -> None:
     lower = data.draw(st.tuples(*[st.floats(-100.0, 100.0)] * dim))
     grid = cspace.Grid(lower, data.draw(st.floats(1e-3, 50.0)), shape)
     arrays = {
-        "state": data.draw(hnp.arrays(np.uint8, shape)),
+        "cell_states": data.draw(hnp.arrays(np.uint8, shape)),
         "outer": data.draw(hnp.arrays(bool, shape)),
-        "overlap": data.draw(hnp.arrays(np.int32, shape)),
+        "overlap_counts": data.draw(hnp.arrays(np.int32, shape)),
         "penetration": data.draw(hnp.arrays(np.float64, shape)),
     }
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
@@ -219,7 +219,7 @@ def test_vtk_finds_what_was_written(data: st.DataObject) -> None:
     assert image.GetOrigin() == (*grid.lower, *missing)
     assert image.GetSpacing() == (grid.spacing,) * 3
     assert image.GetExtent() == tuple(n for count in (*shape, *missing) for n in (0, count))
-    assert image.GetCellData().GetScalars().GetName() == "state"
+    assert image.GetCellData().GetScalars().GetName() == "cell_states"
 
 
 @pytest.mark.parametrize("make", SPACES.values(), ids=SPACES)
@@ -233,7 +233,7 @@ def test_a_map_of_every_kind_in_vtk_is_the_slice_at_a_rotation(
     expected = space.to_xarray()
     if len(turn):
         expected = expected.isel(rotation=-1)
-    names = {name for name in expected if expected[name].dims == expected.state.dims}
+    names = {name for name in expected if expected[name].dims == expected.cell_states.dims}
     names -= {"inner"} if space.workspace.inner is space.workspace.outer else set()
     assert set(arrays) == names
     for name in names:
@@ -243,7 +243,7 @@ def test_a_map_of_every_kind_in_vtk_is_the_slice_at_a_rotation(
     flat = np.pad(points, ((0, 0), (0, 3 - space.grid.dim)))
     cells = [image.ComputeCellId(np.floor((point - origin) / spacing).astype(int)) for point in flat]
     q = np.hstack([points, np.tile(turn, (50, 1))])
-    np.testing.assert_array_equal(arrays["state"].ravel(order="F")[cells], space.classify(q))
+    np.testing.assert_array_equal(arrays["cell_states"].ravel(order="F")[cells], space.classify(q))
 
 
 @pytest.mark.parametrize("name", ["turning", "symmetric", "round", "solid_turning", "field"])
@@ -255,17 +255,17 @@ def test_vtk_finds_every_rotation_in_one_file(tmp_path: Path, name: str) -> None
     count = space.rotations.count
     for number in range(count):
         key = f"state_{number:0{len(str(count - 1))}d}"
-        np.testing.assert_array_equal(arrays[key].reshape(space.grid.shape), cells.state.isel(rotation=number))
+        np.testing.assert_array_equal(arrays[key].reshape(space.grid.shape), cells.cell_states.isel(rotation=number))
     turns = np.array([[rotations.GetArray(axis).GetValue(k) for axis in space.rotations.names] for k in range(count)])
     np.testing.assert_array_equal(turns, space.rotations.centers)
-    assert len([key for key in arrays if key.startswith("state")]) == count
-    assert image.GetCellData().GetScalars().GetName() == min(key for key in arrays if key.startswith("state"))
+    assert len([key for key in arrays if key.startswith("cell_states")]) == count
+    assert image.GetCellData().GetScalars().GetName() == min(key for key in arrays if key.startswith("cell_states"))
 
 
 @pytest.mark.parametrize("array", [np.zeros((3, 3), np.uint8), np.zeros((3, 2), np.float32), np.zeros((3, 2, 1), bool)])
 def test_arrays_that_are_not_over_the_grid_are_refused(tmp_path: Path, array: np.ndarray) -> None:
     with pytest.raises(InputError, match=r"state has shape .* it must have the grid's shape \(3, 2\) and be uint8"):
-        write_vti({"state": array}, cspace.Grid((0.0, 0.0), 1.0, (3, 2)), tmp_path / "map.vti")
+        write_vti({"cell_states": array}, cspace.Grid((0.0, 0.0), 1.0, (3, 2)), tmp_path / "map.vti")
     assert not list(tmp_path.iterdir())
 
 
@@ -276,7 +276,7 @@ def test_arrays_that_are_not_over_the_grid_are_refused(tmp_path: Path, array: np
 @pytest.mark.parametrize("suffix", [".yaml", ".yml"])
 def test_a_ros_map_is_the_slice_at_a_yaw(tmp_path: Path, name: str, suffix: str) -> None:
     space = SPACES[name]()
-    yaw = None if not space.rotations.dof else 1.0
+    yaw = None if not space.rotations.names else 1.0
     space.export(tmp_path / f"map{suffix}", rotation=yaw)
     for unknown, expected in (("occupied", cspace.FREE), ("free", cspace.MIXED)):
         workspace = cspace.Workspace.from_ros_map(tmp_path / f"map{suffix}", unknown=unknown)
@@ -326,20 +326,22 @@ def test_geotiff_has_every_cell_at_its_place(tmp_path: Path, name: str, rotation
 def test_netcdf_of_a_plane_map_lies_where_the_map_does(tmp_path: Path, name: str) -> None:
     space = SPACES[name]()
     space.export(tmp_path / "map.nc")
-    opened = rioxarray.open_rasterio(tmp_path / "map.nc", variable="state")
+    opened = rioxarray.open_rasterio(tmp_path / "map.nc", variable="cell_states")
     image = opened[0] if isinstance(opened, list) else opened
     np.testing.assert_allclose(np.stack(np.meshgrid(image.x, image.y), axis=-1), of_cells(space), atol=1e-9)
-    expected = [space.state] if name == "plane" else [space.states_at(yaw) for yaw in space.rotations.representatives]
-    assert (image["state"].values == np.stack([state.T[::-1] for state in expected])).all()
+    expected = (
+        [space.cell_states] if name == "plane" else [space.states_at(yaw) for yaw in space.rotations.representatives]
+    )
+    assert (image["cell_states"].values == np.stack([state.T[::-1] for state in expected])).all()
 
 
 def test_netcdf_holds_a_map_of_space_and_one_rotation(tmp_path: Path, ball: cspace.CSpace) -> None:
     ball.export(tmp_path / "ball.nc")
     with xarray.open_dataset(tmp_path / "ball.nc") as dataset:
-        assert dataset["state"].dims == ("z", "y", "x") and dataset["x"].attrs["units"] == "m"
-        assert (dataset["state"].transpose("x", "y", "z") == ball.state).all()
+        assert dataset["cell_states"].dims == ("z", "y", "x") and dataset["x"].attrs["units"] == "m"
+        assert (dataset["cell_states"].transpose("x", "y", "z") == ball.cell_states).all()
         assert (dataset["outer"].transpose("x", "y", "z") == ball.workspace.outer).all()
-        flags = dataset["state"].attrs
+        flags = dataset["cell_states"].attrs
         assert dict(zip(flags["flag_meanings"].split(), flags["flag_values"].tolist(), strict=True)) == {
             "free": cspace.FREE,
             "mixed": cspace.MIXED,
@@ -348,8 +350,8 @@ def test_netcdf_holds_a_map_of_space_and_one_rotation(tmp_path: Path, ball: cspa
     space = SPACES["turning"]()
     space.export(tmp_path / "one.nc", rotation=1.0)
     with xarray.open_dataset(tmp_path / "one.nc") as dataset:
-        assert dataset["state"].dims == ("y", "x")
-        assert (dataset["state"].values == space.states_at(1.0).T).all()
+        assert dataset["cell_states"].dims == ("y", "x")
+        assert (dataset["cell_states"].values == space.states_at(1.0).T).all()
         assert abs(float(dataset["yaw"]) - 1.0) <= float(dataset["covering_angle"])
 
 

@@ -434,7 +434,7 @@ def test_no_codec_of_a_store_is_looked_for_by_its_name(tmp_path: Path, families:
     """Or a file would say which of the installed packages runs."""
     path = tmp_path / "forged.zarr"
     shutil.copytree(families["forged.zarr"], path)
-    described = json.loads((path / "state" / "zarr.json").read_text())
+    described = json.loads((path / "cell_states" / "zarr.json").read_text())
     described["codecs"].append({"name": "of_a_plug_in"})
     soak.forge_store(path, soak.parts_of(path), "state/zarr.json", json.dumps(described).encode())
     with pytest.raises(FileError, match=r"state: is encoded with .*of_a_plug_in"):

@@ -99,20 +99,20 @@ def test_a_message_is_what_the_map_file_says(tmp_path, yaw, unknown):
 @pytest.mark.parametrize("fill", [None, strict("info", ("width", "height"), "b")])
 def test_a_map_comes_back_from_its_message(spaces, unknown, fill):
     space = spaces["disc"]
-    assert sorted(np.unique(space.state).tolist()) == [FREE, MIXED, BLOCKED]
+    assert sorted(np.unique(space.cell_states).tolist()) == [FREE, MIXED, BLOCKED]
     msg = space.to_occupancy_grid(fill, frame_id="odom")
     assert msg.header.frame_id == "odom"
     assert isinstance(msg, OccupancyGrid) if fill is None else msg is fill
     made = Workspace.from_occupancy_grid(msg, unknown)
     assert made.grid == space.grid
-    assert (made.outer == (space.state != FREE if unknown == "occupied" else space.state == BLOCKED)).all()
+    assert (made.outer == (space.cell_states != FREE if unknown == "occupied" else space.cell_states == BLOCKED)).all()
 
 
 def test_a_robot_that_turns_is_free_where_it_is_at_every_rotation(spaces):
     space = spaces["car"]
     cells = np.array(space.to_occupancy_grid().data).reshape(30, 40).T
-    assert ((cells == 0) == (space.state == FREE).all(axis=0)).all()
-    assert ((cells == 100) == (space.state == BLOCKED).all(axis=0)).all()
+    assert ((cells == 0) == (space.cell_states == FREE).all(axis=0)).all()
+    assert ((cells == 100) == (space.cell_states == BLOCKED).all(axis=0)).all()
     one = np.array(space.to_occupancy_grid(rotation=1.0).data).reshape(30, 40).T
     assert ((one == 0) == (space.states_at(1.0) == FREE)).all()
     assert (one == 0).sum() > (cells == 0).sum() > 0
@@ -134,12 +134,12 @@ def test_costs_are_those_of_the_formula(spaces, radius, scaling, fill):
     msg = space.to_costmap(fill, inflation_radius=radius, cost_scaling_factor=scaling)
     assert isinstance(msg, Costmap) if fill is None else msg is fill
     assert (msg.metadata.size_x, msg.metadata.size_y, msg.metadata.origin.position.x) == (40, 30, -1.0)
-    costs, apart = np.array(msg.data).reshape(30, 40).T, distances(space, space.state == FREE)
+    costs, apart = np.array(msg.data).reshape(30, 40).T, distances(space, space.cell_states == FREE)
     for cell in np.ndindex(40, 30):
         expected = {math.floor(252 * math.exp(-scaling * (apart[cell] + e))) for e in (-1e-9, 1e-9)}
         if space.workspace.outer[cell]:
             expected = {254}
-        elif space.state[cell] != FREE:
+        elif space.cell_states[cell] != FREE:
             expected = {253}
         elif apart[cell] + 0.23 > radius + 1e-3:
             expected = {0}
@@ -201,10 +201,10 @@ def test_costs_follow_obstacles_that_come_and_go(seed, rotations, outside, chang
             one = np.array(space.to_costmap(rotation=1.0, **options).data).reshape(30, 24).T
             np.testing.assert_array_equal(one, costs_by_hand(space, radius, 2.0, 1.0))
         x, y = rng.uniform((2.5, -2.5), (6.0, 1.5))
-        if comes or "cart" not in space.placed:
-            space.place("cart", shapely.box(x, y, x + 0.5, y + 0.3))
+        if comes or "cart" not in space.obstacles:
+            space.add_obstacle("cart", shapely.box(x, y, x + 0.5, y + 0.3))
         else:
-            space.remove("cart")
+            space.remove_obstacle("cart")
 
 
 def test_what_nothing_is_known_of_is_so_in_a_costmap():

@@ -99,7 +99,7 @@ def make_map(space: str, storage: str, outside: str, seed: int, folder: Path, th
 
     occupied = random_obstacles(shape, rng)
     plain = rebuild(occupied)
-    states = plain.state.reshape(-1, *shape)
+    states = plain.cell_states.reshape(-1, *shape)
     made: Any = plain
     if storage == "packed":
         with mock.patch("cspace.builder.is_packed", lambda *sizes: True):

@@ -25,6 +25,7 @@ from laws.any_map import (
     random_obstacles,
     reopen,
 )
+from maps import proven_paths
 from oracles import graph_of, linked
 from placements import draw_configurations
 
@@ -34,14 +35,15 @@ BATCH_QUERIES: dict[str, tuple[int, tuple[float, ...]]] = {
     "is_free": (1, ()),
     "is_free_around": (1, (0.1, 0.05)),
     "clearance": (1, ()),
-    "overlap": (1, ()),
+    "overlap_count": (1, ()),
     "contains_robot": (1, ()),
     "motion_is_free": (2, ()),
-    "path_exists": (2, ()),
+    "is_connected": (2, ()),
+    "is_disconnected": (2, ()),
 }
 """Queries that take one configuration or any batch: how many configurations each takes, and what comes after them."""
 
-NOT_ON_JOINT_MAPS = ("overlap", "contains_robot")
+NOT_ON_JOINT_MAPS = ("overlap_count", "contains_robot")
 """Queries that need obstacles in metres."""
 
 IN_MEMORY = [kind for kind in ALL_KINDS if kind[1] != "tiled"]
@@ -71,7 +73,7 @@ def nearby(any_map: AnyMap, q: Any, rng: np.random.Generator) -> Any:
     """Return configurations a few cells from others, rotated by up to 0.4 radians."""
     dim, spacing = any_map.space.grid.dim, any_map.space.grid.spacing
     near = q + rng.normal(size=q.shape) * np.where(np.arange(q.shape[1]) < dim, 1.5 * spacing, 0.2)
-    if any_map.space.rotations.dof == 4:
+    if len(any_map.space.rotations.names) == 4:
         near[:, dim:] /= np.linalg.norm(near[:, dim:], axis=1, keepdims=True)
     return near
 
@@ -82,7 +84,7 @@ def labels(any_map: AnyMap, worst: int) -> Any:
     if any(any_map.periodic):
         graph = graph_of(linked(cells[0], any_map.periodic, corners=False), cells.size)
         return np.where(cells, connected_components(graph, directed=False)[1].reshape(cells.shape), -1)
-    return components(cells, "any way" if any_map.space.rotations.dof == 4 else "")
+    return components(cells, "any way" if len(any_map.space.rotations.names) == 4 else "")
 
 
 def test_classify_returns_the_state_of_the_cell(any_map: AnyMap) -> None:
@@ -103,7 +105,7 @@ def test_a_free_motion_has_only_free_points(any_map: AnyMap) -> None:
     q1 = nearby(any_map, q0, rng)
     free = any_map.space.motion_is_free(q0, q1)
     assert 0.01 < free.mean() < 0.999
-    if any_map.space.rotations.dof == 4:
+    if len(any_map.space.rotations.names) == 4:
         return  # points along turns about any axis are tested with the rotations
     for share in np.linspace(0.0, 1.0, 23):
         between = q0[free] + share * (q1[free] - q0[free])
@@ -114,7 +116,7 @@ def test_connectivity_agrees_with_labels_by_scipy(any_map: AnyMap) -> None:
     rng = np.random.default_rng(2)
     (q0, cells0), (q1, cells1) = any_map.draw(rng, 150), any_map.draw(rng, 150)
     free, passable = labels(any_map, FREE), labels(any_map, BLOCKED - 1)
-    answers = any_map.space.path_exists(q0, q1)
+    answers = proven_paths(any_map.space, q0, q1)
     for answer, one, other in zip(answers, map(tuple, cells0), map(tuple, cells1), strict=True):
         if free[one] >= 0 and free[one] == free[other]:
             assert answer is True
@@ -153,7 +155,7 @@ def test_an_update_equals_a_rebuild(kind: tuple[str, str], tmp_path: Path) -> No
     assert space.count() == fresh.count()
     np.testing.assert_array_equal(space.classify(q), fresh.classify(q))
     np.testing.assert_array_equal(space.motion_is_free(q, near), fresh.motion_is_free(q, near))
-    np.testing.assert_array_equal(space.path_exists(q[:40], near[:40]), fresh.path_exists(q[:40], near[:40]))
+    np.testing.assert_array_equal(proven_paths(space, q[:40], near[:40]), proven_paths(fresh, q[:40], near[:40]))
 
 
 def test_opening_a_saved_map_gives_an_equal_map(any_map: AnyMap, tmp_path: Path) -> None:
@@ -192,12 +194,12 @@ def test_a_window_answers_as_the_whole_map(space: str, outside: str, tmp_path: P
         q[:, : grid.dim] = rng.uniform(lower, upper, (300, grid.dim))
         near = nearby(whole, q, rng)
         near[:, : grid.dim] = np.clip(near[:, : grid.dim], lower, upper)
-        for name in ("classify", "overlap", "contains_robot"):
+        for name in ("classify", "overlap_count", "contains_robot"):
             np.testing.assert_array_equal(getattr(window, name)(q), getattr(memory, name)(q), name)
         np.testing.assert_array_equal(window.is_free(q[:60], exact=True), memory.is_free(q[:60], exact=True))
         np.testing.assert_array_equal(window.motion_is_free(q, near), tiled.motion_is_free(q, near))
         assert (window.clearance(q) <= memory.clearance(q) + 1e-9).all()
-        answers = zip(window.path_exists(q[:40], near[:40]), tiled.path_exists(q[:40], near[:40]), strict=True)
+        answers = zip(proven_paths(window, q[:40], near[:40]), proven_paths(tiled, q[:40], near[:40]), strict=True)
         assert all(mine is None or mine == theirs for mine, theirs in answers)
         q[:, : grid.dim] = rng.uniform(grid.lower - 9 * size, grid.upper + 9 * size, (300, grid.dim))
         q = q[~window.grid.contains(q[:, : grid.dim])]
@@ -207,7 +209,7 @@ def test_a_window_answers_as_the_whole_map(space: str, outside: str, tmp_path: P
 
 def public_queries(kind: type) -> set[str]:
     """Return the names of the methods that take configurations or a path of them."""
-    names = [name for name in dir(kind) if not name.startswith("_") and name != "checked"]
+    names = [name for name in dir(kind) if not name.startswith("_")]
     methods = {name: getattr(kind, name, None) for name in names}  # None for what this kind refuses
     parameters = {name: {*inspect.signature(f).parameters} for name, f in methods.items() if inspect.isfunction(f)}
     return {name for name, given in parameters.items() if {"q", "q0", "edges"} & given}
@@ -245,7 +247,7 @@ def test_a_map_answers_alike_however_it_is_kept(any_map: AnyMap) -> None:
     for name, count, options in queries_of(any_map):
         if name == "clearance" and isinstance(space, cspace.TiledCSpace):
             continue  # tiled maps look for obstacles only a few tiles away
-        given = [q[:300], near[:300]] if name == "path_exists" else [q, near][:count]
+        given = [q[:300], near[:300]] if name.endswith("connected") else [q, near][:count]
         np.testing.assert_array_equal(getattr(space, name)(*given, *options), getattr(memory, name)(*given, *options))
     edges = rng.integers(0, 50, (40, 2))
     for roadmap in ((near[:50],), (q[:50], edges)):
@@ -288,15 +290,15 @@ def test_the_obstacle_distance_of_a_batch_is_that_of_its_nearest_configuration(a
 def test_legs_are_joined_within_their_tiles(name: str, tmp_path: Path) -> None:
     whole = make_map(name, "tiled", "free", 8, tmp_path)
     space: Any = whole.space
-    space.label()
+    space.compute_components()
     q, _ = whole.draw(np.random.default_rng(13), 40)
-    joined = [pair for pair in itertools.pairwise(q) if space.path_exists(*pair) is True][:4]
+    joined = [pair for pair in itertools.pairwise(q) if space.is_connected(*pair)][:4]
     assert joined
     for q0, q1 in joined:
-        legs = space.legs(q0, q1)
+        legs = space._tile_subproblems(q0, q1)
         np.testing.assert_allclose(legs[0][1][: space.grid.dim], q0[: space.grid.dim])
         np.testing.assert_allclose(legs[-1][2][: space.grid.dim], q1[: space.grid.dim])
         for open_tile, start, goal in legs:
-            assert open_tile().path_exists(start, goal) is True
+            assert open_tile().is_connected(start, goal)
         for before, after in itertools.pairwise(legs):
             np.testing.assert_array_equal(before[2], after[1])

@@ -81,8 +81,8 @@ def test_states_and_clearances_of_many_are_those_of_each(make, seed, outside, nu
     assert space.clearance(q)[chosen[:100]].tolist() == [space.clearance(one) for one in q[chosen[:100]]]
     inside = space.grid.contains(q[:, : space.grid.dim])
     cells = space.grid.cell_of(q[inside, : space.grid.dim])
-    slices = space.record.slice_of[space.rotations.cells_of(q[inside])]
-    assert (space.classify(q)[inside] == space.record.states[(slices, *cells.T)]).all()
+    slices = space._kernel_map.slice_of[space.rotations.cells_of(q[inside])]
+    assert (space.classify(q)[inside] == space._kernel_map.states[(slices, *cells.T)]).all()
 
 
 @pytest.mark.parametrize("make", KINDS)
@@ -90,11 +90,11 @@ def test_numbers_of_any_type_get_the_same_answers(make):
     rng = np.random.default_rng(3)
     space = made(make, 3)
     for dtype in ("float64", "float32", "float16", "int64", "int8", "uint16", "bool", "longdouble"):
-        q = rng.uniform(0, 3, (ROWS + 7, space.dof)).astype(dtype)
-        if space.rotations.dof == 4:
+        q = rng.uniform(0, 3, (ROWS + 7, space.size)).astype(dtype)
+        if len(space.rotations.names) == 4:
             q[:, 3:] = np.eye(4)[rng.integers(0, 4, len(q))]
         wide = q.astype(np.float64)
-        for name in ("classify", "clearance", "overlap"):
+        for name in ("classify", "clearance", "overlap_count"):
             np.testing.assert_array_equal(getattr(space, name)(q), getattr(space, name)(wide), dtype)
         assert (space.motion_is_free(q[1:], q[:-1]) == space.motion_is_free(wide[1:], wide[:-1])).all(), dtype
         assert space.classify(q[5]) == space.classify(wide[5]), dtype
@@ -104,12 +104,12 @@ def test_numbers_of_any_type_get_the_same_answers(make):
 def test_arrays_of_any_layout_get_the_same_answers(make):
     rng = np.random.default_rng(4)
     space = make(rng)
-    q = draw_configurations(space, rng, 3 * ROWS, far=True).reshape(3, ROWS, space.dof)
+    q = draw_configurations(space, rng, 3 * ROWS, far=True).reshape(3, ROWS, space.size)
     states, free = space.classify(q), space.motion_is_free(q, q[::-1])
     layouts = [
         np.asfortranarray(q),
         np.repeat(q, 2, axis=1)[:, ::2],
-        np.dstack([q, q])[..., : space.dof],
+        np.dstack([q, q])[..., : space.size],
         q[::-1][::-1],
         q.astype(">f8"),
     ]
@@ -129,15 +129,15 @@ def test_the_first_bad_number_is_named(make, dtype, value):
     rng = np.random.default_rng(5)
     space = made(make, 5)
     half = {"q": MIN_ITEMS_PER_THREAD + 2, "edge": max(ROWS, EDGES_A_THREAD) + 2}
-    ask = {"q": space.classify, "edge": partial(space.motion_is_free, np.full(space.dof, 0.5))}
+    ask = {"q": space.classify, "edge": partial(space.motion_is_free, np.full(space.size, 0.5))}
     for name, middle in half.items():
         last = 2 * middle
         for first, second in ((0, 1), (1023, 1024), (ROWS + 1, ROWS), (last, middle + 1), (last, 7)):
-            q = np.full((last + 1, space.dof), 0.5, dtype)
-            q[first, rng.integers(space.dof)] = q[second, rng.integers(space.dof)] = value
+            q = np.full((last + 1, space.size), 0.5, dtype)
+            q[first, rng.integers(space.size)] = q[second, rng.integers(space.size)] = value
             with pytest.raises(InputError, match=f"{name} number {min(first, second)} is .*(nan|inf)"):
                 ask[name](q)
-    outside = configurations(space, np.full((ROWS + 100, space.dof), -7.0))
+    outside = configurations(space, np.full((ROWS + 100, space.size), -7.0))
     outside[[ROWS, 70], [0, 1]] = value
     for query in (space.classify, space.clearance):
         with pytest.raises(InputError, match="q number 70 is"):
@@ -182,7 +182,7 @@ def test_edges_of_many_are_those_of_each(make, seed, outside):
     space = make(rng, outside=outside)
     q0 = draw_configurations(space, rng, 2 * EDGES_A_THREAD + 3, far=True)
     q1 = near(space, q0, rng)
-    assert space.record.states.size <= len(q0) * CELLS_AN_EDGE
+    assert space._kernel_map.states.size <= len(q0) * CELLS_AN_EDGE
     many = space.motion_is_free(q0, q1)
     check = space.edge_checker()
     assert many.tolist() == [check(*edge) for edge in np.hstack([q0, q1]).tolist()]
@@ -207,13 +207,13 @@ def test_blocks_are_marked_only_where_that_pays(monkeypatch):
 def test_a_path_is_certified_edge_by_edge(make, exact):
     rng = np.random.default_rng(6)
     space = make(rng)
-    path = np.cumsum(rng.uniform(-0.3, 0.3, (60, space.dof)), axis=0)
+    path = np.cumsum(rng.uniform(-0.3, 0.3, (60, space.size)), axis=0)
     middle = np.array([*np.divide(space.grid.upper, 2), *space.rotations.centers[0]])
     path = configurations(space, path + middle)
     one = [space.motion_is_free(a, b, exact=exact) for a, b in itertools.pairwise(path)]
     free = space.certify_path(path, exact=exact)
     assert free.dtype == bool and free.tolist() == one and 0 < sum(one) < len(one)
-    paths = path.reshape(2, 3, 10, space.dof)
+    paths = path.reshape(2, 3, 10, space.size)
     assert space.certify_path(paths, exact=exact).shape == (2, 3, 9)
     assert space.certify_path(paths, exact=exact)[1, 2].tolist() == one[50:]
     assert space.certify_path(path[:1]).shape == (0,)
@@ -223,7 +223,7 @@ def test_a_path_is_certified_edge_by_edge(make, exact):
     assert space.certify_path(path, edges, exact=exact).tolist() == one
     assert space.certify_path(path.tolist(), edges.astype(np.uint8).tolist(), exact=exact).tolist() == one
     assert space.certify_path(path, [], exact=exact).shape == (0,)
-    assert space.certify_path(np.empty((0, space.dof)), np.empty((0, 2), int)).shape == (0,)
+    assert space.certify_path(np.empty((0, space.size)), np.empty((0, 2), int)).shape == (0,)
 
 
 @pytest.mark.parametrize("make", KINDS)

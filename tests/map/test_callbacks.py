@@ -39,11 +39,11 @@ def test_checkers_never_pass_what_is_no_configuration(kind, exact):
     states = np.full((4 if "turning" in kind else 1, *(4,) * (3 if "space" in kind else 2)), MIXED if exact else FREE)
     space = handmade.made(states, kind)
     dim, point, edge = space.grid.dim, space.point_checker(exact=exact), space.edge_checker(exact=exact)
-    both = handmade.configurations(space, np.full((2, space.dof), 0.3)).ravel().tolist()
-    assert point(*both[: space.dof]) and edge(*both)
+    both = handmade.configurations(space, np.full((2, space.size), 0.3)).ravel().tolist()
+    assert point(*both[: space.size]) and edge(*both)
     wrong = [(hole, np.nan) for hole in range(len(both))]
-    wrong += [(hole, far) for hole in range(len(both)) if hole % space.dof >= dim for far in (np.inf, 2.0 * MAX_ANGLE)]
+    wrong += [(hole, far) for hole in range(len(both)) if hole % space.size >= dim for far in (np.inf, 2.0 * MAX_ANGLE)]
     for hole, number in wrong:
         bad = [*both[:hole], number, *both[hole + 1 :]]
         assert not edge(*bad)
-        assert hole >= space.dof or not point(*bad[: space.dof])
+        assert hole >= space.size or not point(*bad[: space.size])

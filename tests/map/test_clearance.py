@@ -44,11 +44,11 @@ def test_distances_to_cells_are_exact(kind, data, seed):
     """Also along lines, where each search begins with what the one before has found."""
     states, rng = data.draw(sparse_states(kind)), np.random.default_rng(seed)
     space, dim = handmade.made(states, kind, spacing=1.0), states.ndim - 1
-    endpoints = rng.uniform(-1.5, 2.5, (2, space.dof)) * [*states.shape[1:], *[3.0] * (space.dof - dim)]
+    endpoints = rng.uniform(-1.5, 2.5, (2, space.size)) * [*states.shape[1:], *[3.0] * (space.size - dim)]
     q = np.concatenate(
         [
             np.linspace(*endpoints, 40),
-            rng.uniform(0.0, 1.0, (20, space.dof)) * [*states.shape[1:], *[9.0] * (space.dof - dim)],
+            rng.uniform(0.0, 1.0, (20, space.size)) * [*states.shape[1:], *[9.0] * (space.size - dim)],
         ]
     )
     q = handmade.configurations(space, q)
@@ -103,7 +103,7 @@ def test_clearance_is_a_close_lower_bound(seed, case, outside):
     around = np.stack(np.meshgrid(*(np.arange(-9, n + 9) for n in shape), indexing="ij"), axis=-1).reshape(-1, dim)
     q = lower + rng.uniform(-0.3, 1.3, (16, dim)) * size * h
     q[::3] = lower + np.rint((q[::3] - lower) / h) * h  # on borders of cells
-    q = handmade.configurations(space, np.column_stack([q, rng.uniform(-9.0, 9.0, (len(q), space.dof - dim))]))
+    q = handmade.configurations(space, np.column_stack([q, rng.uniform(-9.0, 9.0, (len(q), space.size - dim))]))
     check = space.clearance_checker()
     for point, bound, state in zip(q, space.clearance(q), space.classify(q), strict=True):
         slice_q = np.column_stack([space.grid.center_of(around), np.tile(point[dim:], (len(around), 1))])
@@ -129,7 +129,7 @@ def test_steps_within_the_clearance_stay_free(kind):
     ) * MIXED
     space = handmade.made(states, kind)
     dim = space.grid.dim
-    q = handmade.configurations(space, rng.uniform(-1.0, 12.0, (10_000, space.dof)))
+    q = handmade.configurations(space, rng.uniform(-1.0, 12.0, (10_000, space.size)))
     course = rng.normal(size=(len(q), dim))
     steps = 0.999999 * np.minimum(space.clearance(q), 50.0)
     moved = q.copy()
@@ -141,7 +141,7 @@ def test_steps_within_the_clearance_stay_free(kind):
 @pytest.mark.parametrize("kind", handmade.KINDS)
 def test_an_empty_map_has_no_bound(kind):
     space = handmade.made(np.zeros((4 if "turning" in kind else 1, *(3,) * (3 if "space" in kind else 2))), kind)
-    q = handmade.configurations(space, np.full((2, space.dof), 0.1))
+    q = handmade.configurations(space, np.full((2, space.size), 0.1))
     q[1, 0] = 50.0
     assert space.clearance(q).tolist() == [math.inf, math.inf]
 

@@ -16,6 +16,7 @@ from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, 
 from cspace.map.components import SHIFTS, Components
 from cspace.map.storage import read_only
 from cspace.rotations import Rotations
+from maps import proven_paths
 from strategies import seeds
 
 BLOCKS = {"small": {2: (0, 2, 2), 3: (1, 2, 1)}, "rows of eight": {2: (0, 1, 3), 3: (1, 0, 3)}, "as they are": {}}
@@ -221,7 +222,7 @@ def test_a_few_blocks_show_that_mixed_cells_join(short, monkeypatch):
 
 @settings(max_examples=30)
 @given(seeds, st.sampled_from(handmade.KINDS), st.sampled_from(["free", "blocked"]))
-def test_path_exists_agrees_with_components_of_a_graph(seed, kind, outside):
+def test_connectivity_agrees_with_components_of_a_graph(seed, kind, outside):
     """Pairs of cells of a small map; beyond the grid all is FREE, or BLOCKED."""
     states = handmade.random_states(np.random.default_rng(seed), kind, 4, (FREE, MIXED, BLOCKED, BLOCKED))
     space, cells = handmade.made(states, kind, outside), handmade.all_cells(states)
@@ -235,11 +236,11 @@ def test_path_exists_agrees_with_components_of_a_graph(seed, kind, outside):
     passable = handmade.components(framed, kind)[(cells[:, 0], *(cells[:, 1:] + 1).T)]
     joined, maybe = (np.equal.outer(one, one) & (one >= 0) for one in (free, passable))
     expected = np.where(joined, True, np.where(maybe, None, False))
-    assert space.path_exists(q[:, None], q[None]).tolist() == expected.tolist()
+    assert proven_paths(space, q[:, None], q[None]).tolist() == expected.tolist()
     with mock.patch("cspace.map.components.HINTS", 1):  # slices hint at it, rightly or wrongly
         for one, other in itertools.pairwise(range(min(len(q), 6))):
             space = handmade.made(states, kind, outside)
-            assert space.path_exists(q[one], q[other]) is expected[one, other]
+            assert proven_paths(space, q[one], q[other]) is expected[one, other]
 
 
 @settings(max_examples=10)
@@ -275,16 +276,16 @@ BAR = Robot.rectangle(1e-6, 1e-7)
 )
 def test_rotation_cells_that_share_slices_are_joined(robot, turns):
     cells, shape = Rotations.of(turns), (4, 3, 2)[: robot.dim]
-    kind, slice_of = "turning any way" if cells.dof == 4 else "", cells.slices_for(robot.shape)
+    kind, slice_of = "turning any way" if len(cells.names) == 4 else "", cells.slices_for(robot.shape)
     workspace = Workspace.from_array(np.zeros(shape, dtype=bool), 0.25)
     for seed in range(6):
         stack = np.random.default_rng(seed).choice(np.array([0, 1, 2, 2], np.uint8), (slice_of.max() + 1, *shape))
         space, states = handmade.map_in(workspace, robot, stack, cells, outside="free"), stack[slice_of]
-        assert len(stack) < cells.count and (space.state == states).all()
+        assert len(stack) < cells.count and (space.cell_states == states).all()
         places = np.random.default_rng(seed).permutation(handmade.all_cells(states))[:150]
         q = handmade.middles(space, places)
         free = handmade.components(states == FREE, kind)[tuple(places.T)]
-        answers = space.path_exists(q[:, None], q[None])
+        answers = proven_paths(space, q[:, None], q[None])
         assert (np.equal(answers, True) == (np.equal.outer(free, free) & (free >= 0))).all()
 
 
@@ -296,21 +297,21 @@ def exterior_blocked(gap, outside="blocked"):
 
 
 def test_a_door_decides():
-    assert exterior_blocked(12).path_exists((1.0, 1.0), (3.0, 1.0)) is True
-    assert exterior_blocked(3).path_exists((1.0, 1.0), (3.0, 1.0)) is False
-    assert exterior_blocked(5).path_exists((1.0, 1.0), (3.0, 1.0)) is None  # 0.5 m for a disc 0.5 m across
+    assert exterior_blocked(12).is_connected((1.0, 1.0), (3.0, 1.0))
+    assert exterior_blocked(3).is_disconnected((1.0, 1.0), (3.0, 1.0))
+    assert proven_paths(exterior_blocked(5), (1.0, 1.0), (3.0, 1.0)) is None  # 0.5 m for a disc 0.5 m across
 
 
 def test_a_way_around_the_map_is_no_proof_of_absence():
-    assert exterior_blocked(0, "free").path_exists((1.0, 1.0), (3.0, 1.0)) is None
-    assert exterior_blocked(0).path_exists((1.0, 1.0), (3.0, 1.0)) is False
+    assert proven_paths(exterior_blocked(0, "free"), (1.0, 1.0), (3.0, 1.0)) is None
+    assert exterior_blocked(0).is_disconnected((1.0, 1.0), (3.0, 1.0))
 
 
 def test_what_collides_has_no_path():
     space = exterior_blocked(12)
-    assert space.path_exists((2.05, 1.8), (2.05, 1.8)) is False
-    assert space.path_exists((1.0, 1.0), (-5.0, 1.0)) is False
-    assert space.path_exists((1.0, 1.0), (1.0, 1.0)) is True
+    assert space.is_disconnected((2.05, 1.8), (2.05, 1.8))
+    assert space.is_disconnected((1.0, 1.0), (-5.0, 1.0))
+    assert space.is_connected((1.0, 1.0), (1.0, 1.0))
 
 
 def test_a_passage_decides():
@@ -320,30 +321,30 @@ def test_a_passage_decides():
     robot = Robot.rectangle(1.2, 0.2, (0.1, 0.0))
     space = cspace.build(Workspace.from_array(occupied, 0.05), robot, rotations=36)
     left, middle, right = (1.2, 2.0), (4.0, 2.0), (6.8, 2.0)
-    assert space.path_exists((*left, 0.0), (*right, 0.0)) is True
-    assert space.path_exists((*left, 0.0), (*right, math.pi)) is True
-    assert space.path_exists((*middle, 0.0), (*middle, math.pi)) is True
-    assert space.path_exists((*left, 0.0), (*middle, math.pi / 2)) is False
+    assert space.is_connected((*left, 0.0), (*right, 0.0))
+    assert space.is_connected((*left, 0.0), (*right, math.pi))
+    assert space.is_connected((*middle, 0.0), (*middle, math.pi))
+    assert space.is_disconnected((*left, 0.0), (*middle, math.pi / 2))
     occupied[[50, 109]] = True
     closed = cspace.build(Workspace.from_array(occupied, 0.05), robot, rotations=36)
     assert closed.is_free([(*middle, 0.0), (*middle, math.pi)]).all()
-    assert closed.path_exists((*middle, 0.0), (*middle, math.pi)) is False
+    assert closed.is_disconnected((*middle, 0.0), (*middle, math.pi))
 
 
 def test_turning_on_the_spot_wraps():
     states = np.full((6, 1, 1), BLOCKED)
     states[[0, 1, 5]] = FREE
     space = handmade.made(states, "turning")
-    assert space.path_exists((0.1, 0.1, 1.0), (0.1, 0.1, -1.0)) is True
-    assert space.path_exists((0.1, 0.1, 1.0), (0.1, 0.1, 2 * math.pi - 1.0)) is True
-    assert space.path_exists((0.1, 0.1, 0.0), (0.1, 0.1, math.pi)) is False
+    assert space.is_connected((0.1, 0.1, 1.0), (0.1, 0.1, -1.0))
+    assert space.is_connected((0.1, 0.1, 1.0), (0.1, 0.1, 2 * math.pi - 1.0))
+    assert space.is_disconnected((0.1, 0.1, 0.0), (0.1, 0.1, math.pi))
 
 
-def test_path_exists_broadcasts_and_names_what_it_refuses():
+def test_connectivity_broadcasts_and_names_what_it_refuses():
     space = exterior_blocked(12)
-    assert space.path_exists(np.full((2, 1, 2), 1.0), np.full((3, 2), 1.1)).tolist() == [[True] * 3] * 2
-    assert space.path_exists(np.empty((0, 2)), (0.1, 0.1)).shape == (0,)
+    assert proven_paths(space, np.full((2, 1, 2), 1.0), np.full((3, 2), 1.1)).tolist() == [[True] * 3] * 2
+    assert proven_paths(space, np.empty((0, 2)), (0.1, 0.1)).shape == (0,)
     with pytest.raises(InputError, match=r"q0 number 0 is .*nan"):
-        space.path_exists((np.nan, 1.0), (1.0, 1.0))
+        space.is_connected((np.nan, 1.0), (1.0, 1.0))
     with pytest.raises(InputError, match=r"q1 number 2 is .*nan"):
-        space.path_exists(np.ones((4, 2)), [(1.0, 1.0), (0.5, 0.5), (1.0, np.nan), (1.0, 1.0)])
+        space.is_disconnected(np.ones((4, 2)), [(1.0, 1.0), (0.5, 0.5), (1.0, np.nan), (1.0, 1.0)])

@@ -96,11 +96,11 @@ def test_all_parts_of_an_owner_share_its_lock():
 def test_copies_of_a_map_leave_lock_and_parts_behind(copied):
     space = cspace.build(cspace.Workspace.from_array(np.zeros((12, 12), dtype=bool), 0.1), cspace.Robot.disc(0.1))
     q = (0.3, 0.9), (0.8, 0.4)
-    assert space.path_exists(*q)
+    assert space.is_connected(*q)
     with space._lock:
         other = copied(space)
         answers = []
-        thread = threading.Thread(target=lambda: answers.append(other.path_exists(*q)))
+        thread = threading.Thread(target=lambda: answers.append(other.is_connected(*q)))
         thread.start()
         thread.join(10.0)
     assert answers == [True]

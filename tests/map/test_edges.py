@@ -140,7 +140,7 @@ def test_samples_of_a_free_edge_are_free(seed, kind, outside):
     space = handmade.made(states, kind, outside)
     inside, around = rng.random((2, 60, dim)) * space.grid.upper, rng.uniform(-0.6, 1.8, (2, 60, dim))
     places = np.where(rng.random((60, 1)) < 0.5, inside, around)
-    endpoints = np.concatenate([places, rng.uniform(-3, 3, (2, 60, space.dof - dim))], axis=2)
+    endpoints = np.concatenate([places, rng.uniform(-3, 3, (2, 60, space.size - dim))], axis=2)
     q0, q1 = handmade.configurations(space, endpoints)
     free = space.motion_is_free(q0, q1)
     for a, b in zip(q0[free], q1[free], strict=True):
@@ -173,12 +173,15 @@ def test_edges_outside_keep_off_what_is_undecided():
 @pytest.mark.parametrize("kind", handmade.KINDS)
 def test_batches_broadcast(kind):
     space = handmade.made(np.zeros((4 if "turning" in kind else 1, *(4,) * (3 if "space" in kind else 2))), kind)
-    dof = space.dof
-    one, many = handmade.configurations(space, np.full(dof, 0.1)), handmade.configurations(space, np.ones((3, 5, dof)))
+    size = space.size
+    one, many = (
+        handmade.configurations(space, np.full(size, 0.1)),
+        handmade.configurations(space, np.ones((3, 5, size))),
+    )
     assert space.motion_is_free(one, many).shape == (3, 5)
     assert space.motion_is_free(many[:, :1], many[0]).shape == (3, 5)
-    assert space.motion_is_free(np.empty((0, dof)), one).shape == (0,)
-    assert space.is_free_around(np.zeros((2, 0, dof)), 0.1).shape == (2, 0)
+    assert space.motion_is_free(np.empty((0, size)), one).shape == (0,)
+    assert space.is_free_around(np.zeros((2, 0, size)), 0.1).shape == (2, 0)
     with pytest.raises(InputError, match="broadcast"):
         space.motion_is_free(many[0, :3], many[0, :4])
     with pytest.raises(InputError, match="edge number 0"):
@@ -244,7 +247,7 @@ def test_free_means_that_every_touched_cell_is_free_at_its_yaws(rotations, close
     walk = (q0, q1, H, (0,) * len(shape), shape, borders)
     answer = space.motion_is_free(q0, q1)
     assert answer == space.motion_is_free(q1, q0) == space.edge_checker()(*q0, *q1)
-    closed_cells = set(map(tuple, np.argwhere(space.state != FREE).tolist()))
+    closed_cells = set(map(tuple, np.argwhere(space.cell_states != FREE).tolist()))
     if answer:
         assert not closed_cells & oracles.touched_turned_cells(*walk)
     else:  # a closed cell is touched, but for the slack

@@ -19,10 +19,10 @@ from strategies import bitmaps, robots, seeds
 @settings(max_examples=25)
 @given(bitmaps(10), robots(0.25), st.sampled_from(["blocked", "free"]))
 def test_overlap_is_the_stored_count_and_the_sum(occupied, robot, outside):
-    space = cspace.build(Workspace.from_array(occupied, 0.15), robot, outside=outside, overlap=True)
+    space = cspace.build(Workspace.from_array(occupied, 0.15), robot, outside=outside, counts=True)
     cells = np.argwhere(np.ones_like(occupied))
-    counts = space.overlap(space.grid.center_of(cells))
-    assert (counts == space.overlaps[tuple(cells.T)]).all()
+    counts = space.overlap_count(space.grid.center_of(cells))
+    assert (counts == space.overlap_counts[tuple(cells.T)]).all()
     offsets = oracles.raster_offsets(robot.rasters(0.15)[0])
     expected = oracles.overlap(occupied, offsets, outside == "blocked")
     assert counts.tolist() == [expected[tuple(cell)] for cell in cells.tolist()]
@@ -43,7 +43,7 @@ def test_overlaps_are_the_pairs(seed, dim, outside):
     offsets = np.argwhere(raster.cells) + raster.lower
     expected = wide[tuple(np.moveaxis(spots[:, None] + offsets + 12, -1, 0))].sum(axis=1)
     q = 0.25 * spots + 0.125
-    assert space.overlap(q).tolist() == expected.tolist()
+    assert space.overlap_count(q).tolist() == expected.tolist()
     assert space.contains_robot(q).tolist() == (expected == len(offsets)).tolist()
 
 

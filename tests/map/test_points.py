@@ -38,22 +38,22 @@ def space(request):
         "turning in space any way": Robot.box((0.3, 0.2, 0.1)),
     }[request.param]
     workspace = Workspace.from_array(occupied, 0.1, (-1.0, 2.0, -0.5)[:dim])
-    return cspace.build(workspace, robot, rotations=turns.get(request.param), overlap=True)
+    return cspace.build(workspace, robot, rotations=turns.get(request.param), counts=True)
 
 
 def somewhere(space):
     """A configuration in the grid."""
-    return [0.0, 3.0, 0.1][: space.grid.dim] + {0: [], 1: [0.7], 4: [0.0, 0.6, 0.0, -0.8]}[space.rotations.dof]
+    return [0.0, 3.0, 0.1][: space.grid.dim] + {0: [], 1: [0.7], 4: [0.0, 0.6, 0.0, -0.8]}[len(space.rotations.names)]
 
 
 # ---- kinds of answers ------------------------------------------------------------------------------------------------
 
-LOOKUPS = ["classify", "is_free", "clearance", "overlap", "contains_robot"]
+LOOKUPS = ["classify", "is_free", "clearance", "overlap_count", "contains_robot"]
 
 
 def test_one_configuration_gets_a_python_number(space):
     q = somewhere(space)
-    kinds = {"classify": int, "is_free": bool, "clearance": float, "overlap": int, "contains_robot": bool}
+    kinds = {"classify": int, "is_free": bool, "clearance": float, "overlap_count": int, "contains_robot": bool}
     assert {name: type(getattr(space, name)(q)) for name in LOOKUPS} == kinds
     assert type(space.motion_is_free(q, q)) is bool
     assert type(space.is_free_around(q, 0.1, 0.1)) is bool
@@ -82,7 +82,7 @@ def test_queries_refuse_what_is_no_configuration(space, change, message):
     for name in (*LOOKUPS, "nearest_free"):
         with pytest.raises(InputError, match=message):
             getattr(space, name)(wrong)
-    for query in (space.motion_is_free, space.path_exists):
+    for query in (space.motion_is_free, space.is_connected, space.is_disconnected):
         for endpoints in ((q, wrong), (wrong, q)):
             with pytest.raises(InputError, match=message):
                 query(*endpoints)
@@ -96,9 +96,9 @@ def test_queries_refuse_numbers_that_are_no_rotation_and_take_any_position(space
     wrong = with_value(q, len(q) - 1, far)
     queries = [getattr(space, name) for name in LOOKUPS]
     queries += [lambda q: space.is_free_around(q, 0.1, 0.1), lambda wrong: space.motion_is_free(q, wrong)]
-    queries += [lambda wrong: space.path_exists(wrong, q)]
+    queries += [lambda wrong: space.is_connected(wrong, q)]
     for query in queries:
-        if space.rotations.dof:
+        if space.rotations.names:
             with pytest.raises(InputError, match=r"yaw at most|norm"):
                 query(wrong)
         else:
@@ -112,8 +112,8 @@ def test_is_free_around_refuses(space, distance, angle):
 
 
 def test_the_bad_one_of_many_is_named(space):
-    for hole, value in itertools.product(range(space.dof), (np.nan, np.inf, -np.inf)):
-        q = handmade.configurations(space, np.full((600, space.dof), 0.1))
+    for hole, value in itertools.product(range(space.size), (np.nan, np.inf, -np.inf)):
+        q = handmade.configurations(space, np.full((600, space.size), 0.1))
         q[513, hole] = value
         for ask in (space.classify, space.clearance, lambda many: space.is_free_around(many, 0.1)):
             with pytest.raises(InputError, match="number 513"):
@@ -125,11 +125,11 @@ def test_the_bad_one_of_many_is_named(space):
 
 def test_state_is_read_only(space):
     with pytest.raises(ValueError, match="read-only"):
-        space.state[(0,) * space.state.ndim] = FREE
+        space.cell_states[(0,) * space.cell_states.ndim] = FREE
 
 
 def test_refuses_states_that_do_not_fit(space):
-    states = space.record.states
+    states = space._kernel_map.states
     for other in (states[1:], states[..., 1:], states[None], np.concatenate([states, states]), states.astype(int)):
         with pytest.raises(InputError, match="map's shape"):
             handmade.map_in(space.workspace, space.robot, other, space.rotations)
@@ -137,7 +137,7 @@ def test_refuses_states_that_do_not_fit(space):
 
 def test_a_state_has_one_slice_for_cells_that_symmetry_joins():
     workspace, robot = Workspace.from_array(np.zeros((3, 4), bool), 0.1), Robot.rectangle(0.2, 0.1)
-    assert handmade.map_in(workspace, robot, np.zeros((4, 3, 4), np.uint8), 8).state.shape == (8, 3, 4)
+    assert handmade.map_in(workspace, robot, np.zeros((4, 3, 4), np.uint8), 8).cell_states.shape == (8, 3, 4)
     for shape in ((3, 4), (8, 3, 4), (4, 4, 3)):
         with pytest.raises(InputError, match="map's shape"):
             handmade.map_in(workspace, robot, np.zeros(shape, np.uint8), 8)
@@ -148,11 +148,11 @@ def test_a_state_has_one_slice_for_cells_that_symmetry_joins():
 
 def test_whole_turns_change_nothing(space):
     """Nor does the sign of a quaternion."""
-    states = space.state.reshape(-1, *space.grid.shape)
+    states = space.cell_states.reshape(-1, *space.grid.shape)
     cells, number = handmade.all_cells(states)[::97], 1 % len(states)
-    for wraps in {0: (0,), 1: (-1000, -1, 0, 1, 1000), 4: (1, -1)}[space.rotations.dof]:
+    for wraps in {0: (0,), 1: (-1000, -1, 0, 1, 1000), 4: (1, -1)}[len(space.rotations.names)]:
         q, turn = handmade.middles(space, cells), space.rotations.centers[number]
-        if space.rotations.dof == 4:
+        if len(space.rotations.names) == 4:
             q[:, 3:] *= wraps
             turn = turn * wraps
         else:
@@ -189,7 +189,8 @@ def test_every_look_up_takes_the_same_rotation_cell_on_far_borders():
         q = np.column_stack([np.full((72, 2), 0.3), borders + wraps * TWO_PI])
         expected = space.classify(q)
         assert (states[cells.cell_of(q[:, 2])] == expected).all()
-        assert space.path_exists(q, q).tolist() == [[True, None, False][state] for state in expected]
+        assert space.is_connected(q, q).tolist() == [state == FREE for state in expected]
+        assert space.is_disconnected(q, q).tolist() == [state == BLOCKED for state in expected]
         assert [space.point_checker()(*one) for one in q.tolist()] == (expected == FREE).tolist()
 
 
@@ -348,8 +349,8 @@ def test_look_ups_from_many_threads_agree(rotations):
 
     def ask(space, points):
         a, b = points[1:], points[:-1]
-        one = space.classify(points), space.clearance(points), space.overlap(points), space.contains_robot(points)
-        return *one, space.motion_is_free(a, b), space.path_exists(a, b), space.is_free_around(a, 0.1, 0.2)
+        one = space.classify(points), space.clearance(points), space.overlap_count(points), space.contains_robot(points)
+        return *one, space.motion_is_free(a, b), space.is_connected(a, b), space.is_free_around(a, 0.1, 0.2)
 
     space, fresh = build(), build()
     with ThreadPoolExecutor(8) as pool:

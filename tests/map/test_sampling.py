@@ -39,10 +39,10 @@ def test_samples_are_uniform_over_the_free_volume(space):
     place = space.grid.cell_of(samples[:, :dim])
     within = (samples[:, :dim] - space.grid.lower) / space.grid.spacing - place
     turn, widths = space.rotations.cells_of(samples), space.rotations.volumes
-    if space.rotations.dof == 1:
+    if len(space.rotations.names) == 1:
         above = samples[:, dim] - np.asarray(space.rotations.borders)[turn]
         within = np.column_stack([within, (above - TWO_PI * np.floor(above / TWO_PI)) / widths[turn]])
-    states = space.state.reshape(len(widths), *space.grid.shape)
+    states = space.cell_states.reshape(len(widths), *space.grid.shape)
     parts = 2 ** within.shape[1]
     part = (within >= 0.5) @ (2 ** np.arange(within.shape[1]))
     cell = np.ravel_multi_index((turn, *place.T), states.shape)
@@ -57,18 +57,18 @@ def test_samples_are_uniform_over_the_free_volume(space):
 
 def test_samples_repeat_with_the_seed(space):
     samples = space.sample_free(500, np.random.default_rng(0))
-    assert samples.shape == (500, space.dof)
+    assert samples.shape == (500, space.size)
     assert (samples == space.sample_free(500, np.random.default_rng(0))).all()
     assert (samples != space.sample_free(500, np.random.default_rng(1))).any()
-    assert space.sample_free(rng=np.random.default_rng(0)).shape == (space.dof,)
-    assert space.sample_free(0, np.random.default_rng(0)).shape == (0, space.dof)
+    assert space.sample_free(rng=np.random.default_rng(0)).shape == (space.size,)
+    assert space.sample_free(0, np.random.default_rng(0)).shape == (0, space.size)
 
 
 def test_sampling_without_rng_draws_free_configurations_anew(space):
     first, second = space.sample_free(50), space.sample_free(50, None)
     assert np.asarray(space.is_free(first)).all() and np.asarray(space.is_free(second)).all()
     assert (first != second).any()
-    assert space.sample_free().shape == space.sample_free(rng=None).shape == (space.dof,)
+    assert space.sample_free().shape == space.sample_free(rng=None).shape == (space.size,)
 
 
 @pytest.mark.parametrize("free", [[0], [255], [256], [70, 511, 512], [999]])
@@ -93,13 +93,13 @@ def test_nearest_free_is_the_nearest(seed, kind, rotations, spacing, dense):
     space = handmade.made(states, kind, spacing=spacing, rotations=rotations)
     free, dim = handmade.middles(space, np.argwhere(states == FREE)), space.grid.dim
     for one in rng.uniform(-0.5, 1.5, (8, dim)) * states.shape[1:] * spacing:
-        q = handmade.configurations(space, np.array([*one, *rng.uniform(-9, 9, space.dof - dim)]))
+        q = handmade.configurations(space, np.array([*one, *rng.uniform(-9, 9, space.size - dim)]))
         nearest = space.nearest_free(q)
         assert (np.abs(free - nearest) < 1e-12).all(axis=1).any()
 
         def distance(to, q=q):
             turn = np.abs((to[..., dim:] - q[dim:] + math.pi) % TWO_PI - math.pi).sum(axis=-1)
-            if space.rotations.dof == 4:
+            if len(space.rotations.names) == 4:
                 turn = 2.0 * np.arccos(np.minimum(np.abs(to[..., dim:] @ q[dim:]), 1.0))
             return np.linalg.norm(to[..., :dim] - q[:dim], axis=-1) + turn / 2
 
@@ -124,7 +124,7 @@ def test_nothing_free_is_an_error_that_says_so(kind):
     with pytest.raises(ConfigurationError, match="no FREE cell"):
         space.sample_free(1, np.random.default_rng(0))
     with pytest.raises(ConfigurationError, match="no FREE cell"):
-        space.nearest_free(handmade.configurations(space, np.full(space.dof, 0.1)))
+        space.nearest_free(handmade.configurations(space, np.full(space.size, 0.1)))
 
 
 def test_sampling_and_nearest_free_refuse(space):
@@ -135,4 +135,4 @@ def test_sampling_and_nearest_free_refuse(space):
         with pytest.raises(InputError, match="n is"):
             space.sample_free(n, np.random.default_rng(0))
     with pytest.raises(InputError, match="one configuration"):
-        space.nearest_free(handmade.configurations(space, np.ones((2, space.dof))))
+        space.nearest_free(handmade.configurations(space, np.ones((2, space.size))))

@@ -87,13 +87,13 @@ def test_rotations_in_space_share_slices_as_those_made_without_sharing(monkeypat
     """Of a box, four cells share one, and as half turns of the world make others, one raster does for sixteen."""
     workspace = Workspace.from_array(np.random.default_rng(0).random((8, 7, 6)) < 0.03, 0.1)
     robot, turns = Robot.box((0.33, 0.21, 0.13)), Rotations.quaternions(2)
-    shared = cspace.build(workspace, robot, rotations=turns, overlap=True)
+    shared = cspace.build(workspace, robot, rotations=turns, counts=True)
     monkeypatch.setattr(Shape, "symmetries", property(lambda self: [np.eye(3)]))
     monkeypatch.setattr(type(turns), "images", Rotations.images)
-    alone = cspace.build(workspace, robot, rotations=turns, overlap=True)
-    assert (len(shared.record.states), len(alone.record.states)) == (8, 32)
-    assert (shared.state == alone.state).all() and shared.count() == alone.count()
-    assert (shared.overlaps[shared.record.slice_of] == alone.overlaps).all()
+    alone = cspace.build(workspace, robot, rotations=turns, counts=True)
+    assert (len(shared._kernel_map.states), len(alone._kernel_map.states)) == (8, 32)
+    assert (shared.cell_states == alone.cell_states).all() and shared.count() == alone.count()
+    assert (shared.overlap_counts[shared._kernel_map.slice_of] == alone.overlap_counts).all()
 
 
 @pytest.mark.parametrize("name", [name for name, (_, order) in SYMMETRIC.items() if order != 1])
@@ -101,19 +101,19 @@ def test_rotations_in_space_share_slices_as_those_made_without_sharing(monkeypat
 def test_shared_slices_are_those_made_without_sharing(name, count, monkeypatch):
     robot, order = SYMMETRIC[name]
     workspace = Workspace.from_array(np.random.default_rng(0).random((25, 20)) < 0.05, 0.1)
-    shared = cspace.build(workspace, robot, rotations=count, overlap=True)
+    shared = cspace.build(workspace, robot, rotations=count, counts=True)
     if order == 0:
-        assert len(shared.record.states) == 1
-        assert (shared.state == cspace.build(workspace, robot).state).all()
+        assert len(shared._kernel_map.states) == 1
+        assert (shared.cell_states == cspace.build(workspace, robot).cell_states).all()
     elif count % order == 0:
-        assert len(shared.record.states) == count // order
+        assert len(shared._kernel_map.states) == count // order
     monkeypatch.setattr(Shape, "symmetry", property(lambda self: 1))
-    alone = cspace.build(workspace, robot, rotations=count, overlap=True)
-    assert len(alone.record.states) == count
-    assert shared.state.shape == alone.state.shape == (count, 25, 20)
-    assert (shared.state == alone.state).all()
-    assert (shared.overlaps[shared.record.slice_of] == alone.overlaps).all()
-    assert shared.count() == alone.count() == tuple(np.bincount(alone.state.ravel(), minlength=3))
+    alone = cspace.build(workspace, robot, rotations=count, counts=True)
+    assert len(alone._kernel_map.states) == count
+    assert shared.cell_states.shape == alone.cell_states.shape == (count, 25, 20)
+    assert (shared.cell_states == alone.cell_states).all()
+    assert (shared.overlap_counts[shared._kernel_map.slice_of] == alone.overlap_counts).all()
+    assert shared.count() == alone.count() == tuple(np.bincount(alone.cell_states.ravel(), minlength=3))
 
 
 def test_unequal_cells_share_nothing_but_a_discs():

@@ -46,8 +46,8 @@ def both(name, monkeypatch, **options):
     bytes_ = cspace.build(workspace, robot, rotations=rotations, **options)
     monkeypatch.setattr(limits, "PACKED_FROM", 0)
     bits = cspace.build(workspace, robot, rotations=rotations, **options)
-    size = bytes_.record.states.size
-    assert bits.facts["memory_bytes"] < size // 4 + 20 < bytes_.facts["memory_bytes"] == size
+    size = bytes_._kernel_map.states.size
+    assert bits._facts["memory_bytes"] < size // 4 + 20 < bytes_._facts["memory_bytes"] == size
     return bytes_, bits
 
 
@@ -74,10 +74,10 @@ def test_a_map_is_the_same_in_two_bits(name, method, monkeypatch):
     monkeypatch.setattr(builder, "SCRATCH_BYTES", 3000)
     done = []
     one, two = both(name, monkeypatch, method=method, progress=lambda *steps: done.append(steps))
-    np.testing.assert_array_equal(two.state, one.state)
-    np.testing.assert_array_equal(two.record.exterior, one.record.exterior)
+    np.testing.assert_array_equal(two.cell_states, one.cell_states)
+    np.testing.assert_array_equal(two._kernel_map.exterior, one._kernel_map.exterior)
     assert one.count() == two.count()
-    slices = one.facts["slices"]
+    slices = one._facts["slices"]
     steps = [step for step, total in done if total == slices]
     assert len(steps) > 1
     assert steps == sorted(steps)
@@ -93,11 +93,11 @@ def test_searches_samples_files_and_copies_are_the_same_in_two_bits(monkeypatch,
     np.testing.assert_array_equal(one.reachable_bounds(inside[0]), two.reachable_bounds(inside[0]))
     np.testing.assert_array_equal(one.nearest_free(q[0]), two.nearest_free(q[0]))
     cells = np.column_stack([one.rotations.cells_of(inside[:2]), one.grid.cell_of(inside[:2, :2])])
-    chains = [open_chain(space.own_record, space.rotations.neighbors, *cells) for space in (one, two)]
+    chains = [open_chain(space._grid_kernel_map, space.rotations.neighbors, *cells) for space in (one, two)]
     np.testing.assert_array_equal(*chains)
     two.save(tmp_path / "map.zarr")
     assert cspace.open(tmp_path / "map.zarr").to_xarray().identical(one.to_xarray())
-    assert cspace.open(tmp_path / "map.zarr").facts["memory_bytes"] == two.facts["memory_bytes"]
+    assert cspace.open(tmp_path / "map.zarr")._facts["memory_bytes"] == two._facts["memory_bytes"]
     other = copy.deepcopy(two)
     other.update(np.ones((9, 9), dtype=bool), (9, 9))
     np.testing.assert_array_equal(two.classify(q), one.classify(q))
@@ -116,7 +116,7 @@ def test_samples_are_uniform_over_the_free_cells(monkeypatch):
 def test_what_would_not_fit_as_bytes_is_refused(monkeypatch, tmp_path):
     _, two = both("SE(2)", monkeypatch)
     monkeypatch.setattr(storage, "free_bytes", lambda: 1000)
-    for ask in (lambda: two.state, two.to_xarray, lambda: two.export(tmp_path / "map.npz")):
+    for ask in (lambda: two.cell_states, two.to_xarray, lambda: two.export(tmp_path / "map.npz")):
         with pytest.raises(InputError, match=r"6\.6\d kB.*950 bytes.*states_at"):
             ask()
     assert two.states_at(0.3).shape == two.grid.shape
@@ -125,5 +125,5 @@ def test_what_would_not_fit_as_bytes_is_refused(monkeypatch, tmp_path):
 def test_maps_with_overlap_counts_store_bytes(monkeypatch):
     monkeypatch.setattr(limits, "PACKED_FROM", 0)
     workspace, robot, rotations = CASES["SE(2)"]()
-    space = cspace.build(workspace, robot, rotations=rotations, overlap=True)
-    assert space.facts["memory_bytes"] == 5 * space.record.states.size
+    space = cspace.build(workspace, robot, rotations=rotations, counts=True)
+    assert space._facts["memory_bytes"] == 5 * space._kernel_map.states.size

@@ -38,7 +38,9 @@ def random_map(name: str, rng: np.random.Generator) -> CSpace:
 
 def widest_of(space: CSpace) -> widest.Widest:
     """What widest paths derive from a map."""
-    return widest.Widest.of(space.record, space.record.states, space.rotations, space.periodic_axes[: space.grid.dim])
+    return widest.Widest.of(
+        space._kernel_map, space._kernel_map.states, space.rotations, space.periodic_axes[: space.grid.dim]
+    )
 
 
 def middles(space: CSpace) -> np.ndarray:
@@ -56,7 +58,7 @@ def links(space: CSpace, wide: np.ndarray, corners: bool) -> Any:
     straight = [False] * space.grid.dim
     parts = [linked(part, straight, corners) for part in wide.reshape(turns, *space.grid.shape)]
     within = [(first + k * size, last + k * size, 0.5 * metres) for k, (first, last, metres) in enumerate(parts)]
-    if space.rotations.dof:
+    if space.rotations.names:
         first, last, cells = linked(wide.reshape(turns, size), [True, False], corners=False)
         turned = first % size == last % size
         within.append((first[turned], last[turned], 0.5 * 2 * math.pi / turns * cells[turned]))
@@ -135,7 +137,7 @@ def test_levels_are_distances_to_what_is_not_free(seed: int, open_all_around: bo
     state = np.where(rng.random(shape) < rng.choice([0.0, 0.02, 0.3]), MIXED, FREE).astype(np.uint8)
     space = with_state(state)
     table = np.array([[*np.repeat([0, -1], len(shape)), FREE if open_all_around else MIXED]])
-    map_ = space.record._replace(exterior=table)
+    map_ = space._kernel_map._replace(exterior=table)
     levels = widest.Widest.of(map_, map_.states, space.rotations, space.periodic_axes).levels.reshape(shape)
     shut = np.argwhere(state != FREE)
     if not open_all_around:
@@ -219,11 +221,11 @@ def test_it_goes_by_the_obstacles_as_they_are_now() -> None:
     space = build(Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1), Robot.disc(0.2))
     endpoints = (1.0, 2.0), (5.0, 2.0)
     before = space.find_widest_path(*endpoints)
-    space.place("pillar", shapely.box(2.5, 1.2, 3.5, 4.0))
+    space.add_obstacle("pillar", shapely.box(2.5, 1.2, 3.5, 4.0))
     after = space.find_widest_path(*endpoints)
     assert space.certify_path(after).all() and not space.certify_path(before).all()
     assert np.array_equal(after, build(space.workspace, space.robot).find_widest_path(*endpoints))
-    space.remove("pillar")
+    space.remove_obstacle("pillar")
     assert np.array_equal(space.find_widest_path(*endpoints), before)
 
 
@@ -236,7 +238,7 @@ def test_levels_follow_updates(name: str, outside: str, monkeypatch: pytest.Monk
     if name in TURNS:
         robot = Robot.rectangle(0.3, 0.1) if cells.ndim == 2 else Robot.box((0.3, 0.1, 0.1))
     space = build(Workspace.from_array(cells, 0.1), robot, rotations=TURNS.get(name), outside=outside)
-    states = space.record.states
+    states = space._kernel_map.states
     kept, fresh = widest_of(space), widest.Widest.of
     monkeypatch.setattr(widest.Widest, "of", lambda *_: kept)  # the map has this one, and updates note themselves
     endpoints = space.sample_free(2, rng)
@@ -246,8 +248,8 @@ def test_levels_follow_updates(name: str, outside: str, monkeypatch: pytest.Monk
         lower = rng.integers(0, np.array(cells.shape) - size + 1)
         space.update(rng.random(size) < 0.5 * (step % 3), lower)
         if step % 2:
-            levels = fresh(space.record, states, space.rotations, kept.periodic_axes).levels
-            assert np.array_equal(kept.renewed(space.record, states).levels, levels)
+            levels = fresh(space._kernel_map, states, space.rotations, kept.periodic_axes).levels
+            assert np.array_equal(kept.renewed(space._kernel_map, states).levels, levels)
 
 
 def test_refuses_wrong_endpoints_and_too_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:

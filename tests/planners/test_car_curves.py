@@ -233,7 +233,7 @@ def test_a_single_cell_on_a_curve_is_not_stepped_over(name: str) -> None:
             tied += bool(((points[:, :2] > 0.01) & (points[:, :2] < 3.99)).all())
             continue
         x, y, yaw = points[rng.integers(500)]
-        assert free.rotations.dof
+        assert len(free.rotations.names)
         cell = (int(free.rotations.cell_of(yaw)), int(x / 0.1), int(y / 0.1))
         assert not local_planner(exterior_blocked(cell), False, name, 0.6).edge_checker()(*a, *b)
         # The same place at another yaw does not matter.

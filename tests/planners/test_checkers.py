@@ -27,7 +27,7 @@ def test_states_are_those_of_the_map(space: CSpace) -> None:
     assert [checker.clearance(state) for state in states] == space.clearance(q).tolist()
     assert values(setup.getStateSpace()) == [*space.grid.lower, *space.grid.upper]
     si.setup()
-    if space.dof == space.grid.dim:
+    if space.size == space.grid.dim:
         assert setup.getStateSpace().getLongestValidSegmentLength() == pytest.approx(space.grid.spacing / 2)
 
 

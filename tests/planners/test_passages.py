@@ -11,6 +11,7 @@ import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.map.search import open_chain
+from maps import proven_paths
 from placements import collides
 from planners.local_planner import EdgesOnMap
 from planning import compile_for, edge
@@ -37,7 +38,7 @@ def corridor(gap, robot, rotations=72, spacing=WIDTH / 5):
 )
 def test_a_corridor_two_per_cent_wider_than_the_robot_is_crossed(endpoints, seed):
     space, walls = corridor(WIDTH * 1.02, Robot.rectangle(0.8, WIDTH))
-    assert space.path_exists(*endpoints) is None
+    assert proven_paths(space, *endpoints) is None
     plan = planners.plan(space, *endpoints, planner="RRTConnect", exact=True, seed=seed, time_limit=60)
     assert plan.solved and plan.certified and plan.status.startswith("path found")
     assert plan.path[0] == pytest.approx(endpoints[0]) and plan.path[-1] == pytest.approx(endpoints[1])
@@ -111,7 +112,7 @@ def doors(robot, rotations):
 def test_what_a_planner_does_not_soon_find_goes_along_free_cells(monkeypatch, robot, rotations, turn, exact):
     space = doors(robot, rotations)
     endpoints = (*np.full(robot.dim, 0.35), *turn), (3.6, *np.full(robot.dim - 1, 0.35), *turn)
-    assert space.path_exists(*endpoints)
+    assert space.is_connected(*endpoints)
     monkeypatch.setattr(planners.passages, "SOON", 1)
     plan = planners.plan(space, *endpoints, exact=exact, seed=0, time_limit=20)
     assert plan.solved and plan.certified and plan.status == "path found: along FREE cells"
@@ -119,7 +120,7 @@ def test_what_a_planner_does_not_soon_find_goes_along_free_cells(monkeypatch, ro
     assert len(plan.waypoints) < 60
     long = planners.plan(space, *endpoints, exact=exact, seed=1, time_limit=20, simplify=False)
     assert long.certified and len(long.waypoints) > len(plan.waypoints)
-    monkeypatch.setattr(EdgesOnMap, "search", lambda *how: np.empty((0, space.dof)))
+    monkeypatch.setattr(EdgesOnMap, "search", lambda *how: np.empty((0, space.size)))
     assert "along" not in planners.plan(space, *endpoints, exact=exact, seed=0, time_limit=0.1).status
 
 
@@ -151,7 +152,7 @@ ENDPOINTS = (0.6, 0.7, 0.8), (3.4, 1.3, 1.2)
 @pytest.mark.parametrize(("robot", "seed"), [(ROBOTS[0], 1), (ROBOTS[1], 0)], ids=["box", "ball"])
 def test_a_shaft_four_per_cent_wider_than_the_robot_is_crossed(robot, seed):
     space, walls = shaft(WIDTH * 1.04, robot)
-    assert space.path_exists(*ENDPOINTS) is None
+    assert proven_paths(space, *ENDPOINTS) is None
     assert not planners.plan(space, *ENDPOINTS, seed=0, time_limit=0.1).solved
     plan = planners.plan(space, *ENDPOINTS, exact=True, seed=seed, time_limit=120)
     assert plan.solved and plan.certified and plan.exact and plan.status.startswith("path found")

@@ -82,7 +82,7 @@ def test_every_planner_finds_a_certified_path(planner: str, name: str, curve: st
     plan = patient(space, endpoints, limits, planner=planner, simplify=planner not in ANYTIME, **options_for(curve))
     check(space, plan, *endpoints)
     assert (plan.planner, plan.objective, plan.drive, plan.exact) == (planner, "length", curve or "holonomic", False)
-    assert plan.path_exists is True and plan.turning_radius == (CAR["turning_radius"] if curve else None)
+    assert plan.is_connected and plan.turning_radius == (CAR["turning_radius"] if curve else None)
     assert curve != "dubins" or set(plan.direction.tolist()) == {1}  # type: ignore[union-attr]
 
 
@@ -133,7 +133,7 @@ def test_many_seeds_give_certified_paths_and_simplifying_makes_none_longer(name:
         assert rough.times.simplification == 0.0 < short.times.simplification
         gains.append(rough.length / short.length)
     # Of a robot that turns, OMPL shortens metres and radians together.
-    turns = room(name).dof > room(name).grid.dim and curve is None
+    turns = room(name).size > room(name).grid.dim and curve is None
     assert (min(gains) >= 1 - 1e-9 or turns) and max(gains) > 1.02
     assert directions == {None: set(), "dubins": {1}, "reeds-shepp": {1, -1}}[curve]
 
@@ -187,10 +187,10 @@ def test_no_point_of_a_path_collides_in_any_world(seed: int, kind: str) -> None:
         "voxels": (center - side / 2, center - side / 2 + np.array([2, 1, 3]) * side / 3),
     }[kind]
     space = build(Workspace.from_array(occupied, 0.3, lower=lower), robot)
-    if not (space.state == FREE).any():
+    if not (space.cell_states == FREE).any():
         return
     endpoints = space.sample_free(2, rng)
-    exists = space.path_exists(*endpoints)
+    exists = space.is_connected(*endpoints)
     plan = planners.plan(space, *endpoints, seed=seed % 1000, time_limit=2.0 if exists else 0.05)
     assert plan.solved or not exists
     if plan.solved:
@@ -209,10 +209,9 @@ def test_on_a_real_map_a_path_is_found_where_one_is_proven_to_exist(data: Path) 
     proofs = set()
     for seed, (start, goal) in enumerate(zip(endpoints[::2], endpoints[1::2], strict=True)):
         plan = planners.plan(space, start, goal, seed=seed, time_limit=20.0)
-        proofs.add(plan.path_exists)
-        if plan.path_exists is not None:
-            assert plan.solved is plan.certified is plan.path_exists
-            assert plan.solved or "proven" in plan.status
+        proofs.add(plan.is_connected)
+        assert not plan.is_connected or plan.certified
+        assert not plan.is_disconnected or (not plan.solved and "proven" in plan.status)
     assert True in proofs
 
 
@@ -271,14 +270,14 @@ def test_a_proof_that_no_path_exists_spares_the_search(
     monkeypatch.setattr(og.SimpleSetup, "solve", lambda *_: pytest.fail("OMPL was run"))
     plan = planners.plan(space, start, goal, planner=planner, time_limit=60.0, **options_for(curve))
     check_none(space, plan)
-    assert plan.path_exists is False and plan.times.planning == 0.0
+    assert plan.is_disconnected and plan.times.planning == 0.0
     assert (plan.status, plan.hint) == ("no path exists: proven", "")
 
 
 @pytest.mark.parametrize("name", ENDPOINTS)
 def test_whether_a_path_exists_is_asked_once(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    ask, asked = CSpace.path_exists, list[Any]()
-    monkeypatch.setattr(CSpace, "path_exists", lambda *q: asked.append(q) or ask(*q))
+    ask, asked = CSpace._connectivity, list[Any]()
+    monkeypatch.setattr(CSpace, "_connectivity", lambda *q: asked.append(q) or ask(*q))
     plan = planners.plan(room(name), *ENDPOINTS[name], planner="RRTConnect", time_limit=60.0, seed=1)
     assert plan.certified and len(asked) == 1
 
@@ -289,7 +288,7 @@ def test_where_a_path_exists_the_status_says_so() -> None:
         plan = planners.plan(room(name), *endpoints_in(name, curve), **options)
         check_none(room(name), plan)
         known = "one exists for a robot that also moves sideways" if curve else "a path exists"
-        assert plan.status == f"no path found within 1e-06 s; {known}" and plan.path_exists is True
+        assert plan.status == f"no path found within 1e-06 s; {known}" and plan.is_connected
         assert "time_limit=1e-05" in plan.hint and ("planner='Grid', which finds one" in plan.hint) == (not curve)
     exact = planners.plan(room("plane"), *ENDPOINTS["plane"], time_limit=1e-6, planner="RRT", exact=True)
     assert exact.hint.startswith("planner='Grid' without exact=True, which finds one")

@@ -51,7 +51,7 @@ def test_the_clearance_of_a_path_is_a_bound_for_each_of_its_points(name: str, cu
         if not space.grid.contains(points[:, :dim]).all():
             assert bound == 0.0
             continue
-        if space.dof == dim:
+        if space.size == dim:
             least = least_distance(space, points)
             assert max(0.0, least - 2.3 * space.grid.spacing) <= bound <= least
         else:
@@ -73,7 +73,9 @@ def test_the_clearance_of_a_path_is_the_least_one_of_its_pieces() -> None:
 def test_clearance_is_infinite_where_every_configuration_is_free(tmp_path: Path) -> None:
     for name in SPACES:
         space = open_map(name)
-        endpoints = usable(space, np.array([[1.5] * space.dof, [6.5] * space.grid.dim + [1.0] * space.rotations.dof]))
+        endpoints = usable(
+            space, np.array([[1.5] * space.size, [6.5] * space.grid.dim + [1.0] * len(space.rotations.names)])
+        )
         plan = planners.plan(space, *endpoints)
         assert plan.solved and plan.clearance == math.inf
         plan.to_json(tmp_path / "plan.json", overwrite=True)
@@ -138,7 +140,7 @@ def test_the_distance_from_obstacles_is_that_of_their_shapes_as_they_are_now() -
     assert plan.shown_distance == ("obstacle_distance", plan.obstacle_distance)
     assert f" m, obstacle distance {plan.obstacle_distance:.3f} m\n" in repr(plan)
     assert planners.plan(space, (1.0, 3.6), (1.0, 3.6)).obstacle_distance > 2.0
-    place = (4.0, 3.6, 0.0)[: space.dof]
+    place = (4.0, 3.6, 0.0)[: space.size]
     apart = float(shapely.box(3.5, 3.4, 4.5, 3.8).distance(pillar))
     assert space.obstacle_distance(place) == pytest.approx(apart, abs=1e-9)
     assert space.obstacle_distance([place, (1.0, 1.0)], [0.1, 0.0]) == pytest.approx(apart - 0.05, abs=1e-9)
@@ -147,11 +149,11 @@ def test_the_distance_from_obstacles_is_that_of_their_shapes_as_they_are_now() -
     for wrong in ({"lengths": -0.1}, {"turns": [0.1, 0.2]}):
         with pytest.raises(InputError, match=f"{next(iter(wrong))} is .*it must be zero or above"):
             space.obstacle_distance(place, **wrong)
-    space.place("ball", shapely.Point(4.0, 4.35).buffer(0.2))
+    space.add_obstacle("ball", shapely.Point(4.0, 4.35).buffer(0.2))
     assert plan.obstacle_distance == pytest.approx(0.35, abs=0.03)
-    space.place("ball", shapely.Point(4.0, 3.9).buffer(0.08))
+    space.add_obstacle("ball", shapely.Point(4.0, 3.9).buffer(0.08))
     assert plan.obstacle_distance == 0.0
-    space.remove("ball")
+    space.remove_obstacle("ball")
     assert plan.obstacle_distance == pytest.approx(least, abs=0.03)
     assert planners.plan(open_map("plane"), (2, 2), (5, 5)).obstacle_distance == math.inf
 
@@ -161,12 +163,12 @@ def test_room_is_that_of_the_map_as_it_is_and_clearance_goes_along_with_a_pickle
     plan = planners.plan(space, (1.0, 4.0), (7.0, 4.0))
     before = pickle.loads(pickle.dumps(plan))
     assert before.clearance == math.inf
-    space.place("ball", shapely.Point(4.0, 5.2).buffer(0.3))
+    space.add_obstacle("ball", shapely.Point(4.0, 5.2).buffer(0.3))
     assert 0.4 < plan.clearance < plan.obstacle_distance < 0.7
     for again in (pickle.loads(pickle.dumps(plan)), copy.deepcopy(plan), pickle.loads(pickle.dumps(copy.copy(plan)))):
         assert again.space is None and math.isnan(again.obstacle_distance)
         assert again.shown_distance == ("clearance", plan.clearance)
-    space.place("ball", shapely.Point(4.0, 4.2).buffer(0.3))
+    space.add_obstacle("ball", shapely.Point(4.0, 4.2).buffer(0.3))
     assert plan.clearance == plan.obstacle_distance == 0.0 and before.clearance == math.inf
 
 
@@ -193,7 +195,7 @@ def test_recheck_proves_each_edge_among_the_obstacles_of_now(plan: planners.Plan
     assert plan.recheck().all() and plan.recheck().shape == (len(plan.waypoints) - 1,)
     space = copy.deepcopy(plan.space)
     longest = int(np.linalg.norm(np.diff(plan.waypoints[:, : space.grid.dim], axis=0), axis=1).argmax())
-    space.place("post", [middle_of(plan, longest)], radius=0.05)
+    space.add_obstacle("post", [middle_of(plan, longest)], radius=0.05)
     free = plan.recheck(space)
     assert free.dtype == np.bool_ and not free[longest]
     rows = [int((plan.path == q).all(axis=1).argmax()) for q in plan.waypoints]
@@ -201,7 +203,7 @@ def test_recheck_proves_each_edge_among_the_obstacles_of_now(plan: planners.Plan
         if is_free and last > first:
             assert np.asarray(space.is_free(plan.path[first : last + 1])).all()
     assert plan.certified and plan.recheck().all()  # on its own map, which has no post
-    space.remove("post")
+    space.remove_obstacle("post")
     assert plan.recheck(space).all()
 
 
@@ -209,7 +211,7 @@ def test_plan_says_that_it_was_proven_when_planned() -> None:
     space = build(Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1), Robot.disc(0.3))
     plan = planners.plan(space, (1.0, 1.5), (3.0, 1.5))
     assert ", certified; 2.000 m, obstacle distance 0.700 m" in repr(plan)
-    space.place("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
+    space.add_obstacle("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
     assert ", certified when planned, 1 of 1 edges no longer proven free; 2.000 m" in repr(plan) and plan.certified
     assert ", obstacle distance not proven to be more than 0\n" in repr(plan)
     again = pickle.loads(pickle.dumps(plan))
@@ -231,7 +233,7 @@ def test_old_plan_is_drawn_with_the_edges_that_are_no_longer_free() -> None:
     plan = planners.plan(space, (0.5, 0.5), (3.5, 0.5), planner="Grid")
     name = "path, no longer proven free"
     assert name not in [text.get_text() for text in plan.plot().figure.legends[0].get_texts()]
-    space.place("cart", shapely.box(0.9, 0.7, 1.4, 1.2))
+    space.add_obstacle("cart", shapely.box(0.9, 0.7, 1.4, 1.2))
     free = plan.recheck()
     assert free.any() and not free.all()
     for ax in (plan.plot(), space.plot(path=plan), plan.plot(zoom=1.5)):
@@ -287,7 +289,7 @@ def test_a_plan_that_failed_keeps_start_and_goal(name: str, tmp_path: Path) -> N
     plan.to_json(tmp_path / "plan.json")
     written = json.loads((tmp_path / "plan.json").read_text())
     assert [written["start"], written["goal"]] == [plan.start.tolist(), plan.goal.tolist()]
-    assert written["path"] == [] and written["length"] is None and written["path_exists"] is False
+    assert written["path"] == [] and written["length"] is None and written["is_disconnected"] is True
     plan.to_csv(tmp_path / "path.csv")
     assert (tmp_path / "path.csv").read_text() == ",".join(space.axes) + "\n"
     units = {axis: "rad" if axis == "yaw" else "1" if axis[0] == "q" else "m" for axis in space.axes}

@@ -72,13 +72,13 @@ def test_samples_near_a_state_are_free_and_near(name: str, near: Any, distance: 
         assert np.abs(np.subtract(drawn[-1], near)[:dim]).max() <= distance
     side = np.linspace(-distance, distance, 31)
     around = np.stack(np.meshgrid(*[side] * dim), axis=-1)
-    assert len(drawn) > 0 or space.dof > dim or not space.is_free(np.array(near) + around).any()
-    points = np.array(drawn).reshape(-1, space.dof)
+    assert len(drawn) > 0 or space.size > dim or not space.is_free(np.array(near) + around).any()
+    points = np.array(drawn).reshape(-1, space.size)
     turned = edges(space, np.tile(near, (len(points), 1)), points, np.zeros(1))[1]
     assert (turned <= distance + 1e-7).all()
     if near == ENDPOINTS[name][0]:
         assert len(drawn) > 100 and (np.ptp(drawn, axis=0)[:dim] > 0.8 * min(distance, 0.7)).all()
-        assert turned.max() > 0.4 * min(distance, 0.7) or not space.rotations.dof
+        assert turned.max() > 0.4 * min(distance, 0.7) or not space.rotations.names
     far = state_at(space, si, [0.5] * (dim - 1) + [60.0] + _turn(space))
     assert not sampler.sampleNear(state, far, 1.0)
 

@@ -13,20 +13,20 @@ KINDS = pytest.mark.parametrize("name", SPACES)
 
 @KINDS
 def test_a_state_holds_a_configuration_to_the_last_bit(name: str) -> None:
-    dim, dof, kind = room(name).grid.dim, room(name).dof, kind_of(room(name))
+    dim, size, kind = room(name).grid.dim, room(name).size, kind_of(room(name))
     states = kind.make()
     kind.set_bounds(states, [-5.0] * dim, [7.0] * dim)
     first, second = states.allocState(), states.allocState()
     rng = np.random.default_rng(0)
     for _ in range(20):
-        q = tuple(_turned(rng.uniform(-3.0, 3.0, (2, dof)), dim).reshape(-1).tolist())
-        kind.write(first, *q[:dof])
-        kind.write(second, *q[dof:])
-        assert kind.read(first) == q[:dof] and kind.read(second) == q[dof:]
-        assert kind.of_state(lambda *numbers: numbers)(first) == q[:dof]
+        q = tuple(_turned(rng.uniform(-3.0, 3.0, (2, size)), dim).reshape(-1).tolist())
+        kind.write(first, *q[:size])
+        kind.write(second, *q[size:])
+        assert kind.read(first) == q[:size] and kind.read(second) == q[size:]
+        assert kind.of_state(lambda *numbers: numbers)(first) == q[:size]
         assert kind.of_states(lambda *numbers: numbers)(first, second) == q
         assert states.satisfiesBounds(first)
-    kind.write(first, *[8.0] * dim, *q[dim:dof])
+    kind.write(first, *[8.0] * dim, *q[dim:size])
     assert not states.satisfiesBounds(first)
 
 
@@ -39,12 +39,12 @@ def _turned(q: np.ndarray, dim: int) -> np.ndarray:
 
 @KINDS
 def test_a_radian_counts_as_half_a_metre(name: str) -> None:
-    dim, dof, kind = room(name).grid.dim, room(name).dof, kind_of(room(name))
+    dim, size, kind = room(name).grid.dim, room(name).size, kind_of(room(name))
     states = kind.make()
     kind.set_bounds(states, [0.0] * dim, [9.0] * dim)
     first, second = states.allocState(), states.allocState()
     still, turned = {0: ((), ()), 1: ((0.0,), (0.4,)), 4: ((0.0, 0.0, 0.0, 1.0), (0.0, np.sin(0.2), 0.0, np.cos(0.2)))}[
-        dof - dim
+        size - dim
     ]
     kind.write(first, *[1.0] * dim, *still)
     kind.write(second, 4.0, *[1.0] * (dim - 1), *turned)
@@ -61,5 +61,5 @@ def test_each_map_has_states_of_its_own_kind() -> None:
     }
     for name in SPACES:
         assert isinstance(planners.state_space(room(name)), types[name])
-    assert room("turning").dof == room("space").dof  # the length of a configuration does not tell the space
+    assert room("turning").size == room("space").size  # the length of a configuration does not tell the space
     assert kind_of(room("turning")) is not kind_of(room("space"))

@@ -24,13 +24,13 @@ def maze(side=90):
 def test_a_path_through_many_tiles(robot, rotations, tmp_path):
     tiled = cspace.build(maze(), robot, rotations=rotations, store=tmp_path / "m", tile=20)
     space = cspace.build(maze(), robot, rotations=rotations)
-    turn = [0.1] * (space.dof - 2)
+    turn = [0.1] * (space.size - 2)
     start, goal = [0.7, 0.7, *turn], [8.5, 8.4, *turn]
     plan = planners.plan(tiled, start, goal, seed=1)
     assert plan.solved
     assert plan.certified
     assert "nan" not in repr(plan)
-    assert plan.path_exists is True
+    assert plan.is_connected
     np.testing.assert_allclose(plan.waypoints[[0, -1]], [start, goal])
     assert space.certify_path(plan.waypoints).all()
     assert plan.length > 30.0
@@ -52,7 +52,7 @@ def test_what_is_proven_not_to_exist(tmp_path):
     tiled = cspace.build(workspace, cspace.Robot.disc(0.25), store=tmp_path / "m", tile=20)
     plan = planners.plan(tiled, [0.7, 0.7], [8.5, 8.4])
     assert not plan.solved
-    assert plan.path_exists is False
+    assert plan.is_disconnected
     assert "proven" in plan.status
 
 
@@ -62,7 +62,7 @@ def test_undecided_answers_are_told(tmp_path):
     workspace = cspace.Workspace.from_array(walls, 0.1)
     tiled = cspace.build(workspace, cspace.Robot.disc(0.2), store=tmp_path / "m", tile=15)
     plan = planners.plan(tiled, [0.7, 3.2], [5.3, 3.2])
-    assert not plan.solved and plan.path_exists is None
+    assert not plan.solved and not (plan.is_connected or plan.is_disconnected)
     assert plan.status == "no chain of FREE cells joins start and goal; undecided whether one exists"
 
 

@@ -14,6 +14,7 @@ from ompl import geometric as og
 import planners
 from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
 from handmade import KINDS, components, configurations, made, random_states
+from maps import proven_paths
 from planners.catalogue import REFUSED
 from planners.local_planner import CURVES, DRIVES, local_planner
 from planning import CAR, SPACES, check_none, halves, room
@@ -86,7 +87,7 @@ def test_a_plan_ends_at_once_if_no_chain_of_free_cells_joins_start_and_goal(
     monkeypatch.setattr(og.SimpleSetup, "solve", lambda *_: pytest.fail("OMPL was run"))
     plan = planners.plan(space, start, goal, planner=planner, time_limit=60.0, **options_for(drive))
     check_none(space, plan)
-    assert plan.path_exists is None and plan.times.planning == 0.0
+    assert not (plan.is_connected or plan.is_disconnected) and plan.times.planning == 0.0
     assert plan.status == "no chain of FREE cells joins start and goal; undecided whether one exists"
     finer = "a finer spacing" + " or more rotations" * (name in ("turning", "yawing", "floating"))
     assert plan.hint == (finer if drive in CURVES else f"exact=True, or {finer}")
@@ -120,7 +121,7 @@ def drawn_edges(space: CSpace, rng: np.random.Generator, count: int) -> tuple[An
     places[1] = np.clip(places[0] + rng.normal(size=(count, dim)) * grid.spacing, lower, upper)
     corners = lower + np.round((places - lower) / (grid.spacing / 2.0)) * grid.spacing / 2.0
     places = np.where(rng.random(places.shape) < 0.3, np.clip(corners, lower, upper), places)
-    turns = rng.normal(size=(2, count, space.rotations.dof))
+    turns = rng.normal(size=(2, count, len(space.rotations.names)))
     turns[1] = np.where(rng.random((count, 1)) < 0.5, turns[0], turns[0] + 0.7 * turns[1])
     q0, q1 = configurations(space, np.concatenate([places, turns], axis=-1))
     return q0, q1
@@ -145,7 +146,7 @@ def test_an_edge_that_is_proven_free_never_leaves_a_component_of_free_cells(seed
         free = np.array([check_edge(*a, *b) for a, b in zip(q0.tolist(), q1.tolist(), strict=True)])
         one, other = joined[cells[0]][free], joined[cells[1]][free]
         assert (one >= 0).all() and (one == other).all()
-        assert all(space.path_exists(a, b) is True for a, b in zip(q0[free], q1[free], strict=True))
+        assert all(space.is_connected(a, b) for a, b in zip(q0[free], q1[free], strict=True))
 
 
 @settings(max_examples=15)
@@ -169,7 +170,7 @@ def test_a_plan_searches_wherever_free_cells_join_start_and_goal(seed: int, kind
 
 def test_a_plan_ends_at_once_on_a_real_map(offices: CSpace) -> None:
     pairs = offices.sample_free(200, np.random.default_rng(0)).reshape(-1, 2, 2)
-    apart = [pair for pair in pairs if offices.path_exists(*pair) is None]
+    apart = [pair for pair in pairs if proven_paths(offices, *pair) is None]
     assert len(apart) > 10
     for start, goal in apart:
         plan = planners.plan(offices, start, goal, time_limit=60.0)

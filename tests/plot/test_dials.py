@@ -24,7 +24,7 @@ def color_at(space: CSpace, *rotation: float) -> tuple[int, ...]:
 
 def test_a_ring_shows_the_state_of_each_yaw() -> None:
     space = room(36)
-    ax = plot(space, view="rotations", at=POINT)
+    ax = plot(space, view="rotations", center=POINT)
     image = rendered(ax)
     for yaw in np.radians(np.arange(-178.0, 180.0, 10.0)):
         assert pixel(ax, image, 0.8 * np.cos(yaw), 0.8 * np.sin(yaw)) == color_at(space, yaw)
@@ -34,7 +34,7 @@ def test_a_ring_shows_the_state_of_each_yaw() -> None:
 
 def test_discs_show_the_state_of_each_heading_and_tilt() -> None:
     space = room(Rotations.quaternions(6))
-    first = plot(space, view="rotations", at=POINT)
+    first = plot(space, view="rotations", center=POINT)
     image, discs = rendered(first), first.figure.axes
     assert [ax.get_title() for ax in discs] == [f"heading {k}°" for k in range(0, 360, 60)]
     rng, right = np.random.default_rng(2), 0

@@ -78,7 +78,7 @@ def test_panels_at_rotations_about_any_axis() -> None:
     half = math.sqrt(0.5)
     turns = [(0.0, 0.0, 0.0, 1.0), (half, 0.0, 0.0, half), (0.0, -half, 0.0, half)]
     first = plot(
-        space, rotation=turns, at=(0.5, 0.5, 0.45), path=[(0.2, 0.2, 0.4, *turns[0]), (0.2, 0.7, 0.4, *turns[1])]
+        space, rotation=turns, center=(0.5, 0.5, 0.45), path=[(0.2, 0.2, 0.4, *turns[0]), (0.2, 0.7, 0.4, *turns[1])]
     )
     assert yaws_of(first) == ["not turned", "turned 90° about (1, 0, 0)", "turned 90° about (0, -1, 0)"]
     assert len(yaws_of(plot(space, view="panels"))) == 6

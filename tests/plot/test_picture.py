@@ -91,7 +91,7 @@ def test_obstacles_that_the_reference_point_may_enter() -> None:
     occupied = np.zeros((60, 20), bool)
     occupied[20:24] = True
     space = build(Workspace.from_array(occupied, 0.1), Robot.disc(0.3, center=(2.0, 0.0)), outside="free")
-    assert (space.state[20:24] == FREE).all()
+    assert (space.cell_states[20:24] == FREE).all()
     ax = plot(space)
     assert pixel(ax, rendered(ax), 2.2, 1.0) == COLORS["obstacle, free for the reference point"]
 
@@ -158,7 +158,7 @@ def test_what_is_unknown_is_drawn_apart(taken: str) -> None:
     for ax, mapped in ((workspace.plot(), False), (space.plot(), True)):
         image, count = rendered(ax), 0
         for cell in np.ndindex(30, 20):
-            state = int(space.state[cell]) if mapped else FREE
+            state = int(space.cell_states[cell]) if mapped else FREE
             plain = class_of(space, {state}, bool(outer[cell])) if mapped else ["free", "obstacle"][int(outer[cell])]
             apart = bool(unknown[cell]) and plain in ("free", "obstacle")
             assert pixel(ax, image, *space.grid.center_of(cell)) == COLORS[word if apart else plain]
@@ -295,21 +295,21 @@ def test_words_legend_and_panels_lie_in_the_figure_and_hide_nothing(
 
 def test_zoom_shows_a_part_of_each_view(flat: CSpace, turning: CSpace, hall: CSpace) -> None:
     path = [(1.0, 3.0, 0.0), (4.0, 3.0, 0.0), (7.0, 4.0, 1.0)]
-    ax = plot(turning, rotation=0.0, zoom=4.0, at=(4.5, 2.5), path=path)
+    ax = plot(turning, rotation=0.0, zoom=4.0, center=(4.5, 2.5), path=path)
     assert (*ax.get_xlim(), *ax.get_ylim()) == pytest.approx((3.5, 5.5, 1.5, 3.5))
     check_cells(turning, ax, rendered(ax), np.random.default_rng(2).integers((36, 16), (54, 27), (100, 2)), [(0.0,)])
     assert not {"start", "outside the grid"} & set(labels(ax)) and {"path", "robot"} <= set(labels(ax))
     # It goes to the middle of the path by itself, and ends where the map does.
     assert np.mean(plot(turning, zoom=4.0, path=[(2, 1, 0), (2, 4, 0)]).get_xlim()) == pytest.approx(2.0)
-    assert plot(turning, zoom=4.0, at=(0.2, 0.1)).get_xlim() == pytest.approx((0.0, 1.2))
-    assert len(plot(turning, zoom=1e9, at=(4.51, 2.51)).images[0].get_extent()) == 4
+    assert plot(turning, zoom=4.0, center=(0.2, 0.1)).get_xlim() == pytest.approx((0.0, 1.2))
+    assert len(plot(turning, zoom=1e9, center=(4.51, 2.51)).images[0].get_extent()) == 4
     path = [(0.6, 3.2, 1.2), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
     sides = [(2.0, 4.0), (0.2, 2.2), (0.0, 2.0)]
-    panels = plot(hall, zoom=3.0, at=(3.0, 1.2, 1.0), path=path).figure.axes
+    panels = plot(hall, zoom=3.0, center=(3.0, 1.2, 1.0), path=path).figure.axes
     for panel, (right, up) in zip(panels, [(0, 1), (0, 2), (1, 2)], strict=True):
         limits = sorted([panel.get_xlim(), panel.get_ylim()])
         np.testing.assert_allclose(limits, sorted([sides[right], sides[up]]))
-    solid = plot(hall, view="3d", path=path, zoom=3.0, at=(3.0, 1.2, 1.0))
+    solid = plot(hall, view="3d", path=path, zoom=3.0, center=(3.0, 1.2, 1.0))
     np.testing.assert_allclose([solid.get_xlim(), solid.get_ylim(), solid.get_zlim()], sides)
     line = next(np.transpose(one.get_data_3d()) for one in solid.lines if one.get_label().startswith("path"))
     np.testing.assert_allclose([np.nanmin(line, axis=0)[0], np.nanmax(line, axis=0)[0]], sides[0], atol=0.02)

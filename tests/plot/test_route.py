@@ -23,7 +23,9 @@ number = st.floats(-5, 5)
 def test_along_is_on_the_path(dim: int, rotations: Rotations, data: st.DataObject) -> None:
     figurine = RobotGlyph(ROBOTS[dim], rotations)
     turn = (
-        st.tuples(*[number] * 3, st.floats(1, 5)) if rotations is QUATERNION else st.tuples(*[number] * rotations.dof)
+        st.tuples(*[number] * 3, st.floats(1, 5))
+        if rotations is QUATERNION
+        else st.tuples(*[number] * len(rotations.names))
     )
     drawn = data.draw(st.lists(st.tuples(st.tuples(*[number] * dim), turn), min_size=1, max_size=6))
     path = np.array(

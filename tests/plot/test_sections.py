@@ -22,7 +22,7 @@ PATH = [(0.6, 3.2, 1.8), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
 
 def shown(space: CSpace, cell: NDArray[np.int64]) -> str:
     """What a cell should show, in words."""
-    return class_of(space, {int(space.state[tuple(cell)])}, bool(space.workspace.outer[tuple(cell)]))
+    return class_of(space, {int(space.cell_states[tuple(cell)])}, bool(space.workspace.outer[tuple(cell)]))
 
 
 def pairs(figure: Any) -> list[tuple[int, int]]:
@@ -40,7 +40,7 @@ def pairs(figure: Any) -> list[tuple[int, int]]:
 
 def test_a_workspace_draws_itself(hall: CSpace) -> None:
     """As the map does, without a robot: obstacles and what is free, by the same sections."""
-    ax = hall.workspace.plot(at=(3.0, 1.2, 1.0))
+    ax = hall.workspace.plot(center=(3.0, 1.2, 1.0))
     assert labels(ax) == ["obstacle", "free"]
     assert heading(ax) == "array, cells of 0.1 m"
     with pytest.raises(InputError, match="view is 'panels'"):
@@ -57,7 +57,7 @@ def test_sections_show_the_map(order: tuple[int, ...]) -> None:
     lower = np.array([-3.0, 7.0, 1.0])
     space = build(Workspace.from_array(occupied, 0.5, lower), Robot.ball(0.4))
     at = lower + 0.5 * shape * (0.31, 0.62, 0.43)
-    ax = plot(space, at=at)
+    ax = plot(space, center=at)
     image, figure = rendered(ax), ax.figure
     layer = ((at - lower) / 0.5).astype(int)
     for panel, pair, across in zip(figure.axes, pairs(figure), (2, 1, 0), strict=True):
@@ -74,7 +74,7 @@ def test_sections_show_the_map(order: tuple[int, ...]) -> None:
 
 
 def test_sections_are_to_scale_and_share_their_axes(hall: CSpace) -> None:
-    plan = plot(hall, at=(1.0, 2.0, 0.5))
+    plan = plot(hall, center=(1.0, 2.0, 0.5))
     plan.figure.draw_without_rendering()
     front, side = plan.figure.axes[1:]
     scale = plan.get_window_extent().width / 6.0
@@ -91,7 +91,7 @@ def test_sections_are_to_scale_and_share_their_axes(hall: CSpace) -> None:
 
 def test_the_other_sections_are_drawn(hall: CSpace) -> None:
     at = (1.03, 2.07, 0.55)
-    figure = plot(hall, at=at).figure
+    figure = plot(hall, center=at).figure
     for panel, (right, up) in zip(figure.axes, pairs(figure), strict=True):
         across, along = panel.lines[:2]
         assert set(across.get_xdata()) == {at[right]}
@@ -120,7 +120,7 @@ def test_parts_of_a_path_lie_between_two_planes(data: st.DataObject) -> None:
 
 def test_path_and_robots_are_drawn_where_they_meet_sections(hall: CSpace) -> None:
     """Solid, with the robot, where the robot reaches the section; faint elsewhere."""
-    ax = plot(hall, path=PATH, at=(3.0, 1.2, 1.0), robot_every=0.5)
+    ax = plot(hall, path=PATH, center=(3.0, 1.2, 1.0), robot_every=0.5)
     for panel, pair, across in zip(ax.figure.axes, pairs(ax.figure), (2, 1, 0), strict=True):
         drawn = {line.get_label(): line.get_xydata() for line in panel.lines}
         np.testing.assert_array_equal(drawn["path, away from the section"], np.array(PATH)[:, pair])
@@ -143,7 +143,7 @@ def sections_of(ax: Any) -> list[float]:
 
 def test_sections_run_through_the_path_or_the_middle(hall: CSpace) -> None:
     """Through what the caller names; else half the way along the path, the start, the goal, or the middle."""
-    assert sections_of(plot(hall, at=(1.0, 2.0, 0.5))) == [1.0, 2.0, 0.5]
+    assert sections_of(plot(hall, center=(1.0, 2.0, 0.5))) == [1.0, 2.0, 0.5]
     points = sections_of(plot(hall, path=[(1.0, 1.0, 0.5), (1.0, 3.0, 0.5), (1.0, 3.0, 1.0), (1.5, 3.0, 1.0)]))
     assert points == [1.0, 2.5, 0.5]
     assert sections_of(plot(hall, start=(1.0, 3.0, 2.0), goal=(5.0, 1.0, 1.0))) == [1.0, 3.0, 2.0]
@@ -168,7 +168,7 @@ def test_sections_show_one_rotation_or_all() -> None:
     space = handmade.map_in(workspace, robot, states, 4, outside="free")
     at = (3.1, 2.6, 1.8)
     for yaw, slices in ((None, slice(None)), (np.pi / 2, slice(1, 2))):
-        ax = plot(space, at=at, rotation=yaw)
+        ax = plot(space, center=at, rotation=yaw)
         image = rendered(ax)
         for i, j in np.ndindex(12, 10):
             if i == 6 or j == 5:
@@ -176,7 +176,7 @@ def test_sections_show_one_rotation_or_all() -> None:
             column, row = ax.transData.transform((0.5 * i + 0.25, 0.5 * j + 0.25)).astype(int)
             name = class_of(space, set(states[slices, i, j, 3].tolist()), False)
             assert tuple(image[row, column]) == COLORS[name]
-    ax = plot(space, start=(3.0, 2.0, 1.8, np.pi / 2), at=at)
+    ax = plot(space, start=(3.0, 2.0, 1.8, np.pi / 2), center=at)
     spans = [panel.collections[0].get_paths()[0].get_extents() for panel in ax.figure.axes]
     np.testing.assert_allclose([(box.width, box.height) for box in spans[:2]], [(0.4, 1.6), (0.4, 0.8)], atol=1e-6)
     assert "over all rotations" in heading(ax)

@@ -101,7 +101,7 @@ def test_faces_border_what_is_shown(hall: CSpace, shown: str) -> None:
     ax = plot(hall, view="3d", surface=shown)
     corners, colors = polygons(ax)
     assert len(corners) > 500
-    solid = hall.workspace.outer if shown == "obstacles" else hall.state != FREE
+    solid = hall.workspace.outer if shown == "obstacles" else hall.cell_states != FREE
     normal = np.argmin(np.ptp(corners, axis=1), axis=1)
     towards = surface.direction_of(np.array(surface.CAMERA))
     step = 0.05 * np.sign(towards[normal])[:, np.newaxis] * (np.arange(3) == normal[:, np.newaxis])

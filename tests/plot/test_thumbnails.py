@@ -38,7 +38,7 @@ def space_of(kind: str) -> CSpace:
 def test_maps_and_workspaces_show_their_cells(kind: str) -> None:
     space = space_of(kind)
     layer = (slice(None),) * (space.grid.dim - (kind == "space")) + ((2,) if kind == "space" else ())
-    states = space.state.reshape(-1, *space.grid.shape)[(slice(None), *layer)]
+    states = space.cell_states.reshape(-1, *space.grid.shape)[(slice(None), *layer)]
     for subject in (space, space.workspace):
         pixels = picture(subject)
         for i, j in np.ndindex(40, 30):

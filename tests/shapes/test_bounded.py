@@ -218,8 +218,8 @@ def test_maps_agree_with_fcl(kind, rotations):
     make, _ = kind
     space = cspace.build(workspace(), make(RADIUS, LENGTH), rotations=rotations, outside="free")
     rng = np.random.default_rng(5)
-    q = np.column_stack([rng.uniform(0, (2.6, 2.2, 2.0), (800, 3)), rng.normal(size=(800, space.dof - 3))])
-    if space.dof == 7:
+    q = np.column_stack([rng.uniform(0, (2.6, 2.2, 2.0), (800, 3)), rng.normal(size=(800, space.size - 3))])
+    if space.size == 7:
         q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
     boxes = [solids.box(*each) for each in BOXES]
     robot = {"cylinder": fcl.Cylinder, "capsule": fcl.Capsule}[make.__name__](RADIUS, LENGTH)

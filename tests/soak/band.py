@@ -32,7 +32,7 @@ def check(report: Report, seed: int, number: int) -> None:
         for turn in range(number):
             robot, across = _draw_robot(rng, kind)
             occupied = np.pad(_draw_cells(rng, turn), int(across) + 3)
-            state = cspace.build(Workspace.from_array(occupied, 1.0), robot, outside="free").state
+            state = cspace.build(Workspace.from_array(occupied, 1.0), robot, outside="free").cell_states
             depth = max(depth, depth_of(state))
             width = width if turn % 3 else max(width, width_of(state))
             cells += int((state == MIXED).sum())
@@ -44,7 +44,7 @@ def check(report: Report, seed: int, number: int) -> None:
         if workspace is None:
             report.note(inputs.NO_DATA)
             return
-        state = cspace.build(workspace, Robot.disc(6.0 * workspace.grid.spacing)).state
+        state = cspace.build(workspace, Robot.disc(6.0 * workspace.grid.spacing)).cell_states
         report.section(f"MIXED band: {name}, disc 12 cells across: {(state == MIXED).mean():.1%} of the map is MIXED")
         _check_depth(report, depth_of(state))
 

@@ -35,7 +35,7 @@ def check(report: Report, seed: int, edges: int) -> None:
 
     def check_case(tally: Tally, number: int) -> None:
         case, rng = draw_case(seed, number, turning=True), np.random.default_rng([seed, number, 5])
-        if (case.space.record.states == FREE).any():
+        if (case.space._kernel_map.states == FREE).any():
             for name in CURVES:
                 if tally.checks[name] < edges * ALONG:
                     _check_curves(tally, others, case, name, rng)

@@ -76,7 +76,7 @@ def check_maps(report: Report, name: str, draw: Draw, seed: int, answers: int, e
     def check_case(tally: Tally, number: int) -> None:
         case, rng = draw(seed, number), np.random.default_rng([seed, number, 1])
         _check_states(tally, case, rng)
-        if (case.space.state == FREE).any():
+        if (case.space.cell_states == FREE).any():
             _check_edges(tally, case, rng)
             _check_boxes(tally, case, rng)
             _check_clearance(tally, case, rng)
@@ -104,7 +104,7 @@ def check_exact(report: Report, seed: int, edges: int) -> None:
 def _check_states(tally: Tally, case: Case, rng: Rng) -> None:
     """Check configurations in cells of each state, on and next to borders and corners, and anywhere."""
     space = case.space
-    state, border = space.state, _state_changes(space.state, space.grid.dim)
+    state, border = space.cell_states, _state_changes(space.cell_states, space.grid.dim)
     drawn, claimed = [], []
     for claim in (FREE, MIXED, BLOCKED):
         number = PER_STATE // 9 if claim == MIXED else PER_STATE // 2
@@ -142,7 +142,7 @@ def _check_edges(tally: Tally, case: Case, rng: Rng) -> None:
         return
     q = along(space, starts[picked], goals[picked], np.linspace(0.0, 1.0, ALONG), rng)
     wrong, undecided = not_free_along(case, q)
-    if space.rotations.dof < 4:  # an edge on the border of quaternion cells may be proven by the other cell
+    if len(space.rotations.names) < 4:  # an edge on the border of quaternion cells may be proven by the other cell
         wrong |= ~np.asarray(space.is_free(q))
     tally.add(EDGE, case, q, wrong, undecided)
 
@@ -155,11 +155,11 @@ def _check_boxes(tally: Tally, case: Case, rng: Rng) -> None:
     centers = space.sample_free(200, rng)
     centers[::4] = nearly_snapped(space, centers[::4], rng, away=0.0)
     centers = centers[np.asarray(space.is_free_around(centers, distance, angle))][:20]
-    shape = (len(centers), 12, space.dof)
+    shape = (len(centers), 12, space.size)
     away = np.where(rng.random(shape) < 0.4, 1.0, rng.random(shape)) * rng.choice([-1.0, 1.0], shape)
     q = np.repeat(centers[:, None], shape[1], axis=1)
     q[..., :dim] += distance * away[..., :dim]
-    q = q.reshape(-1, space.dof)
+    q = q.reshape(-1, space.size)
     q[:, dim:] = turned(q[:, dim:], angle * np.abs(away[..., -1]).ravel(), rng)
     wrong, undecided = not_free(case, q)
     tally.add("box", case, q, wrong | ~np.asarray(space.is_free(q)), undecided)
@@ -174,7 +174,7 @@ def _check_clearance(tally: Tally, case: Case, rng: Rng) -> None:
     way *= (far * rng.choice([1.0, 0.999, 0.5], len(far)) / np.linalg.norm(way, axis=1))[:, None]
     q = centers.copy()
     q[:, :dim] += way
-    if space.rotations.dof:
+    if space.rotations.names:
         turn = space.rotations.cells_of(centers)
         q[:, dim:] = _in_rotation_cells(space, turn, np.clip(_within(rng, (len(turn), 3)), 1e-6, 1.0 - 1e-6))
     wrong, undecided = not_free(case, q)
@@ -192,7 +192,7 @@ def _check_containment(tally: Tally, case: Case, rng: Rng) -> None:
 
 
 def _check_walks(tally: Tally, case: Case, rng: Rng) -> None:
-    """Check that no walk proven by the geometry ends where ``path_exists`` rules out a path."""
+    """Check that no walk proven by the geometry joins configurations that ``is_disconnected`` says are proven apart."""
     space, dim = case.space, case.space.grid.dim
     if not _has_geometry(case):
         return
@@ -206,9 +206,7 @@ def _check_walks(tally: Tally, case: Case, rng: Rng) -> None:
         goals[:, dim:] = turned(last[:, dim:], size[:, 1] * np.abs(rng.normal(0.0, 0.5, len(last))), rng)
         free = np.asarray(space.motion_is_free(last, goals, exact=True))
         last[free] = goals[free]
-    tally.add(
-        "path", case, last, np.array([found is False for found in space.path_exists(first, last)], dtype=np.bool_)
-    )
+    tally.add("path", case, last, np.asarray(space.is_disconnected(first, last)))
 
 
 def _check_exact(tally: Tally, case: Case, rng: Rng) -> None:
@@ -231,7 +229,7 @@ def _check_exact(tally: Tally, case: Case, rng: Rng) -> None:
     edges = rng.permutation(np.flatnonzero(by_geometry & ~np.asarray(space.motion_is_free(starts, goals))))
     if not len(edges):
         return
-    few = along(space, starts[edges], goals[edges], np.linspace(0.0, 1.0, 11), rng).reshape(-1, space.dof)
+    few = along(space, starts[edges], goals[edges], np.linspace(0.0, 1.0, 11), rng).reshape(-1, space.size)
     close = case.meets(few, space.margin + CLOSE * space.grid.spacing).reshape(-1, 11).any(axis=1)
     picked = edges[pick_close((~close).astype(np.float64), EXACT_TAKEN, rng)]
     q = along(space, starts[picked], goals[picked], np.linspace(0.0, 1.0, ALONG), rng)
@@ -246,7 +244,7 @@ def _has_geometry(case: Case) -> bool:
 
 
 def not_free_along(case: Case, q: Floats) -> tuple[Bools, Bools]:
-    """Apply :func:`tests.soak.tally.not_free` to the points of edges, shape (edges, points, dof).
+    """Apply :func:`tests.soak.tally.not_free` to the points of edges, shape (edges, points, size).
 
     A group of points is free if the robot at the middle one is farther from the obstacles than any of its points moves
     within the group. Groups that are not are split, at last into single points.
@@ -293,11 +291,11 @@ def nearly_snapped(space: CSpace, q: Floats, rng: Rng, away: float = 1.0) -> Flo
     near = np.round((q[:, : grid.dim] - grid.lower) / grid.spacing)
     near += away * rng.choice([-1.0, 0.0, 1.0], near.shape) * 10.0 ** rng.uniform(-9.0, -3.0, near.shape)
     snapped = np.concatenate([grid.lower + grid.spacing * near, q[:, grid.dim :]], axis=1)
-    if space.rotations.dof:
+    if space.rotations.names:
         borders = np.asarray(space.rotations.borders)
-        border = rng.choice(borders, (len(q), 3 if space.rotations.dof == 4 else 1))
+        border = rng.choice(borders, (len(q), 3 if len(space.rotations.names) == 4 else 1))
         border += away * rng.choice([-1.0, 0.0, 1.0], border.shape) * 10.0 ** rng.uniform(-12.0, -3.0, border.shape)
-        if space.rotations.dof == 4:  # some of the quotients are on a border
+        if len(space.rotations.names) == 4:  # some of the quotients are on a border
             quotients = np.where(rng.random(border.shape) < 0.5, rng.uniform(-1.0, 1.0, border.shape), border)
             border = _unit(rng.permuted(np.column_stack([quotients, np.ones(len(q))]), axis=1))
         snapped[:, grid.dim :] = np.where(rng.random((len(q), 1)) < 0.5, q[:, grid.dim :], border)
@@ -305,14 +303,14 @@ def nearly_snapped(space: CSpace, q: Floats, rng: Rng, away: float = 1.0) -> Flo
 
 
 def along(space: CSpace, starts: Floats, goals: Floats, t: Floats, rng: Rng) -> Floats:
-    """Return points of edges, shape (edges, points, dof), turned the shorter way, or either way at half a turn."""
+    """Return points of edges, shape (edges, points, size), turned the shorter way, or either way at half a turn."""
     dim = space.grid.dim
     steps = goals - starts
-    if space.rotations.dof == 1:
+    if len(space.rotations.names) == 1:
         turns = (steps[:, dim:] + np.pi) % TWO_PI - np.pi
         steps[:, dim:] = np.where(np.pi - np.abs(turns) < 1e-9, np.pi * rng.choice([-1.0, 1.0], turns.shape), turns)
     q = starts[:, None] + t[:, None] * steps[:, None]
-    if space.rotations.dof == 4:
+    if len(space.rotations.names) == 4:
         q[..., dim:] = _slerp(starts[:, dim:], goals[:, dim:], t, rng)
     # Rounding must not carry a point off the edge's own box, and with it out of the grid.
     low, high = np.minimum(starts, goals)[:, None, :dim], np.maximum(starts, goals)[:, None, :dim]
@@ -324,10 +322,10 @@ def _in_cells(space: CSpace, cells: NDArray[np.integer], rng: Rng) -> Floats:
     """Draw a configuration in each cell ``(rotation, x, y)``, ``(x, y)`` or ``(x, y, z)``, many on its border."""
     grid, dim = space.grid, space.grid.dim
     points = grid.lower + grid.spacing * (cells[:, -dim:] + _within(rng, (len(cells), dim)))
-    if not space.rotations.dof:
+    if not space.rotations.names:
         return np.asarray(points)
     turns = _in_rotation_cells(space, cells[:, 0], _within(rng, (len(cells), 3)))
-    if space.rotations.dof == 4:
+    if len(space.rotations.names) == 4:
         return np.column_stack([points, turns * rng.choice([-1.0, 1.0], (len(turns), 1))])
     return np.column_stack([points, turns + TWO_PI * rng.integers(-2, 3, turns.shape)])
 
@@ -335,7 +333,7 @@ def _in_cells(space: CSpace, cells: NDArray[np.integer], rng: Rng) -> Floats:
 def _in_rotation_cells(space: CSpace, cells: NDArray[np.integer], part: Floats) -> Floats:
     """Return a rotation in each cell, at parts of the way from border to border, shape (n, 3)."""
     borders = np.asarray(space.rotations.borders)
-    if space.rotations.dof == 1:
+    if len(space.rotations.names) == 1:
         return np.asarray(borders[cells] + part[:, 0] * (borders[cells + 1] - borders[cells]))[:, None]
     n = len(borders) - 1
     chart, *parts = np.unravel_index(cells, (4, n, n, n))
@@ -348,9 +346,9 @@ def _in_rotation_cells(space: CSpace, cells: NDArray[np.integer], part: Floats) 
 
 def rotations_of(space: CSpace, number: int, rng: Rng) -> Floats:
     """Draw the last numbers of configurations: none, yaws, or quaternions."""
-    if space.rotations.dof == 4:
+    if len(space.rotations.names) == 4:
         return _unit(rng.normal(size=(number, 4)))
-    return rng.uniform(-9.0, 9.0, (number, space.rotations.dof))
+    return rng.uniform(-9.0, 9.0, (number, len(space.rotations.names)))
 
 
 def turned(turns: Floats, angles: Floats, rng: Rng) -> Floats:

@@ -193,7 +193,7 @@ class Scale:
         off = f", {self.nudge:.1e} cells off the lattice" if self.snap else ""
         return (
             f"{workspace} {grid.shape} at {grid.spacing:g} m from {grid.lower}, {robot}{off}, "
-            f"outside={space.outside}, margin={space.margin:.3g}{f', {turns}' if turns.dof else ''}"
+            f"outside={space.outside}, margin={space.margin:.3g}{f', {turns}' if turns.names else ''}"
         )
 
     def length(self, cells: float) -> float:

@@ -75,7 +75,7 @@ class Tally:
     false: list[str] = field(default_factory=list)
 
     def add(self, what: str, case: Drawn, q: Floats, wrong: Bools, undecided: Bools | None = None) -> None:
-        """Count checks at configurations, shape (..., dof); ``wrong`` and ``undecided`` have shape (...)."""
+        """Count checks at configurations, shape (..., size); ``wrong`` and ``undecided`` have shape (...)."""
         self.checks[what] += wrong.size
         self.kinds[case.kind] += wrong.size
         self.wrong[what] += int(wrong.sum())

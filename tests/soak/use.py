@@ -121,7 +121,8 @@ def _opened(path: Path, both: tuple[CSpace, CSpace]) -> str:
     except CspaceError:
         return "refused" if path.exists() else "absent"
     whole = any(
-        np.array_equal(space.state, each.state) and np.array_equal(space.workspace.outer, each.workspace.outer)
+        np.array_equal(space.cell_states, each.cell_states)
+        and np.array_equal(space.workspace.outer, each.workspace.outer)
         for each in both
     )
     return "whole" if whole else "torn"
@@ -175,7 +176,7 @@ def same_in_a_child(method: str) -> bool:
 
     def look() -> None:
         while not stop.is_set():
-            space.path_exists((0.5, 0.5, 0.0), (5.5, 3.5, 0.0))
+            space.is_connected((0.5, 0.5, 0.0), (5.5, 3.5, 0.0))
 
     thread = threading.Thread(target=look)
     thread.start()
@@ -216,7 +217,10 @@ def _answers(space: CSpace) -> list[Any]:
     answers, own = [], pickle.loads(pickle.dumps(space))
     for _ in range(2):
         looks = own.classify(q), own.motion_is_free(q[:100], q[100:]), own.clearance(q)
-        answers += [np.asarray(look).tolist() for look in (*looks, own.path_exists(q[:100], q[100:]))]
+        answers += [
+            np.asarray(look).tolist()
+            for look in (*looks, own.is_connected(q[:100], q[100:]), own.is_disconnected(q[:100], q[100:]))
+        ]
         own.update(BLOCK, PLACE)
     return answers
 
@@ -232,7 +236,7 @@ def grown(share: float) -> Iterator[tuple[str, int, int]]:
     parts = two.workspace.outer[20:32, 14:23], space.workspace.outer[20:32, 14:23].copy()
     rng = np.random.default_rng(0)
     start, *others = space.sample_free(50, rng)
-    goal = next(other for other in others if space.path_exists(start, other))
+    goal = next(other for other in others if space.is_connected(start, other))
 
     def look(number: int) -> None:
         q = rng.uniform((0.0, 0.0, -3.0), (6.0, 4.0, 3.0))
@@ -245,7 +249,7 @@ def grown(share: float) -> Iterator[tuple[str, int, int]]:
 
     def update(number: int) -> None:
         space.update(parts[number % 2], PLACE)
-        space.path_exists(start, goal)
+        space.is_connected(start, goal)
 
     def plan(number: int) -> None:
         planners.plan(space, start, goal, seed=number % 20, time_limit=1.0)

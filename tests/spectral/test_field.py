@@ -74,9 +74,9 @@ def test_the_field_is_the_overlap_and_its_gradient_at_the_cells(
     for _ in range(20):
         number, *cell = (int(rng.integers(n)) for n in (field.values.size // space.grid.size, *space.grid.shape))
         placed = overlap
-        if space.rotations.dof:
+        if space.rotations.names:
             placed = overlap.rotated(float(space.rotations.representatives[number]))
-        where = (number, *cell) if space.rotations.dof else tuple(cell)
+        where = (number, *cell) if space.rotations.names else tuple(cell)
         t = space.grid.center_of(cell)
         assert field.values[where] == pytest.approx(placed.value(t), abs=1e-8 * largest)
         slopes = [field.arrays[f"penetration_{axis}"][where] for axis in "xyz"[:dim]]
@@ -89,14 +89,14 @@ def test_between_the_cells_it_is_linear(case: tuple[CSpace, FourierOverlap], fie
     low, high = np.array(space.grid.lower), np.array(space.grid.upper)
     q = rng.uniform(low, high, (200, dim))
     middles = space.grid.center_of(space.grid.cell_of(q))
-    if space.rotations.dof:
+    if space.rotations.names:
         yaw = rng.uniform(-7.0, 7.0, 200)
         q, middles = np.column_stack([q, yaw]), np.column_stack([middles, yaw])
     from scipy.interpolate import RegularGridInterpolator
 
     stack = field.values.reshape(-1, *space.grid.shape)
     axes = [space.grid.centers(axis) for axis in range(dim)]
-    numbers = space.rotations.cell_of(q[:, 2]) if space.rotations.dof else np.zeros(200, dtype=int)
+    numbers = space.rotations.cell_of(q[:, 2]) if space.rotations.names else np.zeros(200, dtype=int)
     places = np.clip(q[:, :dim], [axis[0] for axis in axes], [axis[-1] for axis in axes])
     expected = [RegularGridInterpolator(axes, stack[n])(p)[0] for n, p in zip(numbers, places, strict=True)]
     assert field.at(q) == pytest.approx(np.maximum(expected, 0.0), abs=1e-12)
@@ -106,14 +106,14 @@ def test_between_the_cells_it_is_linear(case: tuple[CSpace, FourierOverlap], fie
     assert field.at(middles) == pytest.approx(np.maximum(stack[(numbers, *cells)], 0.0), abs=1e-12)
     assert field.at(q[0]) == field.at(q)[0]
     with pytest.raises(InputError, match="nan"):
-        field.at(np.where(np.arange(space.dof) == 1, np.nan, 0.0))
+        field.at(np.where(np.arange(space.size) == 1, np.nan, 0.0))
 
 
 def test_the_objective_weighs_length_by_the_overlap(case: tuple[CSpace, FourierOverlap], field: OverlapField) -> None:
     space, _ = case
     si = planners.simple_setup(space).getSpaceInformation()
     objective = planners.OverlapObjective(si, space, field, weight=4.0, saturation=0.01)
-    turning = space.rotations.dof
+    turning = len(space.rotations.names)
     rng = np.random.default_rng(2)
     low, high = np.array(space.grid.lower), np.array(space.grid.upper)
     q = rng.uniform(low, high, (12, space.grid.dim))
@@ -161,7 +161,7 @@ def test_without_overlap_the_objective_is_the_length() -> None:
     space = build(Workspace.from_array(np.zeros((10, 10), dtype=bool), 0.1), Robot.disc(0.05))
     far = FourierOverlap(([[0.0, 0.0]], 0.05), ([[9.0, 9.0]], 0.1), band=20.0)
     field = OverlapField.of(space, far)
-    assert (field.values == 0.0).all() and (space.state == FREE).any()
+    assert (field.values == 0.0).all() and (space.cell_states == FREE).any()
     si = planners.simple_setup(space).getSpaceInformation()
     objective = planners.OverlapObjective(si, space, field)
     states = [state_at(space, si, np.array(q)) for q in ((0.2, 0.2), (0.5, 0.6))]
@@ -180,7 +180,7 @@ def carried(request: pytest.FixtureRequest) -> CSpace:
 def without(space: CSpace, fields: Any = None) -> CSpace:
     """The same map with other arrays for a field, or none."""
     options = {name: getattr(space, name) for name in ("outside", "margin", "precision")} | {"proves_blocked": True}
-    states, counts = space.record.states.copy(), space.overlaps
+    states, counts = space._kernel_map.states.copy(), space.overlap_counts
     overlaps = None if counts is None else counts.reshape(states.shape)
     return map_in(
         space.workspace, space.robot, states, space.rotations, overlaps=overlaps, fields=fields or {}, **options
@@ -189,8 +189,8 @@ def without(space: CSpace, fields: Any = None) -> CSpace:
 
 @pytest.mark.parametrize("kind", [*KINDS, "turning"])
 def test_the_map_is_the_same_and_the_field_that_of_the_overlap(kind: str) -> None:
-    space, overlap = scene(kind, overlap=True, margin=0.01)
-    clearance = space.clearance(space.nearest_free([0.0] * space.dof))
+    space, overlap = scene(kind, counts=True, margin=0.01)
+    clearance = space.clearance(space.nearest_free([0.0] * space.size))
     made, expected = space.with_overlap_field(overlap), OverlapField.of(space, overlap)
     same(space, without(made))
     assert space.overlap_field is None and made.overlap_field is not None
@@ -200,8 +200,8 @@ def test_the_map_is_the_same_and_the_field_that_of_the_overlap(kind: str) -> Non
         np.testing.assert_array_equal(array, expected.arrays[name])
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 0.0
-    assert made.clearance(made.nearest_free([0.0] * space.dof)) == clearance
-    assert (kind == "shared") == (space.rotations.dof and len(space.record.states) < space.rotations.count)
+    assert made.clearance(made.nearest_free([0.0] * space.size)) == clearance
+    assert (kind == "shared") == (len(space.rotations.names) and len(space._kernel_map.states) < space.rotations.count)
     again = build(made.workspace, made.robot, rotations=made.rotations)
     assert again.overlap_field is None and not set(FIELD_NAMES) & set(again.to_xarray())
 
@@ -211,13 +211,13 @@ def test_an_update_lets_the_field_go_and_leaves_other_maps(kind: str) -> None:
     space, overlap = scene(kind)
     made = space.with_overlap_field(overlap)
     box, corner = np.ones((3,) * space.grid.dim, bool), (4,) * space.grid.dim
-    before = space.state.copy()
+    before = space.cell_states.copy()
     made.update(box, corner)
-    assert made.overlap_field is None and (space.state == before).all()
+    assert made.overlap_field is None and (space.cell_states == before).all()
     again = made.with_overlap_field(overlap)  # of a map that has a workspace of its own by now
-    after, cells = again.state.copy(), again.workspace.outer.copy()
+    after, cells = again.cell_states.copy(), again.workspace.outer.copy()
     made.update(~box, corner)
-    assert (again.state == after).all() and (again.workspace.outer == cells).all()
+    assert (again.cell_states == after).all() and (again.workspace.outer == cells).all()
     assert again.overlap_field is not None
 
 
@@ -272,7 +272,7 @@ def test_a_second_field_takes_the_place_of_the_first() -> None:
 
 
 def endpoints_of(space: CSpace) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    more = (0.0,) if space.rotations.dof else (0.51,) * (space.dof - 2)
+    more = (0.0,) if space.rotations.names else (0.51,) * (space.size - 2)
     return (0.43, 0.88, *more), (1.57, 0.88, *more)
 
 
@@ -281,11 +281,11 @@ def least_distance(space: CSpace, plan: planners.Plan) -> float:
     share, dim, distances = np.linspace(0.0, 1.0, 60)[:, None], space.grid.dim, []
     for first, second in zip(plan.waypoints[:-1], plan.waypoints[1:], strict=True):
         step = second - first
-        if space.rotations.dof:
+        if space.rotations.names:
             step[2] = (step[2] + np.pi) % (2.0 * np.pi) - np.pi
         q = first + share * step
         placed = np.repeat(space.robot.shape.centers[None], len(q), axis=0)
-        if space.rotations.dof:
+        if space.rotations.names:
             turn = np.array([[np.cos(q[:, 2]), -np.sin(q[:, 2])], [np.sin(q[:, 2]), np.cos(q[:, 2])]])
             placed = np.einsum("ijn,bj->nbi", turn, space.robot.shape.centers)
         away = np.linalg.norm(placed + q[:, None, :dim] - OBSTACLE[:dim], axis=-1)

@@ -19,7 +19,7 @@ import cspace
 from cspace import store
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.limits import raised_limits
-from maps import SPACES, SUFFIXES, files, refused, same
+from maps import SPACES, SUFFIXES, files, proven_paths, refused, same
 from strategies import bitmaps, robots, rotation_cells
 from tests.soak.files import reseal
 
@@ -65,7 +65,7 @@ def built(draw: st.DrawFn) -> cspace.CSpace:
         rotations=draw(st.none() | rotation_cells(5)),
         outside=draw(st.sampled_from(["blocked", "free"])),
         margin=draw(st.sampled_from([0.0, 0.1])),
-        overlap=draw(st.booleans()),
+        counts=draw(st.booleans()),
     )
 
 
@@ -91,16 +91,18 @@ def test_a_map_of_every_kind_comes_back_and_makes_itself_again(
         patch.setattr("cspace.space.slice_rasters", None)  # which look-ups of a saved map need not
         opened = cspace.open(str(path))
         same(space, opened)
-        np.testing.assert_array_equal(opened.record.exterior, space.record.exterior)
+        np.testing.assert_array_equal(opened._kernel_map.exterior, space._kernel_map.exterior)
     again = cspace.build(
         opened.workspace, opened.robot, rotations=opened.rotations, margin=opened.margin, outside=opened.outside
     )
-    np.testing.assert_array_equal(again.state, space.state)
+    np.testing.assert_array_equal(again.cell_states, space.cell_states)
     q = np.random.default_rng(1).uniform(space.grid.lower, space.grid.upper, (50, space.grid.dim))
-    turns = {0: np.zeros((50, 0)), 1: np.linspace(-9, 9, 50)[:, None]}.get(space.rotations.dof, space.rotations.centers)
+    turns = {0: np.zeros((50, 0)), 1: np.linspace(-9, 9, 50)[:, None]}.get(
+        len(space.rotations.names), space.rotations.centers
+    )
     q = np.hstack([q, np.resize(turns, (50, turns.shape[1]))])
     np.testing.assert_array_equal(opened.is_free(q, exact=True), space.is_free(q, exact=True))
-    for turn in YAWS if space.rotations.dof == 1 else space.rotations.centers[::20]:
+    for turn in YAWS if len(space.rotations.names) == 1 else space.rotations.centers[::20]:
         np.testing.assert_array_equal(cspace.open_slice(path, turn), space.states_at(turn))
 
 
@@ -140,8 +142,8 @@ def test_only_what_is_there_is_stored(tmp_path: Path) -> None:
         space.save(tmp_path / f"map{suffix}")
         path = tmp_path / f"map{suffix}"
         held = [entry.name for entry in path.iterdir()]
-        assert {"state", "outer", "x"} <= set(held)
-        assert not set(held) & {"inner", "unknown", "overlap", "shapes", "z", "yaw", "penetration"}
+        assert {"cell_states", "outer", "x"} <= set(held)
+        assert not set(held) & {"inner", "unknown", "overlap_counts", "shapes", "z", "yaw", "penetration"}
 
 
 def test_arrays_of_several_chunks_come_back(
@@ -149,7 +151,7 @@ def test_arrays_of_several_chunks_come_back(
 ) -> None:
     monkeypatch.setattr(store, "MAX_CHUNK_BYTES", 20)  # several tiles
     space.save(tmp_path / "map")
-    assert len(list(files(tmp_path / "map" / "state" / "c" / "0"))) > 2
+    assert len(list(files(tmp_path / "map" / "cell_states" / "c" / "0"))) > 2
     same(space, cspace.open(tmp_path / "map", in_memory=True))
     turn = space.rotations.centers[-1]
     np.testing.assert_array_equal(cspace.open_slice(tmp_path / "map", turn), space.states_at(turn))
@@ -160,9 +162,9 @@ def test_a_slice_is_read_without_the_rest(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(store, "SAVED_CHUNK_CELLS", 1)  # a chunk for each slice
     space.save(tmp_path / "map")
     number = int(space.rotations.cell_of(1.5))
-    for name in ("outer", "overlap", "x"):
+    for name in ("outer", "overlap_counts", "x"):
         shutil.rmtree(tmp_path / "map" / name)
-    for chunk in (tmp_path / "map" / "state" / "c").iterdir():
+    for chunk in (tmp_path / "map" / "cell_states" / "c").iterdir():
         if chunk.name != str(number):
             shutil.rmtree(chunk)
     np.testing.assert_array_equal(cspace.open_slice(tmp_path / "map", 1.5), space.states_at(1.5))
@@ -214,14 +216,14 @@ def test_lost_and_swapped_chunks_are_no_states(tmp_path: Path, monkeypatch: pyte
     path = tmp_path / "map"
     monkeypatch.setattr(store, "SAVED_CHUNK_CELLS", 1)  # a chunk for each slice
     SPACES["turning"]().save(path)
-    one, two = (path / "state" / "c" / number / "0" / "0" for number in "01")
+    one, two = (path / "cell_states" / "c" / number / "0" / "0" for number in "01")
     contents = one.read_bytes(), two.read_bytes()
     one.write_bytes(contents[1])
     two.write_bytes(contents[0])
     refused(path, "differs from its digest")
     two.unlink()
     # Neither for other software, which reads the fill value.
-    assert (np.asarray(zarr.open_array(path / "state", mode="r")[1]) == 255).all()
+    assert (np.asarray(zarr.open_array(path / "cell_states", mode="r")[1]) == 255).all()
 
 
 @pytest.mark.parametrize(
@@ -248,9 +250,9 @@ def test_changed_metadata_are_refused(tmp_path: Path, small: Path, change: dict[
 
 
 FORGED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
-    ({}, {"state": np.full((2, 4, 3), 3, np.uint8)}, "holds 3, which is none of the states"),
-    ({}, {"state": np.zeros((1, 4, 3), np.uint8)}, "'state' is uint8 (1, 4, 3) where"),
-    ({}, {"state": np.zeros((2, 4, 3), np.int8)}, "'state' is int8"),
+    ({}, {"cell_states": np.full((2, 4, 3), 3, np.uint8)}, "holds 3, which is none of the states"),
+    ({}, {"cell_states": np.zeros((1, 4, 3), np.uint8)}, "'cell_states' is uint8 (1, 4, 3) where"),
+    ({}, {"cell_states": np.zeros((2, 4, 3), np.int8)}, "'cell_states' is int8"),
     ({}, {"outer": None}, "it holds no outer"),
     ({}, {"x": None}, "it holds no x"),
     ({}, {"yaw_bounds": None}, "it holds no yaw_bounds"),
@@ -260,7 +262,7 @@ FORGED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
     ({}, {"yaw_bounds": np.zeros((4, 2))}, "its parts make no map"),
     ({}, {"yaw_bounds": np.full((4, 2), np.nan)}, "its parts make no map"),
     ({}, {"penetration": np.zeros((2, 4, 3))}, "its parts make no map"),
-    ({}, {"overlap": np.zeros((2, 4, 3))}, "'overlap' is float64"),
+    ({}, {"overlap_counts": np.zeros((2, 4, 3))}, "'overlap' is float64"),
     *[
         ({}, {"shapes": np.frombuffer(text, np.int8)}, "'shapes' tells of no obstacles")
         for text in (b"\0\0", b"\xff\xff", b"7", b"[7]", b"[{}]", b'[{"kind": "cone"}]', b"[" * 99999)
@@ -383,7 +385,7 @@ def test_a_saved_map_is_kept_unless_told_otherwise(tmp_path: Path, small: Path, 
 def test_overwriting_removes_nothing_but_a_map(tmp_path: Path, small: Path) -> None:
     path, space = tmp_path / "map", cspace.open(small / "map.zarr")
     space.save(path)
-    (path / "state" / "zarr.json").unlink()  # a damaged map is one too
+    (path / "cell_states" / "zarr.json").unlink()  # a damaged map is one too
     space.save(path, overwrite=True)
     (path / "notes.txt").write_text("years of work")
     with pytest.raises(FileError, match="holds more than an earlier output"):
@@ -399,27 +401,27 @@ def test_overwriting_removes_nothing_but_a_map(tmp_path: Path, small: Path) -> N
 
 def test_a_dataset_is_labelled_and_read_only(space: cspace.CSpace) -> None:
     dataset, dim = space.to_xarray(), space.grid.dim
-    turns = {} if not space.rotations.dof else {"rotation": space.rotations.count}
-    assert dict(dataset.state.sizes) == turns | dict(zip("xyz", space.grid.shape, strict=False))
+    turns = {} if not space.rotations.names else {"rotation": space.rotations.count}
+    assert dict(dataset.cell_states.sizes) == turns | dict(zip("xyz", space.grid.shape, strict=False))
     for axis, name in enumerate("xyz"[:dim]):
         np.testing.assert_array_equal(dataset[name], space.grid.centers(axis))
         assert dataset[name].attrs["units"] == "m"
     assert all(dataset[name].attrs["long_name"] for name in dataset.variables)
-    flags = dataset.state.attrs
+    flags = dataset.cell_states.attrs
     assert dict(zip(flags["flag_meanings"].split(), flags["flag_values"], strict=True)) == {
         "free": cspace.FREE,
         "mixed": cspace.MIXED,
         "blocked": cspace.BLOCKED,
     }
     places = np.stack(np.meshgrid(*(dataset[name] for name in "xyz"[:dim]), indexing="ij"), axis=-1)
-    rotations = {0: np.zeros((1, 0)), 1: dataset.get("yaw"), 4: dataset.get("quaternion")}[space.rotations.dof]
-    every = dataset.state.values.reshape(-1, *space.grid.shape)
+    rotations = {0: np.zeros((1, 0)), 1: dataset.get("yaw"), 4: dataset.get("quaternion")}[len(space.rotations.names)]
+    every = dataset.cell_states.values.reshape(-1, *space.grid.shape)
     for turn, states in zip(np.reshape(np.asarray(rotations), (len(every), -1)), every, strict=True):
         q = np.concatenate([places, np.broadcast_to(turn, (*places.shape[:-1], len(turn)))], axis=-1)
         np.testing.assert_array_equal(states, space.classify(q))
     with pytest.raises(ValueError, match="read-only"):
-        dataset.state.values[...] = 0
-    dataset.copy(deep=True).state[...] = 0
+        dataset.cell_states.values[...] = 0
+    dataset.copy(deep=True).cell_states[...] = 0
 
 
 def test_a_dataset_survives_zarr_and_netcdf(tmp_path: Path, space: cspace.CSpace) -> None:
@@ -437,17 +439,21 @@ def test_xarray_opens_the_folder(tmp_path: Path, space: cspace.CSpace) -> None:
     space.save(tmp_path / "map.zarr")
     expected = space.to_xarray()
     with xarray.open_zarr(tmp_path / "map.zarr", consolidated=False, chunks=None) as opened:
-        states = opened.state.isel(slice=opened.slice_of) if space.rotations.dof else opened.state.isel(slice=0)
-        np.testing.assert_array_equal(states, expected.state)
+        states = (
+            opened.cell_states.isel(slice=opened.slice_of)
+            if space.rotations.names
+            else opened.cell_states.isel(slice=0)
+        )
+        np.testing.assert_array_equal(states, expected.cell_states)
         assert {key: opened.attrs[key] for key in expected.attrs} == expected.attrs
-        assert opened.state.attrs == expected.state.attrs
+        assert opened.cell_states.attrs == expected.cell_states.attrs
 
 
 def test_numpy_reads_an_npz_without_this_library(tmp_path: Path, space: cspace.CSpace) -> None:
     space.export(tmp_path / "map.npz")
     with np.load(tmp_path / "map.npz", allow_pickle=False) as held:
-        states = held["state"][held["slice_of"]]
-        np.testing.assert_array_equal(states if space.rotations.dof else states[0], space.state)
+        states = held["cell_states"][held["slice_of"]]
+        np.testing.assert_array_equal(states if space.rotations.names else states[0], space.cell_states)
         assert (tuple(held["lower"]), held["spacing"]) == (space.grid.lower, space.grid.spacing)
         assert json.loads(str(held["metadata"])) == space.to_xarray().attrs
         np.testing.assert_array_equal(held["outer"], space.workspace.outer)
@@ -466,11 +472,13 @@ def test_open_reads_one_tile_and_leaves_several_in_their_store(tmp_path: Path, f
         opened, in_memory, tiled = (cspace.open(tmp_path / name, asked) for asked in (None, True, False))
         assert isinstance(opened, cspace.TiledCSpace if name == "several" else cspace.CSpace)
         assert isinstance(in_memory, cspace.CSpace) and isinstance(tiled, cspace.TiledCSpace)
-        same(few, in_memory) if name == "saved" else np.testing.assert_array_equal(in_memory.state, few.state)
+        same(few, in_memory) if name == "saved" else np.testing.assert_array_equal(
+            in_memory.cell_states, few.cell_states
+        )
         for each in (in_memory, tiled):
             assert each.count() == few.count()
             np.testing.assert_array_equal(each.classify(q), few.classify(q))
-            np.testing.assert_array_equal(each.path_exists(q[:50], q[50:100]), few.path_exists(q[:50], q[50:100]))
+            np.testing.assert_array_equal(proven_paths(each, q[:50], q[50:100]), proven_paths(few, q[:50], q[50:100]))
         np.testing.assert_array_equal(cspace.open_slice(tmp_path / name, 1.0), few.states_at(1.0))
 
 
@@ -482,7 +490,7 @@ def test_a_map_that_is_half_done_opens_in_its_store_alone(tmp_path: Path, few: c
     with pytest.raises(KeyboardInterrupt):
         cspace.build(few.workspace, few.robot, rotations=4, store=tmp_path / "m", tile=2, workers=1, progress=stop)
     half: Any = cspace.open(tmp_path / "m")
-    assert 0.0 < half.done < 1.0
+    assert 0.0 < half.progress < 1.0
     for read in (lambda: cspace.open(tmp_path / "m", in_memory=True), lambda: cspace.open_slice(tmp_path / "m", 0.0)):
         with pytest.raises(FileError, match=r"done; .*run the same build again"):
             read()
@@ -509,7 +517,7 @@ def test_an_update_of_a_saved_map_forgets_what_it_makes_untrue(tmp_path: Path) -
     patch = np.ones((2, 2), dtype=bool)
     assert tiled.update(patch, (4, 4)).changed == space.update(patch, (4, 4)).changed
     again = cspace.open(tmp_path / "m")
-    np.testing.assert_array_equal(again.state, space.state)
-    np.testing.assert_array_equal(again.record.exterior, space.record.exterior)
+    np.testing.assert_array_equal(again.cell_states, space.cell_states)
+    np.testing.assert_array_equal(again._kernel_map.exterior, space._kernel_map.exterior)
     assert again.workspace.unknown is None and again.workspace.shapes is None
     assert not {"unknown", "shapes", "exterior"} & {entry.name for entry in (tmp_path / "m").iterdir()}

@@ -38,11 +38,11 @@ def random_workspace(shape, seed=0, two=False):
 
 def stored_states(path):
     """All states of a store, by slice, read by Zarr itself."""
-    return zarr.open_group(str(path), mode="r")["state"][...]
+    return zarr.open_group(str(path), mode="r")["cell_states"][...]
 
 
 def same_states(path, space):
-    np.testing.assert_array_equal(stored_states(path).reshape(space.record.states.shape), space.record.states)
+    np.testing.assert_array_equal(stored_states(path).reshape(space._kernel_map.states.shape), space._kernel_map.states)
 
 
 @pytest.mark.parametrize("name", SPACES)
@@ -54,7 +54,7 @@ def test_equals_the_map_in_memory(name, outside, tmp_path):
     tiled = cspace.build(workspace, robot, rotations=rotations, outside=outside, store=tmp_path / "m", tile=7)
     same_states(tmp_path / "m", space)
     assert tiled.count() == space.count()
-    assert tiled.done == 1.0
+    assert tiled.progress == 1.0
     group = zarr.open_group(str(tmp_path / "m"), mode="r")
     np.testing.assert_array_equal(group["outer"][...], workspace.outer)
     if outside == "free":
@@ -100,7 +100,7 @@ def check_half_done(path, space, known=()):
             cells = store.cells(index)
             own = tuple(slice(0, part.stop - part.start) for part in cells)
             for k, number in enumerate(store.numbers(layer)):
-                np.testing.assert_array_equal(states[(k, *own)], space.record.states[(number, *cells)])
+                np.testing.assert_array_equal(states[(k, *own)], space._kernel_map.states[(number, *cells)])
     return set(store.done())
 
 
@@ -127,7 +127,7 @@ def test_killed_twenty_times(tmp_path):
         if not path.exists():
             continue
         tiled = cspace.open(path)
-        if tiled.done < 1.0:
+        if tiled.progress < 1.0:
             with pytest.raises(FileError, match="done"):
                 tiled.classify([0.0, 0.0, 0.0])
         now = check_half_done(path, space, done)
@@ -164,7 +164,7 @@ def test_a_full_disk(tmp_path, monkeypatch):
     monkeypatch.undo()
     space = cspace.build(workspace, CAR)
     check_half_done(tmp_path / "m", space)
-    assert 0.0 < cspace.open(tmp_path / "m").done < 1.0
+    assert 0.0 < cspace.open(tmp_path / "m").progress < 1.0
     cspace.build(workspace, CAR, store=tmp_path / "m", tile=8)
     same_states(tmp_path / "m", space)
 
@@ -207,8 +207,8 @@ def test_stores_of_something_else(tmp_path):
     cspace.build(first, CAR, store=tmp_path / "p", tile=4)
     with pytest.raises(FileError, match="was another one"):
         cspace.build(other, CAR, store=tmp_path / "p", tile=4)
-    with pytest.raises(InputError, match="overlap"):
-        cspace.build(workspace, CAR, store=tmp_path / "m", tile=4, overlap=True)
+    with pytest.raises(InputError, match="overlap_counts"):
+        cspace.build(workspace, CAR, store=tmp_path / "m", tile=4, counts=True)
 
 
 def test_a_task_that_does_not_fit(tmp_path, monkeypatch):

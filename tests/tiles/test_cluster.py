@@ -182,7 +182,7 @@ def test_the_command_on_a_live_cluster(live, tmp_path, monkeypatch):
         assert code == 130, seen
         assert "cells/s" in seen
         assert "interrupted" in seen
-        assert 0.0 < cspace.open(tmp_path / "m.zarr").done < 1.0
+        assert 0.0 < cspace.open(tmp_path / "m.zarr").progress < 1.0
         (tmp_path / "go on").touch()
         monkeypatch.chdir(tmp_path)
         result = run(*command)
@@ -245,7 +245,7 @@ def test_the_scheduler_is_killed(live, tmp_path):
         with pytest.raises(CspaceError, match="run the same again"):
             cspace.build(workspace, CAR, rotations=8, store=tmp_path / "m", tile=30, client=client, progress=kill)
         client.close()
-    assert 0.0 < cspace.open(tmp_path / "m").done < 1.0
+    assert 0.0 < cspace.open(tmp_path / "m").progress < 1.0
     space = cspace.build(workspace, CAR, rotations=8)
     check_half_done(tmp_path / "m", space)
     cspace.build(workspace, CAR, rotations=8, store=tmp_path / "m", tile=30)

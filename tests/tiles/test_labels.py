@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 import cspace
 from handmade import exterior_blocked
+from maps import proven_paths
 from tiles.test_build import CAR, random_workspace
 
 
@@ -13,7 +14,7 @@ def endpoints(space, n, rng):
     """Pairs of configurations, in the grid and around it."""
     grid = space.grid
     position = rng.uniform(np.array(grid.lower) - 0.3, np.array(grid.upper) + 0.3, (2, n, grid.dim))
-    turn = rng.normal(size=(2, n, space.dof - grid.dim)) * 3.0
+    turn = rng.normal(size=(2, n, space.size - grid.dim)) * 3.0
     if turn.shape[-1] == 4:
         turn /= np.linalg.norm(turn, axis=-1)[..., None]
     return np.concatenate([position, turn], axis=-1)
@@ -21,9 +22,9 @@ def endpoints(space, n, rng):
 
 def same_answers(tiled, space, rng, n=300):
     q0, q1 = endpoints(space, n, rng)
-    expected = space.path_exists(q0, q1)
-    np.testing.assert_array_equal(tiled.path_exists(q0, q1), expected)
-    assert tiled.path_exists(q0[0], q1[0]) is expected[0]
+    expected = proven_paths(space, q0, q1)
+    np.testing.assert_array_equal(proven_paths(tiled, q0, q1), expected)
+    assert proven_paths(tiled, q0[0], q1[0]) is expected[0]
     return {str(answer) for answer in expected}
 
 
@@ -48,10 +49,10 @@ def test_mazes(seed, tile, density, tmp_path_factory):
 def test_an_update_labels_again_what_it_changed(tmp_path):
     workspace = cspace.Workspace.from_array(exterior_blocked((60, 60), np.s_[30]), 0.1)
     tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "m", tile=10)
-    assert tiled.path_exists([1.0, 1.0], [5.0, 5.0]) is False
+    assert tiled.is_disconnected([1.0, 1.0], [5.0, 5.0])
     written = {file: file.stat().st_mtime_ns for file in (tmp_path / "m" / "labels_0").rglob("*") if file.is_file()}
     tiled.update(np.zeros((10, 10), bool), (25, 45))
-    assert tiled.path_exists([1.0, 1.0], [5.0, 5.0]) is True
+    assert tiled.is_connected([1.0, 1.0], [5.0, 5.0])
     changed = [file for file, time in written.items() if file.stat().st_mtime_ns != time]
     assert 0 < len(changed) <= 4
 
@@ -59,7 +60,7 @@ def test_an_update_labels_again_what_it_changed(tmp_path):
 def test_damaged_labels_are_made_again(tmp_path):
     workspace = random_workspace((40, 33))
     tiled = cspace.build(workspace, CAR, rotations=4, store=tmp_path / "m", tile=9)
-    tiled.label()
+    tiled.compute_components()
     for file in list((tmp_path / "m" / "labels_1" / "c").rglob("0"))[:3]:
         if file.is_file():
             file.write_bytes(file.read_bytes()[:-3])

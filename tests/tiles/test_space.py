@@ -34,7 +34,7 @@ def configurations(space, n, rng):
     position[: n // 2] = np.array(grid.lower) + grid.spacing * np.round(
         (position[: n // 2] - grid.lower) / grid.spacing
     )
-    turn = rng.normal(size=(n, space.dof - grid.dim)) * 3.0
+    turn = rng.normal(size=(n, space.size - grid.dim)) * 3.0
     if turn.shape[1] == 4:
         turn /= np.linalg.norm(turn, axis=1)[:, None]
     return np.hstack([position, turn])
@@ -77,7 +77,7 @@ def test_decoded_tiles_take_no_more_memory_than_they_may(limit):
 def test_slices_are_those_of_the_map(name, tmp_path):
     space, tiled = pair(name, tmp_path)
     for each in (space, tiled, pickle.loads(pickle.dumps(space))):
-        assert each.slice_rotations.shape == (each.slice_of.max() + 1, space.dof - space.grid.dim)
+        assert each.slice_rotations.shape == (each.slice_of.max() + 1, space.size - space.grid.dim)
         full = np.hstack([np.zeros((len(each.slice_rotations), space.grid.dim)), each.slice_rotations])
         assert each.slice_of[each.rotations.cells_of(full)].tolist() == list(range(len(full)))
         with pytest.raises(ValueError, match="read-only"):
@@ -131,14 +131,14 @@ def test_what_is_opened(tmp_path):
     space, _ = pair("yaw", tmp_path)
     opened = cspace.open(tmp_path / "m.zarr")
     for each in (opened, pickle.loads(pickle.dumps(opened))):
-        assert (each.grid, each.axes, each.outside, each.dof) == (space.grid, space.axes, space.outside, space.dof)
+        assert (each.grid, each.axes, each.outside, each.size) == (space.grid, space.axes, space.outside, space.size)
         assert (each.robot.spec, each.rotations) == (space.robot.spec, space.rotations)
     assert "tiles of 7 x 7" in repr(opened)
-    for name in ("sample_free", "reachable_bounds", "state"):
+    for name in ("sample_free", "reachable_bounds", "cell_states"):
         with pytest.raises(ConfigurationError, match="window"):
             getattr(opened, name)
     with pytest.raises(ConfigurationError, match=r"place needs a map in memory.*update"):
-        opened.place("cart", [(0.0, 0.0)], radius=0.1)
+        opened.add_obstacle("cart", [(0.0, 0.0)], radius=0.1)
     q = np.zeros(3)
     for look_up in (opened.is_free, lambda q, **exact: opened.motion_is_free(q, q, **exact)):
         with pytest.raises(ConfigurationError, match=r"exact needs a map in memory.*window"):
@@ -157,8 +157,7 @@ def test_all_that_only_maps_in_memory_can_do_is_refused_and_documented(tmp_path)
             getattr(tiled, name)
         assert hint in str(caught.value)
     page = (Path(cspace.__file__).parents[1] / "docs" / "large.md").read_text(encoding="utf-8")
-    internal = {"record", "own_record", "marks"}
-    assert not [name for name in listed.keys() - internal if f"`{name}`" not in page]
+    assert not [name for name in listed if f"`{name}`" not in page]
 
 
 def test_what_a_planner_of_ones_own_needs(tmp_path):
@@ -169,7 +168,7 @@ def test_what_a_planner_of_ones_own_needs(tmp_path):
     space = cspace.build(workspace, cspace.Robot.disc(0.15))
     tiled = cspace.build(workspace, cspace.Robot.disc(0.15), store=tmp_path / "m", tile=15)
     start, goal, path = (0.7, 3.2), (5.3, 3.2), np.empty((0, 2))
-    legs = tiled.legs(start, goal)
+    legs = tiled._tile_subproblems(start, goal)
     assert len(legs) > 3
     for open_part, first, last in legs:
         path = np.vstack([path, open_part().find_path(first, last)])
@@ -178,7 +177,9 @@ def test_what_a_planner_of_ones_own_needs(tmp_path):
         assert tiled.nearest_free(q) == pytest.approx(space.nearest_free(q))
     walls[30:32] = True
     workspace = cspace.Workspace.from_array(walls, 0.1)
-    assert not cspace.build(workspace, cspace.Robot.disc(0.15), store=tmp_path / "o", tile=15).legs(start, goal)
+    assert not cspace.build(workspace, cspace.Robot.disc(0.15), store=tmp_path / "o", tile=15)._tile_subproblems(
+        start, goal
+    )
     with pytest.raises(ConfigurationError, match="no FREE cell"):
         cspace.build(workspace, cspace.Robot.disc(9.0), store=tmp_path / "n", tile=15).nearest_free(start)
 
@@ -191,7 +192,7 @@ def test_configurations_that_are_none(tmp_path):
             look_up(q)
 
 
-@pytest.mark.parametrize("name", ["state", "record", "zarr.json", "slice_of"])
+@pytest.mark.parametrize("name", ["cell_states", "record", "zarr.json", "slice_of"])
 def test_a_damaged_file_is_no_answer(name, tmp_path):
     space, _ = pair("yaw", tmp_path)
     file = tmp_path / "m.zarr" / name
@@ -214,7 +215,7 @@ def test_a_damaged_file_is_no_answer(name, tmp_path):
 
 def test_swapped_chunks_are_no_answer(tmp_path):
     space, tiled = pair("plane", tmp_path)
-    first, last = (tmp_path / "m.zarr" / "state" / "c" / "0" / part for part in ("0/0", "3/2"))
+    first, last = (tmp_path / "m.zarr" / "cell_states" / "c" / "0" / part for part in ("0/0", "3/2"))
     one, two = first.read_bytes(), last.read_bytes()
     assert one != two
     first.write_bytes(two)

@@ -41,7 +41,7 @@ def test_equals_a_build(seed, outside, two, tmp_path_factory):
 def test_only_the_tiles_that_are_reached(tmp_path):
     workspace = random_workspace((200, 200))
     tiled = cspace.build(workspace, cspace.Robot.disc(0.3), store=tmp_path / "m", tile=20)
-    before = {file: file.stat().st_mtime_ns for file in (tmp_path / "m" / "state").rglob("*") if file.is_file()}
+    before = {file: file.stat().st_mtime_ns for file in (tmp_path / "m" / "cell_states").rglob("*") if file.is_file()}
     tiled.update(np.ones((3, 3), bool), (108, 108))
     changed = {file for file, written in before.items() if file.stat().st_mtime_ns != written}
     assert {file.parts[-2:] for file in changed} <= {(str(i), str(j)) for i in (5,) for j in (5,)}

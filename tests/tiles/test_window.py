@@ -22,7 +22,7 @@ def build_both(name, outside, folder):
 def within(space, lower, upper, n, rng):
     """Configurations in a box, off the borders of cells, where rounding may choose either."""
     position = rng.uniform(lower, upper, (n, len(lower)))
-    return np.hstack([position, rng.uniform(-4, 4, (n, space.dof - len(lower)))])
+    return np.hstack([position, rng.uniform(-4, 4, (n, space.size - len(lower)))])
 
 
 def triangles():
@@ -69,7 +69,7 @@ def test_a_window_of_all_is_the_map(tmp_path):
     space, tiled = build_both("yaw", "blocked", tmp_path)
     window = tiled.window(space.grid.lower, space.grid.upper)
     assert (window.outside, window.grid) == (space.outside, space.grid)
-    np.testing.assert_array_equal(window.state, space.state)
+    np.testing.assert_array_equal(window.cell_states, space.cell_states)
     q = within(space, np.array(space.grid.lower) - 2, np.array(space.grid.upper) + 2, 500, np.random.default_rng(0))
     np.testing.assert_array_equal(window.classify(q), space.classify(q))
     np.testing.assert_array_equal(window.clearance(q), space.clearance(q))
@@ -103,7 +103,7 @@ def test_an_overview_is_proven(name, tmp_path):
         seen = tiled.overview(most)
         assert max(seen.grid.shape) <= most
         factor = round(seen.grid.spacing / space.grid.spacing)
-        states = space.record.states
+        states = space._kernel_map.states
         sides = [factor * n for n in seen.grid.shape]
         padded = np.full((len(states), *sides), cspace.MIXED, dtype=np.uint8)
         padded[(slice(None), *(slice(0, n) for n in space.grid.shape))] = states
@@ -111,6 +111,6 @@ def test_an_overview_is_proven(name, tmp_path):
         axes = tuple(range(2, pieces.ndim, 2))
         free, blocked = (pieces == cspace.FREE).all(axis=axes), (pieces == cspace.BLOCKED).all(axis=axes)
         expected = np.where(free, cspace.FREE, np.where(blocked, cspace.BLOCKED, cspace.MIXED))
-        np.testing.assert_array_equal(seen.record.states, expected)
+        np.testing.assert_array_equal(seen._kernel_map.states, expected)
     with pytest.raises(InputError, match="most"):
         tiled.overview(0)

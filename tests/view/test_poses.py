@@ -15,7 +15,7 @@ SPACES = [(2, None), (2, 8), (3, None), (3, 8), (3, Rotations.quaternions(2))]
 def test_poses_become_configurations_again(dim: int, cells: object) -> None:
     rotations, rng = Rotations.of(cells), np.random.default_rng(0)  # type: ignore[arg-type]
     poses = Poses(dim, rotations)
-    assert poses.angles == {0: (), 1: ("yaw",), 4: ("roll", "pitch", "yaw")}[rotations.dof]
+    assert poses.angles == {0: (), 1: ("yaw",), 4: ("roll", "pitch", "yaw")}[len(rotations.names)]
     for _ in range(20):
         q = np.concatenate([rng.normal(size=dim), rotations.sample(np.array([0]), 0.0, rng)[0]])
         degrees = poses.degrees(q)
