@@ -1,4 +1,4 @@
-"""Sums and bounds ring by ring, what two balls have in common, and norms: what the proofs of overlaps stand on."""
+"""Ring sums and their bounds, pair integrals, and norms: the basis of overlap proofs."""
 
 import itertools
 import math
@@ -29,8 +29,8 @@ DIMS = [2, 3]
         (0.99, Verdict.HIT, 2),
     ],
 )
-def test_sums_decide_in_spite_of_all_that_is_not_known(threshold: float, verdict: Verdict, count: int) -> None:
-    """One frequency with the term 1, one with 0.5; and bounds of what is left, rounding included."""
+def test_separate_decides_within_its_bounds(threshold: float, verdict: Verdict, count: int) -> None:
+    """Sum one frequency with the term 1 and one with 0.5, with bounds of the remainder and of rounding."""
     bounds = np.array([9.0, 9.0, 8.25 if verdict is Verdict.UNDECIDED and threshold > 2.0 else 0.5])
     rings = np.array([[0, 0], [1, 0]], dtype=np.int16), np.array([0, 1, 2]), np.array([[0, 0], [1, 0]]), np.ones(2)
     known = Terms(np.array([1.0, 0.5], dtype=np.complex128), bounds, *rings)
@@ -39,8 +39,8 @@ def test_sums_decide_in_spite_of_all_that_is_not_known(threshold: float, verdict
 
 
 @pytest.mark.parametrize("dim", DIMS)
-def test_errors_of_spectra_are_in_the_bounds_to_the_full(dim: int) -> None:
-    """Where every modulus is too small, by as much as may be, what is known of sums and of the rest is just right."""
+def test_bounds_include_the_full_errors_of_spectra(dim: int) -> None:
+    """If every modulus is too small by its full error, the bounds are just sufficient."""
     rings = Rings.of(np.linspace(1.0, 1.5, dim), (4,) * dim)
     rng = np.random.default_rng(0)
     true = rng.uniform(1.0, 2.0, (2, len(rings.indices))) * np.exp(2j * np.pi * rng.random((2, len(rings.indices))))
@@ -60,7 +60,7 @@ def test_errors_of_spectra_are_in_the_bounds_to_the_full(dim: int) -> None:
 
 
 @pytest.mark.parametrize("dim", DIMS)
-def test_bounds_fall_from_ring_to_ring_and_rings_hold_each_frequency_a_single_time(dim: int) -> None:
+def test_bounds_decrease_and_rings_contain_each_frequency_once(dim: int) -> None:
     rng = np.random.default_rng(29)
     balls = [BallDescriptor(rng.uniform(0.0, 1.0, (6, dim)), np.full(6, 0.2)) for _ in range(2)]
     rings = Rings.of(np.linspace(3.0, 4.0, dim), (20, 24, 28)[:dim])
@@ -75,8 +75,8 @@ def test_bounds_fall_from_ring_to_ring_and_rings_hold_each_frequency_a_single_ti
     assert (first[1:] >= last[:-1] - 1e-9).all()
 
 
-def test_what_is_outside_the_band_is_never_understated() -> None:
-    """A band of a few frequencies, and a spectrum whose accuracy leaves its energy unsure."""
+def test_tail_bounds_the_energy_outside_the_band() -> None:
+    """Use a band of few frequencies, and a spectrum so inaccurate that its energy is uncertain."""
     balls = BallDescriptor(np.random.default_rng(0).uniform(0.0, 1.0, (6, 2)), np.full(6, 0.1))
     rings = Rings.of(np.full(2, 3.0), (6, 6))
     norm = norm_square(balls)
@@ -93,8 +93,8 @@ def test_what_is_outside_the_band_is_never_understated() -> None:
     assert Spectrum.of(far, far.center, rings, 1e-12, norm).error > 100.0 * best.error
 
 
-def of_all_pairs(balls: BallDescriptor) -> tuple[float, float]:
-    """Sum over all pairs of what they have in common, and by how much it may be off."""
+def sum_all_pairs(balls: BallDescriptor) -> tuple[float, float]:
+    """Sum the integrals of all pairs; return the sum and its error."""
     gaps = np.linalg.norm(balls.centers[:, None] - balls.centers, axis=2)
     first, second = np.meshgrid(balls.radii, balls.radii, indexing="ij")
     close = gaps < first + second
@@ -104,7 +104,7 @@ def of_all_pairs(balls: BallDescriptor) -> tuple[float, float]:
 
 @pytest.mark.parametrize("dim", DIMS)
 @pytest.mark.parametrize("alpha", [1.0, 2.0, 8.0, math.inf])
-def test_pairs_are_as_by_adaptive_quadrature(dim: int, alpha: float) -> None:
+def test_pair_integrals_agree_with_adaptive_quadrature(dim: int, alpha: float) -> None:
     bump = Bump(alpha)
     rows = np.array(
         [[1.0, 1.0, 0.0], [1.0, 1.0, 1.0], [0.3, 1.0, 0.1], [1.0, 0.4, 0.9], [2.0, 0.5, 2.3], [1.0, 1.0, 1.8]]
@@ -119,18 +119,18 @@ def test_pairs_are_as_by_adaptive_quadrature(dim: int, alpha: float) -> None:
 @pytest.mark.parametrize("dim", DIMS)
 @pytest.mark.parametrize("alpha", [2.0, math.inf])
 @pytest.mark.parametrize("number", [5, 60])
-def test_norms_are_sums_over_all_pairs(dim: int, alpha: float, number: int) -> None:
+def test_norm_square_sums_all_pairs(dim: int, alpha: float, number: int) -> None:
     rng = np.random.default_rng(number)
     balls = BallDescriptor(rng.uniform(0.0, 1.0, (number, dim)), rng.choice([0.1, 0.25], number), Bump(alpha))
     value, error = norm_square(balls)
-    expected, off = of_all_pairs(balls)
+    expected, off = sum_all_pairs(balls)
     assert abs(value - expected) <= error + off
     assert error < 1e-6 * value
 
 
 @settings(max_examples=15)
 @given(seeds, st.sampled_from(DIMS), st.sampled_from([1.0, 2.0, 4.0, math.inf]), st.floats(0.05, 1.0))
-def test_balls_that_touched_overlap_by_the_threshold(seed: int, dim: int, alpha: float, swell: float) -> None:
+def test_balls_that_touched_exceed_the_threshold(seed: int, dim: int, alpha: float, swell: float) -> None:
     rng = np.random.default_rng(seed)
     bump = Bump(alpha)
     sets = [BallDescriptor(np.zeros((3, dim)), rng.uniform(0.1, 1.0, 3), bump) for _ in range(2)]
@@ -147,8 +147,8 @@ def test_balls_that_touched_overlap_by_the_threshold(seed: int, dim: int, alpha:
 
 @pytest.mark.parametrize("dim", DIMS)
 @pytest.mark.parametrize("alpha", [7.5797625560598335, 88.42775019495995, 950.0])
-def test_what_touching_balls_share_is_known_of_steep_bumps_too(dim: int, alpha: float) -> None:
-    """Rules of some nodes each may agree by chance where neither resolves the flank."""
+def test_touching_overlap_is_accurate_for_steep_bumps(dim: int, alpha: float) -> None:
+    """Coarse quadrature rules may agree by chance if none of them resolves the flank."""
     bump = Bump(alpha)
     for radius, swell in itertools.product(np.linspace(0.3, 3.0, 7).tolist(), [0.037, 0.11, 0.6]):
         one, other = (BallDescriptor(np.zeros((1, dim)), np.array([r]), bump) for r in (1.0, radius))
@@ -159,7 +159,7 @@ def test_what_touching_balls_share_is_known_of_steep_bumps_too(dim: int, alpha: 
 
 @pytest.mark.parametrize("dim", DIMS)
 @pytest.mark.parametrize("alpha", [0.03, 0.5, 40.0, 976.0, math.inf])
-def test_norms_of_needles_and_cliffs_hold_their_error(dim: int, alpha: float) -> None:
+def test_norm_square_bounds_its_error_for_extreme_bumps(dim: int, alpha: float) -> None:
     bump = Bump(alpha)
     for other in (0.2447, 1.7):
         balls = BallDescriptor(np.zeros((2, dim)), np.array([1.0, other]), bump)
@@ -171,18 +171,18 @@ def test_norms_of_needles_and_cliffs_hold_their_error(dim: int, alpha: float) ->
 
 
 @pytest.mark.parametrize("dim", DIMS)
-def test_norms_of_many_radii_and_of_coincident_balls(dim: int) -> None:
+def test_norm_square_handles_many_radii_and_coincident_balls(dim: int) -> None:
     rng = np.random.default_rng(1)
     centers = rng.uniform(0.0, 1.0, (40, dim))
     centers[35:] = centers[34]
     balls = BallDescriptor(centers, np.append(rng.uniform(0.01, 0.3, 30), np.full(10, 0.2)))
     value, error = norm_square(balls)
-    expected, off = of_all_pairs(balls)
+    expected, off = sum_all_pairs(balls)
     assert abs(value - expected) <= error + off
     assert error < 1e-4 * value
 
 
-def test_norms_by_batches_of_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_norm_square_does_not_depend_on_the_batch_size(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(3)
     balls = BallDescriptor(rng.uniform(0.0, 1.0, (90, 2)), rng.choice([0.1, 0.2, 0.33], 90))
     value, error = norm_square(balls)
@@ -191,7 +191,7 @@ def test_norms_by_batches_of_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
     assert again == pytest.approx(value, rel=1e-9, abs=error + off)
 
 
-def test_rounded_radii_only_grow_or_only_shrink() -> None:
+def test_round_radii_only_grows_or_only_shrinks() -> None:
     radii = np.random.default_rng(0).uniform(0.1, 2.0, 50)
     balls = BallDescriptor(np.zeros((50, 2)), radii)
     for number in (1, 2, 3, 8):
@@ -202,8 +202,8 @@ def test_rounded_radii_only_grow_or_only_shrink() -> None:
     assert balls.round_radii(50, up=True) is balls
 
 
-def test_balls_that_touch_but_for_rounding_share_less() -> None:
-    """The least of pairs of radii, each a little farther apart than they are wide."""
+def test_slack_lowers_the_touching_overlap() -> None:
+    """The smallest pair of radii decides, each pair slightly farther apart than it is wide."""
     bump = Bump(2.0)
     one, other = (BallDescriptor(np.zeros((2, 2)), np.array(radii), bump) for radii in ([0.4, 1.0], [0.7, 2.0]))
     for slack in (0.0, 0.01, 0.05):
@@ -212,8 +212,8 @@ def test_balls_that_touch_but_for_rounding_share_less() -> None:
         assert touching_overlap(one, other, 0.3, slack) == pytest.approx(exact, rel=1e-7)
 
 
-def test_errors_of_tables_count_for_every_pair() -> None:
-    """Of a steep bump, and so many pairs of two radii that they are interpolated between few distances."""
+def test_norm_square_adds_the_table_error_of_every_pair() -> None:
+    """A steep bump has so many pairs of two radii that they are interpolated between few distances."""
     rng = np.random.default_rng(0)
     balls = BallDescriptor(rng.uniform(0.0, 0.6, (14, 2)), np.full(14, 0.4), Bump(300.0))
     value, error = norm_square(balls)
@@ -227,8 +227,8 @@ def test_errors_of_tables_count_for_every_pair() -> None:
 
 
 @pytest.mark.parametrize("alpha", [2.0, 300.0, 3000.0])
-def test_the_least_of_many_pairs_that_touch(alpha: float) -> None:
-    """Where rules resolve nothing, the pair that seems the least need not be it."""
+def test_touching_overlap_finds_the_smallest_pair(alpha: float) -> None:
+    """If rules resolve nothing, the pair that seems smallest need not be the smallest."""
     bump = Bump(alpha)
     rng = np.random.default_rng(0)
     one, other = (BallDescriptor(np.zeros((4, 2)), radii, bump) for radii in rng.uniform(1.0, 1.02, (2, 4)))

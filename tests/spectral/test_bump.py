@@ -1,4 +1,4 @@
-"""The bump: its values, its radial spectrum and the integral over pairs, against scipy's adaptive quadrature."""
+"""Bump values, radial spectra and pair integrals, against scipy's adaptive quadrature."""
 
 import itertools
 import math
@@ -20,7 +20,7 @@ DIMS = [2, 3]
 
 
 def plain(s, alpha):
-    """The definition, in plain Python."""
+    """Evaluate the definition in plain Python."""
     if s >= 1.0:
         return 0.0
     if s == 0.0 or alpha == math.inf:
@@ -34,7 +34,7 @@ def plain(s, alpha):
 
 
 def reference(alpha, dim, k):
-    """The transform by adaptive quadrature, in the logarithm of s where the bump has a cusp."""
+    """Compute the transform by adaptive quadrature, in log(s) near the cusp of the bump."""
     kernel = j0 if dim == 2 else lambda x: np.sinc(x / math.pi)
     surface = 2.0 * math.pi if dim == 2 else 4.0 * math.pi
 
@@ -58,7 +58,7 @@ def reference(alpha, dim, k):
 @pytest.mark.filterwarnings("ignore::scipy.integrate.IntegrationWarning")
 @pytest.mark.parametrize("dim", DIMS)
 @pytest.mark.parametrize("alpha", [0.01, 0.5, 2.0, 10.0, 1e4, math.inf])
-def test_the_spectrum_is_what_adaptive_quadrature_finds(alpha, dim):
+def test_radial_spectrum_agrees_with_adaptive_quadrature(alpha, dim):
     bump = Bump(alpha)
     k = np.array([0.0, 1e-9, 1e-3, 0.0795, 0.0797, 0.37, 1.0, 4.6, 33.3])
     expected = np.array([reference(alpha, dim, each) for each in k])
@@ -67,7 +67,7 @@ def test_the_spectrum_is_what_adaptive_quadrature_finds(alpha, dim):
 
 @pytest.mark.parametrize("dim", DIMS)
 @pytest.mark.parametrize("alpha", [0.3, 2.0, 30.0])
-def test_high_frequencies_agree_with_a_rule_for_oscillating_integrals(alpha, dim):
+def test_radial_spectrum_agrees_with_oscillatory_quadrature_at_high_frequencies(alpha, dim):
     k = np.array([150.3, 500.0, 2000.7])
     if dim == 3:
         options = {"epsabs": 1e-15, "limit": 2000, "weight": "sin"}
@@ -82,7 +82,7 @@ def test_high_frequencies_agree_with_a_rule_for_oscillating_integrals(alpha, dim
             ]
             expected.append(2.0 / each * sum(parts))
     else:
-        # One mean value over the circle turns the plane's kernel into waves, on many more nodes than the rule has.
+        # Use many more nodes than the rule under test.
         nodes, weights = np.polynomial.legendre.leggauss(20)
         borders = np.unique(
             np.concatenate([0.5 ** np.arange(60.0), 1.0 - 0.5 ** np.arange(1.0, 30.0), np.linspace(0, 1, 1500)])
@@ -97,8 +97,8 @@ def test_high_frequencies_agree_with_a_rule_for_oscillating_integrals(alpha, dim
 
 @pytest.mark.parametrize("dim", DIMS)
 @pytest.mark.parametrize(("alpha", "most"), [(0.2, 60.0), (40.0, 200.0), (math.inf, 60.0)])
-def test_the_table_tells_the_spectrum(alpha, most, dim):
-    """However high it goes: each interval of a table is as good as the others; one is made in parts."""
+def test_table_interpolates_the_spectrum(alpha, most, dim):
+    """Every interval of a table is equally accurate, at any frequency; one table is computed in parts."""
     bump = Bump(alpha)
     k = np.concatenate([np.random.default_rng(0).uniform(0.0, most, 500), np.arange(0.0, most + 0.5, 0.5), [most]])
     exact = bump.radial_spectrum(k, dim)
@@ -111,7 +111,7 @@ def test_the_table_tells_the_spectrum(alpha, most, dim):
 
 
 @pytest.mark.parametrize("alpha", ALPHAS)
-def test_values_are_those_of_the_definition(alpha):
+def test_profile_agrees_with_the_definition(alpha):
     s = np.array([0.0, 1e-300, 1e-9, 0.1, 0.3, 0.5, 0.77, 0.9, 1.0 - 1e-3, 1.0, 1.0 + 1e-9, 3.0, 1e300])
     expected = np.array([plain(each, alpha) for each in s])
     values = Bump(alpha).profile(s)
@@ -121,7 +121,7 @@ def test_values_are_those_of_the_definition(alpha):
 
 
 @given(st.floats(0.01, 1e4), st.floats(0.0, 1.2), st.floats(0.0, 1.2))
-def test_it_falls_with_the_distance_and_rises_with_alpha(alpha, first, second):
+def test_profile_decreases_with_distance_and_increases_with_alpha(alpha, first, second):
     near, far = sorted([first, second])
     bump = Bump(alpha)
     assert bump.profile(near) >= bump.profile(far)
@@ -130,7 +130,7 @@ def test_it_falls_with_the_distance_and_rises_with_alpha(alpha, first, second):
 
 
 @pytest.mark.parametrize("dim", DIMS)
-def test_a_large_alpha_tends_to_the_indicator(dim):
+def test_spectrum_converges_to_the_indicator_for_large_alpha(dim):
     k = np.linspace(0.0, 5.0, 50)
     exact = Bump(math.inf).radial_spectrum(k, dim)
     errors = [np.abs(Bump(alpha).radial_spectrum(k, dim) - exact).max() for alpha in (10.0, 100.0, 1000.0)]
@@ -138,7 +138,7 @@ def test_a_large_alpha_tends_to_the_indicator(dim):
 
 
 def lens_by_quadrature(a, b, distance, dim):
-    """Slices of the lens across the line of centres, in the depth of each cap, so that nothing cancels."""
+    """Integrate slices of the lens across the line of centers, in the depth of each cap, to avoid cancellation."""
     middle = (distance**2 + a**2 - b**2) / (2.0 * distance)
     total = 0.0
     for radius, height in ((a, a - middle), (b, b - (distance - middle))):
@@ -152,7 +152,7 @@ def lens_by_quadrature(a, b, distance, dim):
 
 @pytest.mark.parametrize("dim", DIMS)
 @pytest.mark.parametrize(("a", "b"), [(1.0, 1.0), (0.3, 1.1), (2.0, 0.7)])
-def test_intersections_agree_with_indicators(a, b, dim):
+def test_indicator_pairs_agree_with_the_lens(a, b, dim):
     bump = Bump(math.inf)
     for share in (1e-3, 0.01, 0.3, 0.8, 0.99):
         distance = abs(a - b) + (1.0 - share) * (a + b - abs(a - b))
@@ -164,8 +164,8 @@ def test_intersections_agree_with_indicators(a, b, dim):
 
 
 @pytest.mark.parametrize("depth", [1e-3, 1e-6, 1e-9])
-def test_thin_intersections_keep_their_relative_accuracy(depth):
-    # To leading order in the depth, of balls of radius 1: caps of parabolas.
+def test_thin_lenses_keep_their_relative_accuracy(depth):
+    # To leading order in the depth, the lens of two unit balls consists of two parabolic caps.
     bump = Bump(math.inf)
     assert bump.pair_integral(1.0, 1.0, 2.0 - depth, 2) == pytest.approx(4.0 / 3.0 * depth**1.5, rel=depth + 1e-6)
     assert bump.pair_integral(1.0, 1.0, 2.0 - depth, 3) == pytest.approx(math.pi / 2.0 * depth**2, rel=depth + 1e-6)
@@ -174,7 +174,7 @@ def test_thin_intersections_keep_their_relative_accuracy(depth):
 @pytest.mark.parametrize("dim", DIMS)
 @pytest.mark.parametrize("alpha", SMOOTH)
 @pytest.mark.parametrize(("a", "b"), [(0.4, 1.1)])
-def test_pairs_agree_with_the_inverse_transform(alpha, a, b, dim):
+def test_pair_integral_agrees_with_the_inverse_transform(alpha, a, b, dim):
     bump = Bump(alpha)
     nodes, weights = np.polynomial.legendre.leggauss(16)
     borders = np.linspace(0.0, 40.0 / a, math.ceil(120 / a))
@@ -190,7 +190,7 @@ def test_pairs_agree_with_the_inverse_transform(alpha, a, b, dim):
 
 
 @pytest.mark.parametrize("depth", [0.5, 0.1, 0.03])
-def test_hardly_overlapping_pairs_keep_their_relative_accuracy(depth):
+def test_barely_overlapping_pairs_keep_their_relative_accuracy(depth):
     a, b, distance = 0.6, 1.0, 1.6 - depth
 
     def product(y, x):
@@ -210,7 +210,7 @@ def test_hardly_overlapping_pairs_keep_their_relative_accuracy(depth):
 
 @pytest.mark.parametrize("alpha", [0.3, 2.0, 20.0, math.inf])
 @pytest.mark.parametrize("dim", DIMS)
-def test_pairs_fall_with_the_distance_and_do_not_mind_the_order(alpha, dim):
+def test_pair_integral_decreases_with_distance_and_is_symmetric(alpha, dim):
     bump = Bump(alpha)
     distances = np.linspace(0.0, 1.75, 15)
     integrals = np.array([bump.pair_integral(0.5, 1.2, each, dim) for each in distances])
@@ -222,7 +222,7 @@ def test_pairs_fall_with_the_distance_and_do_not_mind_the_order(alpha, dim):
 
 
 @pytest.mark.parametrize("dim", DIMS)
-def test_a_pair_is_the_integral_of_the_product_of_descriptors(dim):
+def test_pair_integral_is_the_integral_of_the_product_of_descriptors(dim):
     grid = Grid((-1.3,) * dim, 0.02, (150,) * dim)
     centers = np.array([[0.1, 0.05, 0.0], [0.75, 0.3, -0.2]])[:, :dim]
     first, second = BallDescriptor(centers[:1], 1.0), BallDescriptor(centers[1:], 0.6)
@@ -254,6 +254,6 @@ FREQUENCIES = [
     *[(Bump().pair_integral, (1.0, 1.0, distance, 2), "distance") for distance in (-1.0, [1.0], math.nan)],
     (Bump().pair_integral, (1.0, 1.0, 1.0, 5), "dim"),
 )
-def test_bumps_refuse(make, arguments, message):
+def test_bump_refuses_invalid_arguments(make, arguments, message):
     with pytest.raises(InputError, match=message):
         make(*arguments)

@@ -1,4 +1,4 @@
-"""The algebra of descriptors: laws of superlevel sets, and brute force."""
+"""The algebra of descriptors, against laws of superlevel sets and brute force."""
 
 import math
 
@@ -18,7 +18,7 @@ from refusals import refusals
 from strategies import seeds
 
 METHODS = ["fft", "direct"]
-TINY = np.finfo(float).tiny  # what is above zero stays so, however small
+TINY = np.finfo(float).tiny  # positive values stay positive, however small
 
 
 def bitmaps(dim, side=7):
@@ -34,7 +34,7 @@ def on_grid(values, lower=0.0, spacing=0.5):
 
 
 def brute_sum(f, g):
-    """The sum of the products of all pairs of cells, each where the sum of its indices is."""
+    """Add the products of all pairs of cells at the sum of their indices."""
     shape = np.add(f.shape, g.shape) - 1
     places = np.add.outer(*(np.ravel_multi_index(np.indices(each.shape), shape).ravel() for each in (f, g)))
     products = np.multiply.outer(f.ravel(), g.ravel())
@@ -42,12 +42,12 @@ def brute_sum(f, g):
 
 
 def dilated(f, g):
-    """The Minkowski sum of cells."""
+    """Return the Minkowski sum of cells."""
     return brute_sum(f, g) > 0.0
 
 
 @given(hnp.array_shapes(min_dims=2, max_dims=3, max_side=6), seeds)
-def test_union_is_or_and_intersection_is_and(shape, seed):
+def test_union_and_intersection_act_on_superlevel_sets(shape, seed):
     rng = np.random.default_rng(seed)
     f, g, h = (np.where(rng.random(shape) < 0.5, rng.random(shape), 0.0) for _ in range(3))
     a, b, c = on_grid(f), on_grid(g), on_grid(h)
@@ -67,15 +67,15 @@ def test_superlevel_is_strict():
 
 @pytest.mark.parametrize("method", METHODS)
 @given(two_bitmaps)
-def test_the_minkowski_sum_of_indicators_is_dilation(method, pair):
+def test_minkowski_sum_of_indicators_is_the_dilation(method, pair):
     f, g = pair
     result = minkowski_sum(on_grid(f), on_grid(g), method)
     np.testing.assert_array_equal(superlevel(result), dilated(f, g))
-    # Sums of cells are whole: exactly so, times the measure of a cell.
+    # Sums of cells are whole numbers times the measure of a cell, exactly.
     np.testing.assert_array_equal(result.values, brute_sum(f, g) * 0.5**f.ndim)
 
 
-def test_a_large_sum_is_the_dilation_by_scipy():
+def test_large_minkowski_sum_agrees_with_scipy_dilation():
     rng = np.random.default_rng(3)
     shape, tool = rng.random((300, 200)) < 0.01, rng.random((21, 15)) < 0.2
     result = superlevel(minkowski_sum(on_grid(shape), on_grid(tool)))
@@ -85,9 +85,9 @@ def test_a_large_sum_is_the_dilation_by_scipy():
 
 @pytest.mark.parametrize("dim", [2, 3])
 @given(seed=seeds)
-def test_methods_agree_and_neither_adds_cells_nor_loses_any(dim, seed):
+def test_methods_agree_and_neither_add_nor_lose_cells(dim, seed):
     rng = np.random.default_rng(seed)
-    # Many orders of magnitude: what is small drowns in the rounding of a transform.
+    # Use many orders of magnitude, so that small values drown in the rounding of a transform.
     f, g = (np.where(rng.random(s) < 0.3, 10.0 ** rng.uniform(-250, 3, s), 0.0) for s in ((6,) * dim, (4,) * dim))
     both = [minkowski_sum(on_grid(f), on_grid(g), method) for method in METHODS]
     for result in both:
@@ -97,7 +97,7 @@ def test_methods_agree_and_neither_adds_cells_nor_loses_any(dim, seed):
 
 
 @given(two_bitmaps, seeds)
-def test_the_sum_commutes_and_moves_with_its_parts(pair, seed):
+def test_minkowski_sum_commutes_and_translates(pair, seed):
     rng = np.random.default_rng(seed)
     f, g = (rng.normal(size=each.shape) for each in pair)
     a, b = on_grid(f, -0.3), on_grid(g, 1.1)
@@ -113,7 +113,7 @@ def test_the_sum_commutes_and_moves_with_its_parts(pair, seed):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_middles_of_the_sum_are_sums_of_middles(dim):
+def test_cell_centers_of_a_sum_are_sums_of_cell_centers(dim):
     f, g = np.zeros((4, 5, 6)[:dim]), np.zeros((3, 2, 4)[:dim])
     f[(1, 3, 2)[:dim]] = g[(2, 0, 1)[:dim]] = 1.0
     a, b = on_grid(f, -0.7, 0.3), on_grid(g, 0.4, 0.3)
@@ -125,7 +125,7 @@ def test_middles_of_the_sum_are_sums_of_middles(dim):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_the_sum_of_two_bumps_is_the_integral_of_their_pair(dim):
+def test_minkowski_sum_of_two_bumps_is_their_pair_integral(dim):
     grid = Grid((-1.2,) * dim, 0.05, (48,) * dim)
     one, other = (BallDescriptor(np.zeros((1, dim)), radius).sample(grid) for radius in (1.0, 0.7))
     result = minkowski_sum(one, other)
@@ -138,10 +138,10 @@ def test_the_sum_of_two_bumps_is_the_integral_of_their_pair(dim):
 
 @pytest.mark.parametrize("alpha", [0.3, 2.0, 25.0, math.inf])
 @pytest.mark.parametrize("dim", [2, 3])
-def test_samples_of_balls_are_sums_of_bumps(dim, alpha):
+def test_sample_adds_the_bumps_of_all_balls(dim, alpha):
     rng = np.random.default_rng(0)
     grid = Grid((-1.0,) * dim, 0.11, (19, 17, 15)[:dim])
-    # Also balls between the middles, beyond the border and far away.
+    # Include balls between cell centers, beyond the boundary and far away.
     centers = np.concatenate([rng.uniform(-1.3, 1.3, (20, dim)), np.full((1, dim), 1e9)])
     radii = np.concatenate([rng.uniform(0.01, 0.7, 20), [1.0]])
     balls = BallDescriptor(centers, radii, Bump(alpha))
@@ -154,14 +154,14 @@ def test_samples_of_balls_are_sums_of_bumps(dim, alpha):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_the_integral_of_balls_is_that_of_fine_samples(dim):
+def test_integral_of_balls_agrees_with_fine_samples(dim):
     balls = BallDescriptor(np.random.default_rng(1).uniform(-0.5, 0.5, (8, dim)), np.linspace(0.2, 0.5, 8))
     lower, upper = balls.bounds
     grid = Grid(lower, 0.02, np.ceil((upper - lower) / 0.02).astype(int))
     assert balls.sample(grid).integral == pytest.approx(balls.integral, rel=1e-4)
 
 
-def test_unions_of_balls_are_balls():
+def test_union_of_balls_is_balls():
     one, other = BallDescriptor([[0.0, 0.0]], 1.0), BallDescriptor([[0.5, 0.0], [2.0, 1.0]], [0.3, 0.4])
     both = union(one, other)
     grid = Grid((-1, -1), 0.1, (40, 30))
@@ -176,7 +176,7 @@ def test_unions_of_balls_are_balls():
         intersection(one, other)
 
 
-def test_indicators_are_the_shapes_at_the_middles():
+def test_indicator_contains_the_cell_centers_in_a_shape():
     grid = Grid((-1.0, -1.0), 0.1, (20, 25))
     shape = shapely.Point(0.1, 0.2).buffer(0.6).difference(shapely.box(-0.2, -0.2, 0.2, 0.2))
     x, y = np.meshgrid(grid.centers(0), grid.centers(1), indexing="ij")
@@ -190,8 +190,8 @@ def test_indicators_are_the_shapes_at_the_middles():
 
 
 @pytest.mark.parametrize("spacing", [0.1, 0.125])
-def test_indicators_of_boxes_hold_their_borders(spacing):
-    # Sides go through middles of cells along every axis: to the bit where the spacing is a power of two.
+def test_indicator_of_a_box_includes_its_boundary(spacing):
+    # Faces pass through cell centers along every axis, exactly if the spacing is a power of two.
     grid = Grid((-1.0, -1.0, -1.0), spacing, (20, 22, 24))
     middles = np.stack(np.meshgrid(*(grid.centers(a) for a in range(3)), indexing="ij"), axis=-1)
     half = -grid.center_of((5, 6, 7))
@@ -200,7 +200,7 @@ def test_indicators_of_boxes_hold_their_borders(spacing):
     assert result[5, 6, 7] and result.sum() == np.prod(np.round(2.0 * half / spacing) + 1.0)
 
 
-def test_indicators_agree_with_solids():
+def test_indicator_agrees_with_solids():
     grid = Grid((-1.0, -1.0, -1.0), 0.1, (20, 22, 24))
     middles = np.stack(np.meshgrid(*(grid.centers(a) for a in range(3)), indexing="ij"), axis=-1)
     outer, cavity = trimesh.creation.box(extents=(1.0, 0.8, 0.6)), trimesh.creation.box(extents=(0.7, 0.5, 0.3))
@@ -208,7 +208,7 @@ def test_indicators_agree_with_solids():
     hollow_box = trimesh.util.concatenate([outer, cavity])
     result = superlevel(indicator(Mesh.of(hollow_box), grid))
     np.testing.assert_array_equal(result, superlevel(indicator(hollow_box, grid)))
-    # Of the cavity, whose sides are at middles, the border belongs to the solid.
+    # The boundary of the cavity, which passes through cell centers, belongs to the solid.
     within = (np.abs(middles) < np.array([0.5, 0.4, 0.3]) + 1e-12).all(axis=-1)
     hollow = (np.abs(middles) < np.array([0.35, 0.25, 0.15]) - 1e-12).all(axis=-1)
     np.testing.assert_array_equal(result, within & ~hollow)
@@ -218,7 +218,7 @@ def test_indicators_agree_with_solids():
     )
 
 
-def test_what_was_passed_is_not_shared():
+def test_descriptors_copy_their_arguments():
     values = np.ones((2, 3))
     made = on_grid(values)
     values[0, 0] = 5.0
@@ -256,6 +256,6 @@ PLANE = on_grid(np.ones((3, 3)))
     (lambda: BallDescriptor(np.empty((0, 2)), 1.0), "at least 1"),
     (lambda: BallDescriptor([[0.0, 0.0]], 1.0).sample(Grid((0, 0, 0), 1.0, (2, 2, 2))), "has 2 dimensions"),
 )
-def test_unusable_input_is_refused(ask, match):
+def test_descriptors_refuse_invalid_arguments(ask, match):
     with pytest.raises(InputError, match=match):
         ask()

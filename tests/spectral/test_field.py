@@ -1,4 +1,4 @@
-"""The smooth field on a map is the descriptors' overlap, and keeps plans away from obstacles."""
+"""Overlap fields on maps, and plans that use them to stay away from obstacles."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ def overlap_of(robot: Any, obstacles: Any, **options: Any) -> FourierOverlap:
 
 
 def scene(kind: str, **options: Any) -> tuple[CSpace, FourierOverlap]:
-    """A ball, below a straight way along x, and a robot of balls that passes it at a distance of 0.14 m."""
+    """Return a map with a ball below a straight line along x, and a robot of balls that passes it at 0.14 m."""
     dim = 3 if kind == "space" else 2
     centers, radii = np.array([OBSTACLE[:dim]]), np.array([RADIUS])
     balls = np.zeros((1 if kind in ("plane", "space") else 2, dim))
@@ -61,7 +61,7 @@ def field(case: tuple[CSpace, FourierOverlap]) -> OverlapField:
 
 
 @pytest.mark.parametrize("batch", [2**20, 300])
-def test_the_field_is_the_overlap_and_its_gradient_at_the_cells(
+def test_field_has_the_overlap_and_its_gradient_at_cell_centers(
     case: tuple[CSpace, FourierOverlap], batch: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("cspace.spectral.overlap.FIELD_CELLS_PER_BATCH", batch)
@@ -83,7 +83,7 @@ def test_the_field_is_the_overlap_and_its_gradient_at_the_cells(
         assert slopes == pytest.approx(placed.gradient(t), abs=1e-6 * largest / space.grid.spacing)
 
 
-def test_between_the_cells_it_is_linear(case: tuple[CSpace, FourierOverlap], field: OverlapField) -> None:
+def test_field_is_linear_between_cell_centers(case: tuple[CSpace, FourierOverlap], field: OverlapField) -> None:
     space, _ = case
     dim, rng = space.grid.dim, np.random.default_rng(1)
     low, high = np.array(space.grid.lower), np.array(space.grid.upper)
@@ -109,7 +109,7 @@ def test_between_the_cells_it_is_linear(case: tuple[CSpace, FourierOverlap], fie
         field.at(np.where(np.arange(space.size) == 1, np.nan, 0.0))
 
 
-def test_the_objective_weighs_length_by_the_overlap(case: tuple[CSpace, FourierOverlap], field: OverlapField) -> None:
+def test_objective_weights_length_by_the_overlap(case: tuple[CSpace, FourierOverlap], field: OverlapField) -> None:
     space, _ = case
     si = planners.simple_setup(space).getSpaceInformation()
     objective = planners.OverlapObjective(si, space, field, weight=4.0, saturation=0.01)
@@ -136,7 +136,9 @@ def test_the_objective_weighs_length_by_the_overlap(case: tuple[CSpace, FourierO
             )
 
 
-def test_other_fields_and_values_are_refused(case: tuple[CSpace, FourierOverlap], field: OverlapField) -> None:
+def test_fields_and_objectives_refuse_other_maps_and_values(
+    case: tuple[CSpace, FourierOverlap], field: OverlapField
+) -> None:
     space, overlap = case
     si = planners.simple_setup(space).getSpaceInformation()
     other = build(space.workspace, space.robot, rotations=None)
@@ -157,7 +159,7 @@ def test_other_fields_and_values_are_refused(case: tuple[CSpace, FourierOverlap]
             space.with_overlap_field(wrong)
 
 
-def test_without_overlap_the_objective_is_the_length() -> None:
+def test_objective_without_overlap_is_the_length() -> None:
     space = build(Workspace.from_array(np.zeros((10, 10), dtype=bool), 0.1), Robot.disc(0.05))
     far = FourierOverlap(([[0.0, 0.0]], 0.05), ([[9.0, 9.0]], 0.1), band=20.0)
     field = OverlapField.of(space, far)
@@ -178,7 +180,7 @@ def carried(request: pytest.FixtureRequest) -> CSpace:
 
 
 def without(space: CSpace, fields: Any = None) -> CSpace:
-    """The same map with other arrays for a field, or none."""
+    """Return the same map with other field arrays, or none."""
     options = {name: getattr(space, name) for name in ("outside", "margin", "precision")} | {"proves_blocked": True}
     states, counts = space._kernel_map.states.copy(), space.overlap_counts
     overlaps = None if counts is None else counts.reshape(states.shape)
@@ -188,9 +190,9 @@ def without(space: CSpace, fields: Any = None) -> CSpace:
 
 
 @pytest.mark.parametrize("kind", [*KINDS, "turning"])
-def test_the_map_is_the_same_and_the_field_that_of_the_overlap(kind: str) -> None:
-    space, overlap = scene(kind, counts=True, margin=0.01)
-    clearance = space.clearance(space.nearest_free([0.0] * space.size))
+def test_with_overlap_field_changes_only_the_field(kind: str) -> None:
+    space, overlap = scene(kind, overlap=True, margin=0.01)
+    clearance = space.clearance(space.nearest_free([0.0] * space.dof))
     made, expected = space.with_overlap_field(overlap), OverlapField.of(space, overlap)
     same(space, without(made))
     assert space.overlap_field is None and made.overlap_field is not None
@@ -207,15 +209,15 @@ def test_the_map_is_the_same_and_the_field_that_of_the_overlap(kind: str) -> Non
 
 
 @pytest.mark.parametrize("kind", [*KINDS, "turning"])
-def test_an_update_lets_the_field_go_and_leaves_other_maps(kind: str) -> None:
+def test_update_drops_the_field_and_leaves_other_maps(kind: str) -> None:
     space, overlap = scene(kind)
     made = space.with_overlap_field(overlap)
     box, corner = np.ones((3,) * space.grid.dim, bool), (4,) * space.grid.dim
     before = space.cell_states.copy()
     made.update(box, corner)
-    assert made.overlap_field is None and (space.cell_states == before).all()
-    again = made.with_overlap_field(overlap)  # of a map that has a workspace of its own by now
-    after, cells = again.cell_states.copy(), again.workspace.outer.copy()
+    assert made.overlap_field is None and (space.state == before).all()
+    again = made.with_overlap_field(overlap)  # the updated map no longer shares its workspace
+    after, cells = again.state.copy(), again.workspace.outer.copy()
     made.update(~box, corner)
     assert (again.cell_states == after).all() and (again.workspace.outer == cells).all()
     assert again.overlap_field is not None
@@ -224,7 +226,7 @@ def test_an_update_lets_the_field_go_and_leaves_other_maps(kind: str) -> None:
 def arrays_of(
     *names: str, shape: tuple[int, ...] = (3, 2), bad: float = 0.0, kind: type = np.float64
 ) -> dict[str, Any]:
-    """Arrays of zeros, but for one number of the last one."""
+    """Return arrays of zeros, except one number of the last array."""
     arrays = {name: np.zeros(shape, kind) for name in names}
     arrays[names[-1]].flat[-1] = bad
     return arrays
@@ -242,14 +244,14 @@ def arrays_of(
     (arrays_of(*FIELD_NAMES[:3], bad=-np.inf), r"penetration_y\[2, 1\] is -inf"),
     (arrays_of(*FIELD_NAMES[:3], kind=np.float32), "type float32"),
 )
-def test_unusable_fields_are_refused(arrays: dict[str, Any], message: str) -> None:
+def test_field_refuses_invalid_arrays(arrays: dict[str, Any], message: str) -> None:
     space = build(Workspace.from_array(np.zeros((3, 2), dtype=bool), 0.1), Robot.disc(0.01))
     for make in (lambda: without(space, arrays), lambda: OverlapField(space, arrays)):
         with pytest.raises(InputError, match=message):
             make()
 
 
-def test_a_field_that_does_not_fit_into_memory_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_field_refuses_to_exceed_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     space, overlap = scene("plane")
     needed = 3 * 8 * space.grid.size
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: needed)
@@ -259,7 +261,7 @@ def test_a_field_that_does_not_fit_into_memory_is_refused(monkeypatch: pytest.Mo
     space.with_overlap_field(overlap)
 
 
-def test_a_second_field_takes_the_place_of_the_first() -> None:
+def test_second_field_replaces_the_first() -> None:
     space, overlap = scene("plane")
     first = space.with_overlap_field(overlap)
     wide = FourierOverlap.of_shapes(([[0.0, 0.0]], 0.12), ([[1.0, 0.32]], 0.3), swell=0.4)
@@ -276,8 +278,8 @@ def endpoints_of(space: CSpace) -> tuple[tuple[float, ...], tuple[float, ...]]:
     return (0.43, 0.88, *more), (1.57, 0.88, *more)
 
 
-def least_distance(space: CSpace, plan: planners.Plan) -> float:
-    """From the robot's balls to the obstacle, along a path, by trying many places."""
+def smallest_distance(space: CSpace, plan: planners.Plan) -> float:
+    """Return the distance from the robot's balls to the obstacle along a path, at many samples."""
     share, dim, distances = np.linspace(0.0, 1.0, 60)[:, None], space.grid.dim, []
     for first, second in zip(plan.waypoints[:-1], plan.waypoints[1:], strict=True):
         step = second - first
@@ -294,8 +296,8 @@ def least_distance(space: CSpace, plan: planners.Plan) -> float:
 
 
 @pytest.mark.parametrize("kind", ["plane", "turning"])
-def test_paths_keep_farther_from_obstacles_than_the_shortest(kind: str) -> None:
-    """The straight way is free, and passes the obstacle at 0.14 m; without a weight, the same search finds that."""
+def test_overlap_objective_keeps_paths_farther_from_obstacles(kind: str) -> None:
+    """The straight line is free and passes the obstacle at 0.14 m; without a weight, the same search finds it."""
     space, overlap = scene(kind)
     carried = space.with_overlap_field(overlap)
     options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 120.0, "iterations": 200, "seed": 1}
@@ -308,13 +310,13 @@ def test_paths_keep_farther_from_obstacles_than_the_shortest(kind: str) -> None:
         )
     ]
     assert all(plan.solved and plan.certified for plan in plans)
-    short, straight, far = (least_distance(space, plan) for plan in plans)
+    short, straight, far = (smallest_distance(space, plan) for plan in plans)
     assert short == pytest.approx(0.14, abs=0.001) and straight == pytest.approx(0.14, abs=0.01)
     assert far > 0.19
     assert plans[2].length > plans[1].length
 
 
-def test_the_objective_by_name_is_that_of_the_carried_field(carried: CSpace) -> None:
+def test_objective_by_name_uses_the_field_of_the_map(carried: CSpace) -> None:
     options: dict[str, Any] = {"planner": "RRTstar", "time_limit": 120.0, "iterations": 60, "seed": 3}
     plans = [
         planners.plan(carried, *endpoints_of(carried), objective=objective, **options)
@@ -329,14 +331,14 @@ def test_the_objective_by_name_is_that_of_the_carried_field(carried: CSpace) -> 
         np.testing.assert_array_equal(plan.waypoints, plans[0].waypoints)
 
 
-def test_a_map_without_a_field_has_no_such_objective() -> None:
+def test_overlap_objective_refuses_a_map_without_field() -> None:
     plain, overlap = scene("plane")
     carried = plain.with_overlap_field(overlap)
     start, goal = endpoints_of(plain)
     si = planners.simple_setup(plain).getSpaceInformation()
     with pytest.raises(InputError, match=r"the map carries none; .* plan on space\.with_overlap_field"):
         planners.OverlapObjective(si, plain)
-    for end in (goal, start):  # also where nothing is to be searched
+    for end in (goal, start):  # also if start and goal are equal
         with pytest.raises(InputError, match="the map carries none"):
             planners.plan(plain, start, end, planner="RRTstar", objective="overlap")
     with pytest.raises(InputError, match="another map"):
@@ -345,8 +347,8 @@ def test_a_map_without_a_field_has_no_such_objective() -> None:
         planners.plan(carried, start, goal, planner="RRT", objective="overlap")
 
 
-def test_a_map_of_turns_in_space_carries_one_too() -> None:
-    """At the middle of a cell, and a rotation cell's representative, it is the overlap of the turned balls."""
+def test_field_supports_rotations_in_space() -> None:
+    """At a cell center and the representative of a rotation cell, the field is the overlap of the rotated balls."""
     balls = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]), np.full(2, 0.08)
     obstacles = np.array([[0.5, 0.5, 0.5]]), np.array([0.15])
     workspace = Workspace.from_balls(*obstacles, 0.1, bounds=(0, 0, 0, 1, 1, 1))

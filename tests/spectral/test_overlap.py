@@ -1,4 +1,4 @@
-"""Overlaps from spectra are those of the descriptors, and their verdicts are proofs."""
+"""Overlaps from spectra, against pairs of balls, quadrature, shapely and FCL; their verdicts are proofs."""
 
 import math
 import sys
@@ -35,7 +35,7 @@ SIDE = {2: 2.0, 3: 0.9}
 
 
 def ball_sets(dim: int, seed: int, most: int = 8) -> tuple[Any, Any, np.random.Generator]:
-    """A robot of balls and obstacles, of a few radii, with their frames anywhere."""
+    """Return a robot of balls and obstacles, with few radii and arbitrary frames."""
     rng = np.random.default_rng(seed)
 
     def balls(number: int, side: float, largest: float) -> tuple[np.ndarray, np.ndarray]:
@@ -46,7 +46,7 @@ def ball_sets(dim: int, seed: int, most: int = 8) -> tuple[Any, Any, np.random.G
 
 
 def ideals(a: Any, b: Any, bump: Bump, ts: np.ndarray) -> tuple[np.ndarray, float]:
-    """The overlaps as sums of what pairs of balls have in common, by a rule whose error is measured."""
+    """Sum the pair integrals of the balls, by a rule with a measured error."""
     gaps = np.linalg.norm(b[0][None, None] - a[0][:, None] - ts[:, None, None], axis=3)
     firsts, seconds = np.broadcast_to(a[1][:, None], gaps.shape), np.broadcast_to(b[1], gaps.shape)
     close = gaps < firsts + seconds
@@ -56,7 +56,7 @@ def ideals(a: Any, b: Any, bump: Bump, ts: np.ndarray) -> tuple[np.ndarray, floa
 
 
 def depth(a: Any, b: Any, ts: np.ndarray) -> np.ndarray:
-    """How deep any two balls are in each other, at placements; below zero where all are apart."""
+    """Return the largest penetration of two balls at placements, negative if all are apart."""
     gaps = np.linalg.norm(b[0][None, None] - a[0][:, None] - ts[:, None, None], axis=3)
     return (a[1][:, None] + b[1] - gaps).max(axis=(1, 2))
 
@@ -70,7 +70,7 @@ def placements(overlap: FourierOverlap, rng: np.random.Generator, number: int) -
 
 @pytest.mark.parametrize("dim", DIMS)
 @pytest.mark.parametrize("alpha", [2.0, math.inf])
-def test_values_are_those_of_the_balls_but_for_the_stated_bound(dim: int, alpha: float) -> None:
+def test_value_agrees_with_pairs_of_balls_within_the_bound(dim: int, alpha: float) -> None:
     a, b, rng = ball_sets(dim, 3)
     overlap = FourierOverlap(a, b, bump=Bump(alpha), band=60.0 if dim == 2 else 20.0)
     ts = b[0][rng.integers(len(b[0]), size=12)] - a[0][0] + rng.normal(0.0, 0.1, (12, dim))
@@ -83,7 +83,7 @@ def test_values_are_those_of_the_balls_but_for_the_stated_bound(dim: int, alpha:
 
 
 @pytest.mark.parametrize("dim", DIMS)
-def test_values_are_the_integral_of_the_product_of_the_sampled_descriptors(dim: int) -> None:
+def test_value_is_the_integral_of_the_product_of_descriptors(dim: int) -> None:
     a, b, _ = ball_sets(dim, 5)
     overlap = FourierOverlap(BallDescriptor(*a), BallDescriptor(*b), band=None if dim == 2 else 10.0)
     t = b[0][0] - a[0][0] + 0.05
@@ -96,7 +96,7 @@ def test_values_are_the_integral_of_the_product_of_the_sampled_descriptors(dim: 
 
 
 @pytest.mark.parametrize("dim", DIMS)
-def test_on_a_lattice_they_are_the_correlation_by_fft(dim: int) -> None:
+def test_values_on_a_lattice_agree_with_an_fft_correlation(dim: int) -> None:
     a, b, _ = ball_sets(dim, 7)
     bump = Bump()
     overlap = FourierOverlap(a, b, bump=bump, band=12.0 if dim == 2 else 5.0)
@@ -124,7 +124,7 @@ def test_on_a_lattice_they_are_the_correlation_by_fft(dim: int) -> None:
 
 
 @pytest.mark.parametrize("dim", DIMS)
-def test_gradients_are_finite_differences(dim: int) -> None:
+def test_gradient_agrees_with_finite_differences(dim: int) -> None:
     a, b, rng = ball_sets(dim, 11)
     overlap = FourierOverlap(a, b, band=20.0)
     ts = placements(overlap, rng, 40) * 0.98
@@ -142,7 +142,7 @@ def test_gradients_are_finite_differences(dim: int) -> None:
 
 
 @pytest.mark.parametrize("dim", DIMS)
-def test_many_are_one_by_one_in_any_shape_and_zero_outside_the_domain(dim: int) -> None:
+def test_batches_of_any_shape_agree_with_single_values(dim: int) -> None:
     a, b, rng = ball_sets(dim, 13)
     overlap = FourierOverlap(a, b, band=15.0)
     ts = placements(overlap, rng, 48).reshape(2, 3, 8, dim)
@@ -157,7 +157,7 @@ def test_many_are_one_by_one_in_any_shape_and_zero_outside_the_domain(dim: int) 
 
 
 @pytest.mark.parametrize("dim", DIMS)
-def test_turned_is_made_of_turned_centers(dim: int) -> None:
+def test_rotated_agrees_with_rotated_balls(dim: int) -> None:
     a, b, rng = ball_sets(dim, 17)
     turn: Any = 0.7 if dim == 2 else Rotation.from_rotvec([0.3, -0.5, 0.9])
     matrix = (
@@ -179,7 +179,7 @@ def test_turned_is_made_of_turned_centers(dim: int) -> None:
 
 @settings(max_examples=6)
 @given(seeds, st.sampled_from(DIMS), st.sampled_from([1.0, 2.0, 4.0, math.inf]), st.sampled_from([0.5, 0.05]))
-def test_a_verdict_is_right_about_the_ideal_overlap(seed: int, dim: int, alpha: float, share: float) -> None:
+def test_verdicts_are_right_about_the_ideal_overlap(seed: int, dim: int, alpha: float, share: float) -> None:
     a, b, rng = ball_sets(dim, seed)
     bump = Bump(alpha)
     near = b[0][rng.integers(len(b[0]), size=12)] - a[0][rng.integers(len(a[0]), size=12)]
@@ -202,7 +202,7 @@ def test_a_verdict_is_right_about_the_ideal_overlap(seed: int, dim: int, alpha: 
 
 @settings(max_examples=5)
 @given(seeds, st.sampled_from(DIMS), st.floats(0.02, 0.2), st.integers(1, 4), st.booleans())
-def test_of_shapes_of_balls_is_right_next_to_the_contact(
+def test_verdicts_about_balls_are_right_near_contact(
     seed: int, dim: int, swell: float, classes: int, swelling: bool
 ) -> None:
     a, b, rng = ball_sets(dim, seed)
@@ -211,7 +211,7 @@ def test_of_shapes_of_balls_is_right_next_to_the_contact(
     overlap = made.rotated(turn)
     matrix = turn if dim == 3 else np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
     turned = (a[0] @ matrix.T, a[1])
-    # On the line through the middles of two balls, just before and just after they touch, and further away.
+    # Place two balls along the line through their centers: just before and after they touch, and farther away.
     i, j = rng.integers(len(a[1]), size=30), rng.integers(len(b[1]), size=30)
     directions = rng.normal(size=(30, dim))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
@@ -224,7 +224,7 @@ def test_of_shapes_of_balls_is_right_next_to_the_contact(
 
 
 def covered(shape: Any, side: float) -> tuple[Any, Any]:
-    """Discs around the cells that meet a polygon; and discs in it."""
+    """Return discs around the cells that meet a polygon, and discs inside it."""
     lower, upper = np.array(shape.bounds[:2]) - side, np.array(shape.bounds[2:]) + side
     axes = (np.arange(low, high, side) for low, high in zip(lower, upper, strict=True))
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -235,7 +235,7 @@ def covered(shape: Any, side: float) -> tuple[Any, Any]:
     return (outer, np.full(len(outer), 0.708 * side)), (points[inside][far > side], far[far > side] * (1.0 - 1e-9))
 
 
-def test_of_shapes_is_right_about_polygons() -> None:
+def test_verdicts_about_polygons_agree_with_shapely() -> None:
     robot = shapely.Polygon([(-0.4, -0.3), (0.5, -0.2), (0.1, 0.0), (0.4, 0.4)])
     hollow = shapely.Polygon([(0, 0), (2, 0), (2, 1.6), (0, 1.6)], [[(0.2, 0.2), (1.7, 0.3), (1.8, 1.4), (0.2, 1.3)]])
     (outer_a, inner_a), (outer_b, inner_b) = covered(robot, 0.06), covered(hollow, 0.06)
@@ -254,7 +254,7 @@ def test_of_shapes_is_right_about_polygons() -> None:
     assert (seen > 50).all()
 
 
-def test_of_shapes_is_right_about_meshes() -> None:
+def test_verdicts_about_meshes_agree_with_fcl() -> None:
     sides = np.array([[0.5, 0.3, 0.2], [0.4, 0.4, 0.6]])
     rng = np.random.default_rng(1)
 
@@ -281,7 +281,7 @@ def test_of_shapes_is_right_about_meshes() -> None:
     assert (seen > 20).all()
 
 
-def test_without_inner_balls_there_is_no_hit() -> None:
+def test_separated_never_hits_without_inner_balls() -> None:
     a, b, rng = ball_sets(2, 23)
     overlap = FourierOverlap.of_shapes(a, b, swell=0.1, tolerance=0.1)
     verdicts = overlap.separated(placements(overlap, rng, 200)).verdict
@@ -292,8 +292,8 @@ def test_without_inner_balls_there_is_no_hit() -> None:
 
 
 @pytest.mark.parametrize("dim", DIMS)
-def test_most_misses_are_early(dim: int) -> None:
-    """Where nine placements in ten are clear, the median miss takes less than a twentieth of the frequencies."""
+def test_most_misses_need_few_frequencies(dim: int) -> None:
+    """If nine placements in ten are clear, the median miss takes less than 5 % of the frequencies."""
     rng = np.random.default_rng(2)
     shares: dict[bool, list[float]] = {True: [], False: []}
     for _ in range(4):
@@ -309,7 +309,7 @@ def test_most_misses_are_early(dim: int) -> None:
     assert min(shares[False]) > 0.0
 
 
-def test_swollen_balls_and_placements_far_away_take_no_frequency() -> None:
+def test_clear_misses_need_no_frequency() -> None:
     a, b = ([[0.0, 0.0], [0.2, 0.0]], 0.1), ([[0.0, 0.0], [3.0, 3.0]], [0.2, 0.3])
     overlap = FourierOverlap(a, b, band=8.0)
     for t in ([1.5, 1.5], [100.0, 0.0], [0.0, -0.45]):
@@ -325,7 +325,7 @@ def test_swollen_balls_and_placements_far_away_take_no_frequency() -> None:
 
 
 @pytest.mark.parametrize("alpha", [2.0, math.inf])
-def test_balls_that_all_but_coincide_are_two(alpha: float) -> None:
+def test_nearly_coincident_balls_count_twice(alpha: float) -> None:
     near = [[0.0, 0.0], [1e-17, 0.0]], 0.3
     overlap = FourierOverlap(([[0.0, 0.0]], 0.2), near, bump=Bump(alpha), band=6.0)
     for t in ([0.0, 0.0], [0.3, 0.1], [0.2, -0.3]):
@@ -336,7 +336,7 @@ def test_balls_that_all_but_coincide_are_two(alpha: float) -> None:
 
 
 @pytest.mark.parametrize("dim", DIMS)
-def test_bounds_scale_with_the_lengths_however_small(dim: int) -> None:
+def test_bounds_scale_with_tiny_lengths(dim: int) -> None:
     def bound(size: float) -> float:
         balls = np.zeros((1, dim)), 0.2 * size
         return FourierOverlap(balls, balls, band=3.0 / size).bound / size**dim
@@ -346,7 +346,7 @@ def test_bounds_scale_with_the_lengths_however_small(dim: int) -> None:
         assert bound(size) >= 0.999 * bound(1.0)
 
 
-def test_a_long_corridor_gets_a_band_of_its_own() -> None:
+def test_long_corridor_limits_the_band() -> None:
     walls = np.column_stack([np.arange(0.0, 1500.0, 0.5), np.zeros(3000)])
     overlap = FourierOverlap(([[0.0, 0.0]], 0.1), (walls, 0.2))
     assert max(overlap.counts) == 2**16 - 1
@@ -355,7 +355,7 @@ def test_a_long_corridor_gets_a_band_of_its_own() -> None:
 
 
 @pytest.mark.parametrize("dim", DIMS)
-def test_turns_of_turns_keep_the_shape(dim: int) -> None:
+def test_repeated_rotations_keep_the_shape(dim: int) -> None:
     rng = np.random.default_rng(0)
     centers = rng.uniform(1.0, 2.0, (6, dim))
     made = overlap = FourierOverlap((centers, 0.2), (np.zeros((1, dim)), 0.3), band=1.0)
@@ -369,8 +369,8 @@ def test_turns_of_turns_keep_the_shape(dim: int) -> None:
     assert back.value(ts) == pytest.approx(made.value(ts), abs=1e-11)
 
 
-def test_the_stated_bound_holds_far_from_the_origin() -> None:
-    """Where the balls lie far from the origin, a placement itself is known to fewer digits."""
+def test_bound_holds_far_from_the_origin() -> None:
+    """Far from the origin, placements themselves have fewer digits."""
     far = 2.0**19
     b = [[far, -far], [far + 0.4, -far]], 0.3
     overlap = FourierOverlap(([[far, far]], 0.3), b, tolerance=1e-12)
@@ -385,14 +385,14 @@ def test_the_stated_bound_holds_far_from_the_origin() -> None:
     assert overlap.bound > 1e3 * near.bound
 
 
-def test_no_placements_have_no_values() -> None:
+def test_empty_batches_return_empty_arrays() -> None:
     overlap = FourierOverlap(([[0.0, 0.0]], 0.2), ([[0.0, 0.0]], 0.2), band=9.0)
     assert overlap.value(np.zeros((0, 2))).shape == (0,)
     assert overlap.gradient(np.zeros((3, 0, 2))).shape == (3, 0, 2)
     assert overlap.separated(np.zeros((0, 2))).verdict.shape == (0,)
 
 
-def test_robots_of_balls_serve_and_others_are_refused() -> None:
+def test_overlap_accepts_only_robots_of_balls() -> None:
     overlap = FourierOverlap(Robot.from_balls([[0.0, 0.0]], 0.3), ([[1.0, 1.0]], 0.2), band=10.0)
     assert overlap.value([1.0, 1.0]) > 0.0
     for robot in (Robot.rectangle(1.0, 1.0), 3.0):
@@ -440,12 +440,12 @@ INNER, OUTER = (
     (lambda: FourierOverlap(ONE, ONE, band=9.0).rotated(2.0 * np.eye(2)), "rotation matrix"),
     (lambda: FourierOverlap(SPACE, SPACE, band=9.0).rotated(0.5), "Rotation"),
 )
-def test_other_values_are_refused(call: Any, message: str) -> None:
+def test_overlap_refuses_invalid_arguments(call: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
         call()
 
 
-def test_without_finufft_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_finufft_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     overlap = FourierOverlap(ONE, ONE, band=9.0)
     monkeypatch.setitem(sys.modules, "finufft", None)
     assert overlap.value([0.1, 0.0]) > 0.0

@@ -1,4 +1,4 @@
-"""Minkowski sums of polygons, against exact fractions and against Clipper."""
+"""Minkowski sums of polygons, against exact fractions and Clipper."""
 
 import math
 from fractions import Fraction
@@ -24,8 +24,8 @@ def exact_ring(ring):
     return [(Fraction(x), Fraction(y)) for x, y in list(ring.coords)]
 
 
-def is_in(point, polygon):
-    """Whether a point lies in a closed polygon, exactly: on its border, or surrounded by it."""
+def contains_exactly(point, polygon):
+    """Return True if a point lies in a closed polygon, in exact arithmetic."""
     x, y = point
     odd = False
     for ring in (polygon.exterior, *polygon.interiors):
@@ -39,7 +39,7 @@ def is_in(point, polygon):
 
 
 def edges(polygon, point=None):
-    """The edges of a polygon, or of its mirror image moved to a point, exactly."""
+    """Yield the edges of a polygon, or of its mirror image moved to a point, exactly."""
     for ring in (polygon.exterior, *polygon.interiors):
         corners = exact_ring(ring)
         if point is not None:
@@ -47,33 +47,33 @@ def edges(polygon, point=None):
         yield from pairwise(corners)
 
 
-def turn_of(a, b, c):
+def orientation(a, b, c):
     area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     return (area > 0) - (area < 0)
 
 
 def cross(one, other):
     (a, b), (c, d) = one, other
-    signs = turn_of(a, b, c), turn_of(a, b, d), turn_of(c, d, a), turn_of(c, d, b)
+    signs = orientation(a, b, c), orientation(a, b, d), orientation(c, d, a), orientation(c, d, b)
     if signs == (0, 0, 0, 0):
         return all(max(min(a[k], b[k]), min(c[k], d[k])) <= min(max(a[k], b[k]), max(c[k], d[k])) for k in (0, 1))
     return signs[0] * signs[1] <= 0 and signs[2] * signs[3] <= 0
 
 
 def is_sum(point, first, second):
-    """Whether a point is a sum of one of each polygon: whether ``first`` meets ``point - second``, exactly."""
+    """Return True if ``first`` meets ``point - second``, exactly: the point is then a sum of a point of each."""
     mirrored = list(edges(second, point))
-    if is_in(mirrored[0][0], first):
+    if contains_exactly(mirrored[0][0], first):
         return True
     corner = exact_ring(first.exterior)[0]
-    if is_in((point[0] - corner[0], point[1] - corner[1]), second):
+    if contains_exactly((point[0] - corner[0], point[1] - corner[1]), second):
         return True
     return any(cross(one, other) for one in edges(first) for other in mirrored)
 
 
 @st.composite
 def polygons(draw, numbers=NUMBERS):
-    """A polygon around a center, with a hole or without; corners may be very close together."""
+    """Draw a polygon around a center, possibly with a hole; corners may be very close together."""
     count, center = draw(st.integers(3, 7)), (draw(numbers), draw(numbers))
     angles = sorted(draw(st.lists(st.floats(0, 6.28), min_size=count, max_size=count, unique=True)))
     radii = draw(st.lists(st.floats(0.05, 2.0), min_size=count, max_size=count))
@@ -86,7 +86,7 @@ def polygons(draw, numbers=NUMBERS):
 
 @st.composite
 def rectilinear(draw):
-    """A union of boxes on a lattice: edges of sums coincide, and corners touch."""
+    """Draw a union of boxes on a lattice, so that edges of sums coincide and corners touch."""
     boxes = draw(st.lists(st.tuples(EIGHTHS, EIGHTHS, EIGHTHS, EIGHTHS), min_size=1, max_size=3))
     ends = [(np.minimum(box[:2], box[2:]), np.maximum(box[:2], box[2:])) for box in boxes]
     return shapely.union_all([shapely.box(*low, *high) for low, high in ends if (low < high).all()])
@@ -97,21 +97,21 @@ def usable(geometry):
 
 
 def check_bounds(first, second, points):
-    """Both bounds, at sums of random points of both, and at the corners and the middles of edges of the bounds."""
+    """Check both bounds at sums of random points, and at the corners and edge midpoints of the bounds."""
     inner, outer = minkowski_sum(first, second)
     assert inner.is_valid and outer.is_valid and outer.geom_type == "Polygon"
-    # Sums of two points are in the outer bound: corners, and mixtures of corners that lie in the polygons.
-    own = [[q for ring in edges(each) for q in ring] for each in (first, second)]
+    # The outer bound contains the sums of two corners.
+    both = [[q for ring in edges(each) for q in ring] for each in (first, second)]
     for share in points:
-        a, b = (corners[int(share * len(corners))] for corners in own)
-        assert is_in((a[0] + b[0], a[1] + b[1]), outer)
+        a, b = (corners[int(share * len(corners))] for corners in both)
+        assert contains_exactly((a[0] + b[0], a[1] + b[1]), outer)
     for part in shapely.get_parts(inner):
         for ring in (part.exterior, *part.interiors):
             corners = exact_ring(ring)[:-1]
             for k, corner in enumerate(corners):
                 middle = tuple((x + y) / 2 for x, y in zip(corner, corners[k - 1], strict=True))
                 assert is_sum(corner, first, second) and is_sum(middle, first, second)
-    # No corner of the outer bound lies deep in the sum, and the two bounds are close to each other.
+    # The two bounds are close to each other.
     far = max(abs(float(x)) for x in outer.bounds)
     assert outer.area - inner.area <= 4e-9 * far * (outer.length + 1.0)
     return inner, outer
@@ -126,15 +126,15 @@ def test_bounds_hold_exactly(first, second, points):
 
 @settings(max_examples=60)
 @given(rectilinear(), rectilinear(), st.lists(st.floats(0, 0.999), min_size=8, max_size=8))
-def test_bounds_hold_where_edges_coincide(first, second, points):
+def test_bounds_hold_if_edges_coincide(first, second, points):
     if usable(first) and usable(second):
         check_bounds(first, second, points)
 
 
 @settings(max_examples=30)
 @given(polygons(), polygons())
-def test_area_is_that_of_clipper(first, second):
-    """Clipper adds the borders on a fine lattice; a copy of each polygon fills what the borders go around."""
+def test_area_agrees_with_clipper(first, second):
+    """Clipper adds the boundaries on a fine lattice; a copy of each polygon fills their interior."""
     if not (usable(first) and usable(second)):
         return
     scale, (one, other) = 2**30, [np.array(each.exterior.coords)[:-1] for each in (first, second)]
@@ -146,7 +146,7 @@ def test_area_is_that_of_clipper(first, second):
 
 
 def filled(geometry):
-    """A geometry without its holes."""
+    """Return a geometry without its holes."""
     return shapely.union_all([shapely.Polygon(part.exterior) for part in shapely.get_parts(geometry)])
 
 
@@ -161,7 +161,7 @@ def test_lines_points_and_collections_have_sums():
     assert minkowski_sum(both, square).inner.area == pytest.approx(8.0, abs=1e-6)
 
 
-def test_holes_stay_as_far_as_they_are_not_filled():
+def test_holes_remain_unless_filled():
     frame = shapely.Polygon(shapely.box(0, 0, 3, 3).exterior, [shapely.box(1, 1, 2, 2).exterior])
     inner, outer = minkowski_sum(frame, shapely.box(-0.25, -0.25, 0.25, 0.25))
     assert inner.area == pytest.approx(3.5**2 - 0.5**2, abs=1e-6) and len(outer.interiors) == len(inner.interiors) == 1
@@ -181,6 +181,6 @@ def test_coordinates_may_be_large():
     ((shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), shapely.Point(0, 0)), GeometryError, "polygons"),
     ((shapely.Point(0, 0).buffer(1, 4000).boundary,) * 2, InputError, "at most 10,000,000 are united; simplify"),
 )
-def test_arguments_are_refused(arguments, error, expected):
+def test_minkowski_sum_refuses_invalid_geometries(arguments, error, expected):
     with pytest.raises(error, match=expected):
         minkowski_sum(*arguments)

@@ -1,4 +1,4 @@
-"""Spectra of balls and of sampled descriptors, against the direct sum and against each other."""
+"""Spectra of balls and of sampled descriptors, against direct sums."""
 
 import itertools
 import math
@@ -21,7 +21,7 @@ BUMPS = [Bump(2.0), Bump(math.inf)]
 
 
 def direct(centers, radii, bump, frequencies):
-    """The sum over balls, term by term."""
+    """Sum over the balls, term by term."""
     dim = centers.shape[1]
     moduli = np.linalg.norm(frequencies, axis=1)
     sizes, which = np.unique(radii, return_inverse=True)
@@ -37,7 +37,7 @@ def scene(dim, number, classes, seed=0, size=1.0):
 
 
 def lattice(lengths, counts, number=50, seed=1):
-    """Some places of a spectrum, the corners among them, and their frequencies."""
+    """Return some positions in a spectrum, including its corners, and their frequencies."""
     rng = np.random.default_rng(seed)
     places = np.concatenate(
         [
@@ -53,7 +53,7 @@ def lattice(lengths, counts, number=50, seed=1):
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-12])
 @pytest.mark.parametrize(("number", "classes"), [(30, 2), (700, 3), (110, 110)])
 @pytest.mark.parametrize(("counts", "lengths"), [((64, 45), (2.7, 4.1)), ((24, 17, 20), (2.9, 3.0, 2.7))])
-def test_the_direct_sum_is_met_on_a_lattice(bump, tolerance, number, classes, counts, lengths):
+def test_ball_spectrum_agrees_with_the_direct_sum(bump, tolerance, number, classes, counts, lengths):
     centers, radii = scene(len(counts), number, classes)
     spectrum = ball_spectrum(centers, radii, bump, lengths, counts, tolerance)
     assert spectrum.shape == counts
@@ -67,7 +67,7 @@ def test_the_direct_sum_is_met_on_a_lattice(bump, tolerance, number, classes, co
 @pytest.mark.parametrize("bump", BUMPS, ids=str)
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-12])
 @pytest.mark.parametrize(("counts", "lengths"), [((40, 33), (2.7, 4.1)), ((14, 17, 10), (2.9, 3.0, 2.7))])
-def test_a_thousand_radii_by_a_few_functions(bump, tolerance, counts, lengths):
+def test_radius_basis_replaces_a_thousand_radii(bump, tolerance, counts, lengths):
     centers, radii = scene(len(counts), 1000, 100_000)
     place, frequencies = lattice(lengths, counts, number=5)
     most = float(np.linalg.norm(np.divide(counts, lengths) / 2.0))
@@ -83,17 +83,17 @@ def test_a_thousand_radii_by_a_few_functions(bump, tolerance, counts, lengths):
 
 @settings(max_examples=25)
 @given(st.sampled_from([2, 3]), seeds)
-def test_spectra_obey_their_laws(dim, seed):
+def test_spectra_are_hermitian_additive_and_shift_by_phases(dim, seed):
     rng = np.random.default_rng(seed)
     centers, radii = scene(dim, int(rng.integers(1, 120)), int(rng.integers(1, 4)), seed)
     counts, lengths, bump = tuple(rng.integers(3, 20, dim).tolist()), rng.uniform(2.7, 5.0, dim), Bump(2.0)
     spectrum = ball_spectrum(centers, radii, bump, lengths, counts)
     size = 1e-8 * spectrum.flat[0].real
-    # What is real has a spectrum with conjugate halves; the frequency half a count down has no partner.
+    # The spectrum of a real function is Hermitian; the Nyquist frequency of an even count has no partner.
     place = np.ix_(*(np.setdiff1d(np.arange(m), [m // 2] if m % 2 == 0 else []) for m in counts))
     partner = np.ix_(*(-np.setdiff1d(np.arange(m), [m // 2] if m % 2 == 0 else []) % m for m in counts))
     np.testing.assert_allclose(spectrum[place], spectrum[partner].conj(), atol=size)
-    # A move is a phase; one by a period is none.
+    # A translation multiplies by a phase, which is 1 for a whole period.
     shift = rng.uniform(-3, 3, dim)
     axes = [np.fft.fftfreq(m, 1.0 / m) / length for m, length in zip(counts, lengths, strict=True)]
     phase = np.exp(-2j * math.pi * sum(np.meshgrid(*(a * s for a, s in zip(axes, shift, strict=True)), indexing="ij")))
@@ -109,14 +109,14 @@ def test_spectra_obey_their_laws(dim, seed):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_it_is_the_fourier_series_of_the_descriptor(dim):
+def test_ball_spectrum_is_the_fourier_series_of_the_descriptor(dim):
     centers, radii = scene(dim, 12, 12, seed=5)
     balls = BallDescriptor(centers, radii + 0.45)
     counts, length = (96,) * dim, 3.6
     spectrum = ball_spectrum(centers, balls.radii, balls.bump, length, counts, 1e-10)
     lower = (centers.min(axis=0) + centers.max(axis=0)) / 2 - length / 2
     grid = Grid(lower, length / 96, counts)
-    # Its inverse, moved to the grid's middles, is the samples, but for frequencies beyond the last.
+    # Its inverse, shifted to the cell centers, equals the samples except for the frequencies above the band.
     shift = np.array(grid.center_of([0] * dim))
     axes = [np.fft.fftfreq(96, 1.0 / 96) / length] * dim
     phase = np.exp(2j * math.pi * sum(np.meshgrid(*(a * s for a, s in zip(axes, shift, strict=True)), indexing="ij")))
@@ -146,16 +146,16 @@ POINTS = np.zeros((2, 2))
     ((POINTS, 0.6, Bump(), 1.0, 4), "fit into one period"),
     (([[0.0, 0.0], [0.0, 0.9]], 0.1, Bump(), 1.0, 4), "along y"),
 )
-def test_unusable_input_is_refused(arguments, match):
+def test_ball_spectrum_refuses_invalid_arguments(arguments, match):
     with pytest.raises(InputError, match=match):
         ball_spectrum(*arguments)
 
 
-def test_balls_that_fill_a_period_fit():
+def test_ball_spectrum_accepts_balls_that_fill_a_period():
     assert ball_spectrum([[7.0, 0.1], [7.8, 0.1]], 0.1, Bump(), (1.0, 0.2), 4).shape == (4, 4)
 
 
-def test_without_the_extra_a_transform_is_refused_by_name_and_the_rest_works():
+def test_missing_finufft_refuses_only_transforms():
     output = output_without(
         "finufft",
         """
