@@ -1,4 +1,4 @@
-"""Borders: what of shapes lies in the grid, where they are cut open, and how many parts hang together."""
+"""Boundaries: clipping, caps, and connected parts."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def areas(triangles):
 
 @settings(max_examples=40)
 @given(seeds)
-def test_borders_of_cells_have_an_anchor_a_part(seed):
+def test_cell_boundaries_have_an_anchor_per_part(seed):
     rng = np.random.default_rng(seed)
     cells = rng.random(rng.integers(1, 7, 3)) < 0.5
     if cells.any():
@@ -36,11 +36,11 @@ def test_borders_of_cells_have_an_anchor_a_part(seed):
 
 @settings(max_examples=30)
 @given(seeds)
-def test_clipping_leaves_what_is_in_the_box(seed):
+def test_clip_keeps_the_part_in_the_box(seed):
     rng = np.random.default_rng(seed)
     grid = cspace.Grid((0.0, 0.0, 0.0), 0.5, (2, 2, 2))
     triangles = rng.uniform(-1, 2, (5, 3, 3))
-    triangles[0, :, 0] = 1.0  # on a border of the box
+    triangles[0, :, 0] = 1.0  # on a face of the box
     parts = clip(bare(triangles), grid).simplices
     assert (parts >= 0.0).all() and (parts <= 1.0).all()
     weights = rng.dirichlet(np.ones(3), 20_000)
@@ -53,8 +53,8 @@ def test_clipping_leaves_what_is_in_the_box(seed):
 
 @settings(max_examples=80)
 @given(st.lists(stars(2.0), min_size=1, max_size=3), seeds, st.booleans())
-def test_a_cut_polygon_has_the_border_that_shapely_gives_it(corners, seed, rounded):
-    """Of what is cut open too; corners may lie on the border of the grid."""
+def test_boundary_of_a_clipped_polygon_agrees_with_shapely(corners, seed, rounded):
+    """Includes caps; corners may lie on the boundary of the grid."""
     rng = np.random.default_rng(seed)
     shift = rng.uniform(-1, 2, (len(corners), 2))
     polygons = [shapely.Polygon(part + by) for part, by in zip(corners, shift, strict=True)]
@@ -72,18 +72,18 @@ def test_a_cut_polygon_has_the_border_that_shapely_gives_it(corners, seed, round
         true = shapely.get_parts([part.intersection(shapely.box(0, 0, 1, 1)) for part in polygons])
         border = shapely.union_all([part.boundary if part.area else part for part in true])
         assert shapely.hausdorff_distance(ours, border, densify=0.05) < 1e-9 or exterior_blocked
-        if exterior_blocked:  # what lies on the border of the grid is beyond doubt
+        if exterior_blocked:  # the exterior decides about the boundary of the grid itself
             inner = border.intersection(shapely.box(0.01, 0.01, 0.99, 0.99))
             assert inner.difference(ours.buffer(1e-9)).is_empty
 
 
-def test_balls_that_reach_the_grid_stay_whole():
+def test_clip_keeps_balls_that_reach_the_grid():
     grid = cspace.Grid((0.0, 0.0), 0.5, (2, 2))
     balls = Pieces(np.array([[[1.5, 0.5]], [[1.5, 1.5]], [[0.5, 0.5]], [[5.0, 0.5]]]), np.array([0.5, 0.6, 0.0, 1.0]))
     np.testing.assert_array_equal(clip(balls, grid).radii, [0.5, 0.0])
 
 
-def test_anchors_are_one_a_part():
+def test_part_anchors_returns_one_point_per_part():
     rng = np.random.default_rng(0)
     spheres = [trimesh.creation.icosphere(1, r).triangles + 3.0 * k for k, r in enumerate((0.5, 0.2, 0.9))]
     points, sizes = part_anchors(bare(rng.permutation(np.concatenate(spheres))))

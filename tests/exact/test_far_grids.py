@@ -1,4 +1,4 @@
-"""Exact answers on grids that reach as far from the origin as grids may, against rational arithmetic and shapely."""
+"""Exact queries on grids as far from the origin as allowed, against rational arithmetic and shapely."""
 
 from fractions import Fraction
 
@@ -20,7 +20,7 @@ RADIUS = 0.37
 
 
 def farthest_lower(signs, spacing):
-    """Lower corner of a grid whose outermost cells end at the last coordinate that a grid may have."""
+    """Return the lower corner of a grid whose outermost cells end at the largest allowed coordinate."""
     last = MAX_COORDINATE - CELLS - 1
     return np.where(np.array(signs) > 0, last, -last - CELLS) * spacing
 
@@ -52,7 +52,7 @@ def test_points_and_edges_agree_with_rational_arithmetic(seed, signs, spacing):
 
 
 @pytest.mark.parametrize("signs", CORNERS)
-def test_turning_robots_agree_with_shapely(signs):
+def test_rotating_robots_agree_with_shapely(signs):
     spacing, rng = 0.0625, np.random.default_rng(1)
     lower = farthest_lower(signs, spacing)
     boxes = boxes_around(np.zeros(2), rng)
@@ -91,7 +91,7 @@ def test_balls_in_space_agree_with_distances(signs):
     assert 50 < answers.sum() < len(answers) - 50
 
 
-def test_no_grid_reaches_farther():
+def test_grids_refuse_to_reach_farther():
     lower = farthest_lower((1, 1), 0.05)
     Grid(lower, 0.05, (CELLS, CELLS))
     with pytest.raises(cspace.InputError, match="cells from the origin"):

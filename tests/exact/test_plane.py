@@ -1,4 +1,4 @@
-"""Exact look-ups: against shapely at a thousand points along each edge, and cases that paper and pencil decide."""
+"""Exact queries in the plane, against shapely along edges and against cases solved by hand."""
 
 import math
 from dataclasses import replace
@@ -19,19 +19,21 @@ from tests.soak.plane import moved
 
 SIDE = 0.6
 BAND = 1e-6
-"""Metres around the margin in which shapely's answer is not held against ours."""
+"""Metres around the margin in which the answers of shapely are not compared."""
 
 
 def corridor(share):
-    """Two blocks with a corridor of ``share`` times the robot's width between them, along x at y = 2."""
+    """Return two blocks with a corridor along x at y = 2, ``share`` times as wide as the robot."""
     half = SIDE * share / 2
     blocks = [shapely.box(2, 0, 4, 2 - half), shapely.box(2, 2 + half, 4, 4)]
     return Workspace.from_polygons(blocks, SIDE / 5, (0, 0, 6, 4))
 
 
 def distances(space, q, shape):
-    """Distance of the robot at configurations, shape (n, size), from the obstacles; below zero inside, for discs."""
-    q = np.asarray(q, dtype=float).reshape(-1, space.size)
+    """Return distances of the robot at configurations, shape (n, dof), from the obstacles; negative inside for
+    discs.
+    """
+    q = np.asarray(q, dtype=float).reshape(-1, space.dof)
     if shape.is_empty:
         return np.full(len(q), np.inf)
     body = space.robot.shape
@@ -43,8 +45,8 @@ def distances(space, q, shape):
     return shapely.distance(shapely.set_coordinates(np.array([robot] * len(q)), where), shape)
 
 
-def along(q0, q1, n=1000):
-    """Configurations on OMPL's way between two configurations."""
+def interpolate(q0, q1, n=1000):
+    """Interpolate configurations between two configurations as OMPL does."""
     t = np.linspace(0.0, 1.0, n)[:, None]
     step = np.asarray(q1, dtype=float) - q0
     step[2:] = (step[2:] + np.pi) % (2 * np.pi) - np.pi
@@ -52,7 +54,7 @@ def along(q0, q1, n=1000):
 
 
 def draw(space, rng, n):
-    """Configurations in and around the grid, half of them near cells that are MIXED."""
+    """Draw configurations in and around the grid, half of them near MIXED cells."""
     q = rng.uniform(np.subtract(space.grid.lower, 0.5), np.add(space.grid.upper, 0.5), (n, 2))
     cells = np.argwhere(space._kernel_map.states == MIXED)
     if len(cells):
@@ -63,7 +65,7 @@ def draw(space, rng, n):
 
 @st.composite
 def workspaces(draw):
-    """Grid maps, and polygons, lines and points, of which some reach beyond the bounds."""
+    """Draw grid maps, and polygons, lines and points, some of them beyond the bounds."""
     rng = np.random.default_rng(draw(seeds))
     low = rng.uniform(-3, 3, 2)
     if draw(st.booleans()):
@@ -76,6 +78,7 @@ def workspaces(draw):
 
 @st.composite
 def spaces(draw):
+    """Draw maps of small worlds."""
     return cspace.build(
         draw(workspaces()),
         draw(robots(draw(st.sampled_from([0.15, 0.4])))),
@@ -104,7 +107,7 @@ def test_points_agree_with_shapely(space, seed):
 
 @settings(max_examples=14)
 @given(spaces(), seeds)
-def test_no_free_edge_collides(space, seed):
+def test_free_edges_never_collide(space, seed):
     rng = np.random.default_rng(seed)
     q0 = draw(space, rng, 60)
     q1 = q0 + rng.normal(0.0, 0.3, q0.shape) * rng.choice([0.1, 1.0, 3.0], (60, 1))
@@ -114,10 +117,10 @@ def test_no_free_edge_collides(space, seed):
     assert free[by_map].all()
     shape = obstacles_of(space)
     for first, last, proven in zip(q0, q1, free, strict=True):
-        least = distances(space, along(first, last, 1000 if proven else 60), shape).min() - space.margin
+        least = distances(space, interpolate(first, last, 1000 if proven else 60), shape).min() - space.margin
         if proven:
             assert least > 0.0
-        else:  # not only proofs, but all that a hundredth of the edge's length allows
+        else:  # an edge that is not proven comes close to an obstacle, within 1 % of its length
             assert least < 0.01 * (np.abs(last - first).sum() + 1.0) + BAND
 
 
@@ -126,7 +129,7 @@ def test_no_free_edge_collides(space, seed):
 
 @pytest.mark.parametrize("turns", [None, 36, 72])
 @pytest.mark.parametrize("yaw", [0.0, math.pi, -4.0 * math.pi])
-def test_a_corridor_a_hair_wider_than_the_robot_is_passable_only_exactly(turns, yaw):
+def test_only_exact_queries_pass_a_barely_wider_corridor(turns, yaw):
     robot = Robot.rectangle(0.9, SIDE)
     wide = cspace.build(corridor(1.02), robot, rotations=turns)
     narrow = cspace.build(corridor(0.98), robot, rotations=turns)
@@ -138,16 +141,16 @@ def test_a_corridor_a_hair_wider_than_the_robot_is_passable_only_exactly(turns, 
 
 
 @pytest.mark.parametrize("share", [1.0, 1.0 + 1e-12])
-def test_a_corridor_as_wide_as_the_robot_is_not_passable(share):
-    """Nor is one that is wider by less than the allowance for rounding."""
+def test_corridor_as_wide_as_the_robot_is_blocked(share):
+    """So is a corridor that is wider by less than the allowance for rounding."""
     space = cspace.build(corridor(share), Robot.rectangle(0.9, SIDE))
     assert not space.motion_is_free([1.0, 2.0], [5.0, 2.0], exact=True)
     assert not space.is_free([3.0, 2.0], exact=True)
 
 
 @pytest.mark.parametrize("angle", [0.01, 0.02])
-def test_how_far_a_rectangle_turns_in_a_corridor(angle):
-    """A rectangle turned by a reaches (length sin a + width cos a) / 2 to each side."""
+def test_rectangle_rotates_as_far_as_a_corridor_allows(angle):
+    """A rectangle rotated by a reaches (length sin a + width cos a) / 2 to each side."""
     length, height = 0.9, SIDE * 1.02
     fits = length * math.sin(angle) + SIDE * math.cos(angle) < height
     space = cspace.build(corridor(1.02), Robot.rectangle(length, SIDE), rotations=72)
@@ -159,8 +162,8 @@ def test_how_far_a_rectangle_turns_in_a_corridor(angle):
 @pytest.mark.parametrize("outside", ["blocked", "free"])
 @pytest.mark.parametrize("margin", [0.0, 0.05])
 @pytest.mark.parametrize("center", [(0.0, 0.0), (0.3, -0.1)])
-def test_discs_are_round(outside, margin, center):
-    """Around a point obstacle, and beside a wall of the map, exact to a millionth."""
+def test_discs_are_exactly_round(outside, margin, center):
+    """Test around a point obstacle and beside a wall of the map, exact to 1e-6 m."""
     workspace = Workspace.from_polygons(shapely.Point(1.0, 1.0), 0.1, (0, 0, 3, 3))
     space = cspace.build(workspace, Robot.disc(0.25, center), outside=outside, margin=margin)
     for angle in np.linspace(0, 7, 50):
@@ -175,14 +178,14 @@ def test_discs_are_round(outside, margin, center):
     assert space.is_free([wall - 1e-6, 2.0], exact=True)
 
 
-def test_a_disc_around_its_reference_point_turns_without_cost():
+def test_disc_rotates_about_its_center_next_to_an_obstacle():
     workspace = Workspace.from_polygons(shapely.Point(1.0, 1.0), 0.1, (0, 0, 3, 3))
     space = cspace.build(workspace, Robot.disc(0.25), rotations=8)
-    beside = 1.25 + 1e-9  # so near that steps would be too many
+    beside = 1.25 + 1e-9  # so close that proofs by steps would need too many
     assert space.motion_is_free([beside, 1.0, 0.0], [beside, 1.0, 3.0], exact=True)
 
 
-def test_touching_is_a_collision():
+def test_touching_counts_as_collision():
     space = cspace.build(Workspace.from_array(exterior_blocked((10, 10), np.s_[5, 5]), 1.0), Robot.rectangle(1.0, 1.0))
     assert not space.is_free([4.5, 5.5], exact=True)
     assert space.is_free([4.5 - 1e-6, 5.5], exact=True)
@@ -192,8 +195,8 @@ def test_touching_is_a_collision():
     assert space.is_free([0.5 + 1e-6, 2.5], exact=True)
 
 
-def test_one_within_the_other_is_a_collision():
-    """Borders that are far apart prove nothing: a robot in a block, a pillar in a robot, and a pillar in its hole."""
+def test_containment_counts_as_collision():
+    """Distant boundaries prove nothing: a robot in a block, a pillar in a robot, and a pillar in its hole."""
     block = cspace.build(
         Workspace.from_polygons(shapely.box(1, 1, 5, 5), 0.5, (0, 0, 6, 6)), Robot.disc(0.3), inner=False
     )
@@ -212,7 +215,7 @@ def test_one_within_the_other_is_a_collision():
     assert inside.is_free([3.0, 3.0], exact=True) and not inside.is_free([3.02, 3.0], exact=True)
 
 
-def test_parts_of_a_bitmap_that_lie_in_an_obstacle_collide():
+def test_bitmap_parts_inside_an_obstacle_collide():
     occupied = np.zeros((40, 3), dtype=bool)
     occupied[[0, 39]] = True
     robot = Robot.from_bitmap(occupied, 0.1, (-2.0, 0.0))
@@ -220,22 +223,22 @@ def test_parts_of_a_bitmap_that_lie_in_an_obstacle_collide():
     assert not space.is_free([2.6, 3.0], exact=True)
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.01])
-def test_a_thin_robot_does_not_jump_over_a_thin_obstacle(turn):
+@pytest.mark.parametrize("angle", [0.0, 0.01])
+def test_thin_robot_never_jumps_over_a_thin_obstacle(angle):
     workspace = Workspace.from_polygons(shapely.Point(1.0, 1.0), 0.25, (0, 0, 2, 2))
     space = cspace.build(workspace, Robot.rectangle(0.4, 0.002), rotations=8, inner=False)
     rng = np.random.default_rng(0)
     below, above = rng.uniform(0.7, 0.99, 500), rng.uniform(1.01, 1.3, 500)
     low = np.column_stack([rng.uniform(0.85, 1.15, 500), below, rng.uniform(-0.1, 0.1, 500)])
-    high = np.column_stack([low[:, 0], above, low[:, 2] + turn])
+    high = np.column_stack([low[:, 0], above, low[:, 2] + angle])
     endpoints_clear = space.is_free(low, exact=True) & space.is_free(high, exact=True)
     assert endpoints_clear.sum() > 300
     assert not space.motion_is_free(low, high, exact=True).any()
     assert not space.motion_is_free(high, low, exact=True).any()
 
 
-def test_the_end_of_a_long_wall_is_seen_from_afar():
-    """Pieces are sought by their middles, which lie half a bin behind their ends."""
+def test_edges_find_the_end_of_a_long_wall():
+    """A wall is indexed by its center, far from its end."""
     rng = np.random.default_rng(0)
     tip = rng.uniform(3.0, 5.0, 100)
     walls = [shapely.LineString([(x, y), (x + 4.0, y)]) for x, y in zip(tip, 2.0 * np.arange(100) + 1.0, strict=True)]
@@ -246,7 +249,7 @@ def test_the_end_of_a_long_wall_is_seen_from_afar():
     assert not space.motion_is_free(low, high, exact=True).any()
 
 
-def test_what_lies_outside_the_bounds_is_clipped():
+def test_obstacles_are_clipped_to_the_bounds():
     shape = shapely.Polygon([(2, 1), (9, 1), (9, 3), (2, 3)])
     space = cspace.build(Workspace.from_polygons(shape, 0.25, (0, 0, 4, 4)), Robot.disc(0.3), outside="free")
     assert space.is_free([4.301, 2.0], exact=True) and not space.is_free([4.301, 2.0])
@@ -264,8 +267,8 @@ def test_what_lies_outside_the_bounds_is_clipped():
         [(1.8, 0.1), (0.8, 3.1), (2.0, -0.3)],
     ],
 )
-def test_bounds_next_to_zero_cut_as_zero_does(corners, low):
-    """GEOS cuts wrongly where a bound is denormal."""
+def test_denormal_bounds_clip_like_zero(corners, low):
+    """GEOS clips wrongly if a bound is denormal."""
     triangle = shapely.Polygon(corners)
     workspace = Workspace.from_polygons(triangle, 0.1, (0, low, 3, 3))
     space = cspace.build(workspace, Robot.disc(0.004), outside="free", inner=False)
@@ -278,7 +281,7 @@ def test_bounds_next_to_zero_cut_as_zero_does(corners, low):
 
 
 @pytest.mark.parametrize("outside", ["blocked", "free"])
-def test_round_obstacles_are_round(outside):
+def test_ball_obstacles_are_exactly_round(outside):
     rng = np.random.default_rng(0)
     centers, radii = rng.uniform(-0.3, 4.3, (12, 2)), rng.uniform(0.0, 0.8, 12)
     cells = Workspace.from_balls(centers, radii, 0.1, (0, 0, 4, 4))
@@ -286,8 +289,8 @@ def test_round_obstacles_are_round(outside):
     space = cspace.build(workspace, Robot.rectangle(0.3, 0.2), rotations=12, outside=outside)
     q = draw(space, rng, 2000)
     corners = np.array([(-0.15, -0.1), (0.15, -0.1), (0.15, 0.1), (-0.15, 0.1)])
-    turn = np.exp(1j * q[:, 2])[:, None] * (corners[:, 0] + 1j * corners[:, 1])
-    placed = np.stack([turn.real + q[:, :1], turn.imag + q[:, 1:2]], axis=-1)
+    angle = np.exp(1j * q[:, 2])[:, None] * (corners[:, 0] + 1j * corners[:, 1])
+    placed = np.stack([angle.real + q[:, :1], angle.imag + q[:, 1:2]], axis=-1)
     gap = (shapely.distance(shapely.polygons(placed)[:, None], shapely.points(centers)) - radii).min(axis=1)
     if outside == "blocked":
         gap = np.minimum(gap, np.minimum(placed, 4.0 - placed).min(axis=(1, 2)))
@@ -297,8 +300,8 @@ def test_round_obstacles_are_round(outside):
     np.testing.assert_array_equal(free[decided], gap[decided] > 0.0)
 
 
-def test_a_half_turn_is_proven_along_both_arcs():
-    """A bar beside a wall can turn on one side only."""
+def test_half_turns_are_proven_along_both_arcs():
+    """A bar beside a wall can rotate on one side only."""
     wall = Workspace.from_polygons(shapely.box(0, 0, 6, 1), 0.25, (0, 0, 6, 4))
     space = cspace.build(wall, Robot.rectangle(0.8, 0.1, center=(0.4, 0.0)), rotations=36)
     assert space.motion_is_free([3.0, 1.3, 0.0], [3.0, 1.3, 3.1], exact=True)
@@ -307,14 +310,14 @@ def test_a_half_turn_is_proven_along_both_arcs():
         assert not space.motion_is_free(*([3.0, 1.3, yaw] for yaw in yaws), exact=True)
 
 
-def test_an_edge_that_grazes_is_proven_and_one_that_touches_is_not():
+def test_grazing_edges_are_free_and_touching_edges_are_not():
     space = cspace.build(corridor(1.0 + 1e-7), Robot.rectangle(0.9, SIDE), rotations=72)
     assert space.motion_is_free([1.0, 2.0, 0.0], [5.0, 2.0, 0.0], exact=True)
     assert space.motion_is_free([1.0, 2.0, 0.0], [5.0, 2.0, 1e-9], exact=True)
     assert not space.motion_is_free([1.0, 2.0, 0.0], [5.0, 2.0, 1e-6], exact=True)
 
 
-def test_cells_and_geometry_answer_together():
+def test_cells_and_geometry_decide_together():
     space = cspace.build(corridor(1.02), Robot.rectangle(0.9, SIDE), rotations=72)
     point, edge = space.point_checker(exact=True), space.edge_checker(exact=True)
     q = [[1.0, 2.0, 0.0], [3.0, 1.0, 0.0], [3.0, 2.0, 0.0], [3.0, 2.0, 0.02]]
@@ -325,7 +328,7 @@ def test_cells_and_geometry_answer_together():
 
 
 @pytest.mark.parametrize("outside", ["blocked", "free"])
-def test_geometry_far_away_is_proven(outside):
+def test_far_configurations_are_decided(outside):
     space = cspace.build(corridor(1.02), Robot.rectangle(0.9, SIDE), rotations=8, outside=outside)
     for far in (1e3, 1e9, 1e200, 1.7e308):
         assert space.is_free([far, -far, 1.0], exact=True) == (outside == "free")

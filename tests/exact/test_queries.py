@@ -1,4 +1,4 @@
-"""Exact look-ups of every space: batches, checkers, threads; what is refused; real data."""
+"""Exact queries of every space: batches, checkers, threads, refusals and real data."""
 
 import math
 from concurrent.futures import ThreadPoolExecutor
@@ -21,7 +21,7 @@ def plane(rotations=None):
     return cspace.build(workspace, Robot.rectangle(0.33, 0.21), rotations=rotations)
 
 
-def solid(robot, **options):
+def spatial(robot, **options):
     rng = np.random.default_rng(5)
     workspace = Workspace.from_balls(rng.uniform(0, 2, (12, 3)), 0.05, 0.1, (0, 0, 0, 2, 2, 2))
     return cspace.build(workspace, robot, **options)
@@ -30,11 +30,11 @@ def solid(robot, **options):
 SPACES = {
     "plane": plane,
     "turning": lambda: plane(24),
-    "box": lambda: solid(Robot.box((0.3, 0.2, 0.3))),
-    "box with yaw": lambda: solid(Robot.box((0.3, 0.1, 0.2)), rotations=6),
-    "box any way": lambda: solid(Robot.box((0.3, 0.1, 0.2)), rotations=Rotations.quaternions(2)),
-    "mesh": lambda: solid(Robot.from_mesh(trimesh.creation.icosphere(1, 0.2))),
-    "balls": lambda: solid(Robot.from_balls([[0, 0, 0], [0.1, 0, 0]], [0.1, 0.15]), margin=0.02),
+    "box": lambda: spatial(Robot.box((0.3, 0.2, 0.3))),
+    "box with yaw": lambda: spatial(Robot.box((0.3, 0.1, 0.2)), rotations=6),
+    "box any way": lambda: spatial(Robot.box((0.3, 0.1, 0.2)), rotations=Rotations.quaternions(2)),
+    "mesh": lambda: spatial(Robot.from_mesh(trimesh.creation.icosphere(1, 0.2))),
+    "balls": lambda: spatial(Robot.from_balls([[0, 0, 0], [0.1, 0, 0]], [0.1, 0.15]), margin=0.02),
 }
 
 
@@ -44,7 +44,7 @@ def make(request):
 
 
 def draw(space, rng, n):
-    """Configurations in and around the grid, half of them in cells that are MIXED."""
+    """Draw configurations in and around the grid, half of them in MIXED cells."""
     d = space.grid.dim
     q = rng.uniform(np.subtract(space.grid.lower, 0.1), np.add(space.grid.upper, 0.1), (n, d))
     cells = np.argwhere(space.classify(centers(space)) == MIXED)
@@ -54,13 +54,13 @@ def draw(space, rng, n):
 
 
 def centers(space):
-    """Middles of all cells at the first rotation."""
+    """Return the centers of all cells at the first rotation."""
     middles = space.grid.center_of(np.argwhere(np.ones(space.grid.shape, dtype=bool)))
     middles = np.column_stack([middles, np.tile(space.rotations.centers[0], (len(middles), 1))])
     return middles.reshape(*space.grid.shape, space.size)
 
 
-def test_batches_checkers_and_threads_answer_as_single_look_ups(make):
+def test_batches_checkers_and_threads_agree_with_single_queries(make):
     space, other = make(), make()
     rng = np.random.default_rng(1)
     q0 = draw(space, rng, 300)
@@ -84,7 +84,7 @@ def test_batches_checkers_and_threads_answer_as_single_look_ups(make):
     assert space.is_free(np.empty((0, 3, space.size)), exact=True).shape == (0, 3)
 
 
-def test_what_lies_within_the_other_is_found_in_parts_of_any_size(make, monkeypatch):
+def test_containment_does_not_depend_on_the_batch_size(make, monkeypatch):
     space, other = make(), make()
     q = draw(space, np.random.default_rng(2), 60)
     free = space.is_free(q, exact=True)
@@ -92,7 +92,7 @@ def test_what_lies_within_the_other_is_found_in_parts_of_any_size(make, monkeypa
     np.testing.assert_array_equal(other.is_free(q, exact=True), free)
 
 
-def test_bodies_are_asked_until_one_has_it(monkeypatch):
+def test_containment_stops_at_the_first_body(monkeypatch):
     asked, contains = [], Polygons.contains
     monkeypatch.setattr(Polygons, "contains", lambda body, points: asked.append(body) or contains(body, points))
     workspace = Workspace.from_polygons([shapely.box(1.6, 1.6, 3.4, 3.4)], spacing=1.0, bounds=(0.0, 0.0, 5.0, 5.0))
@@ -101,7 +101,7 @@ def test_bodies_are_asked_until_one_has_it(monkeypatch):
     assert space.is_free((1.2, 1.2), exact=True) and len(asked) == 3
 
 
-def test_decided_cells_answer_without_geometry(make):
+def test_decided_cells_need_no_geometry(make):
     space = make()
     q = centers(space)
     q = q[space.classify(q) != MIXED]
@@ -112,13 +112,13 @@ def test_decided_cells_answer_without_geometry(make):
     of = space.workspace, space.robot, space.rotations, slices, states
     silent = cspace.CSpace(
         Contents(*of, margin=space.margin, prove=lambda problem: None)
-    )  # who asks for more than the cells fails
+    )  # proofs are None, so any query beyond the cells fails
     np.testing.assert_array_equal(silent.is_free(q, exact=True), space.classify(q) == cspace.FREE)
     assert silent.motion_is_free(*(q[through] for q in edges), exact=True).all()
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_bad_input_is_refused(make, bad):
+def test_queries_refuse_invalid_configurations(make, bad):
     space = make()
     q = [0.0] * (space.size - 1)
     for call in (
@@ -130,14 +130,14 @@ def test_bad_input_is_refused(make, bad):
             call()
 
 
-def test_what_depends_on_the_spacing_is_refused():
-    space = solid(Robot.from_mesh(trimesh.creation.box((0.3, 0.3, 0.3)), solid="fill"))
+def test_queries_refuse_shapes_that_depend_on_the_spacing():
+    space = spatial(Robot.from_mesh(trimesh.creation.box((0.3, 0.3, 0.3)), solid="fill"))
     with pytest.raises(InputError, match=r"solid='fill'.*pass solid='auto'"):
         space.is_free(centers(space), exact=True)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_without_obstacles_all_is_free(dim):
+def test_everything_is_free_without_obstacles(dim):
     robot = Robot.box((0.3, 0.3, 0.3)) if dim == 3 else Robot.rectangle(0.3, 0.3)
     space = cspace.build(Workspace.from_array(np.zeros((5,) * dim, dtype=bool), 0.2), robot)
     assert space.is_free([0.15 + 1e-9, *[0.5] * (dim - 1)], exact=True)
@@ -148,7 +148,7 @@ def test_without_obstacles_all_is_free(dim):
 
 @pytest.mark.parametrize("mesh", [False, True])
 def test_ztunnel_agrees_with_boxes(data, mesh):
-    """Nine boxes along the axes and a cube, which paper and pencil decide."""
+    """The scene consists of nine axis-aligned boxes and a cube, so that it can be solved by hand."""
     folder = data / "solids" / "ZTunnel"
     obstacles = trimesh.load(folder / "obstacles.obj", force="mesh", process=True)
     boxes = np.array([part.bounds for part in obstacles.split(only_watertight=False)])
@@ -167,8 +167,8 @@ def test_ztunnel_agrees_with_boxes(data, mesh):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_obstacles_end_where_the_grid_does(dim):
-    """A ball of the robot lies beyond the grid, where an obstacle would go on; another one is close to it within."""
+def test_obstacles_end_at_the_bounds_of_the_grid(dim):
+    """One ball of the robot lies beyond the grid, where an obstacle would continue; another is close to it inside."""
     bounds = [0.0] * dim + [6.0] * dim
     if dim == 2:
         workspace = Workspace.from_polygons([shapely.box(2, 2, 4, 10)], 0.25, bounds)

@@ -1,4 +1,4 @@
-"""Exact look-ups in space: against boxes and balls that paper and pencil decide, manifold3d, and rational numbers."""
+"""Exact queries in space, against boxes and balls solved by hand, manifold3d, and FCL."""
 
 import math
 from itertools import product
@@ -21,27 +21,27 @@ from strategies import seeds
 from tests.soak.solids import Blocks, Pair, Walls
 
 BAND = 1e-6
-"""Metres around the margin in which an oracle's answer is not held against ours."""
+"""Metres around the margin in which the answers of oracles are not compared."""
 
 
 # ---- oracles ---------------------------------------------------------------------------------------------------------
 
 
 def boxes_mesh(boxes):
-    """Boxes, lower and upper corners, as one mesh."""
+    """Return boxes, given by lower and upper corners, as one mesh."""
     return trimesh.util.concatenate([trimesh.creation.box(bounds=box) for box in np.reshape(boxes, (-1, 2, 3))])
 
 
 def gaps_of(space, robot, obstacles):
-    """Return a function of positions: distance to spare, minus the margin where they meet."""
+    """Return a function from positions to (distance - margin), at most zero at collisions."""
     pairs = [Pair.of(robot, obstacles)]
     if space.outside == "blocked":
         pairs.append(Walls(robot, (np.array(space.grid.lower), np.array(space.grid.upper))))
     return lambda q: np.min([pair.gaps(q) for pair in pairs], axis=0) - space.margin
 
 
-def agrees(space, q, spare):
-    """Fail unless points are free exactly where there is distance to spare."""
+def check_points(space, q, spare):
+    """Fail unless points are free exactly where the slack is positive."""
     free, state = space.is_free(q, exact=True), space.classify(q)
     assert not (free & (spare <= 0.0)).any()
     assert free[state == FREE].all() and not free[state == BLOCKED].any()
@@ -50,8 +50,8 @@ def agrees(space, q, spare):
     return free
 
 
-def edges_agree(space, q0, q1, gaps):
-    """Fail unless every edge that is proven keeps its distance at a thousand points, and most that do are proven."""
+def check_edges(space, q0, q1, gaps):
+    """Fail unless every proven edge keeps its distance at 1000 points, and most other edges come close."""
     free, by_map = space.motion_is_free(q0, q1, exact=True), space.motion_is_free(q0, q1)
     assert free[by_map].all()
     for first, last, proven in zip(q0, q1, free, strict=True):
@@ -62,7 +62,7 @@ def edges_agree(space, q0, q1, gaps):
 
 
 def near_mixed(space, rng, n):
-    """Places in MIXED cells, and some anywhere in and around the grid."""
+    """Draw positions in MIXED cells, and some anywhere in and around the grid."""
     q = rng.uniform(np.subtract(space.grid.lower, 0.5), np.add(space.grid.upper, 0.5), (n, 3))
     cells = np.argwhere(space.cell_states == MIXED)
     if len(cells):
@@ -73,7 +73,7 @@ def near_mixed(space, rng, n):
 
 @st.composite
 def box_worlds(draw):
-    """Boxes in a grid, as a mesh, and the same clipped to the grid."""
+    """Draw boxes in a grid, its corner and a generator."""
     rng = np.random.default_rng(draw(seeds))
     corner = rng.uniform(-2, 2, 3)
     low = corner + rng.uniform(-0.2, 2.2, (int(rng.integers(1, 6)), 3))
@@ -89,7 +89,7 @@ def box_worlds(draw):
 @given(box_worlds(), st.sampled_from(["blocked", "free"]), st.sampled_from([0.0, 0.07]), st.booleans())
 def test_boxes_among_boxes_agree_with_arithmetic(world, outside, margin, inner):
     boxes, corner, rng = world
-    if outside == "free":  # what the bounds cut is tested on its own
+    if outside == "free":  # another test clips boxes
         boxes = np.clip(boxes, corner + 0.01, corner + 2.29)
         boxes = boxes[(boxes[:, 1] - boxes[:, 0] > 0.01).all(axis=1)]
         boxes = boxes if len(boxes) else np.array([[corner + 1.0, corner + 1.2]])
@@ -98,16 +98,16 @@ def test_boxes_among_boxes_agree_with_arithmetic(world, outside, margin, inner):
     space = cspace.build(workspace, Robot.box(size, center), outside=outside, margin=margin, inner=inner)
     gaps = gaps_of(space, Blocks.boxes([center - size / 2, center + size / 2]), Blocks.boxes(boxes))
     q0 = near_mixed(space, rng, 150)
-    agrees(space, q0, gaps(q0))
+    check_points(space, q0, gaps(q0))
     q1 = q0 + rng.normal(0.0, 0.3, q0.shape) * rng.choice([0.1, 1.0, 3.0], (150, 1))
     q1[::7, :2] = q0[::7, :2]
-    edges_agree(space, q0[:40], q1[:40], gaps)
+    check_edges(space, q0[:40], q1[:40], gaps)
 
 
 @settings(max_examples=15)
 @given(seeds, st.sampled_from(["box", "ball", "balls"]), st.sampled_from([0.0, 0.05]), st.booleans())
-def test_balls_are_round(seed, kind, margin, points):
-    """Robots of each kind among balls or points, and the walls of the grid."""
+def test_robots_among_balls_agree_with_arithmetic(seed, kind, margin, points):
+    """Robots of each kind move among balls or points, and the walls of the grid."""
     rng = np.random.default_rng(seed)
     centers, radii = rng.uniform(0.2, 1.8, (9, 3)), np.zeros(9) if points else rng.uniform(0.02, 0.3, 9)
     workspace = Workspace.from_balls(centers, radii, 0.1, (0, 0, 0, 2, 2, 2))
@@ -121,14 +121,14 @@ def test_balls_are_round(seed, kind, margin, points):
     space = cspace.build(workspace, robot, margin=margin)
     gaps = gaps_of(space, body, Blocks.balls(centers, radii))
     q0 = near_mixed(space, rng, 150)
-    agrees(space, q0, gaps(q0))
+    check_points(space, q0, gaps(q0))
     q1 = q0 + rng.normal(0.0, 0.2, q0.shape)
-    edges_agree(space, q0[:25], q1[:25], gaps)
+    check_edges(space, q0[:25], q1[:25], gaps)
 
 
 @settings(max_examples=10)
 @given(seeds, st.sampled_from([0.0, 0.05]))
-def test_a_ball_among_boxes_agrees_with_arithmetic(seed, margin):
+def test_ball_among_boxes_agrees_with_arithmetic(seed, margin):
     rng = np.random.default_rng(seed)
     low = rng.uniform(0.1, 1.5, (4, 3))
     boxes = np.stack([low, low + rng.uniform(0.1, 0.4, low.shape)], axis=1)
@@ -137,8 +137,8 @@ def test_a_ball_among_boxes_agrees_with_arithmetic(seed, margin):
     space = cspace.build(workspace, Robot.ball(0.2, center), margin=margin)
     gaps = gaps_of(space, Blocks.balls(center[None], np.array([0.2])), Blocks.boxes(boxes))
     q0 = near_mixed(space, rng, 200)
-    agrees(space, q0, gaps(q0))
-    edges_agree(space, q0[:40], q0[:40] + rng.normal(0.0, 0.3, (40, 3)), gaps)
+    check_points(space, q0, gaps(q0))
+    check_edges(space, q0[:40], q0[:40] + rng.normal(0.0, 0.3, (40, 3)), gaps)
 
 
 @settings(max_examples=10)
@@ -154,8 +154,8 @@ def test_voxels_among_voxels_agree_with_arithmetic(seed, outside):
     parts = lower + side * (np.argwhere(body)[:, None] + np.array([[0], [1]]))
     gaps = gaps_of(space, Blocks.boxes(parts), Blocks.boxes(boxes))
     q0 = near_mixed(space, rng, 150)
-    agrees(space, q0, gaps(q0))
-    edges_agree(space, q0[:20], q0[:20] + rng.normal(0.0, 0.15, (20, 3)), gaps)
+    check_points(space, q0, gaps(q0))
+    check_edges(space, q0[:20], q0[:20] + rng.normal(0.0, 0.15, (20, 3)), gaps)
 
 
 # ---- meshes, against manifold3d --------------------------------------------------------------------------------------
@@ -167,20 +167,20 @@ def manifold_of(mesh):
     )
 
 
-def rounded(mesh):
-    """A mesh with coordinates that single precision holds."""
+def round_to_single(mesh):
+    """Round the coordinates of a mesh so that single precision holds them."""
     return trimesh.Trimesh(np.round(mesh.vertices * 1024) / 1024, mesh.faces, process=False)
 
 
 def blob(rng, size):
-    """A closed mesh that is not convex: a ball with dents, or a torus."""
+    """Return a closed, non-convex mesh: a ball with dents, or a torus."""
     if rng.random() < 0.5:
         mesh = trimesh.creation.icosphere(2 if size > 0.5 else 1, size)
         mesh.vertices *= rng.uniform(0.6, 1.0, len(mesh.vertices))[:, None]
     else:
         mesh = trimesh.creation.torus(0.7 * size, 0.25 * size, major_sections=12, minor_sections=8)
     mesh.apply_transform(trimesh.transformations.random_rotation_matrix(rng.random(3)))
-    return rounded(mesh)
+    return round_to_single(mesh)
 
 
 @settings(max_examples=5)
@@ -198,11 +198,11 @@ def test_meshes_agree_with_manifold3d(seed, margin):
     fixed, moved = manifold_of(obstacle), manifold_of(body)
 
     def gaps(q):
-        # Of two that meet it is zero, and half a metre of those farther apart.
+        # min_gap is zero if the meshes meet, and at most the search length, half a metre.
         return np.array([moved.translate(at.tolist()).min_gap(fixed, 0.5) for at in q]) - margin
 
     q0 = np.round(near_mixed(space, rng, 40) * 1024) / 1024
-    free = agrees(space, q0, gaps(q0))
+    free = check_points(space, q0, gaps(q0))
     assert free.any() and not free.all()
     q1 = q0[:4] + rng.normal(0.0, 0.2, (4, 3))
     for first, last, proven in zip(q0, q1, space.motion_is_free(q0[:4], q1, exact=True), strict=False):
@@ -214,8 +214,8 @@ def test_meshes_agree_with_manifold3d(seed, margin):
             assert any(gaps(part).min() < most for part in np.array_split(way, 20))
 
 
-def test_mesh_robots_walk_a_thousand_points():
-    """A box as a mesh answers as the box."""
+def test_box_meshes_agree_with_boxes():
+    """A box given as a mesh is decided like the box."""
     rng = np.random.default_rng(3)
     low = rng.uniform(0.1, 1.6, (6, 3))
     boxes = np.stack([low, low + 0.25], axis=1)
@@ -224,8 +224,8 @@ def test_mesh_robots_walk_a_thousand_points():
     space = cspace.build(workspace, Robot.from_mesh(trimesh.creation.box(bounds=robot)))
     gaps = gaps_of(space, Blocks.boxes(robot), Blocks.boxes(boxes))
     q0 = near_mixed(space, rng, 200)
-    agrees(space, q0, gaps(q0))
-    free = edges_agree(space, q0[:60], q0[:60] + rng.normal(0.0, 0.2, (60, 3)), gaps)
+    check_points(space, q0, gaps(q0))
+    free = check_edges(space, q0[:60], q0[:60] + rng.normal(0.0, 0.2, (60, 3)), gaps)
     assert free.any() and not free.all()
     plain = cspace.build(workspace, Robot.box(robot[1] - robot[0], (robot[0] + robot[1]) / 2))
     np.testing.assert_array_equal(space.is_free(q0, exact=True), plain.is_free(q0, exact=True))
@@ -235,7 +235,7 @@ def test_mesh_robots_walk_a_thousand_points():
 
 
 def corridor(share, side=0.6):
-    """Two blocks with a corridor of ``share`` times the robot's side between them, along x at y = 2."""
+    """Return two blocks with a corridor along x at y = 2, ``share`` times as wide as the robot."""
     half = side * share / 2
     blocks = [[[2, 0, 0], [4, 2 - half, 4]], [[2, 2 + half, 0], [4, 4, 4]]]
     return Workspace.from_mesh(boxes_mesh(np.array(blocks, dtype=float)), side / 3, (0, 0, 0, 6, 4, 4))
@@ -250,7 +250,7 @@ BODIES = {
 
 
 @pytest.mark.parametrize("body", BODIES)
-def test_a_corridor_a_hair_wider_than_the_robot_is_passable_only_exactly(body):
+def test_only_exact_queries_pass_a_barely_wider_corridor(body):
     wide, narrow = (cspace.build(corridor(share), BODIES[body]) for share in (1.02, 0.98))
     edge = [1.0, 2.0, 2.0], [5.0, 2.0, 2.0]
     assert wide.motion_is_free(*edge, exact=True) and not wide.motion_is_free(*edge)
@@ -262,14 +262,14 @@ def test_a_corridor_a_hair_wider_than_the_robot_is_passable_only_exactly(body):
 
 @pytest.mark.parametrize("share", [1.0, 1.0 + 1e-13])
 @pytest.mark.parametrize("body", BODIES)
-def test_a_corridor_as_wide_as_the_robot_is_not_passable(body, share):
+def test_corridor_as_wide_as_the_robot_is_blocked(body, share):
     space = cspace.build(corridor(share), BODIES[body])
     assert not space.motion_is_free([1.0, 2.0, 2.0], [5.0, 2.0, 2.0], exact=True)
     assert not space.is_free([3.0, 2.0, 2.0], exact=True)
 
 
 @pytest.mark.parametrize("robot", [Robot.box((1, 1, 1)), Robot.from_mesh(trimesh.creation.box((1, 1, 1)))])
-def test_touching_is_a_collision(robot):
+def test_touching_counts_as_collision(robot):
     space = cspace.build(Workspace.from_array(exterior_blocked((10, 10, 10), np.s_[5, 5, 5]), 1.0), robot)
     for shift in product((-1.0, 0.0, 1.0), repeat=3):  # sides, edges and corners
         way = np.array(shift)
@@ -281,8 +281,8 @@ def test_touching_is_a_collision(robot):
 
 
 @pytest.mark.parametrize("mesh", [False, True])
-def test_one_within_the_other_is_a_collision(mesh):
-    """Surfaces that are far apart prove nothing."""
+def test_containment_counts_as_collision(mesh):
+    """Distant surfaces prove nothing."""
 
     def robot(size):
         return Robot.from_mesh(trimesh.creation.box(size)) if mesh else Robot.box(size)
@@ -304,7 +304,7 @@ def test_one_within_the_other_is_a_collision(mesh):
 
 
 def test_hollows_are_free():
-    """A pillar in a hollow robot, and a robot in a hollow obstacle; a surface has no inside."""
+    """A pillar in a hollow robot, and a robot in a hollow obstacle; an open surface has no inside."""
     shell, hole = trimesh.creation.box((4, 4, 4)), trimesh.creation.box((2, 2, 2))
     hole.invert()
     hollow = trimesh.util.concatenate([shell, hole])
@@ -323,7 +323,7 @@ def test_hollows_are_free():
     assert cspace.build(skin, Robot.ball(0.3), inner=False).is_free([1.5, 3.0, 3.0], exact=True)
 
 
-def test_parts_of_a_robot_that_lie_in_an_obstacle_collide():
+def test_robot_parts_inside_an_obstacle_collide():
     occupied = np.zeros((40, 3, 3), dtype=bool)
     occupied[[0, 39]] = True
     block = Workspace.from_mesh(trimesh.creation.box(bounds=[[3, 0, 0], [6, 6, 6]]), 0.5, (0, 0, 0, 6, 6, 6))
@@ -332,7 +332,7 @@ def test_parts_of_a_robot_that_lie_in_an_obstacle_collide():
 
 
 @pytest.mark.parametrize("mesh", [False, True])
-def test_a_thin_robot_does_not_jump_over_a_thin_obstacle(mesh):
+def test_thin_robot_never_jumps_over_a_thin_obstacle(mesh):
     points = Workspace.from_points([[1.0, 1.0, 1.0]], 0.25, (0, 0, 0, 2, 2, 2))
     plate = trimesh.creation.box((0.4, 0.4, 0.002))
     space = cspace.build(points, Robot.from_mesh(plate) if mesh else Robot.box((0.4, 0.4, 0.002)), inner=False)
@@ -346,7 +346,7 @@ def test_a_thin_robot_does_not_jump_over_a_thin_obstacle(mesh):
 
 
 @pytest.mark.parametrize("outside", ["blocked", "free"])
-def test_what_lies_outside_the_bounds_is_clipped(outside):
+def test_obstacles_are_clipped_to_the_bounds(outside):
     bar = trimesh.creation.box(bounds=[[2, 1, 1], [9, 3, 3]])
     workspace = Workspace.from_mesh(bar, 0.25, (0, 0, 0, 4, 4, 4))
     for robot in (Robot.ball(0.3), Robot.from_mesh(trimesh.creation.icosphere(3, 0.3))):
@@ -358,7 +358,7 @@ def test_what_lies_outside_the_bounds_is_clipped(outside):
 
 
 @pytest.mark.parametrize("low", [-1e-310, -5e-324, 1e-310])
-def test_bounds_next_to_zero_cut_as_zero_does(low):
+def test_denormal_bounds_clip_like_zero(low):
     boxes = np.array([[[-0.5, -0.5, 0.2], [0.4, 0.7, 0.9]], [[0.6, -1.0, -1.0], [0.9, 0.5, 0.3]]])
     workspace = Workspace.from_mesh(boxes_mesh(boxes), 0.1, (0, low, 0, 2, 2, 2))
     space = cspace.build(workspace, Robot.ball(0.004), outside="free", inner=False)
@@ -367,13 +367,13 @@ def test_bounds_next_to_zero_cut_as_zero_does(low):
     point = Blocks.balls(np.zeros((1, 3)), np.zeros(1))
     spare = Pair.of(point, Blocks.boxes(np.maximum(boxes, 0.0))).gaps(q) - 0.004
     assert not space.is_free(q, exact=True)[spare <= 0.0].any()
-    away = (q > 0.11).all(axis=1)  # from where solids are cut open, which the sides of outer cells close
-    agrees(space, q[away], spare[away])
+    away = (q > 0.11).all(axis=1)  # away from the caps, which are faces of outer cells
+    check_points(space, q[away], spare[away])
 
 
 @pytest.mark.parametrize("outside", ["blocked", "free"])
 @pytest.mark.parametrize("body", BODIES)
-def test_geometry_far_away_is_proven(body, outside):
+def test_far_configurations_are_decided(body, outside):
     space = cspace.build(corridor(1.02), BODIES[body], outside=outside)
     for far in (1e3, 1e9, 1e200, 1.7e308):
         assert space.is_free([far, -far, 1.0], exact=True) == (outside == "free")
@@ -401,8 +401,8 @@ TURNS = {"yaw": 8, "any": cspace.Rotations.quaternions(3)}
 
 @pytest.mark.parametrize("turns", TURNS)
 @pytest.mark.parametrize("outside", ["blocked", "free"])
-def test_robots_that_turn_in_space(outside, turns):
-    """Against FCL at single configurations and at 500 along each edge that is proven."""
+def test_rotating_robots_agree_with_fcl(outside, turns):
+    """Compare single configurations, and 500 along each proven edge."""
     rng = np.random.default_rng(0)
     low = rng.uniform(0.2, 1.6, (5, 3))
     boxes = np.stack([low, low + 0.2], axis=1)
@@ -444,7 +444,7 @@ def test_robots_that_turn_in_space(outside, turns):
 
 @pytest.mark.parametrize("turns", TURNS)
 def test_half_turns_are_proven_along_both_arcs(turns):
-    """A rod beside a post: of the two ways round one is blocked."""
+    """For a rod beside a post, one of the two arcs is blocked."""
     workspace = Workspace.from_points([[1.0, 1.5, 1.0]], 0.25, (0, 0, 0, 2, 2, 2))
     rod = Robot.box((1.4, 0.1, 0.1), (0.5, 0.0, 0.0))
     space = cspace.build(workspace, rod, rotations=TURNS[turns], outside="free", inner=False)
@@ -459,8 +459,8 @@ def test_half_turns_are_proven_along_both_arcs(turns):
     assert not edge(180.0) and not edge(-180.0)
 
 
-def test_where_ompl_lets_the_rotation_jump_all_of_it_counts():
-    """A far tip meets a ball at the first rotation, at which it stays; a cell is called FREE that it does not reach."""
+def test_rotation_jumps_of_ompl_count_as_whole_arcs():
+    """A far tip meets a ball at the first rotation, which OMPL keeps; a cell is FREE that the tip does not reach."""
     angles = math.pi / 4 + np.array([-1e-5, 1e-5])
     q0, q1 = (
         np.array([x, 50.0, 50.0, 0.0, 0.0, math.sin(a), math.cos(a)]) for x, a in zip((1.0, 8.0), angles, strict=True)

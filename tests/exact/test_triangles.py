@@ -1,4 +1,4 @@
-"""Triangles that are proven apart, against rational numbers and FCL."""
+"""Distances and motions of triangles, against rational arithmetic and FCL."""
 
 from fractions import Fraction
 from itertools import product
@@ -20,62 +20,66 @@ from strategies import seeds
 
 HERE, STILL = (0.0, 0.0, 0.0), np.eye(3)
 ERROR = 2.0**-48
-"""By how much a distance may be too large, in diameters of both triangles together."""
+"""Largest excess of a distance, relative to the diameter of both triangles together."""
 
 
 # ---- exact arithmetic ------------------------------------------------------------------------------------------------
 
 
-def clamped(above, below):
-    """A quotient between 0 and 1, as a number above a number."""
+def clamp(above, below):
+    """Clamp a quotient to [0, 1]; return numerator and denominator."""
     return (0, 1) if above <= 0 else (1, 1) if above >= below else (above, below)
 
 
-def segments_square(p, q, a, b):
-    """Squared distance of two segments of whole numbers, exactly."""
+def squared_segment_distance(p, q, a, b):
+    """Return the squared distance of two segments with integer coordinates, exactly."""
     v, u, w = minus(q, p), minus(b, a), minus(p, a)
     vv, uu, uv, vw, uw = dot(v, v), dot(u, u), dot(u, v), dot(v, w), dot(u, w)
     area = vv * uu - uv * uv
-    s, of_s = clamped(uv * uw - vw * uu, area) if area else (0, 1)
-    t, of_t = clamped(uv * s + uw * of_s, uu * of_s) if uu else (0, 1)
-    s, of_s = clamped(uv * t - vw * of_t, vv * of_t) if vv else (0, 1)
+    s, of_s = clamp(uv * uw - vw * uu, area) if area else (0, 1)
+    t, of_t = clamp(uv * s + uw * of_s, uu * of_s) if uu else (0, 1)
+    s, of_s = clamp(uv * t - vw * of_t, vv * of_t) if vv else (0, 1)
     gap = [x * of_s * of_t + s * of_t * y - t * of_s * z for x, y, z in zip(w, v, u, strict=True)]
     return Fraction(dot(gap, gap), (of_s * of_t) ** 2)
 
 
-def over_face(p, triangle):
-    """Whether a point lies over a triangle, along its normal."""
+def is_over_face(p, triangle):
+    """Return True if a point lies over a triangle, along its normal."""
     n = cross(minus(triangle[1], triangle[0]), minus(triangle[2], triangle[0]))
     sides = [(triangle[k], triangle[(k + 1) % 3]) for k in range(3)]
     return any(n) and all(dot(cross(n, minus(b, a)), minus(p, a)) >= 0 for a, b in sides)
 
 
-def triangles_square(first, second):
-    """Squared distance of two triangles, exactly."""
-    # In parts of a metre of which every number is a whole one: Python is quicker with these than with fractions.
+def squared_triangle_distance(first, second):
+    """Return the squared distance of two triangles, exactly."""
+    # Scale to integers, because Python computes faster with them than with fractions.
     unit = max(float(x).as_integer_ratio()[1] for x in np.ravel([first, second]))
     one, two = ([[int(Fraction(float(x)) * unit) for x in point] for point in part] for part in (first, second))
     best = min(
-        segments_square(one[i], one[(i + 1) % 3], two[j], two[(j + 1) % 3]) for i, j in product(range(3), repeat=2)
+        squared_segment_distance(one[i], one[(i + 1) % 3], two[j], two[(j + 1) % 3])
+        for i, j in product(range(3), repeat=2)
     )
     for points, face in ((one, two), (two, one)):
         n = cross(minus(face[1], face[0]), minus(face[2], face[0]))
         heights = [dot(n, minus(p, face[0])) for p in points]
         for k in range(3):
-            if over_face(points[k], face):
+            if is_over_face(points[k], face):
                 best = min(best, Fraction(heights[k] ** 2, dot(n, n)))
             p, q, a, b = points[k], points[(k + 1) % 3], heights[k], heights[(k + 1) % 3]
-            if a * b < 0:  # as many times larger, the triangle and where the edge goes through its plane are whole
+            if a * b < 0:  # scaled by (a - b), the triangle and the crossing point are integers
                 through = [(a - b) * x + a * (y - x) for x, y in zip(p, q, strict=True)]
-                if over_face(through, [[(a - b) * x for x in corner] for corner in face]):
+                if is_over_face(through, [[(a - b) * x for x in corner] for corner in face]):
                     return Fraction(0)
     return best / unit**2
 
 
 @st.composite
 def triangle_pairs(draw):
-    """Triangles of any kind: crossing, touching, in one plane, slivers, edges that are all but parallel, small beside
-    large, far from the origin, points and segments."""
+    """Draw pairs of triangles of any kind.
+
+    They may cross, touch, share a plane, be slivers, have nearly parallel edges, differ in size, lie far from the
+    origin, or degenerate to segments and points.
+    """
     rng = np.random.default_rng(draw(seeds))
     first, second = rng.uniform(-1, 1, (2, 3, 3))
     kind = draw(st.sampled_from(["any", "grid", "plane", "sliver", "parallel", "small", "over", "bare", "through"]))
@@ -125,13 +129,13 @@ class Pair:
         self.trees, roots = build_trees([robot, obstacles], False)
         self.roots, self.work = tuple(roots), np.full(MAX_PENDING_PAIRS, -1)
 
-    def share(self, place=HERE, turn=STILL, step=HERE, angle=0.0, least=0.0, enough=np.inf):
+    def share(self, place=HERE, turn=STILL, step=HERE, angle=0.0, required=0.0, enough=np.inf):
         matrix = tuple(tuple(row) for row in turn.tolist())
-        motion = Motion(matrix, tuple(place), tuple(step), float(angle), float(least), 0.0)
+        motion = Motion(matrix, tuple(place), tuple(step), float(angle), float(required), 0.0)
         return share(self.trees, self.roots, motion, float(enough), self.work)
 
     def distance(self, place=HERE, turn=STILL, enough=np.inf):
-        """That of the robot there: of a motion on which all moves by one, whichever way, it is the part."""
+        """Return the distance of the robot at a pose: the free fraction of a motion by one in every direction."""
         self.trees.boxes[:, 6] = 1.0
         return self.share(place, turn, angle=1.0, enough=enough)
 
@@ -142,7 +146,7 @@ class Pair:
 @settings(max_examples=200)
 @given(triangle_pairs())
 def test_distances_are_never_too_large_and_hardly_too_small(pair):
-    square = triangles_square(*pair)
+    square = squared_triangle_distance(*pair)
     size = np.linalg.norm(np.ptp(np.concatenate(pair), axis=0))
     distance = Pair(*(pieces(part[None]) for part in pair)).distance()
     proven = Fraction(max(distance, 0.0)) - Fraction(ERROR * size)
@@ -153,8 +157,8 @@ def test_distances_are_never_too_large_and_hardly_too_small(pair):
 
 @pytest.mark.parametrize("scale", [2.0**-400, 2.0**-150, 2.0**-20, 1.0])
 @pytest.mark.parametrize("beside", [0.0, 1.0])
-def test_what_touches_is_not_apart(scale, beside):
-    """At the size of the map, or tiny, in the middle of it or not."""
+def test_touching_triangles_have_no_distance(scale, beside):
+    """Test at the size of the map or tiny, at the origin or beside it."""
     face = scale * np.array([[0.0, 0, 0], [4, 0, 0], [0, 4, 0]])
     touching = [
         [[1.0, 1, 0], [1, 1, 3], [2, 1, 3]],  # a corner on the face
@@ -175,11 +179,11 @@ def test_what_touches_is_not_apart(scale, beside):
 
 @settings(max_examples=60)
 @given(triangle_pairs(), seeds, st.sampled_from([0.0, 0.2]))
-def test_a_robot_is_where_its_corners_are_grown_by_its_radius(pair, seed, radius):
+def test_distances_include_pose_and_radius(pair, seed, radius):
     first, second = pair
     rng = np.random.default_rng(seed)
     turn, place = Rotation.random(random_state=seed).as_matrix(), rng.uniform(-1, 1, 3)
-    true = float(triangles_square(first @ turn.T + place, second)) ** 0.5 - radius
+    true = float(squared_triangle_distance(first @ turn.T + place, second)) ** 0.5 - radius
     distance = Pair(pieces(first[None], 0.75 * radius), pieces(second[None], 0.25 * radius)).distance(place, turn)
     allowed = 1e-11 * np.abs(pair).sum()
     assert distance <= max(true, 0.0) + allowed and (distance > true - 1e-6 or true < 1e-6)
@@ -187,21 +191,21 @@ def test_a_robot_is_where_its_corners_are_grown_by_its_radius(pair, seed, radius
 
 @settings(max_examples=60)
 @given(triangle_pairs(), seeds)
-def test_what_is_proven_of_a_motion_holds_all_along_it(pair, seed):
+def test_free_fractions_hold_along_the_motion(pair, seed):
     first, second = pair
     rng = np.random.default_rng(seed)
     step, axis, angle = rng.uniform(-2, 2, 3), rng.normal(size=3), rng.choice([0.0, 0.3, 3.0])
-    middle = first.mean(axis=0)  # it turns about it
+    middle = first.mean(axis=0)  # the center of rotation
     robot, place = first - middle, tuple(middle)
-    least = 1e-12 * np.abs(pair).sum()  # for rounding
-    proven = Pair(pieces(robot[None]), pieces(second[None])).share(place, STILL, step, angle, least, enough=1.0)
+    required = 1e-12 * np.abs(pair).sum()  # for rounding
+    proven = Pair(pieces(robot[None]), pieces(second[None])).share(place, STILL, step, angle, required, enough=1.0)
     for t in max(proven, 0.0) * rng.uniform(-1.0, 1.0, 9):
         turn = Rotation.from_rotvec(t * angle * axis / np.linalg.norm(axis)).as_matrix()
         placed = robot @ turn.T + place + t * step
-        assert proven < 0.0 or triangles_square(placed, second) > 0
+        assert proven < 0.0 or squared_triangle_distance(placed, second) > 0
 
 
-def test_a_motion_along_a_face_is_proven_in_one_step():
+def test_motion_along_a_face_is_proven_in_one_step():
     plate = np.array([[[-9.0, -9, 0], [9, -9, 0], [0, 9, 0]]])
     body = np.array([[[-1.0, 0, 1e-6], [1, 0, 1e-6], [0, 0, 1]]])
     assert Pair(pieces(body), pieces(plate)).share(step=(4.0, 3.0, 0.0), enough=1.0) == 1.0
@@ -210,7 +214,7 @@ def test_a_motion_along_a_face_is_proven_in_one_step():
 # ---- trees -----------------------------------------------------------------------------------------------------------
 
 
-def test_trees_give_the_least_distance_of_all_pairs():
+def test_trees_find_the_smallest_distance():
     rng = np.random.default_rng(1)
     body = trimesh.creation.box((0.3, 0.2, 0.1)).triangles
     triangles = rng.uniform(-2, 2, (100, 1, 3)) + rng.normal(0, 0.3, (100, 3, 3))
@@ -225,7 +229,7 @@ def test_trees_give_the_least_distance_of_all_pairs():
 
 
 def test_distances_agree_with_fcl():
-    """Two meshes of some thousand triangles each, wherever one is."""
+    """Compare two meshes of some thousand triangles each, at random poses."""
 
     def model(triangles):
         return solids.surface(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
@@ -241,8 +245,8 @@ def test_distances_agree_with_fcl():
         assert max(pair.distance(q, turn), 0.0) == pytest.approx(true, abs=1e-9)
 
 
-def test_a_corner_near_a_face_beside_edges_all_but_parallel() -> None:
-    # coal takes the edges, which are 6.2e-7 apart, for what is nearest.
+def test_distance_is_right_beside_nearly_parallel_edges() -> None:
+    # coal reports the distance of the edges, which are 6.2e-7 apart, as the smallest.
     moved = np.array(
         [
             [0.7879820706501715, -1.51380863626603, -1.3968812231991985],
@@ -258,28 +262,28 @@ def test_a_corner_near_a_face_beside_edges_all_but_parallel() -> None:
         ]
     )
     normal = np.cross(moved[1] - moved[0], moved[2] - moved[0])
-    true = abs((still[0] - moved[0]) @ normal) / np.linalg.norm(normal)  # at most, as the corner is over the face
+    true = abs((still[0] - moved[0]) @ normal) / np.linalg.norm(normal)  # an upper bound: the corner is over the face
     assert 0.0 < Pair(pieces(moved[None]), pieces(still[None])).distance() <= true * (1.0 + 1e-12)
 
 
 @kernel
-def cross_each(pairs, least, out):
-    """What is proven of pairs of triangles, shape (n, 2, 3, 3)."""
+def cross_pairs(pairs, required, out):
+    """Fill ``out`` with whether pairs of triangles, shape (n, 2, 3, 3), are proven to cross."""
     for n in range(len(pairs)):
         a, b = pairs[n, 0], pairs[n, 1]
         one = (a[0, 0], a[0, 1], a[0, 2]), (a[1, 0], a[1, 1], a[1, 2]), (a[2, 0], a[2, 1], a[2, 2])
         two = (b[0, 0], b[0, 1], b[0, 2]), (b[1, 0], b[1, 1], b[1, 2]), (b[2, 0], b[2, 1], b[2, 2])
-        out[n] = crosses(one, two, least)
+        out[n] = crosses(one, two, required)
 
 
-@pytest.mark.parametrize("least", [1e-12, 1e-3])
+@pytest.mark.parametrize("required", [1e-12, 1e-3])
 @pytest.mark.parametrize("case", ["any", "slivers", "touching", "one plane"])
-def test_triangles_that_are_proven_to_cross_do_wherever_rounding_puts_them(case, least):
-    """Near-degenerate ones too: flat, long, with a corner on the other one, or all but in its plane."""
+def test_crosses_is_right_for_any_rounding(case, required):
+    """Includes near-degenerate triangles: flat, long, touching, or nearly coplanar."""
     rng = np.random.default_rng(7)
     number = 300
     pairs = rng.normal(size=(number, 2, 3, 3)) * 10.0 ** rng.uniform(-1.5, 0.5, (number, 2, 1, 1))
-    near = least * 10.0 ** rng.uniform(-1.0, 3.0, (number, 1))
+    near = required * 10.0 ** rng.uniform(-1.0, 3.0, (number, 1))
     within = rng.dirichlet((1.0, 1.0, 1.0), number)
     if case == "slivers":
         pairs[:, 0, 2] = pairs[:, 0, 0] + 0.4 * (pairs[:, 0, 1] - pairs[:, 0, 0]) + near * rng.normal(size=(number, 3))
@@ -293,11 +297,11 @@ def test_triangles_that_are_proven_to_cross_do_wherever_rounding_puts_them(case,
         pairs[:, 1, 0] = 0.0
         pairs[:, 0] = flat + near[:, None] * rng.normal(size=(number, 3, 3))
     crossing = np.empty(number, dtype=np.bool_)
-    cross_each(pairs, least, crossing)
+    cross_pairs(pairs, required, crossing)
     off = rng.normal(size=pairs.shape)
-    off *= 0.25 * least / np.linalg.norm(off, axis=-1, keepdims=True)
+    off *= 0.25 * required / np.linalg.norm(off, axis=-1, keepdims=True)
     assert crossing.sum() > 10
     for chosen in (pairs[crossing][:40], (pairs + off)[crossing][:40]):
-        assert not any(triangles_square(*pair) for pair in chosen)
-    if case == "any" and least < 1e-6:
-        assert all(triangles_square(*pair) > 0 for pair in pairs[~crossing][:40])
+        assert not any(squared_triangle_distance(*pair) for pair in chosen)
+    if case == "any" and required < 1e-6:
+        assert all(squared_triangle_distance(*pair) > 0 for pair in pairs[~crossing][:40])

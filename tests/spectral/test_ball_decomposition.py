@@ -1,4 +1,4 @@
-"""Balls that are written, read, drawn and refused."""
+"""Files and pictures of balls, and refusals."""
 
 import json
 
@@ -27,7 +27,7 @@ def random_spheres(dim=2, seed=0, n=20):
 
 @pytest.mark.parametrize("suffix", [".json", ".yaml", ".yml", ".JSON"])
 @pytest.mark.parametrize("dim", [2, 3])
-def test_files_keep_every_bit(tmp_path, suffix, dim):
+def test_save_and_open_keep_every_bit(tmp_path, suffix, dim):
     spheres = random_spheres(dim)
     file = spheres.save(tmp_path / f"balls{suffix}")
     back = BallDecomposition.open(file)
@@ -37,7 +37,7 @@ def test_files_keep_every_bit(tmp_path, suffix, dim):
         assert getattr(back, name) == getattr(spheres, name)
 
 
-def test_files_are_not_replaced_unasked(tmp_path):
+def test_save_replaces_files_only_if_asked(tmp_path):
     file = random_spheres().save(tmp_path / "balls.json")
     before = file.read_bytes()
     with pytest.raises(FileError, match="exists"):
@@ -57,7 +57,7 @@ def test_files_are_not_replaced_unasked(tmp_path):
     ('{"format": "cspace-balls", "version": 2}', "lacks"),
 )
 @pytest.mark.parametrize("suffix", [".json", ".yaml"])
-def test_damaged_files_are_refused(tmp_path, text, message, suffix):
+def test_open_refuses_damaged_files(tmp_path, text, message, suffix):
     file = tmp_path / f"balls{suffix}"
     file.write_text(text)
     with pytest.raises(FileError, match=message):
@@ -85,7 +85,7 @@ def test_damaged_files_are_refused(tmp_path, text, message, suffix):
         ("radii", [None]),
     ],
 )
-def test_nonsense_in_files_is_refused(tmp_path, key, value, suffix):
+def test_open_refuses_invalid_values(tmp_path, key, value, suffix):
     record = {"format": "cspace-balls", "version": 2, "kind": "inner", "measure": [0, 1]}
     record |= {"shape_measure": [0, 1], "hausdorff": [0, 1], "centers": [[0, 0]], "radii": [1]}
     file = tmp_path / f"balls{suffix}"
@@ -97,7 +97,7 @@ def test_nonsense_in_files_is_refused(tmp_path, key, value, suffix):
         BallDecomposition.open(file)
 
 
-def test_unusable_file_names_are_refused(tmp_path):
+def test_save_and_open_refuse_invalid_file_names(tmp_path):
     with pytest.raises(InputError, match=r"\.txt"):
         random_spheres().save(tmp_path / "balls.txt")
     with pytest.raises(FileError, match="does not exist"):
@@ -115,7 +115,7 @@ def test_unusable_file_names_are_refused(tmp_path):
     ({"measure": (0.0, 1.0, 2.0)}, "two numbers"),
     ({"hausdorff": 3.0}, "two numbers"),
 )
-def test_unusable_spheres_are_refused(changes, message):
+def test_balls_refuse_invalid_arguments(changes, message):
     values = {"centers": [[0.0, 0.0]], "radii": [1.0], "kind": "inner"}
     values |= {name: Bounds(0, 1) for name in ("measure", "shape_measure", "hausdorff")}
     with pytest.raises(InputError, match=message):
@@ -145,19 +145,19 @@ def test_unusable_spheres_are_refused(changes, message):
     (np.ones((3, 3), bool), {"number": 3}, InputError, "Voxels"),
     (shapely.Point(3, 4), {"number": 3, "kind": "outer"}, InputError, "pass a tolerance"),
 )
-def test_decompose_refuses(shape, options, error, message):
+def test_decompose_refuses_invalid_arguments(shape, options, error, message):
     with pytest.raises(error, match=message):
         decompose(shape, **options)
 
 
-def test_decompose_refuses_what_does_not_fit_in_memory(monkeypatch):
+def test_decompose_refuses_to_exceed_the_memory(monkeypatch):
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10_000)
     with pytest.raises(InputError, match="memory"):
         decompose(RECTANGLE, number=5)
 
 
 @refusals("shape, text", (RECTANGLE, "discs"), (trimesh.creation.box(), "balls"))
-def test_spheres_draw_themselves(shape, text):
+def test_plot_draws_balls_and_their_shape(shape, text):
     spheres = decompose(shape, number=6)
     ax = spheres.plot()
     assert f"6 inner {text}" in ax.get_title()

@@ -1,4 +1,4 @@
-"""Balls in shapes and balls that cover them: what is promised holds, by shapely and plain distances to triangles."""
+"""Balls that fill or cover shapes, against shapely and plain distances to triangles."""
 
 import json
 import math
@@ -64,11 +64,12 @@ SOLIDS = {
 }
 OPTIONS = {"number": {"number": 40}, "few": {"number": 7}, "tolerance": {"part": 0.03}}
 LOOSE = {"part": 0.08}
-"""A tolerance in parts of the size of a shape: balls of a number are sought by trying tolerances, which takes long."""
+"""A tolerance relative to the size of the shape; searching for a number of balls tries many tolerances, which is slow.
+"""
 
 
-def balls_of(shape, size, kind, way):
-    """As many balls as asked, or as near to the shape."""
+def make_balls(shape, size, kind, way):
+    """Decompose a shape by number or by tolerance, and check that limit."""
     options = {"tolerance": way["part"] * size} if "part" in way else way
     balls = decompose(shape, kind=kind, **options)
     if "number" in way:
@@ -83,8 +84,8 @@ def diagonal(shape):
     return float(np.hypot(*np.ptp(np.array(shape.bounds).reshape(2, 2), axis=0)))
 
 
-def sampled(shape, rng, number=4000):
-    """Points of a shape of the plane: in it, on its border, and its vertices."""
+def sample_shape(shape, rng, number=4000):
+    """Sample points of a plane shape: its inside, its boundary, and its vertices."""
     low, high = np.array(shape.bounds).reshape(2, 2)
     points = rng.uniform(low, high, (number, 2))
     border = shapely.boundary(shape)
@@ -97,16 +98,16 @@ def sampled(shape, rng, number=4000):
 
 
 def gaps(points, balls):
-    """Distances from points to a union of balls; below zero inside."""
+    """Return distances from points to a union of balls, negative inside."""
     return (cdist(points, balls.centers) - balls.radii).min(axis=1)
 
 
-def check_flat(balls, shape, rng):
+def check_plane(balls, shape, rng):
     size = diagonal(shape)
-    points = sampled(shape, rng)
+    points = sample_shape(shape, rng)
     low, high = balls.hausdorff
     assert 0.0 <= low <= high
-    # Polygons with many corners, inside and outside the discs.
+    # Polygons with many corners are inscribed in the discs and circumscribed about them.
     count = 256
     inner = shapely.union_all(shapely.buffer(shapely.points(balls.centers), balls.radii, quad_segs=count))
     sag = 1.0 / math.cos(math.pi / (4 * count))
@@ -137,23 +138,23 @@ def check_flat(balls, shape, rng):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("way", ["number", "tolerance"])
 @pytest.mark.parametrize("name", FLAT)
-def test_flat_shapes_are_bounded_by_balls(name, kind, way):
+def test_balls_bound_plane_shapes(name, kind, way):
     shape = FLAT[name]
     whole = shapely.union_all(shape) if isinstance(shape, list) else shape
-    balls = balls_of(shape, diagonal(whole), kind, OPTIONS[way])
-    check_flat(balls, whole, np.random.default_rng(0))
+    balls = make_balls(shape, diagonal(whole), kind, OPTIONS[way])
+    check_plane(balls, whole, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", BITMAPS)
-def test_bitmaps_are_bounded_by_balls(name, kind):
+def test_balls_bound_bitmaps(name, kind):
     cells, lower = BITMAPS[name], (0.3, -2.0)
     balls = decompose(Voxels.of(cells, 0.1, lower), kind=kind, number=40)
-    check_flat(balls, cells_of(cells, 0.1, lower), np.random.default_rng(0))
+    check_plane(balls, cells_of(cells, 0.1, lower), np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_large_bitmap_is_taken_in_blocks(kind):
+def test_balls_bound_a_large_bitmap(kind):
     x, y = np.mgrid[:700, :500]
     cells = (x - 350) ** 2 / 3 + (y - 250) ** 2 < 150**2
     balls = decompose(Voxels.of(cells, 0.01), kind=kind, number=10)
@@ -164,7 +165,7 @@ def test_a_large_bitmap_is_taken_in_blocks(kind):
 
 
 @pytest.mark.parametrize("shape", [RECTANGLE, ELL], ids=["3:1", "ell"])
-def test_64_balls_fill_nine_tenths(shape):
+def test_64_balls_fill_most_of_a_shape(shape):
     balls = decompose(shape, number=64)
     discs = shapely.union_all(shapely.buffer(shapely.points(balls.centers), balls.radii, quad_segs=64))
     assert discs.area / shape.area > 0.98
@@ -173,9 +174,9 @@ def test_64_balls_fill_nine_tenths(shape):
 
 @settings(max_examples=10)
 @given(stars(), st.sampled_from(KINDS), st.sampled_from(list(OPTIONS.values())), seeds)
-def test_random_polygons_are_bounded_by_balls(vertices, kind, way, seed):
+def test_balls_bound_random_polygons(vertices, kind, way, seed):
     shape = shapely.Polygon(vertices)
-    check_flat(balls_of(vertices, diagonal(shape), kind, way), shape, np.random.default_rng(seed))
+    check_plane(make_balls(vertices, diagonal(shape), kind, way), shape, np.random.default_rng(seed))
 
 
 def check_solid(balls, mesh, rng):
@@ -209,14 +210,14 @@ def check_solid(balls, mesh, rng):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", SOLIDS)
-def test_solids_are_bounded_by_balls(name, kind):
+def test_balls_bound_solids(name, kind):
     mesh, way = SOLIDS[name], OPTIONS["number"] if name == "icosphere" else LOOSE
-    balls = balls_of(mesh, float(np.linalg.norm(mesh.extents)), kind, way)
+    balls = make_balls(mesh, float(np.linalg.norm(mesh.extents)), kind, way)
     check_solid(balls, mesh, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_voxels_are_bounded_by_balls(kind):
+def test_balls_bound_voxels(kind):
     cells = bitmap((6, 5, 7), 3)
     balls = decompose(Voxels.of(cells, 0.2), kind=kind, tolerance=0.15)
     points = (np.argwhere(cells)[:, None] + np.random.default_rng(1).random((60, 3))).reshape(-1, 3) * 0.2
@@ -230,7 +231,7 @@ def test_voxels_are_bounded_by_balls(kind):
         assert cells[tuple(np.floor(rim / 0.2).astype(int).T)].all()
 
 
-def test_open_surfaces_and_lines_can_be_covered():
+def test_balls_cover_open_surfaces_and_lines():
     sheet = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0.2]]), np.array([[0, 1, 2]]), "surface")
     balls = decompose(sheet, kind="outer", tolerance=0.1)
     assert (gaps(sample_surface(sheet.triangles, 5000, np.random.default_rng(0)), balls) <= 0.0).all()
@@ -243,7 +244,7 @@ def test_open_surfaces_and_lines_can_be_covered():
     assert len(balls) <= 30 and balls.hausdorff.upper <= 0.15
 
 
-def test_balls_in_a_hollow_mesh_stay_out_of_the_cavity():
+def test_inner_balls_avoid_the_cavity_of_a_hollow_mesh():
     hull, hole = trimesh.creation.box((1, 1, 1)), trimesh.creation.box((0.6, 0.6, 0.6))
     hole.invert()
     hollow = trimesh.util.concatenate([hull, hole])
@@ -254,22 +255,23 @@ def test_balls_in_a_hollow_mesh_stay_out_of_the_cavity():
     assert balls.shape_measure.lower <= 1 - 0.6**3 <= balls.shape_measure.upper
 
 
-def test_the_same_call_gives_the_same_balls():
+def test_decompose_is_deterministic():
     one, other = (decompose(ELL, number=20) for _ in range(2))
     assert (one.centers == other.centers).all()
     assert (one.radii == other.radii).all()
 
 
 @pytest.mark.parametrize("shape", [RECTANGLE, shapely.box(0.25, 0.5, 3.25, 1.5)])
-def test_shapes_as_geojson_and_wkt(shape):
+def test_decompose_accepts_geojson_wkt_and_vertices(shape):
     by_shape = decompose(shape, number=5)
     for same in (shape.wkt, json.loads(shapely.to_geojson(shape)), np.array(shape.exterior.coords)):
         assert np.allclose(decompose(same, number=5).radii, by_shape.radii)
 
 
-def test_the_area_of_discs_that_nearly_touch_is_within_its_bounds():
-    """Where circles nearly touch, angles have few digits; but an area grows with the radii, and no faster than borders
-    are long."""
+def test_area_bounds_hold_for_nearly_touching_discs():
+    """If circles nearly touch, angles lose digits, but the area changes no faster than the boundary length times the
+    radii.
+    """
     rng = np.random.default_rng(0)
     for _ in range(30):
         u = np.exp(1j * rng.uniform(0.0, 6.28))
@@ -277,7 +279,7 @@ def test_the_area_of_discs_that_nearly_touch_is_within_its_bounds():
         middle = complex(*rng.uniform(-5.0, 5.0, 2))
         gap = rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-17.0, -13.0)
         beside = middle + u * (one + rng.choice([-1.0, 1.0]) * two + gap)
-        # A third one whose border runs through where they touch.
+        # The boundary of the third disc passes through the point of contact.
         through = middle + u * one + three * np.exp(1j * rng.uniform(0.0, 6.28))
         centers = np.array([[p.real, p.imag] for p in (middle, beside, through)])
         radii = np.array([one, two, three])
@@ -289,7 +291,7 @@ def test_the_area_of_discs_that_nearly_touch_is_within_its_bounds():
         assert same[1] - same[0] <= 1e-4 * same[0]
 
 
-def test_the_area_of_discs_that_all_but_coincide():
+def test_area_bounds_hold_for_nearly_coincident_discs():
     for gaps in ([0.0, 0.0], [1e-17, 1e-13], [1e-9, 1e-8], [1e-7, -1e-7]):
         centers = np.array([[0.0, 0.0], *([gap, 0.5 * gap] for gap in gaps)])
         low, high = bound_ball_measure(centers, np.ones(3))
@@ -299,8 +301,8 @@ def test_the_area_of_discs_that_all_but_coincide():
     grid = np.stack(np.meshgrid(np.arange(12.0), np.arange(12.0)), axis=-1).reshape(-1, 2)
     low, high = bound_ball_measure(grid, np.full(144, 0.5))
     assert low <= 36.0 * math.pi <= high <= low * (1.0 + 1e-3)
-    # Those at the corners of each square meet in its middle, two by two just touching.
-    low, high = bound_ball_measure(grid, np.full(144, math.sqrt(0.5)))
+    # The four discs at the corners of a square meet in its center, opposite discs just touching.
+    low, high = measure_of_balls(grid, np.full(144, math.sqrt(0.5)))
     assert low <= 121.0 + 44.0 * (math.pi / 8.0 + 0.25) + 4.0 * math.pi / 8.0 <= high
     assert high <= low * (1.0 + 1e-3)
 
@@ -309,24 +311,24 @@ def test_the_area_of_discs_that_all_but_coincide():
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_bundled_floor_plan_is_bounded_by_balls(kind):
+def test_balls_bound_the_bundled_floor_plan(kind):
     shape = shapely.union_all(floor_plan())
-    check_flat(decompose(shape, kind=kind, number=200), shape, np.random.default_rng(0))
+    check_plane(decompose(shape, kind=kind, number=200), shape, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_real_polygons_are_bounded_by_balls(data, kind):
+def test_balls_bound_real_polygons(data, kind):
     folder = data / "polygons"
     cars = json.loads((folder / "parking1.geojson").read_text())["features"]
     shapes = [shapely.geometry.shape(car["geometry"]) for car in cars[::4]]
     for shape in (shapely.from_geojson((folder / "car.geojson").read_text()), *shapes):
-        check_flat(balls_of(shape, diagonal(shape), kind, LOOSE), shape, np.random.default_rng(0))
+        check_plane(make_balls(shape, diagonal(shape), kind, LOOSE), shape, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", ["ZTunnel/obstacles.obj", "LTunnel/l-robot.obj"])
-def test_real_meshes_are_bounded_by_balls(data, name, kind):
+def test_balls_bound_real_meshes(data, name, kind):
     mesh = Mesh.of(data / "solids" / name)
     corners = SimpleNamespace(triangles=mesh.triangles, vertices=mesh.vertices, bounds=mesh.bounds)
-    balls = balls_of(mesh, float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))), kind, LOOSE)
+    balls = make_balls(mesh, float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))), kind, LOOSE)
     check_solid(balls, corners, np.random.default_rng(0))
