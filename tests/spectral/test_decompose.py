@@ -302,7 +302,7 @@ def test_area_bounds_hold_for_nearly_coincident_discs():
     low, high = bound_ball_measure(grid, np.full(144, 0.5))
     assert low <= 36.0 * math.pi <= high <= low * (1.0 + 1e-3)
     # The four discs at the corners of a square meet in its center, opposite discs just touching.
-    low, high = measure_of_balls(grid, np.full(144, math.sqrt(0.5)))
+    low, high = bound_ball_measure(grid, np.full(144, math.sqrt(0.5)))
     assert low <= 121.0 + 44.0 * (math.pi / 8.0 + 0.25) + 4.0 * math.pi / 8.0 <= high
     assert high <= low * (1.0 + 1e-3)
 
