@@ -40,7 +40,7 @@ class StateValidityChecker(ob.StateValidityChecker):
         self._space = space
         self._query_map = self._kind.of_state(space.point_checker(exact=exact))
         self._clearance: Callable[[ob.State], float] | None = None
-        self.answer_with(None)
+        self._override(None)
 
     def isValid(self, state: ob.State) -> bool:  # noqa: N802 - OMPL's name
         """Whether the state is FREE."""
@@ -53,8 +53,8 @@ class StateValidityChecker(ob.StateValidityChecker):
             self._clearance = self._kind.of_state(self._space.clearance_checker())
         return self._clearance(state)
 
-    def answer_with(self, answer: Callable[[ob.State], bool] | None) -> None:
-        """Answer by a function from now on, or by the map again; so a plan that is out of time ends a search."""
+    def _override(self, answer: Callable[[ob.State], bool] | None) -> None:
+        """Answer by a function from now on, or by the map again if None; the deadline of a plan sets it."""
         self._is_free = answer or self._query_map
         if type(self) is StateValidityChecker:  # OMPL then asks the function itself, a tenth quicker
             self.__dict__["isValid"] = self._is_free
@@ -122,14 +122,14 @@ class MotionValidator(ob.MotionValidator):
         super().__init__(si)
         edges = local_planner(space, exact, drive, turning_radius, bidirectional)
         self._query_map = edges.motion_checker()
-        self.answer_with(None)
+        self._override(None)
 
     def checkMotion(self, first: ob.State, second: ob.State) -> bool:  # noqa: N802 - OMPL's name
         """Whether the edge between two states is free all along."""
         return self._is_free(first, second)
 
-    def answer_with(self, answer: Callable[[ob.State, ob.State], bool] | None) -> None:
-        """Answer by a function from now on, or by the map again; so a plan that is out of time ends a search."""
+    def _override(self, answer: Callable[[ob.State, ob.State], bool] | None) -> None:
+        """Answer by a function from now on, or by the map again if None; the deadline of a plan sets it."""
         self._is_free = answer or self._query_map
         if type(self) is MotionValidator:  # OMPL then asks the function itself, a tenth quicker
             self.__dict__["checkMotion"] = self._is_free

@@ -104,7 +104,7 @@ class WeightedLength(ob.OptimizationObjective):
     def _by_metre(self) -> Callable[..., float]:
         return edge_cost(self._space, self._field, self._law._replace(by_metre=True))
 
-    def answer_with(self, answer: Callable[[ob.State, ob.State], float] | None) -> None:
+    def _override(self, answer: Callable[[ob.State, ob.State], float] | None) -> None:
         """Give the cost of edges by a function from now on, or as before; so a plan out of time ends a search."""
         self._cost = answer or self._own_cost
 

@@ -61,8 +61,8 @@ class OutOfTime(Exception):  # noqa: N818 - it ends a search, and is no error
 class Callbacks(Protocol):
     """What OMPL calls: a checker, a validator or an objective."""
 
-    def answer_with(self, answer: Callable[..., Any] | None) -> None:
-        """Answer by a function from now on, or as before if there is none."""
+    def _override(self, answer: Callable[..., Any] | None) -> None:
+        """Answer by a function from now on, or as before if None."""
 
 
 class Deadline:
@@ -98,7 +98,7 @@ class Deadline:
         self._is_over.set()
         self._thread.join()
         for each in (*self._refusing, *self._raising):
-            each.answer_with(None)
+            each._override(None)
 
     def _watch(self) -> None:
         stages = (self._end, self._refusing, _refuse), (self._end + GRACE, self._raising, _raise)
@@ -107,7 +107,7 @@ class Deadline:
                 if self._is_over.wait(left):
                     return
             for each in callbacks:
-                each.answer_with(answer)
+                each._override(answer)
 
 
 def _refuse(*asked: Any) -> bool:
@@ -228,7 +228,7 @@ class _Run:
         si = setup.getSpaceInformation()
         self._refusing: list[Callbacks] = [setup.getStateValidityChecker(), si.getMotionValidator()]
         objective = setup.getOptimizationObjective()
-        raising = [*self._refusing, *([objective] if hasattr(objective, "answer_with") else [])]
+        raising = [*self._refusing, *([objective] if hasattr(objective, "_override") else [])]
         self._raising: list[Callbacks] = [] if search.planner in SECOND_THREAD else raising
 
     def solve(self, start: Configuration, goal: Configuration, time_limit: float) -> SearchResult:

@@ -6,6 +6,7 @@ import re
 import runpy
 import sys
 import tomllib
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,6 +19,7 @@ import cspace
 import cspace.arms
 import cspace.plot
 import cspace.spectral
+import cspace.view
 import planners
 from commands import run
 from cspace import InputError, Robot, Workspace
@@ -174,6 +176,42 @@ def test_every_public_function_is_in_the_features_table(conf: dict[str, Any]) ->
             if not name.startswith("_") and not inspect.isclass(value) and name not in {*known, *inside}:
                 missing.append(f"{kind.__name__}.{name}")
     assert missing == []
+
+
+# ---- the API page ----------------------------------------------------------------------------------------------------
+
+PACKAGES = (cspace, cspace.arms, cspace.plot, cspace.spectral, cspace.view, planners)
+
+
+def shown_in_api() -> dict[str, object]:
+    """Return each object of the API page by its full name."""
+    package, shown = "", {}
+    for line in (DOCS / "api.md").read_text(encoding="utf-8").splitlines():
+        if line.startswith(".. currentmodule:: "):
+            package = line.split()[-1]
+        elif re.fullmatch(r"   \w[\w.]*", line):
+            module, _, name = f"{package}.{line.strip()}".rpartition(".")
+            shown[f"{module}.{name}"] = getattr(import_module(module), name)
+    return shown
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.__name__)
+def test_api_page_shows_every_public_name(package: Any) -> None:
+    shown = list(shown_in_api().values())
+    text = (DOCS / "api.md").read_text(encoding="utf-8")
+    missing = [
+        name
+        for name in package.__all__
+        if not any(getattr(package, name) is value for value in shown) and f"`{package.__name__}.{name}`" not in text
+    ]
+    assert missing == []
+
+
+def test_api_page_shows_public_names_only() -> None:
+    public = {package.__name__: set(package.__all__) for package in PACKAGES}
+    for full in shown_in_api():
+        package, _, name = full.rpartition(".")
+        assert not name.startswith("_") and name in public.get(package, {name}), full
 
 
 # ---- the version -----------------------------------------------------------------------------------------------------

@@ -60,7 +60,7 @@ def plan(
     ] = False,
     drive: Annotated[
         Drive,
-        typer.Option("--drive", help="How a robot with a yaw moves: to all sides, on two wheels, a car."),
+        typer.Option("--drive", help="How a robot with a yaw moves."),
     ] = "holonomic",
     turning_radius: Annotated[
         float | None, typer.Option(metavar="METRES", help="Of the tightest curve, at the reference point.")

@@ -17,3 +17,23 @@ from cspace.spectral.overlap import OverlapField as OverlapField
 from cspace.spectral.overlap import Separation as Separation
 from cspace.spectral.overlap import Verdict as Verdict
 from cspace.spectral.spectra import ball_spectrum as ball_spectrum
+
+__all__ = [
+    "BallDecomposition",
+    "BallDescriptor",
+    "Bounds",
+    "Bump",
+    "Descriptor",
+    "FourierOverlap",
+    "OverlapField",
+    "PolygonSum",
+    "Separation",
+    "Verdict",
+    "ball_spectrum",
+    "decompose",
+    "indicator",
+    "intersection",
+    "minkowski_sum",
+    "superlevel",
+    "union",
+]

@@ -160,7 +160,7 @@ def test_callbacks_refuse_then_raise_and_are_as_before_afterwards() -> None:
     class Asked:
         answer: Any = None
 
-        def answer_with(self, answer: Any) -> None:
+        def _override(self, answer: Any) -> None:
             self.answer = answer
 
     one, other = Asked(), Asked()
