@@ -30,10 +30,10 @@ def corridor(share):
 
 
 def distances(space, q, shape):
-    """Return distances of the robot at configurations, shape (n, dof), from the obstacles; negative inside for
+    """Return distances of the robot at configurations, shape (n, size), from the obstacles; negative inside for
     discs.
     """
-    q = np.asarray(q, dtype=float).reshape(-1, space.dof)
+    q = np.asarray(q, dtype=float).reshape(-1, space.size)
     if shape.is_empty:
         return np.full(len(q), np.inf)
     body = space.robot.shape

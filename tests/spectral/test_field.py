@@ -191,8 +191,8 @@ def without(space: CSpace, fields: Any = None) -> CSpace:
 
 @pytest.mark.parametrize("kind", [*KINDS, "turning"])
 def test_with_overlap_field_changes_only_the_field(kind: str) -> None:
-    space, overlap = scene(kind, overlap=True, margin=0.01)
-    clearance = space.clearance(space.nearest_free([0.0] * space.dof))
+    space, overlap = scene(kind, counts=True, margin=0.01)
+    clearance = space.clearance(space.nearest_free([0.0] * space.size))
     made, expected = space.with_overlap_field(overlap), OverlapField.of(space, overlap)
     same(space, without(made))
     assert space.overlap_field is None and made.overlap_field is not None
@@ -215,9 +215,9 @@ def test_update_drops_the_field_and_leaves_other_maps(kind: str) -> None:
     box, corner = np.ones((3,) * space.grid.dim, bool), (4,) * space.grid.dim
     before = space.cell_states.copy()
     made.update(box, corner)
-    assert made.overlap_field is None and (space.state == before).all()
+    assert made.overlap_field is None and (space.cell_states == before).all()
     again = made.with_overlap_field(overlap)  # the updated map no longer shares its workspace
-    after, cells = again.state.copy(), again.workspace.outer.copy()
+    after, cells = again.cell_states.copy(), again.workspace.outer.copy()
     made.update(~box, corner)
     assert (again.cell_states == after).all() and (again.workspace.outer == cells).all()
     assert again.overlap_field is not None
