@@ -40,7 +40,7 @@ from cspace.raster import Raster
 from cspace.rotations import Rotations
 from cspace.shapes import Shape, ShapeLike, shape_of
 from cspace.shown import MapExport
-from cspace.workspace import Workspace, copied
+from cspace.workspace import Workspace, copy_workspace
 
 if TYPE_CHECKING:
     from cspace.exact.boundaries import Problem
@@ -107,7 +107,7 @@ class CSpace(ConfigurationMap, MapExport):
         rasters: Sequence[tuple[Raster, Raster]] | None = None,
     ) -> None:
         if contents.workspace.live:  # another map's, which updates it
-            contents = replace(contents, workspace=copied(contents.workspace))
+            contents = replace(contents, workspace=copy_workspace(contents.workspace))
         self._contents = contents
         # Updates write into the contents' states; all others see these.
         self._seen = read_only_of(contents.states)

@@ -24,7 +24,7 @@ from cspace.map.storage import PackedStates
 from cspace.obstacles import CellBox, Obstacle, ObstacleLayers
 from cspace.raster import Raster
 from cspace.shapes import Shape
-from cspace.workspace import Workspace, copied
+from cspace.workspace import Workspace, copy_workspace
 
 _NEVER: Final = 2**62
 """Least offset of a raster without offsets, whose greatest offset is its negative."""
@@ -201,7 +201,7 @@ class Updater:
         self._size = np.max([outer.cells.shape for outer, _ in rasters], axis=0)
         self._weights = np.bincount(contents.slice_of, minlength=len(contents.states))
         self._nowhere = np.array([*to_three_axes(shape), -1, -1, -1])
-        self._workspace = copied(contents.workspace, live=True)
+        self._workspace = copy_workspace(contents.workspace, live=True)
         self._layer_counts = _layer_counts(self._workspace.outer) if contents.outside == "free" else []
 
     def update(self, patch: Patch) -> Update:

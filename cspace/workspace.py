@@ -36,21 +36,21 @@ Geometries: TypeAlias = "BaseGeometry | Mapping[str, object] | StrPath | Iterabl
 
 
 _SLIVER: Final = 1e-9
-"""Part of a cell that the upper bound may be off by rounding; far below the slack of an outer raster, so that an
-obstacle in that sliver still marks the last cell."""
+"""Rounding allowance of the upper bound, in cells. It is far below the slack of an outer raster, so that an obstacle in
+this sliver still marks the last cell."""
 
-_NOUGHT: Final = SLACK / 2**14
-"""Part of a cell below which a bound counts as zero."""
+_ZERO_BOUND: Final = SLACK / 2**14
+"""Bounds nearer to zero than this, in cells, count as zero."""
 
-_SMALL: Final = 1.0 - 2.0**-20
-"""Part of a cell below which all obstacles together are smaller than one, whatever the rounding."""
+_MIN_EXTENT: Final = 1.0 - 2.0**-20
+"""Extent of all obstacles, in cells, below which their unit is probably wrong."""
 
-_SMALL_WITHIN: Final = 0.25
-"""The same, where the map has bounds."""
+_MIN_EXTENT_IN_BOUNDS: Final = 0.25
+"""Extent of all obstacles, in cells, below which their unit is probably wrong if the map has bounds."""
 
 
 class OpenOptions(TypedDict, total=False):
-    """What :meth:`Workspace.open` takes beside a file's name."""
+    """Options of :meth:`Workspace.open`."""
 
     spacing: float
     lower: ArrayLike
@@ -66,9 +66,9 @@ class OpenOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Workspace(WorkspacePlot):
-    """The obstacles, as two sets of closed cells: those that meet an obstacle, and those that lie in obstacles.
+    """Obstacles as two sets of closed grid cells: `outer` meets obstacles, `inner` lies in them.
 
-    A map that is itself a grid has both the same. Make one with a ``from_...`` method or :meth:`open`.
+    The two sets are equal if the obstacles are given as cells. Use a ``from_...`` method or :meth:`open` to make one.
 
     Attributes
     ----------
@@ -76,17 +76,16 @@ class Workspace(WorkspacePlot):
     outer : ndarray of bool, shape grid.shape
         Cells that meet an obstacle; read-only, a copy of what was passed.
     inner : ndarray of bool, shape grid.shape
-        Cells that lie in obstacles; the same object as ``outer`` for a map that is itself a grid.
+        Cells that lie in obstacles; the same object as ``outer`` if the obstacles are given as cells.
     source : str
-        What it was read from.
+        File or kind of input, for messages.
     unknown : ndarray of bool, shape grid.shape, or None
-        Unknown cells of a sensor map, which count as free or as occupied by ``outer``; pictures
-        draw them apart. None where there are none.
+        Unknown cells of a sensor map; None if there are none. `outer` says whether they count as free or occupied.
+        Pictures draw them in a colour of their own.
     shapes : tuple or None
-        The obstacles themselves, metres, also where they reach out of the grid. None for a map that is itself a grid,
-        whose outer cells are the obstacles. Exact look-ups use them.
+        The obstacles as shapes, metres, unclipped; exact queries use them. None if the obstacles are given as cells.
     live : bool
-        Whether it belongs to a map that is updated, which writes into its cells; other maps of it take a copy.
+        True if a map that can be updated owns these cells and writes to them; other maps copy them first.
 
     Raises
     ------
@@ -110,29 +109,24 @@ class Workspace(WorkspacePlot):
     live: bool = field(default=False, repr=False)
 
     def __post_init__(self) -> None:
+        """Check and freeze the arrays."""
         outer = check_cells(self.outer, "outer")
         inner = outer if self.inner is self.outer else check_cells(self.inner, "inner")
         unknown = None if self.unknown is None else check_cells(self.unknown, "unknown")
         for name, cells in (("outer", outer), ("inner", inner), ("unknown", unknown)):
             if cells is not None and cells.shape != self.grid.shape:
-                raise InputError(
-                    name,
-                    f"has shape {cells.shape} on a grid of {self.grid.shape}",
-                    "both must be the same",
-                    "pass one entry for each cell, indexed in the order of the coordinates",
-                    value=cells,
-                )
+                problem = f"has shape {cells.shape} but the grid has {self.grid.shape}"
+                raise InputError(name, problem, "they must be equal", "pass one entry per cell", value=cells)
         if inner is not outer and (lost := inner > outer).any():
-            problem = f"holds cell {tuple(np.argwhere(lost)[0].tolist())}, which is not in outer"
-            raise InputError(
-                "inner", problem, "a cell that lies in an obstacle also meets it", "add it to outer", value=self.inner
-            )
+            problem = f"has cell {tuple(np.argwhere(lost)[0].tolist())}, which is not in outer"
+            raise InputError("inner", problem, "it must be a subset of outer", "add it to outer", value=self.inner)
         object.__setattr__(self, "shapes", None if self.shapes is None else tuple(self.shapes))
         object.__setattr__(self, "unknown", unknown if unknown is not None and unknown.any() else None)
         object.__setattr__(self, "outer", outer)
         object.__setattr__(self, "inner", outer if inner is outer or np.array_equal(inner, outer) else inner)
 
     def __repr__(self) -> str:
+        """Return source, cells, and the occupied and unknown shares."""
         grid, occupied, unknown = self.grid, np.count_nonzero(self.outer), ""
         if self.unknown is not None:
             count, taken = int(np.count_nonzero(self.unknown)), 0
@@ -154,16 +148,16 @@ class Workspace(WorkspacePlot):
         inner: ArrayLike | None = None,
         lazy: bool = False,
     ) -> Workspace:
-        """Obstacles that are already cells of a grid: an array.
+        """Make a workspace of an array of cells.
 
-        A lazy array (zarr, dask, h5py, xarray on dask, ``numpy.memmap``) is not read: see
+        A lazy array (zarr, dask, h5py, xarray on dask, ``numpy.memmap``) is read when needed: see
         :class:`cspace.workspace.LazyWorkspace`.
 
         Parameters
         ----------
         occupied : array-like of bool, shape (nx, ny) or (nx, ny, nz), or path-like
-            Cells that meet an obstacle, indexed in the order of the coordinates; 0 and 1 are accepted. A path is that
-            of a ``.npy`` file, or of an array in the Zarr format, ``.zarr``.
+            Cells that meet an obstacle, indexed in the order of the coordinates; 0 and 1 are accepted. A path names a
+            ``.npy`` file or a ``.zarr`` array.
         spacing : float
             Side of a cell, in metres.
         lower : array-like, shape (d,), optional
@@ -171,12 +165,12 @@ class Workspace(WorkspacePlot):
         inner : array-like of bool, same shape, optional
             Cells that lie in obstacles; ``occupied`` if left out.
         lazy : bool
-            Leave the values of a ``.npy`` file in it until they are used.
+            Read the values of a ``.npy`` file when they are needed.
 
         Raises
         ------
         InputError
-            If an array is empty, not boolean or of the wrong shape, or a number is not usable.
+            If an array is empty, not boolean or of the wrong shape, or a number is invalid.
         """
         from cspace.files.formats import read_cells, read_zarr_array
         from cspace.limits import check_cells as check_file_cells
@@ -199,7 +193,7 @@ class Workspace(WorkspacePlot):
         dim = len(cells.shape)
         corner = finite(np.zeros(dim) if lower is None else lower, "lower")
         if corner.shape != (dim,):
-            rule = f"occupied has {dim} axes and lower must have as many coordinates"
+            rule = f"it must have {dim} coordinates, as occupied has axes"
             raise InputError("lower", f"is {lower!r}", rule, f"pass e.g. {(0.0,) * dim}", value=lower)
         if isinstance(cells, Lazy):
             return LazyWorkspace(Grid(corner, spacing, cells.shape), cells, source)
@@ -208,17 +202,16 @@ class Workspace(WorkspacePlot):
 
     @classmethod
     def from_ros_map(cls, path: StrPath, unknown: str = "occupied") -> Workspace:
-        """A ROS map: a YAML file and the PGM or PNG image beside it.
+        """Read a ROS map: a YAML file and the PGM or PNG image beside it.
 
-        Modes, thresholds, ``negate`` and the origin with its yaw are honoured as
-        :func:`cspace.files.ros.read_ros_map` says.
+        Modes, thresholds, ``negate`` and the origin with its yaw apply as in :func:`cspace.files.ros.read_ros_map`.
 
         Parameters
         ----------
         path : path-like
             The YAML file.
         unknown : {"occupied", "free"}
-            What unknown cells are.
+            State of unknown cells.
 
         Raises
         ------
@@ -232,7 +225,7 @@ class Workspace(WorkspacePlot):
 
         check_word(unknown, "unknown", UNKNOWNS)
         image = read_ros_map(path)
-        with _placing(path):
+        with _naming_file(path):
             grid, outer, inner, unseen = align_image(*image, unknown)
         return cls(grid, outer, inner, source=str(path), unknown=unseen)
 
@@ -240,29 +233,29 @@ class Workspace(WorkspacePlot):
     def from_occupancy_grid(
         cls, msg: GridMessage, unknown: str = "occupied", *, free_thresh: float = 0.25, occupied_thresh: float = 0.65
     ) -> Workspace:
-        """An occupancy grid of ROS, as a message; ROS itself is not needed.
+        """Convert a ROS occupancy grid message; ROS itself is not needed.
 
         Parameters
         ----------
         msg : object
             With the fields of ``nav_msgs/OccupancyGrid``, of ROS 1 or 2 or
             :class:`cspace.files.ros.OccupancyGrid`: ``info.resolution``, ``width``, ``height`` and ``origin``, and
-            ``data``, row by row in per cent, -1 where nothing is known. A yaw of the origin is honoured as that of a
-            ROS map is. A resolution in single precision, as messages keep it, is the shortest number that becomes it:
-            0.05, and not 0.0500000007.
+            ``data``, row by row in per cent, -1 for unknown. The yaw of the origin applies as in a ROS map. The
+            resolution is a float32 in messages; it is read as the shortest decimal number that rounds to it: 0.05, not
+            0.0500000007.
         unknown : {"occupied", "free"}
-            What unknown cells are: those of -1, and those between the thresholds.
+            State of unknown cells: of value -1, or between the thresholds.
         free_thresh, occupied_thresh : float
-            From 0 to 1: below the first, a cell is free; from the second on, it is occupied. The defaults are those of
-            Nav2's map saver. A costmap that Nav2 publishes is inflated already: with 0.995 and 1.0 only its obstacles
-            are occupied.
+            From 0 to 1: a cell is free below the first and occupied from the second on. The defaults are those of
+            Nav2's map saver. Costmaps that Nav2 publishes are already inflated: use 0.995 and 1.0 to read only their
+            obstacles.
 
         Raises
         ------
         InputError
-            If a field is missing or not as it must be, the origin is tilted, or an argument is not usable.
+            If a field is missing or malformed, the origin is tilted, or an argument is invalid.
         FileError
-            If a turned map takes more cells than are read, or than fit into memory.
+            If a rotated map has more cells than the limit, or than fit into memory.
         """
         from cspace.files.ros import read_occupancy_grid
         from cspace.raster.bitmaps import align_image
@@ -281,7 +274,7 @@ class Workspace(WorkspacePlot):
         threshold: float = 0.5,
         dark: str = "occupied",
     ) -> Workspace:
-        """An image, one cell for each pixel; its first row is the top.
+        """Read an image, one cell per pixel; its first row is the top.
 
         Parameters
         ----------
@@ -292,14 +285,14 @@ class Workspace(WorkspacePlot):
         lower : array-like, shape (2,), optional
             Lower left corner of the image, in metres; the origin if left out.
         threshold : float
-            Pixels whose shade, the mean of their colour channels from 0 (black) to 1 (white), is below this are dark.
+            Pixels are dark if the mean of their colour channels, from 0 (black) to 1 (white), is below this.
         dark : {"occupied", "free"}
-            What dark pixels are; bright ones are the other. A pixel that is not fully opaque is occupied either way.
+            State of dark pixels; bright pixels have the other. Pixels that are not fully opaque are always occupied.
 
         Raises
         ------
         InputError
-            If a number or word is not usable.
+            If a number or word is invalid.
         FileError
             If the file is missing or cannot be decoded.
         """
@@ -311,7 +304,7 @@ class Workspace(WorkspacePlot):
 
     @classmethod
     def from_movingai(cls, path: StrPath, spacing: float = 1.0) -> Workspace:
-        """A MovingAI ``.map`` in the plane, or ``.3dmap`` of voxels in space.
+        """Read a MovingAI ``.map`` in the plane, or a ``.3dmap`` of voxels in space.
 
         In a ``.map``, ``.``, ``G`` and ``S`` are passable, ``@``, ``O``, ``T`` and ``W`` blocked.
 
@@ -347,10 +340,10 @@ class Workspace(WorkspacePlot):
         cost: int = WORKSPACE_BYTES,
         lazy: bool = False,
     ) -> Workspace:
-        """The cells of a shape, on the grid of a box, shape (2, dim), or else of its own bounds.
+        """Rasterize a shape on a grid over a box, shape (2, dim), or over its own bounds.
 
-        Where ``kind`` names the shape, a warning says if the units of the points that it was made of, or else of its
-        corners, can hardly be metres. ``cost`` is in bytes a cell.
+        If ``kind`` names the shape, warn if the extent of its points, or of its corners, can hardly be in metres.
+        ``cost`` is in bytes per cell.
         """
         corners = np.stack(shape.outer.bounds)
         grid = covering_grid(corners if box is None else box, spacing, 0 if lazy else cost)
@@ -367,25 +360,24 @@ class Workspace(WorkspacePlot):
 
     @classmethod
     def from_shapes(cls, shapes: Iterable[ShapeLike], spacing: float, bounds: ArrayLike | None = None) -> Workspace:
-        """Make a workspace of shapes of any kind, all in the plane or all in space.
+        """Rasterize shapes of any kind, all in the plane or all in space.
 
         Parameters
         ----------
         shapes : iterable of Shape, Robot, shapely geometry, trimesh.Trimesh, str, ...
-            Each is what :meth:`cspace.CSpace.add_obstacle` takes, also a robot or a short text such as
-            ``"ellipse:0.5,0.3@2,1"``, whose reference point is then the origin of the map. Metres.
+            As for :meth:`cspace.CSpace.add_obstacle`, in metres. A robot or a short text such as ``"ellipse:0.5,0.3@2,1"``
+            is placed with its reference point at the origin of the map.
         spacing : float
             Side of a cell, in metres.
         bounds : array-like, shape (2 d,) or (2, d), optional
-            Lower, then upper corner of the map, in metres; the bounding box of the shapes if left out. **What lies
-            outside it is clipped.**
+            Lower, then upper corner of the map, in metres; the bounding box of the shapes if left out. **Obstacles are
+            clipped to it.**
 
         Raises
         ------
         InputError
-            If there is no shape, one is not usable, they are not all in the plane or all in space, or the map does not
-            fit into memory. For shapes with names, build the map first and :meth:`cspace.CSpace.add_obstacle` each of
-            them.
+            If there is no shape, a shape is invalid, their dimensions differ, or the map does not fit into memory. For
+            shapes with names, build the map first and :meth:`cspace.CSpace.add_obstacle` each of them.
         FileError
             If a file is missing or malformed.
 
@@ -397,19 +389,20 @@ class Workspace(WorkspacePlot):
         Workspace(3 shapes: 40 x 30 cells of 0.1 m, 42.5 % occupied)
         """
         positive(spacing, "spacing")
-        hint = "pass a list of them"
-        if isinstance(shapes, Mapping):
-            hint += "; obstacles with names are added to a map, with space.add_obstacle(name, shape)"
         if isinstance(shapes, Mapping | str) or not isinstance(shapes, Iterable):
-            raise InputError("shapes", f"is a {type(shapes).__name__}", "it must be several shapes", hint, value=shapes)
-        made = [shape_of(shape, name=f"shapes[{number}]") for number, shape in enumerate(shapes)]
+            problem, hint = (
+                f"is a {type(shapes).__name__}",
+                "pass a list; name shapes with space.add_obstacle(name, shape)",
+            )
+            raise InputError("shapes", problem, "it must be a list of shapes", hint, value=shapes)
+        made = [shape_of(shape, name=f"shapes[{index}]") for index, shape in enumerate(shapes)]
         if not made:
-            hint = "pass at least one, or use Workspace.from_array for a map without obstacles"
-            raise InputError("shapes", "holds no shape", "obstacles must cover some ground", hint, value=shapes)
-        for number, shape in enumerate(made):
+            hint = "pass a shape, or use Workspace.from_array for a map without obstacles"
+            raise InputError("shapes", "is empty", "at least one shape is needed", hint, value=shapes)
+        for index, shape in enumerate(made):
             if shape.dim != made[0].dim:
-                rule = f"shapes[0] is in {made[0].place}, and all must be alike"
-                raise InputError(f"shapes[{number}]", f"is in {shape.place}", rule, "leave it out", value=shape)
+                rule = f"all must be in {made[0].place}, as shapes[0] is"
+                raise InputError(f"shapes[{index}]", f"is in {shape.place}", rule, "leave it out", value=shape)
         box = None if bounds is None else check_bounds(bounds, made[0].dim)
         return cls._of_shapes(made, spacing, box, f"{len(made)} shape{'s' * (len(made) > 1)}", "set of shapes")
 
@@ -417,7 +410,7 @@ class Workspace(WorkspacePlot):
     def _of_shapes(
         cls, shapes: Sequence[Shape], spacing: float, box: Floats | None, source: str, kind: str
     ) -> Workspace:
-        """Make a workspace of several shapes of one dimension; arguments are those of :meth:`_of`."""
+        """Rasterize several shapes of one dimension; arguments are those of :meth:`_of`."""
         from cspace.obstacles import Obstacle
 
         bounds = np.array([shape.outer.bounds for shape in shapes])
@@ -434,19 +427,19 @@ class Workspace(WorkspacePlot):
         return cls(grid, outer, inner, source=source, shapes=tuple(shapes))
 
     def in_memory(self) -> Workspace:
-        """The same workspace, with all its cells in memory."""
+        """Return the workspace with all its cells in memory."""
         return self
 
     @property
     def cells(self) -> Source:
-        """What the cells are read from, a box at a time."""
+        """Source of the cells, read a box at a time."""
         from cspace.obstacles import Held
 
         return Held(self.outer, self.inner)
 
     @property
     def obstacles(self) -> tuple[Shape, ...]:
-        """The obstacles as shapes: :attr:`shapes`, or else the outer cells; none where no cell is occupied."""
+        """The obstacles as shapes: :attr:`shapes`, or one shape of the outer cells; empty if no cell is occupied."""
         if self.shapes is not None:
             return self.shapes
         if not self.outer.any():
@@ -457,7 +450,7 @@ class Workspace(WorkspacePlot):
     def from_polygons(
         cls, polygons: Geometries, spacing: float, bounds: ArrayLike | None = None, *, lazy: bool = False
     ) -> Workspace:
-        """Polygons, lines and points in the plane, rasterised so that ``outer`` and ``inner`` are proven.
+        """Rasterize polygons, lines and points in the plane; ``outer`` and ``inner`` are proven.
 
         Parameters
         ----------
@@ -466,19 +459,18 @@ class Workspace(WorkspacePlot):
         spacing : float
             Side of a cell, in metres.
         bounds : array-like, shape (4,) or (2, 2), optional
-            ``xmin, ymin, xmax, ymax`` of the map, as shapely has them, or its lower and its upper corner, as trimesh
-            has them, in metres; the bounding box of the obstacles if left out. The grid begins at the lower corner and
-            has as many cells as reach the upper one, less a strip of up to 1e-9 cells from rounding. **What lies
-            outside it is clipped.**
+            ``xmin, ymin, xmax, ymax`` of the map, as in shapely, or its lower and its upper corner, as in trimesh, in
+            metres; the bounding box of the obstacles if left out. The grid begins at the lower corner and covers the
+            upper one, except for a strip of at most 1e-9 cells due to rounding. **Obstacles are clipped to it.**
         lazy : bool
-            Rasterise them only where cells are read, and not now: see :class:`cspace.workspace.LazyWorkspace`.
+            Rasterize cells when they are read: see :class:`cspace.workspace.LazyWorkspace`.
 
         Raises
         ------
         GeometryError
-            If a geometry is empty, self-crossing, not finite or not in the plane; the message says which.
+            If a geometry is empty, self-crossing, not finite or not in the plane; the message names it.
         InputError
-            If ``bounds`` is reversed or a number is not usable.
+            If ``bounds`` is reversed or a number is invalid.
         FileError
             If the file is missing or malformed.
         """
@@ -502,7 +494,7 @@ class Workspace(WorkspacePlot):
         solid: Solid = "auto",
         lazy: bool = False,
     ) -> Workspace:
-        """A triangle mesh in space, rasterised so that ``outer`` and ``inner`` are proven.
+        """Rasterize a triangle mesh in space; ``outer`` and ``inner`` are proven.
 
         Parameters
         ----------
@@ -512,20 +504,19 @@ class Workspace(WorkspacePlot):
             Side of a cell, in metres.
         bounds : array-like, shape (6,) or (2, 3), optional
             ``xmin, ymin, zmin, xmax, ymax, zmax`` of the map, or its lower and its upper corner, in metres; the
-            bounding box of the mesh if left out, as for :meth:`from_polygons`. **What lies outside it is clipped.**
+            bounding box of the mesh if left out, as for :meth:`from_polygons`. **Obstacles are clipped to it.**
         solid : {"auto", "surface", "fill"}
-            What has an inside: "auto", the closed parts of the mesh, with a warning if there are others; "surface",
-            nothing; "fill", whatever the surface encloses at this spacing, with a warning where a mesh that is open
-            encloses no cell.
+            Parts with an interior. "auto": the closed parts, with a warning if others are open. "surface": none.
+            "fill": all that the surface encloses at this spacing, with a warning if an open mesh encloses no cell.
         lazy : bool
-            As for :meth:`from_polygons`; not for "fill", which looks at all cells at once.
+            As for :meth:`from_polygons`; not for "fill", which needs all cells at once.
 
         Raises
         ------
         GeometryError
             If the mesh has no triangle or a vertex is NaN or infinite.
         InputError
-            If ``bounds`` is reversed, a number or word is not usable, or the map does not fit into memory.
+            If ``bounds`` is reversed, a number or word is invalid, or the map does not fit into memory.
         FileError
             If the file is missing or malformed.
         """
@@ -534,10 +525,8 @@ class Workspace(WorkspacePlot):
         shape = Mesh.of(mesh, solid)
         source = str(mesh) if isinstance(mesh, str | os.PathLike) else shape.source
         if lazy and shape.solid == "fill":
-            rule = "what a surface encloses is found on all of its cells at once"
-            raise InputError(
-                "lazy", "is True for solid='fill'", rule, "close the mesh, and pass solid='auto'", value=lazy
-            )
+            problem, rule = "is True with solid='fill'", "filling needs all cells at once"
+            raise InputError("lazy", problem, rule, "close the mesh and pass solid='auto'", value=lazy)
         made = cls._of(shape, spacing, box, source, "mesh", cost=MESH_BYTES, lazy=lazy)
         return replace(made, shapes=None) if shape.solid == "fill" else made
 
@@ -549,24 +538,24 @@ class Workspace(WorkspacePlot):
         spacing: float = 0.0,
         bounds: ArrayLike | None = None,
     ) -> Workspace:
-        """Balls in space, or discs in the plane, rasterised so that ``outer`` and ``inner`` are proven.
+        """Rasterize balls in space or discs in the plane; ``outer`` and ``inner`` are proven.
 
         Parameters
         ----------
         centers : array-like, shape (n, 2) or (n, 3), or BallDecomposition
-            Metres. A decomposition brings its radii.
+            Metres. A decomposition has its own radii.
         radii : array-like, shape (n,), or one number
             Metres, zero or above.
         spacing : float
             Side of a cell, in metres; needed.
         bounds : array-like, shape (2 d,) or (2, d), optional
-            Lower, then upper corner of the map, in metres; the bounding box of the balls if left out. **What lies
-            outside it is clipped.**
+            Lower, then upper corner of the map, in metres; the bounding box of the balls if left out. **Obstacles are
+            clipped to it.**
 
         Raises
         ------
         InputError
-            If the shapes do not fit, a value is not usable, or the map does not fit into memory.
+            If shapes of arrays disagree, a value is invalid, or the map does not fit into memory.
         """
         balls = Balls.of(centers, radii)
         positive(spacing, "spacing")
@@ -577,7 +566,7 @@ class Workspace(WorkspacePlot):
     def from_points(
         cls, points: ArrayLike | StrPath, spacing: float, bounds: ArrayLike | None = None, *, radius: float = 0.0
     ) -> Workspace:
-        """A point cloud: every point an obstacle, alone or with a ball around it.
+        """Rasterize a point cloud: each point is an obstacle, or a ball around it.
 
         Parameters
         ----------
@@ -588,7 +577,7 @@ class Workspace(WorkspacePlot):
         bounds : array-like, shape (2 d,) or (2, d), optional
             As for :meth:`from_balls`.
         radius : float
-            Of the balls, metres, zero or above.
+            Radius of the balls, metres, zero or above.
 
         Raises
         ------
@@ -605,19 +594,19 @@ class Workspace(WorkspacePlot):
             check_bounds(bounds, 3)
         cloud = Balls.of(read_points(points) if isinstance(points, str | os.PathLike) else points, radius)
         box = None if bounds is None else check_bounds(bounds, cloud.dim)
-        # The points of a cloud tell of its units, the balls around them do not.
+        # The extent of the points shows a wrong unit; the balls around them would hide it.
         source = str(points) if named else f"{len(cloud.radii)} points"
         return cls._of(cloud, spacing, box, source, "cloud", cloud.centers)
 
     @classmethod
     def from_octomap(cls, path: StrPath, unknown: str = "occupied") -> Workspace:
-        """An OctoMap, ``.bt`` or ``.ot``, at its own resolution; coarse leaves are filled with its finest cells.
+        """Read an OctoMap, ``.bt`` or ``.ot``, at its finest resolution.
 
         Parameters
         ----------
         path : path-like
         unknown : {"occupied", "free"}
-            What unknown cells are, within the bounding box of the known ones.
+            State of unknown cells within the bounding box of the known ones.
 
         Raises
         ------
@@ -630,7 +619,7 @@ class Workspace(WorkspacePlot):
 
         check_word(unknown, "unknown", UNKNOWNS)
         lower, spacing, cells, unseen = read_octomap(path, unknown == "occupied")
-        with _placing(path):
+        with _naming_file(path):
             grid = Grid(lower, spacing, cells.shape)
         return cls(grid, cells, cells, source=str(path), unknown=unseen)
 
@@ -664,7 +653,7 @@ class Workspace(WorkspacePlot):
         Raises
         ------
         InputError
-            If a number is not usable, neither you nor the file give the spacing, or values are not 0 and 1 and
+            If a number is invalid, neither you nor the file give the spacing, or values are not 0 and 1 and
             ``threshold`` is left out.
         FileError
             If the file is missing, truncated or malformed, holds NaN, is detached from its values, or its voxels are
@@ -673,7 +662,7 @@ class Workspace(WorkspacePlot):
         from cspace.files.voxels import read_nrrd
 
         corner, side, cells = read_nrrd(path, spacing, lower, threshold)
-        with _placing(path):
+        with _naming_file(path):
             grid = Grid(corner, side, cells.shape)
         return cls(grid, cells, cells, source=str(path))
 
@@ -705,7 +694,7 @@ class Workspace(WorkspacePlot):
         GeometryError
             If a mesh has no triangle, or there is no shape at all.
         InputError
-            If ``bounds`` is reversed, a number is not usable, or the map does not fit into memory.
+            If ``bounds`` is reversed, a number is invalid, or the map does not fit into memory.
 
         See Also
         --------
@@ -721,7 +710,7 @@ class Workspace(WorkspacePlot):
 
     @classmethod
     def open(cls, path: StrPath, **options: Unpack[OpenOptions]) -> Workspace:
-        """Read a map from a file, by its suffix.
+        """Read a workspace from a file, in the format of its suffix.
 
         Parameters
         ----------
@@ -733,9 +722,9 @@ class Workspace(WorkspacePlot):
             ``.npy`` (boolean array, or rows of three floats: points); ``.zarr`` (boolean array, read when needed);
             ``.nrrd`` (grid of values).
         **options
-            What the method for that format takes: ``spacing`` for all but ROS maps and OctoMaps (needed for all but
-            MovingAI, and NRRD files that hold it), ``unknown``, ``threshold``, ``dark``, ``lower``, ``bounds``,
-            ``solid``, ``radius``.
+            Those of the method for that format: ``spacing`` except for ROS maps and OctoMaps (optional for MovingAI
+            and for NRRD files that have it), ``unknown``, ``threshold``, ``dark``, ``lower``, ``bounds``, ``solid``,
+            ``radius``.
 
         Raises
         ------
@@ -747,25 +736,25 @@ class Workspace(WorkspacePlot):
         reader = reader_of(path, options)
         for name, parameter in _options_of(reader).items():
             if parameter.default is parameter.empty and name not in options:
-                raise InputError(
-                    name, f"is missing for {os.fspath(path)}", "such a file does not hold it", f"pass e.g. {name}=0.05"
-                )
+                problem = f"is missing for {os.fspath(path)}"
+                raise InputError(name, problem, "the file does not contain it", f"pass e.g. {name}=0.05")
         return reader(path, **options)
 
 
 class LazyWorkspace(Workspace):
-    """A workspace whose cells are read, or made, part by part at need.
+    """A workspace whose cells are read or rasterized when they are needed.
 
-    :func:`cspace.build` with a ``store`` reads a tile at a time. All else reads the whole into memory, where it fits,
-    at its first use.
+    :func:`cspace.build` with a ``store`` reads a tile at a time. Any other use reads all cells into memory, if they
+    fit, at the first access.
 
     Parameters
     ----------
     grid : Grid
     cells : cspace.obstacles.Source
     source : str
-        What it is read from.
+        File or kind of input, for messages.
     shapes : tuple or None
+        The obstacles as shapes, metres.
     """
 
     __slots__ = ("_cells", "_whole")
@@ -778,17 +767,21 @@ class LazyWorkspace(Workspace):
 
     @property
     def cells(self) -> Source:
+        """Source of the cells, read a box at a time."""
         return self._cells  # type: ignore[no-any-return, attr-defined]
 
     @property
     def outer(self) -> Bools:
+        """Cells that meet an obstacle; the first access reads all cells."""
         return self._read()[0]
 
     @property
     def inner(self) -> Bools:
+        """Cells that lie in obstacles; the first access reads all cells."""
         return self._read()[1]
 
     def in_memory(self) -> Workspace:
+        """Return the workspace with all its cells in memory."""
         return Workspace(self.grid, self.outer, self.inner, source=self.source, shapes=self.shapes)
 
     def _read(self) -> tuple[Bools, Bools]:
@@ -801,16 +794,18 @@ class LazyWorkspace(Workspace):
         return whole[0]
 
     def __repr__(self) -> str:
+        """Return source and number of cells."""
         shape = " x ".join(map(str, self.grid.shape))
         return f"LazyWorkspace({self.source}: {shape} cells of {self.grid.spacing:g} m, read at need)"
 
     def __reduce__(self) -> tuple[type[LazyWorkspace], tuple[Grid, Source, str, tuple[Shape, ...] | None]]:
+        """Pickle the source of the cells, not the cells."""
         return LazyWorkspace, (self.grid, self.cells, self.source, self.shapes)
 
 
 @contextmanager
-def _placing(path: StrPath) -> Iterator[None]:
-    """Within the block, name the file if its cells make no grid."""
+def _naming_file(path: StrPath) -> Iterator[None]:
+    """Convert InputErrors of the block, about its grid, into FileErrors that name the file."""
     try:
         yield
     except InputError as error:
@@ -818,8 +813,8 @@ def _placing(path: StrPath) -> Iterator[None]:
         raise FileError(os.fspath(path), problem, error.rule, error.hint, value=error.value) from error
 
 
-def copied(workspace: Workspace, live: bool = False) -> Workspace:
-    """Return a workspace with arrays of its own; ``live`` ones are written by the updates of a map."""
+def copy_workspace(workspace: Workspace, live: bool = False) -> Workspace:
+    """Copy a workspace and its arrays; ``live`` if updates of a map write to them."""
     outer = frozen(workspace.outer.copy())
     inner = outer if workspace.inner is workspace.outer else frozen(workspace.inner.copy())
     unknown = None if workspace.unknown is None else frozen(workspace.unknown.copy())
@@ -827,10 +822,10 @@ def copied(workspace: Workspace, live: bool = False) -> Workspace:
 
 
 def reader_of(path: StrPath, options: Iterable[str] = ()) -> Callable[..., Workspace]:
-    """The classmethod that reads a workspace's file, which must take some options.
+    """Return the classmethod that reads a file, and check that it takes the options.
 
-    Raises InputError if the suffix is unknown, or an option does not apply, and FileError if the file had to be looked
-    into and is missing.
+    Raises InputError if the suffix is unknown or an option does not apply, and FileError if the format depends on the
+    content and the file is missing.
     """
     from cspace.files.formats import find_constructor
 
@@ -838,47 +833,46 @@ def reader_of(path: StrPath, options: Iterable[str] = ()) -> Callable[..., Works
     known = _options_of(reader)
     for name in options:
         if name not in known:
-            raise InputError(
-                name, f"is given for {os.fspath(path)}", f"such a file takes {', '.join(known)}", "leave it out"
-            )
+            raise InputError(name, f"is given for {path}", f"its format takes {', '.join(known)}", "leave it out")
     return reader
 
 
 def _options_of(reader: Callable[..., Workspace]) -> dict[str, inspect.Parameter]:
+    """Return the parameters of a reader except the path."""
     return dict(list(inspect.signature(reader).parameters.items())[1:])
 
 
 def covering_shape(corners: Floats, spacing: float) -> list[int]:
-    """Cells along each axis of the grid that begins at the lower of two corners and reaches the upper one."""
+    """Return the number of cells along each axis of the grid between two corners."""
     with np.errstate(over="ignore"):
         counts = np.maximum(1.0, np.ceil((corners[1] - corners[0]) / spacing - _SLIVER))
     return [int(min(n, 2.0**62)) for n in counts]
 
 
 def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
-    """The grid that begins at the lower of two corners, shape (2, dim), and reaches the upper one.
+    """Return the grid that begins at the lower of two corners, shape (2, dim), and covers the upper one.
 
-    Raises InputError if a workspace of so many cells does not fit into memory.
+    Raises InputError if its cells do not fit into memory.
     """
-    # What no raster can distinguish from zero is zero: shapely goes wrong on numbers below 1e-308.
-    corners = np.where(np.abs(corners) < _NOUGHT * spacing, 0.0, corners)
+    # No raster can tell such numbers from zero, and shapely fails on numbers below 1e-308.
+    corners = np.where(np.abs(corners) < _ZERO_BOUND * spacing, 0.0, corners)
     shape = covering_shape(corners, spacing)
     cells = float(np.prod(shape, dtype=float))
-    # A spacing at which the map fits as well, beside its workspace.
+    # The suggested spacing leaves room for the map as well as the workspace.
     later, planned = (WORKSPACE_BYTES + 1) * cells, Planned(shape, spacing, *corners)
     check_memory(bytes_a_cell * cells, "the map", planned, later=later)
     return Grid(corners[0], spacing, shape)
 
 
 def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> None:
-    """Warn of obstacles that are smaller than a cell: they are hardly in metres.
+    """Warn if obstacles are smaller than a cell, because their unit is then hardly the metre.
 
-    Within bounds, which are in metres, something a little smaller than a cell may well be meant; there it is warned of
-    from a quarter of a cell down. ``corners``, shape (2, d), are those of their box; nothing is said of a single point.
-    ``what`` says in the message what they are: "mesh".
+    If the map has bounds, which are in metres, small obstacles may be intended; the limit is then a quarter of a cell.
+    ``corners``, shape (2, d), is the box of the obstacles; a single point raises no warning. ``what`` names the
+    obstacles in the message.
     """
     sides = corners[1] - corners[0]
-    if 0.0 < sides.max() < (_SMALL_WITHIN if bounded else _SMALL) * spacing:
+    if 0.0 < sides.max() < (_MIN_EXTENT_IN_BOUNDS if bounded else _MIN_EXTENT) * spacing:
         size = " m x ".join(f"{side:g}" for side in sides)
         warn_user(
             f"the {what} is {size} m large and fits into one cell of {spacing:g} m; its units are probably wrong "
@@ -887,15 +881,15 @@ def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> 
 
 
 def warn_of_nothing(outer: Bools, grid: Grid, corners: Floats) -> None:
-    """Warn where no obstacle, of a box, shape (2, d), metres, lies in the bounds of a map: no ``outer`` cell is set."""
+    """Warn if no obstacle lies in the bounds of a map; ``corners``, shape (2, d), is the obstacles' box in metres."""
     if not outer.any():
         warn_user(
             f"the obstacles reach from {in_metres(corners[0])} to {in_metres(corners[1])} and none lies within the "
-            f"bounds, {in_metres(grid.lower)} to {in_metres(grid.upper)}; the map has no obstacle at all: check the "
-            "bounds, and the units (metres)"
+            f"bounds, {in_metres(grid.lower)} to {in_metres(grid.upper)}; the map has no obstacle: check the bounds, "
+            "and the units (metres)"
         )
 
 
 def in_metres(point: Iterable[float]) -> str:
-    """A point for people, as ``(x, y, z) m``."""
+    """Format a point as ``(x, y, z) m``."""
     return f"({', '.join(f'{x:g}' for x in point)}) m"

@@ -90,10 +90,10 @@ def test_repr_is_short() -> None:
     ({"spacing": 0.0}, "spacing is 0.0"),
     ({"spacing": -0.1}, "spacing is -0.1"),
     ({"spacing": float("nan")}, "spacing is nan"),
-    ({"lower": (0.0, 0.0, 0.0)}, "lower is .* occupied has 2 axes"),
+    ({"lower": (0.0, 0.0, 0.0)}, "lower is .* must have 2 coordinates"),
     ({"lower": (0.0, float("inf"))}, r"lower\[1\] is inf"),
     ({"inner": np.zeros((3, 2), dtype=bool)}, r"inner has shape \(3, 2\)"),
-    ({"inner": np.ones((2, 3), dtype=bool)}, r"holds cell \(0, 2\)"),
+    ({"inner": np.ones((2, 3), dtype=bool)}, r"has cell \(0, 2\)"),
     ({"occupied": np.ma.array(np.zeros((3, 2), bool), mask=[[True, False]] * 3)}, "3 masked"),
 )
 def test_unusable_arrays_are_refused(arguments: dict[str, Any], message: str) -> None:
@@ -190,7 +190,7 @@ def test_files_without_permission_are_refused(files: Path, monkeypatch: pytest.M
 
 def test_cells_must_fit_the_grid_and_be_in_the_order_of_its_axes() -> None:
     cells = np.zeros((2, 3), dtype=bool)
-    with pytest.raises(InputError, match=r"outer has shape \(2, 3\) on a grid of \(3, 2\)"):
+    with pytest.raises(InputError, match=r"outer has shape \(2, 3\) but the grid has \(3, 2\)"):
         Workspace(Grid((0.0, 0.0), 1.0, (3, 2)), cells, cells)
     labelled = xarray.DataArray(cells, dims=("y", "x"))
     with pytest.raises(InputError, match="transpose"):
@@ -261,7 +261,7 @@ def test_bounds_are_those_of_shapely_and_of_trimesh() -> None:
 
 @pytest.mark.parametrize("kind", range(3))
 def test_bounds_without_an_obstacle_are_a_warning(kind: int) -> None:
-    with pytest.warns(UserWarning, match=r"none lies within the bounds, \(10, 10.* no obstacle at all") as heard:
+    with pytest.warns(UserWarning, match=r"none lies within the bounds, \(10, 10.* has no obstacle") as heard:
         shapes(1.0, (10, 10, 10, 12, 12, 12))[kind]()
     assert len(heard) == 1
 
@@ -346,12 +346,12 @@ def test_shapes_of_any_kind_make_a_workspace():
 
 @refusals(
     "shapes, message",
-    ([], "shapes holds no shape"),
+    ([], "shapes is empty; at least one shape is needed"),
     ({"cart": shapely.box(0, 0, 1, 1)}, r"shapes is a dict; .* space\.add_obstacle\(name, shape\)"),
-    ("disc:0.3", "shapes is a str; it must be several shapes; pass a list"),
+    ("disc:0.3", "shapes is a str; it must be a list of shapes; pass a list"),
     (shapely.box(0, 0, 1, 1), "shapes is a Polygon"),
     (Robot.disc(1.0), "shapes is a Robot"),
-    ([Robot.disc(1.0), Robot.ball(1.0)], r"shapes\[1\] is in space; shapes\[0\] is in the plane"),
+    ([Robot.disc(1.0), Robot.ball(1.0)], r"shapes\[1\] is in space; all must be in the plane"),
     ([Robot.disc(1.0), "cube:1"], r"shapes\[1\] is 'cube:1'; it must be a short text"),
     ([Robot.disc(1.0), None], r"shapes\[1\] is a NoneType"),
 )

@@ -119,11 +119,11 @@ class Contents:
 
     def copy(self) -> Contents:
         """A copy in arrays of its own, but for those that are never written."""
-        from cspace.workspace import copied
+        from cspace.workspace import copy_workspace
 
         return replace(
             self,
-            workspace=copied(self.workspace),
+            workspace=copy_workspace(self.workspace),
             states=self.states.copy(),
             overlap_counts=None if self.overlap_counts is None else self.overlap_counts.copy(),
             exterior=None if self.exterior is None else Exterior(self.exterior.table.copy()),

@@ -141,7 +141,7 @@ def test_warnings_are_one_line_in_options(room: Path) -> None:
     assert cspace.open("d.zarr").robot.spec["solid"] == "surface"
     cube = ["cube.obj", "--robot", "ball:0.1", "--spacing", 2.0]
     document("info", *cube, warning="fits into one cell of 2 m")
-    document("map", *cube[:-1], 0.25, "--bounds", "5,5,5,6,6,6", "-o", "e.zarr", warning="no obstacle at all")
+    document("map", *cube[:-1], 0.25, "--bounds", "5,5,5,6,6,6", "-o", "e.zarr", warning="has no obstacle")
 
 
 # ----------------------------------------------------------------------------------------------- info

@@ -168,7 +168,7 @@ def test_what_lies_beyond_the_bounds_is_clipped() -> None:
     part = Workspace.from_polygons([L_SHAPE, FAR], 0.1, (2, 0, 5, 1))
     assert np.array_equal(part.outer, whole.outer[20:50, :10])
     assert np.array_equal(part.inner, whole.inner[20:50, :10])
-    with pytest.warns(UserWarning, match="no obstacle at all"):
+    with pytest.warns(UserWarning, match="has no obstacle"):
         assert not Workspace.from_polygons(FAR, 0.1, (0, 0, 1, 1)).outer.any()
 
 
