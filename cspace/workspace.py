@@ -365,7 +365,7 @@ class Workspace(WorkspacePlot):
         Parameters
         ----------
         shapes : iterable of Shape, Robot, shapely geometry, trimesh.Trimesh, str, ...
-            As for :meth:`cspace.CSpace.add_obstacle`, in metres. A robot or a short text such as ``"ellipse:0.5,0.3@2,1"``
+            As for :meth:`cspace.CSpace.add_obstacle`, in metres. A robot, or a text such as ``"ellipse:0.5,0.3@2,1"``,
             is placed with its reference point at the origin of the map.
         spacing : float
             Side of a cell, in metres.
