@@ -126,12 +126,16 @@ sphinx_gallery_conf = {
 }
 
 
+ROOT_PAGES = "SECURITY|CHANGELOG|CONTRIBUTING"
+"""Pages in the root of the repository that a page of the site includes."""
+
+
 def at_home(app: Any, page: str, source: list[str]) -> None:
     """Links that lead out of this folder, as they do where the pages are read as files, lead to pages of the site."""
     up = "../" * page.count("/")
     source[0] = re.sub(r"\]\((?:\.\./)+examples/(\w+)\.py\)", rf"]({up}gallery/\1.rst)", source[0])
     source[0] = re.sub(r"\]\((?:\.\./)+tutorials/(\w+)\.py\)", rf"]({up}tutorials/\1.rst)", source[0])
-    source[0] = re.sub(r"\]\((?:\.\./)+(SECURITY|CHANGELOG)\.md\)", lambda m: f"]({up}{m[1].lower()}.md)", source[0])
+    source[0] = re.sub(rf"\]\((?:\.\./)+({ROOT_PAGES})\.md\)", lambda m: f"]({up}{m[1].lower()}.md)", source[0])
 
 
 OBJECTS = {

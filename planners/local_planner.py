@@ -307,8 +307,8 @@ class EdgesOnMap(LocalPlanner):
         return np.array(free, dtype=np.bool_)
 
     def search(self, planner: str, endpoints: Endpoints, straight: bool, seed: int | None, seconds: float) -> Floats:
-        find = self.space.find_path if planner == GRID else self.space.find_widest_path
-        return find(*endpoints, straight=straight, time_limit=seconds)
+        find = {GRID: self.space.find_path, MAX_CLEARANCE: self.space.find_widest_path}
+        return find[planner](*endpoints, straight=straight, time_limit=seconds)
 
     def measured(self, path: Floats) -> tuple[float, float]:
         pieces = self.pieces(path, math.inf, math.inf)

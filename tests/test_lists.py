@@ -31,6 +31,7 @@ from tests.soak import files as soak
 
 ROOT = Path(cspace.__file__).parents[1]
 DOCS = ROOT / "docs"
+CODE = ("cspace", "planners", "tests", "benchmarks")
 SAME_CONTENT = {
     ".yml": ".yaml",
     ".json": ".geojson",
@@ -212,6 +213,19 @@ def test_api_page_shows_public_names_only() -> None:
     for full in shown_in_api():
         package, _, name = full.rpartition(".")
         assert not name.startswith("_") and name in public.get(package, {name}), full
+
+
+# ---- the page for contributors ---------------------------------------------------------------------------------------
+
+
+def test_files_and_names_of_the_extending_page_exist() -> None:
+    named = set(quoted((DOCS / "extending.md").read_text(encoding="utf-8")))
+    files = {name for name in named if re.fullmatch(r"[\w.]+/[\w./]*", name)}
+    assert {name for name in files if not (ROOT / name).exists()} == set()
+    code = [file.read_text(encoding="utf-8") for folder in CODE for file in (ROOT / folder).rglob("*.py")]
+    words = {word for text in code for word in re.findall(r"\w+", text)}
+    names = {word for name in named if re.fullmatch(r"[A-Za-z_]\w*(\.\w+)*", name) for word in name.split(".")}
+    assert names - words == set()
 
 
 # ---- the version -----------------------------------------------------------------------------------------------------

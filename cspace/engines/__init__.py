@@ -29,6 +29,9 @@ class Engine(Protocol):
     COUNTS: bool
     """True if the engine can count overlaps."""
 
+    PRECISION: str
+    """The most precise arithmetic that it takes: "integer" or "float64"."""
+
     def collide(
         self,
         occupied: Bools,

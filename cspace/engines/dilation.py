@@ -28,6 +28,9 @@ Cells = NDArray[np.uint8]
 Task: TypeAlias = tuple[Words, int, Cells, tuple[int, int]]
 """Batches of runs from :meth:`PackedGrid.place_runs`; their last word; results; and a block of rows."""
 
+PRECISION: Final = "integer"
+"""This engine computes with words of bits."""
+
 COUNTS: Final = False
 """True if the engine can count overlaps."""
 

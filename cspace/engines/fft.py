@@ -237,6 +237,9 @@ def error_bound(tile: Sequence[int], count: int, precision: str, digits: int = 1
 Corner = tuple[int, ...]
 Item = TypeVar("Item")
 
+PRECISION: Final = "float64"
+"""This engine takes single precision if its error bound allows, and double precision otherwise."""
+
 COUNTS: Final = True
 """True if the engine can count overlaps."""
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.engines import choose_engine
+from cspace.engines import ENGINES, choose_engine
 from cspace.engines.slices import Progress, raster_bytes
 from cspace.errors import FileError, InputError
 from cspace.files.access import replacing
@@ -109,7 +109,7 @@ def _fill(job: Job, settings: Settings) -> None:
     if engine == "auto":
         engine = choose_engine([outer for outer, _ in job.pairs])
     store.tidy()
-    store.reseal(**store.totals(), precision="integer" if engine == "direct" else "float64")
+    store.reseal(**store.totals(), precision=ENGINES[engine].PRECISION)
 
 
 def make(job: Job, index: Index) -> None:

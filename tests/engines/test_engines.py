@@ -69,7 +69,8 @@ def test_engines_agree_with_each_other(seed, dim):
         engine.collide(occupied, rasters, part_hits, outside=outside, workers=2)
         assert all((part == hit[corner]).all() for part, hit in zip(part_hits, hits, strict=True))
         results.append(hits)
-    assert all((first == second).all() for first, second in zip(*results, strict=True))
+    for other in results[1:]:
+        assert all((first == second).all() for first, second in zip(results[0], other, strict=True))
 
 
 @both
