@@ -208,11 +208,11 @@ def picture(
 ) -> None:
     """Draw a map, and a path on it, into a picture."""
     from cspace.opening import open_map
-    from cspace.plot import SUFFIXES, save_plot
-    from cspace.plot.picture import view_of
+    from cspace.plot import PICTURE_SUFFIXES, save_plot
+    from cspace.plot.picture import choose_view
     from cspace.rotations import Rotations
 
-    check_outputs([output], SUFFIXES, overwrite)
+    check_outputs([output], PICTURE_SUFFIXES, overwrite)
     axes, units = axes_of_map(file)
     places = [axis for axis in axes if axis not in Rotations.all_names()]
     marks = read_marks(start, goal, axes, units)
@@ -223,7 +223,7 @@ def picture(
         surface=surface,
         cut=cut,
     )
-    view_of(axes, view, options)
+    choose_view(axes, view, options)
     clock = Clock()
     with clock.step("read"):
         points = None if path is None else read_path(path, axes)

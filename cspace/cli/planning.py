@@ -75,13 +75,13 @@ def plan(
     """Plan a path on a saved map. The exit code is 1 where none is found."""
     import planners
     from cspace.opening import open_map
-    from cspace.plot import SUFFIXES, save_plot
+    from cspace.plot import PICTURE_SUFFIXES, save_plot
     from cspace.plot import animate as save_animation
     from cspace.space import CSpace
     from planners.local_planner import check_drive
 
     check_outputs(output or [], _PATHS, overwrite)
-    check_outputs([picture] if picture else [], SUFFIXES, overwrite)
+    check_outputs([picture] if picture else [], PICTURE_SUFFIXES, overwrite)
     check_outputs([animate] if animate else [], (".gif",), overwrite)
     axes, units = axes_of_map(file)
     endpoints = configuration(start, "--start", axes, units), configuration(goal, "--goal", axes, units)

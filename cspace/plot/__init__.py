@@ -1,7 +1,7 @@
-"""Pictures of maps and arms, and animations of a robot on its way; nothing here opens a window."""
+"""Pictures of maps and arms, and animations of robots. Nothing here opens a window."""
 
 from cspace.plot.animation import animate
-from cspace.plot.picture import SUFFIXES as SUFFIXES
+from cspace.plot.picture import PICTURE_SUFFIXES as PICTURE_SUFFIXES
 from cspace.plot.picture import as_html as as_html
 from cspace.plot.picture import plot, save_plot, thumbnail
 

@@ -1,6 +1,6 @@
-"""An image of a grid's cells that stays true at every zoom: no class of cell is lost between two pixels.
+"""An image of the cells of a grid that shows every class of cell at every zoom.
 
-Imported only when something is drawn, since it needs matplotlib.
+The module needs matplotlib, so it is imported only for drawing.
 """
 
 from __future__ import annotations
@@ -21,18 +21,25 @@ if TYPE_CHECKING:
 
     from cspace.grid import Grid
 
-_FIRST = 1024
-"""Largest number of blocks along an axis before the first drawing tells how many pixels there are."""
+_MAX_INITIAL_BLOCKS = 1024
+"""Maximum number of blocks per axis before the first drawing, which tells the number of pixels."""
 
 
 class CellImage(AxesImage):
-    """Cells of a planar grid, coloured by class; where cells are smaller than pixels, the largest class wins.
+    """Cells of a plane grid, coloured by class.
 
-    The blocks are chosen afresh at every drawing from the view and the pixels of the output, so a large map draws
-    fast, and zooming in shows its cells. Nothing is drawn further than a pixel or two from its place.
+    If cells are smaller than pixels, the image shows blocks of cells in the colour of their largest class. Each drawing
+    chooses the blocks from the view and the pixels of the output, so a large map draws fast and zooming in shows its
+    cells. Positions are accurate to two pixels. Add the image with ``ax.add_image``.
 
-    The larger the class of a cell, shape (nx, ny), the more important it is to see. Of each class there are red, green
-    and blue, shape (classes, 3). Add the image with ``ax.add_image``.
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+    classes : ndarray of uint8, shape (nx, ny)
+        Classes of the cells; a larger class is more important to see.
+    colors : ndarray of uint8, shape (classes, 3)
+        Red, green and blue.
+    grid : Grid
     """
 
     def __init__(self, ax: Axes, classes: NDArray[np.uint8], colors: NDArray[np.uint8], grid: Grid) -> None:
@@ -41,16 +48,16 @@ class CellImage(AxesImage):
         self._colors = colors
         self._grid = grid
         self._shown: list[tuple[int, int, int]] = []
-        self._show([(0, n, min(n, _FIRST)) for n in classes.shape], (grid.lower, grid.upper))
+        self._show([(0, n, min(n, _MAX_INITIAL_BLOCKS)) for n in classes.shape], (grid.lower, grid.upper))
 
     def set_classes(self, classes: NDArray[np.uint8]) -> None:
-        """Show other classes, of the same shape, from the next drawing on."""
+        """Replace the classes by others of the same shape, from the next drawing on."""
         self._classes = classes
         self._shown = []
         self.stale = True
 
     def draw(self, renderer: RendererBase) -> None:
-        """Choose the blocks for this output, then draw them."""
+        """Choose the blocks for this output and draw them."""
         # A vector backend draws at 72 dots per inch and magnifies its images.
         magnification = renderer.get_image_magnification()
         spans, lower, upper = [], [], []
@@ -60,11 +67,11 @@ class CellImage(AxesImage):
             first = min(max(math.floor((min(limits) - origin) / h), 0), cells - 1)
             stop = min(max(math.ceil((max(limits) - origin) / h), first + 1), cells)
             low, high = origin + h * first, origin + h * stop
-            # Pixels that the cells in view cover, less one for each end that falls within a pixel.
+            # Pixels covered by the cells in view, less one for each end, which may fall within a pixel.
             covered = (min(high, max(limits)) - max(low, min(limits))) / (max(limits) - min(limits)) * pixels - 2.0
             count = max(1, min(stop - first, math.floor(covered)))
             if count < stop - first:
-                # Blocks share what is in view, or the outermost might show less than a pixel of itself.
+                # Blocks share the visible extent; otherwise the outermost might be thinner than a pixel.
                 low, high = max(low, min(limits)), min(high, max(limits))
             spans.append((first, stop, count))
             lower.append(low)
@@ -73,10 +80,10 @@ class CellImage(AxesImage):
         super().draw(renderer)
 
     def _show(self, spans: list[tuple[int, int, int]], box: tuple[Sequence[float], Sequence[float]]) -> None:
-        """Show, along each axis, cells ``first .. stop - 1`` in ``count`` blocks between two corners in metres."""
+        """Show cells ``first .. stop - 1`` of each axis in ``count`` blocks; ``box`` has two corners, metres."""
         if self._shown != spans:
             seen = self._classes[tuple(slice(first, stop) for first, stop, _ in spans)]
-            # Sides of blocks differ by at most one cell.
+            # The sides of blocks differ by at most one cell.
             blocks = reduce_blocks(seen, [np.arange(count) * (stop - first) // count for first, stop, count in spans])
             self.set_data(self._colors[blocks.T])
             self._shown = spans

@@ -1,4 +1,4 @@
-"""plot_map: the picture of each kind of map, as a map in memory, and of an arm."""
+"""plot_map: pictures of maps in memory, tiled maps, workspaces and arms."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from cspace.arms.space import ArmSpace
 from cspace.plot.arms import draw_arm
 from cspace.plot.picture import plot
-from cspace.plot.route import WorkspaceView, polyline
+from cspace.plot.route import WorkspaceView, check_path
 from cspace.tiles.space import TiledCSpace
 from cspace.workspace import Workspace
 
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
 def plot_map(space: Any, **options: Any) -> Axes:
     """Draw a map, with the options of :func:`cspace.plot.plot`.
 
-    Of periodic axes one turn is drawn, or as many as the path crosses.
+    The picture shows one period of each periodic axis, or as many as the path crosses.
     """
     if not any(space.periodic_axes):
         return plot(space, **options)
-    shape, path = np.array(space.grid.shape), polyline(space, options.get("path"))
+    shape, path = np.array(space.grid.shape), check_path(space, options.get("path"))
     cells = np.concatenate([[0 * shape, shape - 1], space.grid.cell_of(path)])
-    first = np.where(space.periodic_axes, cells.min(axis=0), 0)
-    last = np.where(space.periodic_axes, cells.max(axis=0), shape - 1)
-    crosses = (first < 0).any() or (last >= shape).any()
-    return plot(space._unroll(first, last + 1) if crosses else space, **options)
+    start = np.where(space.periodic_axes, cells.min(axis=0), 0)
+    stop = np.where(space.periodic_axes, cells.max(axis=0) + 1, shape)
+    crosses_seam = (start < 0).any() or (stop > shape).any()
+    return plot(space._unroll(start, stop) if crosses_seam else space, **options)
 
 
 @plot_map.register(TiledCSpace)

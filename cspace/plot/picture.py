@@ -1,4 +1,4 @@
-"""plot: one picture of a map, with a path and the robot along it; and thumbnail, a small one for notebooks."""
+"""plot: a picture of a map, with a path and the robot along it. thumbnail: a small one for notebooks."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from cspace.plot.route import (
     Part,
     RobotGlyph,
     Route,
-    lost_steps,
-    marked,
-    section_point,
+    choose_section_point,
+    collect_marks,
+    find_lost_steps,
     with_gaps,
 )
 from cspace.plot.sections import draw_dials, draw_panels, draw_sections
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 
     from cspace.configuration_map import ConfigurationMap
 
-SUFFIXES: Final = (".png", ".pdf", ".svg", ".jpg")
-"""Kinds of picture that can be written."""
+PICTURE_SUFFIXES: Final = (".png", ".pdf", ".svg", ".jpg")
+"""Suffixes of the picture formats that can be written."""
 
 VIEWS: Final = {
     "plane": ("rotation", "zoom", "center", "ax"),
@@ -51,20 +51,21 @@ VIEWS: Final = {
     "panels": ("rotation", "zoom", "center"),
     "rotations": ("center",),
 }
-"""Kinds of picture, and the options that go with some of them only."""
+"""Kinds of picture, and those options of each that not all kinds take."""
 
 _VIEWS_IN: Final = {2: ("plane",), 3: ("sections", "3d")}
-"""Those of a map with so many axes; where the robot turns, panels and rotations too."""
+"""Kinds of picture of a map, by its dimension; maps with rotations also have panels and rotations."""
 
-_INCHES: Final = 2.0
-"""Longer side of a thumbnail."""
-_DPI: Final = 100.0
-"""And its pixels per inch."""
-_MOST_DPI: Final = 2400.0
+_THUMBNAIL_INCHES: Final = 2.0
+"""Longer side of a thumbnail, inches."""
+_THUMBNAIL_DPI: Final = 100.0
+"""Pixels per inch of a thumbnail."""
+_MAX_DPI: Final = 2400.0
+"""Maximum pixels per inch of a saved picture."""
 
 
 class WorkspaceOptions(TypedDict, total=False):
-    """What :meth:`cspace.Workspace.plot` takes: those options that need no robot."""
+    """Options of :meth:`cspace.Workspace.plot`."""
 
     ax: Axes
     legend: bool
@@ -77,7 +78,7 @@ class WorkspaceOptions(TypedDict, total=False):
 
 
 class PlotOptions(WorkspaceOptions, total=False):
-    """What :func:`plot` takes beside the map."""
+    """Options of :func:`plot`."""
 
     rotation: ArrayLike
     path: ArrayLike | HasPath | None
@@ -105,130 +106,123 @@ def plot(
     cut: float | None = None,
     camera: ArrayLike | None = None,
 ) -> Axes:
-    """Draw a map: obstacles, C-obstacle, undecided band, free space, and a path with the robot along it.
+    """Draw a map, and optionally a path with the robot along it.
 
-    Where cells are smaller than pixels, a pixel shows the most important of its cells, so that nothing that blocks the
-    robot vanishes from a picture of a large map. What lies outside the grid is hatched: the picture says nothing of it.
+    A pixel that covers many cells shows the most important one, so no obstacle vanishes from a picture of a large map.
+    The exterior of the grid is hatched.
 
-    A map in space is drawn as three sections through a point: seen from above, from the front and from the right.
-    There, the path is solid, and the robot drawn, where the robot reaches the section; elsewhere the path is faint. Or
-    it is drawn in three dimensions, cut open above the path, which is dotted where something is in front of it.
-
-    A map with rotations may also be drawn as panels side by side, one for each of a few rotations, with the part of the
-    path on which the robot is turned most nearly so (rotations that share a slice count as one); or as its rotations
-    at one position: a ring of yaws, or discs of all rotations, one for each of six headings, in whose middle the robot
-    is upright, and tipped over towards a side outwards, until at the rim it is upside down.
+    - ``"plane"``: a plane map from above.
+    - ``"sections"``: a map in space as three sections through a point, seen from above, the front and the right. The
+      path is solid, and the robot drawn, where the robot reaches the section; elsewhere the path is faint.
+    - ``"3d"``: a map in space in three dimensions, cut open above the path; hidden parts of the path are dotted.
+    - ``"panels"``: the slices of a few rotations side by side. Each panel has the part of the path whose rotations are
+      nearest to its own; rotations that share a slice count as one.
+    - ``"rotations"``: all rotations at one position, as a ring of yaws, or as six discs, one for each heading. The
+      robot is upright in the center of a disc, tilts towards the side of a point, and is upside down at the rim.
 
     Parameters
     ----------
     space : CSpace
         The map.
     rotation : array-like, shape (k,) or (n, k), optional
-        For a map with rotations: show the slice at this one, as in a configuration (a yaw in radians, or a quaternion),
-        or a panel for each of several. By default all are shown at once: where the robot is free at every rotation, at
-        some, and at none; panels show six of them.
+        Rotation of the slice to show, as in a configuration (yaw in radians, or quaternion), or several for panels. By
+        default, colours show where the robot is free at every rotation, at some, and at none; panels show six slices.
     path : array-like, shape (n, size), or Plan, optional
-        Configurations to join by straight edges, in metres and radians; or anything whose ``path`` attribute holds
-        them. Edges of a certified plan that are no longer proven free, e.g. after :meth:`cspace.CSpace.add_obstacle`,
-        are dashed in another colour.
+        Configurations joined by straight edges, metres and radians; or an object with a ``path`` attribute. Edges of a
+        certified plan that are no longer proven free, e.g. after :meth:`cspace.CSpace.add_obstacle`, are
+        dashed in another colour.
     start, goal : array-like, shape (size,), optional
-        Configurations to mark; if left out, the endpoints of the path. An arrow shows a yaw.
+        Configurations to mark; by default the endpoints of the path. An arrow shows a yaw.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; by default a new figure, which belongs to no window. ``view="3d"`` takes axes in three
-        dimensions; sections and panels always have a figure of their own.
+        Axes to draw into; by default of a new figure without a window. ``view="3d"`` needs axes in three dimensions;
+        sections and panels always have a new figure.
     robot_every : float, optional
-        Metres of path between two drawn robots, where a turn counts as the distance that the robot's farthest point
-        moves; ``inf`` draws it at the endpoints only. By default about a dozen.
+        Metres of path between two drawn robots; a rotation counts as the distance that the robot's farthest point
+        moves. ``inf`` draws robots at the endpoints only. Default: about a dozen robots.
     legend : bool
-        Whether to add a legend, beside or below the axes, where it hides nothing.
+        Add a legend beside or below the axes.
     title : str, optional
-        By default the robot, the side of a cell and the rotation. Pass ``""`` for none.
+        Default: the robot, the side of a cell and the rotation. Pass ``""`` for no title.
     view : {"plane", "sections", "3d", "panels", "rotations"}, optional
-        Which picture; by default the only one that shows all rotations of a plane, and of space sections. Panels and
-        rotations need a map with rotations.
+        Kind of picture; by default ``"plane"`` or ``"sections"``. Panels and rotations need a map with rotations.
     center : array-like, shape (d,), optional
-        The point, in the grid, that ``zoom`` goes to, or whose rotations are drawn; in space also that sections go
-        through, and panels at its height. By default half the way along the path; without a path the start, the goal,
-        or the middle of the grid.
+        A point of the grid, metres: the center of ``zoom``, the intersection of sections, or the position of rotations.
+        Default: half the way along the path; without a path the start, the goal, or the center of the grid.
     zoom : float, optional
-        Draw only a square, or a cube, around the point, whose sides are so many times shorter than the longest of the
-        map. By default all of the map is drawn.
+        Draw only a square or cube around ``center``, with sides ``zoom`` times shorter than the longest of the map. By
+        default, draw the whole map.
     surface : {"obstacles", "free"}, optional
-        For ``view="3d"``: draw the obstacles, with the robot along the path; or the border of the free space, in which
-        the robot's reference point moves. Obstacles by default.
+        For ``view="3d"``: draw the obstacles with the robot along the path (default), or the border of the free space
+        of the robot's reference point.
     cut : float, optional
-        For ``view="3d"``: the height, in metres, above which cells are left out. By default the highest that the robot
-        reaches on the path; without a path, nothing is left out.
+        For ``view="3d"``: omit cells above this height, metres. Default: the highest point of the robot on the path;
+        without a path, nothing is omitted.
     camera : array-like, shape (2,), optional
-        For ``view="3d"``: elevation and azimuth of the camera in degrees, as matplotlib counts them; by default it
-        looks down from the front. What does not look at the camera is not drawn: choose it here, rather than turning
-        the axes afterwards.
+        For ``view="3d"``: elevation and azimuth of the camera, degrees, as in matplotlib. Faces that look away from the
+        camera are not drawn, so choose it here instead of rotating the axes later.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes, which a notebook shows as the picture; ``ax.figure`` is the figure. Of sections, the one seen
-        from above, and ``ax.figure.axes`` are those across z, y and x; of panels and of rotations, the first.
+        Notebooks show the axes as the picture; ``ax.figure`` is the figure. For sections, the axes seen from above, and
+        ``ax.figure.axes`` are those across z, y and x; for panels and rotations, the first axes.
 
     Raises
     ------
     InputError
-        If the path or a configuration has the wrong shape or is not finite, ``robot_every`` is not above zero, ``zoom``
-        below 1, a rotation is given for a map without them, an option for another kind of picture, or ``ax`` is no
-        axes.
+        If the path or a configuration has the wrong shape or is not finite, ``robot_every`` is not above zero,
+        ``zoom`` is below 1, the map has no rotations but one is given, an option does not fit the kind of picture, or
+        ``ax`` is not a matplotlib axes.
     """
     from matplotlib.axes import Axes
 
     given: object = ax
     if given is not None and not isinstance(given, Axes):
-        kind = type(given).__name__
-        raise InputError("ax", f"is a {kind}", "it must be axes of matplotlib", "pass figure.add_subplot()", value=ax)
+        problem = f"is a {type(given).__name__}"
+        raise InputError("ax", problem, "it must be matplotlib axes", "pass figure.add_subplot()", value=ax)
     look = Look(rotation, ax, center, zoom, surface, cut, camera, legend, title)
-    kind = view_of(space.axes, view, {name: getattr(look, name) for name in look._fields[:7]})
+    kind = choose_view(space.axes, view, {name: getattr(look, name) for name in look._fields[:7]})
     if kind != "panels":
-        one = space.rotations.fixed if rotation is None else space.rotations.checked(rotation)
-        look = look._replace(rotation=one)
+        fixed = space.rotations.fixed if rotation is None else space.rotations.checked(rotation)
+        look = look._replace(rotation=fixed)
     route = Route.of(space, path, start, goal, robot_every, zoom)
     if zoom is not None:
-        point = section_point(space, center, route)
+        point = choose_section_point(space, center, route)
         space = Part(space, point, zoom)
-        route, look = route.within(space.grid), look._replace(center=point)
+        route, look = route.clip_to(space.grid), look._replace(center=point)
     drawn = _DRAW[kind](space, route, look)
     if ax is None:
-        # The figure belongs to no window that a notebook would show, and axes have no picture of their own there.
-        vars(drawn)["_repr_html_"] = partial(_html_of, drawn.figure)
+        # Notebooks show only figures with a window, and axes have no HTML representation.
+        vars(drawn)["_repr_html_"] = partial(_figure_html, drawn.figure)
     return drawn
 
 
-def view_of(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -> str:
-    """Which picture to draw of a map whose configurations have the given axes; the map itself is not needed.
+def choose_view(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -> str:
+    """Return the kind of picture for a map whose configurations have the given axes.
 
-    Raises InputError if there is none such of the map, or an option, where it is not None, goes with other ones.
+    Raises InputError if the map has no such view, or if an option other than None does not fit the view.
     """
-    numbers = len(set(axes) & set(Rotations.all_names()))
-    views = [*_VIEWS_IN[len(axes) - numbers], *["panels", "rotations"][: 2 * bool(numbers)]]
+    rotation_axes = len(set(axes) & set(Rotations.all_names()))
+    views = [*_VIEWS_IN[len(axes) - rotation_axes], *["panels", "rotations"][: 2 * bool(rotation_axes)]]
     if view is not None and view not in views:
-        rule = f"the map's configurations are ({', '.join(axes)}), so it must be {' or '.join(views)}"
-        raise InputError("view", f"is {view!r}", rule, "or leave it out", value=view)
+        rule = f"it must be {' or '.join(views)}, because configurations are ({', '.join(axes)})"
+        raise InputError("view", f"is {view!r}", rule, "or omit it", value=view)
     rotation = options.get("rotation")
-    if rotation is not None and not numbers:
-        advice = "leave it out, or build the map with rotations"
-        raise InputError("rotation", f"is {rotation!r}", "the map has no rotations", advice, value=rotation)
-    several = rotation is not None and np.ndim(rotation) > (numbers > 1)
+    if rotation is not None and not rotation_axes:
+        hint = "omit it, or build the map with rotations"
+        raise InputError("rotation", f"is {rotation!r}", "the map has no rotations", hint, value=rotation)
+    several = rotation is not None and np.ndim(rotation) > (rotation_axes > 1)
     kind = view or ("panels" if several else views[0])
     for name, value in options.items():
-        if value is None:
-            continue
-        if name not in VIEWS[kind]:
+        if value is not None and name not in VIEWS[kind]:
             others = " or ".join(other for other, names in VIEWS.items() if name in names)
-            rule = f"it goes with the view {others}, and this one is {kind}"
-            raise InputError(name, "is given", rule, "leave it out", value=value)
+            raise InputError(name, f"is given with view {kind}", f"it needs view {others}", "omit it", value=value)
     zoom, center = options.get("zoom"), options.get("center")
     if zoom is not None and positive(zoom, "zoom", "the map's longest side over that of the picture") < 1.0:
-        raise InputError("zoom", f"is {zoom!r}", "it must be at least 1, all of the map", "pass e.g. 8", value=zoom)
+        raise InputError("zoom", f"is {zoom!r}", "it must be at least 1 (the whole map)", "pass e.g. 8", value=zoom)
     if kind in ("plane", "3d") and center is not None and zoom is None:
-        rule = "all of the map is drawn"
-        raise InputError("center", "is given without zoom", rule, "add e.g. zoom=8, or leave it out", value=center)
+        hint = "add e.g. zoom=8, or omit it"
+        raise InputError("center", "is given without zoom", "the whole map is drawn", hint, value=center)
     return kind
 
 
@@ -240,7 +234,7 @@ def save_plot(
     dpi: float = 150.0,
     **options: Unpack[PlotOptions],
 ) -> Path:
-    """Draw a map into a file.
+    """Save a picture of a map.
 
     Parameters
     ----------
@@ -249,11 +243,11 @@ def save_plot(
     file : path-like
         A name that ends in .png, .pdf, .svg or .jpg.
     overwrite : bool
-        Whether an existing file may be replaced.
+        Replace an existing file.
     dpi : float
         Pixels per inch, at most 2400; pictures are about eight inches wide.
     **options
-        As for :func:`plot`, but for ``ax``.
+        Options of :func:`plot`, except ``ax``.
 
     Returns
     -------
@@ -263,9 +257,9 @@ def save_plot(
     Raises
     ------
     InputError
-        If the suffix is none of these, or as for :func:`plot`.
+        If the suffix is another one, or for the reasons of :func:`plot`.
     FileError
-        If the file exists and ``overwrite`` is not set, or cannot be written.
+        If the file exists and ``overwrite`` is not set, or if it cannot be written.
 
     Examples
     --------
@@ -275,22 +269,22 @@ def save_plot(
     'map.png'
     """
     if "ax" in options:
-        rule = "save_plot draws a figure of its own"
-        raise InputError("ax", "is given", rule, "use plot and ax.figure.savefig instead", value=options["ax"])
+        hint = "use plot and ax.figure.savefig instead"
+        raise InputError("ax", "is given", "save_plot draws a new figure", hint, value=options["ax"])
     return save_figure(lambda: space.plot(**options).figure, file, overwrite, dpi)
 
 
 def save_figure(draw: Callable[[], Any], file: str | os.PathLike[str], overwrite: bool, dpi: float) -> Path:
-    """Write the figure that ``draw`` makes; the name and the numbers are checked before it is made.
+    """Save the figure that ``draw`` returns, after checking the other arguments.
 
-    Raises InputError if the suffix is not one of :data:`SUFFIXES`, or ``dpi`` is not above zero or too large, and
-    FileError if the file exists and ``overwrite`` is not set, or cannot be written.
+    Raises InputError if the suffix is not one of :data:`PICTURE_SUFFIXES`, or if ``dpi`` is not above zero or too
+    large; FileError if the file exists and ``overwrite`` is not set, or if it cannot be written.
     """
     target = Path(file)
-    check_suffix(target, SUFFIXES, "the suffix says what to write", "file")
+    check_suffix(target, PICTURE_SUFFIXES, "the suffix says what to write", "file")
     dots = positive(dpi, "dpi", "pixels per inch")
-    if dots > _MOST_DPI:
-        rule = f"it must be at most {_MOST_DPI:,.0f} pixels per inch, which is some 20,000 pixels across"
+    if dots > _MAX_DPI:
+        rule = f"it must be at most {_MAX_DPI:,.0f} pixels per inch"  # some 20,000 pixels across
         raise InputError("dpi", f"is {dpi!r}", rule, "pass e.g. 300", value=dpi)
     with replacing(target, overwrite) as temporary:
         figure: Figure = draw()
@@ -299,9 +293,10 @@ def save_figure(draw: Callable[[], Any], file: str | os.PathLike[str], overwrite
 
 
 def thumbnail(subject: object) -> bytes:
-    """A small PNG of a map, a workspace, a robot or a plan, about 200 pixels wide or high, without axes or words.
+    r"""Return a small PNG of a map, workspace, robot or plan, without axes or text.
 
-    In space, maps and workspaces show the layer of cells at half their height, robots their outline from above.
+    Its longer side is about 200 pixels. In space, maps and workspaces show the layer of cells at half their height, and
+    robots their outline from above.
 
     Parameters
     ----------
@@ -316,52 +311,52 @@ def thumbnail(subject: object) -> bytes:
     --------
     >>> import cspace
     >>> thumbnail(cspace.Robot.disc(0.3))[:4]
-    b'\\x89PNG'
+    b'\x89PNG'
     """
     if hasattr(subject, "waypoints"):
-        box, draw = _plan(subject)
+        box, draw = _prepare_plan(subject)
     elif hasattr(subject, "grid"):
-        box, draw = _cells(subject)
+        box, draw = _prepare_cells(subject)
     else:
-        box, draw = _robot(subject)
-    figure = artists.new_figure(*artists.drawn_size(box, _INCHES), _DPI, layout=None)
+        box, draw = _prepare_robot(subject)
+    figure = artists.new_figure(*artists.axes_size(box, _THUMBNAIL_INCHES), _THUMBNAIL_DPI, layout=None)
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     ax.set_axis_off()
     ax.set_xlim(*box[:, 0])
     ax.set_ylim(*box[:, 1])
     draw(ax)
-    return _png(figure)
+    return _render_png(figure)
 
 
 def as_html(subject: object, lines: Iterable[str]) -> str:
-    """The thumbnail of a map, a workspace, a robot or a plan and some lines of text below it, for notebooks."""
-    return f"{_image(thumbnail(subject))}<p>{'<br>'.join(map(escape, lines))}</p>"
+    """Return HTML for notebooks: a thumbnail with lines of text below."""
+    return f"{_image_html(thumbnail(subject))}<p>{'<br>'.join(map(escape, lines))}</p>"
 
 
-def _html_of(figure: Any) -> str:
-    return _image(_png(figure))
+def _figure_html(figure: Any) -> str:
+    return _image_html(_render_png(figure))
 
 
-def _png(figure: Any) -> bytes:
+def _render_png(figure: Any) -> bytes:
     file = io.BytesIO()
-    figure.canvas.print_figure(file, format="png", dpi=_DPI)
+    figure.canvas.print_figure(file, format="png", dpi=_THUMBNAIL_DPI)
     return file.getvalue()
 
 
-def _image(png: bytes) -> str:
+def _image_html(png: bytes) -> str:
     return f'<img src="data:image/png;base64,{base64.b64encode(png).decode("ascii")}" alt="">'
 
 
 def _draw_plane(space: MapLike, route: Route, look: Look) -> Axes:
-    """Draw a map in the plane."""
+    """Draw a plane map."""
     box = route.box(space)
-    stretch, size = artists.stretches(box), artists.drawn_size(box)
+    stretch, size = artists.axis_stretch(box), artists.axes_size(box)
     tall = size[0] < 0.9 * size[1]
-    room = (2.9, 0.9) if tall else (0.9, 1.5)
-    ax: Axes = look.ax or artists.new_figure(max(size[0] + room[0], 4.2), size[1] + room[1]).add_subplot()
-    classes = artists.classes_of(space, look.rotation)
+    margins = (2.9, 0.9) if tall else (0.9, 1.5)
+    ax: Axes = look.ax or artists.new_figure(max(size[0] + margins[0], 4.2), size[1] + margins[1]).add_subplot()
+    classes = artists.classify_cells(space, look.rotation)
     artists.draw_cells(ax, space.grid, classes)
-    handles = artists.cell_legend([classes], space, box, several=look.rotation is None)
+    handles = artists.make_cell_legend([classes], space, box, several=look.rotation is None)
     handles += artists.draw_route(ax, route)
     artists.frame(ax, box, stretch, labels=space.grid.labels)
     artists.annotate(ax, space, look, stretch, space.rotations.describe(look.rotation), handles, tall=tall)
@@ -377,44 +372,44 @@ _DRAW: Final[dict[str, Callable[[MapLike, Route, Look], Axes]]] = {
 }
 
 
-def _cells(subject: Any) -> tuple[Floats, Any]:
-    """Box and painter of the cells of a map or a workspace."""
+def _prepare_cells(subject: Any) -> tuple[Floats, Any]:
+    """Return the box of a map or workspace and a function that draws its cells."""
     grid = subject.grid
     plane, layer = artists.section(grid, np.add(grid.lower, grid.upper) / 2)
     if hasattr(subject, "outer"):
-        classes = artists.ground_of(subject, layer)
+        classes = artists.classify_ground(subject, layer)
     else:
-        classes = artists.classes_of(subject, None, layer)
+        classes = artists.classify_cells(subject, None, layer)
     return np.array([plane.lower, plane.upper]), lambda ax: artists.draw_cells(ax, plane, classes)
 
 
-def _robot(robot: Any) -> tuple[Floats, Any]:
-    """Box and painter of a robot's outline, with its reference point."""
-    figurine, origin = RobotGlyph(robot, OneRotation()), np.zeros((1, robot.dim))
+def _prepare_robot(robot: Any) -> tuple[Floats, Any]:
+    """Return the box of a robot and a function that draws its outline and reference point."""
+    glyph, origin = RobotGlyph(robot, OneRotation()), np.zeros((1, robot.dim))
 
     def draw(ax: Any) -> None:
-        artists.draw_robots(ax, figurine, origin)
+        artists.draw_robots(ax, glyph, origin)
         ax.plot(0.0, 0.0, marker="+", markersize=10.0, markeredgewidth=1.5, color="black")
 
-    return _around(figurine.extent(origin[0])[:, :2]), draw
+    return _padded_box(glyph.extent(origin[0])[:, :2]), draw
 
 
-def _plan(plan: Any) -> tuple[Floats, Any]:
-    """Box and painter of a path, from above."""
+def _prepare_plan(plan: Any) -> tuple[Floats, Any]:
+    """Return the box of a path and a function that draws it from above."""
     points = np.asarray(plan.path)[:, :2]
-    lost = with_gaps(points, lost_steps(plan, plan))
-    marks = {name: q[:2] for name, q in marked(plan, plan, points, None, None).items()}
+    lost = with_gaps(points, find_lost_steps(plan, plan))
+    marks = {name: q[:2] for name, q in collect_marks(plan, plan, points, None, None).items()}
 
     def draw(ax: Any) -> None:
         artists.draw_path(ax, points, lost=lost)
         artists.draw_marks(ax, marks, 0.8)
 
-    return _around(np.vstack([points, *marks.values()])), draw
+    return _padded_box(np.vstack([points, *marks.values()])), draw
 
 
-def _around(points: Floats) -> Floats:
-    """A box around points with some room, shape (2, 2)."""
+def _padded_box(points: Floats) -> Floats:
+    """Return a box around points with a margin, shape (2, 2)."""
     low, high = points.min(axis=0), points.max(axis=0)
-    room = 0.12 * max(float((high - low).max()), 1e-9)
-    middle, half = (low + high) / 2, np.maximum((high - low) / 2, room) + room
-    return np.stack([middle - half, middle + half])
+    margin = 0.12 * max(float((high - low).max()), 1e-9)
+    center, half = (low + high) / 2, np.maximum((high - low) / 2, margin) + margin
+    return np.stack([center - half, center + half])

@@ -1,4 +1,4 @@
-"""What a picture shows: a map, the path, the configurations that are marked, and the robot along it."""
+"""Contents of a picture: a map, a path, marked configurations, and the robot along the path."""
 
 from __future__ import annotations
 
@@ -25,30 +25,31 @@ if TYPE_CHECKING:
     from cspace.space import CSpace
     from cspace.workspace import Workspace
 
-MANY: Final = 12
-"""About how many robots are drawn along a path when the caller does not say."""
-_CLOSEST: Final = 50.0
-"""How many times more of them are drawn at most, where a part of the map is seen."""
-_FACES: Final = 2000
-"""Triangles of a robot that are drawn at most."""
+DEFAULT_ROBOTS_PER_PATH: Final = 12
+"""Default number of robots drawn along a path, roughly."""
+_MAX_ROBOT_DENSITY: Final = 50.0
+"""Maximum factor by which zooming increases the number of robots per path length."""
+_MAX_ROBOT_TRIANGLES: Final = 2000
+"""Maximum number of triangles of a drawn robot."""
 
 
 class HasPath(Protocol):
-    """A plan, or anything else with a path."""
+    """A plan, or another object with a path."""
 
     @property
-    def path(self) -> Floats: ...
+    def path(self) -> Floats:
+        """Configurations, shape (n, size)."""
 
 
 MapLike: TypeAlias = "CSpace | Part | WorkspaceView"
-"""What pictures show: a map in memory, a part of one, or a workspace without a robot."""
+"""A map in memory, a part of one, or a workspace without a robot."""
 
 HasAxes: TypeAlias = "ConfigurationSpace | MapLike"
-"""A space whose configurations have named numbers."""
+"""A space whose configurations have named coordinates."""
 
 
 class RobotGlyph:
-    """A robot as pictures show it: by its outlines in the plane, and in space by its triangles.
+    """A drawable robot: outlines in the plane, triangles in space.
 
     Attributes
     ----------
@@ -57,78 +58,81 @@ class RobotGlyph:
     rings : list of ndarray of float64, shape (n, 2)
         Closed outlines of a robot in the plane.
     nose : ndarray of float64, shape (4, 2)
-        A triangle at the front of a robot in the plane, which shows where it looks.
+        Triangle at the front of a plane robot, which shows its heading.
     triangles : ndarray of float64, shape (n, 3, d)
-        Those of a robot in space.
+        Triangles of a robot in space.
     reach : float
         Distance of the farthest corner from the reference point, metres.
     size : float
         Diagonal of the box around the robot and its reference point, metres.
     shown : bool
+        False if the robot is not drawn.
     """
 
     def __init__(self, robot: Robot, rotations: Rotations) -> None:
         self.dim, self.rotations, self.shown = robot.dim, rotations, robot.shape.shown
-        self.points, self.rings, self.nose, self.triangles = _DRAWN[robot.dim](robot.shape)
+        self.points, self.rings, self.nose, self.triangles = _GLYPH_PARTS[robot.dim](robot.shape)
         self.reach = float(np.linalg.norm(self.points, axis=1).max())
-        whole = np.vstack([self.points, np.zeros(self.dim)])
-        self.size = float(np.linalg.norm(np.ptp(whole, axis=0)))
-        self._silhouettes: dict[tuple[float, ...], list[Floats]] = {}  # of rotations and pairs of axes
+        with_origin = np.vstack([self.points, np.zeros(self.dim)])
+        self.size = float(np.linalg.norm(np.ptp(with_origin, axis=0)))
+        self._silhouettes: dict[tuple[float, ...], list[Floats]] = {}  # by rotation and pair of axes
 
-    def placed(self, points: Floats, q: Floats) -> Floats:
-        """Points of the robot's frame, shape (..., d), where a configuration brings them."""
+    def transform(self, points: Floats, q: Floats) -> Floats:
+        """Transform points, shape (..., d), from the robot's frame at a configuration to the map's."""
         return np.asarray(points @ self.rotations.matrices(q).T + q[: self.dim])
 
     def extent(self, q: Floats) -> Floats:
-        """Lower and upper corner of the robot and its reference point at a configuration, shape (2, d)."""
-        points = np.vstack([self.placed(self.points, q), q[: self.dim]])
+        """Return lower and upper corner of the robot and its reference point, shape (2, d)."""
+        points = np.vstack([self.transform(self.points, q), q[: self.dim]])
         return np.stack([points.min(axis=0), points.max(axis=0)])
 
     def outlines(self, q: Floats, pair: Sequence[int] = (0, 1)) -> list[Floats]:
-        """Closed outlines at a configuration as seen in two axes, each of shape (n, 2)."""
+        """Return closed outlines at a configuration projected on two axes, each of shape (n, 2)."""
         if self.rings:
-            return [self.placed(ring, q) for ring in self.rings]
-        place, turn = np.split(q, [self.dim])
-        key = (*turn.tolist(), *pair)
+            return [self.transform(ring, q) for ring in self.rings]
+        position, rotation = np.split(q, [self.dim])
+        key = (*rotation.tolist(), *pair)
         if key not in self._silhouettes:
-            self._silhouettes[key] = self._silhouette(np.concatenate([np.zeros_like(place), turn]), pair)
-        return [ring + place[list(pair)] for ring in self._silhouettes[key]]
+            self._silhouettes[key] = self._project(np.concatenate([np.zeros_like(position), rotation]), pair)
+        return [ring + position[list(pair)] for ring in self._silhouettes[key]]
 
-    def _silhouette(self, q: Floats, pair: Sequence[int]) -> list[Floats]:
+    def _project(self, q: Floats, pair: Sequence[int]) -> list[Floats]:
         import shapely
 
-        triangles = shapely.polygons(self.placed(self.triangles, q)[..., list(pair)])
-        outlines = rings(shapely.union_all(triangles[shapely.area(triangles) > 0.0], grid_size=1e-9 * self.size))
-        # Rounding leaves gaps between triangles, which would be drawn as dashes.
+        triangles = shapely.polygons(self.transform(self.triangles, q)[..., list(pair)])
+        outlines = outline_rings(
+            shapely.union_all(triangles[shapely.area(triangles) > 0.0], grid_size=1e-9 * self.size)
+        )
+        # Rounding leaves thin gaps between triangles, which would appear as dashes.
         return [ring for ring in outlines if shapely.Polygon(ring).area > 1e-6 * self.size**2]
 
     def noses(self, q: Floats) -> list[Floats]:
-        """The nose at a configuration that has a heading; none of a robot without one."""
-        return [self.placed(self.nose, q)] if len(self.nose) and self.rotations.heading(q) is not None else []
+        """Return the nose at a configuration, or no nose if the robot or the configuration has no heading."""
+        return [self.transform(self.nose, q)] if len(self.nose) and self.rotations.heading(q) is not None else []
 
-    def travelled(self, points: Floats) -> Floats:
-        """Length of a path from its first configuration to each, metres, shape (n,).
+    def path_lengths(self, points: Floats) -> Floats:
+        """Return the length of a path up to each configuration, metres, shape (n,).
 
-        A turn counts as the distance that the robot's farthest point moves.
+        A rotation counts as the distance that the robot's farthest point moves.
         """
         steps = self.rotations.steps(points[:-1], points[1:])
-        turns = np.linalg.norm(steps[:, self.dim :], axis=1)
-        lengths = np.linalg.norm(steps[:, : self.dim], axis=1) + self.reach * turns
+        angles = np.linalg.norm(steps[:, self.dim :], axis=1)
+        lengths = np.linalg.norm(steps[:, : self.dim], axis=1) + self.reach * angles
         return np.concatenate([[0.0], np.cumsum(lengths)])
 
-    def along(self, points: Floats, shares: Floats) -> Floats:
-        """Configurations at shares, from 0 to 1, of the length of a path, shape (n, size)."""
-        place = np.interp(shares * (lengths := self.travelled(points))[-1], lengths, np.arange(len(points)))
-        first = np.minimum(place.astype(np.int64), max(len(points) - 2, 0))
+    def interpolate(self, points: Floats, shares: Floats) -> Floats:
+        """Return configurations at shares, from 0 to 1, of the length of a path, shape (n, size)."""
+        lengths = self.path_lengths(points)
+        index = np.interp(shares * lengths[-1], lengths, np.arange(len(points)))
+        first = np.minimum(index.astype(np.int64), max(len(points) - 2, 0))
         steps = self.rotations.steps(points[first], points[np.minimum(first + 1, len(points) - 1)])
-        return self.rotations.moved(points[first], (place - first)[:, np.newaxis] * steps)
+        return self.rotations.moved(points[first], (index - first)[:, np.newaxis] * steps)
 
 
 class Part:
-    """A part of a map, as pictures see it: the cells of a box around a point.
+    """The cells of a map in a box around a point of its grid, for pictures.
 
-    The point is in its grid, metres. ``zoom`` is the longest side of the whole over that of the box, a square or a
-    cube, which is cut off where the map ends.
+    The box is a square or a cube, clipped to the map; its side is the longest side of the map over ``zoom``.
     """
 
     def __init__(self, space: MapLike, point: Floats, zoom: float) -> None:
@@ -148,17 +152,17 @@ class Part:
 
     @property
     def workspace(self) -> Ground:
-        """Its cells."""
+        """Cells of the workspace in the box."""
         workspace = self._space.workspace
         return Ground(workspace.outer[self._box], None if workspace.unknown is None else workspace.unknown[self._box])
 
     def states_at(self, rotation: ArrayLike, /) -> NDArray[np.uint8]:
-        """States of its cells at a rotation."""
+        """Return the states of the cells at a rotation."""
         return self._space.states_at(rotation)[self._box]
 
 
 class WorkspaceView:
-    """A workspace as pictures of maps see it: without a robot, FREE where it is open and BLOCKED in obstacles."""
+    """A workspace that pictures treat as a map without a robot: obstacles are BLOCKED, other cells FREE."""
 
     def __init__(self, workspace: Workspace) -> None:
         self.workspace, self.grid = workspace, workspace.grid
@@ -166,22 +170,22 @@ class WorkspaceView:
         self.rotations = Rotations.of(None)
         self.slice_of, self.slice_rotations = np.zeros(1, dtype=np.int64), self.rotations.centers
         dot = Balls(np.zeros((1, self.grid.dim)), np.ones(1))
-        self.robot = Robot(Path(workspace.source).name, dot)  # not drawn, and named after the obstacles
+        self.robot = Robot(Path(workspace.source).name, dot)  # not drawn; titles show the name
 
     def states_at(self, rotation: ArrayLike, /) -> NDArray[np.uint8]:
-        """States of a robot that is a point, at the middle of a cell."""
+        """Return the states of a point robot at the cell centers."""
         return np.where(self.workspace.outer, np.uint8(BLOCKED), np.uint8(FREE))
 
 
 class Ground(NamedTuple):
-    """Cells of a workspace, or of a part of one."""
+    """Cells of a workspace, or of a part of it."""
 
     outer: Bools
     unknown: Bools | None
 
 
 class Look(NamedTuple):
-    """How a picture is drawn: options of :func:`cspace.plot.plot`."""
+    """Options of a picture; see :func:`cspace.plot.plot`."""
 
     rotation: Any = None
     ax: Any = None
@@ -196,29 +200,29 @@ class Look(NamedTuple):
 
 @dataclass(frozen=True)
 class Route:
-    """What a picture shows besides the map.
+    """Path, marks and robots of a picture.
 
     Attributes
     ----------
     points : ndarray of float64, shape (n, size)
-        The path; n is 0 where there is none.
+        The path; n is 0 without a path.
     marks : dict of str to ndarray of float64, shape (size,)
-        Start and goal, those that there are.
+        Start and goal, if given.
     stations : ndarray of float64, shape (m, size)
-        Where the robot is drawn: along the path, then at the marks, which lie over the others.
-    figurine : Figurine
+        Configurations of the drawn robots: along the path, then at the marks, which are drawn over the others.
+    glyph : RobotGlyph
     cut : bool
-        Whether what leaves the grid is not shown.
+        True if the picture ends at the border of the grid.
     lost : ndarray of bool, shape (n - 1,)
-        Which steps of the path are drawn as no longer proven free.
+        Steps of the path that are no longer proven free.
     shown : ndarray of bool, shape (n - 1,), or None
-        Which steps of the path are drawn; all of them if None.
+        Steps of the path to draw; None draws all.
     """
 
     points: Floats
     marks: dict[str, Floats]
     stations: Floats
-    figurine: RobotGlyph
+    glyph: RobotGlyph
     cut: bool = False
     lost: Bools = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     shown: Bools | None = None
@@ -227,80 +231,80 @@ class Route:
     def of(
         cls, space: MapLike, path: Any, start: Any, goal: Any, every: float | None = None, zoom: float | None = None
     ) -> Route:
-        """Check what the caller gave; ``every`` as ``robot_every`` and ``zoom`` of :func:`cspace.plot.plot`.
+        """Return a route from the arguments of :func:`cspace.plot.plot`; ``every`` is ``robot_every``.
 
-        Raises InputError if something has the wrong shape or is not finite, or ``every`` is not above zero.
+        Raises InputError if an argument has the wrong shape or is not finite, or if ``every`` is not above zero.
         """
-        points = polyline(space, path)
-        marks = marked(space, path, points, start, goal)
-        figurine = RobotGlyph(space.robot, space.rotations)
+        points = check_path(space, path)
+        marks = collect_marks(space, path, points, start, goal)
+        glyph = RobotGlyph(space.robot, space.rotations)
         return cls(
             points,
             marks,
-            np.concatenate([_stations(points, every, figurine, zoom or 1.0), *(q[np.newaxis] for q in marks.values())]),
-            figurine,
-            lost=lost_steps(space, path),
+            np.concatenate([_stations(points, every, glyph, zoom or 1.0), *(q[np.newaxis] for q in marks.values())]),
+            glyph,
+            lost=find_lost_steps(space, path),
         )
 
-    def within(self, grid: Grid) -> Route:
-        """The route in a picture of that grid only: marks that lie in it, and robots that reach into it."""
-        seen = []
+    def clip_to(self, grid: Grid) -> Route:
+        """Return the route with only the marks and robots that are in a grid at least in part."""
+        visible = []
         for q in self.stations:
-            low, high = self.figurine.extent(q)
-            seen.append(bool((low < grid.upper).all() and (high > grid.lower).all()))
+            low, high = self.glyph.extent(q)
+            visible.append(bool((low < grid.upper).all() and (high > grid.lower).all()))
         marks = {name: q for name, q in self.marks.items() if grid.contains(q[: grid.dim])}
-        return replace(self, marks=marks, stations=self.stations[np.array(seen, dtype=np.bool_)], cut=True)
+        return replace(self, marks=marks, stations=self.stations[np.array(visible, dtype=np.bool_)], cut=True)
 
     def box(self, space: MapLike, robots: bool = True) -> Floats:
-        """Lower and upper corner of what is in view, shape (2, d): the grid, and what is drawn beyond it."""
+        """Return lower and upper corner of the picture, shape (2, d): of the grid, path and robots."""
         dim = space.grid.dim
         if self.cut:
             return np.array([space.grid.lower, space.grid.upper])
-        shown = [self.figurine.extent(q) for q in self.stations] if robots else [self.stations[:, :dim]]
+        shown = [self.glyph.extent(q) for q in self.stations] if robots else [self.stations[:, :dim]]
         points = np.concatenate([[space.grid.lower, space.grid.upper], self.points[:, :dim], *shown])
         return np.stack([points.min(axis=0), points.max(axis=0)])
 
-    def along(self, shares: Floats) -> Floats:
-        """Configurations at shares, from 0 to 1, of the path's length, shape (n, size)."""
-        return self.figurine.along(self.points, shares)
+    def interpolate(self, shares: Floats) -> Floats:
+        """Return configurations at shares, from 0 to 1, of the path's length, shape (n, size)."""
+        return self.glyph.interpolate(self.points, shares)
 
     @property
     def drawn(self) -> Floats:
-        """The points of the path that are drawn, with gaps where it is not :attr:`shown`."""
+        """Points of the path, with gaps at the steps that are not :attr:`shown`."""
         return self.points if self.shown is None else with_gaps(self.points, self.shown)
 
     @property
     def lost_parts(self) -> Floats:
-        """The :attr:`lost` steps, as :func:`with_gaps` returns them, shape (k, size)."""
+        """Points of the :attr:`lost` steps with gaps between them, shape (k, size)."""
         return with_gaps(self.points, self.lost)
 
 
-def rings(geometry: Any) -> list[Floats]:
-    """Closed outlines of a geometry, holes included, each of shape (n, 2)."""
+def outline_rings(geometry: Any) -> list[Floats]:
+    """Return the closed outlines of a geometry, holes included, each of shape (n, 2)."""
     from shapely.geometry.polygon import orient
 
-    # Holes run the other way round than outlines, or they would be filled.
+    # Holes must have the opposite orientation; otherwise they would be filled.
     parts = [orient(part) for part in getattr(geometry, "geoms", [geometry])]
     return [np.asarray(ring.coords)[:, :2] for part in parts for ring in (part.exterior, *part.interiors)]
 
 
-def polyline(space: HasAxes, path: Any) -> Floats:
-    """A path, or that of a plan, as an array, shape (n, size)."""
+def check_path(space: HasAxes, path: Any) -> Floats:
+    """Return a path, or the path of a plan, as an array, shape (n, size); raise InputError otherwise."""
     values = getattr(path, "path", path)
     points = np.empty(0) if values is None else finite(values, "path")
     if points.shape == (0,):
         return np.empty((0, len(space.axes)))
     if points.ndim != 2 or points.shape[1] != len(space.axes):
-        hint = f"pass one configuration ({', '.join(space.axes)}) in a row"
+        hint = f"pass rows of ({', '.join(space.axes)})"
         raise InputError("path", f"has shape {points.shape}", f"it must be (n, {len(space.axes)})", hint, value=path)
     return points
 
 
-def lost_steps(space: HasAxes, path: Any) -> Bools:
-    """Return which steps of a plan's path lie on edges that are no longer proven free, shape (n - 1,).
+def find_lost_steps(space: HasAxes, path: Any) -> Bools:
+    """Return a mask of the steps of a plan's path that are no longer proven free, shape (n - 1,).
 
-    The edges are proven on the map that is drawn, or, if that is another view of the plan's map, such as an overview,
-    on the plan's map itself. None are lost of a path that is no plan, or was not certified.
+    The edges are checked on the drawn map, or on the plan's own map if their grids differ, as for an overview. A path
+    without a plan, or of a plan that was not certified, has no such steps.
     """
     steps = np.zeros(max(len(getattr(path, "path", ())) - 1, 0), dtype=np.bool_)
     planned = getattr(path, "space", None)
@@ -308,19 +312,19 @@ def lost_steps(space: HasAxes, path: Any) -> Bools:
         return steps
     is_same = type(space) is type(planned) and getattr(space, "grid", None) == getattr(planned, "grid", None)
     lost = ~path.recheck(space if is_same else planned)
-    # Waypoints are rows of the path; the steps from one to the next lie on one edge.
-    first = 0
+    # Waypoints are rows of the path; the steps between two waypoints lie on one edge.
+    start = 0
     for waypoint, is_lost in zip(path.waypoints[1:], lost.tolist(), strict=False):
-        last = first + 1 + int((path.path[first + 1 :] == waypoint).all(axis=1).argmax())
-        steps[first:last] = is_lost
-        first = last
+        stop = start + 1 + int((path.path[start + 1 :] == waypoint).all(axis=1).argmax())
+        steps[start:stop] = is_lost
+        start = stop
     return steps
 
 
 def with_gaps(points: Floats, chosen: Bools) -> Floats:
-    """Return the rows of the chosen steps of a path, and a row of NaN after each run of them.
+    """Return the rows of the chosen steps of a path, with a row of NaN after each run of steps.
 
-    A line through all rows has gaps where no step is chosen, shape (n - 1,).
+    ``chosen`` has shape (n - 1,). A line through the rows has gaps at the other steps.
     """
     steps = np.flatnonzero(chosen)
     runs = np.split(steps, np.flatnonzero(np.diff(steps) > 1) + 1) if len(steps) else []
@@ -328,11 +332,8 @@ def with_gaps(points: Floats, chosen: Bools) -> Floats:
     return np.concatenate([points[:0], *(part for run in runs for part in (points[run[0] : run[-1] + 2], gap))])
 
 
-def marked(space: HasAxes, path: Any, points: Floats, start: Any, goal: Any) -> dict[str, Floats]:
-    """Start and goal by name, those that there are.
-
-    By default they are the first and the last of the path's points, or, where a plan found none, what was asked of it.
-    """
+def collect_marks(space: HasAxes, path: Any, points: Floats, start: Any, goal: Any) -> dict[str, Floats]:
+    """Return start and goal by name: as given, or the endpoints of the path, or of the query of a failed plan."""
     marks = {}
     for name, given, end in (("start", start, 0), ("goal", goal, -1)):
         if given is None and not len(points):
@@ -340,96 +341,97 @@ def marked(space: HasAxes, path: Any, points: Floats, start: Any, goal: Any) -> 
         if given is not None:
             marks[name] = finite(given, name)
             if (shape := marks[name].shape) != (len(space.axes),):
-                hint = f"pass one configuration ({', '.join(space.axes)})"
+                hint = f"pass ({', '.join(space.axes)})"
                 raise InputError(name, f"has shape {shape}", f"it must be ({len(space.axes)},)", hint, value=given)
         elif len(points):
             marks[name] = points[end]
     return marks
 
 
-def _stations(points: Floats, every: float | None, figurine: RobotGlyph, zoom: float) -> Floats:
-    """Configurations along the path at which the robot is drawn, the ends left out, shape (n, size)."""
+def _stations(points: Floats, every: float | None, glyph: RobotGlyph, zoom: float) -> Floats:
+    """Return configurations between the endpoints of a path at which to draw the robot, shape (n, size)."""
     if every is not None and every != math.inf:
         every = positive(every, "robot_every")
     if len(points) < 2 or every == math.inf:
         return points[:0]
-    length = float(figurine.travelled(points)[-1])
+    length = float(glyph.path_lengths(points)[-1])
     if every is None:
-        every = max(length / (MANY * min(zoom, _CLOSEST)), 0.75 * figurine.size)
+        every = max(length / (DEFAULT_ROBOTS_PER_PATH * min(zoom, _MAX_ROBOT_DENSITY)), 0.75 * glyph.size)
     count = math.ceil(length / every)
-    return figurine.along(points, np.arange(1, count) / max(count, 1))
+    return glyph.interpolate(points, np.arange(1, count) / max(count, 1))
 
 
 def _plane_parts(shape: Shape) -> tuple[Floats, list[Floats], Floats, Floats]:
-    """Points, rings, nose and triangles of a robot in the plane."""
-    outlines = rings(shape.outer.outline)
+    """Return points, rings, nose and triangles of a plane robot."""
+    outlines = outline_rings(shape.outer.outline)
     points = np.concatenate(outlines)
     (left, bottom), (right, top) = points.min(axis=0), points.max(axis=0)
-    middle, half, back = (bottom + top) / 2, (top - bottom) / 5, right - 0.25 * (right - left)
-    nose = np.array([(right, middle), (back, middle + half), (back, middle - half), (right, middle)])
+    center, half, back = (bottom + top) / 2, (top - bottom) / 5, right - 0.25 * (right - left)
+    nose = np.array([(right, center), (back, center + half), (back, center - half), (right, center)])
     return points, outlines, nose, np.empty((0, 3, 2))
 
 
 def _solid_parts(shape: Shape) -> tuple[Floats, list[Floats], Floats, Floats]:
-    """The same of a robot in space."""
-    points, faces = simplified(*shape.outer.surface)
+    """Return points, rings, nose and triangles of a robot in space."""
+    points, faces = simplify_surface(*shape.outer.surface)
     return points, [], np.empty((0, 2)), points[faces]
 
 
-_DRAWN: Final = {2: _plane_parts, 3: _solid_parts}
+_GLYPH_PARTS: Final = {2: _plane_parts, 3: _solid_parts}
 
 
-def simplified(vertices: Floats, faces: Ints, most: int = _FACES) -> tuple[Floats, Ints]:
-    """A surface of at most so many triangles: corners that lie close are joined (Rossignac and Borrel, 1993)."""
+def simplify_surface(vertices: Floats, faces: Ints, max_faces: int = _MAX_ROBOT_TRIANGLES) -> tuple[Floats, Ints]:
+    """Merge close vertices until at most ``max_faces`` triangles remain (Rossignac and Borrel, 1993)."""
     steps = 64
-    while len(faces) > most and steps > 1:
+    while len(faces) > max_faces and steps > 1:
         cells = np.floor((vertices - vertices.min(axis=0)) / np.ptp(vertices, axis=0).max() * steps).astype(np.int64)
-        _, number = np.unique(cells, axis=0, return_inverse=True)
-        number = number.reshape(-1)
-        counts = np.bincount(number)
-        vertices = np.stack([np.bincount(number, column) / counts for column in vertices.T], axis=-1)
-        faces = np.unique(np.sort(number[faces], axis=1), axis=0)
+        _, cluster = np.unique(cells, axis=0, return_inverse=True)
+        cluster = cluster.reshape(-1)
+        counts = np.bincount(cluster)
+        vertices = np.stack([np.bincount(cluster, column) / counts for column in vertices.T], axis=-1)
+        faces = np.unique(np.sort(cluster[faces], axis=1), axis=0)
         faces = faces[(np.diff(faces, axis=1) > 0).all(axis=1)]
         steps //= 2
     return vertices, faces
 
 
-def section_point(space: MapLike, center: Any, route: Route) -> Floats:
-    """The point, in the grid, that sections go through, shape (d,).
+def choose_section_point(space: MapLike, center: Any, route: Route) -> Floats:
+    """Return the point of the grid, shape (d,), through which sections are cut.
 
-    Where the caller does not say: half the way along the path; without one, the start, the goal, or the middle.
-
-    Raises InputError if it is not one point of the grid.
+    Default: half the way along the path; without a path the start, the goal, or the center of the grid. Raises
+    InputError if ``at`` is not a point of the grid.
     """
     grid = space.grid
     if center is None:
-        middle = [route.along(np.array([0.5]))[0]] if len(route.points) else list(route.marks.values())
-        place = middle[0][: grid.dim] if middle else (np.add(grid.lower, grid.upper)) / 2
-        return np.clip(place, grid.lower, grid.upper)
+        candidates = [route.interpolate(np.array([0.5]))[0]] if len(route.points) else list(route.marks.values())
+        position = candidates[0][: grid.dim] if candidates else (np.add(grid.lower, grid.upper)) / 2
+        return np.clip(position, grid.lower, grid.upper)
     point = finite(center, "center")
     if point.shape != (grid.dim,):
-        hint = f"pass one point ({', '.join(space.axes[: grid.dim])}) in metres"
+        hint = f"pass ({', '.join(space.axes[: grid.dim])}) in metres"
         raise InputError("center", f"has shape {point.shape}", f"it must be ({grid.dim},)", hint, value=center)
     if not grid.contains(point):
         given, low, high = (f"({', '.join(f'{v:g}' for v in corner)})" for corner in (point, grid.lower, grid.upper))
-        rule = f"it must lie in the grid, from {low} to {high}"
-        raise InputError("center", f"is {given}", rule, "pass a point in there", value=center)
+        raise InputError(
+            "center", f"is {given}", f"the grid is from {low} to {high}", "pass a point in it", value=center
+        )
     return point
 
 
-def within(points: Floats, axis: int, low: float, high: float) -> Floats:
-    """The parts of a path whose coordinate along an axis lies between two numbers, shape (n, size).
+def clip_path(points: Floats, axis: int, low: float, high: float) -> Floats:
+    """Clip a path to the coordinates of an axis from ``low`` to ``high``.
 
-    Each part is two rows, and a row of NaN follows it, so that a line through all rows has gaps.
+    Each part of a step is two rows followed by a row of NaN, so that a line through all rows has gaps. The result has
+    shape (n, size).
     """
     first, steps = points[:-1], np.diff(points, axis=0)
     begin, rate = first[:, axis], steps[:, axis]
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = np.sort([(low - begin) / rate, (high - begin) / rate], axis=0)
-    level = rate == 0.0
+    is_level = rate == 0.0
     inside = (low <= begin) & (begin <= high)
-    start = np.where(level, np.where(inside, 0.0, 2.0), np.maximum(shares[0], 0.0))
-    stop = np.where(level, 1.0, np.minimum(shares[1], 1.0))
+    start = np.where(is_level, np.where(inside, 0.0, 2.0), np.maximum(shares[0], 0.0))
+    stop = np.where(is_level, 1.0, np.minimum(shares[1], 1.0))
     visible = start <= stop
     rows = [first[visible] + share[visible, np.newaxis] * steps[visible] for share in (start, stop)]
     gaps = np.full((int(visible.sum()), points.shape[1]), np.nan)

@@ -1,4 +1,4 @@
-"""Canvas: what a page shows of a configuration space, how configurations are set there, and what is said of them."""
+"""Canvas: the base class of the drawings of configuration spaces on a page."""
 
 from __future__ import annotations
 
@@ -13,37 +13,38 @@ from numpy.typing import NDArray
 
 from cspace.arrays import BLOCKED, FREE, MIXED, Floats, Surface
 from cspace.errors import ConfigurationError
-from cspace.plot.artists import GOAL
+from cspace.plot.artists import GOAL_COLOR
 from cspace.view.scene import path_colors, rgb
 
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
 
-MARKS: Final = {"start": "#ffffff", "goal": GOAL}
-"""Configurations that are marked, and their colours."""
-STATIONS: Final = 400
-"""Points of a path that are drawn."""
-FIELD: Final = math.radians(40.0)
-"""Field of view of the camera, from top to bottom."""
-_DRAWN: Final = 64
-"""Configurations that are drawn to begin with two that are far apart."""
+MARKS: Final = {"start": "#ffffff", "goal": GOAL_COLOR}
+"""Colours of the marked configurations."""
+PATH_POINTS: Final = 400
+"""Number of points at which a path is drawn."""
+FIELD_OF_VIEW: Final = math.radians(40.0)
+"""Vertical field of view of the camera, radians."""
+_SAMPLES: Final = 64
+"""Number of random configurations from which the first start and goal are chosen."""
 
 STATES: Final = {
     FREE: "**FREE**: proven collision-free",
     MIXED: "**MIXED**: neither is proven",
     BLOCKED: "**BLOCKED**: proven in collision",
 }
-"""The states of a configuration, in words."""
+"""Text for the states of a configuration."""
 
 
 class Dial(NamedTuple):
-    """A number of a configuration as people set it.
+    """A coordinate of a configuration as users set it.
 
     Attributes
     ----------
     label : str
-        What it is called, and its unit.
+        Name and unit.
     low, high, step : float
+        Limits and step, in that unit.
     """
 
     label: str
@@ -53,32 +54,37 @@ class Dial(NamedTuple):
 
 
 class Canvas(ABC):
-    """Draws a space with the robot, its path, the start and the goal.
+    """Draw a space with the robot, its path, start and goal.
 
-    ``endpoints`` are where the start and the goal are at first.
+    Parameters
+    ----------
+    server : viser.ViserServer
+    space : ConfigurationSpace
+    endpoints : dict of str to ndarray of float64, shape (size,)
+        Initial start and goal.
 
     Attributes
     ----------
     robot : ndarray of float64, shape (size,)
-        Where the robot is.
+        Configuration of the robot.
     dials : list of Dial
-        What a configuration is set by.
+        Coordinates that set a configuration.
     typed : list of tuple of str and slice
-        Those of them that are typed together, at most three, and their names; none where there are too many.
+        Labels and indices of at most three dials typed together; empty if there are too many dials.
     title, about : str
-        The space in a line or two.
+        Description of the space.
     unit : str
         Unit of :meth:`distance`.
     distance_name : str
-        The distance that is shown and colours paths: "clearance", or "obstacle distance" of an arm.
+        Name of :meth:`distance`: "clearance", or "obstacle distance" of an arm.
     legend : list of tuple of str
-        Colours, and what they mean.
+        Colours and their meanings.
     has_cells : bool
-        Whether there are cells, in which the geometry itself may decide.
+        True for maps, whose MIXED cells an exact check may decide.
     is_quick : bool
-        Whether what is proven of a start and a goal is soon known.
+        True if :meth:`prove` is fast enough to run unasked.
     bytes : int
-        Of arrays, sent so far to each client.
+        Size of the arrays sent so far to each client.
     """
 
     robot: Floats
@@ -99,39 +105,39 @@ class Canvas(ABC):
         scene.configure_environment_map(None)
         scene.configure_default_lights(False)
         scene.add_light_ambient("/light/ambient", intensity=1.6)
-        for place, intensity in (((-0.4, -0.7, 1.0), 1.3), ((0.8, 0.3, 0.6), 0.5)):
-            scene.add_light_directional(f"/light/{intensity}", intensity=intensity, position=place)
+        for position, intensity in (((-0.4, -0.7, 1.0), 1.3), ((0.8, 0.3, 0.6), 0.5)):
+            scene.add_light_directional(f"/light/{intensity}", intensity=intensity, position=position)
 
     # ---- configurations ----------------------------------------------------------------------------------------------
 
     @abstractmethod
-    def numbers(self, q: Floats) -> tuple[float, ...]:
-        """What the dials show at a configuration."""
+    def dial_values(self, q: Floats) -> tuple[float, ...]:
+        """Return the values of the dials at a configuration."""
 
     @abstractmethod
-    def of(self, numbers: tuple[float, ...]) -> Floats:
-        """The configuration that the dials show."""
+    def configuration_of(self, numbers: tuple[float, ...]) -> Floats:
+        """Return the configuration with these values of the dials."""
 
     @abstractmethod
-    def along(self, points: Floats, shares: Floats) -> Floats:
-        """Configurations at shares, from 0 to 1, of the length of a path, shape (n, size)."""
+    def interpolate(self, points: Floats, shares: Floats) -> Floats:
+        """Return configurations at shares, from 0 to 1, of a path's length, shape (n, size)."""
 
     def distance(self, q: Floats) -> Any:
-        """Return the distance called :attr:`distance_name` at configurations; NaN where the space gives none."""
+        """Return the distance called :attr:`distance_name` at configurations; NaN if it is unknown."""
         try:
             return self._space.clearance(q)
-        except ConfigurationError:  # a map in a store has none there
+        except ConfigurationError:  # a tiled map lacks clearances at some configurations
             return np.full(q.shape[:-1], math.nan)
 
     def describe(self, q: Floats) -> str:
-        """What is known of a configuration, in words; it may be shown, too."""
+        """Return state and distance of a configuration as text; may also draw them."""
         return state_text(int(self._space.classify(q)), float(self.distance(q)), self.unit, self.distance_name)
 
     @abstractmethod
     def prove(self, q0: Floats, q1: Floats) -> str:
-        """What is proven of two configurations before a path is searched, in words."""
+        """Return as text what is proven about two configurations before a search."""
 
-    # ---- what stands on its own --------------------------------------------------------------------------------------
+    # ---- robot, marks and path ---------------------------------------------------------------------------------------
 
     @abstractmethod
     def place(self, q: Floats) -> None:
@@ -142,48 +148,51 @@ class Canvas(ABC):
         """Move the start or the goal."""
 
     def on_drag(self, name: str, moved: Callable[[Floats], None]) -> None:  # noqa: B027
-        """Have ``moved`` called with where the start or the goal is dragged to, if it can be."""
+        """Call ``moved`` with the configuration when a user drags the start or the goal, if that is possible."""
 
-    def follow(self, points: Floats) -> float:
-        """Draw a path, coloured by :meth:`distance`; return the largest distance along it."""
+    def draw_path(self, points: Floats) -> float:
+        """Draw a path, coloured by :meth:`distance`; return the largest finite distance along it.
+
+        Without points, remove the path and return NaN.
+        """
         if not len(points):
             self._server.scene.remove_by_name("/path")
             return math.nan
-        along = self.along(points, np.linspace(0.0, 1.0, STATIONS))
-        values = self.distance(along)
-        places, colors = self._traced(along), as_light(path_colors(values))
+        q = self.interpolate(points, np.linspace(0.0, 1.0, PATH_POINTS))
+        distances = self.distance(q)
+        positions, colors = self._path_positions(q), to_linear_rgb(path_colors(distances))
         self._server.scene.add_line_segments(
             "/path",
-            np.stack([places[:-1], places[1:]], axis=1),
+            np.stack([positions[:-1], positions[1:]], axis=1),
             np.stack([colors[:-1], colors[1:]], axis=1),
             thickness=6.0,
             thickness_units="screen",
         )
-        return float(np.max(values, initial=0.0, where=np.isfinite(values)))
+        return float(np.max(distances, initial=0.0, where=np.isfinite(distances)))
 
     @abstractmethod
-    def _traced(self, q: Floats) -> Floats:
-        """Points by which configurations of a path are drawn, shape (n, 3)."""
+    def _path_positions(self, q: Floats) -> Floats:
+        """Return the points that represent configurations of a path, shape (n, 3)."""
 
-    # ---- what changes with the view, and with the space --------------------------------------------------------------
+    # ---- changes of the view and of the space ------------------------------------------------------------------------
 
     @abstractmethod
     def add_choices(self, gui: GuiApi, changed: Callable[[], None]) -> dict[str, Any]:
-        """Add to a panel what can be chosen to be drawn, by label; ``changed`` is called at each change."""
+        """Add inputs that choose what is drawn and call ``changed``; return them by label."""
 
-    def look(self, look_at: Floats, position: Floats, field: float, aspect: float) -> bool:
-        """Note where a camera looks; gives whether something must be drawn anew for it."""
+    def update_view(self, look_at: Floats, position: Floats, field: float, aspect: float) -> bool:
+        """Take note of a camera; return True if something must be redrawn for it."""
         return False
 
     def draw(self) -> None:  # noqa: B027
-        """Draw what depends on the robot's configuration, as it is now."""
+        """Draw everything that depends on the robot's configuration."""
 
-    def forget(self) -> None:  # noqa: B027
-        """Draw all anew at the next call: the space has changed."""
+    def invalidate(self) -> None:  # noqa: B027
+        """Redraw everything at the next call of :meth:`draw`, because the space has changed."""
 
-    # ---- how it is drawn ---------------------------------------------------------------------------------------------
+    # ---- drawing -----------------------------------------------------------------------------------------------------
 
-    def _mesh(self, name: str, surface: Surface, color: str, opacity: float = 1.0) -> Any:
+    def _add_mesh(self, name: str, surface: Surface, color: str, opacity: float = 1.0) -> Any:
         handle = self._server.scene.add_mesh_simple(
             name,
             *surface,
@@ -198,41 +207,41 @@ class Canvas(ABC):
         return handle
 
     def _place_camera(self, lower: Floats, upper: Floats, back: Floats) -> None:
-        """Have cameras begin in some direction from the middle of a box, where all of it is in view."""
-        middle, half, back = (lower + upper) / 2, (upper - lower) / 2, back / np.linalg.norm(back)
+        """Place initial cameras in a direction from the center of a box, so that all of it is in view."""
+        center, half, back = (lower + upper) / 2, (upper - lower) / 2, back / np.linalg.norm(back)
         right = np.cross([0.0, 0.0, 1.0], back)
         right /= np.linalg.norm(right)
         corners = half * np.array(list(product((-1.0, 1.0), repeat=3)))
         across = np.maximum(np.abs(corners @ right) / 1.2, np.abs(corners @ np.cross(back, right)))
-        distance = 1.1 * float(np.max(across / math.tan(FIELD / 2.0) + corners @ back))
+        distance = 1.1 * float(np.max(across / math.tan(FIELD_OF_VIEW / 2.0) + corners @ back))
         camera = self._server.initial_camera
-        camera.fov = FIELD
+        camera.fov = FIELD_OF_VIEW
         camera.near, camera.far = 1e-3 * distance, 1e2 * distance
         camera.up = (0.0, 0.0, 1.0)
-        camera.look_at = middle
-        camera.position = middle + distance * back
+        camera.look_at = center
+        camera.position = center + distance * back
 
 
 def state_text(state: int, distance: float, unit: str, name: str) -> str:
-    """Describe a configuration's state and named distance."""
+    """Return the state and named distance of a configuration as text."""
     return STATES[state] + (f", {name} at least {distance:.3f} {unit}" if 0.0 < distance < math.inf else "")
 
 
-def samples(space: Any, otherwise: Floats) -> Floats:
-    """FREE configurations to begin with two of, the same at each call; of a space that has none, the one given."""
+def sample_free_configurations(space: Any, fallback: Floats) -> Floats:
+    """Return FREE configurations, the same at each call, or ``fallback`` if the space has none; shape (n, size)."""
     try:
-        return np.asarray(space.sample_free(_DRAWN, np.random.default_rng(0)))
+        return np.asarray(space.sample_free(_SAMPLES, np.random.default_rng(0)))
     except ConfigurationError:
-        return otherwise[np.newaxis]
+        return fallback[np.newaxis]
 
 
-def far_apart(drawn: Floats, places: Floats) -> dict[str, Floats]:
-    """Those two of configurations whose places, shape (n, d), are farthest apart."""
-    apart = np.linalg.norm(places[:, np.newaxis] - places, axis=-1)
-    return dict(zip(MARKS, drawn[list(np.unravel_index(int(apart.argmax()), apart.shape))], strict=True))
+def farthest_pair(q: Floats, positions: Floats) -> dict[str, Floats]:
+    """Return, as start and goal, the configurations with the most distant positions, shape (n, d)."""
+    distances = np.linalg.norm(positions[:, np.newaxis] - positions, axis=-1)
+    return dict(zip(MARKS, q[list(np.unravel_index(int(distances.argmax()), distances.shape))], strict=True))
 
 
-def as_light(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Colours as lines take them: in proportion to their light, and not as screens do (IEC 61966-2-1, sRGB)."""
+def to_linear_rgb(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Convert sRGB colours to linear intensities, which viser expects for lines (IEC 61966-2-1)."""
     share = colors / 255.0
     return np.rint(255.0 * np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""A page: the panel with what can be set and what is said, and what it does: move the robot, plan, play and prove."""
+"""A page: its panel of inputs and messages, and its actions: move the robot, plan, play and prove."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import numpy as np
 from cspace.arrays import Floats
 from cspace.errors import CspaceError, MissingPackageError
 from cspace.view.canvas import MARKS, Canvas
-from cspace.view.scene import HIGH, LOW
+from cspace.view.scene import HIGH_COLOR, LOW_COLOR
 
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
@@ -26,45 +26,53 @@ if TYPE_CHECKING:
 
 LOGGER: Final = logging.getLogger(__name__)
 
-SECONDS: Final = 8.0
-"""How long a path is played."""
-FRAMES: Final = 25.0
-"""Pictures of it in a second, at most."""
-REST: Final = 2.0
-"""Between two of them, what a browser has left for people, as a multiple of the time in which it came to the first."""
-BEHIND: Final = 0.5
-"""Seconds after which a browser that has not come to a picture is waited for no longer."""
+PLAY_SECONDS: Final = 8.0
+"""Duration of playing a path, seconds."""
+MAX_FRAME_RATE: Final = 25.0
+"""Maximum number of frames per second when a path is played."""
+REST_FACTOR: Final = 2.0
+"""Pause between two frames, as a multiple of the time the browser took for the first; it stays responsive."""
+MAX_WAIT_SECONDS: Final = 0.5
+"""Maximum time to wait until a browser has drawn a frame, seconds."""
 AUTOMATIC: Final = "automatic"
-"""What a page calls the planner that is taken where none is named."""
+"""Label of the default planner."""
 
 
 class Panel:
-    """What can be set on a page, and what is said there: viser's handles.
+    """The inputs and messages of a page, as viser's handles.
 
-    What is set has a ``value``, which programs may set, too; what is said has a ``content``. Without ``choices`` there
-    is nobody who plans. ``changed`` is called where other things are to be drawn.
+    Inputs have a ``value``, which programs may set too; messages have a ``content``.
+
+    Parameters
+    ----------
+    gui : viser.GuiApi
+    canvas : Canvas
+    choices : planners.Choices or None
+        Planners and drives; None if OMPL is not installed.
+    changed : callable
+        Called when a user chooses other things to draw.
 
     Attributes
     ----------
     planner, drive : GuiDropdownHandle
     turning_radius, time_limit : GuiInputHandle of float
-        Metres, seen where the drive needs it; seconds.
+        Metres, visible if the drive needs it; seconds.
     exact : GuiInputHandle of bool
-        Whether the geometry itself is asked where cells do not decide.
+        Check the exact geometry in MIXED cells.
     plan : GuiButtonHandle
     proof, answer : GuiMarkdownHandle
-        What is proven of start and goal, and what the last search found, or what went wrong.
+        Proof about start and goal; result of the last search, or an error.
     share : GuiSliderHandle of float
-        Where on the path the robot is, percent of its length.
+        Position of the robot on the path, percent of its length.
     play : GuiButtonHandle
     sliders : list of GuiSliderHandle of float
-        What the robot is moved by, one for each of :attr:`Canvas.dials`.
+        Robot's coordinates, one for each of :attr:`Canvas.dials`.
     state : GuiMarkdownHandle
-        What is proven of the robot's configuration.
-    make_it : GuiButtonGroupHandle
-        Makes it the start or the goal.
+        State of the robot's configuration.
+    mark_robot : GuiButtonGroupHandle
+        Set start or goal to the robot's configuration.
     shown : dict of str to GuiInputHandle
-        What can be chosen to be drawn, by its label.
+        Choices of what is drawn, by label.
     """
 
     def __init__(self, gui: GuiApi, canvas: Canvas, choices: Choices | None, changed: Callable[[], None]) -> None:
@@ -75,7 +83,7 @@ class Panel:
         self._typed: dict[str, list[Any]] = {}
         with gui.add_folder("Plan"):
             for name, q in canvas.endpoints.items():
-                self._typed[name] = self._add_typed(name, canvas.numbers(q))
+                self._typed[name] = self._add_typed(name, canvas.dial_values(q))
             self._add_plan(choices)
         with gui.add_folder("Path"):
             self.share: Any = gui.add_slider("along it (%)", 0.0, 100.0, 0.1, 0.0)
@@ -86,13 +94,13 @@ class Panel:
                 gui.add_slider(dial.label, dial.low, dial.high, dial.step, dial.low) for dial in canvas.dials
             ]
             self.state = gui.add_markdown("")
-            self.make_it = gui.add_button_group("make it the", tuple(canvas.endpoints))
+            self.mark_robot = gui.add_button_group("make it the", tuple(canvas.endpoints))
         with gui.add_folder("Show"):
             self.shown = canvas.add_choices(gui, changed)
-            gui.add_html(_legend([*canvas.legend, *((color, name) for name, color in MARKS.items())]))
+            gui.add_html(_legend_html([*canvas.legend, *((color, name) for name, color in MARKS.items())]))
 
     def _add_typed(self, name: str, numbers: tuple[float, ...]) -> list[Any]:
-        """Inputs of one to three numbers each."""
+        """Add the typed inputs of the start or the goal, of one to three numbers each."""
         add: dict[int, Callable[..., Any]] = {
             1: self._gui.add_number,
             2: self._gui.add_vector2,
@@ -101,16 +109,17 @@ class Panel:
         hint = f"Or drag the {name} in the scene."
         return [
             add[len(numbers[which])](
-                f"{name}: {label}", _as_value(numbers[which]), step=self._canvas.dials[which][0].step, hint=hint
+                f"{name}: {label}", _input_value(numbers[which]), step=self._canvas.dials[which][0].step, hint=hint
             )
             for label, which in self._canvas.typed
         ]
 
     def _add_plan(self, choices: Choices | None) -> None:
+        """Add the inputs and messages of a search."""
         gui, canvas = self._gui, self._canvas
         planners, drives = (choices.planners, choices.drives) if choices else ((), ("holonomic",))
         self.planner = gui.add_dropdown(
-            "planner", (AUTOMATIC, *planners), hint="Of OMPL; Grid and MaxClearance are a map's own."
+            "planner", (AUTOMATIC, *planners), hint="OMPL's planners; maps also have Grid and MaxClearance."
         )
         self.drive = gui.add_dropdown("drive", drives, hint="How the robot moves.", visible=len(drives) > 1)
         self.turning_radius = gui.add_number("turning radius (m)", 1.0, min=0.01, step=0.05, visible=False)
@@ -118,61 +127,67 @@ class Panel:
         self.exact = gui.add_checkbox(
             "exact",
             False,
-            hint="Ask the geometry itself where the grid cannot decide; slower.",
+            hint="Check the exact geometry in undecided cells; slower.",
             visible=canvas.has_cells,
         )
         self.plan = gui.add_button("Plan")
-        self.proof = gui.add_markdown("Finding out what is joined …" if canvas.is_quick else "")
+        self.proof = gui.add_markdown("Computing components …" if canvas.is_quick else "")
         self.answer = gui.add_markdown("")
         curves = choices.curves if choices else ()
 
-        def chosen(_: Any) -> None:
+        def show_turning_radius(_: Any) -> None:
             self.turning_radius.visible = self.drive.value in curves
 
-        self.drive.on_update(chosen)
+        self.drive.on_update(show_turning_radius)
 
     def typed(self, name: str) -> tuple[float, ...]:
-        """What is typed of the start or the goal: the numbers of :attr:`Canvas.dials`."""
-        return tuple(float(number) for each in self._typed[name] for number in np.atleast_1d(each.value))
+        """Return the typed values of :attr:`Canvas.dials` of the start or the goal."""
+        return tuple(float(value) for handle in self._typed[name] for value in np.atleast_1d(handle.value))
 
-    def on_typed(self, name: str, typed: Callable[[], None]) -> None:
-        """Have ``typed`` called when somebody types numbers of the start or the goal."""
+    def on_type(self, name: str, typed: Callable[[], None]) -> None:
+        """Call ``typed`` when a user types coordinates of the start or the goal."""
         for handle in self._typed[name]:
             handle.on_update(lambda event: typed() if event.client is not None else None)
 
     def write(self, name: str, numbers: tuple[float, ...]) -> None:
-        """Show the numbers of the start or the goal."""
+        """Show the coordinates of the start or the goal."""
         for (_, which), handle in zip(self._canvas.typed, self._typed[name], strict=True):
-            handle.value = _as_value(tuple(round(number, 3) for number in numbers[which]))
+            handle.value = _input_value(tuple(round(number, 3) for number in numbers[which]))
 
-    def slide(self, numbers: tuple[float, ...]) -> None:
-        """Show the numbers of the robot."""
+    def show_robot(self, numbers: tuple[float, ...]) -> None:
+        """Show the coordinates of the robot."""
         for slider, number in zip(self.sliders, numbers, strict=True):
             slider.value = min(max(number, slider.min), slider.max)
 
-    def follow(self, most: float | None) -> None:
-        """Begin at the start of a path, of which the largest distance is given; None if there is no path."""
+    def reset_path(self, max_distance: float | None) -> None:
+        """Move the slider to the start of a new path with this largest distance; None if there is no path."""
         self.share.value = 0.0
-        self.share.disabled = self.play.disabled = most is None
-        none = "Plan one, or open the page with a path."
-        self.scale.content = (
-            _note(none) if most is None else _scale(most, self._canvas.unit, self._canvas.distance_name)
-        )
+        self.share.disabled = self.play.disabled = max_distance is None
+        if max_distance is None:
+            self.scale.content = _note_html("Plan one, or open the page with a path.")
+        else:
+            self.scale.content = _scale_html(max_distance, self._canvas.unit, self._canvas.distance_name)
 
 
 class Page:
-    """A page: what it shows, and what people and programs do there.
+    """A page, and its actions for users and programs.
 
-    ``path``, shape (n, size), is one to show; n is 0 where there is none.
+    Parameters
+    ----------
+    server : viser.ViserServer
+    space : ConfigurationSpace
+    canvas : Canvas
+    path : ndarray of float64, shape (n, size)
+        Path to show; n is 0 without a path.
 
     Attributes
     ----------
     panel : Panel
-        What can be set, and what is said.
+        Inputs and messages.
     marks : dict of str to ndarray of float64, shape (size,)
-        The start and the goal.
+        Start and goal.
     plan : planners.Plan or None
-        What the last search found.
+        Result of the last search.
     """
 
     def __init__(self, server: ViserServer, space: Any, canvas: Canvas, path: Floats) -> None:
@@ -180,46 +195,46 @@ class Page:
         self.marks, self.plan = dict(canvas.endpoints), None  # type: dict[str, Floats], Plan | None
         self._path, self._proves = path, canvas.is_quick
         self._playing = threading.Event()
-        works = canvas.draw, self._describe, self._prove, self._search, self._play
-        self._workers = [Worker(work, self._fail) for work in works]
+        tasks = canvas.draw, self._describe, self._prove, self._search, self._play
+        self._workers = [Worker(task, self._report_error) for task in tasks]
         self._drawer, self._describer, self._prover, self._planner, self._player = self._workers
         self.panel = Panel(server.gui, canvas, _choices(space), self._drawer.request)
-        self._heed()
+        self._connect()
         for name, q in canvas.endpoints.items():
             self.mark(name, q)
-        self._follow(path)
+        self._show_path(path)
         self.move(canvas.endpoints["start"])
-        server.on_client_connect(self._watch)
+        server.on_client_connect(self._follow_camera)
 
-    def _heed(self) -> None:
-        """Have done what people ask for on the page."""
+    def _connect(self) -> None:
+        """Connect the inputs of the panel to actions."""
         panel, canvas = self.panel, self._canvas
 
-        def slid(event: Any) -> None:
+        def slide_robot(event: Any) -> None:
             if event.client is not None:
                 self._playing.clear()
-                self._place(canvas.of(tuple(float(slider.value) for slider in panel.sliders)))
+                self._place(canvas.configuration_of(tuple(float(slider.value) for slider in panel.sliders)))
 
-        def shared(event: Any) -> None:
+        def slide_along_path(event: Any) -> None:
             if event.client is not None and len(self._path):
                 self._playing.clear()
                 self.go(panel.share.value / 100.0)
 
         for name in self.marks:
-            panel.on_typed(name, partial(self._mark_typed, name))
-            canvas.on_drag(name, partial(self._marked, name))
+            panel.on_type(name, partial(self._mark_typed, name))
+            canvas.on_drag(name, partial(self._record_mark, name))
         for slider in panel.sliders:
-            slider.on_update(slid)
-        panel.share.on_update(shared)
+            slider.on_update(slide_robot)
+        panel.share.on_update(slide_along_path)
         panel.plan.on_click(lambda _: self.search())
         panel.play.on_click(lambda _: self._playing.clear() if self._playing.is_set() else self.play())
-        panel.make_it.on_click(lambda event: self.mark(event.target.value, canvas.robot))
+        panel.mark_robot.on_click(lambda event: self.mark(event.target.value, canvas.robot))
 
-    # ---- what programs do --------------------------------------------------------------------------------------------
+    # ---- actions for programs ----------------------------------------------------------------------------------------
 
     def move(self, q: Floats) -> None:
-        """Move the robot to a configuration, and show what depends on it."""
-        self.panel.slide(self._canvas.numbers(q))
+        """Move the robot to a configuration."""
+        self.panel.show_robot(self._canvas.dial_values(q))
         self._place(q)
 
     def _place(self, q: Floats) -> None:
@@ -228,62 +243,62 @@ class Page:
         self._describer.request()
 
     def go(self, share: float) -> None:
-        """Move the robot to a share, from 0 to 1, of the length of the path."""
-        self.move(self._canvas.along(self._path, np.array([share]))[0])
+        """Move the robot to a share, from 0 to 1, of the path's length."""
+        self.move(self._canvas.interpolate(self._path, np.array([share]))[0])
 
     def mark(self, name: str, q: Floats) -> None:
         """Move the start or the goal to a configuration."""
         self._canvas.mark(name, q)
-        self._marked(name, q)
+        self._record_mark(name, q)
 
     def _mark_typed(self, name: str) -> None:
-        self.mark(name, self._canvas.of(self.panel.typed(name)))
+        self.mark(name, self._canvas.configuration_of(self.panel.typed(name)))
 
-    def _marked(self, name: str, q: Floats) -> None:
-        """Note where the start or the goal is."""
+    def _record_mark(self, name: str, q: Floats) -> None:
+        """Record a new start or goal."""
         self.marks[name] = q
-        self.panel.write(name, self._canvas.numbers(q))
-        self.panel.answer.content = ""  # it was about other ones
+        self.panel.write(name, self._canvas.dial_values(q))
+        self.panel.answer.content = ""  # it concerned other endpoints
         self._prover.request()
 
     def search(self) -> None:
-        """Plan from the start to the goal, as the panel is set; :attr:`plan` is what comes out."""
+        """Plan from start to goal with the inputs of the panel; :attr:`plan` is the result."""
         self._planner.request()
 
     def play(self) -> None:
-        """Move the robot along the path, from where it is."""
+        """Move the robot along the path, from its current position."""
         self._playing.set()
         self._player.request()
 
     def refresh(self) -> None:
-        """Draw and prove anew: the map has changed."""
-        self._canvas.forget()
+        """Draw and prove everything again, because the space has changed."""
+        self._canvas.invalidate()
         for worker in (self._drawer, self._describer, self._prover):
             worker.request()
 
     def wait(self, seconds: float | None = None) -> bool:
-        """Wait until all that was requested is drawn and said; gives whether it is."""
-        return all(each.wait(seconds) for each in (self._planner, self._drawer, self._describer, self._prover))
+        """Wait until all requested work is done; return False after a timeout."""
+        return all(worker.wait(seconds) for worker in (self._planner, self._drawer, self._describer, self._prover))
 
     def close(self) -> None:
-        """End all threads."""
+        """Stop all threads."""
         self._playing.clear()
         for worker in self._workers:
             worker.close()
 
-    # ---- what is done in threads -------------------------------------------------------------------------------------
+    # ---- work in threads ---------------------------------------------------------------------------------------------
 
     def _describe(self) -> None:
-        """Say what is proven of the robot's configuration."""
+        """Show the state of the robot's configuration."""
         self.panel.state.content = self._canvas.describe(self._canvas.robot)
 
     def _prove(self) -> None:
-        """Say what is proven of start and goal."""
+        """Show what is proven about start and goal."""
         if self._proves:
             self.panel.proof.content = self._canvas.prove(self.marks["start"], self.marks["goal"])
 
     def _search(self) -> None:
-        """Plan, and say what came out."""
+        """Plan, and show the result."""
         import planners
 
         panel = self.panel
@@ -302,65 +317,66 @@ class Page:
             )
         finally:
             panel.plan.disabled = False
-        self._proves = True  # what the cells join is known from here on
+        self._proves = True  # the components are known from now on
         self._prover.request()
-        self._follow(plan.path)
+        self._show_path(plan.path)
         if plan.solved:
             self.move(plan.path[0])
-        panel.answer.content = _plan_text(plan)
+        panel.answer.content = _describe_plan(plan)
 
     def _play(self) -> None:
-        """Move the robot along the path, until it is there or someone stops it."""
+        """Move the robot along the path until its end or until stopped."""
         panel = self.panel
         panel.play.label = "Stop"
         share = panel.share.value / 100.0 if panel.share.value < 100.0 else 0.0
-        began = time.perf_counter() - share * SECONDS
+        began = time.perf_counter() - share * PLAY_SECONDS
         try:
             while self._playing.is_set() and share < 1.0 and len(self._path):
-                share = min(1.0, (time.perf_counter() - began) / SECONDS)
+                share = min(1.0, (time.perf_counter() - began) / PLAY_SECONDS)
                 panel.share.value = round(100.0 * share, 1)
                 self.go(share)
                 sent = time.perf_counter()
-                self._let_draw()
+                self._wait_for_browsers()
                 taken = time.perf_counter() - sent
-                time.sleep(max(1.0 / FRAMES - taken, REST * taken))
+                time.sleep(max(1.0 / MAX_FRAME_RATE - taken, REST_FACTOR * taken))
         finally:
             self._playing.clear()
             panel.play.label = "Play"
 
-    def _let_draw(self) -> None:
-        """Wait until all browsers have come to what was sent."""
+    def _wait_for_browsers(self) -> None:
+        """Wait until all browsers have processed the messages sent so far."""
         self._server.flush()
         for client in self._server.get_clients().values():
-            with suppress(RuntimeError, TimeoutError):  # it has left, stores nothing, or is slow
-                client.local_storage.get_item("", BEHIND)  # a browser answers in turn; what it stores does not matter
+            # A browser answers messages in order, so any answer will do; it may also have left, or be slow.
+            with suppress(RuntimeError, TimeoutError):
+                client.local_storage.get_item("", MAX_WAIT_SECONDS)
 
-    def _follow(self, path: Floats) -> None:
+    def _show_path(self, path: Floats) -> None:
         """Show a path, from its start."""
         self._playing.clear()
         self._path = path
-        most = self._canvas.follow(path)
-        self.panel.follow(most if len(path) else None)
+        max_distance = self._canvas.draw_path(path)
+        self.panel.reset_path(max_distance if len(path) else None)
 
-    def _watch(self, client: Any) -> None:
-        """Draw what a client looks at in smaller blocks."""
+    def _follow_camera(self, client: Any) -> None:
+        """Redraw when the camera of a client moves far enough."""
 
-        def looked(camera: Any) -> None:
-            if self._canvas.look(camera.look_at, camera.position, camera.fov, camera.aspect):
+        def update(camera: Any) -> None:
+            if self._canvas.update_view(camera.look_at, camera.position, camera.fov, camera.aspect):
                 self._drawer.request()
 
-        client.camera.on_update(looked)
+        client.camera.on_update(update)
 
-    def _fail(self, error: Exception) -> None:
-        """Say what went wrong; the page goes on."""
+    def _report_error(self, error: Exception) -> None:
+        """Show an error on the page, which stays usable."""
         if not isinstance(error, CspaceError):
-            LOGGER.error("the page met an error", exc_info=error)
+            LOGGER.error("error in a thread of the page", exc_info=error)
         message = str(error) if isinstance(error, CspaceError) else f"{type(error).__name__}: {error}"
         self.panel.answer.content = f"**Not done:** {message}"
 
 
-def _plan_text(plan: Plan) -> str:
-    """A plan, and what it proves."""
+def _describe_plan(plan: Plan) -> str:
+    """Return a plan and its proof as text."""
     if not plan.solved:
         hint = f"  \nTry {plan.hint}." if plan.hint else ""
         return f"**{plan.status[:1].upper()}{plan.status[1:]}.**{hint}"
@@ -373,7 +389,7 @@ def _plan_text(plan: Plan) -> str:
 
 
 def _choices(space: Any) -> Choices | None:
-    """Return what a plan can be given on a space; None if OMPL is not installed, which a search reports."""
+    """Return the planners and drives for a space; None if OMPL is not installed, which a search reports."""
     try:
         import planners
     except MissingPackageError:
@@ -381,8 +397,8 @@ def _choices(space: Any) -> Choices | None:
     return planners.choices(space)
 
 
-def _legend(rows: list[tuple[str, str]]) -> str:
-    """Colours, and what they mean."""
+def _legend_html(rows: list[tuple[str, str]]) -> str:
+    """Return rows of colours and their meanings as HTML."""
     square = "display:inline-block;width:0.9em;height:0.9em;margin-right:0.5em;border:1px solid #777;background:"
     items = "".join(
         f'<div style="margin:0.15em 0"><span style="{square}{color}"></span>{html.escape(name)}</div>'
@@ -391,53 +407,53 @@ def _legend(rows: list[tuple[str, str]]) -> str:
     return f'<div style="font-size:0.8em;padding:0.4em 0.8em">{items}</div>'
 
 
-def _scale(most: float, unit: str, name: str) -> str:
-    """The colours of the path."""
-    if math.isnan(most):
-        return _note(f"A map in a store gives no {name} here.")
-    bar = f"height:0.6em;border-radius:0.3em;background:linear-gradient(to right,{LOW},{HIGH})"
+def _scale_html(max_distance: float, unit: str, name: str) -> str:
+    """Return the colour scale of a path as HTML."""
+    if math.isnan(max_distance):
+        return _note_html(f"A tiled map has no {name} here.")
+    bar = f"height:0.6em;border-radius:0.3em;background:linear-gradient(to right,{LOW_COLOR},{HIGH_COLOR})"
     row = "display:flex;justify-content:space-between"
     return (
         f'<div style="font-size:0.8em;padding:0.2em 0.8em 0.6em"><div style="{bar}"></div>'
-        f'<div style="{row}"><span>0</span><span>{name}</span><span>{most:.2g} {unit}</span></div></div>'
+        f'<div style="{row}"><span>0</span><span>{name}</span><span>{max_distance:.2g} {unit}</span></div></div>'
     )
 
 
-def _note(text: str) -> str:
+def _note_html(text: str) -> str:
     return f'<div style="font-size:0.8em;padding:0.2em 0.8em 0.6em;color:#777">{html.escape(text)}</div>'
 
 
-def _as_value(numbers: tuple[float, ...]) -> Any:
-    """As an input takes numbers: one alone, or several."""
+def _input_value(numbers: tuple[float, ...]) -> Any:
+    """Return the value of an input: a number, or a tuple of several."""
     return numbers if len(numbers) > 1 else numbers[0]
 
 
 class Worker:
-    """Does some work at each request; once for all requests that come while it is busy.
+    """A thread that runs a task on request; requests during a run cause one more run.
 
-    ``fail`` is given what the work raises; the next time it is done again.
+    Exceptions of the task are passed to ``report``; the thread continues.
     """
 
-    def __init__(self, work: Callable[[], None], fail: Callable[[Exception], None]) -> None:
-        self._work, self._fail = work, fail
+    def __init__(self, task: Callable[[], None], report: Callable[[Exception], None]) -> None:
+        self._task, self._report = task, report
         self._changed = threading.Condition()
         self._requested, self._busy, self._open = False, False, True
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def request(self) -> None:
-        """Have the work done, once what is under way is done."""
+        """Request a run, after the current one."""
         with self._changed:
             self._requested = True
             self._changed.notify_all()
 
     def wait(self, seconds: float | None = None) -> bool:
-        """Wait until all that was requested is done; gives whether it is."""
+        """Wait until all requested runs are done; return False after a timeout."""
         with self._changed:
             return self._changed.wait_for(lambda: not (self._requested or self._busy), seconds)
 
     def close(self) -> None:
-        """Do nothing more, once what is under way is done."""
+        """Stop the thread after the current run."""
         with self._changed:
             self._open = self._requested = False
             self._changed.notify_all()
@@ -452,7 +468,7 @@ class Worker:
                     return
                 self._requested, self._busy = False, True
             try:
-                self._work()
-            except Exception as error:  # whatever it is, the page goes on
+                self._task()
+            except Exception as error:  # the page must stay usable
                 if self._open:
-                    self._fail(error)
+                    self._report(error)

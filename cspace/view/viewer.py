@@ -1,4 +1,4 @@
-"""A space on a page in the browser, and the server of the page, which answers no page but its own."""
+"""A viewer of a space in the browser, and its server, which refuses pages of other sites."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import html
 import socket
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial, singledispatch
 from ipaddress import ip_address
@@ -18,7 +18,7 @@ from cspace.arms.space import ArmSpace
 from cspace.arrays import Floats
 from cspace.check import whole
 from cspace.errors import InputError, optional
-from cspace.plot.route import HasAxes, marked, polyline
+from cspace.plot.route import HasAxes, check_path, collect_marks
 from cspace.tiles.space import TiledCSpace
 from cspace.view.arm_canvas import ArmCanvas
 from cspace.view.level_of_detail import CellsInMemory, CellsInStore
@@ -35,16 +35,16 @@ if TYPE_CHECKING:
     MakeCanvas = Callable[[ViserServer, Floats, dict[str, Floats]], Canvas]
 
 
-PORT: Final = 8080
-"""The first port that is tried where none is given."""
-_TRIED: Final = 100
-_TAKEN: Final = (errno.EADDRINUSE, errno.EACCES)
-_FOREIGN: Final = 1008
-"""Status with which the connection of a foreign page is closed (RFC 6455: policy violation)."""
+FIRST_PORT: Final = 8080
+"""Default port, and the first of those tried."""
+_MAX_PORTS: Final = 100
+_TAKEN_ERRORS: Final = (errno.EADDRINUSE, errno.EACCES)
+_POLICY_VIOLATION: Final = 1008
+"""Status that closes the connection of a foreign page (RFC 6455: policy violation)."""
 
 
 class ViewOptions(TypedDict, total=False):
-    """What :meth:`cspace.CSpace.view` takes."""
+    """Options of :meth:`cspace.CSpace.view`."""
 
     path: ArrayLike | HasPath
     start: ArrayLike
@@ -54,26 +54,26 @@ class ViewOptions(TypedDict, total=False):
 
 
 class Viewer:
-    """A page in the browser that shows a map, or an arm; :meth:`cspace.CSpace.view` opens it.
+    """A page in the browser that shows a map or an arm; :meth:`cspace.CSpace.view` opens it.
 
-    In a notebook it shows itself, where ``block=False``. All who open the page see, and move, the same things.
+    Notebooks show the page if ``block=False``. All users of the page share its state.
 
     Parameters
     ----------
     space : ConfigurationSpace
     canvas : callable
-        What draws it: is given a server, a path, shape (n, size), and the start and the goal that there are.
+        Makes the canvas from a server, a path, shape (n, size), and a dict of start and goal.
     path, start, goal, host, port
-        As for :meth:`cspace.CSpace.view`.
+        See :meth:`cspace.CSpace.view`.
 
     Attributes
     ----------
     server : viser.ViserServer
-        What serves it; a program may add to its scene.
+        The server; programs may add to its scene.
     page : cspace.view.page.Page
-        What people do there, for programs: it moves the robot, sets the start and the goal, plans and plays.
+        The actions of the page: move the robot, set start and goal, plan, play.
     canvas : cspace.view.canvas.Canvas
-        What is drawn.
+        The drawing.
     """
 
     def __init__(
@@ -89,8 +89,8 @@ class Viewer:
     ) -> None:
         from cspace.view.page import Page
 
-        points = polyline(space, path)
-        marks = marked(space, path, points, start, goal)
+        points = check_path(space, path)
+        marks = collect_marks(space, path, points, start, goal)
         self.server = serve(host, port)
         self._closed = threading.Event()
         try:
@@ -102,27 +102,27 @@ class Viewer:
 
     @property
     def url(self) -> str:
-        """Where the page is."""
+        """Address of the page."""
         return f"http://{self.server.get_host()}:{self.server.get_port()}"
 
     @property
     def plan(self) -> Plan | None:
-        """What the last search found, a :class:`planners.Plan`; None before there was one."""
+        """Result of the last search on the page, or None."""
         return self.page.plan
 
     def refresh(self) -> None:
-        """Show the space as it is now, after it was updated."""
+        """Redraw the space after an update."""
         self.page.refresh()
 
     def close(self) -> None:
-        """End the page."""
+        """Close the page."""
         if not self._closed.is_set():
             self._closed.set()
             self.page.close()
             stop(self.server)
 
     def wait(self) -> None:
-        """Wait until the page is closed, or Ctrl-C is pressed, which closes it."""
+        """Wait until the page is closed or Ctrl-C closes it."""
         try:
             self._closed.wait()
         except KeyboardInterrupt:
@@ -131,53 +131,57 @@ class Viewer:
             self.close()
 
     def __enter__(self) -> Viewer:
+        """Return the viewer."""
         return self
 
     def __exit__(self, *_: object) -> None:
+        """Close the page."""
         self.close()
 
     def __repr__(self) -> str:
+        """Return the address and whether the page is closed."""
         return f"Viewer({self.url}{', closed' if self._closed.is_set() else ''})"
 
     def _repr_html_(self) -> str:
-        """The page itself, for notebooks."""
+        """Return a frame with the page, for notebooks."""
         if self._closed.is_set():
             return html.escape(repr(self))
         return f'<iframe src="{html.escape(self.url)}" width="100%" height="640" style="border:0"></iframe>'
 
 
 @singledispatch
-def canvas_of(space: Any) -> MakeCanvas:
-    """Return what draws a space on a page: a map in memory, unless another kind is registered."""
+def choose_canvas(space: Any) -> MakeCanvas:
+    """Return a function that makes the canvas of a space; the default is for maps in memory."""
     return partial(MapCanvas, space, CellsInMemory(space))
 
 
-@canvas_of.register(TiledCSpace)
+@choose_canvas.register(TiledCSpace)
 def _(space: TiledCSpace) -> MakeCanvas:
     return partial(MapCanvas, space, CellsInStore(space))
 
 
-@canvas_of.register(ArmSpace)
+@choose_canvas.register(ArmSpace)
 def _(space: ArmSpace) -> MakeCanvas:
     return partial(ArmCanvas, space)
 
 
 def open_viewer(space: Any, block: bool, options: ViewOptions) -> Viewer:
-    """Open a page of a space; wait until it is closed if ``block`` is set."""
-    viewer = Viewer(space, canvas_of(space), **options)
+    """Open the page of a space; if ``block`` is set, print its address and wait until it is closed."""
+    viewer = Viewer(space, choose_canvas(space), **options)
     if block:
-        sys.stdout.write(f"{viewer.url}  Ctrl-C ends it\n")
+        sys.stdout.write(f"{viewer.url}  Ctrl-C closes it\n")
         sys.stdout.flush()
         viewer.wait()
     return viewer
 
 
 def serve(host: str, port: int | None) -> ViserServer:
-    """Start a server without a page, which prints nothing and refuses pages of other sites.
+    """Start a server that prints nothing and refuses pages of other sites.
 
-    Browsers let any page of any site talk to servers on the user's machine, and name the site; viser does not check.
+    Browsers let pages of any site connect to servers on the user's machine. They name the site, but viser does not
+    check it.
 
-    Raises InputError if the host is none of this machine, or the port is taken, or no port, and MissingPackageError if
+    Raises InputError if this machine lacks the address, or if the port is taken or invalid; MissingPackageError if
     viser is not installed.
     """
     viser = optional("viser", "it serves the page in the browser", "view")
@@ -190,26 +194,26 @@ def serve(host: str, port: int | None) -> ViserServer:
     async def admit(client: Any) -> None:
         connection: Any = sockets._live_connections[client.client_id]
         headers = connection.request.headers
-        if not is_own(headers.get("Origin"), headers.get("Host", ""), host):
-            await connection.close(_FOREIGN, "the page is from elsewhere")
+        if not is_same_site(headers.get("Origin"), headers.get("Host", ""), host):
+            await connection.close(_POLICY_VIOLATION, "the page is of another site")
             with suppress(ConnectionClosed):
-                while True:  # what it sent meanwhile is not heeded
+                while True:  # discard what it sent meanwhile
                     await connection.recv()
 
     sockets.on_client_connect(admit)
-    sockets.disconnect_all_clients()  # who came before that comes again
+    sockets.disconnect_all_clients()  # clients that connected before the check connect again
     return server
 
 
 def stop(server: ViserServer) -> None:
-    """End a server."""
+    """Stop a server."""
     with _quiet():
         server.stop()
 
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Have viser print nothing, which it does through rich's console."""
+    """Silence viser, which prints through rich's console."""
     import rich
 
     console = rich.get_console()
@@ -220,12 +224,12 @@ def _quiet() -> Iterator[None]:
         console.quiet = before
 
 
-def is_own(origin: str | None, asked: str, host: str) -> bool:
+def is_same_site(origin: str | None, asked: str, host: str) -> bool:
     """Return True if a browser's page comes from this server.
 
-    ``origin`` is the site of the page as the browser names it; other programs name none. ``asked`` is the name and port
-    by which the server was asked, and ``host`` its address. A server at a loopback address accepts only loopback names,
-    because a foreign name may be given that address for a while (DNS rebinding).
+    ``origin`` is the site of the page, as named by the browser; other programs send None. ``asked`` is the name and
+    port in the request, and ``host`` the address of the server. A server at a loopback address accepts only loopback
+    names, because a foreign name can temporarily resolve to that address (DNS rebinding).
     """
     if origin is None:
         return True
@@ -234,7 +238,7 @@ def is_own(origin: str | None, asked: str, host: str) -> bool:
 
 
 def is_local(host: str | None) -> bool:
-    """Return True if other machines cannot reach a host."""
+    """Return True if other machines cannot reach a host address."""
     if host == "localhost":
         return True
     try:
@@ -244,31 +248,32 @@ def is_local(host: str | None) -> bool:
 
 
 def _free_port(host: str, port: int | None) -> int:
-    """Return the given port, or the first free one from :data:`PORT` on.
+    """Return the given port, or the first free one from :data:`FIRST_PORT` on.
 
-    Raises InputError if the host is none of this machine, or the port is taken, or no port.
+    Raises InputError if this machine lacks the address, or if the port is taken or invalid.
     """
-    free = "pass 0 for any free one, or leave it out"
-    wanted = range(PORT, PORT + _TRIED) if port is None else [whole(port, "port", 0, 2**16 - 1, free)]
-    addresses = 'pass "127.0.0.1", or "0.0.0.0" for all of its addresses'
-    no_host = InputError("host", f"is {host!r}", "it must be an address of this machine", addresses, value=host)
+    if port is None:
+        ports: Iterable[int] = range(FIRST_PORT, FIRST_PORT + _MAX_PORTS)
+    else:
+        ports = [whole(port, "port", 0, 2**16 - 1, "pass 0 for any free port, or omit it")]
+    hint = 'pass "127.0.0.1", or "0.0.0.0" for all addresses'
+    no_host = InputError("host", f"is {host!r}", "it must be an address of this machine", hint, value=host)
     try:
         kind, _, _, _, _ = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)[0]
     except OSError as error:
         raise no_host from error
-    for number in wanted:
+    for candidate in ports:
         with socket.socket(kind, socket.SOCK_STREAM) as trial:
             trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
-                trial.bind((host, number))
+                trial.bind((host, candidate))
             except PermissionError as error:
-                raise InputError(
-                    "port", f"is {number}", "this user may not serve on it", "choose one from 1024 on", value=port
-                ) from error
+                hint = "pass a port from 1024 on"
+                raise InputError("port", f"is {candidate}", "this user cannot serve it", hint, value=port) from error
             except OSError as error:
-                if error.errno not in _TAKEN:
+                if error.errno not in _TAKEN_ERRORS:
                     raise no_host from error
                 continue
             return int(trial.getsockname()[1])
-    taken = f"{port} is taken" if port is not None else f"from {PORT} to {PORT + _TRIED - 1} are taken"
-    raise InputError("port", taken, "another program serves there", "choose another, or 0 for any", value=port)
+    problem = f"is {port}" if port is not None else f"is not free from {FIRST_PORT} to {FIRST_PORT + _MAX_PORTS - 1}"
+    raise InputError("port", problem, "other programs use it", "pass another port, or 0 for any", value=port)

@@ -21,7 +21,7 @@ import solids
 from cspace import BLOCKED, FileError, Robot, Workspace, build
 from cspace.errors import InputError
 from cspace.plot import thumbnail
-from cspace.plot.route import marked
+from cspace.plot.route import collect_marks
 from planners.local_planner import CURVES, HOLONOMIC, local_planner
 from planning import CAR, ENDPOINTS, SPACES, halves, least_distance, open_map, room, usable
 from tests.soak.plane import moved
@@ -281,7 +281,7 @@ def test_a_plan_that_failed_keeps_start_and_goal(name: str, tmp_path: Path) -> N
     plan = planners.plan(space, start, goal)
     assert not plan.solved and not plan.start.flags.writeable
     np.testing.assert_allclose([plan.start, plan.goal], [start, goal])
-    assert list(marked(space, plan, plan.path, None, None)) == ["start", "goal"]
+    assert list(collect_marks(space, plan, plan.path, None, None)) == ["start", "goal"]
     assert thumbnail(plan) != thumbnail(replace(plan, start=plan.goal))
     labels = [text.get_text() for text in plan.plot().figure.findobj(Text)]
     assert "start" in labels and "goal" in labels

@@ -15,7 +15,7 @@ from cspace import Arm, CSpace, Robot, Workspace, build, build_arm_space
 from cspace.arms import PosedShape
 from cspace.errors import InputError
 from cspace.plot import animate
-from cspace.plot.animation import Stage
+from cspace.plot.animation import PlaneAnimation
 from cspace.plot.route import Route
 from pictures import check_cells, pixel
 from urdfs import planar
@@ -138,7 +138,7 @@ def test_frames_show_robots_that_do_not_turn_plans_and_robots_that_stay(flat: CS
 
 
 def test_the_robot_covers_its_shape_and_the_other_panel_shows_the_slice_of_its_yaw(turning: CSpace) -> None:
-    stage = Stage(turning, Route.of(turning, PATH, None, None), None)
+    stage = PlaneAnimation(turning, Route.of(turning, PATH, None, None), None)
     world, plane = stage.figure.axes
     for q in ((2.0, 4.0, 0.0), (3.0, 3.9, math.pi / 2)):
         image = stage.frame(np.array(q))[::-1]

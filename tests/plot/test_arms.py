@@ -11,9 +11,9 @@ import cspace
 import planners
 from cspace.arms import PosedShape
 from cspace.errors import ConfigurationError, InputError
-from cspace.plot.animation import Stage
-from cspace.plot.arms import GHOSTS, PALE, along_joints
-from cspace.plot.artists import LOST, PATH, ROBOT_FILL
+from cspace.plot.animation import PlaneAnimation
+from cspace.plot.arms import GHOST_COLOR, GHOST_COUNT, interpolate_joints
+from cspace.plot.artists import LOST_COLOR, PATH_COLOR, ROBOT_FILL_COLOR
 from cspace.plot.route import Route
 from cspace.plot.surface import SURFACES
 from urdfs import planar
@@ -32,7 +32,7 @@ def space(tmp_path_factory: pytest.TempPathFactory) -> cspace.ArmSpace:
 
 def test_an_animation_of_a_map_of_joints_is_in_radians(space: cspace.ArmSpace) -> None:
     joints = cspace.build_joint_map(space, 0.2)
-    stage = Stage(joints, Route.of(joints, [(0.0, 0.0), (0.5, 0.5)], None, None), None)
+    stage = PlaneAnimation(joints, Route.of(joints, [(0.0, 0.0), (0.5, 0.5)], None, None), None)
     labels = {label for ax in stage.figure.axes for label in (ax.get_xlabel(), ax.get_ylabel())}
     assert labels == {"shoulder (rad)", "elbow (rad)", ""}
 
@@ -47,40 +47,40 @@ def painted(ax: Any, color: str) -> Any:
 
 def test_links_and_obstacles_are_drawn_where_they_are(space: cspace.ArmSpace) -> None:
     ax = space.plot(q=(0.0, np.pi / 2))
-    arm = painted(ax, ROBOT_FILL).reshape(-1, 3)
+    arm = painted(ax, ROBOT_FILL_COLOR).reshape(-1, 3)
     np.testing.assert_allclose(
         [arm.min(axis=0), arm.max(axis=0)], [(-0.025, -0.05, -0.225), (1.05, 1.0, 0.05)], atol=1e-9
     )
     block = painted(ax, SURFACES["obstacles"][1]).reshape(-1, 3)
     np.testing.assert_allclose([block.min(axis=0), block.max(axis=0)], [(-0.6, 0.9, -0.5), (-0.2, 1.1, 0.5)], atol=1e-9)
-    assert not len(painted(ax, PALE))
+    assert not len(painted(ax, GHOST_COLOR))
     assert ax.get_figure().get_suptitle() == "small"
 
 
 def test_a_path_is_drawn_as_pale_arms_and_a_line(space: cspace.ArmSpace) -> None:
     ax = space.plot(path=PATH_OF_JOINTS, title="on its way", legend=False)
-    shown, pale = painted(ax, ROBOT_FILL).reshape(-1, 3), painted(ax, PALE).reshape(-1, 3)
-    tips = [np.array([np.cos(a) + np.cos(a + b), np.sin(a) + np.sin(a + b), 0.0]) for a, b in PATH_OF_JOINTS]
-    assert np.linalg.norm(shown[:, np.newaxis] - tips[2], axis=-1).min() < 0.08
-    for q in along_joints(np.array(PATH_OF_JOINTS), np.arange(GHOSTS) / GHOSTS):
+    shown, pale = painted(ax, ROBOT_FILL_COLOR).reshape(-1, 3), painted(ax, GHOST_COLOR).reshape(-1, 3)
+    tip_positions = [np.array([np.cos(a) + np.cos(a + b), np.sin(a) + np.sin(a + b), 0.0]) for a, b in PATH_OF_JOINTS]
+    assert np.linalg.norm(shown[:, np.newaxis] - tip_positions[2], axis=-1).min() < 0.08
+    for q in interpolate_joints(np.array(PATH_OF_JOINTS), np.arange(GHOST_COUNT) / GHOST_COUNT):
         tip = [np.cos(q[0]) + np.cos(q.sum()), np.sin(q[0]) + np.sin(q.sum()), 0.0]
         assert np.linalg.norm(pale - tip, axis=-1).min() < 0.08
     (line,) = ax.lines
     middle = np.array([np.cos(0.0) + 0.5, 0.0, 0.0])
     np.testing.assert_allclose(np.array(line.get_data_3d())[:, 0], middle, atol=1e-9)
-    assert len(painted(ax, PATH))
+    assert len(painted(ax, PATH_COLOR))
     assert ax.get_figure().get_suptitle() == "on its way"
 
 
 def test_edges_that_another_scene_blocks_are_drawn_apart(space: cspace.ArmSpace) -> None:
     plan = planners.plan(space, (0.0, 0.0), (1.2, 0.0), seed=1)
-    assert plan.certified and not len(painted(space.plot(path=plan), LOST))
+    assert plan.certified and not len(painted(space.plot(path=plan), LOST_COLOR))
     tip = np.eye(4)
     tip[:3, 3] = 1.9 * np.cos(0.6), 1.9 * np.sin(0.6), 0.0
     again = cspace.build_arm_space({"box": PosedShape(cspace.Robot.box((0.1, 0.1, 0.1)).shape, tip)}, space.arm)
     assert not plan.recheck(again).all()
     ax = again.plot(path=plan)
-    assert len(painted(ax, LOST))
+    assert len(painted(ax, LOST_COLOR))
     assert "path, no longer proven free" in [text.get_text() for text in ax.get_figure().legends[0].get_texts()]
 
 
@@ -99,7 +99,7 @@ def test_plans_draw_themselves(space: cspace.ArmSpace) -> None:
     figure = Figure()
     ax = figure.add_subplot(projection="3d")
     assert plan.plot(ax=ax) is ax
-    assert len(painted(ax, PALE))
+    assert len(painted(ax, GHOST_COLOR))
 
 
 def test_plots_of_arms_refuse(space: cspace.ArmSpace) -> None:

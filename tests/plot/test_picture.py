@@ -22,7 +22,7 @@ import cspace
 from cspace import FREE, CSpace, Robot, Workspace, build
 from cspace.plot import artists, plot
 from cspace.plot.artists import CLASSES
-from cspace.plot.route import rings
+from cspace.plot.route import outline_rings
 from cspace.view import scene
 from pictures import COLORS, check_cells, check_within, class_of, heading, heading_box, labels, pixel, rendered
 
@@ -106,7 +106,12 @@ def test_colors_part_in_grey_print_and_mean_one_thing() -> None:
     rare = ("reference", "some", "taken as free")
     main = sorted(value for label, value in lightness.items() if not any(word in label for word in rare))
     assert np.diff(main).min() > 15
-    colors = [color for _, color in CLASSES] + [artists.PATH, artists.ROBOT, artists.GOAL, artists.OUTSIDE[1]]
+    colors = [color for _, color in CLASSES] + [
+        artists.PATH_COLOR,
+        artists.ROBOT_COLOR,
+        artists.GOAL_COLOR,
+        artists.OUTSIDE_STYLE[1],
+    ]
     apart = [np.abs(np.subtract(to_rgb(one), to_rgb(two))).max() for i, one in enumerate(colors) for two in colors[:i]]
     assert min(apart) > 0.04
 
@@ -130,9 +135,9 @@ def test_obstacle_unknown_and_free_differ_plainly() -> None:
 
 def test_colors_of_a_path_are_none_of_the_map() -> None:
     """Also faint, as it is drawn away from a section: over white, at 45 %."""
-    faint = 0.45 * np.array(to_rgb(artists.PATH)) + 0.55
-    low, high = scene.LOW, scene.HIGH
-    for color in (artists.PATH, artists.LOST, low, high, faint):
+    faint = 0.45 * np.array(to_rgb(artists.PATH_COLOR)) + 0.55
+    low, high = scene.LOW_COLOR, scene.HIGH_COLOR
+    for color in (artists.PATH_COLOR, artists.LOST_COLOR, low, high, faint):
         assert min(np.linalg.norm(lab(color) - lab(other)) for _, other in CLASSES) > 30.0
 
 
@@ -228,7 +233,7 @@ def test_noses_and_arrows_show_the_yaw(turning: CSpace, yaw: float) -> None:
     np.testing.assert_allclose(points[(points @ ahead).argmax()], 0.9 * ahead)
     assert (points @ ahead).min() > 0.4
     image, way = rendered(ax), 0.24 * ahead
-    goal = tuple(round(255 * part) for part in to_rgb(artists.GOAL))
+    goal = tuple(round(255 * part) for part in to_rgb(artists.GOAL_COLOR))
     assert pixel(ax, image, *(np.array([3.0, 3.0]) + way)) == goal
     assert pixel(ax, image, *(np.array([3.0, 3.0]) - way)) != goal
 
@@ -242,7 +247,7 @@ def test_holes_of_the_robot_stay_open() -> None:
     assert pixel(ax, image, 0.3, 1.1) != COLORS["free"]
     square, hole = shapely.box(0, 0, 3, 3).exterior, [(1.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0)]
     for inside in (hole, hole[::-1]):
-        turns = [shapely.LinearRing(each).is_ccw for each in rings(shapely.Polygon(square, [inside]))]
+        turns = [shapely.LinearRing(each).is_ccw for each in outline_rings(shapely.Polygon(square, [inside]))]
         assert turns == [True, False]
 
 

@@ -39,49 +39,45 @@ def maps(flat: CSpace, turning: CSpace, hall: CSpace) -> dict[str, CSpace]:
     ("flat", {"view": "panels"}, "it must be plane"),
     ("flat", {"view": "rotations"}, "view is 'rotations'"),
     ("flat", {"center": (1, 1, 1), "zoom": 2.0}, "center has shape (3,); it must be (2,)"),
-    ("flat", {"center": (1, 1)}, "center is given without zoom; all of the map is drawn; add e.g. zoom=8"),
-    ("flat", {"zoom": 0.5}, "zoom is 0.5; it must be at least 1, all of the map"),
+    ("flat", {"center": (1, 1)}, "center is given without zoom; the whole map is drawn; add e.g. zoom=8"),
+    ("flat", {"zoom": 0.5}, "zoom is 0.5; it must be at least 1 (the whole map)"),
     ("flat", {"zoom": math.nan}, "zoom is nan"),
-    ("flat", {"zoom": 2.0, "center": (9.0, 1.0)}, "center is (9, 1); it must lie in the grid"),
-    ("flat", {"cut": 1.0}, "cut is given; it goes with the view 3d"),
+    ("flat", {"zoom": 2.0, "center": (9.0, 1.0)}, "center is (9, 1); the grid is from (0, 0)"),
+    ("flat", {"cut": 1.0}, "cut is given with view plane; it needs view 3d"),
     (
         "flat",
         {"file": "map.xyz"},
         "ends in '.xyz'; the suffix says what to write; use one of .png, .pdf, .svg, .jpg",
     ),
     ("turning", {"path": [(1.0, 2.0)]}, "path has shape (1, 2); it must be (n, 3)"),
-    ("turning", {"start": (1.0, 2.0)}, "start has shape (2,); it must be (3,); pass one configuration (x, y, yaw)"),
+    ("turning", {"start": (1.0, 2.0)}, "start has shape (2,); it must be (3,); pass (x, y, yaw)"),
     ("turning", {"goal": (1.0, 2.0, float("inf"))}, "goal[2] is inf"),
     ("turning", {"rotation": float("nan")}, "rotation is nan"),
     ("turning", {"rotation": [0.0, 1.0], "view": "plane"}, "rotation has shape (2,); a rotation is given by yaw"),
     ("turning", {"rotation": 1e9}, "rotation has a yaw of 1e+09 rad"),
     ("turning", {"rotation": "north"}, "rotation is 'north'"),
-    ("turning", {"rotation": []}, "rotation gives 0 rotations; from 1 to 64 panels can be shown"),
-    ("turning", {"rotation": np.zeros(65)}, "rotation gives 65 rotations"),
+    ("turning", {"rotation": []}, "rotation has 0 rotations; it must have from 1 to 64"),
+    ("turning", {"rotation": np.zeros(65)}, "rotation has 65 rotations"),
     ("turning", {"rotation": [0.0, float("nan")]}, "rotation[1] is nan"),
     ("turning", {"view": "rotations", "rotation": 0.0}, "rotation"),
-    ("turning", {"view": "rotations", "center": (9.0, 0.0)}, "must lie in the grid"),
+    ("turning", {"view": "rotations", "center": (9.0, 0.0)}, "the grid is from"),
     ("tumbling", {"rotation": (0.0, 0.0, 1.0)}, "given by qx, qy, qz, qw"),
     ("hall", {"path": [(1.0, 2.0)]}, "path has shape (1, 2); it must be (n, 3)"),
-    ("hall", {"start": (1.0, 2.0)}, "pass one configuration (x, y, z)"),
+    ("hall", {"start": (1.0, 2.0)}, "pass (x, y, z)"),
     ("hall", {"center": (1.0, 2.0)}, "center has shape (2,)"),
-    (
-        "hall",
-        {"center": (1.0, 2.0, 9.0)},
-        "center is (1, 2, 9); it must lie in the grid, from (0, 0, 0) to (6, 4, 2.4)",
-    ),
+    ("hall", {"center": (1.0, 2.0, 9.0)}, "center is (1, 2, 9); the grid is from (0, 0, 0) to (6, 4, 2.4)"),
     ("hall", {"center": (1.0, float("nan"), 0.0)}, "center[1] is nan"),
-    ("hall", {"view": "plane"}, "so it must be sections or 3d"),
+    ("hall", {"view": "plane"}, "it must be sections or 3d"),
     ("hall", {"rotation": 0.0}, "the map has no rotations"),
-    ("hall", {"camera": (1, 2)}, "it goes with the view 3d"),
+    ("hall", {"camera": (1, 2)}, "it needs view 3d"),
     ("hall", {**SOLID, "surface": "walls"}, "surface is 'walls'; it must be 'obstacles' or 'free'"),
     ("hall", {**SOLID, "camera": (91.0, 0.0)}, "camera is (91.0, 0.0)"),
-    ("hall", {**SOLID, "camera": 30.0}, "the elevation from -90 to 90"),
-    ("hall", {**SOLID, "cut": 0.0}, "cut is 0.0; it must be one height in the grid, above 0 and up to 2.4"),
+    ("hall", {**SOLID, "camera": 30.0}, "an elevation from -90 to 90"),
+    ("hall", {**SOLID, "cut": 0.0}, "cut is 0.0; it must be one height above 0 and up to 2.4"),
     ("hall", {**SOLID, "cut": 9.0}, "cut is 9.0"),
     ("hall", {**SOLID, "center": (1, 1, 1)}, "center is given without zoom"),
 )
-def test_save_plot_refuses(
+def test_save_plot_refuses_invalid_options(
     maps: dict[str, CSpace], tmp_path: Path, name: str, options: dict[str, Any], message: str
 ) -> None:
     rest = {key: value for key, value in options.items() if key != "file"}
@@ -93,7 +89,7 @@ def test_save_plot_refuses(
 
 @refusals(
     "name, options, message",
-    *[("flat", {"ax": wrong}, r"ax is a .*axes of matplotlib") for wrong in (3, "x", [1, 2])],
+    *[("flat", {"ax": wrong}, r"ax is a .*matplotlib axes") for wrong in (3, "x", [1, 2])],
     ("hall", {**SOLID, "ax": Figure().add_subplot()}, "ax has two dimensions"),
 )
 def test_plot_refuses_axes(maps: dict[str, CSpace], name: str, options: dict[str, Any], message: str) -> None:
@@ -115,7 +111,7 @@ def test_plot_refuses_axes(maps: dict[str, CSpace], name: str, options: dict[str
     ("turning", PATH, {"seconds": 1e4}, "center most 1000"),
     ("turning", PATH, {"file": "drive.mp4"}, ".gif"),
     ("turning", PATH, {"file": "drive"}, ".gif"),
-    ("turning", PATH, {"camera": (30, 30)}, "camera is given for a map of the plane"),
+    ("turning", PATH, {"camera": (30, 30)}, "camera is given for a plane map"),
     ("hall", [(1, 1, 1)], {"camera": (120, 0)}, "camera is"),
 )
 def test_animate_refuses(

@@ -21,7 +21,7 @@ number = st.floats(-5, 5)
 )
 @given(data=st.data())
 def test_along_is_on_the_path(dim: int, rotations: Rotations, data: st.DataObject) -> None:
-    figurine = RobotGlyph(ROBOTS[dim], rotations)
+    glyph = RobotGlyph(ROBOTS[dim], rotations)
     turn = (
         st.tuples(*[number] * 3, st.floats(1, 5))
         if rotations is QUATERNION
@@ -31,17 +31,17 @@ def test_along_is_on_the_path(dim: int, rotations: Rotations, data: st.DataObjec
     path = np.array(
         [(*place, *np.divide(rest, np.linalg.norm(rest) if len(rest) > 1 else 1.0)) for place, rest in drawn]
     )
-    way = figurine.travelled(path)
+    way = glyph.path_lengths(path)
     assert (np.diff(way) >= 0).all()
-    stations = figurine.along(path, np.linspace(0.0, 1.0, 7))
+    stations = glyph.interpolate(path, np.linspace(0.0, 1.0, 7))
     np.testing.assert_allclose(rotations.steps(stations[[0, -1]], path[[0, -1]]), 0.0, atol=1e-7)
     # An even speed: as much way lies between any two.
-    assert (np.diff(figurine.travelled(stations)) <= way[-1] / 6 + 1e-7).all()
+    assert (np.diff(glyph.path_lengths(stations)) <= way[-1] / 6 + 1e-7).all()
 
 
 def test_yaw_runs_the_shorter_way() -> None:
     path = np.array([(0.0, 0.0, 3.0), (0.0, 0.0, -3.0), (0.0, 0.0, 3.0)])
-    way = RobotGlyph(ROBOTS[2], YAW).along(path, np.linspace(0, 1, 9))
+    way = RobotGlyph(ROBOTS[2], YAW).interpolate(path, np.linspace(0, 1, 9))
     assert (np.cos(way[:, 2]) <= np.cos(3.0) + 1e-12).all()
     np.testing.assert_allclose(np.exp(1j * way[[0, 4, 8], 2]), np.exp([3j, -3j, 3j]))
 
@@ -49,11 +49,13 @@ def test_yaw_runs_the_shorter_way() -> None:
 def test_robots_are_placed_and_turned() -> None:
     points, half = np.array([(1.0, 0.0, 0.5)]), math.sqrt(0.5)
     box, turning, free = (RobotGlyph(ROBOTS[3], kind) for kind in (NONE, YAW, QUATERNION))
-    np.testing.assert_allclose(box.placed(points, np.array([2.0, 3.0, 4.0])), [(3.0, 3.0, 4.5)])
-    np.testing.assert_allclose(turning.placed(points, np.array([2.0, 3.0, 4.0, math.pi / 2])), [(2.0, 4.0, 4.5)])
-    np.testing.assert_allclose(free.placed(points, np.array([2.0, 3.0, 4.0, 0.0, half, 0.0, half])), [(2.5, 3.0, 3.0)])
+    np.testing.assert_allclose(box.transform(points, np.array([2.0, 3.0, 4.0])), [(3.0, 3.0, 4.5)])
+    np.testing.assert_allclose(turning.transform(points, np.array([2.0, 3.0, 4.0, math.pi / 2])), [(2.0, 4.0, 4.5)])
+    np.testing.assert_allclose(
+        free.transform(points, np.array([2.0, 3.0, 4.0, 0.0, half, 0.0, half])), [(2.5, 3.0, 3.0)]
+    )
     flat = RobotGlyph(ROBOTS[2], YAW)
-    np.testing.assert_allclose(flat.placed(points[:, :2], np.array([2.0, 3.0, math.pi])), [(1.0, 3.0)])
+    np.testing.assert_allclose(flat.transform(points[:, :2], np.array([2.0, 3.0, math.pi])), [(1.0, 3.0)])
     np.testing.assert_allclose(
         turning.extent(np.array([1.0, 1.0, 1.0, math.pi / 2])), [(0.9, 0.8, 0.7), (1.1, 1.2, 1.3)]
     )
@@ -67,9 +69,9 @@ def test_large_meshes_are_drawn_with_few_triangles() -> None:
     import trimesh
 
     ball = trimesh.creation.icosphere(subdivisions=5, radius=0.5)
-    figurine = RobotGlyph(Robot.from_mesh(ball), NONE)
-    assert 200 < len(figurine.triangles) <= 2000
-    np.testing.assert_allclose(figurine.extent(np.zeros(3)), ball.bounds, atol=0.02)
+    glyph = RobotGlyph(Robot.from_mesh(ball), NONE)
+    assert 200 < len(glyph.triangles) <= 2000
+    np.testing.assert_allclose(glyph.extent(np.zeros(3)), ball.bounds, atol=0.02)
 
 
 @pytest.mark.parametrize("pair", [(0, 1), (0, 2), (1, 2)])

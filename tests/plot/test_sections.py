@@ -14,7 +14,7 @@ import handmade
 from cspace import CSpace, Robot, Workspace, build
 from cspace.errors import InputError
 from cspace.plot import plot
-from cspace.plot.sections import within
+from cspace.plot.route import clip_path
 from pictures import COLORS, class_of, heading, labels, rendered
 
 PATH = [(0.6, 3.2, 1.8), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
@@ -105,7 +105,7 @@ def test_parts_of_a_path_lie_between_two_planes(data: st.DataObject) -> None:
     points = data.draw(arrays(np.float64, st.tuples(st.integers(2, 6), st.just(3)), elements=st.integers(-4, 4)))
     axis = data.draw(st.integers(0, 2))
     low, high = sorted(data.draw(st.tuples(st.integers(-5, 5), st.integers(-5, 5))))
-    parts = within(points, axis, low, high).reshape(-1, 3, 3)
+    parts = clip_path(points, axis, low, high).reshape(-1, 3, 3)
     assert np.isnan(parts[:, 2]).all()
     assert not np.isnan(parts[:, :2]).any()
     assert (parts[:, :2, axis] >= low - 1e-9).all()
@@ -128,7 +128,7 @@ def test_path_and_robots_are_drawn_where_they_meet_sections(hall: CSpace) -> Non
         np.testing.assert_array_equal(drawn["goal"], [np.array(PATH[-1])[list(pair)]])
         half = np.array([0.25, 0.2, 0.15])
         at = np.array([3.0, 1.2, 1.0])
-        expected = within(np.array(PATH), across, at[across] - half[across], at[across] + half[across])
+        expected = clip_path(np.array(PATH), across, at[across] - half[across], at[across] + half[across])
         np.testing.assert_allclose(drawn["path"], expected[:, pair])
         boxes = [outline.get_extents() for outline in panel.collections[0].get_paths()]
         np.testing.assert_allclose([(box.width, box.height) for box in boxes], [2 * half[list(pair)]] * len(boxes))

@@ -67,7 +67,7 @@ def test_faces_are_those_that_look_at_the_camera(solid: NDArray[np.bool_], towar
 @pytest.mark.parametrize("most", [20, 60, 200])
 def test_blocks_lose_nothing(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
     """Few enough faces, and over every solid cell there is one."""
-    monkeypatch.setattr(surface, "MOST", most)
+    monkeypatch.setattr(surface, "MAX_FACES", most)
     solid = np.zeros((23, 17, 11), bool)
     solid[tuple(np.random.default_rng(most).integers(0, solid.shape, (250, 3)).T)] = True
     grid = Grid(GRID.lower, 0.5, solid.shape)
@@ -103,7 +103,7 @@ def test_faces_border_what_is_shown(hall: CSpace, shown: str) -> None:
     assert len(corners) > 500
     solid = hall.workspace.outer if shown == "obstacles" else hall.cell_states != FREE
     normal = np.argmin(np.ptp(corners, axis=1), axis=1)
-    towards = surface.direction_of(np.array(surface.CAMERA))
+    towards = surface.camera_direction(np.array(surface.DEFAULT_CAMERA))
     step = 0.05 * np.sign(towards[normal])[:, np.newaxis] * (np.arange(3) == normal[:, np.newaxis])
     middles = corners.mean(axis=1)
     assert solid[tuple(hall.grid.cell_of(middles - step).T)].all()
@@ -119,7 +119,7 @@ def test_faces_border_what_is_shown(hall: CSpace, shown: str) -> None:
 def test_path_and_robots_are_sorted_with_the_faces(hall: CSpace) -> None:
     ax = plot(hall, view="3d", path=PATH, robot_every=1.0)
     corners, colors = polygons(ax)
-    blue = np.abs(colors - to_rgb(artists.PATH)).max(axis=1) < 1e-6
+    blue = np.abs(colors - to_rgb(artists.PATH_COLOR)).max(axis=1) < 1e-6
     ribbon = corners[blue].mean(axis=1)
     assert len(ribbon) > 100
     # Each piece lies on the path, and each waypoint has one near.

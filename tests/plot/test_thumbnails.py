@@ -66,7 +66,7 @@ def near(pixels: Any, color: str) -> Any:
 def test_plans_show_their_path() -> None:
     space = space_of("plane")
     plan = planners.plan(space, (0.5, 0.5), (3.5, 0.5), seed=1)
-    assert near(picture(plan), artists.PATH).sum() > 100
+    assert near(picture(plan), artists.PATH_COLOR).sum() > 100
 
 
 def test_plans_that_failed_show_start_and_goal_alone() -> None:
@@ -75,8 +75,8 @@ def test_plans_that_failed_show_start_and_goal_alone() -> None:
     assert not none.solved
     pixels = picture(none)
     width = pixels.shape[1]
-    assert not near(pixels, artists.PATH).any()
-    columns = np.nonzero(near(pixels, artists.GOAL).any(axis=0))[0]
+    assert not near(pixels, artists.PATH_COLOR).any()
+    columns = np.nonzero(near(pixels, artists.GOAL_COLOR).any(axis=0))[0]
     assert len(columns)
     assert columns.min() > 0.8 * width
     assert near(pixels, "black")[:, : width // 5].any()

@@ -12,9 +12,9 @@ import pytest
 
 import cspace
 from cspace.errors import ConfigurationError, InputError
-from cspace.plot.artists import CLASSES, COLLIDES
+from cspace.plot.artists import CLASSES, COLLIDES, ROBOT_FILL_COLOR
 from cspace.view import Viewer
-from cspace.view.scene import ROBOT, rgb
+from cspace.view.scene import rgb
 from pages import node
 from urdfs import joint, link, planar, written
 
@@ -60,7 +60,8 @@ def test_links_stand_where_the_joints_take_them(shown: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("q", "text", "color"), [((0.3, 0.7), "**FREE**", ROBOT), ((0.8, 0.0), "**BLOCKED**", CLASSES[COLLIDES][1])]
+    ("q", "text", "color"),
+    [((0.3, 0.7), "**FREE**", ROBOT_FILL_COLOR), ((0.8, 0.0), "**BLOCKED**", CLASSES[COLLIDES][1])],
 )
 def test_the_state_is_said_and_seen(shown: Any, q: tuple[float, float], text: str, color: str) -> None:
     space, viewer = shown
@@ -87,8 +88,8 @@ def test_a_page_shows_plans_and_what_is_proven(shown: Any) -> None:
     first, last = viewer.plan.path[[0, -1]]
     ahead = viewer.canvas.robot
     assert min(np.linalg.norm(ahead - first), np.linalg.norm(ahead - last)) > 0.3  # and the middle of the way
-    tips = np.asarray(node(viewer, "/path").points)
-    for place, q in ((tips[0, 0], START), (tips[-1, 1], GOAL)):
+    tip_positions = np.asarray(node(viewer, "/path").points)
+    for place, q in ((tip_positions[0, 0], START), (tip_positions[-1, 1], GOAL)):
         viewer.page.move(np.array(q))
         np.testing.assert_allclose(corners(node(viewer, "/robot/fore")).mean(axis=0), place, atol=1e-6)
     page.mark("goal", np.array([-0.3, 0.4]))
@@ -116,8 +117,8 @@ def test_sliders_stay_within_the_limits(tmp_path: Any) -> None:
             ("up (m)", -0.25, 0.4, 0.001),
             ("round (°)", -180.0, 180.0, 0.1),
         ]
-        np.testing.assert_allclose(viewer.canvas.of((0.4, 90.0)), (0.4, math.pi / 2))
-        assert (viewer.canvas.of((0.4000001, 0.0)) <= arm.upper).all()
+        np.testing.assert_allclose(viewer.canvas.configuration_of((0.4, 90.0)), (0.4, math.pi / 2))
+        assert (viewer.canvas.configuration_of((0.4000001, 0.0)) <= arm.upper).all()
 
 
 def test_view_of_an_arm_refuses(shown: Any) -> None:

@@ -90,7 +90,7 @@ def press(browser: Any, label: str) -> None:
     browser.find_element("xpath", f"//button[.//text()='{label}']").click()
 
 
-def slide(browser: Any, label: str, *keys: str) -> None:
+def show_robot(browser: Any, label: str, *keys: str) -> None:
     """Move the slider with a label, by keys."""
     thumb = browser.find_element("xpath", f"(//*[text()='{label}']/following::*[@role='slider'])[1]")
     thumb.send_keys(*keys)
@@ -115,12 +115,12 @@ def test_a_page_in_the_plane_is_drawn_moved_and_planned_on(browser: Any, flat: t
     drawn = until(lambda: (seen := shares(browser))[COLLIDES] > 0.01 and seen)
     assert drawn[UNDECIDED] > 0.005
 
-    slide(browser, "yaw (°)", Keys.END, Keys.ARROW_LEFT, Keys.ARROW_LEFT)
+    show_robot(browser, "yaw (°)", Keys.END, Keys.ARROW_LEFT, Keys.ARROW_LEFT)
     until(lambda: viewer.page.panel.sliders[2].value == 178.0)
     until(lambda: "yaw 178°, in a rotation cell of 15°" in text(browser))  # as the panel says
     np.testing.assert_allclose(viewer.canvas.robot, [1.0, 1.0, np.radians(178.0)], atol=1e-6)
     assert viewer.page.wait(20.0)
-    there = viewer.canvas.stage.section(viewer.canvas.cells.whole(np.array([np.pi])), viewer.canvas.cut)  # type: ignore[attr-defined]
+    there = viewer.canvas.stage.section(viewer.canvas.cells.map_blocks(np.array([np.pi])), viewer.canvas.cut)  # type: ignore[attr-defined]
     np.testing.assert_array_equal(node(viewer, "/section/whole").image, there.image)
 
     press(browser, "Plan")
@@ -141,7 +141,7 @@ def test_a_page_in_the_plane_is_drawn_moved_and_planned_on(browser: Any, flat: t
 def test_who_comes_close_sees_small_cells(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -> None:
     _, viewer = flat
     viewer.canvas.cells.side = 4
-    viewer.canvas.forget()
+    viewer.canvas.invalidate()
     (client,) = viewer.server.get_clients().values()
     client.camera.position = (4.0, 1.0, 2.5)
     client.camera.look_at = (4.0, 1.2, 0.0)
@@ -170,7 +170,7 @@ def test_a_page_of_an_arm_is_moved_and_planned_on(browser: Any, tmp_path: Path) 
         browser.get(viewer.url)
         until(lambda: "The straight motion is not proven free." in text(browser))
         before = until(lambda: (seen := green(browser)) > 0.003 and seen)
-        slide(browser, "shoulder (°)", Keys.HOME, Keys.ARROW_RIGHT)
+        show_robot(browser, "shoulder (°)", Keys.HOME, Keys.ARROW_RIGHT)
         until(lambda: viewer.page.panel.sliders[0].value == -171.7)
         until(lambda: np.allclose(viewer.canvas.robot, [np.radians(-171.7), 0.3], atol=1e-4))
         viewer.page.move(np.array([np.pi / 4, 0.0]))

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import cspace
-from cspace.plot.artists import OPEN, classes_of
+from cspace.plot.artists import OPEN, classify_cells
 from cspace.view import level_of_detail
-from cspace.view.level_of_detail import Blocks, CellsInMemory, CellsInStore, Part, part_around
+from cspace.view.level_of_detail import Blocks, CellsInMemory, CellsInStore, Part, choose_part
 
 WHOLE = {2: (23, 17), 3: (11, 9, 7)}
 
@@ -41,27 +41,27 @@ def brute(classes: Any, part: Part) -> Any:
 def test_blocks_show_the_largest_class(parts: Any, side: int, monkeypatch: pytest.MonkeyPatch) -> None:
     workspace, robot, rotations = parts
     space = cspace.build(workspace, robot, rotations=rotations)
-    monkeypatch.setattr(level_of_detail, "MOST", space.grid.size // (side**space.grid.dim) + 1)
-    monkeypatch.setattr(level_of_detail, "SLAB", 40)
+    monkeypatch.setattr(level_of_detail, "MAX_BLOCKS", space.grid.size // (side**space.grid.dim) + 1)
+    monkeypatch.setattr(level_of_detail, "MAX_CELLS_PER_SLAB", 40)
     held = CellsInMemory(space)
     assert held.side == side
     rotation = space.rotations.centers[-1]
     everything = Part((0,) * space.grid.dim, space.grid.shape, side)
     part = Part((2,) * space.grid.dim, tuple(n - 1 for n in space.grid.shape), 2)
-    for seen, classes in ((rotation, classes_of(space, rotation)), (None, 7 * workspace.outer)):
-        np.testing.assert_array_equal(held.whole(seen).classes, brute(classes, everything))
-        np.testing.assert_array_equal(held.part(seen, part).classes, brute(classes, part))
+    for seen, classes in ((rotation, classify_cells(space, rotation)), (None, 7 * workspace.outer)):
+        np.testing.assert_array_equal(held.map_blocks(seen).classes, brute(classes, everything))
+        np.testing.assert_array_equal(held.part_blocks(seen, part).classes, brute(classes, part))
 
 
 def test_a_map_that_changed_is_looked_at_anew(parts: Any) -> None:
     workspace, robot, rotations = parts
     space = cspace.build(workspace, robot, rotations=rotations)
     held, rotation = CellsInMemory(space), space.rotations.centers[0]
-    before = held.whole(rotation).classes
+    before = held.map_blocks(rotation).classes
     space.update(np.ones((1,) * space.grid.dim, dtype=bool), np.argwhere(before == OPEN)[0].tolist())
-    assert held.whole(rotation).classes is before
-    held.forget()
-    assert (held.whole(rotation).classes != before).any()
+    assert held.map_blocks(rotation).classes is before
+    held.invalidate()
+    assert (held.map_blocks(rotation).classes != before).any()
 
 
 def test_a_store_shows_the_same(parts: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -72,11 +72,11 @@ def test_a_store_shows_the_same(parts: Any, tmp_path: Path, monkeypatch: pytest.
     whole = CellsInStore(stored)
     assert whole.side == 1
     for seen in (rotation, None):
-        np.testing.assert_array_equal(whole.whole(seen).classes, held.whole(seen).classes)
-        np.testing.assert_array_equal(whole.part(seen, part).classes, held.part(seen, part).classes)
-    monkeypatch.setattr(level_of_detail, "MOST", stored.grid.size // 2**stored.grid.dim)
-    far = CellsInStore(stored).whole(rotation)
-    exact = brute(held.whole(rotation).classes, Part((0,) * stored.grid.dim, stored.grid.shape, far.side))
+        np.testing.assert_array_equal(whole.map_blocks(seen).classes, held.map_blocks(seen).classes)
+        np.testing.assert_array_equal(whole.part_blocks(seen, part).classes, held.part_blocks(seen, part).classes)
+    monkeypatch.setattr(level_of_detail, "MAX_BLOCKS", stored.grid.size // 2**stored.grid.dim)
+    far = CellsInStore(stored).map_blocks(rotation)
+    exact = brute(held.map_blocks(rotation).classes, Part((0,) * stored.grid.dim, stored.grid.shape, far.side))
     assert far.side > 1
     assert (far.classes[exact != OPEN] != OPEN).all()  # nothing but what is free looks free
 
@@ -86,26 +86,26 @@ def test_the_part_that_one_looks_at(shape: tuple[int, ...], reach: float, coarse
     grid = cspace.Grid([-1.0] * len(shape), 0.05, shape)
     rng = np.random.default_rng(0)
     for point in rng.uniform(grid.lower, grid.upper, (20, grid.dim)):
-        part = part_around(grid, point, reach, coarsest)
+        part = choose_part(grid, point, reach, coarsest)
         assert part is not None
         first, stop, cell = np.array(part.first), np.array(part.stop), grid.cell_of(point)
         assert part.side < coarsest
         assert not (first % coarsest).any()
         assert not ((stop % coarsest) * (stop != grid.shape)).any()
         assert ((first <= cell) & (cell < stop)).all()
-        assert np.prod(-(-(stop - first) // part.side)) <= 2 * level_of_detail.MOST
+        assert np.prod(-(-(stop - first) // part.side)) <= 2 * level_of_detail.MAX_BLOCKS
         close = (np.maximum(first, 0) == 0) | (cell - first >= 0.5 * reach / grid.spacing)
         assert close.all()
     near = grid.lower + 0.4 * np.subtract(grid.upper, grid.lower)
-    parts = {part_around(grid, near + 0.01 * k, reach * 1.001**k, coarsest) for k in range(8)}
+    parts = {choose_part(grid, near + 0.01 * k, reach * 1.001**k, coarsest) for k in range(8)}
     assert len(parts) <= 2  # who looks around a little sees the same part
-    assert part_around(grid, near, 1e4, coarsest) is None
-    assert part_around(grid, near, reach, 1) is None
-    assert part_around(grid, near + 1e5, reach, coarsest) is None
+    assert choose_part(grid, near, 1e4, coarsest) is None
+    assert choose_part(grid, near, reach, 1) is None
+    assert choose_part(grid, near + 1e5, reach, coarsest) is None
 
 
 def test_blocks_know_their_place() -> None:
     held = CellsInMemory(cspace.build(cspace.Workspace.from_array(np.eye(9, dtype=bool), 0.1), cspace.Robot.disc(0.1)))
-    part = held.part(None, Part((3, 0), (9, 5), 2))
+    part = held.part_blocks(None, Part((3, 0), (9, 5), 2))
     assert isinstance(part, Blocks)
     assert (part.first.tolist(), part.side, part.classes.shape) == ([3, 0], 2, (3, 3))

@@ -22,7 +22,7 @@ def test_poses_become_configurations_again(dim: int, cells: object) -> None:
         assert len(degrees) == len(poses.angles)
         place, wxyz = poses.pose(q)
         assert place.tolist() == [*q[:dim], 0.0][:3]
-        for again in (poses.of(poses.position(q), degrees), poses.of_pose(place, wxyz)):
+        for again in (poses.configuration_of(poses.position(q), degrees), poses.nearest_configuration(place, wxyz)):
             np.testing.assert_allclose(rotations.steps(q, again), 0.0, atol=1e-7)
 
 
@@ -32,12 +32,12 @@ def test_poses_become_configurations_again(dim: int, cells: object) -> None:
 )
 def test_angles_mean_what_they_say(degrees: tuple[float, ...], point: object, turned: object) -> None:
     rotations = Rotations.quaternions(1)
-    q = Poses(3, rotations).of((0.0, 0.0, 0.0), degrees)
+    q = Poses(3, rotations).configuration_of((0.0, 0.0, 0.0), degrees)
     np.testing.assert_allclose(rotations.matrices(q) @ point, turned, atol=1e-12)
 
 
 def test_a_robot_of_yaw_keeps_its_yaw_alone() -> None:
     poses = Poses(3, Rotations.of(8))
-    tilted = Poses(3, Rotations.quaternions(1)).of((1.0, 2.0, 3.0), (20.0, 10.0, 30.0))
+    tilted = Poses(3, Rotations.quaternions(1)).configuration_of((1.0, 2.0, 3.0), (20.0, 10.0, 30.0))
     place, wxyz = Poses(3, Rotations.quaternions(1)).pose(tilted)
-    np.testing.assert_allclose(poses.degrees(poses.of_pose(place, wxyz)), [30.0], atol=1e-6)
+    np.testing.assert_allclose(poses.degrees(poses.nearest_configuration(place, wxyz)), [30.0], atol=1e-6)

@@ -10,7 +10,7 @@ import trimesh
 import cspace
 from cspace.plot.artists import CLASSES, OBSTACLE
 from cspace.view.level_of_detail import CellsInMemory, Part
-from cspace.view.scene import HIGH, KINDS, LOW, Stage, border, path_colors, rgb, robot_surface
+from cspace.view.scene import HIGH_COLOR, KINDS, LOW_COLOR, Stage, extract_border, make_robot_surface, path_colors, rgb
 
 
 def squares(corners: np.ndarray) -> list[tuple[int, ...]]:
@@ -29,7 +29,7 @@ def squares(corners: np.ndarray) -> list[tuple[int, ...]]:
     return unit_squares
 
 
-def brute(solid: np.ndarray, rim: bool, lid: bool) -> list[tuple[int, ...]]:
+def brute(solid: np.ndarray, has_boundary: bool, lid: bool) -> list[tuple[int, ...]]:
     """The same of the border of cells, cell by cell."""
     faces = []
     for cell in np.argwhere(solid):
@@ -38,7 +38,7 @@ def brute(solid: np.ndarray, rim: bool, lid: bool) -> list[tuple[int, ...]]:
                 other = cell.copy()
                 other[axis] += way
                 inside = 0 <= other[axis] < solid.shape[axis]
-                if solid[tuple(other)] if inside else not (rim and (lid or (axis, way) != (2, 1))):
+                if solid[tuple(other)] if inside else not (has_boundary and (lid or (axis, way) != (2, 1))):
                     continue
                 place = cell.copy()
                 place[axis] += way > 0
@@ -46,18 +46,18 @@ def brute(solid: np.ndarray, rim: bool, lid: bool) -> list[tuple[int, ...]]:
     return faces
 
 
-@pytest.mark.parametrize(("rim", "lid"), [(True, True), (True, False), (False, True)])
+@pytest.mark.parametrize(("has_boundary", "lid"), [(True, True), (True, False), (False, True)])
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.8, 1.0])
-def test_rectangles_are_the_border(share: float, rim: bool, lid: bool) -> None:
+def test_rectangles_are_the_border(share: float, has_boundary: bool, lid: bool) -> None:
     solid = np.random.default_rng(0).random((7, 5, 6)) < share
-    rectangles = squares(border(solid, rim, lid))
-    assert sorted(rectangles) == sorted(brute(solid, rim, lid))
+    rectangles = squares(extract_border(solid, has_boundary, lid))
+    assert sorted(rectangles) == sorted(brute(solid, has_boundary, lid))
 
 
 def test_a_box_has_six_rectangles() -> None:
     solid = np.zeros((9, 8, 7), dtype=bool)
     solid[2:6, 1:7, 3:5] = True
-    assert len(border(solid)) == 6
+    assert len(extract_border(solid)) == 6
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,7 @@ def room() -> cspace.CSpace:
 
 
 def test_solids_end_at_the_cut(room: cspace.CSpace) -> None:
-    stage, blocks = Stage(room.grid, 1.0), CellsInMemory(room).whole(None)
+    stage, blocks = Stage(room.grid, 1.0), CellsInMemory(room).map_blocks(None)
     for cut in (0.6, 1.75, 4.5, 9.0):
         mesh = trimesh.Trimesh(*stage.solid(blocks, KINDS["obstacles"], cut))
         assert mesh.bounds[1, 2] == pytest.approx(min(cut, 4.5))
@@ -81,12 +81,12 @@ def test_a_hole_is_left_for_a_part(room: cspace.CSpace) -> None:
     stage, cells, part = Stage(room.grid, 1.0), CellsInMemory(room), Part((2, 2, 0), (6, 8, 8), 1)
     rotation = room.rotations.centers[0]
     for kind in (KINDS["obstacles"], KINDS["mixed"]):
-        whole = trimesh.Trimesh(*stage.solid(cells.whole(rotation), kind, 9.0))
-        around = trimesh.Trimesh(*stage.solid(cells.whole(rotation), kind, 9.0, part))
-        within = trimesh.Trimesh(*stage.solid(cells.part(rotation, part), kind, 9.0))
+        whole = trimesh.Trimesh(*stage.solid(cells.map_blocks(rotation), kind, 9.0))
+        around = trimesh.Trimesh(*stage.solid(cells.map_blocks(rotation), kind, 9.0, part))
+        within = trimesh.Trimesh(*stage.solid(cells.part_blocks(rotation, part), kind, 9.0))
         assert around.volume + within.volume == pytest.approx(whole.volume)
         assert within.bounds[0] == pytest.approx(np.maximum(within.bounds[0], [0.0, 3.0, 0.5]))
-    image = stage.section(cells.whole(rotation), 1.0, part).image
+    image = stage.section(cells.map_blocks(rotation), 1.0, part).image
     assert not image[len(image) // 2, len(image[0]) // 3].any()
 
 
@@ -100,14 +100,14 @@ def test_sections_show_the_cells_where_they_are() -> None:
     occupied = np.zeros((9, 6), dtype=bool)
     occupied[7, 1] = True
     space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.05))
-    section = Stage(space.grid, 0.2).section(CellsInMemory(space).whole(np.empty(0)), 0.2)
+    section = Stage(space.grid, 0.2).section(CellsInMemory(space).map_blocks(np.empty(0)), 0.2)
     assert section.height == 0.0
     assert pixel(section, 0.75, 0.15) == (*rgb(CLASSES[OBSTACLE][1]), 255)
     assert pixel(section, 0.15, 0.45) == (255, 255, 255, 255)
     high = np.zeros((9, 6, 4), dtype=bool)
     high[7, 1, 2] = True
     space = cspace.build(cspace.Workspace.from_array(high, 0.1), cspace.Robot.ball(0.05), outside="free")
-    stage, blocks = Stage(space.grid, 0.2), CellsInMemory(space).whole(np.empty(0))
+    stage, blocks = Stage(space.grid, 0.2), CellsInMemory(space).map_blocks(np.empty(0))
     assert pixel(stage.section(blocks, 0.25), 0.75, 0.15) == (*rgb(CLASSES[OBSTACLE][1]), 255)
     assert pixel(stage.section(blocks, 0.05), 0.75, 0.15)[3] == 0  # what is free lets look down
 
@@ -123,7 +123,7 @@ def test_sections_show_the_cells_where_they_are() -> None:
     ids=["disc", "hole", "notch", "box"],
 )
 def test_robots_have_their_size(robot: cspace.Robot) -> None:
-    mesh = trimesh.Trimesh(*robot_surface(robot, 0.5))
+    mesh = trimesh.Trimesh(*make_robot_surface(robot, 0.5))
     size = 0.06 if robot.dim == 3 else 0.5 * robot.geometry.area
     base = robot.dim == 2  # which has no bottom
     mesh.merge_vertices()
@@ -133,7 +133,7 @@ def test_robots_have_their_size(robot: cspace.Robot) -> None:
 
 def test_the_path_is_coloured_by_its_clearance() -> None:
     colors = path_colors(np.array([0.0, 1.0, 2.0, np.nan, np.inf]))
-    np.testing.assert_array_equal(colors[[0, 3]], [rgb(LOW)] * 2)
-    np.testing.assert_array_equal(colors[[2, 4]], [rgb(HIGH)] * 2)
-    assert (np.abs(colors[1] - (np.array(rgb(LOW)) + rgb(HIGH)) / 2) <= 1).all()
-    np.testing.assert_array_equal(path_colors(np.zeros(2)), [rgb(LOW)] * 2)
+    np.testing.assert_array_equal(colors[[0, 3]], [rgb(LOW_COLOR)] * 2)
+    np.testing.assert_array_equal(colors[[2, 4]], [rgb(HIGH_COLOR)] * 2)
+    assert (np.abs(colors[1] - (np.array(rgb(LOW_COLOR)) + rgb(HIGH_COLOR)) / 2) <= 1).all()
+    np.testing.assert_array_equal(path_colors(np.zeros(2)), [rgb(LOW_COLOR)] * 2)

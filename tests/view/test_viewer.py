@@ -82,12 +82,12 @@ def test_who_looks_closely_sees_small_blocks(viewer: Any, monkeypatch: pytest.Mo
     monkeypatch.setattr(canvas.cells, "side", 4)
     middle = (canvas.stage.lower + canvas.stage.upper) / 2
     near, far = (np.add(middle, (0.0, 0.0, distance)) for distance in (0.6, 1e5))
-    canvas.forget()
-    assert canvas.look(middle, near, 0.7, 1.0)
-    assert not canvas.look(middle, near, 0.7, 1.0)
+    canvas.invalidate()
+    assert canvas.update_view(middle, near, 0.7, 1.0)
+    assert not canvas.update_view(middle, near, 0.7, 1.0)
     canvas.draw()
     assert node(viewer[1], "/section/part")
-    assert canvas.look(middle, far, 0.7, 1.0)
+    assert canvas.update_view(middle, far, 0.7, 1.0)
     canvas.draw()
     assert not node(viewer[1], "/section/part")
 
@@ -175,11 +175,11 @@ def test_view_refuses_a_port_that_is_taken_and_a_path_of_another_map(tmp_path: P
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        with pytest.raises(InputError, match=f"port {port} is taken; .*; choose another"):
+        with pytest.raises(InputError, match=f"port is {port}; other programs use it; pass another"):
             space.view(block=False, port=port)
         printed = run("view", tmp_path / "map.zarr", "--port", port)
         assert (printed.exit_code, printed.stderr.count("\n")) == (2, 1)
-        assert printed.stderr.startswith(f"cspace: --port {port} is taken")
+        assert printed.stderr.startswith(f"cspace: --port is {port}")
     (tmp_path / "path.csv").write_text("x,y,z\n0,0,0\n1,1,1\n")
     printed = run("view", tmp_path / "map.zarr", "--path", tmp_path / "path.csv")
     assert printed.exit_code == 2
@@ -219,7 +219,7 @@ def test_the_command_opens_a_page(
     printed = run("view", tmp_path / "map.zarr", "--path", tmp_path / "path.csv", "--port", 0)
     assert printed.exit_code == 0, printed.stderr
     assert seen[0].url.startswith("http://127.0.0.1:")
-    assert f"{seen[0].url}  Ctrl-C ends it\n" in printed.stdout
+    assert f"{seen[0].url}  Ctrl-C closes it\n" in printed.stdout
     assert "viser" not in printed.stdout + "".join(capfd.readouterr())
     np.testing.assert_allclose(seen[0].page.marks["goal"], free[1])
 
@@ -285,7 +285,7 @@ def test_a_path_is_played_as_quickly_as_browsers_draw(served: Viewer, monkeypatc
     assert served.page.wait(60.0)
     monkeypatch.setattr(served.server, "get_clients", lambda: {0: slow})
     monkeypatch.setattr(served.page, "go", shares.append)
-    monkeypatch.setattr("cspace.view.page.SECONDS", 0.08)
+    monkeypatch.setattr("cspace.view.page.PLAY_SECONDS", 0.08)
     served.page.play()
     until(lambda: shares[-1:] == [1.0])
     assert len(shares) == 2  # in the time of one picture, and twice as long without any, the path was over
