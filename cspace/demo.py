@@ -1,4 +1,4 @@
-"""A small floor plan, drawn here, that shows what a map can prove."""
+"""A small floor plan for demonstrations and tests."""
 
 from __future__ import annotations
 
@@ -12,40 +12,40 @@ if TYPE_CHECKING:
     from cspace.robot import Robot
     from cspace.workspace import Workspace
 
-START: Final = (1.4, 8.6)
-"""In the room at the upper left."""
+START_POSITION: Final = (1.4, 8.6)
+"""A position in the room at the upper left, metres."""
 
-GOAL: Final = (14.6, 1.2)
-"""In the room at the lower right."""
+GOAL_POSITION: Final = (14.6, 1.2)
+"""A position in the room at the lower right, metres."""
 
-STORE: Final = (13.5, 8.4)
-"""In the store room, whose door is narrower than the robot."""
+STORE_POSITION: Final = (13.5, 8.4)
+"""A position in the store room, whose door is narrower than the robot, metres."""
 
-SPACING: Final = 0.02
-"""Side of a cell, in metres."""
+SPACING_METRES: Final = 0.02
+"""Default side of a cell, metres."""
 
 
 def demo_robot() -> Robot:
-    """A cart of 0.7 m by 0.5 m; its reference point is its middle."""
+    """Return a cart of 0.7 m by 0.5 m; its reference point is its center."""
     from cspace.robot import Robot
 
     return Robot.rectangle(0.7, 0.5)
 
 
-def demo_workspace(spacing: float = SPACING) -> Workspace:
-    """The floor plan, 16 m by 10 m, on a grid; InputError if the spacing is not above zero."""
+def demo_workspace(spacing: float = SPACING_METRES) -> Workspace:
+    """Rasterize the floor plan, 16 m by 10 m; raise InputError if the spacing is not above zero."""
     from cspace.workspace import Workspace
 
     return Workspace.from_polygons(floor_plan(), spacing)
 
 
 def floor_plan() -> list[BaseGeometry]:
-    """Walls and furniture of a flat, shapely geometries in metres: straight, slanted and round."""
+    """Return walls and furniture of a flat as shapely geometries, metres."""
     from shapely import LineString, Point, box
 
     outside = box(0.0, 0.0, 16.0, 10.0) - box(0.2, 0.2, 15.8, 9.8)
     walls = [
-        # x, y, width, height; what is left out between two walls is a door
+        # x, y, width, height; a gap between two walls is a door
         (0.2, 5.0, 3.0, 0.15),
         (4.3, 5.0, 0.9, 0.15),
         (5.05, 0.2, 0.15, 1.4),
@@ -68,23 +68,23 @@ def floor_plan() -> list[BaseGeometry]:
 
 
 def write_inputs(folder: Path) -> dict[str, Path]:
-    """Write the floor plan, and a house in space whose two rooms are joined by a window, as files to try things on.
+    """Write the floor plan, and a house in space with two rooms and a window between them.
 
-    The folder must exist; files of these names are replaced. Their paths are ``floor_plan``: GeoJSON, 16 m by 10 m, and
-    ``house``: STL, 6 m by 4 m by 2.5 m.
+    The folder must exist; existing files are replaced. Returns the paths by name: ``floor_plan`` is GeoJSON, 16 m by
+    10 m, and ``house`` is STL, 6 m by 4 m by 2.5 m.
     """
     import shapely
     import trimesh
 
     files = {"floor_plan": folder / "flat.geojson", "house": folder / "house.stl"}
     files["floor_plan"].write_text(shapely.to_geojson(shapely.GeometryCollection(floor_plan())), encoding="utf-8")
-    boxes = [trimesh.creation.box(bounds=corners) for corners in _HOUSE]
+    boxes = [trimesh.creation.box(bounds=corners) for corners in _HOUSE_BOXES]
     trimesh.util.concatenate(boxes).export(files["house"])  # type: ignore[no-untyped-call]
     return files
 
 
-_HOUSE: Final = (
-    ((0.0, 0.0, 0.0), (6.0, 4.0, 0.15)),  # the floor; without a roof, pictures show what is inside
+_HOUSE_BOXES: Final = (
+    ((0.0, 0.0, 0.0), (6.0, 4.0, 0.15)),  # the floor; there is no roof, so that pictures show the inside
     ((0.0, 0.0, 0.15), (0.25, 4.0, 2.5)),
     ((5.75, 0.0, 0.15), (6.0, 4.0, 2.5)),
     ((0.25, 0.0, 0.15), (5.75, 0.25, 2.5)),
@@ -96,4 +96,4 @@ _HOUSE: Final = (
     ((2.85, 2.75, 1.05), (3.15, 3.75, 2.15)),
     ((4.2, 0.25, 0.15), (5.75, 1.15, 0.95)),  # a table
 )
-"""Lower and upper corner of boxes, metres. Walls are thicker than cells of 0.1 m, and so have cells inside."""
+"""Lower and upper corners of boxes, metres. Walls are thicker than cells of 0.1 m, so they have interior cells."""

@@ -1,7 +1,4 @@
-"""The command line.
-
-Nothing heavy is imported before a command runs, so that ``--help`` is instant.
-"""
+"""The command line. Heavy modules are imported only when a command runs, so that ``--help`` is fast."""
 
 from __future__ import annotations
 
@@ -16,31 +13,33 @@ from typer.core import TyperGroup
 from cspace.cli.info import info
 from cspace.cli.maps import export, make, picture, view
 from cspace.cli.planning import demo, plan
-from cspace.cli.report import Options, in_options, options_of, worded
+from cspace.cli.report import Options, format_error, name_options, option_names
 from cspace.errors import AngleWarning, CspaceError
 
-_MISUSE: tuple[Any, ...] = typer.BadParameter.__mro__[1:2]
-"""What typer raises where a command line is not one of its own, under a name that depends on its version."""
+_USAGE_ERRORS: tuple[Any, ...] = typer.BadParameter.__mro__[1:2]
+"""The base class of typer's usage errors; its name depends on the version of typer."""
 
 
 class _Commands(TyperGroup):
-    """The commands, whose errors and warnings are printed in one line each."""
+    """A group of commands that prints each error and warning as one line."""
 
     def invoke(self, ctx: Any) -> Any:
+        """Run a command; on failure, print the error and exit with code 2, or 130 if interrupted."""
+
         def warn(message: Warning | str, *_: Any, **__: Any) -> None:
-            typer.echo(f"cspace: warning: {in_options(' '.join(str(message).split()), self._options(ctx))}", err=True)
+            typer.echo(f"cspace: warning: {name_options(' '.join(str(message).split()), self._options(ctx))}", err=True)
 
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("default", UserWarning)
-                warnings.simplefilter("ignore", AngleWarning)  # options name the unit of such an angle
+                warnings.simplefilter("ignore", AngleWarning)  # options state the unit of an angle
                 warnings.showwarning = warn
                 return super().invoke(ctx)
         except BrokenPipeError:
             raise
         except CspaceError as error:
-            problem = worded(error, self._options(ctx))
-        except _MISUSE as error:  # such as an option without its value
+            problem = format_error(error, self._options(ctx))
+        except _USAGE_ERRORS as error:  # e.g. an option without its value
             command = error.ctx.command_path if error.ctx else "cspace"
             message = " ".join(error.format_message().split()).removesuffix(".").replace("Value error, ", "")
             problem = f"{message}; see {command} --help"
@@ -55,7 +54,7 @@ class _Commands(TyperGroup):
         raise typer.Exit(2)
 
     def _options(self, ctx: Any) -> Options:
-        return options_of(self.commands.get(ctx.invoked_subcommand or ""))
+        return option_names(self.commands.get(ctx.invoked_subcommand or ""))
 
 
 app = typer.Typer(
@@ -101,9 +100,9 @@ for _name, _command in _COMMANDS.items():
 
 
 def main() -> None:
-    """Run the command line and leave with its exit code."""
+    """Run the command line and exit with its code."""
     try:
         app(prog_name="cspace")
     except KeyboardInterrupt:
-        # Before or after a command ran, where the commands' own handler does not reach.
+        # The handler of the commands does not cover the time before and after a command.
         sys.exit(130)

@@ -1,4 +1,4 @@
-"""Files of commands: outputs, checked before any work, paths, saved maps and stores of tiles."""
+"""Files of commands: checks of outputs, path files, saved maps and stores."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 
 def check_outputs(paths: Collection[Path], suffixes: Collection[str], overwrite: bool) -> None:
-    """Check that files, and those that are written beside them, can be written, before work that would be lost.
+    """Check that output files, and images written beside them, can be written.
 
-    Raises InputError if a suffix, in lower case, is none of the ``suffixes``, or two outputs have the same name, and
-    FileError if a folder is missing or may not be written, or if an output exists and may not be replaced.
+    Raises InputError if a suffix, in lower case, is not one of ``suffixes``, or if two outputs are the same file;
+    FileError if a folder is missing or not writable, or if an output exists and ``overwrite`` is not set.
     """
     from cspace.files.access import check_output
 
@@ -33,30 +33,25 @@ def check_outputs(paths: Collection[Path], suffixes: Collection[str], overwrite:
         for target in (path, *image):
             check_output(target, overwrite)
     if len({path.resolve() for path in paths}) < len(paths):
-        raise InputError(
-            ", ".join(map(str, paths)), "name one file twice", "outputs differ", "choose another name", value=paths
-        )
+        names = ", ".join(map(str, paths))
+        raise InputError(names, "name a file twice", "they must differ", "choose another name", value=paths)
 
 
 def check_folder(folder: Path) -> None:
-    """Check that a folder is there or can be made, and can be written.
-
-    Raises FileError if not.
-    """
-    there = folder
-    while not there.exists() and there != there.parent:
-        there = there.parent
-    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
-        problem = f"cannot be written: {there.resolve()} is not a folder that may be written"
-        raise FileError(str(folder), problem, "outputs need one", "choose another")
+    """Check that a folder is writable, or can be created; raise FileError otherwise."""
+    existing = folder
+    while not existing.exists() and existing != existing.parent:
+        existing = existing.parent
+    if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
+        problem = f"cannot be written: {existing.resolve()} is not a writable folder"
+        raise FileError(str(folder), problem, "outputs need a writable folder", "choose another")
 
 
-def axes_of_map(file: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of the numbers of a saved map's configurations, and their units: "m", "rad", or "1".
+def read_axes(file: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the axes of a saved map's configurations and their units: "m", "rad" or "1".
 
-    Read from its metadata alone: a map in space is large, and a wrong option is reported at once.
-
-    Raises FileError if the file is not a map that can be opened.
+    Only the metadata are read, because a map may be large and a wrong option should be reported at once. Raises
+    FileError if the map cannot be opened.
     """
     from cspace.opening import open_map
     from cspace.rotations import Rotations
@@ -65,7 +60,7 @@ def axes_of_map(file: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
     try:
         metadata = read_metadata(file)
         axes, units = metadata["axes"].split(), metadata.get("units", "").split()
-    except Exception:  # Whatever is wrong with the map, opening it raises the better error.
+    except Exception:  # opening the map raises a better error, whatever is wrong
         space = open_map(file)
         return space.axes, space.units
     known = Rotations.all_units()
@@ -73,32 +68,30 @@ def axes_of_map(file: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
-    """The configurations of a path, as ``cspace plan`` writes it, on a map whose configurations are ``axes``.
+    """Read the configurations, metres and radians, of a path written by ``cspace plan``.
 
-    That is a CSV file with one configuration in a row below one row of names, or JSON with the configurations under
-    ``path``; metres, and radians.
-
-    Raises FileError if the file cannot be read or holds no path, or one of other configurations.
+    The file is CSV with a row of names and a row for each configuration, or JSON with the configurations under
+    ``path``. Raises FileError if the file cannot be read, has no path, or has other axes than ``axes``.
     """
-    hint = "let cspace plan write a path on this map"
+    hint = "write a path on this map with cspace plan"
     try:
-        names, rows = _table(file)
+        names, rows = _read_table(file)
         points = [[float(value) for value in row] for row in rows]
         if any(len(point) != len(points[0]) for point in points):
             raise ValueError
     except (ValueError, TypeError, KeyError, csv.Error) as error:
-        rule = f"it is a CSV file with the columns {', '.join(axes)}, or a JSON file with rows of them under path"
-        raise FileError(str(file), "holds no path", rule, hint) from error
+        rule = f"it must be CSV with the columns {', '.join(axes)}, or JSON with such rows under path"
+        raise FileError(str(file), "has no path", rule, hint) from error
     if names != tuple(axes) and (names or (points and len(points[0]) != len(axes))):
-        rule = f"the configurations of the map are {', '.join(axes)}"
-        raise FileError(str(file), f"holds {', '.join(names) or 'others'}", rule, hint)
+        problem = f"has {', '.join(names) or f'{len(points[0])} columns'}"
+        raise FileError(str(file), problem, f"the map's axes are {', '.join(axes)}", hint)
     if not points:
-        raise FileError(str(file), "holds no configuration", "a path has at least one", hint)
+        raise FileError(str(file), "has no configuration", "a path has at least one", hint)
     return points
 
 
-def _table(file: Path) -> tuple[tuple[str, ...], Any]:
-    """Names of a path's columns, where the file has them, and its configurations."""
+def _read_table(file: Path) -> tuple[tuple[str, ...], Any]:
+    """Return the column names of a path, if the file has them, and its rows."""
     from cspace.files.access import read_text
     from cspace.files.plain import read_json
 
@@ -108,29 +101,28 @@ def _table(file: Path) -> tuple[tuple[str, ...], Any]:
             raise ValueError
         return tuple(record.get("axes", ())), record["path"]
     rows = list(csv.reader(read_text(file, "path").splitlines()))
-    # A car's path has a column more: whether it drives ahead or back.
-    columns = [number for number, name in enumerate(rows[0] if rows else ()) if name != "direction"]
-    names = tuple(rows[0][number] for number in columns)
-    return names, [[row[number] for number in columns] if len(row) == len(rows[0]) else row for row in rows[1:]]
+    # The path of a car has an additional column: its direction of driving.
+    columns = [index for index, name in enumerate(rows[0] if rows else ()) if name != "direction"]
+    names = tuple(rows[0][index] for index in columns)
+    return names, [[row[index] for index in columns] if len(row) == len(rows[0]) else row for row in rows[1:]]
 
 
-def make_room(output: Path, overwrite: bool) -> None:
-    """Check that a store can be made at a path, or gone on with; an old one is removed if it may be replaced.
+def prepare_store(output: Path, overwrite: bool) -> None:
+    """Check that a store can be created or resumed at a path; remove an old store if ``overwrite`` is set.
 
-    Raises InputError if the suffix is not that of a store, and FileError if there is something else, or nothing can be
-    written.
+    Raises InputError if the suffix is not .zarr, and FileError if something else exists or the path is not writable.
     """
     from cspace.store import is_store
 
-    there = is_store(output)
-    check_outputs([output], (".zarr",), overwrite=there)
-    if there and overwrite:
+    exists = is_store(output)
+    check_outputs([output], (".zarr",), overwrite=exists)
+    if exists and overwrite:
         shutil.rmtree(output)
 
 
 @contextmanager
-def resumable(output: Path, overwrite: bool) -> Iterator[None]:
-    """Say of an interruption in the block, if a store has been begun, that the same command resumes."""
+def suggest_resuming(output: Path, overwrite: bool) -> Iterator[None]:
+    """Add to an interruption in the block how to resume the build, if a store exists."""
     from cspace.store import is_store
 
     try:
@@ -142,8 +134,8 @@ def resumable(output: Path, overwrite: bool) -> Iterator[None]:
         raise KeyboardInterrupt(f"{command} resumes with {output}") from interrupt
 
 
-def lazily(workspace: Path, options: dict[str, Any]) -> dict[str, Any]:
-    """The option that makes the reader of a workspace leave the cells in their file, if it has it."""
+def lazy_option(workspace: Path, options: dict[str, Any]) -> dict[str, Any]:
+    """Return ``{"lazy": True}`` if the reader of a workspace can leave the cells in their file, or {}."""
     from cspace.workspace import reader_of
 
     try:
@@ -154,10 +146,10 @@ def lazily(workspace: Path, options: dict[str, Any]) -> dict[str, Any]:
 
 
 @contextmanager
-def cluster(address: str | None) -> Iterator[Any]:
-    """The client of a cluster at an address; None without one.
+def connect_cluster(address: str | None) -> Iterator[Any]:
+    """Connect to a dask scheduler; yield its client, or None without an address.
 
-    Raises MissingPackageError if dask is not installed, and InputError if nothing answers there.
+    Raises MissingPackageError if dask is not installed, and InputError if the connection fails.
     """
     if address is None:
         yield None
@@ -167,24 +159,25 @@ def cluster(address: str | None) -> Iterator[Any]:
     try:
         client = optional("distributed", CLUSTER, "distributed").Client(address, timeout=10)
     except (OSError, ValueError, TimeoutError) as error:
-        problem, rule = f"is {address!r}, where nothing answers ({error})", "it must be the address of a dask scheduler"
-        raise InputError("--scheduler", problem, rule, "start one, with dask scheduler", value=address) from error
+        problem = f"is {address!r}, which does not answer ({error})"
+        hint = "start one with: dask scheduler"
+        raise InputError("--scheduler", problem, "it must be a dask scheduler", hint, value=address) from error
     with client:
         yield client
 
 
-def part_of(space: CSpace | TiledCSpace, box: Sequence[float] | None) -> CSpace:
-    """The map itself; of one in tiles, the window in a box.
+def select_window(space: CSpace | TiledCSpace, box: Sequence[float] | None) -> CSpace:
+    """Return a map in memory as it is, or the window of a tiled map in a box, in memory.
 
-    Raises InputError if a map in tiles lacks a box, or another one has it.
+    Raises InputError if the map is tiled and ``box`` is None, or the other way round.
     """
     from cspace.tiles.space import TiledCSpace
 
     if isinstance(space, TiledCSpace):
         if box is None:
-            rule = "what is written is made in memory"
-            raise InputError("MAP", "is in tiles", rule, "add --window, a box in metres, for a part of it")
+            hint = "select a part with --window"
+            raise InputError("MAP", "is a tiled map", "export needs it in memory", hint)
         return space.window(box[: len(box) // 2], box[len(box) // 2 :])
     if box is not None:
-        raise InputError("--window", "is given", "it is for maps in tiles", "leave it out", value=box)
+        raise InputError("--window", "is given", "it is for tiled maps", "omit it", value=box)
     return space

@@ -1,4 +1,4 @@
-"""info: what a saved map, a workspace or a robot holds, and what a map would need, before any work."""
+"""info: describe a saved map, workspace, robot or arm, and estimate the memory of a map before it is built."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from cspace.cli.options import (
     TurningCells,
     UnknownCells,
     check_dimensions,
-    given,
+    drop_none,
     open_robot,
+    parse_rotation_cells,
     read_arm,
     read_robot,
     refuse_options,
-    rotation_cells,
     workspace_options,
 )
-from cspace.cli.report import ByName, Options, options_of, show, with_unit, worded
+from cspace.cli.report import ByName, Options, format_error, option_names, show, with_unit
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -43,19 +43,19 @@ if TYPE_CHECKING:
     from cspace.rotations import Rotations
     from cspace.shapes.mesh import Solid
 
-Kind = Literal["map", "workspace", "robot", "arm"]
-"""What a file holds."""
+FileKind = Literal["map", "workspace", "robot", "arm"]
+"""Kind of object in a file."""
 
-_KINDS: Final = {"map": "a saved map", "workspace": "a workspace", "robot": "a robot", "arm": "an arm"}
-"""Each kind with its article."""
+_KIND_NAMES: Final = {"map": "a saved map", "workspace": "a workspace", "robot": "a robot", "arm": "an arm"}
+"""Text for each kind."""
 
-_TAKEN: Final[dict[Kind, tuple[str, ...]]] = {
+_OPTIONS_BY_KIND: Final[dict[FileKind, tuple[str, ...]]] = {
     "map": (),
     "workspace": ("spacing", "unknown", "bounds", "solid", "radius", "robot", "rotations"),
     "robot": ("spacing", "solid", "package_dirs"),
     "arm": ("solid", "srdf", "package_dirs"),
 }
-"""Options that each kind takes; a workspace with a robot also takes the robot's."""
+"""Options of each kind; a workspace with a robot also takes the robot's options."""
 
 
 def info(
@@ -64,7 +64,8 @@ def info(
         str, typer.Argument(metavar="FILE", help="A saved map, a workspace, a robot (file or spec), or an arm.")
     ],
     kind: Annotated[
-        Kind | None, typer.Option("--as", help="What FILE holds, where its name does not tell  [default: by its name].")
+        FileKind | None,
+        typer.Option("--as", help="What FILE holds, where its name does not tell  [default: by its name]."),
     ] = None,
     spacing: Spacing = None,
     robot: Annotated[
@@ -87,13 +88,13 @@ def info(
     """
     from cspace.opening import open_map
 
-    kind = kind or _kind(file)
+    kind = kind or _guess_kind(file)
     options = workspace_options(spacing, unknown, bounds, solid, radius)
-    others = given(
+    others = drop_none(
         robot=robot, rotations=rotations, robot_solid=robot_solid, srdf=srdf, package_dirs=package_dirs or None
     )
-    taken = _TAKEN[kind] if robot is None else (*_TAKEN[kind], "robot_solid", "package_dirs")
-    refuse_options({**options, **others}, taken, f"{file} is {_KINDS[kind]}")
+    taken = _OPTIONS_BY_KIND[kind] if robot is None else (*_OPTIONS_BY_KIND[kind], "robot_solid", "package_dirs")
+    refuse_options({**options, **others}, taken, f"{file} is {_KIND_NAMES[kind]}")
     if kind == "map":
         document = describe_map(open_map(file))
     elif kind == "arm":
@@ -101,13 +102,13 @@ def info(
     elif kind == "robot":
         document = describe_robot(open_robot(file, solid, package_dirs), spacing)
     else:
-        beside = None if robot is None else read_robot(robot, robot_solid, package_dirs)
-        document = survey(Path(file), options, options_of(context.command), beside, rotations)
+        other = None if robot is None else read_robot(robot, robot_solid, package_dirs)
+        document = describe_workspace(Path(file), options, option_names(context.command), other, rotations)
     show({"kind": kind, **document}, as_json)
 
 
-def _kind(file: str) -> Kind:
-    """What a file holds, by its name."""
+def _guess_kind(file: str) -> FileKind:
+    """Guess the kind of object in a file, by its name; read a URDF to tell arms from robots."""
     path = Path(file)
     if path.suffix.lower() in (".zarr", ".npz") or path.is_dir():
         return "map"
@@ -125,7 +126,7 @@ def _has_moving_joints(path: Path) -> bool:
 
 
 def describe_arm(arm: Arm) -> dict[str, Any]:
-    """Describe an arm by name: its joints with their limits, its links with their geometry, and pairs of links."""
+    """Describe an arm: joints with limits, links with their triangles, and pairs of links."""
     joints = ByName()
     for joint, unit, low, high in zip(arm.joints, arm.units, arm.lower.tolist(), arm.upper.tolist(), strict=True):
         if math.isinf(high):
@@ -148,11 +149,11 @@ def describe_arm(arm: Arm) -> dict[str, Any]:
 
 
 def describe_map(space: ConfigurationMap) -> dict[str, Any]:
-    """Describe a map by name: its robot, grid and rotations, and what is cheap to count."""
+    """Describe a map: its robot, grid, rotations and cheap counts."""
     grid = space.grid
 
     def corner(name: str, numbers: Sequence[float]) -> dict[str, Any]:
-        """A corner in the unit that its numbers share, or each number by its axis."""
+        """Return a corner as a list if all axes share a unit, or by axis."""
         if len(set(grid.units)) == 1:
             return {with_unit(name, grid.unit): list(numbers)}
         names = [with_unit(axis, unit) for axis, unit in zip(grid.axes, grid.units, strict=True)]
@@ -173,9 +174,9 @@ def describe_map(space: ConfigurationMap) -> dict[str, Any]:
 
 
 def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]:
-    """Describe a robot: facts by name, and the cells that it is across if a spacing (metres) is known.
+    """Describe a robot; with a spacing, metres, also its size in cells.
 
-    A robot that is known by an outer and an inner shape is described by the facts of both.
+    If its outer and inner shapes differ, both are described.
     """
     import numpy as np
 
@@ -192,63 +193,78 @@ def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]
 
 
 def describe_box(corners: Any) -> dict[str, Any]:
-    """A box, by its lower and upper corner, shape (2, d), metres."""
+    """Describe a box given by its lower and upper corner, shape (2, d), metres."""
     lower, upper = corners
     return {"lower_m": lower.tolist(), "upper_m": upper.tolist(), "extents_m": (upper - lower).tolist()}
 
 
-def survey(
+def describe_workspace(
     path: Path, options: dict[str, Any], names: Options, robot: Robot | None = None, rotations: str | None = None
 ) -> dict[str, Any]:
-    """Facts about the file of a workspace, by name; shapes are not turned into cells.
+    """Describe a workspace file and estimate a map of it; shapes are not rasterized.
 
-    ``options`` are what the user gave for its reader (:meth:`cspace.Workspace.open`), and ``names`` what they are
-    called. Without a spacing, nothing is said of the cells of shapes. A robot is described as well, in cells; one that
-    turns, with the ``rotations`` that the map is to have.
+    Without a spacing, the cells of shapes are not described.
 
-    Raises InputError if the suffix is not known, an option does not apply to it, or the robot is of another dimension,
-    and FileError if the file is missing or malformed.
+    Parameters
+    ----------
+    path : Path
+    options : dict
+        Options of its reader, see :meth:`cspace.Workspace.open`.
+    names : mapping of str to str
+        Names of these options on the command line.
+    robot : Robot, optional
+        A robot to describe too.
+    rotations : str, optional
+        Rotation cells of the map, as given to ``--rotations``.
+
+    Raises
+    ------
+    InputError
+        If the suffix is unknown, an option does not apply, or the robot has another dimension.
+    FileError
+        If the file is missing or malformed.
     """
     from cspace.files.formats import read_dimension
     from cspace.workspace import Workspace, reader_of
 
     reader = reader_of(path, options)
-    turning = rotation_cells(rotations)
-    check_dimensions(path, read_dimension(path), robot, turning)
-    cells = _Cells(names, robot, turning)
-    if reader.__name__ in _SHAPES:
-        document = _shapes(cells, path, reader.__name__, **options)
+    rotation_cells = parse_rotation_cells(rotations)
+    check_dimensions(path, read_dimension(path), robot, rotation_cells)
+    estimate = _MapEstimate(names, robot, rotation_cells)
+    if reader.__name__ in _SHAPE_READERS:
+        document = _describe_shapes(estimate, path, reader.__name__, **options)
     else:
-        document = _grid(cells, lambda **more: Workspace.open(path, **{**options, **more}), reader)
+        document = _describe_grid(estimate, lambda **more: Workspace.open(path, **{**options, **more}), reader)
     if robot is not None:
         described = describe_robot(robot, document.get("spacing_m"))
         document["robot"] = {"name": described.pop("robot"), **described}
     return {"workspace": str(path), **document}
 
 
-def _shapes(
-    cells: _Cells, path: Path, kind: str, *, spacing: float | None = None, bounds: Any = None, **options: Any
+def _describe_shapes(
+    estimate: _MapEstimate, path: Path, kind: str, *, spacing: float | None = None, bounds: Any = None, **options: Any
 ) -> dict[str, Any]:
-    """A file of shapes, which are put on a grid: their box, facts about them, and the grid."""
+    """Describe a file of shapes: their box, properties, and the grid of a map."""
     from cspace.check import check_bounds
     from cspace.limits import MESH_BYTES, WORKSPACE_BYTES
 
     if bounds is not None:
         check_bounds(bounds, 2 if kind == "from_polygons" else 3)
-    what, read = _SHAPES[kind]
-    corners, about = read(path, **options)
-    bytes_a_cell = MESH_BYTES if what == "mesh" else WORKSPACE_BYTES
-    return {**describe_box(corners), **about, **cells.on(corners, spacing, bounds, bytes_a_cell, what)}
+    noun, read = _SHAPE_READERS[kind]
+    corners, properties = read(path, **options)
+    bytes_per_cell = MESH_BYTES if noun == "mesh" else WORKSPACE_BYTES
+    grid = estimate.describe_grid(corners, spacing, bounds, bytes_per_cell, noun)
+    return {**describe_box(corners), **properties, **grid}
 
 
-def _mesh(path: Path, solid: Solid = "auto") -> tuple[Any, dict[str, Any]]:
+def _read_mesh(path: Path, solid: Solid = "auto") -> tuple[Any, dict[str, Any]]:
     from cspace.shapes import Mesh
 
     mesh = Mesh.of(path, solid)
     return mesh.bounds, mesh._facts
 
 
-def _points(path: Path, radius: float = 0.0) -> tuple[Any, dict[str, Any]]:
+def _read_points(path: Path, radius: float = 0.0) -> tuple[Any, dict[str, Any]]:
     from cspace.files.points import read_points
     from cspace.shapes import Balls
 
@@ -256,7 +272,7 @@ def _points(path: Path, radius: float = 0.0) -> tuple[Any, dict[str, Any]]:
     return balls.bounds, {"points": len(balls.radii), "radius_m": float(radius)}
 
 
-def _polygons(path: Path) -> tuple[Any, dict[str, Any]]:
+def _read_polygons(path: Path) -> tuple[Any, dict[str, Any]]:
     import shapely
 
     from cspace.files.vector import read_shapes
@@ -266,24 +282,24 @@ def _polygons(path: Path) -> tuple[Any, dict[str, Any]]:
     return shapely.total_bounds(shapes).reshape(2, 2), {"shapes": len(shapes), "points": points}
 
 
-_SHAPES: Final[dict[str, tuple[str, Callable[..., tuple[Any, dict[str, Any]]]]]] = {
-    "from_mesh": ("mesh", _mesh),
-    "from_points": ("cloud", _points),
-    "from_polygons": ("set of polygons", _polygons),
+_SHAPE_READERS: Final[dict[str, tuple[str, Callable[..., tuple[Any, dict[str, Any]]]]]] = {
+    "from_mesh": ("mesh", _read_mesh),
+    "from_points": ("cloud", _read_points),
+    "from_polygons": ("set of polygons", _read_polygons),
 }
-"""What files of shapes hold, by the constructor of a workspace that reads them, and how it is read."""
+"""Noun and reader of files of shapes, by the constructor of a workspace."""
 
 
-def _grid(cells: _Cells, read: Callable[..., Any], reader: Callable[..., Any]) -> dict[str, Any]:
-    """A file that is itself a grid; of a sensor map, unknown cells are counted apart."""
+def _describe_grid(estimate: _MapEstimate, read: Callable[..., Any], reader: Callable[..., Any]) -> dict[str, Any]:
+    """Describe a file of cells; in sensor maps, unknown cells are counted separately."""
     import numpy as np
 
     from cspace.limits import FIXED_CELLS, WORKSPACE_BYTES
 
-    senses = "unknown" in inspect.signature(reader).parameters
-    workspace = read(unknown="free") if senses else read()
+    is_sensor_map = "unknown" in inspect.signature(reader).parameters
+    workspace = read(unknown="free") if is_sensor_map else read()
     occupied, unseen = int(np.count_nonzero(workspace.outer)), workspace.unknown
-    unknown = {"unknown": 0 if unseen is None else int(np.count_nonzero(unseen))} if senses else {}
+    unknown = {"unknown": 0 if unseen is None else int(np.count_nonzero(unseen))} if is_sensor_map else {}
     grid = workspace.grid
     return {
         **describe_box(np.array([grid.lower, grid.upper])),
@@ -295,23 +311,25 @@ def _grid(cells: _Cells, read: Callable[..., Any], reader: Callable[..., Any]) -
             "free": grid.size - occupied - sum(unknown.values()),
             "total": grid.size,
         },
-        **cells.memory(grid, WORKSPACE_BYTES, hint=FIXED_CELLS),
+        **estimate.memory(grid, WORKSPACE_BYTES, hint=FIXED_CELLS),
     }
 
 
-class _Cells:
-    """The cells of a map to be: of its grid, and of its rotations where the robot turns."""
+class _MapEstimate:
+    """Estimate of the cells, memory and build time of a map."""
 
-    def __init__(self, names: Options, robot: Robot | None, cells: Rotations) -> None:
-        self._names, self.slices, self._robot, self._rotations = names, 1, robot, cells
+    def __init__(self, names: Options, robot: Robot | None, rotations: Rotations) -> None:
+        self._names, self.slices, self._robot, self._rotations = names, 1, robot, rotations
         self._facts: dict[str, Any] = {}
-        if cells._facts:
-            # A robot with a symmetry needs fewer slices than there are rotation cells.
-            self.slices = cells.count if robot is None else int(cells.slices_for(robot.shape).max()) + 1
-            self._facts = {"rotations": cells.count, "slices": self.slices}
+        if rotations._facts:
+            # A symmetric robot needs fewer slices than rotation cells.
+            self.slices = rotations.count if robot is None else int(rotations.slices_for(robot.shape).max()) + 1
+            self._facts = {"rotations": rotations.count, "slices": self.slices}
 
-    def on(self, corners: Any, spacing: float | None, bounds: Any, bytes_a_cell: int, what: str) -> dict[str, Any]:
-        """The grid that shapes would be put on, and its memory."""
+    def describe_grid(
+        self, corners: Any, spacing: float | None, bounds: Any, bytes_per_cell: int, what: str
+    ) -> dict[str, Any]:
+        """Describe the grid of shapes and estimate its memory; return {} without a spacing."""
         import numpy as np
 
         from cspace.check import check_bounds
@@ -325,9 +343,9 @@ class _Cells:
             return {}
         warn_of_units(corners, spacing, what, bounds is not None)
         shape = covering_shape(box, spacing)
-        memory = self.memory(Planned(shape, spacing, *box), bytes_a_cell)
+        memory = self.memory(Planned(shape, spacing, *box), bytes_per_cell)
         if memory["memory"]["fits"]:
-            Grid(box[0], spacing, shape)  # raises where the map lies too far from its origin
+            Grid(box[0], spacing, shape)  # raises InputError if the map is too far from the origin
         return {
             **({} if bounds is None else {"map_lower_m": box[0].tolist(), "map_upper_m": box[1].tolist()}),
             "spacing_m": spacing,
@@ -336,8 +354,8 @@ class _Cells:
             **memory,
         }
 
-    def memory(self, grid: Grid | Planned, bytes_a_cell: int, **advice: Any) -> dict[str, Any]:
-        """What a map of so many cells needs at most, and whether it is there; ``advice`` as for ``check_memory``."""
+    def memory(self, grid: Grid | Planned, bytes_per_cell: int, **hints: Any) -> dict[str, Any]:
+        """Estimate the memory and build time of a map; ``hints`` are options of ``check_memory``."""
         from cspace.engines.slices import raster_bytes
         from cspace.limits import (
             TRANSFORM_BYTES,
@@ -352,7 +370,7 @@ class _Cells:
 
         shape = grid.shape
         cells = cells_of(shape)
-        read, workspace, rasters = bytes_a_cell * cells, WORKSPACE_BYTES * cells, 0.0
+        read, workspace, rasters = bytes_per_cell * cells, WORKSPACE_BYTES * cells, 0.0
         if self._robot is not None and not is_packed(shape, self.slices):
             rasters = raster_bytes(self._robot, grid.spacing, 0.0, self._rotations, self.slices)
         states = map_bytes(shape, self.slices) + rasters
@@ -366,14 +384,14 @@ class _Cells:
         seconds = build_seconds(shape, self.slices)
 
         def fewer(share: float) -> str:
-            # Fewer rotations leave the workspace as large as it is.
-            left = share * (needed - TRANSFORM_BYTES) - max(workspace, read - TRANSFORM_BYTES)
-            return self._rotations.fewer(left / (states - TRANSFORM_BYTES)) if left > 0.0 else ""
+            # The workspace needs the same memory with fewer rotations.
+            available = share * (needed - TRANSFORM_BYTES) - max(workspace, read - TRANSFORM_BYTES)
+            return self._rotations.fewer(available / (states - TRANSFORM_BYTES)) if available > 0.0 else ""
 
         try:
             fixed = TRANSFORM_BYTES if needed > read else 0
-            advice |= {"seconds": seconds, "slices": self.slices, "rasters": rasters}
-            check_memory(needed, "the map", grid, fixed=fixed, fewer=fewer, **advice)
+            hints |= {"seconds": seconds, "slices": self.slices, "rasters": rasters}
+            check_memory(needed, "the map", grid, fixed=fixed, fewer=fewer, **hints)
         except InputError as error:
-            memory |= {"fits": False, "problem": worded(error, self._names)}
+            memory |= {"fits": False, "problem": format_error(error, self._names)}
         return {**self._facts, "memory": memory, "build_cpu_s": float(f"{seconds:.1g}")}

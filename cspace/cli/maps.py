@@ -1,4 +1,4 @@
-"""Commands that make, draw, export and show maps."""
+"""Commands that build, draw, export and show maps."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from cspace.cli.files import (
-    axes_of_map,
     check_outputs,
-    cluster,
-    lazily,
-    make_room,
-    part_of,
+    connect_cluster,
+    lazy_option,
+    prepare_store,
+    read_axes,
     read_path,
-    resumable,
+    select_window,
+    suggest_resuming,
 )
 from cspace.cli.info import describe_map
 from cspace.cli.options import (
@@ -33,16 +33,16 @@ from cspace.cli.options import (
     Srdf,
     TurningCells,
     UnknownCells,
-    box,
     check_dimensions,
-    configuration,
-    given,
+    drop_none,
+    parse_box,
+    parse_configuration,
+    parse_rotation,
+    parse_rotation_cells,
     read_arm,
     read_marks,
     read_robot,
     refuse_options,
-    rotation_cells,
-    rotation_of,
     workspace_options,
 )
 from cspace.cli.report import Clock, show
@@ -120,19 +120,19 @@ def make(
     from cspace.store import MAP_SUFFIXES
     from cspace.workspace import Workspace, reader_of
 
-    cells = rotation_cells(rotations)
+    cells = parse_rotation_cells(rotations)
     output = Path(workspace.with_suffix(".zarr").name) if output is None else output
     if tile is None:
         check_outputs([output], MAP_SUFFIXES, overwrite)
     else:
-        make_room(output, overwrite)
+        prepare_store(output, overwrite)
     options = workspace_options(spacing, unknown, bounds, solid, radius)
     clock = Clock()
     with clock.step("read"):
         shape = read_robot(robot, robot_solid, package_dirs)
         reader_of(workspace, options)
         check_dimensions(workspace, read_dimension(workspace), shape, cells)
-        lazy = {} if tile is None else lazily(workspace, options)
+        lazy = {} if tile is None else lazy_option(workspace, options)
         obstacles = Workspace.open(workspace, **options, **lazy)
     settings: BuildOptions = {
         "rotations": cells,
@@ -145,12 +145,17 @@ def make(
     space: CSpace | TiledCSpace
     if tile is not None:
         states = obstacles.grid.size * (int(cells.slices_for(shape.shape).max()) + 1)
-        with resumable(output, overwrite), cluster(scheduler) as client, clock.step("build", states) as progress:
+        with (
+            suggest_resuming(output, overwrite),
+            connect_cluster(scheduler) as client,
+            clock.step("build", states) as progress,
+        ):
             settings["progress"] = progress
             space = build(obstacles, shape, store=output, tile=tile, client=client, **settings)
     else:
         if scheduler is not None:
-            raise InputError("--scheduler", "is given", "it is for tiles", "add e.g. --tile 4096", value=scheduler)
+            hint = "add e.g. --tile 4096"
+            raise InputError("--scheduler", "is given without --tile", "it builds tiles", hint, value=scheduler)
         with clock.step("build") as progress:
             settings["progress"] = progress
             space = made = build(obstacles, shape, **settings)
@@ -206,19 +211,19 @@ def picture(
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
-    """Draw a map, and a path on it, into a picture."""
+    """Draw a picture of a map, and of a path on it."""
     from cspace.opening import open_map
     from cspace.plot import PICTURE_SUFFIXES, save_plot
     from cspace.plot.picture import choose_view
     from cspace.rotations import Rotations
 
     check_outputs([output], PICTURE_SUFFIXES, overwrite)
-    axes, units = axes_of_map(file)
+    axes, units = read_axes(file)
     places = [axis for axis in axes if axis not in Rotations.all_names()]
     marks = read_marks(start, goal, axes, units)
-    options = given(
-        rotation=None if rotation is None else rotation_of(rotation, "--rotation", axes),
-        center=None if center is None else configuration(center, "--center", places, units[: len(places)]),
+    options = drop_none(
+        rotation=None if rotation is None else parse_rotation(rotation, "--rotation", axes),
+        center=None if center is None else parse_configuration(center, "--center", places, units[: len(places)]),
         zoom=zoom,
         surface=surface,
         cut=cut,
@@ -229,7 +234,7 @@ def picture(
         points = None if path is None else read_path(path, axes)
         space = open_map(file)
     with clock.step("draw"):
-        options |= given(view=view, path=points, **marks)
+        options |= drop_none(view=view, path=points, **marks)
         save_plot(space, output, overwrite, dpi=dpi, robot_every=robot_every, **options)
     show({"picture": str(output), "seconds": clock.seconds}, as_json)
 
@@ -266,12 +271,12 @@ def export(
     from cspace.rotations import Rotations
 
     check_outputs([output], EXPORTS, overwrite)
-    axes, _ = axes_of_map(file)
+    axes, _ = read_axes(file)
     check_export(output, len([axis for axis in axes if axis not in Rotations.all_names()]))
-    options = given(rotation=None if rotation is None else rotation_of(rotation, "--rotation", axes))
+    options = drop_none(rotation=None if rotation is None else parse_rotation(rotation, "--rotation", axes))
     clock = Clock()
     with clock.step("read"):
-        space = part_of(open_map(file), None if window is None else box(window, "--window"))
+        space = select_window(open_map(file), None if window is None else parse_box(window, "--window"))
     with clock.step("write"):
         space.export(output, overwrite=overwrite, **options)
     show({"output": str(output), **describe_map(space), "seconds": clock.seconds}, as_json)
@@ -294,7 +299,7 @@ def view(
 ) -> None:
     """Show a map or an arm on a page in the browser, and plan there.
 
-    Ctrl-C ends it.
+    Ctrl-C closes it.
     """
     from cspace.arms import build_arm_space
     from cspace.opening import open_map
@@ -306,13 +311,13 @@ def view(
             space = build_arm_space({}, read_arm(file, srdf, solid, package_dirs))
         axes, units = space.axes, space.arm.units
     else:
-        options = given(srdf=srdf, solid=solid, package_dirs=package_dirs or None)
-        refuse_options(options, (), f"{file} is no URDF")
-        axes, units = axes_of_map(file)
+        options = drop_none(srdf=srdf, solid=solid, package_dirs=package_dirs or None)
+        refuse_options(options, (), f"{file} is not a URDF")
+        axes, units = read_axes(file)
     marks = read_marks(start, goal, axes, units)
     points = None if path is None else read_path(path, axes)
     if space is None:
         with clock.step("read"):
             space = open_map(file)
-    shown: ViewOptions = {"host": host, **given(path=points, port=port, **marks)}  # type: ignore[typeddict-item]
+    shown: ViewOptions = {"host": host, **drop_none(path=points, port=port, **marks)}  # type: ignore[typeddict-item]
     space.view(**shown)

@@ -1,4 +1,4 @@
-"""Options that several commands share, and how their texts are read."""
+"""Options shared by commands, and parsers of their texts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import typer
 
-from cspace.cli.report import about_robot
+from cspace.cli.report import name_robot_options
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 
 Unknown = Literal["occupied", "free"]
-"""What unknown cells of a sensor map count as."""
+"""State of unknown cells in a sensor map."""
 Solid = Literal["auto", "surface", "fill"]
-"""What of a mesh has an inside."""
+"""Interior of a mesh."""
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document, for machines.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing outputs.")]
-# Typer looks at files before any command runs and words its errors in its own way; the library's are better.
+# readable=False keeps typer from checking files before a command runs, because the library's messages are better.
 MapFile = Annotated[Path, typer.Argument(metavar="MAP", readable=False, help="A saved map: .zarr.")]
 
 PathFile = Annotated[
@@ -100,18 +100,18 @@ Srdf = Annotated[
 def workspace_options(
     spacing: float | None, unknown: Unknown | None, bounds: str | None, solid: Solid | None, radius: float | None
 ) -> dict[str, Any]:
-    """Options for the reader of a workspace, checked as far as possible without the file.
+    """Return the options for the reader of a workspace, checked as far as possible without the file.
 
-    Raises InputError if ``bounds`` is not a box, or a number is out of range.
+    Raises InputError if ``bounds`` is not a box or a number is out of range.
     """
     from cspace.check import positive
 
     if spacing is not None:
         positive(spacing, "spacing")
-    return given(
+    return drop_none(
         spacing=spacing,
         unknown=unknown,
-        bounds=None if bounds is None else box(bounds, "--bounds"),
+        bounds=None if bounds is None else parse_box(bounds, "--bounds"),
         solid=solid,
         radius=radius,
     )
@@ -122,7 +122,7 @@ def read_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) 
 
     Raises CspaceError as :func:`open_robot`.
     """
-    with about_robot():
+    with name_robot_options():
         return open_robot(text, solid, package_dirs)
 
 
@@ -135,7 +135,7 @@ def open_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) 
     from cspace.robot import Robot
     from cspace.shapes.primitives import FOOTPRINT, is_short_text
 
-    options = given(solid=solid, package_dirs=package_dirs or None)
+    options = drop_none(solid=solid, package_dirs=package_dirs or None)
     kind, _, rest = text.partition(":")
     if kind == FOOTPRINT and rest and not rest.lstrip().startswith("[") and not is_short_text(rest):
         return Robot.open(rest, **options).footprint()
@@ -154,47 +154,38 @@ def read_arm(file: Path, srdf: Path | None, solid: Solid | None, package_dirs: l
     """
     from cspace.arms import Arm
 
-    options: dict[str, Any] = given(solid=solid)  # which may be "fill": the arm refuses that by name
+    options: dict[str, Any] = drop_none(solid=solid)  # which may be "fill": the arm refuses that by name
     return Arm.from_urdf(file, srdf, package_dirs=package_dirs or (), **options)
 
 
-_PURPOSES: Final = {
+_OPTION_PURPOSES: Final = {
     "srdf": "an arm",
     "package_dirs": "a URDF; with --robot, the robot's",
     "solid": "a mesh or a URDF",
     "robot_solid": "the mesh of --robot",
 }
-"""What options are for, other than workspaces."""
+"""Inputs that use an option; all other options are for workspaces."""
 
 
 def refuse_options(options: Mapping[str, object], taken: Collection[str], about: str) -> None:
-    """Refuse options that a file does not take; ``about`` says what the file is.
-
-    Raises InputError for the first of them.
-    """
+    """Raise InputError for the first option not in ``taken``; ``about`` describes the file."""
     for name, value in options.items():
         if name not in taken:
-            purpose = f"it is for {_PURPOSES.get(name, 'workspaces')}"
-            raise InputError(name, f"is given, and {about}", purpose, "leave it out", value=value)
+            rule = f"it is for {_OPTION_PURPOSES.get(name, 'workspaces')}"
+            raise InputError(name, f"is given, but {about}", rule, "omit it", value=value)
 
 
 def check_dimensions(path: Path, dim: int, robot: Robot | None, rotations: Rotations) -> None:
-    """Refuse a robot of the plane in a workspace of space, or the other way round, and rotations of neither.
-
-    Raises InputError if they do not agree.
-    """
+    """Raise InputError if robot, workspace and rotations have different dimensions."""
     rotations.check_dimension(dim)
     if robot is not None and robot.dim != dim:
-        problem = f"is a {robot.name}, which has {robot.dim} dimensions, and the workspace {path} has {dim}"
-        hint = "take both in the plane or both in space" + ", or its footprint, as footprint:ROBOT" * (robot.dim == 3)
+        problem = f"is a {robot.name}, which has {robot.dim} dimensions, but the workspace {path} has {dim}"
+        hint = "choose another robot" + ", or its footprint, as footprint:ROBOT" * (robot.dim == 3)
         raise InputError("--robot", problem, "they must agree", hint, value=robot)
 
 
-def rotation_cells(text: str | None) -> Rotations:
-    """The rotation cells that ``--rotations`` gives.
-
-    Raises InputError if it is neither a count nor a kind of cells, a colon and a count.
-    """
+def parse_rotation_cells(text: str | None) -> Rotations:
+    """Parse ``--rotations``: a count, or a kind of cells, a colon and a count; raise InputError otherwise."""
     from cspace.rotations import Rotations
 
     if text is None:
@@ -203,48 +194,44 @@ def rotation_cells(text: str | None) -> Rotations:
     kinds = {"": Rotations.of, **{name: kind.of_value for name, kind in Rotations.KINDS.items() if kind.names}}
     if kind not in kinds or not count.isdecimal() or not int(count):
         hint = f"write e.g. 72, {' or '.join(f'{name}:8' for name in kinds if name)}"
-        rule = "it must be a number of cells above zero, or their kind and such a number"
+        rule = "it must be a count above zero, or a kind and a count"
         raise InputError("--rotations", f"is {text!r}", rule, hint, value=text)
     return kinds[kind](int(count))
 
 
-def configuration(text: str, option: str, axes: Sequence[str], units: Sequence[str] | None = None) -> tuple[float, ...]:
-    """Parse the configuration that an option such as ``--start`` gives, in the units of the axes.
+def parse_configuration(
+    text: str, option: str, axes: Sequence[str], units: Sequence[str] | None = None
+) -> tuple[float, ...]:
+    """Parse the configuration in an option such as ``--start``.
 
-    ``units`` holds "m", "rad" or "1" for each axis, by default those of a rigid robot. An angle may be in degrees:
-    ``90deg``.
-
-    Raises InputError if the text is not as many numbers as the axes, with commas between them; the message says what is
-    expected.
+    ``units`` has "m", "rad" or "1" for each axis, by default those of a rigid robot. Angles may be in degrees:
+    ``90deg``. Raises InputError if the text does not have one number for each axis, separated by commas.
     """
-    units = _units_of(axes) if units is None else units
+    units = _axis_units(axes) if units is None else units
     rule = f"the map's configurations are {','.join(axes)}, in {'metres' if 'm' in units else 'radians or degrees'}"
     if "m" in units:
         rule += "".join(f", {axis} an angle" for axis, unit in zip(axes, units, strict=True) if unit == "rad")
-    return _rows(text, option, axes, units, rule, 1)[0]
+    return _parse_rows(text, option, axes, units, rule, 1)[0]
 
 
 def read_marks(
     start: str | None, goal: str | None, axes: Sequence[str], units: Sequence[str]
 ) -> dict[str, tuple[float, ...]]:
-    """Parse ``--start`` and ``--goal``, if given, by name.
-
-    Raises InputError as :func:`configuration`.
-    """
-    ends = given(start=start, goal=goal)
-    return {name: configuration(text, f"--{name}", axes, units) for name, text in ends.items()}
+    """Parse ``--start`` and ``--goal``, if given; raise InputError like :func:`parse_configuration`."""
+    ends = drop_none(start=start, goal=goal)
+    return {name: parse_configuration(text, f"--{name}", axes, units) for name, text in ends.items()}
 
 
-def _units_of(axes: Sequence[str]) -> list[str]:
-    """Return the units of the numbers of a rigid robot's configuration, by their names."""
+def _axis_units(axes: Sequence[str]) -> list[str]:
+    """Return the units of the axes of a rigid robot's configurations."""
     from cspace.rotations import Rotations
 
     known = Rotations.all_units()
     return [known.get(axis, "m") for axis in axes]
 
 
-def _examples(axes: Sequence[str], units: Sequence[str]) -> list[str]:
-    """Return a number to type for each axis."""
+def _example_values(axes: Sequence[str], units: Sequence[str]) -> list[str]:
+    """Return an example value for each axis."""
     from cspace.rotations import Rotations
 
     known = {"x": "-1.5", "y": "2", "z": "0.5"}
@@ -253,45 +240,44 @@ def _examples(axes: Sequence[str], units: Sequence[str]) -> list[str]:
     return [known.get(axis, "90deg" if unit == "rad" else "0.2") for axis, unit in zip(axes, units, strict=True)]
 
 
-def rotation_of(text: str, option: str, axes: Sequence[str]) -> Any:
-    """The rotation that an option such as ``--rotation`` gives, as numbers, or a list of several.
+def parse_rotation(text: str, option: str, axes: Sequence[str]) -> Any:
+    """Parse one rotation, or a list of several, in an option such as ``--rotation``.
 
-    Raises InputError if the map's configurations have none, or the text is not one or several of them.
+    Raises InputError if the map has no rotations, or if the text is not one or several of them.
     """
     names = [axis for axis in axes if axis not in ("x", "y", "z")]
     if not names:
-        rule = f"the map's configurations are {','.join(axes)}: the robot does not turn"
-        raise InputError(option, f"is {text!r}", rule, "leave it out, or build the map with --rotations 72", value=text)
+        hint = "omit it, or build the map with --rotations 72"
+        raise InputError(option, f"is {text!r}", "the map has no rotations", hint, value=text)
     rule = f"it must be {','.join(names)}, or several of them"
-    rows = _rows(text, option, names, _units_of(names), rule, len(text))
+    rows = _parse_rows(text, option, names, _axis_units(names), rule, len(text))
     return rows if len(rows) > 1 else rows[0]
 
 
-def _rows(
-    text: str, option: str, axes: Sequence[str], units: Sequence[str], rule: str, most: int
+def _parse_rows(
+    text: str, option: str, axes: Sequence[str], units: Sequence[str], rule: str, max_rows: int
 ) -> list[tuple[float, ...]]:
-    """Parse numbers with commas between them, as many as the axes, once or up to ``most`` times."""
+    """Parse numbers separated by commas into 1 to ``max_rows`` rows of one number for each axis."""
     fields, n = text.split(","), len(axes)
     try:
-        if len(fields) % n or len(fields) > most * n:
+        if len(fields) % n or len(fields) > max_rows * n:
             raise ValueError
         numbers = []
         for k, field in enumerate(fields):
             is_angle = units[k % n] == "rad"
-            numbers.append(angle(field, option, axes[k % n]) if is_angle else float(field))
+            numbers.append(parse_angle(field, option, axes[k % n]) if is_angle else float(field))
     except InputError:
         raise
     except ValueError:
-        hint = f"write e.g. {option}={','.join(_examples(axes, units))}"
+        hint = f"write e.g. {option}={','.join(_example_values(axes, units))}"
         raise InputError(option, f"is {text!r}", rule, hint, value=text) from None
     return [tuple(numbers[k : k + n]) for k in range(0, len(fields), n)]
 
 
-def box(text: str, option: str) -> tuple[float, ...]:
-    """The box that an option such as ``--bounds`` gives: the lower corner, then the upper one, in metres.
+def parse_box(text: str, option: str) -> tuple[float, ...]:
+    """Parse a box in an option such as ``--bounds``: the lower corner, then the upper one, metres.
 
-    Raises InputError if the text is not four numbers, or six in space, with commas between them, or the box has no
-    inside.
+    Raises InputError if the text is not four numbers, or six in space, or if the box is empty.
     """
     from cspace.check import check_bounds
 
@@ -300,17 +286,17 @@ def box(text: str, option: str) -> tuple[float, ...]:
         if len(values) not in (4, 6):
             raise ValueError
     except ValueError:
-        rule = "it must be XMIN,YMIN,XMAX,YMAX in metres, or six numbers in space"
+        rule = "it must be XMIN,YMIN,XMAX,YMAX, metres, or six numbers in space"
         raise InputError(option, f"is {text!r}", rule, f"write e.g. {option}=-1,-1,0,4,3,2.5", value=text) from None
     check_bounds(values, len(values) // 2)
     return values
 
 
-def angle(text: str, option: str, name: str) -> float:
-    """The angle of some name that a text gives, in radians: ``90deg``, or a number of radians.
+def parse_angle(text: str, option: str, name: str) -> float:
+    """Parse an angle such as ``90deg`` or ``1.57``, radians without a unit; ``name`` is for messages.
 
-    Raises InputError if the text is neither, or more than a turn without a unit, which is taken for degrees that lack
-    theirs.
+    Raises InputError if the text is not an angle, or if it has no unit and exceeds 2 pi, because degrees were then
+    probably intended.
     """
     word = text.strip()
     number, unit = next(((word.removesuffix(unit), unit) for unit in ("deg", "rad") if word.endswith(unit)), (word, ""))
@@ -318,16 +304,15 @@ def angle(text: str, option: str, name: str) -> float:
     try:
         value = float(number)
     except ValueError:
-        rule = "it must be a number of degrees or of radians"
+        rule = "it must be a number of degrees or radians"
         raise InputError(option, problem, rule, "write e.g. 90deg or 1.57", value=text) from None
     if not unit and math.isfinite(value) and abs(value) > 2.0 * math.pi:
-        rule = f"an angle without a unit is in radians, and {value:g} rad is more than a turn"
-        raise InputError(
-            option, problem, rule, f"write {number}deg for degrees, or {number}rad if you mean it", value=text
-        )
+        rule = f"an angle without a unit is in radians, and {value:g} rad is more than a full turn"
+        hint = f"write {number}deg for degrees, or {number}rad for radians"
+        raise InputError(option, problem, rule, hint, value=text)
     return math.radians(value) if unit == "deg" else value
 
 
-def given(**options: Any) -> dict[str, Any]:
-    """The options that the user gave: those that are not None."""
+def drop_none(**options: Any) -> dict[str, Any]:
+    """Return the options that are not None."""
     return {name: value for name, value in options.items() if value is not None}

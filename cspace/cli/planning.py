@@ -1,4 +1,4 @@
-"""Commands that plan: on a saved map, and the demonstration of it all."""
+"""Commands that plan on a saved map, and that demonstrate the library."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from cspace.cli.files import axes_of_map, check_folder, check_outputs
+from cspace.cli.files import check_folder, check_outputs, read_axes
 from cspace.cli.info import describe_map
-from cspace.cli.options import CONFIGURATION, Json, MapFile, Overwrite, configuration, given
-from cspace.cli.report import Clock, in_options, options_of, show, with_unit
+from cspace.cli.options import CONFIGURATION, Json, MapFile, Overwrite, drop_none, parse_configuration
+from cspace.cli.report import Clock, name_options, option_names, show, with_unit
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
     from planners import Plan
 
-_PATHS = (".csv", ".json")
+_PATH_SUFFIXES = (".csv", ".json")
 
 
 Drive = Literal["holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"]
@@ -80,21 +80,21 @@ def plan(
     from cspace.space import CSpace
     from planners.local_planner import check_drive
 
-    check_outputs(output or [], _PATHS, overwrite)
+    check_outputs(output or [], _PATH_SUFFIXES, overwrite)
     check_outputs([picture] if picture else [], PICTURE_SUFFIXES, overwrite)
     check_outputs([animate] if animate else [], (".gif",), overwrite)
-    axes, units = axes_of_map(file)
-    endpoints = configuration(start, "--start", axes, units), configuration(goal, "--goal", axes, units)
+    axes, units = read_axes(file)
+    endpoints = parse_configuration(start, "--start", axes, units), parse_configuration(goal, "--goal", axes, units)
     check_drive(axes, drive, turning_radius, exact)
     clock = Clock()
     with clock.step("read"):
         space: Any = open_map(file)
-    options = given(objective=objective, exact=exact or None, drive=drive, turning_radius=turning_radius)
+    options = drop_none(objective=objective, exact=exact or None, drive=drive, turning_radius=turning_radius)
     with clock.step("plan"):
         planned = planners.plan(
             space, *endpoints, planner=planner, time_limit=time_limit, simplify=simplify, seed=seed, **options
         )
-    clock.split("plan", **_steps(planned))
+    clock.split("plan", **_search_times(planned))
     with clock.step("measure"):
         described = _describe(planned)
     if planned.solved:
@@ -110,7 +110,7 @@ def plan(
             save_animation(drawn, planned.path, animate, overwrite, progress=progress)
     show({**described, "seconds": clock.seconds}, as_json)
     if not planned.solved:
-        hint = f"; try {in_options(planned.hint, options_of(context.command))}" if planned.hint else ""
+        hint = f"; try {name_options(planned.hint, option_names(context.command))}" if planned.hint else ""
         typer.echo(f"cspace: from {start} to {goal}: {planned.status}{hint}", err=True)
         raise typer.Exit(1)
 
@@ -148,17 +148,15 @@ def demo(
         space = build(workspace, flat.demo_robot(), progress=progress)
     with clock.step("prove"):
         proofs = {
-            "start_is_connected_to_goal": space.is_connected(flat.START, flat.GOAL),
-            "start_is_disconnected_from_store_room": space.is_disconnected(flat.START, flat.STORE),
+            "start_is_connected_to_goal": space.is_connected(flat.START_POSITION, flat.GOAL_POSITION),
+            "start_is_disconnected_from_store_room": space.is_disconnected(flat.START_POSITION, flat.STORE_POSITION),
         }
     with clock.step("plan"):
-        planned = planners.plan(space, flat.START, flat.GOAL, seed=1)
-    clock.split("plan", **_steps(planned))
+        planned = planners.plan(space, flat.START_POSITION, flat.GOAL_POSITION, seed=1)
+    clock.split("plan", **_search_times(planned))
     if not (all(proofs.values()) and planned.solved and planned.certified):
-        problem = f"went wrong: {proofs}, {planned.status}"
-        raise InputError(
-            "the demonstration", problem, "its path is found and certified", "please report it", value=proofs
-        )
+        problem = f"failed: {proofs}, {planned.status}"
+        raise InputError("demo", problem, "its path must be found and certified", "please report it", value=proofs)
     with clock.step("measure"):
         described = _describe(planned)
     output.mkdir(parents=True, exist_ok=True)
@@ -183,7 +181,7 @@ def demo(
 
 
 def _describe(plan: Plan) -> dict[str, Any]:
-    """What there is to say about a plan."""
+    """Describe a plan."""
     described: dict[str, Any] = {
         "planner": plan.planner,
         "solved": plan.solved,
@@ -204,14 +202,14 @@ def _describe(plan: Plan) -> dict[str, Any]:
     return described
 
 
-def _steps(plan: Plan) -> dict[str, float]:
-    """Seconds of a plan: what the map makes and compiles first is listed apart from the search."""
+def _search_times(plan: Plan) -> dict[str, float]:
+    """Return the durations of a plan, seconds; setup and compilation are separate from the search."""
     times = plan.times
     return {"set_up": times.setup, "plan": times.planning + times.simplification, "check": times.checking}
 
 
 def _write(plan: Plan, files: list[Path], overwrite: bool) -> None:
-    """Write a path to files, by suffix."""
+    """Write a path to files in the format of their suffix."""
     for file in files:
         write = plan.to_csv if file.suffix.lower() == ".csv" else plan.to_json
         write(file, overwrite=overwrite)

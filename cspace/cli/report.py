@@ -1,6 +1,6 @@
-"""What a command prints: a table or one JSON document, a progress bar, and errors in terms of its options.
+"""Output of commands: a table or a JSON document, a progress bar, and errors that name options.
 
-Errors are worded from their fields, never from their text.
+Error messages are composed of the fields of errors, never of their text.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import typer
 
 from cspace.errors import CspaceError
 
-_UNITS: Final = {
+_UNIT_TEXTS: Final = {
     "_cpu_s": " s of one core, very roughly",
     "_rad2_m": " rad² m",
     "_rad_m2": " rad m²",
@@ -36,24 +36,24 @@ _UNITS: Final = {
     "_rad": " rad",
     "_bytes": " bytes",
 }
-"""Units, by the end of a name; the first that fits counts."""
+"""Units by the end of a name; the first match counts."""
 
-_LOWER_BOUNDS: Final = ("obstacle distance", "clearance")
-"""Labels of proven lower bounds, for which zero says only that nothing was proven."""
+_LOWER_BOUND_LABELS: Final = ("obstacle distance", "clearance")
+"""Labels of proven lower bounds; zero means only that nothing was proven."""
 
-_MANY_BYTES: Final = 10**6
-"""From here on, tables show MB and GB."""
+_MIN_MEGABYTES_SHOWN: Final = 10**6
+"""Number of bytes from which tables show MB and GB."""
 
 
 class Clock:
-    """Seconds that each named step took, in order."""
+    """Durations of named steps, seconds."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
 
     @contextmanager
     def step(self, name: str, cells: int = 0) -> Iterator[Callable[[int, int], None] | None]:
-        """Time the block, and show on a terminal that it is under way; gives what :func:`progress_line` does."""
+        """Time the block and show its progress on a terminal; yield what :func:`progress_line` yields."""
         began = time.perf_counter()
         with progress_line(name.replace("_", " "), cells) as progress:
             yield progress
@@ -67,10 +67,10 @@ class Clock:
 
 @contextmanager
 def progress_line(label: str, cells: int = 0) -> Iterator[Callable[[int, int], None] | None]:
-    """A bar on the error stream, where that is a terminal: the callback to pass to the library, else None.
+    """Show a progress bar on standard error; yield the library's progress callback, or None without a terminal.
 
-    It says so where functions are being compiled; and, of so many ``cells`` in tiles, how many tiles are done and how
-    many cells a second.
+    The bar reports compilation. With ``cells``, the number of cells of a tiled map, it also shows the tiles done and
+    the cells per second.
     """
     if not sys.stderr.isatty():
         yield None
@@ -90,7 +90,7 @@ def progress_line(label: str, cells: int = 0) -> Iterator[Callable[[int, int], N
         def advance(done: int, total: int) -> None:
             text = label
             if cells:
-                # What was there before this run took none of its time.
+                # Tiles of earlier runs are not part of this run's speed.
                 began[:] = began if began[0] == began[0] else [time.perf_counter(), done]
                 seconds = max(time.perf_counter() - began[0], 1e-9)
                 text = f"{label}: {done} of {total} tiles"
@@ -114,10 +114,10 @@ def with_unit(name: str, unit: str) -> str:
 
 
 def show(document: dict[str, Any], as_json: bool) -> None:
-    """Print a document on the standard output: a table, or one JSON document, where what is not finite is null.
+    """Print a document on standard output as a table, or as JSON with null for numbers that are not finite.
 
-    It maps names to values, nested at will; the end of a name gives the unit: ``_m`` is metres. Lists of lists appear
-    in JSON only.
+    The document maps names to values, also nested; the end of a name is its unit, e.g. ``_m`` for metres. Tables omit
+    lists of lists.
     """
     if as_json:
         typer.echo(json.dumps(_finite(document), indent=2, allow_nan=False))
@@ -135,7 +135,7 @@ def show(document: dict[str, Any], as_json: bool) -> None:
     if console.is_terminal:
         console.print(table)
         return
-    # Nothing is folded or padded where the text goes to a file or another program.
+    # Lines are neither folded nor padded in a file or pipe.
     console.width = 100_000
     with console.capture() as captured:
         console.print(table)
@@ -143,7 +143,7 @@ def show(document: dict[str, Any], as_json: bool) -> None:
 
 
 class ByName(dict[str, Any]):
-    """A part of a document whose names are a file's own, such as joints: :func:`show` prints them as they are."""
+    """A part of a document whose names come from a file, e.g. joints; :func:`show` prints them unchanged."""
 
 
 def _finite(value: Any) -> Any:
@@ -157,14 +157,14 @@ def _finite(value: Any) -> Any:
 def _rows(document: dict[str, Any], indent: str = "") -> Iterator[tuple[str, str]]:
     """Yield names and values; a nested document becomes a heading with an empty value, then its rows."""
     for name, value in document.items():
-        end, unit = next(((end, unit) for end, unit in _UNITS.items() if name.endswith(end)), ("", ""))
+        end, unit = next(((end, unit) for end, unit in _UNIT_TEXTS.items() if name.endswith(end)), ("", ""))
         label = name.removesuffix(end)
         if not isinstance(document, ByName):
             label = label.replace("_", " ")
         if isinstance(value, dict):
             yield indent + label, ""
             yield from _rows(value, indent + "  ")
-        elif label in _LOWER_BOUNDS and value == 0.0:
+        elif label in _LOWER_BOUND_LABELS and value == 0.0:
             yield indent + label, "not proven to be more than 0"
         elif not (isinstance(value, list) and value and isinstance(value[0], list)):
             yield indent + label, _text(value, unit)
@@ -178,7 +178,7 @@ def _text(value: Any, unit: str) -> str:
     if isinstance(value, list):
         return f"({', '.join(_text(item, '') for item in value)}){unit}"
     if isinstance(value, int):
-        if unit == _UNITS["_bytes"] and value >= _MANY_BYTES:
+        if unit == _UNIT_TEXTS["_bytes"] and value >= _MIN_MEGABYTES_SHOWN:
             from cspace.limits import bytes_text
 
             return bytes_text(value)
@@ -187,27 +187,29 @@ def _text(value: Any, unit: str) -> str:
 
 
 Options = Mapping[str, str]
-"""Options of a command, by the name of the argument of the library that they set: ``{"spacing": "--spacing"}``."""
+"""Options of a command by the library's argument that they set, e.g. ``{"spacing": "--spacing"}``."""
 
 
-def options_of(command: Any) -> Options:
-    """Options of a command; their parameters have the names of the library's arguments."""
+def option_names(command: Any) -> Options:
+    """Return the options of a command, whose parameters have the names of the library's arguments."""
     parameters = command.params if command else []
     names = {str(each.name): [name for name in each.opts if name.startswith("--")] for each in parameters}
     return {name: options[0] for name, options in names.items() if options}
 
 
-def worded(error: CspaceError, options: Options) -> str:
-    """An error in one line, with its argument, and one that its mend names, as options of the command."""
+def format_error(error: CspaceError, options: Options) -> str:
+    """Return an error as one line, with arguments of the library replaced by options of the command."""
     if error.problem is None:
         return _line(str(error))
     name, bracket, index = error.argument.partition("[")  # goal[0]
     subject = f"{options.get(name, name)}{bracket}{index}{error.gap}{error.problem}"
-    return _line("; ".join(filter(None, (subject, *(in_options(part, options) for part in (error.rule, error.hint))))))
+    return _line(
+        "; ".join(filter(None, (subject, *(name_options(part, options) for part in (error.rule, error.hint)))))
+    )
 
 
-def in_options(text: str, options: Options) -> str:
-    """Name arguments in a text as options: ``spacing=0.05`` as ``--spacing 0.05``, ``exact=True`` as ``--exact``."""
+def name_options(text: str, options: Options) -> str:
+    """Replace arguments in a text by options: ``spacing=0.05`` by ``--spacing 0.05``, ``exact=True`` by ``--exact``."""
 
     def option(found: re.Match[str]) -> str:
         name, value = options[found["name"]], found["value"]
@@ -220,18 +222,18 @@ def in_options(text: str, options: Options) -> str:
 
 
 @contextmanager
-def about_robot() -> Iterator[None]:
+def name_robot_options() -> Iterator[None]:
     """Name ``--robot-solid`` instead of ``solid`` in errors and warnings within the block."""
     options = {"solid": "--robot-solid"}
-    with warnings.catch_warnings(record=True) as heard:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
         try:
             yield
         except CspaceError as error:
-            error.argument, error.hint = options.get(error.argument, error.argument), in_options(error.hint, options)
+            error.argument, error.hint = options.get(error.argument, error.argument), name_options(error.hint, options)
             raise
-    for warning in heard:
-        warnings.warn(in_options(str(warning.message), options), warning.category, stacklevel=3)
+    for warning in caught:
+        warnings.warn(name_options(str(warning.message), options), warning.category, stacklevel=3)
 
 
 def _line(text: str) -> str:

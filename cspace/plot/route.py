@@ -399,7 +399,7 @@ def choose_section_point(space: MapLike, center: Any, route: Route) -> Floats:
     """Return the point of the grid, shape (d,), through which sections are cut.
 
     Default: half the way along the path; without a path the start, the goal, or the center of the grid. Raises
-    InputError if ``at`` is not a point of the grid.
+    InputError if ``center`` is not a point of the grid.
     """
     grid = space.grid
     if center is None:

@@ -367,10 +367,10 @@ def test_arm_is_viewed_with_marks_and_a_path(arm_file: Path, tmp_path: Path, mon
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["info", "arm.urdf", "--spacing", "0.1"], "--spacing is given, and arm.urdf is an arm"),
-        (["info", "disc:0.3", "--srdf", "a.srdf"], "--srdf is given, and disc:0.3 is a robot"),
-        (["view", "map.zarr", "--srdf", "a.srdf"], "--srdf is given, and map.zarr is no URDF"),
-        (["view", "map.zarr", "--solid", "surface"], "--solid is given, and map.zarr is no URDF"),
+        (["info", "arm.urdf", "--spacing", "0.1"], "--spacing is given, but arm.urdf is an arm"),
+        (["info", "disc:0.3", "--srdf", "a.srdf"], "--srdf is given, but disc:0.3 is a robot"),
+        (["view", "map.zarr", "--srdf", "a.srdf"], "--srdf is given, but map.zarr is not a URDF"),
+        (["view", "map.zarr", "--solid", "surface"], "--solid is given, but map.zarr is not a URDF"),
         (["info", "arm.urdf", "--solid", "fill"], "--solid is 'fill'"),
         (["view", "arm.urdf", "--start", "1,2"], "--start is '1,2'"),
         (["view", "absent.urdf"], "absent.urdf"),

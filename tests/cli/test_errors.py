@@ -88,12 +88,12 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     # plot and export
     "picture exists": (["plot", "plane.zarr", "-o", "old.png"], ["old.png: exists", "--overwrite"]),
     "missing path": ([*_PLOT, "--path", "absent.csv"], ["absent.csv"]),
-    "not a path": ([*_PLOT, "--path", "notes.csv"], ["notes.csv: holds no path", "x, y"]),
+    "not a path": ([*_PLOT, "--path", "notes.csv"], ["notes.csv: has no path", "x, y"]),
     "empty path": ([*_PLOT, "--path", "empty.csv"], ["empty.csv", "at least one"]),
     "not a JSON path": ([*_PLOT, "--path", "list.json"], ["list.json", "path"]),
     "binary path": ([*_PLOT, "--path", "old.png"], ["old.png"]),
     "ragged path": ([*_PLOT, "--path", "ragged.csv"], ["ragged.csv"]),
-    "path with yaws": ([*_PLOT, "--path", "yaws.csv"], ["yaws.csv: holds x, y, yaw", "are x, y;"]),
+    "path with yaws": ([*_PLOT, "--path", "yaws.csv"], ["yaws.csv: has x, y, yaw", "axes are x, y;"]),
     "path of five": ([*_PLOT, "--path", "wide.json"], ["wide.json", "x, y"]),
     "path of four": ([*_PLOT, "--path", "four.json"], ["four.json", "x, y"]),
     "resolution": ([*_PLOT, "--dpi", "0"], ["--dpi is 0", "in pixels per inch\n"]),
@@ -103,7 +103,7 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
         ["plot", "turning.zarr", "-o", "new.png", "--rotation", "0,90"],
         ["--rotation has the yaw", "90deg"],
     ),
-    "yaw without rotations": ([*_PLOT, "--rotation", "1"], ["--rotation is '1'", "does not turn"]),
+    "yaw without rotations": ([*_PLOT, "--rotation", "1"], ["--rotation is '1'", "the map has no rotations"]),
     "panels without rotations": ([*_PLOT, "--view", "panels"], ["--view is 'panels'", "must be plane"]),
     "view of the plane": ([*_PLOT, "--view", "3d"], ["--view is '3d'", "(x, y)"]),
     "point of the plane": (
@@ -112,7 +112,7 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     ),
     "point beyond": (
         ["plot", "space.zarr", "-o", "new.png", "--center", "9,9.2,9"],
-        ["--center is (9, 9.2, 9)", "in the grid"],
+        ["--center is (9, 9.2, 9)", "the grid is from"],
     ),
     "point of two": (["plot", "space.zarr", "-o", "new.png", "--center", "1,1"], ["--center is '1,1'", "x,y,z"]),
     "point of 3d": (
@@ -126,7 +126,10 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
     "export to the plane": (["export", "space.zarr", "new.yaml"], ["new.yaml", "plane"]),
     "export of both to the plane": (["export", "both.zarr", "new.yaml"], ["new.yaml", "a ROS map is plane"]),
     "export of the plane": (["export", "plane.zarr", "new.stl"], ["a mesh in space", ".vti"]),
-    "export at a yaw": (["export", "plane.zarr", "new.npz", "--rotation", "1"], ["--rotation", "does not turn"]),
+    "export at a yaw": (
+        ["export", "plane.zarr", "new.npz", "--rotation", "1"],
+        ["--rotation", "the map has no rotations"],
+    ),
     # demo and info
     "demo into a file": (["demo", "--output", "notes.txt"], ["notes.txt", "folder"]),
     "demo below a file": (["demo", "--output", "notes.txt/demo"], ["notes.txt", "folder"]),

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from commands import run
-from cspace.cli.files import axes_of_map
-from cspace.cli.options import angle, box, configuration
-from cspace.cli.report import in_options, show, worded
+from cspace.cli.files import read_axes
+from cspace.cli.options import parse_angle, parse_box, parse_configuration
+from cspace.cli.report import format_error, name_options, show
 from cspace.errors import CspaceError, FileError, InputError
 from refusals import refusals
 
@@ -28,7 +28,7 @@ def test_axes_of_a_map_are_read_without_its_cells(
 ) -> None:
     monkeypatch.setattr("cspace.opening.open_map", None)
     units = tuple("rad" if axis == "yaw" else "m" for axis in AXES[kind])
-    assert axes_of_map(folder / file) == (AXES[kind], units)
+    assert read_axes(folder / file) == (AXES[kind], units)
 
 
 @pytest.mark.parametrize(
@@ -41,17 +41,17 @@ def test_axes_of_a_map_are_read_without_its_cells(
     ],
 )
 def test_configurations_are_read(text: str, kind: str, expected: tuple[float, ...]) -> None:
-    assert configuration(text, "--start", AXES[kind]) == expected
+    assert parse_configuration(text, "--start", AXES[kind]) == expected
 
 
 @pytest.mark.parametrize("kind", AXES)
 @pytest.mark.parametrize("text", ["1", "1,2,3,4,", "a,b", "a,b,1", "", "1,2,3,4,5"])
 def test_wrong_configurations_are_refused_with_an_example(text: str, kind: str) -> None:
     with pytest.raises(InputError) as caught:
-        configuration(text, "--start", AXES[kind])
+        parse_configuration(text, "--start", AXES[kind])
     assert str(caught.value).startswith(f"--start is {text!r}; the map's configurations are {','.join(AXES[kind])}, in")
     example = str(caught.value).rpartition("--start=")[2]
-    assert len(configuration(example, "--start", AXES[kind])) == len(AXES[kind])
+    assert len(parse_configuration(example, "--start", AXES[kind])) == len(AXES[kind])
 
 
 @pytest.mark.parametrize(
@@ -62,12 +62,12 @@ def test_wrong_configurations_are_refused_with_an_example(text: str, kind: str) 
     ],
 )
 def test_angles_are_read_in_degrees_and_radians(text: str, radians: float) -> None:
-    assert angle(text, "--yaw", "yaw") == pytest.approx(radians, abs=1e-15)
+    assert parse_angle(text, "--yaw", "yaw") == pytest.approx(radians, abs=1e-15)
 
 
 @given(st.floats(-1e6, 1e6))
 def test_degrees_become_radians(value: float) -> None:
-    assert angle(f"{value!r}deg", "--yaw", "yaw") == math.radians(value)
+    assert parse_angle(f"{value!r}deg", "--yaw", "yaw") == math.radians(value)
 
 
 @refusals(
@@ -84,18 +84,18 @@ def test_degrees_become_radians(value: float) -> None:
 )
 def test_angles_without_a_unit_and_other_texts_are_refused(text: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        angle(text, "--yaw", "yaw")
+        parse_angle(text, "--yaw", "yaw")
 
 
 def test_boxes_are_read() -> None:
-    assert box("-1,0, 2,3", "--bounds") == (-1.0, 0.0, 2.0, 3.0)
-    assert box("-1,0,0,2,3,1e1", "--bounds") == (-1.0, 0.0, 0.0, 2.0, 3.0, 10.0)
+    assert parse_box("-1,0, 2,3", "--bounds") == (-1.0, 0.0, 2.0, 3.0)
+    assert parse_box("-1,0,0,2,3,1e1", "--bounds") == (-1.0, 0.0, 0.0, 2.0, 3.0, 10.0)
 
 
 @pytest.mark.parametrize("text", ["here", "0,0,1", "0,0,0,1,1", "0,0,0,1,1,nan", "0,0,0,1,-1,1"])
 def test_texts_that_are_no_box_are_refused(text: str) -> None:
     with pytest.raises(InputError, match="bounds"):
-        box(text, "--bounds")
+        parse_box(text, "--bounds")
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_texts_that_are_no_box_are_refused(text: str) -> None:
     ],
 )
 def test_what_the_library_says_in_options(said: str, expected: str) -> None:
-    assert in_options(said, OPTIONS) == expected
+    assert name_options(said, OPTIONS) == expected
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_what_the_library_says_in_options(said: str, expected: str) -> None:
     ],
 )
 def test_errors_are_worded_from_their_fields(error: CspaceError, expected: str) -> None:
-    assert worded(error, OPTIONS).startswith(expected)
+    assert format_error(error, OPTIONS).startswith(expected)
 
 
 def test_the_list_of_commands_has_whole_sentences() -> None:

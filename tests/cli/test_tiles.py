@@ -119,6 +119,5 @@ def test_options_that_do_not_go_together_are_refused(city):
     assert "exists" in run(*options, "--tile", "9", "-o", str(folder / "other.zarr")).stderr
     run(*options, "-o", str(folder / "plain.zarr"))
     assert (
-        "maps in tiles"
-        in run("export", str(folder / "plain.zarr"), str(folder / "p.npz"), "--window", "0,0,1,1").stderr
+        "tiled maps" in run("export", str(folder / "plain.zarr"), str(folder / "p.npz"), "--window", "0,0,1,1").stderr
     )

@@ -183,7 +183,7 @@ def test_view_refuses_a_port_that_is_taken_and_a_path_of_another_map(tmp_path: P
     (tmp_path / "path.csv").write_text("x,y,z\n0,0,0\n1,1,1\n")
     printed = run("view", tmp_path / "map.zarr", "--path", tmp_path / "path.csv")
     assert printed.exit_code == 2
-    assert "the configurations of the map are x, y" in printed.stderr
+    assert "the map's axes are x, y" in printed.stderr
 
 
 @refusals(
