@@ -1,7 +1,7 @@
-"""build: a workspace and a robot to the certified map of the robot's configurations.
+"""``build``: from a workspace and a robot to the certified map of the robot's configurations.
 
-With the rasters of :mod:`cspace.raster`, an overlap of zero between the workspace's outer cells and the robot's outer
-offsets proves a cell FREE, and an overlap of the inner ones proves it BLOCKED (see ``docs/certificate.md``).
+A cell is proven FREE if the outer raster of the robot, moved there, overlaps no outer cell of the workspace, and
+BLOCKED if the inner raster overlaps an inner cell (see ``docs/certificate.md``).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 
 class BuildOptions(TypedDict, total=False):
-    """What :func:`build` takes, whatever becomes of the map."""
+    """Options of :func:`build` for maps in memory and in stores."""
 
     rotations: int | ArrayLike | Rotations | None
     inner: bool
@@ -90,47 +90,47 @@ def build(
     tile: int | Sequence[int] = 4096,
     client: Client | None = None,
 ) -> CSpace | TiledCSpace:
-    """Map the configurations of a robot that translates, and may turn, in the plane or in space.
+    """Build the map of the configurations of a robot that translates and may rotate.
 
     Parameters
     ----------
     workspace : Workspace
-        The obstacles.
+        The obstacles, in the plane or in space.
     robot : Robot, or shape
-        The robot, of the same dimension. A shape (a ``trimesh.Trimesh``, a shapely polygon, or anything else that
-        :meth:`CSpace.add_obstacle` takes) is a robot whose reference point is its origin.
+        The robot, of the same dimension. A shape (a ``trimesh.Trimesh``, a shapely polygon, or any other argument of
+        :meth:`CSpace.add_obstacle`) is a robot with its reference point at the origin of the shape.
     rotations : int, array-like or Rotations, optional
-        For a robot that turns, in space about the z axis: a number of equal cells of yaw, the first with its middle at
-        0, or the borders of the cells in radians, ascending over a whole turn. For one that turns about any axis in
-        space: :meth:`cspace.Rotations.quaternions`. FREE and BLOCKED are then proven for every position and every
-        rotation of a cell. Slices that a symmetry of the robot repeats are computed and stored once. Of more than 2^29
-        states, in 8 slices or more and without overlap counts, each is stored in two bits instead of a byte; look-ups
-        answer alike, and what needs bytes of all of them refuses where they do not fit. If left out, the robot only
-        translates.
+        Rotation cells; if left out, the robot does not rotate. For rotations in the plane, or about z in space: the
+        number of equal yaw cells, the first centred at 0, or the boundaries of the cells in radians, ascending over
+        2 pi. For all rotations in space: :meth:`cspace.Rotations.quaternions`. FREE and BLOCKED are then proven for
+        every position and every rotation in a cell. Slices that are equal by a symmetry of the robot are stored once.
+        A map of more than 2^29 states in 8 slices or more, without overlap counts, takes two bits per state instead of
+        a byte; queries answer the same, and those that need all states in bytes raise InputError if these do not fit.
     inner : bool
-        Also prove cells BLOCKED. Without it, every cell that is not FREE is MIXED, at half the work.
+        Also prove cells BLOCKED. Otherwise every cell that is not FREE is MIXED, at half the work.
     counts : bool
         Store the overlap counts of the outer rasters as :attr:`CSpace.overlap_counts`.
     method : {"auto", "fft", "direct"}
-        The engine; the map is the same, cell for cell. "fft" correlates by transforms, "direct" dilates 64 cells at a
-        time, and "auto" takes that unless the robot has very many rows, or overlap counts are wanted, which only
-        the transforms give.
+        The engine; the map is the same, cell for cell. "fft" correlates by transforms. "direct" dilates 64 cells at a
+        time. "auto" selects "direct", unless the robot has very many rows, or counts are requested, which need
+        transforms.
     outside : {"blocked", "free"}
-        Whether what lies outside the workspace's bounds is obstacle or free.
+        State of all space outside the workspace's bounds.
     margin : float
-        Metres by which the robot is grown for FREE; BLOCKED keeps to the robot as it is.
+        Metres by which the robot is grown for FREE; BLOCKED is proven for the robot without the margin.
     workers : int, optional
         Threads; by default one for each core that the process may use.
     progress : callable, optional
-        Called with (steps done, steps in all); with a store, of tiles.
+        Called with (steps done, all steps); a step is a tile if there is a store.
     store : path-like, optional
-        A folder to build the map into, tile by tile, for maps that do not fit into memory; see ``docs/large.md``. The
-        same call again resumes a build that was stopped. Overlap counts are not stored.
+        Folder to build the map into, tile by tile, for maps that do not fit into memory; see ``docs/large.md``. The
+        same call resumes an interrupted build. Overlap counts are not stored.
     tile : int or sequence of int
-        Cells of a tile along each axis, at most; the longest sides are halved until a tile has at most 2^28 cells.
+        Largest number of cells of a tile along each axis. The longest sides are halved until a tile has at most 2^28
+        cells.
     client : dask.distributed.Client, optional
-        The cluster on whose workers tiles are made; threads of this process, if left out. The store must be a folder
-        that all of them see.
+        Cluster whose workers make the tiles; threads of this process if left out. All workers must see the folder of
+        the store.
 
     Returns
     -------
@@ -140,10 +140,10 @@ def build(
     Raises
     ------
     InputError
-        If an argument breaks its rule, the robot is absurdly large at the workspace's spacing, or the map does not fit
-        into the memory that is free; the message says what would.
+        If an argument is invalid, the robot is far too large for the workspace's spacing, or the map does not fit into
+        free memory; the message names settings that fit.
     FileError
-        If the store is of something else, or cannot be written, or the workspace changes while it is read.
+        If the store is of another map or cannot be written, or the workspace changes while it is read.
 
     References
     ----------
@@ -159,12 +159,12 @@ def build(
     True
     """
     margin, cells = not_negative(margin, "margin", GROWN), Rotations.of(rotations)
-    for name, given, kind, is_wrong, hint in (
+    for name, given, kind, is_wrong, example in (
         ("workspace", workspace, "Workspace", not isinstance(workspace, Workspace), "Workspace.from_array(...) first"),
         ("robot", robot, "Robot", isinstance(robot, Workspace | str | os.PathLike), "Robot.parse('disc:0.3') second"),
     ):
         if is_wrong:
-            hint = f"call build(workspace, robot), with e.g. {hint}"
+            hint = f"call build(workspace, robot), e.g. with {example}"
             raise InputError(name, f"is a {type(given).__name__}", f"it must be a {kind}", hint, value=given)
     robot = robot_of(robot)
     _check(workspace, robot, cells, method, counts, outside, workers)
@@ -172,11 +172,8 @@ def build(
         from cspace.tiles.build import Settings, build_tiles
 
         if counts:
-            rule, hint = (
-                "a store of tiles holds states alone",
-                "leave it out, and take overlaps from windows of the map",
-            )
-            raise InputError("counts", "is True, with a store", rule, hint, value=counts)
+            hint = "leave it out and build windows of the map with counts"
+            raise InputError("counts", "is True with a store", "a store has no counts", hint, value=counts)
         settings: Settings = {
             "rotations": cells,
             "inner": inner,
@@ -189,68 +186,66 @@ def build(
         }
         return build_tiles(workspace, robot, store, tile, settings)
     if client is not None:
-        raise InputError(
-            "client", "is given without a store", "its workers make tiles", "pass store='map.zarr'", value=client
-        )
+        hint = "pass store='map.zarr'"
+        raise InputError("client", "is given without a store", "its workers make tiles", hint, value=client)
     workspace = workspace.in_memory()
     grid = workspace.grid
     slice_of = cells.slices_for(robot.shape)
     slices = int(slice_of.max()) + 1
-    about_rasters = raster_bytes(robot, grid.spacing, margin, cells, slices)
+    bytes_of_rasters = raster_bytes(robot, grid.spacing, margin, cells, slices)
     if is_packed(grid.shape, slices, counts):
-        about_rasters = min(about_rasters, SLICE_BYTES * slices)  # only some are there at a time
-    needed = map_bytes(grid.shape, slices, counts) + about_rasters
-    check_fits = partial(check_memory, grid=grid, fewer=cells.fewer, slices=slices, rasters=about_rasters)
+        bytes_of_rasters = min(bytes_of_rasters, SLICE_BYTES * slices)  # a few slices at a time have rasters
+    needed = map_bytes(grid.shape, slices, counts) + bytes_of_rasters
+    check_fits = partial(check_memory, grid=grid, fewer=cells.fewer, slices=slices, rasters=bytes_of_rasters)
     check_fits(needed, "the map", fixed=TRANSFORM_BYTES, seconds=build_seconds(grid.shape, slices))
     rasters, exterior, overlaps = None, None, None
     states: Stack
 
-    def correlation_of(
+    def correlate(
         pairs: Sequence[RasterPair], engines: int, workers: int | None, progress: Progress | None
     ) -> tuple[Correlation, RasterGroups]:
-        """The engine for the rasters of slices, and these by side, where so many engines work in parallel."""
-        sides = group_rasters(pairs, inner)
-        correlation = Correlation.create(method, sides, outside, workers, progress, counts)
-        own = engines * max(correlation.engine.bytes_needed(grid.shape, side, workers) for side in sides)
-        if own > TRANSFORM_BYTES:  # what every build may take was looked at
-            what = "the map, with what its engine needs for this robot,"
-            check_fits(needed + own - TRANSFORM_BYTES, what)
-        return correlation, sides
+        """Prepare the correlation of some slices, and check the memory of ``engines`` in parallel."""
+        groups = group_rasters(pairs, inner)
+        correlation = Correlation.create(method, groups, outside, workers, progress, counts)
+        memory = engines * max(correlation.engine.bytes_needed(grid.shape, group, workers) for group in groups)
+        if memory > TRANSFORM_BYTES:  # the first check above included TRANSFORM_BYTES
+            check_fits(needed + memory - TRANSFORM_BYTES, "the map, with the scratch memory of its engine,")
+        return correlation, groups
 
     if is_packed(grid.shape, slices, counts):
-        # Each thread makes slices, from the robot's rasters to states in two bits, before it begins with others; all
-        # make one together where that is large.
+        # Each thread completes a batch of slices, from rasters to packed states, before it takes the next, so that few
+        # slices are in bytes at a time. All threads share one slice if a slice is large.
         states = packed = PackedStates((slices, *grid.shape))
         table, lock = np.empty((slices, 2 * grid.dim + 1), dtype=np.int64), Lock()
-        parts = raster_tasks(robot, grid.spacing, margin, cells)
-        large, room = grid.size > SCRATCH_BYTES, max(1, SCRATCH_BYTES // grid.size)
+        tasks = raster_tasks(robot, grid.spacing, margin, cells)
+        large, capacity = grid.size > SCRATCH_BYTES, max(1, SCRATCH_BYTES // grid.size)
         threads = 1 if large else workers or cores()
 
-        def settle(parts: Sequence[RasterTask]) -> str:
-            made = list(itertools.chain.from_iterable(part() for part in parts))
-            scratch, precision = np.empty((min(room, len(made)), *grid.shape), dtype=np.uint8), ""
-            for start in range(0, len(made), room):
-                numbers, pairs = zip(*made[start : start + room], strict=True)
-                correlation, sides = correlation_of(pairs, threads, workers if large else 1, None)
-                own = correlation.fill(workspace.outer, workspace.inner, sides, scratch[: len(pairs)], None)
-                precision = max(precision, own)
+        def fill_batch(batch: Sequence[RasterTask]) -> str:
+            made = list(itertools.chain.from_iterable(task() for task in batch))
+            scratch, precision = np.empty((min(capacity, len(made)), *grid.shape), dtype=np.uint8), ""
+            for start in range(0, len(made), capacity):
+                indices, pairs = zip(*made[start : start + capacity], strict=True)
+                correlation, groups = correlate(pairs, threads, workers if large else 1, None)
+                filled = correlation.fill(workspace.outer, workspace.inner, groups, scratch[: len(pairs)], None)
+                precision = max(precision, filled)
                 with lock:
-                    for number, filled in zip(numbers, scratch, strict=False):
-                        packed.write(number, filled)
-                table[list(numbers)] = Exterior.of(workspace.outer, pairs, outside).table
+                    for index, slice_states in zip(indices, scratch, strict=False):
+                        packed.write(index, slice_states)
+                table[list(indices)] = Exterior.of(workspace.outer, pairs, outside).table
             return precision
 
-        each = max(1, room * len(parts) // slices)
-        batches = [parts[k : k + each] for k in range(0, len(parts), each)]
-        advance = None if progress is None else partial(_advance, progress, slices, len(batches))
-        precision = max(in_threads(settle, batches, threads, advance))
+        batch_size = max(1, capacity * len(tasks) // slices)
+        batches = [tasks[k : k + batch_size] for k in range(0, len(tasks), batch_size)]
+        advance = None if progress is None else partial(_report_progress, progress, slices, len(batches))
+        precision = max(in_threads(fill_batch, batches, threads, advance))
         exterior = Exterior(table)
     else:
         rasters = slice_rasters(robot, grid.spacing, margin, cells)
-        correlation, sides = correlation_of(rasters, 1, workers, progress)
+        correlation, groups = correlate(rasters, 1, workers, progress)
         states = np.empty((slices, *grid.shape), dtype=np.uint8)
         overlaps = np.empty(states.shape, dtype=np.int32) if counts else None
-        precision = correlation.fill(workspace.outer, workspace.inner, sides, states, overlaps)
+        precision = correlation.fill(workspace.outer, workspace.inner, groups, states, overlaps)
     contents = Contents(
         workspace,
         robot,
@@ -267,8 +262,9 @@ def build(
     return CSpace(contents, rasters)
 
 
-def _advance(progress: Progress, total: int, parts: int, done: int) -> None:
-    progress(total * done // parts, total)
+def _report_progress(progress: Progress, slices: int, batches: int, done: int) -> None:
+    """Report the slices of the batches that are done."""
+    progress(slices * done // batches, slices)
 
 
 def _check(
@@ -280,22 +276,16 @@ def _check(
     outside: str,
     workers: int | None,
 ) -> None:
-    """Refuse arguments that break their rules, before any work."""
+    """Raise InputError if an argument is invalid."""
     if workspace.grid.dim != robot.dim:
-        raise InputError(
-            "robot",
-            f"has {robot.dim} dimensions and the workspace {workspace.grid.dim}",
-            "they must agree",
-            "take both in the plane or both in space" + ", or its footprint, robot.footprint()" * (robot.dim == 3),
-            value=robot,
-        )
+        problem = f"has {robot.dim} dimensions but the workspace has {workspace.grid.dim}"
+        hint = "use robot.footprint()" if robot.dim == 3 else "use a robot in space, or a workspace in the plane"
+        raise InputError("robot", problem, "they must agree", hint, value=robot)
     rotations.check_dimension(robot.dim)
     if workers is not None:
         whole(workers, "workers", 1, hint="leave it out for all cores")
     check_word(method, "method", METHODS, "leave it out")
     if counts and method != "auto" and not ENGINES[method].COUNTS:
-        rule = "this engine finds only whether there is any overlap; counts need the transforms"
-        raise InputError(
-            "method", f"is {method!r} and counts is True", rule, "use method='fft' or method='auto'", value=method
-        )
+        problem, hint = f"is {method!r} and counts is True", "use method='fft' or method='auto'"
+        raise InputError("method", problem, "only transforms give counts", hint, value=method)
     check_word(outside, "outside", OUTSIDES)

@@ -359,9 +359,9 @@ WORKSPACE = Workspace.from_array(np.eye(4, dtype=bool), 0.1)
     ({"workers": 0}, "workers is 0"),
     ({"robot": 0.3}, "robot is a float; a polygon or a mesh is needed"),
     ({"robot": [(0.0, 0.0), (1.0, 0.0)]}, "robot is points; points need a radius"),
-    ({"robot": trimesh.creation.box((1, 1, 1))}, "3 dimensions and the workspace 2"),
+    ({"robot": trimesh.creation.box((1, 1, 1))}, "3 dimensions but the workspace has 2"),
     ({"workspace": np.eye(3)}, "workspace is a ndarray"),
-    ({"workspace": Workspace.from_array(np.zeros((2, 2, 2), bool), 0.1)}, "2 dimensions and the workspace 3"),
+    ({"workspace": Workspace.from_array(np.zeros((2, 2, 2), bool), 0.1)}, "2 dimensions but the workspace has 3"),
 )
 def test_build_refuses(arguments, message):
     options = {"workspace": WORKSPACE, "robot": Robot.disc(0.1), **arguments}
