@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from ompl import base as ob
 
-from cspace.arms.space import ArmSpace, in_collision
+from cspace.arms.space import ArmSpace, collision_error
 from cspace.arrays import BLOCKED, FREE, STATE_NAMES, Bools, Floats, Ints
 from cspace.check import check_flag, check_word, finite, positive
 from cspace.configuration_map import ConfigurationMap
@@ -645,7 +645,7 @@ class JointMotions(LocalPlanner):
         point = space.arm.clamp(space._check_configurations(given, name))
         warn_of_degrees(given, angle_axes(space.axes, space.periodic_axes), name)
         if not space.is_free(point):
-            raise in_collision(space, point, name)
+            raise collision_error(space, point, name)
         circles = np.array(space.periodic_axes)
         point[circles] = wrapped(point[circles])
         return tuple(point.tolist())

@@ -1,26 +1,26 @@
-"""Hulls: convex bodies around the triangles of a solid, in trees, and compiled proofs that two of them stay apart.
+"""Trees of convex hulls around the triangles of solids, and compiled proofs that two trees stay apart.
 
-Each node of a tree has a box and a ball that hold all of its triangles, and some nodes have the corners of a convex
-hull of them, grown by a radius: the whole of a part and large pieces of it, by as many of their corners as tell their
-shape; a few triangles that lie together; and single triangles. What is convex, as a box or a cylinder is, is one node.
+Each node has a box and a ball around all of its triangles. Some nodes also have the corners of a convex hull, grown by
+a radius: whole parts and large pieces of them, with enough corners to show their shape; a few neighbouring triangles;
+and single triangles. A convex part, such as a box or a cylinder, is one node.
 
-*What is proven.* For any vector n, two sets are at least as far apart as their projections onto a line along n, and the
-projection of a hull is that of its corners, grown by its radius. So nothing depends on where n comes from: it is that
-of the last time, or the way between the nearest points of two hulls, which is found by their differences' corners (E.
-G. Gilbert, D. W. Johnson and S. S. Keerthi, "A fast procedure for computing the distance between complex objects in
-three-dimensional space", 1988).
+*Bound.* For any vector n, the distance of two sets is at least the gap between their projections onto a line along n.
+The projection of a hull is that of its corners, grown by its radius. The bound holds for every n: the cached one, or
+the vector between the nearest points of two hulls, found by the corners of their difference (E. G. Gilbert, D. W.
+Johnson and S. S. Keerthi, "A fast procedure for computing the distance between complex objects in three-dimensional
+space", 1988).
 
-*Motions.* As seen from the other one, a body moves at a moment as one that turns: a point p at the velocity ``v + w x
-p``, of which the part along n is ``n.v + (n x w).p``. Let h be the time to either side, and ``curvature_bound`` half
-the square of h times a bound of all accelerations. Then the place of p along n stays between those of p plus and minus
-h times that velocity, give or take that bound. That is linear in p, so that two more shadows, along ``n + h (n x w)``
-and ``n - h (n x w)``, bound the whole motion. Before that a cheaper bound is tried: the speed of the node's middle,
-and that of its ball about it.
+*Motions.* As seen from the other body, a point p of a body moves at the velocity ``v + w x p``, whose component along n
+is ``n.v + (n x w).p``. Let h be the time to either side, and let ``curvature_bound`` be half the square of h times a
+bound of all accelerations. Then the position of p along n stays within h times that velocity of its central position,
+up to ``curvature_bound``. This is linear in p, so two more projections, along ``n + h (n x w)`` and ``n - h (n x w)``,
+bound the whole motion. A cheaper bound is tried first: the speed of the node's center, and of its ball about the
+center.
 
-*Rounding.* The shadow of a corner passes a product of a matrix and a vector, and a scalar product: with u = 2^-53, it
-is off by less than 16 u times the coordinates and the length of n, which is one but for 4 u. Below 2^-48 of the
-coordinates in all, and the allowance :data:`cspace.exact.ROUNDING` is 2^-40; what placing the bodies costs is told in
-:mod:`cspace.arms.chain`.
+*Rounding.* The projection of a corner takes a product of a matrix and a vector, and a scalar product. With u = 2^-53,
+it is off by less than 16 u times the coordinates and the length of n, which is 1 up to 4 u. The total is below 2^-48 of
+the coordinates; the allowance :data:`cspace.exact.DISTANCE_ROUNDING` is 2^-40. :mod:`cspace.arms.chain` bounds the
+rounding of poses.
 """
 
 from __future__ import annotations
@@ -50,25 +50,31 @@ from cspace.kernels import (
     triangle_weights,
 )
 
-TILE: Final = 16
-"""Triangles that lie together and are tested as one hull, at most."""
+MAX_TRIANGLES_PER_TILE: Final = 16
+"""Largest number of neighbouring triangles tested as one hull."""
 
-WIDE: Final = 16
-"""How many times as many triangles as the hulls below it has a hull has, at most."""
 
-FULL: Final = 192
-"""Corners of a part of nothing else, which stay as they are; of more, those farthest in so many directions."""
+HULL_BRANCHING: Final = 16
+"""Largest ratio of the triangles of a hull to those of the hulls below it."""
 
-FEW: Final = 48
-"""The same of all else, which is taken apart where the hull is too large."""
 
-FLAT: Final = 2.0**-37
-"""Growth of a hull from which corners were left out, relative to its size: the rounding of :func:`point_triangle`."""
+MAX_WHOLE_HULL_CORNERS: Final = 192
+"""Corners up to which the hull of a convex part stays exact; larger hulls use as many extreme corners."""
 
-STEPS: Final = 40
-"""Corners of a difference after which the way between the nearest points is good enough."""
 
-CACHED: Final = 256
+MAX_HULL_CORNERS: Final = 48
+"""Corners up to which any other hull stays exact."""
+
+
+HULL_ROUNDING: Final = 2.0**-37
+"""Growth of a hull without some of its corners, relative to its size: the rounding of :func:`point_triangle`."""
+
+
+MAX_GJK_STEPS: Final = 40
+"""Largest number of steps of the search for the nearest points of two hulls."""
+
+
+CACHED_DIRECTIONS: Final = 256
 """Pairs of hulls whose separating direction is cached."""
 
 
@@ -78,12 +84,12 @@ class Hulls(NamedTuple):
     Attributes
     ----------
     boxes : ndarray of float64, shape (m, 9)
-        The middle and half the sides of each node's box, the radius of its ball about the same middle, that by which
-        its hull is grown, and about how much the hull is larger than what it holds.
+        Center and half sides of the box of each node, radius of its ball about that center, growth of its hull, and the
+        approximate excess of the hull over its contents.
     nodes : ndarray of int64, shape (m, 4)
-        The second child, or 0 for a leaf; the first one is the next node. The first corner of the hull and that after
-        its last one: both are 0 where there is none, and equal for a leaf that is all of its box. Whether it has all
-        that hangs together with what it has.
+        The second child, or 0 for a leaf; the first child is the next node. Then the range [start, stop) of the corners
+        of the hull: 0, 0 without a hull, and start = stop for a leaf that fills its box. Last, 1 if the node contains
+        whole connected parts only.
     corners : ndarray of float64, shape (3, n)
     """
 
@@ -93,39 +99,39 @@ class Hulls(NamedTuple):
 
 
 class RelativeMotion(NamedTuple):
-    """How a body is placed and moves, as seen from another one.
+    """Pose and motion of a body, as seen from another body.
 
     Attributes
     ----------
     matrix : tuple of tuple of float
-        Rows of its rotation matrix.
-    place : tuple of float
-    spin, drift : tuple of float
-        A point p moves at ``drift + spin x p`` at the moment.
-    half : float
-        The time to either side that the proof covers.
+        Rows of the rotation matrix.
+    position : tuple of float
+    spin, velocity : tuple of float
+        A point p moves at ``velocity + spin x p`` at the central moment.
+    half_time : float
+        Time to either side that the proof covers.
     curvature_bound : float
-        Maximum deviation from that linear motion meanwhile.
+        Largest deviation from that linear motion meanwhile.
     max_displacement : float
-        Maximum displacement of any of its points meanwhile.
-    least : float
-        What a distance has to exceed.
+        Largest displacement of any point meanwhile.
+    required : float
+        Distance that proves the bodies apart.
     """
 
     matrix: Matrix
-    place: Row
+    position: Row
     spin: Row
-    drift: Row
-    half: float
+    velocity: Row
+    half_time: float
     curvature_bound: float
     max_displacement: float
-    least: float
+    required: float
 
 
-def hulls_of(rows: Floats, volume: float) -> Hulls:
-    """The tree of a part, by its triangles, or the boxes or balls that it is, and the volume that triangles enclose.
+def build_hulls(rows: Floats, volume: float) -> Hulls:
+    """Build the tree of a part from rows of :attr:`cspace.exact.triangles.Trees.triangles`.
 
-    They are rows of a tree (:attr:`cspace.exact.triangles.Trees.triangles`).
+    ``volume`` is the volume that the triangles enclose.
     """
     if not len(rows):
         return Hulls(np.empty((0, 9)), np.empty((0, 4), np.int64), np.empty((3, 0)))
@@ -137,41 +143,46 @@ def hulls_of(rows: Floats, volume: float) -> Hulls:
     nodes, leaf = np.zeros((len(box), 4), dtype=np.int64), counts == 1
     inside = np.flatnonzero(~leaf)
     nodes[inside, 0] = inside + 2 * (counts[inside] // 2)
-    corners, firsts = _corners(rows)
+    corners, firsts = _row_corners(rows)
     nodes[leaf, 1], nodes[leaf, 2] = firsts[starts[leaf]], firsts[starts[leaf] + 1]
-    # Boxes and balls are solid: none of them has another part.
+    # Boxes and balls are solid, so each is a whole connected part.
     nodes[:, 3] = bool(((rows[:, 9] < 0.0) | (rows[:, :9] == np.tile(rows[:, :3], 3)).all(axis=1)).all())
     nodes[0, 3] = 1
     if nodes[:, 3].all():
         return Hulls(boxes, nodes, np.ascontiguousarray(corners.T))
     points, which = np.unique(corners, axis=0, return_inverse=True)
-    above = np.zeros(len(box), dtype=np.int64)
-    above[inside + 1] = above[nodes[inside, 0]] = inside
-    ranks = np.searchsorted(TILE * WIDE ** np.arange(12), counts)
-    has_hull = ranks < ranks[above]
+    parents = np.zeros(len(box), dtype=np.int64)
+    parents[inside + 1] = parents[nodes[inside, 0]] = inside
+    ranks = np.searchsorted(MAX_TRIANGLES_PER_TILE * HULL_BRANCHING ** np.arange(12), counts)
+    has_hull = ranks < ranks[parents]
     has_hull[0] = True
     parts, stop = [corners], len(corners)
-    large = np.flatnonzero(has_hull & ((ranks > 0) | (above == np.arange(len(box))))).tolist()
+    large = np.flatnonzero(has_hull & ((ranks > 0) | (parents == np.arange(len(box))))).tolist()
     for node in [] if rows[:, 9].any() else large:
-        own = points[np.unique(which.ravel()[firsts[starts[node]] : firsts[starts[node] + counts[node]]])]
-        hull, grown, depth, is_whole = _hull_of(own, -1.0 if node else volume)
+        node_points = points[np.unique(which.ravel()[firsts[starts[node]] : firsts[starts[node] + counts[node]]])]
+        hull, grown, depth, is_whole = _fit_hull(node_points, -1.0 if node else volume)
         boxes[node, 7], boxes[node, 8] = grown, grown + depth
-        if is_whole and grown <= 2.0 * FLAT * np.ptp(points, axis=0).max():
+        if is_whole and grown <= 2.0 * HULL_ROUNDING * np.ptp(points, axis=0).max():
             boxes[0, 8] = 0.0
             return Hulls(boxes[:1], np.array([[0, 0, len(hull), 1]]), np.ascontiguousarray(hull.T))
         nodes[node, 1], nodes[node, 2], stop = stop, stop + len(hull), stop + len(hull)
         parts.append(hull)
     tiles = np.flatnonzero(~leaf & has_hull & (ranks == 0) & (nodes[:, 2] == 0))
-    few = np.concatenate([np.arange(0), *(np.arange(firsts[s], firsts[s + c]) for s, c in spans[tiles].tolist())])
+    tile_corners = np.concatenate(
+        [np.arange(0), *(np.arange(firsts[s], firsts[s + c]) for s, c in spans[tiles].tolist())]
+    )
     tile = np.repeat(np.arange(len(tiles)), firsts[(starts + counts)[tiles]] - firsts[starts[tiles]])
-    as_contiguous = np.unique(tile * len(points) + which.ravel()[few])
-    stops = stop + np.searchsorted(as_contiguous, len(points) * np.arange(len(tiles) + 1))
+    tile_points = np.unique(tile * len(points) + which.ravel()[tile_corners])
+    stops = stop + np.searchsorted(tile_points, len(points) * np.arange(len(tiles) + 1))
     nodes[tiles, 1], nodes[tiles, 2], boxes[tiles, 8] = stops[:-1], stops[1:], boxes[tiles, 3:6].min(axis=1)
-    return Hulls(boxes, nodes, np.ascontiguousarray(np.concatenate([*parts, points[as_contiguous % len(points)]]).T))
+    return Hulls(boxes, nodes, np.ascontiguousarray(np.concatenate([*parts, points[tile_points % len(points)]]).T))
 
 
-def _corners(rows: Floats) -> tuple[Floats, Ints]:
-    """Corners of triangles, one of balls, eight of boxes but none of those along the axes; where each begins."""
+def _row_corners(rows: Floats) -> tuple[Floats, Ints]:
+    """Return the corners of all rows, and the first corner of each row.
+
+    Triangles have three corners, balls one, boxes eight, and axis-aligned boxes none.
+    """
     is_box, is_ball = rows[:, 9] < 0.0, (rows[:, :9] == np.tile(rows[:, :3], 3)).all(axis=1)
     u, v = rows[:, 3:6], rows[:, 6:9]
     upright = is_box & ~u[:, 1:].any(axis=1) & ~v[:, ::2].any(axis=1)
@@ -192,10 +203,11 @@ def _corners(rows: Floats) -> tuple[Floats, Ints]:
     return corners, firsts
 
 
-def _hull_of(points: Floats, volume: float) -> tuple[Floats, float, float, bool]:
-    """Some points, by how much their hull must grow to hold all, how deep one lies in it, and whether that is all.
+def _fit_hull(points: Floats, volume: float) -> tuple[Floats, float, float, bool]:
+    """Choose corners whose hull, grown, contains all points.
 
-    Metres. It is all where so much volume is enclosed, below zero of a piece. A flat set has all of its points.
+    Returns the corners, the growth, the depth of the deepest point in the hull, metres, and whether the part is convex:
+    whether it encloses ``volume``, which is negative for pieces. A flat set keeps all points.
     """
     from scipy.spatial import ConvexHull, QhullError
 
@@ -204,9 +216,9 @@ def _hull_of(points: Floats, volume: float) -> tuple[Floats, float, float, bool]
     except QhullError:
         return points, 0.0, 0.0, False
     corners, is_whole = points[hull.vertices], volume > (1.0 - 1e-9) * float(hull.volume)
-    count = FULL if is_whole or (volume >= 0.0 and len(corners) == len(points)) else FEW
+    count = MAX_WHOLE_HULL_CORNERS if is_whole or (volume >= 0.0 and len(corners) == len(points)) else MAX_HULL_CORNERS
     if len(corners) > count:
-        # Directions spread evenly over a sphere, along Fibonacci's spiral.
+        # A Fibonacci spiral spreads directions evenly over a sphere.
         k = np.arange(count) + 0.5
         z, angle = 1.0 - 2.0 * k / count, math.pi * (1.0 + math.sqrt(5.0)) * k
         directions = np.stack([np.sqrt(1.0 - z * z) * np.cos(angle), np.sqrt(1.0 - z * z) * np.sin(angle), z])
@@ -214,22 +226,22 @@ def _hull_of(points: Floats, volume: float) -> tuple[Floats, float, float, bool]
         hull = ConvexHull(corners)
     if len(corners) == len(points):
         return corners, 0.0, 0.0, is_whole
-    parts = np.array_split(points, len(points) // 4096 + 1)  # of which the heights above all planes fit a cache
+    parts = np.array_split(points, len(points) // 4096 + 1)  # their heights above all planes fit a cache
     heights = np.concatenate([(part @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) for part in parts])
     size = float(np.ptp(points, axis=0).max())
     outside = points[heights > -1e-9 * size]
     sides = hull.points[hull.simplices]
-    # Of thin triangles distances may be too small; without them they are too large at worst.
+    # Distances from thin triangles may be too small. Without these triangles they can only be too large, which is safe.
     edges = np.roll(sides, -1, axis=1) - sides
     areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
     thin = areas <= 2.0 * THIN * (edges**2).sum(axis=2).max(axis=1)
-    grown = farthest(outside, sides[~thin]) + FLAT * size
+    grown = largest_distance(outside, sides[~thin]) + HULL_ROUNDING * size
     return corners, grown, float(-heights.min()), is_whole
 
 
 @kernel
-def farthest(points: Floats, triangles: Floats) -> float:
-    """How far the farthest point is from the nearest one of some triangles, none of which is thin."""
+def largest_distance(points: Floats, triangles: Floats) -> float:
+    """Return the largest distance of a point from its nearest triangle, none of which may be thin."""
     largest = 0.0
     for p in range(len(points)):
         apart = math.inf
@@ -239,12 +251,16 @@ def farthest(points: Floats, triangles: Floats) -> float:
     return largest
 
 
-def forest_of(solids: Sequence[Sequence[Hulls]]) -> tuple[Hulls, Ints, Ints]:
-    """A tree for each solid, of its parts; their roots, and the first node of each part, in order; -1 for none."""
+def build_forest(solids: Sequence[Sequence[Hulls]]) -> tuple[Hulls, Ints, Ints]:
+    """Build a tree for each solid from the trees of its parts.
+
+    Returns the trees, their roots, and the first node of each part, in order; -1 for none.
+    """
     boxes, nodes, corners = [np.empty((0, 9))], [np.empty((0, 4), np.int64)], [np.empty((3, 0))]
     roots, firsts, size, count = list[int](), list[int](), 0, 0
 
     def add(parts: list[tuple[int, Hulls]]) -> None:
+        """Append the tree over some parts, split along the longest side."""
         nonlocal size, count
         if len(parts) == 1:
             ((number, part),) = parts
@@ -258,13 +274,13 @@ def forest_of(solids: Sequence[Sequence[Hulls]]) -> tuple[Hulls, Ints, Ints]:
         extents = np.stack([part.boxes[0, :6] for _, part in parts])
         low, high = (extents[:, :3] - extents[:, 3:]).min(axis=0), (extents[:, :3] + extents[:, 3:]).max(axis=0)
         order = extents[:, int((high - low).argmax())].argsort(kind="stable").tolist()
-        half, sides = len(order) // 2, 0.5 * (high - low)
+        half_time, sides = len(order) // 2, 0.5 * (high - low)
         boxes.append(np.array([[*(0.5 * (low + high)), *sides, np.linalg.norm(sides), 0.0, 0.0]]))
         nodes.append(row := np.array([[0, 0, 0, 1]]))
         size += 1
-        add([parts[k] for k in order[:half]])
+        add([parts[k] for k in order[:half_time]])
         row[0, 0] = size
-        add([parts[k] for k in order[half:]])
+        add([parts[k] for k in order[half_time:]])
 
     for solid in solids:
         filled = [(len(firsts) + k, part) for k, part in enumerate(solid) if len(part.nodes)]
@@ -276,8 +292,8 @@ def forest_of(solids: Sequence[Sequence[Hulls]]) -> tuple[Hulls, Ints, Ints]:
     return hulls, np.array(roots, dtype=np.int64), np.array(firsts, dtype=np.int64)
 
 
-def corners_of(hulls: Hulls, node: int) -> tuple[Floats, float]:
-    """The corners of a node's hull, or of its box where it has none, shape (n, 3), and its radius, metres."""
+def node_corners(hulls: Hulls, node: int) -> tuple[Floats, float]:
+    """Return the corners of a node's hull, or of its box if it has none, shape (n, 3), and its radius, metres."""
     _, first, stop, _ = hulls.nodes[node].tolist()
     if first < stop:
         return hulls.corners[:, first:stop].T, float(hulls.boxes[node, 7])
@@ -286,153 +302,157 @@ def corners_of(hulls: Hulls, node: int) -> tuple[Floats, float]:
 
 
 @kernel
-def least_excess(
-    hulls: Hulls, one: int, other: int, flight: RelativeMotion, enough: float, work: Ints, directions: Floats
+def tree_slack(
+    hulls: Hulls, one: int, other: int, motion: RelativeMotion, enough: float, scratch: Ints, directions: Floats
 ) -> float:
-    """By how much what is apart exceeds what it has to, ``enough`` at most, in the trees of a body and of another one.
+    """Return a lower bound of (distance - required distance) between two hull trees, capped at ``enough``.
 
-    The body is the one that the flight is of. Below zero where one pair of nodes is not proven to stay apart, and
-    minus infinity where one is not apart in the middle of a motion, all of which is looked at. The pair is then the
-    first row of ``work``, shape (DEPTH, 6), and tested first the next time. Row 1 begins with 1 if parts of what hangs
-    together were looked at alone. ``directions``, shape (CACHED, 4), caches along what hulls were apart.
+    The motion is that of the first tree as seen from the second. The result is negative if a pair of nodes is not
+    proven to stay apart, and -inf if a pair is not apart at the central moment. That pair becomes row 0 of ``scratch``,
+    shape (MAX_PENDING_PAIRS, 2), and is tested first the next time. Row 1 then starts with 1 if pieces of connected
+    parts were proven apart separately. ``directions``, shape (CACHED_DIRECTIONS, 4), caches separating directions.
     """
-    best, top, last, known, beside = enough, 1, -1, work[0, 0], work[0, 1]
-    (wx, wy, wz), (vx, vy, vz) = flight.spin, flight.drift
-    turn, least = math.sqrt(wx * wx + wy * wy + wz * wz), flight.least
+    best, top, last, known_a, known_b = enough, 1, -1, scratch[0, 0], scratch[0, 1]
+    (wx, wy, wz), (vx, vy, vz) = motion.spin, motion.velocity
+    spin_rate, required = math.sqrt(wx * wx + wy * wy + wz * wz), motion.required
     mx, my, mz, hx, hy, hz, sx, sy, sz, speed = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     partial = proven = moves = False
-    work[1, 0], work[1, 1], work[2, 0], work[2, 1] = one, other, known, beside
-    top += 2 if known >= 0 else 1
+    scratch[1, 0], scratch[1, 1], scratch[2, 0], scratch[2, 1] = one, other, known_a, known_b
+    top += 2 if known_a >= 0 else 1
     while top > 1:
         top -= 1
-        a, b = work[top, 0], work[top, 1]
-        again = a == known and b == beside
-        if again and proven:
+        a, b = scratch[top, 0], scratch[top, 1]
+        is_known = a == known_a and b == known_b
+        if is_known and proven:
             continue
-        proven = proven or again
-        box, still = hulls.boxes[a], hulls.boxes[b]
+        proven = proven or is_known
+        box, fixed = hulls.boxes[a], hulls.boxes[b]
         if a != last:
             last = a
-            mx, my, mz = apply_pose(flight.matrix, flight.place, row_at(box, 0))
-            hx, hy, hz = box_extent(flight.matrix, row_at(box, 3))
-            # How far the node can move, along each axis and in all.
+            mx, my, mz = apply_pose(motion.matrix, motion.position, row_at(box, 0))
+            hx, hy, hz = box_extent(motion.matrix, row_at(box, 3))
+            # Bound the motion of the node along each axis and in total.
             x, y, z = vx + wy * mz - wz * my, vy + wz * mx - wx * mz, vz + wx * my - wy * mx
-            half, max_displacement = flight.half, flight.max_displacement
-            swing = half * turn * box[6] + flight.curvature_bound
+            half_time, max_displacement = motion.half_time, motion.max_displacement
+            swing = half_time * spin_rate * box[6] + motion.curvature_bound
             sx, sy, sz = (
-                min(half * abs(x) + swing, max_displacement),
-                min(half * abs(y) + swing, max_displacement),
-                min(half * abs(z) + swing, max_displacement),
+                min(half_time * abs(x) + swing, max_displacement),
+                min(half_time * abs(y) + swing, max_displacement),
+                min(half_time * abs(z) + swing, max_displacement),
             )
-            speed = min(half * math.sqrt(x * x + y * y + z * z) + swing, max_displacement)
+            speed = min(half_time * math.sqrt(x * x + y * y + z * z) + swing, max_displacement)
         whole = hulls.nodes[a, 3] + hulls.nodes[b, 3] == 2
-        dx, dy, dz = abs(mx - still[0]) - still[3], abs(my - still[1]) - still[4], abs(mz - still[2]) - still[5]
-        excess = max(dx - hx - sx, dy - hy - sy, dz - hz - sz) - least
-        if excess <= best:
-            # The ball about the node, and the other one's box.
+        dx, dy, dz = abs(mx - fixed[0]) - fixed[3], abs(my - fixed[1]) - fixed[4], abs(mz - fixed[2]) - fixed[5]
+        slack = max(dx - hx - sx, dy - hy - sy, dz - hz - sz) - required
+        if slack <= best:
+            # Test the ball of the node against the other box.
             dx, dy, dz = max(dx, 0.0), max(dy, 0.0), max(dz, 0.0)
-            excess = math.sqrt(dx * dx + dy * dy + dz * dz) - box[6] - least - speed
-        if excess > best:
+            slack = math.sqrt(dx * dx + dy * dy + dz * dz) - box[6] - required - speed
+        if slack > best:
             partial = partial or not whole
             continue
-        after, behind = hulls.nodes[a, 0], hulls.nodes[b, 0]
-        held, beheld = after == 0 or hulls.nodes[a, 2] > 0, behind == 0 or hulls.nodes[b, 2] > 0
-        if held and beheld:
+        a_child, b_child = hulls.nodes[a, 0], hulls.nodes[b, 0]
+        a_has_hull, b_has_hull = a_child == 0 or hulls.nodes[a, 2] > 0, b_child == 0 or hulls.nodes[b, 2] > 0
+        if a_has_hull and b_has_hull:
             n, cached, number = (
-                (still[0] - mx, still[1] - my, still[2] - mz),
-                directions[(31 * a + b) % CACHED],
+                (fixed[0] - mx, fixed[1] - my, fixed[2] - mz),
+                directions[(31 * a + b) % CACHED_DIRECTIONS],
                 a * 2.0**26 + b,
             )
             if cached[0] == number:
                 n = (cached[1], cached[2], cached[3])
-            excess, apart, n = excess_between(hulls, a, b, flight, speed, best, n)
+            slack, apart, n = hull_slack(hulls, a, b, motion, speed, best, n)
             cached[0], cached[1], cached[2], cached[3] = number, n[0], n[1], n[2]
-            if excess > best:
+            if slack > best:
                 partial = partial or not whole
                 continue
-            # Its parts may be apart where the hull is not, unless its motion is what is too much.
-            loose = box[8] + still[8]
-            if (after == 0 and behind == 0) or (apart and excess + loose < 0.0):
-                work[0, 0], work[0, 1] = a, b
-                if apart and flight.half > 0.0:
-                    # A shorter motion is tested next, unless the middle of this one is in the way.
-                    flight, moves, last = at_rest(flight), True, -1
+            # The children may be apart even if the hulls are not, unless the motion is too long.
+            loose = box[8] + fixed[8]
+            if (a_child == 0 and b_child == 0) or (apart and slack + loose < 0.0):
+                scratch[0, 0], scratch[0, 1] = a, b
+                if apart and motion.half_time > 0.0:
+                    # The caller halves the motion next unless its central moment is blocked, so test only that now.
+                    motion, moves, last = without_motion(motion), True, -1
                     continue
-                best = min(excess, best - 1e-300) if apart else -math.inf
+                best = min(slack, best - 1e-300) if apart else -math.inf
                 if best <= 0.0:
                     break
                 continue
-        # What has no hull is taken apart first, then what is larger.
-        if behind == 0 or (after > 0 and (held < beheld or (held == beheld and box[6] >= still[6]))):
-            work[top, 0], work[top, 1], work[top + 1, 0], work[top + 1, 1] = after, b, a + 1, b
+        # Split a node without a hull first, then the larger node.
+        if b_child == 0 or (
+            a_child > 0 and (a_has_hull < b_has_hull or (a_has_hull == b_has_hull and box[6] >= fixed[6]))
+        ):
+            scratch[top, 0], scratch[top, 1], scratch[top + 1, 0], scratch[top + 1, 1] = a_child, b, a + 1, b
         else:
-            # The nearer one comes last, and is tested first: the other need not prove more than it does.
-            one_box, other_box = hulls.boxes[b + 1], hulls.boxes[behind]
+            # Push the nearer child last, so that it is tested first and its bound prunes the other.
+            one_box, other_box = hulls.boxes[b + 1], hulls.boxes[b_child]
             x, y, z = (
                 2.0 * mx - one_box[0] - other_box[0],
                 2.0 * my - one_box[1] - other_box[1],
                 2.0 * mz - one_box[2] - other_box[2],
             )
             near = x * (one_box[0] - other_box[0]) + y * (one_box[1] - other_box[1]) + z * (one_box[2] - other_box[2])
-            nearer, farther = (b + 1, behind) if near > 0.0 else (behind, b + 1)
-            work[top, 0], work[top, 1], work[top + 1, 0], work[top + 1, 1] = a, farther, a, nearer
+            nearer, farther = (b + 1, b_child) if near > 0.0 else (b_child, b + 1)
+            scratch[top, 0], scratch[top, 1], scratch[top + 1, 0], scratch[top + 1, 1] = a, farther, a, nearer
         top += 2
-    work[1, 0] = 1 if partial else 0
+    scratch[1, 0] = 1 if partial else 0
     return min(best, -1e-300) if moves else best
 
 
 @always_inline
-def at_rest(flight: RelativeMotion) -> RelativeMotion:
-    """The flight at its middle moment alone, where nothing moves."""
-    return RelativeMotion(flight.matrix, flight.place, flight.spin, flight.drift, 0.0, 0.0, 0.0, flight.least)
+def without_motion(motion: RelativeMotion) -> RelativeMotion:
+    """Return the motion restricted to its central moment, when nothing moves."""
+    return RelativeMotion(motion.matrix, motion.position, motion.spin, motion.velocity, 0.0, 0.0, 0.0, motion.required)
 
 
 @kernel
-def excess_between(
-    hulls: Hulls, a: int, b: int, flight: RelativeMotion, speed: float, enough: float, n: Row
+def hull_slack(
+    hulls: Hulls, a: int, b: int, motion: RelativeMotion, speed: float, enough: float, n: Row
 ) -> tuple[float, bool, Row]:
-    """:func:`least_excess` of two hulls, more or less; whether they are apart in the middle, and along what.
+    """Return :func:`tree_slack` of two hulls, whether they are apart at the central moment, and the direction.
 
-    ``speed`` is by how much the first can move at most, and ``n`` where to begin: no matter how long, or zero.
+    ``speed`` bounds the displacement of the first hull. ``n``, of any length or zero, is the first direction tried.
     """
-    least, half = flight.least + hulls.boxes[a, 7] + hulls.boxes[b, 7], flight.half
+    required, half_time = motion.required + hulls.boxes[a, 7] + hulls.boxes[b, 7], motion.half_time
     best, gap, direction, length, count = -math.inf, -math.inf, n, math.inf, 0
     p = q = r = (0.0, 0.0, 0.0)
-    for _ in range(STEPS):
+    for _ in range(MAX_GJK_STEPS):
         square = dot(n, n)
         if not 1e-200 < square < math.inf:
             if count:
                 break
             n, square = (1.0, 0.0, 0.0), 1.0
         n = scale_vector(n, 1.0 / math.sqrt(square))
-        one, high = highest(hulls, a, rotate_back(flight.matrix, n))
-        other, low = highest(hulls, b, scale_vector(n, -1.0))
-        shadow = -low - high - dot(n, flight.place)
-        if shadow - least > gap:
-            gap, direction = shadow - least, n
+        one, high = support_point(hulls, a, rotate_back(motion.matrix, n))
+        other, low = support_point(hulls, b, scale_vector(n, -1.0))
+        gap_along = -low - high - dot(n, motion.position)
+        if gap_along - required > gap:
+            gap, direction = gap_along - required, n
             best = max(best, gap - speed)
-            # Along n it may move by less.
-            if best <= enough and gap - flight.curvature_bound > enough and half > 0.0:
-                tilt, along = scale_vector(cross(n, flight.spin), half), half * dot(n, flight.drift)
+            # Along n the motion may be shorter than ``speed``.
+            if best <= enough and gap - motion.curvature_bound > enough and half_time > 0.0:
+                tilt, along = scale_vector(cross(n, motion.spin), half_time), half_time * dot(n, motion.velocity)
                 for sign in (1.0, -1.0):
                     m = (n[0] + sign * tilt[0], n[1] + sign * tilt[1], n[2] + sign * tilt[2])
-                    _, top = highest(hulls, a, rotate_back(flight.matrix, m))
-                    shadow_m = -low - top - dot(m, flight.place) - sign * along
-                    shadow = min(shadow, shadow_m)
-                best = max(best, shadow - least - flight.curvature_bound)
-                shadow = gap + least
+                    _, top = support_point(hulls, a, rotate_back(motion.matrix, m))
+                    gap_m = -low - top - dot(m, motion.position) - sign * along
+                    gap_along = min(gap_along, gap_m)
+                best = max(best, gap_along - required - motion.curvature_bound)
+                gap_along = gap + required
             if best > enough:
                 break
-        # The way between the nearest points is no shorter than any shadow, and no longer than the one that is found.
-        if length <= least:
+        # The distance is at least any gap between projections, and at most the length of the vector found.
+        if length <= required:
             break
-        hoped = best + length - least - gap
+        hoped = best + length - required - gap
         if gap > 0.0 and speed > 0.0 and hoped <= enough:
             best = hoped
             break
-        if count and length - shadow <= 1e-10 * length:
+        if count and length - gap_along <= 1e-10 * length:
             break
-        n, p, q, r, count = nearest(minus(other, apply_pose(flight.matrix, flight.place, one)), p, q, r, count)
+        n, p, q, r, count = nearest_in_simplex(
+            minus(other, apply_pose(motion.matrix, motion.position, one)), p, q, r, count
+        )
         before, length = length, math.sqrt(dot(n, n))
         if count == 4 or not length < before:
             break
@@ -440,12 +460,12 @@ def excess_between(
 
 
 @kernel
-def highest(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
-    """The corner of a hull that is farthest along a direction, and how far that is."""
+def support_point(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
+    """Return the corner of a hull that is farthest along n, and its coordinate along n."""
     first, stop, best, at = hulls.nodes[node, 1], hulls.nodes[node, 2], -math.inf, 0
     x, y, z = n
     if first == stop:
-        # A box along the axes.
+        # A leaf that fills its axis-aligned box has no stored corners.
         box = hulls.boxes[node]
         corner = (
             box[0] + math.copysign(box[3], x),
@@ -462,32 +482,32 @@ def highest(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
 
 
 @kernel
-def nearest(w: Row, p: Row, q: Row, r: Row, count: int) -> tuple[Row, Row, Row, Row, int]:
-    """The point nearest to the origin of a simplex with one more corner, the corners that it is of, and how many.
+def nearest_in_simplex(w: Row, p: Row, q: Row, r: Row, count: int) -> tuple[Row, Row, Row, Row, int]:
+    """Return the point of a simplex with one more corner nearest to the origin, its corners, and their number.
 
-    Corners that are not needed repeat others; four are in the way of nothing, for the origin lies between them.
+    Unused corners repeat others. Four corners mean that the simplex contains the origin.
     """
     if count < 2:
-        return in_triangle(w, p if count else w, p if count else w)
+        return nearest_in_triangle(w, p if count else w, p if count else w)
     if count == 2:
-        return in_triangle(w, p, r)
+        return nearest_in_triangle(w, p, r)
     o = scale_vector(w, -1.0)
     u, v, x = minus(p, w), minus(q, w), minus(r, w)
     volume = dot(u, cross(v, x))
     s, t, y = dot(o, cross(v, x)) / volume, dot(u, cross(o, x)) / volume, dot(u, cross(v, o)) / volume
     if volume != 0.0 and s >= 0.0 and t >= 0.0 and y >= 0.0 and s + t + y <= 1.0:
         return o, p, q, r, 4
-    best = in_triangle(w, p, q)
+    best = nearest_in_triangle(w, p, q)
     for one, two in ((q, r), (r, p)):
-        other = in_triangle(w, one, two)
+        other = nearest_in_triangle(w, one, two)
         if dot(other[0], other[0]) < dot(best[0], best[0]):
             best = other
     return best
 
 
 @kernel
-def in_triangle(a: Row, b: Row, c: Row) -> tuple[Row, Row, Row, Row, int]:
-    """:func:`nearest` of a triangle, whose corners may coincide."""
+def nearest_in_triangle(a: Row, b: Row, c: Row) -> tuple[Row, Row, Row, Row, int]:
+    """Return :func:`nearest_in_simplex` of a triangle, whose corners may coincide."""
     s, t = triangle_weights(a, b, c)
     if s == 0.0 and t == 0.0:
         return a, a, a, a, 1

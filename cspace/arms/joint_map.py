@@ -14,9 +14,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.arms.boxes import FINER, Cells, Inside, Interiors, depths, fill, rest_of
-from cspace.arms.chain import STILL, TURNS
-from cspace.arms.proofs import Scene, Solids, are_free, work_of
+from cspace.arms.boxes import (
+    LATTICE_REFINEMENT,
+    InnerBalls,
+    InnerScene,
+    JointCells,
+    classify_block,
+    make_pending,
+    surface_depths,
+)
+from cspace.arms.chain import FIXED, REVOLUTE
+from cspace.arms.proofs import Scene, Solids, are_free, make_scene_scratch
 from cspace.arms.space import ArmSpace
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints
 from cspace.check import finite, positive
@@ -35,19 +43,19 @@ from cspace.space import CSpace
 from cspace.threads import cores, in_threads
 from cspace.workspace import Workspace
 
-_BYTES: Final = 3
+_BYTES_PER_JOINT_CELL: Final = 3
 """For each cell: its state, and whether it meets an obstacle or lies in one."""
 
-_BLOCK: Final = 32
+_BLOCK_CELLS_PER_AXIS: Final = 32
 """Cells along each axis of a block that a thread begins with."""
 
-_POINTS: Final = 1000
+_LATTICE_POINTS_PER_SURFACE: Final = 1000
 """About how many points of a box are looked at for balls."""
 
-_BALLS: Final = 64
+_MAX_BALLS_PER_SURFACE: Final = 64
 """Balls of a closed surface, at most."""
 
-_CORNERS: Final = 24
+_MAX_CORNERS_PER_SOLID: Final = 24
 """Corners of a solid that count as balls without a radius, at most."""
 
 
@@ -116,35 +124,43 @@ def build_joint_map(
         raise InputError(
             "joints", f"are {', '.join(names)}", rule, "name them, and pass held_joints= for the others", value=names
         )
-    numbers = np.array([arm.joints.index(name) for name in names])
-    held = _held(space, names, held_joints)
-    intervals = np.array([_limits(space, name, limits) for name in names])
+    joint_indices = np.array([arm.joints.index(name) for name in names])
+    held = _held_configuration(space, names, held_joints)
+    intervals = np.array([_joint_range(space, name, limits) for name in names])
     periodic_axes = tuple(np.isinf(intervals).all(axis=1).tolist())
     if any(periodic_axes):
         intervals[list(periodic_axes)] = -math.pi, math.pi
-        around = _counts(np.array([[0.0, TWO_PI]]), side).item()
+        around = _count_cells(np.array([[0.0, TWO_PI]]), side).item()
         side = TWO_PI / around
         if around * side - math.pi < math.pi:  # the last cell holds the last angle
             side = math.nextafter(side, math.inf)
-    counts = _counts(intervals, side)
-    units = tuple(arm.units[number] for number in numbers.tolist())
+    counts = _count_cells(intervals, side)
+    units = tuple(arm.units[number] for number in joint_indices.tolist())
     shape = tuple(counts.tolist())
-    check_memory(_BYTES * math.prod(shape), "the map", Planned(shape, side, intervals[:, 0], intervals[:, 1], units[0]))
+    check_memory(
+        _BYTES_PER_JOINT_CELL * math.prod(shape),
+        "the map",
+        Planned(shape, side, intervals[:, 0], intervals[:, 1], units[0]),
+    )
     grid = Grid(intervals[:, 0], side, shape, axes=names, units=units)
-    moving = _moving(space, numbers)
-    _check_held(space, numbers, held, np.flatnonzero(~moving.any(axis=1)))
+    moving = _moving_pairs(space, joint_indices)
+    _refuse_held_contact(space, joint_indices, held, np.flatnonzero(~moving.any(axis=1)))
 
-    cells, balls = _cells(space, grid, numbers, held), _interiors(space.inner_record.solids)
+    cells, balls = _joint_cells(space, grid, joint_indices, held), _inner_balls(space.inner_record.solids)
     parts, work = [np.zeros((1, 1, 1), dtype=np.uint8)], []
     for moved in np.unique(moving[moving.any(axis=1)], axis=0):
         pairs = space.record.pairs[(moving == moved).all(axis=1)]
-        scene, inside = space.record._replace(pairs=pairs), Inside(space.inner_record._replace(pairs=pairs), balls)
+        scene, inside = space.record._replace(pairs=pairs), InnerScene(space.inner_record._replace(pairs=pairs), balls)
         # Along joints that do not move the two against each other, one cell stands for all.
         sides = np.concatenate([np.ones(3 - len(shape), dtype=np.int64), np.where(moved, shape, 1)])
         parts.append(np.empty(sides, dtype=np.uint8))
-        starts = _BLOCK * np.indices(tuple((-(-sides // _BLOCK)).tolist())).reshape(3, -1).T
-        blocks = np.concatenate([starts, np.minimum(starts + _BLOCK, sides)], axis=1)
-        work += [partial(_fill, scene, inside, cells, block, parts[-1]) for block in np.ascontiguousarray(blocks)]
+        starts = (
+            _BLOCK_CELLS_PER_AXIS * np.indices(tuple((-(-sides // _BLOCK_CELLS_PER_AXIS)).tolist())).reshape(3, -1).T
+        )
+        blocks = np.concatenate([starts, np.minimum(starts + _BLOCK_CELLS_PER_AXIS, sides)], axis=1)
+        work += [
+            partial(_classify_block, scene, inside, cells, block, parts[-1]) for block in np.ascontiguousarray(blocks)
+        ]
     tell = None if progress is None else lambda done: progress(done, len(work))
     in_threads(lambda task: task(), work, workers or cores(), tell)
     # What is FREE of all pairs is FREE, and what is BLOCKED of one is BLOCKED.
@@ -160,15 +176,19 @@ def build_joint_map(
     slices = rotations.slices_for(robot.shape)
     circles = periodic_axes * any(periodic_axes)
     intervals[list(periodic_axes)] = -math.inf, math.inf
-    prove = partial(JointProofs, space.record, numbers, held, intervals)
+    prove = partial(JointProofs, space.record, joint_indices, held, intervals)
     return CSpace(Contents(workspace, robot, rotations, slices, states[np.newaxis], periodic_axes=circles, prove=prove))
 
 
-def _fill(scene: Scene, inside: Inside, cells: Cells, block: Ints, states: NDArray[np.uint8]) -> None:
-    fill(scene, inside, cells, rest_of(block, cells, len(scene.pairs)), states, work_of(scene))
+def _classify_block(
+    scene: Scene, inside: InnerScene, cells: JointCells, block: Ints, states: NDArray[np.uint8]
+) -> None:
+    classify_block(
+        scene, inside, cells, make_pending(block, cells, len(scene.pairs)), states, make_scene_scratch(scene)
+    )
 
 
-def _held(space: ArmSpace, names: Sequence[str], held_joints: ArrayLike | None) -> Floats:
+def _held_configuration(space: ArmSpace, names: Sequence[str], held_joints: ArrayLike | None) -> Floats:
     """A configuration of the arm, of which the numbers of the map's joints do not count."""
     others = [name for name in space.arm.joints if name not in names]
     if held_joints is None:
@@ -188,50 +208,50 @@ def _held(space: ArmSpace, names: Sequence[str], held_joints: ArrayLike | None) 
             value=held_joints,
         )
     within = space.arm.clamp(held)
-    numbers = [space.arm.joints.index(name) for name in others]
-    within[numbers] = held[numbers]
+    joint_indices = [space.arm.joints.index(name) for name in others]
+    within[joint_indices] = held[joint_indices]
     space.arm.check_limits(within, "held_joints")
     return held.copy()
 
 
-def _limits(space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]] | None) -> tuple[float, float]:
+def _joint_range(space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]] | None) -> tuple[float, float]:
     """The part of a joint's way that is mapped."""
     number = space.arm.joints.index(name)
-    own = float(space.arm.lower[number]), float(space.arm.upper[number])
+    full_range = float(space.arm.lower[number]), float(space.arm.upper[number])
     if limits is None or name not in limits:
-        if math.isinf(own[0]) and not space.periodic_axes[number]:
+        if math.isinf(full_range[0]) and not space.periodic_axes[number]:
             problem = f"are missing for {name!r}, which turns for ever, and other joints by another angle"
             rule, hint = "after a turn the arm is not where it was", f"pass limits={{{name!r}: (-3.14, 3.14)}}"
             raise InputError("limits", problem, rule, hint, value=limits)
-        if own[0] == own[1]:
+        if full_range[0] == full_range[1]:
             hint = "name the other joints; held_joints= says where it is held"
             raise InputError(
-                "joints", f"name {name!r}, which stays at {own[0]:g}", "a map is of what moves", hint, value=name
+                "joints", f"name {name!r}, which stays at {full_range[0]:g}", "a map is of what moves", hint, value=name
             )
-        return own
+        return full_range
     given = finite(limits[name], f"limits[{name!r}]")
-    if given.shape != (2,) or not own[0] <= given[0] < given[1] <= own[1]:
-        rule = f"they must be two ascending numbers within {own[0]:.12g} and {own[1]:.12g}"
+    if given.shape != (2,) or not full_range[0] <= given[0] < given[1] <= full_range[1]:
+        rule = f"they must be two ascending numbers within {full_range[0]:.12g} and {full_range[1]:.12g}"
         raise InputError(f"limits[{name!r}]", f"are {limits[name]}", rule, "correct them", value=limits[name])
     return float(given[0]), float(given[1])
 
 
-def _counts(intervals: Floats, side: float) -> Ints:
+def _count_cells(intervals: Floats, side: float) -> Ints:
     """How many cells cover each interval, shape (d, 2); rounding makes no cell."""
     exact = (intervals[:, 1] - intervals[:, 0]) / side
     nearest = np.rint(exact)
     return np.maximum(1, np.where(np.abs(exact - nearest) < 1e-9, nearest, np.ceil(exact))).astype(np.int64)
 
 
-def _moving(space: ArmSpace, numbers: Ints) -> Bools:
+def _moving_pairs(space: ArmSpace, joint_indices: Ints) -> Bools:
     """Which of some numbers of a configuration move pairs of solids against each other, shape (pairs, numbers)."""
     chain, scene = space.arm.chain, space.record
     bodies = scene.solids.bodies[scene.pairs]
-    between = chain.between[bodies[:, 0], bodies[:, 1]] & (chain.kinds != STILL)
-    return np.stack([between[:, chain.numbers == number].any(axis=1) for number in numbers], axis=1)
+    between = chain.between[bodies[:, 0], bodies[:, 1]] & (chain.kinds != FIXED)
+    return np.stack([between[:, chain.joint_indices == number].any(axis=1) for number in joint_indices], axis=1)
 
 
-def _check_held(space: ArmSpace, numbers: Ints, held: Floats, still: Ints) -> None:
+def _refuse_held_contact(space: ArmSpace, joint_indices: Ints, held: Floats, still: Ints) -> None:
     """Refuse to map nothing but BLOCKED: pairs that the joints do not move against each other, and that touch."""
     scene = space.record._replace(pairs=space.record.pairs[still])
     if not len(scene.pairs):
@@ -240,48 +260,48 @@ def _check_held(space: ArmSpace, numbers: Ints, held: Floats, still: Ints) -> No
     if not are_free(scene, q, q)[0]:
         link, other, *_ = space.contact(scene, q)
         problem = f"has {link} touch {other!r}, or come nearer than the margin"
-        rule = f"{', '.join(space.arm.joints[number] for number in numbers)} do not move them apart"
+        rule = f"{', '.join(space.arm.joints[number] for number in joint_indices)} do not move them apart"
         raise ConfigurationError("held_joints", problem, rule, "hold the other joints elsewhere", value=held)
 
 
-def _cells(space: ArmSpace, grid: Grid, numbers: Ints, held: Floats) -> Cells:
+def _joint_cells(space: ArmSpace, grid: Grid, joint_indices: Ints, held: Floats) -> JointCells:
     """The grid as compiled code takes it, along three axes."""
     chain, solids = space.arm.chain, space.record.solids
     levers = np.zeros(len(held))
     for body in np.unique(solids.bodies[space.record.pairs]):
         reach = float(solids.levers[solids.bodies == body].max())
-        for joint in np.flatnonzero(chain.between[body, 0] & (chain.kinds != STILL)):
-            travel = chain.lengths[body, joint] + reach if chain.kinds[joint] == TURNS else 1.0
-            number = chain.numbers[joint]
+        for joint in np.flatnonzero(chain.between[body, 0] & (chain.kinds != FIXED)):
+            travel = chain.lengths[body, joint] + reach if chain.kinds[joint] == REVOLUTE else 1.0
+            number = chain.joint_indices[joint]
             levers[number] = max(levers[number], abs(chain.factors[joint]) * travel)
     pad = 3 - grid.dim
-    return Cells(
+    return JointCells(
         lower=np.concatenate([np.zeros(pad), grid.lower]),
         spacing=grid.spacing,
-        numbers=np.concatenate([np.full(pad, -1), numbers]),
-        at=held,
-        levers=np.concatenate([np.zeros(pad), levers[numbers]]),
+        joint_indices=np.concatenate([np.full(pad, -1), joint_indices]),
+        held=held,
+        levers=np.concatenate([np.zeros(pad), levers[joint_indices]]),
     )
 
 
-def _interiors(solids: Solids) -> Interiors:
+def _inner_balls(solids: Solids) -> InnerBalls:
     """Balls in solids: of the points of a lattice the deepest, each some way from those before it; and corners."""
-    surfaces = [_depths(solids, surface) for surface in range(len(solids.boxes))]
+    surfaces = [_sample_depths(solids, surface) for surface in range(len(solids.boxes))]
     balls: list[Floats] = []
     counts = []
     for number, stem in enumerate(solids.tree_roots.tolist()):
         first, count = solids.trees.spans[stem].tolist() if stem >= 0 else (0, 0)
         rows = solids.trees.triangles[first : first + count]
-        own = [_solid_balls(rows)]
-        own += [_balls(*surfaces[k]) for k in range(solids.starts[number, 0], solids.starts[number + 1, 0])]
+        found = [_solid_balls(rows)]
+        found += [_pick_balls(*surfaces[k]) for k in range(solids.starts[number, 0], solids.starts[number + 1, 0])]
         corners = solids.anchors[solids.starts[number, 1] : solids.starts[number + 1, 1]]
-        corners = corners[:: -(-len(corners) // _CORNERS) or 1]
-        own.append(np.column_stack([corners, np.zeros(len(corners))]))
-        balls += own
-        counts.append(sum(map(len, own)))
+        corners = corners[:: -(-len(corners) // _MAX_CORNERS_PER_SOLID) or 1]
+        found.append(np.column_stack([corners, np.zeros(len(corners))]))
+        balls += found
+        counts.append(sum(map(len, found)))
     every = np.concatenate([np.empty((0, 4)), *balls])
     shapes = np.array([shape for _, _, shape in surfaces], dtype=np.int64).reshape(-1, 3)
-    return Interiors(
+    return InnerBalls(
         centers=every[:, :3].copy(),
         radii=every[:, 3].copy(),
         levers=np.linalg.norm(every[:, :3], axis=1),
@@ -289,9 +309,9 @@ def _interiors(solids: Solids) -> Interiors:
         deepest=np.array([max(radii, default=0.0) for radii in np.split(1.5 * every[:, 3], np.cumsum(counts)[:-1])]),
         steps=(solids.boxes[:, 3:] - solids.boxes[:, :3]) / shapes,
         shapes=shapes,
-        deep=np.concatenate([np.empty(0), *(deep for _, deep, _ in surfaces)]),
-        finer=np.zeros(FINER**3 * sum(len(deep) for _, deep, _ in surfaces)),
-        firsts=np.cumsum([0, *(len(deep) for _, deep, _ in surfaces)]),
+        depth=np.concatenate([np.empty(0), *(depth for _, depth, _ in surfaces)]),
+        fine_depth=np.zeros(LATTICE_REFINEMENT**3 * sum(len(depth) for _, depth, _ in surfaces)),
+        depth_starts=np.cumsum([0, *(len(depth) for _, depth, _ in surfaces)]),
     )
 
 
@@ -299,30 +319,35 @@ def _solid_balls(rows: Floats) -> Floats:
     """The largest of the balls in rows of a tree that are boxes or balls, shape (n, 4)."""
     first, second = (np.linalg.norm(rows[:, k : k + 3], axis=1) for k in (3, 6))
     radii = np.where(rows[:, 9] < 0.0, np.minimum(np.minimum(first, second), -rows[:, 9]), rows[:, 9])
-    largest = np.argsort(-radii, kind="stable")[:_BALLS]
+    largest = np.argsort(-radii, kind="stable")[:_MAX_BALLS_PER_SURFACE]
     largest = largest[radii[largest] > 0.0]
     return np.column_stack([rows[largest, :3], radii[largest]])
 
 
-def _depths(solids: Solids, surface: int) -> tuple[Floats, Floats, tuple[int, ...]]:
+def _sample_depths(solids: Solids, surface: int) -> tuple[Floats, Floats, tuple[int, ...]]:
     """Points of a lattice in the box of a closed surface, how deep they lie in that, and the lattice's shape."""
     low, sides = solids.boxes[surface, :3], np.ptp(solids.boxes[surface].reshape(2, 3), axis=0)
-    step = np.cbrt(sides.prod() / _POINTS)
+    step = np.cbrt(sides.prod() / _LATTICE_POINTS_PER_SURFACE)
     # Odd numbers, so that some lie in the middle of what is thin.
-    shape = tuple(np.minimum(2 * np.floor(0.5 * sides / step) + 1, _POINTS // 4).astype(np.int64).tolist())
+    shape = tuple(
+        np.minimum(2 * np.floor(0.5 * sides / step) + 1, _LATTICE_POINTS_PER_SURFACE // 4).astype(np.int64).tolist()
+    )
     points = low + (np.indices(shape).reshape(3, -1).T + 0.5) * sides / shape
-    deep = np.empty(len(points))
-    depths(solids, surface, points, deep)
-    return points, deep, shape
+    depth = np.empty(len(points))
+    surface_depths(solids, surface, points, depth)
+    return points, depth, shape
 
 
-def _balls(points: Floats, deep: Floats, shape: tuple[int, ...]) -> Floats:
+def _pick_balls(points: Floats, depth: Floats, shape: tuple[int, ...]) -> Floats:
     """Centers and radii of the largest balls around points, but for those near a larger one, shape (n, 4)."""
     chosen: list[int] = []
-    for k in np.argsort(-deep)[: np.count_nonzero(deep > 0.0)].tolist():
-        if len(chosen) < _BALLS and (np.linalg.norm(points[chosen] - points[k], axis=1) > 0.6 * deep[chosen]).all():
+    for k in np.argsort(-depth)[: np.count_nonzero(depth > 0.0)].tolist():
+        if (
+            len(chosen) < _MAX_BALLS_PER_SURFACE
+            and (np.linalg.norm(points[chosen] - points[k], axis=1) > 0.6 * depth[chosen]).all()
+        ):
             chosen.append(k)
-    return np.column_stack([points[chosen], deep[chosen]])
+    return np.column_stack([points[chosen], depth[chosen]])
 
 
 class JointProofs:
@@ -341,8 +366,8 @@ class JointProofs:
         The map.
     """
 
-    def __init__(self, scene: Scene, numbers: Ints, held: Floats, intervals: Floats, problem: Problem) -> None:
-        self._scene, self._numbers, self._held, self._intervals = scene, numbers, held, intervals
+    def __init__(self, scene: Scene, joint_indices: Ints, held: Floats, intervals: Floats, problem: Problem) -> None:
+        self._scene, self._numbers, self._held_configuration, self._intervals = scene, joint_indices, held, intervals
         self._problem = problem
 
     def edge(self, *endpoints: float) -> bool:
@@ -355,8 +380,8 @@ class JointProofs:
         free[inside] = are_free(self._scene, *(self._whole(q[inside]) for q in (q0, q1)))
         return free
 
-    def slack(self, points: Floats, lengths: Floats, turns: Floats) -> float:
-        return self._in_joints.slack(points, lengths, turns)
+    def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
+        return self._in_joints.slack(points, lengths, angles)
 
     @cached_property
     def _in_joints(self) -> Proofs:
@@ -365,6 +390,6 @@ class JointProofs:
 
     def _whole(self, q: Floats) -> Floats:
         """Configurations of the arm, shape (n, arm.dof)."""
-        rows = np.tile(self._held, (len(q), 1))
+        rows = np.tile(self._held_configuration, (len(q), 1))
         rows[:, self._numbers] = q
         return rows

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arms.chain import MOST_BODIES, SLIDES, STILL, TURNS, Chain, place_bodies
+from cspace.arms.chain import FIXED, MAX_BODIES, PRISMATIC, REVOLUTE, Chain, body_poses
 from cspace.arms.proofs import Scene, are_free
-from cspace.arms.solids import Solid, placed_shared, rigid, scene_of
+from cspace.arms.solids import Solid, check_rigid, make_scene, share_posed_shape
 from cspace.arrays import Bools, Floats, frozen
 from cspace.check import finite
 from cspace.errors import ConfigurationError, InputError
@@ -28,19 +28,19 @@ if TYPE_CHECKING:
 Names = tuple[str, str]
 """Of two links, in order."""
 
-Inside: TypeAlias = Literal["auto", "surface"]
+SolidMode: TypeAlias = Literal["auto", "surface"]
 """What of a link's mesh has an inside: its closed bodies, or nothing."""
 
-_KINDS: Final = {"fixed": STILL, "revolute": TURNS, "continuous": TURNS, "prismatic": SLIDES}
+_JOINT_KINDS: Final = {"fixed": FIXED, "revolute": REVOLUTE, "continuous": REVOLUTE, "prismatic": PRISMATIC}
 """What joints do, by their type in a URDF."""
 
-LOOKS: Final = 1000
+CONTACT_SAMPLES: Final = 1000
 """Random configurations after which a pair is said to touch never, or always."""
 
 LIMIT_SLACK: Final = 1e-5
 """How far beyond a limit a joint may stand, radians or metres: files round limits and configurations differently."""
 
-_FEW: Final = 4
+_FIRST_SAMPLES: Final = 4
 """Configurations in one of which most pairs are apart."""
 
 
@@ -133,7 +133,7 @@ class Arm:
         tip: str | None = None,
         base: str | None = None,
         *,
-        solid: Inside = "auto",
+        solid: SolidMode = "auto",
         package_dirs: PackageDirs = (),
     ) -> Arm:
         """An arm from a URDF file, with the collision geometry of its links.
@@ -185,7 +185,7 @@ class Arm:
                 raise InputError(
                     name, f"is {link!r}", f"{file} has {', '.join(urdf.link_map)}", "name one of these", value=link
                 )
-        joints = {joint.name: _joint(joint, file) for joint in urdf.robot.joints}
+        joints = {joint.name: _read_joint(joint, file) for joint in urdf.robot.joints}
         return _Assembly(file, urdf, joints, base or root_link(urdf), tip).arm(srdf, folders, solid)
 
     @property
@@ -204,7 +204,7 @@ class Arm:
         q : array-like, shape (dof,)
         """
         point = self._check_configurations(q, "q")
-        placed = place_bodies(self.chain, point)
+        placed = body_poses(self.chain, point)
         whole = np.concatenate([placed, np.broadcast_to([[[0.0, 0.0, 0.0, 1.0]]], (len(placed), 1, 4))], axis=1)
         return {link.name: whole[link.body] @ self.frames.get(link.name, np.eye(4)) for link in self.links}
 
@@ -252,9 +252,9 @@ class Arm:
                     "link", f"is {each!r}", f"there are {', '.join(names)}", "name one of these", value=each
                 )
         body = self.links[names.index(link)].body
-        place = np.eye(4) if pose is None else rigid(pose, "pose")
-        held = Solid(name, body, (placed_shared(solid, self.frames[link] @ place),))
-        allowed = self.allowed_collisions | {pair_of(name, each): "held" for each in (link, *others)}
+        place = np.eye(4) if pose is None else check_rigid(pose, "pose")
+        held = Solid(name, body, (share_posed_shape(solid, self.frames[link] @ place),))
+        allowed = self.allowed_collisions | {sort_pair(name, each): "held" for each in (link, *others)}
         return replace(self, links=(*self.links, held), allowed_collisions=allowed)
 
     @cached_property
@@ -266,15 +266,15 @@ class Arm:
         sampling proves nothing.
         """
         moving = _moving(self.links)
-        scene = scene_of(self.chain, self.links, moving)
-        shares = apart(scene, random_points(self.ranges(), LOOKS)).mean(axis=1)
+        scene = make_scene(self.chain, self.links, moving)
+        shares = sample_apart(scene, draw_configurations(self.ranges(), CONTACT_SAMPLES)).mean(axis=1)
         labels = ["never" if share == 1.0 else "sometimes" if share else "always" for share in shares.tolist()]
-        reasons = {pair_of(a.name, b.name): "one body" for a, b in combinations(self.links, 2)}
+        reasons = {sort_pair(a.name, b.name): "one body" for a, b in combinations(self.links, 2)}
         reasons |= {self._names(pair): label for pair, label in zip(moving, labels, strict=True)}
         return reasons | {pair: why for pair, why in self.allowed_collisions.items() if pair in reasons}
 
     def _names(self, pair: tuple[int, int]) -> Names:
-        return pair_of(self.links[pair[0]].name, self.links[pair[1]].name)
+        return sort_pair(self.links[pair[0]].name, self.links[pair[1]].name)
 
     def ranges(self, around: ArrayLike = 0.0) -> tuple[Floats, Floats]:
         """Limits of the joints; of those without, half a turn around some configurations, shape (n, dof), or zero."""
@@ -321,27 +321,27 @@ class Arm:
         return array
 
 
-def pair_of(one: str, other: str) -> Names:
+def sort_pair(one: str, other: str) -> Names:
     """Two names in order."""
     return (one, other) if one < other else (other, one)
 
 
-def _joint(joint: Any, file: str) -> Joint:
+def _read_joint(joint: Any, file: str) -> Joint:
     """A joint as yourdfpy gives it."""
     where = f"{file}: joint {joint.name!r}"
-    if joint.type not in _KINDS:
-        rule = f"it must be one of {', '.join(_KINDS)}"
+    if joint.type not in _JOINT_KINDS:
+        rule = f"it must be one of {', '.join(_JOINT_KINDS)}"
         raise InputError(where, f"is {joint.type}", rule, "replace it by joints of these types", value=joint.type)
-    kind = _KINDS[joint.type]
-    frame = np.eye(4) if joint.origin is None else rigid(joint.origin, f"{where}: origin")
+    kind = _JOINT_KINDS[joint.type]
+    frame = np.eye(4) if joint.origin is None else check_rigid(joint.origin, f"{where}: origin")
     axis = finite([1.0, 0.0, 0.0] if joint.axis is None else joint.axis, f"{where}: axis")
     length = float(np.linalg.norm(axis))
-    if kind != STILL and not length > 0.0:
+    if kind != FIXED and not length > 0.0:
         raise InputError(
             f"{where}: axis", "is zero", "a joint turns about it or slides along it", "correct it", value=joint.axis
         )
     lower, upper = -math.inf, math.inf
-    if kind != STILL and joint.type != "continuous":
+    if kind != FIXED and joint.type != "continuous":
         limits = (getattr(joint.limit, "lower", None), getattr(joint.limit, "upper", None))
         if None in limits:
             raise InputError(where, "has no limits", "revolute and prismatic joints have", "add <limit lower= upper=>")
@@ -353,7 +353,7 @@ def _joint(joint: Any, file: str) -> Joint:
             )
     mimic = joint.mimic
     leader, factor, offset = joint.name, 1.0, 0.0
-    if mimic is not None and kind != STILL:
+    if mimic is not None and kind != FIXED:
         leader = mimic.joint
         factor = 1.0 if mimic.multiplier is None else float(finite(mimic.multiplier, f"{where}: multiplier"))
         offset = 0.0 if mimic.offset is None else float(finite(mimic.offset, f"{where}: offset"))
@@ -388,7 +388,7 @@ class _Assembly:
         self._moving = [
             joint.name
             for joint in self._order
-            if joint.kind != STILL and joint.leader == joint.name and joint.child in branch
+            if joint.kind != FIXED and joint.leader == joint.name and joint.child in branch
         ]
         for joint in self._order:
             if joint.leader not in joints:
@@ -407,21 +407,21 @@ class _Assembly:
                 file, "has no joint that moves there", "an arm has one at least", "name another base or tip"
             )
 
-    def arm(self, srdf: str | os.PathLike[str] | None, package_dirs: Sequence[Path], inside: Inside) -> Arm:
+    def arm(self, srdf: str | os.PathLike[str] | None, package_dirs: Sequence[Path], inside: SolidMode) -> Arm:
         bodies = {self._base: (0, np.eye(4))}
         rows: list[tuple[int, Floats, Joint | None]] = [(0, np.eye(4), None)]
         for joint in self._order:
             body, pose = bodies[joint.parent]
             frame = pose @ joint.frame
-            if joint.leader in self._moving and joint.kind != STILL:
+            if joint.leader in self._moving and joint.kind != FIXED:
                 bodies[joint.child] = (len(rows), np.eye(4))
                 rows.append((body, frame, joint))
             else:
-                bodies[joint.child] = (body, frame @ self._held(joint))
-        if len(rows) > MOST_BODIES:
+                bodies[joint.child] = (body, frame @ self._fixed_pose(joint))
+        if len(rows) > MAX_BODIES:
             problem = f"has {len(rows)} bodies that move against each other"
             raise InputError(
-                self._file, problem, f"at most {MOST_BODIES} are taken", "name a base or a tip", value=len(rows)
+                self._file, problem, f"at most {MAX_BODIES} are taken", "name a base or a tip", value=len(rows)
             )
         links = tuple(self._links(bodies, package_dirs, inside))
         if not links:
@@ -436,7 +436,7 @@ class _Assembly:
             {},
             {name: pose for name, (_, pose) in bodies.items()},
             self._chain(rows),
-            tuple("m" if self._joints[name].kind == SLIDES else "rad" for name in self._moving),
+            tuple("m" if self._joints[name].kind == PRISMATIC else "rad" for name in self._moving),
         )
         if srdf is None:
             return replace(arm, allowed_collisions=self._default_allowed(arm))
@@ -457,7 +457,7 @@ class _Assembly:
     def _default_allowed(self, arm: Arm) -> dict[Names, str]:
         """Pairs that may touch, where there is no SRDF: neighbours, links of one body, and those that always touch."""
         allowed = {
-            pair_of(one.name, other.name): "one body"
+            sort_pair(one.name, other.name): "one body"
             for one, other in combinations(arm.links, 2)
             if one.body == other.body
         }
@@ -467,27 +467,27 @@ class _Assembly:
             while other is not None and other not in filled:
                 other = above.get(other)
             if other is not None:
-                allowed.setdefault(pair_of(link.name, other), "adjacent")
+                allowed.setdefault(sort_pair(link.name, other), "adjacent")
         pairs = [pair for pair in _moving(arm.links) if arm._names(pair) not in allowed]
-        scene = scene_of(arm.chain, arm.links, pairs)
-        touching = always_touch(scene, random_points(arm.ranges(), 100))
+        scene = make_scene(arm.chain, arm.links, pairs)
+        touching = always_touch(scene, draw_configurations(arm.ranges(), 100))
         return allowed | {arm._names(pair): "always" for pair, always in zip(pairs, touching, strict=True) if always}
 
-    def _held(self, joint: Joint) -> Floats:
+    def _fixed_pose(self, joint: Joint) -> Floats:
         """The motion of a joint that no number moves."""
         from scipy.spatial.transform import Rotation
 
         leader = self._joints[joint.leader]
         value = joint.factor * float(np.clip(0.0, leader.lower, leader.upper)) + joint.offset
         pose = np.eye(4)
-        if joint.kind == TURNS:
+        if joint.kind == REVOLUTE:
             pose[:3, :3] = Rotation.from_rotvec(value * joint.axis).as_matrix()
-        elif joint.kind == SLIDES:
+        elif joint.kind == PRISMATIC:
             pose[:3, 3] = value * joint.axis
         return pose
 
     def _links(
-        self, bodies: Mapping[str, tuple[int, Floats]], package_dirs: Sequence[Path], inside: Inside
+        self, bodies: Mapping[str, tuple[int, Floats]], package_dirs: Sequence[Path], inside: SolidMode
     ) -> Iterable[Solid]:
         from cspace.files.urdf import find_meshes
         from cspace.shapes.scenes import shapes_of
@@ -495,7 +495,7 @@ class _Assembly:
         meshes = find_meshes(self._urdf, bodies, self._file, package_dirs)
         for name, (body, pose) in bodies.items():
             shapes = shapes_of(self._urdf, name, self._file, meshes, inside)
-            parts = [placed_shared(shape, pose @ place) for shape, place in shapes]
+            parts = [share_posed_shape(shape, pose @ place) for shape, place in shapes]
             if parts:
                 yield Solid(name, body, tuple(parts))
 
@@ -504,7 +504,7 @@ class _Assembly:
         parents = np.array([row[0] for row in rows], dtype=np.int64)
         frames = np.stack([row[1][:3] for row in rows])
         axes, kinds, numbers = np.zeros((count, 3)), np.zeros(count, np.int64), np.zeros(count, np.int64)
-        factors, offsets, own = np.zeros(count), np.zeros(count), np.linalg.norm(frames[..., 3], axis=1)
+        factors, offsets, link_lengths = np.zeros(count), np.zeros(count), np.linalg.norm(frames[..., 3], axis=1)
         above = np.zeros((count, count), dtype=np.bool_)
         for b, (parent, _, joint) in enumerate(rows):
             if joint is None:
@@ -512,12 +512,14 @@ class _Assembly:
             leader = self._joints[joint.leader]
             axes[b], kinds[b], numbers[b] = joint.axis, joint.kind, self._moving.index(joint.leader)
             factors[b], offsets[b] = joint.factor, joint.offset
-            if joint.kind == SLIDES:
+            if joint.kind == PRISMATIC:
                 farthest = np.array([leader.lower - LIMIT_SLACK, leader.upper + LIMIT_SLACK])
-                own[b] += np.abs(joint.factor * farthest + joint.offset).max()
+                link_lengths[b] += np.abs(joint.factor * farthest + joint.offset).max()
             above[b], above[b, b] = above[parent], True
         between = above[:, np.newaxis] ^ above[np.newaxis]
-        return Chain(parents, frames, axes, kinds, numbers, factors, offsets, between, (between * own).sum(axis=2))
+        return Chain(
+            parents, frames, axes, kinds, numbers, factors, offsets, between, (between * link_lengths).sum(axis=2)
+        )
 
 
 def _moving(links: Sequence[Solid]) -> list[tuple[int, int]]:
@@ -527,12 +529,12 @@ def _moving(links: Sequence[Solid]) -> list[tuple[int, int]]:
     return [(i, j) for i, j in pairs if links[i].body != links[j].body]
 
 
-def random_points(ranges: tuple[Floats, Floats], count: int) -> Floats:
+def draw_configurations(ranges: tuple[Floats, Floats], count: int) -> Floats:
     """Configurations within ranges, uniform, and always the same ones."""
     return np.random.default_rng(0).uniform(*ranges, (count, len(ranges[0])))
 
 
-def apart(scene: Scene, points: Floats) -> Bools:
+def sample_apart(scene: Scene, points: Floats) -> Bools:
     """Whether each pair of a scene is proven apart at configurations, shape (p, n)."""
     proven = [are_free(scene._replace(pairs=pair[np.newaxis]), points, points) for pair in scene.pairs]
     return np.array(proven, dtype=np.bool_).reshape(-1, len(points))
@@ -540,6 +542,6 @@ def apart(scene: Scene, points: Floats) -> Bools:
 
 def always_touch(scene: Scene, points: Floats) -> Bools:
     """Whether each pair of a scene is proven apart at none of some configurations, shape (p,)."""
-    left = np.asarray(~apart(scene, points[:_FEW]).any(axis=1))
-    left[left] = ~apart(scene._replace(pairs=scene.pairs[left]), points[_FEW:]).any(axis=1)
+    left = np.asarray(~sample_apart(scene, points[:_FIRST_SAMPLES]).any(axis=1))
+    left[left] = ~sample_apart(scene._replace(pairs=scene.pairs[left]), points[_FIRST_SAMPLES:]).any(axis=1)
     return left

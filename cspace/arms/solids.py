@@ -1,4 +1,4 @@
-"""Links and obstacles as the proofs take them: borders in trees, closed surfaces, and points of what hangs together."""
+"""Links and obstacles prepared for proofs: trees of boundaries, closed surfaces, and anchors of parts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arms.chain import Chain
-from cspace.arms.hulls import Hulls, forest_of, hulls_of
+from cspace.arms.hulls import Hulls, build_forest, build_hulls
 from cspace.arms.proofs import Scene, Solids
 from cspace.arrays import Floats, Ints, StrPath
 from cspace.check import finite, positive
@@ -29,14 +29,16 @@ from cspace.workspace import Workspace
 if TYPE_CHECKING:
     from cspace.files.urdf import PackageDirs
 
-PROBES: Final = 60
-"""About how many corners of each part, and points within, are looked for in others, to prove that they collide."""
+PROBES_PER_PART: Final = 60
+"""Approximate number of corners and inner points of each part that are sought in others, to prove collisions."""
 
-_CELL_BYTES: Final = 4
-"""For each cell of a workspace, while its cells become boxes."""
 
-_BOX_BYTES: Final = 1000
-"""For each of these, with the trees that hold them, at the peak: 640 to 900 were measured."""
+_BYTES_PER_CELL: Final = 4
+"""Memory per workspace cell while cells are converted to boxes, bytes."""
+
+
+_BYTES_PER_BOX: Final = 1000
+"""Peak memory per such box, including its trees, bytes; 640 to 900 were measured."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -65,115 +67,118 @@ class PosedShape:
         object.__setattr__(self, "pose", pose)
 
     @cached_property
-    def sides(self) -> tuple[PosedShape, PosedShape]:
-        """The outer and the inner shape, placed alike; the same object twice if the shape is exact."""
+    def bounds_pair(self) -> tuple[PosedShape, PosedShape]:
+        """Outer and inner shape at the same pose; the same object twice if the shape is exact."""
         outer, inner = self.shape.outer, self.shape.inner
         placed = replace(self, shape=outer)
         return placed, placed if inner is outer else replace(self, shape=inner)
 
     @property
     def _exact(self) -> ExactShape:
-        """The shape of one of the :attr:`sides`; what follows is for these alone."""
+        """The shape, which must be exact; the following attributes need that."""
         if not isinstance(self.shape, ExactShape):
-            raise TypeError("the shape has an outer and an inner side; name one of PosedShape.sides")
+            raise TypeError("the shape has outer and inner bounds; use one of PosedShape.bounds_pair")
         return self.shape
 
-    def moved(self, points: Floats) -> Floats:
-        """Points of its own frame in that of the body, shape (..., 3)."""
+    def transform(self, points: Floats) -> Floats:
+        """Transform points, shape (..., 3), from the frame of the shape to that of the body."""
         return np.asarray(points @ self.pose[:3, :3].T + self.pose[:3, 3])
 
     @cached_property
-    def border(self) -> Pieces:
-        """Its border, as triangles."""
+    def boundary(self) -> Pieces:
+        """Boundary as triangles."""
         simplices, radii = self._exact.boundary()
-        return as_triangles([Pieces(self.moved(simplices), radii)])
+        return as_triangles([Pieces(self.transform(simplices), radii)])
 
     @property
     def rows(self) -> tuple[Floats, Floats]:
-        """Its border as rows of a tree, shape (n, 10), and their levers about the origin."""
-        return pack_triangles(self.border), np.linalg.norm(self.border.simplices, axis=-1).max(axis=1)
+        """Boundary as rows of a tree, shape (n, 10), and their levers about the origin."""
+        return pack_triangles(self.boundary), np.linalg.norm(self.boundary.simplices, axis=-1).max(axis=1)
 
     @cached_property
     def trees(self) -> dict[tuple[PosedShape, ...], Trees]:
-        """Trees of it together with others, by all of them."""
+        """Cached trees of this shape together with others, by all shapes."""
         return {}
 
     @cached_property
     def hulls(self) -> Hulls:
-        """The tree of its border, or of the solids that it is."""
-        corners, turns = self.surface
-        volume = (np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) @ turns) / 6.0
-        return hulls_of(self.rows[0], float(volume))
+        """Tree of hulls of the boundary, or of boxes and balls."""
+        corners, windings = self.surface
+        volume = (np.einsum("ij,ij->i", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) @ windings) / 6.0
+        return build_hulls(self.rows[0], float(volume))
 
     @cached_property
     def surface(self) -> tuple[Floats, Ints]:
-        """The triangles that enclose something, shape (n, 3, 3), and how often each counts."""
+        """Triangles of closed bodies, shape (n, 3, 3), and their multiplicities."""
         if not self._exact.encloses or self._exact.boundary().simplices.shape[1] < 3:
             return np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)
         vertices, faces = self._exact.surface
-        return Mesh(self.moved(vertices), faces).closed  # corners stay shared to the last bit
+        return Mesh(self.transform(vertices), faces).closed  # corners stay shared to the last bit
 
     @cached_property
     def anchors(self) -> Floats:
-        """A point of each part that hangs together, shape (n, 3)."""
-        return part_anchors(self.border)[0]
+        """One point of each connected part, shape (n, 3)."""
+        return part_anchors(self.boundary)[0]
 
     @cached_property
     def probes(self) -> Floats:
-        """Some corners of its border, and points of a lattice that lie in it, shape (n, 3)."""
-        corners = np.unique(self.border.simplices.reshape(-1, 3), axis=0)
-        corners = corners[:: -(-len(corners) // PROBES)]
+        """Some corners of the boundary, and lattice points inside, shape (n, 3)."""
+        corners = np.unique(self.boundary.simplices.reshape(-1, 3), axis=0)
+        corners = corners[:: -(-len(corners) // PROBES_PER_PART)]
         if not self._exact.encloses:
             return corners
         lower, upper = self._exact.bounds
-        sides = upper - lower
-        step = max(float(np.cbrt(sides.prod() / PROBES)), float(sides.max()) / PROBES)
-        counts = np.maximum(1, np.rint(sides / step)).astype(np.int64)
-        lattice = lower + (np.indices(tuple(counts.tolist())).reshape(3, -1).T + 0.5) * sides / counts
-        return np.concatenate([corners, self.moved(lattice[self._exact.contains(lattice)])])
+        size = upper - lower
+        step = max(float(np.cbrt(size.prod() / PROBES_PER_PART)), float(size.max()) / PROBES_PER_PART)
+        counts = np.maximum(1, np.rint(size / step)).astype(np.int64)
+        lattice = lower + (np.indices(tuple(counts.tolist())).reshape(3, -1).T + 0.5) * size / counts
+        return np.concatenate([corners, self.transform(lattice[self._exact.contains(lattice)])])
 
 
 @dataclass(frozen=True, eq=False)
 class StaticShape(PosedShape):
-    """A shape that never moves. Boxes, cells and balls are tested as solids, all others by their border.
+    """A shape that never moves. Boxes, cells and balls are tested as solids, others by their boundary.
 
     Attributes
     ----------
     reach : float
-        What hangs together and is longer lies in no link.
+        Length above which a connected part cannot lie inside a link, metres.
     """
 
     reach: float
 
     @cached_property
     def is_filled(self) -> bool:  # type: ignore[override]
-        """Whether its rows are solids."""
+        """True if the rows are solids."""
         return self._exact.is_boxes or self._exact.boundary().simplices.shape[1] == 1
 
     @property
     def rows(self) -> tuple[Floats, Floats]:
-        """Rows of a tree, and 1 for those that could lie in a link as a whole, else 0."""
+        """Rows of a tree, and 1 for rows that could lie entirely inside a link, else 0."""
         if self._exact.is_boxes:
             lows, highs, sizes = self._exact.boxes
             return pack_boxes(lows, highs, self.pose), (sizes <= self.reach).astype(np.float64)
-        rows = pack_triangles(self.border)
+        rows = pack_triangles(self.boundary)
         return rows, np.full(len(rows), float(self.is_filled))
 
     @cached_property
     def surface(self) -> tuple[Floats, Ints]:
+        """Triangles of closed bodies; none if the rows are solids."""
         return (np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)) if self.is_filled else super().surface
 
     @cached_property
     def anchors(self) -> Floats:
+        """One point of each connected part; none if the rows are solids."""
         return np.empty((0, 3)) if self.is_filled else super().anchors
 
     @cached_property
     def probes(self) -> Floats:
+        """Corners and inner points; none if the rows are solids."""
         return np.empty((0, 3)) if self.is_filled else super().probes
 
 
 class Solid(NamedTuple):
-    """What moves as one and is tested as one: a link, or an obstacle.
+    """A link or an obstacle, moved and tested as one.
 
     Attributes
     ----------
@@ -187,32 +192,32 @@ class Solid(NamedTuple):
     parts: tuple[PosedShape, ...]
 
 
-_ALIVE: Final = WeakValueDictionary[bytes, PosedShape]()
+_SHARED_SHAPES: Final = WeakValueDictionary[bytes, PosedShape]()
 
 
-def placed_shared(shape: Shape, pose: Floats) -> PosedShape:
-    """The shape at the pose, with what is cached for it: one object for all links, of any arm, that are alike."""
-    digest = hashlib.sha256(pickle.dumps((shape.spec, pose))).digest()  # the shape itself may hold what it has made
-    return _ALIVE.setdefault(digest, PosedShape(shape, pose))
+def share_posed_shape(shape: Shape, pose: Floats) -> PosedShape:
+    """Return a shape at a pose, shared by all links of all arms with equal shape and pose."""
+    digest = hashlib.sha256(pickle.dumps((shape.spec, pose))).digest()  # the spec, because the shape may carry caches
+    return _SHARED_SHAPES.setdefault(digest, PosedShape(shape, pose))
 
 
-def solids_of(solids: Sequence[Solid], side: int, outer: Solids | None = None) -> Solids:
-    """The solids from outside, 0, or from within, 1, as compiled code takes them.
+def pack_solids(solids: Sequence[Solid], side: int, outer: Solids | None = None) -> Solids:
+    """Return the solids by their outer (``side`` 0) or inner shapes (1), as kernels take them.
 
-    From outside, their anchors are one point of each part that hangs together, from within :attr:`PosedShape.probes`.
-    Where both sides are the same, the trees of the outer one are taken.
+    Anchors of outer shapes are one point per connected part; those of inner shapes are :attr:`PosedShape.probes`. If
+    all shapes are exact, the trees of ``outer`` are reused.
     """
-    parts = [[part.sides[side] for part in solid.parts] for solid in solids]
+    parts = [[part.bounds_pair[side] for part in solid.parts] for solid in solids]
     surfaces = [[part.surface for part in each if len(part.surface[0])] for each in parts]
     points = [[part.probes if side else part.anchors for part in each] for each in parts]
     closed = [surface for each in surfaces for surface in each]
-    if outer is None or any(part.sides[0] is not part.sides[1] for solid in solids for part in solid.parts):
-        trees, roots_of_trees = concatenate_trees([_tree(each) for each in parts])
+    if outer is None or any(part.bounds_pair[0] is not part.bounds_pair[1] for solid in solids for part in solid.parts):
+        trees, roots_of_trees = concatenate_trees([_cached_tree(each) for each in parts])
         tree_roots = np.array(roots_of_trees, dtype=np.int64)
     else:
         trees, tree_roots = outer.trees, outer.tree_roots
     if outer is None:
-        hulls, roots, part_roots = forest_of([[part.hulls for part in each] for each in parts])
+        hulls, roots, part_roots = build_forest([[part.hulls for part in each] for each in parts])
     else:
         hulls, roots, part_roots = outer.hulls, outer.roots, outer.part_roots
     boxes = hulls.boxes[roots] * (roots >= 0)[:, None]
@@ -225,17 +230,17 @@ def solids_of(solids: Sequence[Solid], side: int, outer: Solids | None = None) -
         trees=trees,
         tree_roots=tree_roots,
         triangles=np.concatenate([np.empty((0, 3, 3)), *(corners for corners, _ in closed)]),
-        turns=np.concatenate([np.empty(0, np.int64), *(turns for _, turns in closed)]),
+        windings=np.concatenate([np.empty(0, np.int64), *(windings for _, windings in closed)]),
         boxes=np.array([[*c.min((0, 1)), *c.max((0, 1))] for c, _ in closed]).reshape(-1, 6),
-        firsts=_starts(len(corners) for corners, _ in closed),
+        surface_starts=_starts(len(corners) for corners, _ in closed),
         anchors=np.concatenate([np.empty((0, 3)), *(part for each in points for part in each)]),
-        filled=np.array([any(part.is_filled for part in each) for each in parts], np.bool_) & (tree_roots >= 0),
+        has_solids=np.array([any(part.is_filled for part in each) for each in parts], np.bool_) & (tree_roots >= 0),
         starts=np.stack([_starts(map(len, surfaces)), _starts(sum(map(len, each)) for each in points)], axis=1),
     )
 
 
-def _tree(parts: Sequence[PosedShape]) -> Trees:
-    """A tree of some parts; the first one keeps it, so that links have theirs in every scene."""
+def _cached_tree(parts: Sequence[PosedShape]) -> Trees:
+    """Return a tree of some parts; the first part caches it, so that all scenes share it."""
     trees, key = parts[0].trees, tuple(parts)
     if key not in trees:
         rows, levers = zip(*(part.rows for part in parts), strict=True)
@@ -244,36 +249,41 @@ def _tree(parts: Sequence[PosedShape]) -> Trees:
 
 
 def _starts(counts: Iterable[int]) -> Ints:
+    """Return the start of each group, and the total, by the sizes of the groups."""
     return np.cumsum([0, *counts], dtype=np.int64)
 
 
-def scene_of(
+def make_scene(
     chain: Chain,
     solids: Sequence[Solid],
     pairs: Sequence[tuple[int, int]],
     margin: float = 0.0,
 ) -> Scene:
-    """Solids from outside, of which those of some pairs, by their numbers, may not touch."""
-    made = solids_of(solids, 0)
-    far = _far(chain, made)
+    """Return a scene of the outer shapes; solids of a pair, given by their indices, may not touch."""
+    made = pack_solids(solids, 0)
+    max_coordinate = _max_coordinate(chain, made)
     return Scene(
-        chain, made, np.array(pairs, dtype=np.int64).reshape(-1, 2), far, margin + 2.0 * DISTANCE_ROUNDING * far
+        chain,
+        made,
+        np.array(pairs, dtype=np.int64).reshape(-1, 2),
+        max_coordinate,
+        margin + 2.0 * DISTANCE_ROUNDING * max_coordinate,
     )
 
 
-def scene_within(scene: Scene, solids: Sequence[Solid]) -> Scene:
-    """Return the same scene from within, where what touches collides.
+def make_inner_scene(scene: Scene, solids: Sequence[Solid]) -> Scene:
+    """Return the same scene with the inner shapes, in which touching proves a collision.
 
-    Distances must exceed ``2 DISTANCE_ROUNDING far`` for the places of points, and as much again for the rounding of
-    :func:`cspace.kernels.point_triangle`, which is below ``2^-38`` of the largest link or obstacle.
+    Distances must exceed ``2 DISTANCE_ROUNDING max_coordinate`` for the positions of points, and as much again for the
+    rounding of :func:`cspace.kernels.point_triangle`, which is below ``2^-38`` of the largest link or obstacle.
     """
-    made = solids_of(solids, 1, scene.solids)
-    far = _far(scene.chain, made)
-    return Scene(scene.chain, made, scene.pairs, far, 4.0 * DISTANCE_ROUNDING * far)
+    made = pack_solids(solids, 1, scene.solids)
+    max_coordinate = _max_coordinate(scene.chain, made)
+    return Scene(scene.chain, made, scene.pairs, max_coordinate, 4.0 * DISTANCE_ROUNDING * max_coordinate)
 
 
-def _far(chain: Chain, solids: Solids) -> float:
-    """The largest coordinate at any configuration, metres."""
+def _max_coordinate(chain: Chain, solids: Solids) -> float:
+    """Return the largest coordinate at any configuration, metres."""
     roots = solids.trees.boxes[solids.tree_roots[solids.tree_roots >= 0]]
     return float((np.abs(roots[:, :3]) + roots[:, 3:6]).max(initial=0.0)) + float(chain.lengths.max())
 
@@ -281,13 +291,13 @@ def _far(chain: Chain, solids: Solids) -> float:
 # ---- obstacles -------------------------------------------------------------------------------------------------------
 
 
-def rigid(pose: ArrayLike, name: str) -> Floats:
-    """A rigid motion, shape (4, 4).
+def check_rigid(pose: ArrayLike, name: str) -> Floats:
+    """Return a rigid motion, shape (4, 4), with its rotation orthonormalised.
 
     Raises
     ------
     InputError
-        If it is none.
+        If it is no rigid motion.
     """
     matrix = finite(pose, name)
     good = matrix.shape == (4, 4) and bool((matrix[3] == (0.0, 0.0, 0.0, 1.0)).all())
@@ -338,66 +348,64 @@ def read_moveit_scene(
 
 
 def named_obstacles(obstacles: object) -> Mapping[str, object]:
-    """Obstacles by their names.
+    """Return obstacles by their names.
 
     Raises
     ------
     InputError
-        If they are neither a workspace nor named.
+        If they are neither a workspace nor a mapping.
     """
     named = {"workspace": obstacles} if isinstance(obstacles, Workspace) else obstacles
     if not isinstance(named, Mapping):
-        rule = "it must be a workspace, or name each obstacle"
-        raise InputError(
-            "obstacles", f"is a {type(obstacles).__name__}", rule, "pass e.g. {'table': shape}", value=obstacles
-        )
+        problem, rule = f"is a {type(obstacles).__name__}", "it must be a workspace or a mapping"
+        raise InputError("obstacles", problem, rule, "pass e.g. {'table': shape}", value=obstacles)
     return named
 
 
 @singledispatch
-def placed_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | None:
+def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | None:
     """Place an obstacle by a pose, shape (4, 4); return None for a workspace without obstacles.
 
     Raises
     ------
     InputError
-        If it is in the plane, or something else, its pose is no rigid motion, or its cells do not fit into memory.
+        If it is in the plane or no obstacle, its pose is no rigid motion, or its cells do not fit into memory.
     """
     try:
         shape = shape_of(cast(ShapeLike, obstacle))
     except InputError as error:
         problem = f"hold {name!r}, a {type(obstacle).__name__}: {error.argument} {error.problem}"
         raise type(error)("obstacles", problem, error.rule, error.hint, value=obstacle) from error
-    return placed_obstacle(PosedShape(shape, np.eye(4)), name, base)
+    return place_obstacle(PosedShape(shape, np.eye(4)), name, base)
 
 
-@placed_obstacle.register
+@place_obstacle.register
 def _(obstacle: PosedShape, name: str, base: Floats) -> PosedShape:
     if obstacle.shape.dim != 3:
-        raise InputError(
-            "obstacles", f"hold {name!r}, a shape of the plane", "arms are in space", "pass a solid", value=obstacle
-        )
-    return PosedShape(obstacle.shape, rigid(base @ rigid(obstacle.pose, f"pose of {name}"), name))
+        problem = f"hold {name!r}, a shape of the plane"
+        raise InputError("obstacles", problem, "arms are in space", "pass a solid", value=obstacle)
+    return PosedShape(obstacle.shape, check_rigid(base @ check_rigid(obstacle.pose, f"pose of {name}"), name))
 
 
-@placed_obstacle.register
+@place_obstacle.register
 def _(obstacle: Workspace, name: str, base: Floats) -> PosedShape | None:
     grid = obstacle.grid
     if grid.dim != 3:
-        raise InputError(
-            "obstacles", f"hold {name!r}, a map of the plane", "arms are in space", "pass one in space", value=obstacle
-        )
+        problem = f"hold {name!r}, a map of the plane"
+        raise InputError("obstacles", problem, "arms are in space", "pass a map in space", value=obstacle)
     if obstacle.shapes is not None and len(obstacle.shapes) == 1:
-        return placed_obstacle(obstacle.shapes[0], name, base)
-    check_memory(_CELL_BYTES * grid.size, name, grid, hint="cut it to what the arm reaches")
+        return place_obstacle(obstacle.shapes[0], name, base)
+    check_memory(_BYTES_PER_CELL * grid.size, name, grid, hint="cut it to what the arm reaches")
     held = obstacle.in_memory()
     if not held.outer.any():
         return None
-    sides = held.outer, held.inner if held.unknown is None else held.inner & ~held.unknown
-    # Cells in a row become one box, or less.
-    rows = sum(int(np.count_nonzero(side[..., 1:] > side[..., :-1]) + side[..., 0].sum()) for side in sides)
-    rows //= 1 + (sides[0] is sides[1])
-    needed = _CELL_BYTES * grid.size + _BOX_BYTES * rows
+    bitmaps = held.outer, held.inner if held.unknown is None else held.inner & ~held.unknown
+    # A run of cells becomes one box at most.
+    rows = sum(int(np.count_nonzero(side[..., 1:] > side[..., :-1]) + side[..., 0].sum()) for side in bitmaps)
+    rows //= 1 + (bitmaps[0] is bitmaps[1])
+    needed = _BYTES_PER_CELL * grid.size + _BYTES_PER_BOX * rows
     check_memory(needed, name, grid, hint=f"cut it to what the arm reaches: its cells are {rows} boxes")
-    outer, inner = (Voxels(side.copy() if held.live else side, grid.spacing, np.asarray(grid.lower)) for side in sides)
-    return PosedShape(outer if sides[0] is sides[1] else BoundedShape(outer, inner), base)
+    outer, inner = (
+        Voxels(side.copy() if held.live else side, grid.spacing, np.asarray(grid.lower)) for side in bitmaps
+    )
+    return PosedShape(outer if bitmaps[0] is bitmaps[1] else BoundedShape(outer, inner), base)

@@ -12,19 +12,19 @@ import numpy as np
 import scipy  # its parts are read when they are first used
 from numpy.typing import ArrayLike
 
-from cspace.arms.chain import STILL, TURNS, place_bodies
-from cspace.arms.hulls import corners_of
-from cspace.arms.model import LOOKS, Arm, always_touch, pair_of, random_points
-from cspace.arms.proofs import Scene, are_blocked, are_free, distances, motions_are_free, work_of
+from cspace.arms.chain import FIXED, REVOLUTE, body_poses
+from cspace.arms.hulls import node_corners
+from cspace.arms.model import CONTACT_SAMPLES, Arm, always_touch, draw_configurations, sort_pair
+from cspace.arms.proofs import Scene, are_blocked, are_free, make_scene_scratch, motions_are_free, pair_distances
 from cspace.arms.solids import (
     PosedShape,
     Solid,
     StaticShape,
+    check_rigid,
+    make_inner_scene,
+    make_scene,
     named_obstacles,
-    placed_obstacle,
-    rigid,
-    scene_of,
-    scene_within,
+    place_obstacle,
 )
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
 from cspace.check import check_pairs, check_rng, not_negative, positive, whole
@@ -37,21 +37,21 @@ from cspace.shown import ArmPlot
 from cspace.threads import in_chunks
 from cspace.workspace import Workspace
 
-THREAD: Final = 20
+MIN_MOTIONS_PER_THREAD: Final = 20
 """Motions below which a second thread costs more than it saves."""
 
 MAX_DOUBLED_JOINTS: Final = 8
 """Number of continuous joints that :meth:`ArmSpace.find_path` turns either way; any others turn the shorter way."""
 
-_TRIES: Final = 100_000
+_MAX_FAILED_SAMPLES: Final = 100_000
 """Samples of which none is free, after which sampling is given up."""
 
 
-_SHARES: Final = (0.95, 0.8, 0.6, 0.4, 0.2, 0.1, 0.03, 0.0)
+_DISTANCE_SHARES: Final = (0.95, 0.8, 0.6, 0.4, 0.2, 0.1, 0.03, 0.0)
 """Shares of (least distance at some points of a path - margin) that are tried for the whole path; 0 is the margin."""
 
 
-_ROUNDING: Final = 1e-9
+_HALF_TURN_ROUNDING: Final = 1e-9
 """Radians that rounding may add to half a turn."""
 
 
@@ -114,23 +114,23 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         self, arm: Arm, obstacles: Mapping[str, PosedShape], allowed: Iterable[tuple[str, str]], margin: float
     ) -> None:
         self.arm, self.obstacles, self.margin = arm, dict(obstacles), margin
-        may_touch = arm.allowed_collisions.keys() | {pair_of(*pair) for pair in allowed}
+        may_touch = arm.allowed_collisions.keys() | {sort_pair(*pair) for pair in allowed}
         sizes = [np.subtract(*part.shape.outer.bounds) for link in arm.links for part in link.parts]
         reach = max(float(np.linalg.norm(size)) for size in sizes)
         placed = [Solid(name, 0, (StaticShape(each.shape, each.pose, reach),)) for name, each in obstacles.items()]
-        self._groups = _grouped(arm.links, placed, may_touch)
+        self._groups = _group_solids(arm.links, placed, may_touch)
         solids = [group.solid for group in self._groups]
         pairs, fixed = [], []
         for (i, one), (j, other) in combinations(enumerate(self._groups), 2):
-            if pair_of(one.members[0].name, other.members[0].name) not in may_touch:
+            if sort_pair(one.members[0].name, other.members[0].name) not in may_touch:
                 if one.solid.body != other.solid.body:
                     pairs.append((i, j) if one.solid.body > other.solid.body else (j, i))
                 elif one.is_obstacle != other.is_obstacle:
                     fixed.append((i, j))
         # Most collisions are of what is near the tip with an obstacle.
         pairs.sort(key=lambda pair: (solids[pair[1]].body != 0, -solids[pair[0]].body))
-        self.record = scene_of(arm.chain, solids, pairs, margin)
-        self.inner_record = scene_within(self.record, solids)
+        self.record = make_scene(arm.chain, solids, pairs, margin)
+        self.inner_record = make_inner_scene(self.record, solids)
         for pair in fixed:
             self._refuse_fixed(np.array([pair]))
         self._refuse_always()
@@ -150,19 +150,19 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     def _refuse_always(self) -> None:
         """Refuse what one or two joints move, and no configuration of theirs brings apart."""
         chain, bodies = self.arm.chain, self.record.solids.bodies
-        between = chain.between[tuple(bodies[self.record.pairs].T)] & (chain.kinds != STILL)
-        few = [len(np.unique(chain.numbers[row])) <= 2 for row in between]
+        between = chain.between[tuple(bodies[self.record.pairs].T)] & (chain.kinds != FIXED)
+        few = [len(np.unique(chain.joint_indices[row])) <= 2 for row in between]
         for link, other in self._always_touch(self.record.pairs[few]):
             raise ConfigurationError(
                 link,
-                f"touches {other!r}, or comes nearer than the margin, at each of {LOOKS} random configurations",
-                "they may not, and no configuration would be free",
-                f"mend the robot or its SRDF, move the obstacle, or pass allowed_collisions=[({link!r}, {other!r})]",
+                f"touches {other!r}, or comes nearer than the margin, in {CONTACT_SAMPLES} random configurations",
+                "they may not touch, so no configuration would be free",
+                f"correct the robot or its SRDF, move the obstacle, or pass allowed_collisions=[({link!r}, {other!r})]",
             )
 
     def _always_touch(self, pairs: Ints) -> Iterator[tuple[str, str]]:
         """Names of the two solids of each pair that is apart at none of some random configurations."""
-        scene, points = self.record._replace(pairs=pairs), random_points(self.arm.ranges(), LOOKS)
+        scene, points = self.record._replace(pairs=pairs), draw_configurations(self.arm.ranges(), CONTACT_SAMPLES)
         for pair in pairs[always_touch(scene, points)]:
             yield self.contact(scene._replace(pairs=pair[np.newaxis]), points[:1])[:2]
 
@@ -186,7 +186,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         A joint that another one mimics by a part of its angle is not.
         """
         chain, circles = self.arm.chain, np.isinf(self.arm.upper)
-        circles[chain.numbers[(chain.kinds != STILL) & ((chain.kinds != TURNS) | (chain.factors % 1.0 != 0.0))]] = False
+        circles[
+            chain.joint_indices[(chain.kinds != FIXED) & ((chain.kinds != REVOLUTE) | (chain.factors % 1.0 != 0.0))]
+        ] = False
         return tuple(circles.tolist())
 
     def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
@@ -196,15 +198,15 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """A quick ``motion_is_free`` of floats, ``check(*q0, *q1)``, as :meth:`cspace.CSpace.edge_checker`."""
-        scene, dof, rooms = self.record, self.size, threading.local()
+        scene, size, local = self.record, self.size, threading.local()
 
         def check(*endpoints: float) -> bool:
             try:
-                work, out = rooms.own
+                scratch, out = local.scratch
             except AttributeError:  # the first call of a thread
-                work, out = rooms.own = work_of(scene), np.empty(1, dtype=np.bool_)
-            rows = np.array(endpoints).reshape(2, 1, dof)
-            motions_are_free(scene, rows[0], rows[1], out, work)
+                scratch, out = local.scratch = make_scene_scratch(scene), np.empty(1, dtype=np.bool_)
+            rows = np.array(endpoints).reshape(2, 1, size)
+            motions_are_free(scene, rows[0], rows[1], out, scratch)
             return bool(out[0])
 
         return check
@@ -252,9 +254,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         most = float(np.min(self.obstacle_distance(np.concatenate([path, middles]))))
         if len(path) < 2 or math.isinf(most) or most == 0.0:
             return most
-        for share in _SHARES:
+        for share in _DISTANCE_SHARES:
             extra = share * (most - self.margin)
-            wider = self.record._replace(least=self.record.least + extra)
+            wider = self.record._replace(required=self.record.required + extra)
             if are_free(wider, own(path[:-1]), own(path[1:])).all():
                 return self.margin + extra
         return 0.0
@@ -279,25 +281,25 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         out, nearest = self._distances(scene, points)
         solids, (pair, *nodes) = scene.solids, nearest[0].tolist()
         owners = [each.name for group in self._groups for each in group.members for _ in each.parts]
-        names, hulls, radii, poses = [], [], [], place_bodies(self.arm.chain, own(points[0]))
+        names, hulls, radii, poses = [], [], [], body_poses(self.arm.chain, own(points[0]))
         for number, node in zip(scene.pairs[pair].tolist(), nodes, strict=True):
             at = max(node, int(solids.roots[number]))
             names.append(owners[int(np.where(solids.part_roots <= at, solids.part_roots, -1).argmax())])
-            corners, radius = corners_of(solids.hulls, at)
+            corners, radius = node_corners(solids.hulls, at)
             pose = poses[solids.bodies[number]]
             hulls.append(corners @ pose[:, :3].T + pose[:, 3])
             radii.append([radius])
-        return Contact(names[0], names[1], float(out[0]), _nearest(hulls[0], hulls[1], radii))
+        return Contact(names[0], names[1], float(out[0]), _nearest_points(hulls[0], hulls[1], radii))
 
     def _distances(self, scene: Scene, points: Floats) -> tuple[Floats, Ints]:
         rows = own(points)
         out, nearest = np.empty(len(rows)), np.zeros((len(rows), 3), dtype=np.int64)
 
         def work(first: int, stop: int) -> int:
-            distances(scene, rows[first:stop], out[first:stop], nearest[first:stop], work_of(scene))
+            pair_distances(scene, rows[first:stop], out[first:stop], nearest[first:stop], make_scene_scratch(scene))
             return -1
 
-        in_chunks(work, len(rows), THREAD)
+        in_chunks(work, len(rows), MIN_MOTIONS_PER_THREAD)
         return np.where(out > 0.0, out + self.margin, 0.0), nearest
 
     def sample_free(self, n: int | None = None, rng: np.random.Generator | None = None) -> Floats:
@@ -328,12 +330,14 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             points = generator.uniform(*ranges, (min(max(2 * (count - count_drawn), 16), 10_000), self.arm.dof))
             batches.append(points[np.asarray(self.is_free(points))])
             tried += len(points)
-            if tried >= _TRIES and not count_drawn:
+            if tried >= _MAX_FAILED_SAMPLES and not count_drawn:
                 always = [f"{link} touches {other}" for link, other in self._always_touch(self.record.pairs)]
                 raise ConfigurationError(
                     self.arm.name,
                     f"was free in none of {tried} configurations",
-                    f"in each of {LOOKS} of them {', '.join(always)}" if always else "sampling needs some that are",
+                    f"in each of {CONTACT_SAMPLES} of them {', '.join(always)}"
+                    if always
+                    else "sampling needs some that are",
                     "look at space.closest(q), and at the pairs that may touch",
                 )
         samples = np.concatenate(batches)[:count]
@@ -394,7 +398,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         free = are_free(self.record, endpoints, endpoints)
         for name, q, good in (("q0", start, free[0]), ("q1", goals[0], free[1:].any())):
             if not good:
-                raise in_collision(self, q, name)
+                raise collision_error(self, q, name)
         images, rng = images[free[1:]], np.random.default_rng(seed)
         ranges = self.arm.ranges(np.vstack([start, images]))
         return search_path(self.record, ranges, start, images, rng, seconds, straight, self._spans)
@@ -402,7 +406,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     @property
     def _spans(self) -> Floats:
         """The most that each joint may move between rows of a path: half a turn if continuous, else any distance."""
-        return np.where(self.periodic_axes, math.pi + _ROUNDING, math.inf)
+        return np.where(self.periodic_axes, math.pi + _HALF_TURN_ROUNDING, math.inf)
 
     def _check_spans(self, q0: Floats, q1: Floats, pairs: Ints | None = None) -> None:
         """Refuse edges, shape (..., n, dof), that turn a continuous joint by more than half a turn.
@@ -480,11 +484,11 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
             def work(first: int, stop: int) -> int:
                 blocked, rows_left = np.empty(stop - first, dtype=np.bool_), left[first:stop]
-                are_blocked(self.inner_record, rows[rows_left], blocked, work_of(self.inner_record))
+                are_blocked(self.inner_record, rows[rows_left], blocked, make_scene_scratch(self.inner_record))
                 out[rows_left[blocked]] = BLOCKED
                 return -1
 
-            return in_chunks(work, len(left), THREAD)
+            return in_chunks(work, len(left), MIN_MOTIONS_PER_THREAD)
 
         return query
 
@@ -501,7 +505,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             out[first:stop] = are_free(self.record, rows[0][first:stop], rows[-1][first:stop])
             return -1
 
-        return in_chunks(work, len(out), THREAD)
+        return in_chunks(work, len(out), MIN_MOTIONS_PER_THREAD)
 
     def _rows(self, parts: Sequence[Any], names: Sequence[str]) -> list[Floats]:
         """Batches, shape (n, dof), as kernels take them."""
@@ -513,7 +517,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return points
 
 
-def in_collision(space: ArmSpace, q: Floats, name: str) -> ConfigurationError:
+def collision_error(space: ArmSpace, q: Floats, name: str) -> ConfigurationError:
     """The error that says what touches at a configuration, shape (dof,), from which no path leads."""
     link, other, *_ = space.closest(q)
     problem = f"is not proven free: {link} is in collision with {other}, or all but"
@@ -573,12 +577,12 @@ def build_arm_space(
                     "allowed_collisions", f"names {name!r}", f"there are {known}", "name two of these", value=name
                 )
     least = not_negative(margin, "margin")
-    base = np.linalg.inv(np.eye(4) if base_pose is None else rigid(base_pose, "base_pose")).astype(np.float64)
-    placed = {name: placed_obstacle(each, name, base) for name, each in named.items()}
+    base = np.linalg.inv(np.eye(4) if base_pose is None else check_rigid(base_pose, "base_pose")).astype(np.float64)
+    placed = {name: place_obstacle(each, name, base) for name, each in named.items()}
     return ArmSpace(arm, {name: each for name, each in placed.items() if each is not None}, pairs, least)
 
 
-def _grouped(links: Sequence[Solid], obstacles: Sequence[Solid], may_touch: Set[tuple[str, str]]) -> list[Group]:
+def _group_solids(links: Sequence[Solid], obstacles: Sequence[Solid], may_touch: Set[tuple[str, str]]) -> list[Group]:
     """Links of one body, and obstacles, that may touch the same others: what is far from all is so at one look."""
     partners: dict[str, set[str]] = {}
     for one, other in may_touch:
@@ -594,7 +598,7 @@ def _grouped(links: Sequence[Solid], obstacles: Sequence[Solid], may_touch: Set[
     return [Group(each, body < 0) for (body, _), each in groups.items()]
 
 
-def _nearest(one: Floats, other: Floats, radii: ArrayLike) -> Floats:
+def _nearest_points(one: Floats, other: Floats, radii: ArrayLike) -> Floats:
     """The nearest points of the convex hulls of two sets of points, grown by radii, shape (2, 3).
 
     Their difference is the point of all differences' hull that is nearest to zero (C. L. Lawson and R. J. Hanson,

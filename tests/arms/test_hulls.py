@@ -10,8 +10,8 @@ from numba import njit
 
 from cspace import Robot
 from cspace.arms import Arm, PosedShape, build_arm_space
-from cspace.arms.chain import Chain, bounds_of
-from cspace.arms.hulls import TILE, corners_of, forest_of
+from cspace.arms.chain import Chain, motion_bounds
+from cspace.arms.hulls import MAX_TRIANGLES_PER_TILE, build_forest, node_corners
 from cspace.shapes import Mesh, Shape
 from urdfs import joint, link, random_arm, written
 
@@ -36,8 +36,8 @@ SHAPES = {
 @pytest.mark.parametrize("name", SHAPES)
 def test_nodes_hold_what_is_below_them(name: str) -> None:
     """Each node's box, ball and hull; the leaves together are the border, and what is convex is one of them."""
-    part = PosedShape(SHAPES[name](), POSE).sides[0]
-    border, radius = part.border.simplices, part.border.radii.max()
+    part = PosedShape(SHAPES[name](), POSE).bounds_pair[0]
+    boundary, radius = part.boundary.simplices, part.boundary.radii.max()
     hulls = part.hulls
     assert (len(hulls.nodes) == 1) == (name in {"box", "cylinder", "ball"})
     directions = np.random.default_rng(1).normal(size=(100, 3))
@@ -48,39 +48,39 @@ def test_nodes_hold_what_is_below_them(name: str) -> None:
             last[node] = last[hulls.nodes[node, 0]]
     leaves = [k for k in range(len(hulls.nodes)) if hulls.nodes[k, 0] == 0]
     if len(leaves) > 1:
-        held = np.array(sorted(corners_of(hulls, k)[0].ravel().tolist() for k in leaves))
-        np.testing.assert_array_equal(held, sorted(border.reshape(-1, 9).tolist()))
+        held = np.array(sorted(node_corners(hulls, k)[0].ravel().tolist() for k in leaves))
+        np.testing.assert_array_equal(held, sorted(boundary.reshape(-1, 9).tolist()))
     for node in range(0, len(hulls.nodes), 1 + len(hulls.nodes) // 200):
         below = [k for k in leaves if node <= k < last[node]]
         corners = (
-            border.reshape(-1, 3) if len(leaves) == 1 else np.concatenate([corners_of(hulls, k)[0] for k in below])
+            boundary.reshape(-1, 3) if len(leaves) == 1 else np.concatenate([node_corners(hulls, k)[0] for k in below])
         )
         box = hulls.boxes[node]
         assert (np.abs(corners - box[:3]).max(axis=0) + radius <= box[3:6] + 1e-12).all()
         assert np.linalg.norm(corners - box[:3], axis=1).max() + radius <= box[6] + 1e-12
-        hull, grown = corners_of(hulls, node)
+        hull, grown = node_corners(hulls, node)
         highest, bound = ((points @ directions.T).max(axis=0) for points in (corners, hull))
         assert (highest + radius <= bound + grown + 1e-12).all()
-        assert len(below) <= TILE or len(hull) < 400
+        assert len(below) <= MAX_TRIANGLES_PER_TILE or len(hull) < 400
 
 
 def test_a_forest_is_its_parts() -> None:
-    parts = [PosedShape(SHAPES[name](), POSE).sides[0].hulls for name in ("ring", "box", "ball")]
-    hulls, roots, trunks = forest_of([parts[:2], [], parts[2:]])
+    parts = [PosedShape(SHAPES[name](), POSE).bounds_pair[0].hulls for name in ("ring", "box", "ball")]
+    hulls, roots, trunks = build_forest([parts[:2], [], parts[2:]])
     assert roots[1] == -1
     for part, trunk in zip(parts, trunks.tolist(), strict=True):
         size = len(part.nodes)
         np.testing.assert_array_equal(hulls.boxes[trunk : trunk + size], part.boxes)
         for node in range(0, size, 7):
-            np.testing.assert_array_equal(corners_of(hulls, trunk + node)[0], corners_of(part, node)[0])
+            np.testing.assert_array_equal(node_corners(hulls, trunk + node)[0], node_corners(part, node)[0])
     above = hulls.boxes[roots[0]]
     for part in parts[:2]:
         assert (np.abs(part.boxes[0, :3] - above[:3]) + part.boxes[0, 3:6] <= above[3:6] + 1e-12).all()
 
 
 @njit
-def bounds(chain: Chain, a: int, b: int, rho: float, q0: Any, q1: Any) -> tuple[float, float, float]:
-    return bounds_of(chain, a, b, rho, q0, q1)
+def bounds(chain: Chain, a: int, b: int, radius: float, q0: Any, q1: Any) -> tuple[float, float, float]:
+    return motion_bounds(chain, a, b, radius, q0, q1)
 
 
 def chain_of(folder: Path, last: str) -> Path:
@@ -116,13 +116,13 @@ def test_bounds_of_what_moves_against_differences(tmp_path: Path, make: Any, sta
     poses = [arm.poses(q0 + t * (q1 - q0)) for t in times]
     nearest = 0.0
     for one in arm.links:
-        corners = np.concatenate([part.border.simplices.reshape(-1, 3) for part in one.parts])
+        corners = np.concatenate([part.boundary.simplices.reshape(-1, 3) for part in one.parts])
         corners = np.c_[corners, np.ones(len(corners))][rng.permutation(len(corners))[:20]]
-        rho = max(float(np.linalg.norm(part.border.simplices, axis=-1).max()) for part in one.parts)
+        radius = max(float(np.linalg.norm(part.boundary.simplices, axis=-1).max()) for part in one.parts)
         for other in arm.links:
             if one.body == other.body:
                 continue
-            far, curvature_bound, _ = bounds(arm.chain, one.body, other.body, rho, q0, q1)
+            far, curvature_bound, _ = bounds(arm.chain, one.body, other.body, radius, q0, q1)
             seen = np.stack([(corners @ (np.linalg.inv(each[other.name]) @ each[one.name]).T)[:, :3] for each in poses])
             speed = np.linalg.norm(np.diff(seen, axis=0), axis=-1).max() * 100
             bent = np.linalg.norm(np.diff(seen, n=2, axis=0), axis=-1).max() * 100**2
@@ -141,7 +141,7 @@ def test_no_ball_on_the_way_of_a_far_motion_is_missed(tmp_path: Path, seed: int)
     touch = [("l0", "seed"), *((a, b) for a in names for b in names if a < b)]
     for k in range(60):
         each = arm.links[1 + k % 4]
-        corners = np.concatenate([part.border.simplices.reshape(-1, 3) for part in each.parts])
+        corners = np.concatenate([part.boundary.simplices.reshape(-1, 3) for part in each.parts])
         q0, q1 = np.where(rng.random((2, arm.dof)) < 0.5, lower, upper)
         if k % 3 == 0:
             q1 = np.where(np.arange(arm.dof) == rng.integers(arm.dof), q1, q0)
