@@ -1,7 +1,7 @@
 """``build``: from a workspace and a robot to the certified map of the robot's configurations.
 
 A cell is proven FREE if the outer raster of the robot, moved there, overlaps no outer cell of the workspace, and
-BLOCKED if the inner raster overlaps an inner cell (see ``docs/certificate.md``).
+BLOCKED if the inner raster overlaps an inner cell (see ``docs/explanation/certificate.md``).
 """
 
 from __future__ import annotations
@@ -123,8 +123,8 @@ def build(
     progress : callable, optional
         Called with (steps done, all steps); a step is a tile if there is a store.
     store : path-like, optional
-        Folder to build the map into, tile by tile, for maps that do not fit into memory; see ``docs/large.md``. The
-        same call resumes an interrupted build. Overlap counts are not stored.
+        Folder to build the map into, tile by tile, for maps that do not fit into memory; see
+        ``docs/howto/large_maps.md``. The same call resumes an interrupted build. Overlap counts are not stored.
     tile : int or sequence of int
         Largest number of cells of a tile along each axis. The longest sides are halved until a tile has at most 2^28
         cells.

@@ -49,11 +49,11 @@ autosummary_context = {
         "Workspace": "in_memory",
     }
 }
-"""What only modules of the two packages call, by class: it is left out of the page for users."""
+"""Methods for the two packages only, by class; the API pages omit them."""
 toc_object_entries_show_parents = "hide"
 
 nitpicky = True
-nitpick_ignore_regex = [("py:attr", ".*")]  # those of records are told where the class is, and are no targets
+nitpick_ignore_regex = [("py:attr", ".*")]  # the page of a record describes its fields, which are no targets
 suppress_warnings = ["config.cache"]  # the two functions below are not kept between builds
 
 html_theme = "pydata_sphinx_theme"
@@ -72,7 +72,7 @@ html_theme_options = {
 
 
 def written_pictures(block: Any, names: dict[str, Any], gallery: dict[str, Any]) -> str:
-    """Show the pictures that an example wrote into its folder, which is where it runs."""
+    """Show the pictures that an example wrote into its folder; examples run in their folder."""
     taken = []
     for file in sorted(Path().glob("*.[pg][ni][gf]"), key=lambda file: file.stat().st_mtime_ns):
         target = Path(next(names["image_path_iterator"])).with_suffix(file.suffix)
@@ -82,7 +82,7 @@ def written_pictures(block: Any, names: dict[str, Any], gallery: dict[str, Any])
 
 
 def strict(gallery: dict[str, Any], name: str, when: str) -> None:
-    """An example that warns fails."""
+    """Let an example fail if it warns."""
     if when == "before":
         warnings.simplefilter("error")
     else:
@@ -95,11 +95,11 @@ ORDER = (
     "drone_building drone_slit window_proof drawn_out packing z_tunnel large_map "
     "arm compare_planners keep_away bare_ompl export_analysis report_figures"
 )
-"""Of tutorials and examples; what is not named here comes last."""
+"""Order of tutorials and examples; other scripts come last."""
 
 
 def place(file: str) -> int:
-    """Where a script stands in that order."""
+    """Return the position of a script in that order."""
     return f"{ORDER} {Path(file).stem}".split().index(Path(file).stem)
 
 
@@ -131,7 +131,7 @@ ROOT_PAGES = "SECURITY|CHANGELOG|CONTRIBUTING"
 
 
 def at_home(app: Any, page: str, source: list[str]) -> None:
-    """Links that lead out of this folder, as they do where the pages are read as files, lead to pages of the site."""
+    """Turn links to files outside this folder, which work on GitHub, into links to pages of the site."""
     up = "../" * page.count("/")
     source[0] = re.sub(r"\]\((?:\.\./)+examples/(\w+)\.py\)", rf"]({up}gallery/\1.rst)", source[0])
     source[0] = re.sub(r"\]\((?:\.\./)+tutorials/(\w+)\.py\)", rf"]({up}tutorials/\1.rst)", source[0])
@@ -185,13 +185,15 @@ def full_name(name: str, before: str) -> str:
         candidates = [f"{owner}.{whole}" for owner in (before.rpartition(".")[0], *OWNERS) if owner]
         found = [c for c in (whole, *candidates) if "." in c and find(c) is not None]
     if not found:
-        raise ValueError(f"docs/features.md: {name!r} is no public name; correct it, or add its owner to docs/conf.py")
+        raise ValueError(
+            f"docs/reference/features.md: {name!r} is no public name; correct it, or add its owner to docs/conf.py"
+        )
     return found[0]
 
 
 def link_features(app: Any, page: str, source: list[str]) -> None:
     """Link each name in the first column of the features table to its place in the API."""
-    if page != "features":
+    if page != "reference/features":
         return
     lines = source[0].splitlines()
     for i, line in enumerate(lines):

@@ -1,10 +1,10 @@
 """
-An arm of two links: what it may do, and a path that is proven
-==============================================================
+An arm of two links, and a proven path
+======================================
 
 ``cspace.Arm`` reads a robot with joints from a URDF, and ``cspace.build_arm_space`` puts it among obstacles.
-Configurations
-are then FREE, BLOCKED or MIXED, and a whole motion of the joints is proven free in one call. Planners of OMPL take the
+Configurations are
+then FREE, BLOCKED or MIXED, and a whole motion of the joints is proven free in one call. Planners of OMPL take the
 space of an arm as they take a map. ``space.view()`` shows it in the browser, with a slider for each joint.
 """
 
@@ -19,7 +19,7 @@ import planners
 from cspace.arms import PosedShape
 
 # %%
-# Two bars of 1 m on a foot, as people write them down. Both joints turn about z.
+# Two bars of 1 m on a foot. Both joints turn about z.
 
 bar = '<collision><origin xyz="0.5 0 0"/><geometry><box size="1 0.1 0.1"/></geometry></collision>'
 joint = (
@@ -36,7 +36,7 @@ arm = cspace.Arm.from_urdf("two.urdf")
 
 
 # %%
-# Two posts and a wall. What is nearest to touching has a name.
+# Two posts and a wall. The pair nearest to touching has names.
 
 
 def at(x, y):
@@ -57,7 +57,7 @@ print(f"at the start, {contact.link!r} is nearest to {contact.other!r}: {contact
 print(f"straight from start to goal: {'proven free' if space.motion_is_free(start, goal) else 'not free'}")
 
 # %%
-# The configuration space: a look at every degree and a half.
+# The configuration space, sampled at every degree and a half.
 
 angles = np.linspace(-3.0, 3.0, 240)
 states = np.asarray(space.classify(np.stack(np.meshgrid(angles, angles, indexing="ij"), axis=-1)))

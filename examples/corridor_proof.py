@@ -2,7 +2,7 @@
 Who can pass a corridor, and who cannot at any yaw
 ==================================================
 
-A planner that finds no path proves nothing. The map does: where no chain of cells that might be free joins two
+A planner that finds no path proves nothing. The map does: if no chain of cells that might be free joins two
 configurations, no path exists, however the robot turns on its way.
 """
 
@@ -20,8 +20,8 @@ workspace = cspace.Workspace.from_polygons([walls], spacing=0.05)
 start, goal = (1.5, 2.0, 0.0), (8.5, 2.0, 0.0)
 
 # %%
-# Three robots, each 1.3 m long. The first passes. Of the second, 2 cm narrower than the corridor, the cells cannot
-# decide; ``exact=True`` asks the geometry itself, and the path is no less proven. The third is too wide: proven.
+# Three robots, each 1.3 m long. The first passes. For the second, 2 cm narrower than the corridor, the cells cannot
+# decide. With ``exact=True`` the geometry decides, and the path is no less proven. The third is too wide: proven.
 
 for width in (0.6, 0.98, 1.2):
     space = cspace.build(workspace, cspace.Robot.rectangle(1.3, width), rotations=72)

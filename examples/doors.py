@@ -21,14 +21,14 @@ space = cspace.build(workspace, cspace.Robot.rectangle(0.9, 0.6), rotations=72)
 print(space)
 
 # %%
-# A batch of configurations is looked up like one. At which yaws does the robot fit into the middle of the passage?
+# A batch of configurations is one look-up. At which yaws does the robot fit into the middle of the passage?
 
 yaws = np.arange(0, 180, 5)
 fits = space.is_free([(6.5, 4.3, yaw) for yaw in np.radians(yaws)])
 print(f"it fits at {yaws[fits].tolist()} degrees")
 
 # %%
-# A path from one room into the other. Grey is where the robot is free at some yaws and not at others.
+# A path from one room into the other. In grey cells the robot is free at some yaws only.
 
 plan = planners.plan(space, (1, 5, math.pi / 2), (12, 5, 0), time_limit=10, seed=1)
 print(plan)

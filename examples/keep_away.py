@@ -3,7 +3,7 @@ Paths that keep away
 ====================
 
 The shortest path runs along the border of the C-obstacle. Two other objectives leave room: the clearance in the map,
-and the overlap of swollen balls that stand for robot and obstacles, which is smooth. The second needs
+and the overlap of swollen balls in place of robot and obstacles, which is smooth. The second needs
 ``pip install "cspace[spectral]"``. The widest path has the largest clearance possible.
 """
 
@@ -24,13 +24,13 @@ workspace = cspace.Workspace.from_polygons([shelf, pillar], spacing=0.05, bounds
 space = cspace.build(workspace, cspace.Robot.polygon(cart))
 
 # %%
-# The overlap is a field on the map; what is FREE is still what the map says.
+# The overlap is a field on the map; the map still decides which cells are FREE.
 
 balls = [decompose(shape, kind="outer", number=48) for shape in (cart, shapely.union_all([shelf, pillar]))]
 space = space.with_overlap_field(FourierOverlap.of_shapes(*balls, swell=0.3))
 
 # %%
-# Planners that heed an objective use up their time limit.
+# Planners that optimise an objective use up their time limit.
 
 start, goal = (1.0, 4.3), (7.3, 0.6)
 
@@ -45,7 +45,7 @@ for objective in ("length", "clearance", "overlap"):
     report(planners.plan(space, start, goal, planner="RRTstar", objective=objective, time_limit=2, seed=1), objective)
 
 # %%
-# The map's own search needs no time limit: of all paths it takes one whose narrowest place is the widest that there is,
-# and then the shortest.
+# The map's own search needs no time limit: it returns the path with the widest bottleneck, and among those the
+# shortest.
 
 report(planners.plan(space, start, goal, planner="MaxClearance"), "widest")

@@ -2,8 +2,8 @@
 A map larger than memory
 ========================
 
-A map is built tile by tile into a folder, and looked up, planned on and updated where it lies. The one here is small;
-nothing else changes for a city.
+A map is built tile by tile into a folder. Look-ups, plans and updates use it there. This map is small; a city needs the
+same calls.
 """
 
 import tempfile
@@ -16,7 +16,7 @@ from cspace.plot import save_plot
 
 # %%
 # Streets of 7 m between blocks of houses, 150 m by 150 m. An array of zarr, dask or h5py, or a ``numpy.memmap``, would
-# be left where it is.
+# stay on disk.
 
 houses = np.ones((750, 750), dtype=bool)  # [x, y], 0.2 m each
 for street in range(0, 750, 143):
@@ -24,7 +24,7 @@ for street in range(0, 750, 143):
 city = cspace.Workspace.from_array(houses, 0.2)
 
 # %%
-# With ``store=`` the map is a folder. The same call again goes on where it stopped.
+# With ``store=`` the map is a folder. The same call again continues a stopped build.
 
 folder = tempfile.TemporaryDirectory()
 space = cspace.build(city, cspace.Robot.disc(1.0), store=f"{folder.name}/city.zarr", tile=256)
@@ -32,14 +32,14 @@ print(space)
 print("a path exists:", space.is_connected((3.0, 3.0), (145.0, 118.0)))
 
 # %%
-# A path from tile to tile, drawn on an overview in larger cells, which are proven alike.
+# A path from tile to tile, drawn on an overview in larger cells, with the same proofs.
 
 plan = planners.plan(space, (3.0, 3.0), (145.0, 118.0), seed=1)
 print(plan)
 save_plot(space.overview(256), "large_map.png", True, path=plan)
 
 # %%
-# A part of it is a map in memory, for all else.
+# A window of it is a map in memory, for all other queries.
 
 part = space.window((100, 90), (150, 140))
 print(part.clearance((118.0, 117.5)))

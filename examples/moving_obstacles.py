@@ -2,8 +2,8 @@
 Plan anew as the world moves
 ============================
 
-A robot crosses an office while trolleys go to and fro. Each step of theirs moves an obstacle of the map; the robot asks
-the map whether the rest of its way is still free, and plans another one if not.
+A robot crosses an office while trolleys go to and fro. Each step of a trolley moves an obstacle of the map. The robot
+queries the map for the rest of its path, and plans another path if an edge is no longer free.
 """
 
 import statistics
@@ -31,8 +31,8 @@ radius = 0.3
 space = cspace.build(office, cspace.Robot.disc(radius))
 
 # %%
-# Trolleys, each with the two places between which it goes, its sides and its speed. ``add_obstacle`` puts an obstacle
-# where it is now, in metres, and takes it away where it was.
+# Trolleys, each with its two end points, its sides and its speed. ``add_obstacle`` puts an obstacle at its position of
+# this moment, in metres, and frees its old position.
 
 trolleys = [
     ((2.0, 4.4), (14.0, 4.4), (0.9, 0.6), 0.8),
@@ -46,7 +46,7 @@ gone = np.zeros(len(trolleys))  # metres that each has gone
 
 
 def where(number: int, distance: float) -> Polygon:
-    """The trolley of a number, when it has gone so far."""
+    """Return a trolley by its number, after a distance."""
     first, last, sides, _ = map(np.array, trolleys[number])
     length = np.linalg.norm(last - first)
     share = 1 - abs(1 - distance / length % 2)
@@ -55,7 +55,7 @@ def where(number: int, distance: float) -> Polygon:
 
 
 # %%
-# The robot goes on until it has arrived. A trolley waits where the robot is in its way.
+# The robot goes on until it has arrived. A trolley waits if the robot is in its way.
 
 start, goal, step = np.array((0.8, 1.0)), np.array((15.2, 9.0)), 0.15  # metres, and seconds of a step
 planners.plan(space, start, goal)  # what is compiled, is compiled now
@@ -85,7 +85,7 @@ print(f"{len(updates)} moves of trolleys: {1e3 * statistics.median(updates):.2f}
 print(f"a plan: {1e3 * statistics.median(plans):.1f} ms in the median")
 
 # %%
-# The film: white is free, blue the C-obstacle, orange undecided, black what the robot must not touch.
+# The film: white is free, blue the C-obstacle, orange undecided, black the obstacles.
 
 figure, ax = plt.subplots(figsize=(8, 5.2), layout="constrained")
 colors = ListedColormap(["#ffffff", "#d55e00", "#a6d3ee", "#262626"])

@@ -2,8 +2,8 @@
 Park a car
 ==========
 
-A car cannot move sideways: it leaves a gap between parked cars and backs into another one along the shortest curves of
-Reeds and Shepp. Each curve is proven free as it is driven, not at samples of it.
+A car cannot move sideways. It leaves a gap between parked cars and backs into another gap, along the shortest curves of
+Reeds and Shepp. Each curve is proven free along its whole length, not at samples.
 """
 
 import math
@@ -24,7 +24,7 @@ workspace = cspace.Workspace.from_polygons([*upper, *lower], 0.1, bounds=(-1, -1
 space = cspace.build(workspace, cspace.Robot.rectangle(4.2, 1.9), rotations=72)
 
 # %%
-# Of OMPL's planners, those that cover the map from both ends get out of a gap and into another soonest.
+# OMPL's planners that cover the map from both ends leave one gap and enter another soonest.
 
 start, goal = (4.3, -2.6, math.pi / 2), (9.9, -12.0, -math.pi / 2)
 plan = planners.plan(

@@ -2,9 +2,10 @@
 Collision in the frequency domain, in seven figures
 ===================================================
 
-They follow those of Lysenko (2013) and of Behandish and Ilies (2016), from our own runs; ``docs/frequency.md`` tells
-what they show. Times are medians of a few runs on the machine that built this page. The figures are written into the
-working folder, as ``report_figures_1.png`` and so on. It needs ``pip install "cspace[spectral]"``.
+They follow those of Lysenko (2013) and of Behandish and Ilies (2016), from our own runs.
+``docs/explanation/frequency.md`` explains them. Times are medians of a few runs on the machine that built this page.
+The figures are written into the working folder, as ``report_figures_1.png`` and so on. It needs
+``pip install "cspace[spectral]"``.
 """
 
 import math
@@ -47,13 +48,13 @@ FREQUENCIES = 128  # along an axis, so up to 16 cycles per metre
 
 
 def plain(ax: Axes, title: str, x: str, y: str) -> None:
-    """What all axes have."""
+    """Set the style that all axes share."""
     ax.set_title(title, fontsize=10)
     ax.set(xlabel=x, ylabel=y)
 
 
 def save(figure: Figure, number: int) -> None:
-    """Write a figure into the working folder, and say where."""
+    """Write a figure into the working folder, and print its path."""
     file = Path(f"report_figures_{number}.png")
     figure.savefig(file)
     plt.close(figure)
@@ -68,7 +69,7 @@ def save(figure: Figure, number: int) -> None:
 
 
 def draw_modulus(ax: Axes, spectrum: Complexes, title: str) -> Any:
-    """Modulus of a spectrum over its largest value, as an image with a logarithmic scale."""
+    """Draw the modulus of a spectrum over its largest value, on a logarithmic scale."""
     levels = np.log10(np.maximum(np.abs(np.fft.fftshift(spectrum)) / np.abs(spectrum).max(), 1e-30))
     reach = (FREQUENCIES // 2 + 0.5) / PERIOD
     extent = (-reach, reach - 1.0 / PERIOD, -reach, reach - 1.0 / PERIOD)
@@ -83,7 +84,7 @@ def add_scale(image: Any, axes: Any) -> None:
 
 
 def sampled_spectrum(descriptor: Descriptor, period: float, count: int) -> Complexes:
-    """By FFT, of the values at the middles of cells; the period is a whole number of cells."""
+    """Return the spectrum by FFT of values at cell centers; the period is a whole number of cells."""
     grid, k = descriptor.grid, np.fft.fftfreq(count, 1.0 / count).astype(int)
     cells = round(period / grid.spacing)
     spectrum = np.fft.fft2(descriptor.values * grid.spacing**2, (cells, cells))[np.ix_(k % cells, k % cells)]
@@ -168,12 +169,12 @@ save(figure, 4)
 # 5. Minkowski sums of bitmaps
 # ----------------------------
 #
-# Direct and by FFT, and the sizes from which on the FFT is faster. What disturbs the machine disturbs all alike, since
-# they run in turns; the first run of each, which imports and compiles, is not counted.
+# Direct and by FFT, and the sizes from which on the FFT is faster. Both run in turns, so a busy machine slows both
+# equally. The first run of each, which imports and compiles, is not counted.
 
 
 def in_turns(works: Sequence[Callable[[], Any]], most: float = 0.2) -> tuple[list[float], list[Any]]:
-    """Median times in seconds of up to 31 rounds that together take about ``most`` seconds, and what the works give."""
+    """Return median times in seconds over up to 31 rounds, ``most`` seconds in all, and the results of the works."""
     for work in works:
         work()
     rounds: list[list[float]] = []
@@ -187,7 +188,7 @@ def in_turns(works: Sequence[Callable[[], Any]], most: float = 0.2) -> tuple[lis
 
 
 def crossover(sizes: list[int], slow: Floats, fast: Floats) -> float | None:
-    """Size from which on one list of times stays above another, on log axes; None where it always or never is."""
+    """Return the size from which on ``slow`` stays above ``fast``, on log axes; None if always or never."""
     ratio = np.log(slow / fast)
     if (ratio > 0.0).all() or ratio[-1] <= 0.0:
         return None
@@ -224,7 +225,7 @@ save(figure, 5)
 # 6. Ways to the spectrum of discs
 # --------------------------------
 #
-# The time to make it over how many discs there are: sampled, summed, and by a non-uniform FFT.
+# The time over the number of discs: sampled, summed, and by a non-uniform FFT.
 
 count, bump, rng = 64, Bump(2.0), np.random.default_rng(6)
 period, radius = 1.0, 4.0 / count
@@ -281,11 +282,11 @@ save(figure, 6)
 # 7. Early misses
 # ---------------
 #
-# How many frequencies a proof takes that two shapes are apart, over their distance; swelling is off.
+# The number of frequencies that prove two shapes apart, over their distance; swelling is off.
 
 
 def draw_misses(ax: Axes, overlaps: dict[str, FourierOverlap], places: Floats, distances: Floats) -> None:
-    """Frequencies that each placement takes, over its distance, and the legend."""
+    """Plot the frequencies of each placement over its distance, with the legend."""
     for (name, overlap), color in zip(overlaps.items(), COLORS, strict=False):
         answer = overlap.separated(places, swelling=False)
         verdicts, taken = np.asarray(answer.verdict), np.asarray(answer.frequencies)

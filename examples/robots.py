@@ -15,8 +15,8 @@ from shapely.plotting import plot_polygon
 import cspace
 
 # %%
-# A URDF of a cart with a mast. Its collision geometry is what counts; wheels turn, and are left out with a warning
-# unless you name the links that you want.
+# A URDF of a cart with a mast. Only its collision geometry counts. Wheels turn, and are left out with a warning
+# unless you name links.
 
 URDF = """<robot name="cart">
   <link name="base"><collision><geometry><box size="0.8 0.5 0.3"/></geometry></collision></link>

@@ -2,7 +2,7 @@
 From ROS messages to a plan and a costmap, without ROS
 ======================================================
 
-Messages are taken by their fields, so that nothing of ROS is needed. In a node, ``msg`` comes from a topic:
+Any object with the fields of a message will do, so ROS is not needed. In a node, ``msg`` comes from a topic:
 ``self.create_subscription(OccupancyGrid, "map", self.on_map, 1)``.
 """
 
@@ -29,7 +29,7 @@ msg.info.origin.position.x, msg.info.origin.position.y = -4.5, -3.0
 msg.data.frombytes(cells.tobytes())
 
 # %%
-# The footprint is a line of ``nav2_params.yaml``, and the path one that a robot on two wheels can drive.
+# The footprint is a line of ``nav2_params.yaml``. A robot on two wheels can drive the path.
 
 workspace = cspace.Workspace.from_occupancy_grid(msg)
 footprint = "[[0.45, 0.25], [0.45, -0.25], [-0.25, -0.25], [-0.25, 0.25]]"

@@ -3,7 +3,7 @@ Obstacles from what you have
 ============================
 
 A picture, a map of a game, a cloud of points, an array: ``Workspace.open`` reads files by their suffix, and each kind
-has a method of its own.
+has its own method.
 """
 
 import tempfile

@@ -1,9 +1,9 @@
 """
-What passes a window, and what cannot however it turns
-======================================================
+Bodies that pass a window, and one that cannot
+==============================================
 
 A plank that lies across a window passes once it is turned, in all three dimensions of rotation. A cube passes at no
-rotation: no chain of cells that might be free leads through, which is a proof that no planner can give.
+rotation: no chain of cells that might be free leads through. No planner can give such a proof.
 """
 
 import trimesh
@@ -32,8 +32,8 @@ still = cspace.build(workspace, cspace.Robot.box((0.3, 1.4, 0.3)))
 print("no path exists, proven:", still.is_disconnected(start, goal))
 
 # %%
-# The same plank, turned along y at both ends, and a cube, both at any rotation in between. Where the cells cannot
-# decide, the geometry itself can.
+# The same plank, turned along y at both ends, and a cube, both at any rotation in between. If the cells cannot decide,
+# the geometry itself can.
 
 along_y = (0.0, 0.0, 0.5**0.5, 0.5**0.5)
 for name, sides in (("plank", (1.4, 0.3, 0.3)), ("cube", (1.2, 1.2, 1.2))):

@@ -68,7 +68,7 @@ def test_the_code_of_a_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr("cspace.plot.picture.save_figure", save_small)
     monkeypatch.setattr("planners.plan", plan_briefly)
     monkeypatch.setattr("matplotlib.layout_engine.ConstrainedLayoutEngine.execute", lambda engine, figure: None)
-    if page != "docs/cli.md":
+    if page != "docs/reference/cli.md":
         write_files(tmp_path)
     names: dict[str, object] = {"__name__": "page"}
     for kind, text in PAGES[page]:

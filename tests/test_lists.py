@@ -88,7 +88,9 @@ def test_every_reader_of_points_has_a_format() -> None:
 
 def test_every_format_is_in_the_docstring_and_in_the_docs() -> None:
     documented = {}
-    for first, _, dimension, *_ in (row for row in table("files.md") if row[0].startswith("`.") and len(row) == 3):
+    for first, _, dimension, *_ in (
+        row for row in table("reference/files.md") if row[0].startswith("`.") and len(row) == 3
+    ):
         documented |= dict.fromkeys(quoted(first), {"plane": 2, "space": 3, "either": None}[dimension])
     assert documented == {suffix: known.dimension for suffix, known in WORKSPACE_FORMATS.items()}
     assert set(WORKSPACE_FORMATS) <= set(quoted(str(Workspace.open.__doc__)))
@@ -115,17 +117,19 @@ def test_every_short_text_of_a_robot_is_documented() -> None:
     assert "disc" in forms
     texts = {f"{kind}:{form}" for kind, form in forms.items()}
     assert texts <= set(quoted(str(Robot.parse.__doc__)))
-    assert texts <= set(quoted((DOCS / "cli.md").read_text(encoding="utf-8")))
+    assert texts <= set(quoted((DOCS / "reference" / "cli.md").read_text(encoding="utf-8")))
     described = re.sub(r"[^\w:]+", " ", run("map", "--help").output)
     assert [kind for kind in forms if f"{kind}:" not in described] == []
-    examples = {text for row in table("robots.md") for text in quoted(row[0]) if text.partition(":")[0] in forms}
+    examples = {
+        text for row in table("reference/robots.md") for text in quoted(row[0]) if text.partition(":")[0] in forms
+    }
     assert {text.partition(":")[0] for text in examples} == set(forms)
     for text in examples - {"footprint:[[0.3,0.2],...]", "footprint:robot.urdf"}:
         assert isinstance(Robot.parse(text), Robot)
 
 
 def test_every_file_of_a_robot_is_documented() -> None:
-    page = " ".join(quoted((DOCS / "robots.md").read_text(encoding="utf-8")))
+    page = " ".join(quoted((DOCS / "reference" / "robots.md").read_text(encoding="utf-8")))
     docstring = str(Robot.open.__doc__)
     suffixes = set(robot_suffixes()) - {".yml"}
     assert ".stl" in suffixes
@@ -147,7 +151,7 @@ def conf() -> dict[str, Any]:
 
 def features() -> list[list[str]]:
     """Return the names of each row of the features table, without commands."""
-    cells = (row[0] for row in table("features.md"))
+    cells = (row[0] for row in table("reference/features.md"))
     return [quoted(cell) for cell in cells if cell.startswith("`") and not cell.startswith("`cspace ")]
 
 

@@ -19,8 +19,8 @@ from cspace.plot import animate, save_plot
 # The car and its reference point
 # -------------------------------
 #
-# The curves are those of the point in the middle of the axle that does not steer, so that point belongs at the origin:
-# here the middle of the rear axle of a car of 4.2 m by 1.8 m, with 0.9 m of it behind the axle.
+# The curves are curves of the middle of the axle that does not steer, so put that point at the origin. Here it is the
+# middle of the rear axle of a car of 4.2 m by 1.8 m, 0.9 m of which lies behind the axle.
 
 car = cspace.Robot.rectangle(4.2, 1.8, center=(1.2, 0.0))
 street = [box(-5, -4, 45, -2.2), box(-5, 12, 45, 14)]  # kerbs
@@ -35,7 +35,7 @@ print(space)
 # -------------
 #
 # ``drive="dubins"`` is for a car that does not reverse. Without ``drive``, a path in SE(2) is holonomic: fine for a
-# robot on omni wheels, and nothing that a car can drive.
+# robot on omni wheels, but no car can drive it.
 
 start = (-2.0, 2.0, 0.0)
 plan = planners.plan(space, start, (38.0, 2.0, 0.0), drive="dubins", turning_radius=4.0, time_limit=5, seed=1)
@@ -56,19 +56,19 @@ print(plan)
 save_plot(space, "cars_2.png", True, path=plan)
 
 # %%
-# ``plan.path`` is dense enough to drive: its rows lie at most a cell and 5 degrees apart. ``plan.direction`` tells
-# forwards from backwards for each of them, and ``plan.to_csv`` writes both.
+# ``plan.path`` is dense enough to drive: its rows lie at most a cell and 5 degrees apart. ``plan.direction`` says for
+# each row whether the car drives forwards or backwards, and ``plan.to_csv`` writes both.
 
 print(f"{len(plan.path)} rows, {np.count_nonzero(np.diff(plan.direction))} changes of direction")
 animate(space, plan, "cars_film.gif", True, seconds=8)
 
 # %%
-# What is proven, and what is not
-# -------------------------------
+# The limits of the proof
+# -----------------------
 #
-# Every curve of a certified plan is free along its whole length. ``is_connected`` is about a robot that may turn on
-# the spot, and need not hold for a car; ``is_disconnected`` holds for cars too. The smaller the
-# turning radius, the more a car can do:
+# Every curve of a certified plan is free along its whole length. ``is_connected`` is about a robot that may turn on the
+# spot, and need not hold for a car; ``is_disconnected`` holds for cars too. The smaller the turning radius, the more a
+# car can do:
 
 for radius in (3.0, 4.0, 7.0):
     plan = planners.plan(space, start, (0.0, 9.0, math.pi), drive="dubins", turning_radius=radius, time_limit=3, seed=1)

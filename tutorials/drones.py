@@ -2,8 +2,8 @@
 Drones
 ======
 
-The same map in three dimensions: from meshes, OctoMaps, voxels or point clouds, for a body that translates, that turns
-about the vertical, or that turns as it likes.
+The same map in three dimensions: from meshes, OctoMaps, voxels or point clouds. The body translates, turns about the
+vertical, or turns about any axis.
 """
 
 import tempfile
@@ -18,8 +18,8 @@ from cspace.plot import save_plot
 # A house as a mesh
 # -----------------
 #
-# Two rooms, a window between them, and no roof, so that pictures show what is inside. ``Workspace.open`` reads STL,
-# OBJ, PLY, glTF and others; an OctoMap is opened the same way, and brings its own spacing.
+# Two rooms, a window between them, and no roof, so that pictures show the inside. ``Workspace.open`` reads STL, OBJ,
+# PLY, glTF and others. It opens an OctoMap as well, which brings its own spacing.
 
 folder = tempfile.TemporaryDirectory()
 house = cspace.Workspace.open(write_inputs(Path(folder.name))["house"], spacing=0.08)
@@ -32,8 +32,8 @@ print(space)
 # Plan
 # ----
 #
-# Configurations are ``(x, y, z)``. What lies beyond the workspace counts as obstacle, so the drone does not leave
-# through the roof, unless you build with ``outside="free"``.
+# Configurations are ``(x, y, z)``. All beyond the workspace counts as obstacle, so the drone does not leave through the
+# roof, unless you build with ``outside="free"``.
 
 start, goal = (1.0, 2.0, 0.5), (5.0, 2.5, 0.5)
 print("a path exists:", space.is_connected(start, goal))
@@ -42,7 +42,7 @@ print(plan)
 save_plot(space, "drones_1.png", True, path=plan, view="3d")
 
 # %%
-# Three sections through a point tell more than a view: where the robot is FREE, and where its path is close.
+# Three sections through a point tell more than a view: they show FREE cells, and places at which the path is close.
 
 save_plot(space, "drones_2.png", True, path=plan)
 
@@ -62,12 +62,12 @@ print(plan)
 save_plot(turning, "drones_3.png", True, path=plan, view="3d")
 
 # %%
-# A drone that turns as it likes
-# ------------------------------
+# A drone that turns about any axis
+# ---------------------------------
 #
 # For SE(3), ``rotations=cspace.Rotations.quaternions(n)``: configurations are ``(x, y, z, qx, qy, qz, qw)``, w last.
-# Such maps are coarse, since a rotation cell is large; ``exact=True`` has the geometry itself decide in MIXED cells,
-# and the path is no less proven. The page on rotations says what ``n`` to choose; in the gallery a drone banks to pass
+# Such maps are coarse, because a rotation cell is large. With ``exact=True`` the geometry itself decides MIXED cells,
+# and the path is no less proven. The page on rotations says which ``n`` to choose. In the gallery a drone banks to pass
 # a slit.
 
 free = cspace.build(house, drone, rotations=cspace.Rotations.quaternions(4))

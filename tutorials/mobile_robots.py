@@ -19,9 +19,9 @@ from cspace.plot import save_plot
 # The map
 # -------
 #
-# A workspace is what stands in the way: here the floor plan of a flat, 16 m by 10 m, as polygons. With a map of your
-# own, write ``cspace.Workspace.from_ros_map("map.yaml")``, or ``Workspace.open`` for any file that can be read. A robot
-# is a shape whose reference point is the origin. ``build`` gives the map of its configurations.
+# A workspace holds the obstacles: here the floor plan of a flat, 16 m by 10 m, as polygons. With your own map, write
+# ``cspace.Workspace.from_ros_map("map.yaml")``, or ``Workspace.open`` for any supported file. A robot is a shape whose
+# reference point is the origin. ``build`` returns the map of its configurations.
 
 workspace = demo_workspace(spacing=0.025)
 space = cspace.build(workspace, cspace.Robot.disc(0.3))
@@ -29,21 +29,21 @@ print(space)
 save_plot(space, "mobile_robots_1.png", True)
 
 # %%
-# White cells are FREE: wherever in such a cell the robot's reference point stands, nothing is touched. Blue ones are
-# BLOCKED: wherever it stands, the robot collides. In the thin orange band, MIXED, the cells do not decide. It becomes
-# thinner with the spacing, and planners keep out of it unless you ask the geometry itself (``exact=True``).
+# White cells are FREE: the robot touches nothing if its reference point stands anywhere in such a cell. Blue cells are
+# BLOCKED: the robot collides. In the thin orange band, MIXED, the cells do not decide. A finer spacing makes the band
+# thinner. Planners keep out of it unless you let the geometry itself decide (``exact=True``).
 #
 # Query the map
 # -------------
 #
-# All look-ups take one configuration, or an array of them, metres and radians.
+# All look-ups take one configuration or an array, in metres and radians.
 
 print(space.is_free((3.0, 8.0)))
 print(space.is_free([(3.0, 8.0), (8.0, 6.6)]))
 
 # %%
-# An edge is proven as a whole, and not at samples of it. ``clearance`` is the distance to the nearest configuration
-# that is not FREE.
+# An edge is proven as a whole, not at samples. ``clearance`` is the distance to the nearest configuration that is not
+# FREE.
 
 print(space.motion_is_free((3.0, 8.0), (3.0, 6.0)))
 print(space.clearance((3.0, 8.0)))
@@ -60,8 +60,8 @@ print(space.is_disconnected(start, store_room))
 # Plan
 # ----
 #
-# By default RRTConnect searches, and then the map itself; ``planner`` names any geometric planner of OMPL. A plan is
-# checked again when it is there: ``certified`` means that each edge was proven free by the map.
+# By default RRTConnect searches, and then the map itself; ``planner`` names any geometric planner of OMPL. The map
+# checks the finished plan again: ``certified`` means that it proved each edge free.
 
 plan = planners.plan(space, start, goal, seed=4)
 print(plan)
@@ -69,7 +69,7 @@ save_plot(space, "mobile_robots_2.png", True, path=plan)
 
 # %%
 # ``plan.path`` is an array of configurations, and ``plan.to_csv`` writes it. A path along the border of the C-obstacle
-# is free, but close. ``margin`` grows the robot, so that FREE means free by that much:
+# is free, but close. ``margin`` grows the robot, so that FREE keeps that distance:
 
 roomy = cspace.build(workspace, cspace.Robot.disc(0.3), margin=0.1)
 plan = planners.plan(roomy, start, goal, seed=1)
@@ -79,10 +79,10 @@ print(plan.status, "- no obstacle is nearer than 0.1 m")
 # A robot that is not round
 # -------------------------
 #
-# It turns: ``rotations=72`` divides the turn into cells of 5 degrees, and configurations are ``(x, y, yaw)``. FREE then
-# means free at every position and every yaw of the cell. **A path in SE(2) is holonomic unless you say** ``drive=``:
-# the robot may move sideways, and turns evenly on its way. A robot on two wheels turns on the spot and drives straight
-# on, which is ``drive="differential"``. For cars, read the next tutorial.
+# It turns: ``rotations=72`` divides the circle into cells of 5 degrees, and configurations are ``(x, y, yaw)``. FREE
+# then means free at every position and every yaw of the cell. **A path in SE(2) is holonomic unless you say**
+# ``drive=``: the robot may move sideways, and turns evenly on its way. A robot on two wheels needs
+# ``drive="differential"``: it turns on the spot and drives straight on. For cars, read the next tutorial.
 
 space = cspace.build(workspace, cspace.Robot.rectangle(1.1, 0.5), rotations=72)
 plan = planners.plan(space, (1.4, 8.6, 0.0), (14.6, 1.2, math.pi / 2), drive="differential", time_limit=5, seed=3)
@@ -90,7 +90,7 @@ print(plan)
 save_plot(space, "mobile_robots_3.png", True, path=plan)
 
 # %%
-# Yellow is where the robot fits at some yaws only. One slice for each of a few yaws:
+# In yellow cells the robot fits at some yaws only. One slice for each of a few yaws:
 
 save_plot(space, "mobile_robots_4.png", True, view="panels")
 
@@ -98,8 +98,8 @@ save_plot(space, "mobile_robots_4.png", True, view="panels")
 # The world moves
 # ---------------
 #
-# Obstacles are placed by name, moved by placing them again, and removed. The map follows, and so do the checkers that
-# planners hold.
+# Add an obstacle by name, add it again to move it, and remove it. The map follows, and so do the checkers that planners
+# hold.
 
 space = cspace.build(workspace, cspace.Robot.disc(0.3))
 before = planners.plan(space, start, goal, seed=4)
@@ -115,7 +115,7 @@ print("free again:", space.certify_path(before.path).all())
 # Keep it
 # -------
 #
-# A map is saved as a folder, and checked by digest when it is opened. On the command line the same is
+# A map is saved as a folder, and checked by digest when it is opened. The same on the command line:
 # ``cspace map flat.geojson --spacing 0.025 --robot disc:0.3`` and ``cspace plan flat.zarr --start ... --goal ...``.
 
 with tempfile.TemporaryDirectory() as folder:

@@ -32,8 +32,8 @@ CHOSEN = named("auto")
 GREY = "#333333"
 
 OURS = (
-    'Ours is `cspace.build(..., inner=False, outside="free")` with the method that is named, from the robot\'s shape '
-    "on. Peers run with their defaults; they are given the robot's cells, and the map in the type that they ask for."
+    'Ours is `cspace.build(..., inner=False, outside="free")` with the method in quotes, starting from the robot\'s '
+    "shape. Peers run with their defaults. Their input is the robot's cells, and the map in the type that they need."
 )
 
 
@@ -47,9 +47,9 @@ def write(whole: Mapping[str, Any], plot: str) -> str:
         f"Made by `{whole['command']}`{', at sizes for a quick look' if whole['quick'] else ''}.",
         f"{whole['machine']['cores']} cores, {whole['machine']['system']}; {versions}.",
         OURS,
-        "What is compared ran in turns in one process. Times are medians by the clock; a ratio in CPU time stands "
-        "beside that by the clock, since ours takes every core and most peers one. Of "
-        f"{len(checks)} checks of results, {sum(checks)} held.",
+        "The methods ran in turns in one process. Times are medians by the clock. A ratio in CPU time stands beside "
+        "the ratio by the clock, because ours uses every core and most peers one. "
+        f"{sum(checks)} of {len(checks)} checks of results held.",
         "## Against targets",
         _table(*_promises(rows)),
         f"![Cost over the size of the map and of the robot]({plot})",
@@ -106,11 +106,11 @@ def _sweep(rows: Sequence[Row], sweep: str) -> list[str]:
         _table([first, *named, '"auto" took'], body),
     ]
     if any(row.get("left_out") for row in points):
-        parts.append("In brackets: not run, and what it was expected to take.")
+        parts.append("In brackets: not run; the time is an estimate.")
     for way, number in sampled.items():
         parts.append(
-            f"{way} looks at one configuration at a time: one in each of {number} cells, and the time is extrapolated "
-            "to all cells; its tree was made beforehand."
+            f"{way} tests one configuration at a time. It ran for one in each of {number} cells, and the time is "
+            "extrapolated to all cells. Its tree was built before."
         )
     return parts
 

@@ -202,7 +202,9 @@ class FourierOverlap:
         tolerance: float = 1e-3,
         accuracy: float = 1e-12,
     ) -> FourierOverlap:
-        """Return an overlap whose verdicts are proofs about shapes, given by balls (``docs/frequency.md``).
+        """Return an overlap whose verdicts are proofs about shapes, given by balls.
+
+        ``docs/explanation/certificate_frequency.md`` has the proofs.
 
         *MISS* proves that the closed shapes have no common point. *HIT* proves that they have one, because an inner
         ball of A and one of B overlap. Placements closer than twice ``swell``, or than the balls resolve, stay

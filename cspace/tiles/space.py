@@ -50,7 +50,7 @@ ONLY_IN_MEMORY: Final = {
 }
 """What :class:`cspace.CSpace` can do and :class:`TiledCSpace` cannot, with the hint of the error; besides, ``exact``.
 
-``docs/large.md`` lists them.
+``docs/reference/stores.md`` lists them.
 """
 
 

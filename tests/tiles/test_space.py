@@ -156,7 +156,7 @@ def test_all_that_only_maps_in_memory_can_do_is_refused_and_documented(tmp_path)
         with pytest.raises(ConfigurationError, match=f"{name} needs a map in memory") as caught:
             getattr(tiled, name)
         assert hint in str(caught.value)
-    page = (Path(cspace.__file__).parents[1] / "docs" / "large.md").read_text(encoding="utf-8")
+    page = (Path(cspace.__file__).parents[1] / "docs" / "reference" / "stores.md").read_text(encoding="utf-8")
     assert not [name for name in listed if f"`{name}`" not in page]
 
 
