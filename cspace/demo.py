@@ -26,14 +26,20 @@ SPACING_METRES: Final = 0.02
 
 
 def demo_robot() -> Robot:
-    """Return a cart of 0.7 m by 0.5 m; its reference point is its center."""
+    """Return a cart of 0.7 m by 0.5 m.
+
+    Its reference point is its center.
+    """
     from cspace.robot import Robot
 
     return Robot.rectangle(0.7, 0.5)
 
 
 def demo_workspace(spacing: float = SPACING_METRES) -> Workspace:
-    """Rasterize the floor plan, 16 m by 10 m; raise InputError if the spacing is not above zero."""
+    """Rasterize the floor plan, 16 m by 10 m.
+
+    Raise InputError if the spacing is not above zero.
+    """
     from cspace.workspace import Workspace
 
     return Workspace.from_polygons(floor_plan(), spacing)
@@ -68,7 +74,7 @@ def floor_plan() -> list[BaseGeometry]:
 
 
 def write_inputs(folder: Path) -> dict[str, Path]:
-    """Write the floor plan, and a house in space with two rooms and a window between them.
+    """Write the floor plan, and a house with two rooms.
 
     The folder must exist; existing files are replaced. Returns the paths by name: ``floor_plan`` is GeoJSON, 16 m by
     10 m, and ``house`` is STL, 6 m by 4 m by 2.5 m.

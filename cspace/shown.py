@@ -48,10 +48,10 @@ class MapPlot:
     """Pictures of a map."""
 
     def plot(self, **options):
-        """Draw the map, or an overview of a tiled map, with the options of :func:`cspace.plot.plot`.
+        """Draw the map, with the options of :func:`cspace.plot.plot`.
 
-        No window opens; notebooks show the axes as the picture. If a path crosses the seam of continuous joints, the
-        picture extends as far as the path.
+        Of a tiled map, an overview is drawn. No window opens; notebooks show the axes as the picture. If a path
+        crosses the seam of continuous joints, the picture extends as far as the path.
         """
         return resolve_name("cspace.plot.maps:plot_map")(self, **options)
 
@@ -60,7 +60,7 @@ class ArmPlot:
     """Pictures of an arm."""
 
     def plot(self, **options):
-        """Draw the arm among its obstacles in three dimensions, and a path as pale arms and the curve of its end.
+        """Draw the arm, its obstacles and, as pale arms, a path.
 
         No window opens; notebooks show the axes as the picture.
 
@@ -93,11 +93,11 @@ class SpaceView:
     """A page in the browser that shows a space."""
 
     def view(self, *, block=True, **options):
-        """Show the space on a page in the browser, and plan there; needs ``pip install "cspace[view]"``.
+        """Show the space on a page in the browser, and plan there.
 
-        The page shows the obstacles, the robot, and the border of a map's C-obstacle or the closest pair of an arm. On
-        it one sets start and goal, plans and plays paths, and reads what is proven. It is served on this machine alone,
-        unless ``host`` says otherwise.
+        Needs ``pip install "cspace[view]"``. The page shows the obstacles, the robot, and the border of a map's
+        C-obstacle or the closest pair of an arm. On it one sets start and goal, plans and plays paths, and reads what
+        is proven. It is served on this machine alone, unless ``host`` says otherwise.
 
         Parameters
         ----------
@@ -131,28 +131,35 @@ class MapExport(NotebookPicture):
     """Files and messages of a map in memory."""
 
     def to_xarray(self):
-        """Return the map with named dimensions, coordinates and units; see :func:`cspace.export.maps.to_xarray`."""
+        """Return the map with named dimensions, coordinates and units.
+
+        See :func:`cspace.export.maps.to_xarray`.
+        """
         return resolve_name("cspace.export.maps:to_xarray")(self._contents)
 
     def save(self, path, *, overwrite=False):
-        """Save as a Zarr folder, which :func:`cspace.open` reads; see :func:`cspace.store.save`."""
+        """Save as a Zarr folder, which :func:`cspace.open` reads.
+
+        See :func:`cspace.store.save`.
+        """
         self._write(partial(resolve_name("cspace.store:save"), path=path, overwrite=overwrite), exterior=True)
 
     def export(self, path, *, overwrite=False, rotation=None):
-        """Write the map for other programs, in the format of the suffix; see :func:`cspace.export.maps.export`.
+        """Write the map for other programs, in the format of the suffix.
 
-        Formats are ``.npz``, netCDF (``.nc``) and ParaView (``.vti``). Plane maps also have ROS maps (``.yaml``) and
-        GeoTIFF (``.tif``); maps in space also have the border of the FREE cells (``.ply``, ``.obj``, ``.stl``).
-        Formats of one slice need its ``rotation`` if the robot rotates; ``.vti`` and ``.nc`` hold one slice or all.
+        See :func:`cspace.export.maps.export`. Formats are ``.npz``, netCDF (``.nc``) and ParaView (``.vti``). Plane
+        maps also have ROS maps (``.yaml``) and GeoTIFF (``.tif``); maps in space also have the border of the FREE cells
+        (``.ply``, ``.obj``, ``.stl``). Formats of one slice need its ``rotation`` if the robot rotates; ``.vti`` and
+        ``.nc`` hold one slice or all.
         """
         write = resolve_name("cspace.export.maps:export")
         self._write(partial(write, path=path, overwrite=overwrite, rotation=rotation))
 
     def to_occupancy_grid(self, msg=None, *, rotation=None, frame_id="map"):
-        """Return a plane map as a ROS occupancy grid: FREE is 0, BLOCKED 100, MIXED -1 (unknown).
+        """Return a plane map as a ROS occupancy grid.
 
-        :meth:`Workspace.from_occupancy_grid` reads it back: as the cells that are not FREE, or, with
-        ``unknown="free"``, as the BLOCKED cells.
+        FREE is 0, BLOCKED 100 and MIXED -1 (unknown). :meth:`Workspace.from_occupancy_grid` reads it back: as the
+        cells that are not FREE, or, with ``unknown="free"``, as the BLOCKED cells.
 
         Parameters
         ----------
@@ -177,7 +184,7 @@ class MapExport(NotebookPicture):
         return resolve_name("cspace.export.messages:occupancy_grid_of")(self, msg, rotation, frame_id)
 
     def to_costmap(self, msg=None, *, inflation_radius=0.55, cost_scaling_factor=10.0, rotation=None, frame_id="map"):
-        """Return a plane map as a Nav2 costmap, inflated by the robot itself instead of by a circle.
+        """Return a plane map as a Nav2 costmap, inflated by the robot itself.
 
         254 is an obstacle, 255 unknown, 253 not proven free for the robot. A FREE cell costs
         ``252 * exp(-cost_scaling_factor * clearance)``, rounded down, and 0 if it is farther than ``inflation_radius``

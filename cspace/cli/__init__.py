@@ -21,10 +21,10 @@ _USAGE_ERRORS: tuple[Any, ...] = typer.BadParameter.__mro__[1:2]
 
 
 class _Commands(TyperGroup):
-    """A group of commands that prints each error and warning as one line."""
+    """Commands whose errors and warnings are printed as one line each."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run a command; on failure, print the error and exit with code 2, or 130 if interrupted."""
+        """Run a command; print errors and exit with code 2 or 130."""
 
         def warn(message: Warning | str, *_: Any, **__: Any) -> None:
             typer.echo(f"cspace: warning: {name_options(' '.join(str(message).split()), self._options(ctx))}", err=True)

@@ -38,7 +38,10 @@ def check_outputs(paths: Collection[Path], suffixes: Collection[str], overwrite:
 
 
 def check_folder(folder: Path) -> None:
-    """Check that a folder is writable, or can be created; raise FileError otherwise."""
+    """Check that a folder is writable, or can be created.
+
+    Raise FileError otherwise.
+    """
     existing = folder
     while not existing.exists() and existing != existing.parent:
         existing = existing.parent
@@ -48,10 +51,10 @@ def check_folder(folder: Path) -> None:
 
 
 def read_axes(file: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the axes of a saved map's configurations and their units: "m", "rad" or "1".
+    """Return the axes of a saved map and their units.
 
-    Only the metadata are read, because a map may be large and a wrong option should be reported at once. Raises
-    FileError if the map cannot be opened.
+    Units are "m", "rad" or "1". Only the metadata are read, because a map may be large and a wrong option should be
+    reported at once. Raises FileError if the map cannot be opened.
     """
     from cspace.opening import open_map
     from cspace.rotations import Rotations
@@ -68,7 +71,7 @@ def read_axes(file: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
-    """Read the configurations, metres and radians, of a path written by ``cspace plan``.
+    """Read the configurations of a path written by ``cspace plan``.
 
     The file is CSV with a row of names and a row for each configuration, or JSON with the configurations under
     ``path``. Raises FileError if the file cannot be read, has no path, or has other axes than ``axes``.
@@ -91,7 +94,7 @@ def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
 
 
 def _read_table(file: Path) -> tuple[tuple[str, ...], Any]:
-    """Return the column names of a path, if the file has them, and its rows."""
+    """Return the column names, if any, and the rows of a path."""
     from cspace.files.access import read_text
     from cspace.files.plain import read_json
 
@@ -108,9 +111,10 @@ def _read_table(file: Path) -> tuple[tuple[str, ...], Any]:
 
 
 def prepare_store(output: Path, overwrite: bool) -> None:
-    """Check that a store can be created or resumed at a path; remove an old store if ``overwrite`` is set.
+    """Check that a store can be created or resumed at a path.
 
-    Raises InputError if the suffix is not .zarr, and FileError if something else exists or the path is not writable.
+    Remove an old store if ``overwrite`` is set. Raises InputError if the suffix is not .zarr, and FileError if
+    something else exists or the path is not writable.
     """
     from cspace.store import is_store
 
@@ -122,7 +126,7 @@ def prepare_store(output: Path, overwrite: bool) -> None:
 
 @contextmanager
 def suggest_resuming(output: Path, overwrite: bool) -> Iterator[None]:
-    """Add to an interruption in the block how to resume the build, if a store exists."""
+    """Add how to resume the build to an interruption in the block."""
     from cspace.store import is_store
 
     try:
@@ -135,7 +139,7 @@ def suggest_resuming(output: Path, overwrite: bool) -> Iterator[None]:
 
 
 def lazy_option(workspace: Path, options: dict[str, Any]) -> dict[str, Any]:
-    """Return ``{"lazy": True}`` if the reader of a workspace can leave the cells in their file, or {}."""
+    """Return ``{"lazy": True}`` if cells can stay in their file, or {}."""
     from cspace.workspace import reader_of
 
     try:
@@ -147,9 +151,10 @@ def lazy_option(workspace: Path, options: dict[str, Any]) -> dict[str, Any]:
 
 @contextmanager
 def connect_cluster(address: str | None) -> Iterator[Any]:
-    """Connect to a dask scheduler; yield its client, or None without an address.
+    """Connect to a dask scheduler.
 
-    Raises MissingPackageError if dask is not installed, and InputError if the connection fails.
+    Yield its client, or None without an address. Raises MissingPackageError if dask is not installed, and InputError if
+    the connection fails.
     """
     if address is None:
         yield None
@@ -167,7 +172,7 @@ def connect_cluster(address: str | None) -> Iterator[Any]:
 
 
 def select_window(space: CSpace | TiledCSpace, box: Sequence[float] | None) -> CSpace:
-    """Return a map in memory as it is, or the window of a tiled map in a box, in memory.
+    """Return a map in memory, or a window of a tiled map.
 
     Raises InputError if the map is tiled and ``box`` is None, or the other way round.
     """

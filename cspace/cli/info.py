@@ -108,7 +108,10 @@ def info(
 
 
 def _guess_kind(file: str) -> FileKind:
-    """Guess the kind of object in a file, by its name; read a URDF to tell arms from robots."""
+    """Guess the kind of object in a file by its name.
+
+    Read a URDF to tell arms from robots.
+    """
     path = Path(file)
     if path.suffix.lower() in (".zarr", ".npz") or path.is_dir():
         return "map"
@@ -126,7 +129,7 @@ def _has_moving_joints(path: Path) -> bool:
 
 
 def describe_arm(arm: Arm) -> dict[str, Any]:
-    """Describe an arm: joints with limits, links with their triangles, and pairs of links."""
+    """Describe an arm: its joints, links and pairs of links."""
     joints = ByName()
     for joint, unit, low, high in zip(arm.joints, arm.units, arm.lower.tolist(), arm.upper.tolist(), strict=True):
         if math.isinf(high):
@@ -153,7 +156,7 @@ def describe_map(space: ConfigurationMap) -> dict[str, Any]:
     grid = space.grid
 
     def corner(name: str, numbers: Sequence[float]) -> dict[str, Any]:
-        """Return a corner as a list if all axes share a unit, or by axis."""
+        """Return a corner as a list, or by axis if units differ."""
         if len(set(grid.units)) == 1:
             return {with_unit(name, grid.unit): list(numbers)}
         names = [with_unit(axis, unit) for axis, unit in zip(grid.axes, grid.units, strict=True)]
@@ -193,7 +196,7 @@ def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]
 
 
 def describe_box(corners: Any) -> dict[str, Any]:
-    """Describe a box given by its lower and upper corner, shape (2, d), metres."""
+    """Describe a box by its corners, shape (2, d), metres."""
     lower, upper = corners
     return {"lower_m": lower.tolist(), "upper_m": upper.tolist(), "extents_m": (upper - lower).tolist()}
 
@@ -201,9 +204,9 @@ def describe_box(corners: Any) -> dict[str, Any]:
 def describe_workspace(
     path: Path, options: dict[str, Any], names: Options, robot: Robot | None = None, rotations: str | None = None
 ) -> dict[str, Any]:
-    """Describe a workspace file and estimate a map of it; shapes are not rasterized.
+    """Describe a workspace file and estimate a map of it.
 
-    Without a spacing, the cells of shapes are not described.
+    Shapes are not rasterized. Without a spacing, the cells of shapes are not described.
 
     Parameters
     ----------
@@ -244,7 +247,7 @@ def describe_workspace(
 def _describe_shapes(
     estimate: _MapEstimate, path: Path, kind: str, *, spacing: float | None = None, bounds: Any = None, **options: Any
 ) -> dict[str, Any]:
-    """Describe a file of shapes: their box, properties, and the grid of a map."""
+    """Describe a file of shapes and the grid of a map of it."""
     from cspace.check import check_bounds
     from cspace.limits import MESH_BYTES, WORKSPACE_BYTES
 
@@ -291,7 +294,10 @@ _SHAPE_READERS: Final[dict[str, tuple[str, Callable[..., tuple[Any, dict[str, An
 
 
 def _describe_grid(estimate: _MapEstimate, read: Callable[..., Any], reader: Callable[..., Any]) -> dict[str, Any]:
-    """Describe a file of cells; in sensor maps, unknown cells are counted separately."""
+    """Describe a file of cells.
+
+    In sensor maps, unknown cells are counted separately.
+    """
     import numpy as np
 
     from cspace.limits import FIXED_CELLS, WORKSPACE_BYTES
@@ -329,7 +335,10 @@ class _MapEstimate:
     def describe_grid(
         self, corners: Any, spacing: float | None, bounds: Any, bytes_per_cell: int, what: str
     ) -> dict[str, Any]:
-        """Describe the grid of shapes and estimate its memory; return {} without a spacing."""
+        """Describe the grid of shapes and estimate its memory.
+
+        Return {} without a spacing.
+        """
         import numpy as np
 
         from cspace.check import check_bounds
@@ -355,7 +364,10 @@ class _MapEstimate:
         }
 
     def memory(self, grid: Grid | Planned, bytes_per_cell: int, **hints: Any) -> dict[str, Any]:
-        """Estimate the memory and build time of a map; ``hints`` are options of ``check_memory``."""
+        """Estimate the memory and build time of a map.
+
+        ``hints`` are options of ``check_memory``.
+        """
         from cspace.engines.slices import raster_bytes
         from cspace.limits import (
             TRANSFORM_BYTES,

@@ -100,7 +100,7 @@ Srdf = Annotated[
 def workspace_options(
     spacing: float | None, unknown: Unknown | None, bounds: str | None, solid: Solid | None, radius: float | None
 ) -> dict[str, Any]:
-    """Return the options for the reader of a workspace, checked as far as possible without the file.
+    """Return the options for the reader of a workspace, checked without the file.
 
     Raises InputError if ``bounds`` is not a box or a number is out of range.
     """
@@ -148,7 +148,7 @@ def open_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) 
 
 
 def read_arm(file: Path, srdf: Path | None, solid: Solid | None, package_dirs: list[Path] | None) -> Arm:
-    """Read the arm of a URDF, and of an SRDF if there is one.
+    """Read the arm of a URDF and, if given, an SRDF.
 
     Raises CspaceError as :meth:`cspace.Arm.from_urdf`.
     """
@@ -168,7 +168,10 @@ _OPTION_PURPOSES: Final = {
 
 
 def refuse_options(options: Mapping[str, object], taken: Collection[str], about: str) -> None:
-    """Raise InputError for the first option not in ``taken``; ``about`` describes the file."""
+    """Raise InputError for the first option not in ``taken``.
+
+    ``about`` describes the file.
+    """
     for name, value in options.items():
         if name not in taken:
             rule = f"it is for {_OPTION_PURPOSES.get(name, 'workspaces')}"
@@ -185,7 +188,10 @@ def check_dimensions(path: Path, dim: int, robot: Robot | None, rotations: Rotat
 
 
 def parse_rotation_cells(text: str | None) -> Rotations:
-    """Parse ``--rotations``: a count, or a kind of cells, a colon and a count; raise InputError otherwise."""
+    """Parse ``--rotations``, e.g. ``72`` or ``quaternions:8``.
+
+    Raise InputError otherwise.
+    """
     from cspace.rotations import Rotations
 
     if text is None:
@@ -241,7 +247,7 @@ def _example_values(axes: Sequence[str], units: Sequence[str]) -> list[str]:
 
 
 def parse_rotation(text: str, option: str, axes: Sequence[str]) -> Any:
-    """Parse one rotation, or a list of several, in an option such as ``--rotation``.
+    """Parse one or several rotations in an option such as ``--rotation``.
 
     Raises InputError if the map has no rotations, or if the text is not one or several of them.
     """
@@ -257,7 +263,7 @@ def parse_rotation(text: str, option: str, axes: Sequence[str]) -> Any:
 def _parse_rows(
     text: str, option: str, axes: Sequence[str], units: Sequence[str], rule: str, max_rows: int
 ) -> list[tuple[float, ...]]:
-    """Parse numbers separated by commas into 1 to ``max_rows`` rows of one number for each axis."""
+    """Parse numbers into at most ``max_rows`` rows, one number for each axis."""
     fields, n = text.split(","), len(axes)
     try:
         if len(fields) % n or len(fields) > max_rows * n:
@@ -275,7 +281,7 @@ def _parse_rows(
 
 
 def parse_box(text: str, option: str) -> tuple[float, ...]:
-    """Parse a box in an option such as ``--bounds``: the lower corner, then the upper one, metres.
+    """Parse the lower and upper corner of a box, metres, e.g. ``--bounds``.
 
     Raises InputError if the text is not four numbers, or six in space, or if the box is empty.
     """
@@ -293,10 +299,10 @@ def parse_box(text: str, option: str) -> tuple[float, ...]:
 
 
 def parse_angle(text: str, option: str, name: str) -> float:
-    """Parse an angle such as ``90deg`` or ``1.57``, radians without a unit; ``name`` is for messages.
+    """Parse an angle such as ``90deg`` or, in radians, ``1.57``.
 
-    Raises InputError if the text is not an angle, or if it has no unit and exceeds 2 pi, because degrees were then
-    probably intended.
+    ``name`` is for messages. Raises InputError if the text is not an angle, or if it has no unit and exceeds 2 pi,
+    because degrees were then probably intended.
     """
     word = text.strip()
     number, unit = next(((word.removesuffix(unit), unit) for unit in ("deg", "rad") if word.endswith(unit)), (word, ""))

@@ -72,7 +72,7 @@ def plan(
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
-    """Plan a path on a saved map. The exit code is 1 where none is found."""
+    """Plan a path on a saved map. The exit code is 1 if none is found."""
     import planners
     from cspace.opening import open_map
     from cspace.plot import PICTURE_SUFFIXES, save_plot
@@ -203,7 +203,7 @@ def _describe(plan: Plan) -> dict[str, Any]:
 
 
 def _search_times(plan: Plan) -> dict[str, float]:
-    """Return the durations of a plan, seconds; setup and compilation are separate from the search."""
+    """Return the durations of setup, search and check, seconds."""
     times = plan.times
     return {"set_up": times.setup, "plan": times.planning + times.simplification, "check": times.checking}
 

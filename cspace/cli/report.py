@@ -53,7 +53,10 @@ class Clock:
 
     @contextmanager
     def step(self, name: str, cells: int = 0) -> Iterator[Callable[[int, int], None] | None]:
-        """Time the block and show its progress on a terminal; yield what :func:`progress_line` yields."""
+        """Time the block and show its progress on a terminal.
+
+        Yield what :func:`progress_line` yields.
+        """
         began = time.perf_counter()
         with progress_line(name.replace("_", " "), cells) as progress:
             yield progress
@@ -67,10 +70,10 @@ class Clock:
 
 @contextmanager
 def progress_line(label: str, cells: int = 0) -> Iterator[Callable[[int, int], None] | None]:
-    """Show a progress bar on standard error; yield the library's progress callback, or None without a terminal.
+    """Show a progress bar on standard error.
 
-    The bar reports compilation. With ``cells``, the number of cells of a tiled map, it also shows the tiles done and
-    the cells per second.
+    Yield the library's progress callback, or None without a terminal. The bar reports compilation. With ``cells``, the
+    number of cells of a tiled map, it also shows the tiles done and the cells per second.
     """
     if not sys.stderr.isatty():
         yield None
@@ -109,15 +112,15 @@ def progress_line(label: str, cells: int = 0) -> Iterator[Callable[[int, int], N
 
 
 def with_unit(name: str, unit: str) -> str:
-    """Return the name of a value in a document: ``length`` and ``rad or m`` give ``length_rad_or_m``."""
+    """Return the name of a value with its unit, e.g. ``length_rad_or_m``."""
     return f"{name}_{unit.replace(' ', '_')}"
 
 
 def show(document: dict[str, Any], as_json: bool) -> None:
-    """Print a document on standard output as a table, or as JSON with null for numbers that are not finite.
+    """Print a document on standard output as a table or as JSON.
 
-    The document maps names to values, also nested; the end of a name is its unit, e.g. ``_m`` for metres. Tables omit
-    lists of lists.
+    JSON has null for numbers that are not finite. The document maps names to values, also nested; the end of a name is
+    its unit, e.g. ``_m`` for metres. Tables omit lists of lists.
     """
     if as_json:
         typer.echo(json.dumps(_finite(document), indent=2, allow_nan=False))
@@ -143,7 +146,10 @@ def show(document: dict[str, Any], as_json: bool) -> None:
 
 
 class ByName(dict[str, Any]):
-    """A part of a document whose names come from a file, e.g. joints; :func:`show` prints them unchanged."""
+    """A part of a document with names from a file, e.g. joints.
+
+    :func:`show` prints them unchanged.
+    """
 
 
 def _finite(value: Any) -> Any:
@@ -155,7 +161,10 @@ def _finite(value: Any) -> Any:
 
 
 def _rows(document: dict[str, Any], indent: str = "") -> Iterator[tuple[str, str]]:
-    """Yield names and values; a nested document becomes a heading with an empty value, then its rows."""
+    """Yield names and values.
+
+    A nested document becomes a heading with an empty value, then its rows.
+    """
     for name, value in document.items():
         end, unit = next(((end, unit) for end, unit in _UNIT_TEXTS.items() if name.endswith(end)), ("", ""))
         label = name.removesuffix(end)
@@ -191,14 +200,14 @@ Options = Mapping[str, str]
 
 
 def option_names(command: Any) -> Options:
-    """Return the options of a command, whose parameters have the names of the library's arguments."""
+    """Return the options of a command by the library's arguments."""
     parameters = command.params if command else []
     names = {str(each.name): [name for name in each.opts if name.startswith("--")] for each in parameters}
     return {name: options[0] for name, options in names.items() if options}
 
 
 def format_error(error: CspaceError, options: Options) -> str:
-    """Return an error as one line, with arguments of the library replaced by options of the command."""
+    """Return an error as one line that names options, not arguments."""
     if error.problem is None:
         return _line(str(error))
     name, bracket, index = error.argument.partition("[")  # goal[0]
@@ -209,7 +218,7 @@ def format_error(error: CspaceError, options: Options) -> str:
 
 
 def name_options(text: str, options: Options) -> str:
-    """Replace arguments in a text by options: ``spacing=0.05`` by ``--spacing 0.05``, ``exact=True`` by ``--exact``."""
+    """Replace arguments such as ``spacing=0.05`` in a text by options."""
 
     def option(found: re.Match[str]) -> str:
         name, value = options[found["name"]], found["value"]

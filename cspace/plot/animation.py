@@ -124,7 +124,7 @@ Interpolate = Callable[[Floats], Floats]
 def _make_scene(
     space: HasAxes, points: Floats, title: str | None, camera: ArrayLike | None
 ) -> tuple[Draw, Interpolate]:
-    """Return two functions: draw a configuration as pixels, and interpolate the path at shares of its length."""
+    """Return functions that draw a configuration and interpolate the path."""
     arm = getattr(space, "arm", None)
     if arm is not None:
         moving = MovingArm(space, points, Look(title=arm.name if title is None else title, camera=camera))
@@ -147,7 +147,7 @@ def _make_scene(
 
 
 def _pixels(axes: Axes, move: Callable[[Floats], None], q: Floats) -> NDArray[np.uint8]:
-    """Move the robot and return the pixels of the picture, shape (height, width, 3)."""
+    """Move the robot and return the pixels, shape (height, width, 3)."""
     canvas: Any = axes.figure.canvas
     axes.figure.set_dpi(_FRAME_DPI)
     move(q)
@@ -156,7 +156,7 @@ def _pixels(axes: Axes, move: Callable[[Floats], None], q: Floats) -> NDArray[np
 
 
 def _frame_timing(seconds: float, rate: float) -> tuple[int, int]:
-    """Return the milliseconds per frame, a multiple of 10 as GIF requires, and the number of frames."""
+    """Return milliseconds per frame, in GIF's steps of 10, and the frame count."""
     duration, frequency = positive(seconds, "seconds", "seconds"), positive(rate, "rate", "frames per second")
     if frequency > 50.0:  # viewers play no more
         raise InputError("rate", f"is {rate!r}", "it must be at most 50 frames per second", "lower it", value=rate)
@@ -170,7 +170,10 @@ def _frame_timing(seconds: float, rate: float) -> tuple[int, int]:
 
 
 class PlaneAnimation:
-    """Two panels of a plane animation; each frame redraws only the moving artists."""
+    """Two panels of a plane animation.
+
+    Each frame redraws only the moving artists.
+    """
 
     def __init__(self, space: MapLike, route: Route, title: str | None) -> None:
         from matplotlib.patches import PathPatch
@@ -223,7 +226,10 @@ class PlaneAnimation:
         self._visited: list[Floats] = []
 
     def frame(self, q: Floats) -> NDArray[np.uint8]:
-        """Return the pixels with the robot at a configuration, shape (height, width, 3)."""
+        """Return the pixels with the robot at a configuration.
+
+        The result has shape (height, width, 3).
+        """
         self._visited.append(q)
         self._trail.set_data(*np.transpose(self._visited)[:2])
         self._robot.set_path(artists.outline(self._glyph, q))
@@ -249,7 +255,7 @@ def _layer(artist: Artist) -> float:
 
 
 def _panels(box: Floats, labels: Sequence[str]) -> tuple[Any, tuple[Axes, Axes]]:
-    """Return a figure and two panels with the same axes: side by side, or stacked if they are wide."""
+    """Return a figure with two panels, which are stacked if they are wide."""
     width, height = artists.axes_size(box, _PANEL_INCHES)
     wide = width > 1.4 * height
     size = (width + 0.7, 2 * height + 1.5) if wide else (2 * width + 0.9, height + 1.3)
@@ -264,7 +270,7 @@ def _panels(box: Floats, labels: Sequence[str]) -> tuple[Any, tuple[Axes, Axes]]
 
 
 def _palette(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Choose at most 96 of the colours, shape (n, 3), which are sorted with the commonest first.
+    """Choose at most 96 of the colours, sorted by frequency, shape (n, 3).
 
     The first half of the palette holds dissimilar colours, so that a thin line keeps its colour beside many shades of
     another one.

@@ -67,7 +67,7 @@ class ArmFigure:
         self._tip_center = np.append(self.links[self.tip][0].mean(axis=0), 1.0)
 
     def camera_azimuth(self, low: Floats, high: Floats) -> float:
-        """Return the azimuth of a camera for a box, radians: opposite the obstacles and a little to the side."""
+        """Return the azimuth of a camera opposite the obstacles, radians."""
         margin = VIEW_MARGIN_SHARE * float(np.max(high - low))
         near = [points.clip(low - margin, high + margin).mean(axis=0) for points, _ in self.obstacles.values()]
         behind = np.mean(near, axis=0) - (low + high) / 2 if near else np.zeros(3)
@@ -76,22 +76,31 @@ class ArmFigure:
         return math.atan2(-behind[1], -behind[0]) + _CAMERA_OFFSET
 
     def pose_links(self, q: Floats) -> dict[str, Surface]:
-        """Return the surfaces of the links at a configuration, shape (size,), by name."""
+        """Return the surfaces of the links at a configuration, by name."""
         poses = self._arm.poses(q)
         return {name: transform_surface(surface, poses[name]) for name, surface in self.links.items()}
 
     def tip_positions(self, points: Floats) -> Floats:
-        """Return the position of the center of the :attr:`tip` at configurations, shape (n, 3)."""
+        """Return the positions of the center of the :attr:`tip`.
+
+        The result has shape (n, 3).
+        """
         return np.stack([self._arm.poses(q)[self.tip][:3] @ self._tip_center for q in points])
 
 
 def joint_lengths(points: Floats) -> Floats:
-    """Return the length of a path in joint space up to each row, shape (n,)."""
+    """Return the length of a path in joint space up to each row.
+
+    The result has shape (n,).
+    """
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
 
 def interpolate_joints(points: Floats, shares: Floats) -> Floats:
-    """Return configurations at shares, from 0 to 1, of a path's length in joint space, shape (n, size)."""
+    """Interpolate a path at shares, 0 to 1, of its joint-space length.
+
+    The result has shape (n, size).
+    """
     lengths = joint_lengths(points)
     return np.stack([np.interp(shares * lengths[-1], lengths, column) for column in points.T], axis=-1)
 
@@ -121,7 +130,7 @@ def draw_arm(
 
 
 class MovingArm:
-    """A picture in three dimensions of an arm that moves along a path.
+    """A three-dimensional picture of an arm that moves along a path.
 
     Parameters
     ----------
@@ -154,7 +163,7 @@ class MovingArm:
 def _paint(
     space: Any, points: Floats, ghosts: Floats, stand: Floats, look: Look, lost: Bools | None = None
 ) -> tuple[Painting, float]:
-    """Draw an arm at ``stand``, pale arms at ``ghosts``, and the curve of its path.
+    """Draw an arm, pale arms at ``ghosts``, and its path.
 
     ``lost`` marks the steps of the path that are no longer proven free. If it is None, the picture is for an animation:
     it has space for the moving links and the pale arms, but omits them.

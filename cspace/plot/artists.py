@@ -69,9 +69,9 @@ MAX_SOLID_ASPECT_RATIO: Final = 24.0
 
 
 def classify_cells(space: MapLike, rotation: Floats | None, layer: tuple[Any, ...] = ()) -> Classes:
-    """Return the class of each cell at a rotation, or over all rotations if it is None.
+    """Return the class of each cell at one or all rotations.
 
-    ``rotation`` has shape (k,); ``layer`` is an index into the arrays of the grid.
+    ``rotation`` has shape (k,), or is None for all rotations; ``layer`` is an index into the arrays of the grid.
     """
     ground = classify_ground(space.workspace, layer) * np.uint8(
         space.robot.shape.shown
@@ -88,7 +88,7 @@ def classify_cells(space: MapLike, rotation: Floats | None, layer: tuple[Any, ..
 
 
 def classify_ground(workspace: Workspace | Ground, layer: tuple[Any, ...] = ()) -> Classes:
-    """Return the class of each cell of a workspace without a robot: open or obstacle, known or unknown."""
+    """Return the class of each cell of a workspace without a robot."""
     occupied = workspace.outer[layer]
     known = np.where(occupied, np.uint8(OBSTACLE), np.uint8(OPEN))
     if workspace.unknown is None:
@@ -99,7 +99,7 @@ def classify_ground(workspace: Workspace | Ground, layer: tuple[Any, ...] = ()) 
 
 
 def merge_classes(ground: Classes, state: NDArray[np.uint8]) -> Classes:
-    """Return classes of the cells of a slice, from their classes in the workspace and their states.
+    """Combine classes in the workspace with states of a slice.
 
     Both arrays have the same shape.
     """
@@ -113,7 +113,7 @@ def merge_classes(ground: Classes, state: NDArray[np.uint8]) -> Classes:
 
 
 def section(grid: Grid, point: Floats, pair: Sequence[int] = (0, 1)) -> tuple[Grid, tuple[Any, ...]]:
-    """Return the plane grid of two axes, and the index of the layer of cells that contains a point."""
+    """Return the grid of two axes and the index of a point's layer."""
     shown, cell = sorted(pair), grid.cell_of(point).tolist()
     layer = tuple(slice(None) if axis in shown else cell[axis] for axis in range(grid.dim))
     axes, units = ([each[axis] for axis in shown] for each in (grid.axes, grid.units))
@@ -122,7 +122,10 @@ def section(grid: Grid, point: Floats, pair: Sequence[int] = (0, 1)) -> tuple[Gr
 
 
 def draw_cells(ax: Axes, grid: Grid, classes: Classes, *, turned: bool = False) -> CellImage:
-    """Draw the cells of a plane grid by class; the first axis points up if ``turned`` is set."""
+    """Draw the cells of a plane grid by class.
+
+    The first axis points up if ``turned`` is set.
+    """
     from matplotlib.colors import to_rgb
 
     from cspace.plot.cell_image import CellImage
@@ -136,7 +139,7 @@ def draw_cells(ax: Axes, grid: Grid, classes: Classes, *, turned: bool = False) 
 
 
 def make_cell_legend(classes: Sequence[Classes], space: MapLike, box: Floats, *, several: bool = False) -> list[Any]:
-    """Return legend entries of the classes that occur, obstacles first, and of the visible exterior.
+    """Return legend entries of classes, obstacles first, and of the exterior.
 
     Set ``several`` if the classes are over several rotations.
     """
@@ -160,9 +163,9 @@ def patch(label: str, color: str, edge: str = "#555555", **style: Any) -> Patch:
 
 
 def draw_path(ax: Axes, points: Floats, width: float = 1.8, lost: Floats | None = None) -> list[Any]:
-    """Draw the first two coordinates of a path, and its ``lost`` parts over it; return the legend entries.
+    """Draw a path from above, with its ``lost`` parts over it.
 
-    ``lost`` holds the edges that are no longer proven free, like :attr:`Route.lost_parts`.
+    Return the legend entries. ``lost`` holds the edges that are no longer proven free, like :attr:`Route.lost_parts`.
     """
     lines: list[Any] = []
     if len(points):
@@ -176,16 +179,16 @@ def draw_path(ax: Axes, points: Floats, width: float = 1.8, lost: Floats | None 
 
 
 def halo(width: float, alpha: float = 1.0) -> AbstractPathEffect:
-    """Return an effect that draws white on both sides of a line, to make it visible on any background."""
+    """Return an effect that adds white on both sides of a line."""
     from matplotlib.patheffects import withStroke
 
     return withStroke(linewidth=width, foreground="white", alpha=alpha)
 
 
 def draw_robots(ax: Axes, glyph: RobotGlyph, at: Floats, pair: Sequence[int] = (0, 1)) -> list[Any]:
-    """Draw the robot at configurations, shape (n, size), projected on two axes; return its legend entry.
+    """Draw the robot at configurations, projected on two axes.
 
-    In the plane, a nose shows its heading.
+    ``at`` has shape (n, size). Returns the legend entry. In the plane, a nose shows its heading.
     """
     from matplotlib.collections import PathCollection
     from matplotlib.colors import to_rgb
@@ -205,14 +208,14 @@ def draw_robots(ax: Axes, glyph: RobotGlyph, at: Floats, pair: Sequence[int] = (
 
 
 def outline(glyph: RobotGlyph, q: Floats, pair: Sequence[int] = (0, 1)) -> Any:
-    """Return the outline of the robot projected on two axes, as a matplotlib path, metres."""
+    """Return the projected outline of the robot as a matplotlib path, metres."""
     from matplotlib.path import Path
 
     return Path.make_compound_path(*(Path(ring, closed=True) for ring in glyph.outlines(q, pair)))
 
 
 def nose(glyph: RobotGlyph, q: Floats) -> Any:
-    """Return the nose of the robot, if it has one, as a matplotlib path, metres."""
+    """Return the nose of the robot, if any, as a matplotlib path, metres."""
     from matplotlib.path import Path
 
     return Path.make_compound_path(*(Path(ring, closed=True) for ring in glyph.noses(q)))
@@ -226,9 +229,9 @@ def draw_marks(
     pair: Sequence[int] = (0, 1),
     rotations: Rotations | None = None,
 ) -> list[Any]:
-    """Draw start and goal projected on two or three axes; return their legend entries.
+    """Draw start and goal projected on two or three axes.
 
-    An arrow shows the heading, if ``rotations`` are given and define one.
+    Return their legend entries. An arrow shows the heading, if ``rotations`` are given and define one.
     """
     styles: dict[str, dict[str, Any]] = {
         "start": {"marker": "o", "markersize": 7.0 * scale, "markerfacecolor": "white"},
@@ -246,7 +249,10 @@ def draw_marks(
 
 
 def _draw_heading(ax: Axes, position: list[list[float]], yaw: float, color: str, scale: float) -> None:
-    """Draw an arrow from a position along a yaw; its size on paper is fixed."""
+    """Draw an arrow from a position along a yaw.
+
+    Its size on paper is fixed.
+    """
     from matplotlib.markers import MarkerStyle
     from matplotlib.path import Path
     from matplotlib.transforms import Affine2D
@@ -268,16 +274,20 @@ def _draw_heading(ax: Axes, position: list[list[float]], yaw: float, color: str,
 
 
 def axis_stretch(box: Floats, max_ratio: float = MAX_ASPECT_RATIO) -> Floats:
-    """Return the scale of each axis, shape (d,): 1, except along the short sides of long, thin boxes.
+    """Return the scale of each axis, above 1 along short sides only.
 
-    Sides are stretched until the ratio of the longest to the shortest is at most ``max_ratio``.
+    The result has shape (d,). Short sides are stretched until the ratio of the longest to the shortest is at most
+    ``max_ratio``.
     """
     lengths = box[1] - box[0]
     return np.asarray(np.maximum(1.0, lengths.max() / max_ratio / lengths))
 
 
 def title(space: MapLike, stretch: Floats, heading: str | None, about: str = "") -> str:
-    """Return the title: the given ``heading``, or the robot and the side of a cell; and the stretched axes."""
+    """Return the title: the given heading or a default, and the stretched axes.
+
+    The default names the robot and the side of a cell.
+    """
     notes = [f"{space.grid.axes[axis]} stretched {stretch[axis]:.3g} times" for axis in np.flatnonzero(stretch != 1.0)]
     if heading is None:
         heading = f"{space.robot.name}, cells of {space.grid.spacing:g} {space.grid.unit}" + (
@@ -295,7 +305,7 @@ def frame(
     labels: Sequence[str] | None = None,
     limits: bool = True,
 ) -> None:
-    """Set limits, scale and labels of axes that show two axes of a box, and hatch the background.
+    """Set limits, scale, labels and hatching of axes for two axes of a box.
 
     Omit ``limits`` for axes that share those of other axes.
     """
@@ -316,7 +326,10 @@ def frame(
 
 
 def new_figure(width: float, height: float, dpi: float = 150.0, *, layout: str | None = "constrained") -> Figure:
-    """Return a figure without a window; sizes are in inches. Matplotlib arranges it if it has a layout."""
+    """Return a figure without a window.
+
+    Sizes are in inches. Matplotlib arranges it if it has a layout.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -328,7 +341,10 @@ def new_figure(width: float, height: float, dpi: float = 150.0, *, layout: str |
 
 
 def axes_size(box: Floats, longer_side: float = AXES_INCHES) -> tuple[float, float]:
-    """Return width and height of axes for the first two axes of a box; ``longer_side`` is in inches."""
+    """Return width and height of axes for the first two axes of a box.
+
+    ``longer_side`` is in inches.
+    """
     drawn = ((box[1] - box[0]) * axis_stretch(box))[:2]
     drawn = drawn * longer_side / drawn.max()
     return float(drawn[0]), float(drawn[1])
@@ -345,7 +361,7 @@ def draw_route(ax: Axes, route: Route, scale: float = 1.0, *, robots: bool = Tru
 def annotate(
     ax: Axes, space: MapLike, look: Look, stretch: Floats, about: str, handles: Sequence[Any], *, tall: bool = False
 ) -> None:
-    """Add a title above and a legend below, or beside a tall map or the caller's axes."""
+    """Add a title above, and a legend below or beside the axes."""
     figure: Any = ax.figure
     heading = title(space, stretch, look.title, about)
     style: dict[str, Any] = {"handles": handles, "fontsize": 9, "frameon": False}
@@ -365,7 +381,7 @@ def annotate(
 
 
 def legend_below(figure: Figure, handles: Sequence[Any], size: float = 9.0) -> None:
-    """Add a legend below all axes of a figure, in as many columns as fit."""
+    """Add a legend below a figure, in as many columns as fit."""
     # Letters are about half as wide as the font size; a symbol and its gaps are about five font sizes wide.
     widths = [size / 72.0 * (0.55 * len(handle.get_label()) + 5.0) for handle in handles]
 

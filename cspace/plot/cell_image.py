@@ -51,7 +51,7 @@ class CellImage(AxesImage):
         self._show([(0, n, min(n, _MAX_INITIAL_BLOCKS)) for n in classes.shape], (grid.lower, grid.upper))
 
     def set_classes(self, classes: NDArray[np.uint8]) -> None:
-        """Replace the classes by others of the same shape, from the next drawing on."""
+        """Replace the classes by others of the same shape."""
         self._classes = classes
         self._shown = []
         self.stale = True
@@ -80,7 +80,10 @@ class CellImage(AxesImage):
         super().draw(renderer)
 
     def _show(self, spans: list[tuple[int, int, int]], box: tuple[Sequence[float], Sequence[float]]) -> None:
-        """Show cells ``first .. stop - 1`` of each axis in ``count`` blocks; ``box`` has two corners, metres."""
+        """Show cells ``first .. stop - 1`` of each axis in ``count`` blocks.
+
+        ``box`` has two corners, metres.
+        """
         if self._shown != spans:
             seen = self._classes[tuple(slice(first, stop) for first, stop, _ in spans)]
             # The sides of blocks differ by at most one cell.

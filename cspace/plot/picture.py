@@ -198,7 +198,7 @@ def plot(
 
 
 def choose_view(axes: Sequence[str], view: str | None, options: Mapping[str, Any]) -> str:
-    """Return the kind of picture for a map whose configurations have the given axes.
+    """Return the kind of picture for a map with the given axes.
 
     Raises InputError if the map has no such view, or if an option other than None does not fit the view.
     """
@@ -293,10 +293,10 @@ def save_figure(draw: Callable[[], Any], file: str | os.PathLike[str], overwrite
 
 
 def thumbnail(subject: object) -> bytes:
-    r"""Return a small PNG of a map, workspace, robot or plan, without axes or text.
+    r"""Return a small PNG of a map, workspace, robot or plan.
 
-    Its longer side is about 200 pixels. In space, maps and workspaces show the layer of cells at half their height, and
-    robots their outline from above.
+    It has no axes and no text, and its longer side is about 200 pixels. In space, maps and workspaces show the layer
+    of cells at half their height, and robots their outline from above.
 
     Parameters
     ----------
@@ -373,7 +373,7 @@ _DRAW: Final[dict[str, Callable[[MapLike, Route, Look], Axes]]] = {
 
 
 def _prepare_cells(subject: Any) -> tuple[Floats, Any]:
-    """Return the box of a map or workspace and a function that draws its cells."""
+    """Return the box of cells and a function that draws them."""
     grid = subject.grid
     plane, layer = artists.section(grid, np.add(grid.lower, grid.upper) / 2)
     if hasattr(subject, "outer"):
@@ -384,7 +384,7 @@ def _prepare_cells(subject: Any) -> tuple[Floats, Any]:
 
 
 def _prepare_robot(robot: Any) -> tuple[Floats, Any]:
-    """Return the box of a robot and a function that draws its outline and reference point."""
+    """Return the box of a robot and a function that draws it."""
     glyph, origin = RobotGlyph(robot, OneRotation()), np.zeros((1, robot.dim))
 
     def draw(ax: Any) -> None:
@@ -395,7 +395,7 @@ def _prepare_robot(robot: Any) -> tuple[Floats, Any]:
 
 
 def _prepare_plan(plan: Any) -> tuple[Floats, Any]:
-    """Return the box of a path and a function that draws it from above."""
+    """Return the box of a path and a function that draws it."""
     points = np.asarray(plan.path)[:, :2]
     lost = with_gaps(points, find_lost_steps(plan, plan))
     marks = {name: q[:2] for name, q in collect_marks(plan, plan, points, None, None).items()}

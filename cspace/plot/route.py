@@ -78,16 +78,22 @@ class RobotGlyph:
         self._silhouettes: dict[tuple[float, ...], list[Floats]] = {}  # by rotation and pair of axes
 
     def transform(self, points: Floats, q: Floats) -> Floats:
-        """Transform points, shape (..., d), from the robot's frame at a configuration to the map's."""
+        """Transform points, shape (..., d), from the robot's frame to the map's."""
         return np.asarray(points @ self.rotations.matrices(q).T + q[: self.dim])
 
     def extent(self, q: Floats) -> Floats:
-        """Return lower and upper corner of the robot and its reference point, shape (2, d)."""
+        """Return lower and upper corner of the robot and its reference point.
+
+        The result has shape (2, d).
+        """
         points = np.vstack([self.transform(self.points, q), q[: self.dim]])
         return np.stack([points.min(axis=0), points.max(axis=0)])
 
     def outlines(self, q: Floats, pair: Sequence[int] = (0, 1)) -> list[Floats]:
-        """Return closed outlines at a configuration projected on two axes, each of shape (n, 2)."""
+        """Return closed outlines at a configuration, projected on two axes.
+
+        The result has shape (n, 2).
+        """
         if self.rings:
             return [self.transform(ring, q) for ring in self.rings]
         position, rotation = np.split(q, [self.dim])
@@ -107,13 +113,13 @@ class RobotGlyph:
         return [ring for ring in outlines if shapely.Polygon(ring).area > 1e-6 * self.size**2]
 
     def noses(self, q: Floats) -> list[Floats]:
-        """Return the nose at a configuration, or no nose if the robot or the configuration has no heading."""
+        """Return the nose at a configuration, if it has a heading."""
         return [self.transform(self.nose, q)] if len(self.nose) and self.rotations.heading(q) is not None else []
 
     def path_lengths(self, points: Floats) -> Floats:
-        """Return the length of a path up to each configuration, metres, shape (n,).
+        """Return the length of a path up to each configuration.
 
-        A rotation counts as the distance that the robot's farthest point moves.
+        The result has shape (n,), metres. A rotation counts as the distance that the robot's farthest point moves.
         """
         steps = self.rotations.steps(points[:-1], points[1:])
         angles = np.linalg.norm(steps[:, self.dim :], axis=1)
@@ -121,7 +127,10 @@ class RobotGlyph:
         return np.concatenate([[0.0], np.cumsum(lengths)])
 
     def interpolate(self, points: Floats, shares: Floats) -> Floats:
-        """Return configurations at shares, from 0 to 1, of the length of a path, shape (n, size)."""
+        """Interpolate a path at shares, 0 to 1, of its length.
+
+        The result has shape (n, size).
+        """
         lengths = self.path_lengths(points)
         index = np.interp(shares * lengths[-1], lengths, np.arange(len(points)))
         first = np.minimum(index.astype(np.int64), max(len(points) - 2, 0))
@@ -130,7 +139,7 @@ class RobotGlyph:
 
 
 class Part:
-    """The cells of a map in a box around a point of its grid, for pictures.
+    """The cells of a map in a box around a point.
 
     The box is a square or a cube, clipped to the map; its side is the longest side of the map over ``zoom``.
     """
@@ -162,7 +171,7 @@ class Part:
 
 
 class WorkspaceView:
-    """A workspace that pictures treat as a map without a robot: obstacles are BLOCKED, other cells FREE."""
+    """A workspace as a map without a robot: BLOCKED in obstacles, FREE elsewhere."""
 
     def __init__(self, workspace: Workspace) -> None:
         self.workspace, self.grid = workspace, workspace.grid
@@ -231,9 +240,10 @@ class Route:
     def of(
         cls, space: MapLike, path: Any, start: Any, goal: Any, every: float | None = None, zoom: float | None = None
     ) -> Route:
-        """Return a route from the arguments of :func:`cspace.plot.plot`; ``every`` is ``robot_every``.
+        """Return a route from the arguments of :func:`cspace.plot.plot`.
 
-        Raises InputError if an argument has the wrong shape or is not finite, or if ``every`` is not above zero.
+        ``every`` is ``robot_every``. Raises InputError if an argument has the wrong shape or is not finite, or if
+        ``every`` is not above zero.
         """
         points = check_path(space, path)
         marks = collect_marks(space, path, points, start, goal)
@@ -247,7 +257,7 @@ class Route:
         )
 
     def clip_to(self, grid: Grid) -> Route:
-        """Return the route with only the marks and robots that are in a grid at least in part."""
+        """Return the route with the marks and robots in a grid only."""
         visible = []
         for q in self.stations:
             low, high = self.glyph.extent(q)
@@ -256,7 +266,7 @@ class Route:
         return replace(self, marks=marks, stations=self.stations[np.array(visible, dtype=np.bool_)], cut=True)
 
     def box(self, space: MapLike, robots: bool = True) -> Floats:
-        """Return lower and upper corner of the picture, shape (2, d): of the grid, path and robots."""
+        """Return the corners of grid, path and robots, shape (2, d)."""
         dim = space.grid.dim
         if self.cut:
             return np.array([space.grid.lower, space.grid.upper])
@@ -265,22 +275,28 @@ class Route:
         return np.stack([points.min(axis=0), points.max(axis=0)])
 
     def interpolate(self, shares: Floats) -> Floats:
-        """Return configurations at shares, from 0 to 1, of the path's length, shape (n, size)."""
+        """Interpolate the path at shares, 0 to 1, of its length.
+
+        The result has shape (n, size).
+        """
         return self.glyph.interpolate(self.points, shares)
 
     @property
     def drawn(self) -> Floats:
-        """Points of the path, with gaps at the steps that are not :attr:`shown`."""
+        """Points of the path, with gaps at steps not :attr:`shown`."""
         return self.points if self.shown is None else with_gaps(self.points, self.shown)
 
     @property
     def lost_parts(self) -> Floats:
-        """Points of the :attr:`lost` steps with gaps between them, shape (k, size)."""
+        """Points of the :attr:`lost` steps with gaps, shape (k, size)."""
         return with_gaps(self.points, self.lost)
 
 
 def outline_rings(geometry: Any) -> list[Floats]:
-    """Return the closed outlines of a geometry, holes included, each of shape (n, 2)."""
+    """Return the closed outlines of a geometry, holes included.
+
+    The result has shape (n, 2).
+    """
     from shapely.geometry.polygon import orient
 
     # Holes must have the opposite orientation; otherwise they would be filled.
@@ -289,7 +305,10 @@ def outline_rings(geometry: Any) -> list[Floats]:
 
 
 def check_path(space: HasAxes, path: Any) -> Floats:
-    """Return a path, or the path of a plan, as an array, shape (n, size); raise InputError otherwise."""
+    """Return a path, or that of a plan, as an array.
+
+    The result has shape (n, size). Raises InputError otherwise.
+    """
     values = getattr(path, "path", path)
     points = np.empty(0) if values is None else finite(values, "path")
     if points.shape == (0,):
@@ -301,10 +320,10 @@ def check_path(space: HasAxes, path: Any) -> Floats:
 
 
 def find_lost_steps(space: HasAxes, path: Any) -> Bools:
-    """Return a mask of the steps of a plan's path that are no longer proven free, shape (n - 1,).
+    """Return a mask of the path's steps no longer proven free.
 
-    The edges are checked on the drawn map, or on the plan's own map if their grids differ, as for an overview. A path
-    without a plan, or of a plan that was not certified, has no such steps.
+    The result has shape (n - 1,). The edges are checked on the drawn map, or on the plan's own map if their grids
+    differ, as for an overview. A path without a plan, or of a plan that was not certified, has no such steps.
     """
     steps = np.zeros(max(len(getattr(path, "path", ())) - 1, 0), dtype=np.bool_)
     planned = getattr(path, "space", None)
@@ -322,7 +341,7 @@ def find_lost_steps(space: HasAxes, path: Any) -> Bools:
 
 
 def with_gaps(points: Floats, chosen: Bools) -> Floats:
-    """Return the rows of the chosen steps of a path, with a row of NaN after each run of steps.
+    """Return chosen steps of a path, with NaN after each run.
 
     ``chosen`` has shape (n - 1,). A line through the rows has gaps at the other steps.
     """
@@ -333,7 +352,7 @@ def with_gaps(points: Floats, chosen: Bools) -> Floats:
 
 
 def collect_marks(space: HasAxes, path: Any, points: Floats, start: Any, goal: Any) -> dict[str, Floats]:
-    """Return start and goal by name: as given, or the endpoints of the path, or of the query of a failed plan."""
+    """Return start and goal by name, by default those of the path or plan."""
     marks = {}
     for name, given, end in (("start", start, 0), ("goal", goal, -1)):
         if given is None and not len(points):
@@ -349,7 +368,10 @@ def collect_marks(space: HasAxes, path: Any, points: Floats, start: Any, goal: A
 
 
 def _stations(points: Floats, every: float | None, glyph: RobotGlyph, zoom: float) -> Floats:
-    """Return configurations between the endpoints of a path at which to draw the robot, shape (n, size)."""
+    """Return the configurations along a path at which to draw the robot.
+
+    The result has shape (n, size).
+    """
     if every is not None and every != math.inf:
         every = positive(every, "robot_every")
     if len(points) < 2 or every == math.inf:
@@ -381,7 +403,10 @@ _GLYPH_PARTS: Final = {2: _plane_parts, 3: _solid_parts}
 
 
 def simplify_surface(vertices: Floats, faces: Ints, max_faces: int = _MAX_ROBOT_TRIANGLES) -> tuple[Floats, Ints]:
-    """Merge close vertices until at most ``max_faces`` triangles remain (Rossignac and Borrel, 1993)."""
+    """Merge close vertices until at most ``max_faces`` triangles remain.
+
+    Source: Rossignac and Borrel (1993).
+    """
     steps = 64
     while len(faces) > max_faces and steps > 1:
         cells = np.floor((vertices - vertices.min(axis=0)) / np.ptp(vertices, axis=0).max() * steps).astype(np.int64)
@@ -396,7 +421,7 @@ def simplify_surface(vertices: Floats, faces: Ints, max_faces: int = _MAX_ROBOT_
 
 
 def choose_section_point(space: MapLike, center: Any, route: Route) -> Floats:
-    """Return the point of the grid, shape (d,), through which sections are cut.
+    """Return the point of the grid through which sections are cut.
 
     Default: half the way along the path; without a path the start, the goal, or the center of the grid. Raises
     InputError if ``center`` is not a point of the grid.
@@ -419,7 +444,7 @@ def choose_section_point(space: MapLike, center: Any, route: Route) -> Floats:
 
 
 def clip_path(points: Floats, axis: int, low: float, high: float) -> Floats:
-    """Clip a path to the coordinates of an axis from ``low`` to ``high``.
+    """Clip a path to the range ``low`` to ``high`` of an axis.
 
     Each part of a step is two rows followed by a row of NaN, so that a line through all rows has gaps. The result has
     shape (n, size).

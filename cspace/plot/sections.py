@@ -39,7 +39,10 @@ _DIALS_PER_ROW: Final = 3
 
 
 def draw_sections(space: MapLike, route: Route, look: Look) -> Axes:
-    """Draw three sections, see :func:`cspace.plot.plot`; return the axes of the one seen from above."""
+    """Draw three sections, see :func:`cspace.plot.plot`.
+
+    Return the axes of the one seen from above.
+    """
     point = choose_section_point(space, look.center, route)
     box = route.box(space)
     stretch = artists.axis_stretch(box, artists.MAX_SOLID_ASPECT_RATIO)
@@ -56,7 +59,10 @@ def draw_sections(space: MapLike, route: Route, look: Look) -> Axes:
 
 
 def draw_panels(space: MapLike, route: Route, look: Look) -> Axes:
-    """Draw a panel for each of some rotations, see :func:`cspace.plot.plot`; return the first axes."""
+    """Draw a panel for each of some rotations, see :func:`cspace.plot.plot`.
+
+    Return the first axes.
+    """
     rotations = space.rotations
     shown = _choose_rotations(space)
     if look.rotation is not None:
@@ -101,7 +107,10 @@ def draw_panels(space: MapLike, route: Route, look: Look) -> Axes:
 
 
 def draw_dials(space: MapLike, route: Route, look: Look) -> Axes:
-    """Draw all rotations at one position, see :func:`cspace.plot.plot`; return the first axes."""
+    """Draw all rotations at one position, see :func:`cspace.plot.plot`.
+
+    Return the first axes.
+    """
     from matplotlib.colors import to_rgba_array
 
     point, grid = choose_section_point(space, look.center, route), space.grid
@@ -134,7 +143,7 @@ def draw_dials(space: MapLike, route: Route, look: Look) -> Axes:
 
 
 def _panels(box: Floats, stretch: Floats, labels: Sequence[str]) -> dict[int, tuple[Axes, tuple[int, int]]]:
-    """Return panels and the pair of axes that each shows, by the axis along which it looks.
+    """Return panels and their pairs of axes, by viewing axis.
 
     The plan, along z, is at the lower left; the elevation along y is above it. The elevation along x is beside that
     elevation, or, turned, beside the plan, if the panels can then be larger.
@@ -163,7 +172,10 @@ def _panels(box: Floats, stretch: Floats, labels: Sequence[str]) -> dict[int, tu
 def _draw_layer(
     ax: Axes, pair: tuple[int, int], across: int, space: MapLike, rotation: Floats | None, point: Floats
 ) -> artists.Classes:
-    """Draw the cells of a section and the traces of the other two sections; return the classes."""
+    """Draw the cells of a section and traces of the others.
+
+    Return the classes.
+    """
     grid, layer = artists.section(space.grid, point, pair)
     classes = artists.classify_cells(space, rotation, layer)
     artists.draw_cells(ax, grid, classes, turned=pair[0] > pair[1])
@@ -180,7 +192,10 @@ def _draw_layer(
 
 
 def _draw_route(ax: Axes, pair: tuple[int, int], across: int, route: Route, level: float) -> list[Any]:
-    """Draw path, robots and marks in the section at ``level`` of axis ``across``; return their legend entries."""
+    """Draw path, robots and marks in the section at ``level``.
+
+    Return their legend entries.
+    """
     handles = []
     if len(route.points) > 1:
         look: dict[str, Any] = {"color": artists.PATH_COLOR, "alpha": 0.45, "linewidth": 1.0, "zorder": 3.5}
@@ -196,13 +211,16 @@ def _draw_route(ax: Axes, pair: tuple[int, int], across: int, route: Route, leve
 
 
 def _robot_reach(route: Route) -> Floats:
-    """Return the robot's reach from its reference point along each axis, over the path, shape (2, 3)."""
+    """Return the robot's reach along each axis, over the path.
+
+    The result has shape (2, 3).
+    """
     reaches = [route.glyph.extent(q) - q[:3] for q in route.interpolate(np.linspace(0.0, 1.0, 65))]
     return np.stack([np.min(reaches, axis=0)[0], np.max(reaches, axis=0)[1]])
 
 
 def _split_route(space: MapLike, route: Route, shown: Floats) -> list[Route]:
-    """Return the part of a route in each panel, which has the rotations nearest to the panel's.
+    """Split a route by the nearest rotation of the panels.
 
     All rotations of a slice count as that of its panel. ``shown`` are the rotations of the panels, shape (n, k).
     """
@@ -210,7 +228,10 @@ def _split_route(space: MapLike, route: Route, shown: Floats) -> list[Route]:
     panel_rotations = [rotations.centers[slices == slices[rotations.cells_of(rotation)]] for rotation in shown]
 
     def nearest_panel(q: Floats) -> Ints:
-        """Return the nearest panel of each configuration, shape (n,); ties go to the first."""
+        """Return the nearest panel of each configuration.
+
+        The result has shape (n,). Ties go to the first.
+        """
         if len(shown) == 1:
             return np.zeros(len(q), dtype=np.int64)
         angles = np.full((len(shown), len(q)), np.inf)
@@ -242,14 +263,17 @@ def _split_route(space: MapLike, route: Route, shown: Floats) -> list[Route]:
 
 
 def _choose_rotations(space: MapLike) -> Floats:
-    """Return at most :data:`DEFAULT_PANELS` rotations with different slices, spread evenly, shape (n, k)."""
+    """Return at most :data:`DEFAULT_PANELS` rotations with different slices.
+
+    The result has shape (n, k).
+    """
     rotations = space.slice_rotations
     count = min(DEFAULT_PANELS, len(rotations))
     return rotations[np.arange(count) * len(rotations) // count]
 
 
 def _grid_of_panels(count: int, box: Floats) -> Any:
-    """Return axes in rows and columns, arranged to be about twice as wide as high."""
+    """Return axes in rows and columns, about twice as wide as high."""
     width, height = artists.axes_size(box, 1.0)
 
     def misfit(columns: int) -> float:
@@ -267,6 +291,9 @@ def _grid_of_panels(count: int, box: Floats) -> Any:
 
 
 def _dial_pixels() -> Floats:
-    """Return x and y of the pixel centers of a dial, shape (2, n, n)."""
+    """Return x and y of the pixel centers of a dial.
+
+    The result has shape (2, n, n).
+    """
     across = _DIAL_HALF_SIDE * ((np.arange(_DIAL_PIXELS) + 0.5) * 2.0 / _DIAL_PIXELS - 1.0)
     return np.array(np.meshgrid(across, across))

@@ -43,7 +43,7 @@ _FACE_CORNERS: Final = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
 
 
 class Painting:
-    """Axes in three dimensions with polygons of four corners, sorted together by distance.
+    """Three-dimensional axes with polygons that are sorted together.
 
     Parameters
     ----------
@@ -95,12 +95,12 @@ class Painting:
             self._fit(angles)
 
     def add(self, polygons: Floats, color: str, label: str) -> None:
-        """Add polygons of one colour, shape (n, 4, 3), and their legend entry."""
+        """Add polygons of one colour, (n, 4, 3), and their legend entry."""
         self._parts.append((polygons, self._shade(polygons, color)))
         self.handles.setdefault(label, artists.patch(label, color))
 
     def add_path(self, curve: Floats, lost: Bools, label: str) -> None:
-        """Add a path through points, shape (n, 3), as a ribbon whose hidden parts are dotted.
+        """Add a path, shape (n, 3), whose hidden parts are dotted.
 
         ``lost``, shape (n - 1,), marks the steps that are no longer proven free: their dashes are never hidden. Parts
         outside the box are omitted.
@@ -116,7 +116,10 @@ class Painting:
             self._plot(with_gaps(curve, lost), artists.LOST_LABEL, linewidth=2.2, zorder=4.5, **artists.LOST_STYLE)
 
     def show(self, moving: Floats | None = None) -> None:
-        """Draw all polygons and, if given, a robot's, shape (n, 4, 3); replace those of the last call."""
+        """Draw all polygons and those of a robot, if given.
+
+        Replace those of the last call.
+        """
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
         parts = (
@@ -140,7 +143,7 @@ class Painting:
         return np.asarray(((points >= self._box[0] - slack) & (points <= self._box[1] + slack)).all(axis=-1))
 
     def _shade(self, polygons: Floats, color: str) -> Floats:
-        """Return the colours of faces, shape (n, 3), shaded by their unsigned normals and heights."""
+        """Return shades of faces, shape (n, 3), by normal and height."""
         normals = np.abs(np.cross(polygons[:, 1] - polygons[:, 0], polygons[:, 2] - polygons[:, 0]))
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
         low, high = self._box[:, 2]
@@ -151,7 +154,10 @@ class Painting:
         return np.asarray(bright[:, np.newaxis] * _parse_color(color))
 
     def _make_ribbon(self, points: Floats) -> Floats:
-        """Return a line through points, shape (n, 3), as strips that face the camera, shape (n - 1, 4, 3)."""
+        """Return a line, shape (n, 3), as strips facing the camera.
+
+        The result has shape (n - 1, 4, 3).
+        """
         steps, half = np.diff(points, axis=0), 0.004 * float(np.ptp(self._box, axis=0).max())
         aside = np.cross(steps, self.towards)
         aside *= half / np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), np.finfo(float).tiny)
@@ -177,7 +183,7 @@ class Painting:
         ax.view_init(*angles)
 
     def _fit(self, angles: Floats) -> None:
-        """Fit the size of the figure to the picture, with space for text above and below."""
+        """Fit the size of the figure to picture and text."""
         from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
 
         ax, lengths, (elevation, azimuth) = self.axes, np.ptp(self._box, axis=0) * self.stretch, np.radians(angles)
@@ -205,7 +211,10 @@ def draw_surface(space: MapLike, route: Route, look: Look) -> Axes:
 
 
 def paint_surface(space: MapLike, route: Route, look: Look, *, moving: bool = False) -> Painting:
-    """Return a picture in three dimensions, not shown yet; omit the robots if they are ``moving``."""
+    """Return a three-dimensional picture that is not shown yet.
+
+    Omit the robots if they are ``moving``.
+    """
     surface = look.surface or next(iter(SURFACES))
     check_word(surface, "surface", tuple(SURFACES), "or leave it out")
     box = route.box(space)
@@ -239,7 +248,7 @@ def paint_surface(space: MapLike, route: Route, look: Look, *, moving: bool = Fa
 def border_faces(
     grid: Grid, solid: Bools, towards: Floats, top: float = math.inf, marked: Bools | None = None
 ) -> tuple[Floats, Bools]:
-    """Return the faces of solid cells that face a distant camera, and a mask of faces of marked cells.
+    """Return the faces towards a camera and a mask of marked ones.
 
     Cells are merged into blocks until there are at most :data:`MAX_FACES` faces. A block is solid if one of its cells
     is, and marked if all of its solid cells are. Walls (mostly solid layers at an end of the grid) in front of the map
@@ -274,7 +283,7 @@ def border_faces(
 
 
 def _visible_faces(solid: Bools, towards: Floats) -> tuple[Ints, Ints]:
-    """Return the cells, shape (n, 3), and corners, shape (n, 4, 3), of the faces that face the camera."""
+    """Return cells, (n, 3), and corners, (n, 4, 3), of faces towards the camera."""
     padded, cells, corners = np.pad(solid, 1), [np.empty((0, 3), np.int64)], [np.empty((0, 4, 3), np.int64)]
     for axis in np.flatnonzero(towards):
         side = int(towards[axis] > 0.0)
@@ -285,7 +294,10 @@ def _visible_faces(solid: Bools, towards: Floats) -> tuple[Ints, Ints]:
 
 
 def _count_wall_layers(layers: Bools, towards: float) -> int:
-    """Count the mostly solid layers at the camera's end; return 0 if they are half of all layers or more."""
+    """Count the mostly solid layers at the camera's end.
+
+    Return 0 if they are half of all layers or more.
+    """
     shares = layers[:: -1 if towards > 0.0 else 1].mean(axis=(1, 2))
     count = int(np.argmin(shares >= _MIN_WALL_SHARE)) if (shares < _MIN_WALL_SHARE).any() else len(shares)
     return count if towards != 0.0 and 2 * count < len(shares) else 0
@@ -308,7 +320,10 @@ def _choose_top(space: MapLike, route: Route, cut: float | None) -> float:
 
 
 def camera_direction(angles: Floats) -> Floats:
-    """Return the direction to a camera at an elevation and azimuth, degrees, shape (3,)."""
+    """Return the direction to a camera; angles are in degrees.
+
+    The result has shape (3,).
+    """
     elevation, azimuth = np.radians(angles)
     flat = math.cos(elevation)
     direction = np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(elevation)])
@@ -316,15 +331,19 @@ def camera_direction(angles: Floats) -> Floats:
 
 
 def robot_polygons(glyph: RobotGlyph) -> Floats:
-    """Return the polygons of a robot in its own frame, shape (n, 4, 3)."""
+    """Return the polygons of a robot in its own frame.
+
+    The result has shape (n, 4, 3).
+    """
     corners = glyph.triangles.reshape(-1, 3)
     return split_into_polygons((corners, np.arange(len(corners)).reshape(-1, 3)), _MAX_ROBOT_EDGE_SHARE * glyph.size)
 
 
 def split_into_polygons(surface: Surface, longest: float, max_faces: int = MAX_FACES) -> Floats:
-    """Return the triangles of a surface, each with its last corner twice, shape (n, 4, 3).
+    """Return the triangles of a surface as polygons of four corners.
 
-    The surface is first simplified to at most ``max_faces`` triangles; edges above ``longest`` are then subdivided.
+    The result has shape (n, 4, 3). The surface is first simplified to at most ``max_faces`` triangles; edges above
+    ``longest`` are then subdivided.
     """
     from trimesh.remesh import subdivide_to_size
 
@@ -333,10 +352,10 @@ def split_into_polygons(surface: Surface, longest: float, max_faces: int = MAX_F
 
 
 def find_lost_stretches(shares: Floats, lengths: Floats, lost: Bools) -> Bools:
-    """Return a mask of the stretches between shares of a path that are no longer proven free, shape (n - 1,).
+    """Return a mask of stretches of a path no longer proven free.
 
-    ``lengths``, shape (m,), is the path length up to each row. ``lost``, shape (m - 1,), marks the steps of the path
-    that are no longer proven free.
+    The result has shape (n - 1,). ``lengths``, shape (m,), is the path length up to each row. ``lost``, shape (m - 1,),
+    marks the steps of the path that are no longer proven free.
     """
     centers = (shares[:-1] + shares[1:]) / 2.0 * lengths[-1]
     steps = np.clip(np.searchsorted(lengths, centers, side="right") - 1, 0, len(lengths) - 2)

@@ -100,7 +100,7 @@ class ArmCanvas(Canvas):
         return np.asarray(np.clip(np.array(numbers) / self._scale, arm.lower, arm.upper))
 
     def interpolate(self, points: Floats, shares: Floats) -> Floats:
-        """Return configurations at shares of a path's length in joint space."""
+        """Interpolate a path at shares of its joint-space length."""
         return interpolate_joints(points, shares)
 
     def distance(self, q: Floats) -> Any:
@@ -108,7 +108,10 @@ class ArmCanvas(Canvas):
         return self._space.obstacle_distance(q)
 
     def describe(self, q: Floats) -> str:
-        """Return the state and the closest pair as text; colour the arm by its state, and draw the pair."""
+        """Show state and closest pair, and return them as text.
+
+        Colour the arm by its state, and draw the pair.
+        """
         state = int(self._space.classify(q))
         for link in self._links["robot"].values():
             link.color = rgb(STATE_COLORS[state])
@@ -169,7 +172,7 @@ class ArmCanvas(Canvas):
                 handle.wxyz = Rotation.from_matrix(poses[link][:3, :3]).as_quat(scalar_first=True)
 
     def _frame_scene(self) -> None:
-        """Place the camera so that the arm is in view, in front of the obstacles around it."""
+        """Place the camera in front of the arm and its obstacles."""
         arms = [points for q in self.endpoints.values() for points, _ in self._figure.pose_links(q).values()]
         lower, upper = np.min([points.min(axis=0) for points in arms], 0), np.max([p.max(axis=0) for p in arms], 0)
         azimuth, margin = self._figure.camera_azimuth(lower, upper), VIEW_MARGIN_SHARE * float(np.max(upper - lower))

@@ -120,17 +120,26 @@ class Canvas(ABC):
 
     @abstractmethod
     def interpolate(self, points: Floats, shares: Floats) -> Floats:
-        """Return configurations at shares, from 0 to 1, of a path's length, shape (n, size)."""
+        """Interpolate a path at shares, 0 to 1, of its length.
+
+        The result has shape (n, size).
+        """
 
     def distance(self, q: Floats) -> Any:
-        """Return the distance called :attr:`distance_name` at configurations; NaN if it is unknown."""
+        """Return the distance called :attr:`distance_name` at configurations.
+
+        NaN if it is unknown.
+        """
         try:
             return self._space.clearance(q)
         except ConfigurationError:  # a tiled map lacks clearances at some configurations
             return np.full(q.shape[:-1], math.nan)
 
     def describe(self, q: Floats) -> str:
-        """Return state and distance of a configuration as text; may also draw them."""
+        """Return state and distance of a configuration as text.
+
+        May also draw them.
+        """
         return state_text(int(self._space.classify(q)), float(self.distance(q)), self.unit, self.distance_name)
 
     @abstractmethod
@@ -148,12 +157,12 @@ class Canvas(ABC):
         """Move the start or the goal."""
 
     def on_drag(self, name: str, moved: Callable[[Floats], None]) -> None:  # noqa: B027
-        """Call ``moved`` with the configuration when a user drags the start or the goal, if that is possible."""
+        """Call ``moved`` when a user drags the start or the goal."""
 
     def draw_path(self, points: Floats) -> float:
-        """Draw a path, coloured by :meth:`distance`; return the largest finite distance along it.
+        """Draw a path, coloured by :meth:`distance`.
 
-        Without points, remove the path and return NaN.
+        Return the largest finite distance along it. Without points, remove the path and return NaN.
         """
         if not len(points):
             self._server.scene.remove_by_name("/path")
@@ -178,17 +187,23 @@ class Canvas(ABC):
 
     @abstractmethod
     def add_choices(self, gui: GuiApi, changed: Callable[[], None]) -> dict[str, Any]:
-        """Add inputs that choose what is drawn and call ``changed``; return them by label."""
+        """Add inputs that choose what is drawn and call ``changed``.
+
+        Return them by label.
+        """
 
     def update_view(self, look_at: Floats, position: Floats, field: float, aspect: float) -> bool:
-        """Take note of a camera; return True if something must be redrawn for it."""
+        """Take note of a camera.
+
+        Return True if something must be redrawn for it.
+        """
         return False
 
     def draw(self) -> None:  # noqa: B027
         """Draw everything that depends on the robot's configuration."""
 
     def invalidate(self) -> None:  # noqa: B027
-        """Redraw everything at the next call of :meth:`draw`, because the space has changed."""
+        """Make :meth:`draw` redraw everything, because the space has changed."""
 
     # ---- drawing -----------------------------------------------------------------------------------------------------
 
@@ -207,7 +222,7 @@ class Canvas(ABC):
         return handle
 
     def _place_camera(self, lower: Floats, upper: Floats, back: Floats) -> None:
-        """Place initial cameras in a direction from the center of a box, so that all of it is in view."""
+        """Place initial cameras so that a box is in view."""
         center, half, back = (lower + upper) / 2, (upper - lower) / 2, back / np.linalg.norm(back)
         right = np.cross([0.0, 0.0, 1.0], back)
         right /= np.linalg.norm(right)
@@ -228,7 +243,10 @@ def state_text(state: int, distance: float, unit: str, name: str) -> str:
 
 
 def sample_free_configurations(space: Any, fallback: Floats) -> Floats:
-    """Return FREE configurations, the same at each call, or ``fallback`` if the space has none; shape (n, size)."""
+    """Return FREE configurations, the same at each call, or ``fallback``.
+
+    Shape (n, size).
+    """
     try:
         return np.asarray(space.sample_free(_SAMPLES, np.random.default_rng(0)))
     except ConfigurationError:
@@ -236,12 +254,12 @@ def sample_free_configurations(space: Any, fallback: Floats) -> Floats:
 
 
 def farthest_pair(q: Floats, positions: Floats) -> dict[str, Floats]:
-    """Return, as start and goal, the configurations with the most distant positions, shape (n, d)."""
+    """Return the configurations with the most distant positions as start and goal."""
     distances = np.linalg.norm(positions[:, np.newaxis] - positions, axis=-1)
     return dict(zip(MARKS, q[list(np.unravel_index(int(distances.argmax()), distances.shape))], strict=True))
 
 
 def to_linear_rgb(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Convert sRGB colours to linear intensities, which viser expects for lines (IEC 61966-2-1)."""
+    """Convert sRGB colours to linear ones, as viser's lines need (IEC 61966-2-1)."""
     share = colors / 255.0
     return np.rint(255.0 * np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)).astype(np.uint8)

@@ -74,7 +74,7 @@ class CellsInMemory:
         self._cached: OrderedDict[int, Blocks] = OrderedDict()
 
     def map_blocks(self, rotation: Floats | None) -> Blocks:
-        """Return the blocks of the whole map at a rotation, or of the workspace if it is None."""
+        """Return the blocks of the map, or without rotation of the workspace."""
         key = -1 if rotation is None else int(self.sampling_map.rotations.cells_of(rotation))
         if key not in self._cached:
             everything = Part((0,) * self.grid.dim, self.grid.shape, self.side)
@@ -85,7 +85,7 @@ class CellsInMemory:
         return self._cached[key]
 
     def part_blocks(self, rotation: Floats | None, part: Part) -> Blocks:
-        """Return the blocks of a part of the map at a rotation, or of the workspace if it is None."""
+        """Return the blocks of a part of the map or workspace."""
         return make_blocks(lambda box: _classes(self.sampling_map, rotation, box), part)
 
     def invalidate(self) -> None:
@@ -94,7 +94,7 @@ class CellsInMemory:
 
 
 class CellsInStore:
-    """Blocks of the cells of a :class:`cspace.TiledCSpace`: all from an overview, a part from a window."""
+    """Blocks of the cells of a :class:`cspace.TiledCSpace`."""
 
     is_quick = False
 
@@ -110,12 +110,12 @@ class CellsInStore:
         return self._space.overview(math.ceil(max(self.grid.shape) / self.side))
 
     def map_blocks(self, rotation: Floats | None) -> Blocks:
-        """Return the blocks of the whole map at a rotation, or of the workspace if it is None."""
+        """Return the blocks of the map, or without rotation of the workspace."""
         side = round(self.sampling_map.grid.spacing / self.grid.spacing)
         return Blocks(_classes(self.sampling_map, rotation), np.zeros(self.grid.dim, dtype=np.int64), side)
 
     def part_blocks(self, rotation: Floats | None, part: Part) -> Blocks:
-        """Return the blocks of a part of the map at a rotation, or of the workspace if it is None."""
+        """Return the blocks of a part of the map or workspace."""
         first, stop = np.array(part.first), np.array(part.stop)
         window = self._space.window(self.grid.center_of(first), self.grid.center_of(stop - 1))
         begin = np.rint((np.array(window.grid.lower) - self.grid.lower) / self.grid.spacing).astype(np.int64)
@@ -136,14 +136,15 @@ Cells: TypeAlias = CellsInMemory | CellsInStore
 
 
 def _classes(space: CSpace, rotation: Floats | None, box: tuple[slice, ...] = ()) -> Classes:
-    """Return the classes of a box of cells at a rotation, or of the workspace if it is None."""
+    """Return the classes of a box of cells at a rotation."""
     return classify_ground(space.workspace, box) if rotation is None else classify_cells(space, rotation, box)
 
 
 def make_blocks(classes: Callable[[tuple[slice, ...]], Classes], part: Part) -> Blocks:
-    """Return the blocks of a part of a map; ``classes`` returns the classes of a box of cells.
+    """Return the blocks of a part of a map.
 
-    To save memory, the cells are classified in slabs of at most :data:`MAX_CELLS_PER_SLAB`, or one row of blocks.
+    ``classes`` returns the classes of a box of cells. To save memory, the cells are classified in slabs of at most
+    :data:`MAX_CELLS_PER_SLAB`, or one row of blocks.
     """
     shape = np.subtract(part.stop, part.first)
     rows = part.side * max(1, MAX_CELLS_PER_SLAB // int(np.prod(shape[1:]) * part.side))
@@ -156,9 +157,10 @@ def make_blocks(classes: Callable[[tuple[slice, ...]], Classes], part: Part) -> 
 
 
 def choose_part(grid: Grid, point: Floats, reach: float, coarsest: int) -> Part | None:
-    """Return the part of a map to show in smaller blocks: ``reach`` metres to each side of a point.
+    """Return the part around a point to show in smaller blocks.
 
-    The part has about as many blocks as the whole map. Its corners move in steps, so that it stays the same while the
+    The part extends ``reach`` metres to each side and has about as many blocks as the whole map. Its corners move in
+    steps, so that it stays the same while the
     camera moves a little. Return None if its blocks would not be smaller than those of the whole map, whose side is
     ``coarsest`` cells.
     """

@@ -111,7 +111,7 @@ class MapCanvas(Canvas):
         return self.poses.configuration_of(numbers[:dim], numbers[dim:])
 
     def interpolate(self, points: Floats, shares: Floats) -> Floats:
-        """Return configurations at shares of a path's length."""
+        """Interpolate a path at shares of its length."""
         return self.glyph.interpolate(points, shares)
 
     def describe(self, q: Floats) -> str:
@@ -140,7 +140,7 @@ class MapCanvas(Canvas):
         gizmo.position, gizmo.wxyz = self.poses.pose(q)
 
     def on_drag(self, name: str, moved: Callable[[Floats], None]) -> None:
-        """Call ``moved`` with the configuration when a user drags the start or the goal."""
+        """Call ``moved`` when a user drags the start or the goal."""
 
         def drag(event: Any) -> None:
             q = self.poses.nearest_configuration(event.target.position, event.target.wxyz)
@@ -157,7 +157,10 @@ class MapCanvas(Canvas):
         return positions
 
     def update_view(self, look_at: Floats, position: Floats, field: float, aspect: float) -> bool:
-        """Choose the part to draw in small blocks; return True if it changed."""
+        """Choose the part to draw in small blocks.
+
+        Return True if it changed.
+        """
         reach = float(np.linalg.norm(position - look_at)) * math.tan(field / 2.0) * max(1.0, aspect)
         grid = self.cells.grid
         part = choose_part(grid, look_at[: grid.dim], reach, self.cells.side)
@@ -168,7 +171,10 @@ class MapCanvas(Canvas):
     # ---- cells -------------------------------------------------------------------------------------------------------
 
     def add_choices(self, gui: GuiApi, changed: Callable[[], None]) -> dict[str, Any]:
-        """Add the slider of the cut and the boxes of kinds and section; return them by label."""
+        """Add the slider of the cut and the checkboxes.
+
+        Return them by label.
+        """
         added: dict[str, Any] = {}
         step, stage = self._step, self.stage
         if stage.has_height:
@@ -207,7 +213,7 @@ class MapCanvas(Canvas):
                     self._drawn[name] = key
 
     def _plan_drawing(self) -> dict[str, tuple[Hashable, Callable[[str], None]]]:
-        """Return the nodes of the scene by name: a key of their contents, and a function that draws them."""
+        """Return the key and draw function of each node of the scene."""
         q, cut, part, shown, stage = self.robot, self.cut, self.part, set(self.shown), self.stage
         rotation, cell = q[self._space.grid.dim :], int(self._space.rotations.cells_of(q))
         lid = not (stage.has_height and SECTION in shown)
@@ -239,7 +245,7 @@ class MapCanvas(Canvas):
         return wanted
 
     def invalidate(self) -> None:
-        """Redraw everything at the next call of :meth:`draw`, because the map has changed."""
+        """Make :meth:`draw` redraw everything, because the map has changed."""
         with self._drawing:
             self.cells.invalidate()
             self._drawn.clear()
@@ -276,7 +282,10 @@ class MapCanvas(Canvas):
         return controls
 
     def _add_robot(self, name: str, color: str) -> None:
-        """Add the robot to a node of the scene; in the plane, a nose shows its heading, if it has one."""
+        """Add the robot to a node of the scene.
+
+        In the plane, a nose shows its heading, if it has one.
+        """
         self._add_mesh(f"{name}/figure", self._surface, color)
         if len(self.glyph.nose) and self.poses.angles:
             corners = np.column_stack([self.glyph.nose[:3], np.full(3, 1.01 * self.stage.wall)])
@@ -284,7 +293,7 @@ class MapCanvas(Canvas):
 
 
 class Poses:
-    """Conversion of a map's configurations to and from positions, angles and poses in space.
+    """Conversion of configurations to and from positions, angles and poses.
 
     Attributes
     ----------
@@ -317,7 +326,7 @@ class Poses:
         return np.array([*position, *self._rotations.of_matrix(matrix)])
 
     def pose(self, q: Floats) -> tuple[Floats, Floats]:
-        """Return the pose of the robot in space: a position, and a quaternion w, x, y, z."""
+        """Return position and quaternion w, x, y, z of the robot in space."""
         position = np.array([*self.position(q), 0.0][:3])
         return position, Rotation.from_matrix(self._matrix(q)).as_quat()[[3, 0, 1, 2]]
 
@@ -333,7 +342,7 @@ class Poses:
 
 
 def _choose_endpoints(space: Any, cells: Cells) -> dict[str, Floats]:
-    """Return two FREE configurations far apart, upright if possible, or the center of the grid."""
+    """Return two FREE configurations far apart, or the center of the grid."""
     sampling_map, upright = cells.sampling_map, space.rotations.of_matrix(np.eye(3))
     samples = sample_free_configurations(
         sampling_map, np.array([*np.add(space.grid.lower, space.grid.upper) / 2, *upright])

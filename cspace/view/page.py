@@ -160,7 +160,10 @@ class Panel:
             slider.value = min(max(number, slider.min), slider.max)
 
     def reset_path(self, max_distance: float | None) -> None:
-        """Move the slider to the start of a new path with this largest distance; None if there is no path."""
+        """Move the slider to the start of a new path.
+
+        ``max_distance`` is the largest distance along it, or None without a path.
+        """
         self.share.value = 0.0
         self.share.disabled = self.play.disabled = max_distance is None
         if max_distance is None:
@@ -262,7 +265,10 @@ class Page:
         self._prover.request()
 
     def search(self) -> None:
-        """Plan from start to goal with the inputs of the panel; :attr:`plan` is the result."""
+        """Plan from start to goal with the inputs of the panel.
+
+        :attr:`plan` is the result.
+        """
         self._planner.request()
 
     def play(self) -> None:
@@ -389,7 +395,10 @@ def _describe_plan(plan: Plan) -> str:
 
 
 def _choices(space: Any) -> Choices | None:
-    """Return the planners and drives for a space; None if OMPL is not installed, which a search reports."""
+    """Return the planners and drives for a space.
+
+    None if OMPL is not installed, which a search reports.
+    """
     try:
         import planners
     except MissingPackageError:
@@ -429,9 +438,9 @@ def _input_value(numbers: tuple[float, ...]) -> Any:
 
 
 class Worker:
-    """A thread that runs a task on request; requests during a run cause one more run.
+    """A thread that runs a task on request.
 
-    Exceptions of the task are passed to ``report``; the thread continues.
+    Requests during a run cause one more run. Exceptions of the task are passed to ``report``; the thread continues.
     """
 
     def __init__(self, task: Callable[[], None], report: Callable[[Exception], None]) -> None:

@@ -91,7 +91,9 @@ class Section(NamedTuple):
 
 
 class Stage:
-    """Geometry of the cells of a grid in space; plane cells are low walls on the ground.
+    """Geometry of the cells of a grid in space.
+
+    Plane cells are low walls on the ground.
 
     Parameters
     ----------
@@ -141,7 +143,7 @@ class Stage:
         return vertices, np.arange(len(vertices)).reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
 
     def section(self, blocks: Blocks, cut: float, hole: Part | None = None) -> Section:
-        """Return a section through the blocks at the height ``cut``, or the ground of a plane map."""
+        """Return a section at the height ``cut``, or the ground of a plane map."""
         layer = self._below(blocks, cut)[0][..., -1]
         lower = self.lower[:2] + self.grid.spacing * blocks.first[:2]
         upper = np.minimum(lower + self.grid.spacing * blocks.side * np.array(layer.shape), self.upper[:2])
@@ -154,14 +156,14 @@ class Stage:
         return Section(image, lower, upper, cut if self.has_height else 0.0)
 
     def _below(self, blocks: Blocks, cut: float) -> tuple[Classes, Ints]:
-        """Return the classes of the blocks at least partly below a height, one layer or more, and their first cell."""
+        """Return the classes and first cell of the blocks below a height."""
         classes, first = np.atleast_3d(blocks.classes), np.array([*blocks.first, 0][:3])
         count = (min(cut, self.upper[2]) - self.lower[2]) / self._cell[2] - first[2]
         return classes[..., : max(1, math.ceil(count / blocks.side - 1e-9))], first
 
 
 def _box(part: Part, side: int) -> tuple[slice, ...]:
-    """Return the indices of the blocks of a given side that make up a part of a map."""
+    """Return the slices of blocks that cover a part of a map."""
     return tuple(slice(low // side, -(-high // side)) for low, high in zip(part.first, part.stop, strict=True))
 
 
@@ -180,7 +182,7 @@ def extract_border(solid: Bools, has_boundary: bool = True, lid: bool = True) ->
 
 
 def _faces_along(solid: Bools, axis: int, up: int, has_boundary: bool) -> Ints:
-    """Return the rectangles whose normals point down an axis, or up if ``up`` is 1."""
+    """Return the rectangles that face down an axis, or up it."""
     second, third = (axis + 1) % 3, (axis + 2) % 3
     cells = solid.transpose(axis, second, third)
     if not cells.any():
@@ -198,12 +200,18 @@ def _faces_along(solid: Bools, axis: int, up: int, has_boundary: bool) -> Ints:
 
 
 def make_robot_surface(robot: Robot, height: float) -> Surface:
-    """Return the surface of a robot in its frame; a plane robot becomes a slab of the given height, metres."""
+    """Return the surface of a robot in its frame.
+
+    A plane robot becomes a slab of the given height, metres.
+    """
     return _slab(robot, height) if robot.dim == 2 else robot.shape.outer.surface
 
 
 def _slab(robot: Robot, height: float) -> Surface:
-    """Extrude the outline of a plane robot; the slab has a top but no bottom."""
+    """Extrude the outline of a plane robot.
+
+    The slab has a top but no bottom.
+    """
     import shapely
 
     outline = robot.shape.outer.outline
@@ -221,13 +229,16 @@ def _slab(robot: Robot, height: float) -> Surface:
 
 
 def path_colors(clearances: Floats) -> NDArray[np.uint8]:
-    """Return colours from :data:`LOW_COLOR` at zero clearance to :data:`HIGH_COLOR` at the largest, shape (n, 3)."""
+    """Return colours from low to high by clearance.
+
+    The result has shape (n, 3).
+    """
     largest = float(np.nanmax(clearances, initial=0.0, where=np.isfinite(clearances)))
     share = np.clip(np.nan_to_num(clearances, nan=0.0, posinf=largest) / max(largest, 1e-12), 0.0, 1.0)[:, np.newaxis]
     return np.rint((1.0 - share) * rgb(LOW_COLOR) + share * rgb(HIGH_COLOR)).astype(np.uint8)
 
 
 def rgb(color: str) -> Color:
-    """Return red, green and blue, 0 to 255, of a colour such as ``"#0072b2"``."""
+    """Return red, green and blue, 0 to 255, e.g. of ``"#0072b2"``."""
     red, green, blue = bytes.fromhex(color[1:])
     return red, green, blue

@@ -54,9 +54,10 @@ class ViewOptions(TypedDict, total=False):
 
 
 class Viewer:
-    """A page in the browser that shows a map or an arm; :meth:`cspace.CSpace.view` opens it.
+    """A page in the browser that shows a map or an arm.
 
-    Notebooks show the page if ``block=False``. All users of the page share its state.
+    :meth:`cspace.CSpace.view` opens it. Notebooks show the page if ``block=False``. All users of the page share its
+    state.
 
     Parameters
     ----------
@@ -151,7 +152,10 @@ class Viewer:
 
 @singledispatch
 def choose_canvas(space: Any) -> MakeCanvas:
-    """Return a function that makes the canvas of a space; the default is for maps in memory."""
+    """Return a function that makes the canvas of a space.
+
+    The default is for maps in memory.
+    """
     return partial(MapCanvas, space, CellsInMemory(space))
 
 
@@ -166,7 +170,10 @@ def _(space: ArmSpace) -> MakeCanvas:
 
 
 def open_viewer(space: Any, block: bool, options: ViewOptions) -> Viewer:
-    """Open the page of a space; if ``block`` is set, print its address and wait until it is closed."""
+    """Open the page of a space.
+
+    If ``block`` is set, print its address and wait until it is closed.
+    """
     viewer = Viewer(space, choose_canvas(space), **options)
     if block:
         sys.stdout.write(f"{viewer.url}  Ctrl-C closes it\n")
@@ -248,7 +255,7 @@ def is_local(host: str | None) -> bool:
 
 
 def _free_port(host: str, port: int | None) -> int:
-    """Return the given port, or the first free one from :data:`FIRST_PORT` on.
+    """Return the given port, or the first free one.
 
     Raises InputError if this machine lacks the address, or if the port is taken or invalid.
     """
