@@ -1,4 +1,4 @@
-"""ConfigurationMap: the queries of every certified map, be it in memory or in a store."""
+"""Queries of all certified maps, in memory or in a store."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ if TYPE_CHECKING:
     from cspace.store import Store
 
 
-class Joined(Protocol):
-    """Components of cells, joined side to side."""
+class Components(Protocol):
+    """Connected components of cells that share sides."""
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
-        """Numbers of the components of FREE cells, or of all that are not BLOCKED; -1 where there is none."""
+        """Return the component of each cell among FREE cells, or among FREE and MIXED cells; -1 outside of them."""
 
 
 class ConfigurationMap(ConfigurationSpace, MapPlot):
-    """A certified map of a robot's configurations, with the look-ups that all maps share.
+    """A certified map of a robot's configurations.
 
-    :class:`cspace.CSpace` keeps its cells in memory, :class:`cspace.TiledCSpace` reads them from a store. Look-ups run
-    compiled kernels over the cells by a :class:`cspace.map.backend.Backend`.
+    :class:`cspace.CSpace` has its cells in memory, :class:`cspace.TiledCSpace` reads them from a store. Queries run
+    compiled kernels over the cells through a :class:`cspace.map.backend.Backend`.
     """
 
     # ---- what the map is ---------------------------------------------------------------------------------------------
@@ -47,11 +47,11 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     @property
     @abstractmethod
     def _kept(self) -> Contents | Store:
-        """What keeps the map: its contents in memory, or its store."""
+        """Contents of the map in memory, or its store."""
 
     @property
     def grid(self) -> Grid:
-        """Cells of positions of the robot's reference point; the workspace's grid."""
+        """Grid of the positions of the robot's reference point, equal to the workspace's grid."""
         return self._kept.grid
 
     @property
@@ -61,20 +61,20 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     @property
     def rotations(self) -> Rotations:
-        """The rotation cells; a single one where the robot only translates."""
+        """Rotation cells; a single one if the robot does not rotate."""
         return self._kept.rotations
 
     @property
     def slice_of(self) -> Ints:
-        """The slice of each rotation cell, shape (rotation cells,); read-only.
+        """Slice of each rotation cell, shape (rotation cells,); read-only.
 
-        Rotation cells that a symmetry of the robot maps to each other share a slice.
+        Rotation cells share a slice if a symmetry of the robot maps one to the other.
         """
         return read_only(self._kept.slice_of)
 
     @property
     def slice_rotations(self) -> Floats:
-        """One rotation for each slice, as it stands in a configuration, shape (slices, k); k is 0, 1 or 4.
+        """One rotation of each slice, as in a configuration, shape (slices, k); k is 0, 1 or 4.
 
         Examples
         --------
@@ -91,32 +91,34 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     @property
     @abstractmethod
     def outside(self) -> str:
-        """What lies outside the workspace: "blocked" or "free", and around a part of a larger map "unknown"."""
+        """State of space outside the workspace: "blocked", "free", or "unknown" around a part of a larger map."""
 
     @property
     @abstractmethod
     def margin(self) -> float:
-        """Metres by which the robot was grown where FREE was proven."""
+        """Metres by which the robot was grown to prove FREE."""
 
     @cached_property
     def axes(self) -> tuple[str, ...]:
-        """Names of the numbers in a configuration: x and y, in space z, then yaw or qx, qy, qz and qw."""
+        """Names of the coordinates of a configuration: x, y, in space z, then yaw or qx, qy, qz, qw."""
         return (*self.grid.axes, *self.rotations.names)
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units of the numbers in a configuration: "m", "rad", or "1" for those of a quaternion."""
+        """Units of the coordinates of a configuration: "m", "rad", or "1" for a quaternion."""
         return (*self.grid.units, *self.rotations.units)
 
     @property
     def dof(self) -> int:
+        """Degrees of freedom: 2 or 3 for positions, plus 1 for a yaw or 3 for a quaternion."""
         return self.size - ("qw" in self.rotations.names)  # a quaternion has norm 1
 
     @abstractmethod
     def count(self) -> tuple[int, int, int]:
-        """Number of FREE, MIXED and BLOCKED cells, over all rotation cells."""
+        """Count the FREE, MIXED and BLOCKED cells over all rotation cells."""
 
     def __repr__(self) -> str:
+        """Return the cells, the robot and a summary of the states."""
         cells = " x ".join(map(str, self.grid.shape))
         turns = f" x {self.rotations}" if self.rotations.names else ""
         size = f"{cells} cells of {self.grid.spacing:g} {self.grid.unit}{turns}"
@@ -126,7 +128,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
         points = as_points(q, name, self.size)
-        answer(points, self.size, self._classify(), np.uint8, int, name, self._angles)  # raises where one is not finite
+        answer(points, self.size, self._classify(), np.uint8, int, name, self._angles)  # raises if one is not finite
         return points
 
     @overload
@@ -138,8 +140,8 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     def is_connected(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
         """Return True if a collision-free path is proven to exist between configurations.
 
-        A chain of FREE cells joins them. False is no proof of the opposite: see :meth:`is_disconnected`. Components of
-        cells are computed at the first call and cached; those of a map in a store, in the store.
+        The proof is a chain of FREE cells. False proves nothing: see :meth:`is_disconnected`. Components of cells are
+        computed at the first call and cached; a map in a store caches them in the store.
 
         Parameters
         ----------
@@ -161,8 +163,8 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     def is_disconnected(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
         """Return True if it is proven that no collision-free path exists between configurations.
 
-        No chain of FREE and MIXED cells joins them. If neither this nor :meth:`is_connected` is True, the map is too
-        coarse to decide; plan with ``exact=True``, or build with a finer spacing. Both share cached components.
+        The proof is that no chain of FREE and MIXED cells joins them. If this and :meth:`is_connected` are both False,
+        the map is too coarse to decide; plan with ``exact=True``, or build with a finer spacing.
 
         Parameters
         ----------
@@ -180,6 +182,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         return self._backend.at_one_moment(lambda: self._compute_connectivity(q0, q1))
 
     def _compute_connectivity(self, q0: ArrayLike, q1: ArrayLike) -> tuple[Bools, Bools]:
+        """Compute :meth:`_connectivity` while no update changes the cells."""
         endpoints = [as_points(q, name, self.size) for q, name in ((q0, "q0"), (q1, "q1"))]
         both = np.concatenate([points.reshape(-1, self.size) for points in endpoints])
         states = np.empty(len(both), dtype=np.uint8)
@@ -194,34 +197,36 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
             halves = values[:count], values[count:]
             return [half.reshape(points.shape[:-1]) for half, points in zip(halves, endpoints, strict=True)]
 
-        def joined(among: Bools, mixed: bool) -> Bools:
-            """Those of some pairs that cells of a kind join; nothing is read where there are none."""
-            if not among.any():
-                return among
-            one, other = pairs(self._components.of(cells, mixed))
-            return np.asarray(among & (one == other) & (one != -1))
+        def find_joined(candidates: Bools, mixed: bool) -> Bools:
+            """Return which candidate pairs share a component; reads no component if there is no candidate."""
+            if not candidates.any():
+                return candidates
+            first, second = pairs(self._components.of(cells, mixed))
+            return np.asarray(candidates & (first == second) & (first != -1))
 
         highest = np.maximum(*pairs(states))
-        passable = np.asarray(highest <= MIXED)
-        apart, few_join = False, _unknown
-        if count == 1 and len(cells) == 2 and passable.all():
-            apart, few_join = self._hint(cells)
-        if apart:
-            passable = joined(passable, mixed=True)
-        free = joined(passable & (highest == FREE), mixed=False)
-        left = passable & ~free
-        passable = free | (left if left.all() and few_join() else joined(left, mixed=True))
-        return np.asarray(free), np.asarray(~passable)
+        possible = np.asarray(highest <= MIXED)
+        likely_apart, are_soon_joined = False, _unknown
+        if count == 1 and len(cells) == 2 and possible.all():
+            likely_apart, are_soon_joined = self._guess_connectivity(cells)
+        if likely_apart:
+            possible = find_joined(possible, mixed=True)
+        joined = find_joined(possible & (highest == FREE), mixed=False)
+        open_pairs = possible & ~joined
+        if not (open_pairs.all() and are_soon_joined()):
+            open_pairs = find_joined(open_pairs, mixed=True)
+        return np.asarray(joined), np.asarray(~(joined | open_pairs))
 
     @overload
     def is_free_around(self, q: Configuration, distance: float, angle: float = 0.0) -> bool: ...  # type: ignore[overload-overlap]
     @overload
     def is_free_around(self, q: ConfigurationBatch, distance: float, angle: float = 0.0) -> Bools: ...
     def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> bool | Bools:
-        """Whether all configurations around configurations are proven collision-free.
+        """Return True if every configuration within ``distance`` and ``angle`` of q is proven free.
 
-        True where every closed cell is FREE that meets the box of all configurations within ``distance`` along each
-        axis, whose rotation is within ``angle``. Curves are proven with it, piece by piece.
+        The configurations are those in a box: at most ``distance`` away along each axis, and rotated by at most
+        ``angle``. They are proven if every closed cell that meets the box is FREE. Use it to prove curves piece by
+        piece.
 
         Parameters
         ----------
@@ -230,7 +235,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         distance : float
             Metres, zero or above.
         angle : float
-            Radians, zero or above; plays no part where the robot does not turn.
+            Radians, zero or above; ignored if the robot does not rotate.
 
         Returns
         -------
@@ -247,13 +252,14 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     @overload
     def clearance(self, q: ConfigurationBatch) -> Floats: ...
     def clearance(self, q: ArrayLike) -> float | Floats:
-        """Lower bound of the distance, in the translation, to the nearest configuration that is not FREE.
+        """Return the distance, in the translation, to the nearest configuration that is not FREE.
 
-        The bound is proven, and but for rounding it is that distance, in the grid and outside. Zero where a
-        configuration is not FREE; infinite where every configuration is. Nothing of the size of the map is computed.
+        The value is a proven lower bound, equal to the distance except for rounding, inside and outside the grid. It is
+        zero if the configuration is not FREE and infinite if every configuration is FREE. No array of the map's size is
+        computed.
 
-        Of a map in a store it is computed up to 64 cells in the plane, and 16 in space: windows are opened around the
-        configurations, one after the other, and where all is FREE up to there, that is the bound.
+        In a map in a store, distances are limited to 64 cells in the plane and 16 in space, because a window is opened
+        around each configuration in turn.
 
         Parameters
         ----------
@@ -272,17 +278,17 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     @property
     @abstractmethod
     def _summary(self) -> str:
-        """What the repr ends with."""
+        """End of the repr."""
 
     @property
     @abstractmethod
     def _facts(self) -> dict[str, object]:
-        """Facts about the map besides its grid, for people: plain values by name."""
+        """Plain values by name that describe the map, except its grid."""
 
     @property
     @abstractmethod
     def _backend(self) -> Backend:
-        """The cells, over which kernels are run."""
+        """The cells as input of kernels."""
 
     @cached_property
     def _states_query(self) -> Query:
@@ -304,32 +310,32 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         return self._backend.query(edges_are_free, self._blocks(number), passed=True, least=EDGES_A_THREAD)
 
     def _blocks(self, number: int) -> Words | None:
-        """Marks of blocks of cells that are not FREE, if they are worth it for a number of edges."""
+        """Return occupancy bits of blocks of cells if they pay off for a ``number`` of edges."""
         return None
 
     @abstractmethod
     def _clearances(self) -> Query:
-        """The kernel of clearances."""
+        """Return the kernel of clearances."""
 
     @property
     @abstractmethod
     def _exact(self) -> ExactQueries:
-        """Exact look-ups, by the geometry itself."""
+        """Queries that decide MIXED cells by the geometry."""
 
     @property
     @abstractmethod
-    def _components(self) -> Joined:
-        """Components of cells, joined side to side."""
+    def _components(self) -> Components:
+        """Connected components of cells that share sides."""
 
-    def _hint(self, cells: Ints) -> tuple[bool, Callable[[], bool]]:
-        """Whether to ask first what MIXED cells join, for two cells, shape (2, 1 + d): most likely no path does.
+    def _guess_connectivity(self, cells: Ints) -> tuple[bool, Callable[[], bool]]:
+        """Guess whether two cells, shape (2, 1 + d), are disconnected, so that MIXED components are tested first.
 
-        Besides, what tells, where it is soon known, that MIXED cells join them.
+        Also return a quick test that may prove that FREE and MIXED cells join the two.
         """
         return False, _unknown
 
     def _cells_of(self, points: Floats) -> Ints:
-        """Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` of configurations, in the grid or not."""
+        """Return the cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` of configurations, in the grid or not."""
         cells = self.grid.cell_of(points[..., : self.grid.dim])
         return np.concatenate([self.rotations.cells_of(points)[..., None], cells], axis=-1)
 
@@ -339,12 +345,12 @@ def _bool_or_array(proven: Bools) -> bool | Bools:
 
 
 def _unknown() -> bool:
-    """Nothing is known soon."""
+    """Return False: nothing is known soon."""
     return False
 
 
 def _are_free(classify: Query, parts: Sequence[Any], out: NDArray[Any]) -> int:
-    """Fill ``out`` with whether configurations are FREE, by a kernel of states; the index of a bad one, or -1."""
+    """Write to ``out`` whether configurations are FREE; return the index of an invalid one, or -1."""
     states = out.view(np.uint8)
     bad = classify(parts, states)
     np.equal(states, FREE, out=out)

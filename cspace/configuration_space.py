@@ -1,4 +1,4 @@
-"""ConfigurationSpace: look-ups of configurations and motions, in a map of cells or by the geometry itself."""
+"""Queries of configurations and motions, answered by a map of cells or by geometry."""
 
 from __future__ import annotations
 
@@ -19,52 +19,52 @@ from cspace.shown import SpaceView
 
 
 class ConfigurationSpace(SpaceView, ABC):
-    """The configurations of a robot, and the look-ups that are the same for all robots.
+    """The configurations of a robot, with the queries of all maps and arms.
 
     :class:`cspace.CSpace` and :class:`cspace.TiledCSpace` read cells, :class:`cspace.ArmSpace` tests the geometry. Each
-    brings its own kernels for batches of configurations.
+    has its own kernels for batches of configurations.
     """
 
     @property
     @abstractmethod
     def axes(self) -> tuple[str, ...]:
-        """Names of the numbers in a configuration."""
+        """Names of the coordinates of a configuration."""
 
     @property
     @abstractmethod
     def units(self) -> tuple[str, ...]:
-        """Units of the numbers in a configuration: "m", "rad", or "1" for those of a quaternion."""
+        """Units of the coordinates of a configuration: "m", "rad", or "1" for a quaternion."""
 
     @cached_property
     def size(self) -> int:
-        """Length of a configuration, ``len(axes)``: 7 in SE(3), whose rotation is a quaternion of four numbers."""
+        """Length of a configuration, ``len(axes)``: 7 in SE(3), because a quaternion has four coordinates."""
         return len(self.axes)
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom: 3 in SE(2), 6 in SE(3), and of an arm the number of its joints."""
+        """Degrees of freedom: 3 in SE(2), 6 in SE(3), the number of joints of an arm."""
         return self.size
 
     @property
     def periodic_axes(self) -> tuple[bool, ...]:
-        """Which numbers are angles of continuous joints, where a whole turn more is the same configuration."""
+        """True for each coordinate that is the angle of a continuous joint, periodic by 2 pi."""
         return (False,) * self.size
 
     @cached_property
     def _angles(self) -> dict[int, str]:
-        """Index and name of the numbers of a configuration that are wrapped."""
+        """Index and name of each coordinate that is wrapped."""
         return angle_axes(self.axes, self.periodic_axes)
 
     @abstractmethod
     def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
-        """Configurations as an array of floats, once they are checked.
+        """Check configurations and return them as an array of floats.
 
         Parameters
         ----------
         q : array-like, shape (size,) or (..., size)
             Metres, and radians.
         name : str
-            What the error is to call them.
+            Name of the argument, for errors.
 
         Returns
         -------
@@ -81,7 +81,7 @@ class ConfigurationSpace(SpaceView, ABC):
     @overload
     def classify(self, q: ConfigurationBatch) -> NDArray[np.uint8]: ...
     def classify(self, q: ArrayLike) -> int | NDArray[np.uint8]:
-        """State of configurations: FREE, MIXED or BLOCKED.
+        """Return the state of configurations: FREE, MIXED or BLOCKED.
 
         Parameters
         ----------
@@ -98,12 +98,12 @@ class ConfigurationSpace(SpaceView, ABC):
         InputError
             If the last axis is not :attr:`size` long, or a value is NaN or infinite.
         ConfigurationError
-            If one is outside the limits of an arm's joint.
+            If a configuration is outside the limits of an arm's joints.
 
         Warns
         -----
         AngleWarning
-            If the yaw, or the angle of a continuous joint, of a single configuration is beyond a whole turn.
+            If an angle of a single configuration exceeds 2 pi, as if it were in degrees.
         """
         return answer(q, self.size, self._classify(), np.uint8, int, angles=self._angles)
 
@@ -112,10 +112,9 @@ class ConfigurationSpace(SpaceView, ABC):
     @overload
     def is_free(self, q: ConfigurationBatch, *, exact: bool = False) -> Bools: ...
     def is_free(self, q: ArrayLike, *, exact: bool = False) -> bool | Bools:
-        """Whether configurations are proven collision-free; as :meth:`classify`, with bool for an answer.
+        """Return True if configurations are proven collision-free; arguments and errors as :meth:`classify`.
 
-        With ``exact``, the geometry itself decides in MIXED cells of a map; see :mod:`cspace.exact`. For an arm it
-        always does.
+        With ``exact``, geometry decides in MIXED cells of a map; see :mod:`cspace.exact`. For an arm it always does.
         """
         return answer(q, self.size, self._frees(exact), np.bool_, bool, angles=self._angles)
 
@@ -126,19 +125,18 @@ class ConfigurationSpace(SpaceView, ABC):
     @overload
     def motion_is_free(self, q0: ArrayLike, q1: ConfigurationBatch, *, exact: bool = False) -> Bools: ...
     def motion_is_free(self, q0: ArrayLike, q1: ArrayLike, *, exact: bool = False) -> bool | Bools:
-        """Whether straight edges are proven collision-free all along.
+        """Return True if straight motions are proven collision-free all along.
 
-        On a map, True where every closed cell that the edge touches, be it in a corner, is FREE. An edge that lies on
-        the border of two cells touches both; so an edge that starts on the border of a cell that is not FREE is not
-        proven. The joints of an arm move in step, each from its number to the other.
+        On a map, a motion is proven if every closed cell that it touches, even in a corner, is FREE. A motion on the
+        boundary of two cells touches both, so one that starts on the boundary of a cell that is not FREE is not proven.
+        All joints of an arm move in proportion.
 
         Parameters
         ----------
         q0, q1 : array-like, shape (size,) or (..., size)
-            Endpoints of the edges, metres and radians; broadcast against each other.
+            Endpoints of the motions, metres and radians; broadcast against each other.
         exact : bool
-            Where cells are MIXED, let the geometry itself prove the edge; see :mod:`cspace.exact`. For an arm it
-            always does.
+            Decide MIXED cells by the geometry; see :mod:`cspace.exact`. For an arm, geometry always decides.
 
         Returns
         -------
@@ -152,33 +150,32 @@ class ConfigurationSpace(SpaceView, ABC):
         return evaluate_edges(q0, q1, self.size, lambda number: self._edges(number, exact), self._angles)
 
     def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Bools:
-        """Whether each edge of a path, of paths, or of a roadmap is proven collision-free all along.
+        """Return True for each edge of a path, of paths or of a roadmap that is proven collision-free.
 
-        The edges are those of :meth:`motion_is_free`, answered alike: straight, and the robot turns along the shorter
-        arc, as OMPL interpolates; for arms see :meth:`cspace.ArmSpace.certify_path`. Many edges are proven in threads,
-        and on a map by blocks of cells, which cross free space in larger steps; the answers are the same.
+        Edges are straight and rotate along the shorter arc, as OMPL interpolates, and answers are those of
+        :meth:`motion_is_free`; for arms see :meth:`cspace.ArmSpace.certify_path`. Many edges are tested in threads,
+        and on a map in larger steps through blocks of FREE cells.
 
         Parameters
         ----------
         path : array-like, shape (n, size) or (..., n, size)
-            Configurations, metres and radians: those of a path in order, of several paths of equal length, or the
-            vertices of a roadmap.
+            Configurations, metres and radians: a path, several paths of equal length, or the vertices of a roadmap.
         edges : array-like of int, shape (m, 2), optional
-            Indices, from 0, of the two vertices of each edge; ``path`` must then have shape (n, size). Left out, each
-            configuration is joined to the next.
+            Indices of the two vertices of each edge; ``path`` must then have shape (n, size). If left out, edges join
+            consecutive configurations.
         exact : bool
             As for :meth:`motion_is_free`.
 
         Returns
         -------
         ndarray of bool, shape (n - 1,), (..., n - 1) or (m,)
-            A path of one configuration has no edges, and nothing is proven of it.
+            Empty for a path of one configuration, which has no edges.
 
         Raises
         ------
         InputError
-            If a configuration is not as for :meth:`motion_is_free`, be it on an edge or not; a path has none; or an
-            edge is not a pair of indices of vertices.
+            If a configuration is invalid, even if no edge uses it; if a path is empty; or if an edge is not a pair of
+            indices of vertices.
         ConfigurationError
             As :meth:`classify`.
 
@@ -198,18 +195,16 @@ class ConfigurationSpace(SpaceView, ABC):
             pairs = check_pairs(edges, points)
             return answer_pairs(np.ascontiguousarray(points), pairs, self._edges(len(pairs), exact))
         if points.ndim < 2 or points.shape[-2] == 0:
-            rule = "it must hold at least one configuration in a row"
-            raise InputError(
-                "path", f"has shape {points.shape}", rule, f"pass an array of shape (n, {self.size})", value=path
-            )
+            rule, hint = "a path has at least one configuration", f"pass an array of shape (n, {self.size})"
+            raise InputError("path", f"has shape {points.shape}", rule, hint, value=path)
         q0, q1 = points[..., :-1, :], points[..., 1:, :]
         return np.asarray(evaluate_edges(q0, q1, self.size, lambda number: self._edges(number, exact)))
 
     def _tile_subproblems(self, q0: ArrayLike, q1: ArrayLike) -> Sequence[Leg]:
-        """Return the parts of the space, in memory, that a path leads through, for a planner of your own.
+        """Split a planning problem into problems on parts of the space in memory.
 
-        Each is a function that opens it, with the configurations that the path joins in it. Only a map in a store has
-        several; see :class:`cspace.TiledCSpace`.
+        Return for each a function that opens the part, and two configurations to join in it. Only a map in a store has
+        several parts; see :class:`cspace.TiledCSpace`.
         """
         return [(lambda: self, self._check_configurations(q0, "q0"), self._check_configurations(q1, "q1"))]
 
@@ -217,16 +212,16 @@ class ConfigurationSpace(SpaceView, ABC):
 
     @abstractmethod
     def _classify(self) -> Query:
-        """The kernel of states."""
+        """Return the kernel of states."""
 
     @abstractmethod
     def _frees(self, exact: bool) -> Query:
-        """The kernel of whether configurations are free."""
+        """Return the kernel that tests whether configurations are free."""
 
     @abstractmethod
     def _edges(self, number: int, exact: bool) -> Query:
-        """The kernel of whether edges are free, chosen for a ``number`` of them."""
+        """Return the kernel that tests whether edges are free, chosen for a ``number`` of edges."""
 
 
 Leg = tuple[Callable[[], ConfigurationSpace], Floats, Floats]
-"""A function that opens a part of a space in memory, and two configurations in it."""
+"""A function that opens a part of a space in memory, and the two configurations to join in it."""

@@ -952,7 +952,7 @@ class CSpace(ConfigurationMap, MapExport):
         of_slices = states, self._slice_of, self.rotations.neighbors, exterior_open
         return PeriodicComponents(*of_slices, self.periodic_axes) if self._contents.periodic else Components(*of_slices)
 
-    def _hint(self, cells: Ints) -> tuple[bool, Callable[[], bool]]:
+    def _guess_connectivity(self, cells: Ints) -> tuple[bool, Callable[[], bool]]:
         return self._components.hint(cells)
 
     @property

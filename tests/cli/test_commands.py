@@ -84,9 +84,9 @@ def test_map_writes_and_describes_a_map(room: Path) -> None:
     assert tuple(printed["cells"].values()) == space.count()
     assert printed["free_volume_m3"] == pytest.approx(space.count()[0] * 1e-3)
     lines = run("info", "rooms.zarr").stdout.splitlines()
-    assert f"free volume  {printed['free_volume_m3']:.6g} m³" in lines
-    assert "robot        box 0.2 m x 0.2 m x 0.2 m" in lines
-    assert f"  free       {space.count()[0]}" in lines
+    assert f"free volume     {printed['free_volume_m3']:.6g} m³" in lines
+    assert "robot           box 0.2 m x 0.2 m x 0.2 m" in lines
+    assert f"  free          {space.count()[0]}" in lines
 
 
 def test_options_of_map_reach_the_build(room: Path) -> None:
