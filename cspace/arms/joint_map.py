@@ -1,7 +1,7 @@
-"""build_joint_map: a few joints of an arm among obstacles, as a certified map of all their positions.
+"""Certified maps of two or three joints of an arm among obstacles.
 
-In the space of its joints an arm is a point, and what it must keep out of are the cells that are not FREE. So the map
-is a :class:`cspace.CSpace` of a point (:class:`cspace.shapes.Point`), whose workspace are these cells.
+In the space of its joints an arm is a point, and its obstacles are the cells that are not FREE. So the map is a
+:class:`cspace.CSpace` of a point (:class:`cspace.shapes.Point`) whose workspace consists of these cells.
 """
 
 from __future__ import annotations
@@ -44,19 +44,23 @@ from cspace.threads import cores, in_threads
 from cspace.workspace import Workspace
 
 _BYTES_PER_JOINT_CELL: Final = 3
-"""For each cell: its state, and whether it meets an obstacle or lies in one."""
+"""Memory per cell, bytes: its state, and whether it meets an obstacle or lies in one."""
+
 
 _BLOCK_CELLS_PER_AXIS: Final = 32
-"""Cells along each axis of a block that a thread begins with."""
+"""Cells per axis of the blocks that threads start with."""
+
 
 _LATTICE_POINTS_PER_SURFACE: Final = 1000
-"""About how many points of a box are looked at for balls."""
+"""Approximate number of lattice points in the box of a closed surface."""
+
 
 _MAX_BALLS_PER_SURFACE: Final = 64
-"""Balls of a closed surface, at most."""
+"""Largest number of balls inside a closed surface."""
+
 
 _MAX_CORNERS_PER_SOLID: Final = 24
-"""Corners of a solid that count as balls without a radius, at most."""
+"""Largest number of corners of a solid used as balls of radius zero."""
 
 
 def build_joint_map(
@@ -69,41 +73,41 @@ def build_joint_map(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> CSpace:
-    """Map all positions of two or three joints of an arm: a cell is FREE or BLOCKED as a whole, or else MIXED.
+    """Map all positions of two or three joints: each cell is FREE, BLOCKED or MIXED as a whole.
 
     Parameters
     ----------
     space : ArmSpace
     spacing : float
-        Side of the cells: radians, and metres of joints that slide. With continuous joints it is rounded down so that
-        whole cells make a turn.
+        Side of the cells: radians, and metres for prismatic joints. If a joint is continuous, the side is rounded down
+        so that whole cells make a turn.
     joints : sequence of str, optional
-        The joints of the map, in the order of its axes; by default all of the arm's.
+        The joints of the map, in the order of its axes; by default all joints of the arm.
     held_joints : array-like, shape (arm.dof,), optional
-        A configuration of the arm, at which the other joints are held; needed where there are others.
+        A configuration of the arm, at which the other joints are held; required if there are others.
     limits : mapping of str to (float, float), optional
-        The part of a joint's range that is mapped; by default all between its limits, and of continuous joints the
-        whole circle, without a seam. No path leads across the ends of such a part.
+        The mapped part of a joint's range. The default is the whole range, for continuous joints the whole circle
+        without a seam. No path crosses the ends of such a part.
     workers : int, optional
         Threads; by default one for each core that the process may use.
     progress : callable, optional
-        Called with (steps done, steps in all).
+        Called with (steps done, total steps).
 
     Returns
     -------
     CSpace
-        Its axes are the joints, without a seam along continuous ones. Look-ups with ``exact=True`` use the arm's
-        geometry in MIXED cells, until cells are changed; files do not hold it. The robot is a point, the workspace the
-        cells that are not FREE, and beyond the limits is BLOCKED. Where limits are not a whole number of cells apart,
-        the last cells reach beyond the upper one, and are never FREE.
+        Its axes are the joints, periodic for continuous ones. Queries with ``exact=True`` use the geometry of the arm
+        in MIXED cells, until cells are changed; files do not store it. The robot is a point, the workspace the cells
+        that are not FREE, and everything beyond the limits is BLOCKED. If the limits are not a whole number of cells
+        apart, the last cells exceed the upper limit and are never FREE.
 
     Raises
     ------
     InputError
-        If a joint is unknown, or there are not two or three, the others are held nowhere, limits are missing or not
-        within the joint's, or the map does not fit into memory.
+        If a joint is unknown, there are not two or three joints, ``held_joints`` is missing, limits are missing or
+        exceed those of the joint, or the map does not fit into memory.
     ConfigurationError
-        If links that the joints do not move against each other touch where the others are held.
+        If links touch that the joints do not move against each other.
 
     References
     ----------
@@ -113,17 +117,14 @@ def build_joint_map(
     names = arm.joints if joints is None else tuple(joints)
     for name in names:
         if name not in arm.joints:
-            raise InputError(
-                "joints", f"name {name!r}", f"there are {', '.join(arm.joints)}", "name two or three", value=name
-            )
+            rule = f"there are {', '.join(arm.joints)}"
+            raise InputError("joints", f"name {name!r}", rule, "name two or three", value=name)
         if name in Rotations.all_names() or name.split() != [name]:
-            rule = f"an axis of a map has a name without blanks, and none of {', '.join(Rotations.all_names())}"
+            rule = f"axis names have no blanks and differ from {', '.join(Rotations.all_names())}"
             raise InputError("joints", f"name {name!r}", rule, "rename the joint in the URDF", value=name)
     if len(names) not in (2, 3) or len(set(names)) < len(names):
-        rule = "a map is of two or three different joints"
-        raise InputError(
-            "joints", f"are {', '.join(names)}", rule, "name them, and pass held_joints= for the others", value=names
-        )
+        rule, hint = "a map has two or three different joints", "name them, and pass held_joints= for the others"
+        raise InputError("joints", f"are {', '.join(names)}", rule, hint, value=names)
     joint_indices = np.array([arm.joints.index(name) for name in names])
     held = _held_configuration(space, names, held_joints)
     intervals = np.array([_joint_range(space, name, limits) for name in names])
@@ -132,7 +133,7 @@ def build_joint_map(
         intervals[list(periodic_axes)] = -math.pi, math.pi
         around = _count_cells(np.array([[0.0, TWO_PI]]), side).item()
         side = TWO_PI / around
-        if around * side - math.pi < math.pi:  # the last cell holds the last angle
+        if around * side - math.pi < math.pi:  # the last cell must contain the last angle
             side = math.nextafter(side, math.inf)
     counts = _count_cells(intervals, side)
     units = tuple(arm.units[number] for number in joint_indices.tolist())
@@ -151,7 +152,7 @@ def build_joint_map(
     for moved in np.unique(moving[moving.any(axis=1)], axis=0):
         pairs = space.record.pairs[(moving == moved).all(axis=1)]
         scene, inside = space.record._replace(pairs=pairs), InnerScene(space.inner_record._replace(pairs=pairs), balls)
-        # Along joints that do not move the two against each other, one cell stands for all.
+        # Along joints that do not move these pairs, one cell represents all.
         sides = np.concatenate([np.ones(3 - len(shape), dtype=np.int64), np.where(moved, shape, 1)])
         parts.append(np.empty(sides, dtype=np.uint8))
         starts = (
@@ -163,12 +164,12 @@ def build_joint_map(
         ]
     tell = None if progress is None else lambda done: progress(done, len(work))
     in_threads(lambda task: task(), work, workers or cores(), tell)
-    # What is FREE of all pairs is FREE, and what is BLOCKED of one is BLOCKED.
+    # A cell is FREE if all pairs are, and BLOCKED if one pair is.
     states = np.zeros(shape, dtype=np.uint8)
     for part in parts:
         np.maximum(states, part.reshape(part.shape[3 - len(shape) :]), out=states)
     for axis, (low, high) in enumerate(intervals.tolist()):
-        if low + side * shape[axis] > high + 1e-9 * side:  # the last cells reach beyond
+        if low + side * shape[axis] > high + 1e-9 * side:  # the last cells exceed the limit
             last = np.moveaxis(states, axis, 0)[-1]
             last[last == FREE] = MIXED
     workspace = Workspace(grid, states != FREE, states == BLOCKED, source=repr(space))
@@ -183,30 +184,24 @@ def build_joint_map(
 def _classify_block(
     scene: Scene, inside: InnerScene, cells: JointCells, block: Ints, states: NDArray[np.uint8]
 ) -> None:
+    """Classify a block of cells, with fresh scratch memory."""
     classify_block(
         scene, inside, cells, make_pending(block, cells, len(scene.pairs)), states, make_scene_scratch(scene)
     )
 
 
 def _held_configuration(space: ArmSpace, names: Sequence[str], held_joints: ArrayLike | None) -> Floats:
-    """A configuration of the arm, of which the numbers of the map's joints do not count."""
+    """Return the configuration with the values of the held joints; the others do not matter."""
     others = [name for name in space.arm.joints if name not in names]
     if held_joints is None:
         if others:
-            rule = f"the map holds {', '.join(others)} still"
-            raise InputError(
-                "held_joints", "is missing", rule, f"pass a configuration of the arm, {space.arm.dof} numbers"
-            )
+            rule, hint = f"the map holds {', '.join(others)} still", f"pass the arm's {space.arm.dof} joint values"
+            raise InputError("held_joints", "is missing", rule, hint)
         return np.zeros(space.arm.dof)
     held = space.arm._check_configurations(held_joints, "held_joints")
     if held.ndim != 1:
-        raise InputError(
-            "held_joints",
-            f"has shape {held.shape}",
-            "it must be one configuration of the arm",
-            "pass one",
-            value=held_joints,
-        )
+        problem, rule = f"has shape {held.shape}", "it must be one configuration of the arm"
+        raise InputError("held_joints", problem, rule, "pass one", value=held_joints)
     within = space.arm.clamp(held)
     joint_indices = [space.arm.joints.index(name) for name in others]
     within[joint_indices] = held[joint_indices]
@@ -215,13 +210,13 @@ def _held_configuration(space: ArmSpace, names: Sequence[str], held_joints: Arra
 
 
 def _joint_range(space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]] | None) -> tuple[float, float]:
-    """The part of a joint's way that is mapped."""
+    """Return the mapped part of a joint's range."""
     number = space.arm.joints.index(name)
     full_range = float(space.arm.lower[number]), float(space.arm.upper[number])
     if limits is None or name not in limits:
         if math.isinf(full_range[0]) and not space.periodic_axes[number]:
-            problem = f"are missing for {name!r}, which turns for ever, and other joints by another angle"
-            rule, hint = "after a turn the arm is not where it was", f"pass limits={{{name!r}: (-3.14, 3.14)}}"
+            problem = f"are missing for {name!r}, which is continuous but moves other joints by another angle"
+            rule, hint = "a turn does not restore the arm", f"pass limits={{{name!r}: (-3.14, 3.14)}}"
             raise InputError("limits", problem, rule, hint, value=limits)
         if full_range[0] == full_range[1]:
             hint = "name the other joints; held_joints= says where it is held"
@@ -237,14 +232,14 @@ def _joint_range(space: ArmSpace, name: str, limits: Mapping[str, tuple[float, f
 
 
 def _count_cells(intervals: Floats, side: float) -> Ints:
-    """How many cells cover each interval, shape (d, 2); rounding makes no cell."""
+    """Return how many cells cover each interval, shape (d, 2); rounding adds no cell."""
     exact = (intervals[:, 1] - intervals[:, 0]) / side
     nearest = np.rint(exact)
     return np.maximum(1, np.where(np.abs(exact - nearest) < 1e-9, nearest, np.ceil(exact))).astype(np.int64)
 
 
 def _moving_pairs(space: ArmSpace, joint_indices: Ints) -> Bools:
-    """Which of some numbers of a configuration move pairs of solids against each other, shape (pairs, numbers)."""
+    """Return which joints move which pairs of solids against each other, shape (pairs, joints)."""
     chain, scene = space.arm.chain, space.record
     bodies = scene.solids.bodies[scene.pairs]
     between = chain.between[bodies[:, 0], bodies[:, 1]] & (chain.kinds != FIXED)
@@ -252,7 +247,10 @@ def _moving_pairs(space: ArmSpace, joint_indices: Ints) -> Bools:
 
 
 def _refuse_held_contact(space: ArmSpace, joint_indices: Ints, held: Floats, still: Ints) -> None:
-    """Refuse to map nothing but BLOCKED: pairs that the joints do not move against each other, and that touch."""
+    """Raise ConfigurationError if pairs touch that the mapped joints do not move.
+
+    Otherwise all cells would be BLOCKED.
+    """
     scene = space.record._replace(pairs=space.record.pairs[still])
     if not len(scene.pairs):
         return
@@ -265,7 +263,7 @@ def _refuse_held_contact(space: ArmSpace, joint_indices: Ints, held: Floats, sti
 
 
 def _joint_cells(space: ArmSpace, grid: Grid, joint_indices: Ints, held: Floats) -> JointCells:
-    """The grid as compiled code takes it, along three axes."""
+    """Return the grid as kernels take it, along three axes."""
     chain, solids = space.arm.chain, space.record.solids
     levers = np.zeros(len(held))
     for body in np.unique(solids.bodies[space.record.pairs]):
@@ -285,7 +283,7 @@ def _joint_cells(space: ArmSpace, grid: Grid, joint_indices: Ints, held: Floats)
 
 
 def _inner_balls(solids: Solids) -> InnerBalls:
-    """Balls in solids: of the points of a lattice the deepest, each some way from those before it; and corners."""
+    """Return balls inside solids: the deepest lattice points, apart from each other, and corners."""
     surfaces = [_sample_depths(solids, surface) for surface in range(len(solids.boxes))]
     balls: list[Floats] = []
     counts = []
@@ -316,7 +314,7 @@ def _inner_balls(solids: Solids) -> InnerBalls:
 
 
 def _solid_balls(rows: Floats) -> Floats:
-    """The largest of the balls in rows of a tree that are boxes or balls, shape (n, 4)."""
+    """Return the largest balls inside boxes and balls of a tree, shape (n, 4)."""
     first, second = (np.linalg.norm(rows[:, k : k + 3], axis=1) for k in (3, 6))
     radii = np.where(rows[:, 9] < 0.0, np.minimum(np.minimum(first, second), -rows[:, 9]), rows[:, 9])
     largest = np.argsort(-radii, kind="stable")[:_MAX_BALLS_PER_SURFACE]
@@ -325,10 +323,10 @@ def _solid_balls(rows: Floats) -> Floats:
 
 
 def _sample_depths(solids: Solids, surface: int) -> tuple[Floats, Floats, tuple[int, ...]]:
-    """Points of a lattice in the box of a closed surface, how deep they lie in that, and the lattice's shape."""
+    """Return lattice points in the box of a closed surface, their depths, and the shape of the lattice."""
     low, sides = solids.boxes[surface, :3], np.ptp(solids.boxes[surface].reshape(2, 3), axis=0)
     step = np.cbrt(sides.prod() / _LATTICE_POINTS_PER_SURFACE)
-    # Odd numbers, so that some lie in the middle of what is thin.
+    # Odd counts put lattice points in the center plane of thin bodies.
     shape = tuple(
         np.minimum(2 * np.floor(0.5 * sides / step) + 1, _LATTICE_POINTS_PER_SURFACE // 4).astype(np.int64).tolist()
     )
@@ -339,7 +337,7 @@ def _sample_depths(solids: Solids, surface: int) -> tuple[Floats, Floats, tuple[
 
 
 def _pick_balls(points: Floats, depth: Floats, shape: tuple[int, ...]) -> Floats:
-    """Centers and radii of the largest balls around points, but for those near a larger one, shape (n, 4)."""
+    """Return centers and radii of the largest balls around points, except near larger ones, shape (n, 4)."""
     chosen: list[int] = []
     for k in np.argsort(-depth)[: np.count_nonzero(depth > 0.0)].tolist():
         if (
@@ -351,17 +349,17 @@ def _pick_balls(points: Floats, depth: Floats, shape: tuple[int, ...]) -> Floats
 
 
 class JointProofs:
-    """Proofs by an arm in a scene, as :class:`cspace.exact.boundaries.Proofs`, of a few of its joints.
+    """Proofs by an arm in a scene, for the joints of a map; see :class:`cspace.exact.boundaries.Proofs`.
 
     Parameters
     ----------
     scene : Scene
-    numbers : ndarray of int64, shape (d,)
-        Which numbers of the arm's configuration those of the map are.
+    joint_indices : ndarray of int64, shape (d,)
+        Indices of the mapped joints.
     held : ndarray of float64, shape (arm.dof,)
-        What the others are.
+        Values of the other joints.
     intervals : ndarray of float64, shape (d, 2)
-        The part of each joint's range that is mapped; infinite for continuous joints.
+        The mapped part of each joint's range; infinite for continuous joints.
     problem : Problem
         The map.
     """
@@ -371,25 +369,28 @@ class JointProofs:
         self._problem = problem
 
     def edge(self, *endpoints: float) -> bool:
+        """Return True if the whole edge is proven free."""
         return bool(self.are_free(*np.array(endpoints).reshape(2, 1, -1))[0])
 
     def are_free(self, q0: Floats, q1: Floats) -> Bools:
-        free, (low, high) = np.zeros(len(q0), dtype=np.bool_), self._intervals.T  # beyond them nothing is proven
+        """Return whether each edge, shapes (n, d), is proven free."""
+        free, (low, high) = np.zeros(len(q0), dtype=np.bool_), self._intervals.T  # nothing is proven beyond the limits
         first, last = (((low <= q) & (q <= high)).all(axis=1) for q in (q0, q1))
         inside = np.flatnonzero(first & last)
         free[inside] = are_free(self._scene, *(self._whole(q[inside]) for q in (q0, q1)))
         return free
 
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
+        """Return a lower bound of the slack along a path in joint space, to the cells that are not FREE."""
         return self._in_joints.slack(points, lengths, angles)
 
     @cached_property
     def _in_joints(self) -> Proofs:
-        """Proofs of distances in joint space, to the cells that are not FREE."""
+        """Proofs of distances in joint space."""
         return BoundaryProofs(self._problem)
 
     def _whole(self, q: Floats) -> Floats:
-        """Configurations of the arm, shape (n, arm.dof)."""
+        """Return configurations of the arm, shape (n, arm.dof)."""
         rows = np.tile(self._held_configuration, (len(q), 1))
         rows[:, self._numbers] = q
         return rows

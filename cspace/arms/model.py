@@ -1,4 +1,4 @@
-"""Arm: links and joints, read from a URDF."""
+"""Arms: links and joints, read from URDF files."""
 
 from __future__ import annotations
 
@@ -26,22 +26,26 @@ if TYPE_CHECKING:
     from cspace.files.urdf import EndEffector, PackageDirs
 
 Names = tuple[str, str]
-"""Of two links, in order."""
+"""Two link names in alphabetical order."""
 
 SolidMode: TypeAlias = Literal["auto", "surface"]
-"""What of a link's mesh has an inside: its closed bodies, or nothing."""
+"""Parts of a link's mesh that are solid: its closed bodies, or none."""
 
 _JOINT_KINDS: Final = {"fixed": FIXED, "revolute": REVOLUTE, "continuous": REVOLUTE, "prismatic": PRISMATIC}
-"""What joints do, by their type in a URDF."""
+"""Kind of each URDF joint type."""
+
 
 CONTACT_SAMPLES: Final = 1000
-"""Random configurations after which a pair is said to touch never, or always."""
+"""Random configurations from which a pair counts as touching never or always."""
+
 
 LIMIT_SLACK: Final = 1e-5
-"""How far beyond a limit a joint may stand, radians or metres: files round limits and configurations differently."""
+"""Largest accepted excess over a joint limit, radians or metres, because files round limits and configurations
+differently."""
+
 
 _FIRST_SAMPLES: Final = 4
-"""Configurations in one of which most pairs are apart."""
+"""Configurations tested first, because most pairs are apart in one of them."""
 
 
 class Joint(NamedTuple):
@@ -51,19 +55,19 @@ class Joint(NamedTuple):
     ----------
     name : str
     kind : int
-        STILL, TURNS or SLIDES.
+        FIXED, REVOLUTE or PRISMATIC.
     parent, child : str
         Links.
     frame : ndarray of float64, shape (4, 4)
-        Of the joint in the frame of the parent link.
+        Frame of the joint in the frame of the parent link.
     axis : ndarray of float64, shape (3,)
         Unit vector, in the joint's frame.
     lower, upper : float
         Limits, radians or metres; infinite for a continuous joint.
     leader : str
-        The joint that it follows; its own name if it follows none.
+        The joint that it mimics; its own name if none.
     factor, offset : float
-        It is at ``factor * leader + offset``.
+        Its position is ``factor * leader + offset``.
     """
 
     name: str
@@ -81,7 +85,7 @@ class Joint(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Arm:
-    """A robot with joints: a tree of links, of which the joints are moved by the numbers of a configuration.
+    """A robot with joints: a tree of links, moved by configurations.
 
     Read one with :meth:`from_urdf`. A configuration has one number for each of :attr:`joints`, radians or metres.
 
@@ -89,27 +93,26 @@ class Arm:
     ----------
     name : str
     joints : tuple of str
-        Those that a configuration moves, in its order.
+        The joints of a configuration, in its order.
     lower, upper : ndarray of float64, shape (dof,)
         Their limits; infinite for continuous joints.
     links : tuple of Solid
-        Links that have a collision geometry, each on the body that it moves with.
+        Links with a collision geometry, each on the body that it moves with.
     allowed_collisions : dict of pairs of str to str
-        Links that may touch each other, in the order of the alphabet, and why: ``"adjacent"``, ``"one body"``,
-        ``"always"`` for those that touch in each of 100 random configurations, ``"held"``, or what the SRDF says.
+        Alphabetical pairs of links that may touch, and the reason: ``"adjacent"``, ``"one body"``, ``"always"`` if they
+        touch in each of 100 random configurations, ``"held"``, or the reason of the SRDF.
     frames : dict of str to ndarray of float64, shape (4, 4)
         From the frame of each link to that of its body.
     chain : Chain
     units : tuple of str
         Units of the joints: "rad", or "m" for prismatic ones.
     groups : dict of str to tuple of str
-        Joints of each group of the SRDF, those that a configuration moves, in its order.
+        Joints of each group of the SRDF, in the order of a configuration.
     named_configurations : dict of str to ndarray of float64, shape (dof,), read-only
         Group states of the SRDF, by ``"GROUP/STATE"``, such as ``"panda_arm/ready"``; by ``"STATE"`` if one has no
-        group. Joints that a state does not
-        name are at zero, or at their limit next to it.
+        group. Joints missing from a state are at zero, or at their nearest limit.
     end_effectors : dict of str to EndEffector
-        Those of the SRDF, each with ``parent_link``, ``group`` and ``parent_group``.
+        End effectors of the SRDF, each with ``parent_link``, ``group`` and ``parent_group``.
     """
 
     name: str
@@ -136,68 +139,68 @@ class Arm:
         solid: SolidMode = "auto",
         package_dirs: PackageDirs = (),
     ) -> Arm:
-        """An arm from a URDF file, with the collision geometry of its links.
+        """Read an arm from a URDF file, with the collision geometry of its links.
 
-        Revolute, continuous and prismatic joints move, those that mimic another one with it; fixed joints make one body
-        of their links.
+        Revolute, continuous and prismatic joints move, together with the joints that mimic them. Fixed joints merge
+        their links into one body.
 
         Parameters
         ----------
         path : path-like
-            The URDF. Meshes are looked for as :meth:`cspace.Robot.from_urdf` says.
+            The URDF. Meshes are found as in :meth:`cspace.Robot.from_urdf`.
         srdf : path-like, optional
             An SRDF file with groups, group states, end effectors, and the links that may touch: pairs of
             ``disable_collisions``, and all of a link of ``disable_default_collisions`` except those of
-            ``enable_collisions``. Links and joints that the URDF does not have are skipped, and one warning lists them.
-            Without an SRDF, links may touch that are of one body, that a joint joins, directly or over links without a
-            geometry, or that touch in each of 100 random configurations, which are always the same.
+            ``enable_collisions``. Links and joints missing from the URDF are skipped with one warning. Without an SRDF,
+            links may touch if they belong to one body, if a joint connects them, directly or over links without
+            geometry, or if they touch in each of 100 fixed random configurations.
         tip : str, optional
-            Only the joints between the base and this link move; the others are held at zero, or at their limit next to
-            it. By default all move.
+            Only the joints between the base and this link move; the others are held at zero, or at their nearest limit.
+            By default all move.
         base : str, optional
-            The link in whose frame obstacles are given; only links below it are taken. By default the root of all.
+            The link in whose frame obstacles are given; only links below it are read. By default the root.
         solid : {"auto", "surface"}
-            What of the meshes has an inside: their closed bodies, or nothing. What ``"fill"`` means elsewhere depends
-            on a spacing, which the proofs of an arm do not have.
+            Parts of the meshes that are solid: their closed bodies, or none. ``"fill"`` needs a spacing, which arms do
+            not have.
         package_dirs : path-like or sequence of path-like, optional
-            Folders that hold the folders of ROS packages.
+            Folders that contain the folders of ROS packages.
 
         Raises
         ------
         FileError
-            If a file is missing or malformed, or several files could be meant by the name of a mesh.
+            If a file is missing or malformed, or a mesh name matches several files.
         InputError
-            If there is no such folder or link, no joint moves, limits are missing or upside down, an axis is zero, a
-            joint is of another type, or no link has a collision geometry.
+            If a folder or link does not exist, no joint moves, limits are missing or reversed, an axis is zero, a joint
+            has another type, or no link has a collision geometry.
         MissingPackageError
             If yourdfpy is not installed.
         """
         from cspace.files.urdf import load_urdf, package_folders, root_link
 
         if solid not in ("auto", "surface"):
-            rule = "it says what of the meshes has an inside"
-            raise InputError("solid", f"is {solid!r}", rule, "use 'auto' or 'surface'", value=solid)
+            rule = "it must be 'auto' or 'surface'"
+            raise InputError("solid", f"is {solid!r}", rule, "pass one of them", value=solid)
         folders = package_folders(package_dirs)
         urdf = load_urdf(path)
         file = os.fspath(path)
         for name, link in (("tip", tip), ("base", base)):
             if link is not None and link not in urdf.link_map:
-                raise InputError(
-                    name, f"is {link!r}", f"{file} has {', '.join(urdf.link_map)}", "name one of these", value=link
-                )
+                rule = f"{file} has {', '.join(urdf.link_map)}"
+                raise InputError(name, f"is {link!r}", rule, "name one of these", value=link)
         joints = {joint.name: _read_joint(joint, file) for joint in urdf.robot.joints}
         return _Assembly(file, urdf, joints, base or root_link(urdf), tip).arm(srdf, folders, solid)
 
     @property
     def dof(self) -> int:
-        """How many numbers a configuration has."""
+        """Number of joints of a configuration."""
         return len(self.joints)
 
     def __repr__(self) -> str:
+        """Return name, joints and links with geometry."""
         return f"Arm({self.name}: {self.dof} joints, {len(self.links)} links with geometry)"
 
     def poses(self, q: ArrayLike) -> dict[str, Floats]:
-        """Where the links with a geometry are: from the frame of each to that of the base, shape (4, 4), by name.
+        """Return the pose of each link with geometry: from its frame to that of the base, shape (4, 4), by name.
 
         Parameters
         ----------
@@ -211,7 +214,7 @@ class Arm:
     def attach(
         self, name: str, shape: ShapeLike, link: str, pose: ArrayLike | None = None, touch_links: Iterable[str] = ()
     ) -> Arm:
-        """The arm with an object that a link carries, such as a tool, or a box that was grasped.
+        """Return the arm with an object that a link carries, such as a tool or a grasped box.
 
         Parameters
         ----------
@@ -220,16 +223,17 @@ class Arm:
         shape : Shape, trimesh.Trimesh, path-like, or anything else that :meth:`cspace.CSpace.add_obstacle` takes
             In space, metres, e.g. ``trimesh.creation.box((0.1, 0.1, 0.2))``.
         link : str
-            It moves with this one, and may touch it.
+            The link that carries the object and may touch it.
         pose : array-like, shape (4, 4), optional
-            From the object's frame to that of the link; by default they are the same.
+            From the object's frame to that of the link; the identity by default.
         touch_links : str or iterable of str
-            Other links that it may touch.
+            Other links that may touch it.
 
         Raises
         ------
         InputError
-            If the name is taken, a link is unknown, the shape is none or in the plane, or the pose is no rigid motion.
+            If the name is taken, a link is unknown, the shape is invalid or in the plane, or the pose is no rigid
+            motion.
         """
         solid = shape_of(shape)
         if solid.dim != 3:
@@ -240,17 +244,14 @@ class Arm:
         try:
             others = [touch_links] if isinstance(touch_links, str) else list(touch_links)
         except TypeError as error:
-            rule = "it must be names of links"
-            raise InputError(
-                "touch_links", f"is {touch_links!r}", rule, "pass a list of strings", value=touch_links
-            ) from error
+            problem, rule = f"is {touch_links!r}", "it must be names of links"
+            raise InputError("touch_links", problem, rule, "pass a list of strings", value=touch_links) from error
         if name in names:
             raise InputError("name", f"is {name!r}", "a link has it", "choose another one", value=name)
         for each in (link, *others):
             if each not in names:
-                raise InputError(
-                    "link", f"is {each!r}", f"there are {', '.join(names)}", "name one of these", value=each
-                )
+                rule = f"there are {', '.join(names)}"
+                raise InputError("link", f"is {each!r}", rule, "name one of these", value=each)
         body = self.links[names.index(link)].body
         place = np.eye(4) if pose is None else check_rigid(pose, "pose")
         held = Solid(name, body, (share_posed_shape(solid, self.frames[link] @ place),))
@@ -259,11 +260,11 @@ class Arm:
 
     @cached_property
     def pairs(self) -> dict[Names, str]:
-        """Every two links with a geometry, and what is known of them.
+        """Every two links with geometry, and whether they may or do touch.
 
-        Why they may touch, as in :attr:`allowed_collisions`, or how often they touch in 1000 random configurations,
-        which are always the same: ``"never"``, ``"sometimes"`` or ``"always"``. Every proof checks all of these:
-        sampling proves nothing.
+        The value is the reason why they may touch, as in :attr:`allowed_collisions`. Otherwise it says how often they
+        touch in 1000 fixed random configurations: ``"never"``, ``"sometimes"`` or ``"always"``. Every proof checks all
+        other pairs, because sampling proves nothing.
         """
         moving = _moving(self.links)
         scene = make_scene(self.chain, self.links, moving)
@@ -274,21 +275,19 @@ class Arm:
         return reasons | {pair: why for pair, why in self.allowed_collisions.items() if pair in reasons}
 
     def _names(self, pair: tuple[int, int]) -> Names:
+        """Return the link names of a pair of indices."""
         return sort_pair(self.links[pair[0]].name, self.links[pair[1]].name)
 
     def ranges(self, around: ArrayLike = 0.0) -> tuple[Floats, Floats]:
-        """Limits of the joints; of those without, half a turn around some configurations, shape (n, dof), or zero."""
+        """Return the limits of the joints, or half a turn around configurations, shape (n, dof), if there are none."""
         q = np.atleast_2d(around)
         low, high = q.min(axis=0) - math.pi, q.max(axis=0) + math.pi
         return np.where(np.isinf(self.lower), low, self.lower), np.where(np.isinf(self.upper), high, self.upper)
 
     def check_limits(self, q: Floats, name: str) -> None:
-        """Refuse configurations, shape (..., dof), more than :data:`LIMIT_SLACK` beyond a limit.
+        """Raise ConfigurationError if a joint exceeds a limit by more than :data:`LIMIT_SLACK`.
 
-        Raises
-        ------
-        ConfigurationError
-            If one is.
+        ``q`` are configurations, shape (..., dof).
         """
         beyond = np.maximum(self.lower - q, q - self.upper)
         if (beyond > LIMIT_SLACK).any():
@@ -303,11 +302,11 @@ class Arm:
             )
 
     def clamp(self, q: Floats) -> Floats:
-        """Move configurations, shape (..., dof), onto the limits where they are beyond them."""
+        """Clamp configurations, shape (..., dof), to the limits."""
         return np.asarray(q.clip(self.lower, self.upper))
 
     def _check_configurations(self, q: ArrayLike, name: str) -> Floats:
-        """Configurations, shape (..., dof).
+        """Return configurations, shape (..., dof), as floats.
 
         Raises
         ------
@@ -322,12 +321,12 @@ class Arm:
 
 
 def sort_pair(one: str, other: str) -> Names:
-    """Two names in order."""
+    """Return two names in alphabetical order."""
     return (one, other) if one < other else (other, one)
 
 
 def _read_joint(joint: Any, file: str) -> Joint:
-    """A joint as yourdfpy gives it."""
+    """Convert a joint of yourdfpy."""
     where = f"{file}: joint {joint.name!r}"
     if joint.type not in _JOINT_KINDS:
         rule = f"it must be one of {', '.join(_JOINT_KINDS)}"
@@ -337,9 +336,8 @@ def _read_joint(joint: Any, file: str) -> Joint:
     axis = finite([1.0, 0.0, 0.0] if joint.axis is None else joint.axis, f"{where}: axis")
     length = float(np.linalg.norm(axis))
     if kind != FIXED and not length > 0.0:
-        raise InputError(
-            f"{where}: axis", "is zero", "a joint turns about it or slides along it", "correct it", value=joint.axis
-        )
+        rule = "a joint turns about it or slides along it"
+        raise InputError(f"{where}: axis", "is zero", rule, "correct it", value=joint.axis)
     lower, upper = -math.inf, math.inf
     if kind != FIXED and joint.type != "continuous":
         limits = (getattr(joint.limit, "lower", None), getattr(joint.limit, "upper", None))
@@ -347,10 +345,8 @@ def _read_joint(joint: Any, file: str) -> Joint:
             raise InputError(where, "has no limits", "revolute and prismatic joints have", "add <limit lower= upper=>")
         lower, upper = (float(finite(float(limit), f"{where}: limit")) for limit in limits if limit is not None)
         if lower > upper:
-            rule = "the lower one must not be above the upper one"
-            raise InputError(
-                f"{where}: limits", f"are {lower:.12g} and {upper:.12g}", rule, "exchange them", value=(lower, upper)
-            )
+            problem, rule = f"are {lower:.12g} and {upper:.12g}", "the lower one must not be above the upper one"
+            raise InputError(f"{where}: limits", problem, rule, "exchange them", value=(lower, upper))
     mimic = joint.mimic
     leader, factor, offset = joint.name, 1.0, 0.0
     if mimic is not None and kind != FIXED:
@@ -362,14 +358,14 @@ def _read_joint(joint: Any, file: str) -> Joint:
 
 
 class _Assembly:
-    """Bodies out of links and joints."""
+    """Builder of an arm from links and joints."""
 
     def __init__(self, file: str, urdf: Any, joints: Mapping[str, Joint], base: str, tip: str | None) -> None:
         self._file, self._urdf, self._joints, self._base = file, urdf, joints, base
         below: dict[str, list[Joint]] = {}
         for joint in joints.values():
             below.setdefault(joint.parent, []).append(joint)
-        # In breadth, so that a body comes after the one that it hangs on.
+        # Breadth-first order puts every body after its parent.
         self._order: list[Joint] = list(below.get(base, ()))
         for joint in self._order:
             self._order += below.get(joint.child, ())
@@ -379,9 +375,8 @@ class _Assembly:
             branch, link = set(), tip
             while link != base:
                 if link not in above:
-                    raise InputError(
-                        "tip", f"is {tip!r}", f"it is not below {base!r}", "name a link that is", value=tip
-                    )
+                    rule = f"it is not below {base!r}"
+                    raise InputError("tip", f"is {tip!r}", rule, "name a link that is", value=tip)
                 branch.add(link)
                 link = above[link].parent
         names = {joint.name for joint in self._order}
@@ -399,15 +394,14 @@ class _Assembly:
                 rule = "that joint mimics another one itself"
             else:
                 continue
-            raise InputError(
-                f"{file}: joint {joint.name!r}", f"mimics {joint.leader!r}", rule, "correct it", value=joint.leader
-            )
+            argument, problem = f"{file}: joint {joint.name!r}", f"mimics {joint.leader!r}"
+            raise InputError(argument, problem, rule, "correct it", value=joint.leader)
         if not self._moving:
-            raise InputError(
-                file, "has no joint that moves there", "an arm has one at least", "name another base or tip"
-            )
+            problem, rule = "has no joint that moves there", "an arm has at least one"
+            raise InputError(file, problem, rule, "name another base or tip")
 
     def arm(self, srdf: str | os.PathLike[str] | None, package_dirs: Sequence[Path], inside: SolidMode) -> Arm:
+        """Build the arm."""
         bodies = {self._base: (0, np.eye(4))}
         rows: list[tuple[int, Floats, Joint | None]] = [(0, np.eye(4), None)]
         for joint in self._order:
@@ -419,10 +413,8 @@ class _Assembly:
             else:
                 bodies[joint.child] = (body, frame @ self._fixed_pose(joint))
         if len(rows) > MAX_BODIES:
-            problem = f"has {len(rows)} bodies that move against each other"
-            raise InputError(
-                self._file, problem, f"at most {MAX_BODIES} are taken", "name a base or a tip", value=len(rows)
-            )
+            problem, rule = f"has {len(rows)} bodies that move against each other", f"at most {MAX_BODIES} are allowed"
+            raise InputError(self._file, problem, rule, "name a base or a tip", value=len(rows))
         links = tuple(self._links(bodies, package_dirs, inside))
         if not links:
             raise InputError(self._file, "has no collision geometry", "an arm's links need some", "add <collision>")
@@ -455,7 +447,7 @@ class _Assembly:
         )
 
     def _default_allowed(self, arm: Arm) -> dict[Names, str]:
-        """Pairs that may touch, where there is no SRDF: neighbours, links of one body, and those that always touch."""
+        """Return pairs that may touch without an SRDF: neighbours, links of one body, and links that always touch."""
         allowed = {
             sort_pair(one.name, other.name): "one body"
             for one, other in combinations(arm.links, 2)
@@ -474,7 +466,7 @@ class _Assembly:
         return allowed | {arm._names(pair): "always" for pair, always in zip(pairs, touching, strict=True) if always}
 
     def _fixed_pose(self, joint: Joint) -> Floats:
-        """The motion of a joint that no number moves."""
+        """Return the motion of a joint that no configuration moves."""
         from scipy.spatial.transform import Rotation
 
         leader = self._joints[joint.leader]
@@ -489,6 +481,7 @@ class _Assembly:
     def _links(
         self, bodies: Mapping[str, tuple[int, Floats]], package_dirs: Sequence[Path], inside: SolidMode
     ) -> Iterable[Solid]:
+        """Yield the links with collision geometry."""
         from cspace.files.urdf import find_meshes
         from cspace.shapes.scenes import shapes_of
 
@@ -500,6 +493,7 @@ class _Assembly:
                 yield Solid(name, body, tuple(parts))
 
     def _chain(self, rows: Sequence[tuple[int, Floats, Joint | None]]) -> Chain:
+        """Build the chain of bodies."""
         count = len(rows)
         parents = np.array([row[0] for row in rows], dtype=np.int64)
         frames = np.stack([row[1][:3] for row in rows])
@@ -523,25 +517,25 @@ class _Assembly:
 
 
 def _moving(links: Sequence[Solid]) -> list[tuple[int, int]]:
-    """Numbers of links that move against each other; the body of the second comes first in the chain."""
+    """Return pairs of links, by index, that move against each other; the second body comes first in the chain."""
     rows = combinations(range(len(links)), 2)
     pairs = [(i, j) if links[i].body > links[j].body else (j, i) for i, j in rows]
     return [(i, j) for i, j in pairs if links[i].body != links[j].body]
 
 
 def draw_configurations(ranges: tuple[Floats, Floats], count: int) -> Floats:
-    """Configurations within ranges, uniform, and always the same ones."""
+    """Draw uniform configurations within ranges, always the same ones."""
     return np.random.default_rng(0).uniform(*ranges, (count, len(ranges[0])))
 
 
 def sample_apart(scene: Scene, points: Floats) -> Bools:
-    """Whether each pair of a scene is proven apart at configurations, shape (p, n)."""
+    """Return whether each pair of a scene is proven apart at each configuration, shape (p, n)."""
     proven = [are_free(scene._replace(pairs=pair[np.newaxis]), points, points) for pair in scene.pairs]
     return np.array(proven, dtype=np.bool_).reshape(-1, len(points))
 
 
 def always_touch(scene: Scene, points: Floats) -> Bools:
-    """Whether each pair of a scene is proven apart at none of some configurations, shape (p,)."""
+    """Return whether each pair of a scene is proven apart at no configuration, shape (p,)."""
     left = np.asarray(~sample_apart(scene, points[:_FIRST_SAMPLES]).any(axis=1))
     left[left] = ~sample_apart(scene._replace(pairs=scene.pairs[left]), points[_FIRST_SAMPLES:]).any(axis=1)
     return left

@@ -1,4 +1,4 @@
-"""ArmSpace: an arm among obstacles, and proofs of its configurations and motions."""
+"""ArmSpace: proofs of the configurations and motions of an arm among obstacles."""
 
 from __future__ import annotations
 
@@ -40,30 +40,32 @@ from cspace.workspace import Workspace
 MIN_MOTIONS_PER_THREAD: Final = 20
 """Motions below which a second thread costs more than it saves."""
 
+
 MAX_DOUBLED_JOINTS: Final = 8
-"""Number of continuous joints that :meth:`ArmSpace.find_path` turns either way; any others turn the shorter way."""
+"""Largest number of continuous joints that :meth:`ArmSpace.find_path` tries both ways; others take the shorter way."""
+
 
 _MAX_FAILED_SAMPLES: Final = 100_000
-"""Samples of which none is free, after which sampling is given up."""
+"""Samples without a free one after which sampling fails."""
 
 
 _DISTANCE_SHARES: Final = (0.95, 0.8, 0.6, 0.4, 0.2, 0.1, 0.03, 0.0)
-"""Shares of (least distance at some points of a path - margin) that are tried for the whole path; 0 is the margin."""
+"""Shares of (smallest distance at points of a path - margin) tried for the whole path; 0 is the margin itself."""
 
 
 _HALF_TURN_ROUNDING: Final = 1e-9
-"""Radians that rounding may add to half a turn."""
+"""Rounding by which a joint may exceed half a turn, radians."""
 
 
 class Contact(NamedTuple):
-    """What is nearest to touching at a configuration.
+    """The pair nearest to touching at a configuration.
 
     Attributes
     ----------
     link, other : str
         A link, and the obstacle or link that it may not touch.
     distance : float
-        Lower bound of the distance between them, metres; zero where the configuration is not proven free.
+        Lower bound of the distance between them, metres; zero if the configuration is not proven free.
     points : ndarray of float64, shape (2, 3)
         The nearest points of the two, in the frame of the base, within rounding.
     """
@@ -82,7 +84,7 @@ class Group(NamedTuple):
 
     @property
     def solid(self) -> Solid:
-        """All of them as one."""
+        """All members as one solid."""
         parts = tuple(part for member in self.members for part in member.parts)
         return Solid(", ".join(member.name for member in self.members), self.members[0].body, parts)
 
@@ -90,10 +92,10 @@ class Group(NamedTuple):
 class ArmSpace(ConfigurationSpace, ArmPlot):
     """The configurations of an arm among obstacles; :func:`build_arm_space` makes one.
 
-    A configuration is FREE where no link touches an obstacle, or another link that it may not touch, by the collision
-    geometry as given; all sets are closed, so that touching is a collision. It is BLOCKED where a point of one is found
-    in the other, and MIXED where neither is proven. A motion moves all joints in step, along the straight line between
-    two configurations, and is proven all along.
+    A configuration is FREE if no link touches an obstacle, or another link that it may not touch, according to the
+    given collision geometry. All sets are closed, so that touching is a collision. A configuration is BLOCKED if a
+    point of one is found in the other, and MIXED if neither is proven. A motion moves all joints along the straight
+    line between two configurations, and is proven as a whole.
 
     Configurations up to 1e-5 rad (m) beyond a limit are accepted, because files round limits and configurations
     differently. Answers hold for the configuration as given. Paths stay within the limits: :meth:`find_path` and
@@ -104,10 +106,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     arm : Arm
     obstacles : dict of str to PosedShape
     margin : float
-        Metres by which FREE stays clear of obstacles, and links of each other.
+        Metres by which FREE keeps links away from obstacles and from each other.
     record, inner_record : Scene
-        What compiled functions take, such as those of ``cspace.arms.proofs``: to prove what is free, and, of what lies
-        in links and obstacles, what is not.
+        Kernel inputs that prove FREE by outer shapes, and BLOCKED by inner shapes.
     """
 
     def __init__(
@@ -127,7 +128,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                     pairs.append((i, j) if one.solid.body > other.solid.body else (j, i))
                 elif one.is_obstacle != other.is_obstacle:
                     fixed.append((i, j))
-        # Most collisions are of what is near the tip with an obstacle.
+        # Most collisions are between an obstacle and a link near the tip, so these pairs come first.
         pairs.sort(key=lambda pair: (solids[pair[1]].body != 0, -solids[pair[0]].body))
         self.record = make_scene(arm.chain, solids, pairs, margin)
         self.inner_record = make_inner_scene(self.record, solids)
@@ -136,7 +137,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         self._refuse_always()
 
     def _refuse_fixed(self, pair: Ints) -> None:
-        """Refuse an obstacle that a link touches which no joint moves."""
+        """Raise ConfigurationError if an obstacle touches a link that no joint moves."""
         scene, q = self.record._replace(pairs=pair), np.zeros((1, self.arm.dof))
         if not are_free(scene, q, q)[0]:
             link, obstacle, *_ = self.contact(scene, q)
@@ -148,7 +149,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             )
 
     def _refuse_always(self) -> None:
-        """Refuse what one or two joints move, and no configuration of theirs brings apart."""
+        """Raise ConfigurationError if a pair that at most two joints move always touches."""
         chain, bodies = self.arm.chain, self.record.solids.bodies
         between = chain.between[tuple(bodies[self.record.pairs].T)] & (chain.kinds != FIXED)
         few = [len(np.unique(chain.joint_indices[row])) <= 2 for row in between]
@@ -161,29 +162,30 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             )
 
     def _always_touch(self, pairs: Ints) -> Iterator[tuple[str, str]]:
-        """Names of the two solids of each pair that is apart at none of some random configurations."""
+        """Yield the names of pairs that are apart in none of the random configurations."""
         scene, points = self.record._replace(pairs=pairs), draw_configurations(self.arm.ranges(), CONTACT_SAMPLES)
         for pair in pairs[always_touch(scene, points)]:
             yield self.contact(scene._replace(pairs=pair[np.newaxis]), points[:1])[:2]
 
     def __repr__(self) -> str:
+        """Return the arm and the number of joints and obstacles."""
         return f"ArmSpace({self.arm.name}: {self.arm.dof} joints, {len(self.obstacles)} obstacles)"
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Names of the numbers of a configuration."""
+        """Names of the joints of a configuration."""
         return self.arm.joints
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units of the numbers of a configuration: "rad", or "m" for prismatic joints."""
+        """Units of the joints: "rad", or "m" for prismatic ones."""
         return self.arm.units
 
     @property
     def periodic_axes(self) -> tuple[bool, ...]:
-        """Which joints are continuous, so that a whole turn more is the same configuration.
+        """Whether each joint is continuous, so that a whole turn leads to the same configuration.
 
-        A joint that another one mimics by a part of its angle is not.
+        A joint that moves another joint by a fraction of its own angle is not periodic.
         """
         chain, circles = self.arm.chain, np.isinf(self.arm.upper)
         circles[
@@ -192,12 +194,12 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return tuple(circles.tolist())
 
     def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
-        """A quick ``is_free`` of floats, ``check(*q)``, as :meth:`cspace.CSpace.point_checker`."""
+        """Return a fast ``is_free`` of floats, ``check(*q)``; see :meth:`cspace.CSpace.point_checker`."""
         check = self.edge_checker()
         return lambda *q: check(*q, *q)
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
-        """A quick ``motion_is_free`` of floats, ``check(*q0, *q1)``, as :meth:`cspace.CSpace.edge_checker`."""
+        """Return a fast ``motion_is_free`` of floats, ``check(*q0, *q1)``; see :meth:`cspace.CSpace.edge_checker`."""
         scene, size, local = self.record, self.size, threading.local()
 
         def check(*endpoints: float) -> bool:
@@ -214,8 +216,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     def obstacle_distance(self, q: ArrayLike) -> float | Floats:
         """Bound the distance of links from obstacles, and from each other, from below, metres.
 
-        The distance is that of the geometry itself, without margin. It is zero where a configuration is not proven
-        free, and infinite if there is nothing to touch.
+        The distance is that of the geometry itself, without margin. It is zero if a configuration is not proven free,
+        and infinite if there is nothing to touch.
 
         Parameters
         ----------
@@ -262,7 +264,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return 0.0
 
     def closest(self, q: ArrayLike) -> Contact:
-        """What is nearest to touching at a configuration, shape (dof,).
+        """Return the pair nearest to touching at a configuration, shape (dof,).
 
         Raises
         ------
@@ -271,13 +273,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         point = self._check_configurations(q, "q")
         if point.ndim != 1:
-            raise InputError("q", f"has shape {point.shape}", "one configuration is asked for", "pass one", value=q)
+            raise InputError("q", f"has shape {point.shape}", "it must be one configuration", "pass one", value=q)
         if not len(self.record.pairs):
             raise InputError("obstacles", "are none", "there is nothing to touch", "add an obstacle")
         return self.contact(self.record, point[np.newaxis])
 
     def contact(self, scene: Scene, points: Floats) -> Contact:
-        """What is nearest to touching at a configuration, shape (1, dof), of the pairs of a scene."""
+        """Return the pair of a scene nearest to touching at a configuration, shape (1, dof)."""
         out, nearest = self._distances(scene, points)
         solids, (pair, *nodes) = scene.solids, nearest[0].tolist()
         owners = [each.name for group in self._groups for each in group.members for _ in each.parts]
@@ -292,25 +294,26 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return Contact(names[0], names[1], float(out[0]), _nearest_points(hulls[0], hulls[1], radii))
 
     def _distances(self, scene: Scene, points: Floats) -> tuple[Floats, Ints]:
+        """Return distances at configurations, and the pair and nodes that set each."""
         rows = own(points)
         out, nearest = np.empty(len(rows)), np.zeros((len(rows), 3), dtype=np.int64)
 
-        def work(first: int, stop: int) -> int:
+        def measure(first: int, stop: int) -> int:
             pair_distances(scene, rows[first:stop], out[first:stop], nearest[first:stop], make_scene_scratch(scene))
             return -1
 
-        in_chunks(work, len(rows), MIN_MOTIONS_PER_THREAD)
+        in_chunks(measure, len(rows), MIN_MOTIONS_PER_THREAD)
         return np.where(out > 0.0, out + self.margin, 0.0), nearest
 
     def sample_free(self, n: int | None = None, rng: np.random.Generator | None = None) -> Floats:
-        """Free configurations, uniform within the limits of the joints; for continuous ones, within a turn.
+        """Sample free configurations uniformly within the joint limits, for continuous joints within a turn.
 
         Parameters
         ----------
         n : int, optional
             How many; by default one, without a batch axis.
         rng : numpy.random.Generator, optional
-            Source of randomness. By default a new ``numpy.random.default_rng()``, which draws others at each call.
+            Source of randomness; by default a new ``numpy.random.default_rng()`` at each call.
 
         Returns
         -------
@@ -319,7 +322,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         Raises
         ------
         ConfigurationError
-            If none was free of very many.
+            If none of very many samples is free.
         InputError
             If ``n`` is negative or ``rng`` is neither None nor a Generator.
         """
@@ -338,7 +341,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                     f"in each of {CONTACT_SAMPLES} of them {', '.join(always)}"
                     if always
                     else "sampling needs some that are",
-                    "look at space.closest(q), and at the pairs that may touch",
+                    "check space.closest(q), and the pairs that may touch",
                 )
         samples = np.concatenate(batches)[:count]
         return samples[0] if n is None else samples
@@ -352,18 +355,18 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         seed: int | None = None,
         time_limit: float = 5.0,
     ) -> Floats:
-        """Find a path that is proven free all along; it is not the shortest.
+        """Find a path that is proven free as a whole; it is not the shortest.
 
         Two trees of motions grow towards each other. The path is the same every time for a seed, unless the time limit
         ends the search. Continuous joints may turn either way: the path ends at the goal, or whole turns from it. It
-        begins and ends within the limits: if q0 or q1 is beyond a limit by at most 1e-5 rad (m), at the limit.
+        begins and ends within the limits: if q0 or q1 exceeds a limit by at most 1e-5 rad (m), at the limit.
 
         Parameters
         ----------
         q0 : array-like, shape (dof,)
             A FREE configuration.
         q1 : array-like, shape (dof,) or (n, dof)
-            A FREE configuration; or several, any FREE one of which will do.
+            A FREE configuration, or several, of which any FREE one may be reached.
         straight : bool
             Whether to leave out waypoints that straight motions do not need.
         seed : int, optional
@@ -405,13 +408,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
     @property
     def _spans(self) -> Floats:
-        """The most that each joint may move between rows of a path: half a turn if continuous, else any distance."""
+        """Largest motion of each joint between rows of a path: half a turn if continuous, else inf."""
         return np.where(self.periodic_axes, math.pi + _HALF_TURN_ROUNDING, math.inf)
 
     def _check_spans(self, q0: Floats, q1: Floats, pairs: Ints | None = None) -> None:
-        """Refuse edges, shape (..., n, dof), that turn a continuous joint by more than half a turn.
+        """Raise InputError if edges, shape (..., n, dof), turn a continuous joint by more than half a turn.
 
-        ``pairs`` are the rows that each edge joins; by default a row and the next.
+        ``pairs`` are the rows that each edge joins; by default each row and the next.
         """
         steps = np.abs(q1 - q0)
         for *path, edge, joint in np.argwhere(steps > self._spans)[:1].tolist():
@@ -425,11 +428,11 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             )
 
     def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Bools:
-        """Return whether each edge of a path, of paths, or of a roadmap is proven collision-free all along.
+        """Return whether each edge of a path, of paths, or of a roadmap is proven collision-free.
 
-        The edges are those of :meth:`motion_is_free`: all joints move in step, each from its number to the other. An
-        edge that turns a continuous joint by more than half a turn is refused: planners and controllers that wrap
-        angles would go the shorter way, which is another motion. Along all other edges both are the same.
+        The edges are those of :meth:`motion_is_free`: all joints move together, each from its value to the next. An
+        edge that turns a continuous joint by more than half a turn is refused, because planners and controllers that
+        wrap angles would take the shorter way, a different motion. For all other edges both motions are the same.
 
         Parameters
         ----------
@@ -440,12 +443,12 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             Indices, from 0, of the two vertices of each edge; ``path`` must then have shape (n, dof). By default each
             configuration is joined to the next.
         exact : bool
-            Ignored: the geometry of an arm always decides.
+            Ignored, because the geometry of an arm always decides.
 
         Returns
         -------
         ndarray of bool, shape (n - 1,), (..., n - 1) or (m,)
-            A path of one configuration has no edges, and nothing is proven of it.
+            A path of one configuration has no edges, so nothing is proven about it.
 
         Raises
         ------
@@ -463,9 +466,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return super().certify_path(path, edges, exact=exact)
 
     def _images(self, start: Floats, goals: Floats) -> Floats:
-        """Return the goals, shape (n, dof), by either way around each continuous joint, shape (m, dof).
+        """Return the goals, shape (n, dof), both ways around each continuous joint, shape (m, dof).
 
-        The first n go the shorter way; one that already does stays as it is, to the last bit.
+        The first n take the shorter way; goals that already do are unchanged, to the last bit.
         """
         images = np.where(self.periodic_axes, beside(goals, start), goals)
         for joint in np.flatnonzero(self.periodic_axes)[:MAX_DOUBLED_JOINTS]:
@@ -482,13 +485,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             out[:] = np.where(free, np.uint8(FREE), np.uint8(MIXED))
             left = np.flatnonzero(~free)
 
-            def work(first: int, stop: int) -> int:
+            def find_blocked(first: int, stop: int) -> int:
                 blocked, rows_left = np.empty(stop - first, dtype=np.bool_), left[first:stop]
                 are_blocked(self.inner_record, rows[rows_left], blocked, make_scene_scratch(self.inner_record))
                 out[rows_left[blocked]] = BLOCKED
                 return -1
 
-            return in_chunks(work, len(left), MIN_MOTIONS_PER_THREAD)
+            return in_chunks(find_blocked, len(left), MIN_MOTIONS_PER_THREAD)
 
         return query
 
@@ -499,16 +502,16 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return lambda parts, out: self._prove(self._rows(parts, ("q0", "q1")), out)
 
     def _prove(self, rows: Sequence[Floats], out: Bools) -> int:
-        """Write whether each motion from the first batch to the last one, shapes (n, dof), is proven free."""
+        """Fill ``out`` with whether each motion from the first batch to the last, shapes (n, dof), is proven free."""
 
-        def work(first: int, stop: int) -> int:
+        def prove(first: int, stop: int) -> int:
             out[first:stop] = are_free(self.record, rows[0][first:stop], rows[-1][first:stop])
             return -1
 
-        return in_chunks(work, len(out), MIN_MOTIONS_PER_THREAD)
+        return in_chunks(prove, len(out), MIN_MOTIONS_PER_THREAD)
 
     def _rows(self, parts: Sequence[Any], names: Sequence[str]) -> list[Floats]:
-        """Batches, shape (n, dof), as kernels take them."""
+        """Return checked batches, shape (n, dof), as kernels take them."""
         return [own(self._check_configurations(part, name)) for part, name in zip(parts, names, strict=True)]
 
     def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
@@ -518,12 +521,12 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
 
 def collision_error(space: ArmSpace, q: Floats, name: str) -> ConfigurationError:
-    """The error that says what touches at a configuration, shape (dof,), from which no path leads."""
+    """Return the error that names what touches at a start or goal, shape (dof,)."""
     link, other, *_ = space.closest(q)
-    problem = f"is not proven free: {link} is in collision with {other}, or all but"
-    hint = f"choose another, or pass allowed_collisions=[({link!r}, {other!r})] where they may touch"
+    problem = f"is not proven free: {link} is in collision with {other}, or nearly so"
+    hint = f"choose another, or pass allowed_collisions=[({link!r}, {other!r})] if they may touch"
     point = f"({', '.join(f'{x:.6g}' for x in q)})"
-    return ConfigurationError(name, f"{point} {problem}", "a path starts and ends where it is proven", hint, value=q)
+    return ConfigurationError(name, f"{point} {problem}", "a path must start and end in FREE", hint, value=q)
 
 
 def build_arm_space(
@@ -534,48 +537,44 @@ def build_arm_space(
     margin: float = 0.0,
     base_pose: ArrayLike | None = None,
 ) -> ArmSpace:
-    """The space of an arm among obstacles.
+    """Build the space of an arm among obstacles.
 
     Parameters
     ----------
     obstacles : Workspace, or mapping of str to Workspace, PosedShape or shape
-        In space by name, metres. A shape is a ``trimesh.Trimesh``, a file of one, or anything else that
-        :meth:`CSpace.add_obstacle` takes. A workspace alone is called ``"workspace"``. Its mesh or point cloud is used
-        itself,
-        of any other its cells; all beyond the grid is free. Unknown cells are obstacles as ``outer`` says, and prove no
-        configuration BLOCKED.
+        Obstacles in space by name, metres. A shape is a ``trimesh.Trimesh``, a file of one, or anything else that
+        :meth:`CSpace.add_obstacle` takes. A single workspace is called ``"workspace"``. A workspace made from a mesh or
+        point cloud is used exactly, any other by its cells; everything beyond the grid is free. Unknown cells are
+        obstacles where ``outer`` is set, and never prove a configuration BLOCKED.
     arm : Arm
     allowed_collisions : iterable of pairs of str
-        A link, and an obstacle or link that it may touch, besides those that :attr:`Arm.allowed_collisions` holds.
+        A link, and an obstacle or link that it may touch, in addition to :attr:`Arm.allowed_collisions`.
     margin : float
         Metres by which FREE stays clear.
     base_pose : array-like, shape (4, 4), optional
-        Where the arm's base stands, in the frame of the obstacles; by default the frames are the same.
+        Pose of the arm's base in the frame of the obstacles; the identity by default.
 
     Raises
     ------
     InputError
         If a name is taken by a link or unknown, an obstacle is in the plane, a pose is no rigid motion, the margin is
-        below zero, or cells do not fit into memory.
+        negative, or cells do not fit into memory.
     ConfigurationError
-        If an obstacle touches a link that no joint moves, or a link that one or two joints move touches something at
-        each of 1000 random configurations.
+        If an obstacle touches a link that no joint moves, or if a pair that at most two joints move touches in all 1000
+        random configurations.
     """
     named = named_obstacles(obstacles)
     links = {link.name for link in arm.links}
     for name in named:
         if name in links:
-            raise InputError(
-                "obstacles", f"name one {name!r}", "a link has that name", "choose another one", value=name
-            )
+            problem = f"name one {name!r}"
+            raise InputError("obstacles", problem, "a link has that name", "choose another name", value=name)
     pairs = list(allowed_collisions)
     for pair in pairs:
         for name in pair:
             if name not in links and name not in named:
-                known = ", ".join((*links, *named))
-                raise InputError(
-                    "allowed_collisions", f"names {name!r}", f"there are {known}", "name two of these", value=name
-                )
+                rule = f"there are {', '.join((*links, *named))}"
+                raise InputError("allowed_collisions", f"names {name!r}", rule, "name two of these", value=name)
     least = not_negative(margin, "margin")
     base = np.linalg.inv(np.eye(4) if base_pose is None else check_rigid(base_pose, "base_pose")).astype(np.float64)
     placed = {name: place_obstacle(each, name, base) for name, each in named.items()}
@@ -583,7 +582,7 @@ def build_arm_space(
 
 
 def _group_solids(links: Sequence[Solid], obstacles: Sequence[Solid], may_touch: Set[tuple[str, str]]) -> list[Group]:
-    """Links of one body, and obstacles, that may touch the same others: what is far from all is so at one look."""
+    """Group links of one body, and obstacles, that may touch the same others, so that one test proves a group apart."""
     partners: dict[str, set[str]] = {}
     for one, other in may_touch:
         partners.setdefault(one, set()).add(other)
@@ -599,10 +598,10 @@ def _group_solids(links: Sequence[Solid], obstacles: Sequence[Solid], may_touch:
 
 
 def _nearest_points(one: Floats, other: Floats, radii: ArrayLike) -> Floats:
-    """The nearest points of the convex hulls of two sets of points, grown by radii, shape (2, 3).
+    """Return the nearest points of the convex hulls of two point sets, grown by radii, shape (2, 3).
 
-    Their difference is the point of all differences' hull that is nearest to zero (C. L. Lawson and R. J. Hanson,
-    "Solving Least Squares Problems", 1974, chapter 23).
+    They come from the point of the hull of all differences nearest to zero (C. L. Lawson and R. J. Hanson, "Solving
+    Least Squares Problems", 1974, chapter 23).
     """
     differences = (one[:, np.newaxis] - other).reshape(-1, 3)
     weights, _ = scipy.optimize.nnls(np.vstack([differences.T, np.ones(len(differences))]), [0.0, 0.0, 0.0, 1.0])

@@ -212,9 +212,8 @@ def test_pairs_are_sorted_into_always_sometimes_and_never(tmp_path: Path) -> Non
     srdf.write_text('<robot name="small"><disable_collisions link1="base" link2="core"/></robot>')
     forgotten = Arm.from_urdf(path, srdf)
     assert forgotten.pairs["core", "sleeve"] == "always"
-    with pytest.raises(
-        ConfigurationError, match=r"touches 'sleeve'.*at each of 1000.*allowed_collisions=\[\('core', 'sleeve'\)\]"
-    ):
+    message = r"touches 'sleeve'.*in 1000 random configurations.*allowed_collisions=\[\('core', 'sleeve'\)\]"
+    with pytest.raises(ConfigurationError, match=message):
         build_arm_space({}, forgotten, allowed_collisions=[("base", "sleeve")])
     known = build_arm_space({}, forgotten, allowed_collisions=[("base", "sleeve"), ("core", "sleeve")])
     assert known.is_free((0.0, 0.0))
@@ -254,7 +253,7 @@ def test_warnings_of_open_meshes_name_an_option_that_the_caller_takes(tmp_path: 
     ball = {"ball": Robot.ball(0.05).shape}
     assert build_arm_space(ball, arm, allowed_collisions=[("a", "ball")]).is_free((0.0,))
     options: Any = {"solid": "fill"}
-    with pytest.raises(InputError, match=r"solid is 'fill'.*use 'auto' or 'surface'"):
+    with pytest.raises(InputError, match=r"solid is 'fill'.*must be 'auto' or 'surface'"):
         Arm.from_urdf(path, **options)
     with pytest.warns(MeshWarning, match=r"pass solid='surface' .*, or solid='fill'") as heard:
         Robot.from_urdf(path, "b")

@@ -183,9 +183,15 @@ def without(space: CSpace, fields: Any = None) -> CSpace:
     """Return the same map with other field arrays, or none."""
     options = {name: getattr(space, name) for name in ("outside", "margin", "precision")} | {"proves_blocked": True}
     states, counts = space._kernel_map.states.copy(), space.overlap_counts
-    overlaps = None if counts is None else counts.reshape(states.shape)
+    overlap_counts = None if counts is None else counts.reshape(states.shape)
     return map_in(
-        space.workspace, space.robot, states, space.rotations, overlaps=overlaps, fields=fields or {}, **options
+        space.workspace,
+        space.robot,
+        states,
+        space.rotations,
+        overlap_counts=overlap_counts,
+        fields=fields or {},
+        **options,
     )
 
 
