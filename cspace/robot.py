@@ -18,7 +18,7 @@ from cspace.errors import FileError, InputError
 from cspace.grid import check_reach
 from cspace.raster import Raster
 from cspace.rotations import NO_ROTATION, RotationCell
-from cspace.shapes import Balls, BoundedShape, Mesh, Polygons, Shape, Voxels, primitives, shape_from_spec, shape_of
+from cspace.shapes import Balls, BoundedShape, Mesh, Polygons, Shape, Voxels, as_shape, primitives, shape_from_spec
 from cspace.shown import NotebookPicture
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ class Robot(NotebookPicture):
 
     def __init__(self, name: str, shape: ShapeLike) -> None:
         object.__setattr__(self, "name", name)
-        object.__setattr__(self, "shape", shape_of(shape))
+        object.__setattr__(self, "shape", as_shape(shape))
 
     def __repr__(self) -> str:
         return f"Robot({self.name}, in {self.shape.place})"
@@ -373,7 +373,7 @@ class Robot(NotebookPicture):
         GeometryError
             If it has no area, seen from above.
         """
-        return Robot(f"footprint of {self.name}", self.shape.flattened()) if self.dim == 3 else self
+        return Robot(f"footprint of {self.name}", self.shape.project_to_plane()) if self.dim == 3 else self
 
     @classmethod
     def from_spec(cls, spec: Mapping[str, object]) -> Robot:
@@ -541,13 +541,13 @@ class Robot(NotebookPicture):
 def robot_of(source: Robot | ShapeLike) -> Robot:
     """Convert a shape, or anything that describes one, to a robot whose reference point is the origin.
 
-    Raises CspaceError as :func:`cspace.shapes.shape_of` and the constructor for that shape.
+    Raises CspaceError as :func:`cspace.shapes.as_shape` and the constructor for that shape.
     """
     if isinstance(source, Robot):
         return source
     if isinstance(source, str) and primitives.is_short_text(source):
         return Robot(*primitives.parse_short_text(source, "robot"))
-    shape = shape_of(source, name="robot")
+    shape = as_shape(source, name="robot")
     if isinstance(shape, Mesh):
         return Robot.from_mesh(shape)
     if isinstance(shape, Polygons):

@@ -38,7 +38,7 @@ from cspace.map.storage import (
 )
 from cspace.raster import Raster
 from cspace.rotations import Rotations
-from cspace.shapes import Shape, ShapeLike, shape_of
+from cspace.shapes import Shape, ShapeLike, as_shape
 from cspace.shown import MapExport
 from cspace.workspace import Workspace, copy_workspace
 
@@ -736,7 +736,7 @@ class CSpace(ConfigurationMap, MapExport):
             rule = "it must be a text that is not empty"
             raise InputError("name", f"is {name!r}", rule, 'pass e.g. "cart"', value=name)
         self._check_whole()
-        obstacle = shape_of(shape, radius, "shape")
+        obstacle = as_shape(shape, radius, "shape")
         if obstacle.dim != self.grid.dim:
             problem, place = f"is in {obstacle.place}", ("the plane", "space")[self.grid.dim - 2]
             raise InputError("shape", problem, f"the map is in {place}", "pass one of as many coordinates", value=shape)

@@ -19,7 +19,7 @@ from cspace.errors import FileError, InputError, warn_user
 from cspace.files.access import UNKNOWNS
 from cspace.grid import SLACK, Grid
 from cspace.limits import MESH_BYTES, WORKSPACE_BYTES, Planned, check_memory
-from cspace.shapes import Balls, Mesh, Polygons, Shape, ShapeLike, Voxels, shape_of
+from cspace.shapes import Balls, Mesh, Polygons, Shape, ShapeLike, Voxels, as_shape
 from cspace.shown import WorkspacePlot
 
 if TYPE_CHECKING:
@@ -395,7 +395,7 @@ class Workspace(WorkspacePlot):
                 "pass a list; name shapes with space.add_obstacle(name, shape)",
             )
             raise InputError("shapes", problem, "it must be a list of shapes", hint, value=shapes)
-        made = [shape_of(shape, name=f"shapes[{index}]") for index, shape in enumerate(shapes)]
+        made = [as_shape(shape, name=f"shapes[{index}]") for index, shape in enumerate(shapes)]
         if not made:
             hint = "pass a shape, or use Workspace.from_array for a map without obstacles"
             raise InputError("shapes", "is empty", "at least one shape is needed", hint, value=shapes)

@@ -18,7 +18,7 @@ import cspace
 import solids
 from cspace import BLOCKED, FREE, ConfigurationError, InputError, Robot, Workspace
 from cspace.map.components import Components
-from cspace.shapes import Box, Shape, shape_of
+from cspace.shapes import Box, Shape, as_shape
 from maps import proven_paths
 from refusals import refusals
 from tests.soak.plane import placed
@@ -64,7 +64,7 @@ class Stage:
         else:
             obstacle, radius = self.obstacle()
             space.add_obstacle(name, obstacle, radius=radius)
-            self.placed[name] = shape_of(obstacle, radius)
+            self.placed[name] = as_shape(obstacle, radius)
         assert list(space.obstacles) == list(self.placed)
         return self.build()
 
@@ -162,7 +162,7 @@ def test_what_is_unknown_is_known_where_something_is_placed_or_updated() -> None
     workspace = Workspace(cspace.Grid((0, 0), 0.1, (40, 30)), unknown, unknown, unknown=unknown)
     space = cspace.build(workspace, Robot.disc(0.1))
     space.add_obstacle("cart", CART)
-    cart = shape_of(CART).cells(workspace.grid)[0]
+    cart = as_shape(CART).cells(workspace.grid)[0]
     np.testing.assert_array_equal(space.workspace.unknown, unknown & ~cart)
     space.update(BLOCK, (0, 20))
     unknown[:4, 20:24] = False

@@ -3,7 +3,7 @@ import pytest
 import shapely
 
 from cspace import FileError, GeometryError, InputError, Mesh, Robot
-from cspace.shapes import shape_of
+from cspace.shapes import as_shape
 from refusals import refusals
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -37,7 +37,7 @@ def test_the_geometry_is_the_shape():
 )
 def test_short_texts_make_robots_and_shapes(text, robot):
     assert Robot.parse(text).spec == robot.spec
-    assert shape_of(text).spec == shape_of(robot).spec == robot.shape.spec
+    assert as_shape(text).spec == as_shape(robot).spec == robot.shape.spec
 
 
 def test_opens_polygon_files(tmp_path, data):

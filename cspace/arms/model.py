@@ -20,7 +20,7 @@ from cspace.arms.solids import Solid, check_rigid, make_scene, share_posed_shape
 from cspace.arrays import Bools, Floats, frozen
 from cspace.check import finite
 from cspace.errors import ConfigurationError, InputError
-from cspace.shapes import ShapeLike, shape_of
+from cspace.shapes import ShapeLike, as_shape
 
 if TYPE_CHECKING:
     from cspace.files.urdf import EndEffector, PackageDirs
@@ -235,7 +235,7 @@ class Arm:
             If the name is taken, a link is unknown, the shape is invalid or in the plane, or the pose is no rigid
             motion.
         """
-        solid = shape_of(shape)
+        solid = as_shape(shape)
         if solid.dim != 3:
             raise InputError("shape", "is in the plane", "arms are in space", "pass a solid", value=shape)
         names = [each.name for each in self.links]
@@ -483,11 +483,11 @@ class _Assembly:
     ) -> Iterable[Solid]:
         """Yield the links with collision geometry."""
         from cspace.files.urdf import find_meshes
-        from cspace.shapes.scenes import shapes_of
+        from cspace.shapes.scenes import link_shapes
 
         meshes = find_meshes(self._urdf, bodies, self._file, package_dirs)
         for name, (body, pose) in bodies.items():
-            shapes = shapes_of(self._urdf, name, self._file, meshes, inside)
+            shapes = link_shapes(self._urdf, name, self._file, meshes, inside)
             parts = [share_posed_shape(shape, pose @ place) for shape, place in shapes]
             if parts:
                 yield Solid(name, body, tuple(parts))

@@ -23,7 +23,7 @@ from cspace.exact import DISTANCE_ROUNDING
 from cspace.exact.boundaries import as_triangles, part_anchors
 from cspace.exact.triangles import Trees, build_tree, concatenate_trees, pack_boxes, pack_triangles
 from cspace.limits import check_memory
-from cspace.shapes import BoundedShape, ExactShape, Mesh, Pieces, Shape, ShapeLike, Voxels, shape_of
+from cspace.shapes import BoundedShape, ExactShape, Mesh, Pieces, Shape, ShapeLike, Voxels, as_shape
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class PosedShape:
 
     Parameters
     ----------
-    shape : Shape, trimesh.Trimesh, path-like, or anything else that ``cspace.shapes.shape_of`` takes
+    shape : Shape, trimesh.Trimesh, path-like, or anything else that ``cspace.shapes.as_shape`` takes
         In space, metres.
     pose : array-like, shape (4, 4)
         From the frame of the shape to that of the body.
@@ -63,7 +63,7 @@ class PosedShape:
     is_filled: ClassVar[bool] = False
 
     def __init__(self, shape: ShapeLike, pose: ArrayLike) -> None:
-        object.__setattr__(self, "shape", shape_of(shape))
+        object.__setattr__(self, "shape", as_shape(shape))
         object.__setattr__(self, "pose", pose)
 
     @cached_property
@@ -372,7 +372,7 @@ def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | No
         If it is in the plane or no obstacle, its pose is no rigid motion, or its cells do not fit into memory.
     """
     try:
-        shape = shape_of(cast(ShapeLike, obstacle))
+        shape = as_shape(cast(ShapeLike, obstacle))
     except InputError as error:
         problem = f"hold {name!r}, a {type(obstacle).__name__}: {error.argument} {error.problem}"
         raise type(error)("obstacles", problem, error.rule, error.hint, value=obstacle) from error

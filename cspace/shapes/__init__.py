@@ -1,4 +1,4 @@
-"""Shapes: what robots and obstacles are made of; each knows its rasters, its border and how it is drawn."""
+"""Shapes of robots and obstacles, with their rasters, boundaries and drawings."""
 
 from __future__ import annotations
 
@@ -35,16 +35,20 @@ class HasShape(Protocol):
     """A robot, or anything else with a name and a shape."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Name for messages and drawings."""
+        ...
 
     @property
-    def shape(self) -> Shape: ...
+    def shape(self) -> Shape:
+        """The shape."""
+        ...
 
 
 ShapeLike: TypeAlias = (
     "Shape | HasShape | BaseGeometry | Mapping[str, object] | Iterable[BaseGeometry] | MeshLike | BallSet | ArrayLike"
 )
-"""What :func:`shape_of` takes."""
+"""Types that :func:`as_shape` converts."""
 
 _FROM_SPEC: Final[dict[str, Callable[[Mapping[str, Any]], Shape]]] = {
     "balls": Balls.from_spec,
@@ -58,30 +62,30 @@ _FROM_SPEC: Final[dict[str, Callable[[Mapping[str, Any]], Shape]]] = {
 
 
 def shape_from_spec(spec: Mapping[str, Any]) -> Shape:
-    """The shape that a :attr:`Shape.spec` describes.
+    """Make the shape that a :attr:`Shape.spec` describes.
 
-    Raises KeyError, TypeError or ValueError if it describes none.
+    Raises KeyError, TypeError or ValueError if the spec is malformed.
     """
     return _FROM_SPEC[spec["kind"]](spec)
 
 
-def shape_of(source: ShapeLike, radius: ArrayLike | None = None, name: str = "shape") -> Shape:
+def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "shape") -> Shape:
     """Convert anything that describes a shape to a Shape.
 
-    Every function that takes a shape calls this one.
+    Every function that takes a shape calls this function.
 
     Parameters
     ----------
     source : Shape, Robot, shapely geometry, GeoJSON mapping, or iterable of these; mesh; str or path; or array-like
-        What :meth:`Polygons.of`, :func:`cspace.files.vector.read_shapes` or :meth:`Mesh.of` take, metres. A string is a
-        short text such as ``"ellipse:0.5,0.3"`` (:data:`cspace.shapes.primitives.FORMS`), WKT, or the path of a file of
-        polygons or a mesh.
+        Anything that :meth:`Polygons.of`, :func:`cspace.files.vector.read_shapes` or :meth:`Mesh.of` takes, metres. A
+        string is a short text such as ``"ellipse:0.5,0.3"`` (:data:`cspace.shapes.primitives.FORMS`), WKT, or the path
+        of a file of polygons or a mesh.
     radius : array-like, shape () or (n,), optional
-        Metres. With it, or if ``source`` is a decomposition, the shape is balls around points, shape (n, 2) or (n, 3).
+        Metres. With a radius, or for a decomposition, the shape is balls around points, shape (n, 2) or (n, 3).
     name : str
         The caller's argument, for messages.
 
-    Raises InputError if it describes no shape, and FileError if it names a file that is missing or malformed.
+    Raises InputError if `source` describes no shape, and FileError if it names a missing or malformed file.
     """
     import shapely
 
@@ -110,7 +114,7 @@ def shape_of(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
             try:
                 return Polygons.of(given)
             except GeometryError as error:
-                hint = f"{error.hint}; if they are points, pass their radius"
+                hint = f"{error.hint}; for points, pass their radius"
                 raise GeometryError(error.argument, error.problem, error.rule, hint, value=source) from error
         if is_point or row in ((2,), (3,)):
             corners = ", or at least 3 corners of a polygon" * (row == (2,) or len(given) == 2)
@@ -123,14 +127,14 @@ def shape_of(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
 
 
 def _mesh(source: MeshLike) -> Mesh:
-    """Make a mesh for a function that takes shapes, and has no option ``solid``."""
+    """Make a mesh for a function that takes shapes and has no option ``solid``."""
     mesh = Mesh.convert(source)
     mesh.warn_if_open("cspace.Mesh.of(mesh, solid={!r})", fills=False)
     return mesh
 
 
 def _shape_of_text(source: str | os.PathLike[str], name: str) -> Shape:
-    """Make the shape of a short text, of WKT, or of a file of polygons or a mesh."""
+    """Make the shape of a short text, WKT, or a file of polygons or a mesh."""
     from cspace.files.meshes import MESH_SUFFIXES
     from cspace.files.vector import POLYGON_SUFFIXES, is_wkt, read_shapes
 

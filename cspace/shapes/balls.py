@@ -1,4 +1,4 @@
-"""Balls: discs in the plane, balls in space, and points where the radius is zero."""
+"""Balls: discs in the plane, balls in space, and points of radius zero."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
 
-_SIDES: Final = 128
-"""Sides of the polygons that stand for discs in drawings."""
+_DISC_SIDES: Final = 128
+"""Number of sides of the polygons that approximate discs in drawings."""
 
-_POLYGON_AREA: Final = _SIDES / 2 * math.sin(2 * math.pi / _SIDES) / math.pi
-"""Area of such a polygon divided by the area of the disc around it."""
+_POLYGON_AREA_RATIO: Final = _DISC_SIDES / 2 * math.sin(2 * math.pi / _DISC_SIDES) / math.pi
+"""Area of a regular polygon of `_DISC_SIDES` sides, relative to its circumscribed disc."""
 
 
 @runtime_checkable
@@ -33,16 +33,20 @@ class BallSet(Protocol):
     """A decomposition into balls."""
 
     @property
-    def centers(self) -> Floats: ...
+    def centers(self) -> Floats:
+        """Centers, shape (n, dim), metres."""
+        ...
 
     @property
-    def radii(self) -> Floats: ...
+    def radii(self) -> Floats:
+        """Radii, shape (n,), metres."""
+        ...
 
 
 class Balls(ExactShape):
     """A union of balls.
 
-    ``centers`` have the shape (n, dim), and ``radii``, zero or above, (n,); metres.
+    `centers` has shape (n, dim), and `radii`, at least zero, has shape (n,); metres.
     """
 
     def __init__(self, centers: Floats, radii: Floats) -> None:
@@ -51,45 +55,53 @@ class Balls(ExactShape):
 
     @classmethod
     def of(cls, centers: ArrayLike | BallSet, radii: ArrayLike | None = None) -> Balls:
-        """Balls from arrays, shapes (n, dim) and (n,), or one number, or from a decomposition with its radii; metres.
+        """Make balls from centers and radii, or from a decomposition; metres.
 
-        Raises InputError if there is no ball, the shapes do not fit, a value is not finite, or a radius is below zero.
+        `centers` has shape (n, dim); `radii` has shape (n,), or is one number, or None for a decomposition.
+
+        Raises InputError if there is no ball, the shapes do not match, a value is not finite, or a radius is negative.
         """
         return cls(*check_balls(centers, radii))
 
     @property
     def noun(self) -> str:
-        """What one of them is called."""
+        """Name of one ball, "disc" or "ball"."""
         return ("disc", "ball")[self.dim - 2]
 
     @property
     def encloses(self) -> bool:  # type: ignore[override]
+        """True if a ball has a positive radius."""
         return bool((self.radii > 0.0).any())
 
     @property
     def span(self) -> float:
+        """Largest modulus of a coordinate, metres."""
         return float((np.abs(self.centers).max(axis=1) + self.radii).max())
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner of the bounding box, shape (dim,) each."""
         reach = self.radii[:, None]
         return (self.centers - reach).min(axis=0), (self.centers + reach).max(axis=0)
 
     @property
     def measure(self) -> float:
+        """Area in the plane; in space the volume of one ball, or NaN for several."""
         if self.dim == 2:
-            return float(self.outline.area) / _POLYGON_AREA
+            return float(self.outline.area) / _POLYGON_AREA_RATIO
         return float(4.0 / 3.0 * np.pi * self.radii[0] ** 3) if len(self.radii) == 1 else float("nan")
 
     @property
     def inscribed_radius(self) -> float:
-        # The outline, of polygons in the discs, gives less than one disc around the origin may.
+        """Radius of a circle around the origin inside the discs, metres; a lower bound."""
+        # The polygons of the outline can give less than a single disc around the origin does.
         around = self.radii - np.linalg.norm(self.centers, axis=1)
         return max(super().inscribed_radius, float(around.max()))
 
     def rasters(
         self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
     ) -> tuple[Raster, Raster]:
+        """Compute the outer and inner raster; see :meth:`Shape.rasters`."""
         from cspace.raster.boxes import RoundedBoxes, rounded_rasters
 
         growth = rotation.displacement(self.centers)
@@ -97,11 +109,13 @@ class Balls(ExactShape):
         return rounded_rasters(RoundedBoxes(centers, centers, self.radii), spacing, margin + growth, growth)
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
+        """Compute the outer and inner cells; see :meth:`Shape.cells`."""
         from cspace.raster.boxes import RoundedBoxes, rounded_cells
 
         return rounded_cells(RoundedBoxes(self.centers, self.centers, self.radii), grid)
 
     def contains(self, points: ArrayLike) -> Bools:
+        """Return a mask of the points in the shape; see :meth:`ExactShape.contains`."""
         from scipy.spatial import cKDTree
 
         array = check_points(points, "points", self.dim)
@@ -116,18 +130,21 @@ class Balls(ExactShape):
         return inside
 
     def boundary(self) -> Pieces:
+        """Return the centers, grown by the radii."""
         return Pieces(self.centers[:, None], self.radii)
 
     @property
     def outline(self) -> BaseGeometry:
+        """Discs as a shapely geometry, for drawing."""
         if self.dim == 3:
             return super().outline
         import shapely
 
-        return shapely.union_all(shapely.buffer(shapely.points(self.centers), self.radii, quad_segs=_SIDES // 4))
+        return shapely.union_all(shapely.buffer(shapely.points(self.centers), self.radii, quad_segs=_DISC_SIDES // 4))
 
     @property
     def surface(self) -> Surface:
+        """Balls as vertices and triangles, for drawing."""
         if self.dim == 2:
             return super().surface
         import trimesh
@@ -138,15 +155,18 @@ class Balls(ExactShape):
         shifts = len(corners) * np.arange(len(self.radii))
         return vertices.reshape(-1, 3), (faces + shifts[:, None, None]).reshape(-1, 3)
 
-    def flattened(self) -> Balls:
+    def project_to_plane(self) -> Balls:
+        """Project the balls onto the plane of x and y."""
         return Balls(self.centers[:, :2].copy(), self.radii)
 
     @property
     def is_round(self) -> bool:
+        """True if all centers are at the origin."""
         return not self.centers.any()
 
     @property
     def is_round_about_z(self) -> bool:
+        """True if all centers are on the z axis."""
         return not self.centers[:, :2].any()
 
     def _features(self, matrix: Floats) -> Floats:
@@ -154,38 +174,41 @@ class Balls(ExactShape):
 
     @property
     def spec(self) -> dict[str, object]:
+        """Plain values for :meth:`from_spec`."""
         return {"kind": "balls", "centers": self.centers.tolist(), "radii": self.radii.tolist()}
 
     @classmethod
     def from_spec(cls, spec: Mapping[str, Any]) -> Balls:
-        """The shape of a :attr:`spec`."""
+        """Make the balls of a :attr:`spec`."""
         return cls.of(spec["centers"], spec["radii"])
 
 
 class Point(Balls):
-    """The origin alone, as an arm is in the space of its joints.
+    """The origin, the robot in the joint space of an arm.
 
-    Where it is in a cell, it meets no other one: the workspace must name all cells that obstacles touch, those on whose
-    border alone they do among them. Then its map is the workspace, cell for cell.
+    A point inside a cell touches no other cell. So the workspace must mark every cell that obstacles touch, even if
+    only on the cell's boundary. Then the map equals the workspace, cell for cell.
     """
 
     shown = False
 
     @classmethod
     def at_origin(cls, dim: int) -> Point:
-        """The one of the plane, or of space."""
+        """Make the origin of the plane or of space."""
         return cls(np.zeros((1, dim)), np.zeros(1))
 
     def rasters(
         self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
     ) -> tuple[Raster, Raster]:
+        """Compute the outer and inner raster: without a margin, one cell."""
         if margin > 0.0:
             return super().rasters(spacing, margin, rotation)
-        own = Raster.from_bitmap(np.ones((1,) * self.dim, dtype=np.bool_), (0,) * self.dim)
-        return own, own
+        cell = Raster.from_bitmap(np.ones((1,) * self.dim, dtype=np.bool_), (0,) * self.dim)
+        return cell, cell
 
     @property
     def outline(self) -> BaseGeometry:
+        """The origin as a degenerate polygon, for drawing."""
         if self.dim == 3:
             return super().outline
         import shapely
@@ -194,33 +217,35 @@ class Point(Balls):
 
     @property
     def spec(self) -> dict[str, object]:
+        """Plain values for :meth:`from_spec`."""
         return {"kind": "point", "dim": self.dim}
 
     @classmethod
     def from_spec(cls, spec: Mapping[str, Any]) -> Point:
-        """The shape of a :attr:`spec`."""
+        """Make the point of a :attr:`spec`."""
         return cls.at_origin(int(spec["dim"]))
 
 
 def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[Floats, Floats]:
-    """Copies of the centers, shape (n, 2) or (n, 3), and radii, shape (n,), of balls; see :meth:`Balls.of`."""
+    """Return checked copies of centers, shape (n, 2) or (n, 3), and radii, shape (n,).
+
+    Raises InputError as :meth:`Balls.of`.
+    """
     if isinstance(centers, BallSet):
         if radii is not None:
-            raise InputError(
-                "radii", "is given beside a decomposition", "a decomposition has its own", "leave it out", value=radii
-            )
+            rule = "a decomposition has its own"
+            raise InputError("radii", "is given besides a decomposition", rule, "omit it", value=radii)
         radii, centers = centers.radii, centers.centers
     elif radii is None:
-        raise InputError("radii", "is missing", "balls need one number, or one for each center", "pass it in metres")
+        raise InputError("radii", "is missing", "balls need one number, or one per center", "pass it in metres")
     points, sizes = finite(centers, "centers"), finite(radii, "radii")
     if points.ndim != 2 or points.shape[1] not in (2, 3) or not len(points):
         rule = "it must be (n, 2) or (n, 3) with n at least 1"
-        raise InputError("centers", f"has shape {points.shape}", rule, "pass one row for each ball", value=centers)
+        raise InputError("centers", f"has shape {points.shape}", rule, "pass one row per ball", value=centers)
     if sizes.shape not in {(), (len(points),)}:
-        rule, hint = f"it must be one number or ({len(points)},)", "pass one number, or one for each center"
+        rule, hint = f"it must be one number or ({len(points)},)", "pass one number, or one per center"
         raise InputError("radii", f"has shape {sizes.shape}", rule, hint, value=radii)
     if (sizes < 0).any():
-        raise InputError(
-            "radii", f"holds {sizes.min():g}", "none may be below zero", "pass lengths in metres", value=radii
-        )
+        problem = f"holds {sizes.min():g}"
+        raise InputError("radii", problem, "none may be below zero", "pass lengths in metres", value=radii)
     return points.copy(), np.broadcast_to(sizes, len(points)).copy()

@@ -1,4 +1,4 @@
-"""Mesh: triangles in space, and what they enclose."""
+"""Triangle meshes in space, and the solids that they enclose."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bools, Floats, Ints, Surface, frozen
-from cspace.check import check_points, finite, unmasked
+from cspace.check import check_points, check_word, finite, unmasked
 from cspace.errors import GeometryError, InputError, warn_user
 from cspace.grid import Grid
 from cspace.raster import Raster
 from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.shapes.bodies import Body, find_bodies
 from cspace.shapes.polygon import Polygons
-from cspace.shapes.shape import BoundedShape, ExactShape, Pieces, Shape, ordered_rows
+from cspace.shapes.shape import BoundedShape, ExactShape, Pieces, Shape, unique_rows
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -29,98 +29,103 @@ if TYPE_CHECKING:
     from cspace.raster.surfaces import Buckets, SolidSurface, WindingNumber
 
 
-MOST_OFF: Final = 100.0
-"""How many times its own size a robot's mesh may lie off its reference point."""
+MAX_ORIGIN_OFFSET: Final = 100.0
+"""Maximum distance of a robot's mesh from its reference point, relative to the size of the mesh."""
 
 
 class TriangleMesh(Protocol):
-    """A trimesh.Trimesh, or what looks like one."""
+    """A trimesh.Trimesh, or an object like it."""
 
     @property
-    def vertices(self) -> ArrayLike: ...
+    def vertices(self) -> ArrayLike:
+        """Vertices, shape (V, 3), metres."""
+        ...
 
     @property
-    def faces(self) -> ArrayLike: ...
+    def faces(self) -> ArrayLike:
+        """Vertex indices of the triangles, shape (F, 3)."""
+        ...
 
 
 class MeshScene(Protocol):
-    """A trimesh.Scene, or what looks like one."""
+    """A trimesh.Scene, or an object like it."""
 
     @property
-    def geometry(self) -> Mapping[str, object]: ...
+    def geometry(self) -> Mapping[str, object]:
+        """Geometries by name."""
+        ...
 
 
-SMALL: Final = 0.25
-"""Share of a mesh, seen from above, up to which an index of its triangles pays for a grid."""
+MAX_INDEXED_AREA: Final = 0.25
+"""Use an index of triangles if a grid covers at most this share of the mesh, seen from above."""
 
 Solid = Literal["auto", "surface", "fill"]
 MeshLike: TypeAlias = "Mesh | TriangleMesh | MeshScene | str | os.PathLike[str] | tuple[ArrayLike, ArrayLike]"
 
-Chosen: TypeAlias = "Ints | slice"
-"""Numbers of some triangles."""
+FaceSelection: TypeAlias = "Ints | slice"
+"""Indices of some triangles."""
 
 SOLIDS: Final = ("auto", "surface", "fill")
-"""What of a mesh is solid: its closed bodies, nothing but the surface, or whatever its raster encloses."""
+"""Solid parts of a mesh: its closed bodies, only the surface, or all that its raster encloses."""
 
-_LARGEST: Final = 1e100
-_SMALLEST: Final = 1e-100
-"""The largest coordinate of a mesh lies between these, or is zero."""
+_MAX_COORDINATE: Final = 1e100
+_MIN_EXTENT: Final = 1e-100
+"""The largest modulus of a coordinate lies between `_MIN_EXTENT` and `_MAX_COORDINATE`, or is zero."""
 
-_NOUGHT: Final = 1e-200
-"""Coordinates below this are taken as zero, because quotients of smaller ones overflow."""
+_MIN_MESH_COORDINATE: Final = 1e-200
+"""Smaller coordinates of a mesh are set to zero, because quotients of them overflow."""
 
-_HAIR: Final = 1e-6
-"""By how much what holds a mesh's shadow is larger than that, metres."""
+_SHADOW_MARGIN: Final = 1e-6
+"""Distance, in metres, by which the bounds of a mesh's shadow are grown and shrunk."""
 
 
-_CRACK: Final = 2.0**-40
-"""Width of a hole in a mesh's shadow up to which rounding has opened it, as part of the span."""
+_MAX_CRACK_WIDTH: Final = 2.0**-40
+"""Maximum width, relative to the span, of a hole in a mesh's shadow that counts as rounding."""
 
 
 class MeshWarning(UserWarning):
-    """A mesh has open bodies, and nothing was said about what to do with them, or filling it added nothing."""
+    """A mesh has open bodies and `solid` was not chosen, or filling it added nothing."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh(ExactShape):
     """Triangles in space, in metres.
 
-    The triangles themselves are always part of the shape. What they enclose is, by ``solid``:
+    The triangles are always part of the shape. The part that they enclose depends on ``solid``:
 
-    * ``"auto"``: wherever the winding number of all closed bodies together is not zero.
+    * ``"auto"``: every point where the winding number of all closed bodies together is non-zero.
 
       A body is a set of triangles that are connected through shared edges. It is closed if its triangles run along each
-      edge as often one way as the other. Exact copies of triangles are dropped first, or cancel where they are a wall
-      between two parts, and single triangles that are turned over are turned back. What does not close that way (holes,
-      Moebius strips, more than two triangles at an edge and no consistent winding) is a surface without an inside, and
-      a :class:`MeshWarning` says so.
+      edge equally often in both directions. Exact copies of triangles are dropped first, or cancel if they are a wall
+      between two parts; single reversed triangles are turned back. Any other body (with holes, Moebius strips, more
+      than two triangles at an edge and no consistent winding) is a surface without an interior, and a
+      :class:`MeshWarning` says so.
 
-      Winding numbers add up. Bodies that overlap and all face outward are solid together, also where one is nested in
-      another. A body that faces inward, nested in one that faces outward, is a cavity, in which there may be an island,
-      and so on. A body that faces inward alone is solid like any other: unless all corners of it lie in bodies that
-      face outward, it can be no cavity, and is turned over. Where windings cancel, as in some pockets of a body that
-      passes through itself, it is hollow.
+      Winding numbers add up. Bodies that overlap and face outward are solid together, also if one is nested in another.
+      A body that faces inward, nested in one that faces outward, is a cavity, which may contain an island, and so on. A
+      body that faces inward and has a corner outside all bodies that face outward cannot be a cavity; it is reversed,
+      and solid. Points where windings cancel, as in some pockets of a body that passes through itself, are hollow.
     * ``"surface"``: nothing.
-    * ``"fill"``: whatever cannot be reached from outside through the cells that the surface does not touch. It depends
-      on the spacing: gaps narrower than about a cell are closed. Where a mesh with open bodies encloses no cell at
-      all, it is a surface without an inside, and a :class:`MeshWarning` says so when its cells are made.
+    * ``"fill"``: all cells that cannot be reached from outside through cells that the surface does not touch. The
+      result depends on the spacing: gaps narrower than about a cell are closed. If a mesh with open bodies encloses no
+      cell at all, it is a surface without an interior, and a :class:`MeshWarning` says so when its cells are made.
 
     Parameters
     ----------
     vertices : ndarray of float64, shape (V, 3)
         Metres.
     faces : ndarray of int64, shape (F, 3)
-        Numbers of each triangle's vertices.
+        Vertex indices of each triangle.
     solid : {"auto", "surface", "fill"}
     source : str
-        Where the mesh is from, for messages.
+        Origin of the mesh, for messages.
 
     Raises
     ------
     InputError
-        If a coordinate is not finite, or ``solid`` is none of the three.
+        If a coordinate is not finite, or ``solid`` is another word.
     GeometryError
-        If there is no triangle, or one names a vertex that there is not.
+        If there is no triangle, or one names a missing vertex.
     """
 
     vertices: Floats
@@ -131,48 +136,41 @@ class Mesh(ExactShape):
     dim = 3
 
     def __post_init__(self) -> None:
-        if self.solid not in SOLIDS:
-            hint = f"use one of {', '.join(map(repr, SOLIDS))}"
-            raise InputError("solid", f"is {self.solid!r}", "it says what of a mesh is solid", hint, value=self.solid)
+        """Check the arrays, and copy them."""
+        check_word(self.solid, "solid", SOLIDS)
         unmasked(self.faces, f"faces of {self.source}")
-        vertices, faces = _checked_vertices(self.vertices, self.source), np.asarray(self.faces)
+        vertices, faces = _check_vertices(self.vertices, self.source), np.asarray(self.faces)
         if faces.size == 0:
             hint = "for a cloud of points use Workspace.from_points"
-            raise GeometryError(self.source, "has no triangles", "a mesh needs at least one", hint, value=self.faces)
+            raise GeometryError(self.source, "has no triangles", "a mesh needs one", hint, value=self.faces)
         if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
-            raise GeometryError(
-                f"faces of {self.source}",
-                f"has shape {faces.shape} and dtype {faces.dtype}",
-                "it must be (F, 3), of whole numbers",
-                "pass three vertex numbers for each triangle",
-                value=self.faces,
-            )
+            problem = f"has shape {faces.shape} and dtype {faces.dtype}"
+            rule, hint = "it must be (F, 3), of whole numbers", "pass three vertex indices per triangle"
+            raise GeometryError(f"faces of {self.source}", problem, rule, hint, value=self.faces)
         low, high = int(faces.min()), int(faces.max())
         if low < 0 or high >= len(vertices):
-            rule, hint = f"there are {len(vertices)}, numbered from 0", "pass the vertices that belong to the faces"
-            raise GeometryError(
-                f"faces of {self.source}", f"name vertex {low if low < 0 else high}", rule, hint, value=self.faces
-            )
+            problem = f"name vertex {low if low < 0 else high}"
+            rule, hint = f"there are {len(vertices)}, counted from 0", "pass the vertices that belong to the faces"
+            raise GeometryError(f"faces of {self.source}", problem, rule, hint, value=self.faces)
         faces = np.array(faces, dtype=np.int64, order="C")
         object.__setattr__(self, "vertices", frozen(vertices))
         object.__setattr__(self, "faces", frozen(faces))
 
     @classmethod
     def of(cls, shape: MeshLike, solid: Solid = "auto") -> Mesh:
-        """A mesh from anything that describes one.
+        """Make a mesh from anything that describes one.
 
         Parameters
         ----------
         shape : Mesh, trimesh.Trimesh, trimesh.Scene, path-like, or pair of array-like
-            A file is read; a pair is vertices (V, 3), in metres, and faces
-            (F, 3).
+            A file is read; a pair is vertices (V, 3), in metres, and faces (F, 3).
         solid : {"auto", "surface", "fill"}
-            Under ``"auto"``, a Mesh is taken as it is.
+            With ``"auto"``, a Mesh keeps its own.
 
         Raises
         ------
         InputError
-            If ``shape`` is something else, a coordinate is not finite, or ``solid`` is none of the three.
+            If ``shape`` is something else, a coordinate is not finite, or ``solid`` is another word.
         GeometryError
             If there is no triangle.
         FileError
@@ -181,7 +179,7 @@ class Mesh(ExactShape):
         Warns
         -----
         MeshWarning
-            If the mesh is read with ``solid="auto"`` and a body is open; once for each Mesh.
+            If ``solid`` is ``"auto"`` and a body is open; once per Mesh.
         """
         mesh = cls.convert(shape, solid)
         mesh.warn_if_open()
@@ -189,21 +187,21 @@ class Mesh(ExactShape):
 
     @classmethod
     def convert(cls, shape: MeshLike, solid: Solid = "auto") -> Mesh:
-        """Make a mesh as :meth:`of` does, without a warning."""
+        """Make a mesh like :meth:`of`, without a warning."""
         if isinstance(shape, Mesh):
             return shape if solid in ("auto", shape.solid) else cls(shape.vertices, shape.faces, solid, shape.source)
-        vertices, faces, source = _arrays_of(shape)
+        vertices, faces, source = _read_arrays(shape)
         return cls(vertices, faces, solid, source)
 
     def warn_if_open(self, option: str = "solid={!r}", fills: bool = True) -> None:
-        """Warn, once for a mesh with ``solid="auto"``, of bodies that have no inside.
+        """Warn, once per mesh with ``solid="auto"``, of bodies without an interior.
 
-        ``option`` is the form in which the function that the user called takes ``solid``; ``fills`` says whether it
-        takes ``"fill"``.
+        `option` is the spelling of ``solid`` in the function that the user called; `fills` is True if that function
+        accepts ``"fill"``.
         """
         if self.solid == "auto" and not self._warned:
             object.__setattr__(self, "_warned", True)
-            for message in self._doubts(option, fills):
+            for message in self._open_body_messages(option, fills):
                 warn_user(message, MeshWarning)
 
     @property
@@ -213,6 +211,7 @@ class Mesh(ExactShape):
 
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner of the bounding box, shape (3,) each."""
         named = np.zeros(len(self.vertices), dtype=np.bool_)
         named[self.faces] = True
         used = self.vertices[named]
@@ -220,24 +219,27 @@ class Mesh(ExactShape):
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
-        """The parts that are connected through shared edges."""
+        """Parts that are connected through shared edges."""
         return find_bodies(self.vertices, self.faces)
 
     @property
     def is_watertight(self) -> bool:
-        """Whether there are bodies, and all are closed."""
+        """True if there are bodies and all are closed."""
         return bool(self.bodies) and all(body.closed for body in self.bodies)
 
     @property
     def span(self) -> float:
+        """Largest modulus of a coordinate, metres."""
         return float(np.abs(self.bounds).max())
 
     @property
     def measure(self) -> float:
+        """Volume, cubic metres; NaN for an open mesh."""
         return float(self.volume) if self.is_watertight else float("nan")
 
     @property
     def _facts(self) -> dict[str, object]:
+        """Number of triangles, bodies and the like, for reports."""
         closed = sum(body.closed for body in self.bodies)
         return {
             "triangles": len(self.faces),
@@ -248,35 +250,37 @@ class Mesh(ExactShape):
 
     @property
     def encloses(self) -> bool:  # type: ignore[override]
-        """Whether the mesh has an inside that does not depend on a spacing: closed bodies, which are solid."""
+        """True if ``solid`` is "auto" and there are closed bodies, whatever the spacing."""
         return self.solid == "auto" and bool(self._turns.any())
 
     @cached_property
     def volume(self) -> float:
         """Sum of the volumes of the closed bodies, cubic metres.
 
-        Cavities count negative; where bodies overlap, each counts.
+        Cavities count negative; overlaps count once per body.
         """
         return sum(body.volume for body in self.bodies)
 
     def rasters(
         self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
     ) -> tuple[Raster, Raster]:
+        """Compute the outer and inner raster; see :meth:`Shape.rasters`."""
         from cspace.raster.surfaces import surface_rasters
 
-        return surface_rasters(self._skin(), spacing, margin, rotation)
+        return surface_rasters(self._solid_surface(), spacing, margin, rotation)
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
+        """Compute the outer and inner cells; see :meth:`Shape.cells`."""
         from cspace.raster.surfaces import surface_cells
 
-        return surface_cells(self._skin(*self._near(grid)), self.bounds, grid)
+        return surface_cells(self._solid_surface(*self._near(grid)), self.bounds, grid)
 
-    def _near(self, grid: Grid) -> tuple[Chosen, Chosen]:
-        """The triangles that may meet a grid, and with those above and below it: all, or what an index finds."""
+    def _near(self, grid: Grid) -> tuple[FaceSelection, FaceSelection]:
+        """Return the triangles that can touch a grid, and those that are in, above or below it."""
         lower, upper = np.asarray(grid.lower) - grid.spacing, np.asarray(grid.upper) + grid.spacing
         shared = np.maximum(np.minimum(upper, self.bounds[1]) - np.maximum(lower, self.bounds[0]), 0.0)
         whole = self.bounds[1] - self.bounds[0]
-        if self.solid == "fill" or shared[0] * shared[1] > SMALL * whole[0] * whole[1]:
+        if self.solid == "fill" or shared[0] * shared[1] > MAX_INDEXED_AREA * whole[0] * whole[1]:
             return slice(None), slice(None)
         numbers = self._index.near(lower, upper)
         corners = self.vertices[self.faces[numbers]]
@@ -290,24 +294,25 @@ class Mesh(ExactShape):
         return Buckets.of(self.triangles)
 
     def boundary(self) -> Pieces:
+        """Return the triangles.
+
+        Raises InputError if ``solid`` is "fill", because the filled part depends on the spacing.
+        """
         if self.solid == "fill":
-            raise InputError(
-                self.source,
-                "has solid='fill'",
-                "what is filled depends on the spacing, and exact answers need a shape of its own",
-                "close the mesh and pass solid='auto', or ask without exact=True",
-                value=self.solid,
-            )
+            rule = "the filled part depends on the spacing, and exact answers must not"
+            hint = "close the mesh and pass solid='auto', or ask without exact=True"
+            raise InputError(self.source, "has solid='fill'", rule, hint, value=self.solid)
         return Pieces(self.triangles, np.zeros(len(self.faces)))
 
     @property
     def surface(self) -> Surface:
+        """Vertices and triangles."""
         return self.vertices, self.faces
 
-    def flattened(self) -> Shape:
-        """Project the mesh: the union of the triangles' shadows, grown and shrunk by a micrometre.
+    def project_to_plane(self) -> Shape:
+        """Project the mesh: the union of its triangles' shadows, grown and shrunk by a micrometre.
 
-        That covers the rounding of the union.
+        The micrometre covers the rounding of the union.
         """
         import shapely
 
@@ -315,55 +320,53 @@ class Mesh(ExactShape):
         sides = np.roll(corners, -1, axis=1) - corners
         lengths = np.linalg.norm(sides, axis=-1)
         twice_area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
-        # Unions and buffers lose triangles that are seen edge-on: their longest sides stand for them.
-        is_line = 4.0 * twice_area <= _HAIR * lengths.max(axis=1)
-        shadow = _without_cracks(shapely.union_all(shapely.polygons(corners[~is_line])), _CRACK * self.span)
-        within = shadow.buffer(-_HAIR, join_style="mitre")
+        # Unions and buffers lose triangles seen edge-on, so their longest sides stand for them.
+        is_line = 4.0 * twice_area <= _SHADOW_MARGIN * lengths.max(axis=1)
+        shadow = _without_cracks(shapely.union_all(shapely.polygons(corners[~is_line])), _MAX_CRACK_WIDTH * self.span)
+        within = shadow.buffer(-_SHADOW_MARGIN, join_style="mitre")
         if within.is_empty:
             raise GeometryError(self.source, "is flat, seen from above", "it must have an area there", "check its axes")
         first = lengths[is_line].argmax(axis=1)[:, None]
         ends = np.take_along_axis(corners[is_line], np.hstack([first, (first + 1) % 3])[..., None], axis=1)
         lines = shapely.linestrings(ends)
-        near = shadow.buffer(_HAIR / 2.0, join_style="mitre")
+        near = shadow.buffer(_SHADOW_MARGIN / 2.0, join_style="mitre")
         shapely.prepare(near)
-        apart = shapely.buffer(lines[~shapely.covers(near, lines)], _HAIR, cap_style="square")
-        around = shapely.union_all([shadow.buffer(_HAIR, join_style="mitre"), *apart])
+        apart = shapely.buffer(lines[~shapely.covers(near, lines)], _SHADOW_MARGIN, cap_style="square")
+        around = shapely.union_all([shadow.buffer(_SHADOW_MARGIN, join_style="mitre"), *apart])
         return BoundedShape(Polygons.of(around), Polygons.of(within))
 
     def check_origin(self, warn: bool = False) -> None:
+        """Refuse a mesh far from its origin; see :meth:`Shape.check_origin`."""
         lower, upper = self.bounds
         size = float(np.linalg.norm(upper - lower))
         far = float(np.linalg.norm(np.maximum(np.maximum(lower, -upper), 0.0)))
         move = f"({', '.join(f'{-x:g}' for x in (lower + upper) / 2)}) m"
-        if far > MOST_OFF * size:
-            raise GeometryError(
-                "mesh",
-                f"is {size:g} m across and lies {far:g} m from its origin, which is the robot's reference point",
-                f"at most {MOST_OFF:g} times its size is accepted",
-                f"move it there first, by {move} for its middle",
-            )
+        if far > MAX_ORIGIN_OFFSET * size:
+            problem = f"is {size:g} m across and lies {far:g} m from its origin, which is the robot's reference point"
+            rule = f"at most {MAX_ORIGIN_OFFSET:g} times its size is accepted"
+            raise GeometryError("mesh", problem, rule, f"move its center there first, by {move}")
         if warn and far > size:
             warn_user(
                 f"the robot's mesh is {size:g} m across and lies {far:g} m from its origin, which is its reference "
-                "point: a configuration is where that point is; unless this is meant, move the mesh there first, by "
-                f"{move} for its middle"
+                f"point; if this is not intended, move its center there first, by {move}"
             )
 
     def is_same(self, matrix: Floats) -> bool:
-        # Sums of whole numbers, those of the bits, are the same in any order; few other matrices leave them.
+        """Return True if a matrix maps the mesh to itself; see :meth:`Shape.is_same`."""
+        # Sums of the bits as integers do not depend on the order, and few other matrices preserve them.
         sums = [(self._corners @ turn.T + 0.0).view(np.int64).sum(axis=0) for turn in (np.eye(3), matrix)]
         return np.array_equal(*sums) and super().is_same(matrix)
 
     @cached_property
     def _corners(self) -> Floats:
-        return ordered_rows(self.triangles.reshape(-1, 3))[0]
+        return unique_rows(self.triangles.reshape(-1, 3))[0]
 
     def _features(self, matrix: Floats) -> Floats:
-        """The triangles, each from its smallest corner on; see :func:`_merged_faces` for those of closed bodies."""
+        """Return the triangles, each from its smallest corner on; for closed bodies :func:`_merged_faces`."""
         corners = (self.vertices @ matrix.T + 0.0)[self.faces]
         if np.linalg.det(matrix) < 0.0:
             corners = corners[:, ::-1]
-        points, ranks = ordered_rows(corners.reshape(-1, 3))
+        points, ranks = unique_rows(corners.reshape(-1, 3))
         ranks = ranks.reshape(-1, 3)
         if self.solid == "auto" and (self._turns == 1).all():
             return _merged_faces(points, ranks)
@@ -371,9 +374,9 @@ class Mesh(ExactShape):
         return np.take_along_axis(corners, order[..., None], axis=1).reshape(-1, 9)
 
     def contains(self, points: ArrayLike) -> Bools:
-        """Whether points lie in the closed bodies, for points farther from the surface than rounding.
+        """Return a mask of the points in the closed bodies.
 
-        For ``solid="surface"`` nothing does.
+        The answer holds for points farther from the surface than rounding. With ``solid="surface"`` it is all False.
 
         Parameters
         ----------
@@ -390,10 +393,8 @@ class Mesh(ExactShape):
             If the last axis is not three long, a value is not finite, or ``solid`` is ``"fill"``.
         """
         if self.solid == "fill":
-            rule = "what is filled depends on the spacing, so that a mesh alone does not decide it"
-            raise InputError(
-                self.source, "has solid='fill'", rule, "ask its cells, or pass solid='auto'", value=self.solid
-            )
+            rule, hint = "the filled part depends on the spacing", "ask its cells, or pass solid='auto'"
+            raise InputError(self.source, "has solid='fill'", rule, hint, value=self.solid)
         array = check_points(points, "points", self.dim)
         if self.solid == "surface":
             return np.zeros(array.shape[:-1], dtype=np.bool_)
@@ -402,39 +403,39 @@ class Mesh(ExactShape):
 
     @property
     def spec(self) -> dict[str, object]:
-        """The mesh as plain values that JSON can hold, to the last bit."""
+        """Plain values that JSON can hold, without loss, for :meth:`from_spec`."""
         return {
             "kind": "mesh",
-            "vertices": _encoded(self.vertices, "<f8"),
-            "faces": _encoded(self.faces, "<i8"),
+            "vertices": _encode(self.vertices, "<f8"),
+            "faces": _encode(self.faces, "<i8"),
             "solid": self.solid,
             "source": self.source,
         }
 
     @classmethod
     def from_spec(cls, spec: Mapping[str, object]) -> Mesh:
-        """The mesh of :meth:`spec`.
+        """Make the mesh of a :attr:`spec`.
 
         Raises
         ------
         InputError
-            If ``spec`` is not such a record.
+            If ``spec`` is malformed.
         """
         try:
             given: Mapping[str, Any] = spec
-            vertices, faces = _decoded(given["vertices"], "<f8"), _decoded(given["faces"], "<i8")
+            vertices, faces = _decode(given["vertices"], "<f8"), _decode(given["faces"], "<i8")
             solid, source = given["solid"], str(given["source"])
         except (KeyError, TypeError, ValueError) as error:
             rule, hint = "a mesh needs vertices, faces, solid and source", "write it again with Mesh.spec"
             raise InputError("spec", f"is damaged: {error!r}", rule, hint, value=spec) from error
         mesh = cls(vertices, faces, solid, source)
-        # Whoever wrote the record was warned.
+        # The user was warned when the spec was made.
         object.__setattr__(mesh, "_warned", True)
         return mesh
 
     @cached_property
     def _turns(self) -> Ints:
-        """How often each triangle counts as part of what encloses something, shape (F,)."""
+        """Multiplicity of each triangle in the enclosing surface, shape (F,)."""
         turns = np.zeros(len(self.faces), dtype=np.int64)
         for body in self.bodies:
             if body.closed:
@@ -450,12 +451,12 @@ class Mesh(ExactShape):
 
     @property
     def closed(self) -> tuple[Floats, Ints]:
-        """Triangles that enclose something, metres, shape (n, 3, 3), and how often each counts for winding numbers."""
+        """Enclosing triangles, metres, shape (n, 3, 3), and their multiplicities in winding numbers."""
         counted = np.flatnonzero(self._turns)
         return self.vertices[self.faces[counted]], self._turns[counted]
 
-    def _skin(self, near: Chosen = slice(None), columns: Chosen = slice(None)) -> SolidSurface:
-        """Some of the triangles, and those of the enclosing ones that may be above or below them."""
+    def _solid_surface(self, near: FaceSelection = slice(None), columns: FaceSelection = slice(None)) -> SolidSurface:
+        """Return selected triangles, and the enclosing triangles in the columns above and below them."""
         from cspace.raster.surfaces import ClosedSurface, SolidSurface
 
         shell = ClosedSurface(self.vertices, self.faces[columns], self._turns[columns]) if self.encloses else None
@@ -463,49 +464,48 @@ class Mesh(ExactShape):
         return SolidSurface(self.vertices, self.faces[near], shell, fill, self.source)
 
     def _warn_of_nothing(self, spacing: float) -> None:
-        """Warn, once, where filling a mesh that is not closed added nothing to its surface."""
+        """Warn once if filling an open mesh added nothing to its surface."""
         if self._warned or self.is_watertight:
             return
         object.__setattr__(self, "_warned", True)
         message = (
-            f"{self.source} is open and encloses no cell of {spacing:g} m, so that filling added none; it was taken as "
-            "a surface without an inside; close its gaps, or use cells larger than they are, or ask for its surface "
-            "alone"
+            f"{self.source} is open and encloses no cell of {spacing:g} m, so filling added none; it counts as a "
+            "surface without an inside; close its gaps, use cells larger than the gaps, or choose the surface only"
         )
         warn_user(message, MeshWarning)
 
-    def _doubts(self, option: str, fills: bool) -> Iterator[str]:
-        """Yield what there is to warn of if closed bodies are taken as solid."""
+    def _open_body_messages(self, option: str, fills: bool) -> Iterator[str]:
+        """Yield a warning for each kind of body without an interior."""
         surface, fill = option.format("surface"), option.format("fill")
         open_bodies = [body for body in self.bodies if not body.closed]
         hollow = sum(body.closed and body.volume == 0.0 for body in self.bodies)
         if not self.bodies:
             yield (
-                f"no triangle of {self.source} has an area; it was taken as a surface without an inside; pass "
-                f"{surface} to say so"
+                f"no triangle of {self.source} has an area; it counts as a surface without an inside; pass {surface} "
+                "to confirm this"
             )
         if open_bodies:
             yield (
                 f"{len(open_bodies)} of {len(self.bodies)} bodies of {self.source} are open "
-                f"({sum(len(body.faces) for body in open_bodies)} of {len(self.faces)} triangles); they were taken as "
+                f"({sum(len(body.faces) for body in open_bodies)} of {len(self.faces)} triangles); they count as "
                 f"surfaces without an inside; close their gaps, or pass {surface} if no body has an inside"
                 + f", or {fill} to fill what the cells enclose"
                 * fills
             )
         if hollow:
             yield (
-                f"the volumes that {hollow} of {len(self.bodies)} bodies of {self.source} wind round cancel; where "
-                "windings do, as where a surface is drawn once for each side, a body is hollow; draw each surface once"
+                f"the windings of {hollow} of {len(self.bodies)} bodies of {self.source} cancel, for example because "
+                "a surface is drawn once for each side; such a body is hollow; draw each surface once"
                 + f", or pass {fill} to fill what the cells enclose"
                 * fills
             )
 
 
 def _merged_faces(points: Floats, faces: Ints) -> Floats:
-    """Rows that identify the surface of closed bodies, whatever the diagonals by which flat faces became triangles.
+    """Return rows that identify the surface of closed bodies, whatever the diagonals of its flat faces.
 
-    Triangles across an axis that lie in one plane and face the same way are identified by the sides that do not cancel
-    between them, with how often each counts; others by themselves. Points are in order, and named by faces.
+    Triangles in one plane across an axis that face the same way are identified by the sides that do not cancel between
+    them, and their multiplicity; other triangles by themselves. `points` are in order, and `faces` index them.
     """
     corners = points[faces]
     level = (corners == corners[:, :1]).all(axis=1)
@@ -516,7 +516,7 @@ def _merged_faces(points: Floats, faces: Ints) -> Floats:
     forth = sides[..., 0] < sides[..., 1]
     third = np.where(plane[:, None] == 0.0, np.roll(faces, -2, axis=1), -1)
     rows = np.column_stack([np.repeat(plane, 3), np.sort(sides, axis=-1).reshape(-1, 2), third.ravel()])
-    kinds, kind = ordered_rows(rows)
+    kinds, kind = unique_rows(rows)
     counts = np.bincount(kind, weights=np.where(forth, 1.0, -1.0).ravel())
     kinds, counts = kinds[counts != 0.0], counts[counts != 0.0]
     named = kinds[:, 1:].astype(np.int64)
@@ -525,9 +525,9 @@ def _merged_faces(points: Floats, faces: Ints) -> Floats:
 
 
 def _without_cracks(shadow: BaseGeometry, width: float) -> BaseGeometry:
-    """Fill holes that are at most ``width`` wide, metres.
+    """Fill holes that are at most `width` wide, metres.
 
-    If one of them is real, that changes no proof: no cell of an obstacle fits into it.
+    Filling a real hole changes no proof, because no cell of an obstacle fits into it.
     """
     import shapely
 
@@ -538,8 +538,8 @@ def _without_cracks(shadow: BaseGeometry, width: float) -> BaseGeometry:
     return shapely.MultiPolygon([filled(part) for part in shapely.get_parts(shadow)])
 
 
-def _arrays_of(shape: Any) -> tuple[Any, Any, str]:
-    """Vertices, faces and a name."""
+def _read_arrays(shape: Any) -> tuple[Any, Any, str]:
+    """Return vertices, faces and a name."""
     from cspace.files.meshes import flatten_trimesh, read_mesh
 
     if isinstance(shape, (str, os.PathLike)):
@@ -549,26 +549,25 @@ def _arrays_of(shape: Any) -> tuple[Any, Any, str]:
     return *flatten_trimesh(shape, "mesh"), "mesh"
 
 
-def _checked_vertices(values: Any, source: str) -> Floats:
+def _check_vertices(values: Any, source: str) -> Floats:
     vertices = finite(values, f"vertices of {source}")
     if vertices.ndim != 2 or vertices.shape[1] != 3:
-        rule, hint = "it must be (V, 3), in metres", "pass x, y, z for each"
+        rule, hint = "it must be (V, 3), in metres", "pass x, y, z of each vertex"
         raise GeometryError(f"vertices of {source}", f"has shape {vertices.shape}", rule, hint, value=values)
     far = float(np.abs(vertices).max(initial=0.0))
-    if far > _LARGEST:
-        raise GeometryError(
-            f"vertices of {source}", f"reach {far:g}", f"at most {_LARGEST:g} is taken", "check the units", value=values
-        )
-    if 0.0 < far < _SMALLEST:
-        rule = f"at least {_SMALLEST:g} is taken"
+    if far > _MAX_COORDINATE:
+        rule = f"the limit is {_MAX_COORDINATE:g}"
         raise GeometryError(f"vertices of {source}", f"reach {far:g}", rule, "check the units", value=values)
-    return np.array(np.where(np.abs(vertices) < _NOUGHT, 0.0, vertices), dtype=np.float64, order="C")
+    if 0.0 < far < _MIN_EXTENT:
+        rule = f"they must reach {_MIN_EXTENT:g}"
+        raise GeometryError(f"vertices of {source}", f"reach {far:g}", rule, "check the units", value=values)
+    return np.array(np.where(np.abs(vertices) < _MIN_MESH_COORDINATE, 0.0, vertices), dtype=np.float64, order="C")
 
 
-def _encoded(array: NDArray[Any], dtype: str) -> str:
+def _encode(array: NDArray[Any], dtype: str) -> str:
     return base64.b64encode(np.ascontiguousarray(array, dtype=dtype).tobytes()).decode("ascii")
 
 
-def _decoded(text: str, dtype: str) -> NDArray[Any]:
+def _decode(text: str, dtype: str) -> NDArray[Any]:
     raw = np.frombuffer(base64.b64decode(text, validate=True), dtype=dtype)
     return raw.reshape(-1, 3)

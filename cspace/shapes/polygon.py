@@ -1,4 +1,4 @@
-"""Polygons: regions of the plane, with holes; also lines and points, which have no inside."""
+"""Polygons with holes, lines and points of the plane."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ if TYPE_CHECKING:
     from shapely import STRtree
     from shapely.geometry.base import BaseGeometry
 
-_NOUGHT: Final = 1e-200
-"""Coordinates below this are zero, metres: shapely goes wrong on numbers whose products vanish."""
+_MIN_COORDINATE: Final = 1e-200
+"""Smaller coordinates are set to zero, metres, because shapely fails on numbers whose products underflow."""
 
 
 class Polygons(ExactShape):
     """A union of polygons, lines and points of the plane.
 
-    The geometries, of shapely, are valid, not empty, and without z; metres.
+    The shapely geometries must be valid, not empty, and without z; metres.
 
     Attributes
     ----------
     geometries : tuple of shapely geometries
-        As they were given.
+        The geometries as given.
     """
 
     dim = 2
@@ -44,18 +44,18 @@ class Polygons(ExactShape):
         import shapely
 
         coordinates = shapely.get_coordinates(list(geometries))
-        if ((np.abs(coordinates) < _NOUGHT) & (coordinates != 0.0)).any():
+        if ((np.abs(coordinates) < _MIN_COORDINATE) & (coordinates != 0.0)).any():
             geometries = shapely.transform(
-                list(geometries), lambda xy: np.where(np.abs(xy) < _NOUGHT, 0.0, xy)
+                list(geometries), lambda xy: np.where(np.abs(xy) < _MIN_COORDINATE, 0.0, xy)
             ).tolist()
         self.geometries = tuple(geometries)
 
     @classmethod
     def of(cls, shape: ArrayLike | BaseGeometry | Sequence[BaseGeometry]) -> Polygons:
-        """Polygons that have an area, from what :meth:`cspace.Robot.polygon` takes.
+        """Make polygons with an area from the values that :meth:`cspace.Robot.polygon` takes.
 
-        Raises GeometryError if a part is empty, has no area, crosses itself, or is not a polygon, and InputError if a
-        coordinate is NaN or infinite.
+        Raises GeometryError if a part is empty, has no area, crosses itself, or is not a polygon. Raises InputError if
+        a coordinate is NaN or infinite.
         """
         import shapely
 
@@ -71,43 +71,44 @@ class Polygons(ExactShape):
             given = [shapely.Polygon(vertices)]
         parts = [part for whole in given for part in shapely.get_parts(whole)]
         if not parts or any(part.is_empty for part in parts):
-            raise GeometryError(
-                "polygon", "is empty", "it must have an area", "pass at least three vertices", value=shape
-            )
+            hint = "pass at least three vertices"
+            raise GeometryError("polygon", "is empty", "it must have an area", hint, value=shape)
         for number, part in enumerate(parts):
             name = "polygon" if len(parts) == 1 else f"polygon[{number}]"
             if part.geom_type != "Polygon":
-                raise GeometryError(
-                    name, f"is a {part.geom_type}", "each part must be a Polygon", "leave others out", value=part
-                )
+                problem, rule = f"is a {part.geom_type}", "each part must be a Polygon"
+                raise GeometryError(name, problem, rule, "remove other parts", value=part)
             finite(shapely.get_coordinates(part), name)
             if not part.is_valid:
-                rule, hint = "rings must not cross themselves or each other", "mend it, e.g. with shapely.make_valid"
+                rule, hint = "rings must not cross themselves or each other", "correct it, e.g. with shapely.make_valid"
                 raise GeometryError(name, f"is not simple: {shapely.is_valid_reason(part)}", rule, hint, value=part)
             if not part.area > 0.0:
-                raise GeometryError(
-                    name, f"has area {part.area:g}", "it must be above zero", "pass its whole border", value=part
-                )
+                problem = f"has area {part.area:g}"
+                raise GeometryError(name, problem, "it must be above zero", "pass its whole boundary", value=part)
         return cls(parts)
 
     @cached_property
     def parts(self) -> list[tuple[Floats, bool]]:
-        """For each polygon, line and point its border segments, shape (E, 4), and whether it has an inside.
+        """Boundary segments of each simple geometry, shape (E, 4), and True if it has an interior.
 
-        Segments ``(x0, y0, x1, y1)`` of a polygon form closed curves; it is what they enclose by even-odd parity.
+        Segments are ``(x0, y0, x1, y1)``. The segments of a polygon form closed curves, which enclose it by even-odd
+        parity.
         """
         return list(_parts(self.geometries))
 
     @property
     def encloses(self) -> bool:  # type: ignore[override]
+        """True if a part is a polygon."""
         return any(filled for _, filled in self.parts)
 
     @cached_property
     def span(self) -> float:
+        """Largest modulus of a coordinate, metres."""
         return max(float(np.abs(segments).max()) for segments, _ in self.parts)
 
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner of the bounding box, shape (2,) each."""
         import shapely
 
         lower, upper = shapely.total_bounds(list(self.geometries)).reshape(2, 2)
@@ -115,27 +116,30 @@ class Polygons(ExactShape):
 
     @property
     def measure(self) -> float:
+        """Area, square metres."""
         return float(self.outline.area)
 
     @property
     def corners(self) -> int:
-        """Number of corners of all borders."""
+        """Number of corners of all boundaries."""
         return sum(len(segments) for segments, _ in self.parts)
 
     def rasters(
         self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
     ) -> tuple[Raster, Raster]:
+        """Compute the outer and inner raster; see :meth:`Shape.rasters`."""
         from cspace.raster.segments import outline_rasters
 
         return outline_rasters(self.parts, spacing, margin, rotation)
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
+        """Compute the outer and inner cells; see :meth:`Shape.cells`."""
         from cspace.raster.segments import outline_cells
 
         return outline_cells(self._near(grid), grid)
 
     def _near(self, grid: Grid) -> list[tuple[Floats, bool]]:
-        """The parts that may meet a grid."""
+        """Return the parts that can touch a grid."""
         import shapely
 
         lower, upper = np.asarray(grid.lower) - grid.spacing, np.asarray(grid.upper) + grid.spacing
@@ -151,6 +155,7 @@ class Polygons(ExactShape):
         return shapely.STRtree(shapely.get_parts(list(self.geometries)))
 
     def contains(self, points: ArrayLike) -> Bools:
+        """Return a mask of the points in the shape; see :meth:`ExactShape.contains`."""
         import shapely
 
         array = check_points(points, "points", self.dim)
@@ -158,21 +163,24 @@ class Polygons(ExactShape):
         return np.asarray(shapely.intersects_xy(self.outline, array[..., 0], array[..., 1]))
 
     def boundary(self) -> Pieces:
+        """Return the boundary as segments."""
         segments = np.concatenate([segments for segments, _ in self.parts]).reshape(-1, 2, 2)
         return Pieces(segments, np.zeros(len(segments)))
 
     @property
     def regions(self) -> list[Floats]:
+        """Segments of each polygon, shape (E, 4), which enclose it by even-odd parity."""
         return [segments for segments, filled in self.parts if filled]
 
     @cached_property
     def outline(self) -> BaseGeometry:
+        """Union of the geometries."""
         import shapely
 
         return self.geometries[0] if len(self.geometries) == 1 else shapely.union_all(list(self.geometries))
 
     def _features(self, matrix: Floats) -> Floats:
-        """Border segments without direction, with the number of their part."""
+        """Return undirected boundary segments with the index of their part."""
         segments = np.concatenate([segments for segments, _ in self.parts])
         number = np.repeat(np.arange(len(self.parts)), [len(segments) for segments, _ in self.parts])
         endpoints = (segments.reshape(-1, 2) @ matrix.T).reshape(-1, 2, 2)
@@ -182,11 +190,12 @@ class Polygons(ExactShape):
 
     @property
     def spec(self) -> dict[str, object]:
+        """Plain values for :meth:`from_spec`."""
         return {"kind": "polygon", "wkb": [base64.b64encode(part.wkb).decode() for part in self.geometries]}
 
     @classmethod
     def from_spec(cls, spec: Mapping[str, Any]) -> Polygons:
-        """The shape of a :attr:`spec`."""
+        """Make the polygons of a :attr:`spec`."""
         import shapely
 
         parts = [shapely.from_wkb(base64.b64decode(text, validate=True)) for text in spec["wkb"]]

@@ -1,4 +1,4 @@
-"""Shapes made from their sizes, and the short texts that describe them, such as ``rect:0.9x0.6``."""
+"""Shapes from their sizes, and short texts for them, such as ``rect:0.9x0.6``."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from cspace.errors import InputError
 from cspace.shapes.balls import Balls
 from cspace.shapes.mesh import Mesh
 from cspace.shapes.polygon import Polygons
-from cspace.shapes.shape import BoundedShape, Pair, Shape, capsule_bounds, cylinder_bounds, ellipse_bounds
+from cspace.shapes.shape import BoundedShape, BoundsPair, Shape, capsule_bounds, cylinder_bounds, ellipse_bounds
 from cspace.shapes.voxels import Box
 
 
 class NamedShape(NamedTuple):
-    """A shape, and a short text for people that says what it is."""
+    """A shape, and a short text that describes it."""
 
     name: str
     shape: Shape
@@ -35,7 +35,7 @@ def ball(radius: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
 
 
 def rectangle(length: float, width: float, center: ArrayLike = (0.0, 0.0)) -> NamedShape:
-    """Make a rectangle, ``length`` along x and ``width`` along y; metres."""
+    """Make a rectangle, `length` along x and `width` along y; metres."""
     import shapely
 
     half_length, half_width = positive(length, "length") / 2, positive(width, "width") / 2
@@ -45,10 +45,10 @@ def rectangle(length: float, width: float, center: ArrayLike = (0.0, 0.0)) -> Na
 
 
 def ellipse(radius_x: float, radius_y: float, center: ArrayLike = (0.0, 0.0)) -> NamedShape:
-    """Make an ellipse with semi-axes ``radius_x`` along x and ``radius_y`` along y, between two polygons; metres."""
-    radii, middle = (positive(radius_x, "radius_x"), positive(radius_y, "radius_y")), check_point(center)
-    outer, inner = (Polygons.of(corners) for corners in ellipse_bounds(radii, middle))
-    is_disc = radii[0] == radii[1] and not middle.any()
+    """Make an ellipse between two polygons, with the semi-axes along x and y; metres."""
+    radii, center_point = (positive(radius_x, "radius_x"), positive(radius_y, "radius_y")), check_point(center)
+    outer, inner = (Polygons.of(corners) for corners in ellipse_bounds(radii, center_point))
+    is_disc = radii[0] == radii[1] and not center_point.any()
     return NamedShape(f"ellipse {radius_x:g} m x {radius_y:g} m", BoundedShape(outer, inner, is_round_about_z=is_disc))
 
 
@@ -61,24 +61,27 @@ def box(extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
 def cylinder(radius: float, height: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
     """Make an upright cylinder between two prisms; metres."""
     sizes = positive(radius, "radius"), positive(height, "height")
-    return NamedShape(f"cylinder {radius:g} m, {height:g} m high", _moved(cylinder_bounds(*sizes), center))
+    return NamedShape(f"cylinder {radius:g} m, {height:g} m high", _translate(cylinder_bounds(*sizes), center))
 
 
 def capsule(radius: float, length: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
-    """Make an upright capsule, all within ``radius`` of a segment of ``length``, between two polyhedra; metres."""
+    """Make an upright capsule between two polyhedra; metres.
+
+    It holds the points within `radius` of a vertical segment of `length`.
+    """
     sizes = positive(radius, "radius"), positive(length, "length")
-    return NamedShape(f"capsule {radius:g} m, {length:g} m long", _moved(capsule_bounds(*sizes), center))
+    return NamedShape(f"capsule {radius:g} m, {length:g} m long", _translate(capsule_bounds(*sizes), center))
 
 
-def _moved(sides: Pair, center: ArrayLike) -> BoundedShape:
-    """Move a solid of revolution, given by its outer and inner surface, to a center."""
+def _translate(bounds: BoundsPair, center: ArrayLike) -> BoundedShape:
+    """Move the bounds of a solid of revolution to a center."""
     shift = check_point(center, dim=3)
-    outer, inner = (Mesh.of((vertices + shift, faces)) for vertices, faces in sides)
+    outer, inner = (Mesh.of((vertices + shift, faces)) for vertices, faces in bounds)
     return BoundedShape(outer, inner, is_round_about_z=not shift[:2].any())
 
 
 def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
-    """Make a polygon from a footprint as Nav2 writes it, ``"[[0.3, 0.2], ...]"``, or from its corners; metres."""
+    """Make a polygon from its corners, or from Nav2's text of a footprint, ``"[[0.3, 0.2], ...]"``; metres."""
     import numpy as np
 
     from cspace.files.ros import parse_footprint
@@ -92,14 +95,14 @@ def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
 
 
 class Form(NamedTuple):
-    """The short text of a kind of shape: ``KIND:`` and its sizes with a separator between them.
+    """Syntax of a short text: ``KIND:`` and the sizes, separated.
 
     Attributes
     ----------
     make : callable
         Makes the shape from its sizes and, if it is not at the origin, its center.
     sizes : tuple of str
-        What the sizes are called in help texts; each is above zero, in metres.
+        Names of the sizes in help texts; each is above zero, in metres.
     separator : str
     """
 
@@ -109,7 +112,7 @@ class Form(NamedTuple):
 
     @property
     def metavar(self) -> str:
-        """What follows the colon, for help texts."""
+        """Text after the colon, for help texts."""
         return self.separator.join(self.sizes)
 
 
@@ -122,17 +125,17 @@ FORMS: Final = {
     "cylinder": Form(cylinder, ("RADIUS", "HEIGHT")),
     "capsule": Form(capsule, ("RADIUS", "LENGTH")),
 }
-"""Short texts by their kind, the word before the colon."""
+"""Short texts by kind, the word before the colon."""
 
 FOOTPRINT: Final = "footprint"
-"""The kind of a short text that is a polygon, or the projection of another shape."""
+"""Kind of the short texts for polygons and for projections of other shapes."""
 
 SHORT_TEXTS: Final = (*(f"{kind}:{form.metavar}" for kind, form in FORMS.items()), f"{FOOTPRINT}:[[X,Y],...]")
 """All short texts, for help and messages."""
 
 
 def is_short_text(text: str) -> bool:
-    """Return True if a text begins with the kind of a short text and a colon."""
+    """Return True if a text begins with a kind of short text and a colon."""
     kind, colon, _ = text.partition(":")
     return bool(colon) and (kind in FORMS or kind == FOOTPRINT)
 
@@ -143,38 +146,34 @@ def parse_short_text(text: str, name: str = "shape") -> NamedShape:
     Parameters
     ----------
     text : str
-        One that :func:`is_short_text`.
+        A text for which :func:`is_short_text` is True.
     name : str
         The caller's argument, for messages.
 
-    Raises InputError or GeometryError if what follows the colon is not as it must be.
+    Raises InputError or GeometryError if the text after the colon is malformed.
     """
     kind, _, rest = text.partition(":")
     if kind == FOOTPRINT and rest.lstrip().startswith("["):
         return footprint(rest)
     if kind == FOOTPRINT and is_short_text(rest):
         solid = parse_short_text(rest, name)
-        return NamedShape(f"footprint of {solid.name}", solid.shape.flattened())
+        return NamedShape(f"footprint of {solid.name}", solid.shape.project_to_plane())
     if kind == FOOTPRINT:
         hint = f"write e.g. {FOOTPRINT}:[[0.3,0.2],[-0.3,0.2],[0,-0.2]], or use Robot.open(path).footprint() for a file"
-        raise InputError(name, f"is {text!r}", "after the colon must stand corners or a short text", hint, value=text)
+        rule = "corners or a short text must follow the colon"
+        raise InputError(name, f"is {text!r}", rule, hint, value=text)
     form = FORMS[kind]
     sizes, at, place = rest.partition("@")
     values, center = _numbers(sizes, form.separator), _numbers(place, ",")
     if len(values) != len(form.sizes) or min(values) <= 0.0 or bool(at) != bool(center):
-        raise InputError(
-            name,
-            f"is {text!r}",
-            f"after the colon must stand {form.metavar}, each above zero, in metres, and @X,Y or @X,Y,Z where its "
-            "middle is not the origin",
-            f"write e.g. {kind}:{form.separator.join(['0.3'] * len(form.sizes))}",
-            value=text,
-        )
+        rule = f"{form.metavar} must follow the colon, each above zero, in metres, and @X,Y or @X,Y,Z for a center"
+        hint = f"write e.g. {kind}:{form.separator.join(['0.3'] * len(form.sizes))}"
+        raise InputError(name, f"is {text!r}", rule, hint, value=text)
     return form.make(*values, *[center] if at else [])
 
 
 def _numbers(text: str, separator: str) -> list[float]:
-    """Return the finite numbers of a text, or none if it holds anything else."""
+    """Return the finite numbers of a text, or an empty list if it holds anything else."""
     try:
         values = [float(word) for word in text.split(separator)]
     except ValueError:

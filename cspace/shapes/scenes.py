@@ -1,6 +1,6 @@
-"""Shapes from robot and scene files: links of a URDF, obstacles of MoveIt planning scenes in YAML.
+"""Shapes of URDF links and of obstacles in MoveIt planning scenes.
 
-Scenes are read as ROS prints the message and as MotionBenchMaker writes it.
+Scenes are YAML, as ROS prints the message or as MotionBenchMaker writes it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,15 @@ from cspace.files.urdf import (
 from cspace.limits import check_file_memory
 from cspace.shapes.balls import Balls
 from cspace.shapes.mesh import Mesh, Solid
-from cspace.shapes.shape import BoundedShape, ExactShape, Pair, Shape, capsule_bounds, cone_bounds, cylinder_bounds
+from cspace.shapes.shape import (
+    BoundedShape,
+    BoundsPair,
+    ExactShape,
+    Shape,
+    capsule_bounds,
+    cone_bounds,
+    cylinder_bounds,
+)
 from cspace.shapes.voxels import Box
 
 if TYPE_CHECKING:
@@ -49,11 +57,11 @@ def read_urdf(
 ) -> list[Surface]:
     """Read the surface of a robot's collision geometry, in the frame of the first link, metres.
 
-    Links are those of :meth:`cspace.Robot.from_urdf`. If something is curved, return two surfaces: one around it and
-    one within. Without ``primitives``, only meshes are taken, and anything else is refused.
+    Links are those of :meth:`cspace.Robot.from_urdf`. If a shape is curved, return an outer and an inner surface.
+    Without `primitives`, only meshes are accepted.
 
-    Raises FileError if the file or a mesh is missing or malformed; InputError if there is no such link, the links have
-    no collision geometry, or a size is not above zero; and MissingPackageError if yourdfpy is not installed.
+    Raises FileError if the file or a mesh is missing or malformed. Raises InputError if a link is missing, the links
+    have no collision geometry, or a size is not above zero. Raises MissingPackageError without yourdfpy.
     """
     folders = package_folders(package_dirs)
     file = os.fspath(path)
@@ -62,72 +70,66 @@ def read_urdf(
     links = rigid if link is None else [link] if isinstance(link, str) else list(link)
     for name in links:
         if name not in urdf.link_map:
-            raise InputError(
-                "link", f"is {name!r}", f"{file} has {', '.join(urdf.link_map)}", "name one of these", value=name
-            )
+            rule = f"{file} has {', '.join(urdf.link_map)}"
+            raise InputError("link", f"is {name!r}", rule, "name one of these", value=name)
     pairs, meshes, poses = [], find_meshes(urdf, links, path, folders), zero_poses(urdf)
     for name in links:
         pose: Floats = np.linalg.solve(poses[links[0]], poses[name]).astype(np.float64)
         for number, collision in enumerate(urdf.link_map[name].collisions):
             place = f"{file}: link {name!r}, collision {number}"
             if not primitives and collision.geometry.mesh is None:
-                raise InputError(
-                    "solid",
-                    f"is 'surface', and {place} is a box, a cylinder or a sphere, which is solid",
-                    "only a mesh can be a surface without an inside",
-                    "leave it out, or name links that have only meshes",
-                    value="surface",
-                )
+                problem = f"is 'surface', and {place} is a box, a cylinder or a sphere, which is solid"
+                rule, hint = "only a mesh can be a surface without an inside", "omit it, or name links with only meshes"
+                raise InputError("solid", problem, rule, hint, value="surface")
             transform = pose if collision.origin is None else pose @ finite(collision.origin, f"{place}: origin")
-            outer, inner = _sides(collision.geometry, meshes, place)
+            outer, inner = _bounds_pair(collision.geometry, meshes, place)
             moved = transform_surface(outer, transform)
             pairs.append((moved, moved if inner is outer else transform_surface(inner, transform)))
     has_shape = [name for name in urdf.link_map if urdf.link_map[name].collisions]
     if not pairs:
         hint = f"name links that have: {', '.join(has_shape)}" if has_shape else "add <collision> to its links"
-        raise InputError(
-            "link", f"is {', '.join(links) or 'not there'}", "no such link has collision geometry", hint, value=link
-        )
+        problem = f"is {', '.join(links) or 'not there'}"
+        raise InputError("link", problem, "no such link has collision geometry", hint, value=link)
     if link is None and (left := [name for name in has_shape if name not in rigid]):
         warn_user(
-            f"{file}: {', '.join(left)} move against {base} and are left out; name all the links that you want, and "
-            "they are put where their joints are at zero"
+            f"{file}: {', '.join(left)} move against {base} and are omitted; to include them, name all links, which "
+            "are placed with their joints at zero"
         )
     curved = any(outer is not inner for outer, inner in pairs)
     return [join_surfaces(side) for side in list(zip(*pairs, strict=True))[: 1 + curved]]
 
 
-def shapes_of(
+def link_shapes(
     urdf: URDF, link: str, path: str | os.PathLike[str], meshes: Mapping[str, Path], solid: Solid
 ) -> Iterator[tuple[Shape, Floats]]:
-    """Yield the shapes of a link's collision geometry, each with its pose in the frame of the link, shape (4, 4).
+    """Yield the shapes of a link, and their poses in its frame, shape (4, 4).
 
-    ``meshes`` are the files from :func:`find_meshes`; ``solid`` says what of them has an inside.
+    `meshes` are the files from :func:`find_meshes`; `solid` says which part of a mesh is solid.
 
     Raises FileError if a mesh is malformed, and InputError if a size is not above zero.
     """
     for number, collision in enumerate(urdf.link_map[link].collisions):
         place = f"{os.fspath(path)}: link {link!r}, collision {number}"
-        surface, within = _sides(collision.geometry, meshes, place)
+        surface, within = _bounds_pair(collision.geometry, meshes, place)
         outer = Mesh(*surface, solid if collision.geometry.mesh is not None else "auto", place)
         outer.warn_if_open(fills=False)
         shape = outer if within is surface else BoundedShape(outer, Mesh.of(within))
         yield shape, np.eye(4) if collision.origin is None else finite(collision.origin, f"{place}: origin")
 
 
-def _sides(geometry: Any, meshes: Mapping[str, Path], place: str) -> Pair:
-    """A surface around a collision geometry, and one within; the same one where it is not curved."""
+def _bounds_pair(geometry: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
+    """Return an outer and an inner surface of a collision geometry; the same surface if it is not curved."""
     kind = next(name for name in GEOMETRIES if getattr(geometry, name) is not None)
-    return _SHAPES[kind](getattr(geometry, kind), meshes, f"{place}: {kind}")
+    return _SURFACE_MAKERS[kind](getattr(geometry, kind), meshes, f"{place}: {kind}")
 
 
-def _box(box: Any, meshes: Mapping[str, Path], place: str) -> Pair:
+def _box(box: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
     sides = check_point(box.size, f"{place}: size", 3).tolist()
     surface = Box.of([positive(side, f"{place}: size") for side in sides]).surface
     return surface, surface
 
 
-def _mesh(mesh: Any, meshes: Mapping[str, Path], place: str) -> Pair:
+def _mesh(mesh: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
     scale = finite(np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3), f"{place}: scale")
     if not scale.all():
         raise InputError(f"{place}: scale", f"is {scale.tolist()}", "no factor may be zero", "correct it", value=scale)
@@ -135,23 +137,25 @@ def _mesh(mesh: Any, meshes: Mapping[str, Path], place: str) -> Pair:
     return surface, surface
 
 
-def _round(make: Callable[..., Pair], names: Sequence[str], shape: Any, meshes: Mapping[str, Path], place: str) -> Pair:
+def _round(
+    make: Callable[..., BoundsPair], names: Sequence[str], shape: Any, meshes: Mapping[str, Path], place: str
+) -> BoundsPair:
     return make(*(positive(getattr(shape, name), f"{place}: {name}") for name in names))
 
 
-_SHAPES: Final[Mapping[str, Callable[[Any, Mapping[str, Path], str], Pair]]] = {
+_SURFACE_MAKERS: Final[Mapping[str, Callable[[Any, Mapping[str, Path], str], BoundsPair]]] = {
     "box": _box,
     "cylinder": partial(_round, cylinder_bounds, ("radius", "length")),
     "sphere": partial(_round, partial(capsule_bounds, length=0.0), ("radius",)),
     "mesh": _mesh,
 }
-"""What makes the surfaces of a geometry, by its name."""
+"""Function that makes the surfaces of each kind of geometry."""
 
 
-_KIND: Final = "planning scene"
+_SCENE_KIND: Final = "planning scene"
 
 MAX_SHAPES: Final = 10_000
-"""Largest number of shapes in one scene."""
+"""Maximum number of shapes in one scene."""
 
 _ADD, _REMOVE, _APPEND, _MOVE = range(4)
 
@@ -162,10 +166,10 @@ _OPERATIONS: Final[Mapping[object, int]] = {
 }
 """Operations of a collision object, as words, numbers, or the byte that ROS 2 prints."""
 
-_PARTS: Final = {"primitives": "primitive_poses", "meshes": "mesh_poses", "planes": "plane_poses"}
-"""Lists of shapes in a collision object, and the list that holds the pose of each."""
+_POSE_LISTS: Final = {"primitives": "primitive_poses", "meshes": "mesh_poses", "planes": "plane_poses"}
+"""For each list of shapes in a collision object, the list of their poses."""
 
-_NO_ROTATION: Final = (0.0, 0.0, 0.0, 1.0)
+_IDENTITY_QUATERNION: Final = (0.0, 0.0, 0.0, 1.0)
 
 Ball = tuple[Floats, float]
 
@@ -176,10 +180,10 @@ class SceneShape(NamedTuple):
     Attributes
     ----------
     name : str
-        Id of its collision object; with ``/0``, ``/1`` and so on if that holds several shapes.
+        Id of its collision object, with ``/0``, ``/1`` and so on if that holds several shapes.
     shape : Shape
     pose : ndarray of float64, shape (4, 4)
-        From the frame of the shape to that of the scene.
+        Motion from the frame of the shape to the frame of the scene.
     """
 
     name: str
@@ -188,7 +192,7 @@ class SceneShape(NamedTuple):
 
     def moved(self) -> Shape:
         """Return the shape in the frame of the scene."""
-        return _moved(self.shape, self.pose)
+        return _transform(self.shape, self.pose)
 
 
 def read_moveit_scene(
@@ -196,24 +200,24 @@ def read_moveit_scene(
 ) -> list[SceneShape]:
     """Read the obstacles of a planning scene.
 
-    A warning lists the parts of the scene that enlarge the robot, which are not read.
+    A warning lists the parts of the scene that enlarge the robot; they are not read.
 
     Parameters
     ----------
     path : path-like
         YAML of a ``moveit_msgs/PlanningScene``, or of its ``world``.
     plane_ball : (ndarray of float64, shape (3,), float), optional
-        Center and radius, metres: a square stands for each plane, which has no end, and covers what of the plane lies
-        in this ball.
+        Center and radius of a ball, metres. Each plane, which has no end, becomes a square that covers its part in the
+        ball.
     package_dirs : path-like, or sequence of path-like
         Folders that hold the folders of packages, for meshes.
 
-    Raises FileError if the file is missing or malformed, or holds something else than boxes, spheres, cylinders, cones,
-    meshes and planes, and GeometryError if a mesh has no triangle or the scene is without any shape.
+    Raises FileError if the file is missing or malformed, or holds anything but boxes, spheres, cylinders, cones, meshes
+    and planes. Raises GeometryError if a mesh has no triangle or the scene has no shape.
     """
     folders = package_folders(package_dirs)
-    content = read_yaml(path, _KIND)
-    with decoding(path, _KIND):
+    content = read_yaml(path, _SCENE_KIND)
+    with decoding(path, _SCENE_KIND):
         scene = _table(content, "the file")
         world = _table(scene.get("world", scene), "world")
         if "collision_objects" not in world:
@@ -233,7 +237,7 @@ def read_moveit_scene(
             for number, (shape, pose) in enumerate(parts)
         ]
         if not shapes:
-            raise GeometryError(os.fspath(path), "holds no shape", "a scene has one at least", "pass another file")
+            raise GeometryError(os.fspath(path), "holds no shape", "a scene needs one", "pass another file")
         if left_out := _robot_parts(scene):
             listed = ", ".join(left_out)
             warn_user(f"{os.fspath(path)}: {listed} enlarge the robot and are not read; use arm.attach and margin=")
@@ -241,7 +245,7 @@ def read_moveit_scene(
 
 
 class _Reader:
-    """Makes the shapes of collision objects."""
+    """Maker of the shapes of collision objects."""
 
     def __init__(self, path: StrPath, plane_ball: Ball | None, folders: Sequence[Path]) -> None:
         self._path, self._plane_ball, self._folders = path, plane_ball, folders
@@ -249,7 +253,7 @@ class _Reader:
         self._count, self._bytes = 0, 0
 
     def objects(self, items: Sequence[Any]) -> dict[str, tuple[str, list[tuple[Shape, Floats]]]]:
-        """Return the frame, and shapes with their poses in it, of each object by its id, after all operations."""
+        """Apply the operations; return the frame, and the shapes with their poses, of each object by id."""
         objects: dict[str, tuple[str, list[tuple[Shape, Floats]]]] = {}
         for number, item in enumerate(items):
             entry = _table(item, f"collision_objects[{number}]")
@@ -257,10 +261,8 @@ class _Reader:
             operation = entry.get("operation") or _ADD
             operation = operation.lower() if isinstance(operation, str) else operation
             if operation not in _OPERATIONS or _OPERATIONS[operation] == _MOVE:
-                rule = "it must be add, append or remove (0, 2 or 1)"
-                raise ContentError(
-                    f"has the operation {operation!r} at object {name!r}", rule, "write the scene as it is"
-                )
+                problem = f"has the operation {operation!r} at object {name!r}"
+                raise ContentError(problem, "it must be add, append or remove (0, 2 or 1)", "write the scene as it is")
             if _OPERATIONS[operation] == _REMOVE:
                 objects.pop(name, None)
                 continue
@@ -273,7 +275,7 @@ class _Reader:
             if _OPERATIONS[operation] == _APPEND and name in objects:
                 if objects[name][0] != frame:
                     problem = f"appends to object {name!r} in frame {frame!r}, which is in frame {objects[name][0]!r}"
-                    raise ContentError(problem, "both must be the same", "write both in one frame")
+                    raise ContentError(problem, "frames must be equal", "write both in one frame")
                 parts = [*objects[name][1], *parts]
             objects[name] = frame, parts
         return objects
@@ -282,16 +284,17 @@ class _Reader:
         whole = _pose(entry.get("pose"), f"the pose of {place}")
         makers: dict[str, Callable[[Any, str, Floats], tuple[Shape, Floats]]]
         makers = {"primitives": self._primitive, "meshes": self._mesh, "planes": self._plane}
-        for name, poses_name in _PARTS.items():
+        for name, poses_name in _POSE_LISTS.items():
             items = _items(entry.get(name), f"{name} of {place}")
             poses = _items(entry.get(poses_name), f"{poses_name} of {place}")
             if len(poses) != len(items) and (poses or len(items) > 1):
-                problem = f"has {len(items)} {name} and {len(poses)} {poses_name} at {place}"
-                raise ContentError(problem, "there must be a pose for each", "add or remove some")
+                problem = f"has {len(items)} {name} but {len(poses)} {poses_name} at {place}"
+                raise ContentError(problem, "each needs a pose", "add or remove some")
             for number, item in enumerate(items):
                 self._count += 1
                 if self._count > MAX_SHAPES:
-                    raise ContentError(f"holds more than {MAX_SHAPES} shapes", "no more are read", "split the scene")
+                    problem = f"holds more than {MAX_SHAPES} shapes"
+                    raise ContentError(problem, "the rest is not read", "split the scene")
                 here = f"{name}[{number}] of {place}"
                 pose = _pose(poses[number] if poses else None, f"{poses_name}[{number}] of {place}")
                 yield makers[name](item, here, whole @ pose)
@@ -302,13 +305,12 @@ class _Reader:
         kind = kind.lower() if isinstance(kind, str) else kind
         if isinstance(kind, bool) or kind not in _PRIMITIVES:
             known = ", ".join(f"{name} ({key})" for key, (name, _, _) in _PRIMITIVES.items() if isinstance(key, int))
-            raise ContentError(
-                f"has the type {kind!r} at {place}", f"it must be one of {known}", "write such a primitive"
-            )
+            problem = f"has the type {kind!r} at {place}"
+            raise ContentError(problem, f"it must be one of {known}", "write such a primitive")
         name, sizes, make = _PRIMITIVES[kind]
         given = _items(table.get("dimensions"), f"dimensions of {place}")
         values = _numbers(given, len(given), f"dimensions of {place}")
-        # Lists of three numbers are common, the last ones zero where the shape has fewer.
+        # Messages often pad dimensions to three numbers with zeros.
         if len(values) < len(sizes) or values[len(sizes) :].any() or not (values[: len(sizes)] > 0.0).all():
             rule = f"a {name} has {', '.join(sizes)}, metres above zero"
             raise ContentError(f"has the dimensions {values.tolist()} at {place}", rule, "correct them")
@@ -324,9 +326,8 @@ class _Reader:
             if table.get("dimensions") is not None:
                 scale = _numbers(table["dimensions"], 3, f"dimensions of {place}")
             if not scale.all():
-                raise ContentError(
-                    f"has the dimensions {scale.tolist()} at {place}", "no factor may be zero", "correct them"
-                )
+                problem = f"has the dimensions {scale.tolist()} at {place}"
+                raise ContentError(problem, "no factor may be zero", "correct them")
             vertices, faces = transform_surface(self._meshes[name], np.diag([*scale, 1.0]))
         else:
             points = _items(table.get("vertices"), f"vertices of {place}")
@@ -339,7 +340,7 @@ class _Reader:
                 len(each) != 3 or not all(type(n) is int and 0 <= n < len(points) for n in each) for each in corners
             ):
                 problem = f"has a triangle that is not three numbers of its {len(points)} vertices at {place}"
-                raise ContentError(problem, "vertices are counted from 0", "correct it")
+                raise ContentError(problem, "vertices count from 0", "correct it")
             faces = np.array(corners, dtype=np.int64).reshape(-1, 3)
         self._bytes += surface_bytes(len(vertices), len(faces))
         check_file_memory(self._path, "holds meshes", self._bytes)
@@ -348,23 +349,22 @@ class _Reader:
     def _plane(self, item: Any, place: str, pose: Floats) -> tuple[Shape, Floats]:
         if self._plane_ball is None:
             hint = "pass bounds for a workspace, or plane_radius for an arm"
-            raise ContentError(f"has a plane, {place}", "a plane has no end, and an obstacle needs one", hint)
+            raise ContentError(f"has a plane, {place}", "a plane has no end, but an obstacle needs one", hint)
         *normal, offset = _numbers(_table(item, place).get("coef"), 4, f"coef of {place}").tolist()
         length = float(np.linalg.norm(normal))
         if not length > 0.0:
-            raise ContentError(
-                f"has the coef {[*normal, offset]} at {place}", "a, b and c may not all be zero", "correct it"
-            )
+            problem = f"has the coef {[*normal, offset]} at {place}"
+            raise ContentError(problem, "a, b and c may not all be zero", "correct it")
         direction = pose[:3, :3] @ np.divide(normal, length)
         center, radius = self._plane_ball
-        # A point x of the shape's own frame lies in the plane where normal . x + offset = 0.
+        # In its own frame, the plane holds the points x with normal . x + offset = 0.
         foot = center - direction * (direction @ (center - pose[:3, 3]) + offset / length)
         across = np.linalg.svd(direction[np.newaxis])[2][1:]
         corners = foot + radius * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]) @ across
         return Mesh(corners, np.array([(0, 1, 2), (0, 2, 3)]), "surface", place), np.eye(4)
 
 
-def _bounded(make: Callable[[float, float], Pair], height: float, radius: float) -> Shape:
+def _bounded(make: Callable[[float, float], BoundsPair], height: float, radius: float) -> Shape:
     outer, inner = make(radius, height)
     return BoundedShape(Mesh.of(outer), Mesh.of(inner), is_round_about_z=True)
 
@@ -378,19 +378,19 @@ _PRIMITIVES: Final[Mapping[Any, tuple[str, tuple[str, ...], Callable[..., Shape]
     **{kind[0]: kind for kind in (_BOX, _SPHERE, _CYLINDER, _CONE)},
     **dict(enumerate((_BOX, _SPHERE, _CYLINDER, _CONE), start=1)),
 }
-"""Primitives by the name and by the number of their type: name, dimensions in order, and what makes the shape."""
+"""Primitives by the name and by the number of their type: name, dimensions in order, and maker."""
 
 
-def _moved(shape: Shape, pose: Floats) -> Shape:
-    """Return a shape moved by a rigid motion, shape (4, 4)."""
+def _transform(shape: Shape, pose: Floats) -> Shape:
+    """Apply a rigid motion, shape (4, 4), to a shape."""
     if isinstance(shape, BoundedShape):
         upright = shape.is_round_about_z and np.array_equal(pose[:3, 2], (0.0, 0.0, 1.0)) and not pose[:2, 3].any()
-        outer, inner = _moved_exact(shape.outer, pose), _moved_exact(shape.inner, pose)
+        outer, inner = _transform_exact(shape.outer, pose), _transform_exact(shape.inner, pose)
         return BoundedShape(outer, inner, is_round_about_z=bool(upright))
-    return _moved_exact(shape.outer, pose)
+    return _transform_exact(shape.outer, pose)
 
 
-def _moved_exact(shape: ExactShape, pose: Floats) -> ExactShape:
+def _transform_exact(shape: ExactShape, pose: Floats) -> ExactShape:
     if isinstance(shape, Balls):
         return Balls.of(shape.centers @ pose[:3, :3].T + pose[:3, 3], shape.radii)
     if isinstance(shape, Box) and np.array_equal(pose[:3, :3], np.eye(3)):
@@ -401,9 +401,9 @@ def _moved_exact(shape: ExactShape, pose: Floats) -> ExactShape:
 
 
 def _frames(transforms: Sequence[Any], frames: set[str]) -> dict[str, Floats]:
-    """Return the motion from each frame that objects are in to the one frame of the scene.
+    """Return the motion from each frame of objects to the one frame of the scene.
 
-    If all are in one frame, it is the frame of the scene. Otherwise the transforms must lead to one frame.
+    If all objects share a frame, it is the frame of the scene. Otherwise the transforms must lead to one frame.
     """
     if len(frames) == 1:
         return dict.fromkeys(frames, np.eye(4))
@@ -444,11 +444,13 @@ def _robot_parts(scene: Mapping[str, Any]) -> list[str]:
 
 
 def _pose(value: Any, place: str) -> Floats:
-    """Return a rigid motion, shape (4, 4); the identity if there is none. MoveIt normalises quaternions, too."""
+    """Parse a pose as a rigid motion, shape (4, 4), by default the identity; like MoveIt, normalise quaternions."""
     table = _table(value, place)
     given = table.get("position"), table.get("orientation")
     position = np.zeros(3) if given[0] is None else _numbers(given[0], 3, f"position of {place}")
-    quaternion = np.array(_NO_ROTATION) if given[1] is None else _numbers(given[1], 4, f"orientation of {place}")
+    quaternion = np.array(_IDENTITY_QUATERNION)
+    if given[1] is not None:
+        quaternion = _numbers(given[1], 4, f"orientation of {place}")
     matrix = np.eye(4)
     matrix[:3, 3] = position
     if quaternion[:3].any():
@@ -459,23 +461,22 @@ def _pose(value: Any, place: str) -> Floats:
 
 
 def _table(value: Any, place: str) -> Mapping[str, Any]:
-    """Return a table; an empty one for nothing."""
+    """Return a table, empty for None."""
     if value is not None and not isinstance(value, dict):
-        raise ContentError(
-            f"has {str(value)[:40]!r} as {place}", "it must be a table of names and values", "correct it"
-        )
+        problem = f"has {str(value)[:40]!r} as {place}"
+        raise ContentError(problem, "it must be a table of names and values", "correct it")
     return value or {}
 
 
 def _items(value: Any, place: str) -> Sequence[Any]:
-    """Return a list; an empty one for nothing."""
+    """Return a list, empty for None."""
     if value is not None and not isinstance(value, list):
         raise ContentError(f"has {str(value)[:40]!r} as {place}", "it must be a list", "correct it")
     return value or []
 
 
 def _numbers(value: Any, count: int, place: str) -> Floats:
-    """Return numbers, shape (count,), of a list, or of a table of x, y, z and w."""
+    """Parse a list, or a table of x, y, z and w, into numbers, shape (count,)."""
     if isinstance(value, dict):
         value = [value.get(name) for name in "xyzw"[:count]] if len(value) == count else None
     if (

@@ -33,16 +33,16 @@ if TYPE_CHECKING:
     from cspace.raster.boxes import RoundedBoxes
     from cspace.raster.surfaces import ClosedSurface
 
-_CORNERS = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)], dtype=np.float64)
+_UNIT_CORNERS = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)], dtype=np.float64)
 _QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-_FACES = np.array([t for a, b, c, d in _QUADS for t in ((a, b, c), (a, c, d))], dtype=np.int64)
-"""Triangles of a box on the corners above, facing outward."""
+_BOX_TRIANGLES = np.array([t for a, b, c, d in _QUADS for t in ((a, b, c), (a, c, d))], dtype=np.int64)
+"""Triangles of a box with the corners `_UNIT_CORNERS`, facing outward."""
 
 
 class Box(ExactShape):
     """A box along the axes in space.
 
-    ``extents``, shape (3,), are the lengths of its sides, above zero; metres.
+    `extents`, shape (3,), are its positive side lengths; metres.
     """
 
     dim = 3
@@ -54,9 +54,9 @@ class Box(ExactShape):
 
     @classmethod
     def of(cls, extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Box:
-        """A box from its sides and its middle, metres.
+        """Make a box from its side lengths and center, metres.
 
-        Raises InputError if a number is missing or not finite, or a side is not above zero.
+        Raises InputError if a number is missing or not finite, or a side length is not above zero.
         """
         sides = check_point(extents, "extents", dim=3)
         for number, side in enumerate(sides.tolist()):
@@ -65,23 +65,27 @@ class Box(ExactShape):
 
     @property
     def span(self) -> float:
+        """Largest modulus of a coordinate, metres."""
         return float(np.abs([self.lower, self.upper]).max())
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner, shape (3,) each."""
         return self.lower, self.upper
 
     @property
     def measure(self) -> float:
+        """Volume, cubic metres."""
         return float(np.prod(self.upper - self.lower))
 
     def rasters(
         self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
     ) -> tuple[Raster, Raster]:
+        """Compute the outer and inner raster; see :meth:`Shape.rasters`."""
         if rotation.matrix is not None:
             from cspace.raster.surfaces import ClosedSurface, SolidSurface, surface_rasters
 
-            shell = ClosedSurface(*self.surface, np.ones(len(_FACES), dtype=np.int64))
+            shell = ClosedSurface(*self.surface, np.ones(len(_BOX_TRIANGLES), dtype=np.int64))
             return surface_rasters(SolidSurface(*self.surface, shell, source="box"), spacing, margin, rotation)
         from cspace.raster.boxes import RoundedBoxes, rounded_rasters
 
@@ -89,27 +93,33 @@ class Box(ExactShape):
         return rounded_rasters(box, spacing, np.full(1, margin), np.zeros(1))
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
+        """Compute the outer and inner cells; see :meth:`Shape.cells`."""
         from cspace.raster.boxes import RoundedBoxes, rounded_cells
 
         return rounded_cells(RoundedBoxes(self.lower[None], self.upper[None], np.zeros(1)), grid)
 
     def contains(self, points: ArrayLike) -> Bools:
+        """Return a mask of the points in the box; see :meth:`ExactShape.contains`."""
         array = check_points(points, "points", self.dim)
         return np.asarray(((self.lower <= array) & (array <= self.upper)).all(axis=-1))
 
     def boundary(self) -> Pieces:
+        """Return the boundary as triangles."""
         vertices, faces = self.surface
         return Pieces(vertices[faces], np.zeros(len(faces)))
 
     @property
     def boxes(self) -> Boxes:
+        """The box itself."""
         return Boxes(self.lower[None], self.upper[None], (self.upper - self.lower).max(keepdims=True))
 
     @property
     def surface(self) -> Surface:
-        return self.lower + _CORNERS * (self.upper - self.lower), _FACES.copy()
+        """Vertices and triangles, facing outward."""
+        return self.lower + _UNIT_CORNERS * (self.upper - self.lower), _BOX_TRIANGLES.copy()
 
-    def flattened(self) -> Polygons:
+    def project_to_plane(self) -> Polygons:
+        """Project the box onto the plane of x and y."""
         import shapely
 
         return Polygons([shapely.box(*self.lower[:2], *self.upper[:2])])
@@ -120,18 +130,19 @@ class Box(ExactShape):
 
     @property
     def spec(self) -> dict[str, object]:
+        """Plain values for :meth:`from_spec`."""
         return {"kind": "box", "extents": self.extents.tolist(), "center": self.center.tolist()}
 
     @classmethod
     def from_spec(cls, spec: Mapping[str, Any]) -> Box:
-        """The shape of a :attr:`spec`."""
+        """Make the box of a :attr:`spec`."""
         return cls.of(spec["extents"], spec["center"])
 
 
 class Voxels(ExactShape):
     """The union of the closed cells ``lower + side * (i + [0, 1]^dim)`` where ``occupied[i]`` is set.
 
-    There are two axes or three, and one cell is set at least; metres.
+    There are two or three axes, and at least one cell is set; metres.
     """
 
     def __init__(self, occupied: Bools, side: float, lower: Floats) -> None:
@@ -140,36 +151,39 @@ class Voxels(ExactShape):
 
     @classmethod
     def of(cls, occupied: ArrayLike, spacing: float, lower: ArrayLike | None = None) -> Voxels:
-        """The cells of a bitmap, from the lower corner of the first one, by default the origin; metres.
+        """Make the union of a bitmap's cells; `lower` is the corner of the first cell, by default the origin; metres.
 
-        Raises GeometryError if no cell is occupied, and InputError if ``occupied`` is neither boolean nor 0 and 1,
-        of two or three axes, or another value is not as stated.
+        Raises GeometryError if no cell is occupied. Raises InputError if `occupied` is not an array of booleans, or of
+        0 and 1, with two or three axes, or another value is invalid.
         """
         bitmap = check_cells(occupied, "occupied")
         if not bitmap.any():
-            raise GeometryError(
-                "occupied", "holds no True cell", "there must be one at least", "set those it fills", value=occupied
-            )
+            rule = "at least one cell must be occupied"
+            raise GeometryError("occupied", "holds no True cell", rule, "set the cells that it fills", value=occupied)
         side = positive(spacing, "spacing")
         corner = check_point((0.0,) * bitmap.ndim if lower is None else lower, "lower", dim=bitmap.ndim)
         return cls(bitmap, side, corner)
 
     @property
     def span(self) -> float:
+        """Largest modulus of a coordinate, metres."""
         return float(np.abs(self.lower).max() + self.side * max(self.occupied.shape))
 
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner of the bounding box, shape (dim,) each."""
         used = np.argwhere(self.occupied)
         return self.lower + self.side * used.min(axis=0), self.lower + self.side * (used.max(axis=0) + 1)
 
     @property
     def measure(self) -> float:
+        """Area or volume, in square or cubic metres."""
         return float(np.count_nonzero(self.occupied)) * self.side**self.dim
 
     def rasters(
         self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
     ) -> tuple[Raster, Raster]:
+        """Compute the outer and inner raster; see :meth:`Shape.rasters`."""
         if self.dim == 2:
             from cspace.raster.segments import outline_rasters
 
@@ -191,6 +205,7 @@ class Voxels(ExactShape):
         return outer, Raster.from_bitmap(inside, outer.lower)
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
+        """Compute the outer and inner cells; see :meth:`Shape.cells`."""
         from cspace.raster.boxes import rounded_cells
 
         outer, _ = rounded_cells(self._boxes, grid)
@@ -201,19 +216,21 @@ class Voxels(ExactShape):
         return outer, boxes_within_cells(self.occupied, starts, 1.0, self.side / grid.spacing)
 
     def contains(self, points: ArrayLike) -> Bools:
+        """Return a mask of the points in the cells; see :meth:`ExactShape.contains`."""
         array = check_points(points, "points", self.dim)
-        place = (array - self.lower) / self.side
+        position = (array - self.lower) / self.side
         padded = np.pad(self.occupied, 1)
-        most = np.asarray(self.occupied.shape) + 1
+        last = np.asarray(self.occupied.shape) + 1
         inside = np.zeros(array.shape[:-1], dtype=np.bool_)
-        # On a border either of its two cells will do.
+        # A point on a boundary lies in the shape if either neighbouring cell does.
         for choice in range(2**self.dim):
             down = np.array([choice >> axis & 1 for axis in range(self.dim)], dtype=np.bool_)
-            cell = np.clip(np.where(down, np.ceil(place) - 1.0, np.floor(place)) + 1.0, 0, most).astype(np.int64)
+            cell = np.clip(np.where(down, np.ceil(position) - 1.0, np.floor(position)) + 1.0, 0, last).astype(np.int64)
             inside |= padded[tuple(np.moveaxis(cell, -1, 0))]
         return inside
 
     def boundary(self) -> Pieces:
+        """Return the boundary as segments in the plane, or triangles in space."""
         if self.dim == 2:
             return Pieces(self._segments.reshape(-1, 2, 2), np.zeros(len(self._segments)))
         triangles = boundary_triangles(self.occupied, self.side, self.lower)
@@ -221,6 +238,7 @@ class Voxels(ExactShape):
 
     @property
     def boxes(self) -> Boxes:
+        """Boxes that cover the cells in space."""
         if self.dim == 2:
             return super().boxes
         from cspace.raster.surfaces import RunComponents
@@ -250,6 +268,7 @@ class Voxels(ExactShape):
 
     @cached_property
     def outline(self) -> BaseGeometry:
+        """Union of the cells as a shapely geometry, for drawing."""
         if self.dim == 3:
             return super().outline
         import shapely
@@ -258,15 +277,17 @@ class Voxels(ExactShape):
 
     @property
     def surface(self) -> Surface:
+        """Boundary triangles, for drawing."""
         if self.dim == 2:
             return super().surface
         triangles = self.boundary().simplices
         return triangles.reshape(-1, 3), np.arange(3 * len(triangles), dtype=np.int64).reshape(-1, 3)
 
-    def flattened(self) -> Voxels:
-        return (
-            self if self.dim == 2 else Voxels(np.asarray(self.occupied.any(axis=2)), self.side, self.lower[:2].copy())
-        )
+    def project_to_plane(self) -> Voxels:
+        """Project the cells onto the plane of x and y."""
+        if self.dim == 2:
+            return self
+        return Voxels(np.asarray(self.occupied.any(axis=2)), self.side, self.lower[:2].copy())
 
     def _features(self, matrix: Floats) -> Floats:
         if self.dim == 2:
@@ -279,6 +300,7 @@ class Voxels(ExactShape):
 
     @property
     def spec(self) -> dict[str, object]:
+        """Plain values for :meth:`from_spec`."""
         return {
             "kind": "cells",
             "bits": base64.b64encode(np.packbits(self.occupied).tobytes()).decode(),
@@ -289,7 +311,7 @@ class Voxels(ExactShape):
 
     @classmethod
     def from_spec(cls, spec: Mapping[str, Any]) -> Voxels:
-        """The shape of a :attr:`spec`."""
+        """Make the cells of a :attr:`spec`."""
         shape = tuple(int(n) for n in spec["shape"])
         bits = np.frombuffer(base64.b64decode(spec["bits"], validate=True), dtype=np.uint8)
         bitmap = np.unpackbits(bits, count=math.prod(shape)).astype(np.bool_).reshape(shape)

@@ -25,7 +25,7 @@ from cspace.compiling import jit, kernel
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.files.access import check_suffix, replacing
 from cspace.files.plain import read_json, read_yaml
-from cspace.shapes import Balls, ExactShape, Shape, ShapeLike, shape_of
+from cspace.shapes import Balls, ExactShape, Shape, ShapeLike, as_shape
 from cspace.spectral.bump import UNIT_BALL_VOLUME
 from cspace.spectral.descriptors import check_solid_balls
 from cspace.spectral.regions import (
@@ -279,7 +279,7 @@ def decompose(
         raise InputError("number", problem, rule, "pass e.g. number=64, or tolerance=0.01 in metres", value=number)
     length = None if tolerance is None else positive(tolerance, "tolerance")
     count = None if number is None else whole(number, "number", 1, hint="pass e.g. 64")
-    region = Region(shape_of(shape))
+    region = Region(as_shape(shape))
     if kind == "inner" and not region.inner.measure[1] > 0.0:
         hint = "pass kind='outer', or a shape with an area or volume"
         raise GeometryError("shape", "has no inside", "inner balls need one", hint, value=shape)

@@ -28,7 +28,7 @@ from cspace.errors import GeometryError, InputError
 from cspace.files.vector import read_shapes
 from cspace.grid import Grid
 from cspace.raster.triangles import mark_touched
-from cspace.shapes import Balls, BallSet, ExactShape, Mesh, ShapeLike, check_balls, shape_of
+from cspace.shapes import Balls, BallSet, ExactShape, Mesh, ShapeLike, as_shape, check_balls
 from cspace.spectral.bump import Bump, check_bump
 
 if TYPE_CHECKING:
@@ -355,7 +355,7 @@ def _inside(shape: Any, grid: Grid) -> Bools:
     balls = isinstance(shape, BallSet)
     if hasattr(shape, "dtype") or isinstance(shape, list | tuple | int | float):
         return check_cells(shape, "shape")
-    known: Any = shape if balls else shape_of(shape)
+    known: Any = shape if balls else as_shape(shape)
     check_same_dim("shape", known.centers.shape[1] if balls else known.dim, grid.dim)
     if balls:
         inside = np.zeros(grid.shape, dtype=bool)

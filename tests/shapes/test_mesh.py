@@ -304,7 +304,7 @@ def test_a_footprint_holds_triangles_seen_edge_on(seed, count):
     edge_on[4, 1:, :2] = edge_on[4, :1, :2]
     edge_on[5, 2, :2] = edge_on[5, 0, :2] + rng.uniform(-1, 1, 2) * 10.0 ** rng.uniform(-17, -5)
     mesh = Mesh.of((triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)), "surface")
-    flat = mesh.flattened()
+    flat = mesh.project_to_plane()
     weights = rng.dirichlet(np.ones(3), (len(triangles), 200))
     points = (weights @ triangles)[..., :2].reshape(-1, 2)
     corners = triangles[..., :2].reshape(-1, 2)

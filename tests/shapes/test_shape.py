@@ -34,7 +34,7 @@ SHAPES = {
     "voxels": lambda: Voxels.of(BITS, 0.29, (-0.7, -0.6, -0.4)),
     "mesh": lambda: Mesh.of((TORUS.vertices, TORUS.faces)),
     "cylinder": lambda: CYLINDER,
-    "shadow of a cylinder": lambda: CYLINDER.flattened(),
+    "shadow of a cylinder": lambda: CYLINDER.project_to_plane(),
     "surface": lambda: Mesh.of((TORUS.vertices, TORUS.faces), "surface"),
 }
 
