@@ -1,4 +1,4 @@
-"""Stored maps, opened: the one place in which files make a :class:`cspace.CSpace`."""
+"""Opening of stored maps as :class:`cspace.CSpace` or :class:`cspace.TiledCSpace`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cspace.arrays import StrPath
 from cspace.errors import FileError
 from cspace.files.access import inspect_path, retry_if_replaced
 from cspace.space import CSpace
-from cspace.store import Store, making_map, not_done
+from cspace.store import Store, making_map, unfinished_map_error
 from cspace.tiles.space import TiledCSpace
 
 
@@ -25,16 +25,16 @@ def open_map(path: StrPath, in_memory: Literal[False]) -> TiledCSpace: ...
 @overload
 def open_map(path: StrPath, in_memory: bool) -> CSpace | TiledCSpace: ...
 def open_map(path: StrPath, in_memory: bool | None = None) -> CSpace | TiledCSpace:
-    """Open a stored map: one that was saved, or one that was built into a store.
+    """Open a stored map, saved or built into a store.
 
     Parameters
     ----------
     path : path-like
         A Zarr folder.
     in_memory : bool, optional
-        Whether to read the map into memory, as a :class:`cspace.CSpace`, or to leave it in its store, as a
-        :class:`cspace.TiledCSpace`, which reads tiles when it needs them. By default a map of one tile is read, as
-        :meth:`cspace.CSpace.save` writes it, and a map of several tiles, or one that is half done, stays in its store.
+        True to read the map into memory as a :class:`cspace.CSpace`; False to leave it in its store as a
+        :class:`cspace.TiledCSpace`, which reads tiles when needed. By default, a finished map of one tile, as
+        :meth:`cspace.CSpace.save` writes it, is read into memory; any other map stays in its store.
 
     Returns
     -------
@@ -44,10 +44,9 @@ def open_map(path: StrPath, in_memory: bool | None = None) -> CSpace | TiledCSpa
     Raises
     ------
     FileError
-        If there is nothing, or nothing that can be read, or not a map, or a map that is truncated or changed, or, to be
-        read into memory, half done.
+        If the map is missing, unreadable, truncated or changed, or if `in_memory` is True and tiles are unfinished.
     ConfigurationError
-        If a map with periodic axes, overlap counts or an overlap field is to stay in its store.
+        If `in_memory` is False and the map has periodic axes, overlap counts or an overlap field.
 
     Examples
     --------
@@ -66,7 +65,7 @@ open = open_map  # noqa: A001 - its public name, cspace.open
 
 
 def _open_unchanged(path: StrPath, in_memory: bool | None) -> CSpace | TiledCSpace:
-    """Open a map that no other process replaces."""
+    """Open a map, assuming that no other process replaces it."""
     _check_folder(path)
     store = Store.open(path)
     if in_memory is None:
@@ -81,7 +80,7 @@ def _open_unchanged(path: StrPath, in_memory: bool | None) -> CSpace | TiledCSpa
 def open_slice(path: StrPath, rotation: ArrayLike = ()) -> NDArray[np.uint8]:
     """Read the states at one rotation from a stored map.
 
-    Only the chunks with that slice are read, and checked by their digests.
+    Only the chunks of that slice are read; their digests are checked.
 
     Parameters
     ----------
@@ -93,21 +92,21 @@ def open_slice(path: StrPath, rotation: ArrayLike = ()) -> NDArray[np.uint8]:
     Returns
     -------
     ndarray of uint8, shape (nx, ny) or (nx, ny, nz)
-        FREE, MIXED or BLOCKED of each cell, proven for all of the rotation cell that holds it.
+        FREE, MIXED or BLOCKED of each cell, proven for the whole rotation cell that contains the rotation.
 
     Raises
     ------
     InputError
-        If it is not one rotation of the map.
+        If `rotation` is not one rotation of the map.
     FileError
-        As :func:`cspace.open`, of what is read.
+        As :func:`cspace.open`, for the files read.
     """
 
     def read() -> NDArray[np.uint8]:
         _check_folder(path)
         store = Store.open(path)
         if not store.is_done:
-            raise not_done(path, store.share_done)
+            raise unfinished_map_error(path, store.share_done)
         number = int(store.slice_of[store.rotations.cells_of(store.rotations.checked(rotation))])
         return store.states_at(number)
 
@@ -116,11 +115,12 @@ def open_slice(path: StrPath, rotation: ArrayLike = ()) -> NDArray[np.uint8]:
 
 def _check_folder(path: str | os.PathLike[str]) -> None:
     """Raise FileError if there is no folder at a path."""
-    (where, what), rule = inspect_path(path, "saved map"), "a saved map is a Zarr folder"
+    (file, what), rule = inspect_path(path, "saved map"), "a saved map is a Zarr folder"
     if not what:
-        raise FileError(str(where), "does not exist", rule, "check the name")
+        raise FileError(str(file), "does not exist", rule, "check the name")
+    if what != "a folder" and file.suffix.lower() == ".npz":
+        rule = f"{rule}; .npz is an export, for numpy.load"
+        raise FileError(str(file), "is not a saved map", rule, "save the map with space.save('map.zarr')")
     if what != "a folder":
         hint = "build the map first, with cspace.build or cspace map"
-        if where.suffix.lower() == ".npz":
-            rule, hint = f"{rule}; .npz is an export, for numpy.load", "save the map with space.save('map.zarr')"
-        raise FileError(str(where), "is not a saved map", rule, hint)
+        raise FileError(str(file), "is not a saved map", rule, hint)

@@ -1,17 +1,17 @@
-"""Stored maps: a folder in the Zarr format with the states of a map, tile by tile; a saved map is a store of one tile.
+"""Stored maps: Zarr folders with the states of a map, tile by tile.
 
-``cell_states`` has chunks of one tile and some slices, ``outer`` and, if it differs, ``inner`` chunks of one tile.
-``record``
-has a row of numbers for each tile: the counts of its states, the box around its obstacles, and the digests (SHA-256) of
-its other chunks. A row is written last: a tile is done once its row is there. All other arrays are written at once, and
-the metadata of the folder hold a digest of each of their files, of all rows together, and of themselves.
+A saved map is a store of one tile. ``cell_states`` has chunks of one tile and some slices; ``outer`` and, if it differs,
+``inner`` have chunks of one tile. ``record`` has one row of numbers per tile: the counts of its states, the box around
+its obstacles, and the SHA-256 digests of its other chunks. The row is written last, so a tile is done once its row
+exists. All other arrays are written at once. The metadata of the folder hold a digest of each of their files, of all
+rows together, and of themselves.
 
 Zarr reads a missing chunk as the fill value, without an error. So no fill value is a state or a free cell, every chunk
-is written, and a chunk is used only if it agrees with its digest.
+is written, and a chunk is used only if it matches its digest.
 
-Each file is written under another name beside its own, and renamed. An update writes its files into a folder of their
-own and names that folder in the metadata, which is when it takes place; then it moves them over the files that they
-replace. A reader looks into that folder first, so that it finds the old map or the new one at any moment.
+Each file is written under a temporary name beside its own, and renamed. An update writes its files into a separate
+folder, names that folder in the metadata, which commits it, and then moves the files over the old ones. A reader looks
+into that folder first, so that it finds the old map or the new one at any moment.
 """
 
 from __future__ import annotations
@@ -65,61 +65,62 @@ from cspace.shapes import Shape
 from cspace.workspace import Workspace
 
 _OLD_FORMATS: Final = (FORMAT, "cspace-tiles")
-"""Names of the format in this version and earlier ones."""
+"""Names of the format, in this version and earlier ones."""
 
-ROOT: Final = "zarr.json"
+ROOT_FILE: Final = "zarr.json"
+"""Name of the file with the metadata of a folder or an array."""
 
 DIGESTED: Final = ("cell_states", "outer", "inner")
-"""Arrays whose chunks have their digests in the records of tiles."""
+"""Arrays whose chunk digests are in the records of tiles."""
 
 TILED: Final = (*DIGESTED, "record")
-"""Arrays with one chunk, or several, for each tile."""
+"""Arrays with one or several chunks per tile."""
 
 UNTILED: Final = ("overlap_counts", *FIELD_NAMES)
-"""Arrays that only a map in memory holds."""
+"""Arrays that only maps in memory hold."""
 
 MAP_SUFFIXES: Final = (".zarr", "")
 """Suffixes of stored maps."""
 
 CHUNK_CELLS: Final = 2**24
-"""States in a chunk of a map that is built tile by tile, at most, unless one slice of a tile has more."""
+"""Maximum number of states in a chunk of a map built tile by tile, unless one slice of a tile has more."""
 
 SAVED_CHUNK_CELLS: Final = 2**20
-"""States in a chunk of a saved map, at most, unless one slice has more; fewer, so that one slice is read quickly."""
+"""Maximum number of states in a chunk of a saved map, unless one slice has more; small for quick reads of one slice."""
 
-LEVEL: Final = 1
-"""Level of zstd: higher ones take more time and save little; slices of turned robots even grow."""
+ZSTD_LEVEL: Final = 1
+"""Level of zstd; higher levels take more time and save little, or even enlarge slices of rotated robots."""
 
-LABEL_MARK: Final = 8
-"""Numbers of 32 bits before the labels of a tile: the digest of what they were made from."""
+LABEL_HEADER_LENGTH: Final = 8
+"""Number of int32 before the labels of a tile: the digest of the data that they were computed from."""
 
-_DIGEST: Final = 4
-"""Numbers of 64 bits in a digest."""
+_DIGEST_LENGTH: Final = 4
+"""Number of int64 in a digest."""
 
-_ASIDE: Final = ".cspace-"
-"""Beginning of the names of files that are not in their places yet."""
+_ASIDE_PREFIX: Final = ".cspace-"
+"""Prefix of the names of files that are not in place yet."""
 
-_ROUNDING: Final = 1e-12
-"""Difference of rotation cells between machines, at most; proofs have far more to spare."""
+_ROTATION_ROUNDING: Final = 1e-12
+"""Maximum difference of rotation cells between machines; proofs have far more slack."""
 
-_WHOLE: Final = (
-    "a stored map is read only if it is complete and unchanged",
-    "copy it again from where it is whole, or build it again",
+_DAMAGE_ADVICE: Final = (
+    "a stored map must be complete and unchanged",
+    "copy it again from an intact copy, or build it again",
 )
-_LABELS: Final = (
+_LABELS_COMMENT: Final = (
     "eight numbers that tell what it was made from; then, for each axis, the near face and the far one, over the "
     "rotation cells; -1 where a cell has none"
 )
-_KEYS: Final = (
+_METADATA_KEYS: Final = (
     *("format", "format_version", "library_version", "lower", "spacing", "shape", "outside", "margin", "precision"),
     *("rotations", "slices", "robot", "workspace_source"),
     *("tile", "depth", "same", "method", "stamp", "version", "aside", "box", "counts", "records"),
 )
 
 NOT_DONE: Final[Mapping[str, Any]] = {"version": 0, "aside": "", "box": None, "counts": None, "records": None}
-"""Metadata of a store without any tile."""
+"""Metadata of a store without tiles."""
 
-_ONES: Final = np.uint64(0x0101010101010101)
+_ONE_PER_BYTE: Final = np.uint64(0x0101010101010101)
 
 Index = tuple[int, ...]
 """Index of a tile along each axis."""
@@ -128,106 +129,119 @@ Index = tuple[int, ...]
 # ---- digests and errors ----------------------------------------------------------------------------------------------
 
 
-def unusable(path: StrPath, what: str) -> FileError:
+def map_error(path: StrPath, what: str) -> FileError:
     """Return the error for a stored map that cannot be trusted."""
-    return FileError(str(Path(path)), f"is not a usable map: {what}", *_WHOLE)
+    return FileError(str(Path(path)), f"is not a usable map: {what}", *_DAMAGE_ADVICE)
 
 
-def not_done(path: StrPath, share: float) -> FileError:
-    """Return the error for a map of which not all tiles are done."""
-    rule, hint = "a map is read once all of it is there", "run the same build again: only what is missing is done"
+def unfinished_map_error(path: StrPath, share: float) -> FileError:
+    """Return the error for a map with unfinished tiles.
+
+    `share` of its tiles are done.
+    """
+    rule, hint = "a map must be complete to be read", "run the same build again to finish it"
     return FileError(str(path), f"is {share:.1%} done", rule, hint)
 
 
 def decoding_map(path: StrPath) -> AbstractContextManager[None]:
-    """Turn every exception of the decoders of a damaged map into one error for the map."""
-    return decoding(path, "usable map", *_WHOLE)
+    """Turn any decoder exception into one error for the map."""
+    return decoding(path, "usable map", *_DAMAGE_ADVICE)
 
 
 @contextmanager
 def making_map(path: StrPath) -> Iterator[None]:
-    """Turn every exception that files raise which are whole, but describe no map, into one error for the map."""
+    """Turn any exception from intact files into one error for the map.
+
+    Intact files can still describe no map.
+    """
     try:
         yield
-    except (FileError, MemoryError, UserWarning):  # a warning of ours may be an error to its caller
+    except (FileError, MemoryError, UserWarning):  # callers may turn our warnings into errors
         raise
-    except Exception as error:  # what agrees with its digests may still be anything, and meets several libraries
+    except Exception as error:  # files that match their digests can still hold anything, and reach several libraries
         reason = f"{type(error).__name__}: {' '.join(str(error).split()):.200}"
-        raise unusable(path, f"its parts make no map ({reason})") from error
+        raise map_error(path, f"its parts make no map ({reason})") from error
 
 
-def digest_of(content: bytes | memoryview) -> str:
-    """Digest of bytes (SHA-256)."""
+def hex_digest(content: bytes | memoryview) -> str:
+    """Return the SHA-256 digest of bytes, in hexadecimal."""
     return hashlib.sha256(content).hexdigest()
 
 
-def digest_of_bytes(content: bytes) -> bytes:
-    """Digest of a chunk (SHA-256)."""
+def binary_digest(content: bytes) -> bytes:
+    """Return the SHA-256 digest of bytes."""
     return hashlib.sha256(content).digest()
 
 
 def seal(metadata: Mapping[str, Any], digests: Mapping[str, str]) -> dict[str, Any]:
-    """Return metadata with the digest of each file, and a digest of all of this."""
+    """Add the digests of the files, and a digest of everything."""
     sealed = {**metadata, "digests": " ".join(f"{name}:{digest}" for name, digest in digests.items())}
-    return {**sealed, "digest": digest_of(_text(sealed))}
+    return {**sealed, "digest": hex_digest(_text(sealed))}
 
 
 def _text(metadata: Mapping[str, Any]) -> bytes:
-    """Return the text that the digest of the metadata is made from."""
+    """Return the text for the digest of the metadata."""
     return json.dumps({key: value for key, value in metadata.items() if key != "digest"}, sort_keys=True).encode()
 
 
 def _unseal(metadata: Any, path: StrPath) -> dict[str, str]:
-    """Return the digest of each file, from metadata that :func:`seal` made.
+    """Return the digest of each file, from metadata made by :func:`seal`.
 
-    Raises FileError if the metadata were changed, or are of another version of the format.
+    Raises FileError if the metadata were changed, or have another version of the format.
     """
     if not isinstance(metadata, Mapping) or metadata.get("format") not in _OLD_FORMATS:
-        raise unusable(path, f"its metadata do not say format {FORMAT!r}")
+        raise map_error(path, f"its metadata do not say format {FORMAT!r}")
     if (metadata["format"], metadata.get("format_version")) != (FORMAT, VERSION):
-        raise FileError(
-            os.fspath(path),
-            f"has format version {metadata.get('format_version')!r}",
-            f"cspace {__version__} reads version {VERSION} only",
-            f"build it again, or open it with the version that wrote it ({metadata.get('library_version', 'unknown')})",
-        )
-    missing = [key for key in (*_KEYS, "digests", "digest") if key not in metadata]
+        problem = f"has format version {metadata.get('format_version')!r}"
+        rule = f"cspace {__version__} reads only version {VERSION}"
+        writer = metadata.get("library_version", "unknown")
+        raise FileError(os.fspath(path), problem, rule, f"build it again, or open it with version {writer}")
+    missing = [key for key in (*_METADATA_KEYS, "digests", "digest") if key not in metadata]
     if missing:
-        raise unusable(path, f"its metadata lack {', '.join(missing)}")
-    if metadata["digest"] != digest_of(_text(metadata)):
-        raise unusable(path, "its metadata differ from their digest")
+        raise map_error(path, f"its metadata lack {', '.join(missing)}")
+    if metadata["digest"] != hex_digest(_text(metadata)):
+        raise map_error(path, "its metadata differ from their digest")
     return dict(entry.rsplit(":", 1) for entry in metadata["digests"].split())
 
 
 def root_text(metadata: Mapping[str, Any]) -> bytes:
-    """Return the content of the root's file, which has one form only."""
+    """Return the content of the root file.
+
+    It is unique for given metadata.
+    """
     return json.dumps({"attributes": metadata, "zarr_format": 3, "node_type": "group"}, indent=2).encode()
 
 
 def read_metadata(path: StrPath) -> dict[str, Any]:
-    """Read the metadata of a stored map, unchecked.
+    """Read the metadata of a stored map without checking them.
 
-    Raises FileError if they cannot be read.
+    Raises FileError if the file is missing or malformed.
     """
-    return dict(read_json(Path(path, ROOT), "saved map")["attributes"])
+    return dict(read_json(Path(path, ROOT_FILE), "saved map")["attributes"])
 
 
 def is_store(path: StrPath) -> bool:
-    """Return whether a folder is a stored map, whole or half done, of any version."""
+    """Return True if a folder is a stored map.
+
+    It may be of any version, and incomplete.
+    """
     try:
         return read_metadata(path)["format"] in _OLD_FORMATS
     except (CspaceError, KeyError, TypeError, ValueError):
         return False
 
 
-def _is_ours(folder: Path) -> bool:
-    """Return whether a folder holds only a map, whole or damaged, of this version or an earlier one."""
-    parts = {ROOT, "c"}
+def _is_map_folder(folder: Path) -> bool:
+    """Return True if a folder holds nothing but a map.
+
+    The map may be damaged, or of an earlier version.
+    """
+    parts = {ROOT_FILE, "c"}
     known = {*stored(), "labels_0", "labels_1", "geometry", "vertices", "faces", "centers", "radii"}
     return all(
-        (entry.name == ROOT and entry.is_file())
+        (entry.name == ROOT_FILE and entry.is_file())
         or (entry.name in known and entry.is_dir() and {part.name for part in entry.iterdir()} <= parts)
-        or entry.name.startswith(_ASIDE)
+        or entry.name.startswith(_ASIDE_PREFIX)
         for entry in folder.iterdir()
     )
 
@@ -237,19 +251,19 @@ def _is_ours(folder: Path) -> bool:
 
 @dataclass(frozen=True)
 class Record:
-    """What is known of a tile that is done.
+    """Summary of a finished tile.
 
     Attributes
     ----------
     counts : ndarray of int64, shape (slices, 3)
-        Number of FREE, MIXED and BLOCKED cells.
+        Number of FREE, MIXED and BLOCKED cells of each slice.
     box : ndarray of int64, shape (2, d)
-        First and last cell, of the whole map, of the box around the outer cells; the first is beyond the last if there
-        are none. All of the tile unless outside of the map is free.
+        First and last cell, in the whole map, of the box around the outer cells; the first is beyond the last if there
+        are none. The box is the whole tile unless the exterior is free.
     digests : tuple of bytes
-        Digests of its chunks of states, of the outer cells, and of the inner ones, or again of the outer ones.
+        Digests of its chunks of states, of outer cells, and of inner cells (or again of outer cells).
     own_digest : bytes
-        Digest of the chunk of ``record`` that holds all of this.
+        Digest of its chunk of ``record``.
     """
 
     counts: Ints
@@ -259,24 +273,24 @@ class Record:
 
     @property
     def mark(self) -> bytes:
-        """A digest of the chunks of the tile: different chunks have different marks."""
-        return digest_of_bytes(b"".join(self.digests))
+        """Digest of all chunks of the tile."""
+        return binary_digest(b"".join(self.digests))
 
 
-Known = Callable[[Index], Record]
-"""Gives the record of a tile that is done."""
+RecordReader = Callable[[Index], Record]
+"""Function that returns the record of a finished tile."""
 
 
 @kernel
-def tally(states: NDArray[np.uint8]) -> tuple[int, int]:
-    """Count the MIXED and the BLOCKED states."""
+def count_states(states: NDArray[np.uint8]) -> tuple[int, int]:
+    """Count the MIXED and BLOCKED states."""
     mixed, blocked = 0, 0
     eights = states[: len(states) // 8 * 8].view(np.uint64)
-    for first in range(0, len(eights), 255):  # as often as a byte can count
+    for first in range(0, len(eights), 255):  # each byte counts to at most 255
         ones, twos = np.uint64(0), np.uint64(0)
         for word in eights[first : first + 255]:
-            ones += word & _ONES
-            twos += (word >> np.uint64(1)) & _ONES
+            ones += word & _ONE_PER_BYTE
+            twos += (word >> np.uint64(1)) & _ONE_PER_BYTE
         for shift in range(0, 64, 8):
             mixed += int((ones >> np.uint64(shift)) & np.uint64(255))
             blocked += int((twos >> np.uint64(shift)) & np.uint64(255))
@@ -287,7 +301,10 @@ def tally(states: NDArray[np.uint8]) -> tuple[int, int]:
 
 
 def _extent(cells: Bools) -> Ints:
-    """Return the first and last cell, shape (2, d), of the box around set cells; far apart the wrong way if none is."""
+    """Return the bounding box of set cells, shape (2, d).
+
+    It holds the first and last cell, far inverted if no cell is set.
+    """
     used = [
         np.flatnonzero(cells.any(axis=tuple(a for a in range(cells.ndim) if a != axis))) for axis in range(cells.ndim)
     ]
@@ -301,20 +318,22 @@ def _extent(cells: Bools) -> Ints:
 
 @dataclass(frozen=True)
 class Store:
-    """A stored map, as of one moment; several processes read and write it at once.
+    """A stored map at one moment.
+
+    Several processes may read and write it at once.
 
     Attributes
     ----------
     path : Path
     metadata : dict
-        Those of :func:`metadata_of`, and ``tile``, the cells of a tile along each axis, ``depth``, the slices of a
-        chunk, ``same``, whether inner cells are the outer ones, ``method``, the engine of the build, ``stamp``, of the
-        workspace, ``version``, the number of updates, ``aside``, a folder of newer files, and, once all tiles are done,
+        Metadata of :func:`metadata_of`, and ``tile``, the cells of a tile along each axis; ``depth``, the slices per
+        chunk; ``same``, true if inner and outer cells are equal; ``method``, the engine of the build; ``stamp`` of the
+        workspace; ``version``, the number of updates; ``aside``, a folder of newer files. Once all tiles are done, also
         ``counts`` of each slice, ``box`` around all obstacles, and ``records``, the digest of all records.
     digests : dict
         Digest of each file of the arrays without tiles, and of each description of an array.
     moment : tuple
-        Differs after any change of the map.
+        Changes with every change of the map.
     """
 
     path: Path
@@ -331,12 +350,12 @@ class Store:
 
     @cached_property
     def robot(self) -> Robot:
-        """Robot that the map was built for."""
+        """Robot of the map."""
         return Robot.from_spec(json.loads(self.metadata["robot"]))
 
     @cached_property
     def names(self) -> frozenset[str]:
-        """Names of its arrays."""
+        """Names of the arrays."""
         return frozenset(file.split("/")[0] for file in self.digests)
 
     @cached_property
@@ -346,35 +365,35 @@ class Store:
 
     @cached_property
     def slice_of(self) -> Ints:
-        """The slice of each rotation cell.
+        """Slice of each rotation cell.
 
-        Raises ValueError if the store holds other rotation cells, or others that share a slice.
+        Raises ValueError if the rotation cells, or those that share a slice, differ from the robot's.
         """
         slice_of = self.rotations.slices_for(self.robot.shape)
         for name, needed in ({"slice_of": slice_of} | self.rotations.coordinates).items():
-            if not np.allclose(self.array(name), needed, rtol=0.0, atol=_ROUNDING):
-                raise ValueError(f"its array {name!r} is not that of its rotation cells and its robot")
+            if not np.allclose(self.array(name), needed, rtol=0.0, atol=_ROTATION_ROUNDING):
+                raise ValueError(f"its array {name!r} does not match its rotation cells and its robot")
         return slice_of
 
     @cached_property
     def shapes(self) -> tuple[Shape, ...] | None:
-        """The obstacles, if they are known as shapes; no longer after an update."""
+        """Obstacles as shapes, if known; an update forgets them."""
         with decoding_map(self.path):
             return shapes_from(self.array("shapes")) if "shapes" in self.names else None
 
     @property
     def proves_blocked(self) -> bool | None:
-        """Whether BLOCKED is proven; None if that is not known."""
+        """True if BLOCKED is proven; None if unknown."""
         return bool(self.metadata["inner"]) if "inner" in self.metadata else None
 
     @property
     def is_done(self) -> bool:
-        """Whether all tiles are done."""
+        """True if all tiles are done."""
         return self.metadata["box"] is not None
 
     @property
     def tile(self) -> tuple[int, ...]:
-        """Cells of a tile along each axis."""
+        """Number of cells of a tile along each axis."""
         return tuple(self.metadata["tile"])
 
     @property
@@ -384,12 +403,12 @@ class Store:
 
     @property
     def depth(self) -> int:
-        """Slices in a chunk of states."""
+        """Number of slices in a chunk of states."""
         return int(self.metadata["depth"])
 
     @cached_property
     def layers(self) -> int:
-        """Chunks of states that a tile has."""
+        """Number of chunks of states in a tile."""
         return -(-self.slices // self.depth)
 
     @cached_property
@@ -402,6 +421,7 @@ class Store:
         return itertools.product(*map(range, self.counts))
 
     def __len__(self) -> int:
+        """Return the number of tiles."""
         return math.prod(self.counts)
 
     def cells(self, index: Index) -> tuple[slice, ...]:
@@ -415,7 +435,10 @@ class Store:
         return range(layer * self.depth, min((layer + 1) * self.depth, self.slices))
 
     def tiles_in(self, box: Sequence[slice]) -> Iterator[Index]:
-        """Iterate over the tiles that share a cell with a box, which may reach beyond the grid."""
+        """Iterate over the tiles that intersect a box.
+
+        The box may extend beyond the grid.
+        """
         cut = [
             (max(part.start, 0), min(part.stop, n), t)
             for part, n, t in zip(box, self.grid.shape, self.tile, strict=True)
@@ -427,90 +450,93 @@ class Store:
 
     @classmethod
     def create(cls, folder: StrPath, metadata: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Store:
-        """Write a store without any tile; ``arrays`` are those without tiles.
+        """Write a store without tiles; `arrays` holds the arrays without tiles.
 
-        Raises FileError if nothing can be written.
+        Raises FileError if writing fails.
         """
-        # Global "coordinates" tell readers of the CF conventions which arrays label others.
+        # The global attribute "coordinates" tells readers of the CF conventions which arrays label others.
         metadata = {**metadata, **NOT_DONE, "coordinates": " ".join((*turns_of(arrays), "slice_of"))}
         digests = {}
         for name, content in _files_of(metadata, arrays):
-            digests[name] = digest_of(content)
+            digests[name] = hex_digest(content)
             file = Path(folder, name)
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(content)
-        Path(folder, ROOT).write_bytes(root_text(seal(metadata, digests)))
+        Path(folder, ROOT_FILE).write_bytes(root_text(seal(metadata, digests)))
         return cls.open(folder)
 
     @classmethod
     def open(cls, path: StrPath) -> Store:
-        """Open the store at a path, whatever is done of it; only its rotation cells are read and checked.
+        """Open a store, complete or not.
 
-        Raises FileError if there is none, or it was changed, or is of an earlier version.
+        Only its rotation cells are read and checked.
+
+        Raises FileError if it is missing, was changed, or is of an earlier version.
         """
-        root = Path(path) / ROOT
+        root = Path(path) / ROOT_FILE
+        root = Path(path) / ROOT_FILE
         if not root.exists():
-            raise unusable(path, f"it holds no {ROOT}")
+            raise map_error(path, f"it holds no {ROOT_FILE}")
         with making_map(path):
             moment = _moment(root)
             content = read_bytes(root, "saved map", memory=8.0)
             metadata = json.loads(content)["attributes"]
             store = cls(Path(path), metadata, _unseal(metadata, path), moment)
             if content != root_text(metadata):
-                raise unusable(path, f"its {ROOT} was changed")
+                raise map_error(path, f"its {ROOT_FILE} was changed")
             aside = metadata["aside"]
             if aside and (aside.strip("/.") != aside[1:] or "/" in aside):
-                raise unusable(path, f"its newer files are in {aside!r}")
+                raise map_error(path, f"its newer files are in {aside!r}")
             if min(*store.tile, store.depth, store.slices) < 1:
-                raise unusable(path, "its tiles hold nothing")
+                raise map_error(path, "its tiles hold nothing")
             _check_names(store)
             _ = store.slice_of
             return store
 
     def check_files(self) -> None:
-        """Check every file that has a digest in the metadata.
+        """Check every file with a digest in the metadata.
 
         Raises FileError if one is missing or damaged.
         """
         for file in self.digests:
-            self._proven(file)
+            self._read_proven(file)
 
     def reseal(self, forget: Sequence[str] = (), **changes: Any) -> None:
-        """Write the metadata anew, with some changed, and without the arrays to ``forget``."""
+        """Write the metadata again, with `changes`, and without the arrays in `forget`."""
         digests = {file: digest for file, digest in self.digests.items() if file.split("/")[0] not in forget}
-        _write(self.path / ROOT, root_text(seal({**self.metadata, **changes}, digests)))
+        _write(self.path / ROOT_FILE, root_text(seal({**self.metadata, **changes}, digests)))
 
     @property
     def is_past(self) -> bool:
-        """Whether the map has changed since it was opened."""
-        return self.moment != _moment(self.path / ROOT)
+        """True if the map has changed since it was opened."""
+        return self.moment != _moment(self.path / ROOT_FILE)
 
     # ---- files -------------------------------------------------------------------------------------------------------
 
     def array(self, name: str) -> NDArray[Any]:
         """Read an array without tiles.
 
-        Raises FileError if it is missing, damaged, or not what a map holds.
+        Raises FileError if it is missing, damaged, or has a wrong shape or type.
         """
-        layout = Layout.parse(json.loads(self._proven(f"{name}/{ROOT}")))
-        # Before reading: a forged shape could ask for more memory than there is.
+        layout = Layout.parse(json.loads(self._read_proven(f"{name}/{ROOT_FILE}")))
+        # Check before reading, because a forged shape could request more memory than there is.
         self._check_kind(name, layout.shape, layout.dtype)
         with decoding_map(self.path / name):
             check_bytes(self.path / name, math.prod(layout.shape) * layout.dtype.itemsize, "unpacks to")
             whole = tuple(slice(0, n) for n in layout.shape)
-            return layout.read(whole, lambda key: self._proven(f"{name}/{key}"))
+            return layout.read(whole, lambda key: self._read_proven(f"{name}/{key}"))
 
-    def _proven(self, file: str) -> bytes:
-        """Read a file that has its digest in the metadata."""
+    def _read_proven(self, file: str) -> bytes:
+        """Read a file and check its digest from the metadata."""
         content = read_member(self.path, file, "part of a saved map")
         if content is None or file not in self.digests:
-            raise unusable(self.path, f"its file {file!r} is missing")
-        if digest_of(content) != self.digests[file]:
-            raise unusable(self.path, f"its file {file!r} differs from its digest")
+            raise map_error(self.path, f"its file {file!r} is missing")
+        if hex_digest(content) != self.digests[file]:
+            raise map_error(self.path, f"its file {file!r} differs from its digest")
         return content
 
     def _check_kind(self, name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
-        """Raise FileError for an array of another shape or type than the map needs."""
+        """Refuse an array of a wrong shape or type."""
         dim, number = self.grid.dim, self._columns
         sizes = dict(zip(AXES, self.grid.shape, strict=False)) | {"slice": self.slices, "number": number}
         sizes |= {f"tile_{axis}": n for axis, n in zip(AXES, self.counts, strict=False)}
@@ -518,45 +544,47 @@ class Store:
         sizes |= {"corner": 2 * dim + 1, "rotation": self.metadata["rotations"] or 1, "byte": shape[0] if shape else 0}
         needed = tuple(sizes[axis] for axis in axes_of(name, dim))
         if tuple(shape) != needed or dtype != stored()[name].dtype:
-            given = f"{dtype} {tuple(shape)}"
-            raise unusable(self.path, f"its array {name!r} is {given} where {stored()[name].dtype} {needed} is needed")
+            problem = f"its array {name!r} is {dtype} {tuple(shape)}, not {stored()[name].dtype} {needed}"
+            raise map_error(self.path, problem)
 
     def _check_layout(self, name: str) -> None:
-        """Raise FileError if other software would find another array of tiles than this store."""
+        """Raise FileError if other software would read an array of tiles differently."""
         with decoding_map(self.path / name):
-            layout = Layout.parse(json.loads(self._proven(f"{name}/{ROOT}")))
+            layout = Layout.parse(json.loads(self._read_proven(f"{name}/{ROOT_FILE}")))
         self._check_kind(name, layout.shape, layout.dtype)
         shape, _, _ = self._chunk(name)
         if (layout.chunks, layout.compressor, layout.checksums) != (shape, "zstd", 0):
-            raise unusable(self.path, f"its array {name!r} has other chunks than its tiles")
+            raise map_error(self.path, f"its array {name!r} has other chunks than its tiles")
 
     def write(self, name: str, index: Sequence[int], block: NDArray[Any], aside: str = "") -> bytes:
-        """Write a chunk, without the part beyond the array, and return its digest.
+        """Write a chunk and return its digest.
 
-        Raises FileError if it cannot be written, for example on a full disk.
+        A chunk at the end of the array may be smaller.
+
+        Raises FileError if writing fails, for example on a full disk.
         """
-        content = _encoded(name, block, *self._chunk(name))
+        content = _encode(name, block, *self._chunk(name))
         _write(self.path / aside / _name(name, index), content)
-        return digest_of_bytes(content)
+        return binary_digest(content)
 
     def read(
         self, name: str, index: Sequence[int], digest: bytes | None, out: NDArray[Any] | None = None
     ) -> NDArray[Any]:
-        """Read a whole chunk, which must have a digest if one is given; into ``out``, if that can hold it.
+        """Read a whole chunk, and check its digest, if given.
 
-        Raises FileError if it is missing or damaged.
+        The chunk is read into `out` if it fits.
+
+        Raises FileError if the chunk is missing or damaged.
         """
         file = _name(name, index)
-        content = self._content(file)
+        content = self._read_newest(file)
         if content is None:
-            raise unusable(self.path, f"its file {file!r} is missing")
-        if digest is not None and digest_of_bytes(content) != digest:
-            raise unusable(self.path, f"its file {file!r} differs from its digest")
-        return self._decoded(name, index, content, out)
+            raise map_error(self.path, f"its file {file!r} is missing")
+        if digest is not None and binary_digest(content) != digest:
+            raise map_error(self.path, f"its file {file!r} differs from its digest")
+        return self._decode(name, index, content, out)
 
-    def _decoded(
-        self, name: str, index: Sequence[int], content: bytes, out: NDArray[Any] | None = None
-    ) -> NDArray[Any]:
+    def _decode(self, name: str, index: Sequence[int], content: bytes, out: NDArray[Any] | None = None) -> NDArray[Any]:
         file, (shape, dtype, _) = self.path / _name(name, index), self._chunk(name)
         with decoding_map(file):
             size = math.prod(shape) * dtype.itemsize
@@ -567,57 +595,66 @@ class Store:
             return unpack(content, "zstd", size).view(dtype).reshape(shape)
 
     def optional(self, name: str, index: Sequence[int]) -> NDArray[Any] | None:
-        """Read a chunk of what is made again if it is missing or damaged."""
+        """Read a chunk that can be computed again.
+
+        Returns None if it is missing or damaged.
+        """
         try:
             return self.read(name, index, None)
         except FileError:
             return None
 
-    def _content(self, file: str) -> bytes | None:
-        """Read the newest file of a name; None if there is none."""
+    def _read_newest(self, file: str) -> bytes | None:
+        """Read the newest file of a name, or return None."""
         for folder in (self.metadata["aside"], "") if self.metadata["aside"] else ("",):
             if (content := read_member(self.path / folder, file, "part of a store of tiles")) is not None:
                 return content
         return None
 
     def _chunk(self, name: str) -> tuple[tuple[int, ...], np.dtype[Any], Any]:
-        """Shape, type and filling of an array's chunks."""
+        """Return the shape, type and fill value of an array's chunks."""
         if name.startswith("labels"):
             return (*(1,) * self.grid.dim, self._label_width), np.dtype("<i4"), -1
         return _chunks_of(self.metadata)[name], np.dtype(stored()[name].dtype).newbyteorder("<"), stored()[name].lost
 
     @property
     def _columns(self) -> int:
-        """Numbers in a record."""
-        return 3 * self.slices + 2 * self.grid.dim + _DIGEST * (self.layers + 2)
+        """Number of columns of a record."""
+        return 3 * self.slices + 2 * self.grid.dim + _DIGEST_LENGTH * (self.layers + 2)
 
     @property
     def label_count(self) -> int:
-        """Rotation cells that are labelled: one if there is a single slice."""
+        """Number of rotation cells with labels.
+
+        It is one if there is a single slice.
+        """
         return self.rotations.count if self.slices > 1 else 1
 
     @property
     def _label_width(self) -> int:
-        """Numbers in a chunk of labels: a digest, and those of the cells on all faces of a tile, over rotations."""
-        return LABEL_MARK + self.label_count * sum(2 * math.prod(self.tile) // side for side in self.tile)
+        """Length of a chunk of labels.
+
+        It holds a digest, then the cells on all faces of a tile for each rotation cell.
+        """
+        return LABEL_HEADER_LENGTH + self.label_count * sum(2 * math.prod(self.tile) // side for side in self.tile)
 
     # ---- tiles -------------------------------------------------------------------------------------------------------
 
     def write_tile(self, index: Index, blocks: Iterable[States], cells: Iterable[Bools], aside: str = "") -> Record:
-        """Write a tile, its record last; all arrays are cut to the map.
+        """Write a tile, its record last.
 
-        ``blocks`` gives the states of each chunk, and ``cells`` the outer cells and, unless they are the same, the
-        inner ones; each array is used before the next one is asked for.
+        `blocks` yields the states of each chunk. `cells` yields the outer cells and, unless they are equal, the inner
+        cells. All arrays are clipped to the map, and each is used before the next is requested.
         """
         counts, digests = np.empty((self.slices, 3), dtype=np.int64), []
         for layer, block in enumerate(blocks):
             for number, states in zip(self.numbers(layer), block, strict=True):
-                mixed, blocked = tally(states.reshape(-1))
+                mixed, blocked = count_states(states.reshape(-1))
                 counts[number] = states.size - mixed - blocked, mixed, blocked
             digests.append(self.write("cell_states", (layer, *index), block, aside))
         extent = np.array([[0, part.stop - part.start - 1] for part in self.cells(index)]).T
         for name, part in zip(("outer", "inner"), cells, strict=False):
-            if name == "outer" and self.metadata["outside"] == "free":  # the only one that asks for it
+            if name == "outer" and self.metadata["outside"] == "free":  # only a free exterior needs the box
                 extent = _extent(part)
             digests.append(self.write(name, index, part, aside))
         digests += digests[-1:] * (self.layers + 2 - len(digests))
@@ -627,39 +664,46 @@ class Store:
         return Record(counts, extent, tuple(digests), own_digest)
 
     def known(self, index: Index) -> Record:
-        """Return the record of a tile.
+        """Read the record of a tile.
 
         Raises FileError if the tile is not done.
         """
-        content = self._content(_name("record", (*index, 0)))
+        content = self._read_newest(_name("record", (*index, 0)))
         if content is None:
-            raise unusable(self.path, f"its tile {index} is missing")
-        row = self._decoded("record", (*index, 0), content).reshape(-1)
+            raise map_error(self.path, f"its tile {index} is missing")
+        row = self._decode("record", (*index, 0), content).reshape(-1)
         counts, box, digests = np.split(row, [3 * self.slices, 3 * self.slices + 2 * self.grid.dim])
-        parts = [part.tobytes() for part in digests.reshape(-1, _DIGEST)]
-        return Record(counts.reshape(-1, 3), box.reshape(2, -1), tuple(parts), digest_of_bytes(content))
+        parts = [part.tobytes() for part in digests.reshape(-1, _DIGEST_LENGTH)]
+        return Record(counts.reshape(-1, 3), box.reshape(2, -1), tuple(parts), binary_digest(content))
 
     def states(self, index: Index, layer: int, record: Record, out: States | None = None) -> States:
-        """Read a chunk of states, shape (depth, *tile); cells beyond the map are BLOCKED.
+        """Read a chunk of states, shape (depth, *tile).
 
-        Read into ``out``, and return it, if it has that shape and is contiguous.
+        Cells beyond the map are BLOCKED. Read into `out`, and return it, if it has that shape and is
+        contiguous.
         """
         states: States = self.read("cell_states", (layer, *index), record.digests[layer], out)
         used = states[tuple(slice(0, len(part)) for part in (self.numbers(layer), *map(_range, self.cells(index))))]
         if used.max(initial=0) > BLOCKED:
-            raise unusable(self.path, f"its tile {index} holds {used.max()}, which is none of the states 0 to 2")
+            raise map_error(self.path, f"its tile {index} holds {used.max()}, but states are 0 to 2")
         return states if used.size == states.size else np.minimum(states, BLOCKED)
 
     def obstacles(self, index: Index, record: Record, out: Bools | None = None) -> tuple[Bools, Bools]:
-        """Read the outer and inner cells of a tile, cut to the map; the outer ones into ``out``, if it is the tile."""
+        """Read the outer and inner cells of a tile.
+
+        They are clipped to the map; outer cells are read into `out` if it fits.
+        """
         own = tuple(slice(0, part.stop - part.start) for part in self.cells(index))
         outer = self.read("outer", index, record.digests[self.layers], out)[own]
         if self.metadata["same"]:
             return outer, outer
         return outer, self.read("inner", index, record.digests[self.layers + 1])[own]
 
-    def obstacles_in(self, box: Box, known: Known | None = None) -> tuple[Bools, Bools]:
-        """Read the outer and inner cells in a box, which may reach beyond the map; ``known`` may cache records."""
+    def obstacles_in(self, box: Box, known: RecordReader | None = None) -> tuple[Bools, Bools]:
+        """Read the outer and inner cells in a box.
+
+        The box may extend beyond the map; `known` may cache records.
+        """
         outside = self.metadata["outside"] == "blocked"
         outer = np.full(tuple(part.stop - part.start for part in box), outside, dtype=np.bool_)
         inner = outer if self.metadata["same"] else outer.copy()
@@ -672,9 +716,12 @@ class Store:
         return outer, inner
 
     def states_in(
-        self, box: Box, known: Known | None = None, table: Ints | None = None, packed: bool | None = None
+        self, box: Box, known: RecordReader | None = None, table: Ints | None = None, packed: bool | None = None
     ) -> Stack:
-        """Read the states of all slices in a box; beyond the map, they are those of ``table``, as of an Exterior."""
+        """Read the states of all slices in a box.
+
+        Beyond the map they follow the `table` of an Exterior.
+        """
         shape = tuple(part.stop - part.start for part in box)
         packed = is_packed(shape, self.slices) if packed is None else packed
         bits = PackedStates((self.slices, *shape)) if packed else None
@@ -711,20 +758,20 @@ class Store:
     def contents(self) -> Contents:
         """Read the whole map.
 
-        Raises FileError if not all tiles are done, or a file is missing or damaged, or the files describe no map.
+        Raises FileError if a tile is not done, a file is missing or damaged, or the files describe no map.
         """
         with making_map(self.path):
             return self._contents()
 
     def _contents(self) -> Contents:
         if not self.is_done:
-            raise not_done(self.path, self.share_done)
+            raise unfinished_map_error(self.path, self.share_done)
         for name in TILED:
             if name in self.names:
                 self._check_layout(name)
         records = {index: self.known(index) for index in self}
         if any(self.metadata[key] != value for key, value in self.totals(records.__getitem__).items()):
-            raise unusable(self.path, "its records differ from their digest")
+            raise map_error(self.path, "its records differ from their digest")
         arrays = {name: self.array(name) for name in self.names.difference(TILED, ("shapes",))}
         box = tuple(slice(0, n) for n in self.grid.shape)
         packed = is_packed(self.grid.shape, self.slices, "overlap_counts" in arrays)
@@ -752,17 +799,19 @@ class Store:
         )
 
     def done(self) -> list[Index]:
-        """Return the tiles that are done."""
+        """Return the indices of the tiles that are done."""
         folder = self.path / "record" / "c"
         return [index for index in self if (folder / "/".join(map(str, (*index, 0)))).exists()]
 
     @property
     def share_done(self) -> float:
-        """Share of the tiles that are done; below 1 until all are."""
+        """Share of finished tiles, below 1 until all are done."""
         return 1.0 if self.is_done else min(len(self.done()) / len(self), 1.0 - 2.0**-20)
 
-    def totals(self, known: Known | None = None) -> dict[str, Any]:
-        """Return what the records of all tiles come to: counts of each slice, box of all obstacles, digest of all.
+    def totals(self, known: RecordReader | None = None) -> dict[str, Any]:
+        """Combine the records of all tiles.
+
+        Returns the counts of each slice, the box of all obstacles, and one digest.
 
         Raises FileError if a tile is not done.
         """
@@ -781,29 +830,33 @@ class Store:
         }
 
     def add_labels(self) -> None:
-        """Describe the arrays of labels of components to software that reads Zarr."""
+        """Describe the arrays of component labels to software that reads Zarr."""
         shape = (*self.counts, self._label_width)
         for kind, what in enumerate(("FREE cells", "cells that are not BLOCKED")):
             name, about = f"labels_{kind}", f"components of {what} within a tile, of the cells on its faces"
-            if not (self.path / name / ROOT).exists():
-                description = _description(name, shape, *self._chunk(name), {"long_name": about, "comment": _LABELS})
-                _write(self.path / name / ROOT, description)
+            if not (self.path / name / ROOT_FILE).exists():
+                attributes = {"long_name": about, "comment": _LABELS_COMMENT}
+                _write(self.path / name / ROOT_FILE, _description(name, shape, *self._chunk(name), attributes))
 
     # ---- changes -----------------------------------------------------------------------------------------------------
 
     def commit(self, aside: str, **changes: Any) -> Store:
-        """Replace the files of the same names as those in a folder, at one moment; return the store since then.
+        """Commit the files in the folder `aside`; return the new store.
 
-        What the change makes untrue is forgotten: the obstacles as shapes, for example, and what is known outside.
+        They replace files of the same names. Data that the change invalidates are removed, such as the
+        obstacles as shapes and the exterior.
         """
-        untrue = ("shapes", "unknown", "exterior", *UNTILED)
-        self.reseal(untrue, version=self.metadata["version"] + 1, aside=aside, **changes)
-        for name in untrue:
+        invalid = ("shapes", "unknown", "exterior", *UNTILED)
+        self.reseal(invalid, version=self.metadata["version"] + 1, aside=aside, **changes)
+        for name in invalid:
             shutil.rmtree(self.path / name, ignore_errors=True)
         return Store.open(self.path).settled()
 
     def settled(self) -> Store:
-        """Return the store once nothing is left of a change that took place."""
+        """Move the files of a committed change into place.
+
+        Returns the resulting store.
+        """
         aside = self.metadata["aside"]
         if not aside:
             return self
@@ -811,34 +864,34 @@ class Store:
             if file.is_file():
                 target = self.path / file.relative_to(self.path / aside)
                 target.parent.mkdir(parents=True, exist_ok=True)
-                with suppress(FileNotFoundError):  # another process does the same
+                with suppress(FileNotFoundError):  # another process has moved the file
                     file.replace(target)
         self.reseal(aside="")
         shutil.rmtree(self.path / aside, ignore_errors=True)
         return Store.open(self.path)
 
     def tidy(self) -> None:
-        """Remove the remains of processes that were killed; nobody else may be writing."""
-        for file in self.path.rglob(f"{_ASIDE}*"):
+        """Remove temporary files of killed processes; no other process may be writing."""
+        for file in self.path.rglob(f"{_ASIDE_PREFIX}*"):
             if file.name != self.metadata["aside"]:
                 shutil.rmtree(file, ignore_errors=True) if file.is_dir() else file.unlink(missing_ok=True)
 
 
 def _check_names(store: Store) -> None:
-    """Raise FileError unless a store has all arrays that it needs, and only known ones."""
+    """Refuse a store that lacks an array or holds an unknown one."""
     inner = () if store.metadata["same"] else ("inner",)
     required = ("cell_states", "outer", *inner, "record", "slice_of", *AXES[: store.grid.dim], *turns_of(store.names))
-    lacking = [name for name in required if name not in store.names]
-    if lacking:
-        raise unusable(store.path, f"it holds no {' and no '.join(lacking)}")
-    strange = sorted(store.names.difference(stored()))
-    if strange:
-        raise unusable(store.path, f"it holds {', '.join(strange)}, which no map does")
+    missing = [name for name in required if name not in store.names]
+    if missing:
+        raise map_error(store.path, f"it holds no {' and no '.join(missing)}")
+    unknown = sorted(store.names.difference(stored()))
+    if unknown:
+        raise map_error(store.path, f"it holds {', '.join(unknown)}, which no map does")
 
 
 def aside_name() -> str:
-    """Return a fresh name for a file, or a folder of files, not in their places yet."""
-    return f"{_ASIDE}{uuid.uuid4().hex[:12]}"
+    """Return a fresh name for a file or folder in progress."""
+    return f"{_ASIDE_PREFIX}{uuid.uuid4().hex[:12]}"
 
 
 def _moment(root: Path) -> tuple[int, int, int]:
@@ -851,14 +904,14 @@ def _range(part: slice) -> range:
 
 
 def _name(array: str, index: Sequence[int]) -> str:
-    """Return the file of a chunk."""
+    """Return the path of a chunk's file in the store."""
     return f"{array}/c/{'/'.join(map(str, index))}"
 
 
-def _encoded(name: str, block: NDArray[Any], shape: tuple[int, ...], dtype: np.dtype[Any], lost: Any) -> bytes:
-    """Encode a chunk of a shape; a smaller block, at the end of an array, is filled up.
+def _encode(name: str, block: NDArray[Any], shape: tuple[int, ...], dtype: np.dtype[Any], lost: Any) -> bytes:
+    """Encode a chunk, padded at the end of an array.
 
-    A chunk with a digest in a record needs no checksum, which takes as long as everything else.
+    Chunks with a digest in a record get no checksum, which would double the time.
     """
     from numcodecs import Zstd
 
@@ -866,7 +919,7 @@ def _encoded(name: str, block: NDArray[Any], shape: tuple[int, ...], dtype: np.d
         whole = np.full(shape, lost, dtype=dtype)
         whole[tuple(slice(0, n) for n in block.shape)] = block
         block = whole
-    return bytes(Zstd(LEVEL, checksum=name not in DIGESTED).encode(np.ascontiguousarray(block, dtype=dtype)))
+    return bytes(Zstd(ZSTD_LEVEL, checksum=name not in DIGESTED).encode(np.ascontiguousarray(block, dtype=dtype)))
 
 
 def _description(
@@ -878,7 +931,7 @@ def _description(
     about: Mapping[str, Any],
     axes: Sequence[str] | None = None,
 ) -> bytes:
-    """Return the metadata of an array in version 3 of the Zarr format."""
+    """Return the metadata of an array in Zarr version 3."""
     special = {"nan": "NaN", "inf": "Infinity"}
     document = {
         "zarr_format": 3,
@@ -890,7 +943,7 @@ def _description(
         "fill_value": special.get(str(lost), lost),
         "codecs": [
             {"name": "bytes", "configuration": {"endian": "little"}},
-            {"name": "zstd", "configuration": {"level": LEVEL, "checksum": name not in DIGESTED}},
+            {"name": "zstd", "configuration": {"level": ZSTD_LEVEL, "checksum": name not in DIGESTED}},
         ],
         "attributes": about,
         **({"dimension_names": axes} if axes else {}),
@@ -899,33 +952,33 @@ def _description(
 
 
 def _write(file: Path, content: bytes) -> None:
-    """Write a file that is there whole or not at all."""
+    """Write a file atomically."""
     temporary = file.with_name(aside_name())
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         temporary.write_bytes(content)
         temporary.replace(file)
     except OSError as error:
-        raise FileError(
-            str(file),
-            f"cannot be written: {error.strerror or error}",
-            "a store needs a writable folder with free space",
-            "free some, and run the same again: what is done is kept",
-        ) from error
+        problem = f"cannot be written: {error.strerror or error}"
+        rule, hint = "a store needs a writable folder and free space", "free some space, then run the same again"
+        raise FileError(str(file), problem, rule, hint) from error
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
 
 
 def _chunks_of(metadata: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
-    """Return the shape of the chunks of each array with tiles."""
+    """Return the chunk shape of each array with tiles."""
     tile, slices, depth = tuple(metadata["tile"]), metadata["slices"], metadata["depth"]
-    columns = 3 * slices + 2 * len(tile) + _DIGEST * (-(-slices // depth) + 2)
+    columns = 3 * slices + 2 * len(tile) + _DIGEST_LENGTH * (-(-slices // depth) + 2)
     return {"cell_states": (depth, *tile), "outer": tile, "inner": tile, "record": (*(1,) * len(tile), columns)}
 
 
 def _files_of(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterator[tuple[str, bytes]]:
-    """Yield the files of a store without tiles, by name, except the root: metadata of arrays, and ``arrays``."""
+    """Yield the files of a store without tiles.
+
+    Yields name and content of each file except the root file.
+    """
     grid = grid_of(metadata)
     chunks = {name: side for name, side in _chunks_of(metadata).items() if name != "inner" or not metadata["same"]}
     counts = (-(-n // t) for n, t in zip(grid.shape, metadata["tile"], strict=True))
@@ -938,37 +991,38 @@ def _files_of(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterato
     for name, shape in shapes.items():
         dtype, lost = np.dtype(stored()[name].dtype).newbyteorder("<"), stored()[name].lost
         about, axes = attributes_of(name, grid), axes_of(name, grid.dim)
-        yield f"{name}/{ROOT}", _description(name, shape, chunks[name], dtype, lost, about, axes)
+        yield f"{name}/{ROOT_FILE}", _description(name, shape, chunks[name], dtype, lost, about, axes)
         if name in arrays:
             for index in itertools.product(*(range(-(-n // c)) for n, c in zip(shape, chunks[name], strict=True))):
                 box = tuple(slice(i * c, (i + 1) * c) for i, c in zip(index, chunks[name], strict=True))
-                yield _name(name, index), _encoded(name, arrays[name][box], chunks[name], dtype, lost)
+                yield _name(name, index), _encode(name, arrays[name][box], chunks[name], dtype, lost)
 
 
 # ---- whole maps ------------------------------------------------------------------------------------------------------
 
 
 def save(contents: Contents, path: StrPath, overwrite: bool = False) -> None:
-    """Save a map as a store of one tile, which :func:`cspace.open` reads and ``xarray.open_zarr`` too.
+    """Save a map as a store of one tile.
 
-    A slice of more than 2^28 cells is saved in several tiles.
+    :func:`cspace.open` and ``xarray.open_zarr`` can read it. Slices of more than 2^28 cells are split into several
+    tiles.
 
     Parameters
     ----------
     contents : Contents
     path : path-like
-        A Zarr folder, whose name ends in ``.zarr`` or has no suffix.
+        A Zarr folder; the name ends in ``.zarr`` or has no suffix.
     overwrite : bool
-        Whether an existing map may be replaced; no folder of anything else is.
+        True to replace an existing map; other folders are never replaced.
 
     Raises
     ------
     InputError
-        If the suffix is another one.
+        If the name has another suffix.
     FileError
         If the output exists and may not be replaced, or cannot be written.
     """
-    check_suffix(path, MAP_SUFFIXES, "a map is saved as a Zarr folder, and exported to other formats by space.export")
+    check_suffix(path, MAP_SUFFIXES, "a map is saved as a Zarr folder; space.export writes other formats")
     arrays, workspace = arrays_of(contents), contents.workspace
     tile = fit_tile(contents.grid.shape)
     settings = {
@@ -980,24 +1034,27 @@ def save(contents: Contents, path: StrPath, overwrite: bool = False) -> None:
     }
     states, cells = arrays["cell_states"], [arrays[name] for name in ("outer", "inner") if name in arrays]
     untiled = {name: array for name, array in arrays.items() if name not in TILED}
-    with replacing(path, overwrite, folder=_is_ours) as temporary:
+    with replacing(path, overwrite, folder=_is_map_folder) as temporary:
         store = Store.create(temporary, metadata_of(contents) | settings, untiled)
         for index in store:
             box = store.cells(index)
-            blocks = (_block(states, store.numbers(layer), box) for layer in range(store.layers))
+            blocks = (_copy_block(states, store.numbers(layer), box) for layer in range(store.layers))
             store.write_tile(index, blocks, (part[box] for part in cells))
         store.reseal(**store.totals())
 
 
-def _block(states: Stack, numbers: range, box: Box) -> States:
-    """Return the states of some slices in a box; no cells are copied if one slice, or a stack of bytes, has them."""
+def _copy_block(states: Stack, numbers: range, box: Box) -> States:
+    """Return the states of some slices in a box.
+
+    Cells are copied only if several slices are packed.
+    """
     if len(numbers) == 1:
         return states[numbers[0]][box][None]
     return states[numbers.start : numbers.stop][(slice(None), *box)]
 
 
 def fit_tile(sides: Sequence[int], itemsize: int = 1) -> tuple[int, ...]:
-    """Return the cells of a tile along each axis: ``sides``, the longest of them halved until a chunk may hold it."""
+    """Halve the longest side until a chunk fits the limit."""
     tile = list(sides)
     while itemsize * math.prod(tile) > MAX_CHUNK_BYTES:
         longest = int(np.argmax(tile))

@@ -1,4 +1,4 @@
-"""Maps for other software, by the suffix of the file, or as labelled arrays for analysis."""
+"""Maps for other software, by suffix, or as labelled arrays."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import BLOCKED, FREE, MIXED, Ints, StrPath, frozen
 from cspace.errors import InputError
-from cspace.export.borders import WRITERS, write_border
+from cspace.export.boundaries import WRITERS, write_boundary
 from cspace.export.images import write_geotiff, write_ros_map
 from cspace.export.vti import write_vti
 from cspace.files.access import check_suffix, replacing
@@ -28,9 +28,10 @@ if TYPE_CHECKING:
 
 
 class _Layers(Mapping[str, NDArray[Any]]):
-    """The arrays of some rotation cells of a map, each taken from its stack when it is read.
+    """Arrays of some rotation cells of a map.
 
-    Those of one cell keep their names; those of several have the number of the cell behind them.
+    Each is read from its stack when accessed. The arrays of a single cell keep their names; otherwise the index of
+    the cell is appended.
     """
 
     def __init__(self, contents: Contents, cells: Sequence[int]) -> None:
@@ -43,14 +44,17 @@ class _Layers(Mapping[str, NDArray[Any]]):
         self._places |= {name: (name, None) for name in ("outer", "inner", "unknown") if name in self._arrays}
 
     def __getitem__(self, key: str) -> NDArray[Any]:
+        """Return an array of one rotation cell."""
         name, number = self._places[key]
         array: NDArray[Any] = self._arrays[name] if number is None else self._arrays[name][number]
         return array
 
     def __iter__(self) -> Iterator[str]:
+        """Iterate over the names of the arrays."""
         return iter(self._places)
 
     def __len__(self) -> int:
+        """Return the number of arrays."""
         return len(self._places)
 
 
@@ -58,7 +62,10 @@ Write = Callable[[Contents, Sequence[int], StrPath, bool], None]
 
 
 def _slice(write: Callable[[NDArray[np.uint8], Grid, StrPath, bool], None]) -> Write:
-    """What writes the slice of one rotation cell by a function of its states."""
+    """Turn a writer of states into a writer of maps.
+
+    It writes one rotation cell.
+    """
     return lambda contents, cells, path, overwrite: write(
         contents.states[int(contents.slice_of[cells[0]])], contents.grid, path, overwrite
     )
@@ -71,7 +78,10 @@ def _vti(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: boo
 
 
 def _netcdf(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
-    """Write a map, or one rotation cell of it, as netCDF-3, whose arrays are indexed ``[rotation, z, y, x]``."""
+    """Write a map, or one rotation cell, as netCDF-3.
+
+    Arrays are indexed ``[rotation, z, y, x]``.
+    """
     dataset = to_xarray(contents).drop_vars(["shapes", "slice_of"], errors="ignore")
     if "rotation" in dataset.dims and len(cells) == 1:
         dataset = dataset.isel(rotation=cells[0])
@@ -81,30 +91,30 @@ def _netcdf(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: 
         dataset.to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
 
 
-_ONLY_PLANE: Final = {3: "a GeoTIFF is plane, and the map is one in space"}
+_PLANE_TIFF: Final = {3: "a GeoTIFF is plane, and the map is one in space"}
+_PLANE_ROS_MAP: Final = {3: "a ROS map is plane, and the map is one in space"}
+_MESH_IN_SPACE: Final = {2: "a boundary is a mesh in space, and the map is one of the plane"}
 
-_SLICES: Final[Mapping[str, tuple[Write, Mapping[int, str]]]] = {
+_CELL_WRITERS: Final[Mapping[str, tuple[Write, Mapping[int, str]]]] = {
     ".vti": (_vti, {}),
     ".nc": (_netcdf, {}),
-    **dict.fromkeys((".tif", ".tiff"), (_slice(write_geotiff), _ONLY_PLANE)),
-    **dict.fromkeys((".yaml", ".yml"), (_slice(write_ros_map), {3: "a ROS map is plane, and the map is one in space"})),
-    **dict.fromkeys(
-        WRITERS, (_slice(write_border), {2: "a border is a mesh in space, and the map is one of the plane"})
-    ),
+    **dict.fromkeys((".tif", ".tiff"), (_slice(write_geotiff), _PLANE_TIFF)),
+    **dict.fromkeys((".yaml", ".yml"), (_slice(write_ros_map), _PLANE_ROS_MAP)),
+    **dict.fromkeys(WRITERS, (_slice(write_boundary), _MESH_IN_SPACE)),
 }
-"""What writes rotation cells of a map, by suffix; and why it does not in one of the dimensions."""
+"""Writer of rotation cells, by suffix, and the reason for a dimension that the format cannot hold."""
 
-_MANY: Final = (".vti", ".nc")
-"""Formats that hold more than one rotation cell."""
+_MULTI_CELL_SUFFIXES: Final = (".vti", ".nc")
+"""Suffixes of formats that hold several rotation cells."""
 
-EXPORTS: Final = (*MAP_SUFFIXES, ".npz", *_SLICES)
-"""All formats, by suffix."""
+EXPORTS: Final = (*MAP_SUFFIXES, ".npz", *_CELL_WRITERS)
+"""Suffixes of all formats."""
 
 
 def export(
     contents: Contents, path: str | os.PathLike[str], overwrite: bool = False, *, rotation: ArrayLike | None = None
 ) -> None:
-    """Write a map for other software.
+    """Write a map for other software; the suffix selects the format.
 
     Parameters
     ----------
@@ -113,50 +123,49 @@ def export(
         ``.zarr`` or no suffix: a Zarr folder, as :meth:`cspace.CSpace.save` writes it. ``.npz``: a compressed archive
         for ``numpy.load``, with ``cell_states`` (uint8 [slice, x, y] or [slice, x, y, z]: 0 free, 1 mixed, 2 blocked),
         ``slice_of`` (``state[slice_of]`` are the states by rotation), ``x``, ``y`` and in space ``z`` (centers of the
-        cells, metres), ``outer``, the other arrays that the map has, ``lower``, ``spacing`` and ``metadata`` (JSON).
-        ``.vti``: cells for ParaView, with the arrays ``cell_states``, ``outer``, and where the map has them ``inner``,
-        ``unknown``, ``overlap_counts`` and those of its overlap field (``penetration`` and its derivatives); of a
-        robot that
-        turns one for each rotation cell, ``state_00`` and so on, whose rotations are the field data ``yaw``, or ``qx``
-        to ``qw``. ``.nc``: netCDF-3 with the variables of :func:`to_xarray`, indexed ``[rotation, z, y, x]``.
-        ``.tif``, ``.tiff``: a map of the plane as a GeoTIFF in its own metres, 0 FREE, 1 MIXED, 2 BLOCKED. ``.yaml``:
-        a map of the plane as a ROS map, with its image beside it. ``.ply``, ``.obj``, ``.stl``: the border of the free
-        space, of a map in space; STL in single precision.
+        cells, metres), ``outer``, the other arrays of the map, ``lower``, ``spacing`` and ``metadata`` (JSON).
+        ``.vti``: cells for ParaView, with the arrays ``cell_states``, ``outer``, and, if the map has them, ``inner``,
+        ``unknown``, ``overlap_counts`` and the overlap field (``penetration`` and its derivatives). For a robot that
+        turns, each rotation cell has its own arrays, ``cell_states_00`` and so on; the field data ``yaw``, or ``qx`` to
+        ``qw``, hold the rotations. ``.nc``: netCDF-3 with the variables of :func:`to_xarray`, indexed ``[rotation, z,
+        y, x]``. ``.tif``, ``.tiff``: a plane map as a GeoTIFF in its own metres, 0 FREE, 1 MIXED, 2 BLOCKED. ``.yaml``,
+        ``.yml``: a plane map as a ROS map, with its image beside it. ``.ply``, ``.obj``, ``.stl``: the boundary of the
+        free space of a map in space; STL in single precision.
     overwrite : bool
-        Whether an existing output may be replaced.
+        True to replace an existing output.
     rotation : array-like, shape (k,), optional
-        Of a robot that turns, the rotation to write, as in a configuration: needed for formats of one slice, and for
-        ``.vti`` and ``.nc`` unless all are wanted. What the map calls free is proven for all of the rotation cell that
-        holds it, and for no other.
+        Rotation to write, as in a configuration, for a robot that turns. It is required for formats of one slice, and
+        selects one rotation cell for ``.vti`` and ``.nc``. Its free cells are proven for the whole rotation cell that
+        contains it, and for no other.
 
     Raises
     ------
     InputError
-        If the suffix is another one, the format cannot hold the map, or ``rotation`` is missing or has no place.
+        If the suffix is unknown, the format cannot hold the map, or ``rotation`` is missing or not applicable.
     FileError
         If the output exists and may not be replaced, or cannot be written.
     """
     suffix = check_export(path, contents.grid.dim)
-    if suffix in _SLICES:
+    if suffix in _CELL_WRITERS:
         cells: Sequence[int] = range(contents.rotations.count)
-        if rotation is not None or suffix not in _MANY:
+        if rotation is not None or suffix not in _MULTI_CELL_SUFFIXES:
             cells = [contents.rotations.one_cell(rotation, "rotation", f"{Path(path)} holds one slice")]
-        _SLICES[suffix][0](contents, cells, path, overwrite)
+        _CELL_WRITERS[suffix][0](contents, cells, path, overwrite)
         return
     if rotation is not None:
         rule = f"a {suffix or 'Zarr'} map holds every slice"
-        raise InputError("rotation", f"is {rotation!r}", rule, "leave it out", value=rotation)
+        raise InputError("rotation", f"is {rotation!r}", rule, "omit it", value=rotation)
     write = write_npz if suffix == ".npz" else save
     write(contents, path, overwrite)
 
 
 def check_export(path: StrPath, dim: int) -> str:
-    """The suffix of a file that can hold maps of a dimension.
+    """Return the suffix of an export file for maps of a dimension.
 
-    Raises InputError if no format has it, or that one holds maps of the other dimension.
+    Raises InputError if the suffix is unknown, or its format cannot hold such maps.
     """
-    suffix = check_suffix(path, EXPORTS, "the suffix says which format to write")
-    refused = _SLICES[suffix][1] if suffix in _SLICES else {}
+    suffix = check_suffix(path, EXPORTS, "the suffix selects the format")
+    refused = _CELL_WRITERS[suffix][1] if suffix in _CELL_WRITERS else {}
     if dim in refused:
         hint = "write another format, e.g. .vti"
         raise InputError("path", f"is {Path(path)}", refused[dim], hint, value=path)
@@ -164,7 +173,9 @@ def check_export(path: StrPath, dim: int) -> str:
 
 
 def write_npz(contents: Contents, path: StrPath, overwrite: bool = False) -> None:
-    """Write a map as a compressed NumPy archive; see :func:`export` for its arrays.
+    """Write a map as a compressed NumPy archive.
+
+    See :func:`export` for its arrays.
 
     Raises FileError if the file exists and may not be replaced, or cannot be written.
     """
@@ -174,13 +185,15 @@ def write_npz(contents: Contents, path: StrPath, overwrite: bool = False) -> Non
         "spacing": np.array(contents.grid.spacing),
         "metadata": json.dumps(metadata_of(contents), sort_keys=True),
     }
-    # An open file, because np.savez would add a suffix to any name that does not end in lower-case ".npz".
+    # Pass an open file, because np.savez appends a suffix to names that do not end in lower-case ".npz".
     with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **members)
 
 
 def to_xarray(contents: Contents) -> xarray.Dataset:
-    """A map as an xarray Dataset, with everything that is needed to rebuild it.
+    """Return a map as a complete xarray Dataset.
+
+    The map can be rebuilt from it.
 
     Parameters
     ----------
@@ -189,23 +202,22 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     Returns
     -------
     xarray.Dataset
-        Dimensions ``x``, ``y`` and in space ``z``, or the joints of an arm, with the middles of the cells, in metres or
+        Dimensions ``x``, ``y`` and in space ``z``, or the joints of an arm, with the centers of the cells, in metres or
         radians. Variables ``cell_states`` (uint8, flags free, mixed and blocked), ``outer`` and ``inner`` (bool, the
-        workspace) and, where the map has them, ``overlap_counts`` (int32), ``penetration`` and its derivatives
-        ``penetration_x`` and so on (float64), and ``shapes`` (bytes of JSON text, which makes the obstacles again). The
-        arrays are read-only; copy the Dataset to change it. Attributes are text, numbers and lists of numbers:
+        workspace) and, if the map has them, ``overlap_counts`` (int32), ``penetration`` and its derivatives
+        ``penetration_x`` and so on (float64), and ``shapes`` (bytes of JSON text from which the obstacles are made).
+        The arrays are read-only; copy the Dataset to change it. Attributes are text, numbers and lists of numbers:
         ``lower``, ``spacing``, ``outside``, ``margin``, ``precision``, ``rotations`` (their number), ``robot`` (JSON
         text for ``Robot.from_spec``), ``workspace_source`` and the versions.
 
-        For a robot that turns, ``cell_states``, ``overlap_counts`` and the field have the dimension ``rotation``
-        before those of the
-        cells, with the coordinates ``yaw`` (the representative, radians), ``yaw_bounds`` (its borders),
-        ``covering_angle`` and ``slice_of``. A state holds for all yaw angles between the bounds.
+        For a robot that turns, ``cell_states``, ``overlap_counts`` and the field have the leading dimension
+        ``rotation``, with the coordinates ``yaw`` (the representative, radians), ``yaw_bounds`` (the ends of the
+        interval), ``covering_angle`` and ``slice_of``. A state holds for all yaw angles between the bounds.
 
     Notes
     -----
-    Arrays are those of the map, not copies, with one exception: where a symmetry of the robot makes some, but not all,
-    rotation cells share slices (a rectangle about its middle), these are copied out, a slice for each rotation cell.
+    Arrays are shared with the map, with one exception: if a symmetry of the robot makes some, but not all, rotation
+    cells share slices (a rectangle about its center), these slices are copied for each rotation cell.
 
     Examples
     --------
@@ -240,7 +252,10 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
 
 
 def _by_rotation(stack: NDArray[Any], slice_of: Ints) -> NDArray[Any]:
-    """A slice for each rotation cell, copied only where some, but not all, share one."""
+    """Return a slice for each rotation cell.
+
+    Slices are copied only if some, but not all, cells share one.
+    """
     if len(stack) == len(slice_of):
         return stack
     if len(stack) == 1:

@@ -1,4 +1,4 @@
-"""ROS messages without ROS, filled: occupancy grids, costmaps, paths and joint trajectories.
+"""Filled ROS messages without ROS: occupancy grids, costmaps, paths and joint trajectories.
 
 A message is any object with the right fields, such as those of :mod:`cspace.files.ros`.
 """
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 Message = TypeVar("Message")
 
 LETHAL, INSCRIBED, NO_INFORMATION = 254, 253, 255
-"""Costs of Nav2: an obstacle is there; a robot there is in collision, however it is turned; nothing is known."""
+"""Costs of Nav2: an obstacle is in the cell; a robot in the cell collides at every rotation; the cell is unknown."""
 
 OCCUPANCY: Final = {FREE: 0, MIXED: -1, BLOCKED: 100}
-"""Value of each state in an occupancy grid, in per cent; -1 is unknown."""
+"""Occupancy of each state, in per cent; -1 is unknown."""
 
 
 def occupancy_grid_of(
@@ -55,7 +55,7 @@ def costmap_of(
     radius = not_negative(inflation_radius, "inflation_radius")
     scaling = not_negative(cost_scaling_factor, "cost_scaling_factor", "pass it per metre")
     if space.grid.dim == 3:
-        raise InputError("the map", "is one in space", "a costmap is plane", "build one of the plane")
+        raise InputError("the map", "is one in space", "a costmap is plane", "build a map of the plane")
     number = None
     if rotation is not None:
         number = int(space.slice_of[int(space.rotations.cells_of(space.rotations.checked(rotation)))])
@@ -70,8 +70,10 @@ def costmap_of(
 def fill_path(positions: Floats, quaternions: Floats, msg: Message, frame_id: str) -> Message:
     """Fill a ``nav_msgs/Path`` with poses.
 
-    ``positions``, shape (n, 3), are in metres; ``quaternions``, shape (n, 4), are x, y, z, w. Each pose gets the frame
-    and the stamp of the message. Raises InputError if the message lacks a field.
+    `positions`, shape (n, 3), are in metres; `quaternions`, shape (n, 4), are x, y, z, w. Each pose gets the frame and
+    the stamp of the message.
+
+    Raises InputError if the message lacks a field.
     """
     kind = "nav_msgs/Path"
     make, stamp = _element_class(msg, "poses", PoseStamped), getattr(getattr(msg, "header", None), "stamp", None)
@@ -87,7 +89,9 @@ def fill_path(positions: Floats, quaternions: Floats, msg: Message, frame_id: st
 def fill_joint_trajectory(
     joints: Sequence[str], positions: Floats, seconds: Floats, msg: Message, frame_id: str
 ) -> Message:
-    """Fill a ``trajectory_msgs/JointTrajectory`` with positions, shape (n, dof), at seconds from its start, shape (n,).
+    """Fill a ``trajectory_msgs/JointTrajectory`` with timed positions.
+
+    `positions` has shape (n, dof); `seconds` from the start has shape (n,).
 
     Raises InputError if the message lacks a field.
     """
@@ -107,12 +111,12 @@ def fill_joint_trajectory(
 def costs_of(
     clearance: Floats, lethal: Bools, unknown: Bools | None, inscribed: float, scaling: float, radius: float
 ) -> NDArray[np.uint8]:
-    """Compute costs of Nav2's inflation layer, shape (nx, ny), from each cell's clearance in metres.
+    """Compute the costs of Nav2's inflation layer.
 
-    The clearance is zero where a robot may be in collision; above ``radius - inscribed`` it may be infinite. ``lethal``
-    cells meet an obstacle; nothing is known of ``unknown`` cells. ``inscribed`` is the radius of the robot's inscribed
-    circle, metres; ``scaling`` is ``cost_scaling_factor``, per metre, and ``radius`` is ``inflation_radius``, metres,
-    from the obstacles.
+    `clearance` and costs have shape (nx, ny); clearances are in metres. The clearance of a cell is zero if a robot
+    there may collide; above ``radius - inscribed`` it may be infinite. `lethal` marks cells that touch an obstacle,
+    and `unknown` marks unknown cells. `inscribed` is the radius of the robot's inscribed circle, metres. `scaling`
+    is ``cost_scaling_factor``, per metre. `radius` is ``inflation_radius``, metres from the obstacles.
     """
     costs = ((INSCRIBED - 1) * np.exp(-scaling * np.minimum(clearance, radius))).astype(np.uint8)
     costs[clearance + inscribed > radius] = 0
@@ -133,7 +137,9 @@ def _filled(
     fields: Mapping[str, object],
     frame_id: str,
 ) -> Message:
-    """Fill a message with the cells of a plane map; ``about`` is the field that holds the origin and the resolution.
+    """Fill a message with the cells of a plane map.
+
+    `about` is the field that holds the origin and the resolution.
 
     Raises InputError if the grid is not plane, or the message lacks a field.
     """
@@ -154,7 +160,7 @@ def _filled(
 def _set_fields(msg: Message, kind: str, fields: Mapping[str, object]) -> Message:
     """Set fields of a message, given by dotted paths.
 
-    Raises InputError if it has no such field.
+    Raises InputError if the message lacks a field.
     """
     for path, value in fields.items():
         *parents, last = path.split(".")
@@ -168,7 +174,10 @@ def _set_fields(msg: Message, kind: str, fields: Mapping[str, object]) -> Messag
 
 
 def _element_class(msg: object, name: str, otherwise: Callable[[], Any]) -> Callable[[], Any]:
-    """Return the class of the elements of a list field, as a message of ROS declares it, or else ``otherwise``."""
+    """Return the class of the elements of a list field.
+
+    ROS messages declare it; for others, return `otherwise`.
+    """
     declared = getattr(msg, "get_fields_and_field_types", None)  # ROS 2
     if declared is not None:
         kinds = dict(declared())

@@ -1,4 +1,4 @@
-"""VTK image data for ParaView: an XML header, then the arrays raw, each after its length in bytes."""
+"""VTK image data for ParaView."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from cspace.errors import InputError
 from cspace.files.access import replacing
 from cspace.grid import Grid
 
-_TYPES: Final = {
+_VTK_TYPES: Final = {
     "uint8": ("UInt8", "|u1"),
     "bool": ("UInt8", "|u1"),
     "int32": ("Int32", "<i4"),
     "float64": ("Float64", "<f8"),
 }
-"""How VTK names a type, and how it is stored."""
+"""Name in VTK, and stored type, of each NumPy type."""
 
-_SLAB: Final = 2**24
-"""Cells that are turned from [x, y, z] into VTK's order at once."""
+_CELLS_PER_SLAB: Final = 2**24
+"""Number of cells that are transposed at once from [x, y, z] into VTK's order."""
 
 
 def write_vti(
@@ -34,29 +34,25 @@ def write_vti(
     overwrite: bool = False,
     about: Mapping[str, Floats] | None = None,
 ) -> None:
-    """Write arrays over the cells of a grid, by name, as a ``.vti`` file.
+    """Write arrays over the cells of a grid as ``.vti``.
 
     They become cell data, the first of which is shown; the origin is the lower corner of the grid. A plane grid becomes
-    an image at z = 0. Arrays are of uint8, bool, which is stored as uint8, 0 and 1, int32 or float64. ``about``, arrays
-    of float64, shape (n,), become field data: numbers about the whole.
+    an image at z = 0. Arrays are uint8, bool (stored as uint8), int32 or float64. The arrays of `about`, float64 with
+    shape (n,), become field data: numbers about the whole.
 
     Raises InputError if an array has another shape or type, and FileError as :func:`cspace.files.access.replacing`.
     """
     for name, array in arrays.items():
-        if array.shape != grid.shape or str(array.dtype) not in _TYPES:
-            raise InputError(
-                name,
-                f"has shape {array.shape} and type {array.dtype}",
-                f"it must have the grid's shape {grid.shape} and be {', '.join(_TYPES)}",
-                "convert it",
-                value=array,
-            )
+        if array.shape != grid.shape or str(array.dtype) not in _VTK_TYPES:
+            problem = f"has shape {array.shape} and type {array.dtype}"
+            rule = f"it must have the grid's shape {grid.shape} and be {', '.join(_VTK_TYPES)}"
+            raise InputError(name, problem, rule, "convert it", value=array)
     with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
         file.write(_vti_header(arrays, grid, about or {}).encode())
         for numbers in (about or {}).values():
             file.write(np.array(8 * numbers.size, dtype="<u8").tobytes() + numbers.astype("<f8").tobytes())
         for array in arrays.values():
-            kind = np.dtype(_TYPES[str(array.dtype)][1])
+            kind = np.dtype(_VTK_TYPES[str(array.dtype)][1])
             file.write(np.array(array.size * kind.itemsize, dtype="<u8").tobytes())
             for slab in _slabs(array, kind):
                 file.write(slab.data)
@@ -64,7 +60,7 @@ def write_vti(
 
 
 def _vti_header(arrays: Mapping[str, NDArray[Any]], grid: Grid, about: Mapping[str, Floats]) -> str:
-    """Everything before the first array."""
+    """Return the text before the first array."""
     missing = 3 - grid.dim
     extent = " ".join(f"0 {count}" for count in (*grid.shape, *[0] * missing))
     origin = " ".join(map(repr, (*grid.lower, *[0.0] * missing)))
@@ -74,7 +70,7 @@ def _vti_header(arrays: Mapping[str, NDArray[Any]], grid: Grid, about: Mapping[s
         nonlocal offset
         lines = []
         for name, array in parts.items():
-            kind, stored = _TYPES[str(array.dtype)]
+            kind, stored = _VTK_TYPES[str(array.dtype)]
             count = f' NumberOfTuples="{array.size}"' * counted
             place = f'{count} format="appended" offset="{offset}"'
             lines.append(f'        <DataArray type="{kind}" Name={quoteattr(name)}{place}/>\n')
@@ -94,13 +90,13 @@ def _vti_header(arrays: Mapping[str, NDArray[Any]], grid: Grid, about: Mapping[s
 
 
 def _slabs(array: NDArray[Any], kind: np.dtype[Any]) -> Iterator[NDArray[Any]]:
-    """The values of an array in VTK's order, x fastest, a slab of the last axis at a time."""
+    """Yield an array in VTK's order, x fastest, in slabs."""
     layers = array.reshape(array.shape[0], -1, array.shape[-1])
-    step = max(1, _SLAB * layers.shape[-1] // layers.size)
+    step = max(1, _CELLS_PER_SLAB * layers.shape[-1] // layers.size)
     for start in range(0, layers.shape[-1], step):
         part = layers[..., start : start + step]
         turned = np.empty(part.shape[::-1], dtype=kind)
         for j in range(part.shape[1]):
-            # Gathered first: to turn it where its rows lie far apart takes five times as long.
+            # Gather first, because transposing rows that lie far apart takes five times as long.
             turned[:, j] = np.ascontiguousarray(part[:, j]).T
         yield turned

@@ -127,7 +127,10 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
 
 
 def _mesh(source: MeshLike) -> Mesh:
-    """Make a mesh for a function that takes shapes and has no option ``solid``."""
+    """Make a mesh, and warn of open bodies.
+
+    The caller takes shapes, but has no option ``solid``.
+    """
     mesh = Mesh.convert(source)
     mesh.warn_if_open("cspace.Mesh.of(mesh, solid={!r})", fills=False)
     return mesh

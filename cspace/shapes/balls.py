@@ -1,4 +1,4 @@
-"""Balls: discs in the plane, balls in space, and points of radius zero."""
+"""Balls: discs, balls in space, and points."""
 
 from __future__ import annotations
 
@@ -86,14 +86,20 @@ class Balls(ExactShape):
 
     @property
     def measure(self) -> float:
-        """Area in the plane; in space the volume of one ball, or NaN for several."""
+        """Area, or volume, of the union.
+
+        In space it is NaN for several balls.
+        """
         if self.dim == 2:
             return float(self.outline.area) / _POLYGON_AREA_RATIO
         return float(4.0 / 3.0 * np.pi * self.radii[0] ** 3) if len(self.radii) == 1 else float("nan")
 
     @property
     def inscribed_radius(self) -> float:
-        """Radius of a circle around the origin inside the discs, metres; a lower bound."""
+        """Radius of a circle around the origin in the discs, metres.
+
+        It is a lower bound.
+        """
         # The polygons of the outline can give less than a single disc around the origin does.
         around = self.radii - np.linalg.norm(self.centers, axis=1)
         return max(super().inscribed_radius, float(around.max()))
@@ -227,7 +233,9 @@ class Point(Balls):
 
 
 def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[Floats, Floats]:
-    """Return checked copies of centers, shape (n, 2) or (n, 3), and radii, shape (n,).
+    """Return checked copies of centers and radii.
+
+    Centers have shape (n, 2) or (n, 3), radii (n,).
 
     Raises InputError as :meth:`Balls.of`.
     """

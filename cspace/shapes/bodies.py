@@ -35,7 +35,7 @@ class Body(NamedTuple):
 
 
 def find_bodies(vertices: Floats, faces: Ints) -> tuple[Body, ...]:
-    """Find the bodies of a mesh, in the order of their first triangles.
+    """Find the bodies of a mesh, ordered by first triangle.
 
     Bitwise equal vertices count as one. A triangle with two equal corners bounds nothing and belongs to no body.
     Another
@@ -73,7 +73,7 @@ def find_bodies(vertices: Floats, faces: Ints) -> tuple[Body, ...]:
 
 
 def component_labels(first: Ints, second: Ints, count: int) -> Ints:
-    """For each vertex, return the smallest vertex in its connected component, shape (count,).
+    """Return the smallest vertex in each vertex's component, shape (count,).
 
     The pairs (`first[i]`, `second[i]`) are the edges. SciPy's graphs are as quick, but importing them takes 0.2 s and
     20 MB.
@@ -91,9 +91,10 @@ def component_labels(first: Ints, second: Ints, count: int) -> Ints:
 
 
 def _split_bodies(triangles: Floats, corners: Ints, max_shared: int) -> list[Body]:
-    """Split triangles into bodies, joined through edges that at most `max_shared` different triangles share.
+    """Split triangles into bodies.
 
-    The first rule that closes a body decides its multiplicities:
+    Triangles are joined through edges that at most `max_shared` different triangles share. The first rule that
+    closes a body decides its multiplicities:
 
     1. One of several equal triangles counts, in its own direction.
     2. All triangles count as given, so that a wall given once for each of two adjacent parts cancels.
@@ -165,7 +166,10 @@ def _orient_outward(vertices: Floats, faces: Ints, bodies: list[Body]) -> list[B
 
 
 def _volumes(triangles: Floats, turns: Ints, body: Ints, count: int) -> Floats:
-    """Return the volume that the triangles of each body enclose, shape (count,); zero within rounding."""
+    """Return the enclosed volume of each body, shape (count,).
+
+    It is zero within rounding.
+    """
     total = np.stack([np.bincount(body, weights=triangles[:, 0, k], minlength=count) for k in range(3)], axis=-1)
     center = total / np.maximum(np.bincount(body, minlength=count), 1)[:, None]
     a, b, c = np.moveaxis(triangles - center[body][:, None], 1, 0)
@@ -180,7 +184,10 @@ def _volumes(triangles: Floats, turns: Ints, body: Ints, count: int) -> Floats:
 
 
 def _edges(corners: Ints) -> tuple[Ints, Ints]:
-    """Return the edge index and direction (1 or -1) of each side of each triangle, shape (n, 3) each."""
+    """Return the edge and direction of each triangle side.
+
+    Directions are 1 or -1; both arrays have shape (n, 3).
+    """
     endpoints = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1)
     key = endpoints.min(axis=-1) * (int(corners.max()) + 1) + endpoints.max(axis=-1)
     edge = np.unique(key.ravel(), return_inverse=True)[1].reshape(key.shape)
@@ -202,7 +209,10 @@ def _find_repeated(corners: Ints) -> tuple[Bools, Ints, Ints]:
 
 
 def _label_bodies(edge: Ints, joining: Bools) -> tuple[Ints, int]:
-    """Return the body of each triangle and the count of bodies, given the edges that join."""
+    """Return the body of each triangle, and their count.
+
+    `joining` marks the edges that join triangles.
+    """
     n = len(edge)
     triangle, side = np.nonzero(joining[edge])
     roots, body = np.unique(
@@ -228,9 +238,9 @@ def _balance(edge: Ints, direction: Ints, body: Ints, count: int, chosen: Bools)
 
 
 def _orient_alike(edge: Ints, direction: Ints, body: Ints, count: int) -> tuple[Ints, Bools]:
-    """Return signs, 1 or -1, that give adjacent triangles one direction, and the bodies where they exist.
+    """Orient adjacent triangles alike, by signs of 1 or -1.
 
-    Exactly two triangles must meet at each edge.
+    Also returns the bodies for which this is possible. Exactly two triangles must meet at each edge.
     """
     n = len(edge)
     order = np.argsort(np.repeat(body, 3) * (int(edge.max()) + 1) + edge.ravel(), kind="stable").reshape(-1, 2)

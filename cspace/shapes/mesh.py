@@ -84,7 +84,7 @@ _MAX_CRACK_WIDTH: Final = 2.0**-40
 
 
 class MeshWarning(UserWarning):
-    """A mesh has open bodies and `solid` was not chosen, or filling it added nothing."""
+    """Bodies of a mesh are open, or filling it added nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +250,7 @@ class Mesh(ExactShape):
 
     @property
     def encloses(self) -> bool:  # type: ignore[override]
-        """True if ``solid`` is "auto" and there are closed bodies, whatever the spacing."""
+        """True if closed bodies are solid, at any spacing."""
         return self.solid == "auto" and bool(self._turns.any())
 
     @cached_property
@@ -276,7 +276,10 @@ class Mesh(ExactShape):
         return surface_cells(self._solid_surface(*self._near(grid)), self.bounds, grid)
 
     def _near(self, grid: Grid) -> tuple[FaceSelection, FaceSelection]:
-        """Return the triangles that can touch a grid, and those that are in, above or below it."""
+        """Return the triangles that can touch a grid.
+
+        Also returns those in, above or below it.
+        """
         lower, upper = np.asarray(grid.lower) - grid.spacing, np.asarray(grid.upper) + grid.spacing
         shared = np.maximum(np.minimum(upper, self.bounds[1]) - np.maximum(lower, self.bounds[0]), 0.0)
         whole = self.bounds[1] - self.bounds[0]
@@ -310,9 +313,10 @@ class Mesh(ExactShape):
         return self.vertices, self.faces
 
     def project_to_plane(self) -> Shape:
-        """Project the mesh: the union of its triangles' shadows, grown and shrunk by a micrometre.
+        """Project the mesh onto the plane of x and y.
 
-        The micrometre covers the rounding of the union.
+        The result is the union of its triangles' shadows, grown and shrunk by a micrometre. The micrometre
+        covers the rounding of the union.
         """
         import shapely
 
@@ -362,7 +366,10 @@ class Mesh(ExactShape):
         return unique_rows(self.triangles.reshape(-1, 3))[0]
 
     def _features(self, matrix: Floats) -> Floats:
-        """Return the triangles, each from its smallest corner on; for closed bodies :func:`_merged_faces`."""
+        """Return the triangles, each from its smallest corner on.
+
+        Triangles of closed bodies are merged by :func:`_merged_faces`.
+        """
         corners = (self.vertices @ matrix.T + 0.0)[self.faces]
         if np.linalg.det(matrix) < 0.0:
             corners = corners[:, ::-1]
@@ -451,12 +458,18 @@ class Mesh(ExactShape):
 
     @property
     def closed(self) -> tuple[Floats, Ints]:
-        """Enclosing triangles, metres, shape (n, 3, 3), and their multiplicities in winding numbers."""
+        """Enclosing triangles, shape (n, 3, 3), and their multiplicities.
+
+        Triangles are in metres; the multiplicities are for winding numbers.
+        """
         counted = np.flatnonzero(self._turns)
         return self.vertices[self.faces[counted]], self._turns[counted]
 
     def _solid_surface(self, near: FaceSelection = slice(None), columns: FaceSelection = slice(None)) -> SolidSurface:
-        """Return selected triangles, and the enclosing triangles in the columns above and below them."""
+        """Return selected triangles as a surface with its solid.
+
+        `columns` selects the enclosing triangles above and below them.
+        """
         from cspace.raster.surfaces import ClosedSurface, SolidSurface
 
         shell = ClosedSurface(self.vertices, self.faces[columns], self._turns[columns]) if self.encloses else None
@@ -502,10 +515,11 @@ class Mesh(ExactShape):
 
 
 def _merged_faces(points: Floats, faces: Ints) -> Floats:
-    """Return rows that identify the surface of closed bodies, whatever the diagonals of its flat faces.
+    """Return rows that identify the surface of closed bodies.
 
-    Triangles in one plane across an axis that face the same way are identified by the sides that do not cancel between
-    them, and their multiplicity; other triangles by themselves. `points` are in order, and `faces` index them.
+    They do not depend on the diagonals of flat faces. Triangles in one plane across an axis that face the same way
+    are identified by the sides that do not cancel between them, and their multiplicity; other triangles by
+    themselves. `points` are in order, and `faces` index them.
     """
     corners = points[faces]
     level = (corners == corners[:, :1]).all(axis=1)

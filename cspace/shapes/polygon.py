@@ -89,7 +89,7 @@ class Polygons(ExactShape):
 
     @cached_property
     def parts(self) -> list[tuple[Floats, bool]]:
-        """Boundary segments of each simple geometry, shape (E, 4), and True if it has an interior.
+        """Boundary of each simple geometry, and True if filled.
 
         Segments are ``(x0, y0, x1, y1)``. The segments of a polygon form closed curves, which enclose it by even-odd
         parity.
@@ -169,7 +169,10 @@ class Polygons(ExactShape):
 
     @property
     def regions(self) -> list[Floats]:
-        """Segments of each polygon, shape (E, 4), which enclose it by even-odd parity."""
+        """Segments of each polygon, shape (E, 4).
+
+        They enclose it by even-odd parity.
+        """
         return [segments for segments, filled in self.parts if filled]
 
     @cached_property

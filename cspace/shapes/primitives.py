@@ -45,7 +45,10 @@ def rectangle(length: float, width: float, center: ArrayLike = (0.0, 0.0)) -> Na
 
 
 def ellipse(radius_x: float, radius_y: float, center: ArrayLike = (0.0, 0.0)) -> NamedShape:
-    """Make an ellipse between two polygons, with the semi-axes along x and y; metres."""
+    """Make an ellipse between two polygons; metres.
+
+    Its semi-axes lie along x and y.
+    """
     radii, center_point = (positive(radius_x, "radius_x"), positive(radius_y, "radius_y")), check_point(center)
     outer, inner = (Polygons.of(corners) for corners in ellipse_bounds(radii, center_point))
     is_disc = radii[0] == radii[1] and not center_point.any()
@@ -81,7 +84,10 @@ def _translate(bounds: BoundsPair, center: ArrayLike) -> BoundedShape:
 
 
 def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
-    """Make a polygon from its corners, or from Nav2's text of a footprint, ``"[[0.3, 0.2], ...]"``; metres."""
+    """Make a polygon from a footprint; metres.
+
+    `corners` may be the text of Nav2, ``"[[0.3, 0.2], ...]"``.
+    """
     import numpy as np
 
     from cspace.files.ros import parse_footprint
@@ -135,7 +141,7 @@ SHORT_TEXTS: Final = (*(f"{kind}:{form.metavar}" for kind, form in FORMS.items()
 
 
 def is_short_text(text: str) -> bool:
-    """Return True if a text begins with a kind of short text and a colon."""
+    """Return True if a text is a short text of a shape."""
     kind, colon, _ = text.partition(":")
     return bool(colon) and (kind in FORMS or kind == FOOTPRINT)
 
@@ -173,7 +179,7 @@ def parse_short_text(text: str, name: str = "shape") -> NamedShape:
 
 
 def _numbers(text: str, separator: str) -> list[float]:
-    """Return the finite numbers of a text, or an empty list if it holds anything else."""
+    """Parse finite numbers, or return an empty list."""
     try:
         values = [float(word) for word in text.split(separator)]
     except ValueError:

@@ -55,10 +55,10 @@ def read_urdf(
     package_dirs: PackageDirs = (),
     primitives: bool = True,
 ) -> list[Surface]:
-    """Read the surface of a robot's collision geometry, in the frame of the first link, metres.
+    """Read the surface of a robot's collision geometry, metres.
 
-    Links are those of :meth:`cspace.Robot.from_urdf`. If a shape is curved, return an outer and an inner surface.
-    Without `primitives`, only meshes are accepted.
+    It is in the frame of the first link. Links are those of :meth:`cspace.Robot.from_urdf`. If a shape is curved,
+    return an outer and an inner surface. Without `primitives`, only meshes are accepted.
 
     Raises FileError if the file or a mesh is missing or malformed. Raises InputError if a link is missing, the links
     have no collision geometry, or a size is not above zero. Raises MissingPackageError without yourdfpy.
@@ -102,9 +102,10 @@ def read_urdf(
 def link_shapes(
     urdf: URDF, link: str, path: str | os.PathLike[str], meshes: Mapping[str, Path], solid: Solid
 ) -> Iterator[tuple[Shape, Floats]]:
-    """Yield the shapes of a link, and their poses in its frame, shape (4, 4).
+    """Yield the shapes of a link and their poses.
 
-    `meshes` are the files from :func:`find_meshes`; `solid` says which part of a mesh is solid.
+    Poses are in the frame of the link, shape (4, 4). `meshes` are the files from :func:`find_meshes`; `solid` says
+    which part of a mesh is solid.
 
     Raises FileError if a mesh is malformed, and InputError if a size is not above zero.
     """
@@ -118,7 +119,10 @@ def link_shapes(
 
 
 def _bounds_pair(geometry: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
-    """Return an outer and an inner surface of a collision geometry; the same surface if it is not curved."""
+    """Return an outer and an inner surface of a geometry.
+
+    They are the same object if it is not curved.
+    """
     kind = next(name for name in GEOMETRIES if getattr(geometry, name) is not None)
     return _SURFACE_MAKERS[kind](getattr(geometry, kind), meshes, f"{place}: {kind}")
 
@@ -253,7 +257,10 @@ class _Reader:
         self._count, self._bytes = 0, 0
 
     def objects(self, items: Sequence[Any]) -> dict[str, tuple[str, list[tuple[Shape, Floats]]]]:
-        """Apply the operations; return the frame, and the shapes with their poses, of each object by id."""
+        """Return the objects by id after all operations.
+
+        Each has a frame, and shapes with their poses.
+        """
         objects: dict[str, tuple[str, list[tuple[Shape, Floats]]]] = {}
         for number, item in enumerate(items):
             entry = _table(item, f"collision_objects[{number}]")
@@ -401,7 +408,7 @@ def _transform_exact(shape: ExactShape, pose: Floats) -> ExactShape:
 
 
 def _frames(transforms: Sequence[Any], frames: set[str]) -> dict[str, Floats]:
-    """Return the motion from each frame of objects to the one frame of the scene.
+    """Return the motion from each frame to the scene's frame.
 
     If all objects share a frame, it is the frame of the scene. Otherwise the transforms must lead to one frame.
     """
@@ -444,7 +451,10 @@ def _robot_parts(scene: Mapping[str, Any]) -> list[str]:
 
 
 def _pose(value: Any, place: str) -> Floats:
-    """Parse a pose as a rigid motion, shape (4, 4), by default the identity; like MoveIt, normalise quaternions."""
+    """Parse a pose as a rigid motion, shape (4, 4).
+
+    The default is the identity. Like MoveIt, normalise quaternions.
+    """
     table = _table(value, place)
     given = table.get("position"), table.get("orientation")
     position = np.zeros(3) if given[0] is None else _numbers(given[0], 3, f"position of {place}")
@@ -476,7 +486,10 @@ def _items(value: Any, place: str) -> Sequence[Any]:
 
 
 def _numbers(value: Any, count: int, place: str) -> Floats:
-    """Parse a list, or a table of x, y, z and w, into numbers, shape (count,)."""
+    """Parse numbers, shape (count,), from a list or table.
+
+    A table holds x, y, z and w.
+    """
     if isinstance(value, dict):
         value = [value.get(name) for name in "xyzw"[:count]] if len(value) == count else None
     if (

@@ -1,4 +1,4 @@
-"""Base classes of shapes, and shapes with an outer and an inner bound."""
+"""Base classes of shapes, and shapes between two bounds."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 
 
 class Pieces(NamedTuple):
-    """A boundary as a union of points, segments or triangles, each grown by a radius.
+    """A boundary made of points, segments or triangles.
+
+    Each is grown by a radius.
 
     Attributes
     ----------
@@ -54,7 +56,7 @@ class Boxes(NamedTuple):
 
 
 class Shape(ABC):
-    """A rigid, closed, bounded set of points in the plane or in space, metres.
+    """A rigid, closed, bounded set of points; metres.
 
     A shape is known exactly (:class:`ExactShape`), or by two exact shapes: :attr:`outer` contains it and :attr:`inner`
     lies in it. Area, bounds and boundary belong to exact shapes, so that every caller names the shape it needs:
@@ -97,7 +99,7 @@ class Shape(ABC):
     def rasters(
         self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
     ) -> tuple[Raster, Raster]:
-        """Compute the offsets at which the shape, as a robot, touches a cell or covers it.
+        """Compute the rasters of the shape as a robot.
 
         Parameters
         ----------
@@ -121,7 +123,9 @@ class Shape(ABC):
 
     @abstractmethod
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
-        """Compute the cells that the shape, as an obstacle, touches, and those that lie in it.
+        """Compute the cells of the shape as an obstacle.
+
+        The outer cells touch the shape, the inner cells lie in it.
 
         Parameters
         ----------
@@ -136,7 +140,10 @@ class Shape(ABC):
         """
 
     def project_to_plane(self) -> Shape:
-        """Project the shape onto the plane of x and y; a shape in the plane is itself."""
+        """Project the shape onto the plane of x and y.
+
+        A shape in the plane is returned unchanged.
+        """
         return self
 
     @property
@@ -146,7 +153,10 @@ class Shape(ABC):
 
     @property
     def is_round_about_z(self) -> bool:
-        """True if every rotation about the z axis maps the shape to itself; in the plane, every rotation."""
+        """True if every rotation about z maps the shape to itself.
+
+        In the plane, that is every rotation.
+        """
         return self.is_round
 
     @cached_property
@@ -158,14 +168,17 @@ class Shape(ABC):
 
     @cached_property
     def symmetry(self) -> int:
-        """Number of quarter turns about the z axis that map the shape to itself: 1, 2 or 4, or 0 for all angles."""
+        """Order of rotational symmetry about z: 1, 2 or 4.
+
+        It is 0 if all angles map the shape to itself.
+        """
         if self.is_round_about_z:
             return 0
         turns = (each for each in self.symmetries if (each[2:, 2:] == 1.0).all())
         return sum(each[0, 0] * each[1, 1] - each[0, 1] * each[1, 0] == 1.0 for each in turns)
 
     def check_origin(self, warn: bool = False) -> None:  # noqa: B027 - most shapes have nothing to refuse
-        """Refuse a robot's mesh that is too far from its origin, the reference point.
+        """Refuse a robot's mesh too far from its reference point.
 
         With `warn`, warn of a doubtful one. Only meshes are checked, because other shapes are placed by their numbers.
 
@@ -173,7 +186,10 @@ class Shape(ABC):
         """
 
     def is_same(self, matrix: Floats) -> bool:
-        """Return True if a matrix, shape (dim, dim), maps the shape to itself, bit for bit."""
+        """Return True if a matrix maps the shape to itself exactly.
+
+        The matrix has shape (dim, dim).
+        """
         if not (matrix == np.sign(matrix)).all():
             return False
         return np.array_equal(self._own_features, unique_rows(self._features(matrix) + 0.0)[0])
@@ -184,7 +200,10 @@ class Shape(ABC):
 
     @abstractmethod
     def _features(self, matrix: Floats) -> Floats:
-        """Return rows that identify the shape after a matrix of entries -1, 0 and 1."""
+        """Return rows that identify the shape under a matrix.
+
+        The entries of the matrix are -1, 0 and 1.
+        """
 
     @property
     @abstractmethod
@@ -193,7 +212,9 @@ class Shape(ABC):
 
 
 class ExactShape(Shape):
-    """A shape defined by its own numbers, with known area, bounds and boundary.
+    """A shape defined exactly by its own numbers.
+
+    Its area, bounds and boundary are known.
 
     Attributes
     ----------
@@ -238,9 +259,10 @@ class ExactShape(Shape):
 
     @property
     def inscribed_radius(self) -> float:
-        """Radius of the largest circle around the origin in a plane shape, metres; 0 if the origin is outside.
+        """Radius of the largest circle around the origin, metres.
 
-        It is accurate within rounding; for several discs it is a lower bound.
+        It is 0 if the origin is outside the plane shape. It is accurate within rounding; for several discs it
+        is a lower bound.
         """
         import shapely
 
@@ -249,7 +271,9 @@ class ExactShape(Shape):
 
     @abstractmethod
     def contains(self, points: ArrayLike) -> Bools:
-        """Return a mask of the points in the shape, if farther from the boundary than rounding.
+        """Return a mask of the points in the shape.
+
+        It holds for points farther from the boundary than rounding.
 
         Parameters
         ----------
@@ -265,7 +289,10 @@ class ExactShape(Shape):
 
     @abstractmethod
     def boundary(self) -> Pieces:
-        """Return the boundary for exact tests; pieces inside the shape may be included."""
+        """Return the boundary for exact tests.
+
+        It may include pieces inside the shape.
+        """
 
     @property
     def boxes(self) -> Boxes:
@@ -275,9 +302,9 @@ class ExactShape(Shape):
 
     @property
     def regions(self) -> list[Floats]:
-        """Segments, shape (E, 4), of each filled part of a plane shape, which they enclose by even-odd parity.
+        """Segments of each filled part of a plane shape.
 
-        Empty for a shape in space or of balls.
+        Each part has shape (E, 4) and is enclosed by even-odd parity. Empty for a shape in space or of balls.
         """
         simplices = self.boundary().simplices
         return [simplices.reshape(-1, 4)] if simplices.shape[1:] == (2, 2) else []
@@ -303,7 +330,10 @@ def _signed_permutations(dim: int) -> Floats:
 
 
 def unique_rows(rows: NDArray[Any]) -> tuple[NDArray[Any], Ints]:
-    """Return the unique rows of an array, shape (n, k), sorted, and the index of each row among them."""
+    """Return the sorted unique rows, and the index of each row.
+
+    `rows` has shape (n, k), the indices (n,).
+    """
     order = np.lexsort(rows.T[::-1])
     rows = rows[order]
     fresh = np.append(True, (rows[1:] != rows[:-1]).any(axis=1))[: len(rows)]
@@ -376,7 +406,7 @@ class BoundedShape(Shape):
 
     @property
     def is_round_about_z(self) -> bool:
-        """True if every rotation about the z axis maps the shape to itself."""
+        """True if every rotation about z maps the shape to itself."""
         return self._is_round_about_z
 
     def _features(self, matrix: Floats) -> Floats:
@@ -402,7 +432,10 @@ class BoundedShape(Shape):
 
 
 def cylinder_bounds(radius: float, height: float) -> BoundsPair:
-    """Return an outer and an inner surface of a cylinder around the z axis, centered at the origin; metres."""
+    """Return an outer and an inner surface of a cylinder, metres.
+
+    Its axis is the z axis, with the origin halfway up.
+    """
     profile = np.array([(0.0, -0.5), (1.0, -0.5), (1.0, 0.5), (0.0, 0.5)]) * (radius, height)
     return _revolve(profile * (_CORNER_RADIUS, 1.0) * (1.0 + _BOUND_SLACK)), _revolve(profile * (1.0 - _BOUND_SLACK))
 
@@ -417,7 +450,7 @@ def cone_bounds(radius: float, height: float) -> BoundsPair:
 
 
 def capsule_bounds(radius: float, length: float) -> BoundsPair:
-    """Return an outer and an inner surface of a capsule along the z axis, metres.
+    """Return an outer and an inner surface of a capsule, metres.
 
     The capsule is centered at the origin; `length` is the length of its cylinder, and 0 for a ball.
     """
@@ -435,10 +468,11 @@ def capsule_bounds(radius: float, length: float) -> BoundsPair:
 
 
 def ellipse_bounds(radii: tuple[float, float], center: Floats) -> tuple[Floats, Floats]:
-    """Return the corners of an outer and an inner polygon of an ellipse, shape (CIRCLE_SIDES, 2) each, metres.
+    """Return an outer and an inner polygon of an ellipse, metres.
 
-    `radii` are the semi-axes along x and y. If the axes are scaled to make the ellipse a unit circle, the corners lie
-    on circles whose radii allow for the rounding of corners, also far from the origin.
+    Both have shape (CIRCLE_SIDES, 2). `radii` are the semi-axes along x and y. If the axes are scaled to make the
+    ellipse a unit circle, the corners lie on circles whose radii allow for the rounding of corners, also far from
+    the origin.
 
     Raises InputError if the center is so far from the origin that rounding blurs the ellipse.
     """
@@ -451,7 +485,7 @@ def ellipse_bounds(radii: tuple[float, float], center: Floats) -> tuple[Floats, 
 
 
 def _ring() -> Floats:
-    """Return the corners of a polygon in the unit circle, shape (CIRCLE_SIDES, 2).
+    """Return a polygon in the unit circle, shape (CIRCLE_SIDES, 2).
 
     Quarter turns map it to itself exactly.
     """

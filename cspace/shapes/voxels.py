@@ -140,9 +140,10 @@ class Box(ExactShape):
 
 
 class Voxels(ExactShape):
-    """The union of the closed cells ``lower + side * (i + [0, 1]^dim)`` where ``occupied[i]`` is set.
+    """The union of the closed cells of a bitmap.
 
-    There are two or three axes, and at least one cell is set; metres.
+    They are ``lower + side * (i + [0, 1]^dim)`` for every ``occupied[i]``. There are two or three axes, and at
+    least one cell is set; metres.
     """
 
     def __init__(self, occupied: Bools, side: float, lower: Floats) -> None:
@@ -151,7 +152,9 @@ class Voxels(ExactShape):
 
     @classmethod
     def of(cls, occupied: ArrayLike, spacing: float, lower: ArrayLike | None = None) -> Voxels:
-        """Make the union of a bitmap's cells; `lower` is the corner of the first cell, by default the origin; metres.
+        """Make the union of a bitmap's cells; metres.
+
+        `lower` is the corner of the first cell, by default the origin.
 
         Raises GeometryError if no cell is occupied. Raises InputError if `occupied` is not an array of booleans, or of
         0 and 1, with two or three axes, or another value is invalid.

@@ -25,7 +25,7 @@ from cspace.map.derived import Lock
 from cspace.map.exterior import Exterior
 from cspace.map.storage import ASIDE, MISSING, USED, Map, TileCells, pack, read_only
 from cspace.obstacles import Held
-from cspace.store import Record, Store, not_done
+from cspace.store import Record, Store, unfinished_map_error
 from cspace.threads import MIN_ITEMS_PER_THREAD, in_chunks
 from cspace.tiles.work import Job
 
@@ -124,7 +124,7 @@ class TileBackend:
     def check_done(self) -> None:
         """Raise FileError unless all tiles are done."""
         if not self.latest.is_done:
-            raise not_done(self.store.path, self.done)
+            raise unfinished_map_error(self.store.path, self.done)
 
     def at_one_moment(self, work: Callable[[], Result]) -> Result:
         """Return the result of some work, all of which saw the store as it was at one moment."""

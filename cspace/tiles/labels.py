@@ -19,7 +19,7 @@ from cspace.arrays import Ints
 from cspace.map.components import Components
 from cspace.map.exterior import Exterior
 from cspace.map.storage import read_only_of
-from cspace.store import LABEL_MARK, Index, Store
+from cspace.store import LABEL_HEADER_LENGTH, Index, Store
 from cspace.tiles.work import Job, run
 
 if TYPE_CHECKING:
@@ -95,9 +95,9 @@ def read_labels(store: Store, index: Index) -> list[list[Labels]] | None:
     shape = [part.stop - part.start for part in store.cells(index)]
     for kind in (FREE_ONES, OPEN_ONES):
         row = store.optional(f"labels_{kind}", (*index, 0))
-        if row is None or row.reshape(-1)[:LABEL_MARK].astype("<i4").tobytes() != mark:
+        if row is None or row.reshape(-1)[:LABEL_HEADER_LENGTH].astype("<i4").tobytes() != mark:
             return None
-        rest, made = row.reshape(-1)[LABEL_MARK:], []
+        rest, made = row.reshape(-1)[LABEL_HEADER_LENGTH:], []
         for across, _ in faces_of(store.grid.dim):
             sides = (store.label_count, *(n for axis, n in enumerate(shape) if axis != across))
             count = math.prod(sides)

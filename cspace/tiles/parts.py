@@ -14,7 +14,7 @@ from cspace.map.contents import Contents
 from cspace.map.exterior import UNKNOWN
 from cspace.shapes import Shape, Voxels
 from cspace.space import CSpace
-from cspace.store import Index, Known, Store
+from cspace.store import Index, RecordReader, Store
 from cspace.tiles.work import Job, run
 from cspace.workspace import Workspace
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _MEND: Final = "ask for a smaller window"
 
 
-def window_of(store: Store, known: Known, table: Ints, first: Ints, stop: Ints) -> CSpace:
+def window_of(store: Store, known: RecordReader, table: Ints, first: Ints, stop: Ints) -> CSpace:
     """The part of a map from a first cell up to the one before another; all of it, if it has no cell beyond.
 
     ``known`` gives the records of tiles, and ``table``, shape (slices, 2 d + 1), what is known outside the whole map

@@ -24,7 +24,7 @@ import cspace
 from cspace.errors import FileError, InputError
 from cspace.export import borders as writing
 from cspace.export import vti
-from cspace.export.borders import WRITERS, free_border
+from cspace.export.boundaries import WRITERS, free_boundary
 from cspace.export.vti import write_vti
 from maps import SPACES
 
@@ -38,7 +38,7 @@ Surface = tuple[np.ndarray, np.ndarray]
 def bordered(
     state: np.ndarray, lower: tuple[float, ...] = (0.0, 0.0, 0.0), spacing: float = 1.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    return free_border(state, cspace.Grid(lower, spacing, state.shape))
+    return free_boundary(state, cspace.Grid(lower, spacing, state.shape))
 
 
 # ---- the border of the free space --------------------------------------------------------------------------------
@@ -106,7 +106,7 @@ def test_a_mesh_file_reads_back(tmp_path: Path, ball: cspace.CSpace, suffix: str
     mesh = trimesh.load_mesh(path)
     assert mesh.is_watertight and mesh.is_winding_consistent
     assert mesh.volume == pytest.approx(ball.count()[0] * ball.grid.spacing**3, rel=1e-5)
-    vertices, faces = free_border(ball.cell_states, ball.grid)
+    vertices, faces = free_boundary(ball.cell_states, ball.grid)
     exact = vertices if suffix != ".stl" else vertices.astype(np.float32).astype(np.float64)
     np.testing.assert_array_equal(np.sort(mesh.triangles, axis=None), np.sort(exact[faces], axis=None))
     if suffix == ".stl":
@@ -152,12 +152,12 @@ def test_blocks_do_not_show_and_too_many_triangles_are_refused(
     written = []
     for rows in (writing.BLOCK, 1, 7):
         monkeypatch.setattr(writing, "BLOCK", rows)
-        writing.write_border(state, grid, tmp_path / f"free{suffix}", overwrite=True)
+        writing.write_boundary(state, grid, tmp_path / f"free{suffix}", overwrite=True)
         written.append((tmp_path / f"free{suffix}").read_bytes())
     assert written[0] == written[1] == written[2]
     monkeypatch.setattr(writing, "MOST", 11)
     with pytest.raises(InputError, match=r"64 triangles; .* at most 11"):
-        writing.write_border(state, grid, tmp_path / f"free{suffix}", overwrite=True)
+        writing.write_boundary(state, grid, tmp_path / f"free{suffix}", overwrite=True)
     assert (tmp_path / f"free{suffix}").read_bytes() == written[0]
 
 

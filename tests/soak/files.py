@@ -257,18 +257,18 @@ def reseal(path: Path, **metadata: Any) -> None:
     chunks = [f"state/c/{layer}/{first}" for layer in range(layers)]
     chunks += [f"outer/c/{first}", f"{'outer' if root['same'] else 'inner'}/c/{first}"]
     digests = b"".join(
-        store.digest_of_bytes((path / chunk).read_bytes() if (path / chunk).exists() else b"") for chunk in chunks
+        store.binary_digest((path / chunk).read_bytes() if (path / chunk).exists() else b"") for chunk in chunks
     )
     record = path / "record/c" / first / "0"
     row = np.frombuffer(Zstd().decode(record.read_bytes()), dtype="<i8").copy()
     row[-len(digests) // 8 :] = np.frombuffer(digests, dtype="<i8")
-    encoded = Zstd(store.LEVEL, checksum=True).encode(row)
+    encoded = Zstd(store.ZSTD_LEVEL, checksum=True).encode(row)
     record.write_bytes(encoded)
     names = sorted(file.relative_to(path).as_posix() for file in path.rglob("*") if file.is_file())
     tiled = tuple(f"{name}/c/" for name in store.TILED)
-    files = {name: store.digest_of((path / name).read_bytes()) for name in names if not name.startswith(tiled)}
+    files = {name: store.hex_digest((path / name).read_bytes()) for name in names if not name.startswith(tiled)}
     files.pop("zarr.json")
-    sealed = store.seal({**root, "records": store.digest_of(store.digest_of_bytes(encoded)), **metadata}, files)
+    sealed = store.seal({**root, "records": store.hex_digest(store.binary_digest(encoded)), **metadata}, files)
     (path / "zarr.json").write_bytes(store.root_text(sealed))
 
 

@@ -1,7 +1,7 @@
-"""The border of the free space as a mesh: PLY, OBJ and STL.
+"""Boundary of the free space as a mesh: PLY, OBJ and STL.
 
-PLY and OBJ keep every bit of the coordinates and the shared vertices. STL holds single precision, about seven digits,
-and three corners of its own for each triangle.
+PLY and OBJ keep the exact coordinates and share vertices. STL has single precision, about seven digits, and separate
+corners for each triangle.
 """
 
 from __future__ import annotations
@@ -21,57 +21,51 @@ from cspace.grid import Grid
 from cspace.limits import check_memory
 from cspace.raster.bitmaps import boundary_mesh
 
-_BYTES: Final = 160
-"""For each square of the border: its corners, its triangles, and its share of the vertices."""
+_BYTES_PER_SQUARE: Final = 160
+"""Bytes of memory per square of the boundary: its corners, its triangles, and its share of the vertices."""
 
-MOST: Final = 2**31 - 1
-"""Triangles that every format can count."""
+MAX_TRIANGLES: Final = 2**31 - 1
+"""Maximum number of triangles that every format can count."""
 
-BLOCK: Final = 2**16
-"""Rows that are encoded at once."""
+ROWS_PER_BLOCK: Final = 2**16
+"""Number of rows that are encoded at once."""
 
 
-def free_border(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
-    """The border of the union of the closed FREE cells of a slice in space: vertices (V, 3), metres, and faces (F, 3).
+def free_boundary(state: NDArray[np.uint8], grid: Grid) -> tuple[Floats, Ints]:
+    """Return the boundary of the FREE cells of a slice in space.
 
-    Every cell face between a FREE cell and one that is not, or the outside of the grid, becomes two triangles, whose
-    normals point out of the free space: counterclockwise where seen from outside it. Triangles share their vertices,
-    each ``lower + spacing * index`` and none twice: every edge belongs to an even number of them, two, or four where
-    FREE cells touch in an edge only.
+    Vertices have shape (V, 3), metres, and faces (F, 3). Every cell face between a FREE cell and another cell, or the
+    exterior of the grid, becomes two triangles with normals out of the free space (counterclockwise from outside).
+    Vertices are ``lower + spacing * index``, each only once. Every edge belongs to two triangles, or to four if FREE
+    cells touch only in that edge.
 
-    Raises InputError if there is no FREE cell, or the border does not fit into memory.
+    Raises InputError if there is no FREE cell, or the boundary does not fit into memory.
     """
     free = np.pad(state == FREE, 1)
     count = sum(int(np.count_nonzero(np.diff(free, axis=axis))) for axis in range(3))
     if not count:
-        raise InputError(
-            "the map",
-            "has no FREE cell",
-            "a border needs at least one",
-            "build it with a smaller spacing, robot or margin",
-        )
-    check_memory(_BYTES * count, "the border of the free space", grid)
+        rule, hint = "a boundary needs at least one", "build it with a smaller spacing, robot or margin"
+        raise InputError("the map", "has no FREE cell", rule, hint)
+    check_memory(_BYTES_PER_SQUARE * count, "the boundary of the free space", grid)
     vertices, faces, turns = boundary_mesh(free[1:-1, 1:-1, 1:-1], grid.spacing, grid.lower)
     return vertices, np.where(turns[:, None] < 0, faces[:, ::-1], faces)
 
 
-def write_border(state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-    """Write :func:`free_border` as a mesh file that ends in ``.ply``, ``.obj`` or ``.stl``.
+def write_boundary(state: NDArray[np.uint8], grid: Grid, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+    """Write the boundary of the free space as a mesh file.
 
-    Raises InputError as :func:`free_border`, or where the format cannot hold the mesh, and FileError as
+    The suffix is ``.ply``, ``.obj`` or ``.stl``.
+
+    Raises InputError as :func:`free_boundary`, or if the format cannot hold the mesh. Raises FileError as
     :func:`cspace.files.access.replacing`.
     """
     with replacing(path, overwrite) as temporary:
-        vertices, faces = free_border(state, grid)
+        vertices, faces = free_boundary(state, grid)
         suffix = Path(path).suffix.lower()
-        if len(faces) > MOST:
-            raise InputError(
-                "path",
-                f"is {path} for a mesh of {len(faces)} triangles",
-                f"a {suffix} file holds at most {MOST}",
-                "build the map with a larger spacing or smaller bounds",
-                value=path,
-            )
+        if len(faces) > MAX_TRIANGLES:
+            problem = f"is {path} for a mesh of {len(faces)} triangles"
+            rule, hint = f"a {suffix} file holds at most {MAX_TRIANGLES}", "use a larger spacing or smaller bounds"
+            raise InputError("path", problem, rule, hint, value=path)
         with temporary.open("wb") as file:
             WRITERS[suffix](file, vertices, faces)
 
@@ -92,7 +86,7 @@ def _write_ply(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
 
 
 def _write_obj(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
-    # The shortest text of a float that reads back as the same one is its repr.
+    # The repr of a float is the shortest text that reads back as the same float.
     for start, table, form in ((0, vertices, "v %r %r %r\n"), (1, faces, "f %r %r %r\n")):
         for block in _blocks(table):
             file.write((form * len(block) % tuple((block + start).ravel().tolist())).encode())
@@ -107,12 +101,9 @@ def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
         corners = single[block]
         edges = np.diff(vertices[block], axis=1)
         if not np.isfinite(corners).all() or ((edges != 0.0) & (np.diff(corners, axis=1) == 0.0)).any():
-            raise InputError(
-                "path",
-                f"names an STL file for coordinates from {vertices.min()} to {vertices.max()}",
-                "they do not keep apart in single precision, and such a file holds no other",
-                "write .ply or .obj instead",
-            )
+            problem = f"names an STL file for coordinates from {vertices.min()} to {vertices.max()}"
+            rule = "STL has single precision, in which some coordinates coincide"
+            raise InputError("path", problem, rule, "write .ply or .obj instead")
         normals = np.cross(edges[:, 0] / scale, edges[:, 1] / scale)
         rows = np.zeros(len(block), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
         rows["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
@@ -121,7 +112,7 @@ def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
 
 
 def _blocks(table: NDArray[Any]) -> Iterator[NDArray[Any]]:
-    return (table[start : start + BLOCK] for start in range(0, len(table), BLOCK))
+    return (table[start : start + ROWS_PER_BLOCK] for start in range(0, len(table), ROWS_PER_BLOCK))
 
 
 WRITERS: Final[Mapping[str, Callable[[IO[bytes], Floats, Ints], None]]] = {
@@ -129,4 +120,4 @@ WRITERS: Final[Mapping[str, Callable[[IO[bytes], Floats, Ints], None]]] = {
     ".obj": _write_obj,
     ".stl": _write_stl,
 }
-"""Mesh formats, by suffix."""
+"""Writer of each suffix."""
