@@ -1,10 +1,10 @@
 """Stored maps: Zarr folders with the states of a map, tile by tile.
 
-A saved map is a store of one tile. ``cell_states`` has chunks of one tile and some slices; ``outer`` and, if it differs,
-``inner`` have chunks of one tile. ``record`` has one row of numbers per tile: the counts of its states, the box around
-its obstacles, and the SHA-256 digests of its other chunks. The row is written last, so a tile is done once its row
-exists. All other arrays are written at once. The metadata of the folder hold a digest of each of their files, of all
-rows together, and of themselves.
+A saved map is a store of one tile. ``cell_states`` has chunks of one tile and some slices; ``outer`` and, if it
+differs, ``inner`` have chunks of one tile. ``record`` has one row of numbers per tile: the counts of its states, the
+box around its obstacles, and the SHA-256 digests of its other chunks. The row is written last, so a tile is done once
+its row exists. All other arrays are written at once. The metadata of the folder hold a digest of each of their files,
+of all rows together, and of themselves.
 
 Zarr reads a missing chunk as the fill value, without an error. So no fill value is a state or a free cell, every chunk
 is written, and a chunk is used only if it matches its digest.

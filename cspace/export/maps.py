@@ -122,8 +122,8 @@ def export(
     path : path-like
         ``.zarr`` or no suffix: a Zarr folder, as :meth:`cspace.CSpace.save` writes it. ``.npz``: a compressed archive
         for ``numpy.load``, with ``cell_states`` (uint8 [slice, x, y] or [slice, x, y, z]: 0 free, 1 mixed, 2 blocked),
-        ``slice_of`` (``state[slice_of]`` are the states by rotation), ``x``, ``y`` and in space ``z`` (centers of the
-        cells, metres), ``outer``, the other arrays of the map, ``lower``, ``spacing`` and ``metadata`` (JSON).
+        ``slice_of`` (``cell_states[slice_of]`` are the states by rotation), ``x``, ``y`` and in space ``z`` (centers of
+        the cells, metres), ``outer``, the other arrays of the map, ``lower``, ``spacing`` and ``metadata`` (JSON).
         ``.vti``: cells for ParaView, with the arrays ``cell_states``, ``outer``, and, if the map has them, ``inner``,
         ``unknown``, ``overlap_counts`` and the overlap field (``penetration`` and its derivatives). For a robot that
         turns, each rotation cell has its own arrays, ``cell_states_00`` and so on; the field data ``yaw``, or ``qx`` to
