@@ -22,7 +22,7 @@ from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 import cspace
 from cspace.errors import FileError, InputError
-from cspace.export import borders as writing
+from cspace.export import boundaries as writing
 from cspace.export import vti
 from cspace.export.boundaries import WRITERS, free_boundary
 from cspace.export.vti import write_vti
@@ -150,12 +150,12 @@ def test_blocks_do_not_show_and_too_many_triangles_are_refused(
 ) -> None:
     state, grid = np.zeros((2, 2, 3), np.uint8), cspace.Grid((0.0,) * 3, 1.0, (2, 2, 3))
     written = []
-    for rows in (writing.BLOCK, 1, 7):
-        monkeypatch.setattr(writing, "BLOCK", rows)
+    for rows in (writing.ROWS_PER_BLOCK, 1, 7):
+        monkeypatch.setattr(writing, "ROWS_PER_BLOCK", rows)
         writing.write_boundary(state, grid, tmp_path / f"free{suffix}", overwrite=True)
         written.append((tmp_path / f"free{suffix}").read_bytes())
     assert written[0] == written[1] == written[2]
-    monkeypatch.setattr(writing, "MOST", 11)
+    monkeypatch.setattr(writing, "MAX_TRIANGLES", 11)
     with pytest.raises(InputError, match=r"64 triangles; .* at most 11"):
         writing.write_boundary(state, grid, tmp_path / f"free{suffix}", overwrite=True)
     assert (tmp_path / f"free{suffix}").read_bytes() == written[0]
@@ -207,7 +207,7 @@ def test_vtk_finds_what_was_written(data: st.DataObject) -> None:
         "penetration": data.draw(hnp.arrays(np.float64, shape)),
     }
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(vti, "_SLAB", data.draw(st.sampled_from([1, 50, 2**24])))
+        patch.setattr(vti, "_CELLS_PER_SLAB", data.draw(st.sampled_from([1, 50, 2**24])))
         path = Path(folder) / "map.vti"
         write_vti(arrays, grid, path)
         image, arrays_read = read(path)
