@@ -1,4 +1,4 @@
-"""Maps written for other programs: the border of the free space as a mesh, VTK images, and ROS maps."""
+"""Exports: boundary meshes, VTK images, GeoTIFF, netCDF and ROS maps."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -45,7 +45,7 @@ def bordered(
 
 
 def squares(state: np.ndarray) -> Counter[tuple[tuple[int, ...], tuple[int, ...]]]:
-    """Twice the middle and the outward normal of each side of a FREE cell beyond which is none, by brute force."""
+    """Return twice the center and the outward normal of each boundary square, by brute force."""
     free = {tuple(cell.tolist()) for cell in np.argwhere(state == cspace.FREE)}
     normals = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
     return Counter(
@@ -57,7 +57,7 @@ def squares(state: np.ndarray) -> Counter[tuple[tuple[int, ...], tuple[int, ...]
 
 @given(state=states)
 @settings(max_examples=60)
-def test_the_border_is_that_of_the_free_cells_and_closed(state: np.ndarray) -> None:
+def test_the_boundary_of_free_cells_is_closed(state: np.ndarray) -> None:
     vertices, faces = bordered(state)
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 1])
@@ -80,7 +80,7 @@ def test_the_border_is_that_of_the_free_cells_and_closed(state: np.ndarray) -> N
 
 @given(state=states, spacing=st.sampled_from([0.1, 0.37, 2.0]), shift=st.floats(-50.0, 50.0))
 @settings(max_examples=30)
-def test_the_border_encloses_the_volume_of_the_free_cells(state: np.ndarray, spacing: float, shift: float) -> None:
+def test_the_boundary_encloses_the_volume_of_the_free_cells(state: np.ndarray, spacing: float, shift: float) -> None:
     vertices, faces = bordered(state, (shift, -shift, 0.5), spacing)
     volume = Fraction(0)
     for a, b, c in np.vectorize(Fraction, otypes=[object])(vertices - vertices[0])[faces]:
@@ -92,7 +92,7 @@ def test_the_border_encloses_the_volume_of_the_free_cells(state: np.ndarray, spa
 
 @pytest.fixture(scope="module")
 def ball() -> cspace.CSpace:
-    """A ball among voxels; no two FREE cells touch in an edge only."""
+    """Make a map of a ball among voxels; no two FREE cells touch only in an edge."""
     cells = np.zeros((20, 18, 16), dtype=bool)
     cells[4:9, 5:8, 3:12] = cells[13, 12, 8] = True
     workspace = cspace.Workspace.from_array(cells, 0.1, (-0.7, 3.0, 0.3))
@@ -118,7 +118,7 @@ def test_a_mesh_file_reads_back(tmp_path: Path, ball: cspace.CSpace, suffix: str
     np.testing.assert_array_equal(own.faces, faces)
 
 
-def test_stl_holds_unit_normals_and_what_single_precision_keeps_apart(tmp_path: Path) -> None:
+def test_stl_holds_unit_normals_or_refuses_coinciding_coordinates(tmp_path: Path) -> None:
     vertices, faces = bordered(np.zeros((2, 3, 1), np.uint8), (1e-30, 0.0, 0.0), 1e-30)
     with (tmp_path / "free.stl").open("wb") as file:
         WRITERS[".stl"](file, vertices, faces)
@@ -137,7 +137,7 @@ def test_stl_holds_unit_normals_and_what_single_precision_keeps_apart(tmp_path: 
 
 
 @pytest.mark.parametrize("far", [2.0**22 - 6, -(2.0**22) + 6, 1e5])
-def test_far_from_the_origin_an_stl_is_closed_still(far: float) -> None:
+def test_an_stl_far_from_the_origin_is_closed(far: float) -> None:
     vertices, faces = bordered(np.zeros((5, 4, 3), np.uint8), (far * 0.1, 0.0, -far * 0.1), 0.1)
     single = vertices.astype(np.float32)
     assert len(np.unique(single, axis=0)) == len(vertices)
@@ -145,7 +145,7 @@ def test_far_from_the_origin_an_stl_is_closed_still(far: float) -> None:
 
 
 @pytest.mark.parametrize("suffix", WRITERS)
-def test_blocks_do_not_show_and_too_many_triangles_are_refused(
+def test_block_size_does_not_matter_and_too_many_triangles_are_refused(
     suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     state, grid = np.zeros((2, 2, 3), np.uint8), cspace.Grid((0.0,) * 3, 1.0, (2, 2, 3))
@@ -161,7 +161,9 @@ def test_blocks_do_not_show_and_too_many_triangles_are_refused(
     assert (tmp_path / f"free{suffix}").read_bytes() == written[0]
 
 
-def test_what_has_no_border_is_refused(tmp_path: Path, ball: cspace.CSpace, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_map_without_a_boundary_is_refused(
+    tmp_path: Path, ball: cspace.CSpace, monkeypatch: pytest.MonkeyPatch
+) -> None:
     full = cspace.build(cspace.Workspace.from_array(np.ones((3, 3, 3), bool), 0.1), cspace.Robot.ball(0.1))
     with pytest.raises(InputError, match=r"the map has no FREE cell; a border needs at least one; build it with"):
         full.export(tmp_path / "free.stl")
@@ -179,7 +181,7 @@ def test_what_has_no_border_is_refused(tmp_path: Path, ball: cspace.CSpace, monk
 
 
 def read(path: Path) -> tuple[Any, dict[str, np.ndarray]]:
-    """The image and its cell arrays, indexed in the order of the coordinates, as VTK reads them."""
+    """Read an image and its cell arrays with VTK, indexed in the order of the coordinates."""
     reader = vtkXMLImageDataReader()
     assert reader.CanReadFile(str(path))
     reader.SetFileName(str(path))
@@ -195,7 +197,7 @@ def read(path: Path) -> tuple[Any, dict[str, np.ndarray]]:
 
 @given(data=st.data())
 @settings(max_examples=30)
-def test_vtk_finds_what_was_written(data: st.DataObject) -> None:
+def test_vtk_reads_written_arrays_back(data: st.DataObject) -> None:
     dim = data.draw(st.integers(2, 3))
     shape = data.draw(st.tuples(*[st.integers(1, 9)] * dim))
     lower = data.draw(st.tuples(*[st.floats(-100.0, 100.0)] * dim))
@@ -223,9 +225,7 @@ def test_vtk_finds_what_was_written(data: st.DataObject) -> None:
 
 
 @pytest.mark.parametrize("make", SPACES.values(), ids=SPACES)
-def test_a_map_of_every_kind_in_vtk_is_the_slice_at_a_rotation(
-    tmp_path: Path, make: Callable[[], cspace.CSpace]
-) -> None:
+def test_vtk_reads_the_slice_at_a_rotation(tmp_path: Path, make: Callable[[], cspace.CSpace]) -> None:
     space = make()
     turn = space.rotations.centers[-1]
     space.export(tmp_path / "map.vti", rotation=turn if len(turn) else None)
@@ -247,7 +247,7 @@ def test_a_map_of_every_kind_in_vtk_is_the_slice_at_a_rotation(
 
 
 @pytest.mark.parametrize("name", ["turning", "symmetric", "round", "solid_turning", "field"])
-def test_vtk_finds_every_rotation_in_one_file(tmp_path: Path, name: str) -> None:
+def test_vtk_reads_all_rotations_from_one_file(tmp_path: Path, name: str) -> None:
     space = SPACES[name]()
     space.export(tmp_path / "map.vti")
     image, arrays = read(tmp_path / "map.vti")
@@ -263,7 +263,7 @@ def test_vtk_finds_every_rotation_in_one_file(tmp_path: Path, name: str) -> None
 
 
 @pytest.mark.parametrize("array", [np.zeros((3, 3), np.uint8), np.zeros((3, 2), np.float32), np.zeros((3, 2, 1), bool)])
-def test_arrays_that_are_not_over_the_grid_are_refused(tmp_path: Path, array: np.ndarray) -> None:
+def test_arrays_of_another_shape_are_refused(tmp_path: Path, array: np.ndarray) -> None:
     with pytest.raises(InputError, match=r"state has shape .* it must have the grid's shape \(3, 2\) and be uint8"):
         write_vti({"cell_states": array}, cspace.Grid((0.0, 0.0), 1.0, (3, 2)), tmp_path / "map.vti")
     assert not list(tmp_path.iterdir())
@@ -300,13 +300,13 @@ def test_a_ros_map_is_plane_and_a_whole_map_takes_no_yaw(tmp_path: Path, ball: c
 
 
 def of_cells(space: cspace.CSpace) -> Any:
-    """The centers of the cells, row by row from the highest y, shape (ny, nx, 2)."""
+    """Return the cell centers, row by row from the highest y, shape (ny, nx, 2)."""
     x, y = (space.grid.centers(axis) for axis in range(2))
     return np.stack(np.meshgrid(x, y[::-1]), axis=-1)
 
 
 @pytest.mark.parametrize(("name", "rotation"), [("plane", None), ("grid", None), ("turning", 1.0)])
-def test_geotiff_has_every_cell_at_its_place(tmp_path: Path, name: str, rotation: float | None) -> None:
+def test_a_geotiff_places_every_cell(tmp_path: Path, name: str, rotation: float | None) -> None:
     space = SPACES[name]()
     space.export(tmp_path / "map.tif", rotation=rotation)
     image = rioxarray.open_rasterio(tmp_path / "map.tif")
@@ -323,7 +323,7 @@ def test_geotiff_has_every_cell_at_its_place(tmp_path: Path, name: str, rotation
 
 @pytest.mark.parametrize("name", ["plane", "turning"])
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")  # of the table of bounds
-def test_netcdf_of_a_plane_map_lies_where_the_map_does(tmp_path: Path, name: str) -> None:
+def test_netcdf_places_a_plane_map(tmp_path: Path, name: str) -> None:
     space = SPACES[name]()
     space.export(tmp_path / "map.nc")
     opened = rioxarray.open_rasterio(tmp_path / "map.nc", variable="cell_states")
@@ -335,7 +335,7 @@ def test_netcdf_of_a_plane_map_lies_where_the_map_does(tmp_path: Path, name: str
     assert (image["cell_states"].values == np.stack([state.T[::-1] for state in expected])).all()
 
 
-def test_netcdf_holds_a_map_of_space_and_one_rotation(tmp_path: Path, ball: cspace.CSpace) -> None:
+def test_netcdf_holds_maps_in_space_and_single_rotations(tmp_path: Path, ball: cspace.CSpace) -> None:
     ball.export(tmp_path / "ball.nc")
     with xarray.open_dataset(tmp_path / "ball.nc") as dataset:
         assert dataset["cell_states"].dims == ("z", "y", "x") and dataset["x"].attrs["units"] == "m"
@@ -356,7 +356,7 @@ def test_netcdf_holds_a_map_of_space_and_one_rotation(tmp_path: Path, ball: cspa
 
 
 @pytest.mark.parametrize("suffix", [".vti", ".yaml", ".stl", ".tif", ".nc"])
-def test_an_earlier_file_is_kept_unless_told_otherwise(tmp_path: Path, ball: cspace.CSpace, suffix: str) -> None:
+def test_an_existing_export_is_kept_without_overwrite(tmp_path: Path, ball: cspace.CSpace, suffix: str) -> None:
     space = SPACES["grid"]() if suffix in (".yaml", ".tif") else ball
     path = tmp_path / f"map{suffix}"
     path.write_text("years of work")

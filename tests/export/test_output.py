@@ -1,4 +1,4 @@
-"""Outputs are complete or not there, and nothing that was there is lost."""
+"""Outputs are complete or absent, and no existing file is lost."""
 
 import os
 import shutil
@@ -30,7 +30,7 @@ def names(folder: Path) -> list[str]:
 
 
 def fill(path: Path, text: str, folder: bool) -> Path:
-    """Write a file, or a folder with one; the file."""
+    """Write a file, or a folder with a file; return the file."""
     if folder:
         path.mkdir()
         path /= "text"
@@ -51,7 +51,7 @@ def test_an_output_appears_when_it_is_complete(tmp_path: Path, folder: bool) -> 
 @FOLDERS
 @pytest.mark.parametrize("stop", STOPS)
 @pytest.mark.parametrize("old", [False, True])
-def test_an_interruption_leaves_what_was_there(
+def test_an_interruption_leaves_the_old_output(
     tmp_path: Path, folder: bool, stop: type[BaseException], old: bool
 ) -> None:
     path = tmp_path / "out"
@@ -65,7 +65,7 @@ def test_an_interruption_leaves_what_was_there(
 
 
 @pytest.mark.parametrize("writer", [write, write_folder])
-def test_what_exists_is_kept_unless_told_otherwise(tmp_path: Path, writer: Callable[..., None]) -> None:
+def test_an_existing_output_is_kept_without_overwrite(tmp_path: Path, writer: Callable[..., None]) -> None:
     path = tmp_path / "out"
     writer(path, "old")
     with pytest.raises(FileError, match=r"out: exists; existing outputs are kept .*overwrite=True"):
@@ -85,7 +85,7 @@ def test_the_check_comes_before_the_work(tmp_path: Path) -> None:
     assert not ran
 
 
-def test_an_output_that_appears_meanwhile_is_kept(tmp_path: Path) -> None:
+def test_an_output_of_another_process_is_kept(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="exists"), replacing(tmp_path / "out") as temporary:
         temporary.write_text("mine")
         (tmp_path / "out").write_text("theirs")
@@ -95,10 +95,10 @@ def test_an_output_that_appears_meanwhile_is_kept(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("failing", "remaining"), [(1, "old"), (2, "old"), (3, "new")])
 @pytest.mark.parametrize("stop", [OSError("no"), KeyboardInterrupt()])
-def test_whatever_rename_fails_one_of_the_folders_is_there(
+def test_a_failed_rename_leaves_the_old_or_the_new_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: int, remaining: str, stop: BaseException
 ) -> None:
-    """The third is an interruption after the last."""
+    """Interrupt each of two renames, and the moment after the second."""
     path = tmp_path / "map"
     write_folder(path, "old")
     rename, calls = os.rename, 0

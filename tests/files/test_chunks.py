@@ -1,4 +1,4 @@
-"""Arrays in the Zarr format read as zarr reads them, or are refused in one line before they take memory."""
+"""Zarr arrays are read like zarr does, or refused in one line before they take memory."""
 
 import gzip
 import json
@@ -54,7 +54,7 @@ def little(memory: int = ENOUGH, seconds: int = 20) -> Iterator[None]:
 
 
 def refused(open_it: Callable[[], object], message: str) -> None:
-    """Fail unless a call is refused in one line, and takes little memory and time."""
+    """Check that a call is refused in one line, with little memory and time."""
     zarr.create_array({}, shape=1, dtype="bool")  # what is imported at the first call is not counted
     with little(), pytest.raises(CspaceError, match=message) as caught:
         open_it()
@@ -67,7 +67,7 @@ def cells_of(path: Path) -> Any:
 
 @pytest.fixture
 def array(tmp_path: Path) -> Path:
-    """An array of four chunks, all occupied."""
+    """Write an array of four chunks, all occupied."""
     path = tmp_path / "cells.zarr"
     zarr.create_array(str(path), data=np.ones((20, 20), bool), chunks=(10, 10), compressors=ZstdCodec(), config=FILLED)
     return path
@@ -83,12 +83,12 @@ def change(file: Path, **values: Any) -> None:
     file.write_text(json.dumps(json.loads(file.read_text()) | values))
 
 
-# ---- what is read ------------------------------------------------------------------------------------------------
+# ---- reading -----------------------------------------------------------------------------------------------------
 
 
 @given(data=st.data(), dim=st.integers(1, 3), version=st.sampled_from([2, 3]))
 @settings(max_examples=60)
-def test_boxes_are_those_that_zarr_reads(data: st.DataObject, dim: int, version: int, tmp_path_factory: Any) -> None:
+def test_boxes_agree_with_zarr(data: st.DataObject, dim: int, version: int, tmp_path_factory: Any) -> None:
     shape, chunks = (tuple(data.draw(st.lists(st.integers(1, 9), min_size=dim, max_size=dim))) for _ in range(2))
     dtype = data.draw(st.sampled_from(["?", "i1", "u1", "<i4", ">u2", "f4", ">f8", "i8"]))
     values = np.random.default_rng(0).integers(0, 2, shape).astype(dtype)
@@ -170,7 +170,7 @@ def test_a_damaged_chunk_is_refused(array: Path, content: bytes) -> None:
         _ = Workspace.from_array(zarr.open_array(str(array), mode="r"), 0.1).outer
 
 
-def test_a_missing_chunk_is_refused_unless_the_array_says_that_it_is_meant(array: Path) -> None:
+def test_a_missing_chunk_is_refused_unless_declared(array: Path) -> None:
     (array / "c/1/0").unlink()
     refused(lambda: cells_of(array), "lacks its chunk c/1/0")
     opened = zarr.open_array(str(array), mode="r+")
@@ -204,14 +204,14 @@ def test_metadata_of_other_arrays_are_refused(array: Path, values: dict[str, Any
     refused(lambda: cells_of(array), message)
 
 
-def test_chunks_of_the_largest_size_are_described(array: Path) -> None:
+def test_chunks_of_the_maximum_size_are_accepted(array: Path) -> None:
     side = int(MAX_CHUNK_BYTES**0.5)
     change(array / "zarr.json", chunk_grid={"name": "regular", "configuration": {"chunk_shape": [side, side]}})
     refused(lambda: cells_of(array), "unpacks to 100 bytes but 268435456 are needed")
 
 
 @pytest.mark.parametrize("link", [False, True], ids=["pipe", "device"])
-@pytest.mark.parametrize("name", ["cells/zarr.json", "cells/c/0/0", "saved/zarr.json", "saved/state/c/0/0/0"])
+@pytest.mark.parametrize("name", ["cells/zarr.json", "cells/c/0/0", "saved/zarr.json", "saved/cell_states/c/0/0/0"])
 def test_pipes_and_devices_in_a_folder_are_refused(
     tmp_path: Path, array: Path, space: cspace.CSpace, name: str, link: bool
 ) -> None:
@@ -224,7 +224,7 @@ def test_pipes_and_devices_in_a_folder_are_refused(
 
 
 @pytest.mark.parametrize("link", [False, True], ids=["pipe", "device"])
-@pytest.mark.parametrize("name", ["zarr.json", "slice_of/c/0", "record/c/0/0/0", "state/c/0/0/0"])
+@pytest.mark.parametrize("name", ["zarr.json", "slice_of/c/0", "record/c/0/0/0", "cell_states/c/0/0/0"])
 def test_pipes_and_devices_in_a_store_of_tiles_are_refused(tmp_path: Path, name: str, link: bool) -> None:
     tiled = built_in_tiles(tmp_path)
     (tmp_path / "m" / name).unlink()
@@ -245,11 +245,11 @@ def built_in_tiles(folder: Path) -> cspace.TiledCSpace:
 def test_a_forged_chunk_of_a_saved_map_is_refused_before_it_is_unpacked(tmp_path: Path, space: cspace.CSpace) -> None:
     path = tmp_path / "map"
     space.save(path)
-    soak.forge_store(path, {}, "state/c/0/0/0", Zstd(1).encode(bytes(HUGE)))
+    soak.forge_store(path, {}, "cell_states/c/0/0/0", Zstd(1).encode(bytes(HUGE)))
     refused(lambda: cspace.open(path), "unpacks to 67108864 bytes but 900 are needed")
 
 
-@pytest.mark.parametrize("name", ["record/c/0/0/0", "state/c/0/0/0", "outer/c/0/0"])
+@pytest.mark.parametrize("name", ["record/c/0/0/0", "cell_states/c/0/0/0", "outer/c/0/0"])
 def test_a_forged_chunk_of_a_store_of_tiles_is_refused_before_it_is_unpacked(tmp_path: Path, name: str) -> None:
     tiled = built_in_tiles(tmp_path)
     (tmp_path / "m" / name).write_bytes(Zstd(1).encode(bytes(HUGE)))
@@ -263,7 +263,7 @@ def test_a_forged_chunk_of_a_store_of_tiles_is_refused_before_it_is_unpacked(tmp
 
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "../outside", "x/../../outside"])
-def test_a_saved_map_names_no_file_outside_of_its_folder(tmp_path: Path, space: cspace.CSpace, name: str) -> None:
+def test_a_saved_map_reads_no_file_outside_its_folder(tmp_path: Path, space: cspace.CSpace, name: str) -> None:
     path = tmp_path / "map"
     space.save(path)
     root = json.loads((path / "zarr.json").read_text())["attributes"]
@@ -273,7 +273,7 @@ def test_a_saved_map_names_no_file_outside_of_its_folder(tmp_path: Path, space: 
 
 
 @pytest.mark.parametrize("content", [b"{", b"", b'{"shape": [1, 1, 1000000000000]}', b"[" * 10**5])
-def test_damaged_descriptions_of_labels_do_not_matter(tmp_path: Path, content: bytes) -> None:
+def test_damaged_descriptions_of_labels_are_ignored(tmp_path: Path, content: bytes) -> None:
     built_in_tiles(tmp_path).compute_components()
     (tmp_path / "m/labels_0/zarr.json").write_bytes(content)
     assert cspace.open(tmp_path / "m").is_connected([0.5, 2.5], [0.6, 2.5])

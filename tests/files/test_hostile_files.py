@@ -1,4 +1,4 @@
-"""Files that are damaged, or made to do harm, are refused in one line, soon, and before memory is taken."""
+"""Damaged and malicious files are refused in one line, quickly, before they take memory."""
 
 import json
 import os
@@ -46,10 +46,10 @@ def test_every_family_opens_and_its_mutants_open_or_are_refused(families: dict[s
 
 
 WITHOUT_END = {"box.obj", "points.csv", "points.xyz", "voxels.3dmap", "robot.yaml", "map.yaml"}
-"""Families whose format does not say where a file ends, so that one cut between two lines looks whole."""
+"""Families whose format does not mark the end of a file, so that truncation between lines is undetectable."""
 
 TRAILERS = {"image.png": 30, "image.bmp": 6}
-"""Number of bytes at the end that hold no values, such as checksums; in other files at most two."""
+"""Number of trailing bytes without values, such as checksums; at most two in other files."""
 
 
 def test_cut_files_are_refused_if_their_format_says_where_they_end(families: dict[str, Path]) -> None:
@@ -64,7 +64,7 @@ def test_cut_files_are_refused_if_their_format_says_where_they_end(families: dic
 
 
 def refused(path: Path, message: str, **options: Any) -> None:
-    """Fail unless opening a file is one line of an error that holds ``words``, within seconds."""
+    """Check that opening a file fails within seconds, with a one-line error that contains `words`."""
     began = time.process_time()
     with pytest.raises(CspaceError, match=message) as caught:
         Workspace.open(path, **options)
@@ -149,7 +149,7 @@ def test_yaml_that_is_plain_is_read(tmp_path: Path) -> None:
         ("a.json", '{"a": ', "1", "}"),
     ],
 )
-def test_nesting_is_refused_before_anything_recurses(
+def test_deep_nesting_is_refused_before_recursion(
     tmp_path: Path, name: str, opening: str, middle: str, closing: str, levels: int
 ) -> None:
     (tmp_path / name).write_text(opening * levels + middle + closing * levels)
@@ -205,7 +205,7 @@ def chain(depths: int) -> bytes:
         "malformed or truncated",
     ),
 )
-def test_what_declares_too_much_is_refused_with_the_figures(
+def test_oversized_declarations_are_refused_with_figures(
     tmp_path: Path, name: str, write: Callable[[Path], Any], message: str
 ) -> None:
     path = tmp_path / name
@@ -225,7 +225,7 @@ def test_a_picture_of_too_many_pixels_is_refused_before_it_is_read(tmp_path: Pat
     refused(tmp_path / "a.png", r"40000 x 40000 cells, 1.6e\+09 in all", spacing=0.1)
 
 
-def test_limits_may_be_lowered_and_raised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_limits_can_be_lowered_and_raised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.3dmap").write_text("voxel 9 9 9\n")
     with raised_limits(max_cells=100):
         refused(tmp_path / "a.3dmap", r"raised_limits\(max_cells=729\)")
@@ -241,10 +241,10 @@ def test_limits_may_be_lowered_and_raised(tmp_path: Path, monkeypatch: pytest.Mo
     ("a.wkt", f"MULTIPOINT({','.join(['1 1'] * 1000)})", "holds 1,000 points"),
     ("a.geojson", json.dumps({"type": "MultiPoint", "coordinates": [[1, 1]] * 1000}), "holds 1,001 lists"),
 )
-def test_points_count_by_what_they_take_as_objects(
+def test_points_are_limited_by_their_memory_as_objects(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, content: str, message: str
 ) -> None:
-    """Four bytes of text become an object of hundreds."""
+    """Use points, which take 4 bytes of text but hundreds as objects."""
     (tmp_path / name).write_text(content)
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**6)
     refused(tmp_path / name, message, spacing=0.1)
@@ -254,8 +254,8 @@ def test_points_count_by_what_they_take_as_objects(
 
 @pytest.mark.parametrize("fill", [" ", "\n", "0"])
 @pytest.mark.parametrize("name", ["text.stl", "shapes.wkt", "text.ply", "box.obj", "box.off", "map.yaml"])
-def test_long_runs_are_read_in_time_linear_in_their_length(families: dict[str, Path], name: str, fill: str) -> None:
-    """Where the square of their number is taken, this takes many minutes."""
+def test_long_runs_are_read_in_linear_time(families: dict[str, Path], name: str, fill: str) -> None:
+    """A quadratic algorithm would take many minutes."""
     path, run = families[name], 100_000 * fill
     content = path.read_text()
     places = [place for place, letter in enumerate(content) if letter in " \n("]
@@ -265,13 +265,13 @@ def test_long_runs_are_read_in_time_linear_in_their_length(families: dict[str, P
     path.write_text(content)
 
 
-def test_blanks_where_a_bracket_should_be(tmp_path: Path) -> None:
+def test_blanks_before_a_bracket_are_read_in_linear_time(tmp_path: Path) -> None:
     (tmp_path / "a.wkt").write_text(f"POINT{' ' * 300_000}1")
     refused(tmp_path / "a.wkt", "begins with", spacing=0.1)
 
 
-def test_a_few_nodes_do_not_unfold_into_any_number(tmp_path: Path, families: dict[str, Path]) -> None:
-    """Of COLLADA, where nodes hold others, and of both formats, where a scene shows a mesh in many places."""
+def test_nested_instances_are_limited(tmp_path: Path, families: dict[str, Path]) -> None:
+    """Test nested nodes of COLLADA, and scenes of both formats that place a mesh many times."""
     text, shown = families["box.dae"].read_text(), '<instance_geometry url="#g"/>'
 
     def nodes(depth: int, each: int) -> str:
@@ -299,7 +299,7 @@ def test_a_few_nodes_do_not_unfold_into_any_number(tmp_path: Path, families: dic
 
 
 def glb_of_places(number: int, children: bool) -> bytes:
-    """One triangle in many places: beside each other, or each node within the one before."""
+    """Place one triangle many times, by sibling nodes or by nested nodes."""
     nodes = [{"mesh": 0, **({"children": [i + 1]} if children and i + 1 < number else {})} for i in range(number)]
     view = {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}
     header = {
@@ -317,7 +317,7 @@ def glb_of_places(number: int, children: bool) -> bytes:
     return b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body
 
 
-def test_a_face_of_many_corners_takes_time_as_long_as_it_is(tmp_path: Path) -> None:
+def test_a_face_of_many_corners_takes_linear_time(tmp_path: Path) -> None:
     turn = np.linspace(0.0, 60.0, 8_000)
     rings = [np.stack([(turn + wide) * np.cos(turn), (turn + wide) * np.sin(turn)], axis=1) for wide in (1.0, 2.0)]
     lines = [f"v {x} {y} 0" for x, y in [*rings[0].tolist(), *rings[1][::-1].tolist()]]
@@ -343,7 +343,7 @@ def polygon_in(path: Path, vertices: list[str], corners: list[int]) -> Path:
 
 
 @pytest.mark.parametrize("name", ["a.obj", "a.off", "a.ply"])
-def test_a_face_of_coincident_corners_takes_memory_as_large_as_it_is(tmp_path: Path, name: str) -> None:
+def test_a_face_of_coincident_corners_takes_linear_memory(tmp_path: Path, name: str) -> None:
     count = 5_000  # of which the square is 200 MB
     path = polygon_in(tmp_path / name, ["0 0 0"] * count, [*range(count)])
     Mesh.of(path, "surface")
@@ -357,13 +357,11 @@ def test_a_face_of_coincident_corners_takes_memory_as_large_as_it_is(tmp_path: P
 
 @pytest.mark.parametrize("name", ["a.obj", "a.off", "a.ply"])
 @pytest.mark.parametrize("corners", [[0] * 60_000, [0, 1, 2, 3] * 15_000], ids=["one corner", "many rounds"])
-def test_a_face_that_names_few_vertices_again_and_again_is_refused(
-    tmp_path: Path, name: str, corners: list[int]
-) -> None:
+def test_a_face_that_repeats_few_vertices_is_refused(tmp_path: Path, name: str, corners: list[int]) -> None:
     refused(polygon_in(tmp_path / name, SQUARE, corners), "repeat only", spacing=0.1)
 
 
-def test_fans_of_a_file_are_tried_in_time_as_long_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fans_of_a_file_take_linear_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cspace.files.polygons.MIN_WORK", 0)
     vertices = [*SQUARE * 400, *SQUARE[::-1] * 200]
     polygon_in(tmp_path / "a.obj", vertices, [*range(len(vertices))])
@@ -385,7 +383,7 @@ def test_a_mesh_too_small_for_floats_is_refused(tmp_path: Path) -> None:
     np.testing.assert_array_equal(made.outer, exact.outer)
 
 
-def test_a_tree_without_its_line_of_data_is_refused_at_once(tmp_path: Path) -> None:
+def test_an_octomap_without_its_data_line_is_refused_quickly(tmp_path: Path) -> None:
     (tmp_path / "a.ot").write_bytes(b"# Octomap OcTree file\nid OcTree\nsize 9\nres 0.1\nadta\n" + b"\n" * 5_000_000)
     refused(tmp_path / "a.ot", "no line 'data'")
     (tmp_path / "a.pcd").write_bytes(b"VERSION .7\n" + b"\n" * 5_000_000)
@@ -398,13 +396,13 @@ def test_a_tree_without_its_line_of_data_is_refused_at_once(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     "content", [b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", b"GIF89a", b"\0\0\0\x0cjP  "]
 )
-def test_pictures_are_told_by_their_content(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes) -> None:
+def test_images_are_recognised_by_content(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes) -> None:
     monkeypatch.setattr("subprocess.Popen", None)
     (tmp_path / "a.png").write_bytes(content + bytes(99))
     refused(tmp_path / "a.png", "cannot be read as an image", spacing=0.1)
 
 
-def test_a_link_out_of_the_folder_is_told(tmp_path: Path) -> None:
+def test_a_link_out_of_the_folder_warns(tmp_path: Path) -> None:
     (tmp_path / "inner").mkdir()
     path = ros_map(tmp_path / "inner")
     (tmp_path / "inner" / "map.png").rename(tmp_path / "map.png")
@@ -414,7 +412,7 @@ def test_a_link_out_of_the_folder_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("uri", ["../secret.bin", "/etc/passwd", "%2e%2e/secret.bin"])
-def test_gltf_reads_no_file_outside_of_its_folder(tmp_path: Path, uri: str) -> None:
+def test_gltf_reads_no_file_outside_its_folder(tmp_path: Path, uri: str) -> None:
     (tmp_path / "inner").mkdir()
     (tmp_path / "secret.bin").write_bytes(bytes(36))
     header = {
@@ -430,19 +428,19 @@ def test_gltf_reads_no_file_outside_of_its_folder(tmp_path: Path, uri: str) -> N
     refused(tmp_path / "inner" / "a.gltf", "outside its folder", spacing=0.1)
 
 
-def test_no_codec_of_a_store_is_looked_for_by_its_name(tmp_path: Path, families: dict[str, Path]) -> None:
-    """Or a file would say which of the installed packages runs."""
+def test_codecs_are_never_imported_by_name(tmp_path: Path, families: dict[str, Path]) -> None:
+    """Otherwise a file could choose which installed package runs."""
     path = tmp_path / "forged.zarr"
     shutil.copytree(families["forged.zarr"], path)
     described = json.loads((path / "cell_states" / "zarr.json").read_text())
     described["codecs"].append({"name": "of_a_plug_in"})
-    soak.forge_store(path, soak.parts_of(path), "state/zarr.json", json.dumps(described).encode())
-    with pytest.raises(FileError, match=r"state: is encoded with .*of_a_plug_in"):
+    soak.forge_store(path, soak.parts_of(path), "cell_states/zarr.json", json.dumps(described).encode())
+    with pytest.raises(FileError, match=r"cell_states: is encoded with .*of_a_plug_in"):
         cspace.open(path)
 
 
 @pytest.mark.parametrize("kind", ["folder", "pipe"])
-def test_what_is_no_plain_file_is_refused(tmp_path: Path, kind: str) -> None:
+def test_folders_and_pipes_are_refused(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "a.obj"
     path.mkdir() if kind == "folder" else os.mkfifo(path)
     with pytest.raises(FileError, match="plain file"):
@@ -481,9 +479,7 @@ def test_opening_starts_no_process_and_writes_sends_and_imports_nothing(families
 
 @pytest.mark.parametrize("name", ["box.dae", "robot.urdf"])
 @pytest.mark.parametrize("levels", [300, 100_000])
-def test_elements_within_elements_are_refused(
-    families: dict[str, Path], tmp_path: Path, name: str, levels: int
-) -> None:
+def test_deeply_nested_elements_are_refused(families: dict[str, Path], tmp_path: Path, name: str, levels: int) -> None:
     head, end = re.match(r"(<\w+[^>]*>)(.*)", families[name].read_text(), re.DOTALL).groups()  # type: ignore[union-attr]
     (tmp_path / name).write_text(f"{head}{'<extra>' * levels}{'</extra>' * levels}{end}")
     with pytest.raises(FileError, match="more than 256 nested elements"):
@@ -508,7 +504,7 @@ def test_a_link_out_of_the_folder_of_a_gltf_is_refused(tmp_path: Path) -> None:
     refused(tmp_path / "inner" / "a.gltf", "outside its folder", spacing=0.1)
 
 
-def test_names_that_are_none_are_refused() -> None:
+def test_invalid_file_names_are_refused() -> None:
     for name in (None, 7, b"\xff"):
         with pytest.raises((InputError, FileError)):
             Workspace.open(name, spacing=0.1)  # type: ignore[arg-type]

@@ -16,14 +16,14 @@ from refusals import refusals
 
 
 def read_shades(path, kind):
-    """Shades of an image, and where it is opaque."""
+    """Return the shades of an image, and its opaque pixels."""
     image = read_image_shades(path, kind)
     shade = image.levels / float(image.white_level)
     return shade, np.broadcast_to(image.opaque, shade.shape)
 
 
 PIXELS = np.array([[0, 255, 255], [0, 100, 200]], dtype=np.uint8)
-"""Two rows, the first at the top, of three columns."""
+"""Two rows of three columns, the first row at the top."""
 
 
 @pytest.fixture
@@ -88,7 +88,7 @@ def test_jpeg_is_read(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("mode", ["RGBA", "LA"])
 @pytest.mark.parametrize("dark", ["occupied", "free"])
-def test_what_is_not_opaque_is_occupied(tmp_path: Path, mode: str, dark: str) -> None:
+def test_transparent_pixels_are_occupied(tmp_path: Path, mode: str, dark: str) -> None:
     picture = Image.fromarray(np.array([[0, 0, 255, 255]], dtype=np.uint8)).convert(mode)
     picture.putalpha(Image.fromarray(np.array([[255, 0, 254, 255]], dtype=np.uint8)))
     picture.save(tmp_path / "map.png")
@@ -98,8 +98,8 @@ def test_what_is_not_opaque_is_occupied(tmp_path: Path, mode: str, dark: str) ->
 
 @pytest.mark.parametrize("mode", ["1", "L", "I;16", "P", "RGB", "RGBA", "LA"])
 @pytest.mark.parametrize("size", [(1, 200), (130, 70), (257, 193)], ids=str)
-def test_cells_of_every_pixel_are_those_of_its_shade(tmp_path: Path, mode: str, size: tuple[int, int]) -> None:
-    """Images of several bands of rows, against numbers that Pillow gives for each pixel."""
+def test_shades_agree_with_pillow(tmp_path: Path, mode: str, size: tuple[int, int]) -> None:
+    """Compare images of several bands with Pillow's values of single pixels."""
     rng, (width, height) = np.random.default_rng(0), size
     grey = rng.integers(0, 256, (height, width), dtype=np.uint8)
     if mode == "I;16":
@@ -176,7 +176,7 @@ def test_real_mazes_agree_with_a_plain_reading(data: Path, name: str) -> None:
         assert workspace.outer[x, y] == dark[(449 - y) * 450 + x]
 
 
-def test_a_chunk_that_claims_gigabytes_takes_none(tmp_path: Path) -> None:
+def test_a_chunk_that_claims_gigabytes_takes_little_memory(tmp_path: Path) -> None:
     file = tmp_path / "claims.png"
     Image.fromarray(np.full((8, 8), 255, np.uint8)).save(file)
     data = bytearray(file.read_bytes())

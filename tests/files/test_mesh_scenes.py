@@ -1,4 +1,4 @@
-"""Scenes in glTF and COLLADA: every surface where its nodes put it, or an error says why not."""
+"""Scenes in glTF and COLLADA: every surface is placed by its nodes, or refused."""
 
 import base64
 import json
@@ -16,7 +16,7 @@ from refusals import refusals
 
 
 def gltf(edit=lambda header, add: None, glb=True):
-    """A glTF file of a box; ``edit`` gets its header, and a function that adds an array and gives its view."""
+    """Write a glTF file of a box; `edit` gets its header and a function that adds an array and returns its view."""
     blob = bytearray()
     views = []
 
@@ -54,7 +54,7 @@ def gltf(edit=lambda header, add: None, glb=True):
 
 
 def add_part(header, add, mode, corners, points=None):
-    """A second primitive."""
+    """Add a second primitive."""
     view = add(np.array(corners, "<u2"))
     header["accessors"].append({"bufferView": view, "componentType": 5123, "count": len(corners), "type": "SCALAR"})
     part = {"attributes": {"POSITION": 0}, "indices": len(header["accessors"]) - 1, "mode": mode}
@@ -85,7 +85,7 @@ def quantise(header, add):
     header["accessors"][0].update(bufferView=view, componentType=5122, normalized=True)
 
 
-def test_nodes_of_gltf_put_meshes_where_they_say(tmp_path):
+def test_nodes_of_gltf_place_meshes(tmp_path):
     matrix = np.eye(4)
     matrix[:3, 3] = FAR
 
@@ -149,7 +149,7 @@ def grow(header, **changes):
     (lambda h, add: h["accessors"][0].update(type="VEC2"), "VEC2"),
     (lambda h, add: h["asset"].update(version="1.0"), "1.0"),
 )
-def test_what_a_gltf_reader_does_not_honour_is_refused(tmp_path, edit, message):
+def test_unsupported_features_of_gltf_are_refused(tmp_path, edit, message):
     check_refused(tmp_path, "odd.glb", gltf(edit), message)
     check_refused(tmp_path, "odd.gltf", gltf(edit, glb=False), message)
 
@@ -158,7 +158,7 @@ def test_what_a_gltf_reader_does_not_honour_is_refused(tmp_path, edit, message):
 
 
 def collada(primitives=None, nodes='<instance_geometry url="#box"/>', unit="", body=""):
-    """A COLLADA file of a box."""
+    """Return a COLLADA file of a box."""
     quads = " ".join(f"{corner} 0" for corner in QUADS.reshape(-1))
     primitives = primitives or polylist(6, "4 " * 6, quads)
     return f"""<?xml version="1.0"?>
@@ -201,7 +201,7 @@ def test_every_surface_of_collada_is_read(tmp_path, primitives):
     check_boxes(read(tmp_path, "box.dae", collada(primitives)))
 
 
-def test_numbers_of_collada_may_stand_among_others(tmp_path):
+def test_collada_indices_may_alternate_with_others(tmp_path):
     table = np.insert(np.insert(CORNERS, 1, 99, axis=1), 4, 98, axis=1).reshape(-1)
     text = (
         collada(runs("polygons", 6, QUADS))
@@ -217,7 +217,7 @@ def test_numbers_of_collada_may_stand_among_others(tmp_path):
     check_boxes(read(tmp_path, "box.dae", collada(faces)))
 
 
-def test_the_unit_of_collada_is_turned_into_metres(tmp_path):
+def test_the_unit_of_collada_is_converted_to_metres(tmp_path):
     mesh = read(tmp_path, "box.dae", collada(unit='<unit name="centimeter" meter="0.01"/>'))
     assert np.allclose(mesh.bounds, [[0, 0, 0], [0.04, 0.04, 0.04]])
 
@@ -227,7 +227,7 @@ NODES = """<matrix>1 0 0 2 0 1 0 0 0 0 1 0 0 0 0 1</matrix><translate>3 0 0</tra
 <node><translate>0 0 9</translate><instance_node url="#shared"/><instance_light url="#none"/></node>"""
 
 
-def test_nodes_of_collada_put_meshes_where_they_say(tmp_path):
+def test_nodes_of_collada_place_meshes(tmp_path):
     mesh = read(tmp_path, "nodes.dae", collada(nodes=NODES, unit='<unit meter="0.5"/>'))
 
     def moved(points):
@@ -238,7 +238,7 @@ def test_nodes_of_collada_put_meshes_where_they_say(tmp_path):
     assert mesh.volume == pytest.approx(3 * 64 * 6 / 8)
 
 
-def test_collada_is_read_as_another_reader_does(tmp_path):
+def test_collada_agrees_with_another_reader(tmp_path):
     pytest.importorskip("collada")
     file = tmp_path / "nodes.dae"
     file.write_text(collada(nodes=NODES.replace("0 0 2 90", "0 0 1 90")))
@@ -278,5 +278,5 @@ def test_collada_is_read_as_another_reader_does(tmp_path):
     (collada().replace('count="24"', 'count="27"'), "positions"),
     (collada()[:-20], "truncated"),
 )
-def test_what_a_collada_reader_does_not_honour_is_refused(tmp_path, content, message):
+def test_unsupported_features_of_collada_are_refused(tmp_path, content, message):
     check_refused(tmp_path, "odd.dae", content, message)

@@ -1,4 +1,4 @@
-"""Files of meshes: the triangles that come back are those of the file, all of them, or an error says why not."""
+"""Mesh files: all triangles are read, or the file is refused."""
 
 import struct
 import tracemalloc
@@ -19,7 +19,7 @@ from refusals import refusals
 
 
 @pytest.mark.parametrize("second", [QUADS - 8, QUADS + 9], ids=["relative", "absolute"])
-def test_relative_corners_of_obj_count_back_from_where_they_stand(tmp_path, second):
+def test_negative_corners_of_obj_count_back(tmp_path, second):
     text = f"o a\n{VERTICES}{lines('f', QUADS - 8)}o b\n{lines('v', CORNERS + FAR)}{lines('f', second)}"
     check_boxes(read(tmp_path, "two.obj", text), 2)
 
@@ -43,12 +43,12 @@ def test_relative_corners_of_obj_count_back_from_where_they_stand(tmp_path, seco
         lambda text: text.replace(".0\n", ".0 0.5 0.5 0.5\n"),
     ],
 )
-def test_statements_of_obj_are_read_however_they_are_laid_out(tmp_path, write):
+def test_obj_is_read_in_every_layout(tmp_path, write):
     check_boxes(read(tmp_path, "laid.obj", VERTICES + FACES + write(SECOND)), 2)
     check_boxes(read(tmp_path, "laid.obj", write(VERTICES + FACES)))
 
 
-def test_obj_may_begin_with_a_mark_of_its_coding(tmp_path):
+def test_obj_may_begin_with_a_byte_order_mark(tmp_path):
     check_boxes(read(tmp_path, "mark.obj", b"\xef\xbb\xbf" + (VERTICES + FACES).encode()))
 
 
@@ -78,7 +78,7 @@ def test_corners_of_obj_may_name_more_than_a_vertex(tmp_path, corner):
     ("usemtl \\\n\tF\t1 2 3\n", "backslash"),
     ("\0", "not text"),
 )
-def test_what_an_obj_reader_cannot_tell_is_refused(tmp_path, text, message):
+def test_ambiguous_obj_files_are_refused(tmp_path, text, message):
     check_refused(tmp_path, "odd.obj", VERTICES + FACES + text, message)
 
 
@@ -100,7 +100,7 @@ def area_of(points, sizes):
 
 
 @given(st.integers(3, 12), st.integers(0, 2**32 - 1))
-def test_flat_convex_polygons_keep_their_area_wherever_they_lie(count, seed):
+def test_flat_convex_polygons_keep_their_area(count, seed):
     rng = np.random.default_rng(seed)
     angles = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
     x, y = np.cos(angles), np.sin(angles)
@@ -125,12 +125,12 @@ def test_bent_polygons_that_one_corner_sees_keep_their_area(first):
     ([(0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 2, 0)], "crosses itself"),
     ([(0, 0, 0), (4, 0, 0), (4, 3, 0), (3, 3, 0), (3, 1, 0), (1, 1, 0), (1, 3, 0), (0, 3, 0)], "bends"),
 )
-def test_polygons_without_one_surface_are_refused(tmp_path, points, message):
+def test_ambiguous_polygons_are_refused(tmp_path, points, message):
     face = f"f {' '.join(map(str, range(1, len(points) + 1)))}\n"
     check_refused(tmp_path, "bent.obj", lines("v", points) + "f 1 2 3\n" + face, message, GeometryError)
 
 
-def test_polygons_without_an_area_and_of_huge_or_tiny_size_do_no_harm(tmp_path):
+def test_degenerate_huge_and_tiny_polygons_are_read(tmp_path):
     line = [(0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0)]
     assert area_of(line, [4]) == 0.0
     assert area_of([(1, 1, 1)] * 4, [4]) == 0.0
@@ -195,7 +195,7 @@ def test_all_solids_of_a_text_stl_are_read(tmp_path, write):
     (text_stl().encode().replace(b" 4.0", b" 4.0\0", 1), "not text"),
     (text_stl() + text_stl(FAR).partition("facet")[2].partition("endsolid")[0], "endsolid"),
 )
-def test_stl_files_that_hold_other_than_they_say_are_refused(tmp_path, content, message):
+def test_inconsistent_stl_files_are_refused(tmp_path, content, message):
     check_refused(tmp_path, "odd.stl", content, message, FileError)
 
 
@@ -235,7 +235,7 @@ def test_off_files_are_read_with_their_colours_and_comments(tmp_path, text):
     (f"OFF BINARY\n8 6 0\n{POINTS}{SIDES}", "binary"),
     (f"8 6 0\n{POINTS}{SIDES}", "begin with OFF"),
 )
-def test_off_files_that_hold_other_than_they_say_are_refused(tmp_path, text, message):
+def test_inconsistent_off_files_are_refused(tmp_path, text, message):
     check_refused(tmp_path, "odd.off", text, message)
 
 
@@ -243,7 +243,7 @@ def test_off_files_that_hold_other_than_they_say_are_refused(tmp_path, text, mes
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".off"])
-def test_one_long_word_does_not_make_all_of_them_wide(tmp_path, suffix):
+def test_one_long_number_takes_little_memory(tmp_path, suffix):
     long = f"0.{'0' * 100_000}1"
     points, faces = f"v {long} 0 0\n" + "v 1 0 0\nv 0 1 0\n" * 500, "f 1 2 3\n"
     if suffix == ".off":

@@ -1,4 +1,4 @@
-"""ROS messages without ROS: round trips, what map files say, and Nav2's formula of costs."""
+"""ROS messages without ROS: round trips, agreement with map files, and the costs of Nav2."""
 
 import math
 from array import array
@@ -22,7 +22,7 @@ RNG = np.random.default_rng(0)
 
 
 def message(values, resolution=0.05, origin=(0.0, 0.0), yaw=0.0, data=None):
-    """What looks like a message of ROS; values are rows from the lowest y."""
+    """Make an object like a ROS message; values are rows from the lowest y."""
     height, width = np.shape(values)
     turn = SimpleNamespace(x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
     place = SimpleNamespace(position=SimpleNamespace(x=origin[0], y=origin[1], z=0.0), orientation=turn)
@@ -32,7 +32,7 @@ def message(values, resolution=0.05, origin=(0.0, 0.0), yaw=0.0, data=None):
 
 
 class Strict:
-    """A message as rclpy makes it: fields and types of its own, and no others."""
+    """Make a message like rclpy's, with declared fields and types only."""
 
     def __init__(self, **fields):
         object.__setattr__(self, "fields", fields)
@@ -78,7 +78,7 @@ def test_values_become_cells(data):
 
 @pytest.mark.parametrize("yaw", [0.0, 0.3, math.pi / 2, -2.0])
 @pytest.mark.parametrize("unknown", ["occupied", "free"])
-def test_a_message_is_what_the_map_file_says(tmp_path, yaw, unknown):
+def test_a_message_agrees_with_the_map_file(tmp_path, yaw, unknown):
     values = RNG.choice([0, 100, -1], (7, 9), p=[0.6, 0.2, 0.2])
     pixels = np.select([values == 0, values == 100], [254, 0], 205).astype(np.uint8)[::-1]
     Image.fromarray(pixels).save(tmp_path / "map.pgm")
@@ -97,7 +97,7 @@ def test_a_message_is_what_the_map_file_says(tmp_path, yaw, unknown):
 
 @pytest.mark.parametrize("unknown", ["occupied", "free"])
 @pytest.mark.parametrize("fill", [None, strict("info", ("width", "height"), "b")])
-def test_a_map_comes_back_from_its_message(spaces, unknown, fill):
+def test_a_map_survives_its_message(spaces, unknown, fill):
     space = spaces["disc"]
     assert sorted(np.unique(space.cell_states).tolist()) == [FREE, MIXED, BLOCKED]
     msg = space.to_occupancy_grid(fill, frame_id="odom")
@@ -108,7 +108,7 @@ def test_a_map_comes_back_from_its_message(spaces, unknown, fill):
     assert (made.outer == (space.cell_states != FREE if unknown == "occupied" else space.cell_states == BLOCKED)).all()
 
 
-def test_a_robot_that_turns_is_free_where_it_is_at_every_rotation(spaces):
+def test_a_turning_robot_is_free_only_at_all_rotations(spaces):
     space = spaces["car"]
     cells = np.array(space.to_occupancy_grid().data).reshape(30, 40).T
     assert ((cells == 0) == (space.cell_states == FREE).all(axis=0)).all()
@@ -119,7 +119,7 @@ def test_a_robot_that_turns_is_free_where_it_is_at_every_rotation(spaces):
 
 
 def distances(space, free):
-    """From the middle of each cell to the nearest point of a cell that is not free, or beyond the grid, by hand."""
+    """Return the distance from each cell center to the nearest point that is not free, by brute force."""
     ringed = np.argwhere(np.pad(~free, 1, constant_values=True)) - 1
     steps = np.indices((3, 3)).reshape(2, -1).T  # in half cells, the nearest point of a cell is one of these nine
     tree = cKDTree((2 * ringed[:, None] + steps).reshape(-1, 2))
@@ -129,7 +129,7 @@ def distances(space, free):
 
 @pytest.mark.parametrize("fill", [None, strict("metadata", ("size_x", "size_y"), "B")])
 @pytest.mark.parametrize(("radius", "scaling"), [(0.55, 10.0), (0.8, 3.0), (0.0, 1.0), (99.0, 0.0)])
-def test_costs_are_those_of_the_formula(spaces, radius, scaling, fill):
+def test_costs_agree_with_the_formula(spaces, radius, scaling, fill):
     space = spaces["disc"]
     msg = space.to_costmap(fill, inflation_radius=radius, cost_scaling_factor=scaling)
     assert isinstance(msg, Costmap) if fill is None else msg is fill
@@ -149,7 +149,7 @@ def test_costs_are_those_of_the_formula(spaces, radius, scaling, fill):
 
 
 def test_no_cell_is_cheaper_than_in_nav2(spaces):
-    """Nav2 measures from middle to middle, and calls the robot a circle."""
+    """Nav2 measures between cell centers, and treats the robot as a circle."""
     space, radius, scaling = spaces["disc"], 0.7, 4.0
     costs = np.array(space.to_costmap(inflation_radius=radius, cost_scaling_factor=scaling).data).reshape(30, 40).T
     obstacles = cKDTree(space.grid.center_of(np.argwhere(space.workspace.outer)))
@@ -160,7 +160,7 @@ def test_no_cell_is_cheaper_than_in_nav2(spaces):
     assert (costs < 253).sum() > 300
 
 
-def test_the_best_rotation_counts_unless_one_is_told(spaces):
+def test_costs_use_the_best_rotation_by_default(spaces):
     space = spaces["car"]
     best = np.array(space.to_costmap().data)
     each = [np.array(space.to_costmap(rotation=yaw).data) for yaw in space.rotations.representatives]
@@ -169,7 +169,7 @@ def test_the_best_rotation_counts_unless_one_is_told(spaces):
 
 
 def costs_by_hand(space, radius, scaling, rotation=None):
-    """Costs from a look-up of the clearance for each cell's middle and each rotation."""
+    """Compute the costs from the clearance at each cell center and rotation."""
     turns = space.rotations.centers if rotation is None else np.array([[rotation]])
     middles = space.grid.center_of(np.indices(space.grid.shape).reshape(2, -1).T)
     each = [space.clearance(np.hstack([middles, np.tile(turn, (len(middles), 1))])) for turn in turns]
@@ -188,7 +188,7 @@ def costs_by_hand(space, radius, scaling, rotation=None):
     outside=st.sampled_from(["blocked", "free"]),
     changes=st.lists(st.tuples(st.booleans(), st.sampled_from([0.2, 0.55, 1.0, 30.0])), min_size=1, max_size=4),
 )
-def test_costs_follow_obstacles_that_come_and_go(seed, rotations, outside, changes):
+def test_costs_follow_updates(seed, rotations, outside, changes):
     rng = np.random.default_rng(seed)
     occupied = rng.random((24, 30)) < rng.choice([0.0, 0.005, 0.05])
     workspace, robot = Workspace.from_array(occupied, 0.1, (3.0, -2.0)), Robot.rectangle(0.5, 0.2, (0.1, 0.0))
@@ -207,7 +207,7 @@ def test_costs_follow_obstacles_that_come_and_go(seed, rotations, outside, chang
             space.remove_obstacle("cart")
 
 
-def test_what_nothing_is_known_of_is_so_in_a_costmap():
+def test_unknown_cells_stay_unknown_in_a_costmap():
     values = np.zeros((20, 20), dtype=int)
     values[:5], values[10, 10] = -1, 100
     for unknown, seen in (("occupied", 255), ("free", 0)):
@@ -228,7 +228,7 @@ def changed(**fields):
     return made
 
 
-def test_a_quaternion_that_nobody_filled_is_no_turn():
+def test_an_unset_quaternion_is_no_rotation():
     made = changed(info__origin__orientation__w=0.0)
     assert Workspace.from_occupancy_grid(made).grid.shape == (3, 2)
 
@@ -279,6 +279,6 @@ SOLID = Workspace.from_array(np.zeros((3, 3, 3), bool), 0.1)
     (lambda car: cspace.build(SOLID, Robot.ball(0.05)).to_occupancy_grid(), "the map is one in space"),
     (lambda car: cspace.build(SOLID, Robot.ball(0.05)).to_costmap(), "the map is one in space"),
 )
-def test_messages_of_maps_refuse(spaces, call, message):
+def test_messages_refuse_unsuitable_maps_and_arguments(spaces, call, message):
     with pytest.raises(InputError, match=message):
         call(spaces["car"])

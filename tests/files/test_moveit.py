@@ -1,4 +1,4 @@
-"""Planning scenes of MoveIt: every primitive against its formula, layouts that ROS and others write, and bad files."""
+"""Planning scenes of MoveIt: primitives, layouts of ROS and MotionBenchMaker, and malformed files."""
 
 import json
 from pathlib import Path
@@ -37,7 +37,7 @@ def primitive(kind: Any, dimensions: Any, at: Any = None, name: str = "thing", *
 
 
 def holds(kind: str, sizes: Any, points: Any, slack: float) -> Any:
-    """Whether points of its frame lie in a primitive that is grown by ``slack``, by the definitions of shape_msgs."""
+    """Return which points lie in a primitive grown by `slack`, by the definitions of shape_msgs."""
     x, y, z = points.T
     if kind == "box":
         return (np.abs(points) <= np.array(sizes) / 2 + slack).all(axis=1)
@@ -65,7 +65,7 @@ SIZES = st.floats(0.2, 0.9)
     seed=st.integers(0, 2**20),
 )
 def test_primitives_are_bounded_by_the_cells(tmp_path, kind, sizes, places, angles, layout, seed):
-    """Cells that a primitive meets are outer, and inner ones lie in it, whatever its pose and that of its object."""
+    """Outer cells touch the primitive and inner cells lie in it, for any pose of it and of its object."""
     count = {"box": 3, "sphere": 1}.get(kind, 2)
     turns = Rotation.from_euler("xyz", angles), Rotation.from_euler("z", angles[0])
     poses = [pose(place, turn.as_quat()) for place, turn in zip(places, turns, strict=True)]
@@ -94,8 +94,8 @@ def test_primitives_are_bounded_by_the_cells(tmp_path, kind, sizes, places, angl
 @pytest.mark.filterwarnings("ignore::cspace.MeshWarning")  # the gripper of the UR5 is open
 @pytest.mark.filterwarnings("ignore:.*without collision geometry")
 @pytest.mark.parametrize("robot", ["panda", "ur5"])
-def test_problems_of_motion_bench_maker_are_the_same_obstacles(tmp_path, robot, data):
-    """The scenes of a benchmark, written in the layout of planning scenes, against the shapes made by hand."""
+def test_motion_bench_maker_scenes_agree_with_planning_scenes(tmp_path, robot, data):
+    """Compare scenes of a benchmark, written as planning scenes, with shapes made directly."""
     pytest.importorskip("yourdfpy")
     folder = data / "arms" / robot
     arm, rng = Arm.from_urdf(folder / f"{robot}.urdf", folder / f"{robot}.srdf"), np.random.default_rng(0)
@@ -136,7 +136,7 @@ def test_scenes_become_maps_and_arms(tmp_path):
     assert plain.grid.lower == (-0.5, -0.5, -0.5) and plain.grid.upper[0] == pytest.approx(1.5)
 
 
-def test_objects_of_several_shapes_and_operations(tmp_path):
+def test_operations_add_append_and_remove_shapes(tmp_path):
     table = {
         "id": "table",
         "primitives": [{"type": "box", "dimensions": [1, 1, 0.1]}, {"type": 3, "dimensions": [0.7, 0.05]}],
@@ -170,7 +170,7 @@ def test_meshes_are_read_from_the_scene_and_from_files(tmp_path):
 
 @pytest.mark.parametrize(("place", "coef"), [(pose(), [0, 0, 2, 1.0]), (pose((0, 0, -0.5)), [0, 0, -1, 0])])
 def test_planes_reach_as_far_as_the_bounds(tmp_path, place, coef):
-    """The plane z = -0.5: a sheet through all of the map, and as large as is asked for arms."""
+    """Use the plane z = -0.5, a sheet through the whole map, or of the given size for arms."""
     path = scene(tmp_path, {"id": "ground", "planes": [{"coef": coef}], "plane_poses": [place]})
     workspace = Workspace.from_moveit_scene(path, 0.2, (-2, -2, -1.5, 3, 2, 1))
     layers = np.flatnonzero(workspace.outer.any(axis=(0, 1)))
@@ -196,7 +196,7 @@ def test_frames_are_joined_by_their_transforms(tmp_path):
     np.testing.assert_allclose(same["b"].pose[:3, 3], (1, 0, 0))
 
 
-def test_what_enlarges_the_robot_is_named(tmp_path):
+def test_a_warning_names_parts_that_enlarge_the_robot(tmp_path):
     attached = {"attached_collision_objects": [{"link_name": "hand", "object": {"id": "mug"}}]}
     padding = [{"link_name": "hand", "padding": 0.01}]
     path = scene(tmp_path, primitive("sphere", (1,)), robot_state=attached, link_padding=padding)
@@ -234,7 +234,7 @@ BOX = {"type": "box", "dimensions": [1, 1, 1]}
     (["box"], r"has 'box' as collision_objects\[0\]; it must be a table"),
     ([primitive("box", [1, 1, 1], name=f"b{n}") for n in range(10_001)], "holds more than 10000 shapes"),
 )
-def test_bad_scenes_are_refused_in_a_line(tmp_path, objects, expected):
+def test_malformed_scenes_are_refused_in_one_line(tmp_path, objects, expected):
     path = scene(tmp_path, *objects)
     with pytest.raises((FileError, GeometryError), match=expected) as caught:
         Workspace.from_moveit_scene(path, 0.1, BOUNDS)
@@ -249,7 +249,7 @@ def test_bad_scenes_are_refused_in_a_line(tmp_path, objects, expected):
     ("world: {collision_objects: [], octomap: {octomap: {data: [1]}}}", r"holds an OctoMap; .* Workspace.from_octomap"),
     ("world: {collision_objects: 3}", "has '3' as collision_objects; it must be a list"),
 )
-def test_other_files_are_refused_in_a_line(tmp_path, text, expected):
+def test_other_files_are_refused_in_one_line(tmp_path, text, expected):
     path = tmp_path / "scene.yaml"
     path.write_text(text)
     with pytest.raises(FileError, match=expected):

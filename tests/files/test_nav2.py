@@ -1,4 +1,4 @@
-"""Robots as Nav2 is told of them."""
+"""Robots from Nav2 parameters."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_a_footprint_is_its_polygon():
 
 
 def test_padding_moves_each_coordinate_away_from_zero():
-    """As Nav2 does: what is zero stays, and corners move along both axes."""
+    """Like Nav2, keep zeros, and move other corners along both axes."""
     padded = Robot.from_footprint([(0.5, 0), (0, 0.25), (-0.5, 0), (0, -0.5)], padding=0.25).geometry
     assert padded.equals(shapely.Polygon([(0.75, 0), (0, 0.5), (-0.75, 0), (0, -0.75)]))
 
@@ -51,13 +51,13 @@ def test_padding_moves_each_coordinate_away_from_zero():
         ("{footprint: [[-1, -1], [1, -1], [1, 1], [-1, 1]], footprint_padding: 0.5}", 1.5),
     ],
 )
-def test_reads_the_parameters_of_nav2(tmp_path, table, bounds):
+def test_read_nav2_reads_both_costmaps(tmp_path, table, bounds):
     path = written(tmp_path, table, table)
     for robot in (Robot.from_nav2(path), Robot.open(path), Robot.open(f"{path}#local_costmap")):
         assert robot.geometry.bounds == pytest.approx((-bounds, -bounds, bounds, bounds))
 
 
-def test_reads_a_file_of_ros_1_and_one_of_several_robots(tmp_path):
+def test_read_nav2_reads_ros_1_files_and_several_robots(tmp_path):
     (tmp_path / "costmap_common_params.yaml").write_text("robot_radius: 0.4\nfootprint_padding: 0.1\n")
     assert Robot.open(tmp_path / "costmap_common_params.yaml").geometry.bounds[2] == pytest.approx(0.5)
     path = tmp_path / "two.yaml"
@@ -104,7 +104,7 @@ def test_bad_parameters_are_named(tmp_path, table, error, message):
     "footprint",
     ["", "[]", "0.3", "[[" * 200, "__import__('os')", "[[1, 2, 3]] * 3", None, [[1, 2], [3]], [[np.nan] * 2] * 3],
 )
-def test_what_is_no_footprint_is_refused(footprint):
+def test_invalid_footprints_are_refused(footprint):
     with pytest.raises(GeometryError, match="at least three points"):
         Robot.from_footprint(footprint)
     with pytest.raises(InputError, match="padding is -1"):

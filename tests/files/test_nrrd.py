@@ -1,4 +1,4 @@
-"""NRRD grids against vtk's reader and against values by hand; damaged and hostile files."""
+"""NRRD grids: agreement with VTK's reader and known values; damaged and malicious files."""
 
 import gzip
 import os
@@ -37,7 +37,7 @@ TYPES = {
 def write(
     path: Path, values: NDArray[Any], kind: str, *lines: str, encoding: str = "raw", endian: str = "little"
 ) -> Path:
-    """Write an attached NRRD file by the text of its specification; values are indexed [x, y(, z)]."""
+    """Write an attached NRRD file by its specification; values are indexed [x, y(, z)]."""
     head = ["NRRD0004", "# made by hand", f"type: {kind}", f"dimension: {values.ndim}"]
     head += [f"sizes: {' '.join(map(str, values.shape))}", f"encoding: {encoding}", f"endian: {endian}"]
     head += [*lines, "colour:=red", "", ""]
@@ -66,7 +66,7 @@ def test_cells_are_the_values_at_or_above_the_threshold(
 
 
 @pytest.mark.parametrize("encoding", ["raw", "gzip"])
-def test_values_and_places_are_those_that_vtk_reads(tmp_path: Path, encoding: str) -> None:
+def test_values_and_placement_agree_with_vtk(tmp_path: Path, encoding: str) -> None:
     vtk = pytest.importorskip("vtk")
     numpy_support = pytest.importorskip("vtk.util.numpy_support")
     values = np.random.default_rng(0).integers(0, 9, (14, 6, 5))  # vtk takes a short first axis for components
@@ -112,7 +112,7 @@ def test_each_voxel_is_where_the_header_places_it(
     assert workspace.grid.shape == tuple(values.shape[k] for k in order)
 
 
-def test_arguments_replace_what_the_header_says(tmp_path: Path) -> None:
+def test_arguments_override_the_header(tmp_path: Path) -> None:
     values = np.eye(4, 3)
     path = write(tmp_path / "a.nrrd", values, "double", "spacings: 0.5 0.5", "axis mins: 1 1")
     assert Workspace.open(path, lower=(2, 3)).grid == Grid((2, 3), 0.5, (4, 3))
@@ -200,7 +200,7 @@ print(time.process_time() - began, (resource.getrusage(resource.RUSAGE_SELF).ru_
 @pytest.mark.parametrize(
     ("sizes", "unpacked"), [("3 2", 2**31), ("16384 16384", 2**28)], ids=["more than declared", "as declared"]
 )
-def test_files_that_unpack_to_gigabytes_take_little(tmp_path: Path, sizes: str, unpacked: int) -> None:
+def test_files_that_unpack_to_gigabytes_take_little_memory(tmp_path: Path, sizes: str, unpacked: int) -> None:
     head = PLAIN.replace("3 2", sizes).replace("raw", "gzip")
     path = tmp_path / "bomb.nrrd"
     with path.open("wb") as file:

@@ -1,4 +1,4 @@
-"""PLY files of meshes: faces in every order of bytes, and what is refused."""
+"""PLY meshes: faces in every byte order, and refusals."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from refusals import refusals
 
 
 def ply(order, faces=QUADS, types=("float", "uchar", "int"), before="", after="", name="vertex_indices", tail=b""):
-    """A PLY file of a box; ``before`` and ``after`` are properties of one byte around the list of corners."""
+    """Return a PLY file of a box; `before` and `after` are one-byte properties around the list of corners."""
     codes = {"float": "f4", "double": "f8", "uchar": "u1", "int": "i4", "ushort": "u2", "uint8": "u1", "uint32": "u4"}
     head = f"ply\nformat {order} 1.0\ncomment made by hand\nelement vertex {len(CORNERS)}\n"
     head += "".join(f"property {types[0]} {axis}\n" for axis in "xyz")
@@ -58,7 +58,7 @@ def test_faces_of_ply_may_have_other_properties_besides(tmp_path, order):
     check_refused(tmp_path, "box.ply", data.replace(b"property uchar blue\n", texture), "truncated")
 
 
-def test_binary_lists_whose_lengths_change_are_told_though_the_sizes_agree(tmp_path):
+def test_binary_lists_of_changing_length_are_refused(tmp_path):
     data = bytearray(ply("binary_little_endian", [(0, 1, 2), (0, 2, 3)]))
     data[-13] = 2
     check_refused(tmp_path, "odd.ply", bytes(data), "different numbers")
@@ -80,7 +80,7 @@ def test_binary_lists_whose_lengths_change_are_told_though_the_sizes_agree(tmp_p
     (ply("binary_big_endian").replace(b"face 6", b"face 99999999999999"), "truncated"),
     (ply("binary_big_endian").replace(b"vertex 8", b"vertex 99999999999999"), "truncated"),
 )
-def test_ply_files_that_hold_other_than_they_say_are_refused(tmp_path, content, message):
+def test_inconsistent_ply_files_are_refused(tmp_path, content, message):
     check_refused(tmp_path, "odd.ply", content, message)
 
 
@@ -92,7 +92,7 @@ def test_truncated_ply_files_are_refused(tmp_path, order, part, faces):
     check_refused(tmp_path, "cut.ply", data[: int(part * len(data)) - 1], "truncated")
 
 
-def test_strips_of_ply_are_refused_and_edges_are_left(tmp_path):
+def test_strips_of_ply_are_refused_and_edges_skipped(tmp_path):
     data = ply("ascii").decode()
     strips = data.replace("end_header", "element tristrips 1\nproperty list int int vertex_indices\nend_header")
     check_refused(tmp_path, "strips.ply", strips + "\n4 0 1 2 3", "tristrips", GeometryError)

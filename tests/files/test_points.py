@@ -17,11 +17,11 @@ from refusals import refusals
 from strategies import seeds
 
 CLOUD = np.array([[0.0, 1.5, -2.25], [3.0, 4.0, 5.0], [1e3, -0.125, 7.75], [3.0, 4.0, 5.0], [0.5, 0.5, 0.5]])
-"""Single precision holds it."""
+"""A cloud that single precision holds exactly."""
 
 
 def pack_lzf(data: bytes) -> bytes:
-    """LZF: copies of at least three bytes that were met before, and literals."""
+    """Pack with LZF: copies of at least three earlier bytes, and literals."""
     out, literals, seen, at = bytearray(), bytearray(), {}, 0
 
     def flush():
@@ -54,7 +54,7 @@ def pack_lzf(data: bytes) -> bytes:
 
 
 def pcd(points, data, fields="rgb x _ y z", sizes="4 4 1 8 4", types="U F U F F", counts="1 1 3 1 1"):
-    """A PCD file with other fields before, between and after the coordinates, of several types."""
+    """Return a PCD file with other fields, of several types, around the coordinates."""
     header = (
         f"# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS {fields}\nSIZE {sizes}\nTYPE {types}\n"
         f"COUNT {counts}\nWIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(points)}\nDATA {data}\n"
@@ -199,7 +199,7 @@ def test_no_bytes_crash_the_unpacker(packed, size):
     "packed",
     [b"\x20\x00", b"\x00a\x20\x01", b"\x01a", b"\x00a\xe0", b"\x00a\xe0\x01", b"\x00a\x20", b"\x00a\xe0\xff\x00"],
 )
-def test_damaged_lzf_is_told(packed):
+def test_damaged_lzf_returns_an_error(packed):
     assert unpack_lzf(np.frombuffer(packed, dtype=np.uint8), np.zeros(64, dtype=np.uint8)) == -1
 
 
@@ -291,7 +291,7 @@ def test_npy_of_another_shape_or_type_is_refused(tmp_path, array):
 
 
 def empty_and_broken(points):
-    """The same cloud in every format."""
+    """Yield the same cloud in every format."""
     rows = "\n".join(" ".join(map(str, row)) for row in points.tolist())
     plain = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n"
     plain += "property float x\nproperty float y\nproperty float z\nend_header\n" + rows
@@ -399,7 +399,7 @@ def test_damaged_npy_headers_are_refused(tmp_path_factory, at, byte):
         assert read_points(path).shape[1] == 3
 
 
-def test_surfaces_of_a_ply_that_are_no_faces_are_refused(tmp_path):
+def test_ply_surfaces_other_than_faces_are_refused(tmp_path):
     path = write(tmp_path, "strips.ply", STRIPS)
     assert "elements tristrips" in refused(path, GeometryError)
     with pytest.raises(GeometryError, match="elements tristrips with lists, which may be surfaces"):
@@ -414,7 +414,7 @@ def test_surfaces_of_a_ply_that_are_no_faces_are_refused(tmp_path):
         STRIPS.replace("tristrips 1\nproperty list int int", "camera 1\nproperty float").replace("4 0 1 2 3", "7"),
     ],
 )
-def test_other_elements_of_a_ply_are_left(tmp_path, text):
+def test_other_elements_of_a_ply_are_skipped(tmp_path, text):
     path = write(tmp_path, "scan.ply", text)
     assert read_points(path).shape == (4, 3)
     assert Workspace.open(path, spacing=0.5).source == str(path)

@@ -30,7 +30,7 @@ HEADER: dict[str, Any] = {
 
 
 def _write(folder: Path, pixels: Any, **changes: Any) -> Path:
-    """A ROS map of 8-bit or 16-bit pixels, or a Pillow image; a change to None removes the key."""
+    """Write a ROS map of 8-bit or 16-bit pixels, or a Pillow image; a change to None removes the key."""
     header = {key: value for key, value in (HEADER | changes).items() if value is not None}
     picture = pixels if isinstance(pixels, Image.Image) else Image.fromarray(np.asarray(pixels, dtype=np.uint8))
     picture.save(folder / "map.png")
@@ -39,7 +39,7 @@ def _write(folder: Path, pixels: Any, **changes: Any) -> Path:
 
 
 def _column(path: Path, unknown: str = "occupied") -> list[bool]:
-    """Cells of a map that is one row of pixels."""
+    """Return the cells of a map of one row of pixels."""
     return Workspace.from_ros_map(path, unknown).outer[:, 0].tolist()
 
 
@@ -56,7 +56,7 @@ def test_a_tiny_map_is_read(tmp_path: Path, unknown: str, count: int) -> None:
 
 
 SIX = [0, 89, 90, 205, 206, 255]
-"""Occupied where (255 - pixel) / 255 >= 0.65, thus pixel <= 89; free where it is < 0.196, thus pixel >= 206."""
+"""Thresholds: occupied if (255 - pixel) / 255 >= 0.65, or pixel <= 89; free if < 0.196, or pixel >= 206."""
 
 OPAQUE = [[0, 0, 0, 255], [255, 255, 255, 255], [0, 0, 0, 254], [255, 255, 255, 0]]
 
@@ -78,7 +78,7 @@ OPAQUE = [[0, 0, 0, 255], [255, 255, 255, 255], [0, 0, 0, 254], [255, 255, 255, 
     ],
 )
 def test_pixels_become_cells(tmp_path: Path, pixels: Any, changes: dict[str, Any], cells: str) -> None:
-    """Occupied ones, unknown ones, which are occupied unless told otherwise, and free ones."""
+    """Test occupied, unknown (by default occupied) and free pixels."""
     row = np.asarray(pixels, dtype=getattr(pixels, "dtype", np.uint8))[np.newaxis]
     path = _write(tmp_path, Image.fromarray(row), **changes)
     assert Workspace.from_ros_map(path).outer[:, 0].tolist() == [cell != "." for cell in cells]
@@ -86,7 +86,7 @@ def test_pixels_become_cells(tmp_path: Path, pixels: Any, changes: dict[str, Any
 
 
 @pytest.mark.parametrize("magic", ["P2", "P5"])
-def test_pgm_beside_the_yaml_whatever_the_working_folder(
+def test_the_image_is_found_from_any_working_folder(
     tmp_path: Path, magic: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "maps" / "images").mkdir(parents=True)
@@ -137,7 +137,7 @@ def test_quarter_turns_are_exact(tmp_path: Path, turns: int, lower: tuple[float,
     unknown=st.sampled_from(["occupied", "free"]),
     seed=st.integers(0, 2**32 - 1),
 )
-def test_turned_maps_agree_with_shapely(
+def test_rotated_maps_agree_with_shapely(
     tmp_path_factory: pytest.TempPathFactory, pixels: np.ndarray, yaw: float, unknown: str, seed: int
 ) -> None:
     path = _write(tmp_path_factory.mktemp("turned"), pixels, origin=[-1.0, 2.0, yaw])
@@ -179,7 +179,7 @@ def test_turned_maps_agree_with_shapely(
     assert shapely.box(*grid.lower, *grid.upper).buffer(1e-9).covers(everything)
 
 
-def test_a_turned_map_is_tight(tmp_path: Path) -> None:
+def test_a_rotated_map_is_tight(tmp_path: Path) -> None:
     pixels = np.full((60, 80), 254, dtype=np.uint8)
     pixels[20:40, 10:50] = 0
     path = _write(tmp_path, pixels, origin=[0.0, 0.0, 0.4])
@@ -193,7 +193,7 @@ def test_a_turned_map_is_tight(tmp_path: Path) -> None:
     assert 60 * 80 - 800 - 1.5 * 400 < (~exterior_blocked.outer).sum() < 60 * 80 - 800
 
 
-def test_a_turned_map_without_free_cells(tmp_path: Path) -> None:
+def test_a_rotated_map_may_have_no_free_cells(tmp_path: Path) -> None:
     path = _write(tmp_path, [[0, 205]], origin=[0.0, 0.0, 0.4])
     workspace = Workspace.from_ros_map(path)
     assert workspace.outer.all()
@@ -249,13 +249,13 @@ def test_unusable_headers_are_refused(tmp_path: Path, changes: dict[str, Any], m
     ("image: [map.png\nresolution: 1", "as a YAML file .*line 2"),
     ("{}", "image is missing"),
 )
-def test_files_that_are_no_table_are_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_yaml_without_a_table_is_refused(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "map.yaml").write_text(text)
     with pytest.raises(FileError, match=message):
         Workspace.from_ros_map(tmp_path / "map.yaml")
 
 
-def test_an_image_that_cannot_be_decoded(tmp_path: Path) -> None:
+def test_an_image_that_cannot_be_decoded_is_refused(tmp_path: Path) -> None:
     path = _write(tmp_path, [[0]])
     (tmp_path / "map.png").write_bytes(b"\x89PNG nonsense")
     with pytest.raises(FileError, match=r"map\.png: cannot be read as a ROS map's image"):
@@ -290,7 +290,7 @@ def test_written_maps_read_back_identically(
     assert sorted(file.name for file in path.parent.iterdir()) == ["a map.pgm", "a map.yaml"]
 
 
-def test_a_written_map_by_hand(tmp_path: Path) -> None:
+def test_a_written_map_has_the_expected_bytes(tmp_path: Path) -> None:
     write_ros_map(np.array([[0, 1], [2, 0], [0, 0]]), Grid((-1.5, 1e-5), 1e-5, (3, 2)), tmp_path / "map.yaml")
     assert (tmp_path / "map.pgm").read_bytes() == b"P5\n3 2\n255\n" + bytes([205, 254, 254, 254, 0, 254])
     header = yaml.safe_load((tmp_path / "map.yaml").read_text())
@@ -327,7 +327,7 @@ def test_an_interrupted_write_leaves_nothing(tmp_path: Path, monkeypatch: pytest
     (np.full((1, 1), 3), Grid((0, 0), 1.0, (1, 1)), "map.yaml", "state holds"),
     (np.zeros((1, 1)), Grid((0, 0), 1.0, (1, 1)), "map.pgm", "a ROS map ends in .yaml"),
 )
-def test_states_that_do_not_fit(tmp_path: Path, state: np.ndarray, grid: Grid, name: str, message: str) -> None:
+def test_unsuitable_states_are_refused(tmp_path: Path, state: np.ndarray, grid: Grid, name: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         write_ros_map(state, grid, tmp_path / name)
 

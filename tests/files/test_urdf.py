@@ -1,4 +1,4 @@
-"""URDF against formulas of its primitives, placed by scipy."""
+"""URDF files: agreement with formulas of primitives, posed by scipy; mesh search; refusals."""
 
 import time
 from pathlib import Path
@@ -68,7 +68,7 @@ def in_parts(points, parts):
     return within
 
 
-def test_the_fixed_base_is_its_primitives(tmp_path):
+def test_the_fixed_base_agrees_with_its_primitives(tmp_path):
     with pytest.warns(UserWarning, match="wheel move against base and are left out; name all the links"):
         robot = Robot.from_urdf(written(tmp_path))
     points = np.random.default_rng(0).uniform(-0.8, 0.9, (30_000, 3))
@@ -95,7 +95,7 @@ def test_links_are_placed_in_the_frame_of_the_first(tmp_path):
     assert turned.contains(points[truth]).all()
 
 
-def test_boxes_and_meshes_alone_stay_what_they_are(tmp_path):
+def test_mesh_files_are_found_by_every_kind_of_name(tmp_path):
     (tmp_path / "my_robot" / "meshes").mkdir(parents=True)
     (tmp_path / "my_robot" / "urdf").mkdir()
     torus = trimesh.creation.torus(0.5, 0.2)
@@ -124,13 +124,13 @@ def write_box(path, side):
 
 
 def side_of(urdf, **options):
-    """The length along x of the mesh that was read, by which the tests tell files apart."""
+    """Return the length along x of the mesh, which identifies its file."""
     return Robot.from_urdf(urdf, **options).shape.outer.bounds[1][0] * 2
 
 
 @pytest.fixture
 def cell(tmp_path, monkeypatch):
-    """A URDF whose package has a mesh with the same name as that of another package."""
+    """Write a URDF whose mesh has the same name as a mesh of another package."""
     for variable in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
         monkeypatch.delenv(variable, raising=False)
     folder = tmp_path / "ws" / "src" / "cell_description"
@@ -188,7 +188,7 @@ def test_bad_package_dirs_are_refused(cell, value, message):
         Robot.open(Path(cell).with_name("robot.stl"), package_dirs=value)
 
 
-def test_reads_the_arms_of_others(data):
+def test_urdf_files_of_other_projects_are_read(data):
     hand = ["panda_hand", "panda_leftfinger", "panda_rightfinger"]
     gripper = Robot.from_urdf(data / "arms" / "panda" / "panda.urdf", hand)
     # The hand is 0.204 m wide, and its fingers end 0.112 m above its frame (measured in the meshes of the folder).
@@ -206,7 +206,7 @@ def test_reads_the_arms_of_others(data):
         (lambda: Robot.disc(0.5), np.pi / 4),
     ],
 )
-def test_a_footprint_is_the_shadow(make, area):
+def test_a_footprint_has_the_area_of_the_shadow(make, area):
     robot = make()
     footprint = robot.footprint()
     assert footprint.dim == 2
@@ -217,7 +217,7 @@ def test_a_footprint_is_the_shadow(make, area):
     assert footprint.shape.symmetry == robot.shape.symmetry
 
 
-def test_the_shadow_of_a_mesh_lies_between_its_two_sides():
+def test_the_shadow_of_a_mesh_lies_between_its_bounds():
     mesh = trimesh.creation.icosphere(1).apply_translation((0.3, 0.2, 0))
     flat = Robot.from_mesh(mesh).footprint().shape
     outer, inner = flat.outer, flat.inner
@@ -228,7 +228,7 @@ def test_the_shadow_of_a_mesh_lies_between_its_two_sides():
 
 
 def chain(count, kind="fixed", extra=""):
-    """Links of a box each, one metre apart, each turned by 0.01 rad against the one before."""
+    """Return a chain of boxes, one metre apart, each rotated by 0.01 rad relative to its parent."""
     box = '<collision><geometry><box size="0.5 0.4 0.3"/></geometry></collision>'
     links = "".join(f'<link name="l{k}">{box}</link>' for k in range(count))
     joints = (
@@ -239,7 +239,7 @@ def chain(count, kind="fixed", extra=""):
     return links + "".join(joints)
 
 
-def test_chains_of_links_are_read_in_linear_time_and_placed_where_they_are(tmp_path):
+def test_long_chains_are_placed_in_linear_time(tmp_path):
     seconds = {}
     for count in (100, 800):
         path = written(tmp_path, chain(count))
@@ -256,7 +256,7 @@ def test_chains_of_links_are_read_in_linear_time_and_placed_where_they_are(tmp_p
     ("kind", "end"),
     [("continuous", (1.0, 0.0)), ("prismatic", (1 - 0.5 * np.sin(0.01), 0.5 * np.cos(0.01))), ("fixed", (1.0, 0.0))],
 )
-def test_joints_that_mimic_stand_at_their_offset(tmp_path, kind, end):
+def test_mimic_joints_are_at_their_offset(tmp_path, kind, end):
     mimic = '<mimic joint="j0" offset="0.5"/>'
     path = written(tmp_path, chain(3, kind, mimic).replace(mimic, "", 1).replace("0 0 2", "0 2 0"))
     shape = Robot.from_urdf(path, ["l1", "l2"]).shape
@@ -268,8 +268,8 @@ def test_joints_that_mimic_stand_at_their_offset(tmp_path, kind, end):
     assert isinstance(shape, Mesh)  # boxes need no second surface
 
 
-def test_boxes_and_cylinders_of_links_are_no_surfaces(tmp_path):
-    """An obstacle within the box must not be FREE because the mesh beside it is open."""
+def test_boxes_and_cylinders_of_links_cannot_be_surfaces(tmp_path):
+    """An obstacle in the box must not be FREE because another mesh is open."""
     trimesh.creation.box((1.0, 1.0, 1.0)).export(tmp_path / "box.stl")
     mesh = '<collision><geometry><mesh filename="box.stl"/></geometry></collision>'
     path = written(tmp_path, chain(2).replace("</link>", mesh + "</link>", 1))
@@ -326,7 +326,7 @@ GEOMETRY = '<link name="l"><collision><geometry>{}</geometry></collision></link>
     ('<link name="l"', FileError, "is not XML"),
     ('<x:if xmlns:x="http://www.ros.org/wiki/xacro"/><link name="l"/>', FileError, "xacro macros"),
 )
-def test_bad_files_are_told_in_a_line(tmp_path, body, error, message):
+def test_malformed_urdf_is_refused_in_one_line(tmp_path, body, error, message):
     (tmp_path / "x.stl").touch()
     with pytest.raises(error, match=message) as caught:
         Robot.from_urdf(written(tmp_path, body))
@@ -357,8 +357,8 @@ except cspace.MissingPackageError as error:
     assert 'pip install "cspace[urdf]"' in output_without("yourdfpy", code)
 
 
-def test_elements_of_others_do_not_matter_nor_does_a_namespace_that_xacro_left(tmp_path):
-    """As the files of old robots have them, for Gazebo."""
+def test_foreign_elements_and_the_xacro_namespace_are_ignored(tmp_path):
+    """Old robot files have such elements for Gazebo."""
     path = tmp_path / "robot.urdf"
     names = 'xmlns:xacro="http://www.ros.org/wiki/xacro" xmlns:sensor="http://playerstage.sourceforge.net/gazebo"'
     ball = GEOMETRY.format('<sphere radius="1"/>')

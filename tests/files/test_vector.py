@@ -17,13 +17,13 @@ from cspace.files.vector import read_shapes
 from refusals import refusals
 
 L_SHAPE = shapely.Polygon([(0.1, 0.1), (2.9, 0.1), (2.9, 0.9), (0.9, 0.9), (0.9, 1.9), (0.1, 1.9)])
-"""Meets all of the 3 x 2 unit cells but (1, 1) and (2, 1)."""
+"""Touches all of the 3 x 2 unit cells except (1, 1) and (2, 1)."""
 
 FAR = box(4.0, 0.25, 6.0, 1.75)
 
 
 def _meets(shapes: list[Any], grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-    """Cells whose interior a union meets, and cells that it covers, by shapely, one at a time."""
+    """Return the cells whose interior a union touches, and those that it covers, by shapely."""
     union = shapely.union_all(shapes)
     corners = [grid.lower + grid.spacing * np.array(index) for index in np.ndindex(*grid.shape)]
     cells = [box(*corner, *(corner + grid.spacing)) for corner in corners]
@@ -46,7 +46,7 @@ RING = shapely.LinearRing([(0.5, 0.5), (2.5, 0.5), (2.5, 2.5), (0.5, 2.5)])
 def test_cells_meet_or_lie_in_polygons(
     source: Any, size: tuple[int, int], outer: list[str], inner: list[str], name: str
 ) -> None:
-    """Those that it meets, and those that it covers; lines and points cover none."""
+    """Outer cells touch the polygons, inner cells are covered; lines and points cover none."""
     workspace = Workspace.from_polygons(source, 1.0, (0, 0, *size))
     assert workspace.grid == Grid((0.0, 0.0), 1.0, size)
     for cells, columns in ((workspace.outer, outer), (workspace.inner, inner)):
@@ -75,7 +75,7 @@ def test_cells_meet_or_lie_in_polygons(
     ],
     ids=str,
 )
-def test_polygons_may_be_given_in_many_ways(source: Any) -> None:
+def test_polygons_are_read_from_every_source(source: Any) -> None:
     shapes = read_shapes(source)
     assert [shape.geom_type for shape in shapes] == ["Polygon", "Polygon"]
     assert shapes[0].equals(L_SHAPE)

@@ -1,4 +1,4 @@
-"""Voxel maps: MovingAI's and OctoMaps, these against OctoMap's own library."""
+"""Voxel maps of MovingAI, and OctoMaps, compared with OctoMap's own library."""
 
 import os
 import struct
@@ -27,7 +27,7 @@ def read_octomap(path: Path, unknown: str = "occupied") -> tuple[Grid, Bools, Bo
     return made.grid, made.outer, np.zeros_like(made.outer) if made.unknown is None else made.unknown
 
 
-def test_tiny_voxel_map_by_hand(tmp_path: Path) -> None:
+def test_a_tiny_voxel_map_has_the_expected_cells(tmp_path: Path) -> None:
     (tmp_path / "tiny.3dmap").write_text(TINY)
     blocked = read_movingai_voxels(tmp_path / "tiny.3dmap")
     assert blocked.shape == (2, 3, 4)
@@ -35,7 +35,7 @@ def test_tiny_voxel_map_by_hand(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", [TINY.replace("\n", "\r\n"), TINY + "\n\n", TINY + "1 0 2", TINY.replace(" ", "  ")])
-def test_other_spellings_of_the_tiny_map(tmp_path: Path, text: str) -> None:
+def test_a_tiny_voxel_map_is_read_in_every_layout(tmp_path: Path, text: str) -> None:
     (tmp_path / "tiny.3dmap").write_bytes(text.encode())
     assert read_movingai_voxels(tmp_path / "tiny.3dmap").sum() == 3
 
@@ -108,7 +108,7 @@ def test_real_voxel_maps_agree_with_a_plain_reading(data: Path, name: str, shape
 
 
 def decode_leaves(tree):
-    """The first cell, the side in cells and the state of each leaf, by the library."""
+    """Return the first cell, the side in cells and the state of each leaf, by the library."""
     side = tree.getResolution()
     for leaf in tree.begin_leafs():
         size = round(leaf.getSize() / side)
@@ -117,7 +117,7 @@ def decode_leaves(tree):
 
 
 def agrees(path, tree):
-    """Whether what is read of a file is what the library says of its tree."""
+    """Check that the cells of a file agree with the library."""
     grid, solid, unknown = read_octomap(path)
     free_grid, occupied, _ = read_octomap(path, "free")
     assert grid == free_grid
@@ -139,7 +139,7 @@ def agrees(path, tree):
 
 
 def random_tree(octomap, seed, kind="OcTree"):
-    """A tree with coarse leaves: blocks of cells that are all sure, and single cells that are not."""
+    """Make a tree with coarse leaves, blocks of certain cells, and single uncertain cells."""
     rng = np.random.default_rng(seed)
     side = float(rng.choice([0.05, 0.1, 1.0]))
     tree = getattr(octomap, kind)(side)
@@ -205,11 +205,11 @@ def test_a_real_octomap_agrees_with_the_library(data):
 
 
 def chain(length=16):
-    """Nodes of a binary tree with one occupied cell: its first child at every level."""
+    """Return the nodes of a binary tree with one occupied cell, the first child at every level."""
     return b"\x03\x00" * (length - 1) + b"\x02\x00"
 
 
-def test_one_cell_is_where_its_path_leads(tmp_path):
+def test_a_cell_lies_where_its_path_leads(tmp_path):
     (tmp_path / "one.bt").write_bytes(BINARY.format(17).encode() + chain())
     grid, occupied, _ = read_octomap(tmp_path / "one.bt")
     assert grid.shape == (1, 1, 1)

@@ -1,4 +1,4 @@
-"""What bodies enclose that share triangles, pass through themselves, are not turned alike, or lie in one another."""
+"""Solids of bodies that share triangles, intersect themselves, are oriented inconsistently, or are nested."""
 
 import warnings
 
@@ -21,7 +21,7 @@ def box(low, high, inward=False):
 
 
 def fan(radius, low, high, count=24):
-    """A cylinder, or a cone where one radius is zero."""
+    """Make a cylinder, or a cone if one radius is zero."""
     turn = 2 * np.pi * np.arange(count) / count
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     first, second = np.broadcast_to(radius, 2)
@@ -42,7 +42,7 @@ def joined(*parts):
 
 
 def apart(part):
-    """Each triangle with corners of its own, as a file in STL has them."""
+    """Give each triangle its own corners, as in an STL file."""
     return part[0][part[1]].reshape(-1, 3), np.arange(part[1].size).reshape(-1, 3)
 
 
@@ -53,7 +53,7 @@ def turned_over(part, *numbers):
 
 
 def inside(part, points):
-    """Whether some points lie inside, which must agree with the cells of the mesh and with its rasters as a robot."""
+    """Return which points lie inside, after comparing with the cells and rasters of the mesh."""
     mesh = Mesh.of(part)
     points = np.asarray(points, dtype=float)
     answers = mesh.contains(points)
@@ -94,7 +94,7 @@ def test_bodies_that_share_triangles_do_not_cancel(name, soup):
 
 
 def lattice_box(low, high, diagonal):
-    """An outward box of unit squares, each cut along the diagonal that is asked for."""
+    """Make an outward box of unit squares, cut along the given diagonals."""
     low, high = np.asarray(low), np.asarray(high)
     triangles = []
     for axis in range(3):
@@ -112,8 +112,8 @@ def lattice_box(low, high, diagonal):
 
 @settings(max_examples=30)
 @given(seeds, st.integers(2, 5), st.booleans(), st.booleans())
-def test_boxes_on_a_lattice_are_their_union(seed, count, soup, cut_at_random):
-    """Faces, edges and corners coincide in every way: nothing solid is left out, nothing outside is solid."""
+def test_coincident_boxes_are_solid_in_their_union(seed, count, soup, cut_at_random):
+    """Use boxes whose faces, edges and corners coincide in every way."""
     rng, side = np.random.default_rng(seed), 4
     parts, solid = [], np.zeros((side,) * 3, dtype=bool)
     for _ in range(count):
@@ -134,8 +134,8 @@ def test_boxes_on_a_lattice_are_their_union(seed, count, soup, cut_at_random):
 
 @settings(max_examples=30)
 @given(seeds, st.integers(1, 4))
-def test_bodies_are_what_their_winding_numbers_say(seed, count):
-    """Balls that overlap in every way and face either way, some triangles turned over, against solid angles."""
+def test_bodies_agree_with_their_winding_numbers(seed, count):
+    """Compare overlapping balls of both orientations, with some reversed triangles, to solid angles."""
     rng = np.random.default_rng(seed)
     parts = []
     for _ in range(count):
@@ -152,7 +152,7 @@ def test_bodies_are_what_their_winding_numbers_say(seed, count):
         turned = np.where(body.turns[:, None] == 1, faces[body.faces], faces[body.faces][:, ::-1])
         numbers += winding_numbers(points, vertices[turned])
     assert (Mesh.of((vertices, faces)).contains(points) == (numbers != 0)).all()
-    # What faces inward lies with all corners in what does not, and so what is in no cavity is solid.
+    # Inward bodies have all corners in outward bodies, so every point outside the cavities is solid.
     solid, hollow = (np.zeros(len(points), dtype=bool) for _ in range(2))
     for body in bodies:
         turned = np.where(body.turns[:, None] == 1, faces[body.faces], faces[body.faces][:, ::-1])
@@ -161,7 +161,7 @@ def test_bodies_are_what_their_winding_numbers_say(seed, count):
 
 
 def tube(turns=1.15, radius=3.0, thickness=1.0, along=40, around=12):
-    """A tube that runs into its own beginning."""
+    """Make a tube that runs into its own beginning."""
     t, a = np.linspace(0, 2 * np.pi * turns, along), 2 * np.pi * np.arange(around) / around
     out = np.stack([np.cos(t), np.sin(t), 0 * t], axis=-1)
     middle = radius * out + np.array([0, 0, 0.25]) * t[:, None] / (2 * np.pi)
@@ -177,7 +177,7 @@ def tube(turns=1.15, radius=3.0, thickness=1.0, along=40, around=12):
 
 
 def prism(polygon, low, high):
-    """A closed prism over a closed polygon that may cross itself."""
+    """Make a closed prism over a closed polygon that may cross itself."""
     polygon, n = np.asarray(polygon, dtype=float), len(polygon)
     caps = [np.column_stack([polygon, np.full(n, z)]) for z in (low, high)]
     vertices = np.concatenate([*caps, [[*polygon.mean(axis=0), low]], [[*polygon.mean(axis=0), high]]])
@@ -186,8 +186,8 @@ def prism(polygon, low, high):
     return vertices, np.concatenate([np.stack(face, axis=-1) for face in faces])
 
 
-def test_a_triangle_that_is_turned_over_is_turned_back():
-    """Where the tube runs into itself its winding number is 2: the parity says outside, and that is not asked."""
+def test_a_reversed_triangle_is_turned_back():
+    """Use a tube with winding number 2 where it intersects itself; even-odd parity would say outside."""
     crossing = [(3 * np.cos(0.4), 3 * np.sin(0.4), 0.14)]
     assert inside(tube(), crossing) == [True]
     for number in (0, 300, 950):
@@ -196,11 +196,11 @@ def test_a_triangle_that_is_turned_over_is_turned_back():
         assert inside(part, crossing) == [True]
 
 
-def test_a_pocket_of_a_body_that_passes_through_itself():
-    # Lobes of opposite turns that overlap: the winding numbers cancel.
+def test_pockets_with_cancelling_windings_are_hollow():
+    # The winding numbers of overlapping lobes with opposite orientation cancel.
     lobes = [(0, 0), (6, 0), (6, 6), (0, 6), (0, 0.01), (3, 3), (3, 9), (9, 9), (9, 3), (3, 3.01)]
     assert inside(prism(lobes, 0, 4), [(5, 5.2, 2), (1, 4.5, 2), (8, 8, 2), (1, 8, 2)]) == [False, True, True, False]
-    # In the pocket of a spindle torus they add up to two.
+    # The winding number in the pocket of a spindle torus is two.
     spindle = trimesh.creation.torus(1.0, 2.5)
     numbers = winding_numbers(np.array([(0.05, 0.05, 0.05)]), spindle.triangles)
     answers = inside((spindle.vertices, spindle.faces), [(0.05, 0.05, 0.05), (2, 0, 0), (0, 0, 2.45)])
@@ -208,13 +208,13 @@ def test_a_pocket_of_a_body_that_passes_through_itself():
 
 
 @pytest.mark.parametrize("soup", [False, True])
-def test_a_box_drawn_twice_with_other_diagonals(soup):
+def test_a_box_drawn_twice_stays_solid_with_other_diagonals(soup):
     vertices, faces = box((0, 0, 0), (4, 4, 4))
     mirrored = vertices[:, [1, 0, 2]], faces[:, ::-1]
     point = [(2.1, 2.2, 2.3)]
     shaped = apart if soup else joined
     assert inside(shaped(joined((vertices, faces), mirrored)), point) == [True]
-    # Once for each side: the two cancel, and a warning tells.
+    # A box drawn once for each side cancels, with a warning.
     with pytest.warns(MeshWarning, match="cancel"):
         assert inside(shaped(joined((vertices, faces), (mirrored[0], faces))), point) == [False]
     with pytest.warns(MeshWarning, match="are open"):
@@ -223,7 +223,7 @@ def test_a_box_drawn_twice_with_other_diagonals(soup):
 
 @pytest.mark.parametrize("name", ["moebius", "klein"])
 def test_a_surface_with_one_side_has_no_inside(name):
-    """A Moebius strip is open, and Klein's bottle closed; neither can be turned alike."""
+    """Use a Moebius strip, which is open, and Klein's bottle, which is closed; neither can be oriented."""
     n, m = 24, 12
     u, v = np.meshgrid(2 * np.pi * np.arange(n) / n, np.arange(m), indexing="ij")
     i, j = np.meshgrid(np.arange(n), np.arange(m - (name == "moebius")), indexing="ij")
@@ -250,7 +250,7 @@ def test_a_surface_with_one_side_has_no_inside(name):
 
 
 def bent_hollow(flip):
-    """A block with a hollow that a bent duct opens: every ray along an axis from within meets it."""
+    """Make a block with a hollow and a bent duct, so that every axis-parallel ray from inside hits the block."""
     outside = np.pad(np.zeros((7, 7, 7), dtype=bool), 1)
     block = np.ones((7, 7, 7), dtype=bool)
     block[2:5, 2:5, 2:5] = False
@@ -273,7 +273,7 @@ def bent_hollow(flip):
 
 
 @pytest.mark.parametrize("flip", [False, True])
-def test_a_hollow_that_can_be_left_only_round_a_bend_is_outside(flip):
+def test_a_hollow_with_a_bent_exit_is_outside(flip):
     part = bent_hollow(flip)
     mesh = Mesh.of(part)
     assert len(mesh.bodies) == 1
@@ -314,7 +314,7 @@ NESTED = {
 @pytest.mark.parametrize("name", NESTED)
 @pytest.mark.parametrize("soup", [False, True])
 def test_bodies_within_bodies_are_cavities_and_islands(name, soup):
-    """Winding numbers add up; what faces inward is a cavity only where it lies in what faces outward."""
+    """Winding numbers add up; an inward body is a cavity only inside an outward body."""
     parts, expected = NESTED[name]
     mesh = joined(*parts)
     assert inside(apart(mesh) if soup else mesh, [WALL, MIDDLE]) == [True, expected]
@@ -332,7 +332,7 @@ def test_a_room_of_slabs_is_free(soup):
 
 
 def test_bars_that_face_in_opposite_directions_and_cross_are_solid_together():
-    """Of one height: their edges meet in points and pierce no face, turned so that no number is exact."""
+    """Use bars of equal height, whose edges meet in points and pierce no face, at inexact rotations."""
     for seed in range(20):
         turn = trimesh.transformations.random_rotation_matrix(np.random.default_rng(seed).random(3))[:3, :3]
         vertices, faces = joined(box((-3, -1, -1), (3, 1, 1)), box((-1, -3, -1), (1, 3, 1), inward=True))
@@ -341,7 +341,7 @@ def test_bars_that_face_in_opposite_directions_and_cross_are_solid_together():
 
 
 @pytest.mark.parametrize(("number", "pairs"), [(0, 0), (5, 0), (60, 40), (60, 400), (3000, 2990)])
-def test_least_joined_is_what_a_walk_along_the_pairs_reaches(number, pairs):
+def test_component_labels_agree_with_a_graph_search(number, pairs):
     first, second = np.random.default_rng(pairs).integers(max(number, 1), size=(2, pairs))
     if pairs > number / 2 > 1000:  # a chain, in no order
         first, second = np.random.default_rng(1).permutation(number)[[np.arange(pairs), np.arange(1, pairs + 1)]]

@@ -1,4 +1,4 @@
-"""Cylinders and capsules against their formulas: what is proven for the shapes around and within holds for them."""
+"""Cylinders, capsules and ellipses: proofs for their outer and inner bounds agree with their formulas."""
 
 import math
 from fractions import Fraction
@@ -65,7 +65,7 @@ def test_rasters_hold_for_the_shape_itself(kind, angle, spacing):
         assert inside(turn.inv().apply(lattice)).all()
 
 
-def test_the_two_sides_are_as_near_as_stated(kind):
+def test_outer_and_inner_bounds_are_as_close_as_stated(kind):
     make, inside = kind
     shape, rng = make(RADIUS, LENGTH).shape, np.random.default_rng(4)
     outer, inner = shape.outer, shape.inner
@@ -77,13 +77,13 @@ def test_the_two_sides_are_as_near_as_stated(kind):
 
 
 ONE_SIDED = (
-    *("boundary", "bounds", "boxes", "contains", "encloses", "facts", "inscribed_radius", "is_boxes", "measure"),
+    *("boundary", "bounds", "boxes", "contains", "encloses", "_facts", "inscribed_radius", "is_boxes", "measure"),
     *("outline", "regions", "surface"),
 )
 
 
 @pytest.mark.parametrize("name", ONE_SIDED)
-def test_facts_are_asked_of_the_outer_or_the_inner_shape(kind, name):
+def test_bounded_shapes_have_no_measures_of_their_own(kind, name):
     shape = kind[0](RADIUS, LENGTH).shape
     assert hasattr(type(shape.outer), name)
     assert hasattr(type(shape.inner), name)
@@ -119,7 +119,7 @@ def test_an_ellipse_lies_between_its_polygons_in_rational_arithmetic(a, b, cente
     shape = Robot.ellipse(a, b, center).shape
 
     def scaled(side):
-        """Corners in the frame in which the ellipse is the unit circle, exactly."""
+        """Return the corners in the frame where the ellipse is exactly the unit circle."""
         points = np.asarray(side.geometries[0].exterior.coords)[:-1]
         return [
             tuple((Fraction(x) - Fraction(c)) / Fraction(r) for x, c, r in zip(p, center, (a, b), strict=True))
@@ -135,7 +135,7 @@ def test_an_ellipse_lies_between_its_polygons_in_rational_arithmetic(a, b, cente
     assert max(x * x + y * y for x, y in corners) < Fraction(1.0025)
 
 
-def test_an_ellipse_has_the_symmetries_of_one():
+def test_an_ellipse_has_two_mirror_axes():
     assert Robot.ellipse(0.5, 0.3).shape.symmetry == 2
     assert Robot.ellipse(0.5, 0.5).shape.symmetry == 0
     assert Robot.ellipse(0.5, 0.3, (0.1, 0)).shape.symmetry == 1
@@ -231,7 +231,7 @@ def test_maps_agree_with_fcl(kind, rotations):
         assert state == cspace.MIXED or hit == (state == cspace.BLOCKED)
 
 
-def test_an_upright_one_needs_one_slice_unless_it_is_off_its_axis(kind):
+def test_an_upright_solid_needs_one_slice_unless_off_its_axis(kind):
     make, _ = kind
     one, above = make(0.2, 0.3), make(0.2, 0.3, (0, 0, 0.4))
     assert one.shape.symmetry == above.shape.symmetry == 0
@@ -241,7 +241,7 @@ def test_an_upright_one_needs_one_slice_unless_it_is_off_its_axis(kind):
     assert (again.shape.symmetry, again.shape.outer.bounds[0].tolist()) == (0, one.shape.outer.bounds[0].tolist())
 
 
-def test_balls_within_are_within_the_shape_itself(kind):
+def test_inner_balls_lie_in_the_shape_itself(kind):
     make, inside = kind
     balls = decompose(make(RADIUS, LENGTH).shape, kind="inner", tolerance=0.1)
     way = np.random.default_rng(6).normal(size=(500, 3))
@@ -249,8 +249,8 @@ def test_balls_within_are_within_the_shape_itself(kind):
         assert inside(center + radius * way / np.linalg.norm(way, axis=1, keepdims=True)).all()
 
 
-def test_exact_answers_are_those_of_the_shape_around(kind):
-    """Between a floor and a ceiling, or two walls, that are hardly farther apart than it is wide."""
+def test_exact_queries_use_the_outer_shape(kind):
+    """Use a floor and a ceiling, or two walls, hardly farther apart than the shape is wide."""
     make, _ = kind
     walls = [trimesh.creation.box((0.2, 2, 2)).apply_translation((x, 0, 0)) for x in (-0.1 - 0.003, 2 * RADIUS + 0.103)]
     around = Workspace.from_mesh(trimesh.util.concatenate(walls), 0.1, bounds=(-0.2, -1, -1, 0.8, 1, 1))
@@ -268,6 +268,6 @@ def test_exact_answers_are_those_of_the_shape_around(kind):
     (lambda: Robot.capsule(float("nan"), 1), "radius is nan"),
     (lambda: Robot.cylinder(1, 1, (0, 0)), "center has shape"),
 )
-def test_bounded_shapes_refuse(make, message):
+def test_bounded_shapes_refuse_invalid_arguments(make, message):
     with pytest.raises(InputError, match=message):
         make()

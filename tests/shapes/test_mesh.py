@@ -1,4 +1,4 @@
-"""Meshes: what is read, what is refused, bodies, and which points they contain."""
+"""Meshes: reading, refusals, bodies, and the points inside."""
 
 import json
 import warnings
@@ -68,7 +68,7 @@ def test_a_gltf_file_is_read_with_its_buffer(tmp_path):
     ("mesh.xyz", "0 0 0\n", InputError, "suffix"),
     ("mesh.dae", "<COLLADA/>", GeometryError, "scene"),
 )
-def test_files_that_hold_no_mesh_are_refused(tmp_path, name, text, error, message):
+def test_files_without_a_mesh_are_refused(tmp_path, name, text, error, message):
     file = tmp_path / name
     file.write_text(text)
     with pytest.raises(error, match=message):
@@ -85,7 +85,7 @@ def test_a_cloud_of_points_and_a_missing_file_are_refused(tmp_path):
             Mesh.of(path)
 
 
-def test_a_scene_is_put_together_as_it_stands():
+def test_parts_of_a_scene_are_placed_and_joined():
     scene = trimesh.Scene()
     mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
     mirror[0, 3] = 10.0
@@ -126,7 +126,7 @@ def test_an_unknown_policy_is_refused():
         Mesh.of((TETRAHEDRON, SIDES), "hollow")
 
 
-def test_open_bodies_warn_a_single_time_and_only_under_auto():
+def test_open_bodies_warn_once_and_only_with_auto():
     shape = (np.concatenate([SPHERE.vertices, TETRAHEDRON + 5]), np.concatenate([SPHERE.faces, SIDES[1:] + 162]))
     with pytest.warns(MeshWarning, match=r"1 of 2 bodies .* \(3 of 323 triangles\).*surface.*fill") as caught:
         mesh = Mesh.of(shape)
@@ -143,7 +143,7 @@ def test_open_bodies_warn_a_single_time_and_only_under_auto():
         Mesh.of((TETRAHEDRON, [[0, 1, 1]]))
 
 
-def test_a_mesh_that_was_made_as_one_warns_a_single_time_where_it_is_used():
+def test_a_mesh_warns_once_when_it_is_used():
     mesh, again = (Mesh(TETRAHEDRON, SIDES[1:]) for _ in range(2))
     with pytest.warns(MeshWarning, match="1 of 1 bodies") as caught:
         workspace = Workspace.from_mesh(mesh, 0.5)
@@ -199,14 +199,14 @@ def test_bodies_that_touch_along_an_edge_are_separate():
     ).tolist() == [True, True, False]
 
 
-def test_a_mesh_is_taken_as_it_is():
+def test_a_mesh_is_returned_unchanged():
     filled = Mesh.of((TETRAHEDRON, SIDES[1:]), "fill")
     assert Mesh.of(filled) is filled
     assert Mesh.of(filled, "fill") is filled
     assert Mesh.of(filled, "surface").solid == "surface"
 
 
-def test_bodies_are_turned_alike():
+def test_triangles_of_a_body_get_one_direction():
     mixed = SIDES.copy()
     mixed[0] = mixed[0, ::-1]
     for faces in (SIDES, SIDES[:, ::-1], mixed):
@@ -217,7 +217,7 @@ def test_bodies_are_turned_alike():
 
 
 def test_a_body_that_overlaps_itself_is_solid_throughout():
-    """Two boxes joined by a doubled edge, one reaching into the other: winding number 2 where they overlap."""
+    """Use two overlapping boxes joined by a doubled edge; their overlap has winding number 2."""
     first, second = trimesh.creation.box((2, 2, 2)), trimesh.creation.box((2, 2, 2))
     second.vertices[:] = second.vertices * (1.0, 1.0, 0.5)
     faces = np.concatenate([first.faces, second.faces + 8])
@@ -230,7 +230,7 @@ def test_a_body_that_overlaps_itself_is_solid_throughout():
 
 @given(seeds, st.booleans())
 def test_points_in_convex_bodies_agree_with_half_spaces(seed, lattice):
-    """Rays through vertices and edges included: the points are those of the lattice that the corners are from."""
+    """Use points on the lattice of the corners, so that rays pass through vertices and edges."""
     rng = np.random.default_rng(seed)
     corners = rng.integers(0, 7, (12, 3)).astype(float) if lattice else rng.uniform(0, 6, (12, 3))
     try:
@@ -258,7 +258,7 @@ def test_points_in_convex_bodies_agree_with_half_spaces(seed, lattice):
 
 @given(seeds)
 def test_points_in_crumpled_bodies_agree_with_solid_angles(seed):
-    """Bodies that cross themselves: inside is where the winding number is not zero."""
+    """Use bodies that cross themselves; a point is inside if its winding number is non-zero."""
     rng = np.random.default_rng(seed)
     ball = trimesh.creation.icosphere(subdivisions=1)
     vertices = np.array(ball.vertices) + rng.normal(size=ball.vertices.shape) * 0.5
@@ -271,7 +271,7 @@ def test_points_in_crumpled_bodies_agree_with_solid_angles(seed):
     assert (Mesh.of((vertices, mixed)).contains(points) == solid).all()
 
 
-def test_a_mesh_keeps_to_the_last_bit_through_its_record():
+def test_a_spec_restores_a_mesh_exactly():
     rng = np.random.default_rng(0)
     mesh = Mesh.of((rng.normal(size=(9, 3)) * 1e-7, rng.permutation(9).reshape(3, 3)), "surface")
     back = Mesh.from_spec(json.loads(json.dumps(mesh.spec)))
@@ -285,7 +285,7 @@ def test_a_mesh_keeps_to_the_last_bit_through_its_record():
         Mesh.from_spec({})
 
 
-def test_arrays_of_a_mesh_belong_to_it():
+def test_a_mesh_copies_its_arrays():
     vertices = TETRAHEDRON.copy()
     mesh = Mesh.of((vertices, SIDES))
     vertices[:] = 7.0

@@ -1,4 +1,4 @@
-"""Laws that every kind of shape keeps."""
+"""Laws of every kind of shape."""
 
 import json
 
@@ -51,7 +51,7 @@ def grid_around(shape, spacing=0.09):
 
 
 def points_of(shape, rng, count=2000):
-    """Random points of the boundary."""
+    """Draw random points of the boundary."""
     simplices, radii = shape.outer.boundary()
     which = rng.integers(len(simplices), size=count)
     weights = rng.dirichlet(np.ones(simplices.shape[1]), count)
@@ -70,7 +70,7 @@ def test_a_spec_makes_the_same_shape_again(shape):
 
 
 def test_cells_agree_with_points(shape):
-    """Middles of inner cells lie in the inner shape, middles outside outer cells in no outer one; so do borders."""
+    """Test cell centers and boundary points against the outer and inner shape."""
     grid, rng = grid_around(shape), np.random.default_rng(0)
     outer, inner = shape.cells(grid)
     middles = grid.center_of(np.moveaxis(np.indices(grid.shape), 0, -1))
@@ -98,7 +98,7 @@ def test_rasters_agree_with_points(shape):
 
 
 def test_the_outer_cells_are_those_of_the_raster_of_a_point_robot(shape):
-    """A shape as an obstacle and as a robot that is asked at the origin's cell: one definition, two rasters."""
+    """Compare a shape as an obstacle with the same shape as a robot at the origin's cell."""
     spacing = 0.11
     reach = int(np.ceil(max(np.abs(shape.outer.bounds).max() / spacing, 1))) + 2
     outer, _ = shape.cells(Grid((-reach * spacing,) * shape.dim, spacing, (2 * reach,) * shape.dim))
@@ -130,7 +130,7 @@ def test_the_boundary_and_the_drawing_fill_the_bounds(shape):
     assert np.allclose(drawn, [lower, upper], atol=0.02)
 
 
-def test_a_shape_is_the_same_under_no_rotation_and_seldom_under_others(shape):
+def test_an_asymmetric_shape_equals_itself_only_unrotated(shape):
     assert shape.is_same(np.eye(shape.dim))
     quarter = np.eye(shape.dim)
     quarter[:2, :2] = [[0, -1], [1, 0]]
@@ -157,13 +157,13 @@ def test_a_shape_is_the_same_under_no_rotation_and_seldom_under_others(shape):
         (Mesh.of((trimesh.creation.icosahedron().vertices, trimesh.creation.icosahedron().faces)), 1, False),
     ],
 )
-def test_quarter_turns_that_map_a_solid_to_itself(shape, axis, same):
-    """The diagonals of a box's triangles do not turn with it, and do not matter to what they enclose."""
+def test_quarter_turns_map_symmetric_solids_to_themselves(shape, axis, same):
+    """Include boxes, whose triangulation does not rotate with them although their solid does."""
     quarter = np.roll([[0, -1, 0], [1, 0, 0], [0, 0, 1]], axis - 2, axis=(0, 1)).astype(float)
     assert shape.is_same(quarter) is same
 
 
-def test_discs_and_balls_contain_what_lies_within_their_radius():
+def test_discs_and_balls_contain_points_within_their_radius():
     stack = Balls.of([(0, 0, 0.5), (0, 0, -0.5)], [0.2, 0.3])
     assert (stack.is_round, stack.is_round_about_z) == (False, True)
     for balls in (Balls.of([(0, 0, 0)] * 2, [0.1, 0.2]), Balls.of([(0, 0)], 0.3)):
@@ -172,7 +172,7 @@ def test_discs_and_balls_contain_what_lies_within_their_radius():
     assert not Box.of((1, 1, 1)).is_round_about_z
 
 
-def test_contains_refuses_what_are_no_points(shape):
+def test_contains_refuses_invalid_points(shape):
     with pytest.raises(InputError, match=f"{shape.dim} long"):
         shape.outer.contains(np.zeros((2, 5)))
     with pytest.raises(InputError, match="nan"):

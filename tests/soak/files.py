@@ -254,7 +254,7 @@ def reseal(path: Path, **metadata: Any) -> None:
     root = json.loads((path / "zarr.json").read_bytes())["attributes"]
     layers, dim = -(-root["slices"] // root["depth"]), len(root["tile"])
     first = "/".join(["0"] * dim)
-    chunks = [f"state/c/{layer}/{first}" for layer in range(layers)]
+    chunks = [f"cell_states/c/{layer}/{first}" for layer in range(layers)]
     chunks += [f"outer/c/{first}", f"{'outer' if root['same'] else 'inner'}/c/{first}"]
     digests = b"".join(
         store.binary_digest((path / chunk).read_bytes() if (path / chunk).exists() else b"") for chunk in chunks

@@ -1,4 +1,4 @@
-"""A reader at the instant at which a map is replaced opens the old map or the new one."""
+"""Readers of a map that is being replaced open the old map or the new one."""
 
 import multiprocessing
 import time
@@ -38,7 +38,7 @@ def update_again_and_again(path: Path, stop: Any) -> None:
 
 
 def read_beside(writer: Any, path: Path, read: Any) -> set[Any]:
-    """Return what a reader finds while another process writes."""
+    """Collect the maps that a reader opens while another process writes."""
     context = multiprocessing.get_context("fork")
     stop = context.Event()
     process = context.Process(target=writer, args=(path, stop))

@@ -1,4 +1,4 @@
-"""A saved map opens as it was, or does not open at all."""
+"""Saved maps open equal to the original, or not at all."""
 
 import json
 import shutil
@@ -33,14 +33,14 @@ def space(request: pytest.FixtureRequest) -> cspace.CSpace:
 
 @pytest.fixture(scope="module")
 def few() -> cspace.CSpace:
-    """A turning map of a few cells, FREE nearly everywhere."""
+    """Build a map of a few cells for a robot that turns, FREE nearly everywhere."""
     workspace = cspace.Workspace.from_polygons("POLYGON ((0 0, 0.05 0, 0 0.05, 0 0))", 0.1, (0, 0, 0.4, 0.3))
     return cspace.build(workspace, cspace.Robot.rectangle(0.2, 0.1), rotations=4, outside="free")
 
 
 @pytest.fixture(scope="module")
 def small(few: cspace.CSpace, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same, saved by each suffix beside each other."""
+    """Save that map with each suffix."""
     folder = tmp_path_factory.mktemp("small")
     for suffix in SUFFIXES:
         few.save(folder / f"map{suffix}")
@@ -48,13 +48,13 @@ def small(few: cspace.CSpace, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def pair() -> cspace.CSpace:
-    """A map of two cells."""
+    """Build a map of two cells."""
     return cspace.build(cspace.Workspace.from_array([[0, 1]], 0.1), cspace.Robot.disc(0.05))
 
 
 @st.composite
 def built(draw: st.DrawFn) -> cspace.CSpace:
-    """Maps of random cells and robots."""
+    """Draw maps of random cells and robots."""
     outer = draw(bitmaps())
     inner = outer & draw(st.sampled_from([True, False]))
     lower = draw(st.tuples(*[st.floats(-100.0, 100.0)] * 2))
@@ -74,14 +74,14 @@ def built(draw: st.DrawFn) -> cspace.CSpace:
 
 @given(space=built(), suffix=st.sampled_from(SUFFIXES))
 @settings(max_examples=15)
-def test_a_map_comes_back_as_it_was(space: cspace.CSpace, suffix: str) -> None:
+def test_a_saved_map_opens_equal(space: cspace.CSpace, suffix: str) -> None:
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"map{suffix}"
         space.save(path)
         same(space, cspace.open(path))
 
 
-def test_a_map_of_every_kind_comes_back_and_makes_itself_again(
+def test_maps_of_every_kind_open_equal_and_rebuild_equal(
     tmp_path: Path, space: cspace.CSpace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "map.ZARR"
@@ -107,7 +107,7 @@ def test_a_map_of_every_kind_comes_back_and_makes_itself_again(
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_what_is_unknown_comes_back(tmp_path: Path, suffix: str) -> None:
+def test_unknown_cells_are_saved(tmp_path: Path, suffix: str) -> None:
     cells = np.eye(9, dtype=bool)
     workspace = cspace.Workspace(cspace.Grid((0.0, 0.0), 0.1, (9, 9)), cells, cells, unknown=cells[::-1])
     cspace.build(workspace, cspace.Robot.disc(0.1)).save(tmp_path / f"map{suffix}")
@@ -118,8 +118,8 @@ def test_what_is_unknown_comes_back(tmp_path: Path, suffix: str) -> None:
 
 @pytest.mark.parametrize("inner", [True, False])
 @pytest.mark.parametrize("suffix", [*SUFFIXES, "tiles"])
-def test_updates_after_opening_are_those_of_a_build(tmp_path: Path, inner: bool, suffix: str) -> None:
-    """Also on a map without BLOCKED cells, which does not show by itself whether it was built with `inner`."""
+def test_updates_of_an_opened_map_agree_with_a_build(tmp_path: Path, inner: bool, suffix: str) -> None:
+    """Include a map without BLOCKED cells, which does not reveal whether it was built with `inner`."""
     robot, cells = cspace.Robot.rectangle(0.5, 0.3), np.eye(12, 9, dtype=bool)
     cells[4:9] = True
     empty = cspace.Workspace.from_array(np.zeros_like(cells), 0.1)
@@ -136,7 +136,7 @@ def test_updates_after_opening_are_those_of_a_build(tmp_path: Path, inner: bool,
     np.testing.assert_array_equal(opened.classify(q), again.classify(q))
 
 
-def test_only_what_is_there_is_stored(tmp_path: Path) -> None:
+def test_only_existing_arrays_are_stored(tmp_path: Path) -> None:
     space = SPACES["grid"]()
     for suffix in SUFFIXES:
         space.save(tmp_path / f"map{suffix}")
@@ -146,7 +146,7 @@ def test_only_what_is_there_is_stored(tmp_path: Path) -> None:
         assert not set(held) & {"inner", "unknown", "overlap_counts", "shapes", "z", "yaw", "penetration"}
 
 
-def test_arrays_of_several_chunks_come_back(
+def test_arrays_of_several_chunks_open_equal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, space: cspace.CSpace
 ) -> None:
     monkeypatch.setattr(store, "MAX_CHUNK_BYTES", 20)  # several tiles
@@ -157,7 +157,7 @@ def test_arrays_of_several_chunks_come_back(
     np.testing.assert_array_equal(cspace.open_slice(tmp_path / "map", turn), space.states_at(turn))
 
 
-def test_a_slice_is_read_without_the_rest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_open_slice_reads_only_its_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     space = SPACES["turning"]()
     monkeypatch.setattr(store, "SAVED_CHUNK_CELLS", 1)  # a chunk for each slice
     space.save(tmp_path / "map")
@@ -186,7 +186,7 @@ def test_a_yaw_must_be_one_angle(small: Path, suffix: str, yaw: Any, message: st
 
 
 def changed_bytes(file: Path, masks: list[int]) -> Iterator[None]:
-    """Change one byte after another, each for a while; in place, for disks are slow to write files anew."""
+    """Change one byte after another temporarily; in place, because rewriting files is slow."""
     with file.open("r+b", buffering=0) as opened:
         for at, (byte, mask) in enumerate(zip(file.read_bytes(), masks, strict=True)):
             for value in (byte ^ mask, byte):
@@ -196,7 +196,7 @@ def changed_bytes(file: Path, masks: list[int]) -> Iterator[None]:
                     yield
 
 
-def test_no_byte_of_a_store_may_change_go_or_come(tmp_path: Path) -> None:
+def test_any_changed_missing_or_extra_byte_is_refused(tmp_path: Path) -> None:
     path, space = tmp_path / "map", pair()
     space.save(path)
     for file in files(path):
@@ -212,7 +212,7 @@ def test_no_byte_of_a_store_may_change_go_or_come(tmp_path: Path) -> None:
     same(space, cspace.open(path))
 
 
-def test_lost_and_swapped_chunks_are_no_states(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lost_and_swapped_chunks_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "map"
     monkeypatch.setattr(store, "SAVED_CHUNK_CELLS", 1)  # a chunk for each slice
     SPACES["turning"]().save(path)
@@ -288,7 +288,7 @@ FORGED: list[tuple[dict[str, Any], dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("metadata", "content", "message"), FORGED, ids=range(len(FORGED)))
-def test_what_makes_no_map_is_refused_though_its_digests_agree(
+def test_files_that_make_no_map_are_refused_despite_valid_digests(
     tmp_path: Path, small: Path, metadata: dict[str, Any], content: dict[str, Any], message: str
 ) -> None:
     path = tmp_path / "map.zarr"
@@ -302,12 +302,12 @@ def test_what_makes_no_map_is_refused_though_its_digests_agree(
     refused(path, message)
 
 
-def test_a_store_that_unpacks_to_more_than_there_is_is_refused(small: Path) -> None:
+def test_a_store_that_unpacks_beyond_memory_is_refused(small: Path) -> None:
     with raised_limits(max_bytes=20):
         refused(small / "map.zarr", "at most 20 bytes are read")
 
 
-def test_other_files_by_that_name_are_refused(tmp_path: Path) -> None:
+def test_other_files_and_folders_are_refused(tmp_path: Path) -> None:
     for folder in ("empty", "strange"):
         (tmp_path / folder).mkdir()
     (tmp_path / "strange" / "zarr.json").write_text("[]")
@@ -372,7 +372,7 @@ def test_an_interrupted_archive_leaves_no_half_file(
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_saved_map_is_kept_unless_told_otherwise(tmp_path: Path, small: Path, suffix: str) -> None:
+def test_a_saved_map_is_kept_without_overwrite(tmp_path: Path, small: Path, suffix: str) -> None:
     path, space = tmp_path / f"map{suffix}", cspace.open(small / "map.zarr")
     SPACES["grid"]().save(path)
     with pytest.raises(FileError, match="overwrite=True"):
@@ -482,7 +482,7 @@ def test_open_reads_one_tile_and_leaves_several_in_their_store(tmp_path: Path, f
         np.testing.assert_array_equal(cspace.open_slice(tmp_path / name, 1.0), few.states_at(1.0))
 
 
-def test_a_map_that_is_half_done_opens_in_its_store_alone(tmp_path: Path, few: cspace.CSpace) -> None:
+def test_an_unfinished_map_opens_only_in_its_store(tmp_path: Path, few: cspace.CSpace) -> None:
     def stop(done: int, number: int) -> None:
         if done:
             raise KeyboardInterrupt
@@ -496,13 +496,13 @@ def test_a_map_that_is_half_done_opens_in_its_store_alone(tmp_path: Path, few: c
             read()
 
 
-def test_a_map_with_overlap_counts_opens_in_memory_alone(tmp_path: Path) -> None:
+def test_a_map_with_overlap_counts_opens_only_in_memory(tmp_path: Path) -> None:
     SPACES["plane"]().save(tmp_path / "m")
     with pytest.raises(ConfigurationError, match=r"overlap counts.*in_memory=True"):
         cspace.open(tmp_path / "m", in_memory=False)
 
 
-def test_an_update_of_a_saved_map_forgets_what_it_makes_untrue(tmp_path: Path) -> None:
+def test_an_update_of_a_saved_map_removes_invalid_arrays(tmp_path: Path) -> None:
     unknown = np.zeros((9, 9), dtype=bool)
     unknown[7] = True
     shapes = cspace.Workspace.from_polygons("POLYGON ((0 0, 0.3 0, 0 0.3, 0 0))", 0.1, (0, 0, 0.9, 0.9))
