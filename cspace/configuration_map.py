@@ -15,7 +15,7 @@ from cspace.check import not_negative
 from cspace.configuration_space import ConfigurationSpace
 from cspace.grid import Grid
 from cspace.map.backend import Backend
-from cspace.map.batches import EDGES_A_THREAD, Configuration, ConfigurationBatch, Query, answer, as_points
+from cspace.map.batches import MIN_EDGES_PER_THREAD, Configuration, ConfigurationBatch, Query, as_points, evaluate_batch
 from cspace.map.storage import read_only
 from cspace.robot import Robot
 from cspace.rotations import Rotations
@@ -128,7 +128,9 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
         points = as_points(q, name, self.size)
-        answer(points, self.size, self._classify(), np.uint8, int, name, self._angles)  # raises if one is not finite
+        evaluate_batch(
+            points, self.size, self._classify(), np.uint8, int, name, self._angles
+        )  # raises if one is not finite
         return points
 
     @overload
@@ -245,7 +247,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
         reach = not_negative(distance, "distance"), not_negative(angle, "angle", "pass it in radians")
         query = self._backend.query(boxes_are_free, *reach, passed=True)
-        return answer(q, self.size, query, np.bool_, bool, angles=self._angles)
+        return evaluate_batch(q, self.size, query, np.bool_, bool, angles=self._angles)
 
     @overload
     def clearance(self, q: Configuration) -> float: ...  # type: ignore[overload-overlap]
@@ -271,7 +273,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         float or ndarray of float64, shape (...)
             Metres.
         """
-        return answer(q, self.size, self._clearances(), np.float64, float, angles=self._angles)
+        return evaluate_batch(q, self.size, self._clearances(), np.float64, float, angles=self._angles)
 
     # ---- what differs ------------------------------------------------------------------------------------------------
 
@@ -306,8 +308,8 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         from cspace.map.edges import edges_are_free
 
         if exact:
-            return self._backend.query(self._exact.edges, least=EDGES_A_THREAD)
-        return self._backend.query(edges_are_free, self._blocks(number), passed=True, least=EDGES_A_THREAD)
+            return self._backend.query(self._exact.edges, least=MIN_EDGES_PER_THREAD)
+        return self._backend.query(edges_are_free, self._blocks(number), passed=True, least=MIN_EDGES_PER_THREAD)
 
     def _blocks(self, number: int) -> Words | None:
         """Return occupancy bits of blocks of cells if they pay off for a ``number`` of edges."""

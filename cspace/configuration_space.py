@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace.arrays import Bools, Floats
 from cspace.check import check_pairs
 from cspace.errors import InputError
-from cspace.map.batches import Configuration, ConfigurationBatch, Query, answer, answer_pairs, evaluate_edges
+from cspace.map.batches import Configuration, ConfigurationBatch, Query, evaluate_batch, evaluate_edges, evaluate_pairs
 from cspace.rotations.base import angle_axes
 from cspace.shown import SpaceView
 
@@ -105,7 +105,7 @@ class ConfigurationSpace(SpaceView, ABC):
         AngleWarning
             If an angle of a single configuration exceeds 2 pi, as if it were in degrees.
         """
-        return answer(q, self.size, self._classify(), np.uint8, int, angles=self._angles)
+        return evaluate_batch(q, self.size, self._classify(), np.uint8, int, angles=self._angles)
 
     @overload
     def is_free(self, q: Configuration, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
@@ -116,7 +116,7 @@ class ConfigurationSpace(SpaceView, ABC):
 
         With ``exact``, geometry decides in MIXED cells of a map; see :mod:`cspace.exact`. For an arm it always does.
         """
-        return answer(q, self.size, self._frees(exact), np.bool_, bool, angles=self._angles)
+        return evaluate_batch(q, self.size, self._frees(exact), np.bool_, bool, angles=self._angles)
 
     @overload
     def motion_is_free(self, q0: Configuration, q1: Configuration, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
@@ -193,7 +193,7 @@ class ConfigurationSpace(SpaceView, ABC):
         points = self._check_configurations(path, "path")
         if edges is not None:
             pairs = check_pairs(edges, points)
-            return answer_pairs(np.ascontiguousarray(points), pairs, self._edges(len(pairs), exact))
+            return evaluate_pairs(np.ascontiguousarray(points), pairs, self._edges(len(pairs), exact))
         if points.ndim < 2 or points.shape[-2] == 0:
             rule, hint = "a path has at least one configuration", f"pass an array of shape (n, {self.size})"
             raise InputError("path", f"has shape {points.shape}", rule, hint, value=path)

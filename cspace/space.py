@@ -20,7 +20,15 @@ from cspace.engines.slices import slice_rasters
 from cspace.errors import ConfigurationError, InputError
 from cspace.limits import JOINED_BYTES, check_memory
 from cspace.map.backend import MemoryBackend
-from cspace.map.batches import Configuration, ConfigurationBatch, Query, answer, as_points, in_spatial_order, own
+from cspace.map.batches import (
+    Configuration,
+    ConfigurationBatch,
+    Query,
+    as_contiguous,
+    as_points,
+    evaluate_batch,
+    in_spatial_order,
+)
 from cspace.map.contents import Contents
 from cspace.map.derived import Lock, lazy
 from cspace.map.exterior import UNKNOWN, Exterior
@@ -290,7 +298,7 @@ class CSpace(ConfigurationMap, MapExport):
 
         self._refuse_periodic("obstacle_distance", "use the space of the arm")
         points = as_points(q, "q", self.size)
-        rows, spans = own(points.reshape(-1, self.size)), list[Floats]()
+        rows, spans = as_contiguous(points.reshape(-1, self.size)), list[Floats]()
         for name, given in (("lengths", lengths), ("turns", turns)):
             along = finite(given, name)
             if along.shape not in ((), points.shape[:-1]) or (along < 0.0).any():
@@ -791,18 +799,18 @@ class CSpace(ConfigurationMap, MapExport):
         if not same or contents.fields or contents.prove is not None:
             # The arm of a map of joints is among other obstacles, or none, from now on.
             self._contents = replace(contents, workspace=change.workspace, layers=change.layers, fields={}, prove=None)
-        CSpace._outer_sums.renew(self, change.workspace.outer, change.cells)
-        CSpace._inner_sums.renew(self, change.workspace.inner, change.cells)
+        CSpace._outer_sums.refresh(self, change.workspace.outer, change.cells)
+        CSpace._inner_sums.refresh(self, change.workspace.inner, change.cells)
         if change.changed:
             CSpace._free_cells.drop(self)
             for part in (CSpace._mip, CSpace._widest, CSpace._inflation, CSpace._components):
-                part.renew(self, change.states)
+                part.refresh(self, change.states)
         unrolled, periodic = CSpace._with_other_turns.cached(self), contents.periodic
         if unrolled is not None:
             dim, workspace = self.grid.dim, change.workspace
             for first, box in periodic.appearances(change.cells[3 - dim : 3], change.cells[6 - dim :]):
                 unrolled.update(workspace.outer[box], first.tolist(), inner=workspace.inner[box])
-        CSpace._exact.renew(self, self._problem)
+        CSpace._exact.refresh(self, self._problem)
 
     # ---- a smooth measure of penetration -----------------------------------------------------------------------------
 
@@ -1053,7 +1061,7 @@ class CSpace(ConfigurationMap, MapExport):
         outer = side == "outer" or workspace.inner is workspace.outer
         sums = self._outer_sums if outer else self._inner_sums
         query = self._backend.query(overlaps, sums.counts, self._runs, int(exterior_blocked))
-        return answer(q, self.size, query, np.int64, int, angles=self._angles)
+        return evaluate_batch(q, self.size, query, np.int64, int, angles=self._angles)
 
     def _one_free(self, q: ArrayLike, name: str) -> Floats:
         """Return one FREE configuration in the grid, its yaw in [-pi, pi)."""

@@ -180,7 +180,7 @@ class Updater:
         The robot's rasters, for each slice.
     exterior : Exterior
         Updates write into its boxes.
-    renew : callable
+    refresh : callable
         Called with each :class:`Change`, to refresh what depends on the map; called again if it was interrupted.
     """
 
@@ -189,12 +189,12 @@ class Updater:
         contents: Contents,
         rasters: Sequence[tuple[Raster, Raster]],
         exterior: Exterior,
-        renew: Callable[[Change], None],
+        refresh: Callable[[Change], None],
     ) -> None:
         blocked, counts, shape = contents.proves_blocked, contents.overlap_counts is not None, contents.grid.shape
         self._grid, self._endless, self._layers = contents.grid, contents.periodic_axes, contents.layers
         self._states, self._overlap_counts = contents.states, contents.overlap_counts
-        self._rasters, self._exterior, self._renew_map = rasters, exterior, renew
+        self._rasters, self._exterior, self._refresh_map = rasters, exterior, refresh
         self._sides = group_rasters(rasters, _proves_blocked(contents, rasters) if blocked is None else blocked)
         self._engine = Correlation.create("fft" if counts else "direct", self._sides, contents.outside, None)
         self._reach = _reach(self._sides, shape, contents.outside == "blocked", counts)
@@ -259,7 +259,7 @@ class Updater:
         _complete(partial(self._renew, self._nowhere, np.tile(self._nowhere, (len(self._weights), 1)), 0))
 
     def _renew(self, cells: Ints, states: Ints, changed: int) -> None:
-        self._renew_map(Change(self._workspace, self._layers, cells, states, changed))
+        self._refresh_map(Change(self._workspace, self._layers, cells, states, changed))
 
     def _write(self, patch: Patch) -> Update:
         """Write a patch into the workspace, and update all that the map holds."""

@@ -399,7 +399,7 @@ def test_obstacles_from_threads_wait_for_each_other() -> None:
 
 
 def test_an_interrupted_move_leaves_a_map_that_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
-    space, calls, real = room(), [], Components.renew
+    space, calls, real = room(), [], Components.refresh
     space.add_obstacle("cart", shapely.box(0.5, 0.5, 0.9, 0.9))
     space.is_connected((1.0, 1.0), (2.0, 2.0))
 

@@ -289,7 +289,7 @@ def test_an_interrupted_update_leaves_a_map_that_is_right(
     check(space, world.build(), world)
     module, name = keeper.split(".")
     part = getattr(importlib.import_module(f"cspace.map.{module}"), name)
-    ours, calls, real = checkers(space), [], part.renew
+    ours, calls, real = checkers(space), [], part.refresh
 
     def interrupt(*args) -> None:
         calls.append(args)
@@ -408,12 +408,12 @@ def test_paths_are_of_before_an_update_or_after_it(monkeypatch: pytest.MonkeyPat
     asking = threading.Thread(target=lambda: answers.append(space.is_disconnected(pocket, corner)))
     assert space.is_disconnected(pocket, corner)
     assert space.is_connected(corner, (0.5, 0.5))
-    renew = Components.renew
+    refresh = Components.refresh
 
     def in_the_midst(self: Components, boxes: np.ndarray) -> None:
         asking.start()
         asking.join(0.2)
-        renew(self, boxes)
+        refresh(self, boxes)
 
     monkeypatch.setattr(Components, "renew", in_the_midst)
     ring = np.ones((10, 10), dtype=bool)

@@ -30,7 +30,7 @@ from cspace.arms.hulls import RelativeMotion
 from cspace.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace.compiling import always_inline, kernel
 from cspace.kernels import add_scaled, cross, dot, minus, rotate, row_at
-from cspace.map.batches import own
+from cspace.map.batches import as_contiguous
 
 MAX_BODIES: Final = 64
 """Largest number of bodies; the bound of rounding assumes it."""
@@ -198,6 +198,6 @@ def motion_bounds(chain: Chain, a: int, b: int, radius: float, q0: Floats, q1: F
 def body_poses(chain: Chain, q: Floats) -> Floats:
     """Return rotation and translation of every body at a configuration, shape (b, 3, 4)."""
     poses = np.empty((len(chain.parents), 3, 6))
-    row = own(q)
+    row = as_contiguous(q)
     forward_kinematics(chain, row, row, 0.0, poses)
     return poses[:, :, :4]

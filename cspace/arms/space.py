@@ -30,7 +30,7 @@ from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
 from cspace.check import check_pairs, check_rng, not_negative, positive, whole
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
-from cspace.map.batches import Query, own
+from cspace.map.batches import Query, as_contiguous
 from cspace.rotations.base import TWO_PI, beside
 from cspace.shapes import ShapeLike
 from cspace.shown import ArmPlot
@@ -259,7 +259,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         for share in _DISTANCE_SHARES:
             extra = share * (most - self.margin)
             wider = self.record._replace(required=self.record.required + extra)
-            if are_free(wider, own(path[:-1]), own(path[1:])).all():
+            if are_free(wider, as_contiguous(path[:-1]), as_contiguous(path[1:])).all():
                 return self.margin + extra
         return 0.0
 
@@ -283,7 +283,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         out, nearest = self._distances(scene, points)
         solids, (pair, *nodes) = scene.solids, nearest[0].tolist()
         owners = [each.name for group in self._groups for each in group.members for _ in each.parts]
-        names, hulls, radii, poses = [], [], [], body_poses(self.arm.chain, own(points[0]))
+        names, hulls, radii, poses = [], [], [], body_poses(self.arm.chain, as_contiguous(points[0]))
         for number, node in zip(scene.pairs[pair].tolist(), nodes, strict=True):
             at = max(node, int(solids.roots[number]))
             names.append(owners[int(np.where(solids.part_roots <= at, solids.part_roots, -1).argmax())])
@@ -295,7 +295,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
     def _distances(self, scene: Scene, points: Floats) -> tuple[Floats, Ints]:
         """Return distances at configurations, and the pair and nodes that set each."""
-        rows = own(points)
+        rows = as_contiguous(points)
         out, nearest = np.empty(len(rows)), np.zeros((len(rows), 3), dtype=np.int64)
 
         def measure(first: int, stop: int) -> int:
@@ -512,7 +512,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
     def _rows(self, parts: Sequence[Any], names: Sequence[str]) -> list[Floats]:
         """Return checked batches, shape (n, dof), as kernels take them."""
-        return [own(self._check_configurations(part, name)) for part, name in zip(parts, names, strict=True)]
+        return [as_contiguous(self._check_configurations(part, name)) for part, name in zip(parts, names, strict=True)]
 
     def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
         points = self.arm._check_configurations(q, name)

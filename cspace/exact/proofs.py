@@ -20,7 +20,7 @@ from cspace.exact.boundaries import Problem, Proofs, as_triangles, connected_par
 from cspace.exact.triangles import MAX_PENDING_PAIRS, Motion, Trees, build_trees, free_fraction, place_box
 from cspace.grid import MAX_COORDINATE
 from cspace.kernels import apply_pose, dot, minus, rotate_back, row_at
-from cspace.map.batches import own
+from cspace.map.batches import as_contiguous
 from cspace.map.edges import along, edge_is_free, edges_are_free
 from cspace.map.points import Numbers, classify, configuration, halves, state_at
 from cspace.map.storage import Map
@@ -86,7 +86,7 @@ class ExactQueries:
         angle of each, shape (n,). From its midpoint, a piece extends by half its length and half its angle. A blocked
         exterior counts as an obstacle. The bound is infinite if there are no obstacles.
         """
-        return self._problem.margin + self._current_proofs().slack(own(points), lengths, angles)
+        return self._problem.margin + self._current_proofs().slack(as_contiguous(points), lengths, angles)
 
     def point_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
         """Return ``check(*q)``; ``quick(*q)`` must return True only if q is in a FREE cell."""
@@ -98,7 +98,7 @@ class ExactQueries:
         self._current_proofs()
         return lambda *both: quick(*both) or self._current_proofs().edge(*both)
 
-    def renew(self, problem: Callable[[], Problem]) -> None:
+    def refresh(self, problem: Callable[[], Problem]) -> None:
         """Replace the problem after an update; existing checkers use the new one from their next call on."""
         with self._lock:
             self._problem, self._proofs = problem(), None

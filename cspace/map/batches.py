@@ -37,14 +37,14 @@ ConfigurationBatch = (
 
 NO_ANGLES: Final[Mapping[int, str]] = {}
 
-EDGES_A_THREAD: Final = 2_000
+MIN_EDGES_PER_THREAD: Final = 2_000
 """Edges below which a second thread costs more than it saves."""
 
 ROWS: Final = 8_192
 """Configurations that are brought into one piece of float64 at a time, where they are not: these fit a core's cache."""
 
 
-def answer(
+def evaluate_batch(
     q: ArrayLike,
     size: int,
     query: Query,
@@ -116,7 +116,7 @@ def evaluate_edges(
     return out.reshape(shape[:-1]) if len(shape) > 1 else bool(out[0])
 
 
-def answer_pairs(vertices: Floats, pairs: Ints, query: Query) -> Bools:
+def evaluate_pairs(vertices: Floats, pairs: Ints, query: Query) -> Bools:
     """Return True or False for each edge, shape (m, 2), between vertices, shape (n, d).
 
     Raises InputError, with the number of the edge, if a vertex is not usable.
@@ -181,7 +181,7 @@ def in_threaded_chunks(kernel: Kernel, least: int = MIN_ITEMS_PER_THREAD) -> Que
 def _fill(kernel: Kernel, least: int, parts: Sequence[Any], out: NDArray[Any]) -> int:
     """Fill ``out`` by a kernel of parts, shape (n, d), in threads; the index of the first bad row, or -1."""
     if len(out) <= min(least, ROWS):
-        return int(kernel(*(own(part) for part in parts), out))
+        return int(kernel(*(as_contiguous(part) for part in parts), out))
     ready = all(
         isinstance(part, np.ndarray) and part.dtype == np.float64 and part.flags.c_contiguous and part.flags.writeable
         for part in parts
@@ -191,7 +191,7 @@ def _fill(kernel: Kernel, least: int, parts: Sequence[Any], out: NDArray[Any]) -
     def work(start: int, stop: int) -> int:
         for a in range(start, stop, step):
             b = min(a + step, stop)
-            bad = int(kernel(*(own(part[a:b]) for part in parts), out[a:b]))
+            bad = int(kernel(*(as_contiguous(part[a:b]) for part in parts), out[a:b]))
             if bad >= 0:
                 return a + bad - start
         return -1
@@ -199,7 +199,7 @@ def _fill(kernel: Kernel, least: int, parts: Sequence[Any], out: NDArray[Any]) -
     return in_chunks(work, len(out), least)
 
 
-def own(rows: NDArray[Any]) -> Floats:
+def as_contiguous(rows: NDArray[Any]) -> Floats:
     """Rows in one piece of float64 that may be written to, the one sort of array that kernels are compiled for."""
     floats = np.ascontiguousarray(rows, dtype=np.float64)
     return floats if floats.flags.writeable else floats.copy()

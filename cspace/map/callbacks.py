@@ -39,7 +39,7 @@ class Point(NamedTuple):
 
     map_: Map
 
-    def answer(self, q: Numbers) -> bool:
+    def evaluate(self, q: Numbers) -> bool:
         return self.map_.rotations.is_usable(q) and state_at(self.map_, q) == FREE
 
 
@@ -49,7 +49,7 @@ class Edge(NamedTuple):
 
     map_: Map
 
-    def answer_both(self, q0: Numbers, q1: Numbers) -> bool:
+    def evaluate_edge(self, q0: Numbers, q1: Numbers) -> bool:
         rotations = self.map_.rotations
         return rotations.is_usable(q0) and rotations.is_usable(q1) and edge_is_free(self.map_, None, q0, q1)
 
@@ -57,16 +57,16 @@ class Edge(NamedTuple):
 # Numba calls a function of so many floats quicker than one that takes a tuple of them.
 
 _OF_ONE: Final[dict[int, Any]] = {
-    2: lambda query, a, b: query.answer((a, b)),
-    3: lambda query, a, b, c: query.answer((a, b, c)),
-    4: lambda query, a, b, c, d: query.answer((a, b, c, d)),
-    7: lambda query, a, b, c, d, e, f, g: query.answer((a, b, c, d, e, f, g)),
+    2: lambda query, a, b: query.evaluate((a, b)),
+    3: lambda query, a, b, c: query.evaluate((a, b, c)),
+    4: lambda query, a, b, c, d: query.evaluate((a, b, c, d)),
+    7: lambda query, a, b, c, d, e, f, g: query.evaluate((a, b, c, d, e, f, g)),
 }
 _OF_TWO: Final[dict[int, Any]] = {
-    2: lambda query, a, b, h, i: query.answer_both((a, b), (h, i)),
-    3: lambda query, a, b, c, h, i, j: query.answer_both((a, b, c), (h, i, j)),
-    4: lambda query, a, b, c, d, h, i, j, k: query.answer_both((a, b, c, d), (h, i, j, k)),
-    7: lambda query, a, b, c, d, e, f, g, h, i, j, k, m, n, o: query.answer_both(
+    2: lambda query, a, b, h, i: query.evaluate_edge((a, b), (h, i)),
+    3: lambda query, a, b, c, h, i, j: query.evaluate_edge((a, b, c), (h, i, j)),
+    4: lambda query, a, b, c, d, h, i, j, k: query.evaluate_edge((a, b, c, d), (h, i, j, k)),
+    7: lambda query, a, b, c, d, e, f, g, h, i, j, k, m, n, o: query.evaluate_edge(
         (a, b, c, d, e, f, g), (h, i, j, k, m, n, o)
     ),
 }

@@ -483,7 +483,7 @@ class Clearance(NamedTuple):
     map_: Map
     marks: OccupancyBits
 
-    def answer(self, q: Numbers) -> float:
+    def evaluate(self, q: Numbers) -> float:
         return clearance_at(self.map_, self.marks, q, math.inf) * self.map_.spacing
 
 
@@ -522,7 +522,7 @@ class Inflation:
         self._squares = np.empty(states.shape[1:], dtype=np.int32)
         self._reach, self._seen, self._noted = -1, exterior.copy(), list[Ints]()
 
-    def renew(self, boxes: Ints) -> None:
+    def refresh(self, boxes: Ints) -> None:
         """Note the box in which states of each slice have changed, shape (slices, 6)."""
         changed = boxes[(boxes[:, :3] <= boxes[:, 3:]).all(axis=1)]
         if len(changed):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Ints, Words
 from cspace.compiling import always_inline, kernel
-from cspace.map.storage import Cells, Stack, bits_from, cells_of, expect, ones_in, read_only, row_in, state_in
+from cspace.map.storage import Cells, Stack, cells_of, high_bits, popcount, prefetch_cell, read_only, row_in, state_in
 from cspace.raster.surfaces import merge_sets
 from cspace.threads import cores, in_threads
 
@@ -104,7 +104,7 @@ class Labels(NamedTuple):
     counts: Nodes
 
 
-class Turns(NamedTuple):
+class SliceAdjacency(NamedTuple):
     """How slices are joined, from one rotation cell to the next.
 
     copy_of : ndarray of int64, shape (rotations,)
@@ -125,7 +125,7 @@ class Turns(NamedTuple):
     bounds: Ints
 
     @classmethod
-    def of(cls, slice_of: Ints, neighbors: Ints, slices: int) -> Turns:
+    def of(cls, slice_of: Ints, neighbors: Ints, slices: int) -> SliceAdjacency:
         """From the slice of each rotation cell, and its neighbours."""
         first, place = np.nonzero(neighbors >= 0)
         near = np.stack([first, neighbors[first, place]])
@@ -153,7 +153,7 @@ class Turns(NamedTuple):
         return cls(copy_of, copies, links, uses, bounds)
 
 
-class Joined(NamedTuple):
+class GlobalLabels(NamedTuple):
     """The components over the whole map.
 
     Component c of a layer is the node ``start + base[layer] + c``.
@@ -184,13 +184,13 @@ def pack(blocks: Blocks, segment: int, words: Words) -> None:
     (_, nx, ny, nz), (deep, wide, long), (layers, rows, columns) = blocks.grid, blocks.shifts, blocks.shape
     first_x, first_y = segment // (columns * rows) % layers << deep, segment // columns % rows << wide
     s, z = segment // (columns * rows * layers), segment % columns << long
-    rim = ~bits_from(1 << long) if blocks.exterior_open[s] else np.uint64(0)
+    rim = ~high_bits(1 << long) if blocks.exterior_open[s] else np.uint64(0)
     height = 1 << (deep + wide)
     count = len(words) // height
     for row in range(-AHEAD, height):
         x, y = first_x + ((row + AHEAD) >> wide), first_y + ((row + AHEAD) & ((1 << wide) - 1))
         for n in range(count + 1):
-            expect(blocks.cells, ((s * nx + x) * ny + y) * nz + z + (n << long))
+            prefetch_cell(blocks.cells, ((s * nx + x) * ny + y) * nz + z + (n << long))
         if row < 0:
             continue
         x, y = first_x + (row >> wide), first_y + (row & ((1 << wide) - 1))
@@ -199,13 +199,13 @@ def pack(blocks: Blocks, segment: int, words: Words) -> None:
             first = z + (n << long)
             inside = max(0, min(1 << long, stop - first))
             taken, blocked = row_in(blocks.cells, ((s * nx + x) * ny + y) * nz + first, inside)
-            words[n * height + row] = ~(blocked if blocks.mixed else taken) | (rim & bits_from(inside))
+            words[n * height + row] = ~(blocked if blocks.mixed else taken) | (rim & high_bits(inside))
 
 
 @always_inline
 def runs_in(word: np.uint64) -> int:
     """Number of runs of a word."""
-    number: int = ones_in(word & ~(word << _ONE))
+    number: int = popcount(word & ~(word << _ONE))
     return number
 
 
@@ -313,7 +313,7 @@ class Faces(NamedTuple):
     Attributes
     ----------
     rows : ndarray of int32, shape (n, 4)
-        Block, other block, which of :attr:`Turns.bounds` is meant, or STRUCK, and number of pairs.
+        Block, other block, which of :attr:`SliceAdjacency.bounds` is meant, or STRUCK, and number of pairs.
     pairs : ndarray of int32
         Those of the faces, one after the other, ``component * MOST + other component``.
     """
@@ -395,8 +395,8 @@ def drop_struck(faces: Faces) -> tuple[int, int]:
 def join_nodes(roots: Nodes, base: Nodes, faces: Faces, fresh: int, changed: Bools, starts: Ints, bounds: Ints) -> int:
     """Join the nodes of components that meet: each becomes the lowest one of those that it is joined to.
 
-    ``roots`` are all nodes, in order, for union-find; ``base`` is as in :class:`Joined`. Faces of blocks that have
-    ``changed`` are struck out, but for those from number ``fresh`` on, which were read since; how many are struck out
+    ``roots`` are all nodes, in order, for union-find; ``base`` is as in :class:`GlobalLabels`. Faces of blocks that
+    have ``changed`` are struck out, but for those from number ``fresh`` on, read since; how many are struck out
     by then. ``starts`` and ``bounds``, shapes (m, 2) and (k + 1,), are where nodes start, of one rotation cell and of
     the other, for all of them that have these slices.
     """
@@ -425,7 +425,7 @@ def join_nodes(roots: Nodes, base: Nodes, faces: Faces, fresh: int, changed: Boo
 
 
 @kernel
-def look_up(blocks: Blocks, joined: Joined, cells: Ints, components: Ints) -> int:
+def look_up(blocks: Blocks, joined: GlobalLabels, cells: Ints, components: Ints) -> int:
     """Components of cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``, by their states; how many are left.
 
     States decide where all components of a block are one over the whole map; cells of other blocks get UNLABELLED less
@@ -461,7 +461,7 @@ def look_up(blocks: Blocks, joined: Joined, cells: Ints, components: Ints) -> in
 
 
 @kernel
-def look_into(joined: Joined, cells: Ints, places: Nodes, labels: Labels, components: Ints) -> None:
+def look_into(joined: GlobalLabels, cells: Ints, places: Nodes, labels: Labels, components: Ints) -> None:
     """Components of the cells that :func:`look_up` left, in blocks that have labels.
 
     ``places`` has the place of each block among the labels, or -1.
@@ -488,20 +488,20 @@ class Components:
     one closed cell to the next through a side, or through an edge or corner, all of whose cells are then not BLOCKED
     and are joined by their sides.
 
-    The states are shared, not copied; :meth:`renew` notes changes. ``neighbors``, shape (rotations, n), are the
+    The states are shared, not copied; :meth:`refresh` notes changes. ``neighbors``, shape (rotations, n), are the
     rotation cells that each one shares a border with; -1 fills up. ``exterior_open``, shape (slices,), is whether any
     configuration outside the grid is not BLOCKED.
     """
 
     def __init__(self, states: Stack, slice_of: Ints, neighbors: Ints, exterior_open: Bools) -> None:
-        self._states, self._turns = states, Turns.of(slice_of, neighbors, len(states))
+        self._states, self._turns = states, SliceAdjacency.of(slice_of, neighbors, len(states))
         self._rims = np.zeros(len(states), dtype=np.bool_), np.asarray(exterior_open, dtype=np.bool_)
         self._kinds: dict[bool, StateComponents] = {}
 
-    def renew(self, boxes: Ints) -> None:
+    def refresh(self, boxes: Ints) -> None:
         """Note which cells have changed: those of a box for each slice, shape (slices, 6)."""
         for kind in self._kinds.values():
-            kind.renew(boxes)
+            kind.refresh(boxes)
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
         """Numbers of the components of FREE cells, or also MIXED ones, that cells belong to; or -1.
@@ -523,7 +523,7 @@ class Components:
         if self._kinds or slices < 2 * HINTS:
             return list(self._kinds) == [True], lambda: False
         states = read_only(reduce(np.minimum, (self._states[k] for k in range(0, slices, slices // HINTS))))
-        alone = Turns.of(np.zeros(1, dtype=np.int64), np.empty((1, 0), dtype=np.int64), 1)
+        alone = SliceAdjacency.of(np.zeros(1, dtype=np.int64), np.empty((1, 0), dtype=np.int64), 1)
         places = cells.copy()
         places[:, 0] = 0
         open_ones = StateComponents(states[None], alone, True, np.array([self._rims[True].any()]))
@@ -568,8 +568,8 @@ class PeriodicComponents(Components):
         self._pairs = np.insert(np.stack([last, first]), 0, 0, axis=2)
         self._met: dict[bool, tuple[Ints, Ints]] = {}
 
-    def renew(self, boxes: Ints) -> None:
-        super().renew(boxes)
+    def refresh(self, boxes: Ints) -> None:
+        super().refresh(boxes)
         self._met.clear()
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
@@ -613,7 +613,7 @@ class StateComponents:
     """
 
     def __init__(
-        self, states: Stack, turns: Turns, mixed: bool, exterior_open: Bools, among: Ints | None = None
+        self, states: Stack, turns: SliceAdjacency, mixed: bool, exterior_open: Bools, among: Ints | None = None
     ) -> None:
         slices, self._dim = len(states), states.ndim - 1
         flat, shifts = (1,) * (3 - self._dim), SHIFTS[self._dim]
@@ -634,11 +634,11 @@ class StateComponents:
         self._counts = np.zeros(self._changed.size, dtype=np.int32)
         self._faces: Faces | None = None
         self._struck = 0
-        self._joined: Joined | None = None
+        self._joined: GlobalLabels | None = None
         self._boxes: dict[int, Ints] = {}
         self._cached = self._nothing()
 
-    def renew(self, boxes: Ints) -> None:
+    def refresh(self, boxes: Ints) -> None:
         """Note which blocks have to be joined anew at the next call: those of a box for each slice, (slices, 6)."""
         slices = np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1))
         places, bounds = self._cached[0].reshape(self._changed.shape), boxes[slices].reshape(-1, 2, 3)
@@ -735,7 +735,7 @@ class StateComponents:
             segments = segments[((first < low) | (last > high)).any(axis=1)]
         return np.stack([low, high])[:, 3 - self._dim :]
 
-    def _ask(self, joined: Joined, cells: Ints, components: Ints) -> None:
+    def _ask(self, joined: GlobalLabels, cells: Ints, components: Ints) -> None:
         """Look up the cells that are left in the labels of their blocks."""
         wanted = np.unique((UNLABELLED - components[components <= UNLABELLED]) >> 12)
         for first in range(0, len(wanted), TASK):
@@ -767,7 +767,7 @@ class StateComponents:
         labels = Labels(np.empty(0, dtype=np.uint64), bounds, none, none)
         return np.full(self._changed.size, -1, dtype=np.int32), labels
 
-    def _join(self) -> Joined:
+    def _join(self) -> GlobalLabels:
         """The components over the whole map; blocks that changed are read again."""
         if self._joined is None:
             stale = self._changed.copy()
@@ -858,7 +858,7 @@ class StateComponents:
         label_blocks(self._blocks, segments, starts, labels, np.empty(MOST, dtype=np.int32))
         return labels
 
-    def _nodes(self, faces: Faces, fresh: int) -> Joined:
+    def _nodes(self, faces: Faces, fresh: int) -> GlobalLabels:
         """Join the components of blocks over the whole map; faces are as they are now from number ``fresh`` on."""
         turns, per = self._turns, self._changed[0].size
         base = np.zeros(self._counts.size + 1, dtype=np.int32)
@@ -870,7 +870,7 @@ class StateComponents:
         roots = np.arange(bounds[-1], dtype=np.int32)
         uses, changed = starts[turns.uses], self._changed.reshape(-1)
         self._struck = join_nodes(roots, base, faces, fresh, changed, uses, turns.bounds)
-        return Joined(base, starts[turns.copy_of], turns.slice_of[turns.copy_of], roots)
+        return GlobalLabels(base, starts[turns.copy_of], turns.slice_of[turns.copy_of], roots)
 
 
 def _no_faces() -> Faces:

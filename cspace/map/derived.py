@@ -13,10 +13,10 @@ T = TypeVar("T")
 P = ParamSpec("P")
 
 
-class Part(Protocol[P]):
+class Refreshable(Protocol[P]):
     """A cached part of a map that follows its changes."""
 
-    def renew(self, *args: P.args, **kwargs: P.kwargs) -> None:
+    def refresh(self, *args: P.args, **kwargs: P.kwargs) -> None:
         """Become what would be made from the map now; to renew twice after one change does no harm."""
 
 
@@ -99,12 +99,12 @@ class lazy(Generic[T]):  # noqa: N801 - used as a decorator
         part: T | None = vars(owner).get(self._name)
         return part
 
-    def renew(self: lazy[Part[P]], owner: Locked, *args: P.args, **kwargs: P.kwargs) -> None:
-        """Call ``renew`` of the part with the arguments, if it is cached."""
+    def refresh(self: lazy[Refreshable[P]], owner: Locked, *args: P.args, **kwargs: P.kwargs) -> None:
+        """Call ``refresh`` of the part with the arguments, if it is cached."""
         with owner._lock:
             part = self.cached(owner)
             if part is not None:
-                part.renew(*args, **kwargs)
+                part.refresh(*args, **kwargs)
 
     def drop(self, owner: Locked) -> None:
         """Forget the part, after waiting for a thread that computes it; the next access computes it again."""

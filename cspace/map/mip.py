@@ -105,7 +105,7 @@ class OccupancyPyramid:
         self._nodes = np.zeros((len(states), *nodes[:2], -(-nodes[2] // SIDE) * SIDE), dtype=np.uint8)
         self._noted, self._eager = [self._whole()], False
 
-    def renew(self, boxes: Ints) -> None:
+    def refresh(self, boxes: Ints) -> None:
         """Note the box in which states of each slice have changed, shape (slices, 6)."""
         self._noted.append(boxes)
         if len(self._noted) > MOST_NOTED:

@@ -34,9 +34,9 @@ class Sums:
         for part, into in zip(cells, self.counts, strict=True):  # one by one: numpy would first copy all to that type
             np.cumsum(part, axis=-1, dtype=kind, out=into[..., 1:])
 
-    def renew(self, cells: Bools, box: Ints) -> None:
+    def refresh(self, cells: Bools, box: Ints) -> None:
         """Count again in a box, shape (6,), in which cells have changed."""
-        renew_counts(self.counts, _spatial(cells), box)
+        refresh_counts(self.counts, _spatial(cells), box)
 
 
 def _spatial(cells: Bools) -> Bools:
@@ -100,7 +100,7 @@ def overlap_at(map_: Map, counts: Counts, runs: Runs, outside: int, q: Numbers) 
 
 
 @kernel
-def renew_counts(counts: Counts, cells: Bools, box: Ints) -> None:
+def refresh_counts(counts: Counts, cells: Bools, box: Ints) -> None:
     """Running counts of columns through a box whose cells have changed, given by its first cell and its last one."""
     for x in range(box[0], box[3] + 1):
         for y in range(box[1], box[4] + 1):

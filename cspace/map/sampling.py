@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cspace.arrays import FREE, Bytes, Floats, Ints
 from cspace.compiling import jit, kernel
 from cspace.grid import Grid
-from cspace.map.storage import Cells, PackedStates, Stack, ones_in, row_in
+from cspace.map.storage import Cells, PackedStates, Stack, popcount, row_in
 from cspace.rotations import Rotations
 
 Chunks = NDArray[np.int32]
@@ -89,11 +89,11 @@ def find_ranks(cells: Cells, size: int, slices: Ints, ranks: Ints, drawn: Ints) 
         left, begin = ranks[n], slices[n] * size
         for first in range(0, size, 64):
             free = ~row_in(cells, begin + first, min(64, size - first))[0]
-            count = ones_in(free)
+            count = popcount(free)
             if left < count:
                 for _ in range(left):
                     free &= free - _ONE
-                drawn[n] = first + ones_in((free & (~free + _ONE)) - _ONE)
+                drawn[n] = first + popcount((free & (~free + _ONE)) - _ONE)
                 break
             left -= count
 

@@ -89,7 +89,7 @@ class TileCells(NamedTuple):
 Cells = Bytes | TwoBits | TileCells
 
 
-def _fetch(context: Any, cells: Any, number: Any) -> Any:
+def _prefetch(context: Any, cells: Any, number: Any) -> Any:
     """Have the memory around a byte of an array come near, for it is read soon; it need not lie in the array."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -104,7 +104,7 @@ def _fetch(context: Any, cells: Any, number: Any) -> Any:
     return types.void(cells, types.int64), generate
 
 
-def _compare(context: Any, cells: Any, number: Any) -> Any:
+def _compare_bytes(context: Any, cells: Any, number: Any) -> Any:
     """Which of 64 bytes of an array, from one on, are 1 or more, and which 2 or more, by bits."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -129,9 +129,9 @@ def _count(context: Any, word: Any) -> Any:
 
 
 declare: Any = cgutils.get_or_insert_function
-fetch: Any = intrinsic(_fetch)
-compared: Any = intrinsic(_compare)
-ones_in: Any = intrinsic(_count)
+prefetch: Any = intrinsic(_prefetch)
+compare_bytes: Any = intrinsic(_compare_bytes)
+popcount: Any = intrinsic(_count)
 
 
 @always_inline
@@ -168,7 +168,7 @@ def state_in(cells: Cells, number: int) -> int:
     raise NotImplementedError
 
 
-def expect(cells: Cells, number: int) -> None:
+def prefetch_cell(cells: Cells, number: int) -> None:
     """Have what surrounds a cell come near, for it is read soon; it need not be in the map."""
     raise NotImplementedError
 
@@ -179,11 +179,11 @@ def row_in(cells: Cells, number: int, count: int) -> Halves:
 
 
 def _byte_soon(cells: Bytes, number: int) -> None:
-    fetch(cells, number)
+    prefetch(cells, number)
 
 
 def _bits_soon(cells: TwoBits, number: int) -> None:
-    fetch(cells.packed, number >> 2)
+    prefetch(cells.packed, number >> 2)
 
 
 def _byte_in(cells: Bytes, number: int) -> int:
@@ -223,7 +223,7 @@ def _tiled_in(cells: TileCells, number: int) -> int:
 
 
 @always_inline
-def bits_from(number: int) -> np.uint64:
+def high_bits(number: int) -> np.uint64:
     """The bits of a word from a number on, which may be 64."""
     return ~np.uint64(0) << np.uint64(number) if number < 64 else np.uint64(0)
 
@@ -231,13 +231,13 @@ def bits_from(number: int) -> np.uint64:
 def _row_of_bytes(cells: Bytes, number: int, count: int) -> Halves:
     taken, blocked = np.uint64(0), np.uint64(0)
     if number + 64 <= cells.size:
-        taken, blocked = compared(cells, number)
+        taken, blocked = compare_bytes(cells, number)
     else:
         for k in range(count):
             state, place = np.uint64(cells[number + k]), np.uint64(k)
             taken |= ((state | (state >> _ONE)) & _ONE) << place
             blocked |= (state >> _ONE) << place
-    return taken | bits_from(count), blocked | bits_from(count)
+    return taken | high_bits(count), blocked | high_bits(count)
 
 
 def _row_of_bits(cells: TwoBits, number: int, count: int) -> Halves:
@@ -246,12 +246,12 @@ def _row_of_bits(cells: TwoBits, number: int, count: int) -> Halves:
         word, place = parted(word_at(cells.packed, number + first)), np.uint64(first)
         taken |= ((word | (word >> np.uint64(32))) & _LOWER) << place
         blocked |= (word >> np.uint64(32)) << place
-    return taken | bits_from(count), blocked | bits_from(count)
+    return taken | high_bits(count), blocked | high_bits(count)
 
 
 dispatch_on_type(state_in, {np.ndarray: _byte_in, TwoBits: _bits_in, TileCells: _tiled_in})
 dispatch_on_type(row_in, {np.ndarray: _row_of_bytes, TwoBits: _row_of_bits})
-dispatch_on_type(expect, {np.ndarray: _byte_soon, TwoBits: _bits_soon})
+dispatch_on_type(prefetch_cell, {np.ndarray: _byte_soon, TwoBits: _bits_soon})
 
 
 # ---- packing ---------------------------------------------------------------------------------------------------------

@@ -112,7 +112,7 @@ class Widest:
         costs = METRES_A_RADIAN / map_.spacing * turns
         return cls(levels, map_.slice_of, rotations, costs, periodic_axes, walls)
 
-    def renew(self, boxes: Ints) -> None:
+    def refresh(self, boxes: Ints) -> None:
         """Note the box in which states of each slice have changed, shape (slices, 6)."""
         self.noted.append(boxes)
 
@@ -130,7 +130,7 @@ class Widest:
             if closed.any():
                 layered[number] = levels_around(state, walls[number], closed)
             else:
-                renew_levels(layered[number], state, boxes[number], walls[number])
+                refresh_levels(layered[number], state, boxes[number], walls[number])
 
         in_threads(follow, np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1)).tolist(), cores())
         return replace(self, levels=levels, walls=walls, noted=[], cached={})
@@ -242,7 +242,7 @@ def walls_of(map_: Map) -> Bools:
     return exterior_blocked[:, None] & (np.arange(3) >= 3 - dim)
 
 
-def renew_levels(levels: Levels, state: Bytes, box: Ints, walls: Bools) -> None:
+def refresh_levels(levels: Levels, state: Bytes, box: Ints, walls: Bools) -> None:
     """Bring the levels of a slice up to date where states have changed within a box, its first and last cell.
 
     A cell whose level was below its distance from the box keeps it, and none was farther than the highest level.

@@ -19,7 +19,7 @@ from cspace.compiling import compilable, kernel
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.limits import check_memory
-from cspace.map.batches import Configuration, ConfigurationBatch, answer, in_threaded_chunks
+from cspace.map.batches import Configuration, ConfigurationBatch, evaluate_batch, in_threaded_chunks
 from cspace.map.callbacks import callback
 from cspace.map.contents import checked_fields
 from cspace.map.points import configuration, is_usable, replaced
@@ -539,7 +539,7 @@ class OverlapField:
 
         Raises InputError if the last axis is not as long, or a value is NaN or infinite.
         """
-        overlaps: float | Floats = answer(
+        overlaps: float | Floats = evaluate_batch(
             q, self._size, in_threaded_chunks(partial(fields_at, *self._fixed())), np.float64, float
         )
         return overlaps
@@ -592,7 +592,7 @@ class Field(NamedTuple):
     map_: Map
     values: Floats
 
-    def answer(self, q: Numbers) -> float:
+    def evaluate(self, q: Numbers) -> float:
         """Return the value at a configuration."""
         return field_at(self.map_, self.values, q)
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from cspace.arrays import Bytes, Floats
 from cspace.errors import FileError
 from cspace.map.backend import Result
-from cspace.map.batches import Kernel, Query, own
+from cspace.map.batches import Kernel, Query, as_contiguous
 from cspace.map.derived import Lock
 from cspace.map.exterior import Exterior
 from cspace.map.storage import ASIDE, MISSING, USED, Map, TileCells, pack, read_only
@@ -206,7 +206,7 @@ def fill_in_pieces(kernel: Kernel, parts: Sequence[Any], out: NDArray[Any]) -> i
     """Fill ``out`` by a kernel of rows, which are copied a piece at a time; return the first bad row, or -1."""
     for start in range(0, len(out), ROWS_IN_A_PIECE):
         piece = slice(start, start + ROWS_IN_A_PIECE)
-        bad = kernel(*(own(part[piece]) for part in parts), out[piece])
+        bad = kernel(*(as_contiguous(part[piece]) for part in parts), out[piece])
         if bad >= 0:
             return start + bad
     return -1

@@ -107,7 +107,7 @@ def read_labels(store: Store, index: Index) -> list[list[Labels]] | None:
     return kinds
 
 
-class Joined:
+class TiledLabels:
     """The components of a whole map.
 
     All tiles of its store are labelled.

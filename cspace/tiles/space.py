@@ -19,7 +19,7 @@ from cspace.map.batches import Query
 from cspace.space import CSpace
 from cspace.store import UNTILED, Store
 from cspace.tiles.cache import TileBackend, fill_in_pieces
-from cspace.tiles.labels import Joined, label_all
+from cspace.tiles.labels import TiledLabels, label_all
 from cspace.tiles.parts import overview_of, window_of
 from cspace.tiles.update import update_store
 from cspace.update import Patch, Update
@@ -82,7 +82,7 @@ class TiledCSpace(ConfigurationMap):
     """
 
     def __init__(self, store: Store, cache_bytes: int = CACHE_BYTES) -> None:
-        self._tiles, self._parts = TileBackend(store, cache_bytes), None  # type: tuple[TileBackend, Joined | None]
+        self._tiles, self._parts = TileBackend(store, cache_bytes), None  # type: tuple[TileBackend, TiledLabels | None]
 
     @staticmethod
     def holds(store: Store) -> bool:
@@ -191,14 +191,14 @@ class TiledCSpace(ConfigurationMap):
 
         self._tiles.at_one_moment(lambda: self._join(client, advance))
 
-    def _join(self, client: Client | None = None, progress: Callable[[int], None] | None = None) -> Joined:
+    def _join(self, client: Client | None = None, progress: Callable[[int], None] | None = None) -> TiledLabels:
         if self._parts is None or self._parts.store is not self._kept:
             label_all(self._tiles.job, client, progress)
-            self._parts = Joined(self._kept, self._tiles.exterior)
+            self._parts = TiledLabels(self._kept, self._tiles.exterior)
         return self._parts
 
     @property
-    def _components(self) -> Joined:
+    def _components(self) -> TiledLabels:
         return self._join()
 
     def _tile_subproblems(self, q0: ArrayLike, q1: ArrayLike) -> list[tuple[Callable[[], CSpace], Floats, Floats]]:

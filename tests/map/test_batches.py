@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import cspace
 from cspace import InputError, Robot, Workspace
 from cspace.map import mip
-from cspace.map.batches import EDGES_A_THREAD, ROWS, answer_pairs
+from cspace.map.batches import MIN_EDGES_PER_THREAD, ROWS, evaluate_pairs
 from cspace.map.mip import CELLS_AN_EDGE
 from cspace.rotations import Rotations
 from cspace.threads import MIN_ITEMS_PER_THREAD
@@ -128,7 +128,7 @@ def test_arrays_of_any_layout_get_the_same_answers(make):
 def test_the_first_bad_number_is_named(make, dtype, value):
     rng = np.random.default_rng(5)
     space = made(make, 5)
-    half = {"q": MIN_ITEMS_PER_THREAD + 2, "edge": max(ROWS, EDGES_A_THREAD) + 2}
+    half = {"q": MIN_ITEMS_PER_THREAD + 2, "edge": max(ROWS, MIN_EDGES_PER_THREAD) + 2}
     ask = {"q": space.classify, "edge": partial(space.motion_is_free, np.full(space.size, 0.5))}
     for name, middle in half.items():
         last = 2 * middle
@@ -180,7 +180,7 @@ def test_edges_of_many_are_those_of_each(make, seed, outside):
     """A checker of single edges walks cell by cell; a large batch looks at the marks of blocks first."""
     rng = np.random.default_rng(seed)
     space = make(rng, outside=outside)
-    q0 = draw_configurations(space, rng, 2 * EDGES_A_THREAD + 3, far=True)
+    q0 = draw_configurations(space, rng, 2 * MIN_EDGES_PER_THREAD + 3, far=True)
     q1 = near(space, q0, rng)
     assert space._kernel_map.states.size <= len(q0) * CELLS_AN_EDGE
     many = space.motion_is_free(q0, q1)
@@ -265,4 +265,4 @@ def test_an_edge_between_unusable_vertices_is_named_by_its_number():
     space = plane(np.random.default_rng(0))
     vertices = np.array([(0.1, 0.1), (0.2, 0.2), (np.nan, 0.3)])
     with pytest.raises(InputError, match=r"edge number 2 is \(0.1, 0.1, nan, 0.3\)"):
-        answer_pairs(vertices, np.array([(0, 1), (1, 0), (0, 2)]), space._edges(3, exact=False))
+        evaluate_pairs(vertices, np.array([(0, 1), (1, 0), (0, 2)]), space._edges(3, exact=False))

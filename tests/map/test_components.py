@@ -100,7 +100,7 @@ def test_labels_follow_a_stream_of_changes(seed, kind, blocks, task):
             stack[s][window] = rng.integers(0, 3, stack[s][window].shape)
             pad = [0] * (3 - dim)
             boxes[s] = [*pad, *first, *pad, *last]
-        labels.renew(np.asarray(boxes))
+        labels.refresh(np.asarray(boxes))
 
 
 @settings(max_examples=60)
@@ -127,10 +127,10 @@ def test_many_components_fit_in_every_block(blocks):
     assert len(np.unique(free)) - 1 == np.count_nonzero(state == FREE)
     assert len(np.unique(passable)) - 1 < np.count_nonzero(state == FREE)  # the rim joins those at the border
     state[...] = FREE
-    labels.renew(np.array([[0, 0, 0, 0, 149, 139]]))
+    labels.refresh(np.array([[0, 0, 0, 0, 149, 139]]))
     assert len(np.unique(labels.of(cells))) == 1
     state[70:] = BLOCKED
-    labels.renew(np.array([[0, 70, 0, 0, 149, 139]]))
+    labels.refresh(np.array([[0, 70, 0, 0, 149, 139]]))
     assert set(np.unique(labels.of(cells))) == {-1, int(labels.of(cells[0]))}
 
 
@@ -156,7 +156,7 @@ def test_a_door_joins_a_wall_across_many_blocks():
     cells = np.array([[0, x, 20] for x in (3, 290)])
     for fill, expected in ((FREE, (1, 1)), (BLOCKED, (2, 2)), (MIXED, (2, 1)), (FREE, (1, 1))):
         state[150, 77] = fill
-        labels.renew(np.array([[0, 150, 77, 0, 150, 77]]))
+        labels.refresh(np.array([[0, 150, 77, 0, 150, 77]]))
         assert tuple(len(np.unique(labels.of(cells, mixed))) for mixed in (False, True)) == expected
 
 

@@ -16,7 +16,7 @@ class Counter:
     def __init__(self):
         self.changes = []
 
-    def renew(self, change):
+    def refresh(self, change):
         self.changes.append(change)
 
 
@@ -52,9 +52,9 @@ def test_one_thread_computes_the_part_and_all_get_it():
 
 def test_a_part_follows_changes_after_it_is_computed():
     owner = Owner()
-    Owner.part.renew(owner, "before")  # nothing is there to follow
+    Owner.part.refresh(owner, "before")  # nothing is there to follow
     part = owner.part
-    Owner.part.renew(owner, "after")
+    Owner.part.refresh(owner, "after")
     assert part.changes == ["after"]
     assert Owner.part.cached(owner) is part
     Owner.part.drop(owner)

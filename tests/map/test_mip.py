@@ -87,7 +87,7 @@ def test_marks_tell_what_is_not_free_and_follow_changes(dim, seed, changes, eage
                 part[where] = rng.choice([0, 0, 0, 2], part[where].shape)
                 boxes.append(box)
             write()
-            mip.renew(np.array(boxes))
+            mip.refresh(np.array(boxes))
         if eager:  # what was handed out has followed by itself
             check(marks, stack, cells)
         check(mip.marks(cells), stack, cells)
