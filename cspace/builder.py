@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, TypedDict, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.check import check_word, not_negative, whole
+from cspace.check import check_count, check_not_negative, check_word
 from cspace.engines import ENGINES, METHODS
 from cspace.engines.slices import (
     Correlation,
@@ -158,7 +158,7 @@ def build(
     >>> space.is_free([1.0, 1.5])
     True
     """
-    margin, cells = not_negative(margin, "margin", GROWN), Rotations.of(rotations)
+    margin, cells = check_not_negative(margin, "margin", GROWN), Rotations.of(rotations)
     for name, given, kind, is_wrong, example in (
         ("workspace", workspace, "Workspace", not isinstance(workspace, Workspace), "Workspace.from_array(...) first"),
         ("robot", robot, "Robot", isinstance(robot, Workspace | str | os.PathLike), "Robot.parse('disc:0.3') second"),
@@ -283,7 +283,7 @@ def _check(
         raise InputError("robot", problem, "they must agree", hint, value=robot)
     rotations.check_dimension(robot.dim)
     if workers is not None:
-        whole(workers, "workers", 1, hint="leave it out for all cores")
+        check_count(workers, "workers", 1, hint="leave it out for all cores")
     check_word(method, "method", METHODS, "leave it out")
     if counts and method != "auto" and not ENGINES[method].COUNTS:
         problem, hint = f"is {method!r} and counts is True", "use method='fft' or method='auto'"

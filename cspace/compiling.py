@@ -20,46 +20,55 @@ from typing import Any, Final, TypeVar, cast
 F = TypeVar("F", bound=Callable[..., Any])
 
 LOGGER: Final = logging.getLogger("cspace.compiling")
-"""Logs, at INFO, the first compilation in each module. A program that shows progress adds a handler."""
+"""Logger of the first compilation in each module, at INFO; programs that show progress add a handler."""
 
-PACKAGES: Final = ("cspace", "planners")
-"""Packages whose compiled functions are cached, with all their modules that a function's module imports."""
+COMPILED_PACKAGES: Final = ("cspace", "planners")
+"""Packages whose compiled functions are cached; the cache key covers their modules that a function's module imports."""
 
-_IMPORT: Final = re.compile(rf"^\s*from ((?:{'|'.join(PACKAGES)})\b[\w.]*) import (\([^)]*\)|.*)$", re.MULTILINE)
+_IMPORT: Final = re.compile(
+    rf"^\s*from ((?:{'|'.join(COMPILED_PACKAGES)})\b[\w.]*) import (\([^)]*\)|.*)$", re.MULTILINE
+)
 
 _OPTIONS: Final[Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-"""Numba's options of every compiled function: it types ``min``, ``range`` and such once for each set of options."""
+"""Numba's options for every compiled function; numba types ``min``, ``range`` and such once for each set of options."""
 
 _UNREGISTERED: Final[list[FunctionType]] = []
 """Functions decorated by :func:`compilable` that numba does not know yet."""
 
 _METHODS: Final[set[str]] = set()
-"""Names of methods that numba knows; it compiles that of the record's own class."""
+"""Names of registered methods; numba compiles the method of the record's own class."""
 
 _IMPLEMENTED_BY: Final[dict[str, set[str]]] = {}
-"""For a module with a function given to :func:`dispatch_on_type`: the modules of its implementations."""
+"""Modules of the implementations, for each module with a function given to :func:`dispatch_on_type`."""
 
 
 class _Clock:
-    """A clock, in seconds, that stands still while functions are compiled and saved to the cache.
+    """A clock, in seconds, that stops while functions are compiled and cached.
 
     Time limits are measured with this clock. Compilations may nest, but only within one thread.
     """
 
     def __init__(self) -> None:
-        self._stops: tuple[int, float, float] = 0, 0.0, 0.0  # stops not ended, when the first began, seconds stopped
+        self._state: tuple[int, float, float] = (
+            0,
+            0.0,
+            0.0,
+        )  # nested stops, start of the outermost, seconds stopped so far
 
     def __call__(self) -> float:
-        depth, since, stopped = self._stops
+        """Return the time, excluding stops."""
+        depth, since, stopped = self._state
         return (since if depth else time.perf_counter()) - stopped
 
     def stop(self) -> None:
-        depth, since, stopped = self._stops
-        self._stops = depth + 1, since if depth else time.perf_counter(), stopped
+        """Stop the clock; stops may nest."""
+        depth, since, stopped = self._state
+        self._state = depth + 1, since if depth else time.perf_counter(), stopped
 
-    def go_on(self) -> None:
-        depth, since, stopped = self._stops
-        self._stops = depth - 1, since, stopped if depth > 1 else stopped + time.perf_counter() - since
+    def resume(self) -> None:
+        """End a stop; the clock runs again after the outermost."""
+        depth, since, stopped = self._state
+        self._state = depth - 1, since, stopped if depth > 1 else stopped + time.perf_counter() - since
 
 
 clock: Final = _Clock()
@@ -101,7 +110,7 @@ def always_inline(function: F) -> F:
 
 
 def compilable(plain: F) -> F:
-    """Register a plain function, or the methods of a record class, for use in compiled code.
+    """Register a plain function, or the methods of a record class, for compiled code.
 
     The decorated object stays plain Python, and its module imports no numba. Methods of one name take the same number
     of arguments in every class, and no record has a field of that name.
@@ -134,8 +143,8 @@ def _register_compilable() -> None:
     _UNREGISTERED.clear()
 
 
-def dispatch_on_type(function: Callable[..., Any], made: dict[type, Callable[..., Any]]) -> None:
-    """Let compiled code that calls a function call an implementation chosen by the type of the first argument.
+def dispatch_on_type(function: Callable[..., Any], implementations: dict[type, Callable[..., Any]]) -> None:
+    """Let compiled code choose an implementation by the type of the first argument.
 
     Types are record classes or ``numpy.ndarray``; ``object`` stands for all others. Only the chosen implementation is
     compiled.
@@ -144,18 +153,21 @@ def dispatch_on_type(function: Callable[..., Any], made: dict[type, Callable[...
     from numba import types
     from numba.extending import overload
 
-    _IMPLEMENTED_BY.setdefault(function.__module__, set()).update(each.__module__ for each in made.values())
+    _IMPLEMENTED_BY.setdefault(function.__module__, set()).update(each.__module__ for each in implementations.values())
 
     options: Any = {**_OPTIONS, "_nrt": False}
 
     @overload(function, jit_options=options, strict=False)
     def choose(first: Any, *others: Any) -> Any:
         kind = np.ndarray if isinstance(first, types.Array) else getattr(first, "instance_class", object)
-        return made.get(kind)
+        return implementations.get(kind)
 
 
 def bind_kernel(kernel: Any, fixed: tuple[Any, ...], floats: int) -> Callable[..., Any]:
-    """Bind a kernel to its first arguments, followed by floats, skipping numba's dispatch on every call."""
+    """Bind a kernel to its first arguments, followed by floats.
+
+    Calls then skip numba's dispatch.
+    """
     import numba
 
     types = (*map(numba.typeof, fixed), *[numba.float64] * floats)
@@ -173,9 +185,9 @@ def bind_row_kernel(kernel: Any, fixed: Any, floats: int) -> Callable[[tuple[flo
 
 @cache
 def _cache_class() -> Any:
-    """Return numba's cache of a function, stamped with the sources that the function's code is made from.
+    """Return numba's function cache, stamped with all sources of a function.
 
-    Numba stamps it with the function's own file alone, so it would keep a stale callee after the callee's file changed.
+    Numba stamps it with the function's own file alone, so it would use a stale callee after the callee's file changed.
     """
     from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
     from numba.core.runtime.nrt import rtsys
@@ -183,7 +195,7 @@ def _cache_class() -> Any:
     class OwnFolder:
         def ensure_cache_path(self) -> None:
             super().ensure_cache_path()  # type: ignore[misc]
-            if not is_own(Path(self.get_cache_path())):  # type: ignore[attr-defined]
+            if not is_private(Path(self.get_cache_path())):  # type: ignore[attr-defined]
                 raise PermissionError
 
     class Folders(CompileResultCacheImpl):
@@ -214,16 +226,16 @@ def _cache_class() -> Any:
 
         def __init__(self, function: Callable[..., Any]) -> None:
             super().__init__(function)  # type: ignore[no-untyped-call]
-            stamp = digest({function.__module__})
+            stamp = digest_sources({function.__module__})
             self._cache_file = CheckedFile(self._cache_path, self._impl.filename_base, stamp)  # type: ignore[no-untyped-call]
 
         def _index_key(self, signature: Any, codegen: Any) -> Any:
             # Methods of records are compiled into the function, from modules that it need not import.
-            records = digest(_record_modules(signature))
+            records = digest_sources(_record_modules(signature))
             return (*super()._index_key(signature, codegen), records)  # type: ignore[no-untyped-call]
 
         def load_overload(self, signature: Any, target: Any) -> Any:
-            # Numba would first import everything that it can compile, which takes longer than all that is loaded here.
+            # Numba would first import everything that it can compile, which takes longer than loading the cache.
             rtsys.initialize(target)
             return self._load_overload(signature, target)  # type: ignore[no-untyped-call]
 
@@ -232,26 +244,29 @@ def _cache_class() -> Any:
             try:
                 super().save_overload(signature, compiled)  # type: ignore[no-untyped-call]
             finally:
-                clock.go_on()
+                clock.resume()
 
     return SourceCache
 
 
-def digest(modules: Iterable[str]) -> str:
+def digest_sources(modules: Iterable[str]) -> str:
     """Return a digest of the sources of modules and of all modules of ours that they import."""
-    waiting, seen = list(modules), set[str]()
-    while waiting:
-        module = waiting.pop()
+    pending, seen = list(modules), set[str]()
+    while pending:
+        module = pending.pop()
         if module not in seen:
             seen.add(module)
-            waiting += [*_source(module)[1], *_IMPLEMENTED_BY.get(module, ())]
+            pending += [*_source(module)[1], *_IMPLEMENTED_BY.get(module, ())]
     sources = "".join(f"{module} {_source(module)[0]}\n" for module in sorted(seen))
     return hashlib.sha256(sources.encode()).hexdigest()
 
 
 @cache
 def _source(module: str) -> tuple[str, frozenset[str]]:
-    """Return the digest of a module's source and the modules of ours that it imports; none of others' modules."""
+    """Return the digest of a module's source and the modules of ours that it imports.
+
+    Modules of other packages have none.
+    """
     path = getattr(sys.modules.get(module), "__file__", None) or ""
     if not path:
         parts = Path(__file__).parents[1].joinpath(*module.split("."))
@@ -266,17 +281,17 @@ def _source(module: str) -> tuple[str, frozenset[str]]:
 
 def _record_modules(types: Iterable[Any]) -> set[str]:
     """Return the modules of the record classes among argument types, at any depth."""
-    waiting, modules = list(types), set[str]()
-    while waiting:
-        each = waiting.pop()
+    pending, modules = list(types), set[str]()
+    while pending:
+        each = pending.pop()
         if hasattr(each, "instance_class"):
             modules.add(each.instance_class.__module__)
-        waiting.extend(getattr(each, "types", ()))
+        pending.extend(getattr(each, "types", ()))
     return modules
 
 
 @cache
-def is_own(folder: Path) -> bool:
+def is_private(folder: Path) -> bool:
     """Return True if only the user can have written to a folder.
 
     The folder must belong to the user. Neither others nor a group other than the user's own may write to it or to a
@@ -288,21 +303,21 @@ def is_own(folder: Path) -> bool:
     import grp
     import pwd
 
-    own = {0}
+    private_groups = {0}
     with suppress(KeyError):  # a user or a group without a name
         user = pwd.getpwuid(os.geteuid())
         if grp.getgrgid(user.pw_gid).gr_name == user.pw_name:
-            own.add(user.pw_gid)
+            private_groups.add(user.pw_gid)
     folder = folder.resolve()
-    places = [(place, place.stat()) for place in (folder, *folder.parents)]
-    theirs = [place for place, about in places[:1] if about.st_uid != os.geteuid()]
-    for place, about in places:
-        others = stat.S_IWOTH if about.st_gid in own else stat.S_IWOTH | stat.S_IWGRP
-        if about.st_mode & others and (place == folder or not about.st_mode & stat.S_ISVTX):
-            theirs.append(place)
-    if theirs:
-        LOGGER.info("compiled code is not cached in %s, because others may write to %s", folder, theirs[0])
-    return not theirs
+    folders = [(path, path.stat()) for path in (folder, *folder.parents)]
+    unsafe = [path for path, status in folders[:1] if status.st_uid != os.geteuid()]
+    for path, status in folders:
+        others = stat.S_IWOTH if status.st_gid in private_groups else stat.S_IWOTH | stat.S_IWGRP
+        if status.st_mode & others and (path == folder or not status.st_mode & stat.S_ISVTX):
+            unsafe.append(path)
+    if unsafe:
+        LOGGER.info("compiled code is not cached in %s, because others may write to %s", folder, unsafe[0])
+    return not unsafe
 
 
 @cache
@@ -316,12 +331,12 @@ def _announce_compiling() -> None:
 
         def on_start(self, event: Any) -> None:
             module = str(event.data["dispatcher"].py_func.__module__)
-            if module.split(".")[0] in PACKAGES and module not in self.announced:
+            if module.split(".")[0] in COMPILED_PACKAGES and module not in self.announced:
                 self.announced.add(module)
                 LOGGER.info("compiling %s, once per machine", module)
             clock.stop()
 
         def on_end(self, event: Any) -> None:
-            clock.go_on()
+            clock.resume()
 
     event.register("numba:compile", Announcer())  # type: ignore[no-untyped-call]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import FREE, MIXED, Bools, Floats, Ints, Words
-from cspace.check import not_negative
+from cspace.check import check_not_negative
 from cspace.configuration_space import ConfigurationSpace
 from cspace.grid import Grid
 from cspace.map.backend import Backend
@@ -245,7 +245,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         """
         from cspace.map.points import boxes_are_free
 
-        reach = not_negative(distance, "distance"), not_negative(angle, "angle", "pass it in radians")
+        reach = check_not_negative(distance, "distance"), check_not_negative(angle, "angle", "pass it in radians")
         query = self._backend.query(boxes_are_free, *reach, passed=True)
         return evaluate_batch(q, self.size, query, np.bool_, bool, angles=self._angles)
 

@@ -1,7 +1,7 @@
-"""The errors that this library raises on purpose, under one base class.
+"""Errors that this library raises on purpose, under one base class.
 
-Each carries its parts as fields: the argument, its fault, the rule that it breaks and the mend. The message is made of
-them, and so is what the command line says in its own words.
+Each carries its parts as fields: the argument, its problem, the rule that it breaks and a hint. Messages consist of
+them, also those of the command line, in its own words.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ import warnings
 from importlib import import_module
 from typing import Any, ClassVar, Final
 
-LONGEST: Final = 240
-"""Characters of a fault, at most, in a message."""
+MAX_PROBLEM_CHARACTERS: Final = 240
+"""Maximum number of characters of a problem in a message."""
 
 
-_NOT_THE_USERS: Final = frozenset({"cspace", "planners", *sys.stdlib_module_names})
-"""Top-level modules of this library, and of the standard library, which calls back into it."""
+_INTERNAL_PACKAGES: Final = frozenset({"cspace", "planners", *sys.stdlib_module_names})
+"""Top-level packages of this library, and of the standard library, which calls back into it."""
 
 
 class CspaceError(Exception):
@@ -25,12 +25,12 @@ class CspaceError(Exception):
     Parameters
     ----------
     argument : str
-        What is at fault: the name of an argument, or a file's path; or, where it stands alone, the whole message.
-    fault : str, optional
-        What it is, as it follows the name: ``"is -1"``, ``"has shape (3,)"``.
+        Name of the argument, or path of the file; the whole message if it stands alone.
+    problem : str, optional
+        Problem, as it follows the name: ``"is -1"``, ``"has shape (3,)"``.
     rule : str
         ``"it must be above zero"``.
-    mend : str
+    hint : str
         ``"pass it in metres, e.g. 0.05"``.
     value : object
         The offending value itself, for programs.
@@ -49,8 +49,8 @@ class CspaceError(Exception):
     ) -> None:
         text = argument
         if problem is not None:
-            problem = " ".join(problem.split())  # arrays print themselves in many lines
-            problem = problem if len(problem) <= LONGEST else f"{problem[:LONGEST]} ..."
+            problem = " ".join(problem.split())  # arrays print in several lines
+            problem = problem if len(problem) <= MAX_PROBLEM_CHARACTERS else f"{problem[:MAX_PROBLEM_CHARACTERS]} ..."
             text = "; ".join(part for part in (f"{argument}{self.gap}{problem}", rule, hint) if part)
         super().__init__(text)
         self.argument = argument
@@ -69,19 +69,19 @@ class GeometryError(InputError):
 
 
 class FileError(CspaceError, OSError):
-    """A file is missing, unreadable, malformed, truncated, or may not be written; ``argument`` is its path."""
+    """A file is missing, unreadable, malformed, truncated or not writable; ``argument`` is its path."""
 
     gap: ClassVar[str] = ": "
 
 
 class MissingPackageError(CspaceError, ImportError):
-    """An optional package is needed and is not installed; the message names the command that installs it."""
+    """A required optional package is not installed; the message gives the command that installs it."""
 
 
-def optional(package: str, use: str, extra: str) -> Any:
-    """An optional package, imported.
+def import_optional(package: str, use: str, extra: str) -> Any:
+    """Import an optional package.
 
-    Raises MissingPackageError if it is not installed, with what it is of use for and the extra that has it.
+    Raises MissingPackageError if it is not installed. The message gives its ``use`` and the ``extra`` that installs it.
     """
     try:
         return import_module(package)
@@ -91,13 +91,13 @@ def optional(package: str, use: str, extra: str) -> Any:
 
 
 class AngleWarning(UserWarning):
-    """An angle is beyond a whole turn, as if it were in degrees; it is used as radians."""
+    """An angle, used as radians, is beyond a whole turn, and so probably in degrees."""
 
 
 def warn_user(message: str, category: type[Warning] = UserWarning) -> None:
     """Warn at the line outside this library that called it."""
     frame, level = sys._getframe(1), 2
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _NOT_THE_USERS:
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _INTERNAL_PACKAGES:
         frame, level = frame.f_back, level + 1
     warnings.warn(message, category, stacklevel=level)
 
@@ -108,7 +108,7 @@ class ConfigurationError(InputError):
     Attributes
     ----------
     nearest : tuple of float or None
-        The nearest FREE configuration, where the map has one.
+        Nearest FREE configuration, if the map has one.
     """
 
     def __init__(

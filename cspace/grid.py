@@ -1,4 +1,4 @@
-"""Grid: the only place where metres and cell indices meet."""
+"""Grid of cells, the only place where metres and cell indices meet."""
 
 from __future__ import annotations
 
@@ -11,24 +11,27 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats, Ints
-from cspace.check import check_points, finite, positive, real_numbers
+from cspace.check import check_finite, check_points, check_positive, check_real
 from cspace.errors import InputError
 
 SLACK: Final = 2.0**-26
-"""Rounding allowance in cells. Outer rasters grow by it and inner rasters shrink by it, and the rounding of every
-look-up stays below it, so that no answer depends on how a floating-point number was rounded."""
+"""Rounding allowance in cells.
+
+Outer rasters grow by it, inner rasters shrink by it, and the rounding of every look-up stays below it, so that no
+answer depends on floating-point rounding.
+"""
 
 MAX_COORDINATE: Final = 2.0**22
-"""Largest coordinate in cells, measured from the origin, for which :data:`SLACK` covers the rounding."""
+"""Largest coordinate, in cells from the origin, for which :data:`SLACK` covers the rounding."""
 
 
 def check_reach(far: float, name: str, origin: str, hint: str) -> None:
-    """Refuse what reaches so many cells from an origin that rounding could reach the certificate's slack.
+    """Refuse shapes so far from an origin, in cells, that rounding could exceed :data:`SLACK`.
 
     Raises InputError if ``far`` is above :data:`MAX_COORDINATE`.
     """
     if not far <= MAX_COORDINATE:
-        rule = f"at most {MAX_COORDINATE:.0f} keep the answers proven against rounding"
+        rule = f"beyond {MAX_COORDINATE:.0f} cells rounding invalidates proofs"
         raise InputError(name, f"reaches {far:.3g} cells from {origin}", rule, hint, value=far)
 
 
@@ -47,15 +50,15 @@ class Grid:
     shape : sequence of int, length d
         Number of cells along each axis.
     axes : sequence of str, length d, optional
-        What the coordinates are called; by default x, y and, in space, z.
+        Names of the coordinates; by default x, y and, in space, z.
     units : sequence of str, length d, optional
-        Their unit, "m" by default; the joints of an arm may have "rad".
+        Units of the coordinates, "m" by default; the joints of an arm may have "rad".
 
     Raises
     ------
     InputError
         If a value is not finite, the spacing or a count is not above zero, or the lengths differ; or if the grid lies
-        so far from the origin (over 2^22 cells) that floating-point rounding could reach the certificate's slack.
+        so far from the origin (over 2^22 cells) that floating-point rounding could exceed the certificate's slack.
 
     Examples
     --------
@@ -81,18 +84,18 @@ class Grid:
         axes: Sequence[str] | None = None,
         units: Sequence[str] | None = None,
     ) -> None:
-        corner = finite(lower, "lower")
+        corner = check_finite(lower, "lower")
         if corner.ndim != 1 or len(corner) not in (2, 3):
             raise InputError(
-                "lower", f"is {lower!r}", "it must hold 2 or 3 coordinates", "pass e.g. (0.0, 0.0)", value=lower
+                "lower", f"is {lower!r}", "it must have length 2 or 3", "pass e.g. (0.0, 0.0)", value=lower
             )
-        side = positive(spacing, "spacing")
+        side = check_positive(spacing, "spacing")
         counts = np.asarray(shape)
         if counts.shape != corner.shape or counts.dtype.kind not in "iu" or (counts <= 0).any():
             raise InputError(
                 "shape",
                 f"is {tuple(np.atleast_1d(counts).tolist())}",
-                f"it must hold {len(corner)} whole numbers above zero, one for each coordinate of lower",
+                f"it must have {len(corner)} whole numbers above zero, as many as lower",
                 "pass the number of cells along each axis",
                 value=shape,
             )
@@ -105,7 +108,7 @@ class Grid:
         object.__setattr__(self, "units", ("m",) * self.dim if units is None else tuple(units))
         for name, texts in (("axes", self.axes), ("units", self.units)):
             if len(texts) != self.dim or (name == "axes" and len(set(texts)) < self.dim):
-                rule = f"there must be {self.dim}, each another one"
+                rule = f"there must be {self.dim}, and axes must differ"
                 raise InputError(name, f"are {', '.join(texts)}", rule, "leave them out", value=texts)
 
     @property
@@ -115,18 +118,18 @@ class Grid:
 
     @property
     def unit(self) -> str:
-        """The unit of the side of a cell."""
+        """Unit of the side of a cell."""
         return " or ".join(dict.fromkeys(self.units))
 
     @property
     def measure_unit(self) -> str:
-        """The unit of a cell's area or volume: "m2", "rad3", or e.g. "rad m"."""
+        """Unit of a cell's area or volume: "m2", "rad3", or e.g. "rad m"."""
         powers = [(unit, self.units.count(unit)) for unit in sorted(set(self.units), reverse=True)]
         return " ".join(f"{unit}{power}" if power > 1 else unit for unit, power in powers)
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """What stands at the axes of a picture: names and units."""
+        """Axis labels of a picture: names and units."""
         return tuple(f"{axis} ({unit})" for axis, unit in zip(self.axes, self.units, strict=True))
 
     @property
@@ -140,7 +143,7 @@ class Grid:
         return tuple(low + self.spacing * n for low, n in zip(self.lower, self.shape, strict=True))
 
     def coordinates(self, points: ArrayLike, name: str = "points") -> Floats:
-        """Points as an array of float64, shape (..., d), metres.
+        """Return points as an array of float64, shape (..., d), metres.
 
         Raises
         ------
@@ -150,7 +153,7 @@ class Grid:
         return check_points(points, name, self.dim)
 
     def contains(self, points: ArrayLike) -> Bools:
-        """Whether points lie in the closed box of the grid.
+        """Return True for points in the closed box of the grid.
 
         Parameters
         ----------
@@ -165,10 +168,11 @@ class Grid:
         return np.asarray(inside.all(axis=-1))
 
     def cell_of(self, points: ArrayLike) -> Ints:
-        """Cells that hold points; outside the grid, the cell that an endless grid would have there.
+        """Return the cells that contain points.
 
-        A point on a border belongs to the cell above it, except on the grid's own upper border, which belongs to the
-        last cell: cell ``i`` owns ``lower + spacing * (i + [0, 1))``, the last one its upper border too.
+        For points outside the grid, the cells continue without end. A point on a boundary belongs to the cell above it,
+        except on the grid's own upper boundary, which belongs to the last cell: cell ``i`` owns ``lower + spacing * (i
+        + [0, 1))``, the last one its upper boundary too.
 
         Parameters
         ----------
@@ -181,11 +185,11 @@ class Grid:
         array = self.coordinates(points)
         cells = np.floor((array - self.lower) / self.spacing)
         cells -= (cells == self.shape) & (array <= self.upper)
-        # Beyond 2^62 cells an int64 would wrap around; far outside is far outside.
+        # Clip to 2^62 cells, beyond which an int64 would overflow.
         return np.minimum(np.maximum(cells, -(2.0**62)), 2.0**62).astype(np.int64)
 
     def center_of(self, cells: ArrayLike) -> Floats:
-        """Middle points of cells.
+        """Return the centers of cells.
 
         Parameters
         ----------
@@ -196,8 +200,8 @@ class Grid:
         ndarray of float64, shape (..., d)
             Metres.
         """
-        return np.asarray(self.lower + self.spacing * (real_numbers(cells, "cells") + 0.5))
+        return np.asarray(self.lower + self.spacing * (check_real(cells, "cells") + 0.5))
 
     def centers(self, axis: int) -> Floats:
-        """Coordinates of the cells' middle points along one axis, in metres, shape (shape[axis],)."""
+        """Return the coordinates of the cell centers along one axis, in metres, shape (shape[axis],)."""
         return np.asarray(self.lower[axis] + self.spacing * (np.arange(self.shape[axis]) + 0.5))

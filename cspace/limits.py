@@ -1,7 +1,7 @@
-"""Limits of files and of memory, checked before any work; and very rough times of builds.
+"""Limits of files and of memory, checked before any work; and rough build times.
 
-A file of a few bytes can declare a map of terabytes. So every reader states, from the size of the file or from its
-header, what it is about to take; every build does so from its grid. Too much is refused with the figures.
+A file of a few bytes can declare a map of terabytes. So every reader states its needs from the size of the file or its
+header, and every build from its grid. Excessive needs are refused with the figures.
 """
 
 from __future__ import annotations
@@ -21,60 +21,59 @@ from cspace.errors import CspaceError, FileError, InputError
 from cspace.grid import MAX_COORDINATE, Grid
 from cspace.threads import cores
 
-WORKSPACE_BYTES: Final = 2
-"""For each cell of a workspace: what meets an obstacle, and what lies in one."""
+WORKSPACE_CELL_BYTES: Final = 2
+"""Memory for each cell of a workspace: its outer and its inner bitmap."""
 
-MESH_BYTES: Final = 8
-"""For each cell, while a mesh is cut into cells: the above, and the labels that separate inside from outside."""
+MESH_CELL_BYTES: Final = 8
+"""Memory for each cell while a mesh is rasterised: both bitmaps, and labels of the components."""
 
 TRANSFORM_BYTES: Final = 2**27
-"""For the transforms of a build with a robot of a hundred cells across or less, whatever the size of the map."""
+"""Memory for the transforms of a build with a robot at most a hundred cells across, whatever the size of the map."""
 
-JOINED_BYTES: Final = 0.1
-"""For each state, to join cells into components: measured, 0.06; more where FREE and other cells alternate."""
+COMPONENT_STATE_BYTES: Final = 0.1
+"""Memory for each state while components are labelled: measured, 0.06; more if FREE and other cells alternate."""
 
 SLICE_BYTES: Final = 2_500
-"""For each slice of a robot that turns: its rotation, and what its rasters take beside their cells. Measured: 1,900 to
-2,500."""
+"""Memory for each slice of a rotating robot beside the cells of its rasters. Measured: 1,900 to 2,500."""
 
 RASTER_CELL_BYTES: Final = {2: 4, 3: 10}
-"""For each cell of a slice's rasters, with the runs made of them, by dimension. Measured: 2 to 4, and 8 to 11."""
+"""Memory for each cell of a slice's rasters and their runs, by dimension. Measured: 2 to 4, and 8 to 11."""
 
-PACKED_FROM: Final = 2**29
-"""States above which a map keeps each in two bits: it is four times smaller. Up to here, in a byte, it is quicker."""
+MAX_UNPACKED_STATES: Final = 2**29
+"""Number of states above which a map stores each in two bits instead of a byte, which is smaller but slower."""
 
-PACKED_SLICES: Final = 8
-"""Slices below which states are never packed: each slice is made in bytes."""
+MIN_PACKED_SLICES: Final = 8
+"""Minimum number of slices for packed states, because each slice is made in bytes."""
 
 SCRATCH_BYTES: Final = 2**22
-"""For the slices that a thread makes before they are packed; all work at one together, where that takes more."""
+"""Memory of a thread for slices that are not packed yet; slices larger than that are made by all threads together."""
 
-KEEP: Final = 0.95
-"""Part of the free memory that may be taken."""
+MAX_MEMORY_FRACTION: Final = 0.95
+"""Maximum fraction of the free memory that work may use."""
 
-FIXED_CELLS: Final = (
+FIXED_CELLS_HINT: Final = (
     "its cells are those of the file, so take a machine with more memory, or cut the file or make its cells coarser "
     "with the tools of its own format"
 )
-"""What helps where a file says how large its cells are."""
+"""Hint for files that declare the size of their cells."""
 
 _MIN_CHECKED_BYTES: Final = 2**18
-"""Smaller files are read without asking for the free memory, because that takes longer."""
+"""Size of files below which the free memory is not queried, because that takes longer than reading."""
 
-_COUNTED: Final = 2**53
-"""Counts of cells up to here are printed to the last one."""
+_MAX_EXACT_COUNT: Final = 2**53
+"""Counts of cells up to here are printed exactly."""
 
-_ROOM: Final = 0.85 * KEEP
-"""Part of the free memory that a spacing is advised for: what is free changes."""
+_ADVISED_FRACTION: Final = 0.85 * MAX_MEMORY_FRACTION
+"""Fraction of the free memory that an advised spacing uses, because the free memory changes."""
 
 
 class Limits(NamedTuple):
-    """Largest size of one file.
+    """Maximum size of one file.
 
     Attributes
     ----------
     max_bytes : int
-        Bytes of a file, or of what it unpacks to.
+        Bytes of a file, or of its unpacked content.
     max_cells : int
         Cells, voxels or pixels of its grid.
     """
@@ -87,37 +86,43 @@ _LIMITS: Final = ContextVar("limits", default=Limits())  # noqa: B039 - it canno
 
 
 def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> int:
-    """Memory that :func:`cspace.build` takes at most beside its workspace, in bytes, unless the robot is very large.
+    """Estimate the peak memory of :func:`cspace.build`, in bytes.
 
-    ``slices`` are the rotation cells whose slices are stored; 1 for a robot that only translates. ``overlap`` says
-    whether overlap counts are stored.
+    The workspace is not included. It may be more if the robot is very large. ``slices`` is the number of stored slices;
+    1 for a robot that only translates. ``overlap`` says whether overlap counts are stored.
     """
-    cells = cells_of(shape) * slices
+    cells = count_cells(shape) * slices
     if is_packed(shape, slices, overlap):
-        return cells // 4 + max(cores() * SCRATCH_BYTES, cells_of(shape)) + TRANSFORM_BYTES
+        return cells // 4 + max(cores() * SCRATCH_BYTES, count_cells(shape)) + TRANSFORM_BYTES
     return cells * (5 if overlap else 1) + TRANSFORM_BYTES
 
 
 def build_seconds(shape: Sequence[int], slices: int = 1) -> float:
-    """Seconds of one core that :func:`cspace.build` takes, very roughly: threefold or a third is usual.
+    """Estimate the time of :func:`cspace.build` on one core, within a factor of about three.
 
-    Parameters as for :func:`map_bytes`. Estimated from measurements on one machine, with robots a few tens of
-    cells across: the robot's rasters of each slice, and each state.
+    Parameters as for :func:`map_bytes`. Fitted to measurements on one machine, with robots a few tens of cells across:
+    the rasters of each slice, and each state.
     """
     rasters, state = (2e-4, 1e-9) if len(shape) == 2 else (1e-3, 4e-9)
-    return slices * (rasters + state * cells_of(shape))
+    return slices * (rasters + state * count_cells(shape))
 
 
 def is_packed(shape: Sequence[int], slices: int, overlap: bool = False) -> bool:
-    """Whether a map keeps its states in two bits each; never one with overlap counts, which take far more."""
-    return not overlap and slices >= PACKED_SLICES and cells_of(shape) * slices > PACKED_FROM
+    """Return True if a map stores its states in two bits each.
+
+    A map with overlap counts never does, because the counts take far more.
+    """
+    return not overlap and slices >= MIN_PACKED_SLICES and count_cells(shape) * slices > MAX_UNPACKED_STATES
 
 
 def free_bytes() -> int:
-    """Memory that this process can still take, in bytes: what the machine has, or what a limit leaves it."""
+    """Return the memory that this process can still use, in bytes.
+
+    That is the free memory of the machine, or the rest of a container's or a process's limit.
+    """
     import psutil
 
-    return int(min(psutil.virtual_memory().available, _left_by_container(), _left_by_limit()))
+    return int(min(psutil.virtual_memory().available, _container_bytes(), _address_bytes()))
 
 
 @contextmanager
@@ -127,16 +132,16 @@ def raised_limits(*, max_bytes: int | None = None, max_cells: int | None = None)
     Parameters
     ----------
     max_bytes, max_cells : int, optional
-        The largest file in bytes, and the most cells of a map; unchanged if left out.
+        Maximum size of a file in bytes, and maximum number of cells of a map; unchanged if left out.
 
     Examples
     --------
     >>> with raised_limits(max_cells=2**33):
     ...     pass  # e.g. workspace = cspace.Workspace.open("city.png", spacing=0.05)
     """
-    now = _LIMITS.get()
-    most = now.max_bytes if max_bytes is None else max_bytes
-    token = _LIMITS.set(Limits(most, now.max_cells if max_cells is None else max_cells))
+    current = _LIMITS.get()
+    max_file_bytes = current.max_bytes if max_bytes is None else max_bytes
+    token = _LIMITS.set(Limits(max_file_bytes, current.max_cells if max_cells is None else max_cells))
     try:
         yield
     finally:
@@ -144,41 +149,45 @@ def raised_limits(*, max_bytes: int | None = None, max_cells: int | None = None)
 
 
 def check_bytes(path: StrPath, size: int, what: str = "holds", memory: float = 1.0) -> None:
-    """Refuse a file that holds, or for example "unpacks to" (``what``), too many bytes.
+    """Refuse a file of too many bytes.
 
-    Raises FileError if it is over ``max_bytes``, or ``memory`` times as much does not fit into memory.
+    ``what`` is a verb for the message, such as "holds" or "unpacks to". Raises FileError if the size exceeds
+    ``max_bytes``, or ``memory`` times the size does not fit into memory.
     """
-    most = _LIMITS.get().max_bytes
-    if size > most or memory * size >= _MIN_CHECKED_BYTES:
-        held = f"{what} {bytes_text(size)}"
-        _check_limit(path, held, size, "max_bytes", bytes_text(most), size)
-        check_file_memory(path, held, memory * size)
+    limit = _LIMITS.get().max_bytes
+    if size > limit or memory * size >= _MIN_CHECKED_BYTES:
+        problem = f"{what} {bytes_text(size)}"
+        _check_limit(path, problem, size, "max_bytes", bytes_text(limit), size)
+        check_file_memory(path, problem, memory * size)
 
 
 def check_cells(path: StrPath, shape: Sequence[int], memory: float = 1.0) -> None:
-    """Refuse a grid, as a file declares it, that is too large.
+    """Refuse a file that declares too large a grid.
 
     Raises FileError if there are more than ``max_cells``, or ``memory`` bytes for each do not fit into memory.
     """
-    count = cells_of(shape)
+    count = count_cells(shape)
     declared = f"declares {' x '.join(f'{n}' if n < 2**53 else f'{n:.4g}' for n in shape)} cells"
-    most = f"{_LIMITS.get().max_cells:.4g}"
-    _check_limit(path, f"{declared}, {count:.4g} in all", count, "max_cells", most, tuple(shape))
+    limit = f"{_LIMITS.get().max_cells:.4g}"
+    _check_limit(path, f"{declared}, {count:.4g} in all", count, "max_cells", limit, tuple(shape))
     check_file_memory(path, declared, memory * count)
 
 
 def check_file_memory(path: StrPath, declared: str, needed: float) -> None:
-    """Refuse a file that takes more memory to read than is free.
+    """Refuse a file that needs more memory than is free.
 
-    ``declared`` says what the file holds, and ``needed`` is in bytes. Raises FileError.
+    ``declared`` describes the content of the file, and ``needed`` is in bytes. Raises FileError.
     """
-    if needed >= _MIN_CHECKED_BYTES and needed > KEEP * (free := free_bytes()):
+    if needed >= _MIN_CHECKED_BYTES and needed > MAX_MEMORY_FRACTION * (free := free_bytes()):
         hint = "take a machine with more memory, or a smaller or coarser file"
         raise out_of_memory(os.fspath(path), declared, needed, free, hint, error=FileError)
 
 
-class Planned(NamedTuple):
-    """A grid that is not made before it is known to fit; lengths in metres, or in ``unit``."""
+class PlannedGrid(NamedTuple):
+    """A grid that is not made before it is known to fit.
+
+    Lengths are in metres, or in ``unit``.
+    """
 
     shape: Sequence[int]
     spacing: float
@@ -190,7 +199,7 @@ class Planned(NamedTuple):
 def check_memory(
     needed: float,
     what: str,
-    grid: Grid | Planned,
+    grid: Grid | PlannedGrid,
     *,
     fixed: float = 0.0,
     hint: str | None = None,
@@ -200,32 +209,54 @@ def check_memory(
     slices: int = 1,
     rasters: float = 0.0,
 ) -> None:
-    """Refuse work that does not fit into memory; the message gives the spacing that would fit, or else ``hint``.
+    """Refuse work that does not fit into memory.
 
-    It needs so many bytes, of which ``fixed`` do not depend on the number of cells of ``grid``. Of these bytes,
-    ``rasters`` are for the robot's rasters and proportional to the number of slices; all others are proportional to the
-    number of cells. ``what`` says who needs them: "the map". ``hint`` helps where another spacing cannot be
-    chosen; ``fewer`` names the rotation cells that take at most a share of the memory, an empty text where none do.
-    ``seconds`` are those of one core. Where more is needed next, of what this is for, the advice is for ``later``.
+    The message gives the spacing that would fit, or else ``hint``.
+
+    Parameters
+    ----------
+    needed : float
+        Bytes in all.
+    what : str
+        Argument of the message: "the map".
+    grid : Grid or PlannedGrid
+    fixed : float
+        Bytes that do not depend on the number of cells of ``grid``.
+    hint : str, optional
+        Hint if another spacing cannot be chosen.
+    fewer : callable, optional
+        Given a fraction, names the rotation cells that use at most this fraction of the memory; empty if there are
+        none.
+    seconds : float
+        Time on one core.
+    later : float
+        Bytes that the next step needs, if more; the advised spacing fits those.
+    slices : int
+    rasters : float
+        Bytes of the robot's rasters, proportional to the number of slices; all others are proportional to the cells.
     """
     free = free_bytes()
-    if needed <= KEEP * free:
+    if needed <= MAX_MEMORY_FRACTION * free:
         return
     if hint is None:
         # A robot's rasters are the same on a smaller map, and not much smaller at a coarser spacing.
-        left, whole = _ROOM * free - fixed, max(needed, later) - fixed
-        bytes_a_cell = max((whole - rasters) / float(np.prod(np.asarray(grid.shape, dtype=float))), 1e-9)
-        coarser = fitting_spacing(np.array([grid.lower, grid.upper]), grid.spacing, (left - rasters) / bytes_a_cell)
-        rotations = fewer(left / (needed - fixed)) if fewer else ""
+        available, total = _ADVISED_FRACTION * free - fixed, max(needed, later) - fixed
+        bytes_a_cell = max((total - rasters) / float(np.prod(np.asarray(grid.shape, dtype=float))), 1e-9)
+        coarser = fitting_spacing(
+            np.array([grid.lower, grid.upper]), grid.spacing, (available - rasters) / bytes_a_cell
+        )
+        rotations = fewer(available / (needed - fixed)) if fewer else ""
         if coarser is not None:
             hint = f"use a spacing of at least {coarser:g} {grid.unit}, or smaller bounds, or check the units (metres)"
         else:
             hint = f"{'' if rotations else 'no spacing helps; '}take a machine with more memory"
         hint = f"use {rotations}, or {hint.removeprefix('use ')}" if rotations else hint
-    cells = " x ".join(f"{n:.4g}" if n > _COUNTED else str(n) for n in grid.shape)
-    turning = f" x {slices:,} slices" if slices > 1 else ""
+    cells = " x ".join(f"{n:.4g}" if n > _MAX_EXACT_COUNT else str(n) for n in grid.shape)
+    slice_text = f" x {slices:,} slices" if slices > 1 else ""
     time = f", and very roughly {time_text(seconds)} of one core" if seconds else ""
-    raise out_of_memory(what, f"has {cells} cells of {grid.spacing:g} {grid.unit}{turning}", needed, free, hint, time)
+    raise out_of_memory(
+        what, f"has {cells} cells of {grid.spacing:g} {grid.unit}{slice_text}", needed, free, hint, time
+    )
 
 
 def out_of_memory(
@@ -238,21 +269,21 @@ def out_of_memory(
     *,
     error: type[CspaceError] = InputError,
 ) -> CspaceError:
-    """Return the error for work that needs more bytes than may be taken of those that are free."""
+    """Return the error for work that needs more memory than it may use."""
     return error(
         argument,
         f"{problem} and needs about {bytes_text(needed)} of memory{time}",
-        f"at most {bytes_text(KEEP * free)} may be taken, which is {KEEP:.0%} of what is free",
+        f"at most {bytes_text(MAX_MEMORY_FRACTION * free)} may be used, {MAX_MEMORY_FRACTION:.0%} of the free memory",
         hint,
         value=needed,
     )
 
 
 def fitting_spacing(corners: Floats, spacing: float, max_cells: float) -> float | None:
-    """Estimate the spacing, to two digits, at which a box has at most ``max_cells`` cells.
+    """Estimate the spacing at which a box has at most ``max_cells`` cells.
 
-    The corners of the box have the shape (2, d), metres. The result is at least ``spacing``, and keeps the grid to
-    :data:`cspace.grid.MAX_COORDINATE`. None if not even one cell fits.
+    The corners of the box have the shape (2, d), metres. The result has two digits, is at least ``spacing``, and keeps
+    the grid to :data:`cspace.grid.MAX_COORDINATE`. None if not even one cell fits.
     """
     if max_cells < 1.0:
         return None
@@ -264,13 +295,13 @@ def fitting_spacing(corners: Floats, spacing: float, max_cells: float) -> float 
         if side <= sides[count - 1]:
             fitting = max(fitting, side)
             break
-    # Rounded up: in decimal digits, as it is going to be printed.
+    # Round up to two decimal digits, because the result is printed.
     unit = 10.0 ** (math.floor(math.log10(fitting)) - 1)
     return float(f"{math.ceil(fitting / unit) * unit:.2g}")
 
 
 def bytes_text(size: float) -> str:
-    """A number of bytes for people."""
+    """Format a number of bytes for people."""
     for unit in ("bytes", "kB", "MB", "GB", "TB"):
         if size < 999.5 or unit == "TB":
             return f"{size:.3g} {unit}"
@@ -279,34 +310,37 @@ def bytes_text(size: float) -> str:
 
 
 def time_text(seconds: float) -> str:
-    """A time for people, to one digit, as it is a rough one."""
+    """Format a rough time for people, to one digit."""
     for unit, size in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
         if seconds >= 2.0 * size:
             return f"{float(f'{seconds / size:.1g}'):,.0f} {unit}"
     return f"{float(f'{seconds:.1g}'):g} s"
 
 
-def cells_of(shape: Sequence[int]) -> int:
-    """Number of cells, as a whole number of any size."""
+def count_cells(shape: Sequence[int]) -> int:
+    """Return the number of cells, as an integer of any size."""
     return math.prod(map(int, shape))
 
 
-def _left_by_container() -> float:
-    """What a container's limit leaves the process, which psutil does not look at; files in the cache count as free."""
+def _container_bytes() -> float:
+    """Return the memory left by a container's limit, which psutil ignores.
+
+    Cached files count as free.
+    """
     folder = Path("/sys/fs/cgroup")
     try:
         group = Path("/proc/self/cgroup").read_text(encoding="ascii").strip().rpartition(":")[2]
         folder = next(f for f in (folder / group.lstrip("/"), folder) if (f / "memory.max").exists())
         limit, used = (int((folder / name).read_text(encoding="ascii")) for name in ("memory.max", "memory.current"))
         lines = (folder / "memory.stat").read_text(encoding="ascii").splitlines()
-    except (OSError, StopIteration, ValueError):  # no such limit, which then reads "max"
+    except (OSError, StopIteration, ValueError):  # no limit: memory.max is missing or reads "max"
         return math.inf
     cached = next((int(line.split()[1]) for line in lines if line.startswith("inactive_file ")), 0)
     return max(0, limit - used + cached)
 
 
-def _left_by_limit() -> float:
-    """What the limit of a process's addresses (``ulimit -v``) leaves it, where the system has such limits."""
+def _address_bytes() -> float:
+    """Return the memory left by the limit of the address space (``ulimit -v``)."""
     import psutil
 
     try:
@@ -317,7 +351,8 @@ def _left_by_limit() -> float:
     return math.inf if limit == resource.RLIM_INFINITY else max(0, limit - psutil.Process().memory_info().vms)
 
 
-def _check_limit(path: StrPath, problem: str, number: int, limit: str, most: str, value: object) -> None:
-    if number > getattr(_LIMITS.get(), limit):
-        hint = f"raise it with cspace.limits.raised_limits({limit}={number}), if the file is meant to be so large"
-        raise FileError(os.fspath(path), problem, f"at most {most} are read", hint, value=value)
+def _check_limit(path: StrPath, problem: str, size: int, limit: str, limit_text: str, value: object) -> None:
+    """Raise FileError if a value exceeds a limit of files."""
+    if size > getattr(_LIMITS.get(), limit):
+        hint = f"raise it with cspace.limits.raised_limits({limit}={size}), if the file is meant to be so large"
+        raise FileError(os.fspath(path), problem, f"at most {limit_text} are read", hint, value=value)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Surface
-from cspace.check import not_negative, positive
+from cspace.check import check_not_negative, check_positive
 from cspace.errors import FileError, InputError
 from cspace.grid import check_reach
 from cspace.raster import Raster
@@ -529,8 +529,8 @@ class Robot(NotebookPicture):
             If the spacing is not above zero, the margin is negative, or the robot is absurdly large or far from its
             reference point at that spacing.
         """
-        side = positive(spacing, "spacing")
-        grown = not_negative(margin, "margin", GROWN)
+        side = check_positive(spacing, "spacing")
+        grown = check_not_negative(margin, "margin", GROWN)
         # A corner of the box round the origin is farther away than its sides, and may be turned onto an axis.
         far = (self.span * (1.0 if rotation.matrix is None else math.sqrt(self.dim)) + grown) / side
         hint = "use a larger spacing, or check the robot's units (metres) and origin"

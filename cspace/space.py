@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import FREE, MIXED, STATE_NAMES, Bools, Floats, Ints, States, Words
-from cspace.check import check_rng, finite, positive, whole
+from cspace.check import check_count, check_finite, check_positive, check_rng
 from cspace.compiling import clock
 from cspace.configuration_map import ConfigurationMap
 from cspace.engines.slices import slice_rasters
 from cspace.errors import ConfigurationError, InputError
-from cspace.limits import JOINED_BYTES, check_memory
+from cspace.limits import COMPONENT_STATE_BYTES, check_memory
 from cspace.map.backend import MemoryBackend
 from cspace.map.batches import (
     Configuration,
@@ -300,7 +300,7 @@ class CSpace(ConfigurationMap, MapExport):
         points = as_points(q, "q", self.size)
         rows, spans = as_contiguous(points.reshape(-1, self.size)), list[Floats]()
         for name, given in (("lengths", lengths), ("turns", turns)):
-            along = finite(given, name)
+            along = check_finite(given, name)
             if along.shape not in ((), points.shape[:-1]) or (along < 0.0).any():
                 rule, hint = "it must be zero or above", "pass one number, or one for each configuration"
                 raise InputError(name, f"is {given!r}", rule, hint, value=given)
@@ -433,7 +433,7 @@ class CSpace(ConfigurationMap, MapExport):
         time_limit: float | None,
     ) -> Floats:
         """The path that a search finds within seconds; of length 0 where it takes longer."""
-        seconds = math.inf if time_limit is None else positive(time_limit, "time_limit", "seconds")
+        seconds = math.inf if time_limit is None else check_positive(time_limit, "time_limit", "seconds")
         try:
             path = search(q0, q1, straight, seconds)
         except TimeoutError:
@@ -583,7 +583,7 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.map.sampling import sample
 
-        count = 1 if n is None else whole(n, "n")
+        count = 1 if n is None else check_count(n, "n")
         generator = check_rng(rng)
         free = self._free_cells
         if not free.counts.any():
@@ -949,7 +949,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     @lazy
     def _components(self) -> Components:
-        needed, fewer = JOINED_BYTES * self._seen.size, self.rotations.fewer
+        needed, fewer = COMPONENT_STATE_BYTES * self._seen.size, self.rotations.fewer
         check_memory(needed, "the map, to join its cells,", self.grid, fewer=fewer)
         return self._components_of(self._seen, ~self._exterior.is_all_blocked(self.grid.shape))
 

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats, StrPath, frozen
-from cspace.check import check_bounds, check_cells, check_word, finite, positive
+from cspace.check import check_bounds, check_cells, check_finite, check_positive, check_word
 from cspace.errors import FileError, InputError, warn_user
 from cspace.files.access import UNKNOWNS
 from cspace.grid import SLACK, Grid
-from cspace.limits import MESH_BYTES, WORKSPACE_BYTES, Planned, check_memory
+from cspace.limits import MESH_CELL_BYTES, WORKSPACE_CELL_BYTES, PlannedGrid, check_memory
 from cspace.shapes import Balls, Mesh, Polygons, Shape, ShapeLike, Voxels, as_shape
 from cspace.shown import WorkspacePlot
 
@@ -176,7 +176,7 @@ class Workspace(WorkspacePlot):
         from cspace.limits import check_cells as check_file_cells
         from cspace.obstacles import Lazy, check_no_chunk_missing, is_away
 
-        positive(spacing, "spacing", "metres, after the array of cells")
+        check_positive(spacing, "spacing", "metres, after the array of cells")
         source, array = "array", occupied
         if isinstance(array, str | os.PathLike):
             source = str(array)
@@ -185,13 +185,13 @@ class Workspace(WorkspacePlot):
             else:
                 array = read_cells(source)
                 if not lazy:
-                    check_file_cells(source, array.shape, memory=WORKSPACE_BYTES)
+                    check_file_cells(source, array.shape, memory=WORKSPACE_CELL_BYTES)
                     array = np.asarray(array)
         check_no_chunk_missing(array)
         away = inner is None and is_away(array)
         cells = Lazy(array) if away else check_cells(array, "occupied")
         dim = len(cells.shape)
-        corner = finite(np.zeros(dim) if lower is None else lower, "lower")
+        corner = check_finite(np.zeros(dim) if lower is None else lower, "lower")
         if corner.shape != (dim,):
             rule = f"it must have {dim} coordinates, as occupied has axes"
             raise InputError("lower", f"is {lower!r}", rule, f"pass e.g. {(0.0,) * dim}", value=lower)
@@ -337,7 +337,7 @@ class Workspace(WorkspacePlot):
         source: str,
         kind: str = "",
         points: Floats | None = None,
-        cost: int = WORKSPACE_BYTES,
+        cost: int = WORKSPACE_CELL_BYTES,
         lazy: bool = False,
     ) -> Workspace:
         """Rasterize a shape on a grid over a box, shape (2, dim), or over its own bounds.
@@ -388,7 +388,7 @@ class Workspace(WorkspacePlot):
         >>> cspace.Workspace.from_shapes(shapes, 0.1, bounds=(0, 0, 4, 3))
         Workspace(3 shapes: 40 x 30 cells of 0.1 m, 42.5 % occupied)
         """
-        positive(spacing, "spacing")
+        check_positive(spacing, "spacing")
         if isinstance(shapes, Mapping | str) or not isinstance(shapes, Iterable):
             problem, hint = (
                 f"is a {type(shapes).__name__}",
@@ -415,7 +415,7 @@ class Workspace(WorkspacePlot):
 
         bounds = np.array([shape.outer.bounds for shape in shapes])
         corners = np.stack([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
-        grid = covering_grid(corners if box is None else box, spacing, MESH_BYTES)
+        grid = covering_grid(corners if box is None else box, spacing, MESH_CELL_BYTES)
         warn_of_units(corners, spacing, kind, box is not None)
         outer, inner = np.zeros((2, *grid.shape), dtype=np.bool_)
         for shape in shapes:
@@ -476,7 +476,7 @@ class Workspace(WorkspacePlot):
         """
         from cspace.files.vector import POLYGON_SUFFIXES, read_shapes
 
-        positive(spacing, "spacing")
+        check_positive(spacing, "spacing")
         box = None if bounds is None else check_bounds(bounds)
         shape = Polygons(read_shapes(polygons))
         count = len(shape.geometries)
@@ -520,14 +520,14 @@ class Workspace(WorkspacePlot):
         FileError
             If the file is missing or malformed.
         """
-        positive(spacing, "spacing")
+        check_positive(spacing, "spacing")
         box = None if bounds is None else check_bounds(bounds, 3)
         shape = Mesh.of(mesh, solid)
         source = str(mesh) if isinstance(mesh, str | os.PathLike) else shape.source
         if lazy and shape.solid == "fill":
             problem, rule = "is True with solid='fill'", "filling needs all cells at once"
             raise InputError("lazy", problem, rule, "close the mesh and pass solid='auto'", value=lazy)
-        made = cls._of(shape, spacing, box, source, "mesh", cost=MESH_BYTES, lazy=lazy)
+        made = cls._of(shape, spacing, box, source, "mesh", cost=MESH_CELL_BYTES, lazy=lazy)
         return replace(made, shapes=None) if shape.solid == "fill" else made
 
     @classmethod
@@ -558,7 +558,7 @@ class Workspace(WorkspacePlot):
             If shapes of arrays disagree, a value is invalid, or the map does not fit into memory.
         """
         balls = Balls.of(centers, radii)
-        positive(spacing, "spacing")
+        check_positive(spacing, "spacing")
         box = None if bounds is None else check_bounds(bounds, balls.dim)
         return cls._of(balls, spacing, box, f"{len(balls.radii)} balls")
 
@@ -588,7 +588,7 @@ class Workspace(WorkspacePlot):
         """
         from cspace.files.points import read_points
 
-        positive(spacing, "spacing")
+        check_positive(spacing, "spacing")
         named = isinstance(points, str | os.PathLike)
         if named and bounds is not None:
             check_bounds(bounds, 3)
@@ -702,7 +702,7 @@ class Workspace(WorkspacePlot):
         """
         from cspace.shapes.scenes import read_moveit_scene
 
-        positive(spacing, "spacing")
+        check_positive(spacing, "spacing")
         box = None if bounds is None else check_bounds(bounds, 3)
         ball = None if box is None else (box.mean(axis=0), float(np.linalg.norm(np.ptp(box, axis=0))))
         shapes = [part.moved() for part in read_moveit_scene(path, ball, package_dirs)]
@@ -788,7 +788,7 @@ class LazyWorkspace(Workspace):
         whole: list[tuple[Bools, Bools]] = self._whole  # type: ignore[attr-defined]
         if not whole:
             grid = self.grid
-            check_memory(WORKSPACE_BYTES * grid.size, "the workspace", grid, hint=_IN_TILES)
+            check_memory(WORKSPACE_CELL_BYTES * grid.size, "the workspace", grid, hint=_IN_TILES)
             outer, inner = map(frozen, self.cells.read(tuple(slice(0, n) for n in grid.shape)))
             whole.append((outer, outer if np.array_equal(outer, inner) else inner))
         return whole[0]
@@ -859,7 +859,7 @@ def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
     shape = covering_shape(corners, spacing)
     cells = float(np.prod(shape, dtype=float))
     # The suggested spacing leaves room for the map as well as the workspace.
-    later, planned = (WORKSPACE_BYTES + 1) * cells, Planned(shape, spacing, *corners)
+    later, planned = (WORKSPACE_CELL_BYTES + 1) * cells, PlannedGrid(shape, spacing, *corners)
     check_memory(bytes_a_cell * cells, "the map", planned, later=later)
     return Grid(corners[0], spacing, shape)
 

@@ -24,7 +24,7 @@ from ompl import base as ob
 
 from cspace.arms.space import ArmSpace, collision_error
 from cspace.arrays import BLOCKED, FREE, STATE_NAMES, Bools, Floats, Ints
-from cspace.check import check_flag, check_word, finite, positive
+from cspace.check import check_finite, check_flag, check_positive, check_word
 from cspace.configuration_map import ConfigurationMap
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
@@ -255,7 +255,7 @@ class LocalPlanner(ABC):
 
     def _point(self, q: ArrayLike, name: str) -> Floats:
         """One configuration, its length checked."""
-        point = finite(q, name)
+        point = check_finite(q, name)
         if point.shape != (self.space.size,):
             rule = f"it must be one configuration of {self.space.size} numbers"
             hint = f"pass ({', '.join(self.space.axes)}), in metres and radians"
@@ -821,7 +821,7 @@ def check_drive(axes: tuple[str, ...], drive: str, turning_radius: float | None,
     if turning_radius is None:
         rule, hint = f"drive={drive!r} needs the radius of its tightest turn", "pass it in metres, e.g. 0.5"
         raise InputError("turning_radius", "is missing", rule, hint)
-    radius = positive(turning_radius, "turning_radius")
+    radius = check_positive(turning_radius, "turning_radius")
     if exact:
         hint = "leave exact out, or build the map with a finer spacing or more rotations"
         raise InputError(

@@ -10,7 +10,7 @@ from typing import Final
 from ompl import base as ob
 
 from cspace.arrays import FREE
-from cspace.check import not_negative, positive
+from cspace.check import check_not_negative, check_positive
 from cspace.errors import InputError
 from cspace.map.periodic import with_wrapped_angles
 from cspace.space import CSpace
@@ -72,7 +72,7 @@ class WeightedLength(ob.OptimizationObjective):
     ) -> None:
         check_information(si, space)
         super().__init__(si)
-        weight = not_negative(weight, "weight", "pass 10.0")
+        weight = check_not_negative(weight, "weight", "pass 10.0")
         edges = edges_on_map(space, drive, turning_radius)
         self._field, self._law = field, CostDensity(offset, slope, weight, edges.turn_weight)
         self._kind, self._space, dim, size = kind_of(space), space, space.grid.dim, space.size
@@ -146,7 +146,7 @@ class ClearanceObjective(WeightedLength):
         scale = 1.0 / (
             COMFORT * grid.spacing * max(grid.shape)
             if clearance_threshold is None
-            else positive(clearance_threshold, "clearance_threshold")
+            else check_positive(clearance_threshold, "clearance_threshold")
         )
         super().__init__(
             si,
@@ -200,7 +200,7 @@ class OverlapObjective(WeightedLength):
         if saturation is None:
             saturation = _largest_free(space, known)
         else:
-            saturation = positive(saturation, "saturation", "metres to the power of d")
+            saturation = check_positive(saturation, "saturation", "metres to the power of d")
         super().__init__(
             si,
             space,

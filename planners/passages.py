@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from cspace.arrays import FREE, Bools, Floats, Ints
 from cspace.compiling import clock
 from cspace.configuration_space import ConfigurationSpace
-from cspace.limits import KEEP, free_bytes
+from cspace.limits import MAX_MEMORY_FRACTION, free_bytes
 from cspace.map.search import open_chain
 from cspace.space import CSpace
 from planners.catalogue import GRID
@@ -104,7 +104,7 @@ class Passages:
         cells = (space.rotations.count, *space.grid.shape)
         needed = math.prod(cells) / RATE
         # Two bytes a cell: what is closed, and how each was reached.
-        worth = needed <= 0.5 * self.time_limit and 2 * math.prod(cells) <= KEEP * free_bytes()
+        worth = needed <= 0.5 * self.time_limit and 2 * math.prod(cells) <= MAX_MEMORY_FRACTION * free_bytes()
         if self.edges.edge_checker()(*start, *goal) or not worth:
             return self.search.run(self.edges, start, goal, self.time_limit)
         space.is_free(np.array([start]), exact=True)  # what exact answers need is made here, and not within the limit

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.check import check_flag, positive, whole
+from cspace.check import check_count, check_flag, check_positive
 from cspace.compiling import clock
 from cspace.configuration_space import ConfigurationSpace, Leg
 from cspace.errors import InputError
@@ -253,12 +253,12 @@ def plan(
             objective=_objective(part, objective, name, drive, turning_radius),
             iterations=_iterations(iterations, name),
             simplify=simplify,
-            seed=None if seed is None else whole(seed, "seed", 0, MAX_SEED),
+            seed=None if seed is None else check_count(seed, "seed", 0, MAX_SEED),
             falls_back=planner is None and objective == "length",
         )
 
     search = search_on(edges.space)
-    limit = positive(time_limit, "time_limit", "seconds")
+    limit = check_positive(time_limit, "time_limit", "seconds")
     endpoints = edges.endpoint(start, "start"), edges.endpoint(goal, "goal")
     if name in OWN:
         if name not in edges.own:
@@ -437,7 +437,7 @@ def _check_own(planner: str, **options: object) -> None:
 def _iterations(value: int | None, planner: str) -> int | None:
     if value is None:
         return None
-    count = whole(value, "iterations", 1, 2**62)
+    count = check_count(value, "iterations", 1, 2**62)
     if planner in SECOND_THREAD:
         problem = f"is {count} and planner is {planner!r}"
         rule = f"{planner} asks whether to go on from a second thread, which cannot call Python"

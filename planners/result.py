@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.arms.space import ArmSpace
 from cspace.arrays import Bools, Floats
-from cspace.check import finite, positive
+from cspace.check import check_finite, check_positive
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
 from cspace.files.access import replacing
@@ -471,7 +471,9 @@ class Plan:
         if duration is not None:
             lengths = np.linalg.norm(steps, axis=1)
             times = (
-                positive(duration, "duration", "seconds") * lengths / max(float(lengths.sum()), np.finfo(float).tiny)
+                check_positive(duration, "duration", "seconds")
+                * lengths
+                / max(float(lengths.sum()), np.finfo(float).tiny)
             )
         else:
             times = (steps / self._speeds(velocities)).max(axis=1)
@@ -484,7 +486,7 @@ class Plan:
             if missing := [joint for joint in self.axes if joint not in velocities]:
                 raise InputError("velocities", f"lacks {', '.join(missing)}", rule, "add them", value=velocities)
             velocities = [velocities[joint] for joint in self.axes]
-        speeds = finite(cast("ArrayLike", velocities), "velocities")
+        speeds = check_finite(cast("ArrayLike", velocities), "velocities")
         if speeds.shape not in ((), (len(self.axes),)) or not (speeds > 0.0).all():
             raise InputError("velocities", f"is {velocities!r}", rule, "pass rad/s, e.g. 1.0", value=velocities)
         return np.broadcast_to(speeds, len(self.axes))

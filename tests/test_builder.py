@@ -373,7 +373,7 @@ def test_a_map_that_does_not_fit_is_refused_before_any_work(monkeypatch):
     workspace = Workspace.from_array(np.zeros((30, 20, 10), bool), 0.1)
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**8)
     with pytest.raises(
-        InputError, match=r"30 x 20 x 10 cells .* about 134 MB .* at most 95 MB may be taken.*no spacing helps"
+        InputError, match=r"30 x 20 x 10 cells .* about 134 MB .* at most 95 MB may be used.*no spacing helps"
     ):
         cspace.build(workspace, Robot.ball(0.1))
     with pytest.raises(InputError, match=r"1001 x 1001 x 1001 .* 8.02 GB .* spacing of at least 0.4"):

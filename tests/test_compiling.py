@@ -19,7 +19,7 @@ import pytest
 import cspace
 import planners
 from cspace import compiling
-from cspace.compiling import clock, digest, is_own, jit
+from cspace.compiling import clock, digest_sources, is_private, jit
 
 CODE = """
 import logging
@@ -193,7 +193,7 @@ def test_a_digest_covers_every_module_that_a_module_imports(tmp_path: Path, monk
 
     def digests() -> list[str]:
         compiling._source.cache_clear()
-        return [digest([f"cspace.probe_{name}"]) for name in "abc"]
+        return [digest_sources([f"cspace.probe_{name}"]) for name in "abc"]
 
     texts = {"a": "from cspace.probe_b import x", "b": "from cspace import (\n    probe_c,\n)", "c": "y = 1"}
     for name, text in texts.items():
@@ -261,11 +261,11 @@ def test_what_others_may_write_is_never_read(tmp_path: Path, run: Callable[..., 
 def test_a_folder_of_another_user_is_not_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     inner = tmp_path / "inner"
     inner.mkdir()
-    assert is_own(inner)
+    assert is_private(inner)
     monkeypatch.setattr(os, "geteuid", lambda: 12345)
-    is_own.cache_clear()
-    assert not is_own(inner)
-    is_own.cache_clear()
+    is_private.cache_clear()
+    assert not is_private(inner)
+    is_private.cache_clear()
 
 
 def test_damaged_files_and_those_of_another_function_are_compiled_again(

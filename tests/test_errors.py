@@ -6,7 +6,7 @@ import pytest
 import cspace
 import planners
 from cspace import InputError, Robot, Workspace
-from cspace.errors import LONGEST
+from cspace.errors import MAX_PROBLEM_CHARACTERS
 from refusals import refusals
 
 CELLS = np.zeros((40, 30), dtype=bool)
@@ -49,7 +49,7 @@ def test_exchanged_arguments_are_named_in_a_line(space, call, beginning):
     message = str(caught.value)
     assert message.startswith(beginning)
     assert "\n" not in message
-    assert len(message) < LONGEST + 200
+    assert len(message) < MAX_PROBLEM_CHARACTERS + 200
 
 
 LARGE = 10**400

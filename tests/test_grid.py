@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import Grid, InputError
-from cspace.check import check_word, whole
+from cspace.check import check_count, check_word
 from refusals import refusals
 
 
@@ -76,8 +76,8 @@ def test_cell_of_refuses(points):
 @pytest.mark.parametrize("value", [True, 1.5, "3", None, -1, 11])
 def test_what_is_no_whole_number_in_a_span_is_refused(value):
     with pytest.raises(InputError, match=r"n is .*whole number from 0 to 10"):
-        whole(value, "n", 0, 10)
-    assert whole(np.int64(3), "n", 0, 10) == 3
+        check_count(value, "n", 0, 10)
+    assert check_count(np.int64(3), "n", 0, 10) == 3
 
 
 @pytest.mark.parametrize("value", ["maybe", True, ["free"], None, 2.0, 4])

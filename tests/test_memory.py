@@ -13,7 +13,7 @@ from cspace.engines.slices import raster_bytes, slice_rasters
 from cspace.limits import (
     RASTER_CELL_BYTES,
     SLICE_BYTES,
-    WORKSPACE_BYTES,
+    WORKSPACE_CELL_BYTES,
     build_seconds,
     bytes_text,
     check_memory,
@@ -41,7 +41,7 @@ def test_a_limit_of_the_process_counts():
 def test_what_does_not_fit_is_refused_with_figures_and_a_spacing_that_would(monkeypatch):
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**9)
     check_memory(0.95e9, "the map", cspace.Grid((0.0,) * 3, 0.1, (1000,) * 3))
-    with pytest.raises(cspace.InputError, match=r"at most 950 MB may be taken, which is 95% .* at least 0.11 m"):
+    with pytest.raises(cspace.InputError, match=r"at most 950 MB may be used, 95% .* at least 0.11 m"):
         check_memory(1e9, "the map", cspace.Grid((0.0,) * 3, 0.1, (1000,) * 3))
     with pytest.raises(cspace.InputError, match="no spacing helps"):
         check_memory(1.1e9, "the map", cspace.Grid((0.0, 0.0), 0.1, (10, 10)), fixed=1e9)
@@ -53,7 +53,9 @@ def test_the_spacing_that_a_workspace_is_advised_fits_its_map(monkeypatch):
         cspace.Workspace.from_points([(0.0, 0.0), (40.0, 40.0)], 0.001)
     spacing = float(error.value.hint.split("at least ")[1].split()[0])
     shape = [math.ceil(40.0 / spacing)] * 2
-    check_memory(WORKSPACE_BYTES * math.prod(shape) + map_bytes(shape), "the map", cspace.Grid((0, 0), spacing, shape))
+    check_memory(
+        WORKSPACE_CELL_BYTES * math.prod(shape) + map_bytes(shape), "the map", cspace.Grid((0, 0), spacing, shape)
+    )
 
 
 @pytest.mark.parametrize("store", [False, True], ids=["in memory", "in tiles"])

@@ -71,7 +71,7 @@ def test_maps_return_yaws_from_minus_pi_to_below_pi(rotations: Any, kind: str, s
     with TemporaryDirectory() as folder:
         space.save(Path(folder) / "saved.zarr")
         tiled = cspace.build(workspace, robot, rotations=rotations, store=Path(folder) / "tiled.zarr", tile=8)
-        with mock.patch.multiple(limits, PACKED_FROM=0, PACKED_SLICES=0):
+        with mock.patch.multiple(limits, MAX_UNPACKED_STATES=0, MIN_PACKED_SLICES=0):
             packed = cspace.build(workspace, robot, rotations=rotations)
         assert isinstance(packed._seen, PackedStates)
         opened = cspace.open(Path(folder) / "saved.zarr")

@@ -27,13 +27,13 @@ from cspace.arms.chain import FIXED, REVOLUTE
 from cspace.arms.proofs import Scene, Solids, are_free, make_scene_scratch
 from cspace.arms.space import ArmSpace
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints
-from cspace.check import finite, positive
+from cspace.check import check_finite, check_positive
 from cspace.engines.slices import Progress
 from cspace.errors import ConfigurationError, InputError
 from cspace.exact.boundaries import Problem, Proofs
 from cspace.exact.proofs import BoundaryProofs
 from cspace.grid import Grid
-from cspace.limits import Planned, check_memory
+from cspace.limits import PlannedGrid, check_memory
 from cspace.map.contents import Contents
 from cspace.robot import Robot
 from cspace.rotations import Rotations
@@ -113,7 +113,7 @@ def build_joint_map(
     ----------
     T. Lozano-Perez, "Spatial planning: a configuration space approach", 1983.
     """
-    side, arm = positive(spacing, "spacing", "radians"), space.arm
+    side, arm = check_positive(spacing, "spacing", "radians"), space.arm
     names = arm.joints if joints is None else tuple(joints)
     for name in names:
         if name not in arm.joints:
@@ -141,7 +141,7 @@ def build_joint_map(
     check_memory(
         _BYTES_PER_JOINT_CELL * math.prod(shape),
         "the map",
-        Planned(shape, side, intervals[:, 0], intervals[:, 1], units[0]),
+        PlannedGrid(shape, side, intervals[:, 0], intervals[:, 1], units[0]),
     )
     grid = Grid(intervals[:, 0], side, shape, axes=names, units=units)
     moving = _moving_pairs(space, joint_indices)
@@ -224,7 +224,7 @@ def _joint_range(space: ArmSpace, name: str, limits: Mapping[str, tuple[float, f
                 "joints", f"name {name!r}, which stays at {full_range[0]:g}", "a map is of what moves", hint, value=name
             )
         return full_range
-    given = finite(limits[name], f"limits[{name!r}]")
+    given = check_finite(limits[name], f"limits[{name!r}]")
     if given.shape != (2,) or not full_range[0] <= given[0] < given[1] <= full_range[1]:
         rule = f"they must be two ascending numbers within {full_range[0]:.12g} and {full_range[1]:.12g}"
         raise InputError(f"limits[{name!r}]", f"are {limits[name]}", rule, "correct them", value=limits[name])

@@ -18,7 +18,7 @@ from cspace.arms.chain import FIXED, MAX_BODIES, PRISMATIC, REVOLUTE, Chain, bod
 from cspace.arms.proofs import Scene, are_free
 from cspace.arms.solids import Solid, check_rigid, make_scene, share_posed_shape
 from cspace.arrays import Bools, Floats, frozen
-from cspace.check import finite
+from cspace.check import check_finite
 from cspace.errors import ConfigurationError, InputError
 from cspace.shapes import ShapeLike, as_shape
 
@@ -313,7 +313,7 @@ class Arm:
         InputError
             If the last axis is not dof long, or a value is not finite.
         """
-        array = finite(q, name)
+        array = check_finite(q, name)
         if array.ndim == 0 or array.shape[-1] != self.dof:
             rule = f"the last axis must hold one number for each of {', '.join(self.joints)}"
             raise InputError(name, f"has shape {array.shape}", rule, f"pass {self.dof} numbers", value=q)
@@ -333,7 +333,7 @@ def _read_joint(joint: Any, file: str) -> Joint:
         raise InputError(where, f"is {joint.type}", rule, "replace it by joints of these types", value=joint.type)
     kind = _JOINT_KINDS[joint.type]
     frame = np.eye(4) if joint.origin is None else check_rigid(joint.origin, f"{where}: origin")
-    axis = finite([1.0, 0.0, 0.0] if joint.axis is None else joint.axis, f"{where}: axis")
+    axis = check_finite([1.0, 0.0, 0.0] if joint.axis is None else joint.axis, f"{where}: axis")
     length = float(np.linalg.norm(axis))
     if kind != FIXED and not length > 0.0:
         rule = "a joint turns about it or slides along it"
@@ -343,7 +343,7 @@ def _read_joint(joint: Any, file: str) -> Joint:
         limits = (getattr(joint.limit, "lower", None), getattr(joint.limit, "upper", None))
         if None in limits:
             raise InputError(where, "has no limits", "revolute and prismatic joints have", "add <limit lower= upper=>")
-        lower, upper = (float(finite(float(limit), f"{where}: limit")) for limit in limits if limit is not None)
+        lower, upper = (float(check_finite(float(limit), f"{where}: limit")) for limit in limits if limit is not None)
         if lower > upper:
             problem, rule = f"are {lower:.12g} and {upper:.12g}", "the lower one must not be above the upper one"
             raise InputError(f"{where}: limits", problem, rule, "exchange them", value=(lower, upper))
@@ -351,8 +351,8 @@ def _read_joint(joint: Any, file: str) -> Joint:
     leader, factor, offset = joint.name, 1.0, 0.0
     if mimic is not None and kind != FIXED:
         leader = mimic.joint
-        factor = 1.0 if mimic.multiplier is None else float(finite(mimic.multiplier, f"{where}: multiplier"))
-        offset = 0.0 if mimic.offset is None else float(finite(mimic.offset, f"{where}: offset"))
+        factor = 1.0 if mimic.multiplier is None else float(check_finite(mimic.multiplier, f"{where}: multiplier"))
+        offset = 0.0 if mimic.offset is None else float(check_finite(mimic.offset, f"{where}: offset"))
     unit = axis / length if length > 0.0 else axis
     return Joint(joint.name, kind, joint.parent, joint.child, frame, unit, lower, upper, leader, factor, offset)
 

@@ -17,7 +17,7 @@ from cspace.arms.chain import Chain
 from cspace.arms.hulls import Hulls, build_forest, build_hulls
 from cspace.arms.proofs import Scene, Solids
 from cspace.arrays import Floats, Ints, StrPath
-from cspace.check import finite, positive
+from cspace.check import check_finite, check_positive
 from cspace.errors import InputError
 from cspace.exact import DISTANCE_ROUNDING
 from cspace.exact.boundaries import as_triangles, part_anchors
@@ -299,7 +299,7 @@ def check_rigid(pose: ArrayLike, name: str) -> Floats:
     InputError
         If it is no rigid motion.
     """
-    matrix = finite(pose, name)
+    matrix = check_finite(pose, name)
     good = matrix.shape == (4, 4) and bool((matrix[3] == (0.0, 0.0, 0.0, 1.0)).all())
     if good:
         turn = matrix[:3, :3]
@@ -343,7 +343,7 @@ def read_moveit_scene(
     """
     from cspace.shapes.scenes import read_moveit_scene
 
-    ball = None if plane_radius is None else (np.zeros(3), positive(plane_radius, "plane_radius"))
+    ball = None if plane_radius is None else (np.zeros(3), check_positive(plane_radius, "plane_radius"))
     return {part.name: PosedShape(part.shape, part.pose) for part in read_moveit_scene(path, ball, package_dirs)}
 
 

@@ -27,7 +27,7 @@ from cspace.arms.solids import (
     place_obstacle,
 )
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
-from cspace.check import check_pairs, check_rng, not_negative, positive, whole
+from cspace.check import check_count, check_not_negative, check_pairs, check_positive, check_rng
 from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import ConfigurationError, InputError
 from cspace.map.batches import Query, as_contiguous
@@ -326,7 +326,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         InputError
             If ``n`` is negative or ``rng`` is neither None nor a Generator.
         """
-        count = 1 if n is None else whole(n, "n")
+        count = 1 if n is None else check_count(n, "n")
         generator, ranges = check_rng(rng), self.arm.ranges()
         batches, tried = [np.empty((0, self.arm.dof))], 0
         while (count_drawn := sum(map(len, batches))) < count:
@@ -394,7 +394,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             if q.ndim not in dims or not len(q):
                 rule = f"it must be one configuration of {self.size} numbers" + " or rows of them" * (name == "q1")
                 raise InputError(name, f"has shape {q.shape}", rule, f"pass ({', '.join(self.axes)})", value=q)
-        seconds = positive(time_limit, "time_limit", "seconds")
+        seconds = check_positive(time_limit, "time_limit", "seconds")
         start, goals = self.arm.clamp(start), self.arm.clamp(goals)
         images = self._images(start, goals)
         endpoints = np.vstack([start, images])
@@ -575,7 +575,7 @@ def build_arm_space(
             if name not in links and name not in named:
                 rule = f"there are {', '.join((*links, *named))}"
                 raise InputError("allowed_collisions", f"names {name!r}", rule, "name two of these", value=name)
-    least = not_negative(margin, "margin")
+    least = check_not_negative(margin, "margin")
     base = np.linalg.inv(np.eye(4) if base_pose is None else check_rigid(base_pose, "base_pose")).astype(np.float64)
     placed = {name: place_obstacle(each, name, base) for name, each in named.items()}
     return ArmSpace(arm, {name: each for name, each in placed.items() if each is not None}, pairs, least)

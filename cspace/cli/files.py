@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cspace.errors import FileError, InputError, optional
+from cspace.errors import FileError, InputError, import_optional
 
 if TYPE_CHECKING:
     from cspace.space import CSpace
@@ -162,7 +162,7 @@ def connect_cluster(address: str | None) -> Iterator[Any]:
     from cspace.tiles.work import CLUSTER
 
     try:
-        client = optional("distributed", CLUSTER, "distributed").Client(address, timeout=10)
+        client = import_optional("distributed", CLUSTER, "distributed").Client(address, timeout=10)
     except (OSError, ValueError, TimeoutError) as error:
         problem = f"is {address!r}, which does not answer ({error})"
         hint = "start one with: dask scheduler"

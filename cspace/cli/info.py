@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from cspace.arms import Arm
     from cspace.configuration_map import ConfigurationMap
     from cspace.grid import Grid
-    from cspace.limits import Planned
+    from cspace.limits import PlannedGrid
     from cspace.robot import Robot
     from cspace.rotations import Rotations
     from cspace.shapes.mesh import Solid
@@ -249,13 +249,13 @@ def _describe_shapes(
 ) -> dict[str, Any]:
     """Describe a file of shapes and the grid of a map of it."""
     from cspace.check import check_bounds
-    from cspace.limits import MESH_BYTES, WORKSPACE_BYTES
+    from cspace.limits import MESH_CELL_BYTES, WORKSPACE_CELL_BYTES
 
     if bounds is not None:
         check_bounds(bounds, 2 if kind == "from_polygons" else 3)
     noun, read = _SHAPE_READERS[kind]
     corners, properties = read(path, **options)
-    bytes_per_cell = MESH_BYTES if noun == "mesh" else WORKSPACE_BYTES
+    bytes_per_cell = MESH_CELL_BYTES if noun == "mesh" else WORKSPACE_CELL_BYTES
     grid = estimate.describe_grid(corners, spacing, bounds, bytes_per_cell, noun)
     return {**describe_box(corners), **properties, **grid}
 
@@ -300,7 +300,7 @@ def _describe_grid(estimate: _MapEstimate, read: Callable[..., Any], reader: Cal
     """
     import numpy as np
 
-    from cspace.limits import FIXED_CELLS, WORKSPACE_BYTES
+    from cspace.limits import FIXED_CELLS_HINT, WORKSPACE_CELL_BYTES
 
     is_sensor_map = "unknown" in inspect.signature(reader).parameters
     workspace = read(unknown="free") if is_sensor_map else read()
@@ -317,7 +317,7 @@ def _describe_grid(estimate: _MapEstimate, read: Callable[..., Any], reader: Cal
             "free": grid.size - occupied - sum(unknown.values()),
             "total": grid.size,
         },
-        **estimate.memory(grid, WORKSPACE_BYTES, hint=FIXED_CELLS),
+        **estimate.memory(grid, WORKSPACE_CELL_BYTES, hint=FIXED_CELLS_HINT),
     }
 
 
@@ -343,7 +343,7 @@ class _MapEstimate:
 
         from cspace.check import check_bounds
         from cspace.grid import Grid
-        from cspace.limits import Planned, cells_of
+        from cspace.limits import PlannedGrid, count_cells
         from cspace.workspace import covering_shape, warn_of_units
 
         corners = np.stack(corners)
@@ -352,18 +352,18 @@ class _MapEstimate:
             return {}
         warn_of_units(corners, spacing, what, bounds is not None)
         shape = covering_shape(box, spacing)
-        memory = self.memory(Planned(shape, spacing, *box), bytes_per_cell)
+        memory = self.memory(PlannedGrid(shape, spacing, *box), bytes_per_cell)
         if memory["memory"]["fits"]:
             Grid(box[0], spacing, shape)  # raises InputError if the map is too far from the origin
         return {
             **({} if bounds is None else {"map_lower_m": box[0].tolist(), "map_upper_m": box[1].tolist()}),
             "spacing_m": spacing,
             "shape": shape,
-            "cells": {"total": cells_of(shape)},
+            "cells": {"total": count_cells(shape)},
             **memory,
         }
 
-    def memory(self, grid: Grid | Planned, bytes_per_cell: int, **hints: Any) -> dict[str, Any]:
+    def memory(self, grid: Grid | PlannedGrid, bytes_per_cell: int, **hints: Any) -> dict[str, Any]:
         """Estimate the memory and build time of a map.
 
         ``hints`` are options of ``check_memory``.
@@ -371,18 +371,18 @@ class _MapEstimate:
         from cspace.engines.slices import raster_bytes
         from cspace.limits import (
             TRANSFORM_BYTES,
-            WORKSPACE_BYTES,
+            WORKSPACE_CELL_BYTES,
             build_seconds,
-            cells_of,
             check_memory,
+            count_cells,
             free_bytes,
             is_packed,
             map_bytes,
         )
 
         shape = grid.shape
-        cells = cells_of(shape)
-        read, workspace, rasters = bytes_per_cell * cells, WORKSPACE_BYTES * cells, 0.0
+        cells = count_cells(shape)
+        read, workspace, rasters = bytes_per_cell * cells, WORKSPACE_CELL_BYTES * cells, 0.0
         if self._robot is not None and not is_packed(shape, self.slices):
             rasters = raster_bytes(self._robot, grid.spacing, 0.0, self._rotations, self.slices)
         states = map_bytes(shape, self.slices) + rasters

@@ -104,10 +104,10 @@ def workspace_options(
 
     Raises InputError if ``bounds`` is not a box or a number is out of range.
     """
-    from cspace.check import positive
+    from cspace.check import check_positive
 
     if spacing is not None:
-        positive(spacing, "spacing")
+        check_positive(spacing, "spacing")
     return drop_none(
         spacing=spacing,
         unknown=unknown,

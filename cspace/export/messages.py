@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Floats
-from cspace.check import not_negative
+from cspace.check import check_not_negative
 from cspace.errors import InputError
 from cspace.files.ros import Costmap, JointTrajectoryPoint, OccupancyGrid, PoseStamped, missing_field_error
 from cspace.grid import Grid
@@ -52,8 +52,8 @@ def costmap_of(
     frame_id: str,
 ) -> Message | Costmap:
     """Fill a costmap with the clearances of a map; see :meth:`cspace.CSpace.to_costmap`."""
-    radius = not_negative(inflation_radius, "inflation_radius")
-    scaling = not_negative(cost_scaling_factor, "cost_scaling_factor", "pass it per metre")
+    radius = check_not_negative(inflation_radius, "inflation_radius")
+    scaling = check_not_negative(cost_scaling_factor, "cost_scaling_factor", "pass it per metre")
     if space.grid.dim == 3:
         raise InputError("the map", "is one in space", "a costmap is plane", "build a map of the plane")
     number = None

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Floats, copy_transposed
-from cspace.check import check_word, finite
+from cspace.check import check_finite, check_word
 from cspace.errors import InputError
 from cspace.files.access import ContentError, check_file, decoding, is_count, read_bytes, read_text
 from cspace.limits import check_cells
@@ -95,7 +95,7 @@ def read_image(path: str | os.PathLike[str], threshold: float = 0.5, dark: str =
     Raises InputError if `threshold` is not above 0 and at most 1, or `dark` is another word. Raises FileError if the
     file is missing or too large, cannot be decoded, or has pixels of an unknown mode.
     """
-    level = finite(threshold, "threshold")
+    level = check_finite(threshold, "threshold")
     if level.shape != () or not 0.0 < level <= 1.0:
         rule = "it must be one number above 0 and at most 1"
         raise InputError("threshold", f"is {threshold!r}", rule, "pass e.g. 0.5", value=threshold)

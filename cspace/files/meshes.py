@@ -28,7 +28,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from cspace.arrays import Floats, Ints, Surface
-from cspace.check import finite
+from cspace.check import check_finite
 from cspace.errors import GeometryError, InputError
 from cspace.files.access import ContentError, check_file, check_suffix, decoding, parse_numbers, read_bytes
 from cspace.files.plain import check_nesting, parse_xml
@@ -502,7 +502,7 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Ints]:
         vertices, faces = _READERS[suffix](file)
         if not len(faces):
             raise _without_triangles(str(file), "cloud of points" if len(vertices) else "")
-        finite(vertices, f"vertices of {file}")
+        check_finite(vertices, f"vertices of {file}")
         wrong = faces[(faces < 0) | (faces >= len(vertices))]
         if len(wrong):
             raise ContentError(f"has a face that names vertex {wrong[0]}, counted from 0, of {len(vertices)}")
@@ -599,7 +599,7 @@ def flatten_trimesh(shape: Any, name: str) -> tuple[Floats, Ints]:
                 problem, rule = f"has a {what} ({type(part).__name__}) among its meshes", "it would be lost"
                 raise GeometryError(name, problem, rule, "remove it, or pass the meshes alone", value=part)
             raise _without_triangles(name, f"{what} ({type(part).__name__})")
-        points = finite(part.vertices, f"vertices of {name}")
+        points = check_finite(part.vertices, f"vertices of {name}")
         surfaces.append(transform_surface((points, np.asarray(part.faces, dtype=np.int64)), transform))
     if not surfaces:
         raise _without_triangles(name, "")

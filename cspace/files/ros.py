@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bools, Floats, Ints
-from cspace.check import finite, not_negative, positive
+from cspace.check import check_finite, check_not_negative, check_positive
 from cspace.errors import FileError, GeometryError, InputError, warn_user
 from cspace.files.access import ContentError, decoding
 from cspace.files.images import Shades, read_shades
@@ -367,7 +367,10 @@ def read_occupancy_grid(msg: GridMessage, free_thresh: float, occupied_thresh: f
 
     Raises InputError if a field is missing or invalid, or another argument is invalid.
     """
-    low, high = not_negative(free_thresh, "free_thresh", ""), not_negative(occupied_thresh, "occupied_thresh", "")
+    low, high = (
+        check_not_negative(free_thresh, "free_thresh", ""),
+        check_not_negative(occupied_thresh, "occupied_thresh", ""),
+    )
     if not 0.0 <= low < high <= 1.0:
         rule, hint = "free_thresh must be below occupied_thresh, both from 0 to 1", "pass e.g. 0.25 and 0.65"
         raise InputError("free_thresh", f"is {low:g} and occupied_thresh is {high:g}", rule, hint, value=free_thresh)
@@ -379,7 +382,9 @@ def read_occupancy_grid(msg: GridMessage, free_thresh: float, occupied_thresh: f
     percent = values.reshape(height, width).T
     known = (percent >= 0) & (percent <= 100)
     free, occupied = known & (percent / 100.0 < low), known & (percent / 100.0 >= high)
-    x, y = (float(finite(_field(msg, f"info.origin.position.{k}"), f"msg.info.origin.position.{k}")) for k in "xy")
+    x, y = (
+        float(check_finite(_field(msg, f"info.origin.position.{k}"), f"msg.info.origin.position.{k}")) for k in "xy"
+    )
     return MapInfo("msg", _resolution(msg), (x, y), _yaw(msg)), free, occupied
 
 
@@ -425,7 +430,7 @@ def _resolution(msg: object) -> float:
 
     Messages store single precision; this undoes the rounding.
     """
-    value = positive(_field(msg, "info.resolution"), "msg.info.resolution")
+    value = check_positive(_field(msg, "info.resolution"), "msg.info.resolution")
     single = np.float32(value)
     return float(str(single)) if float(single) == value else value
 
@@ -436,7 +441,7 @@ def _yaw(msg: object) -> float:
     An unset quaternion, all zeros, counts as no rotation.
     """
     place = "info.origin.orientation"
-    x, y, z, w = finite([_field(msg, f"{place}.{name}") for name in "xyzw"], f"msg.{place}").tolist()
+    x, y, z, w = check_finite([_field(msg, f"{place}.{name}") for name in "xyzw"], f"msg.{place}").tolist()
     norm = math.hypot(x, y, z, w)
     if norm == 0.0:
         return 0.0
@@ -479,7 +484,7 @@ def parse_footprint(footprint: str | ArrayLike, name: str = "footprint") -> Floa
     problem, hint = f"is {footprint!r:.80}", "write e.g. [[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"
     try:
         value = ast.literal_eval(footprint.strip()) if isinstance(footprint, str) else footprint
-        corners = finite(value, name)
+        corners = check_finite(value, name)
     except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError) as error:
         raise GeometryError(name, problem, rule, hint, value=footprint) from error
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
@@ -529,8 +534,10 @@ def _tables(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Mapping[st
 
 def _base(table: Mapping[str, Any], place: str) -> CostmapRobot:
     footprint: Any = table.get("footprint")
-    padding = not_negative(table.get("footprint_padding", DEFAULT_FOOTPRINT_PADDING), f"{place}: footprint_padding")
+    padding = check_not_negative(
+        table.get("footprint_padding", DEFAULT_FOOTPRINT_PADDING), f"{place}: footprint_padding"
+    )
     if footprint in _NO_FOOTPRINT:
-        return CostmapRobot((), positive(table["robot_radius"], f"{place}: robot_radius"), padding)
+        return CostmapRobot((), check_positive(table["robot_radius"], f"{place}: robot_radius"), padding)
     corners: Sequence[Sequence[float]] = parse_footprint(footprint, f"{place}: footprint").tolist()
     return CostmapRobot(tuple((x, y) for x, y in corners), 0.0, padding)

@@ -20,7 +20,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from cspace.arrays import Floats
-from cspace.errors import FileError, InputError, optional, warn_user
+from cspace.errors import FileError, InputError, import_optional, warn_user
 from cspace.files.access import ContentError, decoding, read_bytes
 from cspace.files.plain import check_expanded, parse_xml
 
@@ -66,7 +66,7 @@ def load_urdf(path: str | os.PathLike[str]) -> URDF:
 
     Raises MissingPackageError without yourdfpy, and FileError if the file is missing or malformed.
     """
-    yourdfpy = optional("yourdfpy", "URDF files are read with it", "urdf")
+    yourdfpy = import_optional("yourdfpy", "URDF files are read with it", "urdf")
     # Silence its log, because the errors here say the same.
     logging.getLogger("yourdfpy").addHandler(logging.NullHandler())
     data = read_bytes(path, _URDF_KIND, memory=20.0)

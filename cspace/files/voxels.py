@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bools, Bytes, Floats, Ints, frozen
-from cspace.check import check_point, finite, positive
+from cspace.check import check_finite, check_point, check_positive
 from cspace.compiling import kernel
 from cspace.errors import InputError
 from cspace.files.access import ContentError, check_file, decoding, is_count, iterate_header_lines, read_bytes
@@ -108,8 +108,8 @@ def read_nrrd(
 
     Raises InputError and FileError as that method does.
     """
-    side = None if spacing is None else positive(spacing, "spacing")
-    level = None if threshold is None else finite(threshold, "threshold")
+    side = None if spacing is None else check_positive(spacing, "spacing")
+    level = None if threshold is None else check_finite(threshold, "threshold")
     if level is not None and level.ndim:
         raise InputError("threshold", f"is {threshold!r}", "it must be one number", "pass e.g. 0.5", value=threshold)
     content = read_bytes(path, _NRRD_KIND)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import FIELD_NAMES, Floats, Ints
-from cspace.check import check_word, finite
+from cspace.check import check_finite, check_word
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.map.exterior import OUTSIDES, UNKNOWN, Exterior
@@ -146,7 +146,7 @@ def checked_fields(fields: Mapping[str, Floats], dim: int, shape: tuple[int, ...
         if array.shape != shape or array.dtype != np.float64:
             rule = f"it must have the map's shape {shape} and type float64"
             raise InputError(name, f"has shape {array.shape} and type {array.dtype}", rule, hint, value=array)
-        finite(array, name)
+        check_finite(array, name)
     return {name: read_only(fields[name]) for name in names}
 
 

@@ -21,7 +21,7 @@ from cspace.arrays import FREE, Bytes, Ints, frozen
 from cspace.compiling import always_inline, dispatch_on_type, kernel
 from cspace.errors import InputError
 from cspace.kernels import load_word
-from cspace.limits import KEEP, bytes_text, free_bytes
+from cspace.limits import MAX_MEMORY_FRACTION, bytes_text, free_bytes
 from cspace.rotations import CompiledRotations
 
 Halves = tuple[np.uint64, np.uint64]
@@ -407,11 +407,11 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
 def check_bytes(states: int) -> None:
     """Refuse to make a byte of each of so many states where they do not fit into memory."""
     free = free_bytes()
-    if states > KEEP * free:
+    if states > MAX_MEMORY_FRACTION * free:
         raise InputError(
             "the state of every cell",
             f"takes {bytes_text(states)}, a byte for each",
-            f"at most {bytes_text(KEEP * free)} may be taken, which is {KEEP:.0%} of what is free",
+            f"at most {bytes_text(MAX_MEMORY_FRACTION * free)} of memory may be used",
             "ask for one rotation at a time, with states_at",
             value=states,
         )

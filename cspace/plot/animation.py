@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Floats
-from cspace.check import positive
+from cspace.check import check_positive
 from cspace.errors import InputError
 from cspace.files.access import check_suffix, replacing
 from cspace.plot import artists
@@ -157,7 +157,10 @@ def _pixels(axes: Axes, move: Callable[[Floats], None], q: Floats) -> NDArray[np
 
 def _frame_timing(seconds: float, rate: float) -> tuple[int, int]:
     """Return milliseconds per frame, in GIF's steps of 10, and the frame count."""
-    duration, frequency = positive(seconds, "seconds", "seconds"), positive(rate, "rate", "frames per second")
+    duration, frequency = (
+        check_positive(seconds, "seconds", "seconds"),
+        check_positive(rate, "rate", "frames per second"),
+    )
     if frequency > 50.0:  # viewers play no more
         raise InputError("rate", f"is {rate!r}", "it must be at most 50 frames per second", "lower it", value=rate)
     count = round(duration * frequency) + 1

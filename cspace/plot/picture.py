@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
 import numpy as np
 
 from cspace.arrays import Floats
-from cspace.check import positive
+from cspace.check import check_positive
 from cspace.errors import InputError
 from cspace.files.access import check_suffix, replacing
 from cspace.plot import artists
@@ -218,7 +218,7 @@ def choose_view(axes: Sequence[str], view: str | None, options: Mapping[str, Any
             others = " or ".join(other for other, names in VIEWS.items() if name in names)
             raise InputError(name, f"is given with view {kind}", f"it needs view {others}", "omit it", value=value)
     zoom, center = options.get("zoom"), options.get("center")
-    if zoom is not None and positive(zoom, "zoom", "the map's longest side over that of the picture") < 1.0:
+    if zoom is not None and check_positive(zoom, "zoom", "the map's longest side over that of the picture") < 1.0:
         raise InputError("zoom", f"is {zoom!r}", "it must be at least 1 (the whole map)", "pass e.g. 8", value=zoom)
     if kind in ("plane", "3d") and center is not None and zoom is None:
         hint = "add e.g. zoom=8, or omit it"
@@ -282,7 +282,7 @@ def save_figure(draw: Callable[[], Any], file: str | os.PathLike[str], overwrite
     """
     target = Path(file)
     check_suffix(target, PICTURE_SUFFIXES, "the suffix says what to write", "file")
-    dots = positive(dpi, "dpi", "pixels per inch")
+    dots = check_positive(dpi, "dpi", "pixels per inch")
     if dots > _MAX_DPI:
         rule = f"it must be at most {_MAX_DPI:,.0f} pixels per inch"  # some 20,000 pixels across
         raise InputError("dpi", f"is {dpi!r}", rule, "pass e.g. 300", value=dpi)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import BLOCKED, FREE, Bools, Floats, Ints
-from cspace.check import finite, positive
+from cspace.check import check_finite, check_positive
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.robot import Robot
@@ -310,7 +310,7 @@ def check_path(space: HasAxes, path: Any) -> Floats:
     The result has shape (n, size). Raises InputError otherwise.
     """
     values = getattr(path, "path", path)
-    points = np.empty(0) if values is None else finite(values, "path")
+    points = np.empty(0) if values is None else check_finite(values, "path")
     if points.shape == (0,):
         return np.empty((0, len(space.axes)))
     if points.ndim != 2 or points.shape[1] != len(space.axes):
@@ -358,7 +358,7 @@ def collect_marks(space: HasAxes, path: Any, points: Floats, start: Any, goal: A
         if given is None and not len(points):
             given = getattr(path, name, None)
         if given is not None:
-            marks[name] = finite(given, name)
+            marks[name] = check_finite(given, name)
             if (shape := marks[name].shape) != (len(space.axes),):
                 hint = f"pass ({', '.join(space.axes)})"
                 raise InputError(name, f"has shape {shape}", f"it must be ({len(space.axes)},)", hint, value=given)
@@ -373,7 +373,7 @@ def _stations(points: Floats, every: float | None, glyph: RobotGlyph, zoom: floa
     The result has shape (n, size).
     """
     if every is not None and every != math.inf:
-        every = positive(every, "robot_every")
+        every = check_positive(every, "robot_every")
     if len(points) < 2 or every == math.inf:
         return points[:0]
     length = float(glyph.path_lengths(points)[-1])
@@ -431,7 +431,7 @@ def choose_section_point(space: MapLike, center: Any, route: Route) -> Floats:
         candidates = [route.interpolate(np.array([0.5]))[0]] if len(route.points) else list(route.marks.values())
         position = candidates[0][: grid.dim] if candidates else (np.add(grid.lower, grid.upper)) / 2
         return np.clip(position, grid.lower, grid.upper)
-    point = finite(center, "center")
+    point = check_finite(center, "center")
     if point.shape != (grid.dim,):
         hint = f"pass ({', '.join(space.axes[: grid.dim])}) in metres"
         raise InputError("center", f"has shape {point.shape}", f"it must be ({grid.dim},)", hint, value=center)

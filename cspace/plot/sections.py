@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cspace.arrays import MIXED, Floats, Ints
-from cspace.check import finite
+from cspace.check import check_finite
 from cspace.errors import InputError
 from cspace.plot import artists
 from cspace.plot.route import Look, MapLike, Route, choose_section_point, clip_path
@@ -66,7 +66,7 @@ def draw_panels(space: MapLike, route: Route, look: Look) -> Axes:
     rotations = space.rotations
     shown = _choose_rotations(space)
     if look.rotation is not None:
-        shown = finite(look.rotation, "rotation").reshape(-1, len(rotations.names))
+        shown = check_finite(look.rotation, "rotation").reshape(-1, len(rotations.names))
     if not 1 <= len(shown) <= _MAX_PANELS:
         rule = f"it must have from 1 to {_MAX_PANELS}"
         raise InputError("rotation", f"has {len(shown)} rotations", rule, "pass a few", value=look.rotation)

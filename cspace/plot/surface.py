@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cspace.arrays import Bools, Floats, Ints, Surface, block_starts, reduce_blocks
-from cspace.check import check_word, finite
+from cspace.check import check_finite, check_word
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.plot import artists
@@ -78,7 +78,7 @@ class Painting:
         if look.ax is not None and getattr(look.ax, "name", None) != "3d":
             hint = 'use figure.add_subplot(projection="3d")'
             raise InputError("ax", "has two dimensions", "it must have three", hint, value=look.ax)
-        angles = np.array(camera) if look.camera is None else finite(look.camera, "camera")
+        angles = np.array(camera) if look.camera is None else check_finite(look.camera, "camera")
         if angles.shape != (2,) or abs(angles[0]) > 90.0:
             rule = "it must be (elevation, azimuth), degrees, with an elevation from -90 to 90"
             raise InputError("camera", f"is {look.camera!r}", rule, f"pass e.g. {DEFAULT_CAMERA}", value=look.camera)
@@ -307,7 +307,7 @@ def _choose_top(space: MapLike, route: Route, cut: float | None) -> float:
     """Return the height above which nothing is drawn, metres."""
     low, high = space.grid.lower[2], space.grid.upper[2]
     if cut is not None:
-        height = finite(cut, "cut")
+        height = check_finite(cut, "cut")
         if height.ndim or not low < height <= high:
             rule = f"it must be one height above {low:g} and up to {high:g}"
             raise InputError("cut", f"is {cut!r}", rule, "pass metres", value=cut)

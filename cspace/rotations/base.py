@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bools, Floats, Ints, Matrix, Numbers
-from cspace.check import finite
+from cspace.check import check_finite
 from cspace.compiling import compilable
 from cspace.errors import AngleWarning, InputError, warn_user
 
@@ -382,7 +382,7 @@ class Rotations(ABC):
 
         Raises InputError if it is not one rotation.
         """
-        numbers = np.atleast_1d(finite(rotation, name))
+        numbers = np.atleast_1d(check_finite(rotation, name))
         if numbers.shape != (len(self.names),):
             rule = f"a rotation is given by {', '.join(self.names)}" if self.names else "the robot does not turn"
             raise InputError(name, f"has shape {numbers.shape}", rule, "pass one rotation", value=rotation)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Floats, Ints, Matrix, Numbers, frozen
-from cspace.check import finite, whole
+from cspace.check import check_count, check_finite
 from cspace.compiling import compilable
 from cspace.errors import InputError
 from cspace.rotations.base import COVERING_ANGLE, DIAL_STEPS, Coordinate, Dial, RotationCell, Rotations, Symmetric
@@ -78,7 +78,7 @@ class QuaternionRotations(Rotations):
     @classmethod
     def of_value(cls, value: ArrayLike | None) -> QuaternionRotations:
         """Cells from their number of parts of an axis, see :meth:`Rotations.quaternions`."""
-        return cls(whole(value, "rotations", 1, MAX_CUTS, "pass e.g. 8, for 2,048 cells of quaternions"))
+        return cls(check_count(value, "rotations", 1, MAX_CUTS, "pass e.g. 8, for 2,048 cells of quaternions"))
 
     @classmethod
     def of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> QuaternionRotations:
@@ -145,7 +145,7 @@ class QuaternionRotations(Rotations):
 
     def cell_of(self, rotation: ArrayLike) -> Ints:
         """Cells that hold quaternions (x, y, z, w), of norm 1 and of either sign, shape (..., 4)."""
-        q = finite(rotation, "rotation")
+        q = check_finite(rotation, "rotation")
         if q.ndim == 0 or q.shape[-1] != 4:
             rule = "a rotation in space is a quaternion, four numbers (x, y, z, w)"
             raise InputError("rotation", f"has shape {q.shape}", rule, "pass e.g. (0, 0, 0, 1)", value=rotation)

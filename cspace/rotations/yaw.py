@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Floats, Ints, Matrix, Numbers
-from cspace.check import finite, whole
+from cspace.check import check_count, check_finite
 from cspace.compiling import compilable
 from cspace.errors import InputError
 from cspace.rotations.base import (
@@ -66,14 +66,14 @@ class YawRotations(Rotations):
         """Cells from a count or from their borders, see :meth:`Rotations.of`."""
         if value is None or np.ndim(value) == 0:
             hint = "pass e.g. 72, the cells' borders in radians, or Rotations.quaternions(8) for all rotations in space"
-            count = whole(value, "rotations", 1, MAX_YAWS, hint)
+            count = check_count(value, "rotations", 1, MAX_YAWS, hint)
             width = TWO_PI / count
             borders = [(k - 0.5) * width for k in range(count)]
         else:
             if np.size(value) > MAX_YAWS + 1:
                 problem, rule = f"has {np.size(value)} borders", f"at most {MAX_YAWS} cells are taken"
                 raise InputError("rotations", problem, rule, "pass fewer, e.g. 72 cells", value=value)
-            angles = finite(value, "rotations")
+            angles = check_finite(value, "rotations")
             if angles.ndim != 1 or len(angles) < 2:
                 rule, hint = "it must hold at least two borders", "pass e.g. 72, or numpy.linspace(0, 2 * numpy.pi, 73)"
                 raise InputError("rotations", f"has shape {angles.shape}", rule, hint, value=value)
@@ -157,7 +157,7 @@ class YawRotations(Rotations):
 
     def cell_of(self, yaw: ArrayLike) -> Ints:
         """Cells that hold yaw angles, radians, of any shape; a border belongs to the cell above it."""
-        angles = finite(yaw, "yaw")
+        angles = check_finite(yaw, "yaw")
         if (np.abs(angles) > MAX_ANGLE).any():
             largest = float(np.abs(angles).max())
             rule = f"at most {MAX_ANGLE:.0f} can be wrapped exactly"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats, Surface, frozen
-from cspace.check import check_points, finite
+from cspace.check import check_finite, check_points
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.raster import Raster
@@ -246,7 +246,7 @@ def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[
         radii, centers = centers.radii, centers.centers
     elif radii is None:
         raise InputError("radii", "is missing", "balls need one number, or one per center", "pass it in metres")
-    points, sizes = finite(centers, "centers"), finite(radii, "radii")
+    points, sizes = check_finite(centers, "centers"), check_finite(radii, "radii")
     if points.ndim != 2 or points.shape[1] not in (2, 3) or not len(points):
         rule = "it must be (n, 2) or (n, 3) with n at least 1"
         raise InputError("centers", f"has shape {points.shape}", rule, "pass one row per ball", value=centers)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bools, Floats, Ints, Surface, frozen
-from cspace.check import check_points, check_word, finite, unmasked
+from cspace.check import check_finite, check_points, check_unmasked, check_word
 from cspace.errors import GeometryError, InputError, warn_user
 from cspace.grid import Grid
 from cspace.raster import Raster
@@ -138,7 +138,7 @@ class Mesh(ExactShape):
     def __post_init__(self) -> None:
         """Check the arrays, and copy them."""
         check_word(self.solid, "solid", SOLIDS)
-        unmasked(self.faces, f"faces of {self.source}")
+        check_unmasked(self.faces, f"faces of {self.source}")
         vertices, faces = _check_vertices(self.vertices, self.source), np.asarray(self.faces)
         if faces.size == 0:
             hint = "for a cloud of points use Workspace.from_points"
@@ -564,7 +564,7 @@ def _read_arrays(shape: Any) -> tuple[Any, Any, str]:
 
 
 def _check_vertices(values: Any, source: str) -> Floats:
-    vertices = finite(values, f"vertices of {source}")
+    vertices = check_finite(values, f"vertices of {source}")
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         rule, hint = "it must be (V, 3), in metres", "pass x, y, z of each vertex"
         raise GeometryError(f"vertices of {source}", f"has shape {vertices.shape}", rule, hint, value=values)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats
-from cspace.check import check_points, finite
+from cspace.check import check_finite, check_points
 from cspace.errors import GeometryError
 from cspace.grid import Grid
 from cspace.raster import Raster
@@ -64,7 +64,7 @@ class Polygons(ExactShape):
         elif isinstance(shape, Sequence) and shape and all(isinstance(part, shapely.Geometry) for part in shape):
             given = list(shape)
         else:
-            vertices = finite(shape, "polygon")
+            vertices = check_finite(shape, "polygon")
             if vertices.ndim != 2 or vertices.shape[1] != 2 or len(vertices) < 3:
                 rule, hint = "it must be (n, 2) with n at least 3", "pass its vertices in order"
                 raise GeometryError("polygon", f"has shape {vertices.shape}", rule, hint, value=shape)
@@ -78,7 +78,7 @@ class Polygons(ExactShape):
             if part.geom_type != "Polygon":
                 problem, rule = f"is a {part.geom_type}", "each part must be a Polygon"
                 raise GeometryError(name, problem, rule, "remove other parts", value=part)
-            finite(shapely.get_coordinates(part), name)
+            check_finite(shapely.get_coordinates(part), name)
             if not part.is_valid:
                 rule, hint = "rings must not cross themselves or each other", "correct it, e.g. with shapely.make_valid"
                 raise GeometryError(name, f"is not simple: {shapely.is_valid_reason(part)}", rule, hint, value=part)

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 from numpy.typing import ArrayLike
 
-from cspace.check import check_point, not_negative, positive
+from cspace.check import check_not_negative, check_point, check_positive
 from cspace.errors import InputError
 from cspace.shapes.balls import Balls
 from cspace.shapes.mesh import Mesh
@@ -26,19 +26,19 @@ class NamedShape(NamedTuple):
 
 def disc(radius: float, center: ArrayLike = (0.0, 0.0)) -> NamedShape:
     """Make a disc; metres."""
-    return NamedShape(f"disc {positive(radius, 'radius'):g} m", Balls.of([check_point(center)], radius))
+    return NamedShape(f"disc {check_positive(radius, 'radius'):g} m", Balls.of([check_point(center)], radius))
 
 
 def ball(radius: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
     """Make a ball; metres."""
-    return NamedShape(f"ball {positive(radius, 'radius'):g} m", Balls.of([check_point(center, dim=3)], radius))
+    return NamedShape(f"ball {check_positive(radius, 'radius'):g} m", Balls.of([check_point(center, dim=3)], radius))
 
 
 def rectangle(length: float, width: float, center: ArrayLike = (0.0, 0.0)) -> NamedShape:
     """Make a rectangle, `length` along x and `width` along y; metres."""
     import shapely
 
-    half_length, half_width = positive(length, "length") / 2, positive(width, "width") / 2
+    half_length, half_width = check_positive(length, "length") / 2, check_positive(width, "width") / 2
     x, y = check_point(center).tolist()
     box = shapely.box(x - half_length, y - half_width, x + half_length, y + half_width)
     return NamedShape(f"rectangle {length:g} m x {width:g} m", Polygons.of(box))
@@ -49,7 +49,10 @@ def ellipse(radius_x: float, radius_y: float, center: ArrayLike = (0.0, 0.0)) ->
 
     Its semi-axes lie along x and y.
     """
-    radii, center_point = (positive(radius_x, "radius_x"), positive(radius_y, "radius_y")), check_point(center)
+    radii, center_point = (
+        (check_positive(radius_x, "radius_x"), check_positive(radius_y, "radius_y")),
+        check_point(center),
+    )
     outer, inner = (Polygons.of(corners) for corners in ellipse_bounds(radii, center_point))
     is_disc = radii[0] == radii[1] and not center_point.any()
     return NamedShape(f"ellipse {radius_x:g} m x {radius_y:g} m", BoundedShape(outer, inner, is_round_about_z=is_disc))
@@ -63,7 +66,7 @@ def box(extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
 
 def cylinder(radius: float, height: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
     """Make an upright cylinder between two prisms; metres."""
-    sizes = positive(radius, "radius"), positive(height, "height")
+    sizes = check_positive(radius, "radius"), check_positive(height, "height")
     return NamedShape(f"cylinder {radius:g} m, {height:g} m high", _translate(cylinder_bounds(*sizes), center))
 
 
@@ -72,7 +75,7 @@ def capsule(radius: float, length: float, center: ArrayLike = (0.0, 0.0, 0.0)) -
 
     It holds the points within `radius` of a vertical segment of `length`.
     """
-    sizes = positive(radius, "radius"), positive(length, "length")
+    sizes = check_positive(radius, "radius"), check_positive(length, "length")
     return NamedShape(f"capsule {radius:g} m, {length:g} m long", _translate(capsule_bounds(*sizes), center))
 
 
@@ -93,7 +96,7 @@ def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
     from cspace.files.ros import parse_footprint
 
     points = parse_footprint(corners)
-    polygon = Polygons.of(points + not_negative(padding, "padding") * np.sign(points))
+    polygon = Polygons.of(points + check_not_negative(padding, "padding") * np.sign(points))
     return NamedShape(f"polygon with {polygon.corners} corners", polygon)
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from cspace.arrays import Floats, StrPath, Surface
-from cspace.check import check_point, finite, positive
+from cspace.check import check_finite, check_point, check_positive
 from cspace.errors import GeometryError, InputError, warn_user
 from cspace.files.access import ContentError, decoding
 from cspace.files.meshes import read_mesh
@@ -81,7 +81,7 @@ def read_urdf(
                 problem = f"is 'surface', and {place} is a box, a cylinder or a sphere, which is solid"
                 rule, hint = "only a mesh can be a surface without an inside", "omit it, or name links with only meshes"
                 raise InputError("solid", problem, rule, hint, value="surface")
-            transform = pose if collision.origin is None else pose @ finite(collision.origin, f"{place}: origin")
+            transform = pose if collision.origin is None else pose @ check_finite(collision.origin, f"{place}: origin")
             outer, inner = _bounds_pair(collision.geometry, meshes, place)
             moved = transform_surface(outer, transform)
             pairs.append((moved, moved if inner is outer else transform_surface(inner, transform)))
@@ -115,7 +115,7 @@ def link_shapes(
         outer = Mesh(*surface, solid if collision.geometry.mesh is not None else "auto", place)
         outer.warn_if_open(fills=False)
         shape = outer if within is surface else BoundedShape(outer, Mesh.of(within))
-        yield shape, np.eye(4) if collision.origin is None else finite(collision.origin, f"{place}: origin")
+        yield shape, np.eye(4) if collision.origin is None else check_finite(collision.origin, f"{place}: origin")
 
 
 def _bounds_pair(geometry: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
@@ -129,12 +129,12 @@ def _bounds_pair(geometry: Any, meshes: Mapping[str, Path], place: str) -> Bound
 
 def _box(box: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
     sides = check_point(box.size, f"{place}: size", 3).tolist()
-    surface = Box.of([positive(side, f"{place}: size") for side in sides]).surface
+    surface = Box.of([check_positive(side, f"{place}: size") for side in sides]).surface
     return surface, surface
 
 
 def _mesh(mesh: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
-    scale = finite(np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3), f"{place}: scale")
+    scale = check_finite(np.broadcast_to(1.0 if mesh.scale is None else mesh.scale, 3), f"{place}: scale")
     if not scale.all():
         raise InputError(f"{place}: scale", f"is {scale.tolist()}", "no factor may be zero", "correct it", value=scale)
     surface = transform_surface(read_mesh(meshes[str(mesh.filename)]), np.diag([*scale, 1.0]))
@@ -144,7 +144,7 @@ def _mesh(mesh: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
 def _round(
     make: Callable[..., BoundsPair], names: Sequence[str], shape: Any, meshes: Mapping[str, Path], place: str
 ) -> BoundsPair:
-    return make(*(positive(getattr(shape, name), f"{place}: {name}") for name in names))
+    return make(*(check_positive(getattr(shape, name), f"{place}: {name}") for name in names))
 
 
 _SURFACE_MAKERS: Final[Mapping[str, Callable[[Any, Mapping[str, Path], str], BoundsPair]]] = {

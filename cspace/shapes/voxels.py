@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats, Surface, frozen
-from cspace.check import check_cells, check_point, check_points, positive
+from cspace.check import check_cells, check_point, check_points, check_positive
 from cspace.errors import GeometryError
 from cspace.grid import Grid
 from cspace.raster import Raster
@@ -60,7 +60,7 @@ class Box(ExactShape):
         """
         sides = check_point(extents, "extents", dim=3)
         for number, side in enumerate(sides.tolist()):
-            positive(side, f"extents[{number}]")
+            check_positive(side, f"extents[{number}]")
         return cls(sides, check_point(center, dim=3))
 
     @property
@@ -163,7 +163,7 @@ class Voxels(ExactShape):
         if not bitmap.any():
             rule = "at least one cell must be occupied"
             raise GeometryError("occupied", "holds no True cell", rule, "set the cells that it fills", value=occupied)
-        side = positive(spacing, "spacing")
+        side = check_positive(spacing, "spacing")
         corner = check_point((0.0,) * bitmap.ndim if lower is None else lower, "lower", dim=bitmap.ndim)
         return cls(bitmap, side, corner)
 

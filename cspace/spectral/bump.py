@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Floats
-from cspace.check import check_word, finite, not_negative, positive, unmasked
+from cspace.check import check_finite, check_not_negative, check_positive, check_unmasked, check_word
 from cspace.errors import CspaceError, InputError
 
 Radial = Callable[[Floats], Floats]
@@ -114,7 +114,7 @@ class Bump:
 
     def __post_init__(self) -> None:
         """Check the exponent."""
-        unmasked(self.alpha, "alpha")
+        check_unmasked(self.alpha, "alpha")
         try:
             alpha = float(self.alpha)
         except (TypeError, ValueError):
@@ -166,7 +166,7 @@ class Bump:
         """
         within = check_tolerance(tolerance)
         check_word(dim, "dim", (2, 3))
-        highest = not_negative(max_frequency, "max_frequency", "pass cycles per radius")
+        highest = check_not_negative(max_frequency, "max_frequency", "pass cycles per radius")
         return _table(self, dim, math.ceil(_check_frequency(highest, "max_frequency")), within)
 
     def pair_integral(self, first: float, second: float, distance: float, dim: int) -> float:
@@ -179,8 +179,8 @@ class Bump:
 
         Raises InputError if a value is not usable, and CspaceError if the quadrature does not converge.
         """
-        a, b = (np.array([positive(*named)]) for named in ((first, "first"), (second, "second")))
-        gap = np.array([not_negative(distance, "distance")])
+        a, b = (np.array([check_positive(*named)]) for named in ((first, "first"), (second, "second")))
+        gap = np.array([check_not_negative(distance, "distance")])
         check_word(dim, "dim", (2, 3))
         if self.is_indicator:
             return float(lens_measure(a, b, gap, dim)[0])
@@ -205,7 +205,7 @@ def check_bump(bump: Any) -> Bump:
 
 def check_tolerance(tolerance: Any, least: float = MIN_TOLERANCE) -> float:
     """Return a relative tolerance from ``least`` to 0.1; raise InputError for anything else."""
-    value = finite(tolerance, "tolerance")
+    value = check_finite(tolerance, "tolerance")
     if value.ndim or not least <= value <= MAX_TOLERANCE:
         rule = f"it must be one number from {least:g} to {MAX_TOLERANCE:g}, relative to the largest value"
         raise InputError("tolerance", f"is {tolerance!r}", rule, "pass e.g. 1e-9", value=tolerance)
@@ -214,7 +214,7 @@ def check_tolerance(tolerance: Any, least: float = MIN_TOLERANCE) -> float:
 
 def _check_not_negative(values: ArrayLike, name: str) -> Floats:
     """Return finite numbers of any shape; raise InputError if one is negative."""
-    array = finite(values, name)
+    array = check_finite(values, name)
     if (array < 0.0).any():
         raise InputError(name, f"holds {array.min():g}", "none may be below zero", "pass the modulus", value=values)
     return array

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.arrays import Floats, Ints, frozen
-from cspace.check import check_word, finite, positive, whole
+from cspace.check import check_count, check_finite, check_positive, check_word
 from cspace.compiling import jit, kernel
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.files.access import check_suffix, replacing
@@ -102,7 +102,7 @@ class BallDecomposition:
         centers, radii = check_solid_balls(self.centers, self.radii)
         check_word(self.kind, "kind", BALL_KINDS)
         for name in _BOUNDS:
-            pair = finite(getattr(self, name), name)
+            pair = check_finite(getattr(self, name), name)
             if pair.shape != (2,) or not 0.0 <= pair[0] <= pair[1]:
                 value, rule = getattr(self, name), "it must be two numbers, zero or above, the lower one first"
                 raise InputError(name, f"is {value!r}", rule, "pass Bounds(lower, upper)", value=value)
@@ -277,8 +277,8 @@ def decompose(
     if (number is None) == (tolerance is None):
         problem, rule = f"is {number!r} and tolerance is {tolerance!r}", "exactly one of them chooses the balls"
         raise InputError("number", problem, rule, "pass e.g. number=64, or tolerance=0.01 in metres", value=number)
-    length = None if tolerance is None else positive(tolerance, "tolerance")
-    count = None if number is None else whole(number, "number", 1, hint="pass e.g. 64")
+    length = None if tolerance is None else check_positive(tolerance, "tolerance")
+    count = None if number is None else check_count(number, "number", 1, hint="pass e.g. 64")
     region = Region(as_shape(shape))
     if kind == "inner" and not region.inner.measure[1] > 0.0:
         hint = "pass kind='outer', or a shape with an area or volume"

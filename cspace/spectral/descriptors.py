@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import Bools, Floats
-from cspace.check import check_cells, check_word, finite
+from cspace.check import check_cells, check_finite, check_word
 from cspace.errors import GeometryError, InputError
 from cspace.files.vector import read_shapes
 from cspace.grid import Grid
@@ -218,7 +218,7 @@ class Descriptor:
 
     def __post_init__(self) -> None:
         """Check and copy the values."""
-        values = finite(self.values, "values")
+        values = check_finite(self.values, "values")
         if values.shape != self.grid.shape:
             problem = f"has shape {values.shape} on a grid of {self.grid.shape}"
             rule, hint = "the shapes must be equal", "pass one value for each cell"
@@ -434,7 +434,7 @@ def superlevel(descriptor: Descriptor, threshold: float = 0.0) -> Bools:
 
     Raises InputError if the descriptor is not sampled, or the threshold is not one finite number.
     """
-    level = finite(threshold, "threshold")
+    level = check_finite(threshold, "threshold")
     if level.ndim:
         raise InputError("threshold", f"is {threshold!r}", "it must be one number", "pass e.g. 0.0", value=threshold)
     return np.asarray(check_sampled(descriptor).values > level)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import FIELD_NAMES, Bytes, Floats, Ints, Numbers
-from cspace.check import check_points, finite, not_negative, positive, whole
+from cspace.check import check_count, check_finite, check_not_negative, check_points, check_positive
 from cspace.compiling import compilable, kernel
 from cspace.errors import InputError
 from cspace.grid import Grid
@@ -168,7 +168,7 @@ class FourierOverlap:
         kind = common_bump(bump, a, b)
         first, second = as_balls(a, "a", kind), as_balls(b, "b", kind)
         check_same_dim("b", second.dim, first.dim)
-        self.threshold = not_negative(threshold, "threshold", "pass square or cubic metres")
+        self.threshold = check_not_negative(threshold, "threshold", "pass square or cubic metres")
         self._accuracy = accuracy
         self._swell = 0.0  # growth of the balls beyond the shapes of the verdicts, metres
         self._inner: FourierOverlap | None = None  # overlap of the inner balls, if there are any
@@ -235,8 +235,8 @@ class FourierOverlap:
             if kind in ("inner", "outer") and kind != name[:5]:
                 hint = "decompose the shape with that kind"
                 raise InputError(name, f"is of kind {kind!r}", f"it must be {name[:5]!r}", hint, value=source)
-        chosen, more = common_bump(bump, *given.values()), positive(swell, "swell")
-        number = whole(classes, "classes", 1, hint="pass e.g. 8")
+        chosen, more = common_bump(bump, *given.values()), check_positive(swell, "swell")
+        number = check_count(classes, "classes", 1, hint="pass e.g. 8")
         if (inner_a is None) is not (inner_b is None):
             raise InputError("inner_a", "or inner_b is missing", "a HIT needs both", "pass both or neither")
         sets = [
@@ -370,11 +370,11 @@ class FourierOverlap:
     def _make_rings(self, a: BallDescriptor, lengths: Floats, band: float | None, tolerance: float) -> Rings:
         """Return the rings of the given band, or of a band chosen by ``tolerance``."""
         if band is not None:
-            highest = positive(band, "band", "cycles per metre")
+            highest = check_positive(band, "band", "cycles per metre")
         else:
             typical = np.median(a.radii, keepdims=True), np.median(self._b.radii, keepdims=True)
             scale = self.threshold or float(pair_integrals(a.bump, *typical, np.maximum(*typical), self.dim)[0][0])
-            highest = estimate_band(a, self._b, positive(tolerance, "tolerance", "parts") * scale)
+            highest = estimate_band(a, self._b, check_positive(tolerance, "tolerance", "parts") * scale)
             fitting = 0.5 * (2.0 * MAX_DEFAULT_FREQUENCIES / float(np.prod(lengths))) ** (1.0 / self.dim)
             highest = min(highest, fitting, MAX_WAVE_INDEX / float(lengths.max()))
         halves = tuple(max(1, math.floor(highest * length)) for length in lengths.tolist())
@@ -426,7 +426,7 @@ class FourierOverlap:
 
 def _rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
     """Return the rotation matrix nearest to an angle, a matrix or a scipy Rotation, shape (dim, dim)."""
-    values = finite(rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation, "rotation")
+    values = check_finite(rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation, "rotation")
     if dim == 2 and values.ndim == 0:
         sine, cosine = math.sin(float(values)), math.cos(float(values))
         return np.array([[cosine, -sine], [sine, cosine]])

@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace.arrays import Bools, Bytes, Floats, Ints
-from cspace.check import finite
+from cspace.check import check_finite
 from cspace.compiling import kernel
-from cspace.errors import InputError, optional
-from cspace.limits import KEEP, bytes_text, cells_of, free_bytes
+from cspace.errors import InputError, import_optional
+from cspace.limits import MAX_MEMORY_FRACTION, bytes_text, count_cells, free_bytes
 from cspace.spectral.bump import (
     MIN_TOLERANCE,
     PAIR_FLOOR,
@@ -154,7 +154,7 @@ def ball_spectrum(
 
 def finufft_module() -> Any:
     """Import finufft; raise MissingPackageError if it is not installed."""
-    return optional("finufft", "spectra at centers that lie on no lattice need it", "spectral")
+    return import_optional("finufft", "spectra at centers that lie on no lattice need it", "spectral")
 
 
 def evaluate_real_series(points: Floats, spectra: Complexes, tolerance: float) -> Floats:
@@ -331,7 +331,7 @@ def _frequency_indices(count: int) -> NDArray[np.intp]:
 
 def _check_lengths(lengths: ArrayLike, dim: int) -> Floats:
     """Return positive periods along the axes, shape (dim,); one number applies to all axes."""
-    periods = finite(lengths, "lengths")
+    periods = check_finite(lengths, "lengths")
     if periods.shape not in {(), (dim,)} or (periods <= 0.0).any():
         rule = f"it must be one number above zero or {dim} of them, in metres"
         raise InputError("lengths", f"is {lengths!r}", rule, "pass the period along each axis", value=lengths)
@@ -348,8 +348,8 @@ def _check_counts(counts: ArrayLike, dim: int) -> tuple[int, ...]:
         rule = f"it must be one whole number above zero or {dim} of them"
         raise InputError("counts", f"is {counts!r}", rule, "pass e.g. 256", value=counts)
     shape = tuple(int(n) for n in np.broadcast_to(numbers, dim))
-    free, needed = free_bytes(), BYTES_PER_FREQUENCY[dim] * float(cells_of(shape))
-    if needed > KEEP * free:
+    free, needed = free_bytes(), BYTES_PER_FREQUENCY[dim] * float(count_cells(shape))
+    if needed > MAX_MEMORY_FRACTION * free:
         problem = f"is {' x '.join(map(str, shape))}, which needs about {bytes_text(needed)} of memory"
         raise InputError("counts", problem, f"{bytes_text(free)} are free", "pass smaller counts", value=counts)
     return shape

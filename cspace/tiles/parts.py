@@ -9,7 +9,7 @@ import numpy as np
 
 from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Box, Bytes, Ints, intersect_boxes, reduce_blocks
 from cspace.grid import Grid
-from cspace.limits import WORKSPACE_BYTES, check_memory, map_bytes
+from cspace.limits import WORKSPACE_CELL_BYTES, check_memory, map_bytes
 from cspace.map.contents import Contents
 from cspace.map.exterior import UNKNOWN
 from cspace.shapes import Shape, Voxels
@@ -38,7 +38,7 @@ def window_of(store: Store, known: RecordReader, table: Ints, first: Ints, stop:
         first, stop = np.zeros_like(first), np.array(whole.shape)
     lower = np.array(whole.lower) + whole.spacing * first
     grid = Grid(tuple(lower.tolist()), whole.spacing, tuple((stop - first).tolist()), whole.axes, whole.units)
-    needed = map_bytes(grid.shape, store.slices) + WORKSPACE_BYTES * grid.size
+    needed = map_bytes(grid.shape, store.slices) + WORKSPACE_CELL_BYTES * grid.size
     check_memory(needed, "the window", grid, hint=_MEND)
     box = tuple(map(slice, first.tolist(), stop.tolist()))
     outer, inner = store.obstacles_in(box, known)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arrays import STATE_NAMES, Floats, Ints
-from cspace.check import whole
+from cspace.check import check_count
 from cspace.configuration_map import ConfigurationMap
 from cspace.engines.slices import Progress
 from cspace.errors import ConfigurationError, InputError
@@ -308,7 +308,7 @@ class TiledCSpace(ConfigurationMap):
         client : dask.distributed.Client, optional
             As for :func:`cspace.build`.
         """
-        count = whole(max_cells, "max_cells", 1, hint="pass e.g. 1024")
+        count = check_count(max_cells, "max_cells", 1, hint="pass e.g. 1024")
         return self._tiles.at_one_moment(lambda: overview_of(self._tiles.job, count, client))
 
     def update(

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from cspace import __version__
 from cspace.arrays import Bools, Ints, States
 from cspace.engines.slices import Correlation, RasterPair, group_rasters, slice_rasters
-from cspace.errors import CspaceError, FileError, InputError, optional
-from cspace.limits import KEEP, bytes_text, free_bytes
+from cspace.errors import CspaceError, FileError, InputError, import_optional
+from cspace.limits import MAX_MEMORY_FRACTION, bytes_text, free_bytes
 from cspace.obstacles import Source, changed
 from cspace.store import Index, Record, Store
 from cspace.threads import cores, in_threads
@@ -171,9 +171,9 @@ def run(
     if client is not None:
         return _on_cluster(task, job, todo, client, progress)
     needed = job.bytes_needed()
-    fit = int(KEEP * free_bytes() // needed)
+    fit = int(MAX_MEMORY_FRACTION * free_bytes() // needed)
     if fit < 1:
-        raise _too_large(job, needed, KEEP * free_bytes())
+        raise _too_large(job, needed, MAX_MEMORY_FRACTION * free_bytes())
     threads = min(workers or cores(), len(todo), fit)
     job = Job(job.store, job.source, max(1, (workers or cores()) // threads))
     _ = job.reach  # once, and not in each thread
@@ -257,7 +257,7 @@ def _on_cluster(
     progress: Callable[[int], None] | None,
 ) -> list[Any]:
     """As :func:`run`, on a cluster, whose scheduler is given some of the tasks at a time."""
-    distributed = optional("distributed", CLUSTER, "distributed")
+    distributed = import_optional("distributed", CLUSTER, "distributed")
 
     # A worker goes down with what it cannot unpickle. So these two functions, which are sent as they stand, ask first
     # whether there is a cspace, and which one, by the name that every version has; and all else is sent as bytes.

@@ -16,8 +16,8 @@ from urllib.parse import urlsplit
 
 from cspace.arms.space import ArmSpace
 from cspace.arrays import Floats
-from cspace.check import whole
-from cspace.errors import InputError, optional
+from cspace.check import check_count
+from cspace.errors import InputError, import_optional
 from cspace.plot.route import HasAxes, check_path, collect_marks
 from cspace.tiles.space import TiledCSpace
 from cspace.view.arm_canvas import ArmCanvas
@@ -191,7 +191,7 @@ def serve(host: str, port: int | None) -> ViserServer:
     Raises InputError if this machine lacks the address, or if the port is taken or invalid; MissingPackageError if
     viser is not installed.
     """
-    viser = optional("viser", "it serves the page in the browser", "view")
+    viser = import_optional("viser", "it serves the page in the browser", "view")
     from websockets.exceptions import ConnectionClosed
 
     with _quiet():
@@ -262,7 +262,7 @@ def _free_port(host: str, port: int | None) -> int:
     if port is None:
         ports: Iterable[int] = range(FIRST_PORT, FIRST_PORT + _MAX_PORTS)
     else:
-        ports = [whole(port, "port", 0, 2**16 - 1, "pass 0 for any free port, or omit it")]
+        ports = [check_count(port, "port", 0, 2**16 - 1, "pass 0 for any free port, or omit it")]
     hint = 'pass "127.0.0.1", or "0.0.0.0" for all addresses'
     no_host = InputError("host", f"is {host!r}", "it must be an address of this machine", hint, value=host)
     try:

@@ -21,7 +21,7 @@ from cspace.cli import app
 from cspace.cli.report import progress_line
 from cspace.compiling import LOGGER
 from cspace.errors import InputError
-from cspace.limits import MESH_BYTES, build_seconds, bytes_text, map_bytes
+from cspace.limits import MESH_CELL_BYTES, build_seconds, bytes_text, map_bytes
 from cspace.plot import animate
 from cspace.spectral import FourierOverlap
 from maps import same
@@ -172,7 +172,7 @@ def test_info_describes_a_mesh_before_any_work(room: Path, monkeypatch: pytest.M
     assert not {"cells", "memory", "spacing_m"} & set(printed)
     printed = document("info", "cube.obj", "--spacing", 0.01, "--bounds=0,0,0,2,1,1", "--robot", "box:0.1x0.2x0.3")
     assert (printed["shape"], printed["cells"]) == ([200, 100, 100], {"total": 2_000_000})
-    assert printed["memory"]["needed_bytes"] == max(MESH_BYTES * 2_000_000, 4_000_000 + map_bytes((200, 100, 100)))
+    assert printed["memory"]["needed_bytes"] == max(MESH_CELL_BYTES * 2_000_000, 4_000_000 + map_bytes((200, 100, 100)))
     assert printed["memory"]["fits"] is True
     assert (printed["robot"]["name"], printed["robot"]["cells_across"]) == ("box 0.1 m x 0.2 m x 0.3 m", [10, 20, 30])
     printed = document("info", "open.obj", warning="open")

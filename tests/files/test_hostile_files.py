@@ -233,7 +233,7 @@ def test_limits_can_be_lowered_and_raised(tmp_path: Path, monkeypatch: pytest.Mo
             assert Workspace.open(tmp_path / "a.3dmap").grid.size == 729
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 500)
     (tmp_path / "a.3dmap").write_text("voxel 99 99 99\n")
-    refused(tmp_path / "a.3dmap", "needs about 970 kB of memory; at most 475 bytes may be taken")
+    refused(tmp_path / "a.3dmap", "needs about 970 kB of memory; at most 475 bytes may be used")
 
 
 @refusals(

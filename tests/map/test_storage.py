@@ -44,7 +44,7 @@ def both(name, monkeypatch, **options):
     """A map with a byte a state, and with two bits."""
     workspace, robot, rotations = CASES[name]()
     bytes_ = cspace.build(workspace, robot, rotations=rotations, **options)
-    monkeypatch.setattr(limits, "PACKED_FROM", 0)
+    monkeypatch.setattr(limits, "MAX_UNPACKED_STATES", 0)
     bits = cspace.build(workspace, robot, rotations=rotations, **options)
     size = bytes_._kernel_map.states.size
     assert bits._facts["memory_bytes"] < size // 4 + 20 < bytes_._facts["memory_bytes"] == size
@@ -123,7 +123,7 @@ def test_what_would_not_fit_as_bytes_is_refused(monkeypatch, tmp_path):
 
 
 def test_maps_with_overlap_counts_store_bytes(monkeypatch):
-    monkeypatch.setattr(limits, "PACKED_FROM", 0)
+    monkeypatch.setattr(limits, "MAX_UNPACKED_STATES", 0)
     workspace, robot, rotations = CASES["SE(2)"]()
     space = cspace.build(workspace, robot, rotations=rotations, counts=True)
     assert space._facts["memory_bytes"] == 5 * space._kernel_map.states.size

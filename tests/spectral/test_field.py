@@ -261,7 +261,7 @@ def test_field_refuses_to_exceed_the_memory(monkeypatch: pytest.MonkeyPatch) -> 
     space, overlap = scene("plane")
     needed = 3 * 8 * space.grid.size
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: needed)
-    with pytest.raises(InputError, match=r"the overlap field has 40 x 32 cells .* may be taken.* use a spacing of"):
+    with pytest.raises(InputError, match=r"the overlap field has 40 x 32 cells .* may be used.* use a spacing of"):
         space.with_overlap_field(overlap)
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 2 * needed)
     space.with_overlap_field(overlap)
