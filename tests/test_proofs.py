@@ -1,4 +1,4 @@
-"""No answer that is called a proof is false, by geometry that shares no code with the library, on a few random maps."""
+"""Proofs of random maps, against geometry that shares no code with the library."""
 
 import pytest
 
@@ -6,11 +6,11 @@ from benchmarks.report import Report
 from tests.soak import maps
 
 
-@pytest.mark.filterwarnings("ignore")  # of obstacles that are tiny, or open, or beyond the bounds
+@pytest.mark.filterwarnings("ignore")  # warnings about tiny, open or distant obstacles
 @pytest.mark.parametrize("seed", range(1, 4))
 @pytest.mark.parametrize("name", list(maps.SPACES)[:3])
-def test_states_edges_boxes_clearances_and_walks_are_as_geometry_has_them(name: str, seed: int) -> None:
-    """Test anywhere, on borders of cells and next to them, outside the grid too; all kinds of robots and obstacles."""
+def test_proofs_of_random_maps_agree_with_independent_geometry(name: str, seed: int) -> None:
+    """Test inside, on and next to boundaries of cells, and outside the grid, for all kinds of robots and obstacles."""
     report = Report(quick=True)
     maps.check_maps(report, name, maps.SPACES[name][0], seed, 20_000, 20)
     assert not report.failures, report.notes

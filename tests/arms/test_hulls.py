@@ -1,4 +1,4 @@
-"""Trees of hulls hold what they are of, and the bounds of motions what moves: against samples, which share no code."""
+"""Trees of hulls and bounds of motions, against samples."""
 
 from pathlib import Path
 from typing import Any
@@ -34,8 +34,8 @@ SHAPES = {
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_nodes_hold_what_is_below_them(name: str) -> None:
-    """Each node's box, ball and hull; the leaves together are the border, and what is convex is one of them."""
+def test_nodes_contain_their_descendants(name: str) -> None:
+    """Check box, ball and hull of each node; the leaves make up the boundary, and a convex part is one leaf."""
     part = PosedShape(SHAPES[name](), POSE).bounds_pair[0]
     boundary, radius = part.boundary.simplices, part.boundary.radii.max()
     hulls = part.hulls
@@ -64,7 +64,7 @@ def test_nodes_hold_what_is_below_them(name: str) -> None:
         assert len(below) <= MAX_TRIANGLES_PER_TILE or len(hull) < 400
 
 
-def test_a_forest_is_its_parts() -> None:
+def test_build_forest_contains_all_parts() -> None:
     parts = [PosedShape(SHAPES[name](), POSE).bounds_pair[0].hulls for name in ("ring", "box", "ball")]
     hulls, roots, trunks = build_forest([parts[:2], [], parts[2:]])
     assert roots[1] == -1
@@ -84,7 +84,7 @@ def bounds(chain: Chain, a: int, b: int, radius: float, q0: Any, q1: Any) -> tup
 
 
 def chain_of(folder: Path, last: str) -> Path:
-    """Three links of 1 m in a row; the last joint turns as the first one does, or slides across it."""
+    """Write three links of 1 m in a row; the last joint rotates like the first, or slides across it."""
     bar = ((1.0, 0.0001, 0.0001), (0.5, 0, 0))
     axis = {"prismatic": (0, 1, 0), "revolute": (0, 0, 1)}[last]
     return written(
@@ -104,10 +104,10 @@ def chain_of(folder: Path, last: str) -> Path:
     ],
     ids=["turns", "slides", *map(str, range(3))],
 )
-def test_bounds_of_what_moves_against_differences(tmp_path: Path, make: Any, start: Any, end: Any) -> None:
-    """Of every two links, seen from either: no corner is quicker or bends more, and the bounds are near where they can.
+def test_motion_bounds_agree_with_differences(tmp_path: Path, make: Any, start: Any, end: Any) -> None:
+    """For every two links, no corner moves faster or curves more than the bounds, which are nearly sharp.
 
-    Of links in a row that turn alike, the last one's end has all the acceleration that the bound allows.
+    In a row of links that rotate alike, the end of the last link reaches the largest acceleration.
     """
     arm, rng = Arm.from_urdf(make(tmp_path)), np.random.default_rng(5)
     lower, upper = np.maximum(arm.lower, -2.0), np.minimum(arm.upper, 2.0)
@@ -133,8 +133,8 @@ def test_bounds_of_what_moves_against_differences(tmp_path: Path, make: Any, sta
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_no_ball_on_the_way_of_a_far_motion_is_missed(tmp_path: Path, seed: int) -> None:
-    """Motions as long as the joints allow, of one joint or of all; balls where a corner of a link is on the way."""
+def test_long_motions_never_miss_a_ball(tmp_path: Path, seed: int) -> None:
+    """Motions are as long as the joints allow, and a ball lies where a corner of a link passes."""
     arm, rng = Arm.from_urdf(random_arm(tmp_path, seed)), np.random.default_rng(seed)
     lower, upper = np.maximum(arm.lower, -3.0), np.minimum(arm.upper, 3.0)
     names = [each.name for each in arm.links]
@@ -154,8 +154,8 @@ def test_no_ball_on_the_way_of_a_far_motion_is_missed(tmp_path: Path, seed: int)
 
 
 @pytest.mark.parametrize("other", ["slides", "turns"])
-def test_the_nearest_that_a_swing_comes_is_told_to_a_micrometre(tmp_path: Path, other: str) -> None:
-    """A bar of 1 m that turns by 2 rad, past a wall: by hand, and so that neither bound is lost nor given away."""
+def test_swing_past_a_wall_is_decided_to_a_micrometre(tmp_path: Path, other: str) -> None:
+    """A bar of 1 m rotates by 2 rad past a wall; both bounds are solved by hand."""
     kind = {"slides": "prismatic", "turns": "continuous"}[other]
     path = written(
         tmp_path,
@@ -173,8 +173,8 @@ def test_the_nearest_that_a_swing_comes_is_told_to_a_micrometre(tmp_path: Path, 
         assert space.motion_is_free((-1.0, 0.0), (1.0, 0.05)) is is_free
 
 
-def test_many_turns_round_the_values_of_joints(tmp_path: Path) -> None:
-    """After 10^9 turns an angle is only known to 10^-7 rad: what is nearer than that is not proven."""
+def test_many_turns_prove_nothing_below_their_rounding(tmp_path: Path) -> None:
+    """After 10^9 turns an angle is known only to 1e-7 rad, so smaller distances prove nothing."""
     bar = link("arm", ((1.0, 0.02, 0.02), (0.5, 0, 0)))
     arm = Arm.from_urdf(written(tmp_path, link("base"), bar, joint("turn", "base", "arm", kind="continuous")))
     wall = np.eye(4)
@@ -184,8 +184,8 @@ def test_many_turns_round_the_values_of_joints(tmp_path: Path) -> None:
     assert not space.is_free((2e9 * np.pi,))
 
 
-def test_what_lies_within_a_body_that_is_not_convex(tmp_path: Path) -> None:
-    """A ball in the thick of a ring, whose triangles are all apart from it; in the ring's hole it is free."""
+def test_ball_inside_a_ring_body_collides(tmp_path: Path) -> None:
+    """The triangles of the ring are far from the ball in its body; in the hole the ball is free."""
     arm = Arm.from_urdf(
         written(tmp_path, link("base"), link("arm", ((0.1,) * 3, (0, 0, 9))), joint("j", "base", "arm", axis=(0, 1, 0)))
     )
@@ -197,8 +197,8 @@ def test_what_lies_within_a_body_that_is_not_convex(tmp_path: Path) -> None:
         assert space.is_free((0.0,)) is space.motion_is_free((0.0,), (1.0,)) is is_free
 
 
-def test_a_flat_plate_with_a_window_is_open_there(tmp_path: Path) -> None:
-    """Its triangles lie in one plane, as their hull does, which covers the window too."""
+def test_flat_plate_is_free_in_its_window(tmp_path: Path) -> None:
+    """The hull of a flat plate covers the window too."""
     corners = [(0.0, s * y, s * z) for s in (1.0, 0.4) for y, z in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     faces = [face for k in range(4) for n in ((k + 1) % 4,) for face in ((k, n, 4 + n), (k, 4 + n, 4 + k))]
     bar = link("arm", ((1.0, 0.1, 0.1), (0.5, 0, 0)))

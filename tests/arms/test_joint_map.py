@@ -1,4 +1,4 @@
-"""Maps of two and three joints, against shapely for arms in the plane and FCL in space, which share no code."""
+"""Maps of two and three joints, against shapely for arms in the plane and FCL in space."""
 
 import copy
 import pickle
@@ -11,6 +11,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import label
+from tests.soak.plane_arm import placed
 
 import cspace
 import planners
@@ -20,23 +21,22 @@ from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space, build_joint_
 from cspace.errors import ConfigurationError, InputError
 from maps import proven_paths
 from refusals import refusals
-from tests.soak.plane import placed
 from urdfs import joint, link, planar, written
 
 POSTS = ((1.3, 0.9, 0.5), (-0.9, 1.2, 0.4), (0.2, -1.5, 0.7))
-"""Middles of square posts, and their sides."""
+"""Centers of square posts, and their sides, metres."""
 
 
-def plane(folder: Path, limits: tuple[float, float] = (-3.0, 3.0), posts: Any = POSTS) -> ArmSpace:
-    """Two bars of 1 m by 0.1 m among posts."""
+def plane_arm(folder: Path, limits: tuple[float, float] = (-3.0, 3.0), posts: Any = POSTS) -> ArmSpace:
+    """Return two bars of 1 m by 0.1 m among posts."""
     shapes = {
         f"post{k}": PosedShape(Robot.box((side, side, 2.0)).shape, at(x, y, 0)) for k, (x, y, side) in enumerate(posts)
     }
     return build_arm_space(shapes, Arm.from_urdf(planar(folder, limits=limits)))
 
 
-def touches(q: Any, posts: Any = POSTS) -> Any:
-    """Whether the bars meet a post, of each configuration, by shapely."""
+def meets_posts(q: Any, posts: Any = POSTS) -> Any:
+    """Return whether the bars meet a post at each configuration, by shapely."""
     (first, second), bar = np.transpose(q), shapely.box(0.0, -0.05, 1.0, 0.05)
     upper = placed(bar, np.stack([np.zeros_like(first), np.zeros_like(first), first], axis=1))
     fore = placed(bar, np.stack([np.cos(first), np.sin(first), first + second], axis=1))
@@ -44,9 +44,9 @@ def touches(q: Any, posts: Any = POSTS) -> Any:
     return shapely.intersects(np.array([upper, fore])[:, None], np.array(squares)[:, None]).any(axis=(0, 1))
 
 
-def test_a_plane_arm_against_shapely(tmp_path: Path) -> None:
-    """No configuration of a FREE cell collides, be it at the cell's corner; each of a BLOCKED one does."""
-    space = plane(tmp_path)
+def test_joint_map_of_a_plane_arm_agrees_with_shapely(tmp_path: Path) -> None:
+    """No configuration of a FREE cell collides, even at its corners; each of a BLOCKED cell does."""
+    space = plane_arm(tmp_path)
     made = build_joint_map(space, 6.0 / 150)
     assert isinstance(made, CSpace)
     assert (made.axes, made.grid.units, made.grid.shape) == (("shoulder", "elbow"), ("rad", "rad"), (150, 150))
@@ -54,7 +54,7 @@ def test_a_plane_arm_against_shapely(tmp_path: Path) -> None:
     wrong = []
     for state, collides in ((FREE, True), (BLOCKED, False)):
         cells = np.argwhere(made.cell_states == state)
-        # Those next to others are where a bound that is too weak would show.
+        # Cells next to other states reveal bounds that are too weak.
         near = np.array(
             [(made.cell_states[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] != state).any() for i, j in cells]
         )
@@ -63,18 +63,18 @@ def test_a_plane_arm_against_shapely(tmp_path: Path) -> None:
             rng.random((len(sample), 2)) < 0.5, rng.integers(0, 2, (len(sample), 2)), rng.random((len(sample), 2))
         )
         points = made.grid.lower + made.grid.spacing * (sample + within)
-        wrong += points[touches(points) == collides].tolist()
+        wrong += points[meets_posts(points) == collides].tolist()
     assert not wrong
     free, mixed, blocked = made.count()
-    truth = touches(rng.uniform(-3.0, 3.0, (400, 2))).mean()
+    truth = meets_posts(rng.uniform(-3.0, 3.0, (400, 2))).mean()
     assert mixed < 0.1 * made.grid.size
     assert free / made.grid.size - 0.05 < 1.0 - truth < (free + mixed) / made.grid.size + 0.05
     assert blocked > 0.5 * truth * made.grid.size
 
 
 @pytest.mark.parametrize("seed", [1, 3, 4])
-def test_three_joints_of_an_arm_against_fcl(tmp_path: Path, seed: int) -> None:
-    """Random boxes on joints of all kinds; the others are held still."""
+def test_joint_map_of_three_joints_agrees_with_fcl(tmp_path: Path, seed: int) -> None:
+    """Random boxes on joints of all kinds; the other joints are held."""
     space, oracle, rng = scene(tmp_path, seed)
     configurations = space.sample_free(50, rng)
     held = configurations[np.argmax(space.obstacle_distance(configurations))]
@@ -92,24 +92,24 @@ def test_three_joints_of_an_arm_against_fcl(tmp_path: Path, seed: int) -> None:
             assert (oracle.apart(q) > 0.0) == apart
 
 
-def test_no_path_is_a_proof(tmp_path: Path) -> None:
-    """A post in reach of the upper arm parts its way in two: no dense grid of configurations joins the two either."""
+def test_disconnected_configurations_have_no_path(tmp_path: Path) -> None:
+    """A post splits the range of the upper arm; a dense grid of configurations confirms it."""
     posts = ((0.7, 0.0, 0.3),)
-    space = plane(tmp_path, (-1.5, 1.5), posts)
+    space = plane_arm(tmp_path, (-1.5, 1.5), posts)
     made = build_joint_map(space, 0.05)
     left, right = (-1.0, 0.3), (1.0, -0.3)
     assert made.is_disconnected(left, right)
     assert made.is_connected(left, (-0.9, -1.0))
     q = np.stack(np.meshgrid(np.linspace(-1.5, 1.5, 61), np.linspace(-3.0, 3.0, 61), indexing="ij"), axis=-1)
-    free = ~touches(q.reshape(-1, 2), posts).reshape(61, 61)
+    free = ~meets_posts(q.reshape(-1, 2), posts).reshape(61, 61)
     parts, _ = label(free, np.ones((3, 3)))
     near = [tuple(np.abs(q - end).sum(axis=-1).argmin() // np.array([61, 1]) % 61) for end in (left, right)]
     assert parts[near[0]] != parts[near[1]]
 
 
-def test_all_that_a_map_can_do(tmp_path: Path) -> None:
-    """Edges and paths that the map proves are proven by the arm itself; files, labels and pictures name the joints."""
-    space = plane(tmp_path)
+def test_joint_map_supports_all_queries(tmp_path: Path) -> None:
+    """The arm itself proves the edges and paths of the map; files, labels and pictures name the joints."""
+    space = plane_arm(tmp_path)
     made = build_joint_map(space, 0.05)
     rng = np.random.default_rng(5)
     q = made.sample_free(100, rng)
@@ -139,12 +139,12 @@ def test_all_that_a_map_can_do(tmp_path: Path) -> None:
     assert dataset.elbow.attrs["units"] == "rad"
     ax = made.plot(path=made.find_path(start, goal))
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("shoulder (rad)", "elbow (rad)")
-    # A part of the joints' own space may be closed as well.
+    # Obstacles may also be added in joint space.
     assert made.add_obstacle("keep out", [(2.4, 0.4), (2.6, 0.4), (2.6, 0.6), (2.4, 0.6)]).changed > 0
     assert not made.is_free((2.5, 0.5))
 
 
-def test_a_joint_that_slides_and_limits_between_cells(tmp_path: Path) -> None:
+def test_prismatic_joints_and_limits_between_cells_are_mapped(tmp_path: Path) -> None:
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
     path = written(
         tmp_path,
@@ -169,7 +169,7 @@ def test_a_joint_that_slides_and_limits_between_cells(tmp_path: Path) -> None:
 
 
 def periodic_axes(folder: Path, posts: Any, **elbow: Any) -> ArmSpace:
-    """The same bars on a shoulder that turns for ever."""
+    """Return the same bars on a continuous shoulder."""
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
     path = written(
         folder,
@@ -183,10 +183,10 @@ def periodic_axes(folder: Path, posts: Any, **elbow: Any) -> ArmSpace:
 
 
 @pytest.mark.parametrize("circle", [True, False])
-def test_exact_answers_are_those_of_the_arm(tmp_path: Path, circle: bool) -> None:
-    """In all cells, across the seam, in copies, and in plans through MIXED cells; not of cells that changed."""
+def test_exact_queries_agree_with_the_arm(tmp_path: Path, circle: bool) -> None:
+    """Includes all cells, the seam, copies, and plans through MIXED cells, but no changed cells."""
     posts, rng = ((0.7, 0.0, 0.3), (-0.9, 1.2, 0.4)), np.random.default_rng(6)
-    space = periodic_axes(tmp_path, posts) if circle else plane(tmp_path, posts=posts)
+    space = periodic_axes(tmp_path, posts) if circle else plane_arm(tmp_path, posts=posts)
     made = build_joint_map(space, 0.3, limits={"elbow": (-2.0, 2.0)})
     low, high = np.array([(-9.0, 9.0) if circle else (-3.0, 3.0), (-2.0, 2.0)]).T
     q = rng.uniform(low, high, (300, 2))
@@ -198,7 +198,7 @@ def test_exact_answers_are_those_of_the_arm(tmp_path: Path, circle: bool) -> Non
         check, walk = each.point_checker(exact=True), each.edge_checker(exact=True)
         assert [check(*a) for a in q[:40]] == free[:40].tolist()
         assert [walk(*a, *b) for a, b in zip(q[:40], targets[:40], strict=True)] == moves[:40].tolist()
-    assert touches(q, posts).tolist() == (~free).tolist()
+    assert meets_posts(q, posts).tolist() == (~free).tolist()
     mixed = free & (made.classify(q) == MIXED)
     assert mixed.sum() > 30
     outside = (-1.5, 2.1)  # in the last cell, but behind where the map ends
@@ -206,7 +206,7 @@ def test_exact_answers_are_those_of_the_arm(tmp_path: Path, circle: bool) -> Non
     plans = [planners.plan(made, a, b, exact=True, seed=1) for a, b in q[mixed][:6].reshape(3, 2, 2)]
     assert any(plan.certified for plan in plans)
     assert all(plan.certified or plan.is_disconnected for plan in plans)
-    assert not any(touches(plan.path, posts).any() for plan in plans)
+    assert not any(meets_posts(plan.path, posts).any() for plan in plans)
     middle = q[mixed][0]
     check, walk = made.point_checker(exact=True), made.edge_checker(exact=True)
     assert check(*middle) and walk(*middle, *middle)
@@ -215,8 +215,8 @@ def test_exact_answers_are_those_of_the_arm(tmp_path: Path, circle: bool) -> Non
     assert not (made.is_free(q, exact=True) & ~free).any()
 
 
-def test_the_only_way_leads_across_the_seam(tmp_path: Path) -> None:
-    """A post on the right stops the upper bar; behind the foot, where angles leap by a turn, nothing is in the way."""
+def test_paths_cross_the_seam(tmp_path: Path) -> None:
+    """A post on the right stops the upper bar; the seam behind the foot is free."""
     space = periodic_axes(tmp_path, ((0.7, 0.0, 0.3),))
     made = build_joint_map(space, 0.05)
     assert made.grid.spacing == pytest.approx(2.0 * np.pi / 126)
@@ -227,14 +227,14 @@ def test_the_only_way_leads_across_the_seam(tmp_path: Path) -> None:
         assert path[-1] == pytest.approx((1.0 - 2.0 * np.pi, -0.3))
         assert made.certify_path(path).all()
         assert np.all(space.certify_path(path))
-        assert not touches(path, ((0.7, 0.0, 0.3),)).any()
+        assert not meets_posts(path, ((0.7, 0.0, 0.3),)).any()
     with_wall = build_joint_map(periodic_axes(tmp_path, ((0.7, 0.0, 0.3), (-0.7, 0.0, 0.3))), 0.05)
     assert with_wall.is_disconnected(left, right)
 
 
 @pytest.mark.parametrize("cells", [75, 76])
-def test_the_last_angle_of_a_turn_is_in_the_last_cell(tmp_path: Path, cells: int) -> None:
-    """However the side of the cells is rounded: 75 times a 75th of a turn is less than a turn."""
+def test_last_cell_contains_the_last_angle(tmp_path: Path, cells: int) -> None:
+    """75 times a 75th of a turn, rounded, is less than a turn."""
     made = build_joint_map(periodic_axes(tmp_path, ((0.7, 0.0, 0.3),)), 2.0 * np.pi / cells)
     last, other = (np.nextafter(np.pi, 0.0), 0.3), (2.5, 0.3)
     assert made.grid.shape[0] == cells
@@ -250,7 +250,7 @@ def test_the_last_angle_of_a_turn_is_in_the_last_cell(tmp_path: Path, cells: int
 def test_joint_maps_agree_with_shapely(
     tmp_path_factory: pytest.TempPathFactory, seed: int, elbow: dict[str, Any]
 ) -> None:
-    """Among random posts: no cell lies, at the seam neither; no path is found where none is, nor missed."""
+    """Among random posts, also at the seam, all states are right, and paths exist exactly if they should."""
     rng = np.random.default_rng(seed)
     angle, reach = rng.uniform(-np.pi, np.pi, 4), rng.uniform(0.5, 1.8, 4)
     posts = tuple(zip(reach * np.cos(angle), reach * np.sin(angle), rng.uniform(0.1, 0.3, 4), strict=True))
@@ -263,10 +263,10 @@ def test_joint_maps_agree_with_shapely(
         sample = rng.permutation(cells[near])[:40]
         points = made.grid.lower + made.grid.spacing * (sample + rng.integers(0, 2, sample.shape))
         points = points + 2.0 * np.pi * rng.integers(-2, 3, points.shape) * circles
-        assert not (touches(points, posts) == collides).any()
+        assert not (meets_posts(points, posts) == collides).any()
     q = np.stack(np.meshgrid(*(made.grid.centers(axis) for axis in range(2)), indexing="ij"), axis=-1).reshape(-1, 2)
     for most, answer in ((FREE, True), (MIXED, False)):
-        # Parts of one turn, joined where they meet at its ends.
+        # Join components that meet across the seam.
         parts, _ = label(states <= most)
         while True:
             before = parts.copy()
@@ -283,8 +283,8 @@ def test_joint_maps_agree_with_shapely(
         np.testing.assert_array_equal(exists == answer, same == answer)
 
 
-def test_a_joint_that_others_follow_by_half(tmp_path: Path) -> None:
-    """After a turn of it the arm is not where it was."""
+def test_joints_mimicked_by_a_fraction_need_limits(tmp_path: Path) -> None:
+    """A turn of such a joint does not restore the arm."""
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
     follows = '<mimic joint="one" multiplier="{}"/>'
     for factor, good in (("0.5", False), ("-2", True)):
@@ -313,12 +313,12 @@ def test_a_joint_that_others_follow_by_half(tmp_path: Path) -> None:
     ({"limits": {"elbow": (1.0, 1.0)}}, "two ascending numbers"),
     ({"spacing": 1e-5}, r"cells of 1e-05 rad and needs"),
 )
-def test_build_arm_map_refuses(tmp_path: Path, options: dict[str, Any], message: str) -> None:
+def test_build_joint_map_refuses_invalid_arguments(tmp_path: Path, options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        build_joint_map(plane(tmp_path), **{"spacing": 0.1, **options})
+        build_joint_map(plane_arm(tmp_path), **{"spacing": 0.1, **options})
 
 
-def test_joints_that_are_held_where_links_touch(tmp_path: Path) -> None:
+def test_held_joints_must_keep_links_apart(tmp_path: Path) -> None:
     bar = ((0.8, 0.1, 0.1), (0.5, 0, 0))
     path = written(
         tmp_path,
@@ -335,8 +335,8 @@ def test_joints_that_are_held_where_links_touch(tmp_path: Path) -> None:
     assert (build_joint_map(space, 0.1, ("1", "2"), held_joints=(0, 0, 0, 0)).cell_states == MIXED).any()
 
 
-def test_a_joint_that_stays_where_it_is(tmp_path: Path) -> None:
-    """Limits that are equal: the arm is planned for, and a map is of the others."""
+def test_joint_with_equal_limits_is_held(tmp_path: Path) -> None:
+    """Paths keep the joint at its value, and maps must leave it out."""
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
     path = written(
         tmp_path,

@@ -1,4 +1,4 @@
-"""Arms from URDF files: joints, limits, bodies and pairs, against yourdfpy's own kinematics."""
+"""Arms from URDF files: joints, limits, bodies and pairs, against yourdfpy and pinocchio."""
 
 import pickle
 from pathlib import Path
@@ -21,7 +21,7 @@ BAR = ((1.0, 0.1, 0.1), (0.5, 0, 0))
 
 @pytest.mark.parametrize("seed", range(4))
 def test_links_stand_where_yourdfpy_places_them(tmp_path: Path, seed: int) -> None:
-    """All kinds of joints, and one that mimics: as yourdfpy places them."""
+    """Includes all kinds of joints, and a joint that mimics another."""
     path = random_arm(tmp_path, seed)
     arm = Arm.from_urdf(path)
     urdf = yourdfpy.URDF.load(str(path), load_meshes=False)
@@ -33,7 +33,7 @@ def test_links_stand_where_yourdfpy_places_them(tmp_path: Path, seed: int) -> No
 
 
 def test_only_joints_between_base_and_tip_move(tmp_path: Path) -> None:
-    """Joints between them move; the others stand at zero, or at the limit next to it."""
+    """The other joints are held at zero, or at their nearest limit."""
     path = written(
         tmp_path,
         *(link(name, BAR) for name in "abcd"),
@@ -45,15 +45,15 @@ def test_only_joints_between_base_and_tip_move(tmp_path: Path) -> None:
     arm = Arm.from_urdf(path, tip="d")
     assert arm.joints == ("one", "three")
     np.testing.assert_allclose(arm.poses((0.0, 0.2))["d"][:3, 3], (2, 0, 0.2))
-    # What hangs on b by a joint that does not move is of its body.
+    # A link on a held joint belongs to the body of its parent.
     assert {each.name: each.body for each in arm.links} == {"a": 0, "b": 1, "c": 1, "d": 2}
     only = Arm.from_urdf(path, base="b", tip="c")
     assert [each.name for each in only.links] == ["b", "c", "d"]
     assert only.lower.tolist() == [0.5]
 
 
-def test_what_is_alike_is_made_once(tmp_path: Path) -> None:
-    """The same geometry at the same place is one, in all arms, with what was made of it; a copy keeps that."""
+def test_equal_links_share_one_object(tmp_path: Path) -> None:
+    """Equal geometry at an equal pose is one object in all arms, with its caches; a copy keeps the caches."""
 
     def parts_of(length: float) -> list[PosedShape]:
         box = ((length, 0.1, 0.1), (0.5, 0, 0))
@@ -65,7 +65,7 @@ def test_what_is_alike_is_made_once(tmp_path: Path) -> None:
     assert first[1] is second[1] is not other[1]
     made = first[1].hulls
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(first[1])).__dict__["hulls"].corners, made.corners)
-    # Also of a shape that has been asked about, and so holds what it has made.
+    # A shape with filled caches is shared too.
     arm, ball = Arm.from_urdf(planar(tmp_path)), Mesh.of(trimesh.creation.icosphere(1, 0.1))
     held = arm.attach("ball", ball, arm.links[-1].name).links[-1].parts[0]
     assert len(held.hulls.nodes) and held.surface
@@ -73,7 +73,7 @@ def test_what_is_alike_is_made_once(tmp_path: Path) -> None:
 
 
 def test_neighbours_may_touch_unless_an_srdf_lists_pairs(tmp_path: Path) -> None:
-    """Neighbours, also over a link without geometry; or what an SRDF says, and nothing else."""
+    """Neighbours include links connected over a link without geometry; an SRDF replaces them."""
     path = written(
         tmp_path,
         link("a", BAR),
@@ -119,8 +119,8 @@ def test_srdf_names_of_missing_and_bare_links_are_skipped_with_one_warning(tmp_p
     assert {name: q.tolist() for name, q in arm.named_configurations.items()} == {"g/s": [0, 0], "alone": [0, 1]}
 
 
-def test_srdf_groups_states_and_end_effectors_are_offered(tmp_path: Path) -> None:
-    """States of two groups may have one name; joints that a state leaves out are as near to zero as they can be."""
+def test_srdf_groups_states_and_end_effectors_are_read(tmp_path: Path) -> None:
+    """States of two groups may share a name; joints missing from a state are as near to zero as possible."""
     path = written(
         tmp_path,
         *(link(name, BAR) for name in "abcdef"),
@@ -162,7 +162,7 @@ def test_srdf_groups_states_and_end_effectors_are_offered(tmp_path: Path) -> Non
 
 @pytest.mark.filterwarnings("ignore::cspace.MeshWarning", "ignore:.*without collision geometry")
 @pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_named_configurations_are_those_of_pinocchio(data: Path, name: str) -> None:
+def test_named_configurations_agree_with_pinocchio(data: Path, name: str) -> None:
     pin = pytest.importorskip("pinocchio")
     urdf, srdf = (data / "arms" / name / f"{name}.{suffix}" for suffix in ("urdf", "srdf"))
     model = pin.buildModelFromUrdf(str(urdf))
@@ -179,7 +179,7 @@ def test_named_configurations_are_those_of_pinocchio(data: Path, name: str) -> N
 
 
 def test_pairs_are_sorted_into_always_sometimes_and_never(tmp_path: Path) -> None:
-    """Links beyond the next one are looked at, though their bodies are next to each other."""
+    """Includes links beyond the next one whose bodies are adjacent."""
     path = written(
         tmp_path,
         link("base", BAR),
@@ -207,7 +207,7 @@ def test_pairs_are_sorted_into_always_sometimes_and_never(tmp_path: Path) -> Non
         ("hook", "lamp"): "never",
         ("lamp", "sleeve"): "never",
     }
-    # Where the SRDF forgets one, no configuration would be free.
+    # If the SRDF forgets a pair that always touches, no configuration is free.
     srdf = tmp_path / "arm.srdf"
     srdf.write_text('<robot name="small"><disable_collisions link1="base" link2="core"/></robot>')
     forgotten = Arm.from_urdf(path, srdf)
@@ -329,14 +329,16 @@ def with_mesh(folder: Path) -> Path:
     (with_mesh, {}, FileError, "link 'b', collision 0: mesh package://arm/meshes/lost.stl: does not exist"),
     (lambda folder: written(folder, link("a"), link("b"), joint("one", "a", "b")), {}, InputError, "no collision geom"),
 )
-def test_from_urdf_refuses(tmp_path: Path, write: Any, options: dict[str, Any], error: Any, message: str) -> None:
+def test_from_urdf_refuses_invalid_files_and_links(
+    tmp_path: Path, write: Any, options: dict[str, Any], error: Any, message: str
+) -> None:
     ends = {name: options[name] for name in ("base", "tip") if name in options}
     path = write(tmp_path, **{name: value for name, value in options.items() if name not in ends})
     with pytest.raises(error, match=message):
         Arm.from_urdf(path, **ends)
 
 
-def test_a_joint_may_mimic_a_later_one(tmp_path: Path) -> None:
+def test_joint_may_mimic_a_later_one(tmp_path: Path) -> None:
     assert Arm.from_urdf(planar(tmp_path, extra='<mimic joint="elbow"/>')).joints == ("elbow",)
 
 
@@ -353,7 +355,7 @@ def test_a_joint_may_mimic_a_later_one(tmp_path: Path) -> None:
     ("<html/>", "holds <html>, not <robot>"),
     ("<robot", "arm.srdf"),
 )
-def test_unreadable_srdf_files_are_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_from_urdf_refuses_invalid_srdf_files(tmp_path: Path, text: str, message: str) -> None:
     srdf = tmp_path / "arm.srdf"
     srdf.write_text(text)
     with pytest.raises(FileError, match=message):
@@ -379,7 +381,7 @@ BALL = Robot.ball(0.1)
     (("tool", BALL, "fore", None, 5), "touch_links is 5; it must be names of links"),
     ((5, BALL, "fore"), "name is 5; it must be a string"),
 )
-def test_attach_refuses(tmp_path: Path, arguments: tuple[Any, ...], message: str) -> None:
+def test_attach_refuses_invalid_arguments(tmp_path: Path, arguments: tuple[Any, ...], message: str) -> None:
     *given, touch = (*arguments, ()) if len(arguments) < 5 else arguments
     with pytest.raises(InputError, match=message):
         Arm.from_urdf(planar(tmp_path)).attach(*given, touch_links=touch)

@@ -1,4 +1,4 @@
-"""Workspaces, cells and clouds as obstacles of arms, against FCL and by hand."""
+"""Workspaces, cells and clouds as obstacles of arms, against FCL and cases solved by hand."""
 
 from pathlib import Path
 from typing import Any
@@ -21,35 +21,35 @@ SIDE = 10
 LOWER = (-1.0, -1.0, -1.0)
 
 
-def boxes_of(cells: Any, pose: Any = None) -> list[Any]:
+def cell_boxes(cells: Any, pose: Any = None) -> list[Any]:
     pose = np.eye(4) if pose is None else pose
     turn, middles = pose[:3, :3], (np.argwhere(cells) + 0.5) * H + LOWER
     return [box((H, H, H), turn @ middle + pose[:3, 3], turn) for middle in middles]
 
 
-def only_links(arm: Arm, name: str) -> list[tuple[str, str]]:
-    """Pairs that may touch: links each other, and the first one anything."""
+def allowed_pairs(arm: Arm, name: str) -> list[tuple[str, str]]:
+    """Return pairs that may touch: all links each other, and the first link also ``name``."""
     names = [each.name for each in arm.links]
     return [*((one, other) for one in names for other in names if one < other), (names[0], name)]
 
 
 def oracle(path: Path, arm: Arm, still: list[Any]) -> ArmOracle:
-    return ArmOracle(path, arm, {"still": still}, only_links(arm, "still"))
+    return ArmOracle(path, arm, {"still": still}, allowed_pairs(arm, "still"))
 
 
 def only_obstacles(obstacles: Any, arm: Arm, name: str = "workspace", base_pose: Any = None) -> ArmSpace:
-    return build_arm_space(obstacles, arm, allowed_collisions=only_links(arm, name), base_pose=base_pose)
+    return build_arm_space(obstacles, arm, allowed_collisions=allowed_pairs(arm, name), base_pose=base_pose)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_grids_of_obstacles_agree_with_fcl(tmp_path: Path, seed: int) -> None:
-    """FREE by the outer cells, BLOCKED by the inner ones, decided but for touching; motions hit nothing on the way."""
+def test_grids_agree_with_fcl(tmp_path: Path, seed: int) -> None:
+    """Outer cells prove FREE and inner cells prove BLOCKED; free motions hit nothing."""
     path, rng = random_arm(tmp_path, seed), np.random.default_rng(seed)
     arm = Arm.from_urdf(path)
     outer = rng.random((SIDE,) * 3) < 0.03
     inner = outer & (rng.random(outer.shape) < 0.5)
     space = only_obstacles(Workspace.from_array(outer, H, LOWER, inner=inner), arm)
-    around, within = (oracle(path, arm, boxes_of(cells)) for cells in (outer, inner))
+    around, within = (oracle(path, arm, cell_boxes(cells)) for cells in (outer, inner))
     points = sampled(arm, rng, 40)
     states = np.asarray(space.classify(points))
     assert set(states.tolist()) >= {FREE, BLOCKED}
@@ -69,7 +69,7 @@ def test_grids_of_obstacles_agree_with_fcl(tmp_path: Path, seed: int) -> None:
 
 
 @pytest.mark.parametrize("moved", ["obstacles", "arm"])
-def test_cells_that_are_turned_against_fcl(tmp_path: Path, moved: str) -> None:
+def test_rotated_cells_agree_with_fcl(tmp_path: Path, moved: str) -> None:
     path, rng = random_arm(tmp_path, 7), np.random.default_rng(7)
     arm = Arm.from_urdf(path)
     cells, pose = rng.random((SIDE,) * 3) < 0.03, np.eye(4)
@@ -79,7 +79,7 @@ def test_cells_that_are_turned_against_fcl(tmp_path: Path, moved: str) -> None:
         space = only_obstacles({"cells": PosedShape(shape, pose)}, arm, "cells")
     else:
         space = only_obstacles({"cells": shape}, arm, "cells", base_pose=np.linalg.inv(pose))
-    around = oracle(path, arm, boxes_of(cells, pose))
+    around = oracle(path, arm, cell_boxes(cells, pose))
     points = sampled(arm, rng, 40)
     free = np.asarray(space.is_free(points))
     np.testing.assert_array_equal(free, [around.apart(q) > 1e-6 for q in points])
@@ -87,8 +87,8 @@ def test_cells_that_are_turned_against_fcl(tmp_path: Path, moved: str) -> None:
 
 
 @pytest.mark.parametrize("radius", [0.05, 0.0])
-def test_clouds_of_obstacles_agree_with_fcl(tmp_path: Path, radius: float) -> None:
-    """The points themselves are asked, and not the cells of their grid."""
+def test_clouds_agree_with_fcl(tmp_path: Path, radius: float) -> None:
+    """The points themselves are the obstacles, not the cells of their grid."""
     path, rng = random_arm(tmp_path, 2), np.random.default_rng(2)
     arm = Arm.from_urdf(path)
     points = rng.uniform(-1.0, 1.0, (60, 3))
@@ -102,19 +102,19 @@ def test_clouds_of_obstacles_agree_with_fcl(tmp_path: Path, radius: float) -> No
             assert space.obstacle_distance(q) == pytest.approx(apart, rel=0.05, abs=1e-6)
 
 
-def within_each_other(folder: Path, size: float) -> Arm:
+def tip_arm(folder: Path, size: float) -> Arm:
     return Arm.from_urdf(
         written(folder, link("base"), link("tip", ((size,) * 3, (5, 0, 0))), joint("turn", "base", "tip"))
     )
 
 
 @pytest.mark.parametrize(("size", "width"), [(2.0, 1), (0.1, 20)])
-def test_what_lies_within_the_other(tmp_path: Path, size: float, width: int) -> None:
-    """A lone cell in a large link, and a small link in a block of cells, where no borders meet."""
+def test_containment_is_blocked(tmp_path: Path, size: float, width: int) -> None:
+    """A lone cell in a large link, and a small link in a block of cells, whose boundaries do not meet."""
     cells = np.zeros((40, 40, 40), dtype=bool)
     block = slice(20 - width // 2, 20 - width // 2 + width)
     cells[block, block, block] = True
-    arm, lower = within_each_other(tmp_path, size), (5 - 20.5 * 0.1, -20.5 * 0.1, -20.5 * 0.1)
+    arm, lower = tip_arm(tmp_path, size), (5 - 20.5 * 0.1, -20.5 * 0.1, -20.5 * 0.1)
     space = build_arm_space(Workspace.from_array(cells, 0.1, lower), arm)
     assert space.classify((0.0,)) == BLOCKED
     assert space.obstacle_distance((0.0,)) == 0.0
@@ -124,16 +124,16 @@ def test_what_lies_within_the_other(tmp_path: Path, size: float, width: int) -> 
     assert outer.classify((0.0,)) == MIXED
 
 
-def test_what_is_too_large_to_lie_in_a_link_is_still_seen(tmp_path: Path) -> None:
-    """Cells that hang together only by edges, in a link that holds some of them."""
+def test_parts_larger_than_a_link_still_collide(tmp_path: Path) -> None:
+    """The cells are connected only by edges, and a link contains some of them."""
     cells = np.zeros((40, 40, 40), dtype=bool)
     cells[range(40), range(40), 20] = True
-    space = build_arm_space(Workspace.from_array(cells, 0.1, (3.0, -2.0, -2.0)), within_each_other(tmp_path, 2.0))
+    space = build_arm_space(Workspace.from_array(cells, 0.1, (3.0, -2.0, -2.0)), tip_arm(tmp_path, 2.0))
     assert space.classify((0.0,)) == BLOCKED
 
 
-def test_what_is_unknown_is_neither(tmp_path: Path) -> None:
-    """Cells that nothing is known of are in the way, and prove no collision."""
+def test_unknown_cells_are_mixed(tmp_path: Path) -> None:
+    """Unknown cells are obstacles, but prove no collision."""
     cells, unknown = np.zeros((2, 20, 20, 20), dtype=bool)
     cells[13:15, :, :], unknown[13, :, :] = True, True
     grid = Grid((0.0, -1.0, -1.0), 0.1, cells.shape)
@@ -147,7 +147,7 @@ def test_what_is_unknown_is_neither(tmp_path: Path) -> None:
     assert (contact.link, contact.other) in {("fore", "workspace"), ("upper", "workspace")}
 
 
-def test_obstacles_of_all_kinds_have_their_names(tmp_path: Path) -> None:
+def test_contacts_name_obstacles_of_all_kinds(tmp_path: Path) -> None:
     arm = Arm.from_urdf(planar(tmp_path))
     cells = np.zeros((3, 3, 3), dtype=bool)
     cells[1, 1, 1] = True
@@ -165,7 +165,7 @@ def test_obstacles_of_all_kinds_have_their_names(tmp_path: Path) -> None:
     assert space.obstacle_distance((np.pi / 2, 0.0)) == pytest.approx(0.5, abs=1e-6)
 
 
-def test_a_map_that_is_updated_later_stays_as_it_was(tmp_path: Path) -> None:
+def test_live_workspaces_are_copied(tmp_path: Path) -> None:
     arm = Arm.from_urdf(planar(tmp_path))
     cells = np.zeros((20, 20, 20), dtype=bool)
     cells[19] = True
@@ -175,8 +175,8 @@ def test_a_map_that_is_updated_later_stays_as_it_was(tmp_path: Path) -> None:
     assert space.classify((0.0, 0.0)) == FREE
 
 
-def test_cells_that_become_too_many_boxes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Scattered cells take far more memory than as many in a slab, and are refused before any of it is taken."""
+def test_scattered_cells_refuse_to_exceed_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scattered cells take far more memory than as many in a slab; they are refused in advance."""
     arm = Arm.from_urdf(planar(tmp_path))
     scattered = np.indices((24, 24, 24)).sum(axis=0) % 2 == 0
     away = np.eye(4)
@@ -187,7 +187,7 @@ def test_cells_that_become_too_many_boxes(tmp_path: Path, monkeypatch: pytest.Mo
         build_arm_space(Workspace.from_array(scattered, 0.1), arm, base_pose=away)
 
 
-def test_cells_that_are_read_at_need(tmp_path: Path) -> None:
+def test_lazy_workspaces_are_read(tmp_path: Path) -> None:
     cells = np.zeros((20, 20, 20), dtype=bool)
     cells[14] = True
     np.save(tmp_path / "cells.npy", cells)
@@ -196,8 +196,8 @@ def test_cells_that_are_read_at_need(tmp_path: Path) -> None:
     assert space.classify(((0.0, 2.9), (0.0, 0.5))).tolist() == [FREE, BLOCKED]
 
 
-def test_trimesh_is_an_obstacle_and_an_attached_object(tmp_path: Path) -> None:
-    """A trimesh.Trimesh gives the answers of the Shape made from it, wherever an arm takes a shape."""
+def test_trimesh_is_accepted_as_obstacle_and_attached_object(tmp_path: Path) -> None:
+    """It answers like the Shape made from it."""
     arm, rng = Arm.from_urdf(planar(tmp_path)), np.random.default_rng(1)
     mesh, pose = trimesh.creation.icosphere(2, 0.4), np.eye(4)
     pose[:3, 3] = 1.3, 0.9, 0.0
@@ -224,7 +224,7 @@ def test_trimesh_is_an_obstacle_and_an_attached_object(tmp_path: Path) -> None:
     (lambda: {"bent": PosedShape(Robot.ball(1.0).shape, 2.0 * np.eye(4))}, "pose of bent has shape"),
     (lambda: [Robot.ball(1.0).shape], "obstacles is a list"),
 )
-def test_build_arm_refuses_obstacles(tmp_path: Path, obstacles: Any, message: str) -> None:
+def test_build_arm_space_refuses_invalid_obstacles(tmp_path: Path, obstacles: Any, message: str) -> None:
     arm = Arm.from_urdf(planar(tmp_path))
     with pytest.raises(InputError, match=message):
         build_arm_space(obstacles(), arm)

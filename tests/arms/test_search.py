@@ -1,4 +1,4 @@
-"""Paths of arms: proven all along, the same for a seed, to any of several goals."""
+"""Paths of arms: proven, reproducible, and to any of several goals."""
 
 import math
 import time
@@ -26,9 +26,9 @@ def box(size: Any, *at: float) -> PosedShape:
 
 @pytest.fixture(scope="module", params=[0.1, 0.001], ids=["wall", "sheet"])
 def space(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> ArmSpace:
-    """Two links of a metre in the plane, and a wall or a sheet straight ahead that only the folded arm passes.
+    """Return an arm of two links of 1 m, and a wall or a thin sheet that only the folded arm passes.
 
-    The sheet is so thin that looks at points of a motion miss it.
+    The sheet is so thin that sampling a motion misses it.
     """
     arm = Arm.from_urdf(planar(tmp_path_factory.mktemp("arm")))
     return build_arm_space({"wall": box((0.9, request.param, 1.0), 1.55, 0.0, 0.0)}, arm)
@@ -36,7 +36,7 @@ def space(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 @pytest.mark.parametrize("straight", [True, False])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_path_around_a_wall_is_proven_and_the_same_for_a_seed(space: ArmSpace, straight: bool, seed: int) -> None:
+def test_path_around_a_wall_is_proven_and_reproducible(space: ArmSpace, straight: bool, seed: int) -> None:
     path = space.find_path(START, GOAL, seed=seed, straight=straight)
     assert not space.motion_is_free(START, GOAL)
     np.testing.assert_array_equal(path[[0, -1]], [START, GOAL])
@@ -46,7 +46,7 @@ def test_a_path_around_a_wall_is_proven_and_the_same_for_a_seed(space: ArmSpace,
     np.testing.assert_array_equal(path, space.find_path(START, GOAL, seed=seed, straight=straight))
 
 
-def test_any_goal_that_is_free_will_do(space: ArmSpace) -> None:
+def test_find_path_reaches_any_free_goal(space: ArmSpace) -> None:
     near = (-1.0, 0.3)
     path = space.find_path(START, [IN_WALL, GOAL, near], seed=1)
     np.testing.assert_array_equal(path, [START, near])
@@ -98,8 +98,8 @@ def test_two_arms_of_seven_joints_find_a_path_with_few_samples(tmp_path: Any, se
     assert generator.batches < 100
 
 
-def test_where_there_is_no_path_the_search_ends_in_time(tmp_path: Any) -> None:
-    """A wall that the upper link cannot pass, and limits that keep it from going around."""
+def test_search_without_a_path_ends_in_time(tmp_path: Any) -> None:
+    """The upper link cannot pass the wall, and its limits keep it from going around."""
     space = build_arm_space({"wall": box((1.0, 0.1, 1.0), 0.8, 0.0, 0.0)}, Arm.from_urdf(planar(tmp_path)))
     began = time.perf_counter()
     assert space.find_path(START, GOAL, seed=1, time_limit=0.2).shape == (0, 2)
@@ -107,7 +107,7 @@ def test_where_there_is_no_path_the_search_ends_in_time(tmp_path: Any) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_arms_of_all_kinds_of_joints(tmp_path: Any, seed: int) -> None:
+def test_find_path_supports_all_kinds_of_joints(tmp_path: Any, seed: int) -> None:
     arm = Arm.from_urdf(random_arm(tmp_path, seed))
     space = build_arm_space({"post": box((0.2, 0.2, 2.0), 0.8, 0.0, 0.0)}, arm, allowed_collisions=[("l0", "post")])
     q0, q1 = space.sample_free(2, np.random.default_rng(seed))
@@ -125,7 +125,7 @@ def test_arms_of_all_kinds_of_joints(tmp_path: Any, seed: int) -> None:
     ((START, np.empty((0, 2))), {}, InputError, r"q1 has shape \(0, 2\)"),
     ((START, GOAL), {"time_limit": 0.0}, InputError, "time_limit is 0"),
 )
-def test_search_refuses_bad_arguments(
+def test_find_path_refuses_invalid_arguments(
     space: ArmSpace, endpoints: Any, options: Any, error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):

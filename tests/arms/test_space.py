@@ -1,4 +1,4 @@
-"""Arms among obstacles: FREE, BLOCKED and motions against FCL, which shares no code."""
+"""Arms among obstacles: FREE, BLOCKED and motions, against FCL."""
 
 from pathlib import Path
 from typing import Any
@@ -58,7 +58,7 @@ def test_states_agree_with_fcl(tmp_path: Path, seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_motions_agree_with_fcl(tmp_path: Path, seed: int) -> None:
-    """What is proven is free wherever it is looked at; what is not has a place that is not, or all but touches."""
+    """Proven motions are free at all samples; every other motion has a sample that collides or nearly touches."""
     space, oracle, rng = scene(tmp_path, seed)
     free = space.sample_free(24, rng)
     goals = np.clip(free + rng.normal(scale=0.5, size=free.shape), space.arm.lower, space.arm.upper)
@@ -70,7 +70,7 @@ def test_motions_agree_with_fcl(tmp_path: Path, seed: int) -> None:
     np.testing.assert_array_equal(proven, space.motion_is_free(goals, free))
 
 
-def test_a_path_keeps_as_far_away_as_is_said(tmp_path: Path) -> None:
+def test_path_obstacle_distance_is_a_lower_bound(tmp_path: Path) -> None:
     space, oracle, rng = scene(tmp_path, 0)
     free = space.sample_free(24, rng)
     goals = np.clip(free + rng.normal(scale=0.3, size=free.shape), space.arm.lower, space.arm.upper)
@@ -83,8 +83,8 @@ def test_a_path_keeps_as_far_away_as_is_said(tmp_path: Path) -> None:
     assert len(blocked) and not any(rooms[k] for k in blocked)
 
 
-def test_small_arms_answer_as_worked_out_by_hand(tmp_path: Path) -> None:
-    """A bar of two links and a post: just beside it, just in it, and a motion that sweeps over it."""
+def test_small_arms_agree_with_hand_calculations(tmp_path: Path) -> None:
+    """An arm of two links is just beside a post, just in it, and sweeps over it."""
     arm = Arm.from_urdf(planar(tmp_path))
     post = {"post": PosedShape(Robot.box((0.1, 0.1, 1.0)).shape, at(1.5, 1.0, 0.0))}
     space = build_arm_space(post, arm)
@@ -101,7 +101,7 @@ def test_small_arms_answer_as_worked_out_by_hand(tmp_path: Path) -> None:
     np.testing.assert_allclose(contact.points[1][:2], (1.55, 0.95), atol=1e-9)  # a corner of the post
     ball = build_arm_space({"ball": PosedShape(Robot.ball(0.2).shape, at(1.5, 1.0, 0.0))}, arm)
     np.testing.assert_allclose(ball.closest((0.0, 0.0)).points, [(1.5, 0.05, 0.0), (1.5, 0.8, 0.0)], atol=1e-9)
-    # The margin is kept.
+    # FREE respects the margin.
     close = build_arm_space(post, arm, margin=0.95)
     assert not close.is_free((0.0, 0.0))
     assert close.is_free((-1.0, 0.0))
@@ -109,15 +109,15 @@ def test_small_arms_answer_as_worked_out_by_hand(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_closest_returns_the_nearest_points(tmp_path: Path, seed: int) -> None:
-    """They are as far apart as the two."""
+    """Their distance is the distance of the pair."""
     space, oracle, rng = scene(tmp_path, seed)
     for q in space.sample_free(5, rng):
         contact = space.closest(q)
         assert np.linalg.norm(np.subtract(*contact.points)) == pytest.approx(oracle.apart(q), rel=1e-3, abs=1e-5)
 
 
-def test_links_that_fold_onto_each_other(tmp_path: Path) -> None:
-    """Three links, of which the first and the last may not touch; the next ones may."""
+def test_folding_links_collide(tmp_path: Path) -> None:
+    """The first and the last of three links may not touch; neighbours may."""
     bar = ((0.8, 0.1, 0.1), (0.5, 0, 0))
     path = written(
         tmp_path,
@@ -133,8 +133,8 @@ def test_links_that_fold_onto_each_other(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("swapped", [False, True])
-def test_what_lies_within_the_other_is_no_free_configuration(tmp_path: Path, swapped: bool) -> None:
-    """Borders that do not meet: a small obstacle in a large link, and a small link in a large obstacle."""
+def test_containment_is_never_free(tmp_path: Path, swapped: bool) -> None:
+    """Boundaries do not meet: a small obstacle in a large link, and a small link in a large obstacle."""
     size = 0.1 if swapped else 2.0
     path = written(tmp_path, link("base"), link("tip", ((size, size, size), (5, 0, 0))), joint("turn", "base", "tip"))
     other = 2.1 - size
@@ -145,7 +145,7 @@ def test_what_lies_within_the_other_is_no_free_configuration(tmp_path: Path, swa
     assert not space.motion_is_free((0.0,), (1e-3,))
 
 
-def test_round_obstacles_and_things_that_are_held(tmp_path: Path) -> None:
+def test_ball_obstacles_and_attached_objects_collide(tmp_path: Path) -> None:
     arm = Arm.from_urdf(planar(tmp_path))
     solids = {
         "ball": PosedShape(Robot.ball(0.3).shape, at(2.5, 0.0, 0.0)),
@@ -164,7 +164,7 @@ def test_round_obstacles_and_things_that_are_held(tmp_path: Path) -> None:
     assert build_arm_space(solids, arm, margin=0.25).obstacle_distance((0.0, 0.0)) == 0.0
 
 
-def test_obstacles_that_touch_what_does_not_move_are_refused_unless_they_may(tmp_path: Path) -> None:
+def test_obstacles_at_fixed_links_are_refused_unless_allowed(tmp_path: Path) -> None:
     arm = Arm.from_urdf(planar(tmp_path))
     floor = {"floor": PosedShape(Robot.box((4.0, 4.0, 0.1)).shape, at(0, 0, -0.25))}
     with pytest.raises(ConfigurationError, match=r"foot touches obstacle 'floor'.*allowed_collisions="):
@@ -189,13 +189,13 @@ def test_obstacles_that_touch_what_does_not_move_are_refused_unless_they_may(tmp
     (lambda s: build_arm_space({}, s.arm, allowed_collisions=[("foot", "sky")]), "names 'sky'"),
     (lambda s: build_arm_space({}, s.arm, margin=-1.0), "margin is -1.0"),
 )
-def test_arm_spaces_refuse(tmp_path: Path, call: Any, message: str) -> None:
+def test_arm_space_refuses_invalid_arguments(tmp_path: Path, call: Any, message: str) -> None:
     space = build_arm_space({"post": PosedShape(Robot.ball(0.1).shape, at(3, 3, 0))}, Arm.from_urdf(planar(tmp_path)))
     with pytest.raises(InputError, match=message):
         call(space)
 
 
-def test_build_arm_takes_shapes_and_paths(tmp_path: Path) -> None:
+def test_build_arm_space_accepts_shapes_and_paths(tmp_path: Path) -> None:
     space = build_arm_space(
         {"post": PosedShape(Robot.ball(0.1).shape, at(1.5, 1.0, 0))}, Arm.from_urdf(planar(tmp_path))
     )
@@ -211,8 +211,8 @@ def test_build_arm_takes_shapes_and_paths(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_no_thin_obstacle_on_the_way_is_missed(tmp_path: Path, seed: int) -> None:
-    """Small balls put where a point within a link is at some moment of a motion: it is never proven."""
+def test_motions_never_miss_a_thin_obstacle(tmp_path: Path, seed: int) -> None:
+    """Small balls lie where a point of a link passes during a motion."""
     path = random_arm(tmp_path, seed)
     arm = Arm.from_urdf(path)
     touch = [("l0", "seed"), *((a.name, b.name) for a in arm.links for b in arm.links if a.name < b.name)]
@@ -241,10 +241,10 @@ def test_checkers_never_pass_nan(tmp_path):
 
 
 HAIR = 4e-6
-"""Radians or metres; within what is accepted beyond a limit."""
+"""Radians or metres; within the accepted excess over a limit."""
 
 
-def test_plans_move_configurations_a_hair_beyond_limits_onto_them_and_say_so(tmp_path: Path) -> None:
+def test_plans_clamp_endpoints_slightly_beyond_limits_and_say_so(tmp_path: Path) -> None:
     space = build_arm_space({}, Arm.from_urdf(planar(tmp_path, limits=(-1.123456, 2.0))))
     for planner in (None, "RRTConnect"):
         plan = planners.plan(space, (-1.123456 - HAIR, 0.3), (2.0 + HAIR, 0.5), planner=planner, seed=1)
@@ -261,8 +261,8 @@ def test_plans_move_configurations_a_hair_beyond_limits_onto_them_and_say_so(tmp
             call((-1.123456 - 2.01e-5, 0.3))
 
 
-def test_answers_beyond_a_limit_hold_for_the_configuration_as_given(tmp_path: Path) -> None:
-    """A rod that slides out by 0.5 m ends 1e-6 m before a wall: there it is free, and a hair farther it is not."""
+def test_queries_beyond_a_limit_hold_for_the_given_configuration(tmp_path: Path) -> None:
+    """A rod that extends by 0.5 m ends 1e-6 m before a wall; slightly farther it collides."""
     rod = link("rod", ((1.0, 0.1, 0.1), (0, 0, 0)))
     slide = joint("slide", "foot", "rod", axis=(1, 0, 0), kind="prismatic", limits=(-0.5, 0.5))
     path = written(tmp_path, link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.2))), rod, slide)
@@ -277,7 +277,7 @@ def test_answers_beyond_a_limit_hold_for_the_configuration_as_given(tmp_path: Pa
 
 
 def distances_to_bars(q: Any, point: Any) -> Any:
-    """Distances of a point in the plane z = 0 to the two bars of ``planar``, shape (n,), by its own kinematics."""
+    """Return distances, shape (n,), of a point at z = 0 to the two bars of ``planar``, by separate kinematics."""
     shoulder, elbow = np.asarray(q).T
     angles, origins = (shoulder, shoulder + elbow), (np.zeros_like(shoulder), np.exp(1j * shoulder))
     gaps = []
@@ -302,7 +302,7 @@ ANGLE = st.floats(-8.0, 8.0)
 def test_certified_motions_turn_continuous_joints_the_shorter_way(
     tmp_path: Path, q0: Any, turn: float, elbow: float, radius: float, direction: float
 ) -> None:
-    """A small ball lies in the way of the shorter motion, or not; that of wrapped angles is refused."""
+    """A small ball lies on the shorter motion, or not; the motion of wrapped angles is refused."""
     arm = Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None))
     point = radius * np.cos(direction), radius * np.sin(direction)
     ball = {"ball": PosedShape(Robot.ball(0.1).shape, at(*point, 0.0))}
@@ -318,7 +318,7 @@ def test_certified_motions_turn_continuous_joints_the_shorter_way(
                 space.certify_path([q0, (q1[0] + whole, elbow)])
 
 
-def test_long_turns_of_continuous_joints_are_refused_in_paths_and_roadmaps(tmp_path: Path) -> None:
+def test_paths_and_roadmaps_refuse_long_turns_of_continuous_joints(tmp_path: Path) -> None:
     space = build_arm_space({}, Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None)))
     rows = [(0.0, 0.0), (np.pi, 1.0), (4.0, 0.0), (-2.0, 0.0)]
     assert space.certify_path(rows[:3]).all()
