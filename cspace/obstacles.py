@@ -1,4 +1,4 @@
-"""Obstacles of a workspace: cells in memory or on disk, read a box at a time, and shapes placed by name over them."""
+"""Sources of a workspace's cells, in memory or on disk, and named obstacles added to them."""
 
 from __future__ import annotations
 
@@ -23,51 +23,50 @@ from cspace.files.chunks import MISSING_CHUNKS_ATTRIBUTE, ZarrArray, missing_chu
 from cspace.grid import Grid
 from cspace.shapes import Shape, Voxels
 
-_AWAY: Final = frozenset({"dask", "h5py", "tensorstore", "xarray", "zarr"})
-"""Packages whose arrays are read when they are indexed."""
+_LAZY_PACKAGES: Final = frozenset({"dask", "h5py", "tensorstore", "xarray", "zarr"})
+"""Packages whose arrays read their values when they are indexed."""
 
 
 class Source(Protocol):
-    """The cells of a workspace; it is pickled for workers, and read by several at once."""
+    """Cells of a workspace, read a box at a time. Sources can be pickled and read by several threads."""
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
-        """The cells of a box that meet an obstacle, and those that lie in one; one array where both are the same."""
+        """Return the outer and inner cells of a box; one array for both if they are equal."""
 
     @property
     def stamp(self) -> str:
-        """A text that is another one once the cells are."""
+        """Digest that changes when the cells change."""
 
     @property
     def same(self) -> bool:
-        """Whether both are always one array."""
+        """True if outer and inner cells are always one array."""
 
 
-class Held:
-    """Cells in memory.
-
-    Outer and inner ones are the same array where both are the same.
-    """
+class CellsInMemory:
+    """Cells in memory; outer and inner cells are one array if they are equal."""
 
     def __init__(self, outer: Bools, inner: Bools) -> None:
         self.outer, self.inner = outer, inner
         self.same = inner is outer
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
+        """Return the outer and inner cells of a box."""
         outer = self.outer[box]
         return outer, outer if self.inner is self.outer else self.inner[box]
 
     @cached_property
     def stamp(self) -> str:
+        """Digest of the cells."""
         digest = hashlib.sha256(np.packbits(self.outer).data)
         if self.inner is not self.outer:
             digest.update(np.packbits(self.inner).data)
         return digest.hexdigest()
 
 
-class Lazy:
-    """An array that is read a box at a time: of zarr, dask, h5py or xarray, or a ``numpy.memmap``.
+class LazyCells:
+    """Cells of an array of zarr, dask, h5py, xarray or ``numpy.memmap``, read a box at a time.
 
-    It is boolean, or holds 0 and 1, and is indexed [x, y] or [x, y, z].
+    The array is boolean, or has values 0 and 1, and is indexed [x, y] or [x, y, z].
     """
 
     same: Final = True
@@ -80,36 +79,38 @@ class Lazy:
         check_dims(getattr(array, "variable", None), "occupied")  # of xarray
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
-        rule, hint = "a part of it is missing or damaged", "copy it from where it is whole, and build the map anew"
-        with decoding(self.name, "array of cells", rule, hint):
+        """Return the cells of a box, which are outer and inner cells."""
+        hint = "restore the array and build the map again"
+        with decoding(self.name, "array of cells", "a part is missing or damaged", hint):
             part = self.array[box]
-            if hasattr(part, "compute"):  # not on the cluster that this may run on, which could wait for itself
+            if hasattr(part, "compute"):  # in this thread: a dask worker that waited for its own cluster would hang
                 part = part.compute(scheduler="synchronous")
             cells = check_cells(np.asarray(part), "occupied")
         if cells.shape != tuple(part.stop - part.start for part in box):
-            raise changed(self.name, "it has another shape now")
+            raise changed_source(self.name, "its shape is different now")
         return cells, cells
 
     @property
     def name(self) -> str:
-        """What it is, for messages."""
+        """File or package of the array, for messages."""
         files = [str(file) for file in self._files()]
         return files[0] if files else f"{type(self.array).__module__.partition('.')[0]} array"
 
     @property
     def stamp(self) -> str:
+        """Digest of the array's shape and of the sizes and times of its files."""
         parts = [f"{self.shape} {np.dtype(self.array.dtype).str}"]
         for file in self._files():
-            for path in _watched(file):
+            for path in _files_to_watch(file):
                 try:
                     status = path.stat()
                 except OSError as error:
-                    raise changed(str(file), f"it is not there any more ({error.strerror})") from error
+                    raise changed_source(str(file), f"it cannot be read any more ({error.strerror})") from error
                 parts.append(f"{path} {status.st_size if path.is_file() else 0} {status.st_mtime_ns}")
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
     def _files(self) -> list[Path]:
-        """The files, or folders, that hold it, as far as they are known."""
+        """Return the known files or folders that contain the array."""
         array = self.array
         encoding = getattr(array, "encoding", {})
         named = [
@@ -123,18 +124,19 @@ class Lazy:
 
     @property
     def _root(self) -> Path | None:
-        """The folder of an array of zarr."""
+        """Folder of a zarr array; None for other arrays."""
         root = getattr(getattr(self.array, "store", None), "root", None)
         return None if root is None else Path(root).absolute()
 
     def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the name of the file instead of the values."""
         array = self.array
         if isinstance(array, np.memmap):
             whole: Any = array
             while not isinstance(whole.base, mmap.mmap):
                 whole = whole.base
             begin = array.__array_interface__["data"][0] - whole.__array_interface__["data"][0]
-            return _mapped, (
+            return _open_memmap, (
                 str(array.filename),
                 whole.offset,
                 whole.nbytes,
@@ -144,13 +146,13 @@ class Lazy:
                 array.strides,
             )
         if type(array).__module__.startswith("h5py"):
-            return _opened, (str(Path(array.file.filename).absolute()), array.name)
+            return _open_hdf5, (str(Path(array.file.filename).absolute()), array.name)
         if self._root is not None:
-            return _stored, (str(self._root), array.path)
-        return Lazy, (array,)
+            return _open_zarr, (str(self._root), array.path)
+        return LazyCells, (array,)
 
 
-def _mapped(
+def _open_memmap(
     file: str,
     offset: int,
     size: int,
@@ -158,30 +160,30 @@ def _mapped(
     shape: tuple[int, ...],
     dtype: np.dtype[Any],
     strides: tuple[int, ...],
-) -> Lazy:
-    """The part of a file that a memmap, or a view of one, shows."""
+) -> LazyCells:
+    """Open the view of a file that a memmap, or a view of one, showed."""
     whole = np.memmap(file, dtype=np.uint8, mode="r", offset=offset, shape=(size,))
     view: Any = np.ndarray(shape, dtype, whole, begin, strides).view(np.memmap)
     view.filename = Path(file)
-    return Lazy(view)
+    return LazyCells(view)
 
 
-def _opened(file: str, name: str) -> Lazy:
-    """An array of an HDF5 file."""
+def _open_hdf5(file: str, name: str) -> LazyCells:
+    """Open an array of an HDF5 file."""
     import h5py
 
-    return Lazy(h5py.File(file, "r")[name])
+    return LazyCells(h5py.File(file, "r")[name])
 
 
-def _stored(folder: str, path: str) -> Lazy:
-    """An array of a folder in the Zarr format."""
+def _open_zarr(folder: str, path: str) -> LazyCells:
+    """Open an array of a Zarr folder."""
     import zarr
 
-    return Lazy(zarr.open_array(folder, path=path, mode="r"))
+    return LazyCells(zarr.open_array(folder, path=path, mode="r"))
 
 
-def _watched(file: Path) -> Iterable[Path]:
-    """The file itself; of a folder, it and its folders, which change where a file in them is replaced."""
+def _files_to_watch(file: Path) -> Iterable[Path]:
+    """Yield a file; or a folder and its folders, whose times change when a file in them is replaced."""
     yield file
     if file.is_dir():
         for folder, _, names in sorted(os.walk(file)):
@@ -190,8 +192,8 @@ def _watched(file: Path) -> Iterable[Path]:
                 yield Path(folder) / "zarr.json"
 
 
-class Drawn:
-    """Obstacles that are cut into cells a box at a time; an index finds those near it."""
+class ShapeCells:
+    """Cells of a shape, rasterized a box at a time; a spatial index finds the parts near a box."""
 
     same: Final = False
 
@@ -199,6 +201,7 @@ class Drawn:
         self.shape, self.grid = shape, grid
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
+        """Return the outer and inner cells of a box."""
         first, last = np.array([[part.start, part.stop] for part in box]).T
         lower = self.grid.lower + self.grid.spacing * first
         grid = Grid(tuple(lower.tolist()), self.grid.spacing, tuple((last - first).tolist()))
@@ -206,52 +209,50 @@ class Drawn:
 
     @cached_property
     def stamp(self) -> str:
+        """Digest of the shape."""
         return hashlib.sha256(json.dumps(self.shape.spec, sort_keys=True).encode()).hexdigest()
 
 
 def check_no_chunk_missing(array: Any) -> None:
-    """Refuse an open array of zarr with missing chunks, unless its attributes say that they hold the fill value.
-
-    Raises FileError.
-    """
+    """Raise FileError if a zarr array lacks chunks, unless its attributes give these the fill value."""
     if type(array).__module__.partition(".")[0] == "zarr" and array.attrs.get(MISSING_CHUNKS_ATTRIBUTE) != "fill_value":
-        with decoding(Lazy(array).name, "Zarr array"):
+        with decoding(LazyCells(array).name, "Zarr array"):
             if array.nchunks_initialized < array.nchunks:
                 raise missing_chunk(f"{array.nchunks - array.nchunks_initialized} of {array.nchunks} chunks")
 
 
-def is_away(array: Any) -> bool:
-    """Whether an array is one that is read when it is indexed, and not before."""
+def is_lazy(array: Any) -> bool:
+    """Return True if an array reads its values only when it is indexed."""
     if isinstance(array, ZarrArray):
         return True
     if not (hasattr(array, "shape") and hasattr(array, "dtype") and hasattr(array, "__getitem__")):
         return False
     data = getattr(array, "variable", None)
-    if data is not None and hasattr(data, "_data"):  # xarray: what it has in memory already is no such array
+    if data is not None and hasattr(data, "_data"):  # an xarray, which may have its values in memory
         return not isinstance(data._data, np.ndarray) or isinstance(data._data, np.memmap)
-    return isinstance(array, np.memmap) or type(array).__module__.partition(".")[0] in _AWAY
+    return isinstance(array, np.memmap) or type(array).__module__.partition(".")[0] in _LAZY_PACKAGES
 
 
-def changed(name: str, what: str) -> FileError:
-    """The error for a source that is not what it was."""
-    rule = "the workspace of a map must stay as it is while the map is built"
-    return FileError(name, f"has changed: {what}", rule, "build the map anew, into another store")
+def changed_source(name: str, problem: str) -> FileError:
+    """Return the error for a source of cells that changed during a build."""
+    rule = "the workspace must not change while a map is built"
+    return FileError(name, f"has changed: {problem}", rule, "build the map again, into another store")
 
 
 CellBox = tuple[Ints, Ints]
-"""First cell, and the one after the last; with no cell in between where an obstacle lies outside the grid."""
+"""First cell, and the cell after the last one. The box is empty if an obstacle lies outside the grid."""
 
 
 class Obstacle(NamedTuple):
-    """An obstacle, and what it is in the cells of a box of the grid.
+    """A shape and its cells on a grid.
 
     Attributes
     ----------
     shape : Shape
     box : CellBox
-        All cells of the grid that the obstacle can meet.
+        Contains all cells of the grid that the obstacle can meet.
     outer, inner : ndarray of bool
-        The cells of the box that meet the obstacle, and those that lie in it.
+        Cells of the box that meet the obstacle, and cells that lie in it.
     """
 
     shape: Shape
@@ -261,21 +262,21 @@ class Obstacle(NamedTuple):
 
     @classmethod
     def of(cls, shape: Shape, grid: Grid, periodic_axes: Sequence[bool] = ()) -> Obstacle:
-        """An obstacle where it is; what lies outside the grid is clipped, but for exact answers.
+        """Rasterize a shape; its cells are clipped to the grid, its geometry is not.
 
-        Along axes that close in a circle nothing lies outside: there it comes in again, whole turns on.
+        Along periodic axes the shape repeats with the period of the grid.
 
-        Raises InputError if it is so far from the grid that rounding could reach the certificate's slack, or its inside
-        depends on the spacing.
+        Raises InputError if the shape is so far from the grid that rounding could exceed the certificate's slack, or if
+        its interior depends on the spacing.
         """
-        shape.outer.boundary()  # exact look-ups will need it
-        turn = grid.spacing * np.array(grid.shape) * (periodic_axes or np.zeros(grid.dim))
+        shape.outer.boundary()  # raise now what exact queries would raise later
+        period = grid.spacing * np.array(grid.shape) * (periodic_axes or np.zeros(grid.dim))
         low, high = (
-            np.floor(np.divide(corner + more - grid.lower, turn, out=np.zeros(grid.dim), where=turn > 0.0)).astype(int)
+            np.floor(np.divide(corner + more - grid.lower, period, out=np.zeros(grid.dim), where=period > 0.0))
             for corner, more in zip(shape.outer.bounds, (-grid.spacing, grid.spacing), strict=True)
         )
-        times = product(*map(range, low.tolist(), (high + 1).tolist()))
-        parts = [cls._clipped(shape, Grid(grid.lower + turn * each, grid.spacing, grid.shape)) for each in times]
+        shifts = product(*map(range, low.astype(int).tolist(), (high.astype(int) + 1).tolist()))
+        parts = [cls._clip(shape, Grid(grid.lower + period * each, grid.spacing, grid.shape)) for each in shifts]
         if len(parts) == 1:
             return parts[0]
         first = np.min([each.box[0] for each in parts], axis=0)
@@ -288,10 +289,11 @@ class Obstacle(NamedTuple):
         return cls(shape, (first, stop), outer, inner)
 
     @classmethod
-    def _clipped(cls, shape: Shape, grid: Grid) -> Obstacle:
+    def _clip(cls, shape: Shape, grid: Grid) -> Obstacle:
+        """Rasterize the part of a shape that lies on a grid."""
         low, high = ((corner - grid.lower) / grid.spacing for corner in shape.outer.bounds)
         first, stop = (np.clip(np.floor(cell), 0, grid.shape).astype(np.int64) for cell in (low - 1.0, high + 2.0))
-        # The cells are those of a build to the bit, as they are counted from the same corner, and fewer.
+        # This grid has the same lower corner as that of a build, so that its cells are equal to the bit.
         outer, inner = shape.cells(Grid(grid.lower, grid.spacing, np.maximum(stop, 1).tolist()))
         window = tuple(map(slice, first, stop))
         return cls(shape, (first, stop), outer[window].copy(), inner[window].copy())
@@ -299,18 +301,18 @@ class Obstacle(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class ObstacleLayers:
-    """What the cells of a workspace come from: those that stay, and those of obstacles that have a name.
+    """Cells of a workspace in two layers: a base, and named obstacles over it.
 
     Attributes
     ----------
-    outer, inner : ndarray of bool
-        The cells that stay; its own.
-    unknown : ndarray of bool, or None
-        Which of them nothing is known of; its own, too.
-    shapes : tuple or None
-        The obstacles that stay, where they are known otherwise than by their cells.
     grid : Grid
-    placed : dict of str to Obstacle
+    outer, inner : ndarray of bool
+        Cells of the base; copies.
+    unknown : ndarray of bool, or None
+        Unknown cells of the base; a copy.
+    shapes : tuple or None
+        Obstacles of the base as shapes; None if only their cells are known.
+    named : dict of str to Obstacle
     """
 
     grid: Grid
@@ -318,47 +320,47 @@ class ObstacleLayers:
     inner: Bools = field(repr=False)
     unknown: Bools | None = field(repr=False)
     shapes: tuple[Shape, ...] | None
-    placed: dict[str, Obstacle] = field(default_factory=dict)
-    _still: tuple[Shape, ...] | None = field(default=None, repr=False)
+    named: dict[str, Obstacle] = field(default_factory=dict)
+    _base_shapes: tuple[Shape, ...] | None = field(default=None, repr=False)
 
     def copy(self) -> ObstacleLayers:
-        """The same, in arrays of its own."""
+        """Return a copy with arrays of its own."""
         outer, inner = self.outer.copy(), self.inner.copy()
         unknown = None if self.unknown is None else self.unknown.copy()
-        return replace(self, outer=outer, inner=inner, unknown=unknown, placed=dict(self.placed))
+        return replace(self, outer=outer, inner=inner, unknown=unknown, named=dict(self.named))
 
     @property
     def obstacles(self) -> tuple[Shape, ...] | None:
-        """All obstacles as shapes; None where only their cells are known."""
-        if not self.placed:
+        """All obstacles as shapes; None if only their cells are known."""
+        if not self.named:
             return self.shapes
-        if self._still is None and self.shapes is None:
+        if self._base_shapes is None and self.shapes is None:
             cells = Voxels(self.outer.copy(), self.grid.spacing, np.array(self.grid.lower))
-            self._still = (cells,) if self.outer.any() else ()
-        return (*(self._still or self.shapes or ()), *(each.shape for each in self.placed.values()))
+            self._base_shapes = (cells,) if self.outer.any() else ()
+        return (*(self._base_shapes or self.shapes or ()), *(each.shape for each in self.named.values()))
 
     def write(self, window: tuple[slice, ...], outer: Bools, inner: Bools) -> None:
-        """Change a box of the cells that stay, which from then on are all that is known of what stays."""
+        """Write a box of the base's cells; from then on its obstacles are known by their cells alone."""
         self.outer[window], self.inner[window] = outer, inner
         if self.unknown is not None:
             self.unknown[window] = False
-        self.shapes = self._still = None
+        self.shapes = self._base_shapes = None
 
-    def put(self, name: str, placed: Obstacle | None) -> list[CellBox]:
-        """Place an obstacle, or take it away; the boxes of the cells that may differ from then on."""
-        boxes = [each.box for each in (placed, self.placed.get(name)) if each is not None and each.outer.size]
-        if placed is None:
-            del self.placed[name]
+    def set_obstacle(self, name: str, obstacle: Obstacle | None) -> list[CellBox]:
+        """Add, replace or remove a named obstacle; return the boxes of cells that may differ now."""
+        boxes = [each.box for each in (obstacle, self.named.get(name)) if each is not None and each.outer.size]
+        if obstacle is None:
+            del self.named[name]
         else:
-            self.placed[name] = placed
+            self.named[name] = obstacle
         return boxes
 
     def cells(self, first: Ints, stop: Ints) -> tuple[Bools, Bools, Bools]:
-        """The cells of a box that meet an obstacle, those that lie in one, and those that nothing is known of."""
+        """Return the outer, inner and unknown cells of a box."""
         window = tuple(map(slice, first, stop))
         outer, inner = self.outer[window].copy(), self.inner[window].copy()
         unknown = np.zeros_like(outer) if self.unknown is None else self.unknown[window].copy()
-        for each in self.placed.values():
+        for each in self.named.values():
             low, high = np.maximum(first, each.box[0]), np.minimum(stop, each.box[1])
             if (low < high).all():
                 here = tuple(map(slice, low - first, high - first))

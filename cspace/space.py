@@ -749,7 +749,7 @@ class CSpace(ConfigurationMap, MapExport):
             problem, place = f"is in {obstacle.place}", ("the plane", "space")[self.grid.dim - 2]
             raise InputError("shape", problem, f"the map is in {place}", "pass one of as many coordinates", value=shape)
         with self._lock:
-            return self._updates.place(name, obstacle)
+            return self._updates.set_obstacle(name, obstacle)
 
     def remove_obstacle(self, name: str) -> Update:
         """Remove an obstacle that :meth:`add_obstacle` added; what it covered reappears.
@@ -772,14 +772,14 @@ class CSpace(ConfigurationMap, MapExport):
             if name not in placed:
                 there = f"there are {', '.join(map(repr, placed))}" if placed else "none was added"
                 raise InputError("name", f"is {name!r}", there, "ask space.obstacles for the names", value=name)
-            return self._updates.place(name, None)
+            return self._updates.set_obstacle(name, None)
 
     @property
     def obstacles(self) -> dict[str, Shape]:
         """The obstacles that were added, by name, where they are now; a copy."""
         with self._lock:
             layers = self._contents.layers
-            return {} if layers is None else {name: each.shape for name, each in layers.placed.items()}
+            return {} if layers is None else {name: each.shape for name, each in layers.named.items()}
 
     @lazy
     def _updates(self) -> Updater:

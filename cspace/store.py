@@ -58,7 +58,7 @@ from cspace.map.description import (
 )
 from cspace.map.exterior import Exterior
 from cspace.map.storage import PackedStates, Stack
-from cspace.obstacles import Held
+from cspace.obstacles import CellsInMemory
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Shape
@@ -1030,7 +1030,7 @@ def save(contents: Contents, path: StrPath, overwrite: bool = False) -> None:
         "depth": max(1, min(len(contents.states), SAVED_CHUNK_CELLS // math.prod(tile))),
         "same": workspace.inner is workspace.outer,
         "method": "auto",
-        "stamp": Held(workspace.outer, workspace.inner).stamp,
+        "stamp": CellsInMemory(workspace.outer, workspace.inner).stamp,
     }
     states, cells = arrays["cell_states"], [arrays[name] for name in ("outer", "inner") if name in arrays]
     untiled = {name: array for name, array in arrays.items() if name not in TILED}

@@ -27,22 +27,22 @@ from cspace.shapes import Shape
 from cspace.workspace import Workspace, copy_workspace
 
 _NEVER: Final = 2**62
-"""Least offset of a raster without offsets, whose greatest offset is its negative."""
+"""Minimum offset of a raster without cells; its negative is the maximum."""
 
 
 @dataclass(frozen=True, slots=True)
 class Update:
-    """What :meth:`cspace.CSpace.update` did.
+    """Result of :meth:`cspace.CSpace.update`.
 
     Attributes
     ----------
     occupied : int
-        Number of workspace cells that differ from what they were.
+        Number of workspace cells that changed.
     lower, upper : tuple of int
-        The box of cells of configurations, in any rotation cell, that were computed again: its first cell, and the
-        first one after it along each axis. Equal where nothing had to be.
+        Box of configuration cells that were computed again: its first cell, and the cell after its last one along each
+        axis. They are equal if none was.
     changed : int
-        Number of cells of configurations, over all rotation cells, whose state is another now.
+        Number of configuration cells, over all rotation cells, whose state changed.
     """
 
     occupied: int
@@ -52,27 +52,27 @@ class Update:
 
     @classmethod
     def of(cls, updates: Sequence[Update], dim: int) -> Update:
-        """Several in one, of cells of configurations that none has in common with another."""
-        looked = [each for each in updates if each.lower != each.upper]
+        """Combine updates of disjoint sets of cells."""
+        computed = [each for each in updates if each.lower != each.upper]
         nowhere = [cls(0, (0,) * dim, (0,) * dim, 0)]
-        lower = np.min([each.lower for each in looked or updates or nowhere], axis=0)
-        upper = np.max([each.upper for each in looked or updates or nowhere], axis=0)
+        lower = np.min([each.lower for each in computed or updates or nowhere], axis=0)
+        upper = np.max([each.upper for each in computed or updates or nowhere], axis=0)
         occupied, changed = (sum(getattr(each, name) for each in updates) for name in ("occupied", "changed"))
         return cls(occupied, tuple(lower.tolist()), tuple(upper.tolist()), changed)
 
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """What a box of workspace cells holds from now on.
+    """New cells of a box of the workspace.
 
     Attributes
     ----------
     lower : tuple of int
-        Its first cell.
+        First cell of the box.
     outer, inner : ndarray of bool
-        Its cells that meet an obstacle, and those that lie in obstacles; the same object where both are the same.
+        Cells that meet an obstacle, and cells that lie in obstacles; one object if they are equal.
     unknown : ndarray of bool, or False
-        Its unknown cells.
+        Unknown cells.
     """
 
     lower: tuple[int, ...]
@@ -82,49 +82,46 @@ class Patch:
 
     @property
     def window(self) -> tuple[slice, ...]:
-        """The box."""
+        """The box as slices."""
         return tuple(slice(low, low + size) for low, size in zip(self.lower, self.outer.shape, strict=True))
 
     @classmethod
     def of(cls, grid: Grid, cells: ArrayLike, lower: Sequence[int], inner: ArrayLike | None) -> Patch:
-        """Check what was passed to an update of a map on a grid; the arrays are copied.
+        """Check and copy the arguments of :meth:`cspace.CSpace.update`.
 
-        Raises InputError if the cells or their place are not as :meth:`cspace.CSpace.update` states.
+        Raises InputError if the cells or the position of the box are invalid.
         """
-        outer = _cells(cells, "cells")
-        first = _first(lower, grid.dim)
+        outer = _copy_cells(cells, "cells")
+        first = _check_first_cell(lower, grid.dim)
         if outer.ndim != grid.dim:
-            problem = f"has {outer.ndim} axes on a grid of {grid.dim}"
-            hint = "pass one entry for each cell of a box, indexed in the order of the coordinates"
-            raise InputError("cells", problem, "both must have as many", hint, value=cells)
+            problem = f"has {outer.ndim} axes but the grid has {grid.dim}"
+            raise InputError("cells", problem, "they must agree", "pass one entry per cell of a box", value=cells)
         for low, count, size in zip(first, outer.shape, grid.shape, strict=True):
             if low < 0 or low + count > size:
                 problem = f"has shape {outer.shape} and lower is {first} on a grid of {grid.shape} cells"
-                raise InputError(
-                    "cells", problem, "the box must lie in the grid", "cut off what lies outside it", value=cells
-                )
+                raise InputError("cells", problem, "the box must lie in the grid", "clip it to the grid", value=cells)
         if inner is None:
             return cls(first, outer, outer)
-        within = _cells(inner, "inner")
+        within = _copy_cells(inner, "inner")
         if within.shape != outer.shape:
-            problem = f"has shape {within.shape} and cells {outer.shape}"
-            hint = "pass one entry for each cell of the box"
-            raise InputError("inner", problem, "both must be the same", hint, value=inner)
+            problem = f"has shape {within.shape} but cells has {outer.shape}"
+            raise InputError("inner", problem, "they must be equal", "pass one entry per cell of the box", value=inner)
         if (within > outer).any():
             lost = tuple(np.argwhere(within & ~outer)[0].tolist())
-            rule = "a cell that lies in an obstacle also meets it"
-            raise InputError("inner", f"has entry {lost}, which is not in cells", rule, "add it to cells", value=lost)
+            problem, rule = f"has entry {lost}, which is not in cells", "it must be a subset of cells"
+            raise InputError("inner", problem, rule, "add it to cells", value=lost)
         return cls(first, outer, within)
 
 
-def _cells(values: ArrayLike, name: str) -> Bools:
-    """A copy in one piece, of zeros and ones, that may be written."""
+def _copy_cells(values: ArrayLike, name: str) -> Bools:
+    """Return a contiguous writable copy that holds only the bytes 0 and 1."""
     if type(values) is np.ndarray and values.dtype == np.bool_ and values.size and values.ndim in (2, 3):
-        return np.not_equal(values, 0, order="C")  # a boolean array may hold other bytes than 0 and 1
+        return np.not_equal(values, 0, order="C")  # a view as bool may hold other bytes than 0 and 1
     return np.array(check_cells(values, name))
 
 
-def _first(lower: Sequence[int], dim: int) -> tuple[int, ...]:
+def _check_first_cell(lower: Sequence[int], dim: int) -> tuple[int, ...]:
+    """Return the index of a box's first cell as integers."""
     values: object = lower
     if isinstance(values, np.ndarray):
         values = values.tolist()
@@ -133,30 +130,30 @@ def _first(lower: Sequence[int], dim: int) -> tuple[int, ...]:
     except TypeError:
         first = ()
     if len(first) != dim:
-        rule = f"it must hold {dim} whole numbers, the index of the box's first cell"
-        raise InputError("lower", f"is {lower!r}", rule, "from metres, ask space.grid.cell_of", value=lower)
+        rule = f"it must be {dim} integers, the index of the first cell"
+        raise InputError("lower", f"is {lower!r}", rule, "convert metres with space.grid.cell_of", value=lower)
     return first
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """What an update of the workspace did to a map.
+    """Changes that an update made to a map.
 
-    Boxes hold the first and the last cell along x, y and z, six numbers; in the plane x is 0, and y and z stand for the
-    two axes. A box is empty where a first number is above the last.
+    A box is the first and the last cell along x, y and z; in the plane x is 0, and y and z are the two axes. It is
+    empty if a first number is above the last.
 
     Attributes
     ----------
     workspace : Workspace
-        As it is now.
+        The workspace after the update.
     layers : ObstacleLayers or None
-        What its cells come from, where obstacles were placed.
+        Base and named obstacles, if an obstacle was ever added.
     cells : ndarray of int64, shape (6,)
-        The box around the workspace cells that differ.
+        Box around the workspace cells that changed.
     states : ndarray of int64, shape (slices, 6)
-        Of each slice, the box around the states that differ.
+        Box around the states that changed, for each slice.
     changed : int
-        Number of states that differ, over all rotation cells.
+        Number of states that changed, over all rotation cells.
     """
 
     workspace: Workspace
@@ -181,7 +178,7 @@ class Updater:
     exterior : Exterior
         Updates write into its boxes.
     refresh : callable
-        Called with each :class:`Change`, to refresh what depends on the map; called again if it was interrupted.
+        Called with each :class:`Change`, to refresh caches of the map; called again if it was interrupted.
     """
 
     def __init__(
@@ -192,7 +189,7 @@ class Updater:
         refresh: Callable[[Change], None],
     ) -> None:
         blocked, counts, shape = contents.proves_blocked, contents.overlap_counts is not None, contents.grid.shape
-        self._grid, self._endless, self._layers = contents.grid, contents.periodic_axes, contents.layers
+        self._grid, self._periodic_axes, self._layers = contents.grid, contents.periodic_axes, contents.layers
         self._states, self._overlap_counts = contents.states, contents.overlap_counts
         self._rasters, self._exterior, self._refresh_map = rasters, exterior, refresh
         self._sides = group_rasters(rasters, _proves_blocked(contents, rasters) if blocked is None else blocked)
@@ -205,40 +202,40 @@ class Updater:
         self._layer_counts = _layer_counts(self._workspace.outer) if contents.outside == "free" else []
 
     def update(self, patch: Patch) -> Update:
-        """Change the cells that stay, and update all that the map holds."""
-        stays = self._workspace if self._layers is None else self._layers
-        same = zip((stays.outer, stays.inner), (patch.outer, patch.inner), strict=True)
-        known = stays.unknown is None or not stays.unknown[patch.window].any()
+        """Write cells into the base of the workspace, and update the map."""
+        base = self._workspace if self._layers is None else self._layers
+        same = zip((base.outer, base.inner), (patch.outer, patch.inner), strict=True)
+        known = base.unknown is None or not base.unknown[patch.window].any()
         if known and all((old[patch.window] == new).all() for old, new in same):
             return Update(0, patch.lower, patch.lower, 0)
         if self._layers is not None:
             self._layers.write(patch.window, patch.outer, patch.inner)
             first = np.array(patch.lower)
-            return self._follow_layers(self._layers, [(first, first + patch.outer.shape)])
-        self._show(None)
+            return self._copy_layers(self._layers, [(first, first + patch.outer.shape)])
+        self._set_shapes(None)
         update = self._write(patch)
         if not known:
-            self._renew_shown()
+            self._refresh_shapes()
         return update
 
-    def place(self, name: str, shape: Shape | None) -> Update:
-        """Place the obstacle of a name, in place of the one that had it, or remove it; nothing else changes."""
-        placed = None if shape is None else Obstacle.of(shape, self._grid, self._endless)
+    def set_obstacle(self, name: str, shape: Shape | None) -> Update:
+        """Add, replace or remove a named obstacle, and update the map."""
+        obstacle = None if shape is None else Obstacle.of(shape, self._grid, self._periodic_axes)
         if self._layers is None:
-            self._layers = _still(self._workspace)
-        boxes = self._layers.put(name, placed)
+            self._layers = _layers_of(self._workspace)
+        boxes = self._layers.set_obstacle(name, obstacle)
         if len(boxes) == 2 and not self._are_apart(*boxes):
-            (one, two), (three, four) = boxes
-            boxes = [(np.minimum(one, three), np.maximum(two, four))]
-        return self._follow_layers(self._layers, boxes)
+            (first, stop), (other_first, other_stop) = boxes
+            boxes = [(np.minimum(first, other_first), np.maximum(stop, other_stop))]
+        return self._copy_layers(self._layers, boxes)
 
     def _are_apart(self, box: CellBox, other: CellBox) -> bool:
         """Return True if no configuration can touch both boxes, so that two changes cost less than one."""
         return bool((np.maximum(other[0] - box[1], box[0] - other[1]) >= self._size).any())
 
-    def _follow_layers(self, layers: ObstacleLayers, boxes: Sequence[CellBox]) -> Update:
-        """Copy boxes of cells, one after the other, and all shapes, from the layers to the map."""
-        self._show(layers.obstacles)
+    def _copy_layers(self, layers: ObstacleLayers, boxes: Sequence[CellBox]) -> Update:
+        """Copy boxes of cells, and all shapes, from the layers to the map."""
+        self._set_shapes(layers.obstacles)
         patches = [Patch(tuple(first.tolist()), *layers.cells(first, stop)) for first, stop in boxes]
         try:
             updates = [self._write(patch) for patch in patches]
@@ -247,59 +244,60 @@ class Updater:
                 self._write(patch)
             raise
         finally:
-            self._renew_shown()
+            self._refresh_shapes()
         return Update.of(updates, len(layers.grid.shape))
 
-    def _show(self, shapes: tuple[Shape, ...] | None) -> None:
+    def _set_shapes(self, shapes: tuple[Shape, ...] | None) -> None:
         """Replace the shapes of the workspace."""
         object.__setattr__(self._workspace, "shapes", shapes)
 
-    def _renew_shown(self) -> None:
-        """Refresh what depends on the workspace's shapes and layers, which may change where no cell does."""
-        _complete(partial(self._renew, self._nowhere, np.tile(self._nowhere, (len(self._weights), 1)), 0))
+    def _refresh_shapes(self) -> None:
+        """Refresh caches of the workspace's shapes and layers, which may change even if no cell does."""
+        _complete(partial(self._refresh, self._nowhere, np.tile(self._nowhere, (len(self._weights), 1)), 0))
 
-    def _renew(self, cells: Ints, states: Ints, changed: int) -> None:
+    def _refresh(self, cells: Ints, states: Ints, changed: int) -> None:
+        """Refresh the caches of the map."""
         self._refresh_map(Change(self._workspace, self._layers, cells, states, changed))
 
     def _write(self, patch: Patch) -> Update:
-        """Write a patch into the workspace, and update all that the map holds."""
+        """Write a patch into the workspace, and update the map."""
         old, dim = self._workspace, len(patch.lower)
         differ = old.outer[patch.window] != patch.outer
         if old.inner is not old.outer or patch.inner is not patch.outer:
             differ |= old.inner[patch.window] != patch.inner
         occupied = int(np.count_nonzero(differ))
         if not occupied:
-            self._write_cells(patch)  # the unknown ones
+            self._write_cells(patch)  # unknown cells may change
             return Update(0, patch.lower, patch.lower, 0)
         box = self._boxes(differ[np.newaxis], patch.lower)[0]
         # Cell k depends on the cells k + m, where m is an offset of the robot.
         first = np.maximum(box[3 - dim : 3] - self._reach[:, 1], 0)
         stop = np.minimum(box[6 - dim :] - self._reach[:, 0] + 1, self._grid.shape)
-        notes: list[tuple[Ints, Ints]] = []
+        changes: list[tuple[Ints, Ints]] = []
         counts = self._count_layers(patch)
-        _complete(partial(self._apply, patch, box, first, stop, counts, notes))
+        _complete(partial(self._apply, patch, box, first, stop, counts, changes))
         used = (first < stop).all(axis=1)
         if not used.any():
             return Update(occupied, patch.lower, patch.lower, 0)
         lower, upper = first[used].min(axis=0), stop[used].max(axis=0)
-        changed = int(self._weights @ np.concatenate([each for _, each in notes]))
+        changed = int(self._weights @ np.concatenate([each for _, each in changes]))
         return Update(occupied, tuple(lower.tolist()), tuple(upper.tolist()), changed)
 
     def _apply(
-        self, patch: Patch, box: Ints, first: Ints, stop: Ints, counts: list[Ints], notes: list[tuple[Ints, Ints]]
+        self, patch: Patch, box: Ints, first: Ints, stop: Ints, counts: list[Ints], changes: list[tuple[Ints, Ints]]
     ) -> None:
-        """Update the states, then the workspace, then what depends on the map; a second call completes the first.
+        """Update the states, then the workspace, then the caches; a second call completes an interrupted one.
 
-        ``notes`` gets, for each batch of slices, the boxes around the states that differ, and their numbers. If the
-        first batch fails, for want of memory, the map stays as it is.
+        Append to ``changes``, for each batch of slices, the boxes around the states that changed, and their numbers. If
+        memory runs out in the first batch, the map stays unchanged.
         """
         used, cells = np.asarray((first < stop).all(axis=1)), self._grid.size
         if not isinstance(self._states, PackedStates) and used.any():
             cells = int(np.prod(stop[used].max(axis=0) - first[used].min(axis=0)))
-        each = max(1, SCRATCH_BYTES // cells)
-        for number, start in enumerate(range(0, len(used), each)):
-            batch = slice(start, start + each)
-            self._update_slices(patch, batch, first[batch][used[batch]], stop[batch][used[batch]], notes, number)
+        batch_size = max(1, SCRATCH_BYTES // cells)
+        for index, start in enumerate(range(0, len(used), batch_size)):
+            batch = slice(start, start + batch_size)
+            self._update_slices(patch, batch, first[batch][used[batch]], stop[batch][used[batch]], changes, index)
         self._write_cells(patch)
         if counts:
             self._layer_counts = counts
@@ -307,17 +305,17 @@ class Updater:
             dim, ends = len(counts), np.array([[each[0], each[-1]] if len(each) else [0, -1] for each in used_layers])
             around = Exterior.around(self._grid.shape, ends.T.reshape(2, dim), self._rasters, "free")
             self._exterior.boxes[...] = around.boxes
-        boxes, changed = map(np.concatenate, zip(*notes, strict=True))
-        self._renew(box, boxes, int(self._weights @ changed))
+        boxes, changed = map(np.concatenate, zip(*changes, strict=True))
+        self._refresh(box, boxes, int(self._weights @ changed))
 
     def _update_slices(
-        self, patch: Patch, batch: slice, first: Ints, stop: Ints, notes: list[tuple[Ints, Ints]], number: int
+        self, patch: Patch, batch: slice, first: Ints, stop: Ints, changes: list[tuple[Ints, Ints]], index: int
     ) -> None:
-        """Compute the window that holds the boxes from ``first`` to before ``stop`` in a batch of slices."""
+        """Compute the window around the boxes from ``first`` to ``stop`` (exclusive) in a batch of slices."""
         whole, reach = self._states[batch], self._reach[batch]
         if not len(first):
-            if number == len(notes):
-                notes.append((np.tile(self._nowhere, (len(whole), 1)), np.zeros(len(whole), dtype=np.int64)))
+            if index == len(changes):
+                changes.append((np.tile(self._nowhere, (len(whole), 1)), np.zeros(len(whole), dtype=np.int64)))
             return
         low, high = first.min(axis=0), stop.max(axis=0)
         begin = np.maximum(low + reach[:, 0].min(axis=0), 0)
@@ -331,17 +329,17 @@ class Updater:
         self._engine.fill(outer, inner, sides, states, overlaps)
         differ = old != states
         changed = np.count_nonzero(differ, axis=tuple(range(1, differ.ndim)))
-        if number == len(notes):
-            notes.append((self._boxes(differ, low), changed))
+        if index == len(changes):
+            changes.append((self._boxes(differ, low), changed))
         old[...] = states
-        if isinstance(self._states, PackedStates):  # which gave a copy
+        if isinstance(self._states, PackedStates):  # slicing them made a copy
             for k in np.flatnonzero(changed).tolist():
                 self._states.write(batch.start + k, whole[k])
         if self._overlap_counts is not None and overlaps is not None:
             self._overlap_counts[batch][window] = overlaps
 
     def _boxes(self, differ: Bools, lower: Sequence[int] | Ints) -> Ints:
-        """Return the boxes around the set cells of windows whose first cell is ``lower``, as in :class:`Change`."""
+        """Return boxes, as in :class:`Change`, around the set cells of windows that begin at cell ``lower``."""
         front, axes = 3 - (differ.ndim - 1), range(1, differ.ndim)
         boxes = np.zeros((len(differ), 6), dtype=np.int64)
         for axis, low in zip(axes, lower, strict=True):
@@ -352,7 +350,7 @@ class Updater:
         return boxes
 
     def _cells_after(self, patch: Patch, window: tuple[slice, ...]) -> tuple[Bools, Bools]:
-        """Return a window of the workspace as it is with the patch; one array if inner and outer cells are the same."""
+        """Return a window of the workspace with the patch; one array if inner and outer cells are equal."""
         here, there = intersect_boxes(window, patch.window)
         outer, inner = self._workspace.outer[window].copy(), self._workspace.inner
         inner = outer if self._are_same(patch) else inner[window].copy()
@@ -361,13 +359,13 @@ class Updater:
         return outer, inner
 
     def _are_same(self, patch: Patch) -> bool:
-        """Return True if inner and outer cells share an array, and still do with the patch."""
+        """Return True if inner and outer cells are one array and stay equal with the patch."""
         return self._workspace.inner is self._workspace.outer and (
             patch.inner is patch.outer or np.array_equal(patch.inner, patch.outer)
         )
 
     def _write_cells(self, patch: Patch) -> None:
-        """Write a patch into the workspace; inner cells get an array of their own when they first differ."""
+        """Write a patch into the workspace; inner and outer cells become two arrays when they first differ."""
         old, window = self._workspace, patch.window
         if old.inner is old.outer and not self._are_same(patch):
             outer, inner = old.outer.copy(), old.outer.copy()
@@ -382,18 +380,18 @@ class Updater:
             _overwrite(self._workspace.unknown, window, patch.unknown)
 
     def _count_layers(self, patch: Patch) -> list[Ints]:
-        """Return the numbers of outer cells in the layers along each axis with the patch; none if unused."""
+        """Count the outer cells in each layer along each axis, with the patch; empty if unused."""
         if not self._layer_counts:
             return []
         counts = [each.copy() for each in self._layer_counts]
-        olds, is_first = (_layer_counts(each) for each in (self._workspace.outer[patch.window], patch.outer))
-        for count, part, old, new in zip(counts, patch.window, olds, is_first, strict=True):
+        before, after = (_layer_counts(each) for each in (self._workspace.outer[patch.window], patch.outer))
+        for count, part, old, new in zip(counts, patch.window, before, after, strict=True):
             count[part] += new - old
         return counts
 
 
 def _complete(work: Callable[[], None]) -> None:
-    """Call ``work``, and call it again if it was interrupted: it must not stay half done."""
+    """Call ``work``, and again if it was interrupted, because it must not stay half done."""
     try:
         work()
     except BaseException:  # Ctrl-C, too
@@ -402,28 +400,28 @@ def _complete(work: Callable[[], None]) -> None:
 
 
 def _overwrite(array: Bools, window: tuple[slice, ...], values: Bools | bool) -> None:
-    """Write into an array that is read-only for all others."""
+    """Write to an array that is read-only for users."""
     array.setflags(write=True)
     array[window] = values
     array.setflags(write=False)
 
 
-def _still(workspace: Workspace) -> ObstacleLayers:
-    """Return the layers of a workspace in which nothing is placed."""
+def _layers_of(workspace: Workspace) -> ObstacleLayers:
+    """Return layers with the workspace as their base, without named obstacles."""
     unknown = None if workspace.unknown is None else workspace.unknown.copy()
     return ObstacleLayers(workspace.grid, workspace.outer.copy(), workspace.inner.copy(), unknown, workspace.shapes)
 
 
 def _layer_counts(cells: Bools) -> list[Ints]:
-    """Return the number of set cells in each layer along each axis."""
+    """Count the set cells in each layer along each axis."""
     axes = set(range(cells.ndim))
     return [np.count_nonzero(cells, axis=tuple(axes - {axis})) for axis in sorted(axes)]
 
 
 def _reach(sides: RasterGroups, shape: Sequence[int], exterior_blocked: bool, counts: bool) -> Ints:
-    """Return the least and the greatest offset in each slice that decide about cells, shape (slices, 2, d).
+    """Return the minimum and maximum offset of the cells that decide a state, shape (slices, 2, d).
 
-    A robot that meets blocked cells outside the grid from everywhere depends on no cell, unless overlaps are counted.
+    Without counts, a robot that touches the blocked exterior from everywhere depends on no cell.
     """
     reach = np.empty((len(sides), len(sides[0]), 2, 3), dtype=np.int64)
     reach[:, :, 0], reach[:, :, 1] = _NEVER, -_NEVER
@@ -438,7 +436,7 @@ def _reach(sides: RasterGroups, shape: Sequence[int], exterior_blocked: bool, co
 
 
 def _proves_blocked(contents: Contents, rasters: Sequence[tuple[Raster, Raster]]) -> bool:
-    """Whether a map proves BLOCKED: unless it shows that it was built without ``inner``."""
+    """Return True unless the states show that the map was built without ``inner``."""
     workspace = contents.workspace
     if any(bool((part == BLOCKED).any()) for part in contents.states):
         return True

@@ -174,7 +174,7 @@ class Workspace(WorkspacePlot):
         """
         from cspace.files.formats import read_cells, read_zarr_array
         from cspace.limits import check_cells as check_file_cells
-        from cspace.obstacles import Lazy, check_no_chunk_missing, is_away
+        from cspace.obstacles import LazyCells, check_no_chunk_missing, is_lazy
 
         check_positive(spacing, "spacing", "metres, after the array of cells")
         source, array = "array", occupied
@@ -188,14 +188,14 @@ class Workspace(WorkspacePlot):
                     check_file_cells(source, array.shape, memory=WORKSPACE_CELL_BYTES)
                     array = np.asarray(array)
         check_no_chunk_missing(array)
-        away = inner is None and is_away(array)
-        cells = Lazy(array) if away else check_cells(array, "occupied")
+        reads_later = inner is None and is_lazy(array)
+        cells = LazyCells(array) if reads_later else check_cells(array, "occupied")
         dim = len(cells.shape)
         corner = check_finite(np.zeros(dim) if lower is None else lower, "lower")
         if corner.shape != (dim,):
             rule = f"it must have {dim} coordinates, as occupied has axes"
             raise InputError("lower", f"is {lower!r}", rule, f"pass e.g. {(0.0,) * dim}", value=lower)
-        if isinstance(cells, Lazy):
+        if isinstance(cells, LazyCells):
             return LazyWorkspace(Grid(corner, spacing, cells.shape), cells, source)
         made = cls(Grid(corner, spacing, cells.shape), cells, cells if inner is None else check_cells(inner, "inner"))
         return made if source == made.source else replace(made, source=source)
@@ -351,9 +351,9 @@ class Workspace(WorkspacePlot):
             extent = corners if points is None else np.stack([points.min(axis=0), points.max(axis=0)])
             warn_of_units(extent, spacing, kind, box is not None)
         if lazy:
-            from cspace.obstacles import Drawn
+            from cspace.obstacles import ShapeCells
 
-            return LazyWorkspace(grid, Drawn(shape, grid), source, (shape,))
+            return LazyWorkspace(grid, ShapeCells(shape, grid), source, (shape,))
         outer, inner = shape.cells(grid)
         warn_of_nothing(outer, grid, corners)
         return cls(grid, outer, inner, source=source, shapes=(shape,))
@@ -433,9 +433,9 @@ class Workspace(WorkspacePlot):
     @property
     def cells(self) -> Source:
         """Source of the cells, read a box at a time."""
-        from cspace.obstacles import Held
+        from cspace.obstacles import CellsInMemory
 
-        return Held(self.outer, self.inner)
+        return CellsInMemory(self.outer, self.inner)
 
     @property
     def obstacles(self) -> tuple[Shape, ...]:

@@ -24,7 +24,7 @@ from cspace.map.batches import Kernel, Query, as_contiguous
 from cspace.map.derived import Lock
 from cspace.map.exterior import Exterior
 from cspace.map.storage import ASIDE, MISSING, USED, Map, TileCells, pack, read_only
-from cspace.obstacles import Held
+from cspace.obstacles import CellsInMemory
 from cspace.store import Record, Store, unfinished_map_error
 from cspace.threads import MIN_ITEMS_PER_THREAD, in_chunks
 from cspace.tiles.work import Job
@@ -106,7 +106,7 @@ class TileBackend:
         self.store, self._records = store, {}  # type: tuple[Store, dict[tuple[int, ...], Record]]
         shape = (store.slices, *store.grid.shape)
         self._cache = Cache(shape, (store.depth, *store.tile), self.limit, self._chunk)
-        self.job = Job(store, Held(np.empty(0, np.bool_), np.empty(0, np.bool_)))
+        self.job = Job(store, CellsInMemory(np.empty(0, np.bool_), np.empty(0, np.bool_)))
 
     @property
     def latest(self) -> Store:

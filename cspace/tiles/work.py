@@ -22,7 +22,7 @@ from cspace.arrays import Bools, Ints, States
 from cspace.engines.slices import Correlation, RasterPair, group_rasters, slice_rasters
 from cspace.errors import CspaceError, FileError, InputError, import_optional
 from cspace.limits import MAX_MEMORY_FRACTION, bytes_text, free_bytes
-from cspace.obstacles import Source, changed
+from cspace.obstacles import Source, changed_source
 from cspace.store import Index, Record, Store
 from cspace.threads import cores, in_threads
 
@@ -105,7 +105,7 @@ class Job:
         """
         outer, inner = self.source.read(box)
         if self.source.stamp != self.store.metadata["stamp"]:
-            raise changed(self.store.metadata["workspace_source"], "its size, its time or its digest is another")
+            raise changed_source(self.store.metadata["workspace_source"], "its size, its time or its digest is another")
         return outer, inner
 
     @cached_property
