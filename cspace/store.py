@@ -176,10 +176,10 @@ def binary_digest(content: bytes) -> bytes:
 def seal(metadata: Mapping[str, Any], digests: Mapping[str, str]) -> dict[str, Any]:
     """Add the digests of the files, and a digest of everything."""
     sealed = {**metadata, "digests": " ".join(f"{name}:{digest}" for name, digest in digests.items())}
-    return {**sealed, "digest": hex_digest(_text(sealed))}
+    return {**sealed, "digest": hex_digest(_digest_text(sealed))}
 
 
-def _text(metadata: Mapping[str, Any]) -> bytes:
+def _digest_text(metadata: Mapping[str, Any]) -> bytes:
     """Return the text for the digest of the metadata."""
     return json.dumps({key: value for key, value in metadata.items() if key != "digest"}, sort_keys=True).encode()
 
@@ -199,7 +199,7 @@ def _unseal(metadata: Any, path: StrPath) -> dict[str, str]:
     missing = [key for key in (*_METADATA_KEYS, "digests", "digest") if key not in metadata]
     if missing:
         raise map_error(path, f"its metadata lack {', '.join(missing)}")
-    if metadata["digest"] != hex_digest(_text(metadata)):
+    if metadata["digest"] != hex_digest(_digest_text(metadata)):
         raise map_error(path, "its metadata differ from their digest")
     return dict(entry.rsplit(":", 1) for entry in metadata["digests"].split())
 
@@ -300,7 +300,7 @@ def count_states(states: NDArray[np.uint8]) -> tuple[int, int]:
     return mixed, blocked
 
 
-def _extent(cells: Bools) -> Ints:
+def _bounding_box(cells: Bools) -> Ints:
     """Return the bounding box of set cells, shape (2, d).
 
     It holds the first and last cell, far inverted if no cell is set.
@@ -457,7 +457,7 @@ class Store:
         # The global attribute "coordinates" tells readers of the CF conventions which arrays label others.
         metadata = {**metadata, **NOT_DONE, "coordinates": " ".join((*turns_of(arrays), "slice_of"))}
         digests = {}
-        for name, content in _files_of(metadata, arrays):
+        for name, content in _iterate_files(metadata, arrays):
             digests[name] = hex_digest(content)
             file = Path(folder, name)
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -478,7 +478,7 @@ class Store:
         if not root.exists():
             raise map_error(path, f"it holds no {ROOT_FILE}")
         with making_map(path):
-            moment = _moment(root)
+            moment = _fingerprint(root)
             content = read_bytes(root, "saved map", memory=8.0)
             metadata = json.loads(content)["attributes"]
             store = cls(Path(path), metadata, _unseal(metadata, path), moment)
@@ -504,12 +504,12 @@ class Store:
     def reseal(self, forget: Sequence[str] = (), **changes: Any) -> None:
         """Write the metadata again, with `changes`, and without the arrays in `forget`."""
         digests = {file: digest for file, digest in self.digests.items() if file.split("/")[0] not in forget}
-        _write(self.path / ROOT_FILE, root_text(seal({**self.metadata, **changes}, digests)))
+        _write_atomically(self.path / ROOT_FILE, root_text(seal({**self.metadata, **changes}, digests)))
 
     @property
     def is_past(self) -> bool:
         """True if the map has changed since it was opened."""
-        return self.moment != _moment(self.path / ROOT_FILE)
+        return self.moment != _fingerprint(self.path / ROOT_FILE)
 
     # ---- files -------------------------------------------------------------------------------------------------------
 
@@ -564,7 +564,7 @@ class Store:
         Raises FileError if writing fails, for example on a full disk.
         """
         content = _encode(name, block, *self._chunk(name))
-        _write(self.path / aside / _name(name, index), content)
+        _write_atomically(self.path / aside / _chunk_file(name, index), content)
         return binary_digest(content)
 
     def read(
@@ -576,7 +576,7 @@ class Store:
 
         Raises FileError if the chunk is missing or damaged.
         """
-        file = _name(name, index)
+        file = _chunk_file(name, index)
         content = self._read_newest(file)
         if content is None:
             raise map_error(self.path, f"its file {file!r} is missing")
@@ -585,7 +585,7 @@ class Store:
         return self._decode(name, index, content, out)
 
     def _decode(self, name: str, index: Sequence[int], content: bytes, out: NDArray[Any] | None = None) -> NDArray[Any]:
-        file, (shape, dtype, _) = self.path / _name(name, index), self._chunk(name)
+        file, (shape, dtype, _) = self.path / _chunk_file(name, index), self._chunk(name)
         with decoding_map(file):
             size = math.prod(shape) * dtype.itemsize
             check_bytes(file, size, "unpacks to")
@@ -615,7 +615,7 @@ class Store:
         """Return the shape, type and fill value of an array's chunks."""
         if name.startswith("labels"):
             return (*(1,) * self.grid.dim, self._label_width), np.dtype("<i4"), -1
-        return _chunks_of(self.metadata)[name], np.dtype(stored()[name].dtype).newbyteorder("<"), stored()[name].lost
+        return _chunk_shapes(self.metadata)[name], np.dtype(stored()[name].dtype).newbyteorder("<"), stored()[name].lost
 
     @property
     def _columns(self) -> int:
@@ -655,7 +655,7 @@ class Store:
         extent = np.array([[0, part.stop - part.start - 1] for part in self.cells(index)]).T
         for name, part in zip(("outer", "inner"), cells, strict=False):
             if name == "outer" and self.metadata["outside"] == "free":  # only a free exterior needs the box
-                extent = _extent(part)
+                extent = _bounding_box(part)
             digests.append(self.write(name, index, part, aside))
         digests += digests[-1:] * (self.layers + 2 - len(digests))
         extent = extent + [part.start for part in self.cells(index)]
@@ -668,7 +668,7 @@ class Store:
 
         Raises FileError if the tile is not done.
         """
-        content = self._read_newest(_name("record", (*index, 0)))
+        content = self._read_newest(_chunk_file("record", (*index, 0)))
         if content is None:
             raise map_error(self.path, f"its tile {index} is missing")
         row = self._decode("record", (*index, 0), content).reshape(-1)
@@ -836,7 +836,9 @@ class Store:
             name, about = f"labels_{kind}", f"components of {what} within a tile, of the cells on its faces"
             if not (self.path / name / ROOT_FILE).exists():
                 attributes = {"long_name": about, "comment": _LABELS_COMMENT}
-                _write(self.path / name / ROOT_FILE, _description(name, shape, *self._chunk(name), attributes))
+                _write_atomically(
+                    self.path / name / ROOT_FILE, _describe_array(name, shape, *self._chunk(name), attributes)
+                )
 
     # ---- changes -----------------------------------------------------------------------------------------------------
 
@@ -894,7 +896,7 @@ def aside_name() -> str:
     return f"{_ASIDE_PREFIX}{uuid.uuid4().hex[:12]}"
 
 
-def _moment(root: Path) -> tuple[int, int, int]:
+def _fingerprint(root: Path) -> tuple[int, int, int]:
     status = root.stat()
     return status.st_ino, status.st_mtime_ns, status.st_size
 
@@ -903,7 +905,7 @@ def _range(part: slice) -> range:
     return range(part.start, part.stop)
 
 
-def _name(array: str, index: Sequence[int]) -> str:
+def _chunk_file(array: str, index: Sequence[int]) -> str:
     """Return the path of a chunk's file in the store."""
     return f"{array}/c/{'/'.join(map(str, index))}"
 
@@ -922,7 +924,7 @@ def _encode(name: str, block: NDArray[Any], shape: tuple[int, ...], dtype: np.dt
     return bytes(Zstd(ZSTD_LEVEL, checksum=name not in DIGESTED).encode(np.ascontiguousarray(block, dtype=dtype)))
 
 
-def _description(
+def _describe_array(
     name: str,
     shape: tuple[int, ...],
     chunks: tuple[int, ...],
@@ -951,7 +953,7 @@ def _description(
     return json.dumps(document, indent=2).encode()
 
 
-def _write(file: Path, content: bytes) -> None:
+def _write_atomically(file: Path, content: bytes) -> None:
     """Write a file atomically."""
     temporary = file.with_name(aside_name())
     try:
@@ -967,20 +969,20 @@ def _write(file: Path, content: bytes) -> None:
             temporary.unlink(missing_ok=True)
 
 
-def _chunks_of(metadata: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
+def _chunk_shapes(metadata: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
     """Return the chunk shape of each array with tiles."""
     tile, slices, depth = tuple(metadata["tile"]), metadata["slices"], metadata["depth"]
     columns = 3 * slices + 2 * len(tile) + _DIGEST_LENGTH * (-(-slices // depth) + 2)
     return {"cell_states": (depth, *tile), "outer": tile, "inner": tile, "record": (*(1,) * len(tile), columns)}
 
 
-def _files_of(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterator[tuple[str, bytes]]:
+def _iterate_files(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterator[tuple[str, bytes]]:
     """Yield the files of a store without tiles.
 
     Yields name and content of each file except the root file.
     """
     grid = grid_of(metadata)
-    chunks = {name: side for name, side in _chunks_of(metadata).items() if name != "inner" or not metadata["same"]}
+    chunks = {name: side for name, side in _chunk_shapes(metadata).items() if name != "inner" or not metadata["same"]}
     counts = (-(-n // t) for n, t in zip(grid.shape, metadata["tile"], strict=True))
     shapes = dict.fromkeys(chunks, grid.shape)
     shapes |= {"cell_states": (metadata["slices"], *grid.shape), "record": (*counts, chunks["record"][-1])}
@@ -991,11 +993,11 @@ def _files_of(metadata: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterato
     for name, shape in shapes.items():
         dtype, lost = np.dtype(stored()[name].dtype).newbyteorder("<"), stored()[name].lost
         about, axes = attributes_of(name, grid), axes_of(name, grid.dim)
-        yield f"{name}/{ROOT_FILE}", _description(name, shape, chunks[name], dtype, lost, about, axes)
+        yield f"{name}/{ROOT_FILE}", _describe_array(name, shape, chunks[name], dtype, lost, about, axes)
         if name in arrays:
             for index in itertools.product(*(range(-(-n // c)) for n, c in zip(shape, chunks[name], strict=True))):
                 box = tuple(slice(i * c, (i + 1) * c) for i, c in zip(index, chunks[name], strict=True))
-                yield _name(name, index), _encode(name, arrays[name][box], chunks[name], dtype, lost)
+                yield _chunk_file(name, index), _encode(name, arrays[name][box], chunks[name], dtype, lost)
 
 
 # ---- whole maps ------------------------------------------------------------------------------------------------------

@@ -77,9 +77,9 @@ def _write_ply(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
         f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
     )
     file.write(header.encode())
-    for block in _blocks(vertices):
+    for block in _iterate_blocks(vertices):
         file.write(block.astype("<f8").tobytes())
-    for block in _blocks(faces):
+    for block in _iterate_blocks(faces):
         rows = np.empty(len(block), dtype=[("count", "u1"), ("corners", "<i4", 3)])
         rows["count"], rows["corners"] = 3, block
         file.write(rows.tobytes())
@@ -88,7 +88,7 @@ def _write_ply(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
 def _write_obj(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
     # The repr of a float is the shortest text that reads back as the same float.
     for start, table, form in ((0, vertices, "v %r %r %r\n"), (1, faces, "f %r %r %r\n")):
-        for block in _blocks(table):
+        for block in _iterate_blocks(table):
             file.write((form * len(block) % tuple((block + start).ravel().tolist())).encode())
 
 
@@ -97,7 +97,7 @@ def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
         single = vertices.astype("<f4")
     file.write(b"binary STL, metres".ljust(80) + np.uint32(len(faces)).astype("<u4").tobytes())
     scale = np.ptp(vertices, axis=0).max()
-    for block in _blocks(faces):
+    for block in _iterate_blocks(faces):
         corners = single[block]
         edges = np.diff(vertices[block], axis=1)
         if not np.isfinite(corners).all() or ((edges != 0.0) & (np.diff(corners, axis=1) == 0.0)).any():
@@ -111,7 +111,7 @@ def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
         file.write(rows.tobytes())
 
 
-def _blocks(table: NDArray[Any]) -> Iterator[NDArray[Any]]:
+def _iterate_blocks(table: NDArray[Any]) -> Iterator[NDArray[Any]]:
     return (table[start : start + ROWS_PER_BLOCK] for start in range(0, len(table), ROWS_PER_BLOCK))
 
 

@@ -61,7 +61,7 @@ class _Layers(Mapping[str, NDArray[Any]]):
 Write = Callable[[Contents, Sequence[int], StrPath, bool], None]
 
 
-def _slice(write: Callable[[NDArray[np.uint8], Grid, StrPath, bool], None]) -> Write:
+def _slice_writer(write: Callable[[NDArray[np.uint8], Grid, StrPath, bool], None]) -> Write:
     """Turn a writer of states into a writer of maps.
 
     It writes one rotation cell.
@@ -71,13 +71,13 @@ def _slice(write: Callable[[NDArray[np.uint8], Grid, StrPath, bool], None]) -> W
     )
 
 
-def _vti(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
+def _write_vti_cells(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
     rotations = contents.rotations
     about = dict(zip(rotations.names, rotations.centers[cells].T, strict=True))
     write_vti(_Layers(contents, cells), contents.grid, path, overwrite, about)
 
 
-def _netcdf(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
+def _write_netcdf(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
     """Write a map, or one rotation cell, as netCDF-3.
 
     Arrays are indexed ``[rotation, z, y, x]``.
@@ -96,11 +96,11 @@ _PLANE_ROS_MAP: Final = {3: "a ROS map is plane, and the map is one in space"}
 _MESH_IN_SPACE: Final = {2: "a boundary is a mesh in space, and the map is one of the plane"}
 
 _CELL_WRITERS: Final[Mapping[str, tuple[Write, Mapping[int, str]]]] = {
-    ".vti": (_vti, {}),
-    ".nc": (_netcdf, {}),
-    **dict.fromkeys((".tif", ".tiff"), (_slice(write_geotiff), _PLANE_TIFF)),
-    **dict.fromkeys((".yaml", ".yml"), (_slice(write_ros_map), _PLANE_ROS_MAP)),
-    **dict.fromkeys(WRITERS, (_slice(write_boundary), _MESH_IN_SPACE)),
+    ".vti": (_write_vti_cells, {}),
+    ".nc": (_write_netcdf, {}),
+    **dict.fromkeys((".tif", ".tiff"), (_slice_writer(write_geotiff), _PLANE_TIFF)),
+    **dict.fromkeys((".yaml", ".yml"), (_slice_writer(write_ros_map), _PLANE_ROS_MAP)),
+    **dict.fromkeys(WRITERS, (_slice_writer(write_boundary), _MESH_IN_SPACE)),
 }
 """Writer of rotation cells, by suffix, and the reason for a dimension that the format cannot hold."""
 
@@ -241,7 +241,7 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     for name, array in ({"inner": contents.workspace.inner} | arrays_of(contents)).items():
         axes = axes_of(name, dim)
         if axes[0] == "slice":
-            array = _by_rotation(np.asarray(array), contents.slice_of).reshape(*cells, *contents.grid.shape)
+            array = _expand_slices(np.asarray(array), contents.slice_of).reshape(*cells, *contents.grid.shape)
             axes = ("rotation", *axes[1:])[-array.ndim :]
         if "rotation" in axes and not cells:
             continue
@@ -251,7 +251,7 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     return dataset.rename(dict(zip(AXES, contents.grid.axes, strict=False)))
 
 
-def _by_rotation(stack: NDArray[Any], slice_of: Ints) -> NDArray[Any]:
+def _expand_slices(stack: NDArray[Any], slice_of: Ints) -> NDArray[Any]:
     """Return a slice for each rotation cell.
 
     Slices are copied only if some, but not all, cells share one.

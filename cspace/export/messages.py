@@ -40,7 +40,7 @@ def occupancy_grid_of(
     values = np.array([OCCUPANCY[each] for each in sorted(OCCUPANCY)], dtype=np.int8)[state]
     fields = {"info.width": grid.shape[0], "info.height": grid.shape[1]}
     filled = OccupancyGrid() if msg is None else msg
-    return _filled(filled, "nav_msgs/OccupancyGrid", values, grid, "info", fields, frame_id)
+    return _fill_grid(filled, "nav_msgs/OccupancyGrid", values, grid, "info", fields, frame_id)
 
 
 def costmap_of(
@@ -64,7 +64,7 @@ def costmap_of(
     costs = costs_of(clearance, space.workspace.outer, space.workspace.unknown, inscribed, scaling, radius)
     fields = {"metadata.size_x": space.grid.shape[0], "metadata.size_y": space.grid.shape[1]}
     filled = Costmap() if msg is None else msg
-    return _filled(filled, "nav2_msgs/Costmap", costs, space.grid, "metadata", fields, frame_id)
+    return _fill_grid(filled, "nav2_msgs/Costmap", costs, space.grid, "metadata", fields, frame_id)
 
 
 def fill_path(positions: Floats, quaternions: Floats, msg: Message, frame_id: str) -> Message:
@@ -128,7 +128,7 @@ def costs_of(
     return costs
 
 
-def _filled(
+def _fill_grid(
     msg: Message,
     kind: str,
     cells: NDArray[np.int8] | NDArray[np.uint8],

@@ -54,7 +54,7 @@ def write_vti(
         for array in arrays.values():
             kind = np.dtype(_VTK_TYPES[str(array.dtype)][1])
             file.write(np.array(array.size * kind.itemsize, dtype="<u8").tobytes())
-            for slab in _slabs(array, kind):
+            for slab in _iterate_slabs(array, kind):
                 file.write(slab.data)
         file.write(b"\n  </AppendedData>\n</VTKFile>\n")
 
@@ -89,7 +89,7 @@ def _vti_header(arrays: Mapping[str, NDArray[Any]], grid: Grid, about: Mapping[s
     )
 
 
-def _slabs(array: NDArray[Any], kind: np.dtype[Any]) -> Iterator[NDArray[Any]]:
+def _iterate_slabs(array: NDArray[Any], kind: np.dtype[Any]) -> Iterator[NDArray[Any]]:
     """Yield an array in VTK's order, x fastest, in slabs."""
     layers = array.reshape(array.shape[0], -1, array.shape[-1])
     step = max(1, _CELLS_PER_SLAB * layers.shape[-1] // layers.size)

@@ -60,9 +60,11 @@ def check_file(path: str | os.PathLike[str], kind: str, memory: float = 1.0) -> 
     """
     file, what = inspect_path(path, kind)
     if not what:
-        raise FileError(str(file), "does not exist", f"{_one(kind)} is needed", "check the name and the folder")
+        raise FileError(
+            str(file), "does not exist", f"{_with_article(kind)} is needed", "check the name and the folder"
+        )
     if what != "file":
-        raise FileError(str(file), f"is {what}", f"{_one(kind)} must be a plain file", "pass the file itself")
+        raise FileError(str(file), f"is {what}", f"{_with_article(kind)} must be a plain file", "pass the file itself")
     try:
         size = file.stat().st_size
     except OSError as error:  # another process has just removed it
@@ -113,7 +115,7 @@ def name_error(path: object) -> InputError:
 
 def read_error(path: str | os.PathLike[str], kind: str, error: OSError) -> FileError:
     """Return the error for a file that the system refuses to read."""
-    problem, rule = f"cannot be read: {error.strerror or error}", f"{_one(kind)} must be readable"
+    problem, rule = f"cannot be read: {error.strerror or error}", f"{_with_article(kind)} must be readable"
     return FileError(os.fspath(path), problem, rule, "check its permissions")
 
 
@@ -153,9 +155,8 @@ def decoding(path: str | os.PathLike[str], kind: str, *advice: str) -> Iterator[
         raise read_error(path, kind, error) from error
     except Exception as error:
         reason = f"{type(error).__name__}: {' '.join(str(error).split()):.200}"
-        raise FileError(
-            os.fspath(path), *ContentError(f"cannot be read as {_one(kind)} ({reason})", *advice).parts
-        ) from error
+        problem = f"cannot be read as {_with_article(kind)} ({reason})"
+        raise FileError(os.fspath(path), *ContentError(problem, *advice).parts) from error
 
 
 def check_suffix(path: str | os.PathLike[str], known: Iterable[str], rule: str, argument: str = "path") -> str:
@@ -218,7 +219,9 @@ def read_text(path: str | os.PathLike[str], kind: str, memory: float = 4.0) -> s
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         problem = f"is not text: byte {error.start} is not UTF-8"
-        raise FileError(os.fspath(path), problem, f"{_one(kind)} is a text file", "pass the right file") from error
+        raise FileError(
+            os.fspath(path), problem, f"{_with_article(kind)} is a text file", "pass the right file"
+        ) from error
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
@@ -232,7 +235,7 @@ def read_columns(text: str, first: int = 1) -> Floats:
     Raises ContentError, naming the line, if a line holds anything but numbers or its length differs from the first
     row's.
     """
-    row = next((content for line in text.split("\n") if (content := _content(line))), "")
+    row = next((content for line in text.split("\n") if (content := _strip_comment(line))), "")
     if not row:
         return np.zeros((0, 0))
     separator = "," if "," in row else None
@@ -242,7 +245,7 @@ def read_columns(text: str, first: int = 1) -> Floats:
         raise _line_error(text, first, separator, len(row.split(separator)), error) from error
 
 
-def _content(line: str) -> str:
+def _strip_comment(line: str) -> str:
     """Return a line without its comment."""
     return line.partition("#")[0].strip()
 
@@ -250,7 +253,7 @@ def _content(line: str) -> str:
 def _line_error(text: str, first: int, separator: str | None, columns: int, error: ValueError) -> ContentError:
     """Return the error for the first line that cannot be parsed."""
     for number, line in enumerate(text.split("\n"), start=first):
-        parts = _content(line).split(separator) if _content(line) else []
+        parts = _strip_comment(line).split(separator) if _strip_comment(line) else []
         rule = f"{columns} columns, like the first row"
         try:
             if len(list(map(float, parts))) in (0, columns):
@@ -302,7 +305,7 @@ def is_count(word: str) -> bool:
     return word.isascii() and word.isdecimal() and len(word) <= 18
 
 
-def _one(kind: str) -> str:
+def _with_article(kind: str) -> str:
     """Return the kind of a file with its article."""
     return f"{'an' if kind[:1].lower() in 'aeio' else 'a'} {kind}"
 
@@ -332,7 +335,7 @@ def replacing(
         raise name_error(path) from error
     try:
         _check_target(target, overwrite, folder)
-        temporary = _beside(target)
+        temporary = _temporary_name(target)
         try:
             yield temporary
             _check_target(target, overwrite, folder)
@@ -386,18 +389,18 @@ def retry_if_replaced(path: str | os.PathLike[str], read: Callable[[], Result]) 
     Raises what `read` raises if the output stays unchanged.
     """
     for _ in range(_MAX_READS - 1):
-        before = _moment(path)
+        before = _fingerprint(path)
         try:
             return read()
         except FileError:
             is_between = before is None and any(Path(os.path.realpath(path)).parent.glob(f"{_TEMPORARY_PREFIX}*"))
-            if _moment(path) == before and not is_between:
+            if _fingerprint(path) == before and not is_between:
                 raise
             time.sleep(_RETRY_SECONDS)
     return read()
 
 
-def _moment(path: str | os.PathLike[str]) -> tuple[int, int, int] | None:
+def _fingerprint(path: str | os.PathLike[str]) -> tuple[int, int, int] | None:
     """Return inode and times, which change when a file is replaced.
 
     Returns None if nothing is there.
@@ -409,7 +412,7 @@ def _moment(path: str | os.PathLike[str]) -> tuple[int, int, int] | None:
     return status.st_ino, status.st_mtime_ns, status.st_ctime_ns
 
 
-def _beside(target: Path) -> Path:
+def _temporary_name(target: Path) -> Path:
     """Return a fresh name in the folder of `target`.
 
     A rename is atomic only within one folder.
@@ -425,7 +428,7 @@ def _move(temporary: Path, target: Path) -> None:
     if not target.is_dir():
         temporary.replace(target)
         return
-    aside = _beside(target)
+    aside = _temporary_name(target)
     try:
         target.rename(aside)
         temporary.rename(target)

@@ -153,25 +153,20 @@ class Layout:
             raise ContentError("holds no array", _ARRAY_RULE, _ARRAY_HINT)
         compressor = codecs.pop(0) if codecs and codecs[0] in COMPRESSORS else ""
         if set(codecs) - {"crc32c"} or (codecs and metadata["zarr_format"] == 2):
-            raise ContentError(
-                f"is encoded with {', '.join(map(str, (*filter(None, [compressor]), *codecs))):.80}",
-                f"only {', '.join(COMPRESSORS)}, one of them, and crc32c after it can be read",
-                "write it again with zarr's default codecs, or open it with zarr and pass the array",
-            )
+            problem = f"is encoded with {', '.join(map(str, (*filter(None, [compressor]), *codecs))):.80}"
+            rule = f"chunks may use one of {', '.join(COMPRESSORS)}, then crc32c"
+            raise ContentError(problem, rule, "use zarr's default codecs, or open it with zarr and pass the array")
         if not re.fullmatch(r"[<>|][biuf]\d", text) or order not in ("C", "F") or separator not in (".", "/"):
             raise ContentError(f"has entries of type {text:.40}, which cannot be read")
         fill = metadata["fill_value"] if (attributes or {}).get(MISSING_CHUNKS_ATTRIBUTE) == "fill_value" else None
-        shapes = _counts(metadata["shape"]), _counts(chunks)
+        shapes = _check_counts(metadata["shape"]), _check_counts(chunks)
         layout = cls(*shapes, np.dtype(text), order, compressor, len(codecs), prefix, separator, fill)
         if len(layout.shape) != len(layout.chunks) or not isinstance(fill, bool | int | float | None):
-            raise ContentError(
-                f"has the shape {layout.shape}, chunks of {layout.chunks} and the fill value {fill!r:.40}"
-            )
+            problem = f"has the shape {layout.shape}, chunks of {layout.chunks} and the fill value {fill!r:.40}"
+            raise ContentError(problem)
         if layout.chunk_bytes > MAX_CHUNK_BYTES:
             rule = f"a chunk may unpack to at most {bytes_text(MAX_CHUNK_BYTES)}"
-            raise ContentError(
-                f"has chunks of {bytes_text(layout.chunk_bytes)}", rule, "write it again in smaller chunks"
-            )
+            raise ContentError(f"has chunks of {bytes_text(layout.chunk_bytes)}", rule, "write smaller chunks")
         return layout
 
     @property
@@ -226,7 +221,7 @@ def missing_chunk(name: str) -> ContentError:
     )
 
 
-def _counts(numbers: Any) -> tuple[int, ...]:
+def _check_counts(numbers: Any) -> tuple[int, ...]:
     """Return positive whole numbers as a tuple.
 
     Raises ContentError if a number is not a positive int.

@@ -101,12 +101,9 @@ def read_cells(path: str | os.PathLike[str]) -> NDArray[Any]:
     """
     array = read_npy(path)
     if array.dtype.kind in "iu" and array.shape[1:] == (3,) and ((array != 0) & (array != 1)).any():
-        raise InputError(
-            os.fspath(path),
-            f"holds {len(array)} rows of three whole numbers beyond 0 and 1",
-            "cells are booleans and points are floating-point numbers",
-            "save points in metres as array.astype(float), and cells as booleans",
-        )
+        problem = f"holds {len(array)} rows of three whole numbers beyond 0 and 1"
+        rule, hint = "cells are booleans and points are floats", "save points as array.astype(float), in metres"
+        raise InputError(os.fspath(path), problem, rule, hint)
     return array
 
 

@@ -131,10 +131,10 @@ def read_shades(path: str | os.PathLike[str], kind: str) -> Shades:
             if image.format in _BOUNDED_FORMATS and math.prod(image.size) > _MAX_PIXELS_PER_BYTE * len(data):
                 raise ContentError(f"declares {image.width} x {image.height} pixels, more than its bytes can hold")
             image.load()
-            return _shades(image)
+            return _convert_image(image)
 
 
-def _shades(image: Image) -> Shades:
+def _convert_image(image: Image) -> Shades:
     is_clear, most = image.has_transparency_data, 255
     if image.mode in ("1", "L") and not is_clear:
         channels = "L"
@@ -186,7 +186,7 @@ def read_movingai_map(path: str | os.PathLike[str]) -> Bools:
     another character, or the number of rows is wrong.
     """
     with decoding(path, "MovingAI map"):
-        lines = _lines(path, "MovingAI map")
+        lines = _read_lines(path, "MovingAI map")
         if lines[:1] != ["type octile"]:
             raise _line_error(1, lines, "'type octile'")
         sizes: dict[str, int] = {}
@@ -255,7 +255,7 @@ def _voxel_line_error(body: str, shape: tuple[int, int, int]) -> ContentError:
     return ContentError("cannot be read as lines of 'x y z'")
 
 
-def _lines(path: str | os.PathLike[str], kind: str) -> list[str]:
+def _read_lines(path: str | os.PathLike[str], kind: str) -> list[str]:
     """Return the lines of a text without trailing blank ones."""
     return [line.rstrip() for line in read_text(path, kind).rstrip().split("\n")]
 

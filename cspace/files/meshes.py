@@ -71,8 +71,8 @@ def load_gltf_scene(file: Path) -> tuple[Any, int]:
 
     data = read_bytes(file, _MESH_KIND, memory=4.0)
     is_binary = file.suffix.lower() == ".glb"
-    header = _header(_json_of(data) if is_binary else data)
-    parts = [[_triangles(part, header) for part in mesh["primitives"]] for mesh in header.get("meshes", [])]
+    header = _parse_gltf_header(_glb_json(data) if is_binary else data)
+    parts = [[_count_triangles(part, header) for part in mesh["primitives"]] for mesh in header.get("meshes", [])]
     sizes = [
         sum(surface_bytes(header["accessors"][part["attributes"]["POSITION"]]["count"], faces) for part, faces in pairs)
         for pairs in map(zip, (mesh["primitives"] for mesh in header.get("meshes", [])), parts)
@@ -84,17 +84,17 @@ def load_gltf_scene(file: Path) -> tuple[Any, int]:
         return trimesh.Scene(), 0
     kind = "glb" if is_binary else "gltf"
     loaded = trimesh.load_scene(
-        io.BytesIO(data), file_type=kind, resolver=_Beside(file), process=False, skip_materials=True
+        io.BytesIO(data), file_type=kind, resolver=_FolderFiles(file), process=False, skip_materials=True
     )
     primitives = [part for mesh in header["meshes"] for part in mesh["primitives"]]
     if len(primitives) != len(loaded.geometry):
         raise ContentError(f"declares {len(primitives)} parts but {len(loaded.geometry)} were read")
     for primitive, geometry in zip(primitives, loaded.geometry.values(), strict=True):
-        _compare(np.asarray(geometry.vertices), header["accessors"][primitive["attributes"]["POSITION"]])
+        _check_points(np.asarray(geometry.vertices), header["accessors"][primitive["attributes"]["POSITION"]])
     return loaded, declared
 
 
-def _triangles(primitive: dict[str, Any], header: dict[str, Any]) -> int:
+def _count_triangles(primitive: dict[str, Any], header: dict[str, Any]) -> int:
     """Return the number of triangles of a primitive.
 
     Refuses a primitive that trimesh would misread.
@@ -105,20 +105,20 @@ def _triangles(primitive: dict[str, Any], header: dict[str, Any]) -> int:
     _refuse_extensions(primitive)
     if "POSITION" not in primitive["attributes"]:
         raise unsupported_part("a part without positions of its own")
-    corners = _count(primitive["attributes"]["POSITION"], "VEC3", header)
+    corners = _check_accessor(primitive["attributes"]["POSITION"], "VEC3", header)
     if "indices" in primitive:
-        corners = _count(primitive["indices"], "SCALAR", header)
+        corners = _check_accessor(primitive["indices"], "SCALAR", header)
     if corners < 3 or corners % 3:
         raise ContentError(f"has a part of {corners} corners, which is not a multiple of 3")
     return corners // 3
 
 
-def _count(number: int, kind: str, header: dict[str, Any]) -> int:
+def _check_accessor(number: int, kind: str, header: dict[str, Any]) -> int:
     """Return the number of rows of a plain accessor.
 
     Refuses one that exceeds its buffer.
     """
-    accessor = _item(header, "accessors", number)
+    accessor = _look_up(header, "accessors", number)
     if "sparse" in accessor:
         raise unsupported_part(f"a sparse accessor ({number})")
     if "bufferView" not in accessor:
@@ -128,12 +128,12 @@ def _count(number: int, kind: str, header: dict[str, Any]) -> int:
         raise unsupported_part(f"quantised positions (accessor {number})")
     if accessor["type"] != kind or component not in _ROW_BYTES or (kind == "SCALAR") == (component == 5126):
         raise ContentError(f"has accessor {number} of {accessor['type']} {component} instead of {kind}")
-    view = _item(header, "bufferViews", accessor["bufferView"])
+    view = _look_up(header, "bufferViews", accessor["bufferView"])
     _refuse_extensions(view)
     width, count, start = _ROW_BYTES[component], accessor["count"], accessor.get("byteOffset", 0)
     stride, first = view.get("byteStride", width), view.get("byteOffset", 0)
     end = start + (count - 1) * stride + width
-    buffer = _item(header, "buffers", view["buffer"])
+    buffer = _look_up(header, "buffers", view["buffer"])
     if min(start, first) < 0 or count < 1 or stride < width or end > view["byteLength"]:
         raise ContentError("has an accessor that is empty or exceeds its view")
     if first + view["byteLength"] > buffer["byteLength"]:
@@ -149,7 +149,7 @@ def _instances(header: dict[str, Any]) -> Iterator[int]:
     if len(scenes) > 1 and "scene" not in header:
         raise unsupported_part(f"{len(scenes)} scenes of which none is the default", "export one scene")
     seen: set[int] = set()
-    roots = _item(header, "scenes", header.get("scene", 0)).get("nodes", []) if scenes else []
+    roots = _look_up(header, "scenes", header.get("scene", 0)).get("nodes", []) if scenes else []
     pending = [(number, 1) for number in roots]
     while pending:
         number, level = pending.pop()
@@ -166,7 +166,7 @@ def _instances(header: dict[str, Any]) -> Iterator[int]:
         if "camera" in node and ("mesh" in node or node.get("children")):
             raise unsupported_part("a mesh at or below a camera", "hang the camera below the mesh")
         if "mesh" in node:
-            mesh = _item(header, "meshes", node["mesh"])
+            mesh = _look_up(header, "meshes", node["mesh"])
             if "skin" in node:
                 raise unsupported_part("a mesh that a skin moves", "apply its pose and export it without the skin")
             if any(node.get("weights", mesh.get("weights", []))):
@@ -174,7 +174,7 @@ def _instances(header: dict[str, Any]) -> Iterator[int]:
             yield node["mesh"]
 
 
-def _compare(points: Floats, accessor: dict[str, Any]) -> None:
+def _check_points(points: Floats, accessor: dict[str, Any]) -> None:
     """Check the vertices of a primitive against its accessor.
 
     The accessor declares their count and bounds.
@@ -194,7 +194,7 @@ def _refuse_extensions(thing: dict[str, Any]) -> None:
         raise unsupported_part(f"a part with the extension {foreign[0]}")
 
 
-def _item(header: dict[str, Any], kind: str, number: int) -> dict[str, Any]:
+def _look_up(header: dict[str, Any], kind: str, number: int) -> dict[str, Any]:
     items = header.get(kind, [])
     if not 0 <= number < len(items):
         raise ContentError(f"names number {number} of its {len(items)} {kind}")
@@ -202,7 +202,7 @@ def _item(header: dict[str, Any], kind: str, number: int) -> dict[str, Any]:
     return item
 
 
-def _json_of(data: bytes) -> bytes:
+def _glb_json(data: bytes) -> bytes:
     """Return the header of a GLB file.
 
     Refuses a file that its chunks do not fill exactly.
@@ -219,7 +219,7 @@ def _json_of(data: bytes) -> bytes:
     return data[20 : 20 + int.from_bytes(data[12:16], "little")]
 
 
-def _header(data: bytes) -> dict[str, Any]:
+def _parse_gltf_header(data: bytes) -> dict[str, Any]:
     try:
         text = data.decode("utf-8-sig")
         check_nesting(text, "[{", "]}")
@@ -235,7 +235,7 @@ def _header(data: bytes) -> dict[str, Any]:
     return header
 
 
-class _Beside(Mapping[str, bytes]):
+class _FolderFiles(Mapping[str, bytes]):
     """Files named by a glTF file, within its folder."""
 
     def __init__(self, file: Path) -> None:
@@ -292,7 +292,7 @@ def read_collada(file: Path) -> Surface:
     instance = root.find("scene/instance_visual_scene")
     if instance is None:
         raise unsupported_part("geometries in no scene", "export it again with its scene")
-    scene = _target(instance, named)
+    scene = _resolve_instance(instance, named)
     if scene.tag != "visual_scene":
         raise ContentError(f"names {scene.tag} as its scene")
     places: list[tuple[Element, Floats]] = []
@@ -308,24 +308,24 @@ def read_collada(file: Path) -> Surface:
         if element.tag in _SHAPELESS_CHILDREN:
             continue
         if element.tag == "instance_node":
-            element = _target(element, named)
+            element = _resolve_instance(element, named)
         if element.tag == "node":
             if element in path:
                 raise ContentError(f"has the node {element.get('id')!r} within itself")
-            transform, shapes = _local(element)
+            transform, shapes = _local_transform(element)
             pending += [(child, above @ transform, (*path, element)) for child in reversed(shapes)]
         elif element.tag == "instance_geometry":
-            places.append((_target(element, named), above))
+            places.append((_resolve_instance(element, named), above))
         else:
             raise unsupported_part(f"a {element.tag} in its scene")
     arrays: dict[Element, Floats] = {}
-    known = {each: _surfaces(each, named, arrays) for each in dict.fromkeys(each for each, _ in places)}
+    known = {each: _read_surfaces(each, named, arrays) for each in dict.fromkeys(each for each, _ in places)}
     sizes = {each: sum(surface_bytes(len(points), len(faces)) for points, faces in known[each]) for each in known}
     check_bytes(file, sum(sizes[each] for each, _ in places), "unfolds to", memory=3.0)
     return join_surfaces([transform_surface(surface, above) for each, above in places for surface in known[each]])
 
 
-def _target(instance: Element, named: Named) -> Element:
+def _resolve_instance(instance: Element, named: Named) -> Element:
     url = instance.get("url", "")
     if not url.startswith("#"):
         raise unsupported_part(f"a {instance.tag} of another file ({url!r})", "export it again as one file")
@@ -335,7 +335,7 @@ def _target(instance: Element, named: Named) -> Element:
     return target
 
 
-def _local(node: Element) -> tuple[Floats, list[Element]]:
+def _local_transform(node: Element) -> tuple[Floats, list[Element]]:
     """Return the local transform of a node, and its other children."""
     transform, shapes = np.eye(4), []
     for child in node:
@@ -381,7 +381,7 @@ _TRANSFORMS: Final[dict[str, tuple[int, Callable[[Floats], Floats]]]] = {
 """Number of values of each transform of a node, and the function that makes its matrix."""
 
 
-def _surfaces(geometry: Element, named: Named, arrays: dict[Element, Floats]) -> list[Surface]:
+def _read_surfaces(geometry: Element, named: Named, arrays: dict[Element, Floats]) -> list[Surface]:
     """Return one surface for each primitive of a geometry."""
     surfaces = []
     for shape in geometry:
@@ -389,15 +389,15 @@ def _surfaces(geometry: Element, named: Named, arrays: dict[Element, Floats]) ->
             continue
         if shape.tag != "mesh":
             raise unsupported_part(f"a geometry that is a {shape.tag}")
-        surfaces += [_primitive(part, named, arrays) for part in shape if part.tag not in _SURFACELESS_CHILDREN]
+        surfaces += [_read_primitive(part, named, arrays) for part in shape if part.tag not in _SURFACELESS_CHILDREN]
     return surfaces
 
 
-def _primitive(part: Element, named: Named, arrays: dict[Element, Floats]) -> Surface:
-    lists = [_corners(p, part) for p in part.findall("p")]
+def _read_primitive(part: Element, named: Named, arrays: dict[Element, Floats]) -> Surface:
+    lists = [_read_corners(p, part) for p in part.findall("p")]
     corners = np.concatenate([np.empty(0, dtype=np.int64), *lists])
     count = int(part.get("count", "0"))
-    points = _positions(part, named, arrays) if count else np.empty((0, 3))
+    points = _read_positions(part, named, arrays) if count else np.empty((0, 3))
     if part.find("ph") is not None:
         raise unsupported_part("a polygon with holes")
     if part.tag == "triangles":
@@ -406,7 +406,7 @@ def _primitive(part: Element, named: Named, arrays: dict[Element, Floats]) -> Su
         sizes = np.full(count, 3)
     elif part.tag == "polylist":
         counts = part.find("vcount")
-        sizes = _integers(counts) if counts is not None else np.empty(0, dtype=np.int64)
+        sizes = _parse_integers(counts) if counts is not None else np.empty(0, dtype=np.int64)
     elif part.tag == "polygons":
         sizes = np.array(list(map(len, lists)), dtype=np.int64)
     else:
@@ -416,30 +416,30 @@ def _primitive(part: Element, named: Named, arrays: dict[Element, Floats]) -> Su
     return points, triangulate(points, corners, sizes)
 
 
-def _inputs(element: Element, semantic: str) -> list[Element]:
+def _find_inputs(element: Element, semantic: str) -> list[Element]:
     return [given for given in element.findall("input") if given.get("semantic") == semantic]
 
 
-def _corners(p: Element, part: Element) -> Ints:
+def _read_corners(p: Element, part: Element) -> Ints:
     """Return the vertex indices of a list of mixed indices."""
     stride = 1 + max((int(given.get("offset", "0")) for given in part.findall("input")), default=0)
-    given = _inputs(part, "VERTEX")
-    numbers = _integers(p)
+    given = _find_inputs(part, "VERTEX")
+    numbers = _parse_integers(p)
     if len(given) != 1 or len(numbers) % stride:
         raise ContentError(f"has {part.tag} with {len(given)} inputs VERTEX and {len(numbers)} numbers, {stride} each")
     return numbers[int(given[0].get("offset", "0")) :: stride]
 
 
-def _positions(part: Element, named: Named, arrays: dict[Element, Floats]) -> Floats:
+def _read_positions(part: Element, named: Named, arrays: dict[Element, Floats]) -> Floats:
     """Return the positions of a primitive's vertices; `arrays` caches the parsed arrays."""
-    vertices = [_source(given, named) for given in _inputs(part, "VERTEX")]
-    sources = [_source(given, named) for element in vertices for given in _inputs(element, "POSITION")]
+    vertices = [_resolve_source(given, named) for given in _find_inputs(part, "VERTEX")]
+    sources = [_resolve_source(given, named) for element in vertices for given in _find_inputs(element, "POSITION")]
     if len(sources) != 1:
         raise ContentError(f"has {part.tag} with {len(sources)} sources of positions instead of one")
     accessor = sources[0].find("technique_common/accessor")
     if accessor is None:
         raise ContentError("has a source of positions without an accessor")
-    array = _source(accessor, named)
+    array = _resolve_source(accessor, named)
     if array.tag not in ("float_array", "int_array"):
         raise ContentError(f"has positions in {array.tag}")
     values = arrays.get(array)
@@ -456,7 +456,7 @@ def _positions(part: Element, named: Named, arrays: dict[Element, Floats]) -> Fl
     return values[first : first + count * stride].reshape(count, stride)[:, columns]
 
 
-def _source(given: Element, named: Named) -> Element:
+def _resolve_source(given: Element, named: Named) -> Element:
     name = given.get("source", "")
     source = named.get(name[1:]) if name.startswith("#") else None
     if source is None:
@@ -464,7 +464,7 @@ def _source(given: Element, named: Named) -> Element:
     return source
 
 
-def _integers(element: Element) -> Ints:
+def _parse_integers(element: Element) -> Ints:
     try:
         return np.array((element.text or "").split(), dtype=np.int64)
     except ValueError as error:
@@ -509,21 +509,21 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Floats, Ints]:
     return vertices, np.ascontiguousarray(faces)
 
 
-def _stl(file: Path) -> Surface:
+def _read_stl(file: Path) -> Surface:
     """Read the triangles of an STL file, without shared vertices."""
     data = read_bytes(file, _MESH_KIND, memory=12.0)
     declared = int.from_bytes(data[80:84], "little")
     if len(data) == 84 + _STL_RECORD.itemsize * declared and len(data) >= 84:
         vertices = np.frombuffer(data, _STL_RECORD, declared, 84)["corners"].reshape(-1, 3).astype(np.float64)
     elif data.lstrip()[:5].lower() == b"solid":
-        vertices = _stl_text(data)
+        vertices = _parse_stl_text(data)
     else:
         held = max(0.0, (len(data) - 84) / _STL_RECORD.itemsize)
         raise ContentError(f"declares {declared} triangles but has bytes for {held:g}, as a binary STL file")
     return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
 
 
-def _stl_text(data: bytes) -> Floats:
+def _parse_stl_text(data: bytes) -> Floats:
     """Parse the corners of a text STL file, shape (3 F, 3)."""
     text = data.lower().replace(b"\r", b"\n")
     lines = list(_SOLIDS.finditer(text))
@@ -543,7 +543,7 @@ def _stl_text(data: bytes) -> Floats:
     return parse_numbers([word for facet in facets for word in facet], float).reshape(-1, 3)
 
 
-def _gltf(file: Path) -> Surface:
+def _read_gltf(file: Path) -> Surface:
     """Read the triangles of a glTF scene, and check their number."""
     scene, declared = load_gltf_scene(file)
     vertices, faces = flatten_trimesh(scene, str(file)) if declared else join_surfaces([])
@@ -553,18 +553,18 @@ def _gltf(file: Path) -> Surface:
     return vertices, faces
 
 
-def _ply(file: Path) -> Surface:
+def _read_ply(file: Path) -> Surface:
     vertices, corners, sizes = read_ply(file)
     return vertices, triangulate(vertices, corners, sizes)
 
 
 _READERS: Final[dict[str, Callable[[Path], Surface]]] = {
-    ".stl": _stl,
+    ".stl": _read_stl,
     ".obj": read_obj,
-    ".ply": _ply,
+    ".ply": _read_ply,
     ".off": read_off,
-    ".glb": _gltf,
-    ".gltf": _gltf,
+    ".glb": _read_gltf,
+    ".gltf": _read_gltf,
     ".dae": read_collada,
 }
 """Reader of each suffix."""

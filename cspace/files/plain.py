@@ -174,6 +174,4 @@ _XACRO_NAMESPACES: Final = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/
 def check_expanded(root: Element) -> None:
     """Raise ContentError if a file holds unexpanded xacro macros."""
     if any(str(element.tag).startswith(_XACRO_NAMESPACES) for element in root.iter()):
-        raise ContentError(
-            "holds xacro macros", "they must be expanded first", "run xacro robot.urdf.xacro > robot.urdf"
-        )
+        raise ContentError("holds xacro macros", "expand them first", "run xacro robot.urdf.xacro > robot.urdf")

@@ -66,12 +66,10 @@ def read_points(path: StrPath) -> Floats:
             raise ContentError("holds no point", "a cloud needs one", "check how it was written", kind=GeometryError)
         broken = int((~np.isfinite(points).all(axis=1)).sum())
         if broken:
-            raise ContentError(
-                f"holds {broken} points of {len(points)} that are not finite",
-                "NaN, where a sensor saw nothing, is neither free nor occupied",
-                "drop them before writing: points[np.isfinite(points).all(axis=1)]",
-                kind=GeometryError,
-            )
+            problem = f"holds {broken} points of {len(points)} that are not finite"
+            rule = "a missing return is neither free nor occupied"
+            hint = "drop them before writing: points[np.isfinite(points).all(axis=1)]"
+            raise ContentError(problem, rule, hint, kind=GeometryError)
     return points
 
 
@@ -91,7 +89,7 @@ def _read_text(path: StrPath) -> Floats:
 
 
 @dataclass(frozen=True, slots=True)
-class _Header:
+class _PcdHeader:
     """Content of the text before the points."""
 
     fields: tuple[str, ...]
@@ -124,12 +122,12 @@ def read_pcd(path: str | os.PathLike[str]) -> Floats:
     last number cannot be detected.
     """
     content = read_bytes(path, _PCD_KIND, memory=12.0)
-    header, end = _split(content)
+    header, end = _parse_pcd_header(content)
     points = _DECODERS[header.data](header, content[end:], os.fspath(path))
     return np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
 
 
-def _split(content: bytes) -> tuple[_Header, int]:
+def _parse_pcd_header(content: bytes) -> tuple[_PcdHeader, int]:
     """Return the header and the position of the byte after it."""
     entries: dict[str, list[str]] = {}
     end = 0
@@ -146,10 +144,10 @@ def _split(content: bytes) -> tuple[_Header, int]:
     missing = [key for key in ("FIELDS", "SIZE", "TYPE", "DATA") if key not in entries]
     if missing or not ("POINTS" in entries or {"WIDTH", "HEIGHT"} <= entries.keys()):
         raise ContentError(f"lacks {' and '.join(missing) or 'POINTS'} in its header, which ends with DATA")
-    return _header(entries, number), end
+    return _check_pcd_header(entries, number), end
 
 
-def _header(entries: dict[str, list[str]], lines: int) -> _Header:
+def _check_pcd_header(entries: dict[str, list[str]], lines: int) -> _PcdHeader:
     """Check the entries of a header and convert them."""
     fields = tuple(entries["FIELDS"])
     try:
@@ -176,10 +174,10 @@ def _header(entries: dict[str, list[str]], lines: int) -> _Header:
     if data not in _DECODERS:
         raise ContentError(f"says DATA {data!r:.60}", f"it must be one of {', '.join(_DECODERS)}", "write it again")
     dtypes = tuple(np.dtype(f"<{kind.lower()}{size}") for kind, size in types)
-    return _Header(fields, dtypes, counts, points, data, lines)
+    return _PcdHeader(fields, dtypes, counts, points, data, lines)
 
 
-def _ascii(header: _Header, body: bytes, file: str) -> Floats:
+def _decode_ascii(header: _PcdHeader, body: bytes, file: str) -> Floats:
     rows = read_columns(body.decode("latin-1"), header.lines + 1)
     starts = np.cumsum([0, *header.counts])
     if len(rows) != header.points:
@@ -189,7 +187,7 @@ def _ascii(header: _Header, body: bytes, file: str) -> Floats:
     return rows[:, starts[header.xyz]] if len(rows) else np.zeros((0, 3))
 
 
-def _binary(header: _Header, body: bytes, file: str) -> Floats:
+def _decode_binary(header: _PcdHeader, body: bytes, file: str) -> Floats:
     record = header.record
     if len(body) < header.points * record.itemsize:
         raise ContentError(f"holds {len(body) // record.itemsize} points but its header says {header.points}")
@@ -197,7 +195,7 @@ def _binary(header: _Header, body: bytes, file: str) -> Floats:
     return np.stack([cloud[str(n)].astype(np.float64) for n in header.xyz], axis=1)
 
 
-def _compressed(header: _Header, body: bytes, file: str) -> Floats:
+def _decode_compressed(header: _PcdHeader, body: bytes, file: str) -> Floats:
     """Unpack points that are stored field after field.
 
     The packed and unpacked sizes come first; LZF packs the rest.
@@ -206,7 +204,7 @@ def _compressed(header: _Header, body: bytes, file: str) -> Floats:
     if header.points == 0:
         return np.zeros((0, 3))
     if len(body) < 8:
-        raise ContentError(f"holds {len(body)} bytes after its header but its header says at least 8")
+        raise ContentError(f"holds {len(body)} bytes after its header; it needs at least 8")
     packed, unpacked = (int(size) for size in np.frombuffer(body, dtype="<u4", count=2))
     if len(body) - 8 < packed:
         raise ContentError(f"holds {len(body) - 8} bytes of packed points but its header says {packed}")
@@ -265,10 +263,10 @@ def unpack_lzf(packed: NDArray[np.uint8], out: NDArray[np.uint8]) -> int:
     return written
 
 
-_DECODERS: Final[dict[str, Callable[[_Header, bytes, str], Floats]]] = {
-    "ascii": _ascii,
-    "binary": _binary,
-    "binary_compressed": _compressed,
+_DECODERS: Final[dict[str, Callable[[_PcdHeader, bytes, str], Floats]]] = {
+    "ascii": _decode_ascii,
+    "binary": _decode_binary,
+    "binary_compressed": _decode_compressed,
 }
 
 CLOUD_READERS: Final[dict[str, Callable[[StrPath], Floats]]] = {

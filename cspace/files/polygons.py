@@ -110,7 +110,7 @@ def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
         if size > 4:
             _check_repeats(polygons)
         if size > 3:
-            polygons, work = _fans(vertices, polygons, work)
+            polygons, work = _cut_fans(vertices, polygons, work)
         faces.append(polygons)
     return np.concatenate(faces)
 
@@ -127,7 +127,7 @@ def _check_repeats(polygons: Ints) -> None:
         raise _face_error(polygons[np.argmin(distinct)], f"repeat only {distinct.min()} vertices")
 
 
-def _fans(vertices: Floats, polygons: Ints, work: int) -> tuple[Ints, int]:
+def _cut_fans(vertices: Floats, polygons: Ints, work: int) -> tuple[Ints, int]:
     """Cut polygons, shape (P, n) with n > 3, into fans.
 
     Return the triangles and the work left; at most `work` corners are visited.
@@ -140,7 +140,7 @@ def _fans(vertices: Floats, polygons: Ints, work: int) -> tuple[Ints, int]:
     points -= points.mean(axis=1, keepdims=True)
     size = np.asarray(np.linalg.norm(points, axis=2).max(axis=1))
     slack = np.asarray(FILE_ROUNDING + MAX_BEND * size)
-    normal, flat = _planes(points, size, slack)
+    normal, flat = _fit_planes(points, size, slack)
     if not flat.all():
         raise _face_error(polygons[np.argmin(flat)], "do not lie in one plane, or enclose no area there")
     count = polygons.shape[1]
@@ -162,7 +162,7 @@ def _fans(vertices: Floats, polygons: Ints, work: int) -> tuple[Ints, int]:
     return np.asarray(fans.reshape(-1, 3)), work
 
 
-def _planes(points: Floats, size: Floats, slack: Floats) -> tuple[Floats, Bools]:
+def _fit_planes(points: Floats, size: Floats, slack: Floats) -> tuple[Floats, Bools]:
     """Return the unit normals of polygons, and which are flat.
 
     A polygon without area counts as flat if it lies on a line.
@@ -204,7 +204,7 @@ def read_obj(file: Path) -> Surface:
     corners: list[bytes] = []
     sizes: list[int] = []
     before: list[int] = []
-    for line in _statements(file):
+    for line in _read_lines(file):
         tokens = line.split()
         if not tokens:
             continue
@@ -221,13 +221,13 @@ def read_obj(file: Path) -> Surface:
             raise unsupported_part(f"a statement {name.decode()!r}")
         elif name not in _SKIPPED_STATEMENTS:
             raise ContentError(f"has a line {line[:60].decode('latin-1')!r}, which is not a statement of OBJ")
-    vertices = _vertices(points)
+    vertices = _parse_vertices(points)
     counts = np.array(sizes, dtype=np.int64)
-    numbers = _numbers(corners, np.repeat(np.array(before, dtype=np.int64), counts))
+    numbers = _parse_indices(corners, np.repeat(np.array(before, dtype=np.int64), counts))
     return vertices, triangulate(vertices, numbers, counts)
 
 
-def _statements(file: Path) -> list[bytes]:
+def _read_lines(file: Path) -> list[bytes]:
     """Return the lines without comments, with continued lines joined."""
     data = read_bytes(file, "mesh", memory=20.0).removeprefix(b"\xef\xbb\xbf")
     if b"\0" in data:
@@ -243,7 +243,7 @@ def _statements(file: Path) -> list[bytes]:
     return [line.partition(b"#")[0] for line in data.splitlines()] if b"#" in data else data.splitlines()
 
 
-def _vertices(points: list[list[bytes]]) -> Floats:
+def _parse_vertices(points: list[list[bytes]]) -> Floats:
     """Parse x, y and z of each vertex.
 
     A fourth number is a weight, which must be 1; six or more numbers include a colour.
@@ -257,7 +257,7 @@ def _vertices(points: list[list[bytes]]) -> Floats:
     return parse_numbers([word for point in points for word in point[:3]], float).reshape(-1, 3)
 
 
-def _numbers(corners: list[bytes], before: Ints) -> Ints:
+def _parse_indices(corners: list[bytes], before: Ints) -> Ints:
     """Convert vertex numbers to indices from 0.
 
     Files count from 1, or backwards from the last vertex if negative.
@@ -352,7 +352,7 @@ def read_ply_header(path: str | os.PathLike[str]) -> PlyHeader:
     """
     file = check_file(path, PLY_KIND)
     with decoding(file, PLY_KIND), file.open("rb") as stream:
-        return _header(stream.read(2**16))
+        return _parse_ply_header(stream.read(2**16))
 
 
 def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Ints, Ints]:
@@ -366,10 +366,10 @@ def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Ints, Ints]:
     from trimesh.exchange.ply import load_ply
 
     content = read_bytes(path, PLY_KIND, memory=_MEMORY_PER_PLY_BYTE)
-    header = _header(content)
+    header = _parse_ply_header(content)
     faces: tuple[Ints, Ints] | None = None
     if header.is_text:
-        content, faces = _counted(content, header)
+        content, faces = _check_elements(content, header)
     if not {"x", "y", "z"} <= {name for name, _ in header.properties["vertex"]}:
         raise ContentError("has vertices without x, y and z")
     names = [name for name, is_list in header.properties.get("face", []) if is_list and name in _CORNER_LISTS]
@@ -383,14 +383,14 @@ def read_ply(path: str | os.PathLike[str]) -> tuple[Floats, Ints, Ints]:
         elements = loaded["metadata"]["_ply_raw"]
         vertices = np.column_stack([np.asarray(elements["vertex"]["data"][axis]).reshape(-1) for axis in "xyz"])
         if faces is None:
-            faces = _corners(elements["face"]["data"], names[0], header) if header.faces else _NO_FACES
+            faces = _read_corners(elements["face"]["data"], names[0], header) if header.faces else _NO_FACES
     if len(vertices) != header.vertices or len(faces[1]) != header.faces:
         counts = f"{len(vertices)} and {len(faces[1])} were read"
         raise ContentError(f"declares {header.vertices} vertices and {header.faces} faces, and {counts}")
     return vertices.astype(np.float64), *faces
 
 
-def _counted(content: bytes, header: PlyHeader) -> tuple[bytes, tuple[Ints, Ints]]:
+def _check_elements(content: bytes, header: PlyHeader) -> tuple[bytes, tuple[Ints, Ints]]:
     """Check each line of a text; return it without blank lines.
 
     Also returns the faces. trimesh counts blank lines as elements, skips excess lines and words, and applies the
@@ -422,7 +422,7 @@ def _counted(content: bytes, header: PlyHeader) -> tuple[bytes, tuple[Ints, Ints
     return content[: header.end] + b"\n".join(map(b" ".join, rows)), faces
 
 
-def _header(content: bytes) -> PlyHeader:
+def _parse_ply_header(content: bytes) -> PlyHeader:
     counts: dict[str, int] = {}
     properties: dict[str, list[tuple[str, bool]]] = {}
     form, name = "", ""
@@ -441,12 +441,9 @@ def _header(content: bytes) -> PlyHeader:
             known = ("face", "range_grid")
             strange = [e for e in counts if e not in known and counts[e] and any(listed for _, listed in properties[e])]
             if strange:
-                raise ContentError(
-                    f"has elements {', '.join(strange)} with lists, which may be surfaces",
-                    "only 'face' is read, so they would be lost",
-                    "write it with faces, e.g. with MeshLab",
-                    kind=GeometryError,
-                )
+                problem = f"has elements {', '.join(strange)} with lists, which may be surfaces"
+                rule, hint = "only 'face' is read, so they would be lost", "write it with faces, e.g. with MeshLab"
+                raise ContentError(problem, rule, hint, kind=GeometryError)
             return PlyHeader(form == "ascii", counts, properties, after)
         elif number and tokens[:1] not in (["comment"], ["obj_info"], []):
             break
@@ -454,7 +451,7 @@ def _header(content: bytes) -> PlyHeader:
     raise ContentError("has no whole PLY header", rule, "the file is truncated or of another format; fetch it again")
 
 
-def _corners(data: Any, name: str, header: PlyHeader) -> tuple[Ints, Ints]:
+def _read_corners(data: Any, name: str, header: PlyHeader) -> tuple[Ints, Ints]:
     """Return the faces of a binary file, all of equal size.
 
     trimesh applies the size of the first face to all.

@@ -92,7 +92,7 @@ class MapInfo(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class _Header:
+class _MapHeader:
     """Content of the YAML file of a map."""
 
     info: MapInfo
@@ -103,7 +103,7 @@ class _Header:
     free_thresh: float
 
 
-def _read_header(path: str | os.PathLike[str]) -> _Header:
+def _read_header(path: str | os.PathLike[str]) -> _MapHeader:
     document = read_yaml(path, "ROS map")
     if not isinstance(document, dict):
         raise _key_error(f"holds {type(document).__name__}", "keys and values", "write e.g. 'resolution: 0.05'")
@@ -116,21 +116,21 @@ def _read_header(path: str | os.PathLike[str]) -> _Header:
         raise _key_error(f"image is {image!r:.60}", "the name of the image", "write e.g. 'image: map.pgm'")
     if not isinstance(mode, str) or mode not in MODES:
         raise _key_error(f"mode is {mode!r:.60}", f"one of {', '.join(MODES)}", "correct it")
-    resolution = _number(document["resolution"], "resolution")
+    resolution = _finite_number(document["resolution"], "resolution")
     if not 1.0 / _MAX_METRES <= resolution <= _MAX_METRES:
         rule = f"metres per cell, above zero, from {1.0 / _MAX_METRES:g} to {_MAX_METRES:g}"
         raise _key_error(f"resolution is {resolution}", rule, "write e.g. 'resolution: 0.05'")
     origin = document["origin"]
     if not isinstance(origin, list) or len(origin) != 3:
         raise _key_error(f"origin is {origin!r:.60}", "x, y and yaw", "write e.g. 'origin: [0.0, 0.0, 0.0]'")
-    x, y, yaw = (_number(value, f"origin[{i}]") for i, value in enumerate(origin))
+    x, y, yaw = (_finite_number(value, f"origin[{i}]") for i, value in enumerate(origin))
     if max(abs(x), abs(y)) > _MAX_METRES:
         raise _key_error(f"origin is {origin!r:.60}", f"metres, at most {_MAX_METRES:g}", "check its units")
     if isinstance(negate, list | dict) or negate not in (0, 1):
         raise _key_error(f"negate is {negate!r:.60}", "0 or 1", "write 'negate: 0' if dark pixels are obstacles")
     if negate and mode == "raw":
         raise _key_error("negate is 1 in raw mode", "0 there: ROS 1 and ROS 2 disagree on its effect", "remove it")
-    occupied, free = (_number(document[key], key) for key in ("occupied_thresh", "free_thresh"))
+    occupied, free = (_finite_number(document[key], key) for key in ("occupied_thresh", "free_thresh"))
     for key, value in (("occupied_thresh", occupied), ("free_thresh", free)):
         if not 0.0 <= value <= 1.0:
             raise _key_error(f"{key} is {value}", "between 0 and 1", "correct it")
@@ -139,10 +139,10 @@ def _read_header(path: str | os.PathLike[str]) -> _Header:
             f"free_thresh is {free} and occupied_thresh is {occupied}", "free below occupied", "exchange them"
         )
     info = MapInfo(os.fspath(path), resolution, (x, y), yaw)
-    return _Header(info, _beside(path, image), mode, bool(negate), occupied, free)
+    return _MapHeader(info, _image_path(path, image), mode, bool(negate), occupied, free)
 
 
-def _beside(path: str | os.PathLike[str], image: str) -> pathlib.Path:
+def _image_path(path: str | os.PathLike[str], image: str) -> pathlib.Path:
     """Return the path of the image.
 
     Warns if it lies outside the map's folder.
@@ -159,7 +159,7 @@ def _beside(path: str | os.PathLike[str], image: str) -> pathlib.Path:
     return file
 
 
-def _number(value: Any, key: str) -> float:
+def _finite_number(value: Any, key: str) -> float:
     """Return a value as a finite float."""
     try:
         number = math.nan if isinstance(value, bool) else float(value)
@@ -174,20 +174,20 @@ def _key_error(problem: str, rule: str, hint: str) -> ContentError:
     return ContentError(problem, f"in a ROS map it must be {rule}", hint)
 
 
-def _trinary(header: _Header, image: Shades) -> tuple[Bools, Bools]:
+def _classify_trinary(header: _MapHeader, image: Shades) -> tuple[Bools, Bools]:
     free, occupied = (
-        image.where(lambda shade: _probability(header, shade) < header.free_thresh),
-        image.where(lambda shade: _probability(header, shade) >= header.occupied_thresh),
+        image.where(lambda shade: _occupied_probability(header, shade) < header.free_thresh),
+        image.where(lambda shade: _occupied_probability(header, shade) >= header.occupied_thresh),
     )
     return image.among_opaque(free), image.among_opaque(occupied)
 
 
-def _scale(header: _Header, image: Shades) -> tuple[Bools, Bools]:
-    free = image.where(lambda shade: _probability(header, shade) < header.free_thresh)
+def _classify_scale(header: _MapHeader, image: Shades) -> tuple[Bools, Bools]:
+    free = image.where(lambda shade: _occupied_probability(header, shade) < header.free_thresh)
     return image.among_opaque(free), image.among_opaque(~free)
 
 
-def _raw(header: _Header, image: Shades) -> tuple[Bools, Bools]:
+def _classify_raw(header: _MapHeader, image: Shades) -> tuple[Bools, Bools]:
     def percent(shade: Floats) -> Floats:
         return np.floor(255.0 * shade + 0.5)
 
@@ -195,14 +195,14 @@ def _raw(header: _Header, image: Shades) -> tuple[Bools, Bools]:
     return free, ~free & image.where(lambda shade: percent(shade) <= 100.0)
 
 
-def _probability(header: _Header, shade: Floats) -> Floats:
+def _occupied_probability(header: _MapHeader, shade: Floats) -> Floats:
     return shade if header.negate else 1.0 - shade
 
 
-MODES: Final[Mapping[str, Callable[[_Header, Shades], tuple[Bools, Bools]]]] = {
-    "trinary": _trinary,
-    "scale": _scale,
-    "raw": _raw,
+MODES: Final[Mapping[str, Callable[[_MapHeader, Shades], tuple[Bools, Bools]]]] = {
+    "trinary": _classify_trinary,
+    "scale": _classify_scale,
+    "raw": _classify_raw,
 }
 """Function that classifies the shades into free and occupied cells, by the ``mode`` of the YAML."""
 
@@ -374,8 +374,8 @@ def read_occupancy_grid(msg: GridMessage, free_thresh: float, occupied_thresh: f
     if not 0.0 <= low < high <= 1.0:
         rule, hint = "free_thresh must be below occupied_thresh, both from 0 to 1", "pass e.g. 0.25 and 0.65"
         raise InputError("free_thresh", f"is {low:g} and occupied_thresh is {high:g}", rule, hint, value=free_thresh)
-    width, height = (_size(msg, name) for name in ("width", "height"))
-    values = _values(_field(msg, "data"))
+    width, height = (_parse_size(msg, name) for name in ("width", "height"))
+    values = _parse_data(_get_field(msg, "data"))
     if values.shape != (width * height,):
         rule = f"it must have width x height = {width} x {height} values"
         raise InputError("msg.data", f"has shape {values.shape}", rule, "pass the whole message", value=values)
@@ -383,12 +383,12 @@ def read_occupancy_grid(msg: GridMessage, free_thresh: float, occupied_thresh: f
     known = (percent >= 0) & (percent <= 100)
     free, occupied = known & (percent / 100.0 < low), known & (percent / 100.0 >= high)
     x, y = (
-        float(check_finite(_field(msg, f"info.origin.position.{k}"), f"msg.info.origin.position.{k}")) for k in "xy"
+        float(check_finite(_get_field(msg, f"info.origin.position.{k}"), f"msg.info.origin.position.{k}")) for k in "xy"
     )
-    return MapInfo("msg", _resolution(msg), (x, y), _yaw(msg)), free, occupied
+    return MapInfo("msg", _parse_resolution(msg), (x, y), _parse_yaw(msg)), free, occupied
 
 
-def _field(msg: object, path: str) -> Any:
+def _get_field(msg: object, path: str) -> Any:
     """Return a field of a message by its dotted path."""
     value = msg
     for name in path.split("."):
@@ -404,15 +404,15 @@ def missing_field_error(argument: str, path: str, kind: str) -> InputError:
     return InputError(argument, f"has no {path}", f"it must have the fields of {kind}", "pass such a message")
 
 
-def _size(msg: object, name: str) -> int:
-    value = _field(msg, f"info.{name}")
+def _parse_size(msg: object, name: str) -> int:
+    value = _get_field(msg, f"info.{name}")
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
         rule = "it must be a whole number above zero"
         raise InputError(f"msg.info.{name}", f"is {value!r}", rule, "set it", value=value)
     return int(value)
 
 
-def _values(data: ArrayLike) -> Ints | NDArray[np.int8]:
+def _parse_data(data: ArrayLike) -> Ints | NDArray[np.int8]:
     """Return the data of a message as an array of integers."""
     try:
         values = np.asarray(data)
@@ -425,23 +425,23 @@ def _values(data: ArrayLike) -> Ints | NDArray[np.int8]:
     return values
 
 
-def _resolution(msg: object) -> float:
+def _parse_resolution(msg: object) -> float:
     """Return the side of a cell, metres.
 
     Messages store single precision; this undoes the rounding.
     """
-    value = check_positive(_field(msg, "info.resolution"), "msg.info.resolution")
+    value = check_positive(_get_field(msg, "info.resolution"), "msg.info.resolution")
     single = np.float32(value)
     return float(str(single)) if float(single) == value else value
 
 
-def _yaw(msg: object) -> float:
+def _parse_yaw(msg: object) -> float:
     """Return the yaw of the map, radians.
 
     An unset quaternion, all zeros, counts as no rotation.
     """
     place = "info.origin.orientation"
-    x, y, z, w = check_finite([_field(msg, f"{place}.{name}") for name in "xyzw"], f"msg.{place}").tolist()
+    x, y, z, w = check_finite([_get_field(msg, f"{place}.{name}") for name in "xyzw"], f"msg.{place}").tolist()
     norm = math.hypot(x, y, z, w)
     if norm == 0.0:
         return 0.0
@@ -502,11 +502,11 @@ def read_nav2(path: str | os.PathLike[str], costmap: str | None = None) -> Costm
     Raises FileError if the file is missing or malformed, or describes no robot, several, or not that costmap.
     """
     file = os.fspath(path)
-    tables = dict(_tables(read_yaml(path, "Nav2 parameter file"), ()))
+    tables = dict(_iterate_tables(read_yaml(path, "Nav2 parameter file"), ()))
     if not tables:
         hint = "write e.g. 'robot_radius: 0.22' in its local_costmap and global_costmap"
         raise FileError(file, "holds neither footprint nor robot_radius", "a costmap has one of them", hint)
-    bases = {name: _base(table, f"{file}: {name or 'the file'}") for name, table in tables.items()}
+    bases = {name: _parse_robot(table, f"{file}: {name or 'the file'}") for name, table in tables.items()}
     chosen = {name: base for name, base in bases.items() if costmap is None or name.endswith(costmap)}
     if not chosen:
         raise FileError(file, f"has no costmap {costmap!r}", f"it has {', '.join(bases)}", "name one of these")
@@ -518,7 +518,7 @@ def read_nav2(path: str | os.PathLike[str], costmap: str | None = None) -> Costm
     return next(iter(chosen.values()))
 
 
-def _tables(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+def _iterate_tables(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Yield each table that describes a robot, named by path.
 
     A name repeated in a row appears once.
@@ -529,10 +529,10 @@ def _tables(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Mapping[st
         names = [name for name in path if name != "ros__parameters"]
         yield "/".join(name for k, name in enumerate(names) if name not in names[k - 1 : k]), value
     for name, part in value.items():
-        yield from _tables(part, (*path, name))
+        yield from _iterate_tables(part, (*path, name))
 
 
-def _base(table: Mapping[str, Any], place: str) -> CostmapRobot:
+def _parse_robot(table: Mapping[str, Any], place: str) -> CostmapRobot:
     footprint: Any = table.get("footprint")
     padding = check_not_negative(
         table.get("footprint_padding", DEFAULT_FOOTPRINT_PADDING), f"{place}: footprint_padding"

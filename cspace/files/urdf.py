@@ -72,7 +72,7 @@ def load_urdf(path: str | os.PathLike[str]) -> URDF:
     data = read_bytes(path, _URDF_KIND, memory=20.0)
     with decoding(path, _URDF_KIND):
         root = parse_xml(data)
-        _check(root)
+        _check_robot(root)
         plain = io.BytesIO(ElementTree.tostring(root))
         # Without its scene graphs, because they take cubic time for the links of a long chain.
         return yourdfpy.URDF.load(plain, load_meshes=False, build_scene_graph=False, build_collision_scene_graph=False)
@@ -107,9 +107,9 @@ def locate_meshes(
     meshes: dict[str, Path] = {}
     guesses: dict[str, Path] = {}
     for name, place in places.items():
-        exact, elsewhere = _places(name, folder, package_dirs)
-        if not (found := _files(exact)[:1]):
-            found = _files(elsewhere)
+        exact, elsewhere = _candidate_paths(name, folder, package_dirs)
+        if not (found := _existing_files(exact)[:1]):
+            found = _existing_files(elsewhere)
             _check_single(found, f"{os.fspath(path)}: {place}: mesh {name}", folder)
             guesses[name] = found[0]
         meshes[name] = found[0]
@@ -124,7 +124,7 @@ def locate_meshes(
     return meshes
 
 
-def _check(root: Element) -> None:
+def _check_robot(root: Element) -> None:
     """Refuse a URDF that yourdfpy would read in part, or misread."""
     if root.tag != "robot":
         problem = f"holds <{root.tag:.60}>, not <robot>"
@@ -258,7 +258,7 @@ def package_folders(package_dirs: PackageDirs) -> list[Path]:
     return folders
 
 
-def _places(name: str, folder: Path, package_dirs: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+def _candidate_paths(name: str, folder: Path, package_dirs: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     """Return the candidate paths of a mesh.
 
     First by its full name, in order, then by a part of the name. `folder` is the folder of the URDF.
@@ -279,7 +279,7 @@ def _places(name: str, folder: Path, package_dirs: Sequence[Path]) -> tuple[list
     ]
 
 
-def _files(places: Iterable[Path]) -> list[Path]:
+def _existing_files(places: Iterable[Path]) -> list[Path]:
     """Return the paths that are files, without duplicates."""
     files: dict[Path, Path] = {}
     for place in places:
@@ -397,13 +397,13 @@ class _Reader:
         solid = {name: None for name, link in self._links.items() if link.collisions}
         allowed: dict[tuple[str, str], str] = {}
         for (name,), why in self._named("disable_default_collisions", "link"):
-            allowed |= {_sorted(name, other): why for other in solid if name in solid and other != name}
+            allowed |= {_sorted_pair(name, other): why for other in solid if name in solid and other != name}
         for (one, other), _ in self._named("enable_collisions", "link1", "link2"):
-            allowed.pop(_sorted(one, other), None)
+            allowed.pop(_sorted_pair(one, other), None)
         for (one, other), why in self._named("disable_collisions", "link1", "link2"):
             self.bare |= dict.fromkeys(name for name in (one, other) if name not in solid)
             if one in solid and other in solid:
-                allowed[_sorted(one, other)] = why
+                allowed[_sorted_pair(one, other)] = why
         return allowed
 
     def _named(self, tag: str, *keys: str) -> Iterator[tuple[tuple[str, ...], str]]:
@@ -456,7 +456,7 @@ class _Reader:
             if not self._known(values, self._kinds) and values.keys().isdisjoint(self._kinds):
                 continue
             moving = [joint for joint in values if self._kinds.get(joint) in _MOVING_TYPES]
-            states[name] = {joint: _number(values[joint], name, joint) for joint in moving}
+            states[name] = {joint: _parse_value(values[joint], name, joint) for joint in moving}
         return states
 
     def end_effectors(self) -> dict[str, EndEffector]:
@@ -469,7 +469,7 @@ class _Reader:
         return effectors
 
 
-def _number(text: str, state: str, joint: str) -> float:
+def _parse_value(text: str, state: str, joint: str) -> float:
     """Return the value of a joint in a named state."""
     try:
         value = float(text)
@@ -489,5 +489,5 @@ def _attribute(element: Element, key: str) -> str:
     return value
 
 
-def _sorted(one: str, other: str) -> tuple[str, str]:
+def _sorted_pair(one: str, other: str) -> tuple[str, str]:
     return (one, other) if one < other else (other, one)

@@ -47,12 +47,12 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
     Raises GeometryError if there is no geometry, or one is malformed, empty, self-crossing, or has coordinates that
     are not finite or three-dimensional.
     """
-    named = [(name, _parts(shape)) for name, shape in _geometries(source, "polygons")]
+    named = [(name, _split_parts(shape)) for name, shape in _iterate_geometries(source, "polygons")]
     shapes = [part for _, parts in named for part in parts]
     if not shapes:
         hint = "pass at least one polygon, line or point, or use Workspace.from_array for a map without obstacles"
         raise GeometryError("polygons", "holds no geometry", "obstacles must cover some ground", hint, value=source)
-    _check([name for name, _ in named], np.cumsum([len(parts) for _, parts in named]), shapes)
+    _check_shapes([name for name, _ in named], np.cumsum([len(parts) for _, parts in named]), shapes)
     return shapes
 
 
@@ -61,7 +61,7 @@ def is_wkt(text: str) -> bool:
     return bool(_WKT.match(text))
 
 
-def _geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
+def _iterate_geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
     """Yield every geometry of `source`, with a name for messages."""
     import shapely
 
@@ -73,7 +73,7 @@ def _geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
         yield from _from_text(source, name)
     elif isinstance(source, Iterable):
         for index, item in enumerate(source):
-            yield from _geometries(item, f"{name}[{index}]")
+            yield from _iterate_geometries(item, f"{name}[{index}]")
     else:
         rule = "it must be a shapely geometry, GeoJSON, WKT or a file of them"
         raise InputError(name, f"is {source!r:.60}", rule, "pass e.g. shapely.box(0, 0, 1, 1)", value=source)
@@ -155,7 +155,7 @@ def _from_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str,
     yield name, geometry
 
 
-def _parts(shape: BaseGeometry) -> list[BaseGeometry]:
+def _split_parts(shape: BaseGeometry) -> list[BaseGeometry]:
     """Return the simple geometries of a nested collection, in order."""
     import shapely
 
@@ -167,7 +167,7 @@ def _parts(shape: BaseGeometry) -> list[BaseGeometry]:
     return list(parts)
 
 
-def _check(names: list[str], lasts: Ints, shapes: list[BaseGeometry]) -> None:
+def _check_shapes(names: list[str], lasts: Ints, shapes: list[BaseGeometry]) -> None:
     """Raise GeometryError for the first shape that breaks a rule."""
     import shapely
 

@@ -64,7 +64,7 @@ _SIDE_ROUNDING: Final = 1e-6
 """Relative difference up to which two sides of a voxel count as equal, because files round to a few digits."""
 
 
-class Header(NamedTuple):
+class NrrdHeader(NamedTuple):
     """Content of the text before the values of an NRRD file.
 
     Attributes
@@ -114,12 +114,12 @@ def read_nrrd(
         raise InputError("threshold", f"is {threshold!r}", "it must be one number", "pass e.g. 0.5", value=threshold)
     content = read_bytes(path, _NRRD_KIND)
     with decoding(path, _NRRD_KIND):
-        header = _header(content)
+        header = _parse_nrrd_header(content)
         check_cells(path, header.sizes, memory=2.0)
         _check_compressed(header, len(content))
-        corner, side, order, flipped = _placement(path, header, side, lower)
+        corner, side, order, flipped = _find_placement(path, header, side, lower)
         occupied, at = np.empty(math.prod(header.sizes), dtype=np.bool_), 0
-        for values in _blocks(content, header):
+        for values in _iterate_blocks(content, header):
             part = occupied[at : at + len(values)]
             at += len(values)
             if values.dtype.kind == "f" and np.isnan(values).any():
@@ -142,10 +142,10 @@ def read_nrrd_dimension(path: str | os.PathLike[str]) -> int:
     Raises FileError as :func:`read_nrrd`.
     """
     with decoding(path, _NRRD_KIND), check_file(path, _NRRD_KIND).open("rb") as file:
-        return len(_header(file.read(_MAX_NRRD_HEADER_BYTES)).sizes)
+        return len(_parse_nrrd_header(file.read(_MAX_NRRD_HEADER_BYTES)).sizes)
 
 
-def _header(content: bytes) -> Header:
+def _parse_nrrd_header(content: bytes) -> NrrdHeader:
     """Parse the header of an NRRD file."""
     fields: dict[str, str] = {}
     begins = None
@@ -177,13 +177,13 @@ def _header(content: bytes) -> Header:
     if encoding not in ("raw", "gzip", "gz"):
         problem = f"has the encoding {encoding[:20]!r}"
         raise ContentError(problem, "only raw and gzip are read", "write it with encoding gzip")
-    sizes = _sizes(fields)
-    sides, center = _axes(fields, len(sizes))
+    sizes = _parse_sizes(fields)
+    sides, center = _parse_axes(fields, len(sizes))
     has_bounds = any(name in fields for name in ("axis mins", "axismins", "axis maxs", "axismaxs"))
-    return Header(sizes, _dtype(fields), encoding != "raw", sides, center, has_bounds, begins)
+    return NrrdHeader(sizes, _parse_dtype(fields), encoding != "raw", sides, center, has_bounds, begins)
 
 
-def _sizes(fields: dict[str, str]) -> tuple[int, ...]:
+def _parse_sizes(fields: dict[str, str]) -> tuple[int, ...]:
     words = fields.get("sizes", "").split()
     if not words or not all(is_count(word) and int(word) > 0 for word in words):
         raise ContentError(f"says sizes {fields.get('sizes', '')[:40]!r}", "they must be whole numbers above zero")
@@ -194,7 +194,7 @@ def _sizes(fields: dict[str, str]) -> tuple[int, ...]:
     return tuple(map(int, words))
 
 
-def _dtype(fields: dict[str, str]) -> np.dtype[Any]:
+def _parse_dtype(fields: dict[str, str]) -> np.dtype[Any]:
     kind = " ".join(fields.get("type", "").lower().split())
     code = next((code for code, names in _NRRD_TYPES.items() if kind in names), None)
     if code is None:
@@ -205,7 +205,7 @@ def _dtype(fields: dict[str, str]) -> np.dtype[Any]:
     return np.dtype(_BYTE_ORDERS[endian] + code)
 
 
-def _axes(fields: dict[str, str], dim: int) -> tuple[Floats | None, Floats | None]:
+def _parse_axes(fields: dict[str, str], dim: int) -> tuple[Floats | None, Floats | None]:
     """Return the steps between voxels and the first center, metres.
 
     The steps have shape (d, d); either is None if unknown.
@@ -218,15 +218,15 @@ def _axes(fields: dict[str, str], dim: int) -> tuple[Floats | None, Floats | Non
     scale = _METRES_PER_UNIT[named[0]] if named else 1.0
     sides = center = None
     if "space directions" in fields:
-        sides = scale * _vectors(fields["space directions"], "space directions", (dim, dim))
+        sides = scale * _parse_vectors(fields["space directions"], "space directions", (dim, dim))
     elif "spacings" in fields:
-        sides = scale * np.diag(_vectors(f"({','.join(fields['spacings'].split())})", "spacings", (1, dim))[0])
+        sides = scale * np.diag(_parse_vectors(f"({','.join(fields['spacings'].split())})", "spacings", (1, dim))[0])
     if "space origin" in fields:
-        center = scale * _vectors(fields["space origin"], "space origin", (1, dim))[0]
+        center = scale * _parse_vectors(fields["space origin"], "space origin", (1, dim))[0]
     return sides, center
 
 
-def _vectors(text: str, name: str, shape: tuple[int, int]) -> Floats:
+def _parse_vectors(text: str, name: str, shape: tuple[int, int]) -> Floats:
     """Parse vectors such as ``(1,0) (0,1)``, shape (n, d)."""
     try:
         rows = [[float(word) for word in match[1].split(",")] for match in _VECTOR_PATTERN.finditer(text) if match[1]]
@@ -239,8 +239,8 @@ def _vectors(text: str, name: str, shape: tuple[int, int]) -> Floats:
     return vectors
 
 
-def _placement(
-    path: str | os.PathLike[str], header: Header, side: float | None, lower: ArrayLike | None
+def _find_placement(
+    path: str | os.PathLike[str], header: NrrdHeader, side: float | None, lower: ArrayLike | None
 ) -> tuple[Floats, float, tuple[int, ...], tuple[int, ...]]:
     """Return the placement of voxels and the order of axes.
 
@@ -274,7 +274,7 @@ def _placement(
     return corner, side, order, flipped
 
 
-def _check_compressed(header: Header, size: int) -> None:
+def _check_compressed(header: NrrdHeader, size: int) -> None:
     """Refuse values that unpack to far more than the file."""
     voxels = math.prod(header.sizes)
     if header.compressed and voxels > max(_MAX_COMPRESSED_VOXELS, _MAX_VOXELS_PER_BYTE * size):
@@ -283,7 +283,7 @@ def _check_compressed(header: Header, size: int) -> None:
         raise ContentError(problem, rule, "write it with encoding raw")
 
 
-def _blocks(content: bytes, header: Header) -> Iterator[NDArray[Any]]:
+def _iterate_blocks(content: bytes, header: NrrdHeader) -> Iterator[NDArray[Any]]:
     """Yield the values in blocks, in the order of the file.
 
     Refuses more or fewer values than declared.
@@ -317,7 +317,7 @@ _ORIGIN_CELL: Final = 2 ** (OCTREE_LEVELS - 1)
 
 
 @dataclass(frozen=True, slots=True)
-class _Header:
+class _OctomapHeader:
     """Content of the text before the nodes of an OctoMap."""
 
     binary: bool
@@ -341,8 +341,8 @@ def read_octomap(path: str | os.PathLike[str], unknown_is_occupied: bool = True)
     # Each byte becomes a leaf of five 8-byte numbers at most, and a copy of it.
     content = read_bytes(path, _OCTOMAP_KIND, memory=80.0)
     with decoding(path, _OCTOMAP_KIND):
-        header, end = _split(content)
-        leaves = _leaves(header, content[end:])
+        header, end = _parse_octomap_header(content)
+        leaves = _read_leaves(header, content[end:])
     first = leaves[:, :3].min(axis=0)
     shape = (leaves[:, :3] + leaves[:, 3:4]).max(axis=0) - first
     across = tuple(int(n) for n in shape)
@@ -357,7 +357,7 @@ def read_octomap(path: str | os.PathLike[str], unknown_is_occupied: bool = True)
     return lower, header.resolution, frozen(occupied), frozen(unseen)
 
 
-def _split(content: bytes) -> tuple[_Header, int]:
+def _parse_octomap_header(content: bytes) -> tuple[_OctomapHeader, int]:
     """Return the header and the position of the first node."""
     entries: dict[str, str] = {}
     binary: bool | None = None
@@ -369,14 +369,14 @@ def _split(content: bytes) -> tuple[_Header, int]:
                 raise ContentError(f"begins with {line[:40]!r}", rule, "pass an OctoMap")
             binary = _FIRST_LINES[text]
         elif text == "data":
-            return _octomap_header(entries, binary), after
+            return _check_octomap_header(entries, binary), after
         elif text and not text.startswith("#"):
             key, _, value = text.partition(" ")
             entries[key] = value.strip()
     raise ContentError("has no line 'data' after its header" if content else "is empty")
 
 
-def _octomap_header(entries: dict[str, str], binary: bool) -> _Header:
+def _check_octomap_header(entries: dict[str, str], binary: bool) -> _OctomapHeader:
     """Check the entries of a header and convert them."""
     tree, size, resolution = entries.get("id", ""), entries.get("size", ""), entries.get("res", "")
     if tree not in _COLOUR_BYTES:
@@ -391,10 +391,10 @@ def _octomap_header(entries: dict[str, str], binary: bool) -> _Header:
         raise ContentError(problem, "they must be the number of nodes and the cell size in metres")
     if count == 0:
         raise ContentError("has no known cell", "a map needs some known space", "insert a scan before writing it")
-    return _Header(binary, tree, count, side)
+    return _OctomapHeader(binary, tree, count, side)
 
 
-def _leaves(header: _Header, data: bytes) -> Ints:
+def _read_leaves(header: _OctomapHeader, data: bytes) -> Ints:
     """Decode the leaves of an octree, shape (n, 5).
 
     Columns are the first cell (3), the side in cells, and 1 if occupied.
@@ -465,7 +465,7 @@ def decode_leaves(records: Bytes, binary: bool, leaves: Ints, stack: Ints) -> tu
                         if count == len(leaves):
                             return nodes, count, 4
                         side = 1 << (OCTREE_LEVELS - 1 - depth)
-                        _place(leaves[count], corner[depth], child, side)
+                        _write_child_corner(leaves[count], corner[depth], child, side)
                         leaves[count, 3], leaves[count, 4] = side, kind == 2
                         count += 1
             else:
@@ -473,7 +473,7 @@ def decode_leaves(records: Bytes, binary: bool, leaves: Ints, stack: Ints) -> tu
                 if children == 0:
                     if count == len(leaves):
                         return nodes, count, 4
-                    _place(leaves[count], corner[depth], 0, 0)
+                    _write_child_corner(leaves[count], corner[depth], 0, 0)
                     leaves[count, 3], leaves[count, 4] = 1 << (OCTREE_LEVELS - depth), second
                     count += 1
             # A node of the last level is a single cell: it has no children, and no record in a binary tree.
@@ -482,9 +482,9 @@ def decode_leaves(records: Bytes, binary: bool, leaves: Ints, stack: Ints) -> tu
             pending[depth] = children
         entering = pending[depth] != 0
         if entering:
-            child = _lowest(pending[depth])
+            child = _lowest_bit(pending[depth])
             pending[depth] &= pending[depth] - 1
-            _place(corner[depth + 1], corner[depth], child, 1 << (OCTREE_LEVELS - 1 - depth))
+            _write_child_corner(corner[depth + 1], corner[depth], child, 1 << (OCTREE_LEVELS - 1 - depth))
             depth += 1
         else:
             depth -= 1
@@ -492,14 +492,14 @@ def decode_leaves(records: Bytes, binary: bool, leaves: Ints, stack: Ints) -> tu
 
 
 @kernel
-def _place(out: Ints, corner: Ints, child: int, side: int) -> None:
+def _write_child_corner(out: Ints, corner: Ints, child: int, side: int) -> None:
     """Write the first cell of a child into `out`."""
     for axis in range(3):
         out[axis] = corner[axis] + ((child >> axis) & 1) * side
 
 
 @kernel
-def _lowest(bits: int) -> int:
+def _lowest_bit(bits: int) -> int:
     """Return the index of the lowest bit set."""
     number = 0
     while not (bits >> number) & 1:

@@ -78,8 +78,8 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
     ----------
     source : Shape, Robot, shapely geometry, GeoJSON mapping, or iterable of these; mesh; str or path; or array-like
         Anything that :meth:`Polygons.of`, :func:`cspace.files.vector.read_shapes` or :meth:`Mesh.of` takes, metres. A
-        string is a short text such as ``"ellipse:0.5,0.3"`` (:data:`cspace.shapes.primitives.FORMS`), WKT, or the path
-        of a file of polygons or a mesh.
+        string is a short text such as ``"ellipse:0.5,0.3"`` (:data:`cspace.shapes.primitives.SHORT_TEXT_FORMS`), WKT,
+        or the path of a file of polygons or a mesh.
     radius : array-like, shape () or (n,), optional
         Metres. With a radius, or for a decomposition, the shape is balls around points, shape (n, 2) or (n, 3).
     name : str

@@ -69,8 +69,8 @@ SOLIDS: Final = ("auto", "surface", "fill")
 """Solid parts of a mesh: its closed bodies, only the surface, or all that its raster encloses."""
 
 _MAX_COORDINATE: Final = 1e100
-_MIN_EXTENT: Final = 1e-100
-"""The largest modulus of a coordinate lies between `_MIN_EXTENT` and `_MAX_COORDINATE`, or is zero."""
+_MIN_MESH_EXTENT: Final = 1e-100
+"""The largest modulus of a coordinate lies between `_MIN_MESH_EXTENT` and `_MAX_COORDINATE`, or is zero."""
 
 _MIN_MESH_COORDINATE: Final = 1e-200
 """Smaller coordinates of a mesh are set to zero, because quotients of them overflow."""
@@ -572,8 +572,8 @@ def _check_vertices(values: Any, source: str) -> Floats:
     if far > _MAX_COORDINATE:
         rule = f"the limit is {_MAX_COORDINATE:g}"
         raise GeometryError(f"vertices of {source}", f"reach {far:g}", rule, "check the units", value=values)
-    if 0.0 < far < _MIN_EXTENT:
-        rule = f"they must reach {_MIN_EXTENT:g}"
+    if 0.0 < far < _MIN_MESH_EXTENT:
+        rule = f"they must reach {_MIN_MESH_EXTENT:g}"
         raise GeometryError(f"vertices of {source}", f"reach {far:g}", rule, "check the units", value=values)
     return np.array(np.where(np.abs(vertices) < _MIN_MESH_COORDINATE, 0.0, vertices), dtype=np.float64, order="C")
 

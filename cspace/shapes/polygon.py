@@ -94,7 +94,7 @@ class Polygons(ExactShape):
         Segments are ``(x0, y0, x1, y1)``. The segments of a polygon form closed curves, which enclose it by even-odd
         parity.
         """
-        return list(_parts(self.geometries))
+        return list(_iterate_parts(self.geometries))
 
     @property
     def encloses(self) -> bool:  # type: ignore[override]
@@ -146,7 +146,7 @@ class Polygons(ExactShape):
         if (lower <= self.bounds[0]).all() and (self.bounds[1] <= upper).all():
             return self.parts
         numbers = np.sort(self._index.query(shapely.box(*lower, *upper)))
-        return list(_parts(self._index.geometries[numbers]))
+        return list(_iterate_parts(self._index.geometries[numbers]))
 
     @cached_property
     def _index(self) -> STRtree:
@@ -205,13 +205,13 @@ class Polygons(ExactShape):
         return cls(parts) if any(part.geom_type != "Polygon" for part in parts) else cls.of(parts)
 
 
-def _parts(geometries: Iterable[BaseGeometry]) -> Iterator[tuple[Floats, bool]]:
+def _iterate_parts(geometries: Iterable[BaseGeometry]) -> Iterator[tuple[Floats, bool]]:
     import shapely
 
     for shape in shapely.get_parts(list(geometries)):
         if shape.geom_type == "Polygon":
             yield ring_segments(shape), True
         elif hasattr(shape, "geoms"):
-            yield from _parts(list(shape.geoms))
+            yield from _iterate_parts(list(shape.geoms))
         else:
             yield point_segments(np.asarray(shape.coords)[:, :2]), False

@@ -125,7 +125,7 @@ class Form(NamedTuple):
         return self.separator.join(self.sizes)
 
 
-FORMS: Final = {
+SHORT_TEXT_FORMS: Final = {
     "disc": Form(disc, ("RADIUS",)),
     "rect": Form(rectangle, ("LENGTH", "WIDTH")),
     "ellipse": Form(ellipse, ("RADIUS_X", "RADIUS_Y"), ","),
@@ -139,14 +139,17 @@ FORMS: Final = {
 FOOTPRINT: Final = "footprint"
 """Kind of the short texts for polygons and for projections of other shapes."""
 
-SHORT_TEXTS: Final = (*(f"{kind}:{form.metavar}" for kind, form in FORMS.items()), f"{FOOTPRINT}:[[X,Y],...]")
+SHORT_TEXTS: Final = (
+    *(f"{kind}:{form.metavar}" for kind, form in SHORT_TEXT_FORMS.items()),
+    f"{FOOTPRINT}:[[X,Y],...]",
+)
 """All short texts, for help and messages."""
 
 
 def is_short_text(text: str) -> bool:
     """Return True if a text is a short text of a shape."""
     kind, colon, _ = text.partition(":")
-    return bool(colon) and (kind in FORMS or kind == FOOTPRINT)
+    return bool(colon) and (kind in SHORT_TEXT_FORMS or kind == FOOTPRINT)
 
 
 def parse_short_text(text: str, name: str = "shape") -> NamedShape:
@@ -171,7 +174,7 @@ def parse_short_text(text: str, name: str = "shape") -> NamedShape:
         hint = f"write e.g. {FOOTPRINT}:[[0.3,0.2],[-0.3,0.2],[0,-0.2]], or use Robot.open(path).footprint() for a file"
         rule = "corners or a short text must follow the colon"
         raise InputError(name, f"is {text!r}", rule, hint, value=text)
-    form = FORMS[kind]
+    form = SHORT_TEXT_FORMS[kind]
     sizes, at, place = rest.partition("@")
     values, center = _numbers(sizes, form.separator), _numbers(place, ",")
     if len(values) != len(form.sizes) or min(values) <= 0.0 or bool(at) != bool(center):
