@@ -149,8 +149,8 @@ def decoding(path: str | os.PathLike[str], kind: str, *advice: str) -> Iterator[
         yield
     except (CspaceError, MemoryError, UserWarning):  # callers may turn our warnings into errors
         raise
-    except ContentError as problem:
-        raise problem.kind(os.fspath(path), *problem.parts, value=problem.value) from problem
+    except ContentError as error:
+        raise error.kind(os.fspath(path), *error.parts, value=error.value) from error
     except PermissionError as error:
         raise read_error(path, kind, error) from error
     except Exception as error:
