@@ -49,7 +49,7 @@ def spawn(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
 # ----------------------------------------------------------------------------------------------- help
 
 
-def test_help_is_light(tmp_path: Path) -> None:
+def test_help_imports_no_heavy_module(tmp_path: Path) -> None:
     code = (
         "import sys\n"
         "from cspace.cli import app\n"
@@ -63,7 +63,7 @@ def test_help_is_light(tmp_path: Path) -> None:
     assert "--rotations" in done.stdout
 
 
-def test_help_of_each_command_and_version() -> None:
+def test_help_and_version_are_printed() -> None:
     for command in ("demo", "map", "plan", "info", "plot", "export"):
         assert f"cspace {command}" in run(command, "-h").stdout.replace("root", "cspace")
     assert run("--version").stdout == f"cspace {cspace.__version__}\n"
@@ -108,14 +108,14 @@ def test_options_of_map_reach_the_build(room: Path) -> None:
 
 
 @pytest.mark.parametrize("robot", ["ball:0.1", "box:0.2x0.1x0.3", "cube.obj"])
-def test_every_kind_of_robot_in_space(room: Path, robot: str) -> None:
+def test_map_takes_every_kind_of_robot_in_space(room: Path, robot: str) -> None:
     printed = document("map", "rooms.3dmap", "--robot", robot, "-o", "new", "--outside", "free")
     assert printed["shape"] == [25, 12, 8]
     assert 0 < printed["cells"]["free"] < 2400
     assert cspace.open("new").robot.dim == 3
 
 
-def test_shapes_go_on_the_grid_that_the_options_say(room: Path) -> None:
+def test_options_set_the_grid_of_shapes(room: Path) -> None:
     common = ["map", "cube.obj", "--robot", "ball:0.1", "--spacing", 0.25, "--bounds=-1,-1,-1,2,2,2"]
     printed = document(*common, "-o", "a.zarr")
     assert (printed["lower_m"], printed["shape"]) == ([-1.0] * 3, [12] * 3)
@@ -130,7 +130,7 @@ def test_shapes_go_on_the_grid_that_the_options_say(room: Path) -> None:
     assert (printed["lower_m"], printed["shape"]) == ([-1.0, -1.0], [6, 8])
 
 
-def test_warnings_are_one_line_in_options(room: Path) -> None:
+def test_warnings_name_options_in_one_line(room: Path) -> None:
     common = ["map", "open.obj", "--robot", "ball:0.1", "--spacing", 0.25]
     document(*common, "-o", "a.zarr", warning="--solid surface")
     document(*common, "--solid", "fill", "-o", "b.zarr")
@@ -160,7 +160,7 @@ def test_info_describes_maps(room: Path) -> None:
     assert "memory          1,200 bytes" in lines
 
 
-def test_info_describes_a_mesh_before_any_work(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_info_describes_a_mesh_without_rasterizing_it(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cspace.shapes.mesh.Mesh.cells", None)
     printed = document("info", "cube.obj")
     assert (printed["kind"], printed["extents_m"], printed["triangles"]) == ("workspace", [1.0] * 3, 12)
@@ -181,7 +181,7 @@ def test_info_describes_a_mesh_before_any_work(room: Path, monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize(("robot", "slices"), [(None, 72), ("rect:0.2x0.1", 36), ("disc:0.1", 1)])
-def test_info_tells_the_slices_of_a_robot_that_turns(room: Path, robot: str | None, slices: int) -> None:
+def test_info_counts_the_slices_of_a_robot(room: Path, robot: str | None, slices: int) -> None:
     more = [] if robot is None else ["--robot", robot]
     printed = document("info", "wall.wkt", "--spacing", 0.01, "--rotations", 72, *more)
     assert (printed["rotations"], printed["slices"]) == (72, slices)
@@ -191,7 +191,7 @@ def test_info_tells_the_slices_of_a_robot_that_turns(room: Path, robot: str | No
     assert printed["build_cpu_s"] == pytest.approx(build_seconds((100, 100), slices), rel=0.5)
 
 
-def test_info_tells_what_does_not_fit(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_info_reports_maps_beyond_memory(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     printed = document("info", "cube.obj", "--spacing", 1e-7)
     assert printed["cells"]["total"] == 10**21
     assert printed["memory"]["fits"] is False
@@ -220,7 +220,7 @@ def test_info_tells_what_does_not_fit(room: Path, monkeypatch: pytest.MonkeyPatc
         *[(f"cut{suffix}", ["0,0,0", "1,1,1"], "points", [0.0] * 3) for suffix in (".xyz", ".txt", ".csv")],
     ],
 )
-def test_info_shows_what_a_text_without_an_end_holds(
+def test_info_shows_smaller_counts_of_a_truncated_text(
     room: Path, name: str, lines: list[str], key: str, upper: list[float]
 ) -> None:
     """Cut between two lines it cannot be told from a whole one, but by its numbers."""
@@ -274,7 +274,7 @@ def joints(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_map_of_joints_is_described_in_the_units_of_its_axes(joints: Path) -> None:
+def test_info_uses_the_units_of_joint_maps(joints: Path) -> None:
     turning, mixed = (document("info", joints / f"{name}.zarr") for name in ("turning", "mixed"))
     assert turning["joints"] == ["shoulder", "elbow"]
     assert (turning["lower_rad"], turning["upper_rad"], turning["spacing_rad"]) == ([-3.0] * 2, [3.0] * 2, 0.1)
@@ -303,7 +303,7 @@ def arm_file(tmp_path: Path) -> Path:
     return urdfs.written(tmp_path, *links, *joints)
 
 
-def test_arm_is_described_by_joints_links_and_pairs(arm_file: Path, tmp_path: Path) -> None:
+def test_info_describes_joints_links_and_pairs_of_an_arm(arm_file: Path, tmp_path: Path) -> None:
     printed = document("info", arm_file)
     assert (printed["kind"], printed["arm"], printed["size"]) == ("arm", "small", 3)
     assert printed["joints"] == {"shoulder_rad": [-1.0, 2.0], "elbow": "continuous", "slide_out_m": [0.0, 0.3]}
@@ -325,7 +325,7 @@ def test_arm_is_described_by_joints_links_and_pairs(arm_file: Path, tmp_path: Pa
     assert "move against foot" in fixed.stderr and json.loads(fixed.stdout)["kind"] == "robot"
 
 
-def test_open_meshes_of_an_arm_are_said_to_be_surfaces(tmp_path: Path) -> None:
+def test_info_warns_of_open_meshes_of_an_arm(tmp_path: Path) -> None:
     box = trimesh.creation.box((0.2, 0.2, 0.2))
     box.update_faces(np.arange(10))
     box.export(tmp_path / "open.stl")
@@ -336,7 +336,7 @@ def test_open_meshes_of_an_arm_are_said_to_be_surfaces(tmp_path: Path) -> None:
     assert not run("info", path, "--solid", "surface").stderr
 
 
-def test_meshes_of_ros_packages_are_found_in_given_folders(tmp_path: Path) -> None:
+def test_package_dirs_locate_meshes_of_ros_packages(tmp_path: Path) -> None:
     (tmp_path / "ws" / "arm").mkdir(parents=True)
     (tmp_path / "urdf").mkdir()
     trimesh.creation.box((1, 2, 3)).export(tmp_path / "ws" / "arm" / "link.stl")
@@ -348,13 +348,13 @@ def test_meshes_of_ros_packages_are_found_in_given_folders(tmp_path: Path) -> No
     assert printed["extents_m"] == pytest.approx([1.0, 2.0, 3.0])
 
 
-def test_help_names_a_configuration_alike_in_all_commands() -> None:
+def test_help_uses_one_placeholder_for_configurations() -> None:
     for command in ("plan", "plot", "view"):
         printed = run(command, "--help").stdout
         assert all(f"{option} X,Y[,Z][,ROTATION]" in " ".join(printed.split()) for option in ("--start", "--goal"))
 
 
-def test_arm_is_viewed_with_marks_and_a_path(arm_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_view_passes_marks_and_path_of_an_arm(arm_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: dict[str, Any] = {}
     monkeypatch.setattr(cspace.ArmSpace, "view", lambda space, **options: seen.update(options, space=space))
     (tmp_path / "path.csv").write_text("shoulder,elbow,slide_out\n0,0,0\n0.5,1,0.1\n")
@@ -377,7 +377,7 @@ def test_arm_is_viewed_with_marks_and_a_path(arm_file: Path, tmp_path: Path, mon
     ],
     ids=["spacing", "srdf of a robot", "srdf of a map", "solid of a map", "solid of an arm", "start", "absent"],
 )
-def test_options_of_arms_are_checked(
+def test_arm_commands_refuse_wrong_options(
     arm_file: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], expected: str
 ) -> None:
     monkeypatch.chdir(arm_file.parent)
@@ -385,7 +385,7 @@ def test_options_of_arms_are_checked(
     assert result.exit_code == 2 and expected in result.stderr and result.stderr.count("\n") == 1
 
 
-def test_joints_are_typed_in_degrees_and_planned_in_their_units(joints: Path) -> None:
+def test_plan_reads_degrees_and_reports_joint_units(joints: Path) -> None:
     file = joints / "turning.zarr"
     printed = document("plan", file, "--start=-90deg,0.5", "--goal", "60deg,45deg", "--seed", 1)
     ends = [[-math.pi / 2, 0.5], [math.pi / 3, math.pi / 4]]
@@ -407,7 +407,7 @@ def test_joints_are_typed_in_degrees_and_planned_in_their_units(joints: Path) ->
     ("mixed", "1", "shoulder,slide, in metres, shoulder an angle; write e.g. --start=90deg,0.2"),
     ("mixed", "0,20deg", "write e.g. --start=90deg,0.2"),
 )
-def test_wrong_numbers_of_joints_are_refused(joints: Path, file: str, start: str, message: str) -> None:
+def test_plan_refuses_wrong_joint_values(joints: Path, file: str, start: str, message: str) -> None:
     result = run("plan", joints / f"{file}.zarr", f"--start={start}", "--goal=0,0")
     assert result.exit_code == 2 and message in result.stderr
 
@@ -460,7 +460,7 @@ def test_plan_writes_a_path_that_plot_draws(room: Path, file: str, drawn: list[D
 
 
 @pytest.mark.parametrize("file", SHUT)
-def test_plan_says_that_no_path_exists(room: Path, file: str, drawn: list[Drawn]) -> None:
+def test_plan_reports_that_no_path_exists(room: Path, file: str, drawn: list[Drawn]) -> None:
     start, goal = ENDPOINTS[file][0], SHUT[file]
     result = run("plan", file, "--start", start, "--goal", goal, "-o", "p.csv", "--picture", "p.png", "--json")
     assert (result.exit_code, result.stderr.count("\n")) == (1, 1), result.exception
@@ -474,7 +474,7 @@ def test_plan_says_that_no_path_exists(room: Path, file: str, drawn: list[Drawn]
     assert options == {"path": None, "start": tuple(numbers(start)), "goal": tuple(numbers(goal))}
 
 
-def test_plan_says_what_to_try_when_time_runs_out(room: Path) -> None:
+def test_plan_suggests_options_when_time_runs_out(room: Path) -> None:
     """What is known, and what to try, in options."""
     common = ["plan", "turning.zarr", "--start", ENDPOINTS["turning.zarr"][0], "--goal", ENDPOINTS["turning.zarr"][1]]
     result = run(*common, "--time-limit", 1e-9, "--animate", "p.gif", "--planner", "RRTstar")
@@ -486,7 +486,7 @@ def test_plan_says_what_to_try_when_time_runs_out(room: Path) -> None:
     assert not Path("p.gif").exists()
 
 
-def test_options_go_to_the_planner(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_plan_passes_options_to_the_planner(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     heard: dict[str, Any] = {}
 
     def plan(space: Any, start: Any, goal: Any, **options: Any) -> Any:
@@ -509,7 +509,7 @@ def test_options_go_to_the_planner(room: Path, monkeypatch: pytest.MonkeyPatch) 
         assert (heard["start"], heard["goal"]) == ((-0.5, -0.25), (0.5, -0.5))
 
 
-def test_car_paths_are_drawn(room: Path, drawn: list[Drawn], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_plot_draws_car_paths(room: Path, drawn: list[Drawn], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cspace.plot.animate", partial(animate, seconds=0.2))
     printed = document(
         *("plan", "turning.zarr", "--start", "0.35,0.55,0", "--goal", "0.95,0.6,0.1", "--seed", 1, "--time-limit", 5),
@@ -528,7 +528,7 @@ def test_car_paths_are_drawn(room: Path, drawn: list[Drawn], monkeypatch: pytest
 # ----------------------------------------------------------------------------------------------- plot and export
 
 
-def test_options_go_to_the_picture(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_plot_passes_options_to_the_picture(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     heard: dict[str, Any] = {}
     monkeypatch.setattr("cspace.plot.save_plot", lambda *_, **options: heard.update(options))
 
@@ -570,7 +570,7 @@ def test_export_writes_every_format(room: Path) -> None:
 
 
 @pytest.mark.parametrize("turning", [False, True])
-def test_a_map_that_carries_an_overlap_field(tmp_path: Path, turning: bool) -> None:
+def test_commands_keep_and_use_an_overlap_field(tmp_path: Path, turning: bool) -> None:
     """``info`` tells of it, ``export`` keeps it, and ``plan`` goes by it."""
     pytest.importorskip("finufft")
     balls, obstacles = ([(0.0, 0.0), (0.15, 0.0)], 0.12), ([(1.0, 0.32)], 0.3)
@@ -603,7 +603,7 @@ def test_a_map_that_carries_an_overlap_field(tmp_path: Path, turning: bool) -> N
 # ----------------------------------------------------------------------------------------------- progress, Ctrl-C
 
 
-def test_progress_line_only_on_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_progress_line_needs_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     with progress_line("working") as callback:
         assert callback is None
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)

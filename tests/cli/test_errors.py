@@ -201,7 +201,7 @@ def test_options_are_checked_before_any_work(room: Path, monkeypatch: pytest.Mon
         assert result.exit_code == 2, (name, result.exception)
 
 
-def test_a_folder_that_may_not_be_written_is_refused(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unwritable_folder_is_refused(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # Asked of the system rather than set up, since the superuser may write everywhere.
     monkeypatch.setattr("os.access", lambda _, mode: not mode & os.W_OK)
     for arguments in (_FLAT, [*_PLAN, "-o", "path.csv"], ["demo"], ["demo", "-o", "new/demo"]):
@@ -245,7 +245,7 @@ def test_interruptions_and_system_errors_end_in_one_line(
     assert isinstance(result.exception, SystemExit if message else ZeroDivisionError)
 
 
-def test_names_of_files_pass_as_they_are(room: Path) -> None:
+def test_file_names_are_not_replaced_by_options(room: Path) -> None:
     """A name with brackets and equals signs passes as it is."""
     np.save("spacing=0.05.npy", np.zeros((3, 3), bool))
     assert "spacing=0.05.npy" in run("info", "spacing=0.05.npy").stderr

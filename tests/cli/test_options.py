@@ -40,7 +40,7 @@ def test_axes_of_a_map_are_read_without_its_cells(
         ("1,-2,0.5,-90deg", "both", (1.0, -2.0, 0.5, -math.pi / 2)),
     ],
 )
-def test_configurations_are_read(text: str, kind: str, expected: tuple[float, ...]) -> None:
+def test_parse_configuration_reads_units(text: str, kind: str, expected: tuple[float, ...]) -> None:
     assert parse_configuration(text, "--start", AXES[kind]) == expected
 
 
@@ -87,13 +87,13 @@ def test_angles_without_a_unit_and_other_texts_are_refused(text: str, message: s
         parse_angle(text, "--yaw", "yaw")
 
 
-def test_boxes_are_read() -> None:
+def test_parse_box_reads_corners() -> None:
     assert parse_box("-1,0, 2,3", "--bounds") == (-1.0, 0.0, 2.0, 3.0)
     assert parse_box("-1,0,0,2,3,1e1", "--bounds") == (-1.0, 0.0, 0.0, 2.0, 3.0, 10.0)
 
 
 @pytest.mark.parametrize("text", ["here", "0,0,1", "0,0,0,1,1", "0,0,0,1,1,nan", "0,0,0,1,-1,1"])
-def test_texts_that_are_no_box_are_refused(text: str) -> None:
+def test_parse_box_refuses_other_texts(text: str) -> None:
     with pytest.raises(InputError, match="bounds"):
         parse_box(text, "--bounds")
 
@@ -110,7 +110,7 @@ def test_texts_that_are_no_box_are_refused(text: str) -> None:
         ("runs/spacing=0.05/a.npy is", "runs/spacing=0.05/a.npy is"),
     ],
 )
-def test_what_the_library_says_in_options(said: str, expected: str) -> None:
+def test_name_options_replaces_arguments(said: str, expected: str) -> None:
     assert name_options(said, OPTIONS) == expected
 
 
@@ -129,7 +129,7 @@ def test_what_the_library_says_in_options(said: str, expected: str) -> None:
         (CspaceError("a message with spacing=1 as a whole"), "a message with spacing=1 as a whole"),
     ],
 )
-def test_errors_are_worded_from_their_fields(error: CspaceError, expected: str) -> None:
+def test_format_error_uses_the_fields_of_errors(error: CspaceError, expected: str) -> None:
     assert format_error(error, OPTIONS).startswith(expected)
 
 

@@ -22,7 +22,7 @@ def city(tmp_path_factory):
     return folder, cspace.Workspace.from_array(occupied, 0.1)
 
 
-def test_a_map_in_tiles_is_built_planned_on_drawn_and_exported(city):
+def test_tiled_map_is_built_planned_on_drawn_and_exported(city):
     folder, workspace = city
     options = ("--robot", "rect:0.5x0.3", "--rotations", "8", "--spacing", "0.1", "--tile", "32", "--json")
     space = cspace.build(workspace, cspace.Robot.parse("rect:0.5x0.3"), rotations=8)
@@ -80,7 +80,7 @@ def test_interruption_says_whether_the_same_command_resumes(city, tmp_path, monk
         assert json.loads(run(*command, "--json").stdout)["done_percent"] == 100.0
 
 
-def test_interruption_of_a_map_in_memory_promises_nothing(city, tmp_path, monkeypatch):
+def test_interruption_in_memory_does_not_suggest_resuming(city, tmp_path, monkeypatch):
     def stop(*arguments, **settings):
         raise KeyboardInterrupt
 
@@ -90,7 +90,7 @@ def test_interruption_of_a_map_in_memory_promises_nothing(city, tmp_path, monkey
     assert (result.exit_code, result.stderr) == (130, "cspace: interrupted\n") and not out.exists()
 
 
-def test_a_half_done_store_is_told_and_resumed(city, monkeypatch):
+def test_unfinished_store_is_reported_and_resumed(city, monkeypatch):
     folder, workspace = city
     out = folder / "half.zarr"
 
@@ -110,7 +110,7 @@ def test_a_half_done_store_is_told_and_resumed(city, monkeypatch):
     assert cspace.open(out).progress == 1.0
 
 
-def test_options_that_do_not_go_together_are_refused(city):
+def test_tile_options_refuse_wrong_combinations(city):
     folder, _ = city
     options = ("map", str(folder / "city.npy"), "--robot", "disc:0.2", "--spacing", "0.1")
     assert "--tile" in run(*options, "--tile", "0", "-o", str(folder / "x.zarr")).stderr

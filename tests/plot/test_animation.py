@@ -101,7 +101,7 @@ def test_robot_in_space_moves_along_its_path(tunnel: CSpace, tmp_path: Path) -> 
     assert (np.abs(pixels[0].astype(int) - PURPLE).max(axis=-1) < 30).sum() > 50  # the path keeps its colour
 
 
-def test_robot_in_space_is_hidden_by_what_is_before_it(tunnel: CSpace, tmp_path: Path) -> None:
+def test_wall_hides_the_robot_behind_it(tunnel: CSpace, tmp_path: Path) -> None:
     """Seen along x, it is behind the wall at first."""
     path = [(0.6, 1.0, 0.5, 0.0), (3.4, 1.0, 0.5, 0.0)]
     for number, azimuth in enumerate((0.0, 180.0)):
@@ -127,7 +127,7 @@ def test_links_of_an_arm_move_and_its_foot_stays(tmp_path: Path) -> None:
         pickle.loads(pickle.dumps(plan)).animate(tmp_path / "again.gif")
 
 
-def test_frames_show_robots_that_do_not_turn_plans_and_robots_that_stay(flat: CSpace, tmp_path: Path) -> None:
+def test_animate_draws_plans_and_robots_at_rest(flat: CSpace, tmp_path: Path) -> None:
     class WithPath:
         path = np.array([(1.0, 1.0), (1.0, 4.0), (7.0, 4.0)])
 
@@ -151,7 +151,7 @@ def test_the_robot_covers_its_shape_and_the_other_panel_shows_the_slice_of_its_y
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 300), (60, 50)])
-def test_any_shape_draws(shape: tuple[int, int], tmp_path: Path) -> None:
+def test_animate_draws_maps_of_any_shape(shape: tuple[int, int], tmp_path: Path) -> None:
     space = build(
         Workspace.from_array(np.zeros(shape, bool), 0.1), Robot.rectangle(0.02, 0.01), rotations=4, outside="free"
     )

@@ -72,7 +72,7 @@ def test_a_path_is_drawn_as_pale_arms_and_a_line(space: cspace.ArmSpace) -> None
     assert ax.get_figure().get_suptitle() == "on its way"
 
 
-def test_edges_that_another_scene_blocks_are_drawn_apart(space: cspace.ArmSpace) -> None:
+def test_edges_blocked_by_another_scene_have_their_own_colour(space: cspace.ArmSpace) -> None:
     plan = planners.plan(space, (0.0, 0.0), (1.2, 0.0), seed=1)
     assert plan.certified and not len(painted(space.plot(path=plan), LOST_COLOR))
     tip = np.eye(4)
@@ -84,7 +84,7 @@ def test_edges_that_another_scene_blocks_are_drawn_apart(space: cspace.ArmSpace)
     assert "path, no longer proven free" in [text.get_text() for text in ax.get_figure().legends[0].get_texts()]
 
 
-def test_a_floor_is_cut_where_the_arm_is_far(space: cspace.ArmSpace) -> None:
+def test_floor_is_clipped_near_the_arm(space: cspace.ArmSpace) -> None:
     pose = np.eye(4)
     pose[2, 3] = -1.0
     floor = PosedShape(cspace.Robot.box((100.0, 100.0, 0.1)).shape, pose)

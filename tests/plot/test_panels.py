@@ -27,7 +27,7 @@ def test_each_panel_shows_its_slice(turning: CSpace) -> None:
         check_cells(turning, ax, image, cells, [(yaw,)])
 
 
-def test_the_yaws_that_are_shown(turning: CSpace) -> None:
+def test_panels_choose_yaws(turning: CSpace) -> None:
     assert yaws_of(plot(turning, view="panels")) == [f"yaw {yaw}°" for yaw in (0, 60, 120, -180, -120, -60)]
     assert yaws_of(plot(turning, rotation=np.radians([10, 350]))) == ["yaw 10°", "yaw -10°"]
     assert yaws_of(plot(turning, rotation=0.0, view="panels")) == ["yaw 0°"]
@@ -71,7 +71,7 @@ def test_yaws_that_share_a_slice_share_a_panel(turning: CSpace) -> None:
     np.testing.assert_allclose(lines_of(one)["path"][[0, -1]], [(1.0, 4.0), (4.0, 4.0)])
 
 
-def test_panels_at_rotations_about_any_axis() -> None:
+def test_panels_show_rotations_about_any_axis() -> None:
     occupied = np.zeros((12, 9, 8), bool)
     occupied[5, :5] = True
     space = build(Workspace.from_array(occupied, 0.1), Robot.box((0.3, 0.1, 0.1)), rotations=Rotations.quaternions(2))

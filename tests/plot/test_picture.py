@@ -72,7 +72,7 @@ def test_the_legend_names_what_is_there(flat: CSpace, turning: CSpace) -> None:
 
 
 @pytest.mark.parametrize("outside", ["free", "blocked"])
-def test_outside_the_grid_the_picture_says_nothing(outside: str) -> None:
+def test_exterior_of_the_grid_is_hatched(outside: str) -> None:
     """Hatched, whatever lies there: in no colour of a class, with an entry in the legend."""
     space = build(Workspace.from_array(np.eye(20, dtype=bool), 0.1), Robot.disc(0.1), outside=outside)
     ax = plot(space, path=[(1.5, 0.2), (-1.0, 0.2)])
@@ -87,7 +87,7 @@ def test_outside_the_grid_the_picture_says_nothing(outside: str) -> None:
     assert "outside the grid" in labels(plot(high, start=(-1.0, 0.2, 0.2)))
 
 
-def test_obstacles_that_the_reference_point_may_enter() -> None:
+def test_obstacles_free_for_the_reference_point_have_their_own_colour() -> None:
     occupied = np.zeros((60, 20), bool)
     occupied[20:24] = True
     space = build(Workspace.from_array(occupied, 0.1), Robot.disc(0.3, center=(2.0, 0.0)), outside="free")
@@ -96,7 +96,7 @@ def test_obstacles_that_the_reference_point_may_enter() -> None:
     assert pixel(ax, rendered(ax), 2.2, 1.0) == COLORS["obstacle, free for the reference point"]
 
 
-def test_colors_part_in_grey_print_and_mean_one_thing() -> None:
+def test_colors_differ_even_in_grey() -> None:
     # Perceived lightness L* of CIELAB, 0 to 100.
     lightness = {}
     for label, name in CLASSES:
@@ -125,7 +125,7 @@ def lab(color: Any) -> Any:
     return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
 
 
-def test_obstacle_unknown_and_free_differ_plainly() -> None:
+def test_obstacle_unknown_and_free_cells_have_distinct_colors() -> None:
     colors = dict(CLASSES)
     for word in ("free", "obstacle"):
         three = [lab(colors[name]) for name in ("free", "obstacle", f"unknown, taken as {word}")]
@@ -133,7 +133,7 @@ def test_obstacle_unknown_and_free_differ_plainly() -> None:
         assert min(apart) > 35.0
 
 
-def test_colors_of_a_path_are_none_of_the_map() -> None:
+def test_path_colors_differ_from_map_colors() -> None:
     """Also faint, as it is drawn away from a section: over white, at 45 %."""
     faint = 0.45 * np.array(to_rgb(artists.PATH_COLOR)) + 0.55
     low, high = scene.LOW_COLOR, scene.HIGH_COLOR
@@ -141,7 +141,7 @@ def test_colors_of_a_path_are_none_of_the_map() -> None:
         assert min(np.linalg.norm(lab(color) - lab(other)) for _, other in CLASSES) > 30.0
 
 
-def test_repr_says_what_is_occupied_and_what_is_unknown(data: Path) -> None:
+def test_repr_tells_shares_of_occupied_and_unknown_cells(data: Path) -> None:
     sandbox = data / "maps/tb3_sandbox.yaml"
     image = np.asarray(Image.open(sandbox.with_suffix(".pgm")))
     occupied, unknown = (100.0 * np.count_nonzero(image == value) / image.size for value in (0, 205))
@@ -152,7 +152,7 @@ def test_repr_says_what_is_occupied_and_what_is_unknown(data: Path) -> None:
 
 
 @pytest.mark.parametrize("taken", ["free", "occupied"])
-def test_what_is_unknown_is_drawn_apart(taken: str) -> None:
+def test_unknown_cells_have_their_own_colours(taken: str) -> None:
     """Unknown cells in their colours, but where the state says more, alone and in a map, and named in the legend."""
     rng = np.random.default_rng(5)
     outer, unknown = rng.random((2, 30, 20)) < 0.06
@@ -194,7 +194,7 @@ def boxes(ax: Any, number: int = 0) -> list[Any]:
     return [outline.get_extents() for outline in ax.collections[number].get_paths()]
 
 
-def test_path_and_marks_are_where_they_belong(flat: CSpace) -> None:
+def test_path_and_marks_have_their_coordinates(flat: CSpace) -> None:
     class WithPath:
         path = np.array([(1.0, 1.0), (1.0, 4.0), (7.0, 4.0)])
 
@@ -277,7 +277,7 @@ def stage(view: str, shape: tuple[int, ...], count: int) -> Any:
         *[("sections", shape, 3, max(shape) / min(shape) > 24) for shape in [(1, 1, 300), (1, 1, 1)]],
     ],
 )
-def test_words_legend_and_panels_lie_in_the_figure_and_hide_nothing(
+def test_text_and_panels_fit_the_figure_without_overlap(
     view: str, shape: tuple[int, ...], count: int, stretched: bool
 ) -> None:
     ax = stage(view, shape, count)

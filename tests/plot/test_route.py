@@ -20,7 +20,7 @@ number = st.floats(-5, 5)
     ("dim", "rotations"), [(2, NONE), (3, NONE), (2, YAW), (3, YAW), (3, QUATERNION)], ids=lambda each: str(each)
 )
 @given(data=st.data())
-def test_along_is_on_the_path(dim: int, rotations: Rotations, data: st.DataObject) -> None:
+def test_interpolation_has_even_speed_along_the_path(dim: int, rotations: Rotations, data: st.DataObject) -> None:
     glyph = RobotGlyph(ROBOTS[dim], rotations)
     turn = (
         st.tuples(*[number] * 3, st.floats(1, 5))
@@ -39,14 +39,14 @@ def test_along_is_on_the_path(dim: int, rotations: Rotations, data: st.DataObjec
     assert (np.diff(glyph.path_lengths(stations)) <= way[-1] / 6 + 1e-7).all()
 
 
-def test_yaw_runs_the_shorter_way() -> None:
+def test_interpolation_rotates_the_shorter_way() -> None:
     path = np.array([(0.0, 0.0, 3.0), (0.0, 0.0, -3.0), (0.0, 0.0, 3.0)])
     way = RobotGlyph(ROBOTS[2], YAW).interpolate(path, np.linspace(0, 1, 9))
     assert (np.cos(way[:, 2]) <= np.cos(3.0) + 1e-12).all()
     np.testing.assert_allclose(np.exp(1j * way[[0, 4, 8], 2]), np.exp([3j, -3j, 3j]))
 
 
-def test_robots_are_placed_and_turned() -> None:
+def test_glyph_transforms_points_and_outlines() -> None:
     points, half = np.array([(1.0, 0.0, 0.5)]), math.sqrt(0.5)
     box, turning, free = (RobotGlyph(ROBOTS[3], kind) for kind in (NONE, YAW, QUATERNION))
     np.testing.assert_allclose(box.transform(points, np.array([2.0, 3.0, 4.0])), [(3.0, 3.0, 4.5)])

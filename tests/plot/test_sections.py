@@ -89,7 +89,7 @@ def test_sections_are_to_scale_and_share_their_axes(hall: CSpace) -> None:
     assert front.get_xlim() == (1.0, 2.0)
 
 
-def test_the_other_sections_are_drawn(hall: CSpace) -> None:
+def test_sections_show_traces_of_the_others(hall: CSpace) -> None:
     at = (1.03, 2.07, 0.55)
     figure = plot(hall, center=at).figure
     for panel, (right, up) in zip(figure.axes, pairs(figure), strict=True):
@@ -100,7 +100,7 @@ def test_the_other_sections_are_drawn(hall: CSpace) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(st.data())
-def test_parts_of_a_path_lie_between_two_planes(data: st.DataObject) -> None:
+def test_clip_path_keeps_the_parts_between_two_planes(data: st.DataObject) -> None:
     """A point of the path is on a drawn part where its coordinate lies between the two, and only there."""
     points = data.draw(arrays(np.float64, st.tuples(st.integers(2, 6), st.just(3)), elements=st.integers(-4, 4)))
     axis = data.draw(st.integers(0, 2))
@@ -152,7 +152,7 @@ def test_sections_run_through_the_path_or_the_middle(hall: CSpace) -> None:
     assert sections_of(plot(hall, path=[(-9.0, 1.0, 1.0), (-8.0, 1.0, 1.0)]))[0] == 0.0
 
 
-def test_sections_may_lack_words(hall: CSpace) -> None:
+def test_sections_omit_legend_and_title(hall: CSpace) -> None:
     ax = plot(hall, legend=False, title="")
     assert labels(ax) == []
     assert heading(ax) == ""

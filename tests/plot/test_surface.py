@@ -35,7 +35,7 @@ directions = st.tuples(*[st.sampled_from([-1.0, -0.4, 0.0, 0.3, 1.0])] * 3).filt
 
 @settings(max_examples=100, deadline=None)
 @given(cells, directions)
-def test_faces_are_those_that_look_at_the_camera(solid: NDArray[np.bool_], towards: tuple[float, ...]) -> None:
+def test_border_faces_face_the_camera(solid: NDArray[np.bool_], towards: tuple[float, ...]) -> None:
     """Between a solid cell and one that is not, towards the camera; walls before the rest are peeled off first."""
     grid = Grid(GRID.lower, 0.5, solid.shape)
     faces, _ = border_faces(grid, solid, np.array(towards))
@@ -65,7 +65,7 @@ def test_faces_are_those_that_look_at_the_camera(solid: NDArray[np.bool_], towar
 
 
 @pytest.mark.parametrize("most", [20, 60, 200])
-def test_blocks_lose_nothing(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
+def test_merged_blocks_cover_all_solid_cells(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
     """Few enough faces, and over every solid cell there is one."""
     monkeypatch.setattr(surface, "MAX_FACES", most)
     solid = np.zeros((23, 17, 11), bool)
@@ -80,7 +80,7 @@ def test_blocks_lose_nothing(monkeypatch: pytest.MonkeyPatch, most: int) -> None
         assert (((low <= middle) & (middle <= high))[:, :2].all(axis=1) & (low[:, 2] >= middle[2])).any()
 
 
-def test_what_lies_above_the_cut_is_left_out() -> None:
+def test_cut_omits_cells_above_it() -> None:
     solid = np.zeros((5, 4, 3), bool)
     solid[1:3] = True
     faces, _ = border_faces(GRID, solid, TOWARDS, 1.4)
@@ -96,7 +96,7 @@ def polygons(ax: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 @pytest.mark.parametrize("shown", ["obstacles", "free"])
-def test_faces_border_what_is_shown(hall: CSpace, shown: str) -> None:
+def test_faces_separate_solid_cells_from_others(hall: CSpace, shown: str) -> None:
     """Behind each face lies an obstacle, or a cell that is not FREE; before it neither."""
     ax = plot(hall, view="3d", surface=shown)
     corners, colors = polygons(ax)
@@ -136,7 +136,7 @@ def test_path_and_robots_are_sorted_with_the_faces(hall: CSpace) -> None:
     assert labels(ax) == ["obstacle", "robot", "path, dotted behind something", "start", "goal"]
 
 
-def test_what_is_unknown_has_its_own_colour() -> None:
+def test_unknown_cells_have_their_own_colour_in_3d() -> None:
     """Blocks of cells that are all unknown, whether cells are joined or not."""
     outer = np.zeros((12, 12, 6), bool)
     outer[2:5, 2:5, :3] = outer[7:10, 7:10, :3] = True
@@ -160,7 +160,7 @@ def test_the_cut_is_above_the_path(hall: CSpace) -> None:
 
 
 @pytest.mark.parametrize("camera", [None, (90.0, 0.0), (10.0, 80.0)])
-def test_the_picture_fits(hall: CSpace, camera: Any) -> None:
+def test_surface_fits_the_figure(hall: CSpace, camera: Any) -> None:
     ax = plot(hall, view="3d", path=PATH, camera=camera)
     rendered(ax)
     figure = ax.figure
@@ -177,7 +177,7 @@ def test_the_picture_fits(hall: CSpace, camera: Any) -> None:
     assert np.ptp(shown, axis=0).max() > 0.5 * min(figure.bbox.width, figure.bbox.height)
 
 
-def test_axes_of_the_caller_and_nothing_to_draw(hall: CSpace) -> None:
+def test_surface_uses_given_axes_and_draws_empty_maps(hall: CSpace) -> None:
     ax = Figure().add_subplot(projection="3d")
     assert plot(hall, view="3d", ax=ax) is ax
     assert ax.get_title() == "box 0.5 m x 0.4 m x 0.3 m, cells of 0.1 m"

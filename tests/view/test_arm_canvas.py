@@ -47,7 +47,7 @@ def corners(handle: Any) -> Any:
     return turn.apply(handle.vertices) + handle.position
 
 
-def test_links_stand_where_the_joints_take_them(shown: Any) -> None:
+def test_links_follow_the_joints(shown: Any) -> None:
     _, viewer = shown
     for name, q in (("robot", (0.3, 0.7)), ("start", START), ("goal", GOAL)):
         viewer.page.move(np.array([0.3, 0.7]))
@@ -63,7 +63,7 @@ def test_links_stand_where_the_joints_take_them(shown: Any) -> None:
     ("q", "text", "color"),
     [((0.3, 0.7), "**FREE**", ROBOT_FILL_COLOR), ((0.8, 0.0), "**BLOCKED**", CLASSES[COLLIDES][1])],
 )
-def test_the_state_is_said_and_seen(shown: Any, q: tuple[float, float], text: str, color: str) -> None:
+def test_page_shows_the_state_of_the_arm(shown: Any, q: tuple[float, float], text: str, color: str) -> None:
     space, viewer = shown
     viewer.page.move(np.array(q))
     assert viewer.page.wait(60.0)
@@ -121,7 +121,7 @@ def test_sliders_stay_within_the_limits(tmp_path: Any) -> None:
         assert (viewer.canvas.configuration_of((0.4000001, 0.0)) <= arm.upper).all()
 
 
-def test_view_of_an_arm_refuses(shown: Any) -> None:
+def test_view_of_an_arm_refuses_invalid_arguments(shown: Any) -> None:
     space, _ = shown
     for options, message in (({"path": np.zeros((3, 3))}, "path has shape"), ({"start": (0.0,)}, "start has shape")):
         with pytest.raises(InputError, match=message):

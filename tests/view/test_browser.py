@@ -138,7 +138,7 @@ def test_a_page_in_the_plane_is_drawn_moved_and_planned_on(browser: Any, flat: t
     until(lambda: text(browser).count("No path exists: proven.") == 2)
 
 
-def test_who_comes_close_sees_small_cells(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -> None:
+def test_near_camera_shows_small_cells(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -> None:
     _, viewer = flat
     viewer.canvas.cells.side = 4
     viewer.canvas.invalidate()
@@ -149,7 +149,7 @@ def test_who_comes_close_sees_small_cells(browser: Any, flat: tuple[cspace.CSpac
     until(lambda: shares(browser)[UNDECIDED] > 0.02)
 
 
-def test_nothing_comes_from_elsewhere(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -> None:
+def test_page_loads_nothing_from_other_hosts(browser: Any, flat: tuple[cspace.CSpace, Viewer]) -> None:
     asked = browser.execute_script("return performance.getEntries().map(entry => entry.name)")
     assert asked
     assert all(name.startswith((flat[1].url, "blob:" + flat[1].url)) for name in asked if "://" in name)

@@ -53,7 +53,7 @@ def test_blocks_show_the_largest_class(parts: Any, side: int, monkeypatch: pytes
         np.testing.assert_array_equal(held.part_blocks(seen, part).classes, brute(classes, part))
 
 
-def test_a_map_that_changed_is_looked_at_anew(parts: Any) -> None:
+def test_invalidate_refreshes_blocks(parts: Any) -> None:
     workspace, robot, rotations = parts
     space = cspace.build(workspace, robot, rotations=rotations)
     held, rotation = CellsInMemory(space), space.rotations.centers[0]
@@ -64,7 +64,7 @@ def test_a_map_that_changed_is_looked_at_anew(parts: Any) -> None:
     assert (held.map_blocks(rotation).classes != before).any()
 
 
-def test_a_store_shows_the_same(parts: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tiled_map_has_the_same_blocks(parts: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     workspace, robot, rotations = parts
     stored = cspace.build(workspace, robot, rotations=rotations, store=tmp_path / "map.zarr", tile=8)
     held = CellsInMemory(cspace.build(workspace, robot, rotations=rotations))
@@ -82,7 +82,7 @@ def test_a_store_shows_the_same(parts: Any, tmp_path: Path, monkeypatch: pytest.
 
 
 @pytest.mark.parametrize(("shape", "reach", "coarsest"), [((10_000, 8_000), 3.0, 8), ((464,) * 3, 4.0, 4)])
-def test_the_part_that_one_looks_at(shape: tuple[int, ...], reach: float, coarsest: int) -> None:
+def test_choose_part_covers_the_view(shape: tuple[int, ...], reach: float, coarsest: int) -> None:
     grid = cspace.Grid([-1.0] * len(shape), 0.05, shape)
     rng = np.random.default_rng(0)
     for point in rng.uniform(grid.lower, grid.upper, (20, grid.dim)):
@@ -104,7 +104,7 @@ def test_the_part_that_one_looks_at(shape: tuple[int, ...], reach: float, coarse
     assert choose_part(grid, near + 1e5, reach, coarsest) is None
 
 
-def test_blocks_know_their_place() -> None:
+def test_blocks_have_position_and_side() -> None:
     held = CellsInMemory(cspace.build(cspace.Workspace.from_array(np.eye(9, dtype=bool), 0.1), cspace.Robot.disc(0.1)))
     part = held.part_blocks(None, Part((3, 0), (9, 5), 2))
     assert isinstance(part, Blocks)

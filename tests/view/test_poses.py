@@ -12,7 +12,7 @@ SPACES = [(2, None), (2, 8), (3, None), (3, 8), (3, Rotations.quaternions(2))]
 
 
 @pytest.mark.parametrize(("dim", "cells"), SPACES, ids=["R2", "SE2", "R3", "R3xSO2", "SE3"])
-def test_poses_become_configurations_again(dim: int, cells: object) -> None:
+def test_poses_and_configurations_round_trip(dim: int, cells: object) -> None:
     rotations, rng = Rotations.of(cells), np.random.default_rng(0)  # type: ignore[arg-type]
     poses = Poses(dim, rotations)
     assert poses.angles == {0: (), 1: ("yaw",), 4: ("roll", "pitch", "yaw")}[len(rotations.names)]
@@ -30,13 +30,13 @@ def test_poses_become_configurations_again(dim: int, cells: object) -> None:
     ("degrees", "point", "turned"),
     [((90, 0, 0), (0, 1, 0), (0, 0, 1)), ((0, 90, 0), (1, 0, 0), (0, 0, -1)), ((0, 0, 90), (1, 0, 0), (0, 1, 0))],
 )
-def test_angles_mean_what_they_say(degrees: tuple[float, ...], point: object, turned: object) -> None:
+def test_angles_rotate_about_fixed_axes(degrees: tuple[float, ...], point: object, turned: object) -> None:
     rotations = Rotations.quaternions(1)
     q = Poses(3, rotations).configuration_of((0.0, 0.0, 0.0), degrees)
     np.testing.assert_allclose(rotations.matrices(q) @ point, turned, atol=1e-12)
 
 
-def test_a_robot_of_yaw_keeps_its_yaw_alone() -> None:
+def test_yaw_robot_keeps_only_the_yaw_of_a_pose() -> None:
     poses = Poses(3, Rotations.of(8))
     tilted = Poses(3, Rotations.quaternions(1)).configuration_of((1.0, 2.0, 3.0), (20.0, 10.0, 30.0))
     place, wxyz = Poses(3, Rotations.quaternions(1)).pose(tilted)

@@ -48,7 +48,7 @@ def brute(solid: np.ndarray, has_boundary: bool, lid: bool) -> list[tuple[int, .
 
 @pytest.mark.parametrize(("has_boundary", "lid"), [(True, True), (True, False), (False, True)])
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.8, 1.0])
-def test_rectangles_are_the_border(share: float, has_boundary: bool, lid: bool) -> None:
+def test_rectangles_cover_the_border(share: float, has_boundary: bool, lid: bool) -> None:
     solid = np.random.default_rng(0).random((7, 5, 6)) < share
     rectangles = squares(extract_border(solid, has_boundary, lid))
     assert sorted(rectangles) == sorted(brute(solid, has_boundary, lid))
@@ -77,7 +77,7 @@ def test_solids_end_at_the_cut(room: cspace.CSpace) -> None:
         assert stage.section(blocks, cut).height == cut
 
 
-def test_a_hole_is_left_for_a_part(room: cspace.CSpace) -> None:
+def test_solid_omits_the_hole_of_a_part(room: cspace.CSpace) -> None:
     stage, cells, part = Stage(room.grid, 1.0), CellsInMemory(room), Part((2, 2, 0), (6, 8, 8), 1)
     rotation = room.rotations.centers[0]
     for kind in (KINDS["obstacles"], KINDS["mixed"]):
@@ -96,7 +96,7 @@ def pixel(section: object, x: float, y: float) -> tuple[int, ...]:
     return tuple(image[row - 1, column].tolist())
 
 
-def test_sections_show_the_cells_where_they_are() -> None:
+def test_section_shows_cells_at_their_positions() -> None:
     occupied = np.zeros((9, 6), dtype=bool)
     occupied[7, 1] = True
     space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.05))
@@ -122,7 +122,7 @@ def test_sections_show_the_cells_where_they_are() -> None:
     ],
     ids=["disc", "hole", "notch", "box"],
 )
-def test_robots_have_their_size(robot: cspace.Robot) -> None:
+def test_robot_surface_has_the_volume_of_the_robot(robot: cspace.Robot) -> None:
     mesh = trimesh.Trimesh(*make_robot_surface(robot, 0.5))
     size = 0.06 if robot.dim == 3 else 0.5 * robot.geometry.area
     base = robot.dim == 2  # which has no bottom

@@ -48,7 +48,7 @@ def viewer(request: pytest.FixtureRequest) -> Iterator[tuple[cspace.CSpace, View
         yield space, viewer
 
 
-def test_the_map_says_which_sliders_there_are(viewer: Any) -> None:
+def test_sliders_match_the_axes_of_the_map(viewer: Any) -> None:
     space, page = viewer
     angles = {0: [], 1: ["yaw (°)"], 4: ["roll (°)", "pitch (°)", "yaw (°)"]}[len(space.rotations.names)]
     sliders = [f"{axis} (m)" for axis in "xyz"[: space.grid.dim]] + angles
@@ -57,7 +57,7 @@ def test_the_map_says_which_sliders_there_are(viewer: Any) -> None:
     assert "unknown, taken as obstacle" not in page.page.panel.shown  # there is nothing unknown
 
 
-def test_what_is_drawn_follows_what_is_asked(viewer: Any) -> None:
+def test_scene_follows_the_robot_and_the_choices(viewer: Any) -> None:
     space, page = viewer
     assert page.page.wait(60.0)
     assert all(node(page, name) for name in ("/robot", "/start", "/goal", "/section/whole", "/obstacles/whole"))
@@ -77,7 +77,7 @@ def test_what_is_drawn_follows_what_is_asked(viewer: Any) -> None:
     until(lambda: node(page, "/mixed/whole") and not node(page, "/obstacles/whole"))
 
 
-def test_who_looks_closely_sees_small_blocks(viewer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_near_camera_shows_small_blocks(viewer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     canvas = viewer[1].canvas
     monkeypatch.setattr(canvas.cells, "side", 4)
     middle = (canvas.stage.lower + canvas.stage.upper) / 2
@@ -114,7 +114,7 @@ def test_a_page_shows_plans_and_proofs(viewer: Any) -> None:
 
 
 @pytest.mark.parametrize("drive", ["differential", "dubins"])
-def test_drives_of_robots_that_turn_in_the_plane(viewer: Any, drive: str) -> None:
+def test_drive_applies_to_plane_robots_with_yaw(viewer: Any, drive: str) -> None:
     space, page = viewer
     chosen, radius = page.page.panel.drive, page.page.panel.turning_radius
     assert chosen.visible == (space.axes == ("x", "y", "yaw"))
@@ -128,7 +128,7 @@ def test_drives_of_robots_that_turn_in_the_plane(viewer: Any, drive: str) -> Non
         chosen.value = "holonomic"
 
 
-def test_no_path_exists_is_said_to_be_proven() -> None:
+def test_page_shows_the_proof_that_no_path_exists() -> None:
     occupied = np.zeros((30, 20), dtype=bool)
     occupied[14:16] = True
     space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.2))
@@ -149,7 +149,7 @@ def test_no_path_exists_is_said_to_be_proven() -> None:
     assert "closed" in viewer._repr_html_()
 
 
-def test_a_map_in_a_store(tmp_path: Path) -> None:
+def test_page_of_a_tiled_map_proves_after_a_search(tmp_path: Path) -> None:
     occupied = np.zeros((40, 30), dtype=bool)
     occupied[20, :15] = True
     workspace = cspace.Workspace.from_array(occupied, 0.1)
@@ -195,7 +195,7 @@ def test_view_refuses_a_port_that_is_taken_and_a_path_of_another_map(tmp_path: P
     ({"start": (0.0,)}, "start has shape"),
     ({"goal": (0.0, np.nan)}, "goal"),
 )
-def test_view_refuses(options: dict[str, Any], message: str) -> None:
+def test_view_refuses_invalid_arguments(options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         room("R2").view(block=False, **options)
 
@@ -224,7 +224,7 @@ def test_the_command_opens_a_page(
     np.testing.assert_allclose(seen[0].page.marks["goal"], free[1])
 
 
-def test_without_viser_the_extra_is_named() -> None:
+def test_view_without_viser_names_the_extra() -> None:
     code = """
 space = cspace.build(cspace.Workspace.from_array(np.zeros((9, 9), bool), 0.1), cspace.Robot.disc(0.1))
 try:
@@ -247,7 +247,7 @@ except cspace.MissingPackageError as error:
         ("null", "127.0.0.1", False),
     ],
 )
-def test_other_pages_move_nothing(served: Viewer, origin: str | None, host: str, moves: bool) -> None:
+def test_server_refuses_pages_of_other_sites(served: Viewer, origin: str | None, host: str, moves: bool) -> None:
     import msgspec
     import viser
     from websockets.exceptions import ConnectionClosedError
@@ -278,7 +278,7 @@ def test_other_pages_move_nothing(served: Viewer, origin: str | None, host: str,
     np.testing.assert_allclose(served.canvas.robot, q if moves else page.marks["start"], atol=0.05)
 
 
-def test_a_path_is_played_as_quickly_as_browsers_draw(served: Viewer, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_play_skips_frames_for_slow_browsers(served: Viewer, monkeypatch: pytest.MonkeyPatch) -> None:
     slow = SimpleNamespace(local_storage=SimpleNamespace(get_item=lambda key, timeout: time.sleep(0.03)))
     shares: list[float] = []
     served.page.search()

@@ -8,7 +8,7 @@ from cspace.view.page import Worker
 from waiting import until
 
 
-def test_work_is_done_once_for_many() -> None:
+def test_worker_merges_requests_and_survives_errors() -> None:
     done, go, others = [], threading.Event(), set(threading.enumerate())
 
     def work() -> None:
