@@ -1,4 +1,4 @@
-"""Files that the command line reads: workspaces of every kind, and one map of each space."""
+"""Files for the command line: workspaces of every kind, and a map of each space."""
 
 from pathlib import Path
 
@@ -70,7 +70,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def room(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A working folder with links to them."""
+    """A working folder with links to the files."""
     monkeypatch.chdir(tmp_path)
     for file in folder.iterdir():
         (tmp_path / file.name).symlink_to(file)

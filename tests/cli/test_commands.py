@@ -40,7 +40,7 @@ SHUT = {"plane.zarr": "2.35,0.15", "turning.zarr": "2.35,0.15,0", "space.zarr": 
 
 
 def spawn(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
-    """What the command line answers, in a process of its own."""
+    """Run the command line in a separate process."""
     environment = {**os.environ, "PYTHONPATH": str(Path(cspace.__file__).parents[1])}
     command = [sys.executable, *map(str, arguments)]
     return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=60)
@@ -149,7 +149,7 @@ def test_warnings_name_options_in_one_line(room: Path) -> None:
 
 def test_info_describes_maps(room: Path) -> None:
     space, printed = cspace.open("turning.zarr"), document("info", "turning.zarr")
-    # A rectangle around its middle has half of its slices twice.
+    # A centered rectangle has each of its slices twice.
     assert (printed["rotations"], printed["slices"], printed["rotation_cell_deg"]) == (8, 4, 45.0)
     assert printed["memory_bytes"] == 4 * 300
     assert tuple(printed["cells"].values()) == tuple(np.bincount(space.cell_states.ravel(), minlength=3).tolist())
@@ -202,7 +202,7 @@ def test_info_reports_maps_beyond_memory(room: Path, monkeypatch: pytest.MonkeyP
     printed = document("info", "wall.wkt", "--spacing", 2e-6, "--rotations", 72)["memory"]
     assert f"needs about {bytes_text(printed['needed_bytes'])}" in printed["problem"]
     assert "--rotations" not in printed["problem"]  # the workspace itself is too large
-    # The building agrees.
+    # The build refuses the same.
     result = run("map", "cube.obj", "--spacing", 1e-7, "--robot", "ball:0.1", "-o", "new.zarr")
     assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
     assert "use a spacing of at least" in result.stderr
@@ -223,7 +223,7 @@ def test_info_reports_maps_beyond_memory(room: Path, monkeypatch: pytest.MonkeyP
 def test_info_shows_smaller_counts_of_a_truncated_text(
     room: Path, name: str, lines: list[str], key: str, upper: list[float]
 ) -> None:
-    """Cut between two lines it cannot be told from a whole one, but by its numbers."""
+    """A text cut between two lines looks complete; only its counts differ."""
     Path(name).write_text("\n".join(lines))
     whole = document("info", name, warning="open" if name == "cut.obj" else "")
     Path(name).write_text("\n".join(lines[:-1]))
@@ -258,7 +258,7 @@ def test_info_describes_real_files(data: Path) -> None:
 
 @pytest.fixture(scope="module")
 def joints(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a map of two joints that turn, and one of a joint that turns and one that slides."""
+    """A folder with maps of two revolute joints, and of a revolute and a prismatic joint."""
     pytest.importorskip("yourdfpy")
     folder = tmp_path_factory.mktemp("joints")
     sliding = urdfs.joint("slide", "upper", "fore", at=(1, 0, 0), kind="prismatic", limits=(-0.4, 0.7))
@@ -305,7 +305,7 @@ def arm_file(tmp_path: Path) -> Path:
 
 def test_info_describes_joints_links_and_pairs_of_an_arm(arm_file: Path, tmp_path: Path) -> None:
     printed = document("info", arm_file)
-    assert (printed["kind"], printed["arm"], printed["size"]) == ("arm", "small", 3)
+    assert (printed["kind"], printed["arm"], printed["dof"]) == ("arm", "small", 3)
     assert printed["joints"] == {"shoulder_rad": [-1.0, 2.0], "elbow": "continuous", "slide_out_m": [0.0, 0.3]}
     assert printed["triangles_of_links"] == {"foot": 12, "upper": 12, "fore": 12, "tool": 24}
     assert sum(printed["pairs_of_links"].values()) == 6
@@ -417,7 +417,7 @@ def test_plan_refuses_wrong_joint_values(joints: Path, file: str, start: str, me
 
 @pytest.fixture
 def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Drawn]:
-    """Map, name and options of each picture that would be drawn."""
+    """Map, name and options of each requested picture, which is not drawn."""
     drawn: list[Drawn] = []
 
     def save(space: Any, file: Path, overwrite: bool = False, **options: Any) -> None:
@@ -428,7 +428,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Drawn]:
 
 
 def numbers(text: str) -> list[float]:
-    """A configuration as it is given on the command line."""
+    """Parse a configuration from the command line."""
     return [math.radians(float(x[:-3])) if x.endswith("deg") else float(x) for x in text.split(",")]
 
 
@@ -449,7 +449,7 @@ def test_plan_writes_a_path_that_plot_draws(room: Path, file: str, drawn: list[D
     assert json.loads(Path("path.json").read_text())["path"] == printed["path"]
     assert list(printed["seconds"]) == ["read", "set_up", "plan", "check", "measure", "write", "draw"]
     space, picture, options = drawn.pop()
-    assert space.plot(**options).figure.axes  # all that is in it is made, but no pixels
+    assert space.plot(**options).figure.axes  # the figure is made but not rendered
     assert picture == "path.png" and [*options["start"], *options["goal"]] == [*numbers(start), *numbers(goal)]
     np.testing.assert_array_equal(options["path"].path, path)
     for name in ("path.csv", "path.json"):
@@ -475,7 +475,7 @@ def test_plan_reports_that_no_path_exists(room: Path, file: str, drawn: list[Dra
 
 
 def test_plan_suggests_options_when_time_runs_out(room: Path) -> None:
-    """What is known, and what to try, in options."""
+    """The message says what is known and suggests options."""
     common = ["plan", "turning.zarr", "--start", ENDPOINTS["turning.zarr"][0], "--goal", ENDPOINTS["turning.zarr"][1]]
     result = run(*common, "--time-limit", 1e-9, "--animate", "p.gif", "--planner", "RRTstar")
     assert (result.exit_code, result.stderr.count("\n")) == (1, 1), result.exception
@@ -516,7 +516,7 @@ def test_plot_draws_car_paths(room: Path, drawn: list[Drawn], monkeypatch: pytes
         *("--drive", "reeds-shepp", "--turning-radius", 0.2, "-o", "path.csv", "--animate", "path.gif"),
     )
     assert printed["solved"]
-    # The table has a column more, which tells the way that the car drives.
+    # The table has an additional column, the direction of driving.
     assert Path("path.csv").read_text().startswith("x,y,yaw,direction\n")
     space, rows = cspace.open("turning.zarr"), np.loadtxt("path.csv", delimiter=",", skiprows=1)
     assert document("plot", "turning.zarr", "--path", "path.csv", "-o", "path.png")["picture"] == "path.png"
@@ -571,7 +571,7 @@ def test_export_writes_every_format(room: Path) -> None:
 
 @pytest.mark.parametrize("turning", [False, True])
 def test_commands_keep_and_use_an_overlap_field(tmp_path: Path, turning: bool) -> None:
-    """``info`` tells of it, ``export`` keeps it, and ``plan`` goes by it."""
+    """``info`` reports it, ``export`` keeps it, and ``plan`` uses it."""
     pytest.importorskip("finufft")
     balls, obstacles = ([(0.0, 0.0), (0.15, 0.0)], 0.12), ([(1.0, 0.32)], 0.3)
     workspace = cspace.Workspace.from_balls(*obstacles, 0.05, bounds=(0.0, 0.0, 2.0, 1.6))
@@ -591,7 +591,7 @@ def test_commands_keep_and_use_an_overlap_field(tmp_path: Path, turning: bool) -
     same(carried, cspace.open(tmp_path / "copy.zarr"))
     endpoints = ("0.43,0.88,0", "1.57,0.88,0") if turning else ("0.43,0.88", "1.57,0.88")
     asked = ["--start", endpoints[0], "--goal", endpoints[1], "--planner", "RRTstar", "--objective", "overlap"]
-    for limit in (0.1, 0.5, 2, 10):  # the longer ones are for a busy machine
+    for limit in (0.1, 0.5, 2, 10):  # longer limits are for a busy machine
         result = run("plan", tmp_path / "map.zarr", *asked, "--seed", 1, "--time-limit", limit, "--json")
         if result.exit_code == 0:
             break
@@ -627,7 +627,7 @@ def test_progress_line_needs_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 def test_ctrl_c_ends_planning(room: Path) -> None:
-    """Interrupted in the middle of a search that would go on for a minute."""
+    """The search, which would take a minute, is interrupted."""
     code = (
         "import os, signal, sys, threading, time, planners\n"
         "from cspace.cli import main\n"

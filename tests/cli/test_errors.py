@@ -1,4 +1,4 @@
-"""Whatever is wrong: exit code 2, one clear line in the words of the command line, before any work, nothing written."""
+"""Wrong input exits with code 2 and one line that names options, before any work, and writes nothing."""
 
 import os
 from pathlib import Path
@@ -202,7 +202,7 @@ def test_options_are_checked_before_any_work(room: Path, monkeypatch: pytest.Mon
 
 
 def test_unwritable_folder_is_refused(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # Asked of the system rather than set up, since the superuser may write everywhere.
+    # os.access is patched, because the superuser may write everywhere.
     monkeypatch.setattr("os.access", lambda _, mode: not mode & os.W_OK)
     for arguments in (_FLAT, [*_PLAN, "-o", "path.csv"], ["demo"], ["demo", "-o", "new/demo"]):
         result = run(*arguments)

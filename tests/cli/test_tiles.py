@@ -1,4 +1,4 @@
-"""Maps in tiles from the command line: built, stopped and gone on with, told of, planned on, drawn and exported."""
+"""Tiled maps on the command line: built, interrupted, resumed, described, planned on, drawn and exported."""
 
 import json
 

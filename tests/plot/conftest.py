@@ -1,4 +1,4 @@
-"""Maps that tests of pictures share; none changes them."""
+"""Maps shared by tests of pictures, which do not modify them."""
 
 import numpy as np
 import pytest
@@ -14,13 +14,13 @@ def flat() -> CSpace:
 
 @pytest.fixture(scope="package")
 def turning() -> CSpace:
-    """The robot is long, and its reference point off its middle."""
+    """A map of a long robot whose reference point is off its center."""
     return yard(Robot.rectangle(1.2, 0.4, center=(0.3, 0.0)))
 
 
 @pytest.fixture(scope="package")
 def hall() -> CSpace:
-    """6 m x 4 m x 2.4 m; a floor, a wall with a window at x 2.8 to 3.2, a block and a pillar: nothing is symmetric."""
+    """A map of 6 m x 4 m x 2.4 m without symmetry: a floor, a wall with a window at x 2.8 to 3.2, a block, a pillar."""
     occupied = np.zeros((60, 40, 24), bool)
     occupied[..., 0] = True
     occupied[28:32] = True

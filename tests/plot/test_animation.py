@@ -1,4 +1,4 @@
-"""Animations: the robot where it is, the slice of its yaw, and nothing half-written."""
+"""Animations: position of the robot, slice at its yaw, and files."""
 
 import math
 import pickle
@@ -26,7 +26,7 @@ PATH = [(1.0, 1.0, 0.0), (1.5, 3.5, 1.5), (6.5, 4.0, 0.0)]
 
 
 def frames(file: Path) -> tuple[list[NDArray[np.uint8]], list[int], Any]:
-    """Pixels and milliseconds of each frame, and whether the animation repeats."""
+    """Return pixels and milliseconds of each frame, and the number of loops."""
     pixels, times = [], []
     with Image.open(file) as image:
         for number in range(image.n_frames):
@@ -37,7 +37,7 @@ def frames(file: Path) -> tuple[list[NDArray[np.uint8]], list[int], Any]:
 
 
 def middle(frame: NDArray[np.uint8], color: tuple[int, ...] = ROBOT) -> NDArray[np.float64]:
-    """Mean column, and row from the bottom, of the largest patch of a colour."""
+    """Return mean column and row, from the bottom, of the largest patch of a colour."""
     patches, _ = label((np.abs(frame.astype(int) - color) < 12).all(axis=-1))
     rows, columns = np.nonzero(patches == 1 + np.bincount(patches.ravel())[1:].argmax())
     return np.array([columns.mean(), -rows.mean()])
@@ -54,7 +54,7 @@ def test_the_robot_drives_from_start_to_goal(turning: CSpace, tmp_path: Path) ->
     assert len({frame.shape for frame in pixels}) == 1
     assert [entry.name for entry in tmp_path.iterdir()] == ["drive.gif"]
     way = np.array([middle(frame) for frame in pixels])
-    # Up first, then to the right, as in metres; the scale is the same along both axes.
+    # The robot moves up, then right; both axes have the same scale.
     scale = (way[-1] - way[0]) / np.subtract(PATH[-1], PATH[0])[:2]
     assert scale[0] == pytest.approx(scale[1], rel=0.03)
     assert scale[0] > 20
@@ -68,7 +68,7 @@ PURPLE = (0x6A, 0x1B, 0x9A)
 
 
 def greens(frame: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """The pixels of a robot, in whatever light; the legend's below are left out."""
+    """Return a mask of the pixels of a robot in any light, without the legend below."""
     red, green, blue = np.moveaxis(frame.astype(int), -1, 0)
     found: NDArray[np.bool_] = (green > red + 40) & (green > blue + 10)
     found[int(0.9 * len(found)) :] = False
@@ -81,7 +81,7 @@ def center(frame: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 @pytest.fixture(scope="module")
 def tunnel() -> CSpace:
-    """A hall with a wall across it that leaves a gap above."""
+    """A hall with a wall across it and a gap above the wall."""
     cells = np.zeros((40, 20, 20), dtype=bool)
     cells[19:21, :, :10] = cells[:, :, 0] = True
     return build(Workspace.from_array(cells, 0.1), Robot.box((0.4, 0.3, 0.2)), rotations=8)
@@ -94,7 +94,7 @@ def test_robot_in_space_moves_along_its_path(tunnel: CSpace, tmp_path: Path) -> 
     pixels, times, _ = frames(animate(tunnel, path, tmp_path / "fly.gif", rate=4, **view))
     assert len(pixels) == 5 and calls == [(number, 5) for number in range(1, 6)] and times[-1] == 1200
     rows, columns = np.array([center(frame) for frame in pixels]).T
-    # Seen from the side: first up, then to the right, to one scale.
+    # Seen from the side, the robot moves up, then right; both axes have the same scale.
     up, right = rows[0] - rows[-1], columns[-1] - columns[0]
     assert up / 1.1 == pytest.approx(right / 2.8, rel=0.05) and right > 100
     assert (np.diff(rows) < 1.0).all() and (np.diff(columns) > -1.0).all()
@@ -102,7 +102,7 @@ def test_robot_in_space_moves_along_its_path(tunnel: CSpace, tmp_path: Path) -> 
 
 
 def test_wall_hides_the_robot_behind_it(tunnel: CSpace, tmp_path: Path) -> None:
-    """Seen along x, it is behind the wall at first."""
+    """Seen along x, the robot is behind the wall at first."""
     path = [(0.6, 1.0, 0.5, 0.0), (3.4, 1.0, 0.5, 0.0)]
     for number, azimuth in enumerate((0.0, 180.0)):
         file = animate(tunnel, path, tmp_path / f"{number}.gif", camera=(0.0, azimuth), seconds=0.2, rate=5)

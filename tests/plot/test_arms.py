@@ -1,4 +1,4 @@
-"""Pictures of arms: links and obstacles where they are, pale arms along a path, and what cannot be drawn."""
+"""Pictures of arms: positions of links and obstacles, pale arms along a path, and refusals."""
 
 from typing import Any
 
@@ -16,6 +16,7 @@ from cspace.plot.arms import GHOST_COLOR, GHOST_COUNT, interpolate_joints
 from cspace.plot.artists import LOST_COLOR, PATH_COLOR, ROBOT_FILL_COLOR
 from cspace.plot.route import Route
 from cspace.plot.surface import SURFACES
+from refusals import refusals
 from urdfs import planar
 
 pytest.importorskip("yourdfpy")
@@ -38,7 +39,7 @@ def test_an_animation_of_a_map_of_joints_is_in_radians(space: cspace.ArmSpace) -
 
 
 def painted(ax: Any, color: str) -> Any:
-    """Corners of what is drawn in shades of a colour, shape (n, 4, 3)."""
+    """Return the corners of polygons in shades of a colour, shape (n, 4, 3)."""
     (collection,) = ax.collections
     shades, hue = collection._facecolor3d[:, :3], np.array(to_rgb(color))
     bright = shades @ hue / (hue @ hue)
@@ -102,13 +103,16 @@ def test_plans_draw_themselves(space: cspace.ArmSpace) -> None:
     assert len(painted(ax, GHOST_COLOR))
 
 
-def test_plots_of_arms_refuse(space: cspace.ArmSpace) -> None:
-    for error, options, message in (
-        (InputError, {"path": np.zeros((3, 3))}, "path has shape"),
-        (InputError, {"q": (0.0,)}, "q has shape"),
-        (InputError, {"ax": Figure().add_subplot()}, "ax has two dimensions"),
-        (InputError, {"camera": (95.0, 0.0)}, "camera"),
-        (ConfigurationError, {"q": (0.0, 4.0)}, "q has elbow at 4"),
-    ):
-        with pytest.raises(error, match=message):
-            space.plot(**options)  # type: ignore[arg-type]
+@refusals(
+    "error, options, message",
+    (InputError, {"path": np.zeros((3, 3))}, "path has shape"),
+    (InputError, {"q": (0.0,)}, "q has shape"),
+    (InputError, {"ax": Figure().add_subplot()}, "ax has two dimensions"),
+    (InputError, {"camera": (95.0, 0.0)}, "camera is"),
+    (ConfigurationError, {"q": (0.0, 4.0)}, "q has elbow at 4"),
+)
+def test_plot_of_an_arm_refuses_invalid_options(
+    space: cspace.ArmSpace, error: type[Exception], options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        space.plot(**options)

@@ -1,4 +1,4 @@
-"""Images of cells: nothing that blocks the robot vanishes between two pixels, at any zoom."""
+"""Images of cells show every blocked cell at any zoom."""
 
 from functools import cache
 from typing import Any
@@ -31,7 +31,7 @@ def test_coarse_cells_hold_the_largest_class(data: st.DataObject) -> None:
 
 @cache
 def axes() -> Any:
-    """Axes without words, which show one image after the other."""
+    """Return axes without text, which show one image after another."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -43,7 +43,7 @@ def axes() -> Any:
 
 
 def cells(classes: NDArray[np.uint8], size: tuple[int, int], view: list[float]) -> tuple[Any, NDArray[np.uint8]]:
-    """Axes of a size in pixels that show nothing but cells of side 0.5 from (-3, 7), and their pixels."""
+    """Draw cells of side 0.5 from (-3, 7); return the axes, of a size in pixels, and their pixels."""
     ax = axes()
     ax.figure.set_size_inches(size[0] / 100, size[1] / 100)
     for image in ax.images:
@@ -58,7 +58,7 @@ def cells(classes: NDArray[np.uint8], size: tuple[int, int], view: list[float]) 
 @settings(max_examples=60, deadline=None)
 @given(st.data())
 def test_no_blocked_cell_vanishes(data: st.DataObject) -> None:
-    """Whatever the size of the map, of the picture and of the view: each cell in view darkens a pixel near it."""
+    """Each visible cell darkens a pixel near it, for all sizes of map, picture and view."""
     shape = data.draw(st.tuples(st.integers(1, 1200), st.integers(1, 1200)))
     corner = st.tuples(st.integers(0, shape[0] - 1), st.integers(0, shape[1] - 1))
     blocked = data.draw(st.lists(corner, min_size=1, max_size=5))
@@ -67,7 +67,7 @@ def test_no_blocked_cell_vanishes(data: st.DataObject) -> None:
     classes = np.zeros(shape, np.uint8)
     classes[tuple(np.transpose(blocked))] = 1
     low, high = np.minimum(a, b), np.maximum(a, b) + 1
-    # The view may cut the cells at its border, which then need not show.
+    # The view may cut cells at its border, which then may be invisible.
     cut = data.draw(st.sampled_from([0.0, 0.1, 0.9]))
     view = [-3.0 + 0.5 * (low[0] - cut), -3.0 + 0.5 * high[0], 7.0 + 0.5 * low[1], 7.0 + 0.5 * (high[1] + cut)]
     ax, image = cells(classes, size, view)
@@ -76,7 +76,7 @@ def test_no_blocked_cell_vanishes(data: st.DataObject) -> None:
         if (low <= (i, j)).all() and ((i, j) < high).all():
             corners = ax.transData.transform([(-3.0 + 0.5 * i, 7.0 + 0.5 * j), (-2.5 + 0.5 * i, 7.5 + 0.5 * j)])
             (x0, y0), (x1, y1) = np.floor(corners).astype(int)
-            # A block is at most about two pixels wide, and is drawn at most about a pixel beside its place.
+            # A block is at most about two pixels wide and at most about a pixel off its position.
             near = dark[max(y0 - 3, 0) : y1 + 4, max(x0 - 3, 0) : x1 + 4]
             assert near.any(), (i, j)
     assert not dark.all() or classes[low[0] : high[0], low[1] : high[1]].any()

@@ -1,4 +1,4 @@
-"""Panels: one for each yaw, each the slice of its yaw, with the part of the path that is nearest to that yaw."""
+"""Panels: each shows the slice of its rotation and the part of the path with the nearest rotations."""
 
 import math
 from typing import Any
@@ -31,20 +31,20 @@ def test_panels_choose_yaws(turning: CSpace) -> None:
     assert yaws_of(plot(turning, view="panels")) == [f"yaw {yaw}°" for yaw in (0, 60, 120, -180, -120, -60)]
     assert yaws_of(plot(turning, rotation=np.radians([10, 350]))) == ["yaw 10°", "yaw -10°"]
     assert yaws_of(plot(turning, rotation=0.0, view="panels")) == ["yaw 0°"]
-    # Half of the slices of a rectangle around its middle differ, and one of a disc's.
+    # A centered rectangle has half as many different slices as rotation cells; a disc has one.
     around = build(turning.workspace, Robot.rectangle(1.0, 0.4), rotations=24)
     assert yaws_of(plot(around, view="panels")) == [f"yaw {yaw}°" for yaw in (0, 30, 60, 90, 120, 150)]
     assert len(yaws_of(plot(build(turning.workspace, Robot.disc(0.3), rotations=24), view="panels"))) == 1
 
 
 def lines_of(ax: Any) -> dict[str, Any]:
-    """Points of the lines in a panel, by their labels, without gaps."""
+    """Return the points of the lines in a panel by label, without gaps."""
     drawn = {line.get_label(): np.asarray(line.get_xydata()) for line in ax.lines if line.get_label()[0] != "_"}
     return {label: points[np.isfinite(points).all(axis=1)] for label, points in drawn.items()}
 
 
 def test_panel_draws_the_part_of_the_path_nearest_to_its_yaw(turning: CSpace) -> None:
-    # The robot turns by a radian for each metre along x, so that x tells the yaw.
+    # The robot rotates by a radian for each metre along x, so x determines the yaw.
     path = np.array([(x, 2.0, x - 1.0) for x in (1.0, 2.5, 4.0, 5.5, 7.0)])
     yaws, length = np.radians(np.arange(6) * 60.0), 0.0
     first = plot(turning, rotation=yaws, path=path)
@@ -61,7 +61,7 @@ def test_panel_draws_the_part_of_the_path_nearest_to_its_yaw(turning: CSpace) ->
 
 
 def test_yaws_that_share_a_slice_share_a_panel(turning: CSpace) -> None:
-    around = build(turning.workspace, Robot.rectangle(1.0, 0.4), rotations=24)  # half a turn maps it to itself
+    around = build(turning.workspace, Robot.rectangle(1.0, 0.4), rotations=24)  # symmetric under half a turn
     path = [(1.0, 4.0, math.pi), (3.0, 4.0, math.pi), (4.0, 4.0, -math.pi / 2)]
     panels = {ax.get_title(loc="left"): lines_of(ax) for ax in plot(around, view="panels", path=path).figure.axes}
     name = "path, in the panel of the nearest rotation"

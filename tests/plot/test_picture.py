@@ -1,4 +1,4 @@
-"""Pictures of maps in the plane: each pixel shows what the map says there, in one colour for one meaning."""
+"""Pictures of plane maps: pixels, colours, text, paths and robots."""
 
 import base64
 import io
@@ -31,7 +31,7 @@ from pictures import COLORS, check_cells, check_within, class_of, heading, headi
 
 @pytest.mark.parametrize("yaw", ["none", None, 0.0, 1.2, -2.0, 7.0])
 def test_each_pixel_shows_the_state_of_its_cell(flat: CSpace, turning: CSpace, yaw: Any) -> None:
-    """One slice, or, without a yaw, all of them: asked of the map configuration by configuration."""
+    """The picture shows one slice, or all; the map is queried configuration by configuration."""
     shown = flat if yaw == "none" else turning
     ax = plot(shown, rotation=None if yaw == "none" else yaw)
     yaws = [()] if yaw == "none" else [(yaw,)] if yaw is not None else [(q,) for q in turning.rotations.representatives]
@@ -73,7 +73,7 @@ def test_the_legend_names_what_is_there(flat: CSpace, turning: CSpace) -> None:
 
 @pytest.mark.parametrize("outside", ["free", "blocked"])
 def test_exterior_of_the_grid_is_hatched(outside: str) -> None:
-    """Hatched, whatever lies there: in no colour of a class, with an entry in the legend."""
+    """The hatching has no colour of a class, and an entry in the legend."""
     space = build(Workspace.from_array(np.eye(20, dtype=bool), 0.1), Robot.disc(0.1), outside=outside)
     ax = plot(space, path=[(1.5, 0.2), (-1.0, 0.2)])
     assert ax.get_xlim()[0] == pytest.approx(-1.1)
@@ -117,7 +117,7 @@ def test_colors_differ_even_in_grey() -> None:
 
 
 def lab(color: Any) -> Any:
-    """CIELAB of an sRGB colour, for the distance that people see between two: 2 is just noticeable."""
+    """Return the CIELAB values of an sRGB colour; a distance of 2 is just noticeable."""
     given = np.array(to_rgb(color))
     linear = np.where(given <= 0.04045, given / 12.92, ((given + 0.055) / 1.055) ** 2.4)
     xyz = np.array([(0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505)]) @ linear
@@ -134,7 +134,7 @@ def test_obstacle_unknown_and_free_cells_have_distinct_colors() -> None:
 
 
 def test_path_colors_differ_from_map_colors() -> None:
-    """Also faint, as it is drawn away from a section: over white, at 45 %."""
+    """This includes the faint path away from a section: 45 % over white."""
     faint = 0.45 * np.array(to_rgb(artists.PATH_COLOR)) + 0.55
     low, high = scene.LOW_COLOR, scene.HIGH_COLOR
     for color in (artists.PATH_COLOR, artists.LOST_COLOR, low, high, faint):
@@ -153,7 +153,7 @@ def test_repr_tells_shares_of_occupied_and_unknown_cells(data: Path) -> None:
 
 @pytest.mark.parametrize("taken", ["free", "occupied"])
 def test_unknown_cells_have_their_own_colours(taken: str) -> None:
-    """Unknown cells in their colours, but where the state says more, alone and in a map, and named in the legend."""
+    """Unknown cells have their colours, unless the state says more, and entries in the legend."""
     rng = np.random.default_rng(5)
     outer, unknown = rng.random((2, 30, 20)) < 0.06
     outer = outer | unknown if taken == "occupied" else outer & ~unknown
@@ -176,7 +176,7 @@ def test_unknown_cells_have_their_own_colours(taken: str) -> None:
 
 
 def test_a_notebook_shows_the_figure(flat: CSpace) -> None:
-    """As a picture, where the figure is its own; axes of the caller are shown by whoever made them."""
+    """Axes of a new figure have an HTML representation; axes of the caller do not."""
     html = vars(flat.plot())["_repr_html_"]()
     png = base64.b64decode(html.split("base64,")[1].split('"')[0])
     assert Image.open(io.BytesIO(png)).size[0] > 400
@@ -216,11 +216,11 @@ def test_robots_are_drawn_along_the_path_and_turned(flat: CSpace, turning: CSpac
     assert len(boxes(plot(flat, path=[(1, 1), (7, 4)], robot_every=float("inf")))) == 2
     assert 5 < len(boxes(plot(flat, path=[(1, 1), (7, 4)]))) < 20
     assert len(boxes(plot(flat, path=[(1.0, 1.0)]))) == 2
-    # The reference point is 0.3 m behind the middle, and the ends come last.
+    # The reference point is 0.3 m behind the center; the robots at the endpoints come last.
     drawn = boxes(plot(turning, path=[(2, 1, math.pi / 2), (2, 4, math.pi / 2)], robot_every=1.0))
     expected = [(1.8, 2.2, y - 0.3, y + 0.9) for y in (2.0, 3.0, 1.0, 4.0)]
     np.testing.assert_allclose([(box.x0, box.x1, box.y0, box.y1) for box in drawn], expected, atol=1e-9)
-    assert 4 <= len(boxes(plot(turning, path=[(3, 3, 0), (3, 3, 3.0)]))) < 20  # a turn on the spot
+    assert 4 <= len(boxes(plot(turning, path=[(3, 3, 0), (3, 3, 3.0)]))) < 20  # a rotation in place
     middle = boxes(plot(turning, path=[(2, 2, 3.0), (5, 2, -3.0)], robot_every=2.0))[0]  # the shorter way round
     np.testing.assert_allclose((middle.x0, middle.x1, middle.height), (3.5 - 0.9, 3.5 + 0.3, 0.4), atol=1e-9)
 

@@ -1,4 +1,4 @@
-"""Pictures of every kind refuse arguments that they cannot draw, and leave no file behind."""
+"""Pictures of every kind refuse invalid arguments and leave no file behind."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Paths as pictures show them: even steps along the way, turns the shorter way round."""
+"""Interpolation of paths and glyphs of robots in pictures."""
 
 import math
 
@@ -35,7 +35,7 @@ def test_interpolation_has_even_speed_along_the_path(dim: int, rotations: Rotati
     assert (np.diff(way) >= 0).all()
     stations = glyph.interpolate(path, np.linspace(0.0, 1.0, 7))
     np.testing.assert_allclose(rotations.steps(stations[[0, -1]], path[[0, -1]]), 0.0, atol=1e-7)
-    # An even speed: as much way lies between any two.
+    # The speed is even, so the path between two stations has the same length.
     assert (np.diff(glyph.path_lengths(stations)) <= way[-1] / 6 + 1e-7).all()
 
 

@@ -1,4 +1,4 @@
-"""Maps in three dimensions: the faces that the camera sees, none else, with path and robots among them."""
+"""Maps in three dimensions: visible faces, paths and robots."""
 
 from itertools import product
 from typing import Any
@@ -23,7 +23,7 @@ PATH = [(0.6, 3.2, 1.2), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
 
 
 def places(corners: NDArray[np.float64]) -> set[tuple[int, ...]]:
-    """Middles of faces, in halves of a cell, and the axes that they are normal to."""
+    """Return the centers of faces, in halves of a cell, and the axes normal to them."""
     middles = np.rint((corners.mean(axis=1) - GRID.lower) / 0.5 * 2).astype(int)
     axes = np.ptp(corners, axis=1).argmin(axis=1)
     return {(*middle.tolist(), int(axis)) for middle, axis in zip(middles, axes, strict=True)}
@@ -36,7 +36,7 @@ directions = st.tuples(*[st.sampled_from([-1.0, -0.4, 0.0, 0.3, 1.0])] * 3).filt
 @settings(max_examples=100, deadline=None)
 @given(cells, directions)
 def test_border_faces_face_the_camera(solid: NDArray[np.bool_], towards: tuple[float, ...]) -> None:
-    """Between a solid cell and one that is not, towards the camera; walls before the rest are peeled off first."""
+    """Faces separate solid from other cells towards the camera, after walls in front are removed."""
     grid = Grid(GRID.lower, 0.5, solid.shape)
     faces, _ = border_faces(grid, solid, np.array(towards))
     left = solid.copy()
@@ -60,13 +60,13 @@ def test_border_faces_face_the_camera(solid: NDArray[np.bool_], towards: tuple[f
                 expected.add((*(2 * np.array(cell) + 1 + step * (np.arange(3) == axis)).tolist(), axis))
     assert places(faces) == expected
     assert len(faces) == len(expected)
-    # The corners go round: neighbours differ along one axis.
+    # Successive corners differ along one axis.
     assert ((np.diff(faces, axis=1) != 0.0).sum(axis=2) == 1).all()
 
 
 @pytest.mark.parametrize("most", [20, 60, 200])
 def test_merged_blocks_cover_all_solid_cells(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
-    """Few enough faces, and over every solid cell there is one."""
+    """The faces are few enough, and every solid cell is below one."""
     monkeypatch.setattr(surface, "MAX_FACES", most)
     solid = np.zeros((23, 17, 11), bool)
     solid[tuple(np.random.default_rng(most).integers(0, solid.shape, (250, 3)).T)] = True
@@ -84,20 +84,20 @@ def test_cut_omits_cells_above_it() -> None:
     solid = np.zeros((5, 4, 3), bool)
     solid[1:3] = True
     faces, _ = border_faces(GRID, solid, TOWARDS, 1.4)
-    # Cells from 0.5 to 1 and from 1 to 1.5: the plane runs through the second, which stays.
+    # Cells are from 0.5 to 1 and from 1 to 1.5; the cut is in the second, which stays.
     assert faces[..., 2].max() == 1.5
-    assert border_faces(GRID, solid, TOWARDS, 0.4)[0][..., 2].max() == 1.0  # one layer is left at least
+    assert border_faces(GRID, solid, TOWARDS, 0.4)[0][..., 2].max() == 1.0  # at least one layer remains
 
 
 def polygons(ax: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Corners of all polygons, and their colours."""
+    """Return the corners of all polygons and their colours."""
     (collection,) = ax.collections
     return np.asarray(collection._faces), np.asarray(collection._facecolor3d)[:, :3]
 
 
 @pytest.mark.parametrize("shown", ["obstacles", "free"])
 def test_faces_separate_solid_cells_from_others(hall: CSpace, shown: str) -> None:
-    """Behind each face lies an obstacle, or a cell that is not FREE; before it neither."""
+    """Behind each face is a solid cell; in front of it is none."""
     ax = plot(hall, view="3d", surface=shown)
     corners, colors = polygons(ax)
     assert len(corners) > 500
@@ -110,7 +110,7 @@ def test_faces_separate_solid_cells_from_others(hall: CSpace, shown: str) -> Non
     ahead = middles + step
     inside = hall.grid.contains(ahead)
     faced = solid[tuple(hall.grid.cell_of(ahead[inside]).T)]
-    assert not faced.any() or shown == "free"  # a peeled layer of a band may remain before the rest
+    assert not faced.any() or shown == "free"  # part of a removed wall may remain in front
     full = to_rgb(surface.SURFACES[shown][1])
     assert (colors <= np.array(full) + 1e-9).all()
     assert len(np.unique(colors.round(3), axis=0)) > 3
@@ -122,7 +122,7 @@ def test_path_and_robots_are_sorted_with_the_faces(hall: CSpace) -> None:
     blue = np.abs(colors - to_rgb(artists.PATH_COLOR)).max(axis=1) < 1e-6
     ribbon = corners[blue].mean(axis=1)
     assert len(ribbon) > 100
-    # Each piece lies on the path, and each waypoint has one near.
+    # Each piece of the ribbon is on the path, and each waypoint is near one.
     a, b = np.array(PATH[:-1]), np.array(PATH[1:])
     share = np.clip(((ribbon[:, None] - a) * (b - a)).sum(axis=2) / ((b - a) ** 2).sum(axis=1), 0.0, 1.0)
     assert np.linalg.norm(ribbon[:, None] - a - share[..., None] * (b - a), axis=2).min(axis=1).max() < 1e-9
@@ -137,7 +137,7 @@ def test_path_and_robots_are_sorted_with_the_faces(hall: CSpace) -> None:
 
 
 def test_unknown_cells_have_their_own_colour_in_3d() -> None:
-    """Blocks of cells that are all unknown, whether cells are joined or not."""
+    """Blocks are brown if all of their cells are unknown."""
     outer = np.zeros((12, 12, 6), bool)
     outer[2:5, 2:5, :3] = outer[7:10, 7:10, :3] = True
     unknown = np.zeros_like(outer)

@@ -1,4 +1,4 @@
-"""The page of an arm, asked through the server: links where they are, states by colour, what is nearest, and plans."""
+"""The page of an arm, tested through the server: positions of links, colours of states, closest pairs, and plans."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from cspace.plot.artists import CLASSES, COLLIDES, ROBOT_FILL_COLOR
 from cspace.view import Viewer
 from cspace.view.scene import rgb
 from pages import node
+from refusals import refusals
 from urdfs import joint, link, planar, written
 
 pytest.importorskip("viser")
@@ -40,7 +41,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[cspace.Arm
 
 
 def corners(handle: Any) -> Any:
-    """The corners of a mesh of the scene, where it stands."""
+    """Return the corners of a mesh of the scene at its pose."""
     from scipy.spatial.transform import Rotation
 
     turn = Rotation.from_quat(handle.wxyz, scalar_first=True)
@@ -55,7 +56,7 @@ def test_links_follow_the_joints(shown: Any) -> None:
         middle = elbow + 0.5 * np.array([math.cos(sum(q)), math.sin(sum(q)), 0.0])
         np.testing.assert_allclose(corners(node(viewer, f"/{name}/fore")).mean(axis=0), middle, atol=1e-6)
     assert node(viewer, "/robot/foot")
-    assert not node(viewer, "/goal/foot")  # it would lie in the other one
+    assert not node(viewer, "/goal/foot")  # the fixed foot is drawn once
     np.testing.assert_allclose(np.ptp(corners(node(viewer, "/obstacles/post")), axis=0), (0.2, 0.2, 1.0), atol=0.01)
 
 
@@ -87,7 +88,7 @@ def test_a_page_shows_plans_and_what_is_proven(shown: Any) -> None:
     page.go(0.5)
     first, last = viewer.plan.path[[0, -1]]
     ahead = viewer.canvas.robot
-    assert min(np.linalg.norm(ahead - first), np.linalg.norm(ahead - last)) > 0.3  # and the middle of the way
+    assert min(np.linalg.norm(ahead - first), np.linalg.norm(ahead - last)) > 0.3  # between the endpoints
     tip_positions = np.asarray(node(viewer, "/path").points)
     for place, q in ((tip_positions[0, 0], START), (tip_positions[-1, 1], GOAL)):
         viewer.page.move(np.array(q))
@@ -111,7 +112,7 @@ def test_sliders_stay_within_the_limits(tmp_path: Any) -> None:
             joint("round", "lift", "wrist", kind="continuous", at=(0.5, 0, 0), limits=None),
         )
     )
-    with cspace.build_arm_space({}, arm).view(block=False, port=0) as viewer:  # nothing to touch, but each other
+    with cspace.build_arm_space({}, arm).view(block=False, port=0) as viewer:  # no obstacles
         assert viewer.page.wait(60.0)
         assert [tuple(dial) for dial in viewer.canvas.dials] == [
             ("up (m)", -0.25, 0.4, 0.001),
@@ -121,13 +122,17 @@ def test_sliders_stay_within_the_limits(tmp_path: Any) -> None:
         assert (viewer.canvas.configuration_of((0.4000001, 0.0)) <= arm.upper).all()
 
 
-def test_view_of_an_arm_refuses_invalid_arguments(shown: Any) -> None:
-    space, _ = shown
-    for options, message in (({"path": np.zeros((3, 3))}, "path has shape"), ({"start": (0.0,)}, "start has shape")):
-        with pytest.raises(InputError, match=message):
-            space.view(block=False, port=0, **options)
-    with pytest.raises(ConfigurationError, match="goal has elbow at 4"):
-        space.view(block=False, port=0, goal=(0.0, 4.0))
+@refusals(
+    "error, options, message",
+    (InputError, {"path": np.zeros((3, 3))}, "path has shape"),
+    (InputError, {"start": (0.0,)}, "start has shape"),
+    (ConfigurationError, {"goal": (0.0, 4.0)}, "goal has elbow at 4"),
+)
+def test_view_of_an_arm_refuses_invalid_arguments(
+    shown: Any, error: type[Exception], options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        shown[0].view(block=False, port=0, **options)
 
 
 def test_a_map_of_joints_is_in_radians(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The page in a real browser: it is drawn, its sliders move the robot, it plans, and it says what is proven."""
+"""The page in a real browser: drawing, sliders, planning and proofs."""
 
 from __future__ import annotations
 
@@ -29,20 +29,19 @@ FLAGS = (
     "--disable-component-update --disable-sync --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader "
     "--window-size=1000,700 --force-device-scale-factor=0.5 --app=data:,"
 )
-"""A browser without a screen, which asks nobody for anything, and draws without a graphics card, so only a few pixels;
-it opens no page of its own."""
+"""Options of a headless browser without network requests and start page; it renders in software, so only few pixels."""
 
 
 SLOW = """
 window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 100);
 window.cancelAnimationFrame = clearTimeout;
 """
-"""Has a page draw itself ten times a second, and not sixty."""
+"""Script that lowers the frame rate of a page from 60 to 10 per second."""
 
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """Chromium, as Debian has it."""
+    """Start Debian's Chromium."""
     from selenium.webdriver.chrome.service import Service
 
     program, driver = shutil.which("chromium"), shutil.which("chromedriver")
@@ -62,25 +61,25 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 
 def text(browser: Any) -> str:
-    """All that the page says."""
+    """Return the text of the page."""
     return str(browser.execute_script("return document.body.innerText"))
 
 
 def pixels(browser: Any) -> NDArray[np.int64]:
-    """What the page looks like, shape (height, width, 3)."""
+    """Return a screenshot of the page, shape (height, width, 3)."""
     with Image.open(io.BytesIO(browser.get_screenshot_as_png())) as picture:
         return np.asarray(picture.convert("RGB")).astype(np.int64)
 
 
 def shares(browser: Any) -> dict[int, float]:
-    """Which share of the page shows the colours of classes of cells."""
+    """Return the share of the page with the colours of classes of cells."""
     page = pixels(browser)
     colors = {number: rgb(CLASSES[number][1]) for number in (UNDECIDED, COLLIDES, OBSTACLE)}
     return {number: float((np.abs(page - color).max(axis=-1) < 12).mean()) for number, color in colors.items()}
 
 
 def green(browser: Any) -> float:
-    """Which share of the page is green, as a robot is that is FREE, in whatever light."""
+    """Return the share of the page that is green, like a FREE robot in any light."""
     red, green, blue = np.moveaxis(pixels(browser), -1, 0)
     return float((green > np.maximum(red, blue) + 3).mean())
 
@@ -91,14 +90,14 @@ def press(browser: Any, label: str) -> None:
 
 
 def show_robot(browser: Any, label: str, *keys: str) -> None:
-    """Move the slider with a label, by keys."""
+    """Move the slider with a label by keys."""
     thumb = browser.find_element("xpath", f"(//*[text()='{label}']/following::*[@role='slider'])[1]")
     thumb.send_keys(*keys)
 
 
 @pytest.fixture(scope="module")
 def flat() -> Iterator[tuple[cspace.CSpace, Viewer]]:
-    """Two rooms, and a third one that cannot be reached, for a robot that turns."""
+    """Two connected rooms and a closed one, for a robot with a yaw."""
     occupied = np.zeros((80, 60), dtype=bool)
     occupied[40:42, :25] = occupied[40:42, 46:] = occupied[40:, 46:48] = True
     space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.rectangle(0.8, 0.4), rotations=24)

@@ -1,4 +1,4 @@
-"""Blocks of cells: each shows the most important class in it, of a map in memory or in a store."""
+"""Blocks of cells of maps in memory and tiled maps show the most important class of their cells."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def parts(request: pytest.FixtureRequest) -> tuple[cspace.Workspace, cspace.Robo
 
 
 def brute(classes: Any, part: Part) -> Any:
-    """The largest class in each block of a part, block by block."""
+    """Return the largest class in each block of a part, block by block."""
     starts = [range(low, high, part.side) for low, high in zip(part.first, part.stop, strict=True)]
     largest = np.empty([len(axis) for axis in starts], dtype=np.uint8)
     for index, corner in zip(np.ndindex(largest.shape), itertools.product(*starts), strict=True):
@@ -78,7 +78,7 @@ def test_tiled_map_has_the_same_blocks(parts: Any, tmp_path: Path, monkeypatch: 
     far = CellsInStore(stored).map_blocks(rotation)
     exact = brute(held.map_blocks(rotation).classes, Part((0,) * stored.grid.dim, stored.grid.shape, far.side))
     assert far.side > 1
-    assert (far.classes[exact != OPEN] != OPEN).all()  # nothing but what is free looks free
+    assert (far.classes[exact != OPEN] != OPEN).all()  # only free blocks look free
 
 
 @pytest.mark.parametrize(("shape", "reach", "coarsest"), [((10_000, 8_000), 3.0, 8), ((464,) * 3, 4.0, 4)])
@@ -98,7 +98,7 @@ def test_choose_part_covers_the_view(shape: tuple[int, ...], reach: float, coars
         assert close.all()
     near = grid.lower + 0.4 * np.subtract(grid.upper, grid.lower)
     parts = {choose_part(grid, near + 0.01 * k, reach * 1.001**k, coarsest) for k in range(8)}
-    assert len(parts) <= 2  # who looks around a little sees the same part
+    assert len(parts) <= 2  # small movements of the camera keep the part
     assert choose_part(grid, near, 1e4, coarsest) is None
     assert choose_part(grid, near, reach, 1) is None
     assert choose_part(grid, near + 1e5, reach, coarsest) is None

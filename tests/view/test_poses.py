@@ -1,4 +1,4 @@
-"""Configurations as numbers that people set, as poses in space, and back."""
+"""Conversions between configurations, dial values and poses in space."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is drawn: every bit of a border once and from outside, sections in their place, robots of the right size."""
+"""Geometry of the page: borders as rectangles, sections at their positions, robots with their volume."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cspace.view.scene import HIGH_COLOR, KINDS, LOW_COLOR, Stage, extract_borde
 
 
 def squares(corners: np.ndarray) -> list[tuple[int, ...]]:
-    """The unit squares of rectangles: axis, way of the normal, and place."""
+    """Return the unit squares of rectangles: axis, sign of the normal, and position."""
     unit_squares = []
     for one in corners:
         normal = np.cross(one[1] - one[0], one[2] - one[1])
@@ -30,7 +30,7 @@ def squares(corners: np.ndarray) -> list[tuple[int, ...]]:
 
 
 def brute(solid: np.ndarray, has_boundary: bool, lid: bool) -> list[tuple[int, ...]]:
-    """The same of the border of cells, cell by cell."""
+    """Return the unit squares of the border of cells, cell by cell."""
     faces = []
     for cell in np.argwhere(solid):
         for axis in range(3):
@@ -109,7 +109,7 @@ def test_section_shows_cells_at_their_positions() -> None:
     space = cspace.build(cspace.Workspace.from_array(high, 0.1), cspace.Robot.ball(0.05), outside="free")
     stage, blocks = Stage(space.grid, 0.2), CellsInMemory(space).map_blocks(np.empty(0))
     assert pixel(stage.section(blocks, 0.25), 0.75, 0.15) == (*rgb(CLASSES[OBSTACLE][1]), 255)
-    assert pixel(stage.section(blocks, 0.05), 0.75, 0.15)[3] == 0  # what is free lets look down
+    assert pixel(stage.section(blocks, 0.05), 0.75, 0.15)[3] == 0  # free cells are transparent
 
 
 @pytest.mark.parametrize(

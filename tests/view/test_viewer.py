@@ -1,4 +1,4 @@
-"""Pages of all kinds of maps, asked through the server: what is drawn, what is said, and what is refused."""
+"""Pages of all kinds of maps, tested through the server: scene, messages and refusals."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SPACES = {
 
 
 def room(kind: str) -> cspace.CSpace:
-    """A room with a column in it."""
+    """Return the map of a room with a column."""
     dim, robot, rotations = SPACES[kind]
     occupied = np.zeros((24, 20, 12)[:dim], dtype=bool)
     occupied[11:13, 9:12] = True
@@ -54,7 +54,7 @@ def test_sliders_match_the_axes_of_the_map(viewer: Any) -> None:
     sliders = [f"{axis} (m)" for axis in "xyz"[: space.grid.dim]] + angles
     assert [slider.label for slider in page.page.panel.sliders] == sliders
     assert ("cut at z (m)" in page.page.panel.shown) == (space.grid.dim == 3)
-    assert "unknown, taken as obstacle" not in page.page.panel.shown  # there is nothing unknown
+    assert "unknown, taken as obstacle" not in page.page.panel.shown  # the workspace has no unknown cells
 
 
 def test_scene_follows_the_robot_and_the_choices(viewer: Any) -> None:
@@ -71,7 +71,7 @@ def test_scene_follows_the_robot_and_the_choices(viewer: Any) -> None:
         assert page.page.panel.state.content.startswith("**FREE**")
         np.testing.assert_allclose(node(page, "/robot").position[: space.grid.dim], q[: space.grid.dim])
     turned = len({int(space.rotations.cells_of(q)) for q in free}) > 1
-    assert (canvas.bytes > sent) == turned  # the cells change with the rotation alone
+    assert (canvas.bytes > sent) == turned  # only the rotation changes the cells
     for label in ("obstacle", "undecided (MIXED)"):
         page.page.panel.shown[label].value ^= True
     until(lambda: node(page, "/mixed/whole") and not node(page, "/obstacles/whole"))
@@ -108,7 +108,7 @@ def test_a_page_shows_plans_and_proofs(viewer: Any) -> None:
     page.page.mark("goal", np.array([1e3, *goal[1:]]))
     page.page.search()
     assert page.page.wait(60.0)
-    assert "lies outside the map" in page.page.panel.answer.content  # and the page goes on
+    assert "lies outside the map" in page.page.panel.answer.content  # and the page stays usable
     page.page.mark("goal", goal)
     assert page.page.wait(60.0)
 
@@ -156,9 +156,8 @@ def test_page_of_a_tiled_map_proves_after_a_search(tmp_path: Path) -> None:
     stored = cspace.build(workspace, cspace.Robot.disc(0.2), store=tmp_path / "map.zarr", tile=16)
     with stored.view(block=False, port=0, start=(0.6, 0.6), goal=(3.4, 0.6)) as viewer:
         assert viewer.page.wait(60.0)
-        assert (
-            viewer.page.panel.proof.content == ""
-        )  # to find out takes long in a store, and is left until it is asked for
+        # Components of a tiled map take long to compute, so the page proves nothing before a search.
+        assert viewer.page.panel.proof.content == ""
         viewer.page.search()
         assert viewer.page.wait(60.0)
         assert viewer.page.panel.proof.content == "**A path exists: proven.**"
@@ -243,7 +242,7 @@ except cspace.MissingPackageError as error:
         ("http://{}", "localhost", True),
         ("http://example.org", "127.0.0.1", False),
         ("http://localhost:1", "localhost", False),
-        ("http://{}", "example.org", False),  # whose owner says for a while that it is 127.0.0.1
+        ("http://{}", "example.org", False),  # whose owner may let it resolve to 127.0.0.1 temporarily
         ("null", "127.0.0.1", False),
     ],
 )
@@ -288,7 +287,7 @@ def test_play_skips_frames_for_slow_browsers(served: Viewer, monkeypatch: pytest
     monkeypatch.setattr("cspace.view.page.PLAY_SECONDS", 0.08)
     served.page.play()
     until(lambda: shares[-1:] == [1.0])
-    assert len(shares) == 2  # in the time of one picture, and twice as long without any, the path was over
+    assert len(shares) == 2  # one frame and its pause take longer than the path
 
 
 @pytest.fixture(scope="module")

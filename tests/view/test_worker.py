@@ -1,4 +1,4 @@
-"""Work in a thread: once for many that ask, and on after an error."""
+"""Workers merge requests during a run and survive errors."""
 
 from __future__ import annotations
 
