@@ -1,10 +1,11 @@
-"""Draw the pictures of the explanation pages: ``python docs/pictures/draw.py`` rewrites the PNG files beside it.
+"""Draw the pictures of the pages: ``python docs/pictures/draw.py`` rewrites the PNG files beside it.
 
-All but the house and the hull tree are drawn from maps that the library builds here, so they show real answers.
+All except the house and the hull tree show answers of maps that the library builds here.
 """
 
 from __future__ import annotations
 
+import itertools
 import sys
 import tempfile
 from pathlib import Path
@@ -25,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from shapely import affinity
 
 import cspace
+import cspace.arms
 from cspace.spectral import minkowski_sum
 
 FREE, MIXED, BLOCKED = "#ffffff", "#d55e00", "#a6d3ee"
@@ -40,7 +42,15 @@ def draw_all(folder: Path) -> None:
     """Write every picture into a folder, as PNG."""
     style = {"font.size": 9.0, "figure.facecolor": "white", "axes.titlesize": 10.0}
     with matplotlib.rc_context(style):
-        for draw in (draw_correlation, draw_states, draw_covering_angle, draw_window, draw_hull_tree, draw_house):
+        for draw in (
+            draw_correlation,
+            draw_states,
+            draw_covering_angle,
+            draw_window,
+            draw_hull_tree,
+            draw_joint_map,
+            draw_house,
+        ):
             figure = draw()
             name = draw.__name__.removeprefix("draw_")
             figure.savefig(folder / f"{name}.png", dpi=DPI, bbox_inches="tight")
@@ -244,6 +254,67 @@ def halve_motion(
         return [(first, last)]
     halves = (first, middle), (middle, last)
     return [piece for part in halves for piece in halve_motion(link, obstacle, joint, *part)]
+
+
+# ---- tasks -----------------------------------------------------------------------------------------------------------
+
+
+def draw_joint_map() -> Figure:
+    """Draw an arm of two bars among two posts along a path, and the same path in the map of its joints."""
+    bar = '<collision><origin xyz="0.5 0 0"/><geometry><box size="1 0.1 0.1"/></geometry></collision>'
+    joint = (
+        '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="{} 0 0"/>'
+        '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "two.urdf"
+        file.write_text(
+            f'<robot name="two"><link name="base"/><link name="upper">{bar}</link><link name="fore">{bar}</link>'
+            + joint.format("shoulder", "base", "upper", 0)
+            + joint.format("elbow", "upper", "fore", 1)
+            + "</robot>"
+        )
+        arm = cspace.Arm.from_urdf(file)
+    posts, obstacles = [(1.5, 1.0), (-0.4, 1.2)], {}
+    for k, post in enumerate(posts):
+        pose = np.eye(4)
+        pose[:2, 3] = post
+        obstacles[f"post {k}"] = cspace.arms.PosedShape(cspace.Robot.cylinder(0.15, 1.0).shape, pose)
+    joints = cspace.build_joint_map(cspace.build_arm_space(obstacles, arm), 0.03)
+    path = joints.find_path((-0.6, 0.3), (1.4, -0.2))
+    states = joints.classify(centers(joints.grid))
+    figure, axes = plt.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")
+    for x, y in posts:
+        axes[0].add_patch(plt.Circle((x, y), 0.15, color=OBSTACLE))
+    steps = np.concatenate([np.linspace(a, b, 9) for a, b in itertools.pairwise(path)])
+    for k, (shoulder, elbow) in enumerate(steps):
+        mid = np.array([np.cos(shoulder), np.sin(shoulder)])
+        tip = mid + np.array([np.cos(shoulder + elbow), np.sin(shoulder + elbow)])
+        first_or_last = k in (0, len(steps) - 1)
+        axes[0].plot(
+            *np.array([(0.0, 0.0), mid, tip]).T,
+            color=ROBOT if first_or_last else PALE,
+            linewidth=5.0,
+            zorder=2 if first_or_last else 1,
+            solid_capstyle="round",
+        )
+    axes[0].plot(0, 0, "o", color="black", markersize=6.0)
+    axes[0].set_title("the arm along its path")
+    axes[0].set(xlim=(-1.3, 2.3), ylim=(-1.5, 2.3), aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    lower, upper = joints.grid.lower, joints.grid.upper
+    draw_states_in(axes[1], states, (lower[0], upper[0], lower[1], upper[1]), None)
+    axes[1].plot(path[:, 0], path[:, 1], color=PATH, linewidth=2.0)
+    axes[1].plot(*path[0], "o", color=PATH)
+    axes[1].plot(*path[-1], "s", color=PATH)
+    axes[1].set(xlabel="shoulder [rad]", ylabel="elbow [rad]", title="the map of its joints")
+    handles = [
+        Patch(facecolor=FREE, edgecolor=GRID, label="FREE"),
+        Patch(facecolor=MIXED, label="MIXED"),
+        Patch(facecolor=BLOCKED, label="BLOCKED"),
+        plt.Line2D([], [], color=PATH, label="path"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=8.5)
+    return figure
 
 
 # ---- the house -------------------------------------------------------------------------------------------------------
