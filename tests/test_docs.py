@@ -106,6 +106,15 @@ def call(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
             assert Path(name).exists(), f"{command} did not write {name}"
 
 
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_names_files_that_exist(page: str) -> None:
+    text = re.sub(r"^```.*?^```", "", (ROOT / page).read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    named = re.findall(r"`((?:cspace|planners|tests|benchmarks|docs|examples)/[\w/.]+)`", text)
+    linked = [link.partition("#")[0] for link in re.findall(r"\]\(([^)\s]+)\)", text) if ":" not in link]
+    files = [ROOT / name for name in named] + [(ROOT / page).parent / link for link in linked if link]
+    assert [str(file) for file in files if not file.exists()] == []
+
+
 def test_the_architecture_page_has_every_room() -> None:
     page = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
     rooms = {
