@@ -1,7 +1,7 @@
-"""Rotation cells: the sets of rotations that a map distinguishes, and the numbers that configurations have of them.
+"""Rotation cells: the sets of rotations that a map distinguishes.
 
-A kind of rotation cells is one file here, and one line below: its class, and the record that compiled look-ups get of
-it, whose methods numba compiles into them. No look-up knows which kind it has.
+Each kind of rotation cells has a file here and a line below: its class, and a record whose methods numba compiles into
+look-ups. No look-up knows which kind it uses.
 """
 
 from cspace.rotations.base import NO_ROTATION as NO_ROTATION

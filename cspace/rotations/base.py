@@ -1,4 +1,4 @@
-"""What every kind of rotation cells is: numbers of a configuration, sets of rotations, and a record for look-ups."""
+"""Interface of all kinds of rotation cells, and the cells of robots that only translate."""
 
 from __future__ import annotations
 
@@ -17,79 +17,82 @@ from cspace.compiling import compilable
 from cspace.errors import AngleWarning, InputError, warn_user
 
 TWO_PI: Final = 2.0 * math.pi
+"""A whole turn, in radians."""
 
 MAX_ANGLE: Final = 2.0**20
 """Largest angle of a configuration, in radians, that is wrapped."""
 
 MAX_JOINT_ANGLE: Final = 256.0
-"""Largest angle of a continuous joint, in radians, that is wrapped: what rounding does to more turns could reach a
-cell's slack."""
+"""Largest angle of a continuous joint, in radians, that is wrapped.
+
+The rounding of larger angles could exceed a cell's slack.
+"""
 
 ANGLE_SLACK: Final = 1e-9
-"""Rounding allowance in radians: rotation cells count as that much wider on both sides."""
+"""Rounding allowance in radians, by which rotation cells are widened on both sides."""
 
 
-LARGEST_EXPECTED: Final = TWO_PI * (1.0 + 1e-9)
-"""Largest angle, in radians, that a user is expected to pass: beyond it, the angle is probably in degrees."""
+MAX_EXPECTED_ANGLE: Final = TWO_PI * (1.0 + 1e-9)
+"""Largest angle, in radians, that is not suspected to be in degrees."""
 
 
 def angle_axes(axes: Sequence[str], periodic_axes: Sequence[bool] = ()) -> dict[int, str]:
-    """Return index and name of the numbers of a configuration that are wrapped: yaws and continuous joints."""
+    """Return index and name of the coordinates that are wrapped: yaws and continuous joints."""
     joints = [*periodic_axes, *[False] * (len(axes) - len(periodic_axes))]
     return {k: name for k, (name, turns) in enumerate(zip(axes, joints, strict=True)) if name == "yaw" or turns}
 
 
 def warn_of_degrees(q: Sequence[float] | Floats, angles: Mapping[int, str], name: str) -> None:
-    """Warn the user about an angle of one configuration that is beyond a whole turn.
+    """Warn if an angle of one configuration is beyond a whole turn.
 
-    ``angles`` are those of :func:`angle_axes`. The text leaves out the number, so that Python prints it once for each
+    ``angles`` are those of :func:`angle_axes`. The text leaves out the value, so that Python prints it once for each
     line of the user's program.
     """
     for k, axis in angles.items():
-        if abs(q[k]) > LARGEST_EXPECTED:
+        if abs(q[k]) > MAX_EXPECTED_ANGLE:
             rule = "angles are in radians, and whole turns are ignored"
             warn_user(f"{name}: {axis} is beyond a whole turn; {rule}; use numpy.radians for degrees", AngleWarning)
 
 
 def shorter(steps: Floats, periodic_axes: ArrayLike = True) -> Floats:
-    """Steps, shape (..., k), without whole turns of the numbers that are angles without an end: the shorter way.
+    """Reduce angles of steps, shape (..., size), to [-pi, pi].
 
-    It is what :func:`math.remainder` gives, to the last bit, so that also half a turn is gone the same way everywhere.
+    It equals :func:`math.remainder` to the last bit, so that half turns have the same sign everywhere.
     """
     rest = np.fmod(steps, 2.0 * TWO_PI)  # exact, as is what follows
     return np.where(periodic_axes, rest - TWO_PI * np.rint(rest / TWO_PI), steps)
 
 
 def wrapped(angles: Floats, periodic_axes: ArrayLike = True) -> Floats:
-    """The same, with half a turn as -pi: in [-pi, pi). What is there already is unchanged."""
+    """Wrap angles to [-pi, pi); angles in that range are unchanged."""
     near = shorter(angles, periodic_axes)
     return np.where(np.logical_and(periodic_axes, near >= math.pi), -math.pi, near)
 
 
 def beside(angle: Floats, other: Floats) -> Floats:
-    """Angles as many whole turns on as bring them next to others."""
+    """Shift angles by whole turns to within pi of other angles."""
     return angle + TWO_PI * np.rint((other - angle) / TWO_PI)
 
 
 Cursor = Any
-"""Where a walk over rotation cells is: numbers that only the kind itself reads."""
+"""State of a walk over rotation cells, which only its kind reads."""
 
-PAIRS: Final = 2**20
-"""Rotations and cells that are compared together."""
+MAX_PAIRS_PER_BATCH: Final = 2**20
+"""Maximum number of pairs of rotation and cell that are compared at a time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RotationCell:
-    """A rotation cell as a shape meets it: one rotation, and how far the others of the cell are from it.
+    """A rotation cell for shapes: its representative, and how far other rotations are from it.
 
     Attributes
     ----------
     matrix : ndarray of float64, shape (d, d), or None
-        The representative rotation; None for none at all, which leaves every number as it is.
+        Representative rotation; None for the identity, which leaves coordinates unchanged to the last bit.
     covering_angle : float
         Largest angle between a rotation of the cell and the representative, radians.
     about_z : bool
-        Whether all rotations of the cell are about the z axis; then points on it stay where they are.
+        True if all rotations of the cell are about the z axis, on which points then stay.
     """
 
     matrix: Floats | None = None
@@ -97,33 +100,36 @@ class RotationCell:
     about_z: bool = False
 
     def apply(self, points: Floats) -> Floats:
-        """Points, shape (..., d), turned about the origin by the representative rotation; equal ones stay so."""
+        """Rotate points, shape (..., d), by the representative rotation.
+
+        Equal points stay equal.
+        """
         if self.matrix is None:
             return points
-        # A product of matrices may round the same point differently in another row.
+        # A matrix product may round equal points in different rows differently.
         return sum((points[..., k, None] * column for k, column in enumerate(self.matrix.T)), start=np.zeros(()))
 
     def displacement(self, points: Floats) -> Floats:
-        """How far each of some points, shape (..., d), can come from its place within the cell, shape (...)."""
+        """Return the maximum displacement of points, shape (..., d), within the cell."""
         lever = np.linalg.norm(points[..., :2] if self.about_z else points, axis=-1)
         return np.asarray(2.0 * math.sin(min(self.covering_angle, math.pi) / 2.0) * lever)
 
 
 NO_ROTATION: Final = RotationCell()
-"""No rotation at all."""
+"""The cell of a robot that only translates."""
 
 
 class Coordinate(NamedTuple):
-    """An array in files that describes rotation cells, one after the other.
+    """Description of an array in files with one entry for each rotation cell.
 
     Attributes
     ----------
     about : str
     units : str
     axes : dict of str to int
-        Names and lengths of its axes but the first.
+        Names and lengths of its axes after the first.
     bounds : str
-        Name of the array that has the borders of the cells, if there is one.
+        Name of the array with the boundaries of the cells, if any.
     """
 
     about: str
@@ -136,17 +142,17 @@ COVERING_ANGLE: Final = Coordinate("largest angle between a rotation of a rotati
 
 
 class Dial(NamedTuple):
-    """A picture of rotations: a disc of radius 1, or a part of one.
+    """A picture of rotations: a disc of radius 1, or a part of it.
 
     Attributes
     ----------
     title : str
     inside : ndarray of bool, shape (n, n)
-        Which pixels belong to it.
-    rotations : ndarray of float64, shape (2, m, k)
-        Two of each of these, all but the same, as in configurations: they may lie in two cells with one border.
+        Pixels of the dial.
+    rotations : ndarray of float64, shape (2, m, size)
+        Two nearly equal rotations for each pixel, because they may lie in two cells with a common boundary.
     marks : tuple of (str, float, float)
-        Texts, and where they stand.
+        Labels and their positions.
     """
 
     title: str
@@ -155,111 +161,118 @@ class Dial(NamedTuple):
     marks: tuple[tuple[str, float, float], ...]
 
 
-DIAL_STEPS: Final = np.array([[-1e-6], [1e-6]])
-"""Radians between the two rotations that a pixel of a dial is looked up at."""
+DIAL_OFFSETS: Final = np.array([[-1e-6], [1e-6]])
+"""Offsets, in radians, of the two rotations that are looked up for a pixel of a dial."""
 
 
 class CompiledRotations(Protocol):
-    """What compiled look-ups get: a NamedTuple of arrays with these methods, for numba to compile into its callers.
+    """Interface of the records that compiled look-ups use.
 
-    Configurations are tuples of floats; the last of them are the rotation.
+    Each is a NamedTuple of arrays, whose methods numba compiles into their callers. Configurations are tuples of
+    floats; the last of them are the rotation.
     """
 
     @property
     def slice_of(self) -> Sequence[int] | Ints:
-        """The slice of each rotation cell."""
+        """Slice of each rotation cell."""
 
     def zeros(self) -> Numbers:
-        """What the numbers of a rotation in a configuration are counted from, a yaw from the first border; a tuple."""
+        """Return the origin of the coordinates of a rotation: the first boundary, for a yaw."""
 
     def is_usable(self, q: Numbers) -> bool:
-        """Whether a rotation's numbers are finite, and exact enough."""
+        """Return True if the coordinates of a rotation are finite and exact enough."""
 
     def states_at(self, q: Numbers) -> int:
-        """The slice of the rotation cell that holds the rotation of a configuration."""
+        """Return the slice that contains the rotation of a configuration."""
 
     def slices_at(self, numbers: Floats, size: int, out: Ints) -> None:
-        """The same of many, whose numbers are in a row, for :meth:`slice_among` to read; any, if not usable."""
+        """Write the slices of a batch, to be read by :meth:`slice_among`.
+
+        ``numbers`` is the flat batch. Rotations that are not usable get any slice.
+        """
 
     def slice_among(self, slices: Ints, k: int) -> int:
-        """One of those."""
+        """Return the slice of entry k of a batch."""
 
     def first_piece(self, q0: Numbers, q1: Numbers) -> Cursor:
-        """Begin a walk along an edge, on which the rotation goes the shortest way."""
+        """Begin a walk along an edge, which follows the shortest rotation."""
 
     def next_piece(self, cursor: Cursor) -> tuple[bool, int, float, float, Cursor]:
-        """The next piece of the edge: whether there is one, its slice, and where it begins and ends.
+        """Return the next piece of the edge: whether there is one, its slice, start and stop.
 
-        Parameters along an edge go from 0 to 1. Cells count as wider by the rounding allowance: pieces overlap.
+        Parameters along an edge run from 0 to 1. Cells are widened by the rounding allowance, so pieces overlap.
         """
 
     def first_around(self, q: Numbers, angle: float) -> Cursor:
-        """Begin a walk over the rotation cells within an angle of the rotation of a configuration."""
+        """Begin a walk over the rotation cells within an angle of a configuration's rotation."""
 
     def next_around(self, cursor: Cursor) -> tuple[bool, int, Cursor]:
-        """The next of these cells: whether there is one, and its slice."""
+        """Return the next of these cells: whether there is one, and its slice."""
 
     def arc_count(self, q0: Numbers, q1: Numbers) -> int:
-        """Number of shortest arcs from one rotation to another: two where they are equally long but for rounding."""
+        """Return the number of shortest arcs between two rotations.
+
+        Two arcs that are equal up to rounding count as two.
+        """
 
     def turn_of(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
-        """The angle of one of these arcs, and how far from it a planner may take the rotation to be, radians."""
+        """Return the angle of an arc, and how far a planner's rotation may be from it, radians."""
 
     def turned(self, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
-        """The first configuration with the rotation at t in [0, 1] along one of these arcs."""
+        """Return the first configuration, rotated to t in [0, 1] along an arc."""
 
     def matrix_of(self, q: Numbers) -> Matrix:
-        """The rows of the rotation matrix of a configuration in space."""
+        """Return the rows of the rotation matrix of a configuration in space."""
 
 
 class Symmetric(Protocol):
-    """What rotation cells need of a robot's shape."""
+    """Symmetries of a robot's shape, as rotation cells use them."""
 
     @property
     def symmetry(self) -> int:
-        """The number of turns about the z axis that map it to itself in each whole turn; 0 for all."""
+        """Order of the rotational symmetry about the z axis; 0 if it is round."""
 
     @property
     def symmetries(self) -> list[Floats]:
-        """The matrices of one 1 or -1 in each row and column that map it to itself, the unit matrix among them."""
+        """Signed permutation matrices that map the shape to itself, with the identity."""
 
     @property
     def is_round(self) -> bool:
-        """Whether every rotation about the reference point maps it to itself."""
+        """True if every rotation about the reference point maps the shape to itself."""
 
 
 class Rotations(ABC):
-    """The rotation cells of a map; each has one slice, and cells may share theirs.
+    """Rotation cells of a map; each has one slice, and cells may share theirs.
 
-    There are three kinds: ``OneRotation`` of a robot that only translates, ``YawRotations`` in SE(2) and
-    R^3 x SO(2), and ``QuaternionRotations`` in SE(3). :meth:`of` and :meth:`quaternions` make them. Methods that a kind
-    does not define answer for the one cell of a robot that only translates.
+    There are three kinds: ``OneRotation`` of a robot that only translates, ``YawRotations`` in SE(2) and R^3 x SO(2),
+    and ``QuaternionRotations`` in SE(3). :meth:`of` and :meth:`quaternions` make them. By default, methods are those of
+    a robot that only translates.
 
-    A configuration is d numbers of a position and then those of a rotation. A *step* from one to another is d metres
-    and then a rotation vector, in radians, whose length is the angle: of no numbers, of one in the plane and about z,
-    of three in space, about axes that turn with the robot.
+    A configuration consists of the d coordinates of a position and then those of a rotation. A *step* between
+    configurations consists of d metres and a rotation vector, in radians, whose length is the angle. That vector has no
+    entries, one in the plane and about z, or three in space, about axes fixed to the robot.
 
     Attributes
     ----------
     names : tuple of str
-        The numbers of a rotation.
+        Names of the coordinates of a rotation.
     units : tuple of str
-        Their units: "rad", or "1" for the numbers of a quaternion.
+        Their units: "rad", or "1" for quaternions.
     examples : tuple of str
-        Such numbers as texts: angles with their unit.
+        Example values as texts: angles with their unit.
     limits : str
-        What these must keep to, for messages; nothing, where there are none.
+        Rule for the coordinates, for messages; empty if there is none.
     slack : float
-        Radians by which rounding may turn a robot farther than its configuration says.
+        Maximum rotation error of a configuration due to rounding, in radians.
     about_z : bool
-        Whether all rotations are about the z axis.
+        True if all rotations are about the z axis.
     """
 
     KINDS: ClassVar[dict[str, type[Rotations]]] = {}
-    """The kinds that there are, see ``cspace.rotations``."""
+    """Classes of rotation cells by name, see ``cspace.rotations``."""
 
     COORDINATES: ClassVar[Mapping[str, Coordinate]] = {}
-    """What :attr:`coordinates` are, by their names; the first one is of this kind alone."""
+    """Descriptions of :attr:`coordinates` by name; the first name is unique to the kind."""
 
     names: ClassVar[tuple[str, ...]] = ()
     units: ClassVar[tuple[str, ...]] = ()
@@ -270,19 +283,19 @@ class Rotations(ABC):
 
     @staticmethod
     def of(value: int | Sequence[float] | Rotations | ArrayLike | None) -> Rotations:
-        """Rotation cells as :func:`cspace.build` takes them.
+        """Make rotation cells from the argument of :func:`cspace.build`.
 
         Parameters
         ----------
         value : int, sequence of float, Rotations or None
-            A number of equal cells of yaw, from 1 to 2^16, the first of which has its middle at 0; or n + 1 borders of
-            such cells in radians, ascending, the last one a whole turn after the first; or what this gave before. None
-            for a robot that only translates.
+            A number of equal cells of yaw, from 1 to 2^16, the first centered at 0; or the n + 1 boundaries of such
+            cells in radians, ascending over a whole turn; or rotation cells, which are returned. None for a robot that
+            only translates.
 
         Raises
         ------
         InputError
-            If the count is not a whole number from 1 to 2^16, or the borders do not ascend over a whole turn.
+            If the count is not a whole number from 1 to 2^16, or the boundaries do not ascend over a whole turn.
         """
         if isinstance(value, Rotations):
             return value
@@ -316,69 +329,75 @@ class Rotations(ABC):
 
     @staticmethod
     def from_coordinates(coordinates: Mapping[str, NDArray[Any]]) -> Rotations:
-        """Rotation cells from their :attr:`coordinates`, to the last bit; there may be others among them."""
-        kinds = reversed(Rotations.KINDS.values())  # that of no coordinates is the first
+        """Make rotation cells from their :attr:`coordinates`, exactly.
+
+        Other arrays are ignored.
+        """
+        kinds = reversed(Rotations.KINDS.values())  # the first kind has no coordinates
         return next(
             kind.of_coordinates(coordinates) for kind in kinds if all(name in coordinates for name in kind.COORDINATES)
         )
 
     @staticmethod
     def all_names() -> list[str]:
-        """Return the names of the numbers of a rotation, of all kinds; no other number of a configuration has one."""
+        """Return the coordinate names of all kinds of rotations, which no other coordinate has."""
         return list(Rotations.all_units())
 
     @staticmethod
     def all_units() -> dict[str, str]:
-        """Return the units of the numbers of a rotation, of all kinds, by their names."""
+        """Return the units of all coordinates of rotations, by name."""
         kinds = Rotations.KINDS.values()
         return {name: unit for kind in kinds for name, unit in zip(kind.names, kind.units, strict=True)}
 
     @staticmethod
     def all_limits() -> str:
-        """What numbers of a configuration must keep to, of all kinds, for messages."""
+        """Return the rule for configurations of all kinds, for messages."""
         limits = (kind.limits for kind in Rotations.KINDS.values() if kind.limits)
         return f"numbers must be finite, {', '.join(limits)}"
 
     @classmethod
     @abstractmethod
     def of_value(cls, value: ArrayLike | None) -> Rotations:
-        """Cells of a kind from what users pass for them, checked."""
+        """Make cells of one kind from the user's value, after checking it."""
 
     @classmethod
     @abstractmethod
     def of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> Rotations:
-        """Cells of a kind from their :attr:`coordinates`."""
+        """Make cells of one kind from their :attr:`coordinates`."""
 
     # ---- rotations as numbers
 
     def canonical(self, q: Floats, name: str = "q") -> Floats:
-        """Configurations, shape (..., d + k), with each yaw in [-pi, pi) and each quaternion of norm 1.
+        """Wrap yaws of configurations to [-pi, pi), and normalise quaternions.
 
-        Numbers that are so already stay as they are, to the last bit.
+        Configurations have the shape (..., d + size). Coordinates that are canonical stay unchanged to the last bit.
 
         Raises InputError if a yaw is too large to be wrapped exactly, or the norm of a quaternion is not 1 within 1e-6.
         """
-        place, rotation = self._parts(q)
-        return np.concatenate([place, self._canonical(rotation, name)], axis=-1)
+        position, rotation = self._parts(q)
+        return np.concatenate([position, self._canonical(rotation, name)], axis=-1)
 
     def steps(self, q0: Floats, q1: Floats) -> Floats:
-        """The steps that lead from configurations to others, turning the shorter way."""
-        (place0, rotation0), (place1, rotation1) = self._parts(q0), self._parts(q1)
-        return np.concatenate([place1 - place0, self._between(rotation0, rotation1)], axis=-1)
+        """Return the steps between configurations, with the shorter rotation."""
+        (position0, rotation0), (position1, rotation1) = self._parts(q0), self._parts(q1)
+        return np.concatenate([position1 - position0, self._rotation_between(rotation0, rotation1)], axis=-1)
 
     def moved(self, q: Floats, steps: Floats) -> Floats:
-        """Configurations after steps, or after parts of them: a robot turns evenly along a step."""
-        place, rotation = self._parts(q)
-        dim = place.shape[-1]
-        return np.concatenate([place + steps[..., :dim], self._turned(rotation, steps[..., dim:])], axis=-1)
+        """Return configurations after steps, or after fractions of them.
+
+        The rotation is even along a step.
+        """
+        position, rotation = self._parts(q)
+        dim = position.shape[-1]
+        return np.concatenate([position + steps[..., :dim], self._rotate(rotation, steps[..., dim:])], axis=-1)
 
     def matrices(self, q: Floats) -> Floats:
-        """Rotation matrices of configurations, shape (..., d, d)."""
-        place, rotation = self._parts(q)
-        return self._matrices(rotation, place.shape[-1])
+        """Return the rotation matrices of configurations, shape (..., d, d)."""
+        position, rotation = self._parts(q)
+        return self._matrices(rotation, position.shape[-1])
 
     def checked(self, rotation: ArrayLike, name: str = "rotation") -> Floats:
-        """A rotation as its numbers, canonical, shape (k,).
+        """Check one rotation; return its canonical coordinates.
 
         Raises InputError if it is not one rotation.
         """
@@ -391,35 +410,43 @@ class Rotations(ABC):
         return canonical
 
     def text(self, rotation: Floats) -> str:
-        """A rotation, shape (k,), as a text for people."""
+        """Format a rotation for people."""
         return ""
 
     def of_matrix(self, matrix: Floats) -> Floats:
-        """The rotation, shape (k,), that a rotation matrix of space is; of a yaw, that about z alone."""
+        """Return the rotation of a rotation matrix in space; for a yaw, its part about z."""
         return np.empty(0)
 
     def heading(self, q: Floats) -> float | None:
-        """The yaw of a configuration, radians; None where its rotation is no yaw."""
+        """Return the yaw of a configuration, radians; None if there is none."""
         return None
 
     def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
-        """A rotation within an angle, made from uniform numbers of [0, 1); plain numbers, as it is made one by one."""
+        """Sample a rotation within an angle, from uniform numbers of [0, 1).
+
+        Uses plain floats, because samples are made one by one.
+        """
         return rotation
 
     def _parts(self, q: Floats) -> tuple[Floats, Floats]:
+        """Split configurations into position and rotation."""
         dim = q.shape[-1] - len(self.names)
         return q[..., :dim], q[..., dim:]
 
     def _canonical(self, rotation: Floats, name: str) -> Floats:
+        """Return canonical coordinates of rotations."""
         return rotation
 
-    def _between(self, first: Floats, second: Floats) -> Floats:
+    def _rotation_between(self, first: Floats, second: Floats) -> Floats:
+        """Return the rotation vectors from rotations to others."""
         return second - first
 
-    def _turned(self, rotation: Floats, by: Floats) -> Floats:
+    def _rotate(self, rotation: Floats, by: Floats) -> Floats:
+        """Apply rotation vectors to rotations."""
         return rotation
 
     def _matrices(self, rotation: Floats, dim: int) -> Floats:
+        """Return the matrices of rotations."""
         return np.broadcast_to(np.eye(dim), (*rotation.shape[:-1], dim, dim))
 
     # ---- cells of rotations
@@ -430,16 +457,19 @@ class Rotations(ABC):
         return 1
 
     def cell_of(self, rotation: ArrayLike) -> Ints:
-        """Cells that hold rotations: yaw angles (radians, any shape), or quaternions, shape (..., 4)."""
+        """Return the cells that contain rotations.
+
+        Rotations are yaw angles (radians, any shape), or quaternions, shape (..., 4).
+        """
         return np.zeros((), dtype=np.int64)
 
     def one_cell(self, rotation: ArrayLike | None, name: str, rule: str) -> int:
-        """Number of the cell that holds a rotation; of the only cell, where none is given.
+        """Return the cell that contains a rotation, or the only cell.
 
         Raises
         ------
         InputError
-            If it is not one rotation, or none is given and there are several cells; ``rule`` says why one is needed.
+            If it is not one rotation, or it is missing and there are several cells; ``rule`` says why one is needed.
         """
         if rotation is None and self.count > 1:
             rule = f"{rule}, and this map has {self.count} rotation cells"
@@ -447,127 +477,139 @@ class Rotations(ABC):
         return int(self.cells_of(self.centers[0] if rotation is None else self.checked(rotation, name)))
 
     def cells_of(self, q: Floats) -> Ints:
-        """Cells of configurations, shape (..., d + k), of which only the last k numbers count; shape (...)."""
+        """Return the cells of configurations, shape (..., d + size)."""
         return np.zeros(q.shape[:-1], dtype=np.int64)
 
     def leading(self, n: int) -> tuple[int, ...]:
-        """First axes of an array that holds n grids: none where there is only ever one, otherwise (n,)."""
+        """Return the leading axes of an array of n grids: (), or (n,) if there can be several."""
         return (n,)
 
     def preserve(self, shape: Symmetric) -> bool:
-        """Whether all rotations of all cells map a robot to itself."""
+        """Return True if all rotations of all cells map a shape to itself."""
         return True
 
     def check_dimension(self, dim: int) -> None:  # noqa: B027
-        """Refuse robots of a dimension in which there are no such rotations.
+        """Refuse dimensions that do not have such rotations.
 
         Raises
         ------
         InputError
-            If it is one.
+            If ``dim`` is one.
         """
 
     def fewer(self, share: float) -> str:
-        """What to pass instead to get at most a share of the cells, for messages."""
+        """Return the argument for at most a fraction of the cells, for messages."""
         return ""
 
     def slices_for(self, shape: Symmetric) -> Ints:
-        """Number of the slice that each cell has for a robot, shape (count,).
+        """Return the slice of each cell for a robot, shape (count,).
 
-        Cells whose rotations differ by one that maps the robot to itself share a slice. Slices are numbered from 0, in
-        the order of the first cells that have them.
+        Cells whose rotations differ by a symmetry of the robot share a slice. Slices are numbered from 0, in the order
+        of their first cells.
         """
         return np.zeros(1, dtype=np.int64)
 
     def turns(self, dim: int) -> list[RotationCell]:
-        """The cells as shapes in the plane or in space meet them."""
+        """Return the cells in the form for shapes of dimension ``dim``."""
         return [NO_ROTATION]
 
     @property
     def centers(self) -> Floats:
-        """The representative rotation of each cell, as a configuration has it, shape (count, k)."""
+        """Representative rotation of each cell, shape (count, size)."""
         return np.zeros((1, 0))
 
     @property
     def covering_angles(self) -> Floats:
-        """Largest angle between a rotation of a cell and its representative, rounding included, shape (count,)."""
+        """Largest angle between a rotation of a cell and its representative, shape (count,).
+
+        The angle includes rounding.
+        """
         return np.zeros(1)
 
     @property
     def coordinates(self) -> dict[str, Floats]:
-        """Arrays that describe the cells, by their names in files; the first axis of each counts the cells."""
+        """Arrays that describe the cells in files, by name; the first axis counts the cells."""
         return {}
 
     @property
     def volumes(self) -> Floats:
-        """How much of all rotations each cell is, in any unit, shape (count,)."""
+        """Volume of each cell, shape (count,), in any unit."""
         return np.ones(1)
 
     def draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
-        """Cells drawn by their volumes times ``shares``, shape (count,), of which one is above zero; shape (n,)."""
+        """Draw cells with probabilities proportional to volume times share, shape (n,).
+
+        ``shares``, shape (count,), has an entry above zero.
+        """
         sizes = shares * self.volumes
         return rng.choice(self.count, size=n, p=sizes / sizes.sum())
 
     def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
-        """A rotation drawn uniformly from each of some cells, shape (n, k); that part of a cell's border is left."""
+        """Draw a rotation uniformly from each of some cells, shape (n, size).
+
+        ``margin`` is the fraction of a cell that is left out at each boundary.
+        """
         return np.zeros((len(cells), 0))
 
     def distances(self, q: Floats) -> Floats:
-        """Angles between rotations of configurations, shape (..., d + k), and each cell's representative, radians.
+        """Return the angles between rotations and the representatives of all cells.
 
-        Of shape (..., count).
+        ``q`` are configurations, shape (..., d + size); the result has the shape (..., count), radians.
         """
         return np.zeros((*q.shape[:-1], 1))
 
     def cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
-        """Every cell with a rotation within an angle, shape (n,), of that of a configuration, shape (n, d + k).
+        """Return all cells with a rotation within an angle of each configuration's rotation.
 
-        Gives pairs of a configuration and a cell, shape (m,) each, rounding included, in the order of the
-        configurations.
+        ``q`` has the shape (n, d + size), ``angles`` the shape (n,). Returns pairs of configuration index and cell,
+        shape (m,) each, in the order of the configurations; rounding is included.
         """
-        rows, cells, room = [], [], max(1, PAIRS // self.count)
-        for k in range(0, max(len(q), 1), room):
-            reach = self.covering_angles + angles[k : k + room, None]
-            row, cell = np.nonzero(self.distances(q[k : k + room]) <= reach)
+        rows, cells, batch = [], [], max(1, MAX_PAIRS_PER_BATCH // self.count)
+        for k in range(0, max(len(q), 1), batch):
+            reach = self.covering_angles + angles[k : k + batch, None]
+            row, cell = np.nonzero(self.distances(q[k : k + batch]) <= reach)
             rows.append(row + k)
             cells.append(cell)
         return np.concatenate(rows), np.concatenate(cells)
 
     @property
     def neighbors(self) -> Ints:
-        """The cells that each one shares a border with, shape (count, n); -1 fills up."""
+        """Cells that share a boundary with each cell, shape (count, n); padded with -1."""
         return np.zeros((1, 0), dtype=np.int64)
 
     def images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
-        """What turns or mirrors the world so that it maps cells of rotations to cells, for a robot.
+        """Return the rotations and mirrors of the world that map rotation cells to cells.
 
-        Let S and M be matrices of one 1 or -1 in each row and column, and M map the robot A to itself. Then S R A is S
-        R M A for every rotation R, so that S makes the raster for S R M from that for R. Gives each S, shape (d, d),
-        with the cell that each one becomes, shape (count,); the unit matrix among them.
+        Let S and M be signed permutation matrices, and M map the robot A to itself. Then S R A equals S R M A for every
+        rotation R, so S maps the raster for R to that for S R M. Returns each S, shape (d, d), with the image of each
+        cell, shape (count,); the identity is among them.
         """
         return [(np.eye(len(shape.symmetries[0])), np.arange(self.count))]
 
     def compiled(self, slice_of: Ints) -> CompiledRotations:
-        """What compiled look-ups get."""
+        """Return the record for compiled look-ups."""
         return OneCell((0,))
 
     def dials(self, x: Floats, y: Floats) -> list[Dial]:
-        """All rotations as dials of pixels at x and y, shape (n, n) each; none, where nothing turns."""
+        """Return all rotations as dials of pixels at x and y, shape (n, n) each.
+
+        The list is empty if there is no rotation.
+        """
         return []
 
     @property
     def _facts(self) -> dict[str, object]:
-        """What there is to say of the cells, for people: plain values by what they are."""
+        """Facts about the cells, for people, by name."""
         width = float(np.degrees(2.0 * self.covering_angles.max()))
         return {"rotations": self.count, "rotation_cell_deg": round(width, 6)}
 
     @property
     def fixed(self) -> Floats | None:
-        """The rotation of a robot that only translates, shape (0,); None of one that turns."""
+        """Rotation of a robot that only translates, shape (0,); None for others."""
         return None
 
     def describe(self, rotation: Floats | None) -> str:
-        """In words: the rotation cell that holds a rotation, or, where none is given, all of them."""
+        """Describe the cell that contains a rotation, or else all cells."""
         angles = np.degrees(2.0 * self.covering_angles)
         if rotation is not None:
             return f"{self.text(rotation)}, in a rotation cell of {angles[self.cell_of(rotation)].item():.3g}°"
@@ -583,7 +625,7 @@ class Rotations(ABC):
 
 @dataclass(frozen=True, repr=False)
 class OneRotation(Rotations):
-    """The one cell of a robot that only translates."""
+    """The one rotation cell of a robot that only translates."""
 
     slack: ClassVar[float] = 0.0
 
@@ -610,13 +652,13 @@ class OneRotation(Rotations):
         return ()
 
     def draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
-        """Return cell 0 `n` times, without a draw."""
+        """Return cell 0 ``n`` times, without a draw."""
         return np.zeros(n, dtype=np.int64)
 
 
 @compilable
 class OneCell(NamedTuple):
-    """What compiled look-ups get of a robot that only translates."""
+    """Record for compiled look-ups of a robot that only translates."""
 
     slice_of: tuple[int]
 
@@ -624,7 +666,7 @@ class OneCell(NamedTuple):
         return ()
 
     def is_usable(self, q: Numbers) -> bool:
-        return np.bool_(True)  # type: ignore[return-value]  # of one type for the compiler from the start
+        return np.bool_(True)  # type: ignore[return-value]  # numba needs one type throughout
 
     def states_at(self, q: Numbers) -> int:
         return 0
@@ -636,7 +678,7 @@ class OneCell(NamedTuple):
         return 0
 
     def first_piece(self, q0: Numbers, q1: Numbers) -> bool:
-        return np.bool_(True)  # type: ignore[return-value]  # of one type for the compiler from the start
+        return np.bool_(True)  # type: ignore[return-value]  # numba needs one type throughout
 
     def next_piece(self, cursor: bool) -> tuple[bool, int, float, float, bool]:
         return cursor, 0, 0.0, 1.0, False

@@ -1,4 +1,4 @@
-"""Yaw: cells of angles about the z axis, or about the origin of the plane."""
+"""Rotation cells of yaw: angles about the z axis, or about the origin of the plane."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cspace.errors import InputError
 from cspace.rotations.base import (
     ANGLE_SLACK,
     COVERING_ANGLE,
-    DIAL_STEPS,
+    DIAL_OFFSETS,
     MAX_ANGLE,
     TWO_PI,
     Coordinate,
@@ -28,25 +28,28 @@ from cspace.rotations.base import (
     wrapped,
 )
 
-MAX_YAWS: Final = 2**16
-"""Largest number of yaw cells, each 0.0055 degrees wide: at 100 m from the axis they are as wide as a cell of 1 cm."""
+MAX_YAW_CELLS: Final = 2**16
+"""Maximum number of yaw cells, each 0.0055 degrees wide: 1 cm at 100 m from the axis."""
 
-DIAL_HOLE: Final = 0.6
-"""Inner radius of a ring of yaws; the outer one is 1."""
+DIAL_INNER_RADIUS: Final = 0.6
+"""Inner radius of a ring of yaws, whose outer radius is 1."""
 
-_QUARTERS: Final = np.array([[[1, 0], [0, 1]], [[0, -1], [1, 0]], [[-1, 0], [0, -1]], [[0, 1], [-1, 0]]], dtype=float)
+_QUARTER_MATRICES: Final = np.array(
+    [[[1, 0], [0, 1]], [[0, -1], [1, 0]], [[-1, 0], [0, -1]], [[0, 1], [-1, 0]]], dtype=float
+)
 
 
 @dataclass(frozen=True, repr=False)
 class YawRotations(Rotations):
-    """Cells of yaw, for SE(2) in the plane and R^3 x SO(2) in space; cell ``k`` is ``[borders[k], borders[k + 1]]``.
+    """Cells of yaw, for SE(2) in the plane and R^3 x SO(2) in space.
 
-    Borders ascend over one turn, wherever it begins. A yaw that the library returns is in [-pi, pi).
+    Cell ``k`` is ``[borders[k], borders[k + 1]]``. The boundaries ascend over one turn, from any angle. Yaws returned
+    by the library are in [-pi, pi).
 
     Attributes
     ----------
     borders : tuple of float, length n + 1
-        Ascending, in radians; the last one is the first one plus a whole turn.
+        Boundaries in radians, ascending; the last is the first plus a whole turn.
     """
 
     borders: tuple[float, ...]
@@ -63,16 +66,16 @@ class YawRotations(Rotations):
 
     @classmethod
     def of_value(cls, value: ArrayLike | None) -> YawRotations:
-        """Cells from a count or from their borders, see :meth:`Rotations.of`."""
+        """Make cells from a count or from their boundaries, see :meth:`Rotations.of`."""
         if value is None or np.ndim(value) == 0:
             hint = "pass e.g. 72, the cells' borders in radians, or Rotations.quaternions(8) for all rotations in space"
-            count = check_count(value, "rotations", 1, MAX_YAWS, hint)
+            count = check_count(value, "rotations", 1, MAX_YAW_CELLS, hint)
             width = TWO_PI / count
             borders = [(k - 0.5) * width for k in range(count)]
         else:
-            if np.size(value) > MAX_YAWS + 1:
-                problem, rule = f"has {np.size(value)} borders", f"at most {MAX_YAWS} cells are taken"
-                raise InputError("rotations", problem, rule, "pass fewer, e.g. 72 cells", value=value)
+            if np.size(value) > MAX_YAW_CELLS + 1:
+                rule = f"there may be at most {MAX_YAW_CELLS} cells"
+                raise InputError("rotations", f"has {np.size(value)} borders", rule, "pass e.g. 72 cells", value=value)
             angles = check_finite(value, "rotations")
             if angles.ndim != 1 or len(angles) < 2:
                 rule, hint = "it must hold at least two borders", "pass e.g. 72, or numpy.linspace(0, 2 * numpy.pi, 73)"
@@ -98,7 +101,7 @@ class YawRotations(Rotations):
 
     @classmethod
     def of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> YawRotations:
-        """Cells from the bounds among their coordinates."""
+        """Make cells from their bounds."""
         bounds = coordinates["yaw_bounds"]
         return cls.of_value([*bounds[:, 0].tolist(), float(bounds[-1, 1])])
 
@@ -114,8 +117,8 @@ class YawRotations(Rotations):
 
     def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
         yaw = rotation[0] + (2.0 * next(numbers) - 1.0) * angle
-        turned = math.remainder(yaw, TWO_PI)
-        return (turned if turned < math.pi else -math.pi,)
+        wrapped_yaw = math.remainder(yaw, TWO_PI)
+        return (wrapped_yaw if wrapped_yaw < math.pi else -math.pi,)
 
     def _canonical(self, rotation: Floats, name: str) -> Floats:
         if (np.abs(rotation) > MAX_ANGLE).any():
@@ -124,18 +127,18 @@ class YawRotations(Rotations):
             raise InputError(name, f"has a yaw of {largest:g} rad", rule, "wrap it first", value=largest)
         return wrapped(rotation)
 
-    def _between(self, first: Floats, second: Floats) -> Floats:
+    def _rotation_between(self, first: Floats, second: Floats) -> Floats:
         apart = second - first
         return np.asarray(apart - TWO_PI * np.round(apart / TWO_PI))
 
-    def _turned(self, rotation: Floats, by: Floats) -> Floats:
+    def _rotate(self, rotation: Floats, by: Floats) -> Floats:
         return rotation + by
 
     def _matrices(self, rotation: Floats, dim: int) -> Floats:
         cos, sin = np.cos(rotation[..., 0]), np.sin(rotation[..., 0])
-        made = np.zeros((*rotation.shape[:-1], dim, dim)) + np.eye(dim)
-        made[..., 0, 0], made[..., 0, 1], made[..., 1, 0], made[..., 1, 1] = cos, -sin, sin, cos
-        return made
+        matrices = np.zeros((*rotation.shape[:-1], dim, dim)) + np.eye(dim)
+        matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 0], matrices[..., 1, 1] = cos, -sin, sin, cos
+        return matrices
 
     @property
     def count(self) -> int:
@@ -143,7 +146,7 @@ class YawRotations(Rotations):
 
     @property
     def representatives(self) -> Floats:
-        """Middle yaw of each cell, in [-pi, pi), shape (n,)."""
+        """Center of each cell, in [-pi, pi), shape (n,)."""
         edges = np.asarray(self.borders)
         return wrapped((edges[:-1] + edges[1:]) / 2)
 
@@ -152,17 +155,23 @@ class YawRotations(Rotations):
         return np.asarray(np.diff(self.borders) / 2 + ANGLE_SLACK)
 
     def is_uniform(self) -> bool:
-        """Whether all cells are equally wide, but for rounding, so that none is off its place by ANGLE_SLACK / 8."""
+        """Return True if all cells have one width up to rounding.
+
+        Then no boundary is off by more than ANGLE_SLACK / 8.
+        """
         return bool(np.ptp(np.diff(self.borders)) < ANGLE_SLACK / (8.0 * self.count))
 
     def cell_of(self, yaw: ArrayLike) -> Ints:
-        """Cells that hold yaw angles, radians, of any shape; a border belongs to the cell above it."""
+        """Return the cells that contain yaw angles, radians, of any shape.
+
+        A boundary belongs to the cell above it.
+        """
         angles = check_finite(yaw, "yaw")
         if (np.abs(angles) > MAX_ANGLE).any():
             largest = float(np.abs(angles).max())
             rule = f"at most {MAX_ANGLE:.0f} can be wrapped exactly"
             raise InputError("yaw", f"is {largest:g} rad", rule, "wrap it first", value=largest)
-        # As the compiled look-ups wrap, to the last bit; a yaw within the borders stays as it is.
+        # The same formula as in compiled look-ups, to the last bit; a yaw within the boundaries is unchanged.
         wrapped = angles - np.floor((angles - self.borders[0]) / TWO_PI) * TWO_PI
         return np.clip(np.searchsorted(self.borders, wrapped, side="right") - 1, 0, self.count - 1).astype(np.int64)
 
@@ -170,14 +179,17 @@ class YawRotations(Rotations):
         return self.cell_of(q[..., -1])
 
     def preserve(self, shape: Symmetric) -> bool:
-        """Whether it is round about the z axis."""
+        """Return True if a shape is round about the z axis."""
         return shape.symmetry == 0
 
-    def fewer(self, share: float) -> str:
-        return f"rotations={int(share * self.count)}" if share * self.count >= 1 else ""
+    def fewer(self, clip_parameters: float) -> str:
+        return f"rotations={int(clip_parameters * self.count)}" if clip_parameters * self.count >= 1 else ""
 
     def slices_for(self, shape: Symmetric) -> Ints:
-        """Cells a symmetry apart share a slice, where all cells are equally wide."""
+        """Return the slice of each cell.
+
+        Cells a symmetry apart share a slice if all cells have one width.
+        """
         cells = np.arange(self.count, dtype=np.int64)
         if shape.symmetry == 0:
             return np.zeros_like(cells)
@@ -186,28 +198,28 @@ class YawRotations(Rotations):
         return cells
 
     def turns(self, dim: int) -> list[RotationCell]:
-        """Rotations about the z axis, or about the origin of the plane."""
-        made = []
+        """Return the cells in the form for shapes: rotations about the z axis."""
+        cells = []
         for yaw, angle in zip(self.representatives.tolist(), self.covering_angles.tolist(), strict=True):
             matrix = np.eye(dim)
             matrix[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
-            made.append(RotationCell(matrix, angle, about_z=True))
-        return made
+            cells.append(RotationCell(matrix, angle, about_z=True))
+        return cells
 
     @property
     def centers(self) -> Floats:
-        """Middle yaw of each cell, in [-pi, pi), shape (n, 1)."""
+        """Center of each cell, in [-pi, pi), shape (n, 1)."""
         return self.representatives[:, None]
 
     @property
     def coordinates(self) -> dict[str, Floats]:
-        """The middle and the borders of each cell, and its covering angle, radians."""
+        """Center and boundaries of each cell, and its covering angle, radians."""
         bounds = np.stack([self.borders[:-1], self.borders[1:]], axis=1)
         return dict(zip(self.COORDINATES, (self.representatives, bounds, self.covering_angles), strict=True))
 
     @property
     def volumes(self) -> Floats:
-        """The width of each cell, radians."""
+        """Width of each cell, radians."""
         return np.diff(self.borders)
 
     def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
@@ -219,12 +231,15 @@ class YawRotations(Rotations):
         return np.asarray(np.abs((self.representatives - q[..., -1:] + np.pi) % TWO_PI - np.pi))
 
     def cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
-        """As of all rotations; found by the borders alone."""
+        """Return all cells within an angle of each configuration; see :meth:`Rotations.cells_within`.
+
+        Only the boundaries are searched.
+        """
         reach = np.minimum(angles + ANGLE_SLACK, math.pi)
         limits = q[:, -1] + np.stack([-reach, reach])
-        turns = np.floor((limits - self.borders[0]) / TWO_PI)
-        within = np.searchsorted(self.borders, limits - turns * TWO_PI, side="right") - 1
-        low, high = (turns * self.count + np.clip(within, 0, self.count - 1)).astype(np.int64)
+        revolutions = np.floor((limits - self.borders[0]) / TWO_PI)
+        within = np.searchsorted(self.borders, limits - revolutions * TWO_PI, side="right") - 1
+        low, high = (revolutions * self.count + np.clip(within, 0, self.count - 1)).astype(np.int64)
         counts = np.minimum(high - low + 1, self.count)
         rows = np.repeat(np.arange(len(q)), counts)
         steps = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -232,39 +247,39 @@ class YawRotations(Rotations):
 
     @property
     def neighbors(self) -> Ints:
-        """The cell before each and the one after it; the last and the first are neighbours too."""
+        """The cell before and after each cell; the last and the first are neighbours."""
         steps = [[], [1], [-1, 1]][min(self.count - 1, 2)]
         return (np.arange(self.count)[:, None] + np.array(steps, dtype=np.int64)) % self.count
 
     def images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
-        """Of quarter turns about the z axis, and of mirrors along it, those that map the middles of cells to such."""
+        """Return the quarter turns about z and mirrors along it that map cell centers to centers."""
         if not self.is_uniform():
             return Rotations.images(self, shape)
         images: list[tuple[Floats, Ints]] = []
         for mirror in (1.0, -1.0):
-            for own in shape.symmetries:
-                (a, b), (c, d) = own[:2, :2].tolist()
-                if a * d - b * c == mirror and (own[2:, 2:] == 1.0).all():
+            for symmetry in shape.symmetries:
+                (a, b), (c, d) = symmetry[:2, :2].tolist()
+                if a * d - b * c == mirror and (symmetry[2:, 2:] == 1.0).all():
                     break
             else:
                 continue
-            # Another symmetry of the robot would give the same ones in another order.
-            matrices = np.tile(np.eye(len(own)), (4, 1, 1))
-            matrices[:, :2, :2] = _QUARTERS * (1.0, mirror)
-            turns = np.arctan2(*(matrices[:, 1::-1, :2] @ own[:2, 0]).T)
-            # Of a mirror and a turn, either may come first, if the turn is the other way.
-            yaws = mirror * self.representatives + turns[:, None]
+            # Any other symmetry of the robot gives the same images in another order.
+            matrices = np.tile(np.eye(len(symmetry)), (4, 1, 1))
+            matrices[:, :2, :2] = _QUARTER_MATRICES * (1.0, mirror)
+            angles = np.arctan2(*(matrices[:, 1::-1, :2] @ symmetry[:2, 0]).T)
+            # A mirror and a rotation commute if the rotation changes sign.
+            yaws = mirror * self.representatives + angles[:, None]
             cells = self.cell_of(yaws)
-            off = np.abs(np.sin((yaws - self.representatives[cells]) / 2.0)).max(axis=1)
-            images += [(matrices[k], cells[k]) for k in np.flatnonzero(off < ANGLE_SLACK / 8.0)]
+            errors = np.abs(np.sin((yaws - self.representatives[cells]) / 2.0)).max(axis=1)
+            images += [(matrices[k], cells[k]) for k in np.flatnonzero(errors < ANGLE_SLACK / 8.0)]
         return images
 
     def dials(self, x: Floats, y: Floats) -> list[Dial]:
-        """A ring of yaws, from the x axis on, to the left."""
-        inside = (np.hypot(x, y) <= 1.0) & (np.hypot(x, y) >= DIAL_HOLE)
+        """Return a ring of yaws, counterclockwise from the x axis."""
+        inside = (np.hypot(x, y) <= 1.0) & (np.hypot(x, y) >= DIAL_INNER_RADIUS)
         marks = [(f"{k * 45}°", k * np.pi / 4.0) for k in range(8)]
         around = tuple((label, 1.14 * float(np.cos(angle)), 1.14 * float(np.sin(angle))) for label, angle in marks)
-        return [Dial("", inside, (np.arctan2(y, x)[inside] + DIAL_STEPS)[..., None], (("yaw", 0.0, 0.0), *around))]
+        return [Dial("", inside, (np.arctan2(y, x)[inside] + DIAL_OFFSETS)[..., None], (("yaw", 0.0, 0.0), *around))]
 
     def compiled(self, slice_of: Ints) -> YawCells:
         return YawCells(np.array(self.borders), np.ascontiguousarray(slice_of))
@@ -272,9 +287,9 @@ class YawRotations(Rotations):
 
 @compilable
 class YawCells(NamedTuple):
-    """What compiled look-ups get of yaw cells.
+    """Record for compiled look-ups of yaw cells.
 
-    Where a walk may pass the last border, cells are counted on below 0 and above n, n of them to a turn.
+    In walks past the last boundary, cell indices go on below 0 and above n, with n cells to a turn.
     """
 
     borders: Floats
@@ -284,60 +299,62 @@ class YawCells(NamedTuple):
         return (self.borders[0],)
 
     def is_usable(self, q: Numbers) -> bool:
-        return abs(q[-1]) <= MAX_ANGLE  # nor is NaN
+        return abs(q[-1]) <= MAX_ANGLE  # False for NaN
 
     def states_at(self, q: Numbers) -> int:
-        return int(self.slice_of[cell_of_wrapped(self.borders, in_turn(self.borders, q[-1]))])
+        return int(self.slice_of[find_cell(self.borders, wrap_to_cells(self.borders, q[-1]))])
 
     def slices_at(self, numbers: Floats, size: int, out: Ints) -> None:
         angles = np.empty(len(out))
         for k in range(len(out)):
-            angles[k] = in_turn(self.borders, numbers[np.uint64(size * k + size - 1)])  # not counted from the end
+            angles[k] = wrap_to_cells(
+                self.borders, numbers[np.uint64(size * k + size - 1)]
+            )  # uint64 skips the check for negative indices
         for k in range(len(out)):
-            out[k] = self.slice_of[np.uint64(cell_of_wrapped(self.borders, angles[k]))]
+            out[k] = self.slice_of[np.uint64(find_cell(self.borders, angles[k]))]
 
     def slice_among(self, slices: Ints, k: int) -> int:
         return int(slices[k])
 
     def first_piece(self, q0: Numbers, q1: Numbers) -> tuple[float, float, float, int]:
-        turn = shorter_turn(q0[-1], q1[-1])
+        angle = shorter_angle(q0[-1], q1[-1])
         other = 0.0
-        if math.pi - abs(turn) <= ANGLE_SLACK:  # both arcs are equally long but for rounding, and both are walked
-            other = yaw_arc(q0, q1, 1)
-        start = in_turn(self.borders, q0[-1])
-        return start, turn, other, first_cell(self.borders, min(start, start + turn))
+        if math.pi - abs(angle) <= ANGLE_SLACK:  # both arcs are equal up to rounding, so walk both
+            other = signed_angle(q0, q1, 1)
+        start = wrap_to_cells(self.borders, q0[-1])
+        return start, angle, other, first_widened_cell(self.borders, min(start, start + angle))
 
     def next_piece(
         self, cursor: tuple[float, float, float, int]
     ) -> tuple[bool, int, float, float, tuple[float, float, float, int]]:
-        start, turn, other, cell = cursor
-        k, low, high = widened(self.borders, cell)
-        if low > max(start, start + turn) and other != 0.0:
-            turn, other = other, 0.0
-            cell = first_cell(self.borders, min(start, start + turn))
-            k, low, high = widened(self.borders, cell)
-        if low > max(start, start + turn):  # NaN is not, and fails where its position is looked at
+        start, angle, other, cell = cursor
+        k, low, high = widened_bounds(self.borders, cell)
+        if low > max(start, start + angle) and other != 0.0:
+            angle, other = other, 0.0
+            cell = first_widened_cell(self.borders, min(start, start + angle))
+            k, low, high = widened_bounds(self.borders, cell)
+        if low > max(start, start + angle):  # False for NaN, which the look-up of the position refuses
             return False, 0, 0.0, 0.0, cursor
-        a, b = share(low, high, start, turn)
-        return True, self.slice_of[k], a, b, (start, turn, other, cell + 1)
+        a, b = clip_parameters(low, high, start, angle)
+        return True, self.slice_of[k], a, b, (start, angle, other, cell + 1)
 
     def first_around(self, q: Numbers, angle: float) -> tuple[float, int, int]:
-        start, reach = in_turn(self.borders, q[-1]), min(angle, math.pi)
-        return start + reach, first_cell(self.borders, start - reach), len(self.borders) - 1
+        start, reach = wrap_to_cells(self.borders, q[-1]), min(angle, math.pi)
+        return start + reach, first_widened_cell(self.borders, start - reach), len(self.borders) - 1
 
     def next_around(self, cursor: tuple[float, int, int]) -> tuple[bool, int, tuple[float, int, int]]:
-        most, cell, left = cursor
-        k, low, _ = widened(self.borders, cell)
-        return left > 0 and not low > most, self.slice_of[k], (most, cell + 1, left - 1)
+        limit, cell, remaining = cursor
+        k, low, _ = widened_bounds(self.borders, cell)
+        return remaining > 0 and not low > limit, self.slice_of[k], (limit, cell + 1, remaining - 1)
 
     def arc_count(self, q0: Numbers, q1: Numbers) -> int:
-        return 2 if math.pi - abs(yaw_arc(q0, q1, 0)) <= ANGLE_SLACK else 1
+        return 2 if math.pi - abs(signed_angle(q0, q1, 0)) <= ANGLE_SLACK else 1
 
     def turn_of(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
-        return abs(yaw_arc(q0, q1, arc)), 0.0
+        return abs(signed_angle(q0, q1, arc)), 0.0
 
     def turned(self, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
-        return (*q0[:-1], q0[-1] + t * yaw_arc(q0, q1, arc))
+        return (*q0[:-1], q0[-1] + t * signed_angle(q0, q1, arc))
 
     def matrix_of(self, q: Numbers) -> Matrix:
         cosine, sine = math.cos(q[-1]), math.sin(q[-1])
@@ -345,14 +362,17 @@ class YawCells(NamedTuple):
 
 
 @compilable
-def in_turn(borders: Floats, yaw: float) -> float:
-    """A yaw from the first border to the last, but for rounding."""
+def wrap_to_cells(borders: Floats, yaw: float) -> float:
+    """Wrap a yaw into the range of the cells, up to rounding."""
     return yaw - math.floor((yaw - float(borders[0])) / TWO_PI) * TWO_PI
 
 
 @compilable
-def cell_of_wrapped(borders: Floats, yaw: float) -> int:
-    """Rotation cell of a wrapped yaw, a border belonging to the cell above it: guessed as if all were equally wide."""
+def find_cell(borders: Floats, yaw: float) -> int:
+    """Return the cell of a wrapped yaw, guessing that all have one width.
+
+    A boundary belongs to the cell above it. A wrong guess is followed by bisection.
+    """
     count = borders.shape[0] - 1
     guess = (yaw - borders[0]) * (count / TWO_PI)
     low = np.int64(guess) if 0.0 <= guess < count else 0
@@ -360,52 +380,52 @@ def cell_of_wrapped(borders: Floats, yaw: float) -> int:
         return int(low)
     low, high = 0, count
     while high - low > 1:
-        middle = (low + high) // 2
-        if yaw >= borders[middle]:
-            low = middle
+        center = (low + high) // 2
+        if yaw >= borders[center]:
+            low = center
         else:
-            high = middle
+            high = center
     return low
 
 
 @compilable
-def first_cell(borders: Floats, least: float) -> int:
-    """First cell, widened by ANGLE_SLACK, that holds an angle."""
-    turns = math.floor((least - borders[0]) / TWO_PI)
-    k = cell_of_wrapped(borders, in_turn(borders, least))
-    on_border = least - (borders[k] + turns * TWO_PI) <= ANGLE_SLACK
-    return int(k + turns * (borders.shape[0] - 1) - (1 if on_border else 0))
+def first_widened_cell(borders: Floats, angle: float) -> int:
+    """Return the first cell, widened by ANGLE_SLACK, that contains an angle."""
+    revolutions = math.floor((angle - borders[0]) / TWO_PI)
+    k = find_cell(borders, wrap_to_cells(borders, angle))
+    on_boundary = angle - (borders[k] + revolutions * TWO_PI) <= ANGLE_SLACK
+    return int(k + revolutions * (borders.shape[0] - 1) - (1 if on_boundary else 0))
 
 
 @compilable
-def widened(borders: Floats, cell: int) -> tuple[int, float, float]:
-    """A cell's own number, and its borders widened by ANGLE_SLACK."""
+def widened_bounds(borders: Floats, cell: int) -> tuple[int, float, float]:
+    """Return the index of a cell within one turn, and its bounds widened by ANGLE_SLACK."""
     count = borders.shape[0] - 1
-    turns = math.floor(cell / count)
-    k = cell - turns * count
-    return k, borders[k] + turns * TWO_PI - ANGLE_SLACK, borders[k + 1] + turns * TWO_PI + ANGLE_SLACK
+    revolutions = math.floor(cell / count)
+    k = cell - revolutions * count
+    return k, borders[k] + revolutions * TWO_PI - ANGLE_SLACK, borders[k + 1] + revolutions * TWO_PI + ANGLE_SLACK
 
 
 @compilable
-def shorter_turn(first: float, second: float) -> float:
-    """Signed angle from one yaw to another along the shorter arc, in [-pi, pi]."""
-    turn = second - first
-    turn -= math.floor(turn / TWO_PI) * TWO_PI
-    return turn - TWO_PI if turn > math.pi else turn
+def shorter_angle(first: float, second: float) -> float:
+    """Return the signed angle between two yaws along the shorter arc, in [-pi, pi]."""
+    angle = second - first
+    angle -= math.floor(angle / TWO_PI) * TWO_PI
+    return angle - TWO_PI if angle > math.pi else angle
 
 
 @compilable
-def share(low: float, high: float, start: float, turn: float) -> tuple[float, float]:
-    """The parameters between which a turn from a yaw is between two angles."""
-    if turn == 0.0:
+def clip_parameters(low: float, high: float, start: float, angle: float) -> tuple[float, float]:
+    """Return the parameters at which a rotation enters and leaves an interval of angles."""
+    if angle == 0.0:
         return 0.0, 1.0
-    a = min(max((low - start) / turn, 0.0), 1.0)
-    b = min(max((high - start) / turn, 0.0), 1.0)
+    a = min(max((low - start) / angle, 0.0), 1.0)
+    b = min(max((high - start) / angle, 0.0), 1.0)
     return min(a, b), max(a, b)
 
 
 @compilable
-def yaw_arc(q0: Numbers, q1: Numbers, arc: int) -> float:
-    """Signed angle from one yaw to another along the shorter arc, or along the other one."""
-    turn = shorter_turn(q0[-1], q1[-1])
-    return turn if arc == 0 else (turn - TWO_PI if turn > 0.0 else turn + TWO_PI)
+def signed_angle(q0: Numbers, q1: Numbers, arc: int) -> float:
+    """Return the signed angle between two yaws along the shorter or the other arc."""
+    angle = shorter_angle(q0[-1], q1[-1])
+    return angle if arc == 0 else (angle - TWO_PI if angle > 0.0 else angle + TWO_PI)
