@@ -54,7 +54,7 @@ def heard(call: Callable[[], object]) -> list[warnings.WarningMessage]:
 
 
 @pytest.mark.parametrize("call", CALLS)
-def test_a_yaw_in_degrees_is_warned_of_once_by_its_argument(call: str) -> None:
+def test_a_yaw_in_degrees_warns_once_and_names_its_argument(call: str) -> None:
     name, ask = CALLS[call]
 
     def repeat() -> None:
@@ -71,7 +71,7 @@ def test_a_yaw_in_degrees_is_warned_of_once_by_its_argument(call: str) -> None:
 
 
 @pytest.mark.parametrize("call", CALLS)
-def test_angles_up_to_a_whole_turn_are_taken_without_a_warning(call: str) -> None:
+def test_angles_up_to_a_whole_turn_do_not_warn(call: str) -> None:
     for yaw in (2.0 * math.pi, -2.0 * math.pi, 4.0):
         assert not heard(lambda yaw=yaw: CALLS[call][1](turning(), (1.0, 1.0, yaw)))  # type: ignore[misc]
 
@@ -99,7 +99,7 @@ def test_a_map_in_a_store_warns_too(tmp_path: Path) -> None:
         assert warning.category is AngleWarning and warning.filename == __file__
 
 
-def test_continuous_joints_are_checked_and_other_numbers_are_not() -> None:
+def test_only_continuous_joints_are_checked() -> None:
     space = made(np.zeros((8, 6), dtype=np.uint8), (True, False), 8)
     (warning,) = heard(lambda: space.is_free((90.0, 0.0)))
     assert "q: a is beyond a whole turn" in str(warning.message)

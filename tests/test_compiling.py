@@ -57,7 +57,7 @@ def looked_up(folder: Path, **environment: str) -> list[str]:
     return lines[:-1]
 
 
-def test_the_log_names_each_module_that_is_compiled_and_none_that_is_read_from_the_cache(tmp_path: Path) -> None:
+def test_the_log_names_each_compiled_module_and_no_cached_one(tmp_path: Path) -> None:
     root = Path(cspace.__file__).parents[1]
     first, second = (looked_up(root, NUMBA_CACHE_DIR=str(tmp_path)) for _ in range(2))
     assert LINE in first and len(set(first)) == len(first)
@@ -158,7 +158,7 @@ def run(tmp_path: Path, forks: subprocess.Popen[str]) -> Callable[..., tuple[flo
     return answered
 
 
-def test_a_function_is_compiled_anew_when_one_that_it_calls_has_changed(run: Callable[..., tuple[float, int]]) -> None:
+def test_a_function_is_recompiled_when_a_callee_changes(run: Callable[..., tuple[float, int]]) -> None:
     """Also where it calls it by another one, which stands below it, and by a method of a record."""
     assert run("2.0") == (3.0, 0)
     assert run("40.0") == (41.0, 0)
@@ -169,7 +169,7 @@ def double(value: float) -> float:
     return 2 * value
 
 
-def test_the_clock_stands_still_while_a_function_is_compiled_or_refused() -> None:
+def test_the_clock_stops_while_a_function_is_compiled_or_refused() -> None:
     from numba import TypingError
 
     def good(x: float) -> float:
@@ -237,7 +237,7 @@ class Harm:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="closed to others there by itself")
-def test_what_others_may_write_is_never_read(tmp_path: Path, run: Callable[..., tuple[float, int]]) -> None:
+def test_folders_that_others_may_write_are_never_read(tmp_path: Path, run: Callable[..., tuple[float, int]]) -> None:
     cache, harm = tmp_path / "kept", tmp_path / "harm"
     where = {"NUMBA_CACHE_DIR": str(cache), "HOME": os.devnull, "XDG_CACHE_HOME": os.devnull}
     (tmp_path / "__pycache__").write_text("in the way")
@@ -258,7 +258,7 @@ def test_what_others_may_write_is_never_read(tmp_path: Path, run: Callable[..., 
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="closed to others there by itself")
-def test_a_folder_of_another_user_is_not_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_of_another_user_is_not_private(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     inner = tmp_path / "inner"
     inner.mkdir()
     assert is_private(inner)
@@ -268,7 +268,7 @@ def test_a_folder_of_another_user_is_not_ones_own(tmp_path: Path, monkeypatch: p
     is_private.cache_clear()
 
 
-def test_damaged_files_and_those_of_another_function_are_compiled_again(
+def test_damaged_or_exchanged_cache_files_are_compiled_again(
     tmp_path: Path, run: Callable[..., tuple[float, int]]
 ) -> None:
     where = {"NUMBA_CACHE_DIR": str(tmp_path / "kept")}

@@ -53,8 +53,10 @@ def imported_packages(tree: ast.AST) -> set[str]:
 
 
 def optional_packages(tree: ast.AST) -> dict[str, str]:
-    """The extra that code names, for each package that it asks for with `optional(package, use, extra)`."""
-    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == "optional"]
+    """The extra that code names, for each package that it asks for with `import_optional(package, use, extra)`."""
+    calls = [
+        node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == "import_optional"
+    ]
     return {ast.literal_eval(call.args[0]): ast.literal_eval(call.args[2]) for call in calls}
 
 
@@ -73,7 +75,7 @@ def test_every_imported_package_is_declared() -> None:
     assert not undeclared
 
 
-def test_extras_have_the_packages_that_code_asks_for() -> None:
+def test_extras_contain_the_packages_that_code_imports() -> None:
     for file in FILES:
         for package, extra in optional_packages(ast.parse(file.read_text(encoding="utf-8"))).items():
             assert normalize(package) in distributions(EXTRAS[extra]), f"{file.name}: {package}, {extra}"

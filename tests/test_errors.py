@@ -74,7 +74,7 @@ LARGE = 10**400
         lambda space: Workspace.from_mesh(([[0, 0, 1], [1, 0, 0], [0, 1, 0]], [[0, 1, LARGE]]), 0.1),
     ],
 )
-def test_whole_numbers_beyond_floats_are_refused_in_a_line(space, call):
+def test_integers_beyond_floats_are_refused_in_a_line(space, call):
     with pytest.raises(InputError) as caught:
         call(space)
     assert "\n" not in str(caught.value)
@@ -101,7 +101,7 @@ def test_whole_numbers_beyond_floats_are_refused_in_a_line(space, call):
         (lambda space: planners.plan(space, (1, 1), (2, 2), planner="A"), "planner", "A"),
     ],
 )
-def test_a_value_at_fault_is_carried_with_its_rule_and_its_mend(space, call, argument, value):
+def test_errors_carry_the_value_the_rule_and_the_hint(space, call, argument, value):
     with pytest.raises(InputError) as caught:
         call(space)
     error = caught.value

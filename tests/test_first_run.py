@@ -45,7 +45,7 @@ def draw_examples():
     return drawn
 
 
-def test_examples_are_the_same_whatever_was_imported_before(tmp_path, monkeypatch):
+def test_examples_do_not_depend_on_earlier_imports(tmp_path, monkeypatch):
     before = draw_examples()
     file = tmp_path / "constants.py"
     file.write_text("\n".join(f"C{i} = {1_000_003 + i}, {i}.12345" for i in range(50)))

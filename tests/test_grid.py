@@ -17,7 +17,7 @@ def test_a_grid_holds_plain_immutable_values():
         grid.spacing = 1.0
 
 
-def test_borders_belong_to_the_cell_above_and_the_last_border_to_the_last_cell():
+def test_boundaries_belong_to_the_cell_above_and_the_last_to_the_last_cell():
     grid = Grid((0, 10), 1.0, (3, 2))
     assert grid.cell_of((0.0, 10.0)).tolist() == [0, 0]
     assert grid.cell_of((1.0, 11.0)).tolist() == [1, 1]
@@ -60,7 +60,7 @@ def test_far_points_do_not_wrap_around():
     ((0, 0), 1.0, (1.5, 2), "shape is"),
     ((1e9, 0), 1e-3, (4, 4), "cells from the origin"),
 )
-def test_grids_refuse(lower, spacing, shape, message):
+def test_invalid_grids_are_refused(lower, spacing, shape, message):
     with pytest.raises(InputError, match=message):
         Grid(lower, spacing, shape)
 
@@ -68,20 +68,20 @@ def test_grids_refuse(lower, spacing, shape, message):
 @pytest.mark.parametrize(
     "points", [(np.nan, 0.0), [(0.0, 0.0), (np.inf, 1.0)], (1.0, 2.0, 3.0), 4.0, "here", (10**400, 0)]
 )
-def test_cell_of_refuses(points):
+def test_cell_of_refuses_invalid_points(points):
     with pytest.raises(InputError):
         Grid((0, 0), 1.0, (2, 2)).cell_of(points)
 
 
 @pytest.mark.parametrize("value", [True, 1.5, "3", None, -1, 11])
-def test_what_is_no_whole_number_in_a_span_is_refused(value):
+def test_values_other_than_counts_in_range_are_refused(value):
     with pytest.raises(InputError, match=r"n is .*whole number from 0 to 10"):
         check_count(value, "n", 0, 10)
     assert check_count(np.int64(3), "n", 0, 10) == 3
 
 
 @pytest.mark.parametrize("value", ["maybe", True, ["free"], None, 2.0, 4])
-def test_what_is_none_of_the_choices_is_refused(value):
+def test_values_other_than_the_choices_are_refused(value):
     for choices, rule in ((("free", "blocked"), "'free' or 'blocked'"), ((1, 2, 3), "1, 2 or 3")):
         with pytest.raises(InputError, match=f"word is .*it must be {rule}"):
             check_word(value, "word", choices)

@@ -87,12 +87,12 @@ def test_imports_form_no_circle() -> None:
     assert len(list(TopologicalSorter(graph).static_order())) == len(FILES)
 
 
-def test_each_room_has_one_place_in_the_order() -> None:
+def test_each_package_has_one_position_in_the_order() -> None:
     assert {room(module) for module in FILES} == LEVELS.keys()
     assert len(LEVELS) == sum(len(rooms.split()) for rooms in ORDER)
 
 
-def test_imports_between_rooms_point_down() -> None:
+def test_imports_between_packages_point_down() -> None:
     upward = [
         found for module in FILES for found in imports(module) if LEVELS[room(found.imported)] < LEVELS[room(module)]
     ]

@@ -33,12 +33,12 @@ except cspace.InputError as error:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are kept on Linux")
-def test_a_limit_of_the_process_counts():
+def test_free_memory_respects_a_limit_of_the_process():
     done = subprocess.run([sys.executable, "-c", LIMITED], capture_output=True, text=True, check=True)
     assert "40000 x 40000 cells" in done.stdout and "needs about 3.2 GB" in done.stdout
 
 
-def test_what_does_not_fit_is_refused_with_figures_and_a_spacing_that_would(monkeypatch):
+def test_work_that_does_not_fit_is_refused_with_a_spacing_that_would(monkeypatch):
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**9)
     check_memory(0.95e9, "the map", cspace.Grid((0.0,) * 3, 0.1, (1000,) * 3))
     with pytest.raises(cspace.InputError, match=r"at most 950 MB may be used, 95% .* at least 0.11 m"):
@@ -47,7 +47,7 @@ def test_what_does_not_fit_is_refused_with_figures_and_a_spacing_that_would(monk
         check_memory(1.1e9, "the map", cspace.Grid((0.0, 0.0), 0.1, (10, 10)), fixed=1e9)
 
 
-def test_the_spacing_that_a_workspace_is_advised_fits_its_map(monkeypatch):
+def test_the_spacing_advised_for_a_workspace_fits_its_map(monkeypatch):
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**9)
     with pytest.raises(cspace.InputError, match="use a spacing of at least") as error:
         cspace.Workspace.from_points([(0.0, 0.0), (40.0, 40.0)], 0.001)
@@ -105,14 +105,14 @@ def test_build_counts_the_rasters_of_all_slices(tmp_path, monkeypatch, kind, sto
     ],
     ids=["car", "bar", "small box", "box"],
 )
-def test_estimate_of_rasters_is_near_what_they_take(robot, rotations, spacing):
+def test_the_memory_estimate_of_rasters_is_near_the_measured(robot, rotations, spacing):
     pairs = slice_rasters(robot, spacing, 0.0, rotations)
     cells = sum(raster.cells.size for pair in pairs for raster in pair)
     needed = SLICE_BYTES * len(pairs) + RASTER_CELL_BYTES[robot.dim] * cells
     assert 0.9 * needed < raster_bytes(robot, spacing, 0.0, rotations, len(pairs)) < 3.0 * needed
 
 
-def test_joining_cells_is_refused_before_it_begins(monkeypatch):
+def test_labelling_that_does_not_fit_is_refused_before_it_begins(monkeypatch):
     space = cspace.build(cspace.Workspace.from_array([[False] * 99] * 99, 0.1), cspace.Robot.disc(0.1), rotations=8)
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 100)
     with pytest.raises(cspace.InputError, match=r"the map, to join its cells, .* use a spacing of at least"):
@@ -121,12 +121,12 @@ def test_joining_cells_is_refused_before_it_begins(monkeypatch):
     assert space.is_connected((1.0, 1.0, 0.0), (2.0, 2.0, 0.0))
 
 
-def test_durations_are_written_in_round_units():
+def test_durations_are_formatted_in_round_units():
     assert [time_text(n) for n in (0.034, 7.0, 130.0, 8000.0, 1e6)] == [
         "0.03 s", "7 s", "2 minutes", "2 hours", "10 days",
     ]  # fmt: skip
     assert build_seconds((64, 64, 46), 6912) > build_seconds((64, 64, 46), 100) > build_seconds((64, 64), 100)
 
 
-def test_sizes_are_written_in_round_units():
+def test_sizes_are_formatted_in_round_units():
     assert [bytes_text(n) for n in (12, 1500, 2.5e9)] == ["12 bytes", "1.5 kB", "2.5 GB"]

@@ -5,7 +5,7 @@ import threading
 from cspace import threads
 
 
-def test_chunks_within_chunks_start_no_threads(monkeypatch):
+def test_nested_chunks_start_no_threads(monkeypatch):
     monkeypatch.setattr(threads, "cores", lambda: 2)
     seen = []
 

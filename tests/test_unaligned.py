@@ -14,7 +14,7 @@ def swapped(octets, first, second):
     store_word(octets, second, word)
 
 
-def test_words_are_read_and_written_wherever_they_begin():
+def test_unaligned_words_are_read_and_written():
     octets = np.random.default_rng(0).integers(0, 256, 40).astype(np.uint8)
     expected = octets.copy()
     expected[3:11], expected[21:29] = octets[21:29], octets[3:11]

@@ -117,7 +117,7 @@ def test_exact_plans_return_yaws_from_minus_pi_to_below_pi() -> None:
 
 
 @pytest.mark.parametrize("name", ["turning", "yawing"])
-def test_samples_are_valid_starts_and_goals_of_a_set_up_of_ones_own(name: str) -> None:
+def test_samples_are_valid_starts_and_goals_of_a_custom_setup(name: str) -> None:
     """As in a user's own script: OMPL skips a start whose yaw is not within its bounds."""
     space, rng = room(name), np.random.default_rng(0)
     for _ in range(30):

@@ -22,7 +22,7 @@ def test_dilation_in_threads_equals_dilation_in_one(outside):
     assert (ours == theirs).all()
 
 
-def test_a_run_does_not_see_the_next_row():
+def test_a_run_does_not_reach_into_the_next_row():
     """It reaches far beyond the end of a row on one side, and not at all on the other."""
     occupied = np.zeros((5, 64), dtype=bool)
     occupied[1:, :9] = True
@@ -46,7 +46,7 @@ def test_runs_are_the_offsets_that_can_fall_on_the_map(cells, lower, nx, ny):
     assert {tuple(row) for row in runs.table.tolist()} == {tuple(row) for row in table.tolist()}
 
 
-def test_memory_is_that_of_the_map_with_what_is_around_it():
+def test_memory_covers_the_map_and_its_padding():
     raster = Raster.from_bitmap(np.ones((21, 65), bool), (-10, -32))
     assert (
         dilation.bytes_needed((1000, 640), [raster]) == 1021 * 84

@@ -74,7 +74,7 @@ def test_engines_agree_with_each_other(seed, dim):
 
 
 @both
-def test_a_map_that_is_not_in_one_piece(engine):
+def test_engines_read_maps_that_are_not_contiguous(engine):
     wide = np.random.default_rng(0).random((80, 200)) < 0.1
     raster = Raster.from_bitmap(np.ones((3, 5), bool), (-1, -2))
     for part in (wide.T, wide[:, ::3]):
@@ -116,7 +116,7 @@ def test_an_error_in_the_progress_callback_stops_the_run(engine):
     assert threading.active_count() == before
 
 
-def test_dilation_is_taken_but_for_counts_and_robots_of_very_many_rows():
+def test_auto_chooses_dilation_except_for_counts_and_very_many_rows():
     block = Raster.from_bitmap(np.ones((300, 300), bool), (0, 0))
     sieve = Raster.from_bitmap(np.indices((301, 301))[1] % 6 == 0, (0, 0))
     ball = Raster.from_bitmap(np.linalg.norm(np.indices((91, 91, 91)) - 45.0, axis=0) < 45.5, (0, 0, 0))

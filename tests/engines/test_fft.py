@@ -36,7 +36,7 @@ def check(occupied, rasters, outside):
 
 
 @pytest.mark.parametrize(("axis", "outside"), [(0, True), (1, False), (2, True)])
-def test_tiles_take_constant_lines(axis, outside):
+def test_tiles_with_constant_lines_are_exact(axis, outside):
     """Inner tiles in space, all of whose lines along two axes are wholly obstacle or wholly free."""
     occupied = np.zeros((200, 200, 200), dtype=bool)
     np.moveaxis(occupied, axis, 0)[[3, 70, 71, 72, 90, 149, 197]] = True
@@ -47,7 +47,7 @@ def test_tiles_take_constant_lines(axis, outside):
 
 @settings(max_examples=20)
 @given(seeds)
-def test_correlation_takes_slabs_bars_and_boxes(seed):
+def test_correlation_is_exact_for_slabs_bars_and_boxes(seed):
     """Some of the lines and layers are wholly obstacle or wholly free."""
     rng = np.random.default_rng(seed)
     occupied = np.zeros(rng.integers(30, 110, 3), dtype=bool)
@@ -61,7 +61,7 @@ def test_correlation_takes_slabs_bars_and_boxes(seed):
 
 @settings(max_examples=12)
 @given(seeds)
-def test_tiles_that_share_a_transform(seed):
+def test_tiles_that_share_a_transform_are_exact(seed):
     """Several overlaps as digits of one sum, of tiles some of which are wholly obstacle or wholly free."""
     rng = np.random.default_rng(seed)
     occupied = np.zeros(rng.integers(300, 500, 2), dtype=bool)
@@ -82,7 +82,7 @@ def test_tiles_that_share_a_transform(seed):
 
 @settings(max_examples=8)
 @given(seeds)
-def test_rasters_that_share_a_transform(seed):
+def test_rasters_that_share_a_transform_are_exact(seed):
     """Several overlaps as digits of one sum, over many tiles, for counts, hits and hits that are added."""
     rng = np.random.default_rng(seed)
     occupied = rng.random(rng.integers(150, 300, 2)) < rng.choice([0.001, 0.05, 1.0])
@@ -101,7 +101,7 @@ def test_rasters_that_share_a_transform(seed):
     check(occupied, rasters, outside)
 
 
-def test_float64_where_float32_is_not_proven():
+def test_float64_is_used_if_float32_is_not_proven():
     disc = np.hypot(*np.mgrid[-250:251, -250:251]) <= 250
     raster = Raster.from_bitmap(disc, (-250, -250))
     occupied = np.zeros((700, 600), dtype=bool)
@@ -159,7 +159,7 @@ def test_tiles_fit_the_cache_and_the_robot():
 
 
 @pytest.mark.parametrize("size", [1, 2**18])
-def test_robot_spectra_larger_than_their_memory_are_taken_in_turns(monkeypatch, size):
+def test_robot_spectra_larger_than_their_memory_are_transformed_in_rounds(monkeypatch, size):
     monkeypatch.setattr(fft, "MAX_SPECTRA_BYTES", size)
     occupied = np.random.default_rng(1).random((200, 120)) < 0.02
     rasters = [Raster.from_bitmap(np.ones((3, 4 + k), bool), (-1, -k)) for k in range(40)]

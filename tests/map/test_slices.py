@@ -27,7 +27,7 @@ def rotation(yaw):
 
 @settings(max_examples=40)
 @given(robots(), st.sampled_from([4, 8, 12, 20]), st.sampled_from([0.0, 0.07]))
-def test_quarter_turns_by_permutation_are_fresh_rasters(robot, count, margin):
+def test_permuted_quarter_turns_equal_fresh_rasters(robot, count, margin):
     cells = Rotations.of(count)
     made = slice_rasters(robot, 0.17, margin, cells)
     turns = zip(cells.representatives.tolist(), cells.covering_angles.tolist(), strict=True)

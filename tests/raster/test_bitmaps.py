@@ -48,7 +48,7 @@ def test_signed_area_is_the_number_of_cells(cells: np.ndarray) -> None:
 
 
 @given(cells=CELLS)
-def test_metres_follow_the_grid_to_the_last_bit(cells: np.ndarray) -> None:
+def test_segments_in_metres_are_the_grid_coordinates_to_the_last_bit(cells: np.ndarray) -> None:
     lower = np.array([0.7, -0.3, 0.7, -0.3])
     expected = lower + 0.1 * boundary_segments(cells, 1.0, (0.0, 0.0))
     assert np.array_equal(boundary_segments(cells, 0.1, (0.7, -0.3)), expected)
@@ -65,7 +65,7 @@ def test_a_large_square_has_four_segments() -> None:
     assert boundary_segments(np.ones((300, 200), dtype=bool), 0.05, (0.0, 0.0)).shape == (4, 4)
 
 
-def test_nothing_occupied_has_no_segments() -> None:
+def test_an_empty_bitmap_has_no_segments() -> None:
     assert boundary_segments(np.zeros((3, 4), dtype=bool), 1.0, (0.0, 0.0)).shape == (0, 4)
 
 
@@ -78,7 +78,7 @@ def test_cells_that_touch_in_a_corner_meet_to_the_last_bit() -> None:
 
 @settings(max_examples=40)
 @given(seeds)
-def test_faces_of_cells_are_their_border(seed: int) -> None:
+def test_faces_of_cells_are_their_boundary(seed: int) -> None:
     rng = np.random.default_rng(seed)
     cells = rng.random(rng.integers(1, 7, 3)) < 0.5
     triangles = boundary_triangles(cells, 1.0, (0.0, 0.0, 0.0))

@@ -193,7 +193,7 @@ def test_rasters_of_voxel_robots_agree_with_arithmetic(data, seed, spacing, marg
     check(spread(inner, reach), truth.covered(), truth.inside(0))
 
 
-def test_points_on_inner_borders_of_voxels_are_inside():
+def test_points_on_shared_faces_of_voxels_are_inside():
     _, inner = Voxels.of(np.ones((3, 3, 3), dtype=bool), 0.1, (-0.1, -0.1, -0.1)).rasters(0.1)
     assert inner.lower == (0, 0, 0)
     assert inner.cells.all()
@@ -223,7 +223,7 @@ def test_boxes_of_cells_are_disjoint_and_cover_the_set(seed, density, dim):
 
 @settings(max_examples=30)
 @given(seeds, st.sampled_from([0.5, 1.0, 1.3, 2.0]), st.sampled_from([2, 3]))
-def test_cells_of_a_bitmap_as_an_obstacle(seed, ratio, dim):
+def test_bitmap_obstacles_set_the_cells_that_they_touch_and_fill(seed, ratio, dim):
     """On a lattice of quarters: cells that the bitmap touches, and cells that lie in it, but for its very border."""
     rng = np.random.default_rng(seed)
     occupied = rng.random((4, 3, 4)[:dim]) < 0.6
@@ -244,7 +244,7 @@ def test_cells_of_a_bitmap_as_an_obstacle(seed, ratio, dim):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_a_point_on_borders_is_in_every_cell_that_shares_them(dim):
+def test_a_point_on_boundaries_is_in_every_cell_that_shares_them(dim):
     grid = Grid((0.0,) * dim, 0.5, (4,) * dim)
     outer, inner = Balls(np.full((1, dim), 1.0), np.zeros(1)).cells(grid)
     assert sorted(map(tuple, np.argwhere(outer))) == list(product((1, 2), repeat=dim))
@@ -252,7 +252,7 @@ def test_a_point_on_borders_is_in_every_cell_that_shares_them(dim):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_slack_at_the_border_of_a_cell(dim):
+def test_balls_within_the_slack_of_a_boundary_are_decided_safely(dim):
     grid = Grid((0.0,) * dim, 1.0, (6,) * dim)
     for offset, met in ((0.0, True), (SLACK / 2, True), (8 * SLACK, False)):
         center = np.full((1, dim), 2.5)
@@ -264,7 +264,7 @@ def test_slack_at_the_border_of_a_cell(dim):
         assert inner.sum() == inside
 
 
-def test_random_points_are_in_their_cells_alone():
+def test_random_points_are_in_one_cell_each():
     rng = np.random.default_rng(7)
     grid = Grid((-1.0, 2.0, 0.5), 0.13, (40, 30, 50))
     points = rng.uniform((-2.0, 1.0, 0.0), (5.0, 7.0, 8.0), (60_000, 3))
@@ -278,7 +278,7 @@ def test_random_points_are_in_their_cells_alone():
 
 
 @pytest.mark.parametrize("radius", [0.05, 0.3, 0.8])
-def test_balls_of_a_cloud_against_a_tree(radius):
+def test_balls_of_a_cloud_agree_with_a_tree(radius):
     rng = np.random.default_rng(8)
     grid = Grid((0.0, 0.0, 0.0), 0.1, (40, 30, 50))
     points = rng.uniform(0.0, 5.0, (3000, 3))
@@ -315,7 +315,7 @@ def test_a_disc_is_a_section_of_a_ball(x, y, radius):
 
 
 @pytest.mark.parametrize(("center", "radius"), [(1e9, 0.1), (0.0, 1e9), (-3e6, 2e6)])
-def test_what_is_too_far_for_the_slack_is_refused(center, radius):
+def test_balls_too_far_for_the_slack_are_refused(center, radius):
     grid = Grid((0.0, 0.0, 0.0), 1.0, (4, 4, 4))
     with pytest.raises(InputError, match="cells from the map's corner"):
         Balls(np.array([[0.0, 0.0, center]]), np.array([radius])).cells(grid)

@@ -158,7 +158,7 @@ def test_touching_cells_obey_their_laws(seed, kind):
     assert (np.logical_or.reduce([touched(one) for one in triangles]) == whole).all()
 
 
-def test_a_grid_within_the_mesh_and_one_apart_from_it():
+def test_a_grid_inside_a_mesh_is_full_and_one_outside_is_empty():
     mesh = Mesh.of(box((0, 0, 0), (10, 10, 10)))
     for outer, inner, expected in (
         (*mesh.cells(Grid((4, 4, 4), 0.5, (3, 4, 5))), True),
@@ -229,7 +229,7 @@ def test_overlapping_boxes_are_their_union_whatever_way_they_face(seed, count):
     assert outer[surface].all()
 
 
-def test_doubled_faces_of_both_kinds():
+def test_doubled_faces_change_nothing():
     vertices, faces = box((1.5, 1.5, 1.5), (6.5, 6.5, 6.5))
     single = Mesh.of((vertices, faces)).cells(Grid((0, 0, 0), 1.0, (16,) * 3))
     for again in (faces, faces[:, ::-1], faces[:1], faces[5:6, ::-1]):
@@ -251,7 +251,7 @@ def test_doubled_faces_of_both_kinds():
         assert not outer[12:].any()
 
 
-def test_an_open_mesh_under_each_policy():
+def test_an_open_mesh_is_rasterised_by_its_policy():
     vertices, faces = box((1.5, 1.5, 1.5), (8.5, 8.5, 8.5))
     grid = Grid((0, 0, 0), 1.0, (10,) * 3)
     open_box = (vertices, faces[1:])
@@ -344,7 +344,7 @@ def distance_to_cube(triangle, center, half):
     return float(np.linalg.norm(differences.T @ weights / weights.sum()))
 
 
-def test_margins_agree_with_least_distances():
+def test_margins_agree_with_minimum_distances():
     rng = np.random.default_rng(11)
     for number in range(60):
         triangles = small_mesh(rng, ("random", "touching", "lattice", "degenerate", "sliver")[number % 5])[:2]
@@ -381,7 +381,7 @@ def test_the_distance_of_a_cube_is_exact(size):
             assert out[0, 0, 0] == expected, (triangle, gap, radius)
 
 
-def test_pieces_of_triangles_are_as_short_as_asked_and_cover_them():
+def test_subdivided_triangles_are_short_and_cover_the_originals():
     rng = np.random.default_rng(4)
     triangles = rng.normal(size=(20, 3, 3)) * 3.0
     pieces = subdivide(triangles, 0.7, 0.0, False)
@@ -429,7 +429,7 @@ def test_a_filled_robot_covers_its_filled_cells(margin):
     assert filled
 
 
-def test_a_thin_robot_only_ever_errs_to_the_large_side():
+def test_a_thin_robot_is_never_too_small():
     """A sliver robot with a margin holds whatever the segment that it almost is would hold."""
     for bend in (0.0, 1e-13, 1e-9, 1e-4):
         mesh = Mesh.of(soup([[(0, 0, 0), (3, 1, 0.5), (1.5, 0.5 + bend, 0.25)]]), "surface")

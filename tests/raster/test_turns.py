@@ -49,7 +49,7 @@ def distances_of(robot, turn, geometries):
 
 @settings(max_examples=30)
 @given(robots(), st.floats(-7, 7), st.sampled_from([0.0, 0.2]))
-def test_a_turned_robot_has_the_rasters_of_its_definition(robot, yaw, margin):
+def test_a_rotated_robot_has_the_rasters_of_its_definition(robot, yaw, margin):
     h, turn = 0.25, yaw_turn(yaw)
     outer, inner = rasters(robot, h, margin, turn)
     around = sorted((i, j) for i in range(-16, 17) for j in range(-16, 17))
@@ -146,7 +146,7 @@ def separate(low, high, box, matrix):
 
 @settings(max_examples=25)
 @given(seeds, st.booleans(), st.sampled_from([0.1, 0.25]))
-def test_turned_boxes_agree_with_separating_axes(seed, about_z, spacing):
+def test_rotated_boxes_agree_with_separating_axes(seed, about_z, spacing):
     rng = np.random.default_rng(seed)
     box = Box(rng.uniform(0.05, 1.2, 3), rng.uniform(-0.5, 0.5, 3))
     turn = random_turn(rng, about_z)
@@ -166,7 +166,7 @@ def test_turned_boxes_agree_with_separating_axes(seed, about_z, spacing):
 
 @settings(max_examples=15)
 @given(seeds, st.booleans(), st.sampled_from([0.0, 0.1]))
-def test_turned_voxels_are_the_union_of_their_boxes(seed, about_z, margin):
+def test_rotated_voxels_are_the_union_of_their_boxes(seed, about_z, margin):
     rng = np.random.default_rng(seed)
     occupied = rng.random(rng.integers(1, 4, 3)) < 0.6
     occupied[0, 0, 0] = True
@@ -182,7 +182,7 @@ def test_turned_voxels_are_the_union_of_their_boxes(seed, about_z, margin):
 
 @settings(max_examples=15)
 @given(seeds, st.booleans(), st.sampled_from(["auto", "surface", "fill"]), st.sampled_from([0.0, 0.1]))
-def test_a_turned_mesh_is_the_mesh_of_turned_vertices(seed, about_z, solid, margin):
+def test_a_rotated_mesh_is_the_mesh_of_rotated_vertices(seed, about_z, solid, margin):
     rng = np.random.default_rng(seed)
     vertices, turn = np.asarray(CAVITY.vertices) + rng.uniform(-0.3, 0.3, 3), random_turn(rng, about_z)
     turned = Mesh.of((vertices @ turn.matrix.T, CAVITY.faces), solid).rasters(0.08, margin)
@@ -190,7 +190,7 @@ def test_a_turned_mesh_is_the_mesh_of_turned_vertices(seed, about_z, solid, marg
         assert places(mine) == places(there)
 
 
-def test_a_filled_robot_holds_its_inside_at_every_rotation():
+def test_a_filled_robot_contains_its_interior_at_every_rotation():
     robot = Robot.from_mesh((TORUS.vertices, TORUS.faces), solid="fill")
     turn = RotationCell(Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix(), 0.1)
     outer, inner = rasters(robot, 0.08, 0.0, turn)
@@ -200,7 +200,7 @@ def test_a_filled_robot_holds_its_inside_at_every_rotation():
 
 
 @pytest.mark.parametrize("name", SOLID)
-def test_quarter_turns_by_permutation_are_fresh_rasters(name):
+def test_permuted_quarter_turns_equal_fresh_rasters(name):
     robot, angle = SOLID[name](), 0.1
     first = robot.rasters(0.083, 0.02, yaw_turn(0.0, angle, 3))
     for turns in range(1, 4):

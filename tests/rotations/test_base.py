@@ -66,7 +66,7 @@ def test_a_step_leads_from_one_to_the_other_the_shorter_way(name: str) -> None:
     assert kind.steps(q0[:0], q1[:0]).shape == (0, steps.shape[1])
 
 
-def test_half_a_turn_and_none() -> None:
+def test_steps_of_half_a_turn_and_none_are_exact() -> None:
     kind, still = QUATERNION, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     assert not kind.steps(still, -still).any() and not kind.steps(still, still).any()
     half = kind.steps(still, np.array([0.0, 0.0, 0.0, 0.0, 0.6, 0.8, 0.0]))
@@ -87,7 +87,7 @@ def test_canonical_numbers_are_the_same_rotation_and_stay_as_they_are(name: str)
 
 
 @EVERY
-def test_what_is_drawn_near_a_rotation_is_near_it(name: str) -> None:
+def test_rotations_sampled_near_a_rotation_are_near_it(name: str) -> None:
     kind, (_, dim) = kind_of(name), SPACES[name]
     q, numbers = kind.canonical(drawn(name, 30)), iter(RNG.random(400).tolist())
     near = np.array([[*row[:dim], *kind.sample_near(row[dim:].tolist(), 0.4, numbers)] for row in q])
@@ -96,7 +96,7 @@ def test_what_is_drawn_near_a_rotation_is_near_it(name: str) -> None:
     np.testing.assert_allclose(kind.canonical(near), near, atol=1e-15)
 
 
-def test_yaw_is_wrapped_and_left_alone_where_it_is_wrapped_already() -> None:
+def test_wrapped_yaws_are_unchanged_and_others_are_wrapped() -> None:
     angles = np.concatenate([np.linspace(-20.0, 20.0, 997), [-math.pi, math.pi, np.nextafter(math.pi, 0.0)]])
     yaws = wrapped(angles)
     assert ((yaws >= -math.pi) & (yaws < math.pi)).all()
@@ -123,12 +123,12 @@ def test_texts_describe_rotations() -> None:
     (QUATERNION, [0.0, 0.0, 0.0, 1.00001], "norm 1.00001; it must be 1"),
     (QUATERNION, [0.0, 0.0, 0.0, 0.0], "norm 0"),
 )
-def test_what_is_no_rotation_is_refused(kind: Rotations, rotation: object, message: str) -> None:
+def test_values_other_than_rotations_are_refused(kind: Rotations, rotation: object, message: str) -> None:
     with pytest.raises(InputError, match=message):
         kind.checked(rotation)
 
 
-def test_between_the_same_quaternion_there_is_no_step() -> None:
+def test_the_step_between_equal_quaternions_is_zero() -> None:
     """Not even one of a rounding error, of either sign."""
     q = drawn("SE(3)", 500)
     for sign in (1.0, -1.0):

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 import cspace
 from cspace import BLOCKED, FREE, CSpace
 from cspace.arrays import Bools, Floats, Ints, Matrix, Numbers
-from cspace.cli.options import configuration, rotation_cells
+from cspace.cli.options import parse_configuration, parse_rotation_cells
 from cspace.compiling import compilable
 from cspace.errors import InputError
 from cspace.rotations import RotationCell, Rotations
@@ -125,16 +125,16 @@ def test_states_are_those_of_the_robot(space: CSpace) -> None:
     assert [check(*each) for each in q[:200]] == (states[:200] == FREE).tolist()
 
 
-def test_messages_speak_of_it(space: CSpace) -> None:
+def test_messages_name_the_rotation(space: CSpace) -> None:
     with pytest.raises(InputError, match="a pitch small enough"):
         space.classify([0.5, 0.5, 0.5, np.inf])
     with pytest.raises(InputError, match="has the pitch 'up'"):
-        configuration("1,1,1,up", "--start", space.axes)
+        parse_configuration("1,1,1,up", "--start", space.axes)
     with pytest.raises(InputError, match="pitch:8"):
-        rotation_cells("roll:7")
+        parse_rotation_cells("roll:7")
 
 
-def test_motions_that_are_free_are(space: CSpace) -> None:
+def test_free_motions_are_free_at_all_their_points(space: CSpace) -> None:
     q0 = drawn(space, 4000)
     q0 = q0[space.is_free(q0)]
     q1 = q0 + np.random.default_rng(4).uniform(-0.3, 0.3, q0.shape) * [1, 1, 1, 6]
@@ -156,7 +156,7 @@ def test_clearance_is_a_lower_bound(space: CSpace) -> None:
     assert space.is_free((q + steps)[:, clearances > 0]).all()
 
 
-def test_paths_exist_where_cells_join(space: CSpace) -> None:
+def test_paths_exist_between_connected_cells(space: CSpace) -> None:
     states = np.array([space.states_at(pitch) for pitch in space.rotations.representatives])
     labels = []
     for passable in (states == FREE, states != BLOCKED):
@@ -189,7 +189,7 @@ def test_samples_and_files_keep_rotations(space: CSpace, tmp_path: Path) -> None
     assert np.array_equal(again.classify(q), space.classify(q))
 
 
-def test_exact_answers_know_how_it_turns(space: CSpace) -> None:
+def test_exact_answers_use_the_rotation(space: CSpace) -> None:
     q = drawn(space, 1000)
     q = q[space.classify(q) == cspace.MIXED][:60]
     free = space.is_free(q, exact=True)

@@ -38,7 +38,7 @@ def test_quaternions_belong_to_the_cell_of_their_quotients(n):
     np.testing.assert_array_equal(cells.cell_of(cells.centers), np.arange(cells.count))
 
 
-def test_the_first_of_the_largest_components_counts():
+def test_the_first_of_equal_components_is_the_largest():
     cells = Rotations.quaternions(2)
     for q, largest in (
         ((1, 1, 0, 0), 0),
@@ -93,7 +93,7 @@ def test_volumes_are_those_of_random_rotations_and_samples_are_uniform():
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
-def test_neighbors_are_the_cells_across_a_border(n):
+def test_neighbors_are_the_cells_across_a_boundary(n):
     """Small steps in random directions from anywhere: those that leave a cell cross one border, and all are met."""
     cells, rng = Rotations.quaternions(n), np.random.default_rng(n)
     q = Rotation.random(300_000, random_state=n).as_quat()
@@ -116,7 +116,7 @@ def test_neighbors_are_the_cells_across_a_border(n):
         (Robot.ball(0.1), (0, 1, 2), 1),
     ],
 )
-def test_slices_are_shared_where_a_half_turn_of_the_robot_is_not_seen(robot, axes, slices):
+def test_cells_share_slices_if_a_half_turn_maps_the_robot_to_itself(robot, axes, slices):
     cells, rng = Rotations.quaternions(3), np.random.default_rng(0)
     slice_of = cells.slices_for(robot.shape)
     assert half_turns(robot.shape) == axes and len(np.unique(slice_of)) == slices
@@ -135,12 +135,12 @@ def test_slices_are_shared_where_a_half_turn_of_the_robot_is_not_seen(robot, axe
 
 
 @pytest.mark.parametrize("n", [0, -1, 65, 2.0, True, "8", None])
-def test_refuses_what_is_no_number_of_cuts(n):
+def test_invalid_numbers_of_parts_are_refused(n):
     with pytest.raises(InputError, match=r"rotations is .*must be a whole number from 1 to 64"):
         Rotations.quaternions(n)
 
 
-def test_refuses_what_is_no_rotation_in_space():
+def test_values_other_than_unit_quaternions_are_refused():
     cells = Rotations.quaternions(2)
     for wrong, message in (((0, 0, 0, 1.01), "norm of 1.01"), ((0, 0, 0, 0), "norm of 0"), ((0, 0, 1), "four numbers")):
         with pytest.raises(InputError, match=message):
@@ -151,7 +151,7 @@ def test_refuses_what_is_no_rotation_in_space():
         cspace.build(flat, Robot.disc(0.1), rotations=cells)
 
 
-def test_what_would_fit_is_named(monkeypatch):
+def test_messages_name_the_rotations_that_would_fit(monkeypatch):
     workspace = Workspace.from_array(np.zeros((50, 50, 50), bool), 0.1)
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 200_000_000)
     with pytest.raises(InputError, match=r"use rotations=Rotations.quaternions\(5\), or a spacing of at least 0.14 m"):

@@ -34,7 +34,7 @@ def random_map(rng, n, free=0.8, shape=(2, 1, 2)):
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 7])
-def test_compiled_look_ups_take_the_cells_of_the_definition(n):
+def test_compiled_look_ups_return_the_cells_of_the_definition(n):
     """To the last bit, next to borders, too; either sign, and any norm that is let pass."""
     rng, cells = np.random.default_rng(n), Rotations.quaternions(n)
     space = map_of(rng.choice(np.array([0, 1, 2], dtype=np.uint8), (cells.count, 1, 1, 1)), cells, ALL_FREE, 1.0)
@@ -130,7 +130,7 @@ def edges(draw):
 
 @settings(max_examples=20)
 @given(edges(), seeds)
-def test_edges_are_free_where_all_of_their_points_are(drawn, seed):
+def test_edges_are_free_if_all_of_their_points_are(drawn, seed):
     """Free: all of 300 points are FREE, but next to borders. Not free: some point, or one a hair beside, is not."""
     n, q0, q1 = drawn
     rng = np.random.default_rng(seed)
@@ -172,7 +172,7 @@ def test_an_edge_passes_every_cell_on_its_way(n):
             assert free
 
 
-def test_positions_go_with_the_rotation():
+def test_positions_and_rotations_advance_together():
     """A cell is passed at one rotation and not at another: the time of each border counts."""
     cells = Rotations.quaternions(4)
     half = math.pi / 4 / 4  # from the middle of a cell through its border at a quarter of the way
@@ -190,7 +190,7 @@ def test_positions_go_with_the_rotation():
 
 @pytest.mark.parametrize("norm", [1.0, 1.0 + 0.99e-9])
 @pytest.mark.parametrize("angle", [4e-5, 7e-5])
-def test_positions_are_free_at_the_rotation_that_ompl_does_not_leave(norm, angle):
+def test_edges_cover_rotations_at_which_ompl_stays(norm, angle):
     """Of quaternions that it takes for equal, their norm being off by no more than it lets be, too."""
     cells = Rotations.quaternions(1)
     states = np.zeros((cells.count, 4, 1, 1), dtype=np.uint8)
@@ -224,7 +224,7 @@ def test_all_rotations_around_a_free_box_are_free(seed, n, angle):
     assert space.is_free(near).all()
 
 
-def test_boxes_are_as_wide_for_quaternions_that_are_longer():
+def test_search_boxes_ignore_the_norm_of_quaternions():
     """By as much as is let pass: the angle at which a cell that is shut is met stays the same."""
     cells = Rotations.quaternions(8)
     states = np.zeros((cells.count, 1, 1, 1), dtype=np.uint8)
@@ -234,7 +234,7 @@ def test_boxes_are_as_wide_for_quaternions_that_are_longer():
     assert space.is_free_around(q, 0.0, least - 2e-8) and not space.is_free_around(q, 0.0, least + 2e-8)
 
 
-def test_boxes_look_no_farther_than_they_must():
+def test_search_boxes_are_no_larger_than_necessary():
     """One cell is shut; whether a box is free tells it apart from cells twice as far."""
     cells = Rotations.quaternions(8)
     states = np.zeros((cells.count, 1, 1, 1), dtype=np.uint8)
@@ -270,7 +270,7 @@ def depths(extents, middle, q, lows):
 
 @settings(max_examples=12)
 @given(seeds, st.sampled_from([1, 2, 3]), st.booleans(), st.sampled_from(["blocked", "free"]))
-def test_no_false_answer_of_boxes_that_turn_any_way(seed, n, as_mesh, outside):
+def test_rotating_boxes_get_no_false_answer(seed, n, as_mesh, outside):
     """Configurations anywhere, on borders of cells of both kinds and close to them, against exact boxes."""
     rng = np.random.default_rng(seed)
     occupied = np.zeros((7, 6, 5), dtype=bool)

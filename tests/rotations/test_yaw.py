@@ -27,7 +27,7 @@ def test_a_count_cuts_the_circle_evenly_around_zero(count):
     assert cells.is_uniform()
 
 
-def test_cells_share_a_slice_only_where_their_borders_are_a_symmetry_apart_but_for_rounding():
+def test_cells_share_a_slice_only_if_their_boundaries_are_a_symmetry_apart():
     square, even = Robot.rectangle(1.0, 1.0).shape, np.linspace(0.0, TWO_PI, 9)
     for off, slices in ((1e-15, 2), (5e-12, 2), (2e-11, 8), (1e-6, 8)):
         jittered = even + off * np.array([0, 1, 0, 0, 0, 0, 0, 0, 0])
@@ -48,7 +48,7 @@ def test_cells_cover_the_circle_without_overlap(value):
 
 
 @given(rotation_cells(20), seeds, st.integers(-3, 3))
-def test_a_yaw_belongs_to_the_cell_between_its_borders(value, seed, wraps):
+def test_a_yaw_belongs_to_the_cell_between_its_boundaries(value, seed, wraps):
     cells = Rotations.of(value)
     borders = np.asarray(cells.borders)
     yaw = np.random.default_rng(seed).uniform(borders[0], borders[-1], 50)
@@ -61,7 +61,7 @@ def test_a_yaw_belongs_to_the_cell_between_its_borders(value, seed, wraps):
     assert ((numbers == above) | (numbers == (above - 1) % cells.count)).all()
 
 
-def test_borders_may_be_given_as_degrees_turned_to_radians():
+def test_boundaries_converted_from_degrees_are_accepted():
     cells = Rotations.of(np.radians([0, 90, 180, 270, 360]))
     assert cells.count == 4 and cells.is_uniform()
     assert cells.cell_of(np.radians([10, 100, 190, 280, 370, -10])).tolist() == [0, 1, 2, 3, 0, 3]
@@ -89,13 +89,13 @@ def test_borders_may_be_given_as_degrees_turned_to_radians():
     ([0.0, math.inf], "inf"),
     ([0.0, 90.0, 180.0, 270.0, 360.0], "numpy.radians turns degrees"),
 )
-def test_refuses_what_is_no_cover(value, message):
+def test_boundaries_that_do_not_cover_the_circle_are_refused(value, message):
     workspace = Workspace.from_array(np.zeros((3, 3), bool), 0.1)
     with pytest.raises(InputError, match=message):
         cspace.build(workspace, Robot.rectangle(0.1, 0.2), rotations=value)
 
 
-def test_refuses_yaws_that_can_not_be_wrapped():
+def test_yaws_too_large_to_be_wrapped_are_refused():
     cells = Rotations.of(8)
     assert 0 <= cells.cell_of(MAX_ANGLE) < 8
     for yaw in (MAX_ANGLE * 1.001, math.nan, -math.inf):
