@@ -1,4 +1,4 @@
-"""What several test files share."""
+"""Settings and fixtures of all tests."""
 
 import atexit
 import gc
@@ -17,19 +17,19 @@ WORKER = "PYTEST_XDIST_WORKER" in os.environ
 # Use a temporary cache, shared by all workers, so that tests neither read nor modify the user's cache. Developers keep
 # compiled code between runs in the folder CSPACE_TEST_CACHE.
 if not WORKER:
-    kept = os.environ.get("CSPACE_TEST_CACHE")
-    os.environ["XDG_CACHE_HOME"] = kept or tempfile.mkdtemp(prefix="cspace-tests-")
-    if not kept:
+    cache_folder = os.environ.get("CSPACE_TEST_CACHE")
+    os.environ["XDG_CACHE_HOME"] = cache_folder or tempfile.mkdtemp(prefix="cspace-tests-")
+    if not cache_folder:
         atexit.register(shutil.rmtree, os.environ["XDG_CACHE_HOME"], ignore_errors=True)
 
-# After all that is to be done at the end, a worker goes at once: taking apart what it holds takes four seconds.
+# A worker exits immediately after its exit handlers, because freeing its objects takes four seconds.
 if WORKER:
     atexit.register(os._exit, 0)
 
-# There is a worker on each core. A second thread of numpy's linear algebra would wait there for work, and not sleep.
+# There is a worker on each core, where a second thread of numpy's linear algebra would spin while it waits.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# Collecting tests makes millions of objects, and hardly any garbage; what compiling leaves fits a worker.
+# Collecting tests makes millions of objects but hardly any garbage, and the garbage of compiling fits a worker.
 gc.set_threshold(1_000_000, 20, 20)
 
 # Every run draws the same examples; the soak draws new ones, with --hypothesis-profile=new. There is no deadline
@@ -41,12 +41,12 @@ settings.load_profile("cspace")
 # Hypothesis also draws constants from the source of the modules imported so far, which differ from worker to worker.
 providers._get_local_constants = lambda: providers._local_constants
 
-APART = ("spectral/test_bump.py", "exact/test_triangles.py")  # which compile nothing that builds of maps do
-FIRST = (
+UNSHARED = ("spectral/test_bump.py", "exact/test_triangles.py")  # these compile no functions that builds of maps use
+RUN_FIRST = (
     "cli/test_commands.py",
-    *APART,
+    *UNSHARED,
     "exact/",
-    "planners/test_passages.py",  # of which test_plan.py takes much
+    "planners/test_passages.py",  # compiles functions that test_plan.py uses
     "spectral/",
     "raster/",
     "planners/",
@@ -55,20 +55,24 @@ FIRST = (
     "test_update.py",
     "test_proofs.py",
 )
-"""Two workers begin where they compile different things; what one has compiled, the other finds in the cache later.
+"""Order of the tests, by the time that they compile or wait.
 
-What waits for others, such as a browser, does so while there is more to do."""
+Two workers begin with tests that compile different functions; each finds the other's functions in the cache later.
+Tests that wait, for example for a browser, run while other tests remain.
+"""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run what takes longest first, so that no worker ends long after the other."""
-    items.sort(key=lambda item: next((k for k, part in enumerate(FIRST) if f"/{part}" in item.nodeid), len(FIRST)))
+    """Run the longest tests first, so that both workers end at about the same time."""
+    items.sort(
+        key=lambda item: next((k for k, part in enumerate(RUN_FIRST) if f"/{part}" in item.nodeid), len(RUN_FIRST))
+    )
 
 
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
-    """Have workers tell what came of a test, and of its fixtures only where they fail, or how long they took is asked.
+    """Report only failures and calls from workers, unless durations are asked for.
 
-    Else half of the time that it takes to hand tests out goes into telling that all is well.
+    Otherwise half of the time for handing out tests goes into reporting successful fixtures.
     """
     if not WORKER or item.config.getoption("durations"):
         return None
@@ -79,20 +83,20 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
 
 def pytest_collection_finish() -> None:
-    """Look for no garbage among what stays to the end: modules, kernels and thousands of tests."""
+    """Exclude modules, kernels and tests, which stay to the end, from garbage collection."""
     gc.freeze()
 
 
 def pytest_sessionfinish() -> None:
-    """Garbage may hold what was left open: look for what is new here, and not five times, as pytest does, in all."""
+    """Collect only new garbage, once; pytest would collect all garbage five times."""
     gc.collect(0)
     gc.freeze()
-    atexit.register(gc.unfreeze)  # or OMPL's bindings complain of what is left
+    atexit.register(gc.unfreeze)  # otherwise OMPL's bindings report leaks
 
 
 @pytest.fixture(scope="session")
 def data() -> Path:
-    """The folder of real maps and shapes."""
+    """Return the folder of real maps and shapes."""
     name = os.environ.get("CSPACE_TEST_DATA")
     if not name:
         pytest.skip("CSPACE_TEST_DATA is not set; set it to the folder of real maps to run this test")

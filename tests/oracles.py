@@ -1,4 +1,4 @@
-"""Slow, plain implementations of the definitions, sharing no code with the library; in the plane they are exact."""
+"""Slow, plain implementations of the definitions, without code of the library; exact in the plane."""
 
 import math
 from fractions import Fraction
@@ -11,18 +11,19 @@ Point = tuple[Fraction, Fraction]
 Segment = tuple[Point, Point]
 
 
-UNIT = 2**1074
-"""The smallest number above zero is one of these parts of one, so that every number is a whole number of them."""
+FRACTION_DENOMINATOR = 2**1074
+"""Multiplying any float by this gives an integer."""
 
 
 def exact(values):
+    """Convert floats to exact fractions."""
     return tuple(Fraction(float(value)) for value in values)
 
 
 def units(values):
-    """Numbers as whole numbers, exactly, with which Python is quicker than with fractions."""
+    """Convert numbers to integers, exactly, because Python is faster with integers than with fractions."""
     parts = (float(value).as_integer_ratio() for value in values)
-    return tuple(above * (UNIT // below) for above, below in parts)
+    return tuple(above * (FRACTION_DENOMINATOR // below) for above, below in parts)
 
 
 def minus(a, b):
@@ -38,7 +39,7 @@ def cross(a, b):
 
 
 def square_distance_to_box(segment, box):
-    """Squared distance between a segment and a box ``(x0, y0, x1, y1)``, exactly."""
+    """Return the exact squared distance between a segment and a box ``(x0, y0, x1, y1)``."""
     if segment_meets_block(*segment, box[:2], box[2:]):
         return Fraction(0)
     x0, y0, x1, y1 = box
@@ -50,7 +51,7 @@ def square_distance_to_box(segment, box):
 
 
 def is_beyond(segment, box, margin):
-    """Whether all of a segment is to one side of a box, farther than a margin."""
+    """Return True if a segment lies to one side of a box, farther than a margin."""
     sides = zip(*segment, box[:2], box[2:], strict=True)
     return any(max(p, q) < low - margin or min(p, q) > high + margin for p, q, low, high in sides)
 
@@ -64,12 +65,12 @@ def square_distance_to_segment(point, segment):
     return (point[0] - px - t * dx) ** 2 + (point[1] - py - t * dy) ** 2
 
 
-def on_border(point, segments):
+def is_on_boundary(point, segments):
     return any(segment_meets_block(*segment, point, point) for segment in segments)
 
 
 def encloses(point, segments):
-    """Even-odd parity of a ray to the right."""
+    """Return the even-odd parity of a ray to the right."""
     x, y = point
     inside = False
     for (px, py), (qx, qy) in segments:
@@ -84,7 +85,10 @@ def ring_segments(vertices):
 
 
 def polygon_outer_offsets(vertices, spacing, margins, reach):
-    """Offsets m with |m| <= reach whose box ``h (m + [-1, 1]^2)`` comes within each margin of a polygon."""
+    """Return the offsets m whose box ``h (m + [-1, 1]^2)`` is within each margin of a polygon.
+
+    All offsets satisfy |m| <= reach.
+    """
     segments, h = ring_segments(vertices), Fraction(spacing)
     offsets_by_margin = [set() for _ in margins]
     for m in product(range(-reach, reach + 1), repeat=2):
@@ -100,38 +104,38 @@ def polygon_outer_offsets(vertices, spacing, margins, reach):
 
 
 def polygon_inner_offsets(vertices, spacing, reach):
-    """Offsets m with |m| <= reach whose point ``h m`` lies in a closed polygon."""
+    """Return the offsets m with |m| <= reach whose point ``h m`` lies in a closed polygon."""
     segments, h = ring_segments(vertices), Fraction(spacing)
     points = {m: (h * m[0], h * m[1]) for m in product(range(-reach, reach + 1), repeat=2)}
-    return {m for m, point in points.items() if on_border(point, segments) or encloses(point, segments)}
+    return {m for m, point in points.items() if is_on_boundary(point, segments) or encloses(point, segments)}
 
 
 def disc_outer_offsets(center, radius, spacing, margin, reach):
-    """Offsets m with |m| <= reach whose box ``h (m + [-1, 1]^2)`` comes within a margin of a disc."""
+    """Return the offsets m with |m| <= reach whose box ``h (m + [-1, 1]^2)`` is within a margin of a disc."""
     *center, h, radius, margin = units((*center, spacing, radius, margin))
     apart = [[max(0, h * (m - 1) - c, c - h * (m + 1)) for m in range(-reach, reach + 1)] for c in center]
     return _offsets_within(apart, radius + margin, reach)
 
 
 def disc_inner_offsets(center, radius, spacing, reach):
-    """Offsets m with |m| <= reach whose point ``h m`` lies in a closed disc."""
+    """Return the offsets m with |m| <= reach whose point ``h m`` lies in a closed disc."""
     *center, h, radius = units((*center, spacing, radius))
     return _offsets_within([[h * m - c for m in range(-reach, reach + 1)] for c in center], radius, reach)
 
 
 def _offsets_within(apart, radius, reach):
-    """Offsets that are no farther than a radius, given how far they are along each axis."""
+    """Return the offsets within a radius, given the distances along each axis."""
     (xs, ys), square = ([part * part for part in parts] for parts in apart), radius * radius
     return {(i - reach, j - reach) for i, x in enumerate(xs) for j, y in enumerate(ys) if x + y <= square}
 
 
 def raster_offsets(raster):
-    """The set of offsets of a library Raster."""
+    """Return the set of offsets of a library Raster."""
     return {tuple(cell) for cell in (np.argwhere(raster.cells) + raster.lower).tolist()}
 
 
 def overlap(occupied, offsets, outside):
-    """``{k: number of offsets m for which k + m is obstacle}``, with obstacle or nothing beyond the map."""
+    """Return ``{k: number of offsets m with an obstacle at k + m}``; ``outside`` is the state beyond the map."""
     nx, ny = occupied.shape
 
     def filled(i, j):
@@ -141,39 +145,39 @@ def overlap(occupied, offsets, outside):
 
 
 def overlaps_by_shifts(occupied, raster, outside):
-    """Overlap of each cell with a library Raster, by adding up shifted copies of the map."""
+    """Return the overlap of each cell with a library Raster, by adding shifted copies of the map."""
     pad = np.array(occupied.shape) + 1
     wide = np.pad(occupied, [(n, n) for n in pad], constant_values=outside)
     copies = np.lib.stride_tricks.sliding_window_view(wide.view(np.uint8), occupied.shape)
-    # Beyond the pads all is like the pads.
+    # Cells beyond the padding equal the padding.
     shifts = pad + np.clip(np.argwhere(raster.cells) + raster.lower, -pad, pad)
     total = np.zeros(occupied.shape, dtype=np.int64)
-    together = 2**12 // max(occupied.size, 1)  # of small maps
+    together = 2**12 // max(occupied.size, 1)  # several shifts of a small map at a time
     if together > 1:
         for k in range(0, len(shifts), together):
             total += copies[tuple(shifts[k : k + together].T)].sum(axis=0, dtype=np.int64)
         return total
-    for k in range(0, len(shifts), 255):  # as many as a byte counts, which adds up soonest
-        few = np.zeros(occupied.shape, dtype=np.uint8)
+    for k in range(0, len(shifts), 255):  # the most that a byte can count, because bytes are fastest
+        partial = np.zeros(occupied.shape, dtype=np.uint8)
         for shift in shifts[k : k + 255]:
-            few += copies[tuple(shift)]
-        total += few
+            partial += copies[tuple(shift)]
+        total += partial
     return total
 
 
 def collide(engine, occupied, rasters, outside, dtype=np.bool_, **options):
-    """What an engine tells of every cell, in new arrays, and the arithmetic that it took."""
+    """Run an engine on new arrays; return them and the arithmetic that it used."""
     occupied, out = occupied.view(), [np.full(occupied.shape, 7 if options.get("add") else 0, dtype) for _ in rasters]
-    occupied.setflags(write=False)  # as those of a workspace
+    occupied.setflags(write=False)  # like the cells of a workspace
     return out, engine.collide(occupied, rasters, out, outside=outside, **options)
 
 
 def segment_meets_block(start, end, low, high):
-    """Whether a closed segment meets a closed block, in any dimension, by clipping (Liang and Barsky, 1984).
+    """Return True if a closed segment meets a closed block, by clipping (Liang and Barsky, 1984).
 
-    Exact for fractions and whole numbers: nothing is divided.
+    Works in any dimension. Exact for fractions and integers, because nothing is divided.
     """
-    first, last = (0, 1), (1, 1)  # shares of the segment, as a number above a number
+    first, last = (0, 1), (1, 1)  # parameters along the segment, as (numerator, denominator)
     for p, q, a, b in zip(start, end, low, high, strict=True):
         if p > q:
             p, q, a, b = -p, -q, -b, -a
@@ -186,15 +190,15 @@ def segment_meets_block(start, end, low, high):
     return first[0] * last[1] <= last[0] * first[1]
 
 
-def linked(wide, periodic_axes, corners=True):
-    """Links ``(first, last, metres)`` between the True cells of an array that a robot can go along, in cells of 1 m.
+def link_cells(wide, periodic_axes, corners=True):
+    """Return links ``(first, last, metres)`` between the True cells that a robot can pass, in cells of 1 m.
 
-    From one to the next, where all cells that it touches on the way are True; over corners, or sides only; and across
-    the seam of axes that are endless. The shortest one where several join the same cells.
+    Two neighbours are linked if all cells touched on the way are True. Links pass corners, or only sides, and the seam
+    of periodic axes. Only the shortest link between two cells counts.
     """
 
     numbers, links = np.arange(wide.size).reshape(wide.shape), [np.zeros((3, 0))]
-    framed = []  # with what is beside the first and the last cells
+    framed = []  # padded by the cells beside the first and the last
     for array, outside in ((wide, False), (numbers, -1)):
         for axis, wraps in enumerate(np.broadcast_to(periodic_axes, wide.ndim)):
             widths = [(int(k == axis),) * 2 for k in range(wide.ndim)]
@@ -215,22 +219,23 @@ def linked(wide, periodic_axes, corners=True):
     return first[shortest].astype(int), last[shortest].astype(int), metres[shortest]
 
 
-def graph_of(links, size):
-    """Links between so many cells, for scipy."""
-    first, last, metres = links
-    return sparse.csr_array((metres, (first, last)), shape=(size, size))
+def to_graph(links, size):
+    """Convert links between ``size`` cells to a scipy graph."""
+    starts, stops, metres = links
+    return sparse.csr_array((metres, (starts, stops)), shape=(size, size))
 
 
 def turns_between(yaw0, yaw1, turn, slack=0):
-    """Signed angles of the shorter way from one yaw to another; both ways where they are equally long, or nearly."""
+    """Return the signed angle of the shorter rotation between yaws; both angles if they are equal or nearly so."""
     ahead = (yaw1 - yaw0) % turn
     return [way for way in (ahead, ahead - turn) if 2 * abs(way) <= turn + 2 * slack]
 
 
 def touched_turned_cells(start, end, spacing, lower, shape, borders, slack=0):
-    """Cells ``(rotation, x, y(, z))`` that an edge ``(x, y(, z), yaw)`` meets: linear, and yaw the shorter way.
+    """Return the cells ``(rotation, x, y(, z))`` that an edge ``(x, y(, z), yaw)`` meets.
 
-    Rotation cells repeat with every turn. Exact for the numbers as they are; ``slack`` widens the cells.
+    The edge is linear, with the shorter rotation. Rotation cells repeat with every turn. Exact for the numbers as they
+    are; ``slack`` widens the cells.
     """
     (h, slack), corner, borders = units((spacing, slack)), units(lower), units(borders)
     whole = borders[-1] - borders[0]
@@ -256,18 +261,18 @@ def touched_turned_cells(start, end, spacing, lower, shape, borders, slack=0):
 # ---- solids ----------------------------------------------------------------------------------------------------------
 
 
-PAIRS = 400_000
+MAX_ORACLE_PAIRS = 400_000
 """Maximum number of pairs of a point and a triangle, or of two boxes, in one array."""
 
 
 def chunks(count, partners):
-    """Return slices of ``count`` items so that each makes at most ``PAIRS`` pairs with ``partners`` others."""
-    size = max(1, PAIRS // max(partners, 1))
+    """Split ``count`` items into slices of at most ``MAX_ORACLE_PAIRS`` pairs with ``partners`` others."""
+    size = max(1, MAX_ORACLE_PAIRS // max(partners, 1))
     return [slice(first, first + size) for first in range(0, count, size)]
 
 
 def box_gaps(low, high, other_low, other_high):
-    """Return distances between boxes along the axes, zero where they meet."""
+    """Return the distances between boxes, zero if they meet."""
     apart = np.maximum(np.maximum(other_low - high, low - other_high), 0.0)
     return np.sqrt((apart * apart).sum(axis=-1))
 
@@ -276,18 +281,21 @@ def distance_to_triangles(points, triangles):
     """Return distances from points (n, 3) to the nearest of triangles (m, 3, 3)."""
     low, high, distances = triangles.min(axis=1), triangles.max(axis=1), np.empty(len(points))
     for chunk in chunks(len(points), len(triangles)):
-        few = points[chunk]
-        bounds = box_gaps(few[:, None], few[:, None], low, high)
-        least = _distance_to_triangle(few, triangles[bounds.argmin(axis=1)])
-        # A triangle whose bounding box is farther than that cannot be nearer.
-        point, triangle = np.nonzero(bounds < least[:, None])
-        np.minimum.at(least, point, _distance_to_triangle(few[point], triangles[triangle]))
-        distances[chunk] = least
+        batch = points[chunk]
+        bounds = box_gaps(batch[:, None], batch[:, None], low, high)
+        minimum = _distance_to_triangle(batch, triangles[bounds.argmin(axis=1)])
+        # A triangle whose bounding box is farther cannot be nearer.
+        point, triangle = np.nonzero(bounds < minimum[:, None])
+        np.minimum.at(minimum, point, _distance_to_triangle(batch[point], triangles[triangle]))
+        distances[chunk] = minimum
     return distances
 
 
 def _distance_to_triangle(points, triangles):
-    """Return the distance of each point from its triangle: from the sides, and from the plane above the inside."""
+    """Return the distance of each point from its triangle.
+
+    It is the distance from the sides, or from the plane for points above the interior.
+    """
     a, b, c = np.moveaxis(triangles, 1, 0)
     sides = ((a, b), (b, c), (c, a))
     distances = np.min([_distance_to_segment(points, x, y) for x, y in sides], axis=0)
@@ -318,12 +326,12 @@ def winding_numbers(points, triangles):
 
 
 def winds_around(points, triangles):
-    """Whether the winding number of triangles is not zero."""
+    """Return True if the winding number of triangles is not zero."""
     return winding_numbers(points, triangles) != 0
 
 
 def sample_surface(triangles, number, rng):
-    """Random points on triangles, by area."""
+    """Sample points on triangles, uniformly by area."""
     sides = triangles[:, 1:] - triangles[:, :1]
     areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     which = rng.choice(len(triangles), number, p=areas / areas.sum())

@@ -1,4 +1,4 @@
-"""Random inputs for hypothesis."""
+"""Hypothesis strategies for robots, bitmaps and rotation cells."""
 
 import math
 
@@ -10,19 +10,20 @@ from hypothesis.extra import numpy as hnp
 from cspace import Robot
 
 seeds = st.integers(0, 2**32 - 1)
-SIDE = 0.15
-"""Of cells that some solid robots are aligned with, metres."""
+ALIGNED_CELL_SIDE = 0.15
+"""Side, in metres, of cells that some solid robots are aligned with."""
 
 spacings = st.sampled_from([0.05, 0.1, 0.25, 1.0, 0.37])
 
 
 def bitmaps(side=12):
+    """Draw plane bitmaps up to ``side`` cells across."""
     return hnp.arrays(np.bool_, st.tuples(st.integers(1, side), st.integers(1, side)))
 
 
 @st.composite
 def stars(draw, radius=1.0):
-    """Vertices of a star-shaped polygon, convex or not, whose reference point may lie anywhere."""
+    """Draw the vertices of a star-shaped polygon, convex or not, anywhere relative to the reference point."""
     corners = draw(st.integers(3, 9))
     rng = np.random.default_rng(draw(seeds))
     gaps = rng.uniform(0.2, 1.0, corners)
@@ -40,7 +41,7 @@ def stars(draw, radius=1.0):
 
 @st.composite
 def robots(draw, size=1.0):
-    """Robots of every kind, with their exact shape as a function that tells the distance of shapely geometries."""
+    """Draw plane robots of every kind."""
     kind = draw(st.sampled_from(["disc", "rectangle", "star", "ring", "parts", "balls", "cells"]))
     rng = np.random.default_rng(draw(seeds))
     center = rng.uniform(-1, 1, 2) * size
@@ -64,31 +65,31 @@ def robots(draw, size=1.0):
 
 
 @st.composite
-def rotation_cells(draw, most=12):
-    """A number of rotation cells, or the borders of unequal ones."""
+def rotation_cells(draw, max_cells=12):
+    """Draw a number of rotation cells, or the boundaries of unequal cells."""
     if draw(st.booleans()):
-        return draw(st.integers(1, most))
+        return draw(st.integers(1, max_cells))
     rng = np.random.default_rng(draw(seeds))
     first = draw(st.sampled_from([0.0, -math.pi, -0.3, 2.0, -6.0]))
-    widths = rng.uniform(0.1, 1.0, draw(st.integers(1, most)))
+    widths = rng.uniform(0.1, 1.0, draw(st.integers(1, max_cells)))
     return first + np.append(0.0, np.cumsum(widths) / widths.sum()) * 2 * math.pi
 
 
 @st.composite
 def solid_robots(draw, size=0.4):
-    """Robots of every kind but meshes, with their exact shape as boxes and balls: (lower, upper, radius) each."""
+    """Draw solid robots of every kind except meshes, with their boxes and balls: (lower, upper, radius) each."""
     kind = draw(st.sampled_from(["ball", "box", "balls", "cells"]))
     rng = np.random.default_rng(draw(seeds))
     center = rng.uniform(-1, 1, 3) * size
     if draw(st.booleans()):
-        center = np.round(center / SIDE) * SIDE
+        center = np.round(center / ALIGNED_CELL_SIDE) * ALIGNED_CELL_SIDE
     if kind == "box":
         extents = size * rng.uniform(0.1, 2.0, 3)
         return Robot.box(extents, center), [(center - extents / 2, center + extents / 2, 0.0)]
     if kind == "cells":
         occupied = rng.random(rng.integers(1, 5, 3)) < 0.5
         occupied[0, 0, 0] = True
-        side = draw(st.sampled_from([SIDE, 0.11]))
+        side = draw(st.sampled_from([ALIGNED_CELL_SIDE, 0.11]))
         lows = center + side * np.argwhere(occupied)
         return Robot.from_bitmap(occupied, side, center), [(low, low + side, 0.0) for low in lows]
     n = 1 if kind == "ball" else int(rng.integers(2, 5))

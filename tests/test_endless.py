@@ -32,7 +32,7 @@ from cspace.rotations.base import shorter
 from cspace.shapes import Point
 from handmade import map_in
 from maps import proven_paths
-from oracles import graph_of, linked, segment_meets_block
+from oracles import link_cells, segment_meets_block, to_graph
 from planners.states import kind_of
 
 TWO_PI = 2.0 * math.pi
@@ -64,7 +64,7 @@ def maps(draw: st.DrawFn, periodic_axes: tuple[bool, ...]) -> tuple[cspace.CSpac
 
 def joined(states: Any, periodic_axes: tuple[bool, ...], most: int) -> Any:
     """A number for each cell of at most a state, the same for those that chains join, across seams too; or -1."""
-    graph = graph_of(linked(states <= most, periodic_axes, corners=False), states.size)
+    graph = to_graph(link_cells(states <= most, periodic_axes, corners=False), states.size)
     return np.where(states <= most, connected_components(graph, directed=False)[1].reshape(states.shape), -1)
 
 
@@ -246,7 +246,7 @@ def widest_chain(room: Any, periodic_axes: tuple[bool, ...], start: int, goal: i
 
     @cache
     def length(least: float) -> float:
-        return float(dijkstra(graph_of(linked(room >= least, periodic_axes), room.size), indices=start)[goal])
+        return float(dijkstra(to_graph(link_cells(room >= least, periodic_axes), room.size), indices=start)[goal])
 
     # What is narrower joins all that what is wider does.
     widths = np.unique(room[(room > 0.0) & (room <= min(room.flat[start], room.flat[goal]))])[::-1].tolist()

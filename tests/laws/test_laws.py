@@ -26,7 +26,7 @@ from laws.any_map import (
     reopen,
 )
 from maps import proven_paths
-from oracles import graph_of, linked
+from oracles import link_cells, to_graph
 from placements import draw_configurations
 
 POLICIES = ("blocked", "free")
@@ -82,7 +82,7 @@ def labels(any_map: AnyMap, worst: int) -> Any:
     """Label the connected components of the cells whose state is at most ``worst``, by scipy."""
     cells = any_map.states <= worst
     if any(any_map.periodic):
-        graph = graph_of(linked(cells[0], any_map.periodic, corners=False), cells.size)
+        graph = to_graph(link_cells(cells[0], any_map.periodic, corners=False), cells.size)
         return np.where(cells, connected_components(graph, directed=False)[1].reshape(cells.shape), -1)
     return components(cells, "any way" if len(any_map.space.rotations.names) == 4 else "")
 

@@ -20,7 +20,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from cspace import FREE, MIXED, ConfigurationError, CSpace, InputError, Robot, Workspace, build
 from cspace.map import search, widest
 from cspace.map.components import Components
-from oracles import graph_of, linked
+from oracles import link_cells, to_graph
 from planning import ENDPOINTS, room, turn_between, with_state
 from strategies import seeds
 
@@ -53,16 +53,16 @@ def middles(space: CSpace) -> np.ndarray:
 
 
 def links(space: CSpace, wide: np.ndarray, corners: bool) -> Any:
-    """The cells of a map that are wide enough, linked where a robot can go from one to the next, with lengths."""
+    """The cells of a map that are wide enough, link_cells where a robot can go from one to the next, with lengths."""
     turns, size = space.rotations.count, math.prod(space.grid.shape)
     straight = [False] * space.grid.dim
-    parts = [linked(part, straight, corners) for part in wide.reshape(turns, *space.grid.shape)]
+    parts = [link_cells(part, straight, corners) for part in wide.reshape(turns, *space.grid.shape)]
     within = [(first + k * size, last + k * size, 0.5 * metres) for k, (first, last, metres) in enumerate(parts)]
     if space.rotations.names:
-        first, last, cells = linked(wide.reshape(turns, size), [True, False], corners=False)
+        first, last, cells = link_cells(wide.reshape(turns, size), [True, False], corners=False)
         turned = first % size == last % size
         within.append((first[turned], last[turned], 0.5 * 2 * math.pi / turns * cells[turned]))
-    return graph_of(np.concatenate(within, axis=1), wide.size)
+    return to_graph(np.concatenate(within, axis=1), wide.size)
 
 
 def widest_of_all(space: CSpace, start: int, goal: int) -> float:
