@@ -9,16 +9,19 @@ from typer.main import get_command
 
 from cspace.cli import app
 
-testing._get_command = cache(get_command)  # else all are made anew for each that is run
+testing._get_command = cache(get_command)  # otherwise each run builds all commands again
 
 
 def run(*arguments: object) -> Any:
-    """What the command line answers."""
+    """Run the command line in this process."""
     return testing.CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 def document(*arguments: object, warning: str = "") -> dict[str, Any]:
-    """The JSON document of a command that succeeds, with one warning or none; it is all that it prints."""
+    """Return the JSON document of a successful command, with at most one warning.
+
+    The document is all that the command prints.
+    """
     result = run(*arguments, "--json")
     assert result.exit_code == 0, result.stderr or result.exception
     assert result.stderr.count("\n") == bool(warning), result.stderr

@@ -1,4 +1,4 @@
-"""Maps made by hand in every space, and slow, plain answers about their cells."""
+"""Handmade maps in every space, and slow, plain answers about their cells."""
 
 import itertools
 from functools import cache
@@ -19,7 +19,10 @@ MIXTURE = (FREE, FREE, MIXED, BLOCKED)
 
 
 class Outside(NamedTuple):
-    """What is known outside the grid: one state, but for a box ``(first cell, last cell)`` in which all is MIXED."""
+    """State of the cells outside the grid.
+
+    All have one state, except for a box ``(first cell, last cell)`` in which all are MIXED.
+    """
 
     box: np.ndarray
     state: int
@@ -31,16 +34,16 @@ class Outside(NamedTuple):
 
 @cache
 def speck(dim, turning, spacing):
-    """A robot that is a point to speak of, and its rasters, at whatever rotation."""
+    """Return a robot that is nearly a point, and its rasters at any rotation."""
     away = np.full(dim, 1e-7 if turning else 0.0)
     robot = Robot.disc(1e-6, away) if dim == 2 else Robot.ball(1e-6, away)
     return robot, robot.rasters(spacing, 0.0)
 
 
 def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rasters=None, occupied=None):
-    """A map of given states, of a robot that is a point to speak of and shares no slices.
+    """Build a map of given states, for a robot that is nearly a point and shares no slices.
 
-    ``outside`` is a policy, or an :class:`Outside` that no robot need have.
+    ``outside`` is a policy, or an :class:`Outside` that need not belong to a robot.
     """
     state = np.asarray(state, dtype=np.uint8)
     dim = state.ndim - (rotations is not None)
@@ -58,14 +61,14 @@ def map_of(state, rotations=None, outside="free", spacing=0.25, lower=None, rast
 
 
 def map_in(workspace, robot, states, rotations=None, **options):
-    """A map of given states, shape (slices, ...), or (...) of a robot that only translates."""
+    """Build a map of given states, shape (slices, ...), or (...) if the robot only translates."""
     cells = Rotations.of(rotations)
     states = states[None] if states.ndim == workspace.grid.dim else states
     return CSpace(Contents(workspace, robot, cells, cells.slices_for(robot.shape), states, **options))
 
 
 def made(states, kind, outside="free", spacing=0.25, rotations=None, lower=None):
-    """A map of a kind of states, shape (rotations, ...)."""
+    """Build a map of a kind from states, shape (rotations, ...)."""
     if "turning" not in kind:
         return map_of(states[0], None, outside, spacing, lower)
     if "any way" in kind:
@@ -74,12 +77,12 @@ def made(states, kind, outside="free", spacing=0.25, rotations=None, lower=None)
 
 
 def cuts(turns):
-    """Parts of an axis of so many cells of quaternions."""
+    """Return the parts of an axis that give a number of quaternion cells."""
     return round((turns / 4) ** (1 / 3))
 
 
 def random_states(rng, kind, most=5, mixture=MIXTURE):
-    """States of small maps of a kind, shape (rotations, ...)."""
+    """Draw the states of a small map of a kind, shape (rotations, ...)."""
     most = most if kind == "plane" else max(2, most - 1)
     turns = int(rng.choice([4, 32]) if "any way" in kind else rng.integers(1, 6)) if "turning" in kind else 1
     shape = rng.integers(1, min(most, 96 // turns) + 1, 3 if "space" in kind else 2)
@@ -87,7 +90,7 @@ def random_states(rng, kind, most=5, mixture=MIXTURE):
 
 
 def but(*cells, side=4, dim=3):
-    """States that are FREE but for some MIXED cells."""
+    """Return states that are FREE except for some MIXED cells."""
     state = np.zeros((side,) * dim, dtype=np.uint8)
     for cell in cells:
         state[cell] = MIXED
@@ -95,7 +98,7 @@ def but(*cells, side=4, dim=3):
 
 
 def exterior_blocked(shape, *walls, but=()):
-    """Cells of which those in some boxes are occupied, but for others."""
+    """Return cells that are occupied in some boxes, except for the cells of others."""
     cells = np.zeros(shape, dtype=bool)
     for wall in walls:
         cells[wall] = True
@@ -106,14 +109,14 @@ def exterior_blocked(shape, *walls, but=()):
 
 @st.composite
 def states(draw, side=5, mixture=(FREE, FREE, FREE, MIXED, BLOCKED), dims=(2, 3)):
-    """Arrays of states, shape (nx, ny) or (nx, ny, nz), flat ones among them."""
+    """Draw arrays of states, shape (nx, ny) or (nx, ny, nz), also flat ones."""
     shape = draw(st.tuples(*[st.integers(1, side)] * draw(st.sampled_from(dims))))
     return np.random.default_rng(draw(seeds)).choice(np.array(mixture, dtype=np.uint8), shape)
 
 
 @st.composite
 def outsides(draw, dim=3):
-    """What may be known of cells outside the grid: boxes that hold, meet or miss it, or are empty."""
+    """Draw boxes outside the grid, which may contain, meet or miss the grid, or be empty."""
     first = draw(st.tuples(*[st.integers(-4, 4)] * dim))
     size = draw(st.tuples(*[st.integers(0, 9)] * dim))
     box = np.array([*first, *(low + n - 1 for low, n in zip(first, size, strict=True))])
@@ -121,7 +124,7 @@ def outsides(draw, dim=3):
 
 
 def state_of(state, outside, cell):
-    """State of a cell, in the grid or not."""
+    """Return the state of a cell, inside the grid or outside."""
     if all(0 <= c < n for c, n in zip(cell, state.shape, strict=True)):
         return int(state[cell])
     ends, dim = outside.box.tolist(), len(cell)
@@ -129,25 +132,25 @@ def state_of(state, outside, cell):
 
 
 def cells_around(state, outside):
-    """Cells of the grid, of the box, and of a frame of one cell around them."""
+    """Return the cells of the grid, of the box, and of a frame of one cell around them."""
     low, high = np.split(outside.box, 2)
     sides = zip(state.shape, low.tolist(), high.tolist(), strict=True)
     return itertools.product(*(range(min(a, 0) - 1, max(b + 1, n) + 1) for n, a, b in sides))
 
 
 def all_cells(states):
-    """Every cell ``(rotation, ...)``, shape (n, 1 + d)."""
+    """Return every cell ``(rotation, ...)``, shape (n, 1 + d)."""
     return np.argwhere(np.ones(states.shape, dtype=bool))
 
 
 def middles(space, cells):
-    """The middle configuration of cells ``(rotation, ...)``."""
+    """Return the center configurations of cells ``(rotation, ...)``."""
     q = space.grid.center_of(cells[:, 1:])
     return q if not space.rotations.names else np.column_stack([q, space.rotations.centers[cells[:, 0]]])
 
 
 def configurations(space, q):
-    """Numbers as configurations of a map: quaternions get the norm 1."""
+    """Normalise the quaternions of configurations in place."""
     if len(space.rotations.names) == 4:
         q[..., 3:] /= np.linalg.norm(q[..., 3:], axis=-1, keepdims=True)
     return q
@@ -155,7 +158,7 @@ def configurations(space, q):
 
 @cache
 def beside(turns, kind):
-    """Of each cell of rotations those across its sides: of yaw in a ring, of quaternions where a small step leads."""
+    """Return the neighbours of each rotation cell: rings of yaw, or quaternion cells a small step away."""
     if "any way" not in kind:
         return [{(cell - 1) % turns, (cell + 1) % turns} for cell in range(turns)]
     cells, n, near = Rotations.quaternions(cuts(turns)), cuts(turns), []
@@ -169,7 +172,7 @@ def beside(turns, kind):
 
 
 def sides_of(cell, shape, kind=""):
-    """The cells of an array (rotations, ...) that share a side with one."""
+    """Yield the cells of an array (rotations, ...) that share a side with a cell."""
     yield from ((turn, *cell[1:]) for turn in beside(shape[0], kind)[cell[0]])
     for axis, way in itertools.product(range(1, len(shape)), (-1, 1)):
         near = list(cell)
@@ -179,13 +182,16 @@ def sides_of(cell, shape, kind=""):
 
 
 def half_turns(shape):
-    """The axes in space about which a half turn maps a shape to itself."""
+    """Return the axes in space about which a half turn maps a shape to itself."""
     turns = (2.0 * np.outer(axis, axis) - np.eye(3) for axis in np.eye(3))
     return tuple(k for k, turn in enumerate(turns) if any((turn == each).all() for each in shape.symmetries))
 
 
 def components(cells, kind=""):
-    """Numbers of the components of the True cells of an array (rotations, ...), joined through sides; -1 for others."""
+    """Label the components of the True cells of an array (rotations, ...); others are -1.
+
+    Cells are connected through sides.
+    """
     number = np.arange(cells.size).reshape(cells.shape)
     turns = np.array([(turn, near) for turn, row in enumerate(beside(len(cells), kind)) for near in row])
     links = [number[turns.T].reshape(2, -1)]

@@ -1,4 +1,4 @@
-"""Maps of every kind to save, and what must hold of them once they are read again."""
+"""Maps of every kind to save, and checks of the maps that are read again."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -20,7 +20,7 @@ SUFFIXES = [".zarr", ""]
 
 
 def same(a: cspace.CSpace, b: cspace.CSpace) -> None:
-    """Fail unless two maps are equal, to the last bit, and answer alike."""
+    """Fail unless two maps are equal to the last bit and give equal answers."""
     one, two = a.to_xarray(), b.to_xarray()
     assert one.identical(two)
     assert all(one[name].dtype == two[name].dtype for name in one.variables)
@@ -36,7 +36,10 @@ def same(a: cspace.CSpace, b: cspace.CSpace) -> None:
 
 
 def proven_paths(space: Any, q0: ArrayLike, q1: ArrayLike) -> Any:
-    """Return True if a path is proven to exist, False if none is proven to, else None; of batches an object array."""
+    """Return True if a path is proven, False if disconnection is proven, else None.
+
+    For batches the result is an object array.
+    """
     connected, disconnected = space.is_connected(q0, q1), space.is_disconnected(q0, q1)
     if isinstance(connected, bool):
         assert isinstance(disconnected, bool) and not (connected and disconnected)
@@ -50,7 +53,7 @@ def files(path: Path) -> Iterator[Path]:
 
 
 def refused(path: Path, *texts: str) -> None:
-    """Fail unless opening ``path`` is an error that names it and holds ``texts``."""
+    """Fail unless opening ``path`` is an error that names it and contains ``texts``."""
     with pytest.raises(FileError) as caught:
         cspace.open(path)
     message = str(caught.value)
@@ -59,20 +62,20 @@ def refused(path: Path, *texts: str) -> None:
 
 
 def plane() -> cspace.CSpace:
-    """A room with a column in it: inner differs from outer, overlaps and shapes are there."""
+    """Build a room with a column: inner differs from outer, and there are overlaps and shapes."""
     room = shapely.box(0, 0, 4, 3) - shapely.box(0.31, 0.32, 3.7, 2.68)
     workspace = cspace.Workspace.from_polygons([room, shapely.Point(2, 1.5).buffer(0.4)], 0.1)
     return cspace.build(workspace, cspace.Robot.disc(0.2), counts=True, margin=0.03)
 
 
 def grid() -> cspace.CSpace:
-    """A map that is itself a grid, outside of which is free: inner is outer, and there are no shapes."""
+    """Build a map from a grid, free outside: inner is outer, and there are no shapes."""
     workspace = cspace.Workspace.from_array(np.eye(9, 7, dtype=bool), 0.1, lower=(-0.3, 0.7))
     return cspace.build(workspace, cspace.Robot.rectangle(0.25, 0.15), outside="free")
 
 
 def turning() -> cspace.CSpace:
-    """A robot without symmetries, and rotation cells of different widths."""
+    """Build a map of a robot without symmetries, with rotation cells of different widths."""
     workspace = cspace.Workspace.from_array(np.eye(12, 9, dtype=bool), 0.1)
     borders = [-1.0, 0.3, 1.1, 2.0, 4.0, 2.0 * np.pi - 1.0]
     robot = cspace.Robot.polygon([(0, 0), (0.4, 0), (0, 0.2)])
@@ -80,19 +83,19 @@ def turning() -> cspace.CSpace:
 
 
 def symmetric() -> cspace.CSpace:
-    """A rectangle about its middle, whose rotation cells share slices in pairs."""
+    """Build a map of a rectangle about its center, whose rotation cells share slices in pairs."""
     workspace = cspace.Workspace.from_polygons(shapely.box(0, 0, 1, 1), 0.1, (-1, -1, 2, 2))
     return cspace.build(workspace, cspace.Robot.rectangle(0.5, 0.2), rotations=8)
 
 
 def round_() -> cspace.CSpace:
-    """A disc that turns, whose rotation cells share one slice."""
+    """Build a map of a rotating disc, whose rotation cells share one slice."""
     workspace = cspace.Workspace.from_array(np.eye(9, dtype=bool), 0.1)
     return cspace.build(workspace, cspace.Robot.disc(0.1), rotations=8)
 
 
 def solid() -> cspace.CSpace:
-    """Meshes and balls in space."""
+    """Build a map of meshes and balls in space."""
     housing = Mesh.of(trimesh.creation.box((0.6, 0.5, 0.4)))
     base = cspace.Workspace.from_mesh(housing, 0.1, (-1.0, -0.9, -0.8, 1.0, 0.9, 0.8))
     shapes = (Balls.of([(0.5, 0.5, 0.5)], 0.2), housing, Balls.of([(-0.8, 0.0, 0.1), (0.0, 0.0, 0.7)], [0.0, 0.1]))
@@ -101,19 +104,19 @@ def solid() -> cspace.CSpace:
 
 
 def solid_turning() -> cspace.CSpace:
-    """A robot in space that turns about z."""
+    """Build a map of a robot in space that rotates about z."""
     workspace = cspace.Workspace.from_array(exterior_blocked((9, 8, 7), np.s_[4, 4]), 0.1)
     return cspace.build(workspace, cspace.Robot.box((0.4, 0.2, 0.1)), rotations=6)
 
 
 def solid_free() -> cspace.CSpace:
-    """A robot in space that turns about any axis, and shares slices."""
+    """Build a map of a robot in space that rotates about any axis and shares slices."""
     workspace = cspace.Workspace.from_array(exterior_blocked((7, 6, 5), np.s_[3, 3]), 0.1)
     return cspace.build(workspace, cspace.Robot.box((0.2, 0.1, 0.1)), rotations=cspace.Rotations.quaternions(2))
 
 
 def field() -> cspace.CSpace:
-    """A map that carries an overlap field, of a robot that turns."""
+    """Build a map with an overlap field, of a rotating robot."""
     pytest.importorskip("finufft")
     from cspace.spectral import FourierOverlap
 

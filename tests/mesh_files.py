@@ -1,4 +1,4 @@
-"""Boxes to be written to files of meshes, and checks of what comes back."""
+"""Boxes to write to mesh files, and checks of the meshes that are read."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def read(tmp_path, name, content):
 
 
 def check_boxes(mesh, count=1):
-    """``mesh`` is boxes of side 4, that many in a row, with their normals outward."""
+    """Fail unless ``mesh`` is a row of ``count`` boxes of side 4 with outward normals."""
     assert len(mesh.faces) == 12 * count
     assert mesh.volume == pytest.approx(64.0 * count)
     assert mesh.area == pytest.approx(96.0 * count)

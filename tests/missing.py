@@ -1,4 +1,4 @@
-"""What there is to see where a package is not installed."""
+"""Output of code if a package is not installed."""
 
 import subprocess
 import sys
@@ -18,7 +18,7 @@ import cspace
 
 
 def output_without(package: str, code: str) -> str:
-    """What code prints in a process of its own that finds no such package."""
+    """Return the output of code in a process that cannot import a package."""
     run = [sys.executable, "-c", HIDE.format(package=package) + code]
     done = subprocess.run(run, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""Pages as tests look at them: what stands in the scene, and what browsers send."""
+"""Scene nodes of pages, and messages of browsers."""
 
 from typing import Any
 
@@ -6,10 +6,10 @@ from cspace.view import Viewer
 
 
 def node(viewer: Viewer, name: str) -> Any:
-    """What stands in the scene by a name; None if nothing does."""
+    """Return the node of the scene with a name; None if there is none."""
     return viewer.server.scene.get_handle_by_name(name)
 
 
 def setting(control: Any, value: float) -> dict[str, Any]:
-    """What a browser sends when somebody sets a control; the name that it knows it by is viser's own."""
+    """Return the message of a browser that sets a control; its identifier is viser's own."""
     return {"type": "GuiUpdateMessage", "uuid": control._impl.uuid, "updates": {"value": value}}

@@ -1,4 +1,4 @@
-"""What is drawn in a figure: its pixels, its words, the colours of its classes."""
+"""Contents of a figure: pixels, texts and the colours of the classes."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -16,20 +16,20 @@ COLORS = {label: tuple(round(255 * part) for part in to_rgb(color)) for label, c
 
 
 def block() -> Workspace:
-    """8 m by 5 m, walls all round, and a block that touches no symmetry: x 5 to 6.5, y 1 to 2."""
+    """Return a walled workspace of 8 m by 5 m with an asymmetric block: x 5 to 6.5, y 1 to 2."""
     sides = np.s_[[0, -1], :], np.s_[:, [0, -1]]
     return Workspace.from_array(exterior_blocked((80, 50), *sides, np.s_[50:65, 10:20]), 0.1)
 
 
 def yard(robot: Robot) -> CSpace:
-    """The map of a robot that turns, in there."""
+    """Build the map of a rotating robot in that workspace."""
     return build(block(), robot, rotations=24)
 
 
 def rendered(ax: Any, *, arranged: bool = False) -> NDArray[np.uint8]:
-    """Pixels of a figure, the first row at the bottom as in display coordinates, shape (height, width, 3).
+    """Return the pixels of a figure, shape (height, width, 3), first row at the bottom.
 
-    Its axes stand anywhere in it, without words around them, unless it is to be arranged.
+    Unless ``arranged``, the layout is not computed, and legends and texts are hidden.
     """
     if not arranged and ax.figure.get_layout_engine() is not None:
         ax.figure.set_layout_engine("none")
@@ -40,37 +40,37 @@ def rendered(ax: Any, *, arranged: bool = False) -> NDArray[np.uint8]:
 
 
 def pixel(ax: Any, image: NDArray[np.uint8], x: float, y: float) -> tuple[int, ...]:
-    """The pixel that shows a point given in metres."""
+    """Return the pixel of a point given in metres."""
     column, row = ax.transData.transform((x, y))
     return tuple(image[int(row), int(column)].tolist())
 
 
 def labels(ax: Any) -> list[str]:
-    """Entries of all legends."""
+    """Return the entries of all legends."""
     legends = [*ax.figure.legends, *([ax.get_legend()] if ax.get_legend() else [])]
     return [text.get_text() for legend in legends for text in legend.get_texts()]
 
 
 def heading(ax: Any) -> str:
-    """The text above all panels."""
+    """Return the title of the figure."""
     return str(ax.figure.get_suptitle())
 
 
 def heading_box(figure: Any) -> Any:
-    """What it covers."""
+    """Return the bounding box of the figure's title."""
     (text,) = (each for each in figure.texts if each.get_text() == figure.get_suptitle())
     return text.get_window_extent()
 
 
 def check_within(figure: Any, *boxes: Any) -> None:
-    """Boxes lie in a figure."""
+    """Fail unless boxes lie in a figure."""
     for box in boxes:
         assert -1 <= box.x0 < box.x1 <= figure.bbox.width + 1
         assert -1 <= box.y0 < box.y1 <= figure.bbox.height + 1
 
 
 def class_of(space: CSpace, states: set[int], occupied: bool) -> str:
-    """What a cell should show, in words, whose states at the yaws that are shown are these."""
+    """Return the legend entry of a cell with the given states at the shown yaws."""
     best = min(states)
     if occupied:
         return "obstacle, free for the reference point" if best == FREE else "obstacle"
@@ -80,7 +80,7 @@ def class_of(space: CSpace, states: set[int], occupied: bool) -> str:
 def check_cells(
     space: CSpace, ax: Any, image: NDArray[np.uint8], cells: NDArray[np.int64], rotations: Sequence[Any]
 ) -> set[str]:
-    """Check that cells of a map in the plane have the colours of their states at rotations; return what they show."""
+    """Check that cells of a plane map have the colours of their states; return their classes."""
     seen = set()
     for cell in cells:
         x, y = space.grid.center_of(cell)

@@ -1,4 +1,4 @@
-"""Maps to plan on in every space, and what holds of every plan."""
+"""Maps to plan on in every space, and checks of every plan."""
 
 import dataclasses
 import math
@@ -32,11 +32,11 @@ ENDPOINTS: dict[str, tuple[Any, Any]] = {
 
 CAR = {"turning_radius": 0.4}
 ANYTIME = {"BITstar", "InformedRRTstar", "PRMstar", "RRTstar", "SORRTstar"}
-"""Planners that go on improving their path until their time is over."""
+"""Planners that improve their path until their time is over."""
 
 
 TURNS = {"turning": 4, "yawing": 4, "floating": Rotations.quaternions(2)}
-"""A few rotation cells in each space that has any."""
+"""A few rotation cells for each space with rotations."""
 
 
 ROOMS: dict[str, Any] = {
@@ -64,14 +64,14 @@ def compile_for(seconds: float) -> None:
 
 @cache
 def room(name: str) -> CSpace:
-    """A room with walls across it, for a disc, a rectangle that turns, or a box in space."""
+    """Build a room with walls across it, for a disc, a rotating rectangle, or a box in space."""
     cells, robot, rotations = ROOMS[name]
     return build(Workspace.from_array(cells, 0.1), robot, rotations=rotations)
 
 
 @cache
 def open_map(name: str) -> CSpace:
-    """A map without an obstacle, open to all sides."""
+    """Build a map without obstacles, with a free exterior."""
     dim = 2 if name in ("plane", "turning") else 3
     workspace = Workspace.from_array(np.zeros((9, 8, 7)[:dim], dtype=bool), 1.0)
     robot = Robot.ball(0.1) if dim == 3 else Robot.disc(0.1)
@@ -79,12 +79,12 @@ def open_map(name: str) -> CSpace:
 
 
 def with_state(state: np.ndarray, turns: int | Rotations | None = None, spacing: float = 1.0) -> CSpace:
-    """A map whose cells have the given states; with an axis of rotations first, where the robot turns."""
+    """Build a map of given cell states, whose first axis is the rotation if there are ``turns``."""
     return map_of(state, turns, "blocked", spacing, occupied=(state if turns is None else state[0]) == BLOCKED)
 
 
 def halves(name: str, between: int) -> tuple[CSpace, Any, Any]:
-    """Two free halves with a wall of another state between them, and a configuration in each."""
+    """Build two free halves with a wall of another state; return a configuration in each."""
     turns = {"turning": 12, "yawing": 12, "floating": Rotations.quaternions(2)}.get(name)
     cells = (19, 9) if name in ("plane", "turning") else (19, 9, 9)
     state = np.full((Rotations.of(turns).count, *cells), FREE, dtype=np.uint8)
@@ -94,14 +94,14 @@ def halves(name: str, between: int) -> tuple[CSpace, Any, Any]:
 
 
 def state_at(space: CSpace, si: Any, q: Any) -> Any:
-    """One of OMPL's states."""
+    """Return an OMPL state."""
     state = si.allocState()
     kind_of(space).write(state, *map(float, q))
     return state
 
 
 def configurations(space: CSpace, n: int, seed: int) -> np.ndarray:
-    """Random configurations in and around a map, and corners of its cells."""
+    """Draw random configurations in and around a map, and corners of its cells."""
     rng = np.random.default_rng(seed)
     lower, upper = np.array(space.grid.lower), np.array(space.grid.upper)
     corners = lower + space.grid.spacing * rng.integers(0, np.array(space.grid.shape) + 1, (n // 4, space.grid.dim))
@@ -110,14 +110,14 @@ def configurations(space: CSpace, n: int, seed: int) -> np.ndarray:
 
 
 def edges_from(space: CSpace, n: int, seed: int, reach: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """FREE configurations, and others near them, with yaw in [-pi, pi) and quaternions of norm 1."""
+    """Draw FREE configurations, and others near them."""
     rng = np.random.default_rng(seed)
     starts = space.sample_free(n, rng)
     return usable(space, starts), usable(space, starts + rng.uniform(-reach, reach, starts.shape))
 
 
 def usable(space: CSpace, q: np.ndarray) -> np.ndarray:
-    """Configurations with yaw in [-pi, pi) and quaternions of norm 1."""
+    """Wrap the yaws of configurations to [-pi, pi), and normalise their quaternions."""
     turns = q[:, space.grid.dim :]
     if "qw" in space.axes:
         turns = turns / np.linalg.norm(turns, axis=1, keepdims=True)
@@ -125,13 +125,13 @@ def usable(space: CSpace, q: np.ndarray) -> np.ndarray:
 
 
 def edge(space: CSpace, first: np.ndarray, last: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, float]:
-    """Configurations at shares of a straight edge, and the radians that the robot turns along it."""
+    """Return configurations at ``shares`` of a straight edge, and its total rotation in radians."""
     points, angles = edges(space, first[None], last[None], shares)
     return points[0], float(angles[0])
 
 
 def edges(space: CSpace, firsts: np.ndarray, lasts: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same of many edges, shapes (n, shares, size) and (n,)."""
+    """Return the same for many edges, shapes (n, shares, size) and (n,)."""
     dim = space.grid.dim
     places = firsts[:, None, :dim] + shares[:, None] * (lasts - firsts)[:, None, :dim]
     if "qw" in space.axes:
@@ -146,13 +146,13 @@ def edges(space: CSpace, firsts: np.ndarray, lasts: np.ndarray, shares: np.ndarr
 
 
 def turn_between(first: Any, second: Any) -> Any:
-    """Signed angle from one yaw to another along the shorter arc."""
+    """Return the signed angle between yaws along the shorter arc."""
     return (np.asarray(second) - first + math.pi) % (2 * math.pi) - math.pi
 
 
 @cache
 def shut_corners(space: CSpace) -> tuple[np.ndarray, cKDTree]:
-    """Corners of the cells that are not FREE, but beside one that is, and a tree of their middles."""
+    """Return the corners of boundary cells that are not FREE, and a tree of their centers."""
     shut = space.cell_states != FREE
     border = np.argwhere(shut & ~ndimage.binary_erosion(shut, border_value=1)).reshape(-1, space.grid.dim)
     corners = np.array(space.grid.lower) + space.grid.spacing * border
@@ -160,11 +160,11 @@ def shut_corners(space: CSpace) -> tuple[np.ndarray, cKDTree]:
 
 
 def least_distance(space: CSpace, points: np.ndarray) -> float:
-    """Distance of the nearest of some points in the grid to a cell beside a FREE one that is not, or to the outside."""
+    """Return the distance of points in the grid to the nearest cell that is not FREE, or to the exterior."""
     lower, upper, (corners, tree) = np.array(space.grid.lower), np.array(space.grid.upper), shut_corners(space)
     least = float(np.minimum(points - lower, upper - points).min())
     if len(corners):
-        # No cell that is nearer than the least has its middle further off than by half a diagonal more.
+        # The center of a cell is at most half a diagonal farther than the cell.
         reach = min(least, float(tree.query(points)[0].min())) + space.grid.spacing * math.sqrt(space.grid.dim)
         near = cKDTree(points).sparse_distance_matrix(tree, reach, output_type="coo_matrix")
         first, at = corners[near.col], points[near.row]
@@ -174,7 +174,7 @@ def least_distance(space: CSpace, points: np.ndarray) -> float:
 
 
 def on_arc(first: np.ndarray, chord: float, turn: float, way: int, along: np.ndarray) -> np.ndarray:
-    """Configurations of the arc on which a car drives a chord and turns by an angle."""
+    """Return configurations on the arc that a car drives over a chord and an angle."""
     angles = turn * along
     yaw = first[2] + angles
     if abs(turn) < 1e-9:
@@ -187,7 +187,7 @@ def on_arc(first: np.ndarray, chord: float, turn: float, way: int, along: np.nda
 
 
 def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
-    """What holds of every solved plan, told by look-ups of single configurations."""
+    """Check a solved plan by look-ups of single configurations."""
     dim, path, waypoints = space.grid.dim, plan.path, plan.waypoints
     assert plan.solved and plan.certified and plan.status.startswith("path found") and not plan.hint
     for rows in (path, waypoints):
@@ -213,7 +213,7 @@ def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
         turns = turn_between(path[:-1, 2], path[1:, 2])
         ahead = zip(path, steps, turns, plan.direction[1:], strict=False)
         dense = [on_arc(a, step, turn, way, along) for a, step, turn, way in ahead]
-        # No turn is tighter than the radius, and the robot moves the way it points.
+        # Curves are no tighter than the turning radius, and the robot moves along its heading.
         assert (np.abs(turns) <= 1.02 * steps / plan.turning_radius + 1e-6).all()
         assert all(np.abs(points[-1, :2] - b[:2]).max() < 1e-5 for b, points in zip(path[1:], dense, strict=True))
     points = np.concatenate([path, *dense])
@@ -230,13 +230,13 @@ def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
 
 
 def check_none(space: CSpace, plan: planners.Plan) -> None:
-    """What holds of every plan that found nothing."""
+    """Check a plan that found nothing."""
     assert not plan.solved and not plan.certified and plan.path.shape == plan.waypoints.shape == (0, space.size)
     assert all(math.isnan(value) for value in (plan.length, plan.total_rotation, plan.clearance))
 
 
 def values(states: Any) -> list[float]:
-    """The bounds of a state space, all lower ones first."""
+    """Return the bounds of a state space, all lower bounds first."""
     part = (
         states.getSubspace(0)
         if isinstance(states, ob.CompoundStateSpace) and not hasattr(states, "getBounds")

@@ -1,4 +1,4 @@
-"""Tables of refusals: a row each for an argument that is refused and a part of the message."""
+"""Tables of refusals: one row for each refused argument and part of its message."""
 
 from typing import Any
 
@@ -6,5 +6,5 @@ import pytest
 
 
 def refusals(names: str, *rows: tuple[Any, ...]) -> pytest.MarkDecorator:
-    """Parametrize a test by rows whose last value, a part of the message, also names the case."""
+    """Parametrize a test by rows whose last value, part of the message, is the test id."""
     return pytest.mark.parametrize(names, [pytest.param(*row, id=str(row[-1])) for row in rows])

@@ -1,4 +1,4 @@
-"""Solids in space as FCL has them, which shares no code with the library: whether they meet, how far they are apart."""
+"""Collisions and distances of solids by FCL, without code of the library."""
 
 from itertools import product
 from pathlib import Path
@@ -15,13 +15,13 @@ ORIGIN, STILL = np.zeros(3), np.eye(3)
 
 
 class Solid(fcl.CollisionObject):
-    """A solid, and how far it reaches from its middle."""
+    """A solid with the radius of its bounding ball."""
 
     radius: float
 
 
 def box(sides: Any, at: Any = ORIGIN, turn: Any = STILL) -> Solid:
-    """A box around a point, turned."""
+    """Make a rotated box around a point."""
     made = Solid(fcl.Box(*np.asarray(sides, float)), fcl.Transform(turn, np.asarray(at, float)))
     made.radius = float(np.linalg.norm(sides)) / 2.0
     return made
@@ -34,7 +34,7 @@ def ball(radius: float, at: Any = ORIGIN) -> Solid:
 
 
 def surface(vertices: Any, faces: Any) -> Any:
-    """The triangles of a mesh."""
+    """Make the surface of a mesh."""
     model = fcl.BVHModel()
     model.beginModel(len(vertices), len(faces))
     model.addSubModel(vertices, faces)
@@ -47,23 +47,23 @@ def meet(one: Any, other: Any) -> bool:
 
 
 def apart(one: Any, others: Any) -> float:
-    """The least distance from any of others: zero where they meet, and no end of it where there are none."""
+    """Return the minimum distance from any of others: zero if they meet, infinite without others."""
     return float(min((0.0 if meet(one, each) else fcl.distance(one, each) for each in others), default=np.inf))
 
 
 def within(low: Any, high: Any, sides: Any, at: Any, turn: Any) -> float:
-    """How far the corners of a box are within bounds, below zero where one is outside."""
+    """Return how far the corners of a box are inside bounds; negative if one is outside."""
     corners = np.array(list(product((-0.5, 0.5), repeat=3))) * sides @ np.transpose(turn) + at
     return float(np.minimum(corners - low, np.asarray(high) - corners).min())
 
 
 def turn_of(q: Any) -> Any:
-    """The rotation of a configuration in space: of none, a yaw, or a quaternion."""
+    """Return the rotation of a configuration in space: none, a yaw, or a quaternion."""
     return Rotation.from_quat(q[3:]) if len(q) == 7 else Rotation.from_rotvec([0.0, 0.0, q[3] if len(q) > 3 else 0.0])
 
 
 class ArmOracle:
-    """The boxes of an arm's links, placed by yourdfpy, among solids that stay, by name."""
+    """Boxes of an arm's links, placed by yourdfpy, among fixed solids with names."""
 
     def __init__(self, path: Path, arm: Arm, still: dict[str, list[Any]], allowed: Any) -> None:
         """``allowed``: the pairs of names that may touch."""
@@ -79,7 +79,7 @@ class ArmOracle:
         self._reach = np.array([solid.radius for solid in self._solids])[self._pairs].sum(axis=1)
 
     def apart(self, q: Any) -> float:
-        """The least distance of any pair that may not touch; zero in collision."""
+        """Return the minimum distance over all pairs that may not touch; zero in collision."""
         values = dict(zip(self._arm.joints, np.asarray(q, float), strict=True))
         self._urdf.update_cfg(np.array([values[name] for name in self._urdf.actuated_joint_names]))
         poses = {link: self._urdf.get_transform(link) for link in {link for link, *_ in self._parts}}
@@ -90,7 +90,7 @@ class ArmOracle:
         gaps = np.linalg.norm(middles[:, 0] - middles[:, 1], axis=1) - self._reach
         least = np.inf
         for k in np.argsort(gaps):
-            if gaps[k] >= least or least == 0.0:  # the others are no nearer
+            if gaps[k] >= least or least == 0.0:  # all other pairs are farther apart
                 break
             one, other = (self._solids[n] for n in self._pairs[k])
             least = min(least, apart(one, [other]))
@@ -98,5 +98,5 @@ class ArmOracle:
 
 
 def sampled(arm: Arm, rng: np.random.Generator, count: int) -> Any:
-    """Configurations of an arm, within a turn where a joint has no end."""
+    """Draw configurations of an arm, within a turn for joints without limits."""
     return rng.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), (count, arm.dof))

@@ -1,4 +1,4 @@
-"""Streams of changes of a workspace, and what must hold of a map that follows them."""
+"""Streams of changes of a workspace, and checks of maps that follow them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -18,14 +18,14 @@ BLOCK = np.ones((4, 4), dtype=bool)
 
 
 def room(outside: str = "blocked", robot: Robot | None = None, rotations: int | None = None) -> cspace.CSpace:
-    """An empty room of 40 x 30 cells."""
+    """Build the map of an empty room of 40 x 30 cells."""
     workspace = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
     return cspace.build(workspace, robot or Robot.disc(0.3), outside=outside, rotations=rotations)
 
 
 @dataclass
 class World:
-    """A workspace that changes, beside the map that follows it."""
+    """A changing workspace, separate from the map that follows it."""
 
     outer: NDArray[np.bool_]
     inner: NDArray[np.bool_]
@@ -46,7 +46,7 @@ class World:
         return cspace.build(self.workspace(), self.robot, **self.options)
 
     def patch(self) -> tuple[NDArray[np.bool_], list[int], NDArray[np.bool_] | None]:
-        """A random box of new cells, often in a corner, sometimes the whole map, and written down here too."""
+        """Draw a box of new cells, often in a corner, sometimes the whole map, and apply it here."""
         rng, shape = self.rng, self.outer.shape
         most = [n if rng.random() < 0.1 else min(n, 8) for n in shape]
         size = [int(rng.integers(1, n + 1)) for n in most]
@@ -58,14 +58,14 @@ class World:
         return cells, lower, inner
 
     def stream(self, space: CSpace, steps: int) -> Iterator[cspace.CSpace]:
-        """Update a map step by step, and give the one that is built anew at each."""
+        """Update a map step by step, and yield a fresh build after each step."""
         for _ in range(steps):
             cells, lower, inner = self.patch()
             space.update(cells, lower, inner=inner)
             yield self.build()
 
     def points(self, n: int) -> NDArray[np.float64]:
-        """Configurations in the grid, around it, and on its upper border."""
+        """Draw configurations in and around the grid, and on its upper boundary."""
         grid = cspace.Grid(self.lower, SPACING, self.outer.shape)
         sides = np.array(self.outer.shape) * SPACING
         q = np.array(self.lower) + self.rng.uniform(-0.4, 1.4, (n, len(sides))) * sides
@@ -73,11 +73,11 @@ class World:
         return self.configurations(np.column_stack([q, self.rng.uniform(-9.0, 9.0, (n, len(self.turns.names)))]))
 
     def near(self, q: NDArray[np.float64], share: float) -> NDArray[np.float64]:
-        """Configurations at a share of the way to others."""
+        """Return configurations at a fraction of the way to others."""
         return self.configurations(q + share * (self.points(len(q)) - q))
 
     def configurations(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Numbers as configurations: quaternions get the norm 1."""
+        """Normalise the quaternions of configurations in place."""
         if len(self.turns.names) == 4:
             q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
         return q
@@ -85,7 +85,7 @@ class World:
 
 @st.composite
 def worlds(draw: st.DrawFn, kinds: tuple[str, ...] = KINDS) -> World:
-    """Maps of every kind; robots from one cell to larger than the map."""
+    """Draw maps of every kind; robots from one cell to larger than the map."""
     kind, rng = draw(st.sampled_from(kinds)), np.random.default_rng(draw(seeds))
     dim = 3 if "space" in kind else 2
     most = {"plane": 40, "turning": 24, "space": 14}.get(kind, 8)
@@ -111,7 +111,7 @@ def worlds(draw: st.DrawFn, kinds: tuple[str, ...] = KINDS) -> World:
 
 
 def check(space: CSpace, fresh: CSpace, world: World) -> None:
-    """Fail unless all that a map answers is what one answers that was built anew."""
+    """Fail unless a map gives the same answers as a fresh build."""
     np.testing.assert_array_equal(space._kernel_map.states, fresh._kernel_map.states)
     assert space.count() == fresh.count()
     for mine, other in (
@@ -143,14 +143,14 @@ def check(space: CSpace, fresh: CSpace, world: World) -> None:
 
 
 def checkers(space: CSpace, exact: bool = False) -> list[Any]:
-    """Checkers of points, edges and, where the map itself answers, clearances."""
+    """Return point and edge checkers and, unless ``exact``, clearance checkers."""
     options = {"exact": True} if exact else {}
     made: list[Any] = [space.point_checker(**options), space.edge_checker(**options)]
     return made if exact else [*made, space.clearance_checker()]
 
 
 def agree(ours: list[Any], theirs: list[Any], world: World) -> None:
-    """Fail unless checkers answer alike."""
+    """Fail unless checkers give equal answers."""
     q = world.points(30)
     for a, b in zip(q.tolist(), world.near(q, 0.1).tolist(), strict=True):
         for given, mine, other in zip(((), b, ()), ours, theirs, strict=False):

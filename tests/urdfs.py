@@ -7,12 +7,12 @@ import numpy as np
 
 
 def link(name: str, *boxes: tuple[Any, Any], extra: str = "") -> str:
-    """Write a link of boxes, each given by its sides and its middle."""
+    """Write a link of boxes, each given by its sides and its center."""
     return f'<link name="{name}">{"".join(collision("box", *each) for each in boxes)}{extra}</link>'
 
 
 def collision(kind: str, sizes: Any, at: Any, rpy: Any = (0, 0, 0)) -> str:
-    """Write a solid of a link: a box of some sides, a cylinder of some radius and length, or a sphere."""
+    """Write a solid of a link: a box by its sides, or a cylinder or sphere by its measures."""
     values = zip(("radius", "length"), sizes, strict=False)
     measures = f'size="{_text(sizes)}"' if kind == "box" else " ".join(f'{key}="{value}"' for key, value in values)
     origin = f'<origin xyz="{_text(at)}" rpy="{_text(rpy)}"/>'
@@ -38,14 +38,14 @@ def joint(
 
 
 def written(folder: Path, *parts: str) -> Path:
-    """A URDF file of links and joints."""
+    """Write a URDF file of links and joints."""
     path = folder / "arm.urdf"
     path.write_text(f'<robot name="small">{"".join(parts)}</robot>')
     return path
 
 
 def planar(folder: Path, **changes: Any) -> Path:
-    """Two links of 1 m by 0.1 m in the plane z = 0, on a small foot."""
+    """Write an arm of two links of 1 m by 0.1 m in the plane z = 0, on a small foot."""
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
     return written(
         folder,
@@ -58,7 +58,7 @@ def planar(folder: Path, **changes: Any) -> Path:
 
 
 def two_arms(folder: Path) -> Path:
-    """Two arms of seven joints each, of bars of 0.2 m, on both sides of a column."""
+    """Write two arms of seven joints each, of bars of 0.2 m, on both sides of a column."""
     bar, axes = ((0.2, 0.08, 0.08), (0.1, 0, 0)), ((0, 0, 1), (0, 1, 0), (1, 0, 0), (0, 1, 0))
     parts = [link("column", ((0.2, 0.3, 1.0), (-0.1, 0, -0.2)))]
     for side, y in (("left", 0.3), ("right", -0.3)):
@@ -71,7 +71,10 @@ def two_arms(folder: Path) -> Path:
 
 
 def random_arm(folder: Path, seed: int) -> Path:
-    """Four links of one or two boxes at random places, on joints of all kinds with random axes; the last one mimics."""
+    """Write an arm of four links of random boxes, on joints of all kinds with random axes.
+
+    The last joint mimics the first.
+    """
     rng = np.random.default_rng(seed)
     parts = [link("l0", ((0.3, 0.3, 0.1), (0, 0, -0.1)))]
     kinds = rng.choice(["revolute", "prismatic", "continuous"], 4)

@@ -1,4 +1,4 @@
-"""Waiting for what other threads and programs do."""
+"""Waiting for other threads and programs."""
 
 import threading
 import time
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def until(true: Callable[[], Any], seconds: float = 20.0) -> Any:
-    """What something comes to, once it is true."""
+    """Wait for a true value, and return it."""
     end = time.monotonic() + seconds
     while not (value := true()):
         assert time.monotonic() < end, "it did not come to that"
@@ -17,7 +17,7 @@ def until(true: Callable[[], Any], seconds: float = 20.0) -> Any:
 
 
 def while_two_ask(ask: Callable[[], object], writers: Sequence[Callable[[], object]]) -> None:
-    """Run writers at once, while two threads ask again and again; what goes wrong in any of them is raised."""
+    """Run writers at once while two threads call ``ask`` repeatedly; raise any error."""
     done = threading.Event()
 
     def go_on() -> None:
