@@ -247,7 +247,10 @@ def displacement_bounds(scene: Scene, a: int, b: int, box: JointBox, scratch: Sc
 
 @kernel
 def center_box(cells: JointCells, scene: Scene, block: Ints, box: JointBox) -> float:
-    """Set a box to a block of cells, including the rounding of queries; return the required distance."""
+    """Set a box to a block of cells, including the rounding of queries.
+
+    Returns the required distance.
+    """
     for axis in range(3):
         number = cells.joint_indices[axis]
         if number >= 0:

@@ -191,7 +191,10 @@ def _classify_block(
 
 
 def _held_configuration(space: ArmSpace, names: Sequence[str], held_joints: ArrayLike | None) -> Floats:
-    """Return the configuration with the values of the held joints; the others do not matter."""
+    """Return the configuration with the values of the held joints.
+
+    The others do not matter.
+    """
     others = [name for name in space.arm.joints if name not in names]
     if held_joints is None:
         if others:
@@ -232,7 +235,10 @@ def _joint_range(space: ArmSpace, name: str, limits: Mapping[str, tuple[float, f
 
 
 def _count_cells(intervals: Floats, side: float) -> Ints:
-    """Return how many cells cover each interval, shape (d, 2); rounding adds no cell."""
+    """Return how many cells cover each interval, shape (d, 2).
+
+    Rounding adds no cell.
+    """
     exact = (intervals[:, 1] - intervals[:, 0]) / side
     nearest = np.rint(exact)
     return np.maximum(1, np.where(np.abs(exact - nearest) < 1e-9, nearest, np.ceil(exact))).astype(np.int64)
@@ -349,7 +355,9 @@ def _pick_balls(points: Floats, depth: Floats, shape: tuple[int, ...]) -> Floats
 
 
 class JointProofs:
-    """Proofs by an arm in a scene, for the joints of a map; see :class:`cspace.exact.boundaries.Proofs`.
+    """Proofs by an arm in a scene, for the joints of a map.
+
+    See :class:`cspace.exact.boundaries.Proofs`.
 
     Parameters
     ----------

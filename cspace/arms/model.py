@@ -517,7 +517,10 @@ class _Assembly:
 
 
 def _moving(links: Sequence[Solid]) -> list[tuple[int, int]]:
-    """Return pairs of links, by index, that move against each other; the second body comes first in the chain."""
+    """Return pairs of links, by index, that move against each other.
+
+    The second body comes first in the chain.
+    """
     rows = combinations(range(len(links)), 2)
     pairs = [(i, j) if links[i].body > links[j].body else (j, i) for i, j in rows]
     return [(i, j) for i, j in pairs if links[i].body != links[j].body]

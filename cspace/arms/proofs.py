@@ -161,7 +161,10 @@ def are_free(scene: Scene, firsts: Floats, lasts: Floats) -> Bools:
 
 @kernel
 def motions_are_free(scene: Scene, firsts: Floats, lasts: Floats, out: Bools, scratch: SceneScratch) -> None:
-    """Fill ``out`` with whether motions, shapes (n, dof), are proven free; equal endpoints mean a point."""
+    """Fill ``out`` with whether motions, shapes (n, dof), are proven free.
+
+    Equal endpoints mean a point.
+    """
     for k in range(len(firsts)):
         # Most colliding motions end in a collision, so the endpoint is tested first.
         out[k] = point_is_free(scene, lasts[k], scratch) and motion_is_free(scene, firsts[k], lasts[k], scratch)
@@ -192,7 +195,10 @@ def point_is_free(scene: Scene, q: Floats, scratch: SceneScratch) -> bool:
 
 @kernel
 def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) -> bool:
-    """Return True if a motion is proven free; its last configuration must be."""
+    """Return True if a motion is proven free.
+
+    Its last configuration must be proven free already.
+    """
     chain, solids, parts, open_pairs = scene.chain, scene.solids, scratch.parts, scratch.open_pairs
     pairs, nearest, longest, required = len(scene.pairs), 0, 0.0, required_distance(scene, q0, q1)
     if not required < np.inf:  # NaN in a configuration makes it NaN, which proves nothing
@@ -284,7 +290,10 @@ def is_nested(scene: Scene, n: int, scratch: SceneScratch, min_depth: float) -> 
 
 @kernel
 def anchor_lies_in(scene: Scene, i: int, j: int, scratch: SceneScratch, min_depth: float) -> bool:
-    """Return True if an anchor of solid i lies in a closed surface of solid j; see :func:`is_nested`."""
+    """Return True if an anchor of solid i lies in a closed surface of solid j.
+
+    See :func:`is_nested`.
+    """
     solids = scene.solids
     matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
     for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):

@@ -71,7 +71,10 @@ def nearest_node(forest: Forest, side: int, q: Floats) -> tuple[int, float]:
 
 @kernel
 def extend_tree(forest: Forest, scene: Scene, side: int, near: int, q: Floats, scratch: SceneScratch) -> int:
-    """Grow a tree from a node towards a configuration by at most a stride; return the new node, or -1."""
+    """Grow a tree from a node towards a configuration by at most a stride.
+
+    Returns the new node, or -1.
+    """
     new, nodes, square = forest.counts[side], forest.nodes[side], 0.0
     for d in range(len(q)):
         square += (nodes[near, d] - q[d]) ** 2
@@ -106,9 +109,10 @@ def connect_path(
     spans: Floats,
     path: Floats,
 ) -> int:
-    """Write the path through the two nodes where the trees meet; return its number of rows.
+    """Write the path through the two nodes where the trees meet.
 
-    If ``straight``, skip nodes that straight motions within the spans of the joints do not need.
+    Returns its number of rows. If ``straight``, skip nodes that straight motions within the spans of the joints do not
+    need.
     """
     stop = 0
     for side in range(2):

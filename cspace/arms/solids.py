@@ -68,7 +68,10 @@ class PosedShape:
 
     @cached_property
     def bounds_pair(self) -> tuple[PosedShape, PosedShape]:
-        """Outer and inner shape at the same pose; the same object twice if the shape is exact."""
+        """Outer and inner shape at the same pose.
+
+        Both are the same object if the shape is exact.
+        """
         outer, inner = self.shape.outer, self.shape.inner
         placed = replace(self, shape=outer)
         return placed, placed if inner is outer else replace(self, shape=inner)
@@ -240,7 +243,10 @@ def pack_solids(solids: Sequence[Solid], side: int, outer: Solids | None = None)
 
 
 def _cached_tree(parts: Sequence[PosedShape]) -> Trees:
-    """Return a tree of some parts; the first part caches it, so that all scenes share it."""
+    """Return a tree of some parts.
+
+    The first part caches it, so that all scenes share it.
+    """
     trees, key = parts[0].trees, tuple(parts)
     if key not in trees:
         rows, levers = zip(*(part.rows for part in parts), strict=True)
@@ -259,7 +265,10 @@ def make_scene(
     pairs: Sequence[tuple[int, int]],
     margin: float = 0.0,
 ) -> Scene:
-    """Return a scene of the outer shapes; solids of a pair, given by their indices, may not touch."""
+    """Return a scene of the outer shapes.
+
+    Solids of a pair, given by their indices, may not touch.
+    """
     made = pack_solids(solids, 0)
     max_coordinate = _max_coordinate(chain, made)
     return Scene(
@@ -364,7 +373,9 @@ def named_obstacles(obstacles: object) -> Mapping[str, object]:
 
 @singledispatch
 def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | None:
-    """Place an obstacle by a pose, shape (4, 4); return None for a workspace without obstacles.
+    """Place an obstacle by a pose, shape (4, 4).
+
+    Returns None for a workspace without obstacles.
 
     Raises
     ------

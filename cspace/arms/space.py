@@ -237,9 +237,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return out.reshape(points.shape[:-1]) if points.ndim > 1 else float(out[0])
 
     def path_obstacle_distance(self, path: ArrayLike) -> float:
-        """Bound :meth:`obstacle_distance` along a whole path from below, metres; 0 if the path is not proven free.
+        """Bound :meth:`obstacle_distance` along a whole path from below, metres.
 
-        The bound is the largest proven share of the smallest distance at waypoints and halfway between them.
+        The result is 0 if the path is not proven free. The bound is the largest proven share of the smallest distance
+        at waypoints and halfway between them.
 
         Parameters
         ----------
@@ -355,11 +356,12 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         seed: int | None = None,
         time_limit: float = 5.0,
     ) -> Floats:
-        """Find a path that is proven free as a whole; it is not the shortest.
+        """Find a path that is proven free as a whole.
 
-        Two trees of motions grow towards each other. The path is the same every time for a seed, unless the time limit
-        ends the search. Continuous joints may turn either way: the path ends at the goal, or whole turns from it. It
-        begins and ends within the limits: if q0 or q1 exceeds a limit by at most 1e-5 rad (m), at the limit.
+        It is not the shortest. Two trees of motions grow towards each other. The path is the same every time for a
+        seed, unless the time limit ends the search. Continuous joints may turn either way: the path ends at the goal,
+        or whole turns from it. It begins and ends within the limits: if q0 or q1 exceeds a limit by at most 1e-5 rad
+        (m), at the limit.
 
         Parameters
         ----------

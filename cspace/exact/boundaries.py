@@ -81,7 +81,10 @@ class Problem(NamedTuple):
 
     @property
     def required_distance(self) -> float:
-        """Distance that proves a configuration free, metres; callers add the rounding of the configuration."""
+        """Distance that proves a configuration free, metres.
+
+        Callers add the rounding of the configuration.
+        """
         return (
             self.margin
             + self.rotations.slack * self.robot.span
@@ -131,7 +134,10 @@ def as_triangles(parts: Sequence[Pieces]) -> Pieces:
 
 
 def clip(border: Pieces, grid: Grid) -> Pieces:
-    """Clip a boundary to the closed box of the grid; balls that reach the box stay whole."""
+    """Clip a boundary to the closed box of the grid.
+
+    Balls that reach the box stay whole.
+    """
     simplices, lower, upper = border.simplices, np.asarray(grid.lower), np.asarray(grid.upper)
     low, high = simplices.min(axis=1), simplices.max(axis=1)
     if ((low >= lower) & (high <= upper)).all():

@@ -89,17 +89,26 @@ class ExactQueries:
         return self._problem.margin + self._current_proofs().slack(as_contiguous(points), lengths, angles)
 
     def point_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
-        """Return ``check(*q)``; ``quick(*q)`` must return True only if q is in a FREE cell."""
+        """Return ``check(*q)``.
+
+        ``quick(*q)`` must return True only if q is in a FREE cell.
+        """
         self._current_proofs()
         return lambda *q: quick(*q) or self._current_proofs().edge(*q, *q)
 
     def edge_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
-        """Return ``check(*q0, *q1)``; ``quick(*q0, *q1)`` must return True only if the edge lies in FREE cells."""
+        """Return ``check(*q0, *q1)``.
+
+        ``quick(*q0, *q1)`` must return True only if the edge lies in FREE cells.
+        """
         self._current_proofs()
         return lambda *both: quick(*both) or self._current_proofs().edge(*both)
 
     def refresh(self, problem: Callable[[], Problem]) -> None:
-        """Replace the problem after an update; existing checkers use the new one from their next call on."""
+        """Replace the problem after an update.
+
+        Existing checkers use the new one from their next call on.
+        """
         with self._lock:
             self._problem, self._proofs = problem(), None
 
@@ -190,7 +199,10 @@ class ProofInputs(NamedTuple):
 
 
 class BoundaryProofs:
-    """Proofs for one robot among the obstacles of one workspace; each kernel is compiled at its first call."""
+    """Proofs for one robot among the obstacles of one workspace.
+
+    Each kernel is compiled at its first call.
+    """
 
     def __init__(self, problem: Problem) -> None:
         workspace, self._robot = problem.workspace, problem.robot.shape.outer
@@ -275,7 +287,10 @@ class BoundaryProofs:
         return free
 
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
-        """Return a lower bound of (distance - required distance) along a free path, metres; see :class:`Proofs`."""
+        """Return a lower bound of (distance - required distance) along a free path, metres.
+
+        See :class:`Proofs`.
+        """
         boundaries, (positions, matrices) = self._boundaries, self._place_robot(points)
         spans = 0.5 * (boundaries.scale * lengths + boundaries.max_lever * angles)
         pairs = make_scratch().node_pairs

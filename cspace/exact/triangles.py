@@ -104,9 +104,9 @@ class Motion(NamedTuple):
 
 
 def build_trees(borders: Sequence[Pieces], about_z: bool) -> tuple[Trees, list[int]]:
-    """Build one tree for each set of triangles; return them with their roots.
+    """Build one tree for each set of triangles.
 
-    Levers are distances from the z axis if ``about_z``, else from the origin.
+    Returns them with their roots. Levers are distances from the z axis if ``about_z``, else from the origin.
     """
     levers = [np.linalg.norm(b.simplices[..., : 2 if about_z else 3], axis=-1).max(axis=1) for b in borders]
     return concatenate_trees([build_tree(pack_triangles(b), each) for b, each in zip(borders, levers, strict=True)])
@@ -301,10 +301,10 @@ def edge_vectors(a: Corners) -> Corners:
 
 @kernel
 def free_fraction_along(n: Row, a: Corners, b: Corners, step: Row, drift: float, required: float) -> float:
-    """Return :func:`free_fraction` of two triangles projected onto n; -1 if too near or n is too short.
+    """Return :func:`free_fraction` of two triangles projected onto n.
 
-    Corners are relative to the first corner of a, which moves by ``step``, forwards or backwards, and by up to
-    ``drift`` in any direction.
+    The result is -1 if too near or n is too short. Corners are relative to the first corner of a, which moves by
+    ``step``, forwards or backwards, and by up to ``drift`` in any direction.
     """
     (_, a1, a2), (b0, b1, b2), square = a, b, dot(n, n)
     if not MIN_SQUARED_LENGTH < square < math.inf:
@@ -384,10 +384,10 @@ def _edge_pierces(a: Corners, b: Corners, tolerance: float) -> bool:
 
 @kernel
 def _side_of_plane(p: Row, a: Row, b: Row, c: Row, tolerance: float) -> int:
-    """Return the side, 1 or -1, of the plane abc on which p lies; 0 if rounding could change it.
+    """Return the side, 1 or -1, of the plane abc on which p lies.
 
-    The determinant changes by less than ``(s + 2 e)^3 - s^3`` if each point moves by at most e and none is farther than
-    s from p. Rounding adds less than ``64 * 2^-52 s^3``.
+    The result is 0 if rounding could change it. The determinant changes by less than ``(s + 2 e)^3 - s^3`` if each
+    point moves by at most e and none is farther than s from p. Rounding adds less than ``64 * 2^-52 s^3``.
     """
     u, v, w = minus(a, p), minus(b, p), minus(c, p)
     s = math.sqrt(max(dot(u, u), dot(v, v), dot(w, w)))

@@ -204,7 +204,10 @@ def check_bump(bump: Any) -> Bump:
 
 
 def check_tolerance(tolerance: Any, least: float = MIN_TOLERANCE) -> float:
-    """Return a relative tolerance from ``least`` to 0.1; raise InputError for anything else."""
+    """Return a relative tolerance from ``least`` to 0.1.
+
+    Raises InputError for anything else.
+    """
     value = check_finite(tolerance, "tolerance")
     if value.ndim or not least <= value <= MAX_TOLERANCE:
         rule = f"it must be one number from {least:g} to {MAX_TOLERANCE:g}, relative to the largest value"
@@ -221,7 +224,10 @@ def _check_not_negative(values: ArrayLike, name: str) -> Floats:
 
 
 def _check_frequency(frequency: ArrayLike, name: str) -> Floats:
-    """Return frequencies as floats; raise InputError if one is negative or too high."""
+    """Return frequencies as floats.
+
+    Raises InputError if one is negative or too high.
+    """
     k = _check_not_negative(frequency, name)
     highest = float(k.max(initial=0.0))
     if highest > MAX_RADIAL_FREQUENCY:
@@ -238,7 +244,10 @@ def _table(bump: Bump, dim: int, max_frequency: int, tolerance: float) -> Radial
 
 @lru_cache(maxsize=16)
 def double_exponential_rule(count: int) -> tuple[Floats, Floats]:
-    """Return ``2 count + 1`` nodes and weights of the quadrature on [0, 1]; the central node is 1/2."""
+    """Return ``2 count + 1`` nodes and weights of the quadrature on [0, 1].
+
+    The central node is 1/2.
+    """
     u = MAX_ABSCISSA / count * np.arange(-count, count + 1)
     down = np.exp(-math.pi * np.sinh(u))
     nodes = 1.0 / (1.0 + down)
@@ -246,10 +255,10 @@ def double_exponential_rule(count: int) -> tuple[Floats, Floats]:
 
 
 def pair_integrals(bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int) -> tuple[Floats, Floats]:
-    """Integrate products of bumps for many pairs, shape (n,); return the integrals and their error bounds.
+    """Integrate products of bumps for many pairs, shape (n,).
 
-    For more than a few pairs, the bound is the largest difference of two rules over all pairs, relative to the smaller
-    ball. On a single pair, two rules may agree by chance.
+    Returns the integrals and their error bounds. For more than a few pairs, the bound is the largest difference of two
+    rules over all pairs, relative to the smaller ball. On a single pair, two rules may agree by chance.
     """
     if bump.is_indicator:
         values = lens_measure(first, second, distances, dim)
@@ -310,7 +319,10 @@ class RadialTable:
         self._coefficients = np.ascontiguousarray(chebyshev_coefficients(values.T))
 
     def __call__(self, frequencies: Floats) -> Floats:
-        """Interpolate the spectrum at frequencies of any shape; raise InputError above the table."""
+        """Interpolate the spectrum at frequencies of any shape.
+
+        Raises InputError above the table.
+        """
         k = np.asarray(frequencies, dtype=np.float64)
         if k.size and not (
             k.min() >= 0.0 and k.max() <= self.max_frequency * (1.0 + FREQUENCY_SLACK) + FREQUENCY_SLACK

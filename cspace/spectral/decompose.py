@@ -121,7 +121,10 @@ class BallDecomposition:
 
     @property
     def volume_bounds(self) -> Bounds:
-        """Bounds of the area or volume of the union, relative to the shape; infinite if the shape has none."""
+        """Bounds of the area or volume of the union, relative to the shape.
+
+        The result is infinite if the shape has none.
+        """
         low, high = self.shape_measure
         return Bounds(
             self.measure.lower / high if high > 0.0 else float("inf"),
@@ -394,7 +397,10 @@ def _choose_cover(
 def _bisect_length(
     cover_within: Callable[[float], LatticeBalls | None], bad: float, good: float
 ) -> LatticeBalls | None:
-    """Bisect the length, between ``bad`` and ``good``, for the smallest with a result; return that result or None."""
+    """Bisect the length, between ``bad`` and ``good``, for the smallest with a result.
+
+    Returns that result or None.
+    """
     best = cover_within(good)
     for _ in range(MAX_BISECTIONS):
         if best is None or good < 1.02 * bad:
@@ -469,12 +475,13 @@ class LatticeBalls(NamedTuple):
 
 
 class CellCounts(NamedTuple):
-    """Cells of the lattice and the balls that contain them; compiled functions take this record.
+    """Cells of the lattice and the balls that contain them.
 
-    ``counts`` (nx, ny, nz) is the number of chosen balls that contain a cell, or -1 for ignored cells. ``prefix_sums``
-    (nx, ny, nz + 1) counts the open cells, in no ball, before a cell in its row; ``open_counts`` (nx, ny) those of the
-    whole row. ``rows`` (nx * ny, 4) is scratch for the rows of cells in a ball: i, j, first k, stop k. ``squares`` (nx
-    * ny,) is scratch for the part of the squared distance along the first two axes.
+    Compiled functions take this record. ``counts`` (nx, ny, nz) is the number of chosen balls that contain a cell, or
+    -1 for ignored cells. ``prefix_sums`` (nx, ny, nz + 1) counts the open cells, in no ball, before a cell in its row;
+    ``open_counts`` (nx, ny) those of the whole row. ``rows`` (nx * ny, 4) is scratch for the rows of cells in a ball:
+    i, j, first k, stop k. ``squares`` (nx * ny,) is scratch for the part of the squared distance along the first two
+    axes.
     """
 
     counts: NDArray[np.int32]
@@ -509,7 +516,10 @@ class Cover:
         return np.argwhere(self._cells.counts == 0) + np.float64(0.5)
 
     def choose(self, balls: LatticeBalls, most: int) -> Ints:
-        """Choose at most ``most`` balls greedily; return their indices in the order of choice."""
+        """Choose at most ``most`` balls greedily.
+
+        Returns their indices in the order of choice.
+        """
         lattice, dim = self._lattice, self._lattice.region.dim
         large = np.maximum(balls.reaches, 0.0) + 0.5 * lattice.diagonal
         bounds = np.minimum(UNIT_BALL_VOLUME[dim] * large**dim, float(len(lattice.cell_centers)))
@@ -517,9 +527,9 @@ class Cover:
         return chosen[: choose(self._cells, balls.centers, balls.reaches, bounds, left, chosen)]
 
     def trim(self, balls: LatticeBalls) -> Floats:
-        """Drop balls without cells of their own, then shrink the others; return their reaches, 0 if dropped.
+        """Drop balls without cells of their own, then shrink the others.
 
-        Balls that stick out most are processed first.
+        Returns their reaches, 0 if dropped. Balls that stick out most are processed first.
         """
         left = balls.reaches.copy()
         trim(self._cells, balls.centers, left, np.argsort(left, kind="stable"), only_drop=True)
@@ -541,7 +551,10 @@ def _cell_range(center: float, length: float, count: int) -> tuple[int, int]:
 
 @kernel
 def _find_rows(cells: CellCounts, center: Floats, reach: float) -> int:
-    """Fill ``cells.rows`` with the rows of cells in a ball; return their number."""
+    """Fill ``cells.rows`` with the rows of cells in a ball.
+
+    Returns their number.
+    """
     nx, ny, nz = cells.counts.shape
     half = cells.half
     r = reach - LATTICE_ROUNDING
@@ -579,7 +592,10 @@ def _count_ball(cells: CellCounts, rows: int, step: int) -> None:
 
 @kernel
 def _count_gain(cells: CellCounts, center: Floats, reach: float) -> int:
-    """Count the open cells that a ball contains; rows without open cells are skipped."""
+    """Count the open cells that a ball contains.
+
+    Rows without open cells are skipped.
+    """
     nx, ny, nz = cells.counts.shape
     half = cells.half
     r = reach - LATTICE_ROUNDING
@@ -602,10 +618,11 @@ def _count_gain(cells: CellCounts, center: Floats, reach: float) -> int:
 
 @jit
 def choose(cells: CellCounts, centers: Floats, reaches: Floats, bounds: Floats, left: int, chosen: Ints) -> int:
-    """Fill ``chosen`` greedily with the balls that add most cells; return their number.
+    """Fill ``chosen`` greedily with the balls that add most cells.
 
-    A ball adds at most ``bounds`` cells, and never more than before other balls were chosen (M. Minoux, "Accelerated
-    greedy algorithms for maximizing submodular set functions", 1978). It ends if none of the cells ``left`` is added.
+    Returns their number. A ball adds at most ``bounds`` cells, and never more than before other balls were chosen (M.
+    Minoux, "Accelerated greedy algorithms for maximizing submodular set functions", 1978). It ends if none of the cells
+    ``left`` is added.
     """
     count = 0
     queue = [(-bounds[n], n) for n in range(len(centers))]
@@ -628,7 +645,10 @@ def choose(cells: CellCounts, centers: Floats, reaches: Floats, bounds: Floats, 
 
 @kernel
 def trim(cells: CellCounts, centers: Floats, reaches: Floats, order: Ints, only_drop: bool) -> None:
-    """Shrink balls, in an order, to the cells that only they contain; reaches become 0 if there are none."""
+    """Shrink balls, in an order, to the cells that only they contain.
+
+    Reaches become 0 if there are none.
+    """
     for n in order:
         rows = _find_rows(cells, centers[n], reaches[n])
         square = -1.0

@@ -87,7 +87,10 @@ def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
 
 
 def _convex_parts(geometry: BaseGeometry) -> Floats:
-    """Split a geometry into convex sets, given by their corners, shape (n, k, 2); corners may repeat."""
+    """Split a geometry into convex sets, given by their corners, shape (n, k, 2).
+
+    Corners may repeat.
+    """
     import shapely
 
     rings: list[list[Corner]] = []
@@ -206,9 +209,9 @@ _TINY: Final = float(np.finfo(np.float64).tiny)
 
 @dataclass(frozen=True, eq=False)
 class Descriptor:
-    """A function sampled at the cell centers of a grid; its shape is the set where it is positive.
+    """A function sampled at the cell centers of a grid.
 
-    Stores a read-only float64 copy of the values, shape grid.shape.
+    Its shape is the set where it is positive. Stores a read-only float64 copy of the values, shape grid.shape.
 
     Raises InputError if the values do not have the shape of the grid, or one is not finite.
     """
@@ -268,7 +271,10 @@ class BallDescriptor(Balls):
         return np.asarray((self.centers.min(axis=0) + self.centers.max(axis=0)) / 2)
 
     def sample(self, grid: Grid) -> Descriptor:
-        """Evaluate the descriptor at the cell centers of a grid; raise InputError if the dimensions differ."""
+        """Evaluate the descriptor at the cell centers of a grid.
+
+        Raises InputError if the dimensions differ.
+        """
         check_same_dim("set of balls", self.dim, grid.dim)
         values = np.zeros(grid.shape)
         for window, squares in _ball_windows(self.centers, self.radii, grid):
@@ -387,7 +393,10 @@ def _ball_windows(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[
 
 
 def check_sampled(descriptor: Any) -> Descriptor:
-    """Return the descriptor; raise InputError if it is not sampled on a grid."""
+    """Return the descriptor.
+
+    Raises InputError if it is not sampled on a grid.
+    """
     if not isinstance(descriptor, Descriptor):
         problem, rule = f"is a {type(descriptor).__name__}, no Descriptor", "it must be sampled on a grid"
         hint = "make one with sample(grid) or indicator(shape, grid)"
@@ -530,7 +539,10 @@ def _same_spacing(f: Grid, g: Grid) -> bool:
 
 
 def _on_one_grid(given: tuple[Any, ...]) -> list[Descriptor]:
-    """Return the descriptors; raise InputError unless all are sampled on the grid of the first."""
+    """Return the descriptors.
+
+    Raises InputError unless all are sampled on the grid of the first.
+    """
     sampled = [check_sampled(each) for each in given]
     grid = sampled[0].grid
     for other in (each.grid for each in sampled):

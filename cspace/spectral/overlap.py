@@ -82,7 +82,10 @@ ROTATION_TOLERANCE: Final = 1e-6
 
 
 class Verdict(IntEnum):
-    """Whether two ball sets are apart; each method states what its verdict proves."""
+    """Whether two ball sets are apart.
+
+    Each method states what its verdict proves.
+    """
 
     MISS = 0
     HIT = 1
@@ -274,12 +277,18 @@ class FourierOverlap:
 
     @property
     def frequencies(self) -> int:
-        """Number of frequencies in the band, inner balls included; opposite ones count once."""
+        """Number of frequencies in the band, inner balls included.
+
+        Opposite ones count once.
+        """
         return len(self._rings.indices) + (self._inner.frequencies if self._inner else 0)
 
     @property
     def domain(self) -> tuple[Floats, Floats]:
-        """Lower and upper corner, metres, of the placements t with any overlap; outside, the overlap is zero."""
+        """Lower and upper corner, metres, of the placements t with any overlap.
+
+        Outside, the overlap is zero.
+        """
         center = self._center_b - self._pivot
         return center - self._half_sides, center + self._half_sides
 
@@ -532,10 +541,10 @@ class OverlapField:
     @overload
     def at(self, q: ArrayLike) -> float | Floats: ...
     def at(self, q: ArrayLike) -> float | Floats:
-        """Interpolate the overlap at configurations (..., size), in metres and radians; shape (...).
+        """Interpolate the overlap at configurations (..., size), in metres and radians.
 
-        The interpolation is linear between cell centers and never negative. Outside the grid it uses the nearest value;
-        rotations use the value of their cell.
+        Shape (...). The interpolation is linear between cell centers and never negative. Outside the grid it uses the
+        nearest value; rotations use the value of their cell.
 
         Raises InputError if the last axis is not as long, or a value is NaN or infinite.
         """
@@ -545,7 +554,10 @@ class OverlapField:
         return overlaps
 
     def checker(self) -> Callable[..., float]:
-        """Return a fast, unchecked :meth:`at` for floats: ``check(*q) -> float``; they must be finite."""
+        """Return a fast, unchecked :meth:`at` for floats: ``check(*q) -> float``.
+
+        They must be finite.
+        """
         check: Callable[..., float] = callback(Field(*self._fixed()), self._size)
         return check
 
@@ -599,7 +611,10 @@ class Field(NamedTuple):
 
 @kernel
 def fields_at(map_: Map, values: Floats, points: Floats, out: Floats) -> int:
-    """Apply :func:`field_at` to many configurations; return the index of the first invalid one, or -1."""
+    """Apply :func:`field_at` to many configurations.
+
+    Returns the index of the first invalid one, or -1.
+    """
     for k in range(len(points)):
         q = configuration(map_, points, k)
         if not is_usable(map_, q):

@@ -102,10 +102,10 @@ DIRECTIONS_PER_BALL: Final = 200
 
 
 class ShapeBoundary:
-    """The boundary of an exact shape, and distances from it; a plane lies in space as x = 0.
+    """The boundary of an exact shape, and distances from it.
 
-    ``pieces``, segments (n, 2, 2) or triangles (n, 3, 3), contain the boundary and possibly more. ``error`` is the
-    largest error of a distance. All lengths are in metres.
+    A plane lies in space as x = 0. ``pieces``, segments (n, 2, 2) or triangles (n, 3, 3), contain the boundary and
+    possibly more. ``error`` is the largest error of a distance. All lengths are in metres.
     """
 
     def __init__(self, shape: ExactShape) -> None:
@@ -122,7 +122,10 @@ class ShapeBoundary:
 
     @cached_property
     def measure(self) -> tuple[float, float]:
-        """Bounds of the area or volume; they differ if the bodies of a mesh may overlap."""
+        """Bounds of the area or volume.
+
+        They differ if the bodies of a mesh may overlap.
+        """
         if not self.shape.encloses:
             return 0.0, 0.0
         closed = [body for body in getattr(self.shape, "bodies", ()) if body.closed]

@@ -266,7 +266,10 @@ class _LatticeSum:
         self._current_points: NDArray[np.intp] | None = None
 
     def spectrum(self, terms: Iterable[Term]) -> Complexes:
-        """Return ``X(w) + conj(X(-w))``; terms of few points are summed, the others transformed in pairs."""
+        """Return ``X(w) + conj(X(-w))``.
+
+        Terms of few points are summed, the others transformed in pairs.
+        """
         waiting: Term | None = None
         for term in terms:
             if len(term.members) <= MAX_SUMMED_BALLS[len(self._counts)]:
@@ -330,7 +333,10 @@ def _frequency_indices(count: int) -> NDArray[np.intp]:
 
 
 def _check_lengths(lengths: ArrayLike, dim: int) -> Floats:
-    """Return positive periods along the axes, shape (dim,); one number applies to all axes."""
+    """Return positive periods along the axes, shape (dim,).
+
+    One number applies to all axes.
+    """
     periods = check_finite(lengths, "lengths")
     if periods.shape not in {(), (dim,)} or (periods <= 0.0).any():
         rule = f"it must be one number above zero or {dim} of them, in metres"
@@ -339,7 +345,9 @@ def _check_lengths(lengths: ArrayLike, dim: int) -> Floats:
 
 
 def _check_counts(counts: ArrayLike, dim: int) -> tuple[int, ...]:
-    """Return the number of frequencies along each axis; one number applies to all axes.
+    """Return the number of frequencies along each axis.
+
+    One number applies to all axes.
 
     Raises InputError if the spectrum would not fit into memory.
     """
@@ -508,7 +516,9 @@ class Spectrum(NamedTuple):
 
 
 class Terms(NamedTuple):
-    """Terms of the overlap for each frequency, and bounds of partial sums; compiled functions take this record.
+    """Terms of the overlap for each frequency, and bounds of partial sums.
+
+    Compiled functions take this record.
 
     Attributes
     ----------
@@ -640,7 +650,10 @@ def separate_each(
 
 
 def norm_square(balls: BallDescriptor) -> tuple[float, float]:
-    """Integrate the square of a descriptor, as the sum over all pairs of balls; return it with its error."""
+    """Integrate the square of a descriptor, as the sum over all pairs of balls.
+
+    Returns it with its error.
+    """
     bump = balls.bump
     radii, which = np.unique(balls.radii, return_inverse=True)
     tables: dict[int, PairTable] = {}
