@@ -140,7 +140,10 @@ class PendingBlocks(NamedTuple):
 
 
 def make_pending(block: Ints, cells: JointCells, pairs: int) -> PendingBlocks:
-    """Return a stack with one block, shape (6,), for which all pairs are open."""
+    """Return a stack with one block and all pairs open.
+
+    The block has shape (6,).
+    """
     blocks, counts = np.empty((MAX_PENDING_BLOCKS, 6), dtype=np.int64), np.empty(MAX_PENDING_BLOCKS, dtype=np.int64)
     pair_lists, open_pairs = np.empty((MAX_PENDING_BLOCKS, pairs), dtype=np.int64), np.empty(pairs, dtype=np.int64)
     blocks[0], pair_lists[0], counts[0] = block, np.arange(pairs), pairs
@@ -150,7 +153,7 @@ def make_pending(block: Ints, cells: JointCells, pairs: int) -> PendingBlocks:
 
 
 class InnerScene(NamedTuple):
-    """Data that prove BLOCKED: the inner shapes of the solids, and balls inside them."""
+    """Inner shapes of solids, and balls inside them, to prove BLOCKED."""
 
     scene: Scene
     balls: InnerBalls
@@ -204,7 +207,7 @@ def write_block(states: States, block: Ints, state: int) -> None:
 
 @kernel
 def may_touch(scene: Scene, pair: int, box: JointBox, scratch: SceneScratch) -> bool:
-    """Return False if the boundaries of a pair of solids are proven apart in a whole box.
+    """Return False if two boundaries are proven apart in a box.
 
     The proof compares their distance at the center with the largest displacement in the box.
     """
@@ -217,10 +220,11 @@ def may_touch(scene: Scene, pair: int, box: JointBox, scratch: SceneScratch) -> 
 
 @kernel
 def displacement_bounds(scene: Scene, a: int, b: int, box: JointBox, scratch: SceneScratch) -> tuple[float, float]:
-    """Bound the translation of body a's origin and the rotation of body a, as seen from body b, in a box.
+    """Bound the motion of body a, as seen from b, in a box.
 
-    A joint translates the origin by at most its travel times the distance from its axis. That distance is at most its
-    value at the center plus what the other joints between can add, and never more than the lengths between.
+    Returns the translation of its origin and its rotation. A joint translates the origin by at most its travel times
+    the distance from its axis. That distance is at most its value at the center plus what the other joints between can
+    add, and never more than the lengths between.
     """
     chain, poses, moving, lengths = scene.chain, scratch.poses, scene.chain.between[a, b], scene.chain.lengths[a]
     origin = column(poses[a], 3)
@@ -261,7 +265,10 @@ def center_box(cells: JointCells, scene: Scene, block: Ints, box: JointBox) -> f
 
 @kernel
 def longest_axis(cells: JointCells, block: Ints) -> int:
-    """Return the axis along which a block moves the arm farthest, -1 for a single cell."""
+    """Return the axis along which a block moves the arm farthest.
+
+    The result is -1 for a single cell.
+    """
     chosen, farthest = -1, 0.0
     for axis in range(3):
         count = block[axis + 3] - block[axis]
@@ -272,7 +279,7 @@ def longest_axis(cells: JointCells, block: Ints) -> int:
 
 @kernel
 def is_blocked(inside: InnerScene, pairs: Ints, box: JointBox, scratch: SceneScratch) -> bool:
-    """Return True if a pair of solids is proven to collide at every configuration of a box."""
+    """Return True if a pair provably collides in a whole box."""
     for pair in pairs:
         i, j = inside.scene.pairs[pair]
         if ball_collides(inside, i, j, box, scratch) or ball_collides(inside, j, i, box, scratch):
@@ -282,7 +289,10 @@ def is_blocked(inside: InnerScene, pairs: Ints, box: JointBox, scratch: SceneScr
 
 @kernel
 def ball_collides(inside: InnerScene, i: int, j: int, box: JointBox, scratch: SceneScratch) -> bool:
-    """Return True if a ball inside solid i is proven to meet solid j in a whole box."""
+    """Return True if a ball in solid i provably meets solid j.
+
+    The proof holds in the whole box.
+    """
     scene, balls, solids = inside.scene, inside.balls, inside.scene.solids
     slide, angle = displacement_bounds(scene, solids.bodies[i], solids.bodies[j], box, scratch)
     matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
@@ -310,7 +320,7 @@ def ball_collides(inside: InnerScene, i: int, j: int, box: JointBox, scratch: Sc
 
 @kernel
 def reaches_piece(solids: Solids, j: int, point: Row, rest: float, scratch: SceneScratch) -> bool:
-    """Return True if a box or ball of a solid is within ``rest`` of a point.
+    """Return True if a point is near a box or ball.
 
     A negative ``rest`` requires that the point lies deeper than that in the box or ball.
     """
@@ -333,7 +343,10 @@ def reaches_piece(solids: Solids, j: int, point: Row, rest: float, scratch: Scen
 
 @kernel
 def piece_depth(row: Floats, point: Row) -> float:
-    """Return the depth of a point in a box or ball, negative outside and for other rows."""
+    """Return the depth of a point in a box or ball.
+
+    It is negative outside and for other rows.
+    """
     if row[9] >= 0.0:
         away = minus(point, (row[0], row[1], row[2]))
         return row[9] - math.sqrt(dot(away, away)) if row[9] > 0.0 else -np.inf
@@ -349,10 +362,11 @@ def piece_depth(row: Floats, point: Row) -> float:
 
 @kernel
 def bound_depth(inside: InnerScene, surface: int, parts: int, point: Row) -> tuple[float, float]:
-    """Bound the depth of a point near a closed surface from below, and approximately from above.
+    """Bound the depth of a point near a closed surface.
 
-    Negative depths are outside. The depth changes no faster than the distance, so the nearest lattice point bounds it.
-    Points of the refined lattice, with ``parts`` points per step, are computed at need and cached.
+    The lower bound is exact, the upper bound approximate. Negative depths are outside. The depth changes no faster than
+    the distance, so the nearest lattice point bounds it. Points of the refined lattice, with ``parts`` points per step,
+    are computed at need and cached.
     """
     balls, solids, number, distance = inside.balls, inside.scene.solids, 0, 0.0
     box, known, near = solids.boxes[surface], balls.depth if parts == 1 else balls.fine_depth, (0.0, 0.0, 0.0)
@@ -372,7 +386,10 @@ def bound_depth(inside: InnerScene, surface: int, parts: int, point: Row) -> tup
 
 @kernel
 def surface_depth(solids: Solids, surface: int, x: float, y: float, z: float) -> float:
-    """Return a lower bound of the depth of a point in a closed surface, negative outside."""
+    """Bound the depth of a point in a surface from below.
+
+    It is negative outside.
+    """
     box, winding, nearest = solids.boxes[surface], 0, np.inf
     for t in range(solids.surface_starts[surface], solids.surface_starts[surface + 1]):
         winding += signed_crossing(solids.triangles[t], x, y, z) * solids.windings[t]
@@ -383,6 +400,6 @@ def surface_depth(solids: Solids, surface: int, x: float, y: float, z: float) ->
 
 @kernel
 def surface_depths(solids: Solids, surface: int, points: Floats, out: Floats) -> None:
-    """Fill ``out`` with the depths of points, shape (n, 3), in a closed surface."""
+    """Compute the depths of points, shape (n, 3), in a surface."""
     for n in range(len(points)):
         out[n] = surface_depth(solids, surface, points[n, 0], points[n, 1], points[n, 2])

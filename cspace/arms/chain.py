@@ -74,10 +74,10 @@ class Chain(NamedTuple):
 
 @kernel
 def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Floats) -> None:
-    """Write poses and velocities of all bodies at time ``t`` of a motion into ``poses``, shape (b, 3, 6).
+    """Write poses and velocities of all bodies into ``poses``.
 
-    The columns are the rotation, the translation, the angular velocity, and the velocity of the body's point at the
-    origin of the base.
+    ``poses`` has shape (b, 3, 6); ``t`` is the time of the motion, from 0 to 1. The columns are the rotation, the
+    translation, the angular velocity, and the velocity of the body's point at the origin of the base.
     """
     for b in range(len(chain.parents)):
         frame, out = chain.frames[b], poses[b]
@@ -124,7 +124,10 @@ def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Fl
 
 @always_inline
 def relative_pose(pose: Floats, base_pose: Floats) -> tuple[Matrix, Row]:
-    """Return rotation, by rows, and translation of a body as seen from another body."""
+    """Return the pose of a body as seen from another body.
+
+    Returns the rows of the rotation, and the translation.
+    """
     x, y, z = transposed = column(base_pose, 0), column(base_pose, 1), column(base_pose, 2)
     offset = minus(column(pose, 3), column(base_pose, 3))
     u, v, w = column(pose, 0), column(pose, 1), column(pose, 2)
@@ -170,9 +173,10 @@ def column(pose: Floats, k: int) -> Row:
 
 @kernel
 def motion_bounds(chain: Chain, a: int, b: int, radius: float, q0: Floats, q1: Floats) -> tuple[float, float, float]:
-    """Bound the motion of body a as seen from body b, for points up to ``radius`` from the origin of a.
+    """Bound the motion of body a as seen from body b.
 
-    Returns the largest displacement, half the largest acceleration, and the sum of the rotations between them.
+    The bounds hold for points up to ``radius`` from the origin of a. Returns the largest displacement, half the largest
+    acceleration, and the sum of the rotations between them.
     """
     displacement = curvature = rotation = 0.0
     between, above, lengths = chain.between[a, b], chain.between[b, 0], chain.lengths[a]
@@ -196,7 +200,7 @@ def motion_bounds(chain: Chain, a: int, b: int, radius: float, q0: Floats, q1: F
 
 
 def body_poses(chain: Chain, q: Floats) -> Floats:
-    """Return rotation and translation of every body at a configuration, shape (b, 3, 4)."""
+    """Return the pose of every body, shape (b, 3, 4)."""
     poses = np.empty((len(chain.parents), 3, 6))
     row = as_contiguous(q)
     forward_kinematics(chain, row, row, 0.0, poses)

@@ -179,7 +179,7 @@ def build_hulls(rows: Floats, volume: float) -> Hulls:
 
 
 def _row_corners(rows: Floats) -> tuple[Floats, Ints]:
-    """Return the corners of all rows, and the first corner of each row.
+    """Return the corners of all rows, and each row's first corner.
 
     Triangles have three corners, balls one, boxes eight, and axis-aligned boxes none.
     """
@@ -241,7 +241,10 @@ def _fit_hull(points: Floats, volume: float) -> tuple[Floats, float, float, bool
 
 @kernel
 def largest_distance(points: Floats, triangles: Floats) -> float:
-    """Return the largest distance of a point from its nearest triangle, none of which may be thin."""
+    """Return the largest distance of a point from its nearest triangle.
+
+    No triangle may be thin.
+    """
     largest = 0.0
     for p in range(len(points)):
         apart = math.inf
@@ -293,7 +296,10 @@ def build_forest(solids: Sequence[Sequence[Hulls]]) -> tuple[Hulls, Ints, Ints]:
 
 
 def node_corners(hulls: Hulls, node: int) -> tuple[Floats, float]:
-    """Return the corners of a node's hull, or of its box if it has none, shape (n, 3), and its radius, metres."""
+    """Return corners, shape (n, 3), and radius of a node's hull.
+
+    A node without a hull has the corners of its box; metres.
+    """
     _, first, stop, _ = hulls.nodes[node].tolist()
     if first < stop:
         return hulls.corners[:, first:stop].T, float(hulls.boxes[node, 7])
@@ -305,12 +311,13 @@ def node_corners(hulls: Hulls, node: int) -> tuple[Floats, float]:
 def tree_slack(
     hulls: Hulls, one: int, other: int, motion: RelativeMotion, enough: float, scratch: Ints, directions: Floats
 ) -> float:
-    """Return a lower bound of (distance - required distance) between two hull trees, capped at ``enough``.
+    """Return a lower bound of (distance - required distance) between trees.
 
-    The motion is that of the first tree as seen from the second. The result is negative if a pair of nodes is not
-    proven to stay apart, and -inf if a pair is not apart at the central moment. That pair becomes row 0 of ``scratch``,
-    shape (MAX_PENDING_PAIRS, 2), and is tested first the next time. Row 1 then starts with 1 if pieces of connected
-    parts were proven apart separately. ``directions``, shape (CACHED_DIRECTIONS, 4), caches separating directions.
+    The bound is capped at ``enough``. The motion is that of the first tree as seen from the second. The result is
+    negative if a pair of nodes is not proven to stay apart, and -inf if a pair is not apart at the central moment. That
+    pair becomes row 0 of ``scratch``, shape (MAX_PENDING_PAIRS, 2), and is tested first the next time. Row 1 then
+    starts with 1 if pieces of connected parts were proven apart separately. ``directions``, shape (CACHED_DIRECTIONS,
+    4), caches separating directions.
     """
     best, top, last, known_a, known_b = enough, 1, -1, scratch[0, 0], scratch[0, 1]
     (wx, wy, wz), (vx, vy, vz) = motion.spin, motion.velocity
@@ -409,9 +416,10 @@ def without_motion(motion: RelativeMotion) -> RelativeMotion:
 def hull_slack(
     hulls: Hulls, a: int, b: int, motion: RelativeMotion, speed: float, enough: float, n: Row
 ) -> tuple[float, bool, Row]:
-    """Return :func:`tree_slack` of two hulls, whether they are apart at the central moment, and the direction.
+    """Return :func:`tree_slack` of two hulls, and how it was found.
 
-    ``speed`` bounds the displacement of the first hull. ``n``, of any length or zero, is the first direction tried.
+    Also returns whether they are apart at the central moment, and the direction. ``speed`` bounds the displacement of
+    the first hull. ``n``, of any length or zero, is the first direction tried.
     """
     required, half_time = motion.required + hulls.boxes[a, 7] + hulls.boxes[b, 7], motion.half_time
     best, gap, direction, length, count = -math.inf, -math.inf, n, math.inf, 0
@@ -461,7 +469,10 @@ def hull_slack(
 
 @kernel
 def support_point(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
-    """Return the corner of a hull that is farthest along n, and its coordinate along n."""
+    """Return the farthest corner of a hull along n.
+
+    Also returns its coordinate along n.
+    """
     first, stop, best, at = hulls.nodes[node, 1], hulls.nodes[node, 2], -math.inf, 0
     x, y, z = n
     if first == stop:
@@ -483,9 +494,10 @@ def support_point(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
 
 @kernel
 def nearest_in_simplex(w: Row, p: Row, q: Row, r: Row, count: int) -> tuple[Row, Row, Row, Row, int]:
-    """Return the point of a simplex with one more corner nearest to the origin, its corners, and their number.
+    """Add a corner to a simplex; find its point nearest the origin.
 
-    Unused corners repeat others. Four corners mean that the simplex contains the origin.
+    Returns that point, the corners of its face, and their number. Unused corners repeat others. Four corners mean that
+    the simplex contains the origin.
     """
     if count < 2:
         return nearest_in_triangle(w, p if count else w, p if count else w)

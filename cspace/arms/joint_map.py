@@ -73,7 +73,9 @@ def build_joint_map(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> CSpace:
-    """Map all positions of two or three joints: each cell is FREE, BLOCKED or MIXED as a whole.
+    """Map all positions of two or three joints.
+
+    Each cell is FREE, BLOCKED or MIXED as a whole.
 
     Parameters
     ----------
@@ -245,7 +247,7 @@ def _count_cells(intervals: Floats, side: float) -> Ints:
 
 
 def _moving_pairs(space: ArmSpace, joint_indices: Ints) -> Bools:
-    """Return which joints move which pairs of solids against each other, shape (pairs, joints)."""
+    """Return which joints move which pairs, shape (pairs, joints)."""
     chain, scene = space.arm.chain, space.record
     bodies = scene.solids.bodies[scene.pairs]
     between = chain.between[bodies[:, 0], bodies[:, 1]] & (chain.kinds != FIXED)
@@ -289,7 +291,10 @@ def _joint_cells(space: ArmSpace, grid: Grid, joint_indices: Ints, held: Floats)
 
 
 def _inner_balls(solids: Solids) -> InnerBalls:
-    """Return balls inside solids: the deepest lattice points, apart from each other, and corners."""
+    """Return balls inside solids.
+
+    They are the deepest lattice points, apart from each other, and corners.
+    """
     surfaces = [_sample_depths(solids, surface) for surface in range(len(solids.boxes))]
     balls: list[Floats] = []
     counts = []
@@ -320,7 +325,7 @@ def _inner_balls(solids: Solids) -> InnerBalls:
 
 
 def _solid_balls(rows: Floats) -> Floats:
-    """Return the largest balls inside boxes and balls of a tree, shape (n, 4)."""
+    """Return the largest balls in boxes and balls, shape (n, 4)."""
     first, second = (np.linalg.norm(rows[:, k : k + 3], axis=1) for k in (3, 6))
     radii = np.where(rows[:, 9] < 0.0, np.minimum(np.minimum(first, second), -rows[:, 9]), rows[:, 9])
     largest = np.argsort(-radii, kind="stable")[:_MAX_BALLS_PER_SURFACE]
@@ -329,7 +334,10 @@ def _solid_balls(rows: Floats) -> Floats:
 
 
 def _sample_depths(solids: Solids, surface: int) -> tuple[Floats, Floats, tuple[int, ...]]:
-    """Return lattice points in the box of a closed surface, their depths, and the shape of the lattice."""
+    """Sample depths at lattice points of a closed surface.
+
+    Returns the points, the depths, and the shape of the lattice.
+    """
     low, sides = solids.boxes[surface, :3], np.ptp(solids.boxes[surface].reshape(2, 3), axis=0)
     step = np.cbrt(sides.prod() / _LATTICE_POINTS_PER_SURFACE)
     # Odd counts put lattice points in the center plane of thin bodies.
@@ -343,7 +351,10 @@ def _sample_depths(solids: Solids, surface: int) -> tuple[Floats, Floats, tuple[
 
 
 def _pick_balls(points: Floats, depth: Floats, shape: tuple[int, ...]) -> Floats:
-    """Return centers and radii of the largest balls around points, except near larger ones, shape (n, 4)."""
+    """Pick the largest balls around points, shape (n, 4).
+
+    Points near larger balls are skipped.
+    """
     chosen: list[int] = []
     for k in np.argsort(-depth)[: np.count_nonzero(depth > 0.0)].tolist():
         if (
@@ -389,7 +400,10 @@ class JointProofs:
         return free
 
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
-        """Return a lower bound of the slack along a path in joint space, to the cells that are not FREE."""
+        """Return a lower bound of the slack along a joint path.
+
+        The distance is to the cells that are not FREE.
+        """
         return self._in_joints.slack(points, lengths, angles)
 
     @cached_property

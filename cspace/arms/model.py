@@ -200,7 +200,9 @@ class Arm:
         return f"Arm({self.name}: {self.dof} joints, {len(self.links)} links with geometry)"
 
     def poses(self, q: ArrayLike) -> dict[str, Floats]:
-        """Return the pose of each link with geometry: from its frame to that of the base, shape (4, 4), by name.
+        """Return the pose of each link with geometry, by name.
+
+        A pose, shape (4, 4), is from the frame of the link to that of the base.
 
         Parameters
         ----------
@@ -214,7 +216,7 @@ class Arm:
     def attach(
         self, name: str, shape: ShapeLike, link: str, pose: ArrayLike | None = None, touch_links: Iterable[str] = ()
     ) -> Arm:
-        """Return the arm with an object that a link carries, such as a tool or a grasped box.
+        """Return the arm with an attached object, such as a tool.
 
         Parameters
         ----------
@@ -279,7 +281,10 @@ class Arm:
         return sort_pair(self.links[pair[0]].name, self.links[pair[1]].name)
 
     def ranges(self, around: ArrayLike = 0.0) -> tuple[Floats, Floats]:
-        """Return the limits of the joints, or half a turn around configurations, shape (n, dof), if there are none."""
+        """Return the limits of the joints.
+
+        Joints without limits get half a turn around the configurations, shape (n, dof).
+        """
         q = np.atleast_2d(around)
         low, high = q.min(axis=0) - math.pi, q.max(axis=0) + math.pi
         return np.where(np.isinf(self.lower), low, self.lower), np.where(np.isinf(self.upper), high, self.upper)
@@ -447,7 +452,10 @@ class _Assembly:
         )
 
     def _default_allowed(self, arm: Arm) -> dict[Names, str]:
-        """Return pairs that may touch without an SRDF: neighbours, links of one body, and links that always touch."""
+        """Return pairs that may touch without an SRDF.
+
+        These are neighbours, links of one body, and links that always touch.
+        """
         allowed = {
             sort_pair(one.name, other.name): "one body"
             for one, other in combinations(arm.links, 2)
@@ -532,13 +540,16 @@ def draw_configurations(ranges: tuple[Floats, Floats], count: int) -> Floats:
 
 
 def sample_apart(scene: Scene, points: Floats) -> Bools:
-    """Return whether each pair of a scene is proven apart at each configuration, shape (p, n)."""
+    """Return whether each pair is proven apart, shape (p, n).
+
+    There are n configurations.
+    """
     proven = [are_free(scene._replace(pairs=pair[np.newaxis]), points, points) for pair in scene.pairs]
     return np.array(proven, dtype=np.bool_).reshape(-1, len(points))
 
 
 def always_touch(scene: Scene, points: Floats) -> Bools:
-    """Return whether each pair of a scene is proven apart at no configuration, shape (p,)."""
+    """Return whether each pair is never proven apart, shape (p,)."""
     left = np.asarray(~sample_apart(scene, points[:_FIRST_SAMPLES]).any(axis=1))
     left[left] = ~sample_apart(scene._replace(pairs=scene.pairs[left]), points[_FIRST_SAMPLES:]).any(axis=1)
     return left

@@ -172,7 +172,10 @@ def motions_are_free(scene: Scene, firsts: Floats, lasts: Floats, out: Bools, sc
 
 @kernel
 def required_distance(scene: Scene, q0: Floats, q1: Floats) -> float:
-    """Return the distance that proves a pair apart on a motion, including the rounding of joint values."""
+    """Return the distance that proves a pair apart on a motion.
+
+    It includes the rounding of joint values.
+    """
     chain, size = scene.chain, 0.0
     for b in range(1, len(chain.parents)):
         q, r = q0[chain.joint_indices[b]], q1[chain.joint_indices[b]]
@@ -278,9 +281,10 @@ def pair_slack(
 
 @kernel
 def is_nested(scene: Scene, n: int, scratch: SceneScratch, min_depth: float) -> bool:
-    """Return True if an anchor of one solid lies in the other, deeper than ``min_depth``.
+    """Return True if an anchor lies in the other solid.
 
-    If no boundaries meet, an anchor decides for its connected part, and ``min_depth`` is -1.
+    It must lie deeper than ``min_depth``. If no boundaries meet, an anchor decides for its connected part, and
+    ``min_depth`` is -1.
     """
     i, j = scene.pairs[n]
     if anchor_lies_in(scene, i, j, scratch, min_depth) or anchor_lies_in(scene, j, i, scratch, min_depth):
@@ -290,7 +294,7 @@ def is_nested(scene: Scene, n: int, scratch: SceneScratch, min_depth: float) -> 
 
 @kernel
 def anchor_lies_in(scene: Scene, i: int, j: int, scratch: SceneScratch, min_depth: float) -> bool:
-    """Return True if an anchor of solid i lies in a closed surface of solid j.
+    """Return True if an anchor of solid i lies in solid j.
 
     See :func:`is_nested`.
     """
@@ -305,7 +309,7 @@ def anchor_lies_in(scene: Scene, i: int, j: int, scratch: SceneScratch, min_dept
 
 @kernel
 def piece_lies_in(scene: Scene, i: int, j: int, scratch: SceneScratch, min_depth: float) -> bool:
-    """Return True if a box or ball of solid i lies in a closed surface of solid j, by its center.
+    """Return True if a piece of solid i lies in solid j.
 
     Tests only boxes and balls small enough to lie inside.
     """
@@ -338,9 +342,9 @@ def piece_lies_in(scene: Scene, i: int, j: int, scratch: SceneScratch, min_depth
 
 @kernel
 def encloses(solids: Solids, surface: int, point: Row, min_depth: float) -> bool:
-    """Return True if a point lies in a closed surface and more than ``min_depth`` from its triangles.
+    """Return True if a point lies deep in a closed surface.
 
-    A negative ``min_depth`` skips the distances.
+    It must be more than ``min_depth`` from the triangles. A negative ``min_depth`` skips the distances.
     """
     x, y, z = point
     box = solids.boxes[surface]
@@ -360,7 +364,7 @@ def encloses(solids: Solids, surface: int, point: Row, min_depth: float) -> bool
 
 @kernel
 def boundaries_cross(scene: Scene, n: int, scratch: SceneScratch, required: float) -> bool:
-    """Return True if the boundary of the first solid provably crosses the second solid.
+    """Return True if the first boundary provably crosses the second solid.
 
     It crosses a triangle, or enters a box or ball. ``required`` must be at least four times the rounding of a point.
     """
@@ -402,9 +406,10 @@ def boundaries_cross(scene: Scene, n: int, scratch: SceneScratch, required: floa
 
 @kernel
 def is_beyond_side(matrix: Matrix, center: Row, half: Row, piece: Floats) -> bool:
-    """Return True if a rotated box, given by center and half sides, lies beyond a side of a solid box.
+    """Return True if a rotated box lies beyond a box side.
 
-    ``piece`` is a row of :attr:`cspace.exact.triangles.Trees.triangles`; returns False if it is no box.
+    The rotated box is given by center and half sides. ``piece`` is a row of
+    :attr:`cspace.exact.triangles.Trees.triangles`; returns False if it is no box.
     """
     if piece[9] >= 0.0:
         return False
@@ -419,9 +424,10 @@ def is_beyond_side(matrix: Matrix, center: Row, half: Row, piece: Floats) -> boo
 
 @kernel
 def pair_distances(scene: Scene, points: Floats, out: Floats, nearest: Ints, scratch: SceneScratch) -> None:
-    """Fill ``out`` with lower bounds of the distance over all pairs, at configurations, shape (n, dof).
+    """Bound the distance over all pairs from below.
 
-    Negative values prove nothing. ``nearest``, shape (n, 3), receives the pair and the two nodes that set the bound.
+    ``points`` has shape (n, dof). Negative values prove nothing. ``nearest``, shape (n, 3), receives the pair and the
+    two nodes that set the bound.
     """
     nodes = scratch.nodes
     for k in range(len(points)):

@@ -71,7 +71,7 @@ def nearest_node(forest: Forest, side: int, q: Floats) -> tuple[int, float]:
 
 @kernel
 def extend_tree(forest: Forest, scene: Scene, side: int, near: int, q: Floats, scratch: SceneScratch) -> int:
-    """Grow a tree from a node towards a configuration by at most a stride.
+    """Grow a tree from a node by at most a stride.
 
     Returns the new node, or -1.
     """
@@ -183,9 +183,10 @@ def search_path(
     straight: bool,
     spans: Floats,
 ) -> Floats:
-    """Find a proven path from a free configuration to one of some free goals, shape (n, dof), or an empty one.
+    """Find a proven path to one of several goals.
 
-    Samples are the endpoints themselves, then uniform within the bounds.
+    The path has shape (n, dof), and is empty if none was found. Start and goals must be free. Samples are the endpoints
+    themselves, then uniform within the bounds.
     """
     scratch, forest, length, end = make_scene_scratch(scene), _plant_trees(start, goals), 0, clock() + seconds
     path = np.empty(forest.nodes[0].shape)

@@ -84,7 +84,7 @@ class PosedShape:
         return self.shape
 
     def transform(self, points: Floats) -> Floats:
-        """Transform points, shape (..., 3), from the frame of the shape to that of the body."""
+        """Transform points, shape (..., 3), to the frame of the body."""
         return np.asarray(points @ self.pose[:3, :3].T + self.pose[:3, 3])
 
     @cached_property
@@ -95,7 +95,10 @@ class PosedShape:
 
     @property
     def rows(self) -> tuple[Floats, Floats]:
-        """Boundary as rows of a tree, shape (n, 10), and their levers about the origin."""
+        """Boundary as rows of a tree, and their levers.
+
+        Rows have shape (n, 10); levers are about the origin.
+        """
         return pack_triangles(self.boundary), np.linalg.norm(self.boundary.simplices, axis=-1).max(axis=1)
 
     @cached_property
@@ -140,7 +143,9 @@ class PosedShape:
 
 @dataclass(frozen=True, eq=False)
 class StaticShape(PosedShape):
-    """A shape that never moves. Boxes, cells and balls are tested as solids, others by their boundary.
+    """A shape that never moves.
+
+    Boxes, cells and balls are tested as solids, others by their boundary.
 
     Attributes
     ----------
@@ -157,7 +162,10 @@ class StaticShape(PosedShape):
 
     @property
     def rows(self) -> tuple[Floats, Floats]:
-        """Rows of a tree, and 1 for rows that could lie entirely inside a link, else 0."""
+        """Rows of a tree, and 1 or 0 each.
+
+        1 means that the row could lie entirely inside a link.
+        """
         if self._exact.is_boxes:
             lows, highs, sizes = self._exact.boxes
             return pack_boxes(lows, highs, self.pose), (sizes <= self.reach).astype(np.float64)
@@ -199,16 +207,17 @@ _SHARED_SHAPES: Final = WeakValueDictionary[bytes, PosedShape]()
 
 
 def share_posed_shape(shape: Shape, pose: Floats) -> PosedShape:
-    """Return a shape at a pose, shared by all links of all arms with equal shape and pose."""
+    """Return a posed shape, shared by all equal links."""
     digest = hashlib.sha256(pickle.dumps((shape.spec, pose))).digest()  # the spec, because the shape may carry caches
     return _SHARED_SHAPES.setdefault(digest, PosedShape(shape, pose))
 
 
 def pack_solids(solids: Sequence[Solid], side: int, outer: Solids | None = None) -> Solids:
-    """Return the solids by their outer (``side`` 0) or inner shapes (1), as kernels take them.
+    """Return the solids as kernels take them.
 
-    Anchors of outer shapes are one point per connected part; those of inner shapes are :attr:`PosedShape.probes`. If
-    all shapes are exact, the trees of ``outer`` are reused.
+    ``side`` 0 selects their outer shapes, 1 their inner shapes. Anchors of outer shapes are one point per connected
+    part; those of inner shapes are :attr:`PosedShape.probes`. If all shapes are exact, the trees of ``outer`` are
+    reused.
     """
     parts = [[part.bounds_pair[side] for part in solid.parts] for solid in solids]
     surfaces = [[part.surface for part in each if len(part.surface[0])] for each in parts]
@@ -255,7 +264,7 @@ def _cached_tree(parts: Sequence[PosedShape]) -> Trees:
 
 
 def _starts(counts: Iterable[int]) -> Ints:
-    """Return the start of each group, and the total, by the sizes of the groups."""
+    """Return the start of each group, and the total."""
     return np.cumsum([0, *counts], dtype=np.int64)
 
 
@@ -281,7 +290,7 @@ def make_scene(
 
 
 def make_inner_scene(scene: Scene, solids: Sequence[Solid]) -> Scene:
-    """Return the same scene with the inner shapes, in which touching proves a collision.
+    """Return the scene with inner shapes, which prove collisions.
 
     Distances must exceed ``2 DISTANCE_ROUNDING max_coordinate`` for the positions of points, and as much again for the
     rounding of :func:`cspace.kernels.point_triangle`, which is below ``2^-38`` of the largest link or obstacle.

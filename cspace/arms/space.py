@@ -149,7 +149,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             )
 
     def _refuse_always(self) -> None:
-        """Raise ConfigurationError if a pair that at most two joints move always touches."""
+        """Raise ConfigurationError if a pair always touches.
+
+        Tests pairs that at most two joints move.
+        """
         chain, bodies = self.arm.chain, self.record.solids.bodies
         between = chain.between[tuple(bodies[self.record.pairs].T)] & (chain.kinds != FIXED)
         few = [len(np.unique(chain.joint_indices[row])) <= 2 for row in between]
@@ -162,7 +165,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             )
 
     def _always_touch(self, pairs: Ints) -> Iterator[tuple[str, str]]:
-        """Yield the names of pairs that are apart in none of the random configurations."""
+        """Yield the names of pairs that touch in all random configurations."""
         scene, points = self.record._replace(pairs=pairs), draw_configurations(self.arm.ranges(), CONTACT_SAMPLES)
         for pair in pairs[always_touch(scene, points)]:
             yield self.contact(scene._replace(pairs=pair[np.newaxis]), points[:1])[:2]
@@ -183,9 +186,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
     @property
     def periodic_axes(self) -> tuple[bool, ...]:
-        """Whether each joint is continuous, so that a whole turn leads to the same configuration.
+        """Whether each joint is continuous.
 
-        A joint that moves another joint by a fraction of its own angle is not periodic.
+        A whole turn of it leads to the same configuration. A joint that moves another joint by a fraction of its own
+        angle is not periodic.
         """
         chain, circles = self.arm.chain, np.isinf(self.arm.upper)
         circles[
@@ -214,10 +218,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return check
 
     def obstacle_distance(self, q: ArrayLike) -> float | Floats:
-        """Bound the distance of links from obstacles, and from each other, from below, metres.
+        """Bound the distance to obstacles and between links from below.
 
-        The distance is that of the geometry itself, without margin. It is zero if a configuration is not proven free,
-        and infinite if there is nothing to touch.
+        The bound is in metres. The distance is that of the geometry itself, without margin. It is zero if a
+        configuration is not proven free, and infinite if there is nothing to touch.
 
         Parameters
         ----------
@@ -280,7 +284,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return self.contact(self.record, point[np.newaxis])
 
     def contact(self, scene: Scene, points: Floats) -> Contact:
-        """Return the pair of a scene nearest to touching at a configuration, shape (1, dof)."""
+        """Return the pair of a scene nearest to touching.
+
+        The configuration has shape (1, dof).
+        """
         out, nearest = self._distances(scene, points)
         solids, (pair, *nodes) = scene.solids, nearest[0].tolist()
         owners = [each.name for group in self._groups for each in group.members for _ in each.parts]
@@ -307,7 +314,9 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return np.where(out > 0.0, out + self.margin, 0.0), nearest
 
     def sample_free(self, n: int | None = None, rng: np.random.Generator | None = None) -> Floats:
-        """Sample free configurations uniformly within the joint limits, for continuous joints within a turn.
+        """Sample free configurations uniformly within the joint limits.
+
+        Continuous joints are sampled within a turn.
 
         Parameters
         ----------
@@ -410,13 +419,17 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
     @property
     def _spans(self) -> Floats:
-        """Largest motion of each joint between rows of a path: half a turn if continuous, else inf."""
+        """Largest motion of each joint between rows of a path.
+
+        It is half a turn for continuous joints, else inf.
+        """
         return np.where(self.periodic_axes, math.pi + _HALF_TURN_ROUNDING, math.inf)
 
     def _check_spans(self, q0: Floats, q1: Floats, pairs: Ints | None = None) -> None:
-        """Raise InputError if edges, shape (..., n, dof), turn a continuous joint by more than half a turn.
+        """Refuse edges that turn a joint by more than half a turn.
 
-        ``pairs`` are the rows that each edge joins; by default each row and the next.
+        Raises InputError for continuous joints; edges have shape (..., n, dof). ``pairs`` are the rows that each edge
+        joins; by default each row and the next.
         """
         steps = np.abs(q1 - q0)
         for *path, edge, joint in np.argwhere(steps > self._spans)[:1].tolist():
@@ -430,11 +443,12 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             )
 
     def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False) -> Bools:
-        """Return whether each edge of a path, of paths, or of a roadmap is proven collision-free.
+        """Return whether each edge is proven collision-free.
 
-        The edges are those of :meth:`motion_is_free`: all joints move together, each from its value to the next. An
-        edge that turns a continuous joint by more than half a turn is refused, because planners and controllers that
-        wrap angles would take the shorter way, a different motion. For all other edges both motions are the same.
+        The edges are those of a path, of paths, or of a roadmap. The edges are those of :meth:`motion_is_free`: all
+        joints move together, each from its value to the next. An edge that turns a continuous joint by more than half a
+        turn is refused, because planners and controllers that wrap angles would take the shorter way, a different
+        motion. For all other edges both motions are the same.
 
         Parameters
         ----------
@@ -468,9 +482,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return super().certify_path(path, edges, exact=exact)
 
     def _images(self, start: Floats, goals: Floats) -> Floats:
-        """Return the goals, shape (n, dof), both ways around each continuous joint, shape (m, dof).
+        """Return the goals both ways around each continuous joint.
 
-        The first n take the shorter way; goals that already do are unchanged, to the last bit.
+        The goals have shape (n, dof), the result (m, dof). The first n take the shorter way; goals that already do are
+        unchanged, to the last bit.
         """
         images = np.where(self.periodic_axes, beside(goals, start), goals)
         for joint in np.flatnonzero(self.periodic_axes)[:MAX_DOUBLED_JOINTS]:
@@ -504,7 +519,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return lambda parts, out: self._prove(self._rows(parts, ("q0", "q1")), out)
 
     def _prove(self, rows: Sequence[Floats], out: Bools) -> int:
-        """Fill ``out`` with whether each motion from the first batch to the last, shapes (n, dof), is proven free."""
+        """Prove motions from the first batch to the last.
+
+        Batches have shapes (n, dof).
+        """
 
         def prove(first: int, stop: int) -> int:
             out[first:stop] = are_free(self.record, rows[0][first:stop], rows[-1][first:stop])
@@ -523,7 +541,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
 
 def collision_error(space: ArmSpace, q: Floats, name: str) -> ConfigurationError:
-    """Return the error that names what touches at a start or goal, shape (dof,)."""
+    """Return the error for a start or goal in collision.
+
+    It names what touches; ``q`` has shape (dof,).
+    """
     link, other, *_ = space.closest(q)
     problem = f"is not proven free: {link} is in collision with {other}, or nearly so"
     hint = f"choose another, or pass allowed_collisions=[({link!r}, {other!r})] if they may touch"
@@ -584,7 +605,10 @@ def build_arm_space(
 
 
 def _group_solids(links: Sequence[Solid], obstacles: Sequence[Solid], may_touch: Set[tuple[str, str]]) -> list[Group]:
-    """Group links of one body, and obstacles, that may touch the same others, so that one test proves a group apart."""
+    """Group links of one body, and obstacles, for common tests.
+
+    Members may touch the same others, so that one test proves a group apart.
+    """
     partners: dict[str, set[str]] = {}
     for one, other in may_touch:
         partners.setdefault(one, set()).add(other)
@@ -600,10 +624,10 @@ def _group_solids(links: Sequence[Solid], obstacles: Sequence[Solid], may_touch:
 
 
 def _nearest_points(one: Floats, other: Floats, radii: ArrayLike) -> Floats:
-    """Return the nearest points of the convex hulls of two point sets, grown by radii, shape (2, 3).
+    """Return the nearest points of two hulls, shape (2, 3).
 
-    They come from the point of the hull of all differences nearest to zero (C. L. Lawson and R. J. Hanson, "Solving
-    Least Squares Problems", 1974, chapter 23).
+    The hulls are of two point sets, grown by radii. They come from the point of the hull of all differences nearest to
+    zero (C. L. Lawson and R. J. Hanson, "Solving Least Squares Problems", 1974, chapter 23).
     """
     differences = (one[:, np.newaxis] - other).reshape(-1, 3)
     weights, _ = scipy.optimize.nnls(np.vstack([differences.T, np.ones(len(differences))]), [0.0, 0.0, 0.0, 1.0])

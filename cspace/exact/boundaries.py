@@ -23,11 +23,11 @@ CLIP_ROUNDING: Final = 2.0**-48
 
 
 class Proofs(Protocol):
-    """Proofs for the configurations and edges that the cells of a map leave undecided."""
+    """Proofs for configurations and edges that cells leave undecided."""
 
     @property
     def edge(self) -> Callable[..., bool]:
-        """Function ``edge(*q0, *q1)`` that returns True if the whole edge is proven free.
+        """Function ``edge(*q0, *q1)`` that returns True for proven free edges.
 
         An edge with equal endpoints is a point.
         """
@@ -36,10 +36,10 @@ class Proofs(Protocol):
         """Return whether each edge, shapes (n, size), is proven free."""
 
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
-        """Return a lower bound of (distance - required distance) along a free path, metres, at least zero.
+        """Return a lower bound of (distance - required distance), at least zero.
 
-        The path is given in pieces: their midpoints, shape (n, size), their lengths and their rotation angles, shape
-        (n,).
+        The bound, in metres, holds along a free path. The path is given in pieces: their midpoints, shape (n, size),
+        their lengths and their rotation angles, shape (n,).
         """
 
 
@@ -93,7 +93,7 @@ class Problem(NamedTuple):
 
 
 class ObstacleBoundary(NamedTuple):
-    """Boundary of each obstacle, and the rounding error of clipping it to the grid, metres."""
+    """Boundaries of obstacles, and the rounding of clipping them, metres."""
 
     pieces: list[Pieces]
     error: float
@@ -168,7 +168,10 @@ def connected_parts(border: Pieces) -> tuple[Floats, Ints]:
 
 
 def part_anchors(border: Pieces) -> tuple[Floats, Floats]:
-    """Return one vertex of each connected part, shape (n, d), and the size of the part, metres, shape (n,)."""
+    """Return one vertex and the size of each connected part.
+
+    The vertices have shape (n, d); the sizes, in metres, shape (n,).
+    """
     points, starts = connected_parts(border)
     if not len(points):
         return points, np.empty(0)
@@ -177,7 +180,7 @@ def part_anchors(border: Pieces) -> tuple[Floats, Floats]:
 
 
 def _clip_to_half_space(simplices: Floats, axis: int, wall: float, sign: float) -> Floats:
-    """Clip segments or triangles to ``sign * (coordinate - wall) >= 0`` along an axis."""
+    """Clip simplices to ``sign * (coordinate - wall) >= 0``."""
     corners = simplices.shape[1]
     height = sign * (simplices[:, :, axis] - wall)
     inside = height >= 0.0
@@ -202,7 +205,7 @@ def _clip_to_half_space(simplices: Floats, axis: int, wall: float, sign: float) 
 
 
 def _make_caps(shape: ExactShape, workspace: Workspace) -> Iterator[Floats]:
-    """Yield the caps of a shape that the faces of the grid cut open."""
+    """Yield the caps of a shape on the faces of the grid."""
     grid, (low, high) = workspace.grid, shape.bounds
     for axis in range(grid.dim):
         for upper, crosses in ((0, low[axis] < grid.lower[axis]), (1, high[axis] > grid.upper[axis])):
@@ -211,7 +214,7 @@ def _make_caps(shape: ExactShape, workspace: Workspace) -> Iterator[Floats]:
 
 
 def _cap_cells(shape: ExactShape, workspace: Workspace, axis: int, upper: int) -> Iterator[Floats]:
-    """Yield the faces of the outer cells on one side of a grid in space."""
+    """Yield faces of outer cells on one side of the grid."""
     columns = np.moveaxis(workspace.outer, axis, 0)
     sides = np.zeros((columns.shape[0] + 1, *columns.shape[1:]), dtype=np.bool_)
     sides[-upper] = columns[-upper]
@@ -219,7 +222,7 @@ def _cap_cells(shape: ExactShape, workspace: Workspace, axis: int, upper: int) -
 
 
 def _cap_regions(shape: ExactShape, workspace: Workspace, axis: int, upper: int) -> Iterator[Floats]:
-    """Yield the segments of one side of a plane grid that lie in the regions of a shape."""
+    """Yield segments of one side of the grid inside regions."""
     return (_cap_region(region, workspace.grid, axis, upper) for region in shape.regions)
 
 
@@ -227,7 +230,10 @@ _CAP_MAKERS: Final = {2: _cap_regions, 3: _cap_cells}
 
 
 def _cap_region(region: Floats, grid: Grid, axis: int, upper: int) -> Floats:
-    """Return the segments of one side of a plane grid inside a region, shape (n, 2, 2)."""
+    """Return segments of one side of the grid inside a region.
+
+    The result has shape (n, 2, 2).
+    """
     wall, along = (grid.lower, grid.upper)[upper][axis], 1 - axis
     first, last = np.moveaxis(region.reshape(-1, 2, 2), 1, 0)
     # A closed curve crosses a line an even number of times if a corner on the line counts as below.

@@ -79,12 +79,12 @@ class ExactQueries:
         return bad
 
     def distance(self, points: Floats, lengths: Floats, angles: Floats) -> float:
-        """Return a proven lower bound of the obstacle distance along a free path, metres.
+        """Return a proven lower bound of the obstacle distance, metres.
 
-        The path is given in pieces: their midpoints, shape (n, size), in metres and radians, and the length and
-        rotation
-        angle of each, shape (n,). From its midpoint, a piece extends by half its length and half its angle. A blocked
-        exterior counts as an obstacle. The bound is infinite if there are no obstacles.
+        The bound holds along a free path. The path is given in pieces: their midpoints, shape (n, size), in metres and
+        radians, and the length and rotation angle of each, shape (n,). From its midpoint, a piece extends by half its
+        length and half its angle. A blocked exterior counts as an obstacle. The bound is infinite if there are no
+        obstacles.
         """
         return self._problem.margin + self._current_proofs().slack(as_contiguous(points), lengths, angles)
 
@@ -124,14 +124,14 @@ class ExactQueries:
 
 
 def _prove(proofs: Proofs, left: Ints, q0: Floats, q1: Floats, out: Bools) -> None:
-    """Fill ``out`` at the indices ``left`` with whether the edges are proven free."""
+    """Prove the edges at the indices ``left``."""
     if len(left):
         starts = q0[left]
         out[left] = proofs.are_free(starts, starts if q1 is q0 else q1[left])
 
 
 class Containment(NamedTuple):
-    """Robot and obstacles as solids, to decide which contains a part of the other.
+    """Robot and obstacles as solids, for containment tests.
 
     If a connected part does not meet the other boundary, it lies entirely inside or entirely outside the other solid,
     so that one of its points decides. For a part of the robot, any of its corners decides.
@@ -175,7 +175,7 @@ class Containment(NamedTuple):
 
 
 class BoundaryTrees(NamedTuple):
-    """Trees of the boundaries of robot, obstacles and walls, given by their roots.
+    """Trees of robot, obstacles and walls, given by their roots.
 
     All lengths are scaled: metres times ``scale``. ``max_lever`` is the longest lever of the robot, and ``required``
     the distance that proves a configuration free. Walls are the faces of the grid, used if the exterior is blocked.
@@ -287,7 +287,7 @@ class BoundaryProofs:
         return free
 
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
-        """Return a lower bound of (distance - required distance) along a free path, metres.
+        """Return a lower bound of (distance - required distance), metres.
 
         See :class:`Proofs`.
         """
@@ -297,16 +297,19 @@ class BoundaryProofs:
         return float(path_slack(boundaries, boundaries.scale * positions, matrices, spans, pairs)) / boundaries.scale
 
     def _place_robot(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return reference points, shape (n, 3), and rotation matrices, shape (n, 3, 3), of configurations."""
+        """Return reference points and rotation matrices of configurations.
+
+        The shapes are (n, 3) and (n, 3, 3).
+        """
         positions, matrices = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
         positions[:, : self._dim], matrices[:, 2, 2] = points[:, : self._dim], 1.0
         matrices[:, : self._dim, : self._dim] = self._rotations.matrices(points)
         return positions, matrices
 
     def _are_nested(self, q: Floats) -> Bools:
-        """Return whether a part of one side lies inside the other, given that no boundaries meet.
+        """Return whether a part of one side lies inside the other.
 
-        Tests only the cases that :func:`containment_state` leaves MIXED.
+        No boundaries may meet. Tests only the cases that :func:`containment_state` leaves MIXED.
         """
         containment, (positions, angles) = self._inputs.containment, self._place_robot(q)
         nested, (low, high) = np.zeros(len(q), dtype=np.bool_), self._bounds
@@ -329,13 +332,16 @@ class BoundaryProofs:
 
 
 def _select_points(within: Bools, points: Floats) -> tuple[Ints, Floats]:
-    """Return the points, shape (n, m, d), inside along every axis, and the first index of each."""
+    """Select the points inside along every axis.
+
+    Returns the first index of each and the points; ``points`` has shape (n, m, d).
+    """
     chosen = np.asarray(within.all(axis=2))
     return np.nonzero(chosen)[0], points[chosen]
 
 
 class Scratch(NamedTuple):
-    """Scratch memory of an edge proof: a queue of its unproven parts, and a stack of node pairs."""
+    """Scratch memory of an edge proof: unproven parts and node pairs."""
 
     parts: Floats
     node_pairs: Ints
@@ -356,7 +362,7 @@ def prove_edges(inputs: ProofInputs, first: Floats, second: Floats, scratch: Scr
 
 @jit
 def prove_edge(inputs: ProofInputs, both: Numbers) -> int:
-    """Return :func:`edge_state` of an edge, given as its two endpoints in one row."""
+    """Return :func:`edge_state` of an edge given as one row."""
     q0, q1 = halves(inputs.map, both)
     rotations = inputs.map.rotations
     if not (rotations.is_usable(q0) and rotations.is_usable(q1)):
@@ -456,7 +462,10 @@ def arc_state(inputs: ProofInputs, q0: Numbers, q1: Numbers, arc: int, scratch: 
 
 @kernel
 def stays_within_walls(boundaries: BoundaryTrees, motion: Motion, fraction: float) -> bool:
-    """Return True if the bounding box of the robot stays within the walls during a fraction of a motion."""
+    """Return True if the robot stays within the walls.
+
+    Tests its bounding box during a fraction of a motion.
+    """
     box, wall = boundaries.trees.boxes[boundaries.robot], boundaries.trees.boxes[boundaries.walls]
     center, half = place_box(motion, box)
     center = minus(center, row_at(wall, 0))
@@ -470,10 +479,11 @@ def stays_within_walls(boundaries: BoundaryTrees, motion: Motion, fraction: floa
 
 @kernel
 def path_slack(boundaries: BoundaryTrees, positions: Floats, matrices: Floats, spans: Floats, scratch: Ints) -> float:
-    """Return a lower bound of (distance - required distance) along a path, at least zero.
+    """Return a lower bound of (distance - required distance) along a path.
 
-    The robot is placed at the midpoint of each piece of the path. No point of it moves farther than the span of the
-    piece from there. All lengths are scaled like the trees. No part of robot or obstacles may lie inside the other.
+    The bound is at least zero. The robot is placed at the midpoint of each piece of the path. No point of it moves
+    farther than the span of the piece from there. All lengths are scaled like the trees. No part of robot or obstacles
+    may lie inside the other.
     """
     best, fixed = math.inf, (0.0, 0.0, 0.0)
     for k in range(len(positions)):
@@ -548,7 +558,10 @@ def containment_state(containment: Containment, map_: Map, q: Numbers, matrix: M
 
 @kernel
 def is_in_region(containment: Containment, x: float, y: float) -> bool:
-    """Return True if a point off the boundary lies in a region of the robot, by ray parity."""
+    """Return True if a point lies in a region of the robot.
+
+    Uses ray parity; the point must not lie on the boundary.
+    """
     first = 0
     for stop in containment.region_stops:
         inside = False

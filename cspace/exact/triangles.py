@@ -135,7 +135,10 @@ def pack_triangles(border: Pieces) -> Floats:
 
 
 def pack_boxes(lows: Floats, highs: Floats, pose: Floats) -> Floats:
-    """Return axis-aligned boxes, shapes (n, 3), moved by a pose, shape (4, 4), as rows of a tree."""
+    """Return posed axis-aligned boxes as rows of a tree.
+
+    The corners have shapes (n, 3), the pose (4, 4).
+    """
     rotation, half = pose[:3, :3], 0.5 * (highs - lows)
     rows = np.empty((len(lows), 10))
     rows[:, :3] = 0.5 * (lows + highs) @ rotation.T + pose[:3, 3]
@@ -144,7 +147,10 @@ def pack_boxes(lows: Floats, highs: Floats, pose: Floats) -> Floats:
 
 
 def bound_rows(rows: Floats) -> tuple[Floats, Floats]:
-    """Return the lower and upper corners of the bounding box of each row, shape (n, 3)."""
+    """Return the corners of the bounding box of each row.
+
+    Both have shape (n, 3).
+    """
     is_box = rows[:, 9] < 0.0
     corners, grown = rows[:, :9].reshape(-1, 3, 3), np.maximum(rows[:, 9:], 0.0)
     low, high = corners.min(axis=1) - grown, corners.max(axis=1) + grown
@@ -194,11 +200,12 @@ def node_maxima(values: Floats, spans: Ints) -> Floats:
 def free_fraction(
     trees: Trees, robot: int, others: tuple[int, int], motion: Motion, enough: float, scratch: Ints
 ) -> float:
-    """Return the fraction of a motion, at most ``enough``, within which the robot cannot touch others.
+    """Return the fraction of a motion proven free of contact.
 
-    Robot and others are given by the roots of their trees, -1 for none. The result is negative if the robot is too near
-    at its current pose. ``scratch``, shape (MAX_PENDING_PAIRS,), caches in its first entry the pair of triangles that
-    set the last bound, because the same pair often sets the next one; -1 means none.
+    The fraction is at most ``enough``. Robot and others are given by the roots of their trees, -1 for none. The result
+    is negative if the robot is too near at its current pose. ``scratch``, shape (MAX_PENDING_PAIRS,), caches in its
+    first entry the pair of triangles that set the last bound, because the same pair often sets the next one; -1 means
+    none.
     """
     best, last, top, spans = float(enough), -1, 1, trees.spans
     center = half = (0.0, 0.0, 0.0)
@@ -253,7 +260,10 @@ def free_fraction(
 
 @always_inline
 def place_box(motion: Motion, box: Floats) -> tuple[Row, Row]:
-    """Return center and half sides of the box around a robot node at its pose, grown by ``motion.required``."""
+    """Return center and half sides of a posed robot node.
+
+    The box is grown by ``motion.required``.
+    """
     x, y, z = box_extent(motion.matrix, row_at(box, 3))
     center = apply_pose(motion.matrix, motion.position, row_at(box, 0))
     return center, (x + motion.required, y + motion.required, z + motion.required)
@@ -261,7 +271,10 @@ def place_box(motion: Motion, box: Floats) -> tuple[Row, Row]:
 
 @kernel
 def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enough: float) -> float:
-    """Return :func:`free_fraction` of two triangles, the first of which moves by up to ``drift`` in any direction."""
+    """Return :func:`free_fraction` of two triangles.
+
+    The first moves by up to ``drift`` in any direction.
+    """
     # Use the first corner of the robot's triangle as the origin, for the smaller rounding.
     p0, matrix = row_at(p, 0), motion.matrix
     zero, p1, p2 = read_corners(p, p0)
@@ -295,7 +308,7 @@ def read_corners(q: Floats, origin: Row) -> Corners:
 
 @always_inline
 def edge_vectors(a: Corners) -> Corners:
-    """Return the edges of a triangle, each from its corner to the next."""
+    """Return the three edge vectors of a triangle."""
     return minus(a[1], a[0]), minus(a[2], a[1]), minus(a[0], a[2])
 
 
@@ -329,7 +342,10 @@ def read_box(q: Floats, origin: Row) -> OrientedBox:
 
 @kernel
 def pierces(corners: Corners, q: Floats, depth: float) -> bool:
-    """Return True if a point of a triangle is found deeper than ``depth`` in a box or ball of a tree."""
+    """Return True if a triangle reaches deep into a box or ball.
+
+    A point of the triangle is found deeper than ``depth``.
+    """
     a0 = corners[0]
     a1, a2, center = minus(corners[1], a0), minus(corners[2], a0), minus(row_at(q, 0), a0)
     near = nearest_of_triangle(center, a1, a2)
@@ -354,16 +370,17 @@ def pierces(corners: Corners, q: Floats, depth: float) -> bool:
 
 @kernel
 def crosses(a: Corners, b: Corners, tolerance: float) -> bool:
-    """Return True if an edge of one triangle is proven to pass through the interior of the other.
+    """Return True if two triangles provably cross.
 
-    Rounding is covered: each corner may be off by a quarter of ``tolerance``.
+    An edge of one passes through the interior of the other. Rounding is covered: each corner may be off by a quarter of
+    ``tolerance``.
     """
     return _edge_pierces(a, b, tolerance) or _edge_pierces(b, a, tolerance)
 
 
 @kernel
 def _edge_pierces(a: Corners, b: Corners, tolerance: float) -> bool:
-    """Return True if an edge of triangle a is proven to pass through triangle b.
+    """Return True if an edge of a provably passes through b.
 
     The ends of the edge lie on opposite sides of the plane of b, and its line passes all edges of b on the same side.
     """
@@ -397,7 +414,10 @@ def _side_of_plane(p: Row, a: Row, b: Row, c: Row, tolerance: float) -> int:
 
 @kernel
 def nearest_in_box(p: Row, box: OrientedBox, scale: float) -> Row:
-    """Return the point nearest to p in a box scaled by ``scale`` about its center, up to rounding."""
+    """Return the point nearest to p in a scaled box.
+
+    The box is scaled by ``scale`` about its center; the result is right up to rounding.
+    """
     x, y, z = box[0]
     offset = minus(p, box[0])
     for k in range(1, 4):

@@ -130,7 +130,7 @@ class Bump:
         return self.alpha == math.inf
 
     def profile(self, distance: ArrayLike) -> Floats:
-        """Evaluate the bump at distances from the center, in radii, of any shape.
+        """Evaluate the bump at distances in radii, of any shape.
 
         Raises InputError if a distance is negative or not finite.
         """
@@ -146,7 +146,7 @@ class Bump:
             return np.asarray(np.exp(-1.0 / powers))
 
     def radial_spectrum(self, frequency: ArrayLike, dim: int) -> Floats:
-        """Compute the Fourier transform of the bump of radius 1 at the moduli ``k = |w|``.
+        """Compute the Fourier transform of the bump of radius 1.
 
         The transform is ``integral psi(x) exp(-2 pi i w.x) dx``. A bump of radius r has ``r^dim`` times this value at
         ``k = r |w|``. ``frequency``, shape (...), is in cycles per radius, from 0 to 1e5; ``dim`` is 2 or 3. The error
@@ -282,7 +282,7 @@ def sphere_measure(radius: Floats, dim: int) -> Floats:
 
 
 def radial_transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
-    """Compute the Fourier transform of a non-negative radial function at ``k = |w|``, of any shape.
+    """Compute the Fourier transform of a non-negative radial function.
 
     In the plane it is ``2 pi integral_0^1 f(s) J0(2 pi k s) s ds``, in space ``4 pi integral_0^1 f(s) sinc(2 k s) s^2
     ds`` with ``sinc(x) = sin(pi x) / (pi x)``. The error is at most 1e-13 of the value at 0.
@@ -306,7 +306,7 @@ def radial_transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
 
 
 class RadialTable:
-    """A radial spectrum up to a frequency, interpolated from its values at :func:`table_points`.
+    """A radial spectrum interpolated from its values at :func:`table_points`.
 
     A function that vanishes outside the unit ball has a spectrum that is a mixture of ``exp(2 pi i k x)`` with ``|x| <=
     1``. If the function is not negative, the weights of the mixture sum to the spectrum at 0. So the relative error of
@@ -339,10 +339,10 @@ class RadialTable:
 
 
 def table_points(max_frequency: float, tolerance: float) -> Floats:
-    """Return the frequencies at which a table needs a spectrum, shape (intervals, nodes).
+    """Return the frequencies at which a table needs a spectrum.
 
-    The last interval may end above ``max_frequency``. The tolerance is the interpolation error relative to the value at
-    0; the error of the spectrum itself adds to it.
+    They have shape (intervals, nodes). The last interval may end above ``max_frequency``. The tolerance is the
+    interpolation error relative to the value at 0; the error of the spectrum itself adds to it.
     """
     nodes = TABLE_HALF_WIDTH * (1.0 + chebyshev_nodes(count_nodes(tolerance, 2.0 * math.pi * TABLE_HALF_WIDTH)))
     intervals = max(1, math.ceil(max_frequency / (2.0 * TABLE_HALF_WIDTH)))
@@ -350,7 +350,10 @@ def table_points(max_frequency: float, tolerance: float) -> Floats:
 
 
 def count_nodes(tolerance: float, phase: float) -> int:
-    """Return how many Chebyshev nodes interpolate exponentials over half an interval of ``phase`` radians."""
+    """Return how many Chebyshev nodes an interval needs.
+
+    They interpolate exponentials with ``phase`` radians in half an interval.
+    """
     from scipy.special import jv
 
     terms = np.abs(jv(np.arange(int(2.0 * phase) + 80), phase))
@@ -358,7 +361,7 @@ def count_nodes(tolerance: float, phase: float) -> int:
 
 
 def chebyshev_nodes(count: int) -> Floats:
-    """Return the zeros of the Chebyshev polynomial of degree ``count``, in descending order."""
+    """Return the zeros of a Chebyshev polynomial, in descending order."""
     return np.asarray(np.cos(math.pi * (np.arange(count) + 0.5) / count))
 
 
@@ -375,10 +378,10 @@ def chebyshev_coefficients(values: Floats) -> Floats:
 
 
 def product_integrals(function: Radial, a: Floats, b: Floats, distance: Floats, dim: int, count: int) -> Floats:
-    """Integrate ``f(|x| / a) f(|x - distance e| / b)`` over the plane or space, all shape (n,), by one rule.
+    """Integrate ``f(|x| / a) f(|x - distance e| / b)`` by one rule.
 
-    Uses polar coordinates around the center of the smaller ball, in units of its radius, over the part inside the other
-    ball,
+    The integrals are over the plane or space; all arrays have shape (n,). Uses polar coordinates around the center of
+    the smaller ball, in units of its radius, over the part inside the other ball,
 
         integral f(s) s^(dim - 1) integral f(rho / b) dOmega ds,    rho^2 = s^2 + D^2 - 2 s D cos(theta).
 
@@ -411,7 +414,7 @@ def product_integrals(function: Radial, a: Floats, b: Floats, distance: Floats, 
 
 
 def _direction_rule(covered: Floats, x: Floats, dim: int) -> tuple[Floats, Floats]:
-    """Return ``sin(theta / 2)^2`` at the nodes x of the covered directions, and ``dOmega / dx``.
+    """Return ``sin(theta / 2)^2`` at the nodes, and ``dOmega / dx``.
 
     ``covered``, shape (n, 1), is the largest ``sin(theta / 2)^2``. No sine is needed: on a sphere, the area between two
     circles is proportional to the difference of their ``sin(theta / 2)^2``; on a circle, both are rational in
@@ -426,7 +429,10 @@ def _direction_rule(covered: Floats, x: Floats, dim: int) -> tuple[Floats, Float
 
 
 def lens_measure(a: Floats, b: Floats, distance: Floats, dim: int) -> Floats:
-    """Return the area or volume of the intersection of two balls, accurate also for thin lenses."""
+    """Return the area or volume common to two balls.
+
+    It is accurate also for thin lenses.
+    """
     least = np.minimum(a, b)
     # Subtract similar lengths first, because such differences are exact.
     depth = (np.maximum(a, b) - distance) + least

@@ -137,10 +137,10 @@ class BallDecomposition:
         return sum(self.volume_bounds) / 2.0
 
     def plot(self, ax: Axes | None = None, *, title: str | None = None) -> Axes:
-        """Draw the balls, and their shape if known, on axes or in a new figure without a window.
+        """Draw the balls and, if known, their shape.
 
-        The default title gives the number, the kind and the distance to the shape. Raises InputError if the axes are of
-        the plane and the balls in space, or the reverse.
+        By default it makes a new figure without a window. The default title gives the number, the kind and the distance
+        to the shape. Raises InputError if the axes are of the plane and the balls in space, or the reverse.
         """
         from matplotlib.collections import LineCollection, PatchCollection
         from matplotlib.figure import Figure
@@ -172,10 +172,10 @@ class BallDecomposition:
         return axes  # type: ignore[no-any-return]
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
-        """Write the balls, without their shape and losslessly, to a ``.yaml``, ``.yml`` or ``.json`` file.
+        """Write the balls to a ``.yaml``, ``.yml`` or ``.json`` file.
 
-        Raises InputError for another suffix. Raises FileError if the file exists and ``overwrite`` is not set, or
-        cannot be written.
+        The file is lossless but does not contain the shape. Raises InputError for another suffix. Raises FileError if
+        the file exists and ``overwrite`` is not set, or cannot be written.
         """
         check_suffix(path, BALL_READERS, BALL_SUFFIX_RULE)
         record: dict[str, Any] = {"format": BALLS_FORMAT, "version": BALLS_VERSION, "kind": self.kind}
@@ -309,7 +309,10 @@ def decompose(
 
 
 def _fill_shape(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats]:
-    """Return centers and radii of balls in a shape, metres: ``number`` of them, or enough for a tolerance."""
+    """Return centers and radii of balls in a shape, metres.
+
+    There are ``number`` of them, or enough for a tolerance.
+    """
     inside = _medial_balls(lattice)
     inside = inside.select(inside.depths > 0.0)
     if not len(inside.depths):
@@ -368,10 +371,10 @@ def _cover_shape(lattice: Lattice, number: int | None, tolerance: float | None) 
 def _choose_cover(
     lattice: Lattice, candidates: LatticeBalls, reach: float, *, inside: bool, most: int = UNLIMITED_BALLS
 ) -> tuple[Cover, LatticeBalls]:
-    """Choose balls until every cell lies in one, or there are ``most`` of them.
+    """Choose balls until every cell lies in one.
 
-    The reach of a ball is its depth plus ``reach``, in sides. The cover has open cells if ``most`` balls do not
-    suffice.
+    There are at most ``most`` balls. The reach of a ball is its depth plus ``reach``, in sides. The cover has open
+    cells if ``most`` balls do not suffice.
     """
     from scipy.spatial import KDTree
 
@@ -420,7 +423,7 @@ def _balls_at_cell_centers(lattice: Lattice) -> LatticeBalls:
 
 
 def _medial_balls(lattice: Lattice) -> LatticeBalls:
-    """Return the balls at cell centers that no neighbouring ball contains, up to a sliver.
+    """Return the balls that no neighbouring ball contains.
 
     They lie along the medial axis. Growing all balls by one length does not change which balls contain others.
     """
@@ -440,7 +443,7 @@ def _medial_balls(lattice: Lattice) -> LatticeBalls:
 
 
 def _deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
-    """Return balls around a point in each cell, given by its center, that lies in the shape.
+    """Return a ball around a point of the shape in each cell.
 
     Cells without such a point get no ball.
     """
@@ -459,7 +462,10 @@ def _deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
 
 
 class LatticeBalls(NamedTuple):
-    """Balls of the lattice, in sides of a cell: centers, shape (n, 3), lower bounds of their depths, and radii."""
+    """Balls in lattice coordinates: centers, depths and reaches.
+
+    Centers have shape (n, 3); depths are lower bounds, in sides of a cell, and reaches are radii.
+    """
 
     centers: Floats
     depths: Floats
@@ -537,7 +543,7 @@ class Cover:
         return left
 
     def polish(self, centers: Floats, radii: Floats) -> None:
-        """Move balls inside the shape to where they contain more cells, in place."""
+        """Move balls inside the shape to contain more cells, in place."""
         lattice, border = self._lattice, self._lattice.region.inner
         lattice_frame = lattice.corner, lattice.side, border.error
         polish(self._cells, border.tree, centers, radii, lattice_frame, np.empty((2, 3)))
@@ -545,7 +551,7 @@ class Cover:
 
 @kernel
 def _cell_range(center: float, length: float, count: int) -> tuple[int, int]:
-    """Return the range [start, stop) of cell centers within a length of a center along an axis."""
+    """Return the range of cell centers within a length of a center."""
     return max(0, math.ceil(center - length - 0.5)), min(count, math.floor(center + length + 0.5))
 
 
@@ -578,7 +584,10 @@ def _find_rows(cells: CellCounts, center: Floats, reach: float) -> int:
 
 @kernel
 def _count_ball(cells: CellCounts, rows: int, step: int) -> None:
-    """Count a ball, whose rows were found, in (``step`` 1) or out (-1)."""
+    """Count a ball in (``step`` 1) or out (-1).
+
+    Its rows must have been found.
+    """
     counts, prefix_sums = cells.counts, cells.prefix_sums
     for n in range(rows):
         i, j, first, stop = cells.rows[n]
@@ -675,7 +684,7 @@ def polish(
     lattice_frame: tuple[Floats, float, float],
     scratch: Floats,
 ) -> None:
-    """Move balls inside a shape to where they contain more cells, in place.
+    """Move balls inside a shape to contain more cells, in place.
 
     A step inside the ball stays in the shape, so the distance from the boundary is the new radius. Steps go along the
     axes, and halve if none helps. ``lattice_frame`` is the corner of the lattice in the space of the tree, its side,

@@ -63,7 +63,7 @@ class PolygonSum(NamedTuple):
 
 
 def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
-    """Bound the set of all sums of a point of ``first`` and a point of ``second``."""
+    """Bound the Minkowski sum of two polygons."""
     import shapely
 
     one, other = _convex_parts(first), _convex_parts(second)
@@ -105,10 +105,11 @@ def _convex_parts(geometry: BaseGeometry) -> Floats:
 
 
 def _triangles(polygon: BaseGeometry) -> list[list[Corner]]:
-    """Cut a polygon into counterclockwise triangles, and check exactly that they tile it.
+    """Cut a polygon into triangles, and check exactly that they tile it.
 
-    If the boundary of the polygon is the sum of the boundaries of the triangles, the winding number of the polygon
-    around any point is the number of triangles around it: one inside the polygon, and zero outside.
+    The triangles are counterclockwise. If the boundary of the polygon is the sum of the boundaries of the triangles,
+    the winding number of the polygon around any point is the number of triangles around it: one inside the polygon, and
+    zero outside.
 
     Raises GeometryError if it is not.
     """
@@ -133,7 +134,10 @@ def _triangles(polygon: BaseGeometry) -> list[list[Corner]]:
 
 
 def _merge_convex(rings: list[list[Corner]]) -> list[list[Corner]]:
-    """Merge convex polygons that share an edge while the result is convex (Hertel and Mehlhorn, 1983)."""
+    """Merge convex polygons while the result is convex.
+
+    They must share an edge (Hertel and Mehlhorn, 1983).
+    """
     pieces = dict(enumerate(rings))
     owner = {(ring[k - 1], ring[k]): number for number, ring in pieces.items() for k in range(len(ring))}
     for a, b in list(owner):
@@ -156,7 +160,10 @@ def _rotate_ring(ring: list[Corner], corner: Corner) -> list[Corner]:
 
 
 def _add_ring(border: Counter[tuple[Corner, Corner]], ring: Sequence[Corner], times: int) -> None:
-    """Add the directed edges of a ring to a boundary, in which opposite edges cancel."""
+    """Add the directed edges of a ring to a boundary.
+
+    Opposite edges cancel.
+    """
     for k in range(len(ring)):
         a, b = ring[k - 1], ring[k]
         if a < b:
@@ -166,7 +173,7 @@ def _add_ring(border: Counter[tuple[Corner, Corner]], ring: Sequence[Corner], ti
 
 
 def _without_straight_corners(ring: list[Corner]) -> list[Corner]:
-    """Remove repeated corners and corners on the straight line between their neighbours from a ring."""
+    """Remove repeated and straight corners from a ring."""
     start = ring.index(min(ring))  # a true corner
     kept: list[Corner] = []
     for corner in [*ring[start:], *ring[: start + 1]]:
@@ -178,7 +185,10 @@ def _without_straight_corners(ring: list[Corner]) -> list[Corner]:
 
 
 def _orientation(a: Corner, b: Corner, c: Corner) -> int:
-    """Return exactly 1 if three points turn left, -1 if right, 0 if they are collinear."""
+    """Return the exact orientation of three points.
+
+    It is 1 for a left turn, -1 for a right turn, and 0 for collinear points.
+    """
     (ax, ay), (bx, by), (cx, cy) = ((Fraction(x), Fraction(y)) for x, y in (a, b, c))
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     return (area > 0) - (area < 0)
@@ -282,9 +292,9 @@ class BallDescriptor(Balls):
         return Descriptor(grid, values)
 
     def round_radii(self, number: int, up: bool) -> BallDescriptor:
-        """Return balls with at most ``number`` different radii, grown (``up``) or shrunk to the next of them.
+        """Return balls with at most ``number`` different radii.
 
-        Each radius serves about equally many balls.
+        Each radius grows (``up``) or shrinks to the next of these. Each radius serves about equally many balls.
         """
         if len(np.unique(self.radii)) <= number:
             return self
@@ -295,9 +305,9 @@ class BallDescriptor(Balls):
 
 
 def check_solid_balls(centers: ArrayLike, radii: ArrayLike) -> tuple[Floats, Floats]:
-    """Return copies of the centers, shape (n, dim), and radii, shape (n,), of balls.
+    """Return copies of the centers and radii of balls.
 
-    Raises InputError if a radius is not above zero.
+    Their shapes are (n, dim) and (n,). Raises InputError if a radius is not above zero.
     """
     points, sizes = check_balls(centers, radii)
     if (sizes <= 0.0).any():
@@ -314,7 +324,7 @@ def check_same_dim(name: str, dim: int, other: int) -> None:
 
 
 def as_balls(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
-    """Return the balls of an object with ``centers`` and ``radii``, of a robot of balls, or of a pair of arrays.
+    """Return the balls of an object, a robot or a pair of arrays.
 
     Raises InputError for anything else.
     """
@@ -330,9 +340,10 @@ def as_balls(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
 
 
 def common_bump(bump: Bump | None, *sources: object) -> Bump:
-    """Return the bump that was passed, else the bump of the sources, else ``Bump()``.
+    """Return the bump passed, or the common bump of the sources.
 
-    Raises InputError if it is no bump, or none was passed and the bumps of the sources differ.
+    The default is ``Bump()``. Raises InputError if it is no bump, or none was passed and the bumps of the sources
+    differ.
     """
     bumps = {found for source in sources if isinstance(found := getattr(source, "bump", None), Bump)}
     if bump is None and len(bumps) > 1:
@@ -341,7 +352,7 @@ def common_bump(bump: Bump | None, *sources: object) -> Bump:
 
 
 def indicator(shape: ShapeLike, grid: Grid) -> Descriptor:
-    """Return the descriptor that is 1 at the centers of cells in a shape and 0 elsewhere.
+    """Return 1 at cell centers in a shape, 0 elsewhere.
 
     Parameters
     ----------
@@ -379,7 +390,10 @@ def _inside(shape: Any, grid: Grid) -> Bools:
 
 
 def _ball_windows(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[Any, Floats]]:
-    """Yield for each ball near a grid its window of cells and their squared distances, in radii."""
+    """Yield each ball's window of cells and their squared distances.
+
+    Distances are in radii; balls outside the grid are skipped.
+    """
     lower = np.array(grid.lower)
     for center, radius in zip(centers, radii.tolist(), strict=True):
         # Add one cell on either side, for rounding.
@@ -393,7 +407,7 @@ def _ball_windows(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[
 
 
 def check_sampled(descriptor: Any) -> Descriptor:
-    """Return the descriptor.
+    """Check that a descriptor is sampled, and return it.
 
     Raises InputError if it is not sampled on a grid.
     """
@@ -412,9 +426,10 @@ def union(first: BallDescriptor, *others: BallDescriptor) -> BallDescriptor: ...
 @overload
 def union(first: Descriptor, *others: Descriptor) -> Descriptor: ...
 def union(first: Descriptor | BallDescriptor, *others: Descriptor | BallDescriptor) -> Descriptor | BallDescriptor:
-    """Add descriptors sampled on one grid, or join descriptors of balls with one bump.
+    """Add sampled descriptors, or join descriptors of balls.
 
-    Raises InputError if the kinds, grids, bumps or dimensions differ.
+    Sampled descriptors share a grid, descriptors of balls a bump. Raises InputError if the kinds, grids, bumps or
+    dimensions differ.
     """
     given = (first, *others)
     balls = [each for each in given if isinstance(each, BallDescriptor)]
@@ -439,7 +454,7 @@ def intersection(first: Descriptor, *others: Descriptor) -> Descriptor:
 
 
 def superlevel(descriptor: Descriptor, threshold: float = 0.0) -> Bools:
-    """Return the set ``U_t``: the cells at whose center a descriptor exceeds a threshold.
+    """Return the cells at whose center a descriptor exceeds a threshold.
 
     Raises InputError if the descriptor is not sampled, or the threshold is not one finite number.
     """
@@ -534,7 +549,7 @@ def _convolution(f: Floats, g: Floats, method: str) -> Floats:
 
 
 def _same_spacing(f: Grid, g: Grid) -> bool:
-    """Return True if two grids agree in dimension and spacing, up to rounding."""
+    """Return True if two grids agree in dimension and spacing."""
     return f.dim == g.dim and abs(f.spacing - g.spacing) * max(f.shape + g.shape) <= GRID_TOLERANCE * f.spacing
 
 

@@ -94,7 +94,7 @@ class Verdict(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Separation:
-    """Verdict about one placement and its cost, or arrays of them for a batch.
+    """Verdict about one placement or a batch, and its cost.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ class Separation:
 
 
 class FourierOverlap:
-    """The overlap of a ball set A, at many placements, with a ball set B.
+    """Overlap of a ball set A, at many placements, with B.
 
     With the descriptors ``f(x) = sum over balls of psi((x - center) / radius)`` and A moved by t, the overlap is
 
@@ -272,7 +272,10 @@ class FourierOverlap:
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Number of frequencies along each axis, odd: ``k / length``, k from ``-(count // 2)`` to ``count // 2``."""
+        """Number of frequencies along each axis, odd.
+
+        They are ``k / length``, k from ``-(count // 2)`` to ``count // 2``.
+        """
         return self._rings.counts
 
     @property
@@ -294,7 +297,10 @@ class FourierOverlap:
 
     @property
     def bound(self) -> float:
-        """Largest difference of :meth:`value` from the ideal overlap, by the band limit and by rounding."""
+        """Largest difference of :meth:`value` from the ideal overlap.
+
+        It includes the band limit and rounding.
+        """
         return float(self._terms.bounds[-1])
 
     @overload
@@ -304,7 +310,7 @@ class FourierOverlap:
     @overload
     def value(self, t: ArrayLike) -> float | Floats: ...
     def value(self, t: ArrayLike) -> float | Floats:
-        """Compute the overlap, up to the band limit, with A moved by t.
+        """Compute the band-limited overlap with A moved by t.
 
         ``t``, shape (..., d), is in metres; the result, shape (...), in square or cubic metres. It is 0 outside the
         domain. More than a few dozen placements share one non-uniform transform, with a tolerance of 1e-9 times the
@@ -314,7 +320,10 @@ class FourierOverlap:
         return sums[..., 0] if sums.ndim > 1 else float(sums[0])
 
     def gradient(self, t: ArrayLike) -> Floats:
-        """Compute the derivatives of :meth:`value`, shape (..., d): metres, or square metres in space."""
+        """Compute the derivatives of :meth:`value`, shape (..., d).
+
+        They are in metres, or square metres in space.
+        """
         return self._sums(t, self._slopes)
 
     def value_and_gradient(self, t: ArrayLike) -> tuple[Floats, Floats]:
@@ -339,7 +348,7 @@ class FourierOverlap:
         return other
 
     def separated(self, t: ArrayLike, *, swelling: bool = True) -> Separation:
-        """Decide whether A, moved by t, and B are apart, from as few frequencies as possible.
+        """Decide from few frequencies whether A and B are apart.
 
         First, the balls of B grow by a ball that contains A. If its center lies in none of them, it is a MISS without
         any frequency. Then the frequencies are summed ring by ring, from low to high, until the sum and a bound of the
@@ -377,7 +386,7 @@ class FourierOverlap:
         return verdicts, counts, sums
 
     def _make_rings(self, a: BallDescriptor, lengths: Floats, band: float | None, tolerance: float) -> Rings:
-        """Return the rings of the given band, or of a band chosen by ``tolerance``."""
+        """Return the rings of a given or chosen band."""
         if band is not None:
             highest = check_positive(band, "band", "cycles per metre")
         else:
@@ -413,7 +422,7 @@ class FourierOverlap:
         return [self._terms._replace(products=self._terms.products * wave) for wave in waves.T]
 
     def _relative(self, placements: Floats) -> Floats:
-        """Return the center of A relative to the center of B, at placements."""
+        """Return placements of A's center relative to B's."""
         return np.asarray((placements + self._pivot) - self._center_b)
 
     def _sums(self, t: ArrayLike, sums: list[Terms]) -> Floats:
@@ -434,7 +443,10 @@ class FourierOverlap:
 
 
 def _rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
-    """Return the rotation matrix nearest to an angle, a matrix or a scipy Rotation, shape (dim, dim)."""
+    """Return the nearest rotation matrix, shape (dim, dim).
+
+    The argument is an angle in the plane, a matrix or a scipy Rotation.
+    """
     values = check_finite(rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation, "rotation")
     if dim == 2 and values.ndim == 0:
         sine, cosine = math.sin(float(values)), math.cos(float(values))
@@ -470,7 +482,7 @@ class Space(Protocol):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class OverlapField:
-    """The overlap of the descriptors of robot and obstacles at the cell centers of a map, and its gradient.
+    """Overlap of robot and obstacles at cell centers, and its gradient.
 
     It measures penetration and is as smooth as the descriptors: positive if balls meet, and growing with the depth. It
     is no certificate; the states of the map are.
@@ -526,7 +538,10 @@ class OverlapField:
 
     @property
     def values(self) -> Floats:
-        """Overlap at each cell center, shape (nx, ny(, nz)), or (slices, ...) for a robot that rotates."""
+        """Overlap at each cell center.
+
+        The shape is (nx, ny(, nz)), or (slices, ...) for a robot that rotates.
+        """
         return self.arrays[FIELD_NAMES[0]]
 
     @property
@@ -554,7 +569,7 @@ class OverlapField:
         return overlaps
 
     def checker(self) -> Callable[..., float]:
-        """Return a fast, unchecked :meth:`at` for floats: ``check(*q) -> float``.
+        """Return a fast, unchecked :meth:`at`: ``check(*q) -> float``.
 
         They must be finite.
         """

@@ -134,18 +134,24 @@ class ShapeBoundary:
         return _bound_volume(self.shape)
 
     def depths(self, points: Floats) -> Floats:
-        """Return a lower bound of the signed distance from the boundary, positive inside, shape (n,), metres."""
+        """Bound the signed distance from the boundary from below.
+
+        It is positive inside; shape (n,), metres.
+        """
         near, far = self._distances(points)
         return np.where(self.shape.contains(points), near, -far) - self.error
 
     def gaps(self, points: Floats) -> Floats:
-        """Return a lower bound of the distance from points (n, d) to the shape, shape (n,), metres."""
+        """Bound the distance from points to the shape from below.
+
+        Points have shape (n, d), the result (n,), metres.
+        """
         outside, gaps = ~self.shape.contains(points), np.zeros(len(points))
         gaps[outside] = np.maximum(self._distances(points[outside])[0] - self.error, 0.0)
         return gaps
 
     def _distances(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return bounds of the distances from points (n, d) to the boundary, metres.
+        """Bound the distances from points (n, d) to the boundary, metres.
 
         Their errors are at most :attr:`error`.
         """
@@ -175,10 +181,10 @@ class ShapeBoundary:
 
 
 class Region:
-    """A shape to be decomposed: the boundaries of its outer and inner shapes, equal if the shape is exact.
+    """A shape to decompose, by its outer and inner boundaries.
 
-    ``bounds``, shape (2, d), are the corners of a box that contains it, and ``size`` is the diagonal of the box;
-    metres.
+    Both boundaries are equal if the shape is exact. ``bounds``, shape (2, d), are the corners of a box that contains
+    it, and ``size`` is the diagonal of the box; metres.
     """
 
     def __init__(self, shape: Shape) -> None:
@@ -195,13 +201,16 @@ class Region:
 
     @property
     def box_volume(self) -> float:
-        """Volume of the bounding box, whose sides count as at least a thousandth of its diagonal."""
+        """Volume of the bounding box.
+
+        Its sides count as at least a thousandth of its diagonal.
+        """
         return float(np.prod(np.maximum(self.bounds[1] - self.bounds[0], 1e-3 * self.size)))
 
     def make_grid(self, spacing: float) -> Grid:
-        """Return a grid that just covers the region with cells of this spacing, metres.
+        """Return a grid that just covers the region.
 
-        Raises InputError if it has too many cells or does not fit into memory.
+        The spacing is in metres. Raises InputError if it has too many cells or does not fit into memory.
         """
         counts = np.ceil((self.bounds[1] - self.bounds[0]) / spacing) + 1.0
         hint = "use a larger tolerance or fewer balls"
@@ -213,11 +222,17 @@ class Region:
         return grid
 
     def depths(self, points: Floats) -> Floats:
-        """Return a lower bound of the depth of points in the shape, negative outside, shape (n,), metres."""
+        """Bound the depth of points in the shape from below.
+
+        It is negative outside; shape (n,), metres.
+        """
         return self.inner.depths(points)
 
     def gaps(self, points: Floats) -> Floats:
-        """Return a lower bound of the distance from points (n, d) to the shape, shape (n,), metres."""
+        """Bound the distance from points to the shape from below.
+
+        Points have shape (n, d), the result (n,), metres.
+        """
         return self.outer.gaps(points)
 
 
@@ -274,7 +289,10 @@ class Lattice:
 
     @classmethod
     def for_count(cls, region: Region, number: int, finer: int = 1) -> Lattice:
-        """Return a lattice that resolves ``number`` balls, with ``finer`` times as many cells."""
+        """Return a lattice that resolves ``number`` balls.
+
+        It has ``finer`` times as many cells as usual.
+        """
         dim = region.dim
         box = min(finer * max(MIN_BOX_CELLS[dim], number * BOX_CELLS_PER_BALL[dim]), MAX_LATTICE_CELLS)
         enough = finer * max(MIN_SHAPE_CELLS[dim], number * BOX_CELLS_PER_BALL[dim] // 2)
@@ -291,7 +309,10 @@ class Lattice:
         return np.asarray((self.corner + self.side * points)[:, 3 - self.region.dim :])
 
     def depths_at(self, points: Floats) -> Floats:
-        """Return the depths of the region at lattice coordinates (n, 3), in sides, shape (n,)."""
+        """Return the depths of the region at lattice coordinates.
+
+        Points have shape (n, 3); depths, in sides, (n,).
+        """
         return self.region.depths(self.to_metres(points)) / self.side
 
 
@@ -324,7 +345,10 @@ def _distance_to_box(point: Floats, box: Floats) -> float:
 
 @jit  # a kernel could not allocate arrays
 def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, float]:
-    """Return bounds of the distance from a point to the nearest piece, each capped at ``cap``."""
+    """Bound the distance from a point to the nearest piece.
+
+    Both bounds are capped at ``cap``.
+    """
     position, near, far = row_at(point, 0), cap, cap
     pending, gaps = np.empty(MAX_PENDING_NODES, dtype=np.int64), np.empty(MAX_PENDING_NODES)
     pending[0], gaps[0], count = 0, 0.0, 1
@@ -356,7 +380,7 @@ def bound_distance(tree: PieceTree, point: Floats, cap: float) -> tuple[float, f
 
 @kernel
 def bound_distances(tree: PieceTree, points: Floats, near: Floats, far: Floats) -> None:
-    """Fill ``near`` and ``far`` with bounds of distances from points, shape (n, 3).
+    """Bound the distances from points, shape (n, 3).
 
     Fastest if consecutive points are close together.
     """
@@ -371,7 +395,10 @@ def bound_distances(tree: PieceTree, points: Floats, near: Floats, far: Floats) 
 
 
 def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:
-    """Bound the area (d = 2) or volume (d = 3) of a union of balls, centers (n, d) and radii (n,) in metres."""
+    """Bound the area or volume of a union of balls.
+
+    Centers have shape (n, d) and radii (n,), in metres.
+    """
     if centers.shape[1] == 3:
         return _bound_volume(Balls(centers, radii))
     import shapely
@@ -389,7 +416,7 @@ def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:
 
 
 def _bound_volume(shape: ExactShape) -> tuple[float, float]:
-    """Bound the volume of a shape in space by its inner and outer cells."""
+    """Bound a volume by its inner and outer cells."""
     lower, upper = np.array(shape.bounds)
     spacing = float(np.cbrt(np.prod(np.maximum(upper - lower, 1e-3 * (upper - lower).max())) / VOLUME_CELLS))
     counts = np.ceil((upper - lower) / spacing) + 1.0
@@ -398,7 +425,7 @@ def _bound_volume(shape: ExactShape) -> tuple[float, float]:
 
 
 def bound_shape_to_balls(lattice: Lattice, centers: Floats, radii: Floats) -> tuple[float, float]:
-    """Bound the largest distance from a point of the shape to the union of balls, metres.
+    """Bound the largest distance from the shape to the balls, metres.
 
     Points give the lower bound. Boxes that cover the shape give the upper bound; boxes that may contain the farthest
     point are halved until the bounds are close.
@@ -424,7 +451,7 @@ def bound_shape_to_balls(lattice: Lattice, centers: Floats, radii: Floats) -> tu
 
 
 def bound_balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tuple[float, float]:
-    """Bound the largest distance from a point of the balls to the shape, metres.
+    """Bound the largest distance from the balls to the shape, metres.
 
     A ball exceeds its depth in the shape by at most the difference of radius and depth.
     """

@@ -111,7 +111,7 @@ PERIOD_SLACK: Final = 1e-9
 def ball_spectrum(
     centers: ArrayLike, radii: ArrayLike, bump: Bump, lengths: ArrayLike, counts: ArrayLike, tolerance: float = 1e-9
 ) -> Complexes:
-    """Compute the spectrum of a sum of bumps on a lattice of frequencies.
+    """Compute the spectrum of balls on a lattice of frequencies.
 
     ``F(w) = integral f(x) exp(-2 pi i w.x) dx`` at ``w = k / lengths``, in the order of ``numpy.fft.fftfreq``. These
     are the Fourier coefficients of ``f``, repeated with these periods, times the product of ``lengths``.
@@ -189,7 +189,10 @@ def _threads(samples: float) -> int:
 
 
 class Term(NamedTuple):
-    """Waves around some points, each with a strength, times a function of the modulus of the frequency."""
+    """Waves around points, times a function of the frequency's modulus.
+
+    Each point has a strength.
+    """
 
     members: NDArray[np.intp]
     strengths: Floats
@@ -208,7 +211,7 @@ def _terms_by_radius(bump: Bump, radii: Floats, moduli: Floats, dim: int, tolera
 def radius_basis(
     bump: Bump, radii: Floats, moduli: Floats, dim: int, tolerance: float, alone: float
 ) -> Iterator[Term] | None:
-    """Return fewer than ``alone`` terms that add up to those of all radii, or None.
+    """Return fewer than ``alone`` terms for all radii, or None.
 
     As a function of the radius, ``psi^(r |w|)`` is a mixture of exponentials whose phase is at most ``2 pi |w| r``. So
     it is interpolated between Chebyshev nodes in the radius with the same proven error as in the frequency
@@ -242,11 +245,12 @@ def radius_basis(
 
 
 class _LatticeSum:
-    """The sum X that makes a spectrum ``X(w) + conj(X(-w))``, on a lattice that contains ``-w`` with each ``w``.
+    """The sum X that makes a spectrum ``X(w) + conj(X(-w))``.
 
-    A descriptor is real, so ``F(-w)`` is the conjugate of ``F(w)``. With strengths ``a + i b``, one transform G holds
-    the transforms A and B of two real terms. With radial factors g and h, ``g A + h B`` is ``X(w) + conj(X(-w))`` for
-    ``X = G (g - i h) / 2``. So the X of all pairs are summed and mirrored once.
+    The lattice contains ``-w`` with each ``w``. A descriptor is real, so ``F(-w)`` is the conjugate of ``F(w)``. With
+    strengths ``a + i b``, one transform G holds the transforms A and B of two real terms. With radial factors g and h,
+    ``g A + h B`` is ``X(w) + conj(X(-w))`` for ``X = G (g - i h) / 2``. So the X of all pairs are summed and mirrored
+    once.
 
     Points are given in periods. :attr:`moduli` are the distinct moduli of the frequencies, ascending, cycles per metre.
     """
@@ -308,7 +312,10 @@ class _LatticeSum:
         self._add(self._plan.execute(strengths), 0.5 * (first.factor - 1j * second.factor))
 
     def _sum_waves(self, term: Term) -> Complexes:
-        """Sum ``exp(-2 pi i k.share)`` over points, as products of one factor per axis."""
+        """Sum ``exp(-2 pi i k.share)`` over points.
+
+        The sums are products of one factor per axis.
+        """
         first, *rest = (
             np.exp(-2j * math.pi * _frequency_indices(m)[:, None] * column)
             for m, column in zip(self._half.shape, self._shares[term.members].T, strict=True)
@@ -364,7 +371,10 @@ def _check_counts(counts: ArrayLike, dim: int) -> tuple[int, ...]:
 
 
 def _check_fits(sizes: Floats, lengths: Floats) -> None:
-    """Raise InputError if the balls do not fit into one period, because they would overlap their copies."""
+    """Raise InputError if the balls do not fit into one period.
+
+    Otherwise they would overlap their copies.
+    """
     if (sizes > lengths * (1.0 + PERIOD_SLACK)).any():
         axis = int(np.argmax(sizes / lengths))
         problem = f"holds {lengths[axis]:g} m along {'xyz'[axis]}, but the balls extend over {sizes[axis]:g} m"
@@ -396,10 +406,11 @@ BALLS_PER_BATCH: Final = 2**8
 
 
 def estimate_band(a: BallDescriptor, b: BallDescriptor, bound: float) -> float:
-    """Estimate the frequency, cycles per metre, above which two ball sets overlap by less than ``bound``.
+    """Estimate the frequency, cycles per metre, for an overlap bound.
 
-    Above the frequencies of the gaps between balls, their energies add up. So the energy of a set above a frequency is
-    the sum of the energies of its bumps. The result is at most :data:`MAX_CYCLES_PER_RADIUS` of the smallest ball.
+    Frequencies above it contribute less than ``bound``. Above the frequencies of the gaps between balls, their energies
+    add up. So the energy of a set above a frequency is the sum of the energies of its bumps. The result is at most
+    :data:`MAX_CYCLES_PER_RADIUS` of the smallest ball.
     """
     k = np.linspace(0.0, MAX_CYCLES_PER_RADIUS, ENERGY_SAMPLES)
     energy = a.bump.table(a.dim, MAX_CYCLES_PER_RADIUS, 1e-9)(k) ** 2 * sphere_measure(k, a.dim)
@@ -417,10 +428,11 @@ def estimate_band(a: BallDescriptor, b: BallDescriptor, bound: float) -> float:
 
 
 class Rings(NamedTuple):
-    """Half of the frequencies ``k / lengths`` with ``|k| <= halves``, ordered by rings of their modulus.
+    """Half of the frequencies in a band, ordered by rings.
 
-    Descriptors are real, so opposite frequencies have conjugate terms. Only frequency zero and the frequencies whose
-    first non-zero entry is positive are stored.
+    They are ``k / lengths`` with ``|k| <= halves``; a ring has similar moduli. Descriptors are real, so opposite
+    frequencies have conjugate terms. Only frequency zero and the frequencies whose first non-zero entry is positive are
+    stored.
 
     Attributes
     ----------
@@ -444,7 +456,10 @@ class Rings(NamedTuple):
 
     @classmethod
     def of(cls, lengths: Floats, halves: tuple[int, ...]) -> Rings:
-        """Build the rings of a period, each as wide as one cycle in its longest side."""
+        """Build the rings of a period.
+
+        Each is as wide as one cycle in its longest side.
+        """
         axes = [np.arange(-half, half + 1, dtype=np.int16) for half in halves]
         box = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(halves))
         half = box[len(box) // 2 :]
@@ -477,19 +492,25 @@ class Rings(NamedTuple):
         return box.reshape(-1)[self._flat_indices(1)]
 
     def to_box(self, half: Complexes) -> Complexes:
-        """Convert the ring-ordered half spectrum of a real function to a full spectrum in the order of numpy.fft."""
+        """Convert a half spectrum to the order of numpy.fft.
+
+        The half spectrum, in ring order, is that of a real function.
+        """
         flat = np.empty(math.prod(self.counts), dtype=np.complex128)
         flat[self._flat_indices(-1)], flat[self._flat_indices(1)] = half.conj(), half
         return flat.reshape(self.counts)
 
     def _flat_indices(self, sign: int) -> Ints:
-        """Return the flat index of each frequency (``sign`` 1) or its opposite (-1) in a full spectrum."""
+        """Return the flat index of each frequency in a full spectrum.
+
+        ``sign`` -1 gives the opposite frequency.
+        """
         columns = sign * self.indices.T.astype(np.int64)
         return np.asarray(np.ravel_multi_index(tuple(columns), self.counts, mode="wrap"))
 
 
 class Spectrum(NamedTuple):
-    """Spectrum of a descriptor within a band, and a bound of its tail outside.
+    """Band-limited spectrum of a descriptor, and a bound of its tail.
 
     ``values``, shape (n,), in ring order, metres to the power ``dim``, are ``F(w)`` with the origin in the center of
     the balls, and ``error`` bounds the error of each. ``tail`` bounds the energy of all frequencies outside the band:
@@ -540,10 +561,11 @@ class Terms(NamedTuple):
 
     @classmethod
     def of(cls, first: Spectrum, second: Spectrum, rings: Rings, far: float) -> Terms:
-        """Build the terms of the overlap of ``first`` (A), which moves, with ``second`` (B).
+        """Build the terms of the overlap of A with B.
 
-        Within the band, the sum of the moduli bounds the remaining terms. Outside, the product of the two tail norms
-        bounds them (Cauchy and Schwarz). ``far``, in metres, bounds the rounding of a placement.
+        ``first`` is the spectrum of A, which moves, ``second`` that of B. Within the band, the sum of the moduli bounds
+        the remaining terms. Outside, the product of the two tail norms bounds them (Cauchy and Schwarz). ``far``, in
+        metres, bounds the rounding of a placement.
         """
         weights = rings.twice / rings.volume
         products = weights * second.values * first.values.conj()
@@ -567,10 +589,10 @@ class Terms(NamedTuple):
 
 @kernel
 def add_phases(share: float, first: int, last: int, phases: Complexes) -> None:
-    """Set ``phases[center + k]`` to exp(2 pi i k share) for ``first <= |k| <= last``.
+    """Set ``phases[center + k]`` to exp(2 pi i k share).
 
-    ``share`` is the placement along an axis, in periods. Each factor is computed independently, so that errors do not
-    accumulate.
+    It does so for ``first <= |k| <= last``. ``share`` is the placement along an axis, in periods. Each factor is
+    computed independently, so that errors do not accumulate.
     """
     center = len(phases) // 2
     for k in range(first, last + 1):
@@ -583,7 +605,10 @@ def add_phases(share: float, first: int, last: int, phases: Complexes) -> None:
 
 @kernel
 def add_terms(terms: Terms, phases: Complexes, start: int, stop: int) -> float:
-    """Sum the real parts of ``products * exp(2 pi i k.t)`` over frequencies [start, stop)."""
+    """Sum the real parts of terms over frequencies [start, stop).
+
+    The terms are ``products * exp(2 pi i k.t)``.
+    """
     products, indices = terms.products, terms.indices
     center = phases.shape[1] // 2
     total = 0.0
@@ -682,7 +707,7 @@ def norm_square(balls: BallDescriptor) -> tuple[float, float]:
 
 
 def _touching_pairs(balls: BallDescriptor) -> Iterator[tuple[Ints, Ints]]:
-    """Yield the pairs of balls that touch, the larger ball first, in batches."""
+    """Yield batches of pairs of touching balls, larger ball first."""
     from scipy.spatial import cKDTree
 
     centers, radii = balls.centers, balls.radii
@@ -699,7 +724,10 @@ def _touching_pairs(balls: BallDescriptor) -> Iterator[tuple[Ints, Ints]]:
 
 
 def _tabulate_pair(bump: Bump, first: float, second: float, dim: int) -> PairTable:
-    """Return a function from distances to the integrals for two radii and their error."""
+    """Return a table of pair integrals for two radii.
+
+    It maps distances to integrals and their error.
+    """
     reach = first + second
     nodes = chebyshev_nodes(PAIR_TABLE_NODES)
     between = np.cos(math.pi * np.arange(PAIR_TABLE_NODES + 1) / PAIR_TABLE_NODES)
@@ -711,12 +739,12 @@ def _tabulate_pair(bump: Bump, first: float, second: float, dim: int) -> PairTab
 
 
 def touching_overlap(first: BallDescriptor, second: BallDescriptor, swell: float, slack: float) -> float:
-    """Return a lower bound of the overlap of any two balls that touched before both grew by ``swell``.
+    """Bound the overlap of balls that touched before they grew.
 
-    A bump is a mixture of indicators of balls about its center, and the intersection of two balls decreases with the
-    distance of their centers. So the integral of the product of two bumps decreases too. For two radii it is smallest
-    if the balls just touch, so all pairs of radii are tested. ``slack``, in metres, is the rounding by which touching
-    balls may be apart.
+    The result is a lower bound over all pairs; both balls grow by ``swell``. A bump is a mixture of indicators of balls
+    about its center, and the intersection of two balls decreases with the distance of their centers. So the integral of
+    the product of two bumps decreases too. For two radii it is smallest if the balls just touch, so all pairs of radii
+    are tested. ``slack``, in metres, is the rounding by which touching balls may be apart.
     """
     bump = first.bump
     a, b = (part.ravel() for part in np.meshgrid(np.unique(first.radii), np.unique(second.radii)))
