@@ -1,4 +1,4 @@
-"""An angle beyond a whole turn, as degrees are, is used as radians, with a warning at the user's line."""
+"""An angle beyond a whole turn is used as radians, with a warning at the user's line."""
 
 import math
 import warnings
@@ -46,7 +46,7 @@ def turning() -> CSpace:
 
 
 def heard(call: Callable[[], object]) -> list[warnings.WarningMessage]:
-    """The warnings of a call, as Python prints them by default."""
+    """Return the warnings of a call, as Python prints them by default."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("default")
         call()
@@ -61,7 +61,7 @@ def test_a_yaw_in_degrees_warns_once_and_names_its_argument(call: str) -> None:
         for yaw in (90.0, -180.0, 7.0):
             ask(turning(), (1.0, 1.0, yaw))
 
-    heard(repeat)  # what is compiled at the first call makes Python forget what it has printed
+    heard(repeat)  # compiling at the first call resets Python's registry of warnings
     (warning,) = heard(repeat)
     assert warning.category is AngleWarning and warning.filename == __file__
     message = (

@@ -1,4 +1,4 @@
-"""Compiled functions: the log says what is compiled, what is kept is used while it is true, and none is needed."""
+"""Compiled functions: log, cache and invalidation."""
 
 import ast
 import json
@@ -44,7 +44,7 @@ IMPORTED = "numba has imported all that it could compile"
 
 
 def looked_up(folder: Path, **environment: str) -> list[str]:
-    """Lines that a first look-up prints and logs, with the package taken from a folder."""
+    """Return the lines that a first look-up prints and logs, with the package from a folder."""
     others = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
     env = {**others, "PYTHONPATH": str(folder), **environment}
     done = subprocess.run(
@@ -67,7 +67,7 @@ def test_the_log_names_each_compiled_module_and_no_cached_one(tmp_path: Path) ->
 
 
 def test_an_installation_that_may_not_be_written_works_without_a_cache(tmp_path: Path) -> None:
-    """Neither beside the modules nor in the home can a folder be made, even by the superuser."""
+    """No folder can be made beside the modules or in the home, even by the superuser."""
     package = tmp_path / "cspace"
     shutil.copytree(Path(cspace.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
     for folder in (package, *(entry for entry in package.rglob("*") if entry.is_dir())):
@@ -144,7 +144,7 @@ def forks() -> Iterator[subprocess.Popen[str]]:
 
 @pytest.fixture
 def run(tmp_path: Path, forks: subprocess.Popen[str]) -> Callable[..., tuple[float, int]]:
-    """What the probes answer in a process of its own, and how much of it came from the cache."""
+    """Return the results of the probes in a new process, and the number of cache hits."""
 
     def answered(added: str | None = None, **environment: str) -> tuple[float, int]:
         if added is not None:
@@ -159,7 +159,7 @@ def run(tmp_path: Path, forks: subprocess.Popen[str]) -> Callable[..., tuple[flo
 
 
 def test_a_function_is_recompiled_when_a_callee_changes(run: Callable[..., tuple[float, int]]) -> None:
-    """Also where it calls it by another one, which stands below it, and by a method of a record."""
+    """The callee may be indirect, defined below its caller, or a method of a record."""
     assert run("2.0") == (3.0, 0)
     assert run("40.0") == (41.0, 0)
     assert run() == (41.0, 1)
@@ -189,7 +189,7 @@ def test_the_clock_stops_while_a_function_is_compiled_or_refused() -> None:
 
 
 def test_a_digest_covers_every_module_that_a_module_imports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An edit changes the digests of the modules that import the edited one, at any depth, and no others."""
+    """An edit changes the digests of all modules that import the edited one, and no others."""
 
     def digests() -> list[str]:
         compiling._source.cache_clear()
@@ -211,7 +211,7 @@ def test_a_digest_covers_every_module_that_a_module_imports(tmp_path: Path, monk
 
 
 def test_no_field_of_a_record_has_the_name_of_a_compiled_method() -> None:
-    """Compiled code would take the field for the method."""
+    """Compiled code would use the field instead of the method."""
     fields, methods = set[str](), set[str]()
     for file in [each for package in (cspace, planners) for each in Path(package.__file__).parent.rglob("*.py")]:
         for record in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
@@ -227,7 +227,7 @@ def test_no_field_of_a_record_has_the_name_of_a_compiled_method() -> None:
 
 
 class Harm:
-    """What makes a file when it is unpickled."""
+    """Payload that creates a file when it is unpickled."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -253,7 +253,7 @@ def test_folders_that_others_may_write_are_never_read(tmp_path: Path, run: Calla
         assert not harm.exists()
         place.chmod(before)
     assert run(**where) == (3.0, 0)
-    assert harm.exists()  # what is the user's own is read, and of no use is compiled again
+    assert harm.exists()  # the user's own files are read, and useless ones compiled again
     assert run(**where) == (3.0, 1)
 
 

@@ -1,4 +1,4 @@
-"""Each package that the code imports is declared in pyproject.toml, within bounds."""
+"""Each imported package is declared in pyproject.toml, with bounds."""
 
 import ast
 import re
@@ -27,7 +27,7 @@ def normalize(name: str) -> str:
 
 
 def distributions(texts: list[str]) -> set[str]:
-    """Names of the required distributions; `dask[distributed]` requires distributed too."""
+    """Return the names of the required distributions; `dask[distributed]` requires distributed too."""
     requirements = [Requirement(text) for text in texts]
     return {normalize(name) for found in requirements for name in (found.name, *found.extras)}
 
@@ -41,7 +41,7 @@ def walk_runtime(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def imported_packages(tree: ast.AST) -> set[str]:
-    """Top-level names of the packages that code imports, without Python's own and ours."""
+    """Return the top-level packages that code imports, without Python's own and ours."""
     names = set()
     for node in walk_runtime(tree):
         if isinstance(node, ast.Import):
@@ -53,7 +53,7 @@ def imported_packages(tree: ast.AST) -> set[str]:
 
 
 def optional_packages(tree: ast.AST) -> dict[str, str]:
-    """The extra that code names, for each package that it asks for with `import_optional(package, use, extra)`."""
+    """Return the extra for each package that code imports with `import_optional(package, use, extra)`."""
     calls = [
         node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == "import_optional"
     ]

@@ -1,4 +1,4 @@
-"""Errors are one line that says which argument is what, also where arguments are exchanged."""
+"""Errors are one line that names the argument, also if arguments are exchanged."""
 
 import numpy as np
 import pytest

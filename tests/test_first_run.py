@@ -1,4 +1,4 @@
-"""What a first run of the tests must not depend on: new releases of other packages, and chance."""
+"""Tests do not depend on new releases of other packages, nor on chance."""
 
 import importlib.util
 import sys
@@ -15,7 +15,7 @@ from hypothesis import strategies as st
         (UserWarning, "collada.scene"),
         (DeprecationWarning, "collada.scene"),
         (RuntimeWarning, "scipy.optimize"),
-        (DeprecationWarning, "cspace.grid"),  # numpy's, about a call in our code
+        (DeprecationWarning, "cspace.grid"),  # a numpy warning about a call in our code
         (FutureWarning, "planners.plan"),
     ],
 )

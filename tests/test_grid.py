@@ -1,3 +1,5 @@
+"""Grids: cells, boundaries and refusals."""
+
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""Imports point one way: no module imports in a circle, and no room imports from a room above it."""
+"""Imports are acyclic, and no package imports from a package above it."""
 
 import ast
 import subprocess

@@ -1,4 +1,4 @@
-"""Memory is told before any work, from what the machine, a container or a process's limit leaves."""
+"""Memory is checked before any work, within the limits of machine, container and process."""
 
 import math
 import subprocess
@@ -74,7 +74,7 @@ def test_build_refuses_more_yaws_than_there_may_be_at_once(tmp_path, rotations, 
 @pytest.mark.parametrize("store", [False, True], ids=["in memory", "in tiles"])
 @pytest.mark.parametrize("kind", ["yaw", "quaternions"])
 def test_build_counts_the_rasters_of_all_slices(tmp_path, monkeypatch, kind, store):
-    """A map of a few cells, whose states take next to nothing."""
+    """The map has a few cells, so its states take hardly any memory."""
     if kind == "yaw":
         workspace, robot = (
             cspace.Workspace.from_array(np.eye(9, dtype=bool), 0.1),

@@ -1,4 +1,4 @@
-"""Threads: no more of them than cores, however deep work in chunks is."""
+"""Threads: no more than cores, even for nested chunks."""
 
 import threading
 

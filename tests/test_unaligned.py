@@ -1,4 +1,4 @@
-"""Words in arrays of bytes against numpy's views, wherever they begin."""
+"""Unaligned words in arrays of bytes against numpy's views."""
 
 import numpy as np
 from numba import njit

@@ -1,4 +1,4 @@
-"""Every yaw that leaves the library lies in [-pi, pi), as OMPL's bounds require."""
+"""Every yaw that the library returns is in [-pi, pi), as OMPL's bounds require."""
 
 import math
 from pathlib import Path
@@ -37,7 +37,7 @@ def assert_in_range(*angles: Any) -> None:
 
 
 def ends(space: cspace.CSpace, rng: np.random.Generator) -> Floats:
-    """Two FREE configurations with room around them, whole turns off."""
+    """Return two FREE configurations in free surroundings, shifted by whole turns."""
     samples = space.sample_free(50, rng)
     good = samples[np.asarray(space.motion_is_free(samples, samples))]
     samples = samples if len(good) < 2 else good
@@ -46,7 +46,7 @@ def ends(space: cspace.CSpace, rng: np.random.Generator) -> Floats:
 
 
 def returned_yaws(space: cspace.CSpace, rng: np.random.Generator) -> list[Any]:
-    """All yaws that a map in memory returns."""
+    """Return all yaws that a map in memory returns."""
     yaws: list[Any] = [space.sample_free(200, rng)[:, -1], space.sample_free(rng=rng)[-1]]
     yaws += [space.nearest_free([*q[:-1], rng.uniform(-20.0, 20.0)])[-1] for q in space.sample_free(20, rng)]
     yaws += [space.rotations.representatives, space.rotations.centers, space.slice_rotations]
@@ -118,7 +118,7 @@ def test_exact_plans_return_yaws_from_minus_pi_to_below_pi() -> None:
 
 @pytest.mark.parametrize("name", ["turning", "yawing"])
 def test_samples_are_valid_starts_and_goals_of_a_custom_setup(name: str) -> None:
-    """As in a user's own script: OMPL skips a start whose yaw is not within its bounds."""
+    """OMPL skips a start whose yaw is outside its bounds."""
     space, rng = room(name), np.random.default_rng(0)
     for _ in range(30):
         setup = og.SimpleSetup(planners.state_space(space))

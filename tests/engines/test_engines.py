@@ -1,4 +1,4 @@
-"""Both engines against sums taken one by one, and against each other, with which they share no code."""
+"""Both engines against plain sums and against each other."""
 
 import threading
 
@@ -18,7 +18,10 @@ both = pytest.mark.parametrize("engine", list(ENGINES.values()), ids=list(ENGINE
 
 @st.composite
 def problems(draw, dim=None, side=9, across=7):
-    """A bitmap, a raster and what lies outside, in the plane or in space, offsets beyond the map among them."""
+    """Draw a bitmap, a raster and the exterior, in the plane or in space.
+
+    Some offsets reach beyond the map.
+    """
     dim = dim or draw(st.integers(2, 3))
     occupied = draw(hnp.arrays(np.bool_, st.tuples(*[st.integers(1, side)] * dim)))
     cells = draw(hnp.arrays(np.bool_, st.tuples(*[st.integers(1, across)] * dim)))
@@ -47,12 +50,12 @@ def test_engines_count_what_the_sum_counts(engine, problem):
 @settings(max_examples=40)
 @given(seeds, st.integers(2, 3))
 def test_engines_agree_with_each_other(seed, dim):
-    """Words and tiles, their borders, runs longer than words, many rasters of one call, and threads."""
+    """Covers boundaries of words and tiles, long runs, several rasters in one call, and threads."""
     rng = np.random.default_rng(seed)
     largest, across = {2: (300, 60), 3: (60, 14)}[dim]
     occupied = rng.random(rng.integers(1, largest, dim)) < rng.choice([0.0005, 0.05, 0.5, 1.0])
     occupied[: rng.integers(0, 90)] ^= rng.random() < 0.3
-    occupied.setflags(write=False)  # as those of a workspace
+    occupied.setflags(write=False)  # like the cells of a workspace
     rasters = []
     for _ in range(rng.integers(1, 5)):
         size = rng.integers(1, across, dim)

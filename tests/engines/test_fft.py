@@ -1,4 +1,4 @@
-"""The engine by transforms: how it cuts the map, and why its sums come out whole."""
+"""Engine by transforms: its tilings, and the exactness of its sums."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ from strategies import seeds
 
 
 def check(occupied, rasters, outside):
-    """Counts, hits and hits that are added, against the sum."""
+    """Check counts, hits and added hits against the sum."""
     counts, _ = collide(fft, occupied, rasters, outside, np.int32, workers=1)
     hits, _ = collide(fft, occupied, rasters, outside, workers=2)
     marks, _ = collide(fft, occupied, rasters, outside, np.uint8, add=True, workers=2)
@@ -37,7 +37,7 @@ def check(occupied, rasters, outside):
 
 @pytest.mark.parametrize(("axis", "outside"), [(0, True), (1, False), (2, True)])
 def test_tiles_with_constant_lines_are_exact(axis, outside):
-    """Inner tiles in space, all of whose lines along two axes are wholly obstacle or wholly free."""
+    """All lines of inner tiles along two axes are all obstacle or all free."""
     occupied = np.zeros((200, 200, 200), dtype=bool)
     np.moveaxis(occupied, axis, 0)[[3, 70, 71, 72, 90, 149, 197]] = True
     raster = Raster.from_bitmap(np.indices((3, 4, 5)).prod(axis=0) == 4, (-1, -2, 1))
@@ -48,7 +48,7 @@ def test_tiles_with_constant_lines_are_exact(axis, outside):
 @settings(max_examples=20)
 @given(seeds)
 def test_correlation_is_exact_for_slabs_bars_and_boxes(seed):
-    """Some of the lines and layers are wholly obstacle or wholly free."""
+    """Some lines and layers are all obstacle or all free."""
     rng = np.random.default_rng(seed)
     occupied = np.zeros(rng.integers(30, 110, 3), dtype=bool)
     for _ in range(rng.integers(1, 4)):
@@ -62,7 +62,7 @@ def test_correlation_is_exact_for_slabs_bars_and_boxes(seed):
 @settings(max_examples=12)
 @given(seeds)
 def test_tiles_that_share_a_transform_are_exact(seed):
-    """Several overlaps as digits of one sum, of tiles some of which are wholly obstacle or wholly free."""
+    """The overlaps of several tiles, some of them constant, are digits of one sum."""
     rng = np.random.default_rng(seed)
     occupied = np.zeros(rng.integers(300, 500, 2), dtype=bool)
     for _ in range(rng.integers(1, 6)):
@@ -83,7 +83,7 @@ def test_tiles_that_share_a_transform_are_exact(seed):
 @settings(max_examples=8)
 @given(seeds)
 def test_rasters_that_share_a_transform_are_exact(seed):
-    """Several overlaps as digits of one sum, over many tiles, for counts, hits and hits that are added."""
+    """The overlaps of several rasters are digits of one sum, over many tiles."""
     rng = np.random.default_rng(seed)
     occupied = rng.random(rng.integers(150, 300, 2)) < rng.choice([0.001, 0.05, 1.0])
     shares = rng.choice([0.1, 1.0], rng.integers(9, 14))
@@ -91,9 +91,7 @@ def test_rasters_that_share_a_transform_are_exact(seed):
         Raster.from_bitmap(rng.random(rng.integers(1, 16, 2)) < share, tuple(rng.integers(-20, 5, 2).tolist()))
         for share in shares
     ]
-    rasters[3] = Raster.from_bitmap(
-        np.arange(501)[None, :] % 500 == 0, (0, 0)
-    )  # one of its offsets is never on the map
+    rasters[3] = Raster.from_bitmap(np.arange(501)[None, :] % 500 == 0, (0, 0))  # one offset never falls on the map
     rasters[5] = Raster.from_bitmap(np.zeros((2, 2), bool), (0, 0))
     outside = bool(rng.integers(2))
     extent, count = (40, 40), max(raster.count for raster in rasters)
@@ -122,7 +120,7 @@ def test_float64_is_used_if_float32_is_not_proven():
 @settings(max_examples=20)
 @given(seeds, st.sampled_from([64, 90, 128, 240, 256]))
 def test_the_error_stays_below_its_bound(seed, length):
-    """Worst of random and of aligned inputs; transforms as the engine runs them."""
+    """Tries random and aligned inputs, with transforms as the engine runs them."""
     rng = np.random.default_rng(seed)
     robot = rng.random((length // 3, length // 3)) < rng.choice([0.1, 1.0])
     tile = (rng.random((length, length)) < 0.5) - np.float32(0.5)
@@ -148,11 +146,11 @@ def test_bounds_grow_with_size_and_know_their_lengths():
 def test_transforms_have_fast_lengths(least):
     length = fast_length(least)
     assert least <= length < 2 * least + 1
-    growth(length)  # knows its prime factors
+    growth(length)  # raises for other prime factors
 
 
 def test_tiles_fit_the_cache_and_the_robot():
-    """A small robot on a large map gets tiles well below the map; a robot as large as the map a single tile."""
+    """A small robot on a large map gets small tiles; a robot as large as the map gets one tile."""
     small = choose_tiling((4096, 4096), (65, 65), 3000)
     assert all(4 * 65 <= length <= 1024 for length in small.tile)
     assert choose_tiling((100, 100), (100, 100), 7000).step >= (100, 100)

@@ -1,4 +1,4 @@
-"""Laws of the outline of a set of cells, in the plane and in space."""
+"""Properties of outlines and faces of sets of cells."""
 
 from itertools import pairwise
 
@@ -15,7 +15,10 @@ CELLS = hnp.arrays(np.bool_, st.tuples(st.integers(1, 7), st.integers(1, 7)))
 
 
 def _unit_edges(cells: np.ndarray) -> set[tuple[int, int, int, int]]:
-    """Directed unit edges, counter-clockwise around every cell, opposite ones cancelled; one cell at a time."""
+    """Return the directed unit edges of the outline, counterclockwise around each cell.
+
+    Opposite edges of neighbouring cells cancel.
+    """
     edges: set[tuple[int, int, int, int]] = set()
     for i, j in zip(*np.nonzero(cells), strict=True):
         x, y = int(i), int(j)
@@ -86,7 +89,7 @@ def test_faces_of_cells_are_their_boundary(seed: int) -> None:
     area = sum(int((np.diff(padded.astype(int), axis=axis) != 0).sum()) for axis in range(3))
     sides = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     assert 0.5 * np.linalg.norm(sides, axis=1).sum() == pytest.approx(area)
-    for triangle in triangles:  # each lies between cells that are set and ones that are not
+    for triangle in triangles:  # each face separates a set cell from another
         axis = int(np.argmin(np.ptp(triangle, axis=0)))
         point = triangle.T @ (0.52, 0.27, 0.21)
         sides = [padded[tuple(np.floor(point + sign * np.eye(3)[axis] / 2).astype(int) + 1)] for sign in (-1, 1)]

@@ -27,7 +27,7 @@ MARGINS = [0.0, 0.125, 0.3]
 
 
 def exact(values):
-    """Floats as an object array of whole numbers of the unit."""
+    """Convert floats to an object array of integers, in units of the oracles."""
     array = np.asarray(values, dtype=float)
     scaled = [Fraction(float(value)) * UNIT for value in array.flat]
     assert all(value.denominator == 1 for value in scaled)
@@ -35,12 +35,12 @@ def exact(values):
 
 
 def cube_sides(count, first, lower, spacing, b):
-    """Along one axis, the end ``b`` of each cube, as whole numbers."""
+    """Return the end ``b`` of each cube along one axis, as integers."""
     return exact(lower) + exact(spacing) * (np.arange(count).astype(object) + first + b)
 
 
 def outer_sum(parts):
-    """Sums over the axes: parts of shape (boxes, n) to an array of shape (boxes, *shape)."""
+    """Sum parts of shape (boxes, n) over the axes, to shape (boxes, *shape)."""
     total = 0
     for axis, part in enumerate(parts):
         total = total + part.reshape(len(part), *(-1 if a == axis else 1 for a in range(len(parts))))
@@ -48,7 +48,7 @@ def outer_sum(parts):
 
 
 class Definition:
-    """Boxes grown by radii against cubes, ``lower + spacing * (i + first + [b0, b1]^d)``, in whole numbers."""
+    """Rounded boxes and cubes ``lower + spacing * (i + first + [b0, b1]^d)``, in integers."""
 
     def __init__(self, lows, highs, radii, shape, lower, spacing, b0, b1, first=0):
         self.lows, self.highs, self.radii = exact(lows), exact(highs), radii
@@ -57,7 +57,7 @@ class Definition:
         self.sides = [[cube_sides(shape[a], first, lower[a], spacing, b) for b in (b0, b1)] for a in dims]
 
     def squares(self, low, high):
-        """Squares of the distances along each axis from the boxes to boxes given by their ends."""
+        """Return the squared distances along each axis between two sets of boxes."""
         gaps = [
             np.maximum(np.maximum(self.lows[:, a, None] - high[a], low[a] - self.highs[:, a, None]), 0)
             for a in range(len(low))
@@ -65,7 +65,7 @@ class Definition:
         return [gap**2 for gap in gaps]
 
     def within(self, squares, extra):
-        """Whether some box has the point, grown by its radius and ``extra`` times the allowed error."""
+        """Return True for points in a grown box, with ``extra`` times the allowed error."""
         reach = (self.radii + extra * self.edge).reshape(-1, *(1 for _ in self.sides))
         return ((reach >= 0) & (squares <= reach**2)).any(axis=0).astype(bool)
 
@@ -74,13 +74,13 @@ class Definition:
         return self.within(outer_sum(self.squares(first, last)), extra)
 
     def inside(self, extra):
-        """All corners within one box."""
+        """Return True if all corners lie in one box."""
         first, last = (self.squares(ends, ends) for ends in zip(*self.sides, strict=True))
         farthest = [np.maximum(a, b) for a, b in zip(first, last, strict=True)]
         return self.within(outer_sum(farthest), -extra)
 
     def covered(self):
-        """Whether boxes that do not overlap hold all that is within the allowed error of the (point) cubes."""
+        """Return True if disjoint boxes contain all points within the allowed error of the cubes."""
         parts = [
             np.minimum(self.highs[:, a, None], side + self.edge) - np.maximum(self.lows[:, a, None], side - self.edge)
             for a, (side, _) in enumerate(self.sides)
@@ -91,13 +91,13 @@ class Definition:
 
 
 def check(cells, least, most):
-    """What must be in a raster is in it, and what must not is not."""
+    """Check that a raster contains all required cubes and no forbidden ones."""
     assert cells[least].all(), f"missing {np.argwhere(least & ~cells)[:3]}"
     assert most[cells].all(), f"too many {np.argwhere(cells & ~most)[:3]}"
 
 
 def spread(raster, reach):
-    """A raster as an array over the offsets from ``-reach`` to ``reach``."""
+    """Expand a raster to the offsets from ``-reach`` to ``reach``."""
     out = np.zeros((2 * reach + 1,) * 3, dtype=bool)
     if raster.cells.size:
         assert min(raster.lower) >= -reach
@@ -110,7 +110,7 @@ def spread(raster, reach):
 
 @st.composite
 def coordinates(draw, spacing, shape, reach):
-    """Numbers, some of which lie on multiples of half a cell, as near as floats can."""
+    """Draw coordinates, some at multiples of half a cell up to rounding."""
     count = int(np.prod(shape))
     whole = st.integers(-int(2 * reach), int(2 * reach)).map(lambda n: n * spacing / 2)
     other = st.floats(-reach * spacing, reach * spacing).map(lambda x: round(x, 9))
@@ -151,7 +151,10 @@ def test_rasters_of_box_robots_agree_with_arithmetic(data, spacing, margin):
 
 
 def check_robot(lows, highs, radii, spacing, margin, outer, inner, reach):
-    """Rasters of rounded boxes; a lattice point deep in one of them is inside."""
+    """Check the rasters of rounded boxes.
+
+    A lattice point deep in one box is inside.
+    """
     reach += 1 + int(margin / spacing)
     frame = ((2 * reach + 1,) * 3, (0.0,) * 3, spacing)
     truth = Definition(lows, highs, exact(radii) + exact(margin), *frame, -1, 1, -reach)
@@ -180,7 +183,7 @@ def test_rasters_of_voxel_robots_agree_with_arithmetic(data, seed, spacing, marg
     lower = data.draw(coordinates(spacing, (3,), 1.5)) + shift * spacing
     voxel = spacing * ratio
     outer, inner = Voxels(occupied, voxel, lower).rasters(spacing, margin)
-    # Floats cannot hold the voxels' corners, whole numbers can.
+    # Integers represent the voxels' corners exactly, floats do not.
     reach = 4 + int(4 * ratio) + int(margin / spacing)
     frame = ((2 * reach + 1,) * 3, (0.0,) * 3, spacing)
     cells = np.argwhere(occupied).astype(object)
@@ -224,7 +227,10 @@ def test_boxes_of_cells_are_disjoint_and_cover_the_set(seed, density, dim):
 @settings(max_examples=30)
 @given(seeds, st.sampled_from([0.5, 1.0, 1.3, 2.0]), st.sampled_from([2, 3]))
 def test_bitmap_obstacles_set_the_cells_that_they_touch_and_fill(seed, ratio, dim):
-    """On a lattice of quarters: cells that the bitmap touches, and cells that lie in it, but for its very border."""
+    """Cells that the bitmap touches are outer, and cells inside it are inner, on a lattice of quarters.
+
+    Cells at the bitmap's boundary may be either.
+    """
     rng = np.random.default_rng(seed)
     occupied = rng.random((4, 3, 4)[:dim]) < 0.6
     occupied[(0,) * dim] = True

@@ -16,7 +16,7 @@ NEAR = 1e-6
 
 
 def check_between(cells, low, high):
-    """What must be in a raster is in it, and what must not is not."""
+    """Check that a raster contains all required offsets and no forbidden ones."""
     assert low <= cells, f"missing {sorted(low - cells)[:5]}"
     assert cells <= high, f"too many {sorted(cells - high)[:5]}"
 
@@ -77,7 +77,7 @@ def test_every_kind_of_robot_agrees_with_shapely(robot, spacing, margin):
 
 @given(robots(), spacings)
 def test_grown_segments_obey_their_laws(robot, spacing):
-    """A margin only adds to the outer raster and leaves the inner one; the inner one lies in the outer one."""
+    """A margin only grows the outer raster and keeps the inner raster, which lies in the outer."""
     outer, inner = (oracles.raster_offsets(raster) for raster in robot.rasters(spacing))
     grown, same = (oracles.raster_offsets(raster) for raster in robot.rasters(spacing, 0.15))
     assert inner <= outer <= grown
@@ -117,7 +117,7 @@ def test_obstacles_too_far_for_the_certificate_are_refused():
 
 
 def test_a_robot_500_cells_across_costs_its_boundary():
-    """The marked border grows with the number of cells across, not with its square."""
+    """The number of marked boundary cells grows linearly with the robot's diameter in cells."""
     marked = []
     for across in (125, 250, 500):
         outer, inner = Robot.polygon(shapely.Point(0, 0).buffer(across / 2, quad_segs=64)).rasters(1.0)

@@ -25,7 +25,7 @@ BOX = trimesh.creation.box((1.0, 1.0, 1.0))
 
 
 def box(low, high, inward=False):
-    """Vertices and faces of an axis-aligned box."""
+    """Return vertices and faces of an axis-aligned box."""
     low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     vertices = np.where(BOX.vertices > 0, high, low)
     return vertices, np.array(BOX.faces)[:, ::-1] if inward else np.array(BOX.faces)
@@ -45,7 +45,7 @@ def soup(triangles):
 
 
 def meets(triangle, low, high):
-    """Whether a triangle meets a box, by separating axes; exactly, of whole numbers."""
+    """Return True if a triangle meets a box, by separating axes; exact for integers."""
     edges = [tuple(b - a for a, b in zip(triangle[i], triangle[(i + 1) % 3], strict=True)) for i in range(3)]
     units = [(1, 0, 0), (0, 1, 0), (0, 0, 1)]
     axes = [*units, cross(edges[0], edges[1]), *(cross(edge, unit) for edge in edges for unit in units)]
@@ -59,7 +59,7 @@ def meets(triangle, low, high):
 
 
 def check_touched(marked, triangles, grid, slack=2.0**-24):
-    """All cells that a triangle meets are marked, and none that it misses by more than a slack of cells."""
+    """Check that all cells of a triangle are marked, and none beyond a slack."""
     (h, more), lower = units((grid.spacing, grid.spacing * slack)), units(grid.lower)
     exact = [[units(corner) for corner in triangle] for triangle in triangles]
     for cell in product(*map(range, grid.shape)):
@@ -73,7 +73,7 @@ def check_touched(marked, triangles, grid, slack=2.0**-24):
 
 
 def small_mesh(rng, kind):
-    """A few triangles in cells of a grid of 5 cells to each side."""
+    """Draw a few triangles in a grid of 5 cells to each side."""
     n = int(rng.integers(1, 6))
     if kind == "random":
         return rng.uniform(-1, 6, (n, 3, 3))
@@ -95,7 +95,7 @@ def small_mesh(rng, kind):
         return triangles
     assert kind == "huge"
     far = rng.uniform(-1, 1, (n, 3, 3)) * 2.0 ** rng.uniform(3, 21)
-    # Through the middle of the grid, so that some of each huge triangle is seen.
+    # Through the center of the grid, so that each huge triangle meets it.
     return far - far.mean(axis=1, keepdims=True) + rng.uniform(0, 5, (n, 1, 3))
 
 
@@ -127,7 +127,7 @@ def test_touched_cells_of_over_200_meshes_agree_with_fcl():
             vertices, faces = soup(small_mesh(rng, kind))
         mesh = Mesh.of((corner + h * vertices, faces), "surface")
         outer, _ = mesh.cells(grid)
-        # In cells of the grid: FCL's own tolerance is absolute.
+        # In cells of the grid, because FCL's tolerance is absolute.
         surface = solids.surface((mesh.vertices - corner) / h, faces)
         for cell in np.ndindex(*grid.shape):
             side = 1.0 + NEAR if outer[cell] else 1.0 - NEAR
@@ -137,7 +137,7 @@ def test_touched_cells_of_over_200_meshes_agree_with_fcl():
 
 @given(seeds, st.sampled_from(["random", "sliver", "touching", "lattice"]))
 def test_touching_cells_obey_their_laws(seed, kind):
-    """Moving by whole cells, turning by quarter turns and adding triangles do to the raster what they should."""
+    """The raster commutes with translations by cells, quarter turns and unions."""
     rng = np.random.default_rng(seed)
     triangles = small_mesh(rng, kind)
     grid = Grid((0, 0, 0), 1.0, (6, 6, 6))
@@ -180,7 +180,10 @@ def test_a_map_that_cuts_through_a_solid_is_part_of_the_larger_map():
 
 
 def covered(boxes, side, fine=4):
-    """Cells that meet, and cells that lie in, a union of boxes with corners at odd multiples of 1 / (2 fine)."""
+    """Return the cells that meet and that lie in a union of boxes.
+
+    The corners of the boxes are at odd multiples of 1 / (2 fine).
+    """
     middles = (np.arange(side * fine) + 0.5) / fine
     filled = np.zeros((side * fine,) * 3, dtype=bool)
     for low, high in boxes:
@@ -191,7 +194,7 @@ def covered(boxes, side, fine=4):
 
 
 def touched_by_faces(boxes, side):
-    """Cells that the surface of one of some boxes meets."""
+    """Return the cells that the surface of any of some boxes meets."""
     cells = np.arange(side)
     touched = np.zeros((side,) * 3, dtype=bool)
     for low, high in boxes:
@@ -240,7 +243,7 @@ def test_doubled_faces_change_nothing():
     for inward in (False, True):
         both, numbers = joined((vertices, faces), box((6.5, 1.5, 1.5), (11.5, 6.5, 6.5), inward))
         with warnings.catch_warnings():
-            # Of equal size, the two wind round nothing together.
+            # Boxes of one size that face opposite ways have no winding number together.
             warnings.simplefilter("ignore" if inward else "error", MeshWarning)
             mesh = Mesh.of(soup(both[numbers]))
         assert len(mesh.bodies) == 1
@@ -257,7 +260,7 @@ def test_an_open_mesh_is_rasterised_by_its_policy():
     open_box = (vertices, faces[1:])
     surface = Mesh.of(open_box, "surface").cells(grid)
     assert not surface[0][4, 4, 4]
-    # A triangle of half a face is missing: the inside is open, and that nothing is filled is said a single time.
+    # Half a face is missing, so the interior is open, and the warning is given once.
     filled = Mesh.of(open_box, "fill")
     with pytest.warns(MeshWarning, match="mesh is open and encloses no cell of 1 m.*; close its gaps") as caught:
         assert all((a == b).all() for a, b in zip(filled.cells(grid), surface, strict=True))
@@ -269,7 +272,7 @@ def test_an_open_mesh_is_rasterised_by_its_policy():
     outer, inner = Mesh.of(slit, "fill").cells(grid)
     assert inner[2:8, 2:8, 2:8].all()
     assert outer[1:9, 1:9, 1:9].all()
-    # Filling looks at the whole mesh, also where the map cuts through it.
+    # Filling uses the whole mesh, even if the map cuts through it.
     part = Grid((3, 3, 3), 1.0, (10, 2, 3))
     for cells, every in zip(Mesh.of(slit, "fill").cells(part), (outer, inner), strict=True):
         assert (cells[:7] == every[3:, 3:5, 3:6]).all()
@@ -281,7 +284,7 @@ def torus_distance(points, major=2.0, minor=0.8):
 
 
 def test_round_solids_agree_with_their_formulas():
-    """A fine torus and sphere: cells well inside are inner, well outside neither, and none is on the wrong side."""
+    """Cells well inside a torus or sphere are inner, and cells well outside are neither."""
     sphere = trimesh.creation.icosphere(subdivisions=4, radius=2.5)
     torus = trimesh.creation.torus(major_radius=2.0, minor_radius=0.8, major_sections=160, minor_sections=80)
     for solid, distance, sag in (
@@ -323,7 +326,7 @@ def test_robot_boxes_agree_with_arithmetic(seed, margin):
     depth = np.minimum(points * spacing - low, high - points * spacing).min(axis=-1)
     for raster, must, may in (
         (outer, gap <= margin, gap <= margin + 1e-5),
-        # Lattice points on the border itself are left out: rounding could put them on either side.
+        # Lattice points on the boundary itself are skipped, because rounding may put them on either side.
         (inner, depth > NEAR, depth > 1e-9),
     ):
         cells = np.zeros((48,) * 3, dtype=bool)
@@ -336,7 +339,7 @@ def test_robot_boxes_agree_with_arithmetic(seed, margin):
 
 
 def distance_to_cube(triangle, center, half):
-    """Distance of a triangle from a cube: the point of least norm among all differences, by least squares."""
+    """Return the distance of a triangle from a cube, as the smallest of all differences, by least squares."""
     corners = np.array(list(product((-half, half), repeat=3))) + center
     differences = (triangle[:, None] - corners).reshape(-1, 3)
     system = np.vstack([differences.T, np.ones(len(differences))])
@@ -357,7 +360,7 @@ def test_margins_agree_with_minimum_distances():
         chosen = cells[rng.permutation(len(cells))[:250]]
         centers = chosen - 1.0 + outer.lower
         for cell, center, middle in zip(chosen, centers, distance_to_triangles(centers, triangles * 2.0), strict=True):
-            gap = max(0.0, middle - 1.0)  # at most, as a ball in the cube shows; at least, as one around it does
+            gap = max(0.0, middle - 1.0)  # bounded above by a ball in the cube, and below by a ball around it
             if gap > radius - 1e-9 and middle - math.sqrt(3.0) <= radius + excess:
                 gap = min(distance_to_cube(triangle * 2.0, center, 1.0) for triangle in triangles)
             if gap <= radius - 1e-9:
@@ -368,7 +371,7 @@ def test_margins_agree_with_minimum_distances():
 
 @pytest.mark.parametrize("size", [0.3, 1.0, 4.0])
 def test_the_distance_of_a_cube_is_exact(size):
-    """Whatever features are nearest: a radius just above the distance marks the cube, one just below does not."""
+    """A radius just above the distance marks the cube, and a radius just below does not."""
     rng = np.random.default_rng(3)
     for _ in range(700):
         triangle = rng.normal(size=(3, 3)) * size + rng.normal(size=3) * 3.0
@@ -412,7 +415,7 @@ def test_a_filled_robot_is_as_large_as_what_it_encloses(margin):
 @pytest.mark.filterwarnings("ignore::cspace.MeshWarning")  # some enclose nothing
 @pytest.mark.parametrize("margin", [0.0, 0.8])
 def test_a_filled_robot_covers_its_filled_cells(margin):
-    """Cubes that leaky walls enclose are part of the robot: each lattice point near enough to one is in the outer."""
+    """The outer raster contains each lattice point near a cube enclosed by leaky walls."""
     rng = np.random.default_rng(8)
     filled = 0
     for _ in range(30):
@@ -430,7 +433,7 @@ def test_a_filled_robot_covers_its_filled_cells(margin):
 
 
 def test_a_thin_robot_is_never_too_small():
-    """A sliver robot with a margin holds whatever the segment that it almost is would hold."""
+    """The raster of a sliver with a margin contains that of the segment which it nearly is."""
     for bend in (0.0, 1e-13, 1e-9, 1e-4):
         mesh = Mesh.of(soup([[(0, 0, 0), (3, 1, 0.5), (1.5, 0.5 + bend, 0.25)]]), "surface")
         outer, _ = mesh.rasters(0.25, 0.4)

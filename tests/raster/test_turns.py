@@ -1,4 +1,4 @@
-"""Rasters of shapes that turn, in the plane and in space."""
+"""Rasters of rotating shapes, in the plane and in space."""
 
 import math
 from itertools import product
@@ -38,7 +38,7 @@ def boxes(offsets, spacing):
 
 
 def distances_of(robot, turn, geometries):
-    """Distance of shapely geometries to the turned robot, discs exactly."""
+    """Return the distances of shapely geometries to the rotated robot; exact for discs."""
     shape = robot.shape
     if isinstance(shape, Balls):
         centers = shapely.points(shape.centers @ turn.matrix.T)
@@ -77,7 +77,7 @@ def test_rasters_of_a_rotation_cell_hold_for_every_yaw_in_it(robot, yaw, angle, 
     "robot", [Robot.rectangle(4.0, 0.05, (2.0, 0.0)), Robot.box((4.0, 0.05, 0.2), (2.0, 0.0, 0.0))]
 )
 def test_growth_is_point_by_point(robot):
-    """Next to the reference point the raster must not grow as at the far end."""
+    """The raster grows less near the reference point than at the far end."""
     outer, _ = robot.rasters(0.1, 0.0, yaw_turn(0.0, 0.1, robot.dim))
     width = {x: len({offset[1] for offset in places(outer) if offset[0] == x}) for x in (0, 38)}
     assert width[0] <= 5
@@ -107,7 +107,7 @@ def random_turn(rng, about_z, angle=0.0):
 
 
 def within(rng, turn):
-    """A rotation of a cell, often one of its border."""
+    """Draw a rotation of a cell, often on its boundary."""
     way = np.array([0.0, 0.0, rng.choice([-1.0, 1.0])]) if turn.about_z else rng.normal(size=3)
     angle = turn.covering_angle * min(1.0, rng.uniform(0.0, 1.3))
     matrix = Rotation.from_rotvec(way / np.linalg.norm(way) * angle).as_matrix() @ turn.matrix
@@ -130,7 +130,10 @@ def test_rasters_in_space_hold_for_every_rotation_of_the_cell(name, about_z):
 
 
 def separate(low, high, box, matrix):
-    """Whether axis-aligned boxes (n, 3) and a turned box are apart, by separating axes; and by how much at least."""
+    """Return whether axis-aligned boxes (n, 3) and a rotated box are disjoint, and a lower bound of their distance.
+
+    Uses separating axes.
+    """
     corners = np.array(list(product(*zip(*box, strict=True)))) @ matrix.T
     axes = [*np.eye(3), *matrix.T, *(np.cross(a, b) for a in np.eye(3) for b in matrix.T)]
     gap = np.full(len(low), -np.inf)

@@ -1,4 +1,4 @@
-"""Arithmetic of rotations, in each way to tell them, against scipy's."""
+"""Arithmetic of rotations of every kind against scipy."""
 
 import math
 
@@ -22,7 +22,7 @@ def kind_of(name: str) -> Rotations:
 
 
 def drawn(name: str, *shape: int) -> np.ndarray:
-    """Configurations, of rotations whose numbers are not canonical."""
+    """Draw configurations whose rotations are not canonical."""
     kind, dim = SPACES[name]
     q = RNG.normal(0.0, 4.0, (*shape, dim + len(kind.names)))
     if kind is QUATERNION:
@@ -31,7 +31,7 @@ def drawn(name: str, *shape: int) -> np.ndarray:
 
 
 def turned(name: str, q: np.ndarray) -> Rotation:
-    """The rotations of configurations, as scipy has them."""
+    """Return the rotations of configurations as scipy's."""
     (kind, dim), flat = SPACES[name], q.reshape(-1, q.shape[-1])
     if kind is QUATERNION:
         return Rotation.from_quat(flat[:, 3:])
@@ -59,7 +59,7 @@ def test_a_step_leads_from_one_to_the_other_the_shorter_way(name: str) -> None:
     for share in (0.0, 0.3, 1.0):
         there = kind.moved(q0, share * steps)
         np.testing.assert_allclose(there[:, :dim], q0[:, :dim] + share * (q1 - q0)[:, :dim], atol=1e-12)
-        # Evenly: a share of the angle from the one, and the rest of it from the other.
+        # The rotation is even: a share of the angle from one end, and the rest from the other.
         for end, part in ((q0, share), (q1, 1.0 - share)):
             apart = (turned(name, end).inv() * turned(name, there)).magnitude()
             np.testing.assert_allclose(apart, part * angles, atol=1e-7)
@@ -129,7 +129,7 @@ def test_values_other_than_rotations_are_refused(kind: Rotations, rotation: obje
 
 
 def test_the_step_between_equal_quaternions_is_zero() -> None:
-    """Not even one of a rounding error, of either sign."""
+    """The step is exactly zero, for quaternions of either sign."""
     q = drawn("SE(3)", 500)
     for sign in (1.0, -1.0):
         assert not kind_of("SE(3)").steps(q, q * [1.0, 1.0, 1.0, *4 * [sign]]).any()

@@ -1,4 +1,4 @@
-"""A kind of rotation cells that the library does not know: one class and one record make it a map's."""
+"""A kind of rotation cells unknown to the library works with one class and one record."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -28,7 +28,7 @@ COUNT = 8
 
 @compilable
 class PitchCells(YawCells):
-    """Angles as of yaw cells, but about y."""
+    """Record for look-ups of pitch cells, which are yaw cells about y."""
 
     def matrix_of(self, q: Numbers) -> Matrix:
         cosine, sine = math.cos(q[-1]), math.sin(q[-1])
@@ -37,7 +37,7 @@ class PitchCells(YawCells):
 
 @dataclass(frozen=True)
 class PitchRotations(YawRotations):
-    """Cells of pitch, in space."""
+    """Rotation cells of pitch, in space."""
 
     names = ("pitch",)
     examples = ("45deg",)
@@ -84,7 +84,7 @@ class PitchRotations(YawRotations):
 
 @pytest.fixture(scope="module")
 def space() -> Iterator[CSpace]:
-    """A bar that is as wide as a gap in a wall is high, and has to be pitched to pass."""
+    """Build a map of a bar that must be pitched to pass a gap in a wall."""
     occupied = np.zeros((16, 8, 16), dtype=bool)
     occupied[7:9, :, :] = True
     occupied[7:9, :, 2:14] = False
@@ -103,7 +103,7 @@ def drawn(space: CSpace, n: int) -> Floats:
 
 
 def collides(space: CSpace, q: Floats) -> Bools:
-    """Whether a point of the robot, of thousands, lies in an obstacle or outside, of each configuration."""
+    """Return True for configurations with a sample point of the robot in an obstacle or outside."""
     axes = [np.linspace(-size / 2, size / 2, n) for size, n in ((0.5, 31), (0.12, 9), (0.06, 7))]
     points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
     occupied, answers = np.pad(space.workspace.outer, 1, constant_values=True), np.empty(len(q), dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""Quaternion cells: they cover all rotations, and each belongs to the cell of its quotients."""
+"""Quaternion cells cover all rotations, and each rotation belongs to the cell of its quotients."""
 
 import math
 
@@ -17,7 +17,7 @@ CUTS = [1, 2, 3, 4, 8]
 
 
 def by_definition(n, q):
-    """Cell of a quaternion, by angles; and how near to a border it is."""
+    """Return the cell of a quaternion, by angles, and its distance to a boundary."""
     largest = int(np.abs(q).argmax())
     angles = [math.atan(q[k] / q[largest]) for k in range(4) if k != largest]
     parts = [(angle + math.pi / 4) / (math.pi / 2 / n) for angle in angles]
@@ -52,7 +52,7 @@ def test_the_first_of_equal_components_is_the_largest():
 
 @pytest.mark.parametrize("n", CUTS)
 def test_a_cell_lies_within_its_covering_angle_and_no_smaller_one(n):
-    """Angles by scipy, of corners, of points on borders and inside; and of cells as wide as walks count them."""
+    """Angles of corners, boundary points and interior points are scipy's."""
     cells, rng = Rotations.quaternions(n), np.random.default_rng(n)
     widest, borders = np.zeros(cells.count), np.asarray(cells.borders)
     charts = np.indices((4, n, n, n)).reshape(4, -1)
@@ -79,7 +79,7 @@ def test_smaller_cells_have_smaller_angles():
 
 
 def test_volumes_are_those_of_random_rotations_and_samples_are_uniform():
-    """Chi-squared; samples of large cells over small ones. Five standard deviations."""
+    """Chi-squared tests, also of samples of large cells over small ones, at five standard deviations."""
     cells, rng = Rotations.quaternions(3), np.random.default_rng(0)
     drawn = Rotation.random(100_000, random_state=1).as_quat()
     from_few_cells = Rotations.quaternions(1).sample(np.repeat(np.arange(4), 25_000), 2.0**-20, rng)
@@ -94,7 +94,7 @@ def test_volumes_are_those_of_random_rotations_and_samples_are_uniform():
 
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_neighbors_are_the_cells_across_a_boundary(n):
-    """Small steps in random directions from anywhere: those that leave a cell cross one border, and all are met."""
+    """Small random steps that leave a cell cross one boundary, and reach every neighbour."""
     cells, rng = Rotations.quaternions(n), np.random.default_rng(n)
     q = Rotation.random(300_000, random_state=n).as_quat()
     steps = q + 2e-2 * rng.normal(size=q.shape)
@@ -103,7 +103,7 @@ def test_neighbors_are_the_cells_across_a_boundary(n):
     met = dict(zip(zip(*pairs.tolist(), strict=True), often.tolist(), strict=True))
     near = {(cell, other) for cell, row in enumerate(cells.neighbors.tolist()) for other in row}
     assert near <= set(met)
-    # A step through an edge or a corner is as rare as it is short.
+    # Short steps rarely pass through an edge or a corner.
     assert sum(count for pair, count in met.items() if pair not in near) < 0.1 * sum(met.values())
 
 

@@ -1,4 +1,4 @@
-"""Rotations about any axis: look-ups, edges and boxes of SE(3) against their definitions, and against geometry."""
+"""Look-ups, edges and boxes of SE(3) against their definitions and against geometry."""
 
 import itertools
 import math
@@ -24,7 +24,7 @@ NAMES = ("classify", "is_free", "clearance", "overlap_count", "contains_robot")
 
 
 def random_map(rng, n, free=0.8, shape=(2, 1, 2)):
-    """A map whose states are drawn anew for each cell."""
+    """Build a map with random states."""
     cells = Rotations.quaternions(n)
     states = np.where(rng.random((cells.count, *shape)) < free, FREE, MIXED).astype(np.uint8)
     return map_of(states, cells, ALL_FREE, 1.0), states
@@ -35,7 +35,7 @@ def random_map(rng, n, free=0.8, shape=(2, 1, 2)):
 
 @pytest.mark.parametrize("n", [1, 2, 3, 7])
 def test_compiled_look_ups_return_the_cells_of_the_definition(n):
-    """To the last bit, next to borders, too; either sign, and any norm that is let pass."""
+    """Exact near boundaries, for either sign and any accepted norm."""
     rng, cells = np.random.default_rng(n), Rotations.quaternions(n)
     space = map_of(rng.choice(np.array([0, 1, 2], dtype=np.uint8), (cells.count, 1, 1, 1)), cells, ALL_FREE, 1.0)
     q = np.column_stack([rng.random((4000, 3)), draw_quaternions(cells, rng, 4000)])
@@ -72,7 +72,10 @@ def test_numbers_that_are_no_rotation_are_refused(name, wrong):
 
 
 def along(q0, q1, number):
-    """Points of an edge as OMPL interpolates, shape (number, 7); either arc at half a turn, as the signs say."""
+    """Return points of an edge as OMPL interpolates, shape (number, 7).
+
+    At half a turn, the signs choose the arc.
+    """
     t, cosine = np.linspace(0.0, 1.0, number)[:, None], q0[3:] @ q1[3:]
     turned = np.repeat(q0[None, 3:], number, axis=0)
     if abs(cosine) <= 1.0 - 1e-9:
@@ -102,7 +105,7 @@ def test_points_of_edges_are_those_of_ompl(seed, kind):
 
 
 def firm(cells, q):
-    """Those of some configurations that are not so near to a border of rotation cells that either side may count."""
+    """Return the configurations that are not too near a boundary of rotation cells."""
     around = q[:, None, 3:] + 1e-8 * np.array(list(itertools.product((-1, 1), repeat=4)))
     around /= np.linalg.norm(around, axis=2, keepdims=True)
     return q[(cells.cell_of(around) == cells.cell_of(q[:, 3:])[:, None]).all(axis=1)]
@@ -110,7 +113,7 @@ def firm(cells, q):
 
 @st.composite
 def edges(draw):
-    """Endpoints of edges, (n, 7): far turns and small ones, from borders, to the other side, to the same rotation."""
+    """Draw end points of edges, (n, 7): large and small rotations, from boundaries, and equal rotations."""
     rng, n = np.random.default_rng(draw(seeds)), 40
     cells = Rotations.quaternions(draw(st.sampled_from([1, 2, 3])))
     q0, q1 = (
@@ -122,7 +125,7 @@ def edges(draw):
         q1[:, 3:] = (a * Rotation.from_rotvec(rng.normal(size=(n, 3)) * 10.0 ** rng.uniform(-7, 0, (n, 1)))).as_quat()
     if kind in ("none", "antipode"):
         q1[:, 3:] = q0[:, 3:] * (1 if kind == "none" else -1)
-    if kind == "half":  # about axes of the lattice, exactly
+    if kind == "half":  # exactly about lattice axes
         x, y, z, w = q0[:, 3:].T
         q1[:, 3:] = np.stack([w, z, -y, -x], axis=1)
     return cells.n, q0, q1
@@ -131,7 +134,7 @@ def edges(draw):
 @settings(max_examples=20)
 @given(edges(), seeds)
 def test_edges_are_free_if_all_of_their_points_are(drawn, seed):
-    """Free: all of 300 points are FREE, but next to borders. Not free: some point, or one a hair beside, is not."""
+    """If an edge is free, its 300 points are FREE, except near boundaries; if not, a point or one beside it is not."""
     n, q0, q1 = drawn
     rng = np.random.default_rng(seed)
     space, _ = random_map(rng, n)
@@ -146,7 +149,9 @@ def test_edges_are_free_if_all_of_their_points_are(drawn, seed):
         q = np.concatenate([along(a, b + tilt, 300) for tilt in tilts])
         if free:
             assert space.is_free(firm(space.rotations, q)).all()
-        elif abs(a[3:] @ b[3:]) < 1.0 - 1e-8 and space.is_free(q).all():  # nearer, OMPL may take one all along
+        elif (
+            abs(a[3:] @ b[3:]) < 1.0 - 1e-8 and space.is_free(q).all()
+        ):  # for nearer rotations, OMPL may use one throughout
             near = np.repeat(q, 30, axis=0) + rng.normal(size=(30 * len(q), 7)) * 5e-3
             near[:, 3:] /= np.linalg.norm(near[:, 3:], axis=1, keepdims=True)
             assert not space.is_free(near).all()
@@ -154,7 +159,7 @@ def test_edges_are_free_if_all_of_their_points_are(drawn, seed):
 
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_an_edge_passes_every_cell_on_its_way(n):
-    """A cell that is shut on the way is met, however short the way through it is."""
+    """A closed cell on the path is found, however short the path through it is."""
     rng, cells = np.random.default_rng(n), Rotations.quaternions(n)
     states = np.zeros((cells.count, 1, 1, 1), dtype=np.uint8)
     for _ in range(15):
@@ -173,9 +178,9 @@ def test_an_edge_passes_every_cell_on_its_way(n):
 
 
 def test_positions_and_rotations_advance_together():
-    """A cell is passed at one rotation and not at another: the time of each border counts."""
+    """A cell is passed at one rotation and not at another, so the time of each boundary counts."""
     cells = Rotations.quaternions(4)
-    half = math.pi / 4 / 4  # from the middle of a cell through its border at a quarter of the way
+    half = math.pi / 4 / 4  # from the center of a cell through its boundary at a quarter of the path
     edge = [
         np.array([x, 0.5, 0.5, *Rotation.from_euler("z", yaw).as_quat()]) for x, yaw in ((0.0, 0.0), (8.0, 4 * half))
     ]
@@ -191,10 +196,10 @@ def test_positions_and_rotations_advance_together():
 @pytest.mark.parametrize("norm", [1.0, 1.0 + 0.99e-9])
 @pytest.mark.parametrize("angle", [4e-5, 7e-5])
 def test_edges_cover_rotations_at_which_ompl_stays(norm, angle):
-    """Of quaternions that it takes for equal, their norm being off by no more than it lets be, too."""
+    """OMPL treats nearly equal quaternions, of accepted norms, as equal."""
     cells = Rotations.quaternions(1)
     states = np.zeros((cells.count, 4, 1, 1), dtype=np.uint8)
-    angles = math.pi / 4 + np.array([-0.5, 0.5]) * angle  # to either side of the border at a yaw of a right angle
+    angles = math.pi / 4 + np.array([-0.5, 0.5]) * angle  # to either side of the boundary at a yaw of 90 degrees
     q0, q1 = (
         np.array([x, 0.5, 0.5, 0.0, 0.0, norm * math.sin(a), norm * math.cos(a)])
         for x, a in zip((0.5, 3.5), angles, strict=True)
@@ -225,17 +230,17 @@ def test_all_rotations_around_a_free_box_are_free(seed, n, angle):
 
 
 def test_search_boxes_ignore_the_norm_of_quaternions():
-    """By as much as is let pass: the angle at which a cell that is shut is met stays the same."""
+    """The angle at which a closed cell is found is the same for all accepted norms."""
     cells = Rotations.quaternions(8)
     states = np.zeros((cells.count, 1, 1, 1), dtype=np.uint8)
     states[cells.cell_of(Rotation.from_rotvec([0.0, 0.0, 1.2]).as_quat())] = MIXED
-    space, least = map_of(states, cells, ALL_FREE, 1.0), 3 * math.pi / 8  # the border of that cell
+    space, least = map_of(states, cells, ALL_FREE, 1.0), 3 * math.pi / 8  # the boundary of that cell
     q = [0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 1.0 + 9e-7]
     assert space.is_free_around(q, 0.0, least - 2e-8) and not space.is_free_around(q, 0.0, least + 2e-8)
 
 
 def test_search_boxes_are_no_larger_than_necessary():
-    """One cell is shut; whether a box is free tells it apart from cells twice as far."""
+    """Search boxes find one closed cell, but not from twice as far."""
     cells = Rotations.quaternions(8)
     states = np.zeros((cells.count, 1, 1, 1), dtype=np.uint8)
     states[100] = MIXED
@@ -249,9 +254,9 @@ def test_search_boxes_are_no_larger_than_necessary():
 
 
 def depths(extents, middle, q, lows):
-    """How deep a box at configurations reaches into the nearest of some cubes; below zero apart: (n,).
+    """Return how deep a box at configurations penetrates the nearest of some cubes, shape (n,).
 
-    Two boxes are apart where one of 15 axes parts them (Gottschalk and others, 1996).
+    The depth is negative for disjoint boxes, which one of 15 axes separates (Gottschalk and others, 1996).
     """
     turns = Rotation.from_quat(q[:, 3:]).as_matrix()
     centers = q[:, :3] + turns @ middle
@@ -271,7 +276,7 @@ def depths(extents, middle, q, lows):
 @settings(max_examples=12)
 @given(seeds, st.sampled_from([1, 2, 3]), st.booleans(), st.sampled_from(["blocked", "free"]))
 def test_rotating_boxes_get_no_false_answer(seed, n, as_mesh, outside):
-    """Configurations anywhere, on borders of cells of both kinds and close to them, against exact boxes."""
+    """Configurations are anywhere and near boundaries of both kinds of cells, against exact boxes."""
     rng = np.random.default_rng(seed)
     occupied = np.zeros((7, 6, 5), dtype=bool)
     occupied[tuple(rng.integers(0, occupied.shape, (int(rng.integers(1, 4)), 3)).T)] = True
@@ -291,7 +296,7 @@ def test_rotating_boxes_get_no_false_answer(seed, n, as_mesh, outside):
 
 
 def test_a_map_of_all_rotations_answers_as_maps_of_yaw_do():
-    """Where both decide, they agree; and an update gives what a build would, file and all."""
+    """Decided answers agree, and an updated map equals a fresh build, also from a file."""
     rng = np.random.default_rng(5)
     occupied = np.zeros((16, 14, 10), dtype=bool)
     occupied[8, :9, :7] = True
@@ -315,7 +320,7 @@ def test_a_map_of_all_rotations_answers_as_maps_of_yaw_do():
 
 
 def test_absence_is_proven_in_six_dimensions():
-    """A wall with a window: a plate that fits through it is not cut off, and one that fits at no rotation is."""
+    """A plate that fits through a window is not disconnected, and a plate too large at every rotation is."""
     occupied = np.zeros((20, 11, 11), dtype=bool)
     occupied[9:11] = True
     occupied[9:11, 3:8, 3:8] = False

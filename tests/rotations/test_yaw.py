@@ -1,4 +1,4 @@
-"""Yaw cells: they cover the circle, and each yaw belongs to the cell between its borders."""
+"""Yaw cells cover the circle, and each yaw belongs to the cell between its boundaries."""
 
 import math
 
@@ -55,7 +55,7 @@ def test_a_yaw_belongs_to_the_cell_between_its_boundaries(value, seed, wraps):
     expected = [max(k for k in range(cells.count) if borders[k] <= one) for one in yaw]
     away = np.abs(yaw[:, None] - borders).min(axis=1) > 1e-9
     assert (cells.cell_of(yaw + wraps * TWO_PI) == expected)[away].all()
-    # A border may be wrapped to the number next to it: it belongs to one of its two cells.
+    # Wrapping may round a boundary, so it belongs to one of its two cells.
     above = np.arange(cells.count)
     numbers = cells.cell_of(borders[:-1] + wraps * TWO_PI)
     assert ((numbers == above) | (numbers == (above - 1) % cells.count)).all()
