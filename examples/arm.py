@@ -19,7 +19,7 @@ import planners
 from cspace.arms import PosedShape
 
 # %%
-# Two bars of 1 m on a foot. Both joints turn about z.
+# Two bars of 1 m on a foot. Both joints rotate about z.
 
 bar = '<collision><origin xyz="0.5 0 0"/><geometry><box size="1 0.1 0.1"/></geometry></collision>'
 joint = (
@@ -36,7 +36,7 @@ arm = cspace.Arm.from_urdf("two.urdf")
 
 
 # %%
-# Two posts and a wall. The pair nearest to touching has names.
+# Two posts and a wall. ``closest`` names the closest pair.
 
 
 def at(x, y):
@@ -57,20 +57,20 @@ print(f"at the start, {contact.link!r} is nearest to {contact.other!r}: {contact
 print(f"straight from start to goal: {'proven free' if space.motion_is_free(start, goal) else 'not free'}")
 
 # %%
-# The configuration space, sampled at every degree and a half.
+# The configuration space, sampled every 1.5 degrees.
 
 angles = np.linspace(-3.0, 3.0, 240)
 states = np.asarray(space.classify(np.stack(np.meshgrid(angles, angles, indexing="ij"), axis=-1)))
 
 # %%
-# A plan: every motion of its path is proven all along.
+# A plan: every motion of its path is proven free along its whole length.
 
 plan = planners.plan(space, start, goal, time_limit=5.0, seed=1)
 path = plan.path
 print(plan)
 
 # %%
-# Left the arm along its path, right the same path in the configuration space.
+# Left: the arm along its path. Right: the same path in the configuration space.
 
 figure = plt.figure(figsize=(11, 5.2), layout="constrained")
 space.plot(

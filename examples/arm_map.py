@@ -46,24 +46,24 @@ obstacles = {
 space = cspace.build_arm_space(obstacles, arm)
 
 # %%
-# Cells of three quarters of a degree, all proven.
+# Cells of 0.75 degrees, all proven.
 
 joints = cspace.build_joint_map(space, 6.0 / 450)
 print(joints)
 
 # %%
-# The upper bar cannot pass the post that it can reach: FREE and MIXED cells fall into parts, and between those no
-# motion leads. Within a part, any planner finds a way, and the map proves it.
+# The upper bar cannot pass a post in its reach, so FREE and MIXED cells fall into components without a motion between
+# them. Within a component, any planner finds a path, and the map proves it.
 
 start, goal, behind = np.array([0.2, 0.9]), np.array([-1.2, -1.0]), np.array([1.7, -0.9])
 print("is there a path to the goal?", joints.is_connected(start, goal))
 print("is it proven that none leads behind the post?", joints.is_disconnected(start, behind))
 plan = planners.plan(joints, start, goal, planner="MaxClearance")
 print(plan)
-print("proven by the arm itself as well:", bool(np.all(space.certify_path(plan.path))))
+print("also proven by the arm space:", bool(np.all(space.certify_path(plan.path))))
 
 # %%
-# Left the arm among its posts, right the map of its joints, drawn by the map itself.
+# Left: the arm among its posts. Right: the map of its joints.
 
 figure, (world, angles) = plt.subplots(1, 2, figsize=(13, 5.6), width_ratios=(1.0, 1.15), layout="constrained")
 for x, y, r in posts:

@@ -24,11 +24,11 @@ occupied[130:136, 40:] = True
 space = cspace.build(cspace.Workspace.from_array(occupied, spacing=0.05), cspace.Robot.disc(0.2))
 
 # %%
-# OMPL's objects must be gone before Python ends, so they live in a function.
+# OMPL's objects must be deleted before Python exits, so they are local to a function.
 
 
 def solve(space: cspace.CSpace) -> np.ndarray:
-    """A path by RRTConnect from (1, 1) to (9, 5)."""
+    """Return a path by RRTConnect from (1, 1) to (9, 5)."""
     is_free = space.point_checker()
     states = ob.RealVectorStateSpace(2)
     bounds = ob.RealVectorBounds(2)
@@ -39,7 +39,7 @@ def solve(space: cspace.CSpace) -> np.ndarray:
 
     setup = og.SimpleSetup(states)
     setup.setStateValidityChecker(lambda state: is_free(state[0], state[1]))
-    # OMPL checks motions in steps of 1 % of the extent unless told otherwise, which is 0.12 m here: over a thin wall.
+    # By default OMPL checks motions in steps of 1 % of the extent, here 0.12 m, which can skip a thin wall.
     step = 0.5 * space.grid.spacing / states.getMaximumExtent()
     setup.getSpaceInformation().setStateValidityCheckingResolution(step)
 
@@ -58,19 +58,19 @@ path = solve(space)
 print(np.array2string(path, precision=2, suppress_small=True))
 
 # %%
-# Which of the edges does the map prove? :func:`planners.plan` and :class:`planners.MotionValidator` prove them all.
+# The map proves only some of these edges. :func:`planners.plan` and :class:`planners.MotionValidator` prove all edges.
 
 proven = space.certify_path(path)
 print(f"edges proven free all along: {proven.sum()} of {len(proven)}")
 save_plot(space, "bare_ompl.png", True, path=path)
 
 # %%
-# The same with all that the map can answer: ``simple_setup`` brings the states and their bounds, a checker of whole
-# motions, a sampler of FREE states, and a resolution that fits the cells.
+# The same with all parts of the map: ``simple_setup`` brings states and their bounds, a checker of whole motions, a
+# sampler of FREE states, and a resolution that fits the cells.
 
 
 def solve_with_parts(space: cspace.CSpace) -> np.ndarray:
-    """As before, with :class:`planners.MotionValidator` and the other parts."""
+    """Return a path with :class:`planners.MotionValidator` and the other parts."""
     setup = planners.simple_setup(space)
     start, goal = setup.getStateSpace().allocState(), setup.getStateSpace().allocState()
     start[0], start[1], goal[0], goal[1] = 1.0, 1.0, 9.0, 5.0

@@ -24,8 +24,8 @@ for x in (20, 85, 110, 155):
 space = cspace.build(cspace.Workspace.from_array(occupied, 0.05), cspace.Robot.rectangle(0.5, 0.3))
 
 # %%
-# Planners that go on improving their path use up the time limit. The first plan compiles what all need, which is not
-# the planners' time.
+# Planners that keep improving their path use the whole time limit. The first plan also compiles; that time is not
+# counted.
 
 start, goal = (0.7, 0.7), (9.3, 5.3)
 planners.plan(space, start, goal)
@@ -38,7 +38,7 @@ for plan in sorted(plans, key=lambda plan: plan.length):
     )
 
 # %%
-# The paths: white is free, grey is not.
+# The paths; white cells are free, grey cells are not.
 
 rows = -(-len(plans) // 4)
 figure, axes = plt.subplots(rows, 4, figsize=(12, 2.1 * rows), sharex=True, sharey=True, layout="constrained")

@@ -21,7 +21,7 @@ start, goal = (1.5, 2.0, 0.0), (8.5, 2.0, 0.0)
 
 # %%
 # Three robots, each 1.3 m long. The first passes. For the second, 2 cm narrower than the corridor, the cells cannot
-# decide. With ``exact=True`` the geometry decides, and the path is no less proven. The third is too wide: proven.
+# decide; with ``exact=True`` the geometry decides, and the proof is as strong. The third is proven to be too wide.
 
 for width in (0.6, 0.98, 1.2):
     space = cspace.build(workspace, cspace.Robot.rectangle(1.3, width), rotations=72)

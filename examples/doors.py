@@ -21,7 +21,7 @@ space = cspace.build(workspace, cspace.Robot.rectangle(0.9, 0.6), rotations=72)
 print(space)
 
 # %%
-# A batch of configurations is one look-up. At which yaws does the robot fit into the middle of the passage?
+# A batch of configurations is one look-up: the yaws at which the robot fits into the center of the passage.
 
 yaws = np.arange(0, 180, 5)
 fits = space.is_free([(6.5, 4.3, yaw) for yaw in np.radians(yaws)])
@@ -35,7 +35,7 @@ print(plan)
 save_plot(space, "doors.png", True, path=plan)
 
 # %%
-# The same as slices, one for each of a few yaws, and as an animation.
+# Slices at a few yaws, and an animation.
 
 save_plot(space, "doors_slices.png", True, path=plan, view="panels")
 animate(space, plan, "doors_film.gif", True)

@@ -13,14 +13,14 @@ from cspace.plot import save_plot
 
 
 def solid(*corners: tuple[tuple[float, ...], tuple[float, ...]]) -> trimesh.Trimesh:
-    """A union of boxes, each from a lower to an upper corner, in millimetres; they may touch and overlap."""
+    """Return the union of boxes, which may overlap, from lower and upper corners in millimetres."""
     return trimesh.util.concatenate(
         [trimesh.creation.box(bounds=[[c / 1000 for c in low], [c / 1000 for c in high]]) for low, high in corners]
     )
 
 
 # %%
-# The key has a head of 20 x 24 x 6 mm, and on it a stem of 10 mm. The housing is a block with a slot along x.
+# The key has a head of 20 x 24 x 6 mm with a stem of 10 mm. The housing is a block with a slot along x.
 
 key = cspace.Robot.from_mesh(solid(((-10, -12, 0), (10, 12, 6)), ((-10, -5, 5), (10, 5, 20))), name="key")
 block = [

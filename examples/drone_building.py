@@ -34,7 +34,7 @@ save_plot(space, "drone_building.png", True, path=plan)
 save_plot(space, "drone_building_3d.png", True, path=plan, view="3d")
 
 # %%
-# For other programs: the cells for ParaView, and the border of the free space as a mesh.
+# Exports for other programs: the cells for ParaView, and the border of the free space as a mesh.
 
 space.export("drone_building.vti", overwrite=True)
 space.export("drone_building.ply", overwrite=True)

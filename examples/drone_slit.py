@@ -35,8 +35,8 @@ level = cspace.build(cspace.Workspace.from_mesh(wall, 0.05, bounds), drone, rota
 print("no path exists, proven:", level.is_disconnected((*start, 0.0), (*goal, 0.0)))
 
 # %%
-# Turning as it likes, in SE(3). The cells leave the slit undecided, and the geometry itself decides there: the path is
-# no less proven.
+# At any rotation, in SE(3). The cells leave the slit undecided, so an exact check of the geometry decides there; the
+# proof is as strong.
 
 space = cspace.build(cspace.Workspace.from_mesh(wall, 0.1, bounds), drone, rotations=cspace.Rotations.quaternions(8))
 still = (0.0, 0.0, 0.0, 1.0)

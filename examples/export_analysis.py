@@ -27,7 +27,7 @@ room = xr.Dataset(
 print(room.to_dataframe().round(2).to_string())
 
 # %%
-# The room lies between the two curves.
+# The clearance is between the two curves.
 
 figure, ax = plt.subplots(figsize=(6, 3.5), layout="constrained")
 ax.fill_between(radii, room["at least"], room["at most"], color="#d55e00", alpha=0.6)

@@ -15,7 +15,7 @@ from cspace.plot import save_plot
 from cspace.spectral import FourierOverlap, decompose
 
 # %%
-# A shelf, a pillar, and a cart that does not turn.
+# A shelf, a pillar, and a cart that does not rotate.
 
 shelf = shapely.Polygon([(2, 1), (6, 1), (6, 2), (3, 2), (3, 4), (2, 4)])
 pillar = shapely.Point(6.2, 3.6).buffer(0.4)
@@ -30,7 +30,7 @@ balls = [decompose(shape, kind="outer", number=48) for shape in (cart, shapely.u
 space = space.with_overlap_field(FourierOverlap.of_shapes(*balls, swell=0.3))
 
 # %%
-# Planners that optimise an objective use up their time limit.
+# Planners that optimise an objective use their whole time limit.
 
 start, goal = (1.0, 4.3), (7.3, 0.6)
 

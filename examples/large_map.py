@@ -2,7 +2,7 @@
 A map larger than memory
 ========================
 
-A map is built tile by tile into a folder. Look-ups, plans and updates use it there. This map is small; a city needs the
+A map is built tile by tile into a folder, where look-ups, plans and updates use it. This map is small; a city needs the
 same calls.
 """
 
@@ -32,14 +32,14 @@ print(space)
 print("a path exists:", space.is_connected((3.0, 3.0), (145.0, 118.0)))
 
 # %%
-# A path from tile to tile, drawn on an overview in larger cells, with the same proofs.
+# A path through several tiles, drawn on an overview with larger cells, has the same proofs.
 
 plan = planners.plan(space, (3.0, 3.0), (145.0, 118.0), seed=1)
 print(plan)
 save_plot(space.overview(256), "large_map.png", True, path=plan)
 
 # %%
-# A window of it is a map in memory, for all other queries.
+# A window of the map is a map in memory, which has all other queries.
 
 part = space.window((100, 90), (150, 140))
 print(part.clearance((118.0, 117.5)))

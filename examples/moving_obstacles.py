@@ -1,8 +1,8 @@
 """
-Plan anew as the world moves
-============================
+Replan as obstacles move
+========================
 
-A robot crosses an office while trolleys go to and fro. Each step of a trolley moves an obstacle of the map. The robot
+A robot crosses an office while trolleys move to and fro. Each step of a trolley moves an obstacle of the map. The robot
 queries the map for the rest of its path, and plans another path if an edge is no longer free.
 """
 
@@ -31,8 +31,8 @@ radius = 0.3
 space = cspace.build(office, cspace.Robot.disc(radius))
 
 # %%
-# Trolleys, each with its two end points, its sides and its speed. ``add_obstacle`` puts an obstacle at its position of
-# this moment, in metres, and frees its old position.
+# Trolleys, each with two end points, the lengths of its sides and its speed. ``add_obstacle`` moves an obstacle to a
+# new position, metres, and frees its old position.
 
 trolleys = [
     ((2.0, 4.4), (14.0, 4.4), (0.9, 0.6), 0.8),
@@ -42,11 +42,11 @@ trolleys = [
     ((12.9, 8.6), (14.0, 6.9), (0.6, 0.6), 0.5),
     ((13.9, 7.2), (13.9, 2.5), (0.6, 0.8), 0.4),
 ]
-gone = np.zeros(len(trolleys))  # metres that each has gone
+gone = np.zeros(len(trolleys))  # distance covered by each, metres
 
 
 def where(number: int, distance: float) -> Polygon:
-    """Return a trolley by its number, after a distance."""
+    """Return the shape of a trolley after a distance, metres."""
     first, last, sides, _ = map(np.array, trolleys[number])
     length = np.linalg.norm(last - first)
     share = 1 - abs(1 - distance / length % 2)
@@ -55,10 +55,10 @@ def where(number: int, distance: float) -> Polygon:
 
 
 # %%
-# The robot goes on until it has arrived. A trolley waits if the robot is in its way.
+# The robot moves until it reaches the goal. A trolley waits if the robot blocks it.
 
-start, goal, step = np.array((0.8, 1.0)), np.array((15.2, 9.0)), 0.15  # metres, and seconds of a step
-planners.plan(space, start, goal)  # what is compiled, is compiled now
+start, goal, step = np.array((0.8, 1.0)), np.array((15.2, 9.0)), 0.15  # metres; the step is in seconds
+planners.plan(space, start, goal)  # compile before the loop
 q, path, frames, updates, plans = start, np.empty((0, 2)), [], [], []
 while not np.array_equal(q, goal) and len(frames) < 400:
     disc = Polygon([*q + radius * np.array([(np.cos(t), np.sin(t)) for t in np.linspace(0, 6, 20)])])
@@ -69,7 +69,7 @@ while not np.array_equal(q, goal) and len(frames) < 400:
             began = time.perf_counter()
             space.add_obstacle(f"trolley {number}", trolley)
             updates.append(time.perf_counter() - began)
-    if not len(path) or not space.certify_path([q, *path]).all():  # the rest of the way, edge by edge, as it is now
+    if not len(path) or not space.certify_path([q, *path]).all():  # each remaining edge
         plan = planners.plan(space, q, goal, time_limit=0.5, seed=len(frames))
         plans.append(plan.times.planning)
         path = plan.path[1:]
@@ -85,7 +85,7 @@ print(f"{len(updates)} moves of trolleys: {1e3 * statistics.median(updates):.2f}
 print(f"a plan: {1e3 * statistics.median(plans):.1f} ms in the median")
 
 # %%
-# The film: white is free, blue the C-obstacle, orange undecided, black the obstacles.
+# The animation: white is free, blue the C-obstacle, orange undecided, and black are obstacles.
 
 figure, ax = plt.subplots(figsize=(8, 5.2), layout="constrained")
 colors = ListedColormap(["#ffffff", "#d55e00", "#a6d3ee", "#262626"])
@@ -95,7 +95,7 @@ robot = ax.add_patch(Circle(start, radius, color="#009e73", zorder=3))
 ax.plot(*goal, "*", color="#009e73", markersize=16)
 ax.set(xlabel="x (m)", ylabel="y (m)")
 figure.draw_without_rendering()
-figure.set_layout_engine("none")  # what moves does not move the axes
+figure.set_layout_engine("none")  # moving artists must not shift the axes
 
 
 def draw(frame: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:

@@ -24,7 +24,7 @@ workspace = cspace.Workspace.from_polygons([*upper, *lower], 0.1, bounds=(-1, -1
 space = cspace.build(workspace, cspace.Robot.rectangle(4.2, 1.9), rotations=72)
 
 # %%
-# OMPL's planners that cover the map from both ends leave one gap and enter another soonest.
+# OMPL's bidirectional planners are the fastest at leaving one gap and entering another.
 
 start, goal = (4.3, -2.6, math.pi / 2), (9.9, -12.0, -math.pi / 2)
 plan = planners.plan(

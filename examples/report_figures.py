@@ -2,7 +2,7 @@
 Collision in the frequency domain, in seven figures
 ===================================================
 
-They follow those of Lysenko (2013) and of Behandish and Ilies (2016), from our own runs.
+The figures follow Lysenko (2013) and Behandish and Ilies (2016), with data of our own runs.
 ``docs/explanation/frequency.md`` explains them. Times are medians of a few runs on the machine that built this page.
 The figures are written into the working folder, as ``report_figures_1.png`` and so on. It needs
 ``pip install "cspace[spectral]"``.
@@ -41,14 +41,14 @@ from cspace.spectral import (
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#262626")  # Okabe and Ito (2008), and a black
+COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#262626")  # Okabe and Ito (2008), and black
 SHAPE = shapely.Polygon([(0.3, 0.3), (1.7, 0.3), (1.7, 0.8), (1.2, 0.7), (0.9, 1.7), (0.3, 1.5)])  # metres
 PERIOD = 4.0  # metres; no shape here is longer
 FREQUENCIES = 128  # along an axis, so up to 16 cycles per metre
 
 
 def plain(ax: Axes, title: str, x: str, y: str) -> None:
-    """Set the style that all axes share."""
+    """Set the style of axes."""
     ax.set_title(title, fontsize=10)
     ax.set(xlabel=x, ylabel=y)
 
@@ -169,12 +169,12 @@ save(figure, 4)
 # 5. Minkowski sums of bitmaps
 # ----------------------------
 #
-# Direct and by FFT, and the sizes from which on the FFT is faster. Both run in turns, so a busy machine slows both
-# equally. The first run of each, which imports and compiles, is not counted.
+# Direct sums and sums by FFT, and the sizes from which the FFT is faster. Both run alternately, so a busy machine slows
+# both equally. The first run of each, which imports and compiles, is not counted.
 
 
 def in_turns(works: Sequence[Callable[[], Any]], most: float = 0.2) -> tuple[list[float], list[Any]]:
-    """Return median times in seconds over up to 31 rounds, ``most`` seconds in all, and the results of the works."""
+    """Return median times, seconds, over up to 31 rounds and ``most`` seconds, and the results."""
     for work in works:
         work()
     rounds: list[list[float]] = []
@@ -188,7 +188,7 @@ def in_turns(works: Sequence[Callable[[], Any]], most: float = 0.2) -> tuple[lis
 
 
 def crossover(sizes: list[int], slow: Floats, fast: Floats) -> float | None:
-    """Return the size from which on ``slow`` stays above ``fast``, on log axes; None if always or never."""
+    """Return the size from which ``slow`` stays above ``fast``, on log axes; None if always or never."""
     ratio = np.log(slow / fast)
     if (ratio > 0.0).all() or ratio[-1] <= 0.0:
         return None

@@ -1,9 +1,9 @@
 """
-A roadmap of your own
-=====================
+A custom roadmap
+================
 
-The map draws FREE configurations, and proves thousands of edges in one call. That is all that a probabilistic roadmap
-(Kavraki and others, 1996) needs; the shortest path in it comes from scipy, and no planner is run.
+The map samples FREE configurations and proves thousands of edges in one call. A probabilistic roadmap (Kavraki and
+others, 1996) needs no more; scipy finds the shortest path in it, without a planner.
 """
 
 import matplotlib.pyplot as plt
@@ -19,15 +19,15 @@ from cspace.demo import demo_workspace
 space = cspace.build(demo_workspace(spacing=0.05), cspace.Robot.disc(0.3))
 
 # %%
-# Vertices are drawn evenly from the FREE cells. The first and the last are start and goal; the wanted start
-# is in a table, so the nearest FREE configuration is taken.
+# Vertices are sampled evenly from the FREE cells. The first and the last are start and goal; the requested start is
+# inside a table, so the nearest FREE configuration replaces it.
 
 start, goal = space.nearest_free((13.2, 3.4)), (1.4, 8.6)
 vertices = np.vstack([start, space.sample_free(800, np.random.default_rng(1)), goal])
 print(f"start: {start}")
 
 # %%
-# Each vertex is joined to its twenty nearest, if the edge is proven free.
+# Each vertex is connected to its twenty nearest neighbours if the edge is proven free.
 
 _, near = cKDTree(vertices).query(vertices, k=21)
 edges = np.column_stack([np.repeat(np.arange(len(vertices)), 20), near[:, 1:].ravel()])
@@ -35,7 +35,7 @@ edges = edges[space.certify_path(vertices, edges)]
 print(f"{len(edges)} of {20 * len(vertices)} edges are free all along")
 
 # %%
-# The shortest path in the roadmap, from its tree of shortest paths.
+# The shortest path in the roadmap.
 
 lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
 graph = coo_array((lengths, edges.T), shape=2 * (len(vertices),)).tocsr()

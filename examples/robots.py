@@ -15,7 +15,7 @@ from shapely.plotting import plot_polygon
 import cspace
 
 # %%
-# A URDF of a cart with a mast. Only its collision geometry counts. Wheels turn, and are left out with a warning
+# A URDF of a cart with a mast. Only its collision geometry counts. Wheels move, so they are omitted with a warning
 # unless you name links.
 
 URDF = """<robot name="cart">
@@ -28,7 +28,7 @@ urdf = Path(folder.name, "cart.urdf")
 urdf.write_text(URDF)
 
 # %%
-# On a map in the plane a robot in space is its projection, ``footprint``.
+# On a plane map, a robot in space is represented by its projection, ``footprint``.
 
 texts = ["disc:0.3", "rect:0.9x0.5@0.2,0", "ellipse:0.5,0.3", "footprint:[[0.4,0.3],[0.4,-0.3],[-0.2,-0.2],[-0.2,0.2]]"]
 texts += ["cylinder:0.3x1.2", "capsule:0.2x0.8"]
@@ -49,6 +49,6 @@ plt.close(figure)
 print("wrote robots.png")
 
 # %%
-# Robots and their short texts are obstacles as well.
+# Robots and their short texts can be obstacles as well.
 
 print(cspace.Workspace.from_shapes(["ellipse:0.5,0.3@1,1", cspace.Robot.disc(0.4, (3, 1)), "rect:4x0.1@2,2"], 0.05))

@@ -2,7 +2,7 @@
 Plan on a ROS map
 =================
 
-A ROS map is a YAML file and an image beside it. The script draws a small one; with your own, only the name changes.
+A ROS map is a YAML file with an image beside it. The script writes a small one; for your own map, change the name.
 """
 
 import tempfile
@@ -16,7 +16,7 @@ import planners
 from cspace.plot import save_plot
 
 # %%
-# A room of 8 m by 6 m with a wall across it, whose corners nobody has seen.
+# A room of 8 m by 6 m with a wall across it and unknown corners.
 
 folder = tempfile.TemporaryDirectory()
 pixels = np.full((120, 160), 254, np.uint8)  # rows from the top, 0.05 m each: 254 is free, 0 occupied, 205 unknown

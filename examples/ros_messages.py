@@ -17,7 +17,7 @@ from cspace.files.ros import OccupancyGrid
 from cspace.plot import save_plot
 
 # %%
-# Two rooms of 9 m by 6 m in all, and a corner that no sensor saw: 0 is free, 100 occupied, -1 unknown.
+# Two rooms, together 9 m by 6 m, with an unknown corner: 0 is free, 100 occupied, -1 unknown.
 
 cells = np.zeros((120, 180), dtype=np.int8)  # rows from the lowest y, 0.05 m each
 cells[[0, -1], :] = cells[:, [0, -1]] = 100
@@ -29,7 +29,7 @@ msg.info.origin.position.x, msg.info.origin.position.y = -4.5, -3.0
 msg.data.frombytes(cells.tobytes())
 
 # %%
-# The footprint is a line of ``nav2_params.yaml``. A robot on two wheels can drive the path.
+# The footprint is a line of ``nav2_params.yaml``. A differential drive can follow the path.
 
 workspace = cspace.Workspace.from_occupancy_grid(msg)
 footprint = "[[0.45, 0.25], [0.45, -0.25], [-0.25, -0.25], [-0.25, 0.25]]"

@@ -1,9 +1,9 @@
 """
-Obstacles from what you have
-============================
+Obstacles from files and arrays
+===============================
 
-A picture, a map of a game, a cloud of points, an array: ``Workspace.open`` reads files by their suffix, and each kind
-has its own method.
+Images, game maps, point clouds and arrays: ``Workspace.open`` reads files by their suffix, and each format has its own
+method.
 """
 
 import tempfile
@@ -19,8 +19,7 @@ folder = tempfile.TemporaryDirectory()
 here = Path(folder.name)
 
 # %%
-# An image, whose dark pixels are occupied; a map in the format of MovingAI; points of a laser, each with a radius; and
-# an array that somebody saved.
+# An image with dark pixels as obstacles; a map in the MovingAI format; laser points with a radius; and a saved array.
 
 image = Image.new("L", (160, 120), 255)
 ImageDraw.Draw(image).ellipse((40, 30, 120, 90), fill=0)
@@ -40,7 +39,7 @@ workspaces = [
 folder.cleanup()
 
 # %%
-# Each becomes the same: cells that meet an obstacle, and cells that lie in one.
+# Each workspace has the same contents: cells that touch an obstacle, and cells inside one.
 
 figure, axes = plt.subplots(2, 2, figsize=(9, 7), layout="constrained", sharex=True, sharey=True)
 for ax, workspace in zip(axes.flat, workspaces, strict=True):

@@ -1,8 +1,8 @@
 """
-A robot on two wheels among shelves
-===================================
+A differential drive among shelves
+==================================
 
-It turns on the spot and drives straight on, as most mobile robots do, and every turn and every straight is proven.
+Like most mobile robots, it rotates in place and drives straight. Every rotation and every straight line is proven free.
 """
 
 import math
@@ -31,8 +31,8 @@ print(plan)
 save_plot(space, "warehouse_robot.png", True, path=plan)
 
 # %%
-# The waypoints are the ends of each turn and of each straight. The map joins them by straight edges, and so proves them
-# once more.
+# The waypoints are the ends of each rotation and each straight line. The map connects them by straight edges, so it
+# proves them once more.
 
 for q, way in zip(plan.waypoints[1:], np.diff(plan.waypoints, axis=0), strict=True):
     turn = (np.degrees(way[2]) + 180) % 360 - 180

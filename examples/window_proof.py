@@ -2,8 +2,8 @@
 Bodies that pass a window, and one that cannot
 ==============================================
 
-A plank that lies across a window passes once it is turned, in all three dimensions of rotation. A cube passes at no
-rotation: no chain of cells that might be free leads through. No planner can give such a proof.
+A plank across a window passes once it is rotated about any axis. A cube passes at no rotation: no chain of cells that
+might be free leads through the window. No planner can give such a proof.
 """
 
 import trimesh
@@ -26,14 +26,14 @@ workspace = cspace.Workspace.from_mesh(wall, 0.1, bounds=(0, 0, 0, 6, 4, 4))
 start, goal = (1.2, 2.0, 2.0), (4.8, 2.0, 2.0)
 
 # %%
-# The plank lies along y and does not turn:
+# The plank is along y and does not rotate:
 
 still = cspace.build(workspace, cspace.Robot.box((0.3, 1.4, 0.3)))
 print("no path exists, proven:", still.is_disconnected(start, goal))
 
 # %%
-# The same plank, turned along y at both ends, and a cube, both at any rotation in between. If the cells cannot decide,
-# the geometry itself can.
+# The same plank, along y at both ends, and a cube, both at any rotation in between. If the cells cannot decide, an
+# exact check of the geometry can.
 
 along_y = (0.0, 0.0, 0.5**0.5, 0.5**0.5)
 for name, sides in (("plank", (1.4, 0.3, 0.3)), ("cube", (1.2, 1.2, 1.2))):

@@ -2,8 +2,8 @@
 A cube through a winding tunnel
 ===============================
 
-Robot and obstacles are meshes. The path comes from the map's own search, ``planner="Grid"``, which draws no samples: a
-narrow passage takes it no longer than a wide one.
+Robot and obstacles are meshes. The map's own search, ``planner="Grid"``, finds the path without sampling, so a narrow
+passage takes no longer than a wide one.
 """
 
 import trimesh
@@ -13,7 +13,7 @@ import planners
 from cspace.plot import save_plot
 
 # %%
-# A wall of 2 m between two rooms, with a hole of 0.2 m that turns twice.
+# A wall of 2 m between two rooms, with a hole of 0.2 m that bends twice.
 
 boxes = [
     ((-2, -2, -1), (2, -0.1, 1)),  # beside the hole
@@ -31,7 +31,7 @@ plan = planners.plan(space, (0, 0, 1.5), (0, 0, -1.5), planner="Grid")
 print(plan)
 
 # %%
-# Three sections through the middle of the path, and a view from the front.
+# Three sections through the center of the path, and a view from the front.
 
 save_plot(space, "z_tunnel.png", True, path=plan)
 save_plot(space, "z_tunnel_3d.png", True, path=plan, view="3d")

@@ -19,8 +19,8 @@ from cspace.plot import animate, save_plot
 # The car and its reference point
 # -------------------------------
 #
-# The curves are curves of the middle of the axle that does not steer, so put that point at the origin. Here it is the
-# middle of the rear axle of a car of 4.2 m by 1.8 m, 0.9 m of which lies behind the axle.
+# The curves are those of the center of the axle that does not steer, so put this point at the origin. Here it is the
+# center of the rear axle of a car of 4.2 m by 1.8 m; 0.9 m of the car is behind the axle.
 
 car = cspace.Robot.rectangle(4.2, 1.8, center=(1.2, 0.0))
 street = [box(-5, -4, 45, -2.2), box(-5, 12, 45, 14)]  # kerbs
@@ -46,7 +46,7 @@ save_plot(space, "cars_1.png", True, path=plan)
 # Forwards and backwards
 # ----------------------
 #
-# ``drive="reeds-shepp"`` may reverse. Into the gap between two parked cars:
+# ``drive="reeds-shepp"`` may reverse, here into the gap between two parked cars:
 
 gap = (12.0, -0.8, 0.0)
 plan = planners.plan(
@@ -56,7 +56,7 @@ print(plan)
 save_plot(space, "cars_2.png", True, path=plan)
 
 # %%
-# ``plan.path`` is dense enough to drive: its rows lie at most a cell and 5 degrees apart. ``plan.direction`` says for
+# ``plan.path`` is dense enough to drive: its rows are at most a cell and 5 degrees apart. ``plan.direction`` says for
 # each row whether the car drives forwards or backwards, and ``plan.to_csv`` writes both.
 
 print(f"{len(plan.path)} rows, {np.count_nonzero(np.diff(plan.direction))} changes of direction")
@@ -66,9 +66,9 @@ animate(space, plan, "cars_film.gif", True, seconds=8)
 # The limits of the proof
 # -----------------------
 #
-# Every curve of a certified plan is free along its whole length. ``is_connected`` is about a robot that may turn on the
-# spot, and need not hold for a car; ``is_disconnected`` holds for cars too. The smaller the turning radius, the more a
-# car can do:
+# Every curve of a certified plan is free along its whole length. ``is_connected`` is about a robot that may rotate in
+# place, so it need not hold for a car; ``is_disconnected`` holds for cars too. A smaller turning radius allows more
+# paths:
 
 for radius in (3.0, 4.0, 7.0):
     plan = planners.plan(space, start, (0.0, 9.0, math.pi), drive="dubins", turning_radius=radius, time_limit=3, seed=1)

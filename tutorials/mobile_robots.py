@@ -29,9 +29,9 @@ print(space)
 save_plot(space, "mobile_robots_1.png", True)
 
 # %%
-# White cells are FREE: the robot touches nothing if its reference point stands anywhere in such a cell. Blue cells are
-# BLOCKED: the robot collides. In the thin orange band, MIXED, the cells do not decide. A finer spacing makes the band
-# thinner. Planners keep out of it unless you let the geometry itself decide (``exact=True``).
+# White cells are FREE: the robot touches nothing if its reference point is anywhere in such a cell. Blue cells are
+# BLOCKED: the robot collides. The thin orange band, MIXED, is undecided; smaller cells make it thinner. Planners avoid
+# it, unless an exact check of the geometry decides there (``exact=True``).
 #
 # Query the map
 # -------------
@@ -79,10 +79,10 @@ print(plan.status, "- no obstacle is nearer than 0.1 m")
 # A robot that is not round
 # -------------------------
 #
-# It turns: ``rotations=72`` divides the circle into cells of 5 degrees, and configurations are ``(x, y, yaw)``. FREE
-# then means free at every position and every yaw of the cell. **A path in SE(2) is holonomic unless you say**
-# ``drive=``: the robot may move sideways, and turns evenly on its way. A robot on two wheels needs
-# ``drive="differential"``: it turns on the spot and drives straight on. For cars, read the next tutorial.
+# Such a robot rotates: ``rotations=72`` divides the circle into cells of 5 degrees, and configurations are
+# ``(x, y, yaw)``. FREE then means free at every position and every yaw of the cell. **A path in SE(2) is holonomic
+# unless you pass** ``drive=``: the robot may move sideways, and rotates evenly along each edge. A robot on two wheels
+# needs ``drive="differential"``: it rotates in place and drives straight. For cars, read the next tutorial.
 
 space = cspace.build(workspace, cspace.Robot.rectangle(1.1, 0.5), rotations=72)
 plan = planners.plan(space, (1.4, 8.6, 0.0), (14.6, 1.2, math.pi / 2), drive="differential", time_limit=5, seed=3)
@@ -90,13 +90,13 @@ print(plan)
 save_plot(space, "mobile_robots_3.png", True, path=plan)
 
 # %%
-# In yellow cells the robot fits at some yaws only. One slice for each of a few yaws:
+# In yellow cells the robot fits at some yaws only. These are the slices at a few yaws:
 
 save_plot(space, "mobile_robots_4.png", True, view="panels")
 
 # %%
-# The world moves
-# ---------------
+# Moving obstacles
+# ----------------
 #
 # Add an obstacle by name, add it again to move it, and remove it. The map follows, and so do the checkers that planners
 # hold.
@@ -112,8 +112,8 @@ space.remove_obstacle("crate")
 print("free again:", space.certify_path(before.path).all())
 
 # %%
-# Keep it
-# -------
+# Save the map
+# ------------
 #
 # A map is saved as a folder, and checked by digest when it is opened. The same on the command line:
 # ``cspace map flat.geojson --spacing 0.025 --robot disc:0.3`` and ``cspace plan flat.zarr --start ... --goal ...``.
