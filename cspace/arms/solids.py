@@ -341,15 +341,15 @@ def read_moveit_scene(
     path : path-like
         As for :meth:`cspace.Workspace.from_moveit_scene`, which reads the same shapes.
     plane_radius : float, optional
-        Metres around the origin of the scene: a square stands for each plane and covers what of the plane lies so near.
-        Needed if the scene has planes, and should exceed the arm's reach.
+        Metres around the origin of the scene. A square replaces each plane and covers it within this radius. Required
+        if the scene has planes; it should exceed the arm's reach.
     package_dirs : path-like, or sequence of path-like
-        Folders that hold the folders of packages, for meshes, as for :meth:`cspace.Robot.from_urdf`.
+        Folders that contain the folders of packages, for meshes, as for :meth:`cspace.Robot.from_urdf`.
 
     Returns
     -------
     dict of str to PosedShape
-        Shapes by the id of their collision object, in the frame of the scene. Several shapes of one object are called
+        Shapes by the id of their collision object, in the frame of the scene. Several shapes of one object are named
         ``id/0``, ``id/1`` and so on.
 
     Raises

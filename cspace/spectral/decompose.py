@@ -66,7 +66,7 @@ class Bounds(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BallDecomposition:
-    """Balls in space, or discs in the plane, that lie in a shape or cover it.
+    """Balls in space, or discs in the plane, that fill or cover a shape.
 
     Made by :func:`cspace.spectral.decompose`, or read with :meth:`open`.
 
@@ -79,12 +79,12 @@ class BallDecomposition:
     kind : {"inner", "outer"}
         Whether each ball lies in the shape, or the union covers it.
     measure, shape_measure : Bounds
-        Of the area or volume of the union, and of the shape, square or cubic metres.
+        Bounds of the area or volume of the union, and of the shape, square or cubic metres.
     hausdorff : Bounds
-        Of the one-sided Hausdorff distance that is not zero, metres: for "inner", the farthest that a point of the
-        shape is from the balls; for "outer", the farthest that a point of the balls is from the shape.
+        Bounds of the non-zero one-sided Hausdorff distance, metres. For "inner", this is the largest distance of a
+        point of the shape from the balls; for "outer", the largest distance of a point of the balls from the shape.
     shape : Shape, or None
-        The shape, for pictures; it is not written to files.
+        The shape, for pictures; files do not store it.
 
     Raises InputError if there is no ball, arrays do not fit, or a value is not usable.
     """
@@ -203,10 +203,9 @@ class BallDecomposition:
             bounds = {key: record[key] for key in _BOUNDS}
             return cls(record["centers"], record["radii"], record["kind"], **bounds)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
-            what = f"lacks {error}" if isinstance(error, KeyError) else f"is malformed: {error}"
-            raise FileError(
-                name, what, "it must be as BallDecomposition.save writes it", "mend or write it again"
-            ) from error
+            problem = f"lacks {error}" if isinstance(error, KeyError) else f"is malformed: {error}"
+            rule = "it must be as BallDecomposition.save writes it"
+            raise FileError(name, problem, rule, "correct it or write it again") from error
 
 
 LATTICE_REFINEMENTS: Final = (1, 4)
@@ -243,30 +242,30 @@ MAX_POLISH_ROUNDS: Final = 6
 def decompose(
     shape: ShapeLike, *, kind: Kind = "inner", number: int | None = None, tolerance: float | None = None
 ) -> BallDecomposition:
-    """LatticeBalls that fill a shape from inside, or that cover it.
+    """Decompose a shape into balls that fill or cover it.
 
-    Each ball is taken, one after the other, for the cells of a lattice that it adds (V. Chvatal, "A greedy heuristic
-    for the set-covering problem", 1979), with its center along the medial axis. What is promised does not rest on
-    samples: a ball of kind "inner" is no larger than the distance of its center from the border; for "outer", cells
-    whose union covers the shape each lie wholly in one ball.
+    A greedy choice takes the ball that adds most cells of a lattice (V. Chvatal, "A greedy heuristic for the
+    set-covering problem", 1979). Candidates have their centers along the medial axis. The results are proven, not
+    sampled: an "inner" ball is no larger than the distance of its center from the boundary. For "outer", cells cover
+    the shape, and each cell lies entirely in one ball.
 
     Parameters
     ----------
     shape : Shape, shapely geometry, trimesh.Trimesh, array-like, path-like, mapping or str
-        In the plane: polygons (a list of them is their union; lines and points count for "outer"), GeoJSON, WKT, a file
-        of these, or vertices (n, 2). In space: whatever :meth:`cspace.Mesh.of` takes. For cells, pass the shape
+        In the plane: polygons (a list means their union; "outer" also accepts lines and points), GeoJSON, WKT, a file
+        of these, or vertices (n, 2). In space: whatever :meth:`cspace.Mesh.of` accepts. For cells, pass the shape
         ``cspace.shapes.Voxels.of(cells, spacing)``. Metres.
     kind : {"inner", "outer"}
         Whether every ball lies in the shape, or the union of the balls covers it.
     number : int, optional
-        How many balls, at most; fewer where more would add nothing that the lattice shows.
+        Largest number of balls; there are fewer if more would add no cells.
     tolerance : float, optional
-        Metres. For "inner", every point of the shape is so near to a ball; for "outer", every point of a ball is so
-        near to the shape. Either this or ``number`` is passed.
+        Metres. For "inner", the largest distance of a point of the shape from the balls; for "outer", the largest
+        distance of a point of the balls from the shape. Pass either this or ``number``.
 
-    Raises GeometryError if the shape is empty or malformed, or has no inside to put balls into; FileError if a file is
-    missing or malformed; and InputError if both or none of ``number`` and ``tolerance`` are passed, a word or number is
-    not usable, balls cannot meet the tolerance, or the lattice does not fit into memory.
+    Raises GeometryError if the shape is empty, malformed, or has no inside for inner balls. Raises FileError if a file
+    is missing or malformed. Raises InputError if both or neither of ``number`` and ``tolerance`` are passed, an
+    argument is not usable, balls cannot meet the tolerance, or the lattice does not fit into memory.
 
     Examples
     --------
@@ -305,7 +304,7 @@ def decompose(
     return BallDecomposition(centers, radii, kind, *measures, Bounds(*gap), region.shape)
 
 
-# ---- which balls -----------------------------------------------------------------------------------------------------
+# ---- choice of balls -------------------------------------------------------------------------------------------------
 
 
 def _fill_shape(lattice: Lattice, number: int | None, tolerance: float | None) -> tuple[Floats, Floats]:
@@ -388,7 +387,7 @@ def _choose_cover(
         offered = _deepest_points(lattice, left) if stage == 2 else (candidates, _balls_at_cell_centers(lattice))[stage]
         offered = offered._replace(reaches=offered.depths + reach)
         offered = offered.select(offered.depths >= (0.0 if inside else -np.inf))
-        if len(left) < len(lattice.cell_centers):  # those that reach none add nothing
+        if len(left) < len(lattice.cell_centers):  # balls that reach no open cell add nothing
             bound = max(float(offered.reaches.max(initial=0.0)), 1.0)
             offered = offered.select(
                 KDTree(left).query(offered.centers, distance_upper_bound=bound)[0] <= offered.reaches
@@ -414,7 +413,7 @@ def _bisect_length(
     return best
 
 
-# ---- where they are looked for ---------------------------------------------------------------------------------------
+# ---- candidates ------------------------------------------------------------------------------------------------------
 
 
 def _balls_at_cell_centers(lattice: Lattice) -> LatticeBalls:

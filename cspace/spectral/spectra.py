@@ -96,9 +96,7 @@ BASIS_TOLERANCE_SHARE: Final = 0.02
 The first three errors grow by the Lebesgue constant of the nodes, below 6 for a thousand nodes."""
 
 
-MAX_NODES_PER_TRANSFORM: Final = (
-    6.0  # nodes, for each transform that radii by themselves would take, above which none is sought
-)
+MAX_NODES_PER_TRANSFORM: Final = 6.0
 """Nodes per saved transform above which no basis is sought."""
 
 SAMPLES_PER_NODE: Final = 4

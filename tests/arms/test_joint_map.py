@@ -326,7 +326,7 @@ def test_held_joints_must_keep_links_apart(tmp_path: Path) -> None:
         *(joint(f"{k}", "abcde"[k], "abcde"[k + 1], at=(1, 0, 0)) for k in range(4)),
     )
     space = build_arm_space({}, Arm.from_urdf(path))
-    with pytest.raises(InputError, match="at is missing; the map holds 2, 3 still"):
+    with pytest.raises(InputError, match="held_joints is missing; the map holds 2, 3 still"):
         build_joint_map(space, 0.5, ("0", "1"))
     with pytest.raises(InputError, match="has 3 at 5"):
         build_joint_map(space, 0.5, ("0", "1"), held_joints=(0, 0, 0, 5))

@@ -179,7 +179,7 @@ def test_obstacles_at_fixed_links_are_refused_unless_allowed(tmp_path: Path) -> 
     (lambda s: s.is_free((0.0,)), r"has shape \(1,\)"),
     (lambda s: s.certify_path(np.empty((0, 2))), "path has shape"),
     (lambda s: s.sample_free(-1, np.random.default_rng(1)), "n is -1"),
-    (lambda s: s.closest([(0.0, 0.0)]), "one configuration is asked for"),
+    (lambda s: s.closest([(0.0, 0.0)]), "it must be one configuration"),
     (
         lambda s: build_arm_space({}, s.arm, allowed_collisions=[("fore", "foot")]).closest((0.0, 0.0)),
         "there is nothing to touch",
