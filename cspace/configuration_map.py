@@ -89,14 +89,14 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         return self.rotations.centers[np.unique(self.slice_of, return_index=True)[1]]
 
     @property
-    @abstractmethod
     def outside(self) -> str:
         """State of space outside the workspace: "blocked", "free", or "unknown" around a part of a larger map."""
+        return self._kept.outside
 
     @property
-    @abstractmethod
     def margin(self) -> float:
         """Metres by which the robot was grown to prove FREE."""
+        return self._kept.margin
 
     @cached_property
     def axes(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""CSpace: the map of a robot's configurations, and all look-ups in it."""
+"""The certified map of a robot's configurations, in memory."""
 
 from __future__ import annotations
 
@@ -64,34 +64,32 @@ if TYPE_CHECKING:
 
 
 class CSpace(ConfigurationMap, MapExport):
-    """Certified map of a robot's configurations, in R^2, R^3, SE(2), R^3 x SO(2) or SE(3).
+    """A certified map of a robot's configurations in R^2, R^3, SE(2), R^3 x SO(2) or SE(3).
 
-    They are ``(x, y)`` in the plane and ``(x, y, z)`` in space, followed by a yaw where the robot turns about z, or a
-    quaternion ``(qx, qy, qz, qw)`` where it turns about any axis.
+    Configurations are ``(x, y)`` or ``(x, y, z)``, followed by a yaw if the robot rotates about z, or by a quaternion
+    ``(qx, qy, qz, qw)`` if it rotates about any axis. Use :func:`cspace.build` to make a map and :func:`cspace.open` to
+    read a saved one.
 
-    :func:`cspace.build` makes it and :func:`cspace.open` reads a saved one. Every look-up takes one configuration,
-    shape (size,), and answers with a Python number, or a batch, shape (..., size), and answers with an array of shape
-    (...). Look-ups are compiled and may be called from several threads at once. What they derive from the map (labels,
-    sums, which blocks of cells are all FREE) is computed at the first call and cached; a copy or a pickle of the map
-    leaves it out. Yaw is in radians, and wrapped. Of a quaternion and its negative, which are the same rotation,
-    either will do; its norm must be 1 within 1e-6.
+    A query of one configuration, shape (size,), returns a Python number; a query of a batch, shape (..., size), returns
+    an array of shape (...). Queries are compiled and may run in several threads at once. Labels, sums and occupancy
+    bits are computed at the first call and cached; copies and pickles of the map leave them out. Yaw is in radians, and
+    wrapped. A quaternion and its negative are the same rotation; the norm must be 1 within 1e-6.
 
-    A configuration outside the grid is BLOCKED under ``outside="blocked"`` where the robot is proven to stick out of
-    the workspace, FREE under ``outside="free"`` where it is proven to reach no obstacle, and otherwise MIXED. In a
-    window of a larger map (:meth:`cspace.TiledCSpace.window`), ``outside`` is "unknown", and all outside is MIXED.
+    With ``outside="blocked"``, a configuration outside the grid is BLOCKED if the robot is proven to leave the
+    workspace; with ``outside="free"``, it is FREE if the robot is proven to reach no obstacle; otherwise it is MIXED.
+    In a window of a larger map (:meth:`cspace.TiledCSpace.window`), ``outside`` is "unknown", and all outside is MIXED.
 
-    Axes of continuous joints are periodic: angles may be any, up to 256 radians, and a whole turn more is the same
-    configuration. Edges turn these joints the shorter way, as OMPL does, and rows of a path count whole turns, so that
-    straight motions join them. Obstacles placed beyond the middle turn come in again, whole turns on. On such a map
-    :meth:`clearance` is computed up to half a turn, and :meth:`is_free_around` within as much; :meth:`overlap_count`,
-    :meth:`obstacle_distance` and overlap fields are undefined.
+    Axes of continuous joints are periodic: angles up to 256 radians are accepted and wrapped. Motions take the shorter
+    arc, as in OMPL, and the rows of a path are unwrapped, so that straight motions join them. Obstacles repeat with a
+    period of 2 pi. On such a map, :meth:`clearance` and :meth:`is_free_around` are limited to pi, and
+    :meth:`overlap_count`, :meth:`obstacle_distance` and overlap fields are undefined.
 
     Parameters
     ----------
     contents : Contents
-        All that the map is.
+        Grid, robot, rotations, states and workspace.
     rasters : sequence of (outer, inner) Raster, optional
-        The robot's rasters for each slice; computed at need if left out.
+        The robot's rasters for each slice; computed when needed if left out.
 
     Examples
     --------
@@ -114,21 +112,21 @@ class CSpace(ConfigurationMap, MapExport):
         contents: Contents,
         rasters: Sequence[tuple[Raster, Raster]] | None = None,
     ) -> None:
-        if contents.workspace.live:  # another map's, which updates it
+        if contents.workspace.live:  # updates of another map write to it
             contents = replace(contents, workspace=copy_workspace(contents.workspace))
         self._contents = contents
-        # Updates write into the contents' states; all others see these.
+        # Updates write to the states of the contents; everything else reads this view.
         self._seen = read_only_of(contents.states)
         self._slice_of = contents.slice_of
         self._lock = Lock()
         if rasters is not None:
             vars(self)["_rasters"] = list(rasters)
 
-    # ---- what the map is ---------------------------------------------------------------------------------------------
+    # ---- description -------------------------------------------------------------------------------------------------
 
     @property
     def workspace(self) -> Workspace:
-        """The obstacles; after an update, as they are now."""
+        """The obstacles, with all updates so far."""
         return self._contents.workspace
 
     @property
@@ -137,15 +135,8 @@ class CSpace(ConfigurationMap, MapExport):
 
     @property
     def periodic_axes(self) -> tuple[bool, ...]:
+        """True for each coordinate that is the angle of a continuous joint, periodic by 2 pi."""
         return self._contents.periodic_axes or (False,) * self.size
-
-    @property
-    def outside(self) -> str:
-        return self._contents.outside
-
-    @property
-    def margin(self) -> float:
-        return self._contents.margin
 
     @property
     def precision(self) -> str:
@@ -154,20 +145,20 @@ class CSpace(ConfigurationMap, MapExport):
 
     @property
     def overlap_counts(self) -> NDArray[np.int32] | None:
-        """Overlap of each cell, by slice, if it was stored; read-only."""
+        """Overlap count of each cell, by slice; read-only. None if the map was built without counts."""
         counts = self._contents.overlap_counts
         return None if counts is None else read_only(counts).reshape(self._contents.leading(len(counts)))
 
     @property
     def cell_states(self) -> NDArray[np.uint8]:
-        """State of each cell, shape (nx, ny) or (nx, ny, nz); of a robot that turns (rotations, nx, ny(, nz)).
+        """State of each cell, shape (nx, ny) or (nx, ny, nz), after an axis of rotation cells if the robot rotates.
 
-        Read-only. A new array at each call where rotation cells share a slice, or states take two bits.
+        The array is read-only. Each access makes a new one if rotation cells share slices or states take two bits.
 
         Raises
         ------
         InputError
-            If it has to be made and does not fit into memory.
+            If a new array does not fit into memory.
         """
         every = self._seen
         if isinstance(every, PackedStates):
@@ -178,14 +169,15 @@ class CSpace(ConfigurationMap, MapExport):
         return every.reshape(self._contents.leading(len(every)))
 
     def states_at(self, rotation: ArrayLike = ()) -> NDArray[np.uint8]:
-        """State of each cell in the rotation cell of a rotation, shape (nx, ny) or (nx, ny, nz).
+        """Return the state of each cell at a rotation, shape (nx, ny) or (nx, ny, nz).
 
-        The rotation is given as in a configuration: by nothing, a yaw (radians) or a quaternion.
+        Give the rotation as in a configuration: nothing, a yaw in radians, or a quaternion.
         """
         part: States = self._seen[int(self._slice_of[self.rotations.cells_of(self.rotations.checked(rotation))])]
         return part
 
     def count(self) -> tuple[int, int, int]:
+        """Count the FREE, MIXED and BLOCKED cells over all rotation cells."""
         shares = np.bincount(self._slice_of, minlength=len(self._seen))
         free, mixed, blocked = (shares @ counts_of(self._seen)).tolist()
         return free, mixed, blocked
@@ -217,7 +209,7 @@ class CSpace(ConfigurationMap, MapExport):
         }
 
     def __reduce__(self) -> tuple[type[CSpace], tuple[Contents]]:
-        """A copy or a pickle has the contents of the map, without caches and locks."""
+        """Copy or pickle the contents of the map, without caches and locks."""
         with self._lock:  # an update waits
             return type(self), (self._contents.copy(),)
 
@@ -228,11 +220,11 @@ class CSpace(ConfigurationMap, MapExport):
     @overload
     def overlap_count(self, q: ConfigurationBatch) -> Ints: ...
     def overlap_count(self, q: ArrayLike) -> int | Ints:
-        """Number of (obstacle cell, robot offset) pairs that coincide at configurations.
+        """Count the cells in which the outer rasters of robot and obstacles overlap.
 
-        The count is that of the outer rasters: in the grid it is zero exactly where a configuration is FREE, and grows
-        with the depth of the collision; times ``spacing**d`` an area or a volume. Cells outside the workspace count
-        under ``outside="blocked"``. Nothing needs to be stored: the robot's rows are summed at each configuration.
+        In the grid, the count is zero if and only if the configuration is FREE, and it grows with the depth of the
+        collision; times ``spacing**d`` it is an area or a volume. Cells outside the workspace count if
+        ``outside="blocked"``. The robot's rows are summed at each configuration; no stored counts are needed.
 
         Parameters
         ----------
@@ -250,10 +242,10 @@ class CSpace(ConfigurationMap, MapExport):
     @overload
     def contains_robot(self, q: ConfigurationBatch) -> Bools: ...
     def contains_robot(self, q: ArrayLike) -> bool | Bools:
-        """Whether the robot is proven to lie wholly inside the obstacles at configurations.
+        """Return True if the robot is proven to lie inside the obstacles.
 
-        This is the packing problem: with the obstacles a container's cavity or a sheet of material, True means that
-        the robot fits in there, margin included. False means that it is not proven at this resolution.
+        Use it for packing: if the obstacles are a cavity or a sheet of material, True means that the robot fits there,
+        margin included. False means that this is not proven at this resolution.
 
         Parameters
         ----------
@@ -264,51 +256,49 @@ class CSpace(ConfigurationMap, MapExport):
         -------
         bool or ndarray of bool, shape (...)
         """
-        with self._lock:  # running counts are right at the end of an update, and not in its midst
+        with self._lock:  # the sums are consistent only before and after an update
             sums = np.asarray(self._sum("inner", q))
         counts = np.array([outer.count for outer, _ in self._rasters])
         inside: Bools = sums == counts[self._slice_of[self.rotations.cells_of(np.asarray(q, dtype=np.float64))]]
         return inside if inside.ndim else bool(inside)
 
     def obstacle_distance(self, q: ArrayLike, lengths: ArrayLike = 0.0, turns: ArrayLike = 0.0) -> float:
-        """Lower bound of the robot's distance from the obstacles, at all configurations or along all pieces of a path.
+        """Return a lower bound of the smallest distance of the robot from the obstacles.
 
-        Metres between the robot itself, without margin, and the obstacles as they are now: their shapes where the map
-        has them, else the outer cells; and, unless the map is open, its border.
+        The distance is between the robot without margin and the current obstacles: their shapes if the map has them,
+        otherwise the outer cells, and the boundary of the grid unless the outside is free.
 
         Parameters
         ----------
         q : array-like, shape (size,) or (..., size)
-            Metres, and radians; of pieces of a path their middles.
+            Configurations, or the centers of pieces of a path; metres, and radians.
         lengths, turns : array-like, shape () or (...)
-            Metres and radians along each piece. No point of the robot is farther than half of both from where it is in
-            the middle.
+            Length and rotation of each piece, metres and radians. The bound holds for all configurations within half
+            of them from the center.
 
         Returns
         -------
         float
-            Metres; infinite where there is nothing, and zero where a configuration is not proven free.
+            Metres; infinite without obstacles, and zero if a configuration is not proven free.
 
         Raises
         ------
         InputError
-            If what fills a mesh depends on the spacing, or an argument is not as stated.
+            If the interior of a mesh depends on the spacing, or an argument is invalid.
         """
         from cspace.map.points import classify_few
 
-        self._refuse_periodic("obstacle_distance", "use the space of the arm")
+        self._refuse_periodic("obstacle_distance", "use the ArmSpace of the arm")
         points = as_points(q, "q", self.size)
         rows, spans = as_contiguous(points.reshape(-1, self.size)), list[Floats]()
         for name, given in (("lengths", lengths), ("turns", turns)):
             along = check_finite(given, name)
             if along.shape not in ((), points.shape[:-1]) or (along < 0.0).any():
-                rule, hint = "it must be zero or above", "pass one number, or one for each configuration"
-                raise InputError(name, f"is {given!r}", rule, hint, value=given)
+                hint = "pass one number, or one per configuration"
+                raise InputError(name, f"is {given!r}", "it must be zero or above", hint, value=given)
             spans.append(np.full(points.shape[:-1], along).ravel())
         states = np.empty(len(rows), dtype=np.uint8)
-        if (
-            classify_few(self._kernel_map, rows, states) >= 0
-        ):  # to look them up together gains little beside the distances
+        if classify_few(self._kernel_map, rows, states) >= 0:
             self._check_configurations(points)  # raises
         left = rows[states != FREE]
         if len(left) and not all(itertools.starmap(self.point_checker(exact=True), left.tolist())):
@@ -318,7 +308,7 @@ class CSpace(ConfigurationMap, MapExport):
     # ---- for callbacks -----------------------------------------------------------------------------------------------
 
     def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
-        """A quick ``is_free`` of floats, for callbacks that are called a million times.
+        """Return a fast ``is_free`` of floats, for callbacks.
 
         Parameters
         ----------
@@ -328,13 +318,13 @@ class CSpace(ConfigurationMap, MapExport):
         Returns
         -------
         callable
-            ``check(*q) -> bool``, of the size numbers of a configuration, as floats; False where they are none.
+            ``check(*q) -> bool``. Takes the coordinates as floats; returns False for NaN or infinite input.
         """
         check = self._exact.point_checker(self._point_checker) if exact else self._point_checker
         return with_wrapped_angles(check, self.periodic_axes)
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
-        """A quick ``motion_is_free`` of the floats of two configurations, in one compiled call.
+        """Return a fast ``motion_is_free`` of floats, for callbacks.
 
         Parameters
         ----------
@@ -344,30 +334,30 @@ class CSpace(ConfigurationMap, MapExport):
         Returns
         -------
         callable
-            ``check(*q0, *q1) -> bool``, of the numbers of two configurations, as floats; False where they are none.
+            ``check(*q0, *q1) -> bool``. Takes the coordinates of both configurations as floats; returns False for NaN
+            or infinite input.
         """
         check = self._exact.edge_checker(self._edge_checker) if exact else self._edge_checker
         return with_wrapped_angles(check, self.periodic_axes)
 
     def clearance_checker(self) -> Callable[..., float]:
-        """A quick ``clearance`` of floats.
+        """Return a fast ``clearance`` of floats, for callbacks.
 
         Returns
         -------
         callable
-            ``check(*q) -> float``, of the size numbers of a configuration; they must be finite floats, and are not
-            checked.
+            ``check(*q) -> float``. Takes the coordinates as finite floats, without a check.
         """
         from cspace.map.clearance import checker
 
         return with_wrapped_angles(checker(self._kernel_map, self._live_marks, self.size), self.periodic_axes)
 
-    # ---- what FREE cells join ----------------------------------------------------------------------------------------
+    # ---- paths through FREE cells ------------------------------------------------------------------------------------
 
     def reachable_bounds(self, q: ArrayLike) -> tuple[Floats, Floats]:
-        """Bounding box of all FREE cells of the grid that chains of FREE cells join to a configuration.
+        """Return the bounding box of the FREE cells that are connected to a configuration.
 
-        No path through FREE cells of the grid leaves it, which narrows down where a planner has to look.
+        No path through FREE cells of the grid leaves the box, so that a planner need not sample outside of it.
 
         Parameters
         ----------
@@ -384,7 +374,7 @@ class CSpace(ConfigurationMap, MapExport):
         ConfigurationError
             If the configuration is not FREE, or not in the grid.
         """
-        with self._lock:  # as for is_connected
+        with self._lock:  # an update changes the components
             first, last = self._components.box(self._cells_of(self._one_free(q, "q")))
         lower = np.asarray(self.grid.lower)
         return lower + self.grid.spacing * first, lower + self.grid.spacing * (last + 1)
@@ -406,21 +396,21 @@ class CSpace(ConfigurationMap, MapExport):
         straight : bool
             If False, return the chain of cells without shortening it.
         time_limit : float, optional
-            Seconds after which the search gives up, without what is compiled at the first call. None by default.
+            Seconds after which the search gives up; compiling does not count. No limit by default.
 
         Returns
         -------
         ndarray of float64, shape (n, size)
-            Waypoints, from q0 to q1, each edge between two proven free, yaw in [-pi, pi); of length 0 where chains of
-            FREE cells do not join them, one of them lies on the border of a cell that is not FREE, or none was found in
-            time.
+            Waypoints from q0 to q1, with each motion between two proven free and yaw in [-pi, pi). Of length 0 if FREE
+            cells do not join the two, if one of them is on the boundary of a cell that is not FREE, or if time runs
+            out.
 
         Raises
         ------
         ConfigurationError
             If a configuration is not FREE, or not in the grid.
         InputError
-            If a configuration is not one of finite numbers, or the time limit is not above zero.
+            If a coordinate is not finite, or the time limit is not above zero.
         """
         return self._in_time(self._free_path, q0, q1, straight, time_limit)
 
@@ -432,7 +422,7 @@ class CSpace(ConfigurationMap, MapExport):
         straight: bool,
         time_limit: float | None,
     ) -> Floats:
-        """The path that a search finds within seconds; of length 0 where it takes longer."""
+        """Return the path of a search, of length 0 if time runs out."""
         seconds = math.inf if time_limit is None else check_positive(time_limit, "time_limit", "seconds")
         try:
             path = search(q0, q1, straight, seconds)
@@ -442,7 +432,7 @@ class CSpace(ConfigurationMap, MapExport):
         return periodic.begin_at(path, np.asarray(q0, dtype=np.float64)) if periodic else path
 
     def _free_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
-        """:meth:`find_path`; TimeoutError where it takes longer."""
+        """Find a path as :meth:`find_path`; raise TimeoutError if time runs out."""
         from cspace.map.paths import in_time, pulled_straight, unwind, waypoints
         from cspace.map.search import GREED, TURN_COST, Graph
 
@@ -497,15 +487,14 @@ class CSpace(ConfigurationMap, MapExport):
     def find_widest_path(
         self, q0: ArrayLike, q1: ArrayLike, *, straight: bool = True, time_limit: float | None = None
     ) -> Floats:
-        """A collision-free path of the largest possible clearance, and of those a shortest, by the map's own search.
+        """Find a shortest path among those of the largest possible clearance.
 
-        Of all chains of FREE cells that join the two, turning on the spot from one rotation cell to the next, it takes
-        those whose smallest clearance is the largest. Where start or goal lies nearer to obstacles than that, the path
-        leaves it by steepest ascent of the clearance, so that the endpoints do not limit the rest. Between, it takes
-        the shortest chain, a radian counting as half a metre; straight edges then shorten it without less clearance. It
-        is deterministic.
+        Among all chains of FREE cells that join the two, rotating on the spot between rotation cells, the smallest
+        clearance of the chain is the largest possible. If start or goal has less clearance, the path leaves it by
+        steepest ascent of clearance, so that the endpoints do not limit the rest. The chain between is a shortest one,
+        counting a radian as half a metre, and is then shortened without losing clearance. The path is deterministic.
 
-        Clearance is that of the middles of cells; between them, :meth:`clearance` may be less by half a cell's
+        Clearance is that of the centers of cells; between them, :meth:`clearance` may be less by half a cell's
         diagonal.
 
         Parameters
@@ -513,44 +502,44 @@ class CSpace(ConfigurationMap, MapExport):
         q0, q1 : array-like, shape (size,)
             FREE configurations in the grid.
         straight : bool
-            Whether to leave out waypoints that straight edges do not need.
+            If False, return the chain of cells without shortening it.
         time_limit : float, optional
-            Seconds after which the search gives up, but for what it makes once for a map. None by default.
+            Seconds after which the search gives up; compiling and arrays that the map caches do not count. No limit by
+            default.
 
         Returns
         -------
         ndarray of float64, shape (n, size)
-            Waypoints, from q0 to q1, each edge between two proven free, yaw in [-pi, pi); of length 0 where chains of
-            FREE cells of the grid do not join them, one of them lies on the border of a cell that is not FREE, or none
-            was found in time.
+            Waypoints from q0 to q1, with each motion between two proven free and yaw in [-pi, pi). Of length 0 if FREE
+            cells do not join the two, if one of them is on the boundary of a cell that is not FREE, or if time runs
+            out.
 
         Raises
         ------
         ConfigurationError
             If a configuration is not FREE, or not in the grid.
         InputError
-            If a configuration is not one of finite numbers, the time limit is not above zero, or the search does not
-            fit into memory.
+            If a coordinate is not finite, the time limit is not above zero, or the search does not fit into memory.
         """
         return self._in_time(self._widest_path, q0, q1, straight, time_limit)
 
     def _widest_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
-        """:meth:`find_widest_path`; TimeoutError where it takes longer, but for what it makes once for a map."""
+        """Find a path as :meth:`find_widest_path`; raise TimeoutError if time runs out."""
         from cspace.map.widest import BYTES, find_widest_path
 
         endpoints = np.stack([self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))])
-        # Levels cover what is unrolled, half a turn more at either end.
+        # Levels cover the unrolled map: half a period more at either end of a periodic axis.
         cells = self.grid.size * self.rotations.count * 2 ** sum(self.periodic_axes)
         needed, fewer = BYTES * cells, self.rotations.fewer
         check_memory(needed, "the map, to find its widest path,", self.grid, fewer=fewer)
-        own = self._grid_kernel_map
+        kernel_map = self._grid_kernel_map
         with self._lock:
-            # Searches that still use the old levels keep them.
-            widest = vars(self)["_widest"] = self._widest.renewed(own, self._seen)
+            # A new object, because searches in other threads may still read the old levels.
+            widest = vars(self)["_widest"] = self._widest.renewed(kernel_map, self._seen)
         until = clock() + seconds
         both = endpoints, self._cells_of(endpoints)
         join = partial(self._components_of, exterior_open=np.zeros(len(self._seen), dtype=np.bool_))
-        path = find_widest_path(widest, own, self.grid, both, join, straight, until)
+        path = find_widest_path(widest, kernel_map, self.grid, both, join, straight, until)
         return path if len(path) and self.certify_path(path).all() else path[:0]
 
     # ---- the set of FREE configurations ------------------------------------------------------------------------------
@@ -560,14 +549,14 @@ class CSpace(ConfigurationMap, MapExport):
     @overload
     def sample_free(self, n: int, rng: np.random.Generator | None = None) -> Floats: ...
     def sample_free(self, n: int | None = None, rng: np.random.Generator | None = None) -> Floats:
-        """Configurations drawn uniformly from the FREE cells.
+        """Draw configurations uniformly from the FREE cells.
 
         Parameters
         ----------
         n : int, optional
-            How many; one, without a batch axis, if left out.
+            Number of configurations; if left out, one without a batch axis.
         rng : numpy.random.Generator, optional
-            Source of randomness. By default a new ``numpy.random.default_rng()``, which draws others at each call.
+            Source of randomness; by default a new ``numpy.random.default_rng()`` at each call.
 
         Returns
         -------
@@ -592,12 +581,12 @@ class CSpace(ConfigurationMap, MapExport):
         return samples[0] if n is None else samples
 
     def nearest_free(self, q: ArrayLike) -> Floats:
-        """Middle of the FREE cell nearest to a configuration.
+        """Return the center of the FREE cell nearest to a configuration.
 
         Parameters
         ----------
         q : array-like, shape (size,)
-            Metres and radians; may lie anywhere. Half a metre counts as much as a radian, as in OMPL's SE(2).
+            Metres and radians, inside the grid or not. A radian counts as half a metre, as in OMPL's SE(2).
 
         Returns
         -------
@@ -617,58 +606,59 @@ class CSpace(ConfigurationMap, MapExport):
             return periodic.canonical(self._unrolled.nearest_free(wrapped))
         point = self._check_configurations(q, "q")
         if point.ndim != 1:
-            rule = f"it must be one configuration of {self.size} numbers"
-            raise InputError("q", f"has shape {point.shape}", rule, "ask for one at a time", value=q)
+            rule = f"it must be one configuration, shape ({self.size},)"
+            raise InputError("q", f"has shape {point.shape}", rule, "pass one configuration at a time", value=q)
         center = nearest(self._seen, self._slice_of, self.rotations, self.grid, point)
         if center is None:
             raise self._nothing_free()
         return center
 
     def _nothing_free(self) -> ConfigurationError:
-        hint = "use a smaller robot, a finer spacing, or unknown='free' where the workspace is a sensor map"
-        return ConfigurationError("the map", "has no FREE cell", "nothing can be drawn from it", hint)
+        """Return the error for a map without FREE cells."""
+        hint = "use a smaller robot, a finer spacing, or unknown='free' for a sensor map"
+        return ConfigurationError("the map", "has no FREE cell", "no configuration can be drawn", hint)
 
-    # ---- a workspace that changes ------------------------------------------------------------------------------------
+    # ---- updates -----------------------------------------------------------------------------------------------------
 
     def update(self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None) -> Update:
-        """Change a box of workspace cells; the map becomes, in place, what a build would give.
+        """Replace a box of workspace cells; the map becomes equal to a new build.
 
-        The cost grows with the box around the cells that really differ and with the robot, not with the map. Checkers
-        that were handed out before (:meth:`point_checker`, :meth:`edge_checker`, :meth:`clearance_checker`, and those
-        of the ``planners`` package) answer for the new workspace from then on.
+        The cost grows with the box around the cells that differ and with the robot, not with the map. Existing checkers
+        (:meth:`point_checker`, :meth:`edge_checker`, :meth:`clearance_checker`, and those of the ``planners`` package)
+        follow the update.
 
-        The :class:`Workspace` that was passed to the build, and other maps of it, stay as they are: the first update
-        copies its cells. Then :attr:`workspace` shows the current ones, which are the obstacles from then on; its
-        ``shapes`` are None, and look-ups with ``exact=True`` use the outer cells instead. What :meth:`add_obstacle`
-        added stays on top. An overlap field belongs to the obstacles as they were, and is dropped. A map built without
-        ``inner`` gets no BLOCKED cells, also after it is saved and opened.
+        The first update copies the cells of the workspace, so that the :class:`Workspace` passed to the build, and
+        other maps of it, do not change. :attr:`workspace` then has the current cells; its ``shapes`` are None, and
+        queries with ``exact=True`` use the outer cells instead. Named obstacles (:meth:`add_obstacle`) stay on top. An
+        overlap field is dropped, because it belongs to the old obstacles. A map built without ``inner`` gets no BLOCKED
+        cells, also after it is saved and opened.
 
-        What look-ups have cached follows the change at their next call, but for the counts of FREE cells for
-        :meth:`sample_free` and the geometry for ``exact=True``, which are made again.
+        Caches are refreshed at the next query, except for the counts of FREE cells of :meth:`sample_free` and the
+        geometry for ``exact=True``, which are computed anew.
 
-        Updates wait for each other, and so do :meth:`is_connected`, :meth:`is_disconnected`, :meth:`reachable_bounds`
-        and :meth:`contains_robot`, whose answers depend on many cells, :meth:`save`, :meth:`export`, copies, pickles
-        and forks of the process. Any other look-up that another thread makes meanwhile sees each cell as it was or as
-        it is going to be. An :meth:`overlap_count` computed meanwhile may be neither the old count nor the new one.
+        Updates wait for each other, and for :meth:`is_connected`, :meth:`is_disconnected`, :meth:`reachable_bounds`,
+        :meth:`contains_robot`, :meth:`save`, :meth:`export`, copies, pickles and forks. Any other query of another
+        thread during an update reads each cell either before or after it; an :meth:`overlap_count` may be neither the
+        old nor the new count.
 
         Parameters
         ----------
         cells : array-like of bool, shape (mx, my) or (mx, my, mz)
-            What the cells of the box are from now on: whether they meet an obstacle. 0 and 1 are accepted.
+            New cells of the box: True if they meet an obstacle; 0 and 1 are accepted.
         lower : sequence of int, shape (d,)
             Index of the first cell of the box, which must lie in the grid.
         inner : array-like of bool, the shape of cells, optional
-            Whether they lie in obstacles; ``cells`` if left out.
+            True for cells that lie in obstacles; ``cells`` if left out.
 
         Returns
         -------
         Update
-            What was computed again, and how many cells changed their state.
+            The box that was computed again, and the number of states that changed.
 
         Raises
         ------
         InputError
-            If an argument is not as stated, or a cell is in ``inner`` and not in ``cells``; nothing is changed then.
+            If an argument is invalid, or a cell is in ``inner`` but not in ``cells``; nothing changes then.
 
         Examples
         --------
@@ -688,20 +678,19 @@ class CSpace(ConfigurationMap, MapExport):
             return self._updates.update(patch)
 
     def add_obstacle(self, name: str, shape: ShapeLike, *, radius: ArrayLike | None = None) -> Update:
-        """Add a named obstacle, in metres, or move it there, and update this map.
+        """Add a named obstacle, or move it, and update the map.
 
-        The map is from then on what a build would give with these obstacles: what the workspace holds otherwise, and
-        all that was added. An obstacle replaces the one of the same name, and what that one covered reappears.
-        Obstacles may overlap; a cell is in the workspace if it is in any of them. Of one that sticks out of the grid,
-        what is in the grid counts; one that lies wholly outside it keeps its name, and changes nothing.
+        The map becomes equal to a build with the base of the workspace and all named obstacles. An obstacle replaces
+        the one of the same name, and the cells that it covered reappear. Obstacles may overlap. They are clipped to the
+        grid; one that lies outside keeps its name and changes nothing.
 
-        Look-ups with ``exact=True`` use the obstacle itself, and not its cells. :meth:`update` goes on to change what
-        the workspace holds otherwise, below all that was added; from then on exact look-ups use its cells.
-        All else is as for :meth:`update`. A move over a longer way than the robot reaches is two changes, new place
-        first, so that look-ups from other threads may see the obstacle at both, and never at neither.
+        Queries with ``exact=True`` use the shape of the obstacle, not its cells. :meth:`update` changes the base, below
+        all named obstacles; exact queries then use the cells of the base. All else is as for :meth:`update`. A move
+        farther than the robot's size is two changes, the new position first, so that other threads may see the obstacle
+        at both positions, but never at neither.
 
-        Copies and pickles keep the names. A file keeps the obstacles, as :attr:`workspace` shows them, without names:
-        in a map that is opened from it they can no longer be moved.
+        Copies and pickles keep the names. A saved map keeps the obstacles without names, so that they can no longer be
+        moved after it is opened.
 
         Parameters
         ----------
@@ -713,7 +702,7 @@ class CSpace(ConfigurationMap, MapExport):
             ``cspace.shapes``, a robot, or the short text of one, such as ``"ellipse:0.5,0.3@2,1"``. The reference point
             of a robot is then the origin of the map.
         radius : array-like, shape () or (n,), optional
-            Of the balls around the points, metres, zero or above.
+            Radius of the balls around points, metres, zero or above.
 
         Returns
         -------
@@ -722,9 +711,9 @@ class CSpace(ConfigurationMap, MapExport):
         Raises
         ------
         InputError
-            If the name is not a string, or empty, or the obstacle is none of these, or points without a radius, or in
-            another dimension than the map, or so far from it that rounding could matter; nothing is changed then. A
-            :class:`GeometryError` if it is empty, not finite, or a polygon that crosses itself.
+            If the name is empty or no string, or the obstacle is of another type or dimension, has points without a
+            radius, or is so far away that rounding could matter; nothing changes then. A :class:`GeometryError` if it
+            is empty, not finite, or a polygon that crosses itself.
 
         Examples
         --------
@@ -741,18 +730,17 @@ class CSpace(ConfigurationMap, MapExport):
         ['people']
         """
         if not isinstance(name, str) or not name:
-            rule = "it must be a text that is not empty"
-            raise InputError("name", f"is {name!r}", rule, 'pass e.g. "cart"', value=name)
+            raise InputError("name", f"is {name!r}", "it must be a non-empty string", 'pass e.g. "cart"', value=name)
         self._check_whole()
         obstacle = as_shape(shape, radius, "shape")
         if obstacle.dim != self.grid.dim:
-            problem, place = f"is in {obstacle.place}", ("the plane", "space")[self.grid.dim - 2]
-            raise InputError("shape", problem, f"the map is in {place}", "pass one of as many coordinates", value=shape)
+            rule = f"it must be in {('the plane', 'space')[self.grid.dim - 2]}, as the map is"
+            raise InputError("shape", f"is in {obstacle.place}", rule, "pass another shape", value=shape)
         with self._lock:
             return self._updates.set_obstacle(name, obstacle)
 
     def remove_obstacle(self, name: str) -> Update:
-        """Remove an obstacle that :meth:`add_obstacle` added; what it covered reappears.
+        """Remove a named obstacle; the cells that it covered reappear.
 
         Parameters
         ----------
@@ -768,15 +756,15 @@ class CSpace(ConfigurationMap, MapExport):
             If there is no obstacle of that name.
         """
         with self._lock:
-            placed = self.obstacles
-            if name not in placed:
-                there = f"there are {', '.join(map(repr, placed))}" if placed else "none was added"
-                raise InputError("name", f"is {name!r}", there, "ask space.obstacles for the names", value=name)
+            named = self.obstacles
+            if name not in named:
+                rule = f"it must be one of {', '.join(map(repr, named))}" if named else "there is no named obstacle"
+                raise InputError("name", f"is {name!r}", rule, "see space.obstacles for the names", value=name)
             return self._updates.set_obstacle(name, None)
 
     @property
     def obstacles(self) -> dict[str, Shape]:
-        """The obstacles that were added, by name, where they are now; a copy."""
+        """The named obstacles at their current positions; a copy."""
         with self._lock:
             layers = self._contents.layers
             return {} if layers is None else {name: each.shape for name, each in layers.named.items()}
@@ -785,19 +773,20 @@ class CSpace(ConfigurationMap, MapExport):
     def _updates(self) -> Updater:
         from cspace.update import Updater
 
-        return Updater(self._contents, self._rasters, self._exterior, self._renew)
+        return Updater(self._contents, self._rasters, self._exterior, self._refresh)
 
     def _check_whole(self) -> None:
+        """Raise ConfigurationError if the map is a window of a larger one."""
         if self.outside == UNKNOWN:
-            rule, hint = "what lies around it decides as well", "update that map, and take the part anew"
-            raise ConfigurationError("the map", "is a part of a larger one", rule, hint)
+            rule, hint = "the cells around it matter too", "update the larger map and open the window again"
+            raise ConfigurationError("the map", "is a window of a larger one", rule, hint)
 
-    def _renew(self, change: Change) -> None:
-        """Bring up to date what was made of the map, after its states and its exterior were changed in place."""
+    def _refresh(self, change: Change) -> None:
+        """Refresh all caches after the states and the exterior changed in place."""
         contents = self._contents
         same = contents.workspace is change.workspace and contents.layers is change.layers
         if not same or contents.fields or contents.prove is not None:
-            # The arm of a map of joints is among other obstacles, or none, from now on.
+            # Overlap fields and the arm of a joint map belong to the obstacles before the update.
             self._contents = replace(contents, workspace=change.workspace, layers=change.layers, fields={}, prove=None)
         CSpace._outer_sums.refresh(self, change.workspace.outer, change.cells)
         CSpace._inner_sums.refresh(self, change.workspace.inner, change.cells)
@@ -812,18 +801,17 @@ class CSpace(ConfigurationMap, MapExport):
                 unrolled.update(workspace.outer[box], first.tolist(), inner=workspace.inner[box])
         CSpace._exact.refresh(self, self._problem)
 
-    # ---- a smooth measure of penetration -----------------------------------------------------------------------------
+    # ---- overlap fields ----------------------------------------------------------------------------------------------
 
     def with_overlap_field(self, overlap: FourierOverlap) -> CSpace:
-        """The same map, carrying the overlap of descriptors and its gradient at the middle of each cell.
+        """Return a copy of the map with an overlap field: overlap and gradient at the center of each cell.
 
-        It is saved and exported with the map, and serves :class:`planners.OverlapObjective`. This map stays as it is;
-        the new one is a copy, without the field that this one may carry.
+        The field is saved and exported with the map; :class:`planners.OverlapObjective` uses it.
 
         Parameters
         ----------
         overlap : cspace.spectral.FourierOverlap
-            Of the robot's balls, in the robot's frame, with those of the obstacles, in the map's.
+            Overlap of the robot's balls, in the robot's frame, with the obstacles' balls, in the map's frame.
 
         Raises
         ------
@@ -834,30 +822,30 @@ class CSpace(ConfigurationMap, MapExport):
         """
         from cspace.spectral.overlap import OverlapField
 
-        self._refuse_periodic("overlap_field", "use the space of the arm")
+        self._refuse_periodic("overlap_field", "use the ArmSpace of the arm")
         fields = OverlapField.of(self, overlap).arrays
         with self._lock:  # an update waits
             return CSpace(replace(self._contents.copy(), fields=fields), self._rasters)
 
     @property
     def overlap_field(self) -> OverlapField | None:
-        """The overlap of descriptors that the map carries; None where there is none."""
+        """Overlap field of the map; None if it has none."""
         from cspace.spectral.overlap import OverlapField
 
         fields = self._contents.fields
         return OverlapField(self, fields) if fields else None
 
-    # ---- what files and messages are made from -----------------------------------------------------------------------
+    # ---- for files and messages --------------------------------------------------------------------------------------
 
     def _write(self, write: Callable[[Contents], None], *, exterior: bool = False) -> None:
-        """Call ``write`` with the contents of one moment, with the states outside the grid if ``exterior`` is set."""
+        """Call ``write`` with the contents while no update runs, with the exterior's states if ``exterior``."""
         with self._lock:
             write(replace(self._contents, exterior=self._exterior) if exterior else self._contents)
 
     def _inflated(self, limit: float, number: int | None) -> Floats:
-        """Return the clearance of each cell's middle, in cells: the largest of all slices, or that of one.
+        """Return the clearance at each cell's center, in cells, in one slice or the largest of all slices.
 
-        It is infinite where it is above ``limit``.
+        Values above ``limit`` become infinite.
         """
         from cspace.map.clearance import clearances_of
 
@@ -869,15 +857,15 @@ class CSpace(ConfigurationMap, MapExport):
         return clearances[periodic.middle] if periodic else clearances
 
     def _flat_state(self) -> States:
-        """State of each cell at all rotations together."""
-        least = np.array(self._seen[0])
-        most = least.copy()
-        for number in range(1, len(self._seen)):
-            np.minimum(least, self._seen[number], out=least)
-            np.maximum(most, self._seen[number], out=most)
-        return np.where(least == most, least, MIXED).astype(np.uint8)
+        """Return each cell's state over all rotations: FREE or BLOCKED if all agree, otherwise MIXED."""
+        lowest = np.array(self._seen[0])
+        highest = lowest.copy()
+        for index in range(1, len(self._seen)):
+            np.minimum(lowest, self._seen[index], out=lowest)
+            np.maximum(highest, self._seen[index], out=highest)
+        return np.where(lowest == highest, lowest, MIXED).astype(np.uint8)
 
-    # ---- parts that are cached at the first access -------------------------------------------------------------------
+    # ---- caches ------------------------------------------------------------------------------------------------------
 
     @lazy
     def _rasters(self) -> list[tuple[Raster, Raster]]:
@@ -889,15 +877,12 @@ class CSpace(ConfigurationMap, MapExport):
 
     @property
     def _kernel_map(self) -> Map:
-        """What compiled functions take of the map, such as those of ``cspace.map.points``; it follows updates.
-
-        Periodic axes are unrolled.
-        """
+        """The map as input of compiled functions, with periodic axes unrolled; it follows updates."""
         return self._unrolled._grid_kernel_map
 
     @lazy
     def _grid_kernel_map(self) -> Map:
-        """As :attr:`_kernel_map`, of the cells of the grid alone, without unrolling."""
+        """The map as input of compiled functions, without unrolling."""
         grid, rotations = self.grid, self.rotations.compiled(self._slice_of)
         return Map(
             record_of(self._seen),
@@ -911,7 +896,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     @property
     def _unrolled(self) -> CSpace:
-        """The map with half a turn more at either end of periodic axes; the map itself if it has none."""
+        """The map with half a period more at either end of periodic axes; the map itself if it has none."""
         return self._with_other_turns if self._contents.periodic else self
 
     @lazy
@@ -920,7 +905,7 @@ class CSpace(ConfigurationMap, MapExport):
         return self._unroll(-periodic.padding, self.grid.shape + periodic.padding)
 
     def _unroll(self, first: Ints, stop: Ints) -> CSpace:
-        """Return the cells from ``first`` to before ``stop``, counted on along periodic axes, as a map without any."""
+        """Return cells [first, stop) as a map without periodic axes, repeating cells as needed."""
         periodic = self._contents.periodic
         workspace, states = periodic.unroll(self.workspace, np.asarray(self._seen[0]), first, stop)
         return CSpace(Contents(workspace, self.robot, Rotations.of(None), self._slice_of, states[np.newaxis]))
@@ -930,7 +915,7 @@ class CSpace(ConfigurationMap, MapExport):
         periodic = self._contents.periodic
         if periodic:
             axes = ", ".join(periodic.names_among(self.axes))
-            raise InputError(what, "is asked for", f"it is undefined on a map with periodic axes ({axes})", hint)
+            raise InputError(what, f"is undefined on a map with periodic axes ({axes})", hint=hint)
 
     @lazy
     def _exact(self) -> ExactQueries:
@@ -939,7 +924,7 @@ class CSpace(ConfigurationMap, MapExport):
         return ExactQueries(self._problem())
 
     def _problem(self) -> Problem:
-        """What exact look-ups decide."""
+        """Return the input of exact queries."""
         from cspace.exact.boundaries import Problem
 
         exterior_blocked, prove = self.outside != "free", self._contents.prove
@@ -954,7 +939,7 @@ class CSpace(ConfigurationMap, MapExport):
         return self._components_of(self._seen, ~self._exterior.is_all_blocked(self.grid.shape))
 
     def _components_of(self, states: Stack, exterior_open: Bools) -> Components:
-        """The components of states, and of what surrounds each slice."""
+        """Label the connected components of states, joined through the exterior of open slices."""
         from cspace.map.components import Components, PeriodicComponents
 
         of_slices = states, self._slice_of, self.rotations.neighbors, exterior_open
@@ -965,11 +950,11 @@ class CSpace(ConfigurationMap, MapExport):
 
     @property
     def _live_marks(self) -> OccupancyBits:
-        """What compiled functions of the clearance take beside the :attr:`_kernel_map`; it follows updates."""
+        """Occupancy bits as input of compiled functions of clearance; they follow updates."""
         return self._marks(cells=True, eager=True)
 
     def _marks(self, *, cells: bool, eager: bool = False) -> OccupancyBits:
-        """What is not FREE, at three scales; see :meth:`cspace.map.mip.OccupancyPyramid.marks`."""
+        """Return the bits of cells that are not FREE; see :meth:`cspace.map.mip.OccupancyPyramid.marks`."""
         return self._unrolled._mip.marks(cells, eager)
 
     @lazy
@@ -1054,8 +1039,8 @@ class CSpace(ConfigurationMap, MapExport):
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
         from cspace.map.overlaps import overlaps
 
-        self._refuse_periodic("overlap_count", "use classify: a point overlaps with no cell, or with one")
-        # What is not known may be an obstacle, and may be none.
+        self._refuse_periodic("overlap_count", "use classify()")
+        # An unknown exterior counts as occupied in the outer sum and as free in the inner sum.
         exterior_blocked = self.outside != "free" if side == "outer" else self.outside == "blocked"
         workspace = self.workspace
         outer = side == "outer" or workspace.inner is workspace.outer

@@ -348,6 +348,16 @@ class Store:
         """Grid of the whole map."""
         return grid_of(self.metadata)
 
+    @property
+    def outside(self) -> str:
+        """State of space outside the workspace."""
+        return str(self.metadata["outside"])
+
+    @property
+    def margin(self) -> float:
+        """Metres by which the robot was grown to prove FREE."""
+        return float(self.metadata["margin"])
+
     @cached_property
     def robot(self) -> Robot:
         """Robot of the map."""

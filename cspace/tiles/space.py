@@ -114,14 +114,6 @@ class TiledCSpace(ConfigurationMap):
     # ---- what the map is ---------------------------------------------------------------------------------------------
 
     @property
-    def outside(self) -> str:
-        return str(self._kept.metadata["outside"])
-
-    @property
-    def margin(self) -> float:
-        return float(self._kept.metadata["margin"])
-
-    @property
     def path(self) -> str:
         """The store's folder."""
         return str(self._kept.path)
