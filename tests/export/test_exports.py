@@ -131,7 +131,7 @@ def test_stl_holds_unit_normals_or_refuses_coinciding_coordinates(tmp_path: Path
         mesh = bordered(np.zeros((2, 2, 2), np.uint8), spacing=spacing)
         with (
             (tmp_path / "free").open("wb") as file,
-            pytest.raises(InputError, match=r"do not keep apart in single precision.*write .ply or .obj"),
+            pytest.raises(InputError, match=r"single precision, in which some coordinates coincide.*write .ply or .obj"),
         ):
             WRITERS[".stl"](file, *mesh)
 
@@ -165,7 +165,7 @@ def test_a_map_without_a_boundary_is_refused(
     tmp_path: Path, ball: cspace.CSpace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     full = cspace.build(cspace.Workspace.from_array(np.ones((3, 3, 3), bool), 0.1), cspace.Robot.ball(0.1))
-    with pytest.raises(InputError, match=r"the map has no FREE cell; a border needs at least one; build it with"):
+    with pytest.raises(InputError, match=r"the map has no FREE cell; a boundary needs at least one; build it with"):
         full.export(tmp_path / "free.stl")
     with pytest.raises(InputError, match="a border is a mesh in space"):
         SPACES["plane"]().export(tmp_path / "free.ply")
@@ -254,7 +254,7 @@ def test_vtk_reads_all_rotations_from_one_file(tmp_path: Path, name: str) -> Non
     cells, rotations = space.to_xarray(), image.GetFieldData()
     count = space.rotations.count
     for number in range(count):
-        key = f"state_{number:0{len(str(count - 1))}d}"
+        key = f"cell_states_{number:0{len(str(count - 1))}d}"
         np.testing.assert_array_equal(arrays[key].reshape(space.grid.shape), cells.cell_states.isel(rotation=number))
     turns = np.array([[rotations.GetArray(axis).GetValue(k) for axis in space.rotations.names] for k in range(count)])
     np.testing.assert_array_equal(turns, space.rotations.centers)
@@ -264,7 +264,7 @@ def test_vtk_reads_all_rotations_from_one_file(tmp_path: Path, name: str) -> Non
 
 @pytest.mark.parametrize("array", [np.zeros((3, 3), np.uint8), np.zeros((3, 2), np.float32), np.zeros((3, 2, 1), bool)])
 def test_arrays_of_another_shape_are_refused(tmp_path: Path, array: np.ndarray) -> None:
-    with pytest.raises(InputError, match=r"state has shape .* it must have the grid's shape \(3, 2\) and be uint8"):
+    with pytest.raises(InputError, match=r"cell_states has shape .* it must have the grid's shape \(3, 2\) and be uint8"):
         write_vti({"cell_states": array}, cspace.Grid((0.0, 0.0), 1.0, (3, 2)), tmp_path / "map.vti")
     assert not list(tmp_path.iterdir())
 

@@ -374,7 +374,7 @@ def test_fans_of_a_file_take_linear_time(tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_a_mesh_too_small_for_floats_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1e-310 0 0\nv 0 1e-310 0\nf 1 3 2\n")
-    refused(tmp_path / "a.obj", "reach 1e-310; at least 1e-100 is taken", spacing=0.1)
+    refused(tmp_path / "a.obj", "reach 1e-310; they must reach 1e-100", spacing=0.1)
     faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
     made, exact = (
         Workspace.from_mesh(([[0, 0, 0], [1, tiny, 0], [0, 1, tiny], [tiny, 0, 1]], faces), 0.1)

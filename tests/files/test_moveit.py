@@ -221,7 +221,7 @@ BOX = {"type": "box", "dimensions": [1, 1, 1]}
     ([primitive("box", [1, 1, 1], {"orientation": {"x": 1}})], r"as orientation of .* 4 finite numbers"),
     (
         [{"id": "a", "primitives": [dict(BOX), {}], "primitive_poses": [pose()]}],
-        "has 2 primitives and 1 primitive_poses",
+        "has 2 primitives but 1 primitive_poses",
     ),
     ([{"id": "a"}], "has no shape at object 'a'"),
     ([], "holds no shape"),

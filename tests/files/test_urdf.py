@@ -69,7 +69,7 @@ def in_parts(points, parts):
 
 
 def test_the_fixed_base_agrees_with_its_primitives(tmp_path):
-    with pytest.warns(UserWarning, match="wheel move against base and are left out; name all the links"):
+    with pytest.warns(UserWarning, match="wheel move against base and are omitted; to include them, name all links"):
         robot = Robot.from_urdf(written(tmp_path))
     points = np.random.default_rng(0).uniform(-0.8, 0.9, (30_000, 3))
     truth, (outer, inner) = in_parts(points, PARTS), (robot.shape.outer, robot.shape.inner)
