@@ -167,7 +167,7 @@ def test_a_map_without_a_boundary_is_refused(
     full = cspace.build(cspace.Workspace.from_array(np.ones((3, 3, 3), bool), 0.1), cspace.Robot.ball(0.1))
     with pytest.raises(InputError, match=r"the map has no FREE cell; a boundary needs at least one; build it with"):
         full.export(tmp_path / "free.stl")
-    with pytest.raises(InputError, match="a border is a mesh in space"):
+    with pytest.raises(InputError, match="a boundary is a mesh in space"):
         SPACES["plane"]().export(tmp_path / "free.ply")
     with pytest.raises(InputError, match=r"rotation has shape .*the robot does not turn"):
         ball.export(tmp_path / "free.stl", rotation=0.5)
