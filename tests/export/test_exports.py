@@ -131,7 +131,7 @@ def test_stl_holds_unit_normals_or_refuses_coinciding_coordinates(tmp_path: Path
         mesh = bordered(np.zeros((2, 2, 2), np.uint8), spacing=spacing)
         with (
             (tmp_path / "free").open("wb") as file,
-            pytest.raises(InputError, match=r"single precision, in which some coordinates coincide.*write .ply or .obj"),
+            pytest.raises(InputError, match=r"in which some coordinates coincide.*write .ply or .obj"),
         ):
             WRITERS[".stl"](file, *mesh)
 
@@ -264,7 +264,7 @@ def test_vtk_reads_all_rotations_from_one_file(tmp_path: Path, name: str) -> Non
 
 @pytest.mark.parametrize("array", [np.zeros((3, 3), np.uint8), np.zeros((3, 2), np.float32), np.zeros((3, 2, 1), bool)])
 def test_arrays_of_another_shape_are_refused(tmp_path: Path, array: np.ndarray) -> None:
-    with pytest.raises(InputError, match=r"cell_states has shape .* it must have the grid's shape \(3, 2\) and be uint8"):
+    with pytest.raises(InputError, match=r"cell_states has shape .* it must have the grid's shape \(3, 2\)"):
         write_vti({"cell_states": array}, cspace.Grid((0.0, 0.0), 1.0, (3, 2)), tmp_path / "map.vti")
     assert not list(tmp_path.iterdir())
 
