@@ -11,7 +11,6 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import label
-from tests.soak.plane_arm import placed
 
 import cspace
 import planners
@@ -21,6 +20,7 @@ from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space, build_joint_
 from cspace.errors import ConfigurationError, InputError
 from maps import proven_paths
 from refusals import refusals
+from tests.soak.plane import placed
 from urdfs import joint, link, planar, written
 
 POSTS = ((1.3, 0.9, 0.5), (-0.9, 1.2, 0.4), (0.2, -1.5, 0.7))
