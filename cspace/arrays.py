@@ -99,7 +99,10 @@ def block_starts(shape: Sequence[int], side: int) -> list[Ints]:
 
 
 def intersect_boxes(box: Sequence[slice], other: Sequence[slice]) -> tuple[Box, Box]:
-    """Intersect two boxes of cells; return the intersection in the indices of each box."""
+    """Intersect two boxes of cells.
+
+    Returns the intersection in the indices of each box.
+    """
     pairs = [(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(box, other, strict=True)]
     here, there = (
         tuple(slice(low - s.start, high - s.start) for (low, high), s in zip(pairs, each, strict=True))

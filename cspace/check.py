@@ -55,7 +55,10 @@ def check_finite(values: ArrayLike, name: str) -> Floats:
 
 
 def _first_wrong_entry(array: NDArray[Any], name: str, wrong: Bools) -> tuple[str, Any]:
-    """Return the name of the first wrong entry, such as ``points[2, 0]``, and its value."""
+    """Return the name of the first wrong entry, and its value.
+
+    The name is, for example, ``points[2, 0]``.
+    """
     index = tuple(np.argwhere(wrong)[0].tolist())
     return f"{name}[{', '.join(map(str, index))}]" if index else name, array[index].item()
 
@@ -230,9 +233,9 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
 
 
 def check_dims(array: Any, name: str) -> None:
-    """Refuse an array whose named dimensions, as in xarray, are not x, y (and z).
+    """Refuse an array with dimensions other than x, y (and z).
 
-    Raises InputError if they are others, or in another order.
+    Dimensions are named as in xarray. Raises InputError if they are others, or in another order.
     """
     dims = getattr(array, "dims", None)
     if dims is not None and tuple(dims) != ("x", "y", "z")[: len(dims)]:

@@ -78,12 +78,13 @@ clock: Final = _Clock()
 
 
 def jit(function: F, **options: Any) -> F:
-    """Compile a function with numba at its first call, with the GIL released while it runs.
+    """Compile a function with numba at its first call.
 
-    The code is cached beside the module, in the user's cache folder, or in ``NUMBA_CACHE_DIR``: in the first of them
-    that the user may write to and nobody else may, because cached code is executed. Without such a folder each run
-    compiles anew. Division by zero gives infinity or NaN, and 0 for integers. The function must not call itself by way
-    of another function, because numba's cache cannot restore that. Options are those of ``numba.njit``.
+    The GIL is released while it runs. The code is cached beside the module, in the user's cache folder, or in
+    ``NUMBA_CACHE_DIR``: in the first of them that the user may write to and nobody else may, because cached code is
+    executed. Without such a folder each run compiles anew. Division by zero gives infinity or NaN, and 0 for integers.
+    The function must not call itself by way of another function, because numba's cache cannot restore that. Options are
+    those of ``numba.njit``.
     """
     from numba import njit
 
@@ -250,7 +251,10 @@ def _cache_class() -> Any:
 
 
 def digest_sources(modules: Iterable[str]) -> str:
-    """Return a digest of the sources of modules and of all modules of ours that they import."""
+    """Return a digest of modules and of the modules that they import.
+
+    Only modules of ours count.
+    """
     pending, seen = list(modules), set[str]()
     while pending:
         module = pending.pop()
@@ -263,9 +267,9 @@ def digest_sources(modules: Iterable[str]) -> str:
 
 @cache
 def _source(module: str) -> tuple[str, frozenset[str]]:
-    """Return the digest of a module's source and the modules of ours that it imports.
+    """Return the digest and the imports of a module's source.
 
-    Modules of other packages have none.
+    Only imports of our modules count; modules of other packages have none.
     """
     path = getattr(sys.modules.get(module), "__file__", None) or ""
     if not path:
@@ -322,7 +326,10 @@ def is_private(folder: Path) -> bool:
 
 @cache
 def _announce_compiling() -> None:
-    """Log the first compilation in each module, and stop the clock during every compilation."""
+    """Log compilations, and stop the clock during them.
+
+    Only the first compilation in each module is logged.
+    """
     from numba.core import event
 
     class Announcer(event.Listener):

@@ -65,17 +65,17 @@ class InputError(CspaceError, ValueError):
 
 
 class GeometryError(InputError):
-    """A robot or obstacle shape is empty, self-crossing, not finite or of the wrong dimension."""
+    """A shape is empty, self-crossing, not finite or of the wrong dimension."""
 
 
 class FileError(CspaceError, OSError):
-    """A file is missing, unreadable, malformed, truncated or not writable; ``argument`` is its path."""
+    """A file cannot be read or written; ``argument`` is its path."""
 
     gap: ClassVar[str] = ": "
 
 
 class MissingPackageError(CspaceError, ImportError):
-    """A required optional package is not installed; the message gives the command that installs it."""
+    """An optional package is missing; the message says how to install it."""
 
 
 def import_optional(package: str, use: str, extra: str) -> Any:
@@ -91,7 +91,10 @@ def import_optional(package: str, use: str, extra: str) -> Any:
 
 
 class AngleWarning(UserWarning):
-    """An angle, used as radians, is beyond a whole turn, and so probably in degrees."""
+    """An angle is beyond a whole turn, so probably in degrees.
+
+    It is used as radians.
+    """
 
 
 def warn_user(message: str, category: type[Warning] = UserWarning) -> None:

@@ -26,9 +26,9 @@ MAX_COORDINATE: Final = 2.0**22
 
 
 def check_reach(far: float, name: str, origin: str, hint: str) -> None:
-    """Refuse shapes so far from an origin, in cells, that rounding could exceed :data:`SLACK`.
+    """Refuse shapes so far from an origin that rounding matters.
 
-    Raises InputError if ``far`` is above :data:`MAX_COORDINATE`.
+    Raises InputError if ``far``, in cells, is above :data:`MAX_COORDINATE`, where rounding could exceed :data:`SLACK`.
     """
     if not far <= MAX_COORDINATE:
         rule = f"beyond {MAX_COORDINATE:.0f} cells rounding invalidates proofs"
@@ -203,5 +203,8 @@ class Grid:
         return np.asarray(self.lower + self.spacing * (check_real(cells, "cells") + 0.5))
 
     def centers(self, axis: int) -> Floats:
-        """Return the coordinates of the cell centers along one axis, in metres, shape (shape[axis],)."""
+        """Return the cell centers along one axis, in metres.
+
+        The shape is (shape[axis],).
+        """
         return np.asarray(self.lower[axis] + self.spacing * (np.arange(self.shape[axis]) + 0.5))

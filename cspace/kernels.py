@@ -204,7 +204,7 @@ def point_triangle(p: Row, triangle: Floats) -> float:
 
 @kernel
 def normal_of(triangle: Floats) -> Row:
-    """Return the normal of a triangle, shape (3, 3); its length is twice the area."""
+    """Return a normal of a triangle, shape (3, 3), of twice its area."""
     a = row_at(triangle[0], 0)
     return cross(minus(row_at(triangle[1], 0), a), minus(row_at(triangle[2], 0), a))
 
@@ -225,7 +225,10 @@ def _emit_load(context: Any, octets: Any, index: Any) -> Any:
 
 
 def _emit_store(context: Any, octets: Any, index: Any, word: Any) -> Any:
-    """Store a word at a byte of an array and the seven bytes that follow."""
+    """Store a word at a byte of an array.
+
+    The word may be unaligned; it also covers the seven bytes that follow.
+    """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         builder.store(arguments[2], _emit_word_pointer(context, builder, signature, arguments), align=1)
@@ -235,7 +238,7 @@ def _emit_store(context: Any, octets: Any, index: Any, word: Any) -> Any:
 
 
 def _emit_word_pointer(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    """Return a pointer to the word that begins at a byte of an array."""
+    """Return a pointer to the word at a byte of an array."""
     data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
     return builder.bitcast(builder.gep(data, [arguments[1]]), ir.IntType(64).as_pointer())
 

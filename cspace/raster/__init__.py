@@ -18,7 +18,7 @@ MAX_RASTER_CELLS = 2**28
 UNCHECKED_CELLS = 2**22
 """Number of cells up to which a robot is rasterised without checking the free memory."""
 
-BYTES_PER_CELL = 6
+RASTERISING_BYTES_PER_CELL = 6
 """Memory for each cell of a robot while it is rasterised, which takes several bitmaps."""
 
 
@@ -113,7 +113,10 @@ def allocate_bitmap(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:
     shape = np.ceil(high) + 3 - lower
     cells, max_cells = float(np.prod(shape)), MAX_RASTER_CELLS
     if cells > UNCHECKED_CELLS:
-        max_cells = min(MAX_RASTER_CELLS, (free_bytes() or BYTES_PER_CELL * MAX_RASTER_CELLS) // BYTES_PER_CELL)
+        max_cells = min(
+            MAX_RASTER_CELLS,
+            (free_bytes() or RASTERISING_BYTES_PER_CELL * MAX_RASTER_CELLS) // RASTERISING_BYTES_PER_CELL,
+        )
     if cells > max_cells:
         size = " x ".join(f"{n:.0f}" for n in shape)
         raise InputError(

@@ -37,7 +37,10 @@ MAX_EXPECTED_ANGLE: Final = TWO_PI * (1.0 + 1e-9)
 
 
 def angle_axes(axes: Sequence[str], periodic_axes: Sequence[bool] = ()) -> dict[int, str]:
-    """Return index and name of the coordinates that are wrapped: yaws and continuous joints."""
+    """Return index and name of the wrapped coordinates.
+
+    These are yaws and continuous joints.
+    """
     joints = [*periodic_axes, *[False] * (len(axes) - len(periodic_axes))]
     return {k: name for k, (name, turns) in enumerate(zip(axes, joints, strict=True)) if name == "yaw" or turns}
 
@@ -83,7 +86,7 @@ MAX_PAIRS_PER_BATCH: Final = 2**20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RotationCell:
-    """A rotation cell for shapes: its representative, and how far other rotations are from it.
+    """A rotation cell as used by shapes.
 
     Attributes
     ----------
@@ -177,7 +180,10 @@ class CompiledRotations(Protocol):
         """Slice of each rotation cell."""
 
     def zeros(self) -> Numbers:
-        """Return the origin of the coordinates of a rotation: the first boundary, for a yaw."""
+        """Return the origin of the coordinates of a rotation.
+
+        For a yaw it is the first boundary.
+        """
 
     def is_usable(self, q: Numbers) -> bool:
         """Return True if the coordinates of a rotation are finite and exact enough."""
@@ -198,13 +204,17 @@ class CompiledRotations(Protocol):
         """Begin a walk along an edge, which follows the shortest rotation."""
 
     def next_piece(self, cursor: Cursor) -> tuple[bool, int, float, float, Cursor]:
-        """Return the next piece of the edge: whether there is one, its slice, start and stop.
+        """Return the next piece of the edge.
 
-        Parameters along an edge run from 0 to 1. Cells are widened by the rounding allowance, so pieces overlap.
+        Returns whether there is one, its slice, start, stop and the cursor. Parameters along an edge run from 0 to 1.
+        Cells are widened by the rounding allowance, so pieces overlap.
         """
 
     def first_around(self, q: Numbers, angle: float) -> Cursor:
-        """Begin a walk over the rotation cells within an angle of a configuration's rotation."""
+        """Begin a walk over the rotation cells within an angle.
+
+        The angle is from the rotation of a configuration.
+        """
 
     def next_around(self, cursor: Cursor) -> tuple[bool, int, Cursor]:
         """Return the next of these cells: whether there is one, and its slice."""
@@ -216,7 +226,10 @@ class CompiledRotations(Protocol):
         """
 
     def turn_of(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
-        """Return the angle of an arc, and how far a planner's rotation may be from it, radians."""
+        """Return the angle of an arc and a planner's deviation from it.
+
+        The deviation is the largest angle between the arc and the rotation that a planner may use; both are in radians.
+        """
 
     def turned(self, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
         """Return the first configuration, rotated to t in [0, 1] along an arc."""
@@ -230,7 +243,7 @@ class Symmetric(Protocol):
 
     @property
     def symmetry(self) -> int:
-        """Order of the rotational symmetry about the z axis; 0 if it is round."""
+        """Order of the rotational symmetry about z; 0 if round."""
 
     @property
     def symmetries(self) -> list[Floats]:
@@ -303,11 +316,11 @@ class Rotations(ABC):
 
     @staticmethod
     def quaternions(n: int) -> Rotations:
-        """Cells of all rotations in space, for SE(3): 4 n^3 of them, up to about 150 / n degrees from their middles.
+        """Make 4 n^3 cells of all rotations in space, for SE(3).
 
-        A unit quaternion (x, y, z, w), or its negative, is divided by its component of the largest modulus (the first
-        one, where several are as large). The three quotients lie in [-1, 1], which is cut into n parts, at the
-        tangents of equal angles.
+        Their rotations are up to about 150 / n degrees from their centers. A unit quaternion (x, y, z, w), or its
+        negative, is divided by its component of the largest modulus (the first of equals). The three quotients lie in
+        [-1, 1], which is cut into n parts, at the tangents of equal angles.
 
         Parameters
         ----------
@@ -317,7 +330,7 @@ class Rotations(ABC):
         Raises
         ------
         InputError
-            If it is not such a number.
+            If it is no such number.
 
         Examples
         --------
@@ -340,7 +353,10 @@ class Rotations(ABC):
 
     @staticmethod
     def all_names() -> list[str]:
-        """Return the coordinate names of all kinds of rotations, which no other coordinate has."""
+        """Return the coordinate names of all kinds of rotations.
+
+        No other coordinate has one of these names.
+        """
         return list(Rotations.all_units())
 
     @staticmethod
@@ -528,7 +544,10 @@ class Rotations(ABC):
 
     @property
     def coordinates(self) -> dict[str, Floats]:
-        """Arrays that describe the cells in files, by name; the first axis counts the cells."""
+        """Arrays that describe the cells in files, by name.
+
+        The first axis counts the cells.
+        """
         return {}
 
     @property
@@ -574,11 +593,14 @@ class Rotations(ABC):
 
     @property
     def neighbors(self) -> Ints:
-        """Cells that share a boundary with each cell, shape (count, n); padded with -1."""
+        """Cells that share a boundary with each cell, shape (count, n).
+
+        Missing neighbours are -1.
+        """
         return np.zeros((1, 0), dtype=np.int64)
 
     def images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
-        """Return the rotations and mirrors of the world that map rotation cells to cells.
+        """Return the rotations and mirrors that map cells to cells.
 
         Let S and M be signed permutation matrices, and M map the robot A to itself. Then S R A equals S R M A for every
         rotation R, so S maps the raster for R to that for S R M. Returns each S, shape (d, d), with the image of each
@@ -591,9 +613,9 @@ class Rotations(ABC):
         return OneCell((0,))
 
     def dials(self, x: Floats, y: Floats) -> list[Dial]:
-        """Return all rotations as dials of pixels at x and y, shape (n, n) each.
+        """Return all rotations as dials.
 
-        The list is empty if there is no rotation.
+        The pixels are at x and y, shape (n, n) each. The list is empty if there is no rotation.
         """
         return []
 
@@ -617,9 +639,11 @@ class Rotations(ABC):
         return f"over all rotations, {self.count} rotation cells of {width}"
 
     def __str__(self) -> str:
+        """Return the number of cells in words."""
         return f"{self.count} rotations"
 
     def __repr__(self) -> str:
+        """Return the class and the number of cells."""
         return f"{type(self).__name__}({self})"
 
 
@@ -631,10 +655,12 @@ class OneRotation(Rotations):
 
     @classmethod
     def of_value(cls, value: ArrayLike | None = None) -> OneRotation:
+        """Return the only cell."""
         return cls()
 
     @classmethod
     def of_coordinates(cls, coordinates: Mapping[str, NDArray[Any]]) -> OneRotation:
+        """Return the only cell."""
         return cls()
 
     @property
@@ -643,12 +669,15 @@ class OneRotation(Rotations):
 
     @property
     def fixed(self) -> Floats:
+        """The rotation, shape (0,)."""
         return np.empty(0)
 
     def describe(self, rotation: Floats | None) -> str:
+        """Return an empty text."""
         return ""
 
     def leading(self, n: int) -> tuple[int, ...]:
+        """Return no axes."""
         return ()
 
     def draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
@@ -663,40 +692,52 @@ class OneCell(NamedTuple):
     slice_of: tuple[int]
 
     def zeros(self) -> tuple[()]:
+        """Return the origin of the coordinates of a rotation."""
         return ()
 
     def is_usable(self, q: Numbers) -> bool:
+        """Return True if the coordinates of a rotation are finite and exact enough."""
         return np.bool_(True)  # type: ignore[return-value]  # numba needs one type throughout
 
     def states_at(self, q: Numbers) -> int:
+        """Return the slice that contains the rotation of a configuration."""
         return 0
 
     def slices_at(self, numbers: Floats, size: int, out: Ints) -> None:
-        pass
+        """Write the slices of a flat batch of configurations."""
 
     def slice_among(self, slices: Ints, k: int) -> int:
+        """Return the slice of entry k of a batch."""
         return 0
 
     def first_piece(self, q0: Numbers, q1: Numbers) -> bool:
+        """Begin a walk along an edge."""
         return np.bool_(True)  # type: ignore[return-value]  # numba needs one type throughout
 
     def next_piece(self, cursor: bool) -> tuple[bool, int, float, float, bool]:
+        """Return the next piece of the edge."""
         return cursor, 0, 0.0, 1.0, False
 
     def first_around(self, q: Numbers, angle: float) -> bool:
+        """Begin a walk over the cells within an angle."""
         return True
 
     def next_around(self, cursor: bool) -> tuple[bool, int, bool]:
+        """Return the next of these cells."""
         return cursor, 0, False
 
     def arc_count(self, q0: Numbers, q1: Numbers) -> int:
+        """Return the number of shortest arcs."""
         return 1
 
     def turn_of(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
+        """Return the angle of an arc, and the error of a planner's rotation."""
         return 0.0, 0.0
 
     def turned(self, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
+        """Return the first configuration, rotated along an arc."""
         return q0
 
     def matrix_of(self, q: Numbers) -> Matrix:
+        """Return the rows of the rotation matrix."""
         return (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)

@@ -89,6 +89,7 @@ class QuaternionRotations(Rotations):
         return cls(max(1, round((len(coordinates["quaternion"]) / 4.0) ** (1.0 / 3.0))))
 
     def text(self, rotation: Floats) -> str:
+        """Format a rotation for people."""
         by = self._rotation_between(np.array([0.0, 0.0, 0.0, 1.0]), rotation)
         angle = float(np.linalg.norm(by))
         axis = ", ".join(f"{x + 0.0:.2g}" for x in np.round(by / max(angle, 1e-9), 2).tolist())
@@ -96,11 +97,13 @@ class QuaternionRotations(Rotations):
         return f"turned {degrees} about ({axis})" if angle > 1e-9 else "not turned"
 
     def of_matrix(self, matrix: Floats) -> Floats:
+        """Return the rotation of a rotation matrix."""
         from scipy.spatial.transform import Rotation
 
         return np.asarray(Rotation.from_matrix(matrix).as_quat())
 
     def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
+        """Sample a rotation within an angle."""
         by = [(2.0 * next(numbers) - 1.0) * angle / math.sqrt(3.0) for _ in range(3)]
         rotated: list[float] = self._rotate(np.array(rotation), np.array(by)).tolist()
         return rotated
@@ -139,6 +142,7 @@ class QuaternionRotations(Rotations):
 
     @property
     def count(self) -> int:
+        """Number of cells."""
         return 4 * self.n**3
 
     @property
@@ -167,9 +171,11 @@ class QuaternionRotations(Rotations):
         return np.asarray(largest * self.n**3 + parts @ np.array([self.n**2, self.n, 1]), dtype=np.int64)
 
     def cells_of(self, q: Floats) -> Ints:
+        """Return the cells of configurations."""
         return self.cell_of(q[..., -4:])
 
     def check_dimension(self, dim: int) -> None:
+        """Refuse the plane."""
         if dim == 2:
             rule, hint = "a robot in the plane turns by its yaw", "pass e.g. rotations=72"
             raise InputError("rotations", f"are {self}", rule, hint, value=self)
@@ -179,14 +185,15 @@ class QuaternionRotations(Rotations):
         return shape.is_round
 
     def fewer(self, share: float) -> str:
+        """Return the argument for at most a fraction of the cells."""
         n = int((share * self.count / 4.0) ** (1.0 / 3.0) + 1e-9)
         return f"rotations=Rotations.quaternions({n})" if n else ""
 
     def slices_for(self, shape: Symmetric) -> Ints:
-        """Return the slice of each cell; cells related by a half turn of the robot share one.
+        """Return the slice of each cell.
 
-        In quaternions, half turns about the robot's axes permute and negate components, and so map cells to cells;
-        quarter turns do not.
+        Cells related by a half turn of the robot share one. In quaternions, half turns about the robot's axes permute
+        and negate components, and so map cells to cells; quarter turns do not.
         """
         if shape.is_round:
             return np.zeros(self.count, dtype=np.int64)
@@ -219,6 +226,7 @@ class QuaternionRotations(Rotations):
         return changes_seen.values()
 
     def turns(self, dim: int) -> list[RotationCell]:
+        """Return the cells in the form for shapes."""
         matrices = self._matrices(self.centers, dim)
         return [RotationCell(matrix, a) for matrix, a in zip(matrices, self.covering_angles.tolist(), strict=True)]
 
@@ -258,11 +266,15 @@ class QuaternionRotations(Rotations):
         return _quaternions(parts[:, 0], quotients)
 
     def distances(self, q: Floats) -> Floats:
+        """Return the angles to all representatives."""
         return np.asarray(2.0 * np.arccos(np.minimum(np.abs(q[..., -4:] @ self.centers.T), 1.0)))
 
     @property
     def neighbors(self) -> Ints:
-        """Cells before and after each cell along the axes of its chart, possibly in another chart."""
+        """Cells before and after each cell along the axes of its chart.
+
+        They may lie in another chart.
+        """
         n = self.n
         charts = np.indices((4, n, n, n)).reshape(4, -1)
         columns = []
@@ -302,9 +314,11 @@ class QuaternionRotations(Rotations):
         return dials
 
     def compiled(self, slice_of: Ints) -> QuaternionCells:
+        """Return the record for compiled look-ups."""
         return QuaternionCells(self.borders.copy(), np.ascontiguousarray(slice_of))
 
     def __str__(self) -> str:
+        """Return the number of cells in words."""
         return f"{self.count} rotations in space"
 
 
@@ -413,22 +427,29 @@ def multiply(first: Floats, second: Floats) -> Floats:
 
 @compilable
 class QuaternionCells(NamedTuple):
-    """Record for compiled look-ups of quaternion cells: the boundaries of a chart, and the slices."""
+    """Record for compiled look-ups of quaternion cells.
+
+    ``borders`` are the boundaries of the quotients in every chart.
+    """
 
     borders: Floats
     slice_of: Ints
 
     def zeros(self) -> tuple[float, float, float, float]:
+        """Return the origin of the coordinates of a rotation."""
         return (0.0, 0.0, 0.0, 0.0)
 
     def is_usable(self, q: Numbers) -> bool:
+        """Return True if the coordinates of a rotation are finite and exact enough."""
         return is_unit(q[-4:])
 
     def states_at(self, q: Numbers) -> int:
+        """Return the slice that contains the rotation of a configuration."""
         chart, i, j, k = find_parts(self.borders, q[-4:])
         return int(self.slice_of[cell_index(self.borders, chart, i, j, k)])
 
     def slices_at(self, numbers: Floats, size: int, out: Ints) -> None:
+        """Write the slices of a flat batch of configurations."""
         borders = self.borders
         for m in range(len(out)):
             first = size * m + size - 4
@@ -437,13 +458,16 @@ class QuaternionCells(NamedTuple):
             out[m] = self.slice_of[np.uint64(cell_index(borders, chart, i, j, k))]
 
     def slice_among(self, slices: Ints, k: int) -> int:
+        """Return the slice of entry k of a batch."""
         return int(slices[k])
 
     def first_piece(self, q0: Numbers, q1: Numbers) -> ArcCursor:
+        """Begin a walk along an edge."""
         a, b, _ = arc_endpoints(q0, q1, 0)
         return begin_arc(a, b, arcs_are_equal(a, b))
 
     def next_piece(self, cursor: ArcCursor) -> tuple[bool, int, float, float, ArcCursor]:
+        """Return the next piece of the edge."""
         if not cursor[8]:
             if not cursor[6]:
                 return False, 0, 0.0, 0.0, cursor
@@ -452,11 +476,13 @@ class QuaternionCells(NamedTuple):
         return True, self.slice_of[cell], start, stop, rest
 
     def first_around(self, q: Numbers, angle: float) -> AroundCursor:
+        """Begin a walk over the cells within an angle."""
         # A rotation's angle is twice that of its quaternion.
         reach = math.sin(min(angle / 2.0, 2.0 * QUARTER_PI)) + QUOTIENT_SLACK
         return next_chart(self.borders, normalise(q[-4:], 1.0), reach, 0)
 
     def next_around(self, cursor: AroundCursor) -> tuple[bool, int, AroundCursor]:
+        """Return the next of these cells."""
         q, reach, chart, ranges, i, j, k = cursor
         while i > ranges[1]:
             if chart == 3:
@@ -473,17 +499,21 @@ class QuaternionCells(NamedTuple):
         return True, number, (q, reach, chart, ranges, i, j, k)
 
     def arc_count(self, q0: Numbers, q1: Numbers) -> int:
+        """Return the number of shortest arcs."""
         return 2 if arcs_are_equal(normalise(q0[-4:], 1.0), normalise(q1[-4:], 1.0)) else 1
 
     def turn_of(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
+        """Return the angle of an arc, and the error of a planner's rotation."""
         # A rotation's angle is twice that of its quaternion.
         a, b, angle = arc_endpoints(q0, q1, arc)
         return 2.0 * angle, 2.0 * angle if begin_arc(a, b, False)[7] else 0.0
 
     def turned(self, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
+        """Return the first configuration, rotated along an arc."""
         return q0[:-4] + slerp(q0, q1, arc, t)
 
     def matrix_of(self, q: Numbers) -> Matrix:
+        """Return the rows of the rotation matrix."""
         x, y, z, w = normalise(q[-4:], 1.0)
         return (
             (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)),
@@ -564,12 +594,12 @@ def normalise(q: Numbers, scale: float) -> Numbers:
 
 @compilable
 def begin_arc(a: Numbers, b: Numbers, other: bool) -> ArcCursor:
-    """Begin a walk between unit quaternions at most a right angle apart, up to rounding.
+    """Begin a walk between unit quaternions.
 
-    SLERP turns evenly from a to b. It meets the chord between them at ``m + s d`` for s from -1 to 1, where m is the
-    midpoint and d half the chord. The time t satisfies ``tan((2 t - 1) angle) = s tan(angle)``, where ``angle`` is half
-    of that between a and b. The chord is straight in every chart, so it meets boundaries at zeros of linear functions
-    of s.
+    They are at most a right angle apart, up to rounding. SLERP turns evenly from a to b. It meets the chord between
+    them at ``m + s d`` for s from -1 to 1, where m is the midpoint and d half the chord. The time t satisfies ``tan((2
+    t - 1) angle) = s tan(angle)``, where ``angle`` is half of that between a and b. The chord is straight in every
+    chart, so it meets boundaries at zeros of linear functions of s.
     """
     half_square, sum_square, dot = 0.0, 0.0, 0.0
     for n in range(4):
@@ -582,9 +612,9 @@ def begin_arc(a: Numbers, b: Numbers, other: bool) -> ArcCursor:
 
 @compilable
 def arc_endpoints(q0: Numbers, q1: Numbers, arc: int) -> tuple[Numbers, Numbers, float]:
-    """Return the end points of one of the shortest arcs, and the angle between them.
+    """Return the end points of an arc, and the angle between them.
 
-    The end points are unit quaternions, between which SLERP is used.
+    ``arc`` selects one of the shortest arcs. The end points are unit quaternions, between which SLERP is used.
     """
     a, b = normalise(q0[-4:], 1.0), normalise(q1[-4:], 1.0)
     if (a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] < 0.0) != (arc == 1):
@@ -594,7 +624,7 @@ def arc_endpoints(q0: Numbers, q1: Numbers, arc: int) -> tuple[Numbers, Numbers,
 
 @compilable
 def arcs_are_equal(a: Numbers, b: Numbers) -> bool:
-    """Return True if both arcs between two unit quaternions are equal up to rounding."""
+    """Return True if both arcs are equal up to rounding."""
     return abs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]) <= QUOTIENT_SLACK
 
 
@@ -602,9 +632,10 @@ def arcs_are_equal(a: Numbers, b: Numbers) -> bool:
 def clip_to_interval(
     share: float, largest: float, largest1: float, other: float, other1: float, low: float, high: float
 ) -> float:
-    """Clip a fraction of a path between quaternions to a widened part of an axis.
+    """Clip a path between quaternions to a part of an axis.
 
-    For both quaternions the largest component is given, above zero in the first, with another component.
+    ``share`` is the fraction of the path so far. For both quaternions the largest component is given, above zero in the
+    first, with another component.
     """
     for side in range(2):
         # Zero on the boundary, and negative inside.
@@ -617,10 +648,11 @@ def clip_to_interval(
 
 @compilable
 def next_part(borders: Floats, walk: ArcCursor) -> tuple[int, float, float, ArcCursor]:
-    """Return the next cell of a walk, start and stop in it, and the rest of the walk.
+    """Return the next cell of a walk along an arc.
 
-    The cell is widened by QUOTIENT_SLACK. A point farther than rounding from the previous cell lies in another one. So
-    there are as many cells as boundaries on the path, and no boundary is crossed twice.
+    Returns the cell, start and stop in it, and the rest of the walk. The cell is widened by QUOTIENT_SLACK. A point
+    farther than rounding from the previous cell lies in another one. So there are as many cells as boundaries on the
+    path, and no boundary is crossed twice.
     """
     a, b, done, start, tangent, angle, other, equal, _ = walk
     q = (
@@ -649,11 +681,11 @@ def next_part(borders: Floats, walk: ArcCursor) -> tuple[int, float, float, ArcC
 
 @compilable
 def parts_around(borders: Floats, largest: float, other: float, reach: float) -> tuple[int, int]:
-    """Return the first and last part of an axis near a quaternion; first > last if none.
+    """Return the first and last part of an axis near a quaternion.
 
-    Near quaternions are within an angle whose sine is ``reach``. ``largest`` and ``other`` are two components of the
-    quaternion. A plane through zero has the quotient u, and is within reach if ``r |sin(atan u - atan(other /
-    largest))| <= reach``, where r is the length of the two components.
+    The first is above the last if there are none. Near quaternions are within an angle whose sine is ``reach``.
+    ``largest`` and ``other`` are two components of the quaternion. A plane through zero has the quotient u, and is
+    within reach if ``r |sin(atan u - atan(other / largest))| <= reach``, where r is the length of the two components.
     """
     last, length = borders.shape[0] - 2, math.hypot(largest, other)
     if not reach < length:

@@ -41,10 +41,10 @@ _QUARTER_MATRICES: Final = np.array(
 
 @dataclass(frozen=True, repr=False)
 class YawRotations(Rotations):
-    """Cells of yaw, for SE(2) in the plane and R^3 x SO(2) in space.
+    """Cells of yaw, in the plane or in space.
 
-    Cell ``k`` is ``[borders[k], borders[k + 1]]``. The boundaries ascend over one turn, from any angle. Yaws returned
-    by the library are in [-pi, pi).
+    They are for SE(2) and R^3 x SO(2). Cell ``k`` is ``[borders[k], borders[k + 1]]``. The boundaries ascend over one
+    turn, from any angle. Yaws returned by the library are in [-pi, pi).
 
     Attributes
     ----------
@@ -106,16 +106,20 @@ class YawRotations(Rotations):
         return cls.of_value([*bounds[:, 0].tolist(), float(bounds[-1, 1])])
 
     def text(self, rotation: Floats) -> str:
+        """Format a rotation for people."""
         angle = (round(math.degrees(rotation[0]), 1) + 180.0) % 360.0 - 180.0
         return f"yaw {round(angle, 1) + 0.0:g}°"  # no minus sign before zero
 
     def of_matrix(self, matrix: Floats) -> Floats:
+        """Return the rotation of a rotation matrix."""
         return wrapped(np.arctan2(matrix[1, :1], matrix[0, :1]))
 
     def heading(self, q: Floats) -> float | None:
+        """Return the yaw of a configuration, radians."""
         return float(q[-1])
 
     def sample_near(self, rotation: Sequence[float], angle: float, numbers: Iterator[float]) -> Sequence[float]:
+        """Sample a rotation within an angle."""
         yaw = rotation[0] + (2.0 * next(numbers) - 1.0) * angle
         wrapped_yaw = math.remainder(yaw, TWO_PI)
         return (wrapped_yaw if wrapped_yaw < math.pi else -math.pi,)
@@ -142,6 +146,7 @@ class YawRotations(Rotations):
 
     @property
     def count(self) -> int:
+        """Number of cells."""
         return len(self.borders) - 1
 
     @property
@@ -152,6 +157,7 @@ class YawRotations(Rotations):
 
     @property
     def covering_angles(self) -> Floats:
+        """Half the width of each cell, with rounding, shape (n,)."""
         return np.asarray(np.diff(self.borders) / 2 + ANGLE_SLACK)
 
     def is_uniform(self) -> bool:
@@ -176,6 +182,7 @@ class YawRotations(Rotations):
         return np.clip(np.searchsorted(self.borders, wrapped, side="right") - 1, 0, self.count - 1).astype(np.int64)
 
     def cells_of(self, q: Floats) -> Ints:
+        """Return the cells of configurations."""
         return self.cell_of(q[..., -1])
 
     def preserve(self, shape: Symmetric) -> bool:
@@ -183,6 +190,7 @@ class YawRotations(Rotations):
         return shape.symmetry == 0
 
     def fewer(self, clip_parameters: float) -> str:
+        """Return the argument for at most a fraction of the cells."""
         return f"rotations={int(clip_parameters * self.count)}" if clip_parameters * self.count >= 1 else ""
 
     def slices_for(self, shape: Symmetric) -> Ints:
@@ -228,6 +236,7 @@ class YawRotations(Rotations):
         return wrapped(np.asarray(self.borders)[cells] + self.volumes[cells] * within)[:, None]
 
     def distances(self, q: Floats) -> Floats:
+        """Return the angles to all representatives."""
         return np.asarray(np.abs((self.representatives - q[..., -1:] + np.pi) % TWO_PI - np.pi))
 
     def cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
@@ -247,12 +256,15 @@ class YawRotations(Rotations):
 
     @property
     def neighbors(self) -> Ints:
-        """The cell before and after each cell; the last and the first are neighbours."""
+        """Cells before and after each cell, in a ring."""
         steps = [[], [1], [-1, 1]][min(self.count - 1, 2)]
         return (np.arange(self.count)[:, None] + np.array(steps, dtype=np.int64)) % self.count
 
     def images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
-        """Return the quarter turns about z and mirrors along it that map cell centers to centers."""
+        """Return the quarter turns and mirrors that map centers to centers.
+
+        They are about z and along it.
+        """
         if not self.is_uniform():
             return Rotations.images(self, shape)
         images: list[tuple[Floats, Ints]] = []
@@ -282,6 +294,7 @@ class YawRotations(Rotations):
         return [Dial("", inside, (np.arctan2(y, x)[inside] + DIAL_OFFSETS)[..., None], (("yaw", 0.0, 0.0), *around))]
 
     def compiled(self, slice_of: Ints) -> YawCells:
+        """Return the record for compiled look-ups."""
         return YawCells(np.array(self.borders), np.ascontiguousarray(slice_of))
 
 
@@ -296,15 +309,19 @@ class YawCells(NamedTuple):
     slice_of: Ints
 
     def zeros(self) -> tuple[float]:
+        """Return the origin of the coordinates of a rotation."""
         return (self.borders[0],)
 
     def is_usable(self, q: Numbers) -> bool:
+        """Return True if the coordinates of a rotation are finite and exact enough."""
         return abs(q[-1]) <= MAX_ANGLE  # False for NaN
 
     def states_at(self, q: Numbers) -> int:
+        """Return the slice that contains the rotation of a configuration."""
         return int(self.slice_of[find_cell(self.borders, wrap_to_cells(self.borders, q[-1]))])
 
     def slices_at(self, numbers: Floats, size: int, out: Ints) -> None:
+        """Write the slices of a flat batch of configurations."""
         angles = np.empty(len(out))
         for k in range(len(out)):
             angles[k] = wrap_to_cells(
@@ -314,9 +331,11 @@ class YawCells(NamedTuple):
             out[k] = self.slice_of[np.uint64(find_cell(self.borders, angles[k]))]
 
     def slice_among(self, slices: Ints, k: int) -> int:
+        """Return the slice of entry k of a batch."""
         return int(slices[k])
 
     def first_piece(self, q0: Numbers, q1: Numbers) -> tuple[float, float, float, int]:
+        """Begin a walk along an edge."""
         angle = shorter_angle(q0[-1], q1[-1])
         other = 0.0
         if math.pi - abs(angle) <= ANGLE_SLACK:  # both arcs are equal up to rounding, so walk both
@@ -327,6 +346,7 @@ class YawCells(NamedTuple):
     def next_piece(
         self, cursor: tuple[float, float, float, int]
     ) -> tuple[bool, int, float, float, tuple[float, float, float, int]]:
+        """Return the next piece of the edge."""
         start, angle, other, cell = cursor
         k, low, high = widened_bounds(self.borders, cell)
         if low > max(start, start + angle) and other != 0.0:
@@ -339,24 +359,30 @@ class YawCells(NamedTuple):
         return True, self.slice_of[k], a, b, (start, angle, other, cell + 1)
 
     def first_around(self, q: Numbers, angle: float) -> tuple[float, int, int]:
+        """Begin a walk over the cells within an angle."""
         start, reach = wrap_to_cells(self.borders, q[-1]), min(angle, math.pi)
         return start + reach, first_widened_cell(self.borders, start - reach), len(self.borders) - 1
 
     def next_around(self, cursor: tuple[float, int, int]) -> tuple[bool, int, tuple[float, int, int]]:
+        """Return the next of these cells."""
         limit, cell, remaining = cursor
         k, low, _ = widened_bounds(self.borders, cell)
         return remaining > 0 and not low > limit, self.slice_of[k], (limit, cell + 1, remaining - 1)
 
     def arc_count(self, q0: Numbers, q1: Numbers) -> int:
+        """Return the number of shortest arcs."""
         return 2 if math.pi - abs(signed_angle(q0, q1, 0)) <= ANGLE_SLACK else 1
 
     def turn_of(self, q0: Numbers, q1: Numbers, arc: int) -> tuple[float, float]:
+        """Return the angle of an arc, and the error of a planner's rotation."""
         return abs(signed_angle(q0, q1, arc)), 0.0
 
     def turned(self, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
+        """Return the first configuration, rotated along an arc."""
         return (*q0[:-1], q0[-1] + t * signed_angle(q0, q1, arc))
 
     def matrix_of(self, q: Numbers) -> Matrix:
+        """Return the rows of the rotation matrix."""
         cosine, sine = math.cos(q[-1]), math.sin(q[-1])
         return (cosine, -sine, 0.0), (sine, cosine, 0.0), (0.0, 0.0, 1.0)
 
@@ -399,7 +425,10 @@ def first_widened_cell(borders: Floats, angle: float) -> int:
 
 @compilable
 def widened_bounds(borders: Floats, cell: int) -> tuple[int, float, float]:
-    """Return the index of a cell within one turn, and its bounds widened by ANGLE_SLACK."""
+    """Return the index within one turn and the widened bounds of a cell.
+
+    The bounds are widened by ANGLE_SLACK.
+    """
     count = borders.shape[0] - 1
     revolutions = math.floor(cell / count)
     k = cell - revolutions * count
@@ -408,7 +437,10 @@ def widened_bounds(borders: Floats, cell: int) -> tuple[int, float, float]:
 
 @compilable
 def shorter_angle(first: float, second: float) -> float:
-    """Return the signed angle between two yaws along the shorter arc, in [-pi, pi]."""
+    """Return the signed angle of the shorter arc between two yaws.
+
+    It is in [-pi, pi].
+    """
     angle = second - first
     angle -= math.floor(angle / TWO_PI) * TWO_PI
     return angle - TWO_PI if angle > math.pi else angle
@@ -416,7 +448,7 @@ def shorter_angle(first: float, second: float) -> float:
 
 @compilable
 def clip_parameters(low: float, high: float, start: float, angle: float) -> tuple[float, float]:
-    """Return the parameters at which a rotation enters and leaves an interval of angles."""
+    """Return the parameters of a rotation within an interval of angles."""
     if angle == 0.0:
         return 0.0, 1.0
     a = min(max((low - start) / angle, 0.0), 1.0)
@@ -426,6 +458,6 @@ def clip_parameters(low: float, high: float, start: float, angle: float) -> tupl
 
 @compilable
 def signed_angle(q0: Numbers, q1: Numbers, arc: int) -> float:
-    """Return the signed angle between two yaws along the shorter or the other arc."""
+    """Return the signed angle of the shorter or the other arc."""
     angle = shorter_angle(q0[-1], q1[-1])
     return angle if arc == 0 else (angle - TWO_PI if angle > 0.0 else angle + TWO_PI)
