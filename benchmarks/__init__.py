@@ -1,1 +1,1 @@
-"""Benchmarks: peers and ours in one process, taken in turns; ``python -m benchmarks --help`` lists them."""
+"""Benchmarks of this library and its peers; ``python -m benchmarks --help`` lists them."""

@@ -30,11 +30,11 @@ BENCHMARKS = {
 }
 
 TOGETHER = {"classify": "lookups", "edges": "lookups", "callbacks": "lookups"}
-"""Modules of several benchmarks, which are functions there; each other benchmark is ``run`` of its own module."""
+"""Modules with several benchmarks, as functions; every other benchmark is ``run`` of its own module."""
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run benchmarks; return 0 if all results were right, however long they took, and 1 otherwise."""
+    """Run benchmarks; return 0 if all results were correct, regardless of times, and 1 otherwise."""
     listed = "\n".join(f"  {name:<10} {text}" for name, text in BENCHMARKS.items())
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",

@@ -1,4 +1,4 @@
-"""Maps to run on: drawn at random, and real ones."""
+"""Input maps: random ones and real ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Report: what a run of benchmarks found, printed as it comes and kept for a file."""
+"""Report: figures, notes and failed checks of a run, printed at once and saved later."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Report:
             self.timing(name, timing)
 
     def has(self, package: str, without: str = "skipped") -> bool:
-        """Return whether a package can be imported; otherwise note what is left out."""
+        """Return True if a package can be imported; otherwise note what is skipped."""
         if not is_here(package):
             self.note(f"{without}: {package} is not installed; pip install {INSTALLED_BY.get(package, package)}")
         return is_here(package)
@@ -134,7 +134,7 @@ class Report:
 
 @cache
 def is_here(package: str) -> bool:
-    """Return whether a package can be imported."""
+    """Return True if a package can be imported."""
     try:
         import_module(package)
     except ImportError:
@@ -143,7 +143,7 @@ def is_here(package: str) -> bool:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file that appears whole or not at all."""
+    """Write a file atomically."""
     part = path.with_name(path.name + ".part")
     part.write_bytes(content)
     part.replace(path)

@@ -1,4 +1,4 @@
-"""Calls taken in turns and timed, and the memory that one needs."""
+"""Timing of alternating calls, and memory of a call."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def once(call: Callable[[], Any]) -> Timing:
 
 
 def interleave(calls: Mapping[str, Callable[[], Any]], runs: int, slow: float = math.inf) -> dict[str, Timing]:
-    """Time calls in turns, so that what else the machine does falls on all of them alike.
+    """Time calls alternately, so that other work of the machine affects all of them equally.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Problems of planning for arms, and how others decide them: pinocchio with coal, and VAMP."""
+"""Planning problems for arms, and the peers pinocchio with coal, and VAMP."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RESOLUTION = 0.01
 """Longest step that OMPL checks by default, as a share of the extent of the space."""
 
 CLOSE = 1e-6
-"""Tolerance of coal, metres: bodies that it calls colliding may be this far apart."""
+"""Tolerance of coal, metres: colliding bodies may be this far apart."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Folder:
         order = [listed["joints"].index(name) for name in self.arm.joints]
         for name, problems in listed["problems"].items():
             for row in problems[:: max(1, len(problems) // number)][:number]:
-                # They are written with fewer digits than the limits that some of them stand at.
+                # Configurations at a limit may exceed it, because they are written with fewer digits.
                 endpoints = np.array([row["start"], *row["goals"]])[:, order].clip(self.arm.lower, self.arm.upper)
                 yield Problem(self, name, row, endpoints[0], endpoints[1:])
 
@@ -171,7 +171,7 @@ class Meshes:
         self._joints = [(model.joints[n].idx_q, model.joints[n].nq) for n in map(model.getJointId, joints)]
 
     def collides(self, q: Floats) -> bool:
-        """Return whether links collide at a configuration, shape (dof,)."""
+        """Return True if links collide at a configuration, shape (dof,)."""
         arguments = (self._model, self._data, self._geometry, self._placed, self._of(q))
         return bool(self._pin.computeCollisions(*arguments, True))
 
@@ -181,7 +181,7 @@ class Meshes:
         return min((each.min_distance for each in self._placed.distanceResults), default=np.inf)
 
     def is_wrong(self, q: Floats) -> bool:
-        """Return whether a configuration certainly collides."""
+        """Return True if a configuration certainly collides."""
         return self.collides(q) and self.distance(q) < CLOSE
 
     def first_collision(self, q0: Floats, q1: Floats, step: float) -> float | None:
@@ -220,7 +220,7 @@ def _as_written(path: str, scale: tuple[float, float, float]) -> Any:
 
 
 def discrete(meshes: Meshes, arm: Arm, q0: Floats, q1: Floats) -> bool:
-    """Return whether a motion is free at OMPL's default resolution, 1 % of the extent of the space."""
+    """Return True if a motion is free at OMPL's default resolution, 1 % of the extent of the space."""
     extent = float(np.linalg.norm(arm.upper - arm.lower))
     count = max(1, int(np.ceil(np.linalg.norm(q1 - q0) / (RESOLUTION * extent))))
     return not any(meshes.collides(q0 + part * (q1 - q0)) for part in np.linspace(0.0, 1.0, count + 1))

@@ -1,6 +1,6 @@
-"""Arms: problems of a public benchmark solved with proofs, beside OMPL that asks coal, and VAMP.
+"""Arms: problems of a public benchmark solved with proofs, against OMPL with coal, and VAMP.
 
-What each of them calls free is looked at closely, by the meshes themselves.
+Paths of each are checked in small steps by the meshes.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from cspace.errors import ConfigurationError
 ROBOTS = {"panda": 0.95, "ur5": 0.9}
 """Arms in the folder of data, and the target share of solved problems."""
 
-LIMIT = 5.0
+ARM_SEARCH_SECONDS = 5.0
 """Time limit of a search, seconds."""
 
-QUICKER = 20.0
-"""Target: how many times longer OMPL takes."""
+MIN_OMPL_RATIO = 20.0
+"""Target: minimum time of OMPL over ours."""
 
-STEP = 0.005
+CLOSE_CHECK_STEP = 0.005
 """Largest step of a joint between close checks of a motion, radians."""
 
 MOTIONS = 20
-"""Motions tested for each problem."""
+"""Number of motions tested for each problem."""
 
 OURS, SEARCH = "ours, find_path", "ours, its search alone"
 OMPL, VAMP = "RRTConnect of OMPL, coal in the callback", "RRTConnect of VAMP"
@@ -63,14 +63,15 @@ def run(report: Report, seed: int) -> None:
             continue
         problems = list(files.problems(1 if report.quick else 10))
         report.section(
-            f"{robot}, {files.arm.dof} joints: {len(problems)} problems of MotionBenchMaker, {LIMIT:g} s each"
+            f"{robot}, {files.arm.dof} joints: {len(problems)} problems of MotionBenchMaker, "
+            f"{ARM_SEARCH_SECONDS:g} s each"
         )
         _plan(report, problems, least, seed)
         _judge(report, problems[:: 1 if report.quick else 5], np.random.default_rng(seed))
 
 
 def _plan(report: Report, problems: list[Problem], least: float, seed: int) -> None:
-    """Compare which problems are solved, how soon, and which paths collide."""
+    """Compare solved problems, times and colliding paths."""
     timings: dict[str, Timing] = {}
     solved, colliding, sets = Counter[str](), Counter[str](), list[str]()
     made, own, proven = list[float](), list[float](), True
@@ -86,7 +87,7 @@ def _plan(report: Report, problems: list[Problem], least: float, seed: int) -> N
         solvers: dict[str, Callable[[], Floats | None]] = {
             OURS: partial(_solve, space, problem.start, goals, seed, True),
             SEARCH: partial(_solve, space, problem.start, goals, seed, False),
-            OMPL: partial(solve_by_ompl, meshes, problem.folder.arm, problem.start, goals, seed, LIMIT),
+            OMPL: partial(solve_by_ompl, meshes, problem.folder.arm, problem.start, goals, seed, ARM_SEARCH_SECONDS),
         }
         if is_here("vamp"):
             vamp = Vamp(problem)
@@ -99,7 +100,9 @@ def _plan(report: Report, problems: list[Problem], least: float, seed: int) -> N
             if path is None or not len(path):
                 continue
             solved[name] += 1
-            colliding[name] += any(meshes.first_collision(*edge, STEP) is not None for edge in pairwise(path))
+            colliding[name] += any(
+                meshes.first_collision(*edge, CLOSE_CHECK_STEP) is not None for edge in pairwise(path)
+            )
             if name in (OURS, SEARCH):
                 proven &= bool(space.certify_path(path).all()) and bool((path[0] == problem.start).all())
             elif name == VAMP:
@@ -111,10 +114,10 @@ def _plan(report: Report, problems: list[Problem], least: float, seed: int) -> N
         report.note(f"VAMP by its own clock, without what passes arguments on: {statistics.median(own) * 1e3:.3g} ms")
     report.figure("share of the problems that ours solves", solved[OURS] / len(sets), "", least=least)
     report.check(proven, f"ours: all {solved[OURS]} paths are proven, from the start on")
-    summary = f"ours: {colliding[OURS]} of {solved[OURS]} paths collide, looked at every {STEP:g} rad"
+    summary = f"ours: {colliding[OURS]} of {solved[OURS]} paths collide, looked at every {CLOSE_CHECK_STEP:g} rad"
     report.check(not colliding[OURS], summary)
-    # OMPL's path is not made shorter, VAMP's is.
-    report.ratio(f"{OMPL} / {SEARCH}", timings[OMPL], timings[SEARCH], least=QUICKER)
+    # VAMP's path is shortened, OMPL's is not.
+    report.ratio(f"{OMPL} / {SEARCH}", timings[OMPL], timings[SEARCH], least=MIN_OMPL_RATIO)
     for name in [name for name in (OMPL, VAMP) if name in timings]:
         report.ratio(f"{name} / {OURS}", timings[name], timings[OURS])
     for each in dict.fromkeys(sets):
@@ -126,13 +129,13 @@ def _plan(report: Report, problems: list[Problem], least: float, seed: int) -> N
 
 def _solve(space: ArmSpace, start: Floats, goals: Floats, seed: int, straight: bool) -> Floats | None:
     try:
-        return space.find_path(start, goals, straight=straight, seed=seed, time_limit=LIMIT)
+        return space.find_path(start, goals, straight=straight, seed=seed, time_limit=ARM_SEARCH_SECONDS)
     except ConfigurationError:  # the start, or each goal, is not proven free
         return None
 
 
 def _judge(report: Report, problems: list[Problem], rng: np.random.Generator) -> None:
-    """Count motions near starts and goals that each one calls free and that collide by the meshes."""
+    """Count motions near starts and goals that a peer calls free but that collide by the meshes."""
     asked, free, colliding, lost = 0, Counter[str](), Counter[str](), 0
     for problem in problems:
         space, meshes, arm = problem.space(), problem.meshes(), problem.folder.arm
@@ -148,12 +151,12 @@ def _judge(report: Report, problems: list[Problem], rng: np.random.Generator) ->
             q1 = _near(q0, rng.choice([0.1, 0.3, 1.0]), arm, rng)
             asked += 1
             answers = {name: check(q0, q1) for name, check in checks.items()}
-            truth = meshes.first_collision(q0, q1, STEP) is not None
+            truth = meshes.first_collision(q0, q1, CLOSE_CHECK_STEP) is not None
             lost += not truth and not answers["ours"]
             for name, answer in answers.items():
                 free[name] += answer
                 colliding[name] += answer and truth
-    report.note(f"{asked} motions about starts and goals, looked at every {STEP:g} rad:")
+    report.note(f"{asked} motions about starts and goals, looked at every {CLOSE_CHECK_STEP:g} rad:")
     for name in free:
         share = f"{colliding[name] / max(free[name], 1):.1%}"
         claim = f"{name}: {free[name]} motions called free, of which {colliding[name]} collide ({share})"

@@ -1,4 +1,4 @@
-"""Spectra of balls, Minkowski sums, overlaps at many placements and early misses, each against the direct way."""
+"""Spectra of balls, Minkowski sums, overlaps at many placements and early misses, against direct methods."""
 
 from __future__ import annotations
 
@@ -32,41 +32,41 @@ BALLS = 10_000
 FREQUENCIES = {2: 256, 3: 128}
 """Frequencies along each axis, by dimension."""
 
-LENGTH = 1.2
-"""Period, in sides of the square or cube that holds the centers."""
+PERIOD_IN_SIDES = 1.2
+"""Period over the side of the square or cube that contains the centers."""
 
-RADII = (0.01, 0.04)
+BALL_RADII = (0.01, 0.04)
 TOLERANCE = 1e-9
-LEAST_SPECTRUM = 50.0
+MIN_SPECTRUM_RATIO = 50.0
 
 PAIRS = 2**30
 """Maximum number of pairs of a ball and a frequency in a direct sum."""
 
-STEP = 2.0**-10
+TABLE_STEP = 2.0**-10
 """Step of the table of a bump's spectrum; cubic interpolation errs by less than 1e-10 of F(0)."""
 
-CELLS = 1024
+DESCRIPTOR_CELLS = 1024
 KERNELS = (9, 33)
 """Cells along each side of the descriptors that are added to one of 1024 x 1024 cells, by each method."""
 
-LEAST_MINKOWSKI = 100.0
+MIN_MINKOWSKI_RATIO = 100.0
 
 PLACEMENTS = 100_000
-LEAST_VALUES = 20.0
-SINGLE = {2: 20_000, 3: 200}
+MIN_VALUES_RATIO = 20.0
+SINGLE_PLACEMENTS = {2: 20_000, 3: 200}
 """Placements evaluated one by one, by dimension."""
 
 SCENES = {2: 10, 3: 3}
 """Random scenes with nine of ten placements clear, by dimension."""
 
 SCENE_PLACEMENTS = 2000
-ROOM = {2: 12.0, 3: 7.0}
+PLACEMENT_SIDES = {2: 12.0, 3: 7.0}
 """Side of the square or cube of the placements, in sizes of the bodies."""
 
-SHARES = (1.0, 2.0)
+GROWTH_FACTORS = (1.0, 2.0)
 """Growth of balls, in the smaller median radius of the two bodies."""
 
-MOST = 0.05
+MAX_FREQUENCY_SHARE = 0.05
 """Target: share of the frequencies used for a miss."""
 
 
@@ -99,7 +99,7 @@ def _direct(
                 angle = 2.0 * math.pi * (u * centers[ball, 0] + v * centers[ball, 1] + w * centers[ball, 2])
                 real += math.cos(angle)
                 imag -= math.sin(angle)
-            at = radii[part] * modulus / STEP
+            at = radii[part] * modulus / TABLE_STEP
             cell = int(at)
             x = at - cell
             near = (table[cell + 1] * (1.0 - x) + table[cell + 2] * x) * (1.0 + x) * (2.0 - x) / 2.0
@@ -113,8 +113,10 @@ def _direct_sum(centers: Floats, radii: Floats, count: int) -> Callable[[Ints], 
     dim = centers.shape[1]
     order = np.argsort(radii, kind="stable")
     sizes, starts = np.unique(radii[order], return_index=True)
-    waves = np.fft.fftfreq(count, 1.0 / count) / LENGTH
-    nodes = STEP * np.abs(np.arange(-1.0, float(sizes[-1]) * math.sqrt(dim) * (count // 2) / LENGTH / STEP + 4.0))
+    waves = np.fft.fftfreq(count, 1.0 / count) / PERIOD_IN_SIDES
+    nodes = TABLE_STEP * np.abs(
+        np.arange(-1.0, float(sizes[-1]) * math.sqrt(dim) * (count // 2) / PERIOD_IN_SIDES / TABLE_STEP + 4.0)
+    )
     table = Bump(2.0).table(dim, float(nodes.max()), 1e-13)(nodes)
     balls = np.pad(centers[order], ((0, 0), (0, 3 - dim))), np.append(starts, len(order)), sizes, sizes**dim, table
 
@@ -127,18 +129,18 @@ def _direct_sum(centers: Floats, radii: Floats, count: int) -> Callable[[Ints], 
 
 
 def _spectra(report: Report, dim: int, rng: np.random.Generator) -> None:
-    """Compare spectra of many balls with one radius, several, and all different ones."""
+    """Compare spectra of many balls with one, several, and all different radii."""
     number = BALLS // 10 if report.quick else BALLS
     count = FREQUENCIES[dim] // (4 if report.quick else 1)
     centers = rng.uniform(0.0, 1.0, (number, dim))
-    several = np.linspace(*RADII, 8)
+    several = np.linspace(*BALL_RADII, 8)
     for name, radii in (
         ("one radius", np.full(number, several[3])),
         ("8 radii", rng.choice(several, number)),
-        ("all radii different", rng.uniform(*RADII, number)),
+        ("all radii different", rng.uniform(*BALL_RADII, number)),
     ):
         report.section(f"{number} balls, {name}, {' x '.join([str(count)] * dim)} frequencies, {Bump(2.0)}")
-        call = partial(ball_spectrum, centers, radii, Bump(2.0), LENGTH, count, TOLERANCE)
+        call = partial(ball_spectrum, centers, radii, Bump(2.0), PERIOD_IN_SIDES, count, TOLERANCE)
         ours = interleave({"ours": call}, 3 if report.quick else 5)["ours"]
         report.timing(f"ours, tolerance {TOLERANCE:g}", ours)
         whole = count**dim
@@ -146,7 +148,7 @@ def _spectra(report: Report, dim: int, rng: np.random.Generator) -> None:
         places = np.arange(whole) if asked == whole else rng.choice(whole, asked, replace=False)
         direct = once(partial(_direct_sum(centers, radii, count), places)).per(asked / whole)
         report.timing(f"direct sum, extrapolated from 1 / {whole / asked:.4g}", direct)
-        report.ratio("direct sum / ours", direct, ours, least=LEAST_SPECTRUM)
+        report.ratio("direct sum / ours", direct, ours, least=MIN_SPECTRUM_RATIO)
         off = float(np.abs(direct.value - ours.value.ravel()[places]).max()) / float(ours.value.flat[0].real)
         report.check(off <= TOLERANCE, f"direct sum: within {off:.1g} of F(0)")
 
@@ -179,7 +181,7 @@ def _bumps(cells: int, rng: np.random.Generator) -> Descriptor:
 
 def _minkowski(report: Report, name: str, make: Callable[..., Descriptor], rng: np.random.Generator) -> None:
     """Compare sums by FFT and directly, with few cells and, extrapolated, with as many."""
-    cells = CELLS // 4 if report.quick else CELLS
+    cells = DESCRIPTOR_CELLS // 4 if report.quick else DESCRIPTOR_CELLS
     f = make(cells, rng)
     _convolution(f.values[:2], f.values[:2])  # compiles it
     for across in KERNELS:
@@ -198,7 +200,7 @@ def _minkowski(report: Report, name: str, make: Callable[..., Descriptor], rng: 
         largest = float(sums[1].max())
         off = max(float(np.abs(fft.value.values - each).max()) for each in (sums[0].values, sums[1]))
         report.check(off <= 1e-12 * largest, f"all sums: equal within {off / largest:.1g} of the largest")
-        # Values near the rim of a bump are so small that products of two may vanish; those of booleans do not.
+        # Values near the boundary of a bump are tiny, so their products may underflow; products of booleans do not.
         shape = _convolution(superlevel(f).astype(np.float64), superlevel(g).astype(np.float64)) > 0.5
         same = all(bool((superlevel(each) == shape).all()) for each in (fft.value, sums[0]))
         report.check(same, "fft and direct: above zero just where some product is")
@@ -209,7 +211,7 @@ def _minkowski(report: Report, name: str, make: Callable[..., Descriptor], rng: 
     for call, timing in direct.items():
         more = timing.per((across / cells) ** 2)
         report.timing(f"{call}, extrapolated from {across} x {across} cells", more)
-        report.ratio(f"{call} / ours, fft", more, fft, least=LEAST_MINKOWSKI)
+        report.ratio(f"{call} / ours, fft", more, fft, least=MIN_MINKOWSKI_RATIO)
 
 
 # ---- overlaps --------------------------------------------------------------------------------------------------------
@@ -220,12 +222,12 @@ def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> No
     tolerance = 0.1 if report.quick else 1e-3
     overlap = overlap_of(pool_body(seed, 0, dim), [pool_body(seed, 1, dim)], 0.5, 8, Bump(2.0), tolerance, inner=False)
     number = PLACEMENTS // 10 if report.quick else PLACEMENTS
-    single = min(number, SINGLE[dim] // 20 if report.quick else SINGLE[dim])
+    single = min(number, SINGLE_PLACEMENTS[dim] // 20 if report.quick else SINGLE_PLACEMENTS[dim])
     where = "in the plane" if dim == 2 else "in space"
     report.section(f"{number} placements {where}, {overlap.frequencies} frequencies (opposite ones counted once)")
     ts = rng.uniform(*overlap.domain, (number, dim))
     for name, one, least in (
-        ("value", overlap.value, LEAST_VALUES),
+        ("value", overlap.value, MIN_VALUES_RATIO),
         ("gradient", overlap.gradient, None),
     ):
         together = interleave({name: partial(one, ts)}, 3)[name]
@@ -240,17 +242,17 @@ def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> No
 
 
 def _misses(report: Report, seed: int, dim: int) -> None:
-    """Measure how many frequencies a miss takes, with swollen balls first and without."""
+    """Measure the number of frequencies of a miss, with and without swollen balls."""
     numbers = range(1 if report.quick else SCENES[dim])
     scenes = [_scene(seed, dim, np.random.default_rng([seed, number, 50 + dim])) for number in numbers]
-    for share in SHARES[-1:] if report.quick else SHARES:
+    for share in GROWTH_FACTORS[-1:] if report.quick else GROWTH_FACTORS:
         parts: dict[bool, list[Floats]] = {True: [], False: []}
         clear, sizes, wrong = 0, [], 0
         for body, others, ts, meets in scenes:
             overlap = overlap_of(body, others, share, 8, Bump(2.0), 1e-3, inner=False)
             sizes.append(overlap.frequencies)
             low, high = overlap.domain
-            # Beyond, nothing is near anything, and no frequency is asked.
+            # Beyond this distance the bodies cannot overlap, and no frequency is used.
             inside = ((ts >= low) & (ts <= high)).all(axis=1)
             clear += int((~meets & inside).sum())
             for swelling, shares in parts.items():
@@ -267,19 +269,24 @@ def _misses(report: Report, seed: int, dim: int) -> None:
         for swelling, name in ((True, "swollen balls first"), (False, "frequencies alone")):
             every = np.concatenate(parts[swelling])
             report.figure(f"{name}: clear placements told", 100.0 * len(every) / clear, "%")
-            report.figure("    median part of the frequencies", 100.0 * float(np.median(every)), "%", most=100.0 * MOST)
+            report.figure(
+                "    median part of the frequencies",
+                100.0 * float(np.median(every)),
+                "%",
+                most=100.0 * MAX_FREQUENCY_SHARE,
+            )
             report.figure("    mean", 100.0 * float(every.mean()), "%")
 
 
 def _scene(seed: int, dim: int, rng: np.random.Generator) -> tuple[Body, list[Body], Floats, Bools]:
-    """Draw a body, others that leave nine of ten placements clear, placements, and which collide."""
+    """Draw a body, obstacles that leave nine of ten placements clear, placements, and collisions."""
     body = pool_body(seed, int(rng.integers(POOL)), dim).placed(1.0, random_turn(rng, dim), np.zeros(dim))
-    ts = rng.uniform(0.0, ROOM[dim], (SCENE_PLACEMENTS, dim))
+    ts = rng.uniform(0.0, PLACEMENT_SIDES[dim], (SCENE_PLACEMENTS, dim))
     others: list[Body] = []
     meets = np.zeros(len(ts), dtype=np.bool_)
     while meets.mean() < 0.1:
         another = pool_body(seed, int(rng.integers(POOL)), dim)
-        away = float(rng.uniform(0.5, 1.2)), random_turn(rng, dim), rng.uniform(0.0, ROOM[dim], dim)
+        away = float(rng.uniform(0.5, 1.2)), random_turn(rng, dim), rng.uniform(0.0, PLACEMENT_SIDES[dim], dim)
         others.append(another.placed(*away))
         meets |= oracle(body, others[-1:], np.eye(dim))(ts)
     return body, others, ts, meets

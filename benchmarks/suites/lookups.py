@@ -28,7 +28,7 @@ MAX_ROTATION = 0.5
 
 ALONE = "ours, on one core"
 
-# ---- what OMPL is asked, also by other suites ------------------------------------------------------------------------
+# ---- queries through OMPL, also for other suites ---------------------------------------------------------------------
 
 
 def discrete(space: CSpace, checker: Callable[[Any], Any]) -> Any:
@@ -60,7 +60,7 @@ def edges_of(space: CSpace, si: Any, starts: Floats, goals: Floats) -> list[tupl
 
 
 def asker(call: Callable[..., bool], asked: list[Any]) -> Callable[[], list[bool]]:
-    """Return a call that asks about all states or edges and does little else."""
+    """Return a call that queries all states or edges and does little else."""
     if isinstance(asked[0], tuple):
         return lambda: [call(first, last) for first, last in asked]
     return lambda: [call(state) for state in asked]
@@ -179,7 +179,7 @@ def _compare_edges(
 
 
 def _checkers(space: CSpace) -> dict[str, Callable[[Any], Any]]:
-    """Return what OMPL's discrete validator asks: our checker, the barest look-up, and one that says yes."""
+    """Return callbacks for OMPL's discrete validator: our checker, a bare look-up, and a constant."""
     checkers = {"discrete, our isValid": lambda si: planners.StateValidityChecker(si, space)}
     if space.grid.dim == 2 and not space.rotations.names:
         rows = [bytes(row) for row in space.cell_states]

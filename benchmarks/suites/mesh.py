@@ -1,4 +1,4 @@
-"""A closed mesh of 100,000 triangles into 256^3 cells, beside trimesh's own voxelizer."""
+"""Rasterization of a closed mesh of 100,000 triangles into 256^3 cells, against trimesh's voxelizer."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from cspace import Workspace
 from cspace.arrays import Bools, Floats, Ints
 from cspace.shapes.mesh import Mesh
 
-AROUND = (250, 200)
+TORUS_POINTS = (250, 200)
 """Points along the two circles of a torus; twice as many triangles as points."""
 
-CELLS = 256
-MOST = 2.0
+CELLS_PER_SIDE = 256
+MAX_SECONDS = 2.0
 """Target, seconds."""
 
 UNIT = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
@@ -27,7 +27,7 @@ UNIT = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
 def run(report: Report, seed: int) -> None:
     """Rasterise a bumpy torus that fills the unit cube, as a surface and as a solid."""
     rng = np.random.default_rng(seed)
-    around, cells, runs = ((50, 40), 64, 3) if report.quick else (AROUND, CELLS, 5)
+    around, cells, runs = ((50, 40), 64, 3) if report.quick else (TORUS_POINTS, CELLS_PER_SIDE, 5)
     vertices, faces = _torus(*around, rng)
     spacing = 1.0 / cells
     report.section(f"bumpy torus of {len(faces)} triangles, {' x '.join([str(cells)] * 3)} cells")
@@ -39,7 +39,7 @@ def run(report: Report, seed: int) -> None:
         call()  # compiles
     risen = {name: memory_rise(call) for name, call in calls.items()}
     timings = interleave(calls, runs)
-    # trimesh keeps what it has computed with a mesh: each run takes a new one. It is slow, and runs once.
+    # trimesh caches results in a mesh, so each run needs a new mesh. It is slow and runs once.
     peers = {
         "trimesh voxelized": once(partial(_trimesh, vertices, faces, spacing, False)),
         "trimesh voxelized and fill": once(partial(_trimesh, vertices, faces, spacing, True)),
@@ -48,7 +48,7 @@ def run(report: Report, seed: int) -> None:
         rise = risen.get(name)
         report.timing(name, timing, **({} if rise is None else {"peak_memory": f"+{rise / 2**20:.0f} MB"}))
     solid, surface = timings.values()
-    report.figure("ours, solid", solid.median, "s", most=MOST)
+    report.figure("ours, solid", solid.median, "s", most=MAX_SECONDS)
     report.ratio("trimesh voxelized / ours, surface", peers["trimesh voxelized"], surface)
     report.ratio("trimesh voxelized and fill / ours, solid", peers["trimesh voxelized and fill"], solid)
     _compare(report, "surface", surface.value.outer, peers["trimesh voxelized"].value)
@@ -99,7 +99,7 @@ def _trimesh(vertices: Floats, faces: Ints, spacing: float, fill: bool) -> Bools
     """Return the cells that trimesh marks, on our grid."""
     import trimesh
 
-    # Its cells have their middles, and ours their corners, at multiples of the spacing.
+    # trimesh has cell centers, and we have cell corners, at multiples of the spacing.
     mesh = trimesh.Trimesh(vertices - 0.5 * spacing, faces, process=False)
     voxels = mesh.voxelized(spacing)
     voxels = voxels.fill() if fill else voxels

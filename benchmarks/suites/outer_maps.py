@@ -1,4 +1,4 @@
-"""Outer maps, by our engines and by peers: where a robot meets obstacles, with everything outside the map free."""
+"""Outer maps by our engines and by peers, with a free exterior."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Call = Callable[[], Bools]
 
 
 def ours(workspace: Workspace, robot: Robot, method: str) -> Bools:
-    """Return the outer map of a robot that only translates, from its shape on."""
+    """Return the outer map of a robot without rotations, including its rasterization."""
     space = cspace.build(workspace, robot, inner=False, outside="free", method=method)
     return space.cell_states.view(np.bool_)  # FREE is 0 and MIXED 1
 
@@ -49,7 +49,7 @@ def convolved(
     return np.asarray(whole[window] > 0.5)
 
 
-# ---- stamping: what a ROS user would run -----------------------------------------------------------------------------
+# ---- stamping, as in ROS ---------------------------------------------------------------------------------------------
 
 
 @jit
@@ -90,14 +90,14 @@ def stamp(occupied: Bools, rasters: Sequence[Raster]) -> list[Bools]:
 
 
 def border_cells(occupied: Bools) -> Ints:
-    """Return occupied cells beside one that is not, or on the border of the map, shape (n, 2)."""
+    """Return occupied cells beside a free cell or on the border of the map, shape (n, 2)."""
     wide = np.pad(occupied, 1)
     hidden = wide[:-2, 1:-1] & wide[2:, 1:-1] & wide[1:-1, :-2] & wide[1:-1, 2:]
     return np.argwhere(occupied & ~hidden)
 
 
 def _overlap(size: int, by: int) -> tuple[slice, slice]:
-    """Return cells k, and cells k + by, that both lie in the map."""
+    """Return the cells k and k + by, where both are in the map."""
     by = min(max(by, -size), size)
     return slice(max(0, -by), size - max(0, by)), slice(max(0, by), size - max(0, -by))
 
@@ -106,7 +106,7 @@ def _overlap(size: int, by: int) -> tuple[slice, slice]:
 
 
 class Peer(NamedTuple):
-    """A library's way to compute the map.
+    """A library's method to compute the map.
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ def _filter(occupied: Bools, raster: Raster) -> Call:
 
 
 def _anchor(raster: Raster) -> tuple[int, int]:
-    """Return the reference point as OpenCV counts it: column, row."""
+    """Return the reference point for OpenCV: column, row."""
     return -raster.lower[1], -raster.lower[0]
 
 
@@ -170,7 +170,7 @@ def _pairs(shape: Sequence[int], raster: Raster) -> float:
 
 
 def _points(shape: Sequence[int], raster: Raster) -> float:
-    """Count points of a transform of the whole map, times the steps of each."""
+    """Count points of a transform of the whole map, times the steps per point."""
     points = float(math.prod(n + r - 1 for n, r in zip(shape, raster.cells.shape, strict=True)))
     return points * math.log2(points + 1.0)
 

@@ -1,4 +1,4 @@
-"""The page of a run against peers: tables in Markdown, and a plot of cost over the size of the map and the robot."""
+"""The page of a run against peers: tables in Markdown, and a plot of cost over sizes of maps and robots."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from benchmarks.suites.outer_maps import named
 
 Row = Mapping[str, Any]
 
-# Colours that are told apart by those who see few (Okabe and Ito, 2008), each with a marker of its own.
+# Colours safe for the colour-blind (Okabe and Ito, 2008), each with its own marker.
 STYLES: dict[str, dict[str, Any]] = {
     named("fft"): {"color": "#0072B2", "marker": "o", "linewidth": 2.6},
     named("direct"): {"color": "#D55E00", "marker": "s", "linewidth": 2.6},
@@ -116,7 +116,7 @@ def _sweep(rows: Sequence[Row], sweep: str) -> list[str]:
 
 
 def _cell(rows: Sequence[Row], way: str) -> str:
-    """Return the time of a way at one size."""
+    """Return the time of a method at one size."""
     for row in rows:
         if row.get("way") == way:
             return f"({time_text(row['value'])})" if row.get("left_out") else time_text(row["median_s"])
@@ -124,7 +124,7 @@ def _cell(rows: Sequence[Row], way: str) -> str:
 
 
 def _choice(rows: Sequence[Row]) -> str:
-    """Return the engine that was chosen, and how much slower it is if the other one is quicker."""
+    """Return the chosen engine, and its slowdown if the other engine is faster."""
     for row in rows:
         if "chosen" in row:
             regret = row["taken"][row["chosen"]] / min(row["taken"].values())
@@ -161,7 +161,7 @@ def draw(rows: Sequence[Row]) -> bytes:
 
 
 def _draw_panel(panel: Any, sweep: str, rows: Sequence[Row]) -> None:
-    """Draw one sweep: a line for each way."""
+    """Draw one sweep with a line for each method."""
     x = "size" if len({row["size"] for row in rows}) > 1 else "across"
     dim = rows[0]["dim"]
     for way, style in STYLES.items():

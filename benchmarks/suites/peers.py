@@ -1,4 +1,4 @@
-"""Everything against its peers: comparisons with targets, and cost over sizes of maps and robots."""
+"""Engines against peers: comparisons with targets, and cost over sizes of maps and robots."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ from cspace.threads import cores
 Goals = Mapping[str, Mapping[str, float]]
 
 SIZES = {"plane": 4096, "turning": 1024, "space": 256}
-QUICK = {"plane": 512, "turning": 192, "space": 64}
-"""Cells along each side, for which the targets are meant, and with ``--quick``."""
+QUICK_SIZES = {"plane": 512, "turning": 192, "space": 64}
+"""Cells along each side: full sizes, to which the targets apply, and sizes of ``--quick``."""
 
 DISC, LARGE, BALL = 65, 401, 21
-"""Cells that robots are across."""
+"""Diameters of robots, cells."""
 
 ROTATIONS, LENGTH, WIDTH = 72, 33, 21
-"""Yaw cells, and cells that the robot which turns is long and wide."""
+"""Number of yaw cells, and length and width of the rotating robot, cells."""
 
 REAL = {"maps/depot.yaml": (18, 12), "maps/100by100_10.yaml": (18, 12), "movingai/Berlin_1_1024.map": (LENGTH, WIDTH)}
 """Real maps, and length and width of the robot there, in cells; on the first two 0.9 m x 0.6 m."""
 
 LARGE_MAP, LARGE_BALL = 512, 33
-"""Cells along each side of the map whose memory is measured, and cells that its robot is across."""
+"""Cells along each side of the map whose memory is measured, and diameter of its robot, cells."""
 
-SLOW = 6.0
+SLOW_PEER_SECONDS = 6.0
 """Seconds; a peer that takes longer is timed once."""
 
 IN_PLANE: Goals = {"fft": {"fftconvolve float64": 6.0}, "auto": {"fftconvolve float64": 20.0}}
@@ -53,21 +53,21 @@ IN_SPACE: Goals = {
     "auto": {"fftconvolve float64": 12.0},
 }
 STAMPING, STAMPING_MEDIAN = 1.0, 2.0
-"""Targets: how many times slower than ours, by engine, each peer is with its defaults."""
+"""Targets: time of each peer, with its defaults, over that of our engines."""
 
-FLOOR = 1.3
-"""Target: how many times longer our transforms take than the two that one convolution of the whole needs."""
+MAX_TRANSFORM_RATIO = 1.3
+"""Target: maximum time of our transforms over that of the two transforms of one convolution of the whole."""
 
-MOST_MEMORY = 8.0
-"""GiB, for the large map with both sides of the certificate."""
+MAX_MEMORY_GIB = 8.0
+"""Target: maximum memory of the large map with both sides of the certificate, GiB."""
 
 
 def run(report: Report, seed: int) -> None:
     """Make every comparison; results must be equal, and targets are for full sizes only."""
-    rng, sizes = np.random.default_rng(seed), QUICK if report.quick else SIZES
+    rng, sizes = np.random.default_rng(seed), QUICK_SIZES if report.quick else SIZES
     report.has("cv2", "OpenCV's functions are left out")
     _warm_up(rng)
-    # First, while the process is small: memory given back earlier could hide what is taken here.
+    # Measure memory first, because memory freed earlier could hide a rise.
     _memory(report, 128 if report.quick else LARGE_MAP, rng)
     boxes = Workspace.from_array(inputs.boxes(sizes["plane"], 0.06, rng), 1.0)
     _translating(report, boxes, Robot.disc(DISC / 2), f"disc {DISC} cells across", IN_PLANE)
@@ -82,7 +82,7 @@ def run(report: Report, seed: int) -> None:
 
 
 def _warm_up(rng: np.random.Generator) -> None:
-    """Call every way once, so that none is compiled or loaded while it is timed."""
+    """Call every method once, so that timings exclude compilation and loading."""
     for dim, robot in ((2, Robot.disc(3.0)), (3, Robot.ball(3.0))):
         workspace = Workspace.from_array(inputs.boxes(32, 0.06, rng, dim), 1.0)
         raster = robot.rasters(1.0)[0]
@@ -119,11 +119,11 @@ def _memory(report: Report, size: int, rng: np.random.Generator) -> None:
         rise = memory_rise(
             lambda method=method: cspace.build(Workspace.from_array(occupied, 1.0), robot, method=method)
         )
-        report.figure(f"{named(method)}: peak memory, above what there was", rise / 2**30, "GiB", most=MOST_MEMORY)
+        report.figure(f"{named(method)}: peak memory, above what there was", rise / 2**30, "GiB", most=MAX_MEMORY_GIB)
 
 
 def _floor(report: Report, workspace: Workspace, robot: Robot) -> None:
-    """Compare our transforms with the two that a convolution of the whole map needs, by as many workers."""
+    """Compare our transforms with those of a convolution of the whole map, with equally many workers."""
     occupied, raster = workspace.outer, robot.rasters(1.0)[0]
     pairs = zip(occupied.shape, raster.cells.shape, strict=True)
     whole = np.zeros([fft.next_fast_len(n + r - 1, real=True) for n, r in pairs], np.float32)
@@ -145,11 +145,11 @@ def _floor(report: Report, workspace: Workspace, robot: Robot) -> None:
     timings = interleave(calls, _runs(report))
     for workers in sorted({1, min(2, cores())}):
         name = f"our transforms / two bare ones, workers each: {workers}"
-        report.ratio(name, timings[f"ours, {workers}"], timings[f"bare, {workers}"], most=FLOOR)
+        report.ratio(name, timings[f"ours, {workers}"], timings[f"bare, {workers}"], most=MAX_TRANSFORM_RATIO)
 
 
 def _translating(report: Report, workspace: Workspace, robot: Robot, name: str, goals: Goals) -> None:
-    """Compare engines, from the robot's shape on, with peers that are given the robot's cells."""
+    """Compare engines, including rasterization of the robot, with peers that get its cells."""
     occupied = workspace.outer
     raster = robot.rasters(workspace.grid.spacing)[0]
     report.section(f"{across(occupied)} cells, {occupied.mean():.1%} occupied in boxes; {name}")
@@ -157,7 +157,7 @@ def _translating(report: Report, workspace: Workspace, robot: Robot, name: str, 
     asked = {peer for of_engine in goals.values() for peer in of_engine}
     calls: dict[str, Callable[[], Bools]] = {named(method): partial(ours, workspace, robot, method) for method in goals}
     calls |= {peer.name: peer.ready(occupied, raster) for peer in peers(occupied.ndim) if peer.name in asked}
-    timings = interleave(calls, _runs(report), SLOW)
+    timings = interleave(calls, _runs(report), SLOW_PEER_SECONDS)
     report.timings(timings)
     for method, of_engine in goals.items():
         for peer in [peer for peer in timings if peer in asked]:
@@ -168,7 +168,7 @@ def _translating(report: Report, workspace: Workspace, robot: Robot, name: str, 
 
 
 def _turning(report: Report, occupied: Bools) -> None:
-    """Compare engines, from the robot's shape on, with convolutions with the ready bitmap of each yaw."""
+    """Compare engines, including rasterization, with convolutions by the given bitmap of each yaw."""
     workspace, robot, rotations = Workspace.from_array(occupied, 1.0), _asymmetric(), _rotations(report)
     rasters = _rasters_of(robot, 1.0, rotations)
     floats, kernels = occupied.astype(np.float64), [np.flip(raster.cells).astype(np.float64) for raster in rasters]
@@ -185,7 +185,7 @@ def _turning(report: Report, occupied: Bools) -> None:
 
 
 def _stamping(report: Report) -> None:
-    """Compare with stamping from the obstacles' borders, on real maps, for a robot that turns."""
+    """Compare with stamping at the borders of obstacles, on real maps, for a rotating robot."""
     slower, rotations = [], _rotations(report)
     for name, (length, width) in REAL.items():
         workspace = inputs.real_map(name)
@@ -217,7 +217,7 @@ def _against(
     goals: Mapping[str, float],
     runs: int,
 ) -> dict[str, Timing]:
-    """Compare builds of a robot that turns with a peer's maps, by method, and return the timings."""
+    """Compare builds of a rotating robot with a peer's maps, by method, and return the timings."""
     options: dict[str, Any] = {"rotations": _rotations(report), "outside": "free", "inner": False}
     calls: dict[str, Callable[[], Any]] = {peer: call}
     calls |= {named(method): partial(cspace.build, workspace, robot, method=method, **options) for method in goals}

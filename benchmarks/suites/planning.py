@@ -1,4 +1,4 @@
-"""Time to a first solution on real maps, against the usual way: shapely or FCL in the callback, motions in steps."""
+"""Time to a first solution on real maps, against shapely or FCL in the callback and motions in steps."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ import planners
 from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.suites.lookups import at_half_a_cell, states_of
-from benchmarks.suites.planning_peers import LIMIT, Peer, Problem, Query, plane_problems
+from benchmarks.suites.planning_peers import SEARCH_SECONDS, Peer, Problem, Query, plane_problems
 from benchmarks.suites.solid_scenes import Fcl, Scene, building, cube_tunnel
 from benchmarks.timing import Timing, once
 from cspace import CSpace
@@ -28,11 +28,11 @@ from planners.states import kind_of
 
 Solver = Callable[[Query, int], tuple[float, Floats | None]]
 
-TRIED = 1000
-"""Configurations on which FCL's models are timed."""
+TIMED_CONFIGURATIONS = 1000
+"""Number of configurations on which FCL's models are timed."""
 
-LONG = 10.0
-"""Seconds beside which what is made at the first call does not count."""
+LONG_SEARCH_SECONDS = 10.0
+"""Search time from which setup at the first call is negligible, seconds."""
 
 
 def run(report: Report, seed: int) -> None:
@@ -51,7 +51,7 @@ def run(report: Report, seed: int) -> None:
 
 def _fcl(report: Report, space: CSpace, scene: Scene) -> Peer:
     """Return FCL as the peer of a scene, after a check that it calls no FREE configuration a collision."""
-    q = space.sample_free(TRIED, np.random.default_rng(0))
+    q = space.sample_free(TIMED_CONFIGURATIONS, np.random.default_rng(0))
     fcl = Fcl(report, scene, q)
     wrong = sum(fcl.meets(each) for each in q)
     report.check(not wrong, f"{wrong} of {len(q)} FREE configurations collide by FCL, {fcl.what}")
@@ -93,7 +93,7 @@ def compare(
     least: float | None = None,
     least_with_build: float | None = None,
 ) -> None:
-    """Race our solvers with a peer's, check that no path of ours collides, and count what is made once.
+    """Compare our solvers with a peer's, check our paths for collisions, and report one-time costs.
 
     The targets are for our first solver: how many times longer the peer takes, and the same with what is made once.
     """
@@ -108,7 +108,7 @@ def compare(
             report.check(not colliding, f"{way}: {colliding} of {len(paths)} paths collide, {peer.how}")
             if budget == math.inf:
                 report.check(len(paths) == len(timing.value), f"{way}: every search reaches the goal")
-    report.note(f"a search that fails counts with {LIMIT:g} s")
+    report.note(f"a search that fails counts with {SEARCH_SECONDS:g} s")
     report.note(
         f"made once for each map: ours {built.median * 1e3:.3g} ms (build), the peer {peer.made * 1e3:.3g} ms "
         f"({peer.what})"
@@ -138,8 +138,8 @@ def race(solvers: Sequence[Solver], queries: Sequence[Query], seeds: int, budget
             for again in (True, False):
                 cpu = time.process_time()
                 taken, path = solver(query, seed)
-                # A short first search is repeated, so that none pays for what is made at the first call.
-                if not (again and not timing.seconds and taken < LONG):
+                # A short first search is repeated, so that its time excludes setup at the first call.
+                if not (again and not timing.seconds and taken < LONG_SEARCH_SECONDS):
                     break
             timing.cpu.append(time.process_time() - cpu)
             timing.seconds.append(taken)
@@ -152,13 +152,15 @@ def solve_by_plan(
 ) -> tuple[float, Floats | None]:
     """Return the seconds to a first solution by our planning function, and the path or None."""
     began = time.perf_counter()
-    plan = planners.plan(space, *query, planner=planner, time_limit=LIMIT, simplify=False, seed=seed, exact=exact)
+    plan = planners.plan(
+        space, *query, planner=planner, time_limit=SEARCH_SECONDS, simplify=False, seed=seed, exact=exact
+    )
     taken = time.perf_counter() - began
     return taken, plan.path if plan.solved else None
 
 
 def peer_setup(space: CSpace, is_free: Callable[[Any], bool]) -> Callable[[], Any]:
-    """Return a plain OMPL script's set-up: a callback that asks a peer, and motions checked at half a cell."""
+    """Return the setup of a plain OMPL script: a peer in the callback, and motions in steps of half a cell."""
 
     class Checker(ob.StateValidityChecker):
         def isValid(self, state: Any) -> bool:  # noqa: N802 - OMPL's name
@@ -182,7 +184,7 @@ def solve(space: CSpace, make: Callable[[], Any], query: Query, seed: int) -> tu
     setup = make()
     setup.setStartAndGoalStates(*states_of(space, setup.getSpaceInformation(), query))
     setup.setPlanner(og.RRTConnect(setup.getSpaceInformation()))
-    setup.solve(LIMIT)
+    setup.solve(SEARCH_SECONDS)
     taken = time.perf_counter() - began
     if not setup.haveExactSolutionPath():
         return taken, None

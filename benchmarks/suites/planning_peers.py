@@ -1,4 +1,4 @@
-"""Problems of planning in the plane, and the usual way to decide them: shapely, one configuration a call."""
+"""Planning problems in the plane, and shapely as a peer, one configuration a call."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from tests.soak.plane import placed, union_of_cells
 
 Query = tuple[Floats, Floats]
 
-LIMIT = 60.0
+SEARCH_SECONDS = 60.0
 """Time limit of a search, seconds."""
 
-RADII = {"maps/depot.yaml": 0.3, "movingai/Berlin_1_1024.map": 2.0}
+DISC_RADII = {"maps/depot.yaml": 0.3, "movingai/Berlin_1_1024.map": 2.0}
 """Radii of discs, metres."""
 
-LENGTH, WIDTH, ROTATIONS = 0.6, 0.4, 72
-"""Sides of the rectangle that turns, metres, and its yaw cells."""
+RECTANGLE_LENGTH, RECTANGLE_WIDTH, YAW_CELLS = 0.6, 0.4, 72
+"""Sides of the rotating rectangle, metres, and its number of yaw cells."""
 
 
 @dataclass(frozen=True)
 class Peer:
-    """Another library's answers.
+    """Another library as a peer.
 
     Attributes
     ----------
@@ -84,9 +84,9 @@ class Problem:
 
 
 def plane_problems(report: Report, rng: np.random.Generator) -> Iterator[Problem]:
-    """Yield problems whose maps are there."""
+    """Yield the problems whose maps exist."""
     far = partial(far_apart, number=3, rng=rng)
-    for name, radius in RADII.items():
+    for name, radius in DISC_RADII.items():
         workspace = inputs.real_map(name)
         if workspace is None:
             report.note(f"{name} skipped: not in the folder of real maps")
@@ -95,15 +95,17 @@ def plane_problems(report: Report, rng: np.random.Generator) -> Iterator[Problem
         queries = far if name.endswith("yaml") else _from_scenarios
         yield Problem(f"{name}, disc of {radius:g} m", workspace, Robot.disc(radius), None, disc, queries, 10.0)
         if name.endswith("yaml"):
-            title = f"{name}, rectangle of {LENGTH:g} m x {WIDTH:g} m"
-            yield Problem(title, workspace, Robot.rectangle(LENGTH, WIDTH), ROTATIONS, _rectangle, far, 10.0)
+            title = f"{name}, rectangle of {RECTANGLE_LENGTH:g} m x {RECTANGLE_WIDTH:g} m"
+            yield Problem(
+                title, workspace, Robot.rectangle(RECTANGLE_LENGTH, RECTANGLE_WIDTH), YAW_CELLS, _rectangle, far, 10.0
+            )
 
 
 # ---- start and goal --------------------------------------------------------------------------------------------------
 
 
 def far_apart(space: CSpace, number: int, rng: np.random.Generator) -> list[Query]:
-    """Draw FREE pairs, half the map's diagonal apart, that a path joins and no straight edge does."""
+    """Draw FREE pairs, half the map's diagonal apart, connected by a path but not by a straight edge."""
     least = 0.5 * np.linalg.norm(np.subtract(space.grid.upper, space.grid.lower))
     draws = 5_000 if space.rotations.names else 20_000
     starts, goals = space.sample_free(draws, rng), space.sample_free(draws, rng)
@@ -132,7 +134,7 @@ def _from_scenarios(space: CSpace, number: int = 3) -> list[Query]:
 
 
 def _polygons(workspace: Workspace) -> tuple[Any, float]:
-    """Return the prepared obstacles and the seconds that it took."""
+    """Return the prepared obstacles and the time of preparation, seconds."""
     began = time.perf_counter()
     obstacles = union_of_cells(workspace.outer, workspace.grid)
     shapely.prepare(obstacles)
@@ -158,7 +160,7 @@ def _disc(report: Report, space: CSpace, radius: float) -> Peer:
 def _rectangle(report: Report, space: CSpace) -> Peer:
     (left, low), (right, high) = space.grid.lower, space.grid.upper
     obstacles, made = _polygons(space.workspace)
-    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * [LENGTH / 2, WIDTH / 2]
+    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * [RECTANGLE_LENGTH / 2, RECTANGLE_WIDTH / 2]
     outline, footprint = corners.tolist(), shapely.Polygon(corners)
 
     def is_free(state: Any) -> bool:

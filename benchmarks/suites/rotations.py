@@ -1,4 +1,4 @@
-"""Robots that turn in space: builds, look-ups, edges and plans on maps of SE(3) and R^3 x yaw, against FCL."""
+"""Rotating robots in space: builds, look-ups, edges and plans on maps of SE(3) and R^3 x yaw, against FCL."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from benchmarks.report import Report
 from benchmarks.suites import planning, solid_scenes
 from benchmarks.suites.lookups import asker, edges_of, states_of
 from benchmarks.suites.outer_maps import convolved
-from benchmarks.suites.solid_scenes import TRIED, Fcl, Scene
+from benchmarks.suites.solid_scenes import FCL_CONFIGURATIONS, Fcl, Scene
 from benchmarks.timing import Timing, interleave, one_core
 from cspace import BLOCKED, FREE, CSpace
 from cspace.arrays import Floats
 from cspace.engines.slices import slice_rasters
 
 SLICES = 6
-"""Slices convolved by SciPy."""
+"""Number of slices convolved by SciPy."""
 
 CONTAINED = 500
-"""Configurations tested for containment, too."""
+"""Number of configurations also tested for containment."""
 
 EDGE, MAX_ROTATION = 10.0, 0.3
 """Length of edges, cells, and largest rotation about an axis, radians."""
@@ -35,7 +35,7 @@ BUDGET = 60.0
 
 
 def run(report: Report, seed: int) -> None:
-    """Go through all scenes."""
+    """Run all scenes."""
     rng = np.random.default_rng(seed)
     quick = report.quick
     table = solid_scenes.rooms(quick)
@@ -89,8 +89,8 @@ def _build(report: Report, scene: Scene, cuts: int, rng: np.random.Generator) ->
     outer: CSpace = timings["ours, outer alone"].value
     rasters = slice_rasters(outer.robot, outer.grid.spacing, outer.margin, rotations)
     for cell in chosen.tolist():
-        # The map's own: one made anew is cut otherwise than an image, and may be a cell tighter or looser.
-        # Both are bounds.
+        # Use the map's own bitmap. A new one is cut differently, so it may be a cell tighter or looser; both are
+        # bounds.
         raster = rasters[slice_of[cell]][0]
         kernel = np.flip(raster.cells).astype(np.float64)
         met = loop.take(partial(convolved, signal.fftconvolve, occupied, kernel, raster))
@@ -104,15 +104,15 @@ def _build(report: Report, scene: Scene, cuts: int, rng: np.random.Generator) ->
 
 
 def _against_maps(report: Report, scene: Scene, built: Timing) -> None:
-    """Compare with as many maps of a robot that does not turn as there are slices."""
+    """Compare with one map of a robot without rotations for each slice."""
     still = interleave({"R^3": partial(cspace.build, scene.workspace, scene.robot)}, 3)["R^3"].per(1.0 / 18)
     report.timing("18 maps of R^3", still)
     report.ratio("72 yaw cells / 18 maps of R^3", built, still, most=2.0)
 
 
 def _fcl(report: Report, space: CSpace, scene: Scene, rng: np.random.Generator) -> Fcl:
-    """Return FCL's answers after checking that the map does not contradict them."""
-    q = _random(space, TRIED, rng)
+    """Return FCL's results after checking that the map does not contradict them."""
+    q = _random(space, FCL_CONFIGURATIONS, rng)
     fcl = Fcl(report, scene, q)
     states, few = space.classify(q), q[:CONTAINED]
     free, blocked = q[states == FREE], few[states[:CONTAINED] == BLOCKED]
@@ -130,7 +130,11 @@ def _fcl(report: Report, space: CSpace, scene: Scene, rng: np.random.Generator) 
 def _against_queries(report: Report, space: CSpace, built: Timing, fcl: Fcl) -> None:
     """Compare with one query of FCL for each stored state, extrapolated, in CPU time."""
     cells = float(space.grid.size * (len(space.slice_rotations)))
-    report.figure(f"one FCL query for each of {cells:.3g} states, extrapolated from {TRIED}", fcl.seconds * cells, "s")
+    report.figure(
+        f"one FCL query for each of {cells:.3g} states, extrapolated from {FCL_CONFIGURATIONS}",
+        fcl.seconds * cells,
+        "s",
+    )
     report.figure("one FCL query a state / ours, in CPU time", fcl.seconds * cells / built.median_cpu)
 
 

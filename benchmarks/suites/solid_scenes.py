@@ -28,11 +28,11 @@ from cspace import CSpace, Grid, Robot, Rotations, Workspace
 from cspace.arrays import Bools, Floats, Ints
 from tests.soak.solids import Blocks, Pair, SolidSurface, matrix_of, merged_cells
 
-TRIED = 2000
-"""Configurations on which FCL's models are timed and the map is compared with FCL."""
+FCL_CONFIGURATIONS = 2000
+"""Number of configurations on which FCL's models are timed and the map is compared with FCL."""
 
 ALONG, EXACT_ALONG = 200, 10_000
-"""Places of each leg of a path at which FCL is asked, and the distance of boxes."""
+"""Number of positions on each leg of a path tested by FCL and by exact distances."""
 
 TOP = ((-0.6, -0.4, 0.3), (0.6, 0.4, 0.35))
 LEGS = [((x - 0.03, y - 0.03, -0.35), (x + 0.03, y + 0.03, 0.31)) for x in (-0.55, 0.55) for y in (-0.35, 0.35)]
@@ -121,7 +121,7 @@ class Scene:
 
 
 def rooms(quick: bool) -> Scene:
-    """Return a table and a flat with a door that it passes only when tipped."""
+    """Return a table and a flat with a door that the table passes only when tilted."""
     obstacles, body = Blocks.boxes(ROOMS).skin(), Blocks.boxes(TABLE).skin()
     workspace = Workspace.from_mesh(_mesh(obstacles), 0.2 if quick else 0.1, ROOMS_BOUNDS)
     half = math.sqrt(0.5)
@@ -251,7 +251,7 @@ def _read_problem(folder: Path) -> tuple[Any, list[float]]:
 
 
 class Fcl:
-    """FCL's answers for a scene, by the fastest of its models at some configurations.
+    """FCL as a peer of a scene, with its fastest model at some configurations.
 
     Attributes
     ----------
@@ -297,7 +297,7 @@ class Fcl:
         return Peer("OMPL with FCL", self.is_free, collides, how, self.made, self.what)
 
     def meets(self, q: Any) -> bool:
-        """Return whether surfaces meet, or the robot leaves the grid, at a configuration."""
+        """Return True if surfaces meet, or the robot leaves the grid, at a configuration."""
         x, y, z, *turn = q
         if turn:
             qx, qy, qz, qw = turn if len(turn) == 4 else (0.0, 0.0, math.sin(0.5 * turn[0]), math.cos(0.5 * turn[0]))
@@ -312,7 +312,7 @@ class Fcl:
         return bool(fcl.collide(self.robot, self.obstacles, self.asked, fcl.CollisionResult()))
 
     def collides(self, q: Any) -> bool:
-        """Return whether the solids meet: their surfaces, or one lies in the other."""
+        """Return True if the solids meet: their surfaces, or one lies in the other."""
         if self.meets(q):
             return True
         body, obstacles = self.scene.body, self.scene.obstacles
@@ -321,7 +321,7 @@ class Fcl:
         return inside or bool(body.encloses((obstacles.spots - place) @ turn).any())
 
     def is_free(self, state: Any) -> bool:
-        """Return whether the robot is free at one of OMPL's states."""
+        """Return True if the robot is free at one of OMPL's states."""
         if not self.scene.cuts:
             return not self.meets((state[0], state[1], state[2]))
         if hasattr(state, "rotation"):
@@ -335,7 +335,7 @@ class Fcl:
         return any(self.meets(q) for start, end in legs for q in along(start, end, np.linspace(0.0, 1.0, ALONG)))
 
     def _boxes_collide(self, path: Floats) -> bool:
-        """Return whether the robot meets boxes, or leaves the grid, by exact distances along each leg."""
+        """Return True if the robot meets boxes, or leaves the grid, by exact distances along each leg."""
         body, boxes = self.scene.boxes or ()
         low, high = body.bounds
         if (path + low <= self.box[0]).any() or (path + high >= self.box[1]).any():

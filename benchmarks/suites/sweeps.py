@@ -1,4 +1,4 @@
-"""Cost over the size of the map, and over that of the robot: every engine and every peer that is not too slow."""
+"""Cost over sizes of maps and robots, of every engine and of peers that are fast enough."""
 
 from __future__ import annotations
 
@@ -25,29 +25,29 @@ from tests.soak.solids import merged_cells
 Checker = Callable[[Floats, float], Bools]
 
 SAMPLE = 4000
-"""Cells sampled for collision checks, and as many again beside cells of another state."""
+"""Number of cells sampled for collision checks, and of cells sampled beside another state."""
 
 DENSITY = 0.06
 """Share of a map that is occupied."""
 
 BOX, LOOKS = 52, 400
-"""Mean side of a box, cells, and how often the share of a full map would be computed."""
+"""Mean side of a box, cells, and number of times the occupied share is computed."""
 
-LONGEST = 20.0
-"""Seconds; a peer that is expected to take longer is left out."""
+MAX_PEER_SECONDS = 20.0
+"""Maximum expected time of a peer, seconds; slower peers are skipped."""
 
-SLOW = 3.0
-"""Seconds; what takes longer is timed once."""
+SLOW_CALL_SECONDS = 3.0
+"""Time above which a call is timed only once, seconds."""
 
 RUNS = 3
 
-STEEPEST = 1.1
-"""Target of the exponent of cost over the number of cells, at a fixed robot."""
+MAX_EXPONENT = 1.1
+"""Target: maximum exponent of cost over the number of cells, for a fixed robot."""
 
-MOST_REGRET = 2.0
-"""Target of how many times longer the engine that is picked takes than the quicker one."""
+MAX_REGRET = 2.0
+"""Target: maximum time of the chosen engine over that of the faster one."""
 
-LAST = 3
+LARGEST_SIZES = 3
 """Number of largest sizes for which the exponent is fitted again."""
 
 ALL = "all sizes"
@@ -57,7 +57,7 @@ OVER_MAP, OVER_ROBOT = "over the map", "over the robot"
 
 @dataclass(frozen=True)
 class Sweep:
-    """Maps and robots of which either the maps or the robots grow.
+    """A sweep over sizes of maps or of robots.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ SWEEPS = (
     Sweep(f"space, {OVER_ROBOT}", 3, (192,), (5, 9, 13, 21, 33, 47, 65)),
 )
 
-QUICK = (
+QUICK_SWEEPS = (
     Sweep(f"plane, {OVER_MAP}", 2, (128, 256, 512), (33,)),
     Sweep(f"plane, {OVER_ROBOT}", 2, (256,), (5, 17, 65)),
     Sweep(f"space, {OVER_MAP}", 3, (32, 48, 64), (9,)),
@@ -91,15 +91,15 @@ QUICK = (
 
 
 def run(report: Report, rng: np.random.Generator) -> None:
-    """Go through all sweeps, then report exponents, and the choices of ``auto``."""
-    for sweep in QUICK if report.quick else SWEEPS:
+    """Run all sweeps; report exponents and the choices of ``auto``."""
+    for sweep in QUICK_SWEEPS if report.quick else SWEEPS:
         for name, (package, _, dims) in LIBRARIES.items():
             if sweep.dim in dims:
                 report.has(package, f"{name} is left out")
         rates: dict[str, float] = {}
         medians: dict[str, dict[int, float]] = {}
         for size in sweep.sizes:
-            # Few enough boxes at a time that small maps are no fuller than large ones.
+            # Draw few boxes at a time, so that small maps are not fuller than large ones.
             each = max(1, (size // BOX) ** sweep.dim // LOOKS)
             workspace = Workspace.from_array(inputs.boxes(size, DENSITY, rng, sweep.dim, each), 1.0)
             for robot in sweep.robots:
@@ -118,7 +118,7 @@ def _point(
     rates: dict[str, float],
     rng: np.random.Generator,
 ) -> dict[str, Timing]:
-    """Time all methods on one map, compare their results, and report what was chosen.
+    """Time all methods on one map, compare their results, and report the choice.
 
     ``rates`` are seconds that each peer took last, per unit of work.
     """
@@ -135,8 +135,10 @@ def _point(
     }
     work = {peer.name: peer.work(occupied.shape, raster) for peer in peers(sweep.dim)}
     expected = {name: rates.get(name, 0.0) * amount for name, amount in work.items()}
-    calls |= {peer.name: peer.ready(occupied, raster) for peer in peers(sweep.dim) if expected[peer.name] <= LONGEST}
-    timings = interleave(calls, RUNS, SLOW)
+    calls |= {
+        peer.name: peer.ready(occupied, raster) for peer in peers(sweep.dim) if expected[peer.name] <= MAX_PEER_SECONDS
+    }
+    timings = interleave(calls, RUNS, SLOW_CALL_SECONDS)
     for name, timing in timings.items():
         report.timing(name, timing)
         report.mark(**about, way=name)
@@ -162,11 +164,14 @@ def _exponents(report: Report, sweep: Sweep, medians: Mapping[str, Mapping[int, 
     """Report slopes of cost over the number of cells, both in logarithms."""
     report.section(f"{sweep.name}: cost grows with the number of cells to the power of")
     for way, by_size in medians.items():
-        for name, sizes in ((ALL, list(by_size)), (f"the largest {LAST} sizes", list(by_size)[-LAST:])):
-            if len(sizes) < LAST or (name != ALL and len(by_size) == LAST):
-                continue  # too few, or the same ones again
+        for name, sizes in (
+            (ALL, list(by_size)),
+            (f"the largest {LARGEST_SIZES} sizes", list(by_size)[-LARGEST_SIZES:]),
+        ):
+            if len(sizes) < LARGEST_SIZES or (name != ALL and len(by_size) == LARGEST_SIZES):
+                continue  # too few sizes, or the same sizes
             slope = float(np.polyfit(np.log(sizes), np.log([by_size[size] for size in sizes]), 1)[0])
-            report.figure(f"{way}, {name}", slope, "", most=STEEPEST if way.startswith("ours") else None)
+            report.figure(f"{way}, {name}", slope, "", most=MAX_EXPONENT if way.startswith("ours") else None)
             report.mark(sweep=sweep.name, exponent_of=way, over=name)
 
 
@@ -179,11 +184,11 @@ def _choices(report: Report) -> None:
         report.note(f"{row['case']}: {row['chosen']} taken, {_regret(row['chosen'], row['taken']):.2f} x the other")
     report.figure("times that it picked the slower engine", len(slower), f"of {len(rows)}")
     worst = max(_regret(row["chosen"], row["taken"]) for row in rows)
-    report.figure("largest time of the engine picked / the quicker one's", worst, most=MOST_REGRET)
+    report.figure("largest time of the engine picked / the quicker one's", worst, most=MAX_REGRET)
 
 
 def _regret(chosen: str, seconds: Mapping[str, float]) -> float:
-    """Time of the engine that was picked over that of the quicker one."""
+    """Return the time of the chosen engine over that of the faster one."""
     return seconds[chosen] / min(seconds.values())
 
 

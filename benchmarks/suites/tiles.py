@@ -1,4 +1,4 @@
-"""Maps in tiles: builds against the same engine in memory, workers, and maps that would not fit into memory."""
+"""Tiled maps: builds against the same engine in memory, workers, and maps beyond memory."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ CHUNK = 1024
 """Side of a chunk of the city, cells; whole chunks are read around a tile."""
 SPACING = 0.1
 BLOCK = 128
-"""Cells from one street of the city to the next."""
+"""Distance between streets of the city, cells."""
 
 WORKERS: Final[dict[str, Any]] = {
     "threads_per_worker": 1,
@@ -187,7 +187,7 @@ def _bytes(path: Path) -> int:
 
 
 class _PeakMemory:
-    """Peak memory of the child processes, bytes."""
+    """Return the peak memory of the child processes, bytes."""
 
     def __enter__(self) -> list[int]:
         self._peak, self._stop = [0], threading.Event()

@@ -1,4 +1,4 @@
-"""Changes of a workspace that a map follows, against a build of the whole map anew."""
+"""Updates of a map after changes of its workspace, against a new build."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from cspace.engines import ENGINES
 SIZE, ACROSS, BOX = 4096, 65, 32
 """Sides of the map and of the box that changes, and diameter of the disc, cells."""
 
-LEAST = 30.0
-"""Target: how many times longer a build takes than an update."""
+MIN_BUILD_RATIO = 30.0
+"""Target: minimum time of a build over that of an update."""
 
 UPDATES = 200
-"""Updates of one timed run."""
+"""Number of updates in one timed run."""
 
 MOVES = 40
-"""Moves of one obstacle."""
+"""Number of moves of one obstacle."""
 
 FLOORS = ("maps/depot.yaml", "maps/willow-full-0.05.yaml", "maps/100by100_10.yaml")
-MOST = 20.0
-"""Target: milliseconds for a move on the largest of these floors, with the look-ups that follow it."""
+MAX_MOVE_MILLISECONDS = 20.0
+"""Target: maximum time of a move on the largest floor, with the following look-ups, milliseconds."""
 
 
 def run(report: Report, seed: int) -> None:
-    """Change boxes of maps in the plane, with rotations, and in space; then move an obstacle on real floors."""
+    """Update boxes of plane maps, with rotations, and in space; move an obstacle on real floors."""
     rng, quick = np.random.default_rng(seed), report.quick
     for size, dim, robot, name, options in (
         (1024 if quick else SIZE, 2, Robot.disc(ACROSS / 2), f"disc {ACROSS} cells across", {}),
@@ -47,7 +47,7 @@ def run(report: Report, seed: int) -> None:
         side = BOX if dim == 2 else BOX // 2
         shape, box = (" x ".join([str(n)] * dim) for n in (size, side))
         report.section(f"{shape} cells, 6 % in boxes, {name}; boxes of {box} cells")
-        _compare(report, workspace, robot, rng, options, LEAST if size == SIZE else None)
+        _compare(report, workspace, robot, rng, options, MIN_BUILD_RATIO if size == SIZE else None)
     if inputs.data_folder() is None:
         report.note(inputs.NO_DATA)
         return
@@ -88,7 +88,7 @@ def _moves(report: Report, floor: Workspace, name: str) -> None:
             costs.take(space.to_costmap)
         report.timings({f"{way}: {name}": timing for name, timing in timings.items()})
         each = [sum(taken) for taken in zip(move.cpu, asked.cpu, distance.cpu, strict=True)]
-        most = MOST if name == FLOORS[-1] else None
+        most = MAX_MOVE_MILLISECONDS if name == FLOORS[-1] else None
         report.figure(f"{way}: all three, CPU time in the median", 1e3 * float(np.median(each)), "ms", most=most)
     fresh = cspace.build(space.workspace, space.robot, rotations=72)
     report.check(bool((space.cell_states == fresh.cell_states).all()), "states equal those of a build")
@@ -105,7 +105,7 @@ def _compare(
     options: dict[str, Any],
     least: float | None,
 ) -> None:
-    """Compare updates of boxes at random places with builds anew."""
+    """Compare updates of random boxes with new builds."""
     space = cspace.build(workspace, robot, **options)
     dim, side = space.grid.dim, BOX if space.grid.dim == 2 else BOX // 2
     updates = UPDATES if dim == 2 and not options else UPDATES // 10
