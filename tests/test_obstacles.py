@@ -277,11 +277,11 @@ def test_robots_and_their_short_texts_are_obstacles() -> None:
     ("cart", Robot.ball(0.3), None, "is in space"),
     ("cart", "ball:0.3", None, "is in space"),
     ("cart", "cube:0.3", None, "shape is 'cube:0.3'; it must be a short text, WKT, or a file"),
-    ("cart", "ellipse:0.3", None, "must stand RADIUS_X,RADIUS_Y"),
+    ("cart", "ellipse:0.3", None, "RADIUS_X,RADIUS_Y must follow"),
     ("cart", cspace.arms.PosedShape(Robot.ball(0.3), np.eye(4)), None, "is a PosedShape"),
-    ("", CART, None, "not empty"),
-    (3, CART, None, "not empty"),
-    (None, CART, None, "not empty"),
+    ("", CART, None, "non-empty"),
+    (3, CART, None, "non-empty"),
+    (None, CART, None, "non-empty"),
     ("cart", None, None, "a mesh is needed"),
     ("cart", 5, None, "a mesh is needed"),
     ("cart", BLOCK, None, "their size must be given"),
@@ -290,12 +290,12 @@ def test_robots_and_their_short_texts_are_obstacles() -> None:
     ("cart", [(0.0, 0.0), (1.0, 1.0)], None, "points need a radius; pass their radius, .* at least 3"),
     ("cart", np.array([[0.0, 0.0], [1.0, 1.0]]), None, "points need a radius"),
     ("cart", (1.0, 1.0), None, "points need a radius"),
-    ("cart", [(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)], None, "not simple.*if they are points, pass"),
-    ("cart", [(0.0, 0.0), (1.0, np.nan), (1.0, 2.0)], None, "NaN"),
+    ("cart", [(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)], None, "not simple.*for points, pass"),
+    ("cart", [(0.0, 0.0), (1.0, np.nan), (1.0, 2.0)], None, "must be finite"),
     ("cart", [(0.0, 0.0, 1.0)], None, "points need a radius; pass their radius"),
-    ("cart", [(0.0, np.inf)], 0.1, "infinities"),
+    ("cart", [(0.0, np.inf)], 0.1, "must be finite"),
     ("cart", [(0.0, 0.0)], -0.1, "below zero"),
-    ("cart", [(0.0, 0.0)], np.nan, "NaN"),
+    ("cart", [(0.0, 0.0)], np.nan, "must be finite"),
     ("cart", [], 0.1, "n at least 1"),
     ("cart", CART, 0.1, "must be numeric"),
     ("cart", [(0.0, 0.0, 1.0)], 0.1, "is in space"),
@@ -330,7 +330,7 @@ def test_unknown_names_and_parts_of_maps_are_refused() -> None:
 def test_maps_in_tiles_refuse(tmp_path: Path) -> None:
     workspace = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
     tiled = cspace.build(workspace, Robot.disc(0.3), store=tmp_path / "map.zarr", tile=16)
-    with pytest.raises(ConfigurationError, match="place needs a map in memory"):
+    with pytest.raises(ConfigurationError, match="add_obstacle needs a map in memory"):
         tiled.add_obstacle("cart", CART)
     with pytest.raises(ConfigurationError, match="part of a larger one"):
         tiled.window((0.0, 0.0), (2.0, 2.0)).add_obstacle("cart", CART)
