@@ -200,7 +200,7 @@ class ConfigurationSpace(SpaceView, ABC):
         q0, q1 = points[..., :-1, :], points[..., 1:, :]
         return np.asarray(evaluate_edges(q0, q1, self.size, lambda number: self._edges(number, exact)))
 
-    def _tile_subproblems(self, q0: ArrayLike, q1: ArrayLike) -> Sequence[Leg]:
+    def _tile_subproblems(self, q0: ArrayLike, q1: ArrayLike) -> Sequence[TileSubproblem]:
         """Split a planning problem into problems on parts of the space in memory.
 
         Return for each a function that opens the part, and two configurations to join in it. Only a map in a store has
@@ -223,5 +223,5 @@ class ConfigurationSpace(SpaceView, ABC):
         """Return the kernel that tests whether edges are free, chosen for a ``number`` of edges."""
 
 
-Leg = tuple[Callable[[], ConfigurationSpace], Floats, Floats]
+TileSubproblem = tuple[Callable[[], ConfigurationSpace], Floats, Floats]
 """A function that opens a part of a space in memory, and the two configurations to join in it."""

@@ -1,4 +1,4 @@
-"""What OMPL calls most: is a state free, one look-up; is a motion, one compiled call; and samples of free states."""
+"""OMPL's callbacks on a certified map: state validity, motion validity and samples of FREE states."""
 
 from __future__ import annotations
 
@@ -11,80 +11,86 @@ from ompl import base as ob
 from ompl import util as ou
 
 from cspace.check import check_rng
+from cspace.configuration_space import ConfigurationSpace
 from cspace.space import CSpace
 from planners.local_planner import HOLONOMIC, local_planner
 from planners.states import check_information, kind_of
 
-_BATCH: Final = 256
-"""Draws made at once; one at a time would spend all the time on the way in and out of numpy."""
+_DRAWS_PER_BATCH: Final = 256
+"""Random draws per call of numpy. Single draws would spend their time in the overhead of the calls."""
 
 
 class StateValidityChecker(ob.StateValidityChecker):
-    """Validity of OMPL's states, looked up in a certified map of any space.
+    """Validity of OMPL's states, looked up in a certified map, or tested on an arm.
 
-    Valid means FREE; a MIXED cell is not valid, unless ``exact`` is set and the geometry proves the state free.
+    A state is valid if it is proven free. States in MIXED cells of a map are invalid, unless ``exact`` is set and the
+    geometry proves them free.
 
     Parameters
     ----------
     si : ompl.base.SpaceInformation
         Of a :func:`planners.state_space`.
-    space : CSpace
+    space : CSpace or ArmSpace
     exact : bool
-        Whether the geometry itself decides where the map cannot.
+        Whether the geometry itself decides states that the map does not.
     """
 
-    def __init__(self, si: ob.SpaceInformation, space: CSpace, *, exact: bool = False) -> None:
+    def __init__(self, si: ob.SpaceInformation, space: ConfigurationSpace, *, exact: bool = False) -> None:
         check_information(si, space)
         super().__init__(si)
-        self._kind = kind_of(space)
-        self._space = space
-        self._query_map = self._kind.of_state(space.point_checker(exact=exact))
+        self._kind, self._edges = kind_of(space), local_planner(space, exact)
+        self._query_space = self._kind.of_state(self._edges.point_checker())
         self._clearance: Callable[[ob.State], float] | None = None
         self._override(None)
 
     def isValid(self, state: ob.State) -> bool:  # noqa: N802 - OMPL's name
-        """Whether the state is FREE."""
+        """Return True if the state is proven free."""
         return self._is_free(state)
 
     def clearance(self, state: ob.State) -> float:
-        """Lower bound of the distance to the nearest position that is not FREE, at the state's rotation, in metres."""
+        """Bound the clearance of a state from below, in metres.
+
+        On a map, the distance to the nearest position that is not FREE, at the state's rotation, as
+        :meth:`cspace.CSpace.clearance`. For an arm, its distance from obstacles and of links from each other, as
+        :meth:`cspace.ArmSpace.obstacle_distance`.
+        """
         if self._clearance is None:
-            # Distances cost a pass over the map, and few planners ask for them.
-            self._clearance = self._kind.of_state(self._space.clearance_checker())
+            # Distances cost a pass over the map, and few planners need them.
+            self._clearance = self._kind.of_state(self._edges.clearance_checker())
         return self._clearance(state)
 
-    def _override(self, answer: Callable[[ob.State], bool] | None) -> None:
-        """Answer by a function from now on, or by the map again if None; the deadline of a plan sets it."""
-        self._is_free = answer or self._query_map
-        if type(self) is StateValidityChecker:  # OMPL then asks the function itself, a tenth quicker
+    def _override(self, replacement: Callable[[ob.State], bool] | None) -> None:
+        """Replace the look-ups by a function; None restores them. The deadline of a plan does so."""
+        self._is_free = replacement or self._query_space
+        if type(self) is StateValidityChecker:  # OMPL then calls the function itself, 10 % faster
             self.__dict__["isValid"] = self._is_free
 
 
 class MotionValidator(ob.MotionValidator):
-    """Validity of OMPL's motions, decided exactly: a motion is valid if every cell that its edge touches is FREE.
+    """Validity of OMPL's motions: a motion is valid if every cell that its edge touches is FREE.
 
-    Nothing is stepped over, at any length, so OMPL's checking resolution plays no part in it. With a drive, the edge is
-    what is driven, turn, line and turn, or the real curve, not a chain of samples on it. OMPL now and then takes a
-    curve for the shortest that is not; such an edge is not proven, and is refused.
+    The test is exact at any length and does not use OMPL's checking resolution. With a drive, the edge is the driven
+    motion itself (turn, line and turn, or the curve), not a chain of samples on it. OMPL now and then uses a curve that
+    is not the shortest; such a motion is invalid.
 
-    OMPL can also ask for the last valid state of a motion. Its Python bindings have no way to answer that, so
-    ``ompl.base.ObstacleBasedValidStateSampler``, which relies on it, returns invalid states next to any motion
-    validator written in Python: do not pair them. :func:`planners.simple_setup` refuses the pair.
+    OMPL can also ask for the last valid state of a motion, which its Python bindings cannot return. So
+    ``ompl.base.ObstacleBasedValidStateSampler``, which relies on it, returns invalid states with any motion validator
+    in Python; :func:`planners.simple_setup` refuses the pair.
 
     Parameters
     ----------
     si : ompl.base.SpaceInformation
         Of a :func:`planners.state_space`. It is not kept: a validator that holds it would never be freed.
-    space : CSpace
+    space : CSpace or ArmSpace
     exact : bool
-        Whether the geometry itself decides where the map cannot.
+        Whether the geometry itself decides motions that the map does not.
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
         As for :func:`planners.plan`.
     turning_radius : float, optional
         Metres; for curves, which need it.
     bidirectional : bool
-        Whether an edge must also be free from its end to its start. The planners need it that take edges both ways
-        (BFMT, BKPIECE1, LBKPIECE1, PRM, PRMstar), where the robot does not drive backwards.
+        Whether an edge must also be free from its end to its start. Planners that follow edges both ways (BFMT,
+        BKPIECE1, LBKPIECE1, PRM, PRMstar) need it if the robot does not drive backwards.
 
     Raises
     ------
@@ -111,7 +117,7 @@ class MotionValidator(ob.MotionValidator):
     def __init__(
         self,
         si: ob.SpaceInformation,
-        space: CSpace,
+        space: ConfigurationSpace,
         *,
         exact: bool = False,
         drive: str = HOLONOMIC,
@@ -121,22 +127,22 @@ class MotionValidator(ob.MotionValidator):
         check_information(si, space)
         super().__init__(si)
         edges = local_planner(space, exact, drive, turning_radius, bidirectional)
-        self._query_map = edges.motion_checker()
+        self._query_space = edges.motion_checker()
         self._override(None)
 
     def checkMotion(self, first: ob.State, second: ob.State) -> bool:  # noqa: N802 - OMPL's name
-        """Whether the edge between two states is free all along."""
+        """Return True if the whole edge between two states is proven free."""
         return self._is_free(first, second)
 
-    def _override(self, answer: Callable[[ob.State, ob.State], bool] | None) -> None:
-        """Answer by a function from now on, or by the map again if None; the deadline of a plan sets it."""
-        self._is_free = answer or self._query_map
-        if type(self) is MotionValidator:  # OMPL then asks the function itself, a tenth quicker
+    def _override(self, replacement: Callable[[ob.State, ob.State], bool] | None) -> None:
+        """Replace the proofs by a function; None restores them. The deadline of a plan does so."""
+        self._is_free = replacement or self._query_space
+        if type(self) is MotionValidator:  # OMPL then calls the function itself, 10 % faster
             self.__dict__["checkMotion"] = self._is_free
 
 
 class FreeStateSampler(ob.ValidStateSampler):
-    """Draws states that are FREE, uniformly over the free area or volume, without trial and error.
+    """Sampler of FREE states, uniform over the free area or volume, without rejection.
 
     Parameters
     ----------
@@ -144,8 +150,8 @@ class FreeStateSampler(ob.ValidStateSampler):
         Of a :func:`planners.state_space`.
     space : CSpace
     rng : numpy.random.Generator, optional
-        Source of randomness. If left out, one seeded by OMPL's seed generator, so that ``ompl.util.RNG.setSeed`` makes
-        the draws repeatable.
+        Source of randomness. By default a generator seeded by OMPL's, so that ``ompl.util.RNG.setSeed`` makes the draws
+        repeatable.
 
     Raises
     ------
@@ -158,8 +164,8 @@ class FreeStateSampler(ob.ValidStateSampler):
         super().__init__(si)
         rng = np.random.default_rng(ou.RNG().getLocalSeed()) if rng is None else check_rng(rng)
         self._kind, self._rotations = kind_of(space), space.rotations
-        self._points = _points(space, rng)
-        self._numbers = _numbers(rng)
+        self._points = _draw_points(space, rng)
+        self._numbers = _draw_numbers(rng)
         self._is_free = space.point_checker()
         self._box = tuple(zip(space.grid.lower, space.grid.upper, strict=True))
 
@@ -171,7 +177,7 @@ class FreeStateSampler(ob.ValidStateSampler):
         ConfigurationError
             If the map has no FREE cell.
         """
-        # The map may have been updated since a point was drawn.
+        # The map may have been updated since a point was drawn, so each is looked up again.
         self._kind.write(state, *next(point for point in self._points if self._is_free(*point)))
         return True
 
@@ -181,31 +187,31 @@ class FreeStateSampler(ob.ValidStateSampler):
         Returns
         -------
         bool
-            False, and ``state`` as it was, if none was found in ``getNrAttempts`` draws.
+            False if none was found in ``getNrAttempts`` draws; ``state`` is then unchanged.
         """
-        middle, dim = self._kind.read(near), len(self._box)
+        center, dim = self._kind.read(near), len(self._box)
         rotations, numbers = self._rotations, self._numbers
         box = [
-            (max(low, x - distance), min(high, x + distance)) for (low, high), x in zip(self._box, middle, strict=False)
+            (max(low, x - distance), min(high, x + distance)) for (low, high), x in zip(self._box, center, strict=False)
         ]
         if any(low > high for low, high in box):
             return False
         for _ in range(max(1, self.getNrAttempts())):
-            place = [min(low + next(numbers) * (high - low), high) for low, high in box]
-            place += rotations.sample_near(middle[dim:], min(distance, math.pi), numbers)
-            if self._is_free(*place):
-                self._kind.write(state, *place)
+            q = [min(low + next(numbers) * (high - low), high) for low, high in box]
+            q += rotations.sample_near(center[dim:], min(distance, math.pi), numbers)
+            if self._is_free(*q):
+                self._kind.write(state, *q)
                 return True
         return False
 
 
-def _points(space: CSpace, rng: np.random.Generator) -> Iterator[list[float]]:
-    """FREE configurations without end."""
+def _draw_points(space: CSpace, rng: np.random.Generator) -> Iterator[list[float]]:
+    """Yield FREE configurations without end."""
     while True:
-        yield from space.sample_free(_BATCH, rng).tolist()
+        yield from space.sample_free(_DRAWS_PER_BATCH, rng).tolist()
 
 
-def _numbers(rng: np.random.Generator) -> Iterator[float]:
-    """Uniform numbers from [0, 1) without end."""
+def _draw_numbers(rng: np.random.Generator) -> Iterator[float]:
+    """Yield uniform numbers from [0, 1) without end."""
     while True:
-        yield from rng.random(_BATCH).tolist()
+        yield from rng.random(_DRAWS_PER_BATCH).tolist()

@@ -1,9 +1,13 @@
-"""Compiled: the shortest curves of cars, as words, and the proof that one is free all along.
+"""Kernels that compute the shortest curves of cars and prove them free.
 
-A *word* is a curve of at most five pieces: ``turns``, each 1 (left), -1 (right) or 0 (straight on), and ``lengths``, in
-turning radii, below zero where the car reverses. Its *gap* says by how much the end of the word misses the
-configuration that it is meant for, in turning radii and in radians: some 1e-15, or 1e-8 where a root was taken near
-zero. Words are rows of two arrays, shapes (n, 5).
+A *word* is a curve of at most five segments. Each has a steering, 1 (left), -1 (right) or 0 (straight on), and a length
+in turning radii, negative in reverse. The *gap* of a word is the distance between its end and its goal, in turning
+radii and in radians: about 1e-15, or 1e-8 after a root near zero. Words are rows of two arrays, shapes (n, 5).
+
+References
+----------
+L. E. Dubins, "On curves of minimal length with a constraint on average curvature", 1957; J. A. Reeds and L. A. Shepp,
+"Optimal paths for a car that goes both forwards and backwards", 1990.
 """
 
 from __future__ import annotations
@@ -19,224 +23,233 @@ from cspace.map.points import around_is_free
 from cspace.map.storage import Map
 from cspace.rotations.base import TWO_PI
 from cspace.space import CSpace
-from planners.integrals import LONGEST_TURN, CostDensity, Field, cost_at
+from planners.integrals import MAX_RADIANS_PER_STEP, CostDensity, Field, cost_at
 
 Pose = tuple[float, float, float]
-Turns = tuple[int, int, int, int, int]
+Steering = tuple[int, int, int, int, int]
 Lengths = tuple[float, float, float, float, float]
 
 DUBINS = 0
+"""Kind of curves that only go forwards."""
+
 REEDS_SHEPP = 1
+"""Kind of curves that also reverse."""
 
-GAP = 1e-6
-"""Largest gap, in turning radii and in radians, of a word that counts. The proof covers it."""
+MAX_GAP = 1e-6
+"""Largest gap of a word that reaches its goal, in turning radii and in radians. The proof covers it."""
 
-SNAP = 1e-6
-"""Arcs that are a whole turn but for that many radians are tried as none: that is how rounding makes loops."""
+SNAP_RADIANS = 1e-6
+"""Arcs within that many radians below 2 pi are tried as 0, because rounding turns empty arcs into loops."""
 
-TOUCH = 1e-7
-"""By how much circles may miss each other, in turning radii, where they should touch: they do between two arcs."""
+TOUCH_TOLERANCE = 1e-7
+"""Largest distance, in turning radii, between the circles of two adjoining arcs, which touch but for rounding."""
 
-FORMS = 9
+WORD_FORMS = 9
+"""Number of forms of words, see :func:`_solve_form`."""
 
-MOST = 48
-"""Words to one configuration: forms, mirrored, reversed, and three of them backwards."""
+MAX_WORDS = 48
+"""Words to one goal: nine forms, mirrored and reversed, and three of them backwards, as (9 + 3) * 4."""
 
+TIE_TOLERANCE = 1e-6
+"""Largest difference in length, in turning radii, between curves that count as equally short."""
 
-TIE = 1e-6
-"""By how much curves may differ in length, in turning radii, to count as equally short."""
-
-ROUNDING = 1e-9
+POINT_ERROR = 1e-9
 """Allowance for the rounding of a curve's points, in turning radii and in radians."""
 
-LONGEST = 4.0
-"""Longest piece of a curve that is proven at once, in cells."""
+MAX_PIECE_CELLS = 4.0
+"""Length of the longest piece of a curve that is proven at once, in cells."""
 
-SHORTEST = 1.0 / 16.0
-"""Shortest one."""
+MIN_PIECE_CELLS = 1.0 / 16.0
+"""Length of the shortest piece of a curve that is proven at once, in cells."""
 
 
-def prover(space: CSpace, kind: int, radius: float) -> Callable[..., float]:
-    """:func:`proven_length` of the floats of two configurations."""
+def make_length_prover(space: CSpace, kind: int, radius: float) -> Callable[..., float]:
+    """Make ``prove(*q0, *q1)``, which calls :func:`prove_length` on a map."""
     map_ = space._kernel_map
-    # A curve that leaves the grid is not proven, whatever is known out there.
+    # Curves that leave the grid must not be proven, so the exterior counts as MIXED.
     map_ = map_._replace(exterior=np.full_like(map_.exterior, MIXED))
-    return bind_kernel(proven_length, (map_, kind, radius), 6)
+    return bind_kernel(prove_length, (map_, kind, radius), 6)
 
 
-def cost(space: CSpace, kind: int, radius: float, field: Field, law: CostDensity) -> Callable[..., float]:
-    """:func:`curve_cost` of the floats of two configurations."""
-    fixed = (space._kernel_map, field, law, (kind, radius))
+def make_curve_cost(
+    space: CSpace, kind: int, radius: float, field: Field, density: CostDensity
+) -> Callable[..., float]:
+    """Make ``cost(*q0, *q1)``, which calls :func:`curve_cost` on a map."""
+    fixed = (space._kernel_map, field, density, (kind, radius))
     query = bind_kernel(curve_cost, (*fixed, (0.0,) * 6), 0).func  # type: ignore[attr-defined]
     return lambda *endpoints: query(*fixed, endpoints)
 
 
 @jit
-def proven_length(
+def prove_length(
     map_: Map, kind: int, radius: float, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
 ) -> float:
-    """Metres of the shortest curve where every configuration of it lies in FREE cells of the grid, otherwise -1.
+    """Return the metres of the shortest curve if it lies in FREE cells of the grid, otherwise -1.
 
-    Where several curves are equally short but for ``TIE``, that holds for every one of them, whichever is driven.
+    If the lengths of several curves differ by at most ``TIE_TOLERANCE``, all of them must lie in FREE cells, because
+    the robot may drive any of them.
     """
     q0, q1 = (x0, y0, yaw0), (x1, y1, yaw1)
-    if swaps(kind, q0, q1):
+    if is_swapped(kind, q0, q1):
         q0, q1 = q1, q0
-    turns, lengths = np.zeros((2 * MOST, 5), np.int64), np.zeros((2 * MOST, 5))
-    count, gap = tied_words(kind, radius, (q0, q1), TIE, turns, lengths)
-    if not gap <= GAP:
+    steering, lengths = np.zeros((2 * MAX_WORDS, 5), np.int64), np.zeros((2 * MAX_WORDS, 5))
+    count, gap = find_shortest_words(kind, radius, (q0, q1), TIE_TOLERANCE, steering, lengths)
+    if not gap <= MAX_GAP:
         return -1.0
     shortest = total_length(lengths[0])
     if kind == REEDS_SHEPP:
-        # OMPL may have found its curve from the other end, where rounding prefers another of those that tie.
-        others, _ = tied_words(kind, radius, (q1, q0), TIE, turns[count:], lengths[count:])
+        # OMPL may compute its curve from the other end, where rounding can prefer another of the tied curves.
+        others, _ = find_shortest_words(kind, radius, (q1, q0), TIE_TOLERANCE, steering[count:], lengths[count:])
         for row in range(count, count + others):
             for k in range(5):
-                turns[count, k], lengths[count, k] = turns[row, k], lengths[row, k]
-            reverse(turns[count], lengths[count])
-            count += is_new(turns, lengths, count)
-    # However the gap is spread along the curve, and whichever end it is drawn from, it stays this close.
-    spare = (gap if count == 1 else GAP) * (1.0 + shortest + TIE) + ROUNDING
+                steering[count, k], lengths[count, k] = steering[row, k], lengths[row, k]
+            reverse(steering[count], lengths[count])
+            count += is_new(steering, lengths, count)
+    # The driven curve stays this close to ours, however the gap spreads along it and from whichever end it starts.
+    spare = (gap if count == 1 else MAX_GAP) * (1.0 + shortest + TIE_TOLERANCE) + POINT_ERROR
     for end in (q0, q1):
         if not around_is_free(map_, end, spare * radius, spare):
             return -1.0
     for row in range(count):
-        if not _word_is_free(map_, radius, q0, turns[row], lengths[row], spare):
+        if not _word_is_free(map_, radius, q0, steering[row], lengths[row], spare):
             return -1.0
     return radius * shortest
 
 
 @jit
-def curve_cost(map_: Map, field: Field, law: CostDensity, curve: tuple[int, float], both: tuple[float, ...]) -> float:
-    """Cost of the shortest curve between two configurations, given one after the other in ``both``.
+def curve_cost(
+    map_: Map, field: Field, density: CostDensity, curve: tuple[int, float], both: tuple[float, ...]
+) -> float:
+    """Integrate the cost along the shortest curve, by the midpoint rule in steps of at most one cell and 5 degrees.
 
-    The integral takes the middles of steps of at most one cell and 5 degrees.
+    ``both`` holds the numbers of both configurations, one after the other.
     """
     (kind, radius), (x0, y0, yaw0, x1, y1, yaw1) = curve, both
-    turns, lengths, _ = shortest(kind, radius, (x0, y0, yaw0), (x1, y1, yaw1))
+    steering, lengths, _ = shortest_word(kind, radius, (x0, y0, yaw0), (x1, y1, yaw1))
     pose, total = (0.0, 0.0, yaw0), 0.0
     for k in range(5):
         length = lengths[k]
-        longest = map_.spacing if turns[k] == 0 else min(map_.spacing, LONGEST_TURN * radius)
+        longest = map_.spacing if steering[k] == 0 else min(map_.spacing, MAX_RADIANS_PER_STEP * radius)
         steps = math.ceil(radius * abs(length) / longest)
-        for number in range(steps):
-            u, v, yaw = onwards(pose, turns[k], length * (number + 0.5) / steps)
-            cost = cost_at(map_, field, law, (x0 + radius * u, y0 + radius * v, yaw))
+        for step in range(steps):
+            u, v, yaw = advance(pose, steering[k], length * (step + 0.5) / steps)
+            cost = cost_at(map_, field, density, (x0 + radius * u, y0 + radius * v, yaw))
             total += cost * radius * abs(length) / steps
-        pose = onwards(pose, turns[k], length)
+        pose = advance(pose, steering[k], length)
     return total
 
 
 @kernel
-def _word_is_free(map_: Map, radius: float, q0: Pose, turns: Ints, lengths: Floats, spare: float) -> bool:
-    """Whether every configuration within ``spare`` of a word, but for its ends, lies in FREE cells of the grid.
+def _word_is_free(map_: Map, radius: float, q0: Pose, steering: Ints, lengths: Floats, spare: float) -> bool:
+    """Return True if every configuration within ``spare`` of a word, except its ends, lies in FREE cells.
 
-    A piece of the curve of length l lies within l / 2 of its middle, and turns by at most l / (2 radius) from there; so
-    a box of that size around the middle holds all of it. Where a box is not free, the piece is halved, until the middle
-    itself is not free or the piece is a sixteenth of a cell.
+    A piece of length l lies within l / 2 of its center and turns by at most l / (2 radius) from there, so a box of that
+    size around the center contains it. If the box is not free, the piece is halved, until its center is not free or the
+    piece is shorter than ``MIN_PIECE_CELLS``.
     """
-    longest, least = LONGEST * map_.spacing / radius, SHORTEST * map_.spacing / radius
+    longest, shortest = MAX_PIECE_CELLS * map_.spacing / radius, MIN_PIECE_CELLS * map_.spacing / radius
     pose = (0.0, 0.0, q0[2])
     for k in range(5):
-        total, sign, turn = abs(lengths[k]), math.copysign(1.0, lengths[k]), turns[k]
+        total, sign, steer = abs(lengths[k]), math.copysign(1.0, lengths[k]), steering[k]
         done, step = 0.0, longest
         while done < total:
             last = step >= total - done
-            part = total - done if last else step
-            half = 0.5 * part
-            u, v, yaw = onwards(pose, turn, sign * (done + half))
-            middle = (q0[0] + radius * u, q0[1] + radius * v, yaw)
-            if around_is_free(map_, middle, (half + spare) * radius, (half if turn != 0 else 0.0) + spare):
+            piece = total - done if last else step
+            half = 0.5 * piece
+            u, v, yaw = advance(pose, steer, sign * (done + half))
+            center = (q0[0] + radius * u, q0[1] + radius * v, yaw)
+            if around_is_free(map_, center, (half + spare) * radius, (half if steer != 0 else 0.0) + spare):
                 if last:
                     break
-                done, step = done + part, min(2.0 * step, longest)
-            elif part <= least or not around_is_free(map_, middle, spare * radius, spare):
+                done, step = done + piece, min(2.0 * step, longest)
+            elif piece <= shortest or not around_is_free(map_, center, spare * radius, spare):
                 return False
             else:
                 step = half
-        pose = onwards(pose, turn, lengths[k])
+        pose = advance(pose, steer, lengths[k])
     return True
 
 
 @jit
-def shortest(kind: int, radius: float, q0: Pose, q1: Pose) -> tuple[Ints, Floats, float]:
-    """Turns, lengths and gap of the shortest word between two configurations.
+def shortest_word(kind: int, radius: float, q0: Pose, q1: Pose) -> tuple[Ints, Floats, float]:
+    """Return the steering, lengths and gap of the shortest word between two configurations.
 
-    The gap is infinite where there is none, which cannot happen.
+    The gap would be infinite if no word reached the goal, which cannot happen.
     """
-    turns, lengths = np.zeros((MOST, 5), np.int64), np.zeros((MOST, 5))
-    swapped = swaps(kind, q0, q1)
-    _, gap = tied_words(kind, radius, (q1, q0) if swapped else (q0, q1), -math.inf, turns, lengths)
+    steering, lengths = np.zeros((MAX_WORDS, 5), np.int64), np.zeros((MAX_WORDS, 5))
+    swapped = is_swapped(kind, q0, q1)
+    _, gap = find_shortest_words(kind, radius, (q1, q0) if swapped else (q0, q1), -math.inf, steering, lengths)
     if swapped:
-        reverse(turns[0], lengths[0])
-    return turns[0], lengths[0], gap
+        reverse(steering[0], lengths[0])
+    return steering[0], lengths[0], gap
 
 
 @kernel
-def reverse(turns: Ints, lengths: Floats) -> None:
-    """Drive a word from its end to its start."""
+def reverse(steering: Ints, lengths: Floats) -> None:
+    """Reverse a word in place, so that it leads from its end to its start."""
     for k in range(3):
-        turns[k], turns[4 - k] = turns[4 - k], turns[k]
+        steering[k], steering[4 - k] = steering[4 - k], steering[k]
         lengths[k], lengths[4 - k] = -lengths[4 - k], -lengths[k]
 
 
 @kernel
-def swaps(kind: int, q0: Pose, q1: Pose) -> bool:
-    """Whether a curve is that from the second configuration to the first, reversed.
+def is_swapped(kind: int, q0: Pose, q1: Pose) -> bool:
+    """Return True if a curve is computed from the second configuration to the first and reversed.
 
-    Curves of a car that reverses are then the same both ways, also where several are equally short.
+    So the curves of a car that reverses are the same both ways, even if several are equally short.
     """
     if kind == DUBINS or q0[0] < q1[0]:
         return False
     return q1[0] < q0[0] or q1[1] < q0[1] or (q1[1] == q0[1] and q1[2] < q0[2])
 
 
-@jit  # it makes arrays
-def tied_words(
-    kind: int, radius: float, endpoints: tuple[Pose, Pose], tie: float, turns: Ints, lengths: Floats
+@jit  # not a kernel, because it allocates arrays
+def find_shortest_words(
+    kind: int, radius: float, endpoints: tuple[Pose, Pose], tie: float, steering: Ints, lengths: Floats
 ) -> tuple[int, float]:
-    """Write the shortest word from one configuration to another, then all others longer by at most ``tie``.
+    """Write the shortest word between two configurations, then all others longer by at most ``tie``.
 
     Each form gives words by symmetry: mirrored (left for right), reversed (ahead for back) and backwards (from the end
-    to the start). A word counts only if it gets there, which is tried, so that no case needs an argument of its own.
+    to the start). Each word is driven and counts only if it reaches the goal, so that no form needs a proof of its own.
 
     Returns the number of words, without duplicates, and the gap of the shortest.
     """
     (x0, y0, yaw0), (x1, y1, yaw1) = endpoints
     dx, dy, c, s = (x1 - x0) / radius, (y1 - y0) / radius, math.cos(yaw0), math.sin(yaw0)
     x, y, phi = dx * c + dy * s, dy * c - dx * s, _around(yaw1 - yaw0)
-    all_turns, all_lengths = np.zeros((MOST, 5), np.int64), np.zeros((MOST, 5))
-    number = _candidates(kind, (x, y, phi), all_turns, all_lengths)
-    best, least, gap = 0, math.inf, math.inf
-    for row in range(number):
-        # To see where a word ends takes longer than to make it, so only what is shorter is looked at.
+    all_steering, all_lengths = np.zeros((MAX_WORDS, 5), np.int64), np.zeros((MAX_WORDS, 5))
+    candidates = _write_candidates(kind, (x, y, phi), all_steering, all_lengths)
+    best, shortest, gap = 0, math.inf, math.inf
+    for row in range(candidates):
+        # Driving a word takes longer than making it, so only words shorter than the best are driven.
         total = total_length(all_lengths[row])
-        if total < least:
-            missed = _gap(all_turns[row], all_lengths[row], (x, y, phi))
-            if missed <= GAP:
-                best, least, gap = row, total, missed
+        if total < shortest:
+            missed = _gap(all_steering[row], all_lengths[row], (x, y, phi))
+            if missed <= MAX_GAP:
+                best, shortest, gap = row, total, missed
     count = 0
-    for place in range(number + 1):
-        row = best if place == 0 else place - 1
-        if place > 0 and (row == best or total_length(all_lengths[row]) > least + tie):
+    for rank in range(candidates + 1):
+        row = best if rank == 0 else rank - 1
+        if rank > 0 and (row == best or total_length(all_lengths[row]) > shortest + tie):
             continue
-        if place > 0 and _gap(all_turns[row], all_lengths[row], (x, y, phi)) > GAP:
+        if rank > 0 and _gap(all_steering[row], all_lengths[row], (x, y, phi)) > MAX_GAP:
             continue
         for k in range(5):
-            turns[count, k], lengths[count, k] = all_turns[row, k], all_lengths[row, k]
-        count += is_new(turns, lengths, count)
+            steering[count, k], lengths[count, k] = all_steering[row, k], all_lengths[row, k]
+        count += is_new(steering, lengths, count)
     return count, gap
 
 
 @kernel
 def total_length(lengths: Floats) -> float:
+    """Return the length of a word, in turning radii."""
     total: float = abs(lengths[0]) + abs(lengths[1]) + abs(lengths[2]) + abs(lengths[3]) + abs(lengths[4])
     return total
 
 
 @kernel
-def onwards(pose: Pose, turn: int, length: float) -> Pose:
-    """The end of a piece; everything in turning radii."""
+def advance(pose: Pose, turn: int, length: float) -> Pose:
+    """Return the pose at the end of a segment; lengths in turning radii."""
     x, y, yaw = pose
     if turn == 0:
         return x + length * math.cos(yaw), y + length * math.sin(yaw), yaw
@@ -246,44 +259,44 @@ def onwards(pose: Pose, turn: int, length: float) -> Pose:
 
 @jit
 def _around(angle: float) -> float:
-    """An angle in [-pi, pi)."""
+    """Wrap an angle into [-pi, pi)."""
     return angle - TWO_PI * math.floor((angle + math.pi) / TWO_PI)
 
 
-@jit  # it makes arrays
-def _ahead(angle: float, snap: float) -> float:
-    """An arc driven forwards, in [0, 2 pi), and 0 where it is a whole turn but for ``snap``."""
+@jit
+def _forward_arc(angle: float, snap: float) -> float:
+    """Wrap an arc into [0, 2 pi), and return 0 for arcs within ``snap`` below 2 pi."""
     angle -= TWO_PI * math.floor(angle / TWO_PI)
     return 0.0 if angle > TWO_PI - snap else angle
 
 
 @kernel
-def _gap(turns: Ints, lengths: Floats, goal: Pose) -> float:
-    """By how much the end of a word misses a configuration."""
+def _gap(steering: Ints, lengths: Floats, goal: Pose) -> float:
+    """Return the distance between the end of a word and a configuration, the larger of turning radii and radians."""
     pose = (0.0, 0.0, 0.0)
     for k in range(5):
         if lengths[k] != 0.0:
-            pose = onwards(pose, turns[k], lengths[k])
+            pose = advance(pose, steering[k], lengths[k])
     missed: float = max(math.hypot(pose[0] - goal[0], pose[1] - goal[1]), abs(_around(pose[2] - goal[2])))
     return missed
 
 
 @kernel
-def is_new(turns: Ints, lengths: Floats, count: int) -> int:
-    """1 where the word in row ``count`` is none of those before it, otherwise 0."""
+def is_new(steering: Ints, lengths: Floats, count: int) -> int:
+    """Return 1 if the word in row ``count`` differs from all words before it, otherwise 0."""
     for row in range(count):
-        apart = 0.0
+        difference = 0.0
         for k in range(5):
-            same = turns[row, k] == turns[count, k] or max(abs(lengths[row, k]), abs(lengths[count, k])) < 1e-12
-            apart = max(apart, abs(lengths[row, k] - lengths[count, k]) if same else math.inf)
-        if apart <= 1e-12:
+            same = steering[row, k] == steering[count, k] or max(abs(lengths[row, k]), abs(lengths[count, k])) < 1e-12
+            difference = max(difference, abs(lengths[row, k] - lengths[count, k]) if same else math.inf)
+        if difference <= 1e-12:
             return 0
     return 1
 
 
 @kernel
-def _candidates(kind: int, goal: Pose, turns: Ints, lengths: Floats) -> int:
-    """Write all words that might lead from the origin to a configuration, and give their number."""
+def _write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) -> int:
+    """Write all words that might lead from the origin to a configuration, and return their number."""
     x, y, phi = goal
     count = 0
     for symmetry in range(4):
@@ -292,27 +305,27 @@ def _candidates(kind: int, goal: Pose, turns: Ints, lengths: Floats) -> int:
             continue
         u, v, angle = sign * x, mirror * y, sign * mirror * phi
         c, s = math.cos(angle), math.sin(angle)
-        for number in range(2 * FORMS):
-            form, second = number // 2, number % 2 == 1
+        for variant in range(2 * WORD_FORMS):
+            form, second = variant // 2, variant % 2 == 1
             if (kind == DUBINS and form > 3) or (kind != DUBINS and second and form not in (3, 6, 7)):
                 continue
-            # The second time around, a form is driven from its end to its start; Dubins' is not snapped.
+            # The second variant is driven from its end to its start; for Dubins, its arcs are not snapped to 0.
             back = second and kind != DUBINS
-            pieces = _form(form, u * c + v * s if back else u, u * s - v * c if back else v, angle)
+            word = _solve_form(form, u * c + v * s if back else u, u * s - v * c if back else v, angle)
             last = 2 if form == 3 else 3
             for k in range(5):
                 other = last - k if back and k <= last else k
-                length = pieces[1][other]
+                length = word[1][other]
                 if kind == DUBINS and (k != 1 or form == 3):
-                    length = _ahead(length, 0.0 if second else SNAP)
-                turns[count, k], lengths[count, k] = mirror * pieces[0][other], sign * length
+                    length = _forward_arc(length, 0.0 if second else SNAP_RADIANS)
+                steering[count, k], lengths[count, k] = mirror * word[0][other], sign * length
             count += 1
     return count
 
 
 @kernel
 def _tau_omega(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[float, float]:
-    """First and last arc of the words of four arcs."""
+    """Return the first and last arc of the words of four arcs, by the formulas of Reeds and Shepp."""
     delta = _around(u - v)
     a, b = math.sin(u) - math.sin(delta), math.cos(u) - math.cos(delta) - 1.0
     t = math.atan2(eta * a - xi * b, xi * a + eta * b)
@@ -323,42 +336,42 @@ def _tau_omega(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[f
 
 
 @kernel
-def _form(form: int, x: float, y: float, phi: float) -> tuple[Turns, Lengths]:
-    """Turns and lengths of a word to (x, y, phi) of one form; all zeros where the form does not get there."""
+def _solve_form(form: int, x: float, y: float, phi: float) -> tuple[Steering, Lengths]:
+    """Return the steering and lengths of the word of a form to (x, y, phi); zeros if the form cannot reach it."""
     half, none = 0.5 * math.pi, ((0, 0, 0, 0, 0), (0.0, 0.0, 0.0, 0.0, 0.0))
     if form == 0:
         return (1, 0, 0, 0, 0), (phi, 0.0, 0.0, 0.0, 0.0)
-    # The middle of the last circle, where that turns left or right, seen from that of the first.
+    # Center of the last circle, which turns left or right, relative to the center of the first circle.
     left = form in (1, 3, 6)
     xi = x - math.sin(phi) if left else x + math.sin(phi)
     eta = y - 1.0 + math.cos(phi) if left else y - 1.0 - math.cos(phi)
     apart, bearing = math.hypot(xi, eta), math.atan2(eta, xi)
     if form == 1:
         return (1, 0, 1, 0, 0), (bearing, apart, _around(phi - bearing), 0.0, 0.0)
-    if form == 2 and apart >= 2.0 - TOUCH:
+    if form == 2 and apart >= 2.0 - TOUCH_TOLERANCE:
         u = math.sqrt(max(apart * apart - 4.0, 0.0))
         t = _around(bearing + math.atan2(2.0, u))
         return (1, 0, -1, 0, 0), (t, u, _around(t - phi), 0.0, 0.0)
-    if form == 3 and apart <= 4.0 + TOUCH:
+    if form == 3 and apart <= 4.0 + TOUCH_TOLERANCE:
         u = -2.0 * math.asin(min(0.25 * apart, 1.0))
         t = _around(bearing + 0.5 * u + math.pi)
         return (1, -1, 1, 0, 0), (t, u, _around(phi - t + u), 0.0, 0.0)
-    if form == 4 and apart <= 2.0 + TOUCH:
+    if form == 4 and apart <= 2.0 + TOUCH_TOLERANCE:
         u = math.acos(min(0.25 * (2.0 + apart), 1.0))
         t, v = _tau_omega(u, -u, xi, eta, phi)
         return (1, -1, 1, -1, 0), (t, u, -u, v, 0.0)
-    if form == 5 and 2.0 - TOUCH <= apart <= math.sqrt(20.0):
+    if form == 5 and 2.0 - TOUCH_TOLERANCE <= apart <= math.sqrt(20.0):
         u = -math.acos(min((20.0 - apart * apart) / 16.0, 1.0))
         t, v = _tau_omega(u, u, xi, eta, phi)
         return (1, -1, 1, -1, 0), (t, u, u, v, 0.0)
-    if form == 6 and apart >= 2.0 - TOUCH:
+    if form == 6 and apart >= 2.0 - TOUCH_TOLERANCE:
         u = math.sqrt(max(apart * apart - 4.0, 0.0))
         t = _around(bearing + math.atan2(u, -2.0))
         return (1, -1, 0, 1, 0), (t, -half, 2.0 - u, _around(phi - half - t), 0.0)
-    if form == 7 and apart >= 2.0 - TOUCH:
+    if form == 7 and apart >= 2.0 - TOUCH_TOLERANCE:
         t = math.atan2(xi, -eta)
         return (1, -1, 0, -1, 0), (t, -half, 2.0 - apart, _around(t + half - phi), 0.0)
-    if form == 8 and apart >= 2.0 - TOUCH:
+    if form == 8 and apart >= 2.0 - TOUCH_TOLERANCE:
         u = 4.0 - math.sqrt(max(apart * apart - 4.0, 0.0))
         t = _around(math.atan2((4.0 - u) * xi - 2.0 * eta, -2.0 * xi + (u - 4.0) * eta))
         return (1, -1, 0, 1, -1), (t, -half, u, -half, _around(t - phi))

@@ -1,4 +1,4 @@
-"""OMPL's geometric planners by name, and what each of them can do here."""
+"""OMPL's geometric planners and the built-in searches, by name, with the limits of each."""
 
 from __future__ import annotations
 
@@ -13,50 +13,61 @@ from ompl import geometric as og
 from cspace.errors import InputError
 
 GRID: Final = "Grid"
-"""What :func:`planners.plan` calls the map's own search, :meth:`cspace.CSpace.find_path`."""
+"""Name by which :func:`planners.plan` runs :meth:`cspace.CSpace.find_path`."""
 
 MAX_CLEARANCE: Final = "MaxClearance"
-"""What it calls :meth:`cspace.CSpace.find_widest_path`."""
+"""Name by which :func:`planners.plan` runs :meth:`cspace.CSpace.find_widest_path`."""
 
 BIRRT: Final = "BiRRT"
-"""What it calls the arm's own search, :meth:`cspace.ArmSpace.find_path`."""
+"""Name by which :func:`planners.plan` runs :meth:`cspace.ArmSpace.find_path`."""
 
-OWN: Final = (GRID, MAX_CLEARANCE, BIRRT)
-"""Searches of our own."""
+BUILT_IN_SEARCHES: Final = (GRID, MAX_CLEARANCE, BIRRT)
+"""Searches of maps and arms themselves, without OMPL."""
 
-IGNORE_OBJECTIVES: Final = frozenset({"BKPIECE1", "KPIECE1", "LBKPIECE1", "RRT", "RRTConnect"})
-"""Planners that heed no objective: they stop at the first path."""
+PLANNERS_WITHOUT_OBJECTIVE: Final = frozenset({"BKPIECE1", "KPIECE1", "LBKPIECE1", "RRT", "RRTConnect"})
+"""Planners that stop at the first path, whatever the objective."""
 
-SECOND_THREAD: Final = frozenset({"PRM", "PRMstar"})
-"""Planners that look for a solution from a second thread. It would need Python to call a Python objective or stopping
-rule, while the first thread holds Python and waits for the second: a deadlock, so such pairs are refused. Nor may a
-callback raise in them, which would end the process."""
+THREADED_PLANNERS: Final = frozenset({"PRM", "PRMstar"})
+"""Planners that look for a solution from a second thread.
 
-_FROM_BOTH: Final = ("BFMT", "BKPIECE1", "LBKPIECE1", "PRM", "PRMstar")
-"""Planners that take edges from their ends too."""
+That thread needs Python to call a Python objective or stopping rule, while the first thread holds Python and waits for
+it: a deadlock, so such pairs are refused. Nor may a callback raise in them, because that ends the process.
+"""
 
-UNSAFE: Final = {"AORRTC": "of OMPL 2.0.1 ends the process where paths are longer than some 90 m"}
-"""Planners that are not offered, and why. AORRTC looks for the root of a tree within a distance that is rounded to
-seven digits, and where the root is farther off, it reads on behind the end of its list."""
+_BIDIRECTIONAL_PLANNERS: Final = ("BFMT", "BKPIECE1", "LBKPIECE1", "PRM", "PRMstar")
+"""Planners that also follow edges from end to start."""
 
-REFUSED: Final = {
-    "dubins": dict.fromkeys(_FROM_BOTH, "takes edges from their ends too, which such a car does not drive")
+UNSAFE_PLANNERS: Final = {"AORRTC": "of OMPL 2.0.1 ends the process if a path is longer than some 90 m"}
+"""Planners that are not offered, and why.
+
+AORRTC looks for the root of a tree within a distance rounded to seven digits. If the root is farther off, AORRTC reads
+beyond the end of its list.
+"""
+
+PLANNERS_REFUSED_BY_DRIVE: Final = {
+    "dubins": dict.fromkeys(_BIDIRECTIONAL_PLANNERS, "also follows edges from end to start, which no such car drives")
 }
-"""For each drive, the planners that cannot plan with it, and why."""
+"""Planners that cannot plan with a drive, and why, by drive."""
 
-BIDIRECTIONAL: Final = {"differential": frozenset(_FROM_BOTH)}
-"""For each drive, the planners for which edges must be free from end to start too, since they take them so. A car's
-way back is a loop, which is hardly ever free; a robot that turns on the spot has only to turn around."""
+BIDIRECTIONAL_BY_DRIVE: Final = {"differential": frozenset(_BIDIRECTIONAL_PLANNERS)}
+"""Planners whose edges must be free from end to start too, by drive.
 
-SAMPLES: Final = 300
-"""Samples with which FMT and BFMT begin along curves. Within 8 s, paths were as many and as long with OMPL's 1000, but
-took four times as long to find; within 2 s, those by Dubins' curves were a quarter as many."""
+The way back of a robot that turns on the spot only needs it to turn around. A car's way back is a loop, which is hardly
+ever free, so :data:`PLANNERS_REFUSED_BY_DRIVE` has cars.
+"""
+
+FMT_SAMPLES_ALONG_CURVES: Final = 300
+"""Samples with which FMT and BFMT begin along curves.
+
+Within 8 s, OMPL's 1000 samples gave as many paths of the same length, but took four times as long. Within 2 s, they
+gave a quarter as many paths along Dubins curves.
+"""
 
 
 def planner_names() -> tuple[str, ...]:
-    """Names of the geometric planners that the installed OMPL binds, in alphabetical order.
+    """List the geometric planners that the installed OMPL binds, in alphabetical order.
 
-    AORRTC is not among them: in OMPL 2.0.1 it ends the process on paths longer than some 90 m.
+    AORRTC is left out: in OMPL 2.0.1 it ends the process on paths longer than some 90 m.
 
     Returns
     -------
@@ -68,27 +79,28 @@ def planner_names() -> tuple[str, ...]:
     >>> "RRTConnect" in planners.planner_names()
     True
     """
-    return tuple(sorted((name for name in _planners() if name not in UNSAFE), key=str.lower))
+    return tuple(sorted((name for name in _planners() if name not in UNSAFE_PLANNERS), key=str.lower))
 
 
 def planner_named(name: str | None, drive: str = "holonomic") -> str:
-    """A planner's name as OMPL spells it, from one in any case; without one, the planner that mostly is quickest.
+    """Return a planner's name as OMPL spells it, from a name in any case.
 
-    Raises InputError if there is none of that name; the message lists them all. Or if it cannot plan with the drive.
+    None gives the planner that is mostly the quickest for the drive.
+
+    Raises InputError if the name is unknown (the message lists all names), or the planner cannot plan with the drive.
     """
     if name is None:
-        # RRTConnect's tree at the goal grows by curves that leave the goal, where Dubins' car needs those that arrive.
+        # RRTConnect's tree at the goal grows by curves that leave the goal; a Dubins car needs curves that arrive.
         return "RRT" if drive == "dubins" else "RRTConnect"
-    known = {each.lower(): each for each in (*_planners(), *OWN)}
+    known = {each.lower(): each for each in (*_planners(), *BUILT_IN_SEARCHES)}
     if not isinstance(name, str) or name.lower() not in known:
         close = difflib.get_close_matches(str(name).lower().replace("*", "star"), known, n=1)
-        hint = f"choose one of {', '.join(planner_names())}"
-        hint = f"did you mean {known[close[0]]}? {hint}" if close else hint
+        hint = f"did you mean {known[close[0]]}? " * len(close) + f"choose one of {', '.join(planner_names())}"
         rule = f"it must be a geometric planner of the installed OMPL, {GRID} or {MAX_CLEARANCE}, or for an arm {BIRRT}"
         raise InputError("planner", f"is {name!r}", rule, hint, value=name)
     planner = known[name.lower()]
-    refused = REFUSED.get(drive, {}) if isinstance(drive, str) else {}
-    reason = UNSAFE.get(planner) or refused.get(planner)
+    refused = PLANNERS_REFUSED_BY_DRIVE.get(drive, {}) if isinstance(drive, str) else {}
+    reason = UNSAFE_PLANNERS.get(planner) or refused.get(planner)
     if reason:
         hint = "choose another planner, e.g. planner='RRT' or 'RRTstar'"
         raise InputError("planner", f"is {planner!r} and drive is {drive!r}", f"{planner} {reason}", hint, value=name)
@@ -96,36 +108,36 @@ def planner_named(name: str | None, drive: str = "holonomic") -> str:
 
 
 def make_planner(name: str, si: ob.SpaceInformation) -> ob.Planner:
-    """A planner of OMPL, with settings that keep its steps short, so that it stops in time."""
+    """Make a planner of OMPL, set to take short steps, so that it stops in time."""
     planner = getattr(og, name)(si)
-    SETTINGS.get(name, lambda made: None)(planner)
+    PLANNER_SETTINGS.get(name, lambda made: None)(planner)
     return planner
 
 
-def _no_pruning(planner: Any) -> None:
-    # To prune, BIT* takes samples out of its search tree one by one, and at every 500th makes the tree anew: minutes
-    # in one step where distances are those of curves.
+def _disable_pruning(planner: Any) -> None:
+    # To prune, BIT* takes samples out of its search tree one by one, and rebuilds the tree at every 500th: minutes in
+    # one step if distances are those of curves.
     planner.setPruning(False)
 
 
-def _few_along_curves(planner: Any) -> None:
-    # A step of FMT measures from each of its neighbours to all samples, which takes tenths of a second where distances
-    # are those of curves. It draws more where these do not do.
+def _reduce_samples_along_curves(planner: Any) -> None:
+    # A step of FMT measures from each of its neighbours to all samples, which takes tenths of a second along curves.
+    # FMT draws more samples if these do not suffice.
     if isinstance(planner.getSpaceInformation().getStateSpace(), (ob.DubinsStateSpace, ob.ReedsSheppStateSpace)):
-        planner.setNumSamples(SAMPLES)
+        planner.setNumSamples(FMT_SAMPLES_ALONG_CURVES)
 
 
-SETTINGS: Final[dict[str, Callable[[ob.Planner], None]]] = {
-    "BITstar": _no_pruning,
-    "BFMT": _few_along_curves,
-    "FMT": _few_along_curves,
+PLANNER_SETTINGS: Final[dict[str, Callable[[ob.Planner], None]]] = {
+    "BITstar": _disable_pruning,
+    "BFMT": _reduce_samples_along_curves,
+    "FMT": _reduce_samples_along_curves,
 }
-"""What is set of a planner when it is made."""
+"""Functions that set up a newly made planner, by its name."""
 
 
 @cache
 def _planners() -> list[str]:
-    # A class of which no object can be made has no constructor of its own in the bindings.
+    # The bindings give a class without objects no constructor of its own.
     return [
         name
         for name, kind in vars(og).items()

@@ -1,4 +1,4 @@
-"""Compiled: the cost of an edge: the cost of a metre, integrated along it."""
+"""Kernels that integrate a cost density along straight edges."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ from cspace.space import CSpace
 from cspace.spectral.overlap import field_at
 
 Field = OccupancyBits | Floats | None
-"""What has a value at each configuration: the clearance, by the marks of a map; an array of cells; or nothing."""
+"""Source of a value at each configuration: the clearance, by occupancy bits; an array of cells; or none (zero)."""
 
-LONGEST_TURN: Final = math.radians(5.0)
-"""Largest turn, in radians, of a step."""
+MAX_RADIANS_PER_STEP: Final = math.radians(5.0)
+"""Largest rotation of an integration step, in radians (5 degrees)."""
 
 
 class CostDensity(NamedTuple):
-    """What a metre costs where a field has a value: ``1 + weight * max(0, offset + slope * value)**2``.
+    """Cost of a metre of path at a field's value: ``1 + weight * max(0, offset + slope * value)**2``.
 
-    A radian of turn counts as ``turn_weight`` metres. ``by_metre`` asks for the mean cost of a metre, not for that of
-    all.
+    A radian of rotation counts as ``rotation_weight`` metres. ``by_metre`` selects the mean cost of a metre, instead of
+    the cost of the whole edge.
     """
 
     offset: float
     slope: float
     weight: float
-    turn_weight: float
+    rotation_weight: float
     by_metre: bool = False
 
 
 def value_at(field: Field, map_: Map, q: Numbers) -> float:
-    """The value of a field at a configuration; compiled code takes one of those below, by the kind of field."""
+    """Return the value of a field at a configuration; compiled code dispatches on the type of the field."""
     raise NotImplementedError
 
 
@@ -60,17 +60,17 @@ dispatch_on_type(value_at, {object: _no_value, PlaneMarks: _clearance, SpaceMark
 
 
 @kernel
-def cost_at(map_: Map, field: Field, law: CostDensity, q: Numbers) -> float:
-    """Cost of a metre at a configuration."""
-    penalty = max(0.0, law.offset + law.slope * value_at(field, map_, q))
-    return 1.0 + law.weight * penalty * penalty
+def cost_at(map_: Map, field: Field, density: CostDensity, q: Numbers) -> float:
+    """Return the cost of a metre at a configuration."""
+    penalty = max(0.0, density.offset + density.slope * value_at(field, map_, q))
+    return 1.0 + density.weight * penalty * penalty
 
 
 @kernel
-def cost_of_one(map_: Map, field: Field, law: CostDensity, both: Numbers) -> float:
-    """Cost of a straight edge between two configurations, given one after the other in ``both``.
+def straight_edge_cost(map_: Map, field: Field, density: CostDensity, both: Numbers) -> float:
+    """Integrate the cost along a straight edge, by the midpoint rule in steps of at most one cell and 5 degrees.
 
-    The integral takes the middles of steps of at most one cell and 5 degrees.
+    ``both`` holds the numbers of both configurations, one after the other.
     """
     q0 = map_.lower + map_.rotations.zeros()
     q1, size, dim, square = q0, len(q0), len(map_.lower), 0.0
@@ -79,18 +79,18 @@ def cost_of_one(map_: Map, field: Field, law: CostDensity, both: Numbers) -> flo
     for axis in range(dim):
         square += (q1[axis] - q0[axis]) ** 2
     metres, angle = math.sqrt(square), map_.rotations.turn_of(q0, q1, 0)[0]
-    steps, total = max(1, math.ceil(max(metres / map_.spacing, angle / LONGEST_TURN))), 0.0
+    steps, total = max(1, math.ceil(max(metres / map_.spacing, angle / MAX_RADIANS_PER_STEP))), 0.0
     for k in range(steps):
         t = (k + 0.5) / steps
         q = map_.rotations.turned(q0, q1, 0, t)
         for axis in range(dim):
             q = replaced(q, axis, between(q0[axis], q1[axis], t))
-        total += cost_at(map_, field, law, q)
-    return (1.0 if law.by_metre else metres + law.turn_weight * angle) * total / steps
+        total += cost_at(map_, field, density, q)
+    return (1.0 if density.by_metre else metres + density.rotation_weight * angle) * total / steps
 
 
-def edge_cost(space: CSpace, field: Field, law: CostDensity) -> Callable[..., float]:
-    """``cost(*q0, *q1)`` of straight edges of a map."""
-    fixed = (space._kernel_map, field, law)
-    query = bind_kernel(cost_of_one, (*fixed, (0.0,) * (2 * space.size)), 0).func  # type: ignore[attr-defined]
+def make_edge_cost(space: CSpace, field: Field, density: CostDensity) -> Callable[..., float]:
+    """Make ``cost(*q0, *q1)``, the cost of straight edges of a map."""
+    fixed = (space._kernel_map, field, density)
+    query = bind_kernel(straight_edge_cost, (*fixed, (0.0,) * (2 * space.size)), 0).func  # type: ignore[attr-defined]
     return lambda *endpoints: query(*fixed, endpoints)

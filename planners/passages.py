@@ -1,11 +1,11 @@
-"""Passages: paths along chains of cells, where sampling all space takes long or would hardly ever find one.
+"""Paths along chains of cells, for passages that samples of the whole space hardly ever find.
 
-If FREE cells join start and goal and the user names no planner, the map's own search finds a path along them when the
-planner finds none soon.
+If FREE cells join start and goal and the user names no planner, "Grid" follows them when the planner finds no path
+soon.
 
-Where the map cannot decide whether a path exists, a chain of FREE and MIXED cells leads from start to goal, if any path
-does. The planner joins the FREE stretches of the chain; the MIXED ones are crossed by samples, taken in and around the
-cells of the chain and drawn along from one cell to the next, which exact geometry proves free and joins.
+If the map cannot decide whether a path exists, every path follows a chain of FREE and MIXED cells. The planner joins
+the FREE stretches of such a chain. Samples cross its MIXED stretches: they are drawn in and around each cell and moved
+from one cell to the next, and exact geometry proves them free and joins them.
 """
 
 from __future__ import annotations
@@ -23,140 +23,152 @@ from cspace.compiling import clock
 from cspace.configuration_space import ConfigurationSpace
 from cspace.limits import MAX_MEMORY_FRACTION, free_bytes
 from cspace.map.search import open_chain
-from cspace.space import CSpace
 from planners.catalogue import GRID
-from planners.local_planner import LocalPlanner
-from planners.search import GRACE, Search, SearchResult
+from planners.local_planner import EdgesOnMap
+from planners.search import GRACE_SECONDS, Search, SearchResult
 from planners.states import Configuration
 
 Cells = Ints
 
-THROUGH: Final = "through undecided passages"
+THROUGH_PASSAGES: Final = "through undecided passages"
+"""Note of a path that crosses MIXED cells."""
 
-ALONG: Final = "along FREE cells"
+ALONG_FREE_CELLS: Final = "along FREE cells"
+"""Note of a path that "Grid" found after the planner had found none."""
 
-SOON: Final = 10_000
-"""Iterations of the planner before the map's own search takes over: a fiftieth of a second. The planner's times have a
-long tail, and those of the map's own search do not; a count, and not the clock, keeps plans repeatable."""
+MAX_ITERATIONS_BEFORE_GRID: Final = 10_000
+"""Iterations of the planner before "Grid" takes over, about 0.02 s.
 
-DRAWN: Final = 2000
-"""Configurations that are drawn for each cell of a passage."""
+The times of the planner have a long tail, and those of "Grid" do not. A count, unlike seconds, keeps plans repeatable.
+"""
 
-FREE_DRAWS: Final = 24
-"""Free ones among them that are used, at most."""
+DRAWS_PER_CELL: Final = 2000
+"""Configurations drawn for each cell of a passage."""
 
-BATCH: Final = 200
-"""Configurations that are tested by the geometry between two looks at the clock."""
+MAX_FREE_DRAWS_PER_CELL: Final = 24
+"""Largest number of free configurations used for each cell of a passage."""
 
-APPROACH: Final = 4
-"""FREE cells of the chain, before and after a passage, that are crossed with it: room to line up."""
+DRAWS_PER_CLOCK_CHECK: Final = 200
+"""Configurations that exact geometry tests between two looks at the clock."""
 
-FIRST: Final = 0.1
-"""Part of the time, at most a second, that the planner has to itself before chains are looked for, or as long as that
-takes: most passages are wide enough for it. Then it is the chains' turn, for as long, and so on, each time for twice as
-long."""
+APPROACH_CELLS: Final = 4
+"""FREE cells of the chain before and after a passage that samples cross too, so that the robot can line up."""
 
-RATE: Final = 1e7
-"""Cells a second that a search for a chain gets over, about."""
+FIRST_SLOT_SHARE: Final = 0.1
+"""Share of the time limit, at most 1 s, that the planner has before the first chain is sought.
+
+Most passages are wide enough for the planner. Afterwards chains and planner alternate, each time for twice as long.
+"""
+
+CHAIN_CELLS_PER_SECOND: Final = 1e7
+"""Cells that a search for a chain visits in a second, about."""
 
 
 @dataclass(frozen=True, slots=True)
 class Passages:
-    """A search by the planner, and, where that takes long, along chains of FREE and MIXED cells.
+    """A search by the planner and, if that takes long, along chains of FREE and MIXED cells.
 
     Attributes
     ----------
     search : Search
-        Of the planner, for what lies between the passages.
-    edges : LocalPlanner
-        Straight edges, proven by exact geometry.
+        Search of the planner, also used between passages.
+    edges : EdgesOnMap
+        Straight edges on a map in memory.
     time_limit : float
-        Seconds, for :meth:`run`; but not for what the map makes first, nor for compiling.
+        Seconds, without caches of the map and compilation.
+    began : float
+        Reading of the clock at which the time limit starts.
     """
 
     search: Search
-    edges: LocalPlanner
+    edges: EdgesOnMap
     time_limit: float
     began: float = field(default_factory=clock)
 
     def run_free(self, start: Configuration, goal: Configuration) -> SearchResult:
-        """Find a path between two configurations that FREE cells join: by the planner, or else along such cells.
+        """Find a path between two configurations that FREE cells join: by the planner, or else by "Grid".
 
-        The map's own search has the rest of the time limit, and GRACE seconds at least. If it finds none in that time,
-        the planner goes on, unless its iterations are limited.
+        "Grid" has the rest of the time limit, and at least GRACE_SECONDS. If it finds no path either, the planner goes
+        on, unless its iterations are limited.
         """
         counted = self.search.iterations
-        soon = replace(self.search, iterations=counted or SOON)
+        soon = replace(self.search, iterations=counted or MAX_ITERATIONS_BEFORE_GRID)
         result = soon.run(self.edges, start, goal, self.time_limit, joined=True)
         if len(result.path):
             return result
-        path = self.edges.search(GRID, (start, goal), self.search.simplify, None, max(self._left(), GRACE))
+        path = self.edges.search(GRID, (start, goal), self.search.simplify, None, max(self._left(), GRACE_SECONDS))
         if len(path):
-            return SearchResult(path, ALONG, clock() - self.began)
+            return SearchResult(path, ALONG_FREE_CELLS, clock() - self.began)
         if counted or self._left() <= 0.0:
             return replace(result, planning=clock() - self.began)
         result = self.search.run(self.edges, start, goal, max(self._left(), 1e-3), joined=True)
         return replace(result, planning=clock() - self.began - result.simplification)
 
     def run(self, start: Configuration, goal: Configuration) -> SearchResult:
-        """A path between two configurations: by the planner alone, or else along a chain that can be walked."""
+        """Find a path between two configurations: by the planner, or else along a chain of undecided cells."""
         space = self.edges.space
         cells = (space.rotations.count, *space.grid.shape)
-        needed = math.prod(cells) / RATE
-        # Two bytes a cell: what is closed, and how each was reached.
-        worth = needed <= 0.5 * self.time_limit and 2 * math.prod(cells) <= MAX_MEMORY_FRACTION * free_bytes()
-        if self.edges.edge_checker()(*start, *goal) or not worth:
+        needed = math.prod(cells) / CHAIN_CELLS_PER_SECOND
+        # A search for a chain takes two bytes a cell: its closed cells, and how each cell was reached.
+        is_worthwhile = needed <= 0.5 * self.time_limit and 2 * math.prod(cells) <= MAX_MEMORY_FRACTION * free_bytes()
+        if self.edges.edge_checker()(*start, *goal) or not is_worthwhile:
             return self.search.run(self.edges, start, goal, self.time_limit)
-        space.is_free(np.array([start]), exact=True)  # what exact answers need is made here, and not within the limit
-        return replace(self, began=clock())._run(start, goal, cells, needed)
+        space.is_free(np.array([start]), exact=True)  # fills caches of exact geometry, outside the limit
+        return replace(self, began=clock())._alternate(start, goal, cells, needed)
 
-    def _run(self, start: Configuration, goal: Configuration, cells: tuple[int, ...], needed: float) -> SearchResult:
-        """The planner and the search along chains in turns, each time for twice as long."""
+    def _alternate(
+        self, start: Configuration, goal: Configuration, cells: tuple[int, ...], needed: float
+    ) -> SearchResult:
+        """Alternate the planner and the search along chains, each time for twice as long.
+
+        ``cells`` is the shape of the map with its rotations, and ``needed`` the seconds that one search for a chain
+        takes, as estimated or measured.
+        """
         space, rng = self.edges.space, np.random.default_rng(self.search.seed)
         closed = np.zeros(cells, dtype=np.bool_)
-        # A look for a chain runs on to its end, so that the planner has at least as long.
-        search, share = self.search, max(min(FIRST * self.time_limit, 1.0), needed)
+        # A search for a chain cannot be interrupted, so the planner gets at least as long.
+        search, slot = self.search, max(min(FIRST_SLOT_SHARE * self.time_limit, 1.0), needed)
         while True:
-            last = self._left() - share <= needed
-            alone = max(self._left() if last else share, 1e-3)
-            result = search.run(self.edges, start, goal, alone)
-            if len(result.path) and result.planning > 0.9 * alone and not (last or search.may_stop):
-                # A planner that goes on improving has the rest of the time for it.
+            last = self._left() - slot <= needed
+            limit = max(self._left() if last else slot, 1e-3)
+            result = search.run(self.edges, start, goal, limit)
+            if len(result.path) and result.planning > 0.9 * limit and not (last or search.may_stop):
+                # A planner that goes on improving its path gets the rest of the time.
                 again = search.run(self.edges, start, goal, max(self._left(), 1e-3))
                 result = again if len(again.path) else result
             if len(result.path) or last:
                 return replace(result, planning=clock() - self.began - result.simplification)
-            until = self._left() - share
-            while self._left() > max(until, needed):
-                looked = clock()
-                chain = self._chain(start, goal, closed)
-                needed = max(needed, clock() - looked)
+            left_after_slot = self._left() - slot
+            while self._left() > max(left_after_slot, needed):
+                search_began = clock()
+                chain = self._find_chain(start, goal, closed)
+                needed = max(needed, clock() - search_began)
                 if not len(chain):
                     if not closed.any():
-                        needed = math.inf  # there is none: the planner has the rest
-                    closed[...] = False  # what one draw did not cross, another may
+                        needed = math.inf  # no chain exists, so the planner gets the rest of the time
+                    closed[...] = False  # new samples may cross a cell that earlier ones did not
                     continue
-                path = self._walk(chain, start, goal, closed, rng)
+                path = self._follow_chain(chain, start, goal, closed, rng)
                 if path is not None:
                     by_length = self.search.simplify and self.search.objective is None
                     until = self.began + self.time_limit
-                    path = shortened(space, path, len(path), exact=True, until=until) if by_length else path
-                    return SearchResult(path, THROUGH, clock() - self.began)
-            share *= 2.0
-            if search.seed is not None:  # else it would look again where it was
+                    path = skip_waypoints(space, path, len(path), exact=True, until=until) if by_length else path
+                    return SearchResult(path, THROUGH_PASSAGES, clock() - self.began)
+            slot *= 2.0
+            if search.seed is not None:  # the same seed would repeat the same search
                 search = replace(search, seed=(search.seed + 1) % (2**32 - 1))
 
-    def _chain(self, start: Configuration, goal: Configuration, closed: Bools | None = None) -> Cells:
-        """A chain of cells that are not BLOCKED, and not closed, from one configuration to another."""
+    def _find_chain(self, start: Configuration, goal: Configuration, closed: Bools | None = None) -> Cells:
+        """Find a chain of cells, neither BLOCKED nor closed, from one configuration to another."""
         space, q = self.edges.space, np.array([start, goal])
         first, last = np.column_stack([space.rotations.cells_of(q), space.grid.cell_of(q[:, : space.grid.dim])])
         return open_chain(space._grid_kernel_map, space.rotations.neighbors, first, last, closed)
 
     def _left(self) -> float:
-        """Seconds that are left; below zero where time is over."""
+        """Return the seconds until the time limit, negative after it."""
         return self.time_limit - (clock() - self.began)
 
-    def _walk(
+    def _follow_chain(
         self,
         chain: Cells,
         start: Configuration,
@@ -164,24 +176,24 @@ class Passages:
         closed: Bools,
         rng: np.random.Generator,
     ) -> Floats | None:
-        """A path along a chain; None where it breaks off, with the cells that stopped it closed."""
+        """Find a path along a chain; if it breaks off, close the cells that stopped it and return None."""
         mixed = np.asarray(self.edges.space.classify(self._centers(chain))) != FREE
-        runs, path = _runs(mixed, APPROACH), [np.array([start])]
-        limit = self._left() / (len(runs) + 1)  # planners that go on improving use up what each leg is given
+        runs, path = _find_runs(mixed, APPROACH_CELLS), [np.array([start])]
+        limit = self._left() / (len(runs) + 1)  # planners that go on improving use up their limit on each stretch
         for first, last in runs:
             # The run begins and ends in a FREE cell, or at the start or goal itself.
             begin = np.array(start) if first == 0 else self._centers(chain[first])
             end = np.array(goal) if last == len(chain) - 1 else self._centers(chain[last])
-            leg = self._join(path[-1][-1], begin, limit)
-            crossing = None if leg is None else self._cross(chain[first : last + 1], begin, end, closed, rng)
-            if leg is None or crossing is None:
+            stretch = self._join(path[-1][-1], begin, limit)
+            crossing = None if stretch is None else self._cross(chain[first : last + 1], begin, end, closed, rng)
+            if stretch is None or crossing is None:
                 return None
-            path += [leg[1:], crossing[1:]]
-        leg = self._join(path[-1][-1], np.array(goal), limit)
-        return None if leg is None else np.concatenate([*path, leg[1:]])
+            path += [stretch[1:], crossing[1:]]
+        stretch = self._join(path[-1][-1], np.array(goal), limit)
+        return None if stretch is None else np.concatenate([*path, stretch[1:]])
 
     def _join(self, first: Floats, last: Floats, limit: float) -> Floats | None:
-        """A path that the planner finds between two configurations."""
+        """Find a path between two configurations by the planner; None if it finds none."""
         if np.array_equal(first, last):
             return first[None]
         limit = max(min(limit, self._left()), 1e-3)
@@ -191,67 +203,70 @@ class Passages:
     def _cross(
         self, cells: Cells, begin: Floats, end: Floats, closed: Bools, rng: np.random.Generator
     ) -> Floats | None:
-        """A path through a chain of cells, joined by exact edges; None, and cells closed, where it breaks off."""
+        """Find a path of exact edges through a chain of cells; if it breaks off, close cells and return None."""
         layers, parents = [begin[None]], [np.zeros(1, dtype=np.int64)]
         for before, cell in itertools.pairwise(cells):
             last = len(layers) == len(cells) - 1
-            drawn = end[None] if last else self._free_ones(self._draw(cell, before, layers[-1], rng), rng)
-            joined = self._joined(layers[-1], drawn)
-            reached = joined >= 0
+            drawn = end[None] if last else self._select_free(self._draw(cell, before, layers[-1], rng), rng)
+            parent = self._find_parents(layers[-1], drawn)
+            reached = parent >= 0
             if not reached.any():
                 for each in (cell, before):
                     closed[tuple(each)] = self.edges.space.classify(self._centers(each)) != FREE
                 return None
             layers.append(drawn[reached])
-            parents.append(joined[reached])
+            parents.append(parent[reached])
         path, index = [], 0
         for layer, parent in zip(layers[::-1], parents[::-1], strict=True):
             path.append(layer[index])
             index = int(parent[index])
         return np.array(path[::-1])
 
-    def _free_ones(self, drawn: Floats, rng: np.random.Generator) -> Floats:
-        """Up to FREE_DRAWS of some configurations that are free, none where time is over."""
+    def _select_free(self, drawn: Floats, rng: np.random.Generator) -> Floats:
+        """Return up to MAX_FREE_DRAWS_PER_CELL of the configurations that are free, found before time is over."""
         drawn, free = rng.permutation(drawn), drawn[:0]
-        for part in np.array_split(drawn, max(1, len(drawn) // BATCH)):
-            if len(free) >= FREE_DRAWS or self._left() < 0.0:
+        for part in np.array_split(drawn, max(1, len(drawn) // DRAWS_PER_CLOCK_CHECK)):
+            if len(free) >= MAX_FREE_DRAWS_PER_CELL or self._left() < 0.0:
                 break
             free = np.concatenate([free, part[np.asarray(self.edges.space.is_free(part, exact=True))]])
-        return free[:FREE_DRAWS]
+        return free[:MAX_FREE_DRAWS_PER_CELL]
 
-    def _joined(self, firsts: Floats, lasts: Floats) -> Ints:
-        """The first of some configurations that exact edges join to each of others; -1 where none, or time is over."""
-        joined = np.full(len(lasts), -1)
-        for number, first in enumerate(firsts):
-            left = np.flatnonzero(joined < 0)
+    def _find_parents(self, starts: Floats, ends: Floats) -> Ints:
+        """Return, for each end, the index of the first start that an exact edge joins to it, or -1.
+
+        Ends that are not joined before time is over get -1 too.
+        """
+        parents = np.full(len(ends), -1)
+        for index, start in enumerate(starts):
+            left = np.flatnonzero(parents < 0)
             if not len(left) or self._left() < 0.0:
                 break
-            joined[left[self.edges.space.motion_is_free(first, lasts[left], exact=True)]] = number
-        return joined
+            parents[left[self.edges.space.motion_is_free(start, ends[left], exact=True)]] = index
+        return parents
 
     def _draw(self, cell: Cells, before: Cells, reached: Floats, rng: np.random.Generator) -> Floats:
-        """Configurations in the block of cells around one, and near those reached in the cell before, moved along."""
-        space, size, half = self.edges.space, self._size(cell), DRAWN // 2
-        middles = self._centers(np.stack([before, cell]))
-        around = space.rotations.moved(middles[[1] * half], size * rng.uniform(-1.5, 1.5, (half, len(size))))
+        """Draw configurations around a cell: uniform ones, and those reached in the cell before, moved along."""
+        space, size, half = self.edges.space, self._size(cell), DRAWS_PER_CELL // 2
+        centers = self._centers(np.stack([before, cell]))
+        around = space.rotations.moved(centers[[1] * half], size * rng.uniform(-1.5, 1.5, (half, len(size))))
         along = reached[rng.integers(len(reached), size=half)]
         spread = size * 10.0 ** rng.uniform(-3.0, 0.0, (half, 1))
-        steps = rng.uniform(0.0, 1.5, (half, 1)) * space.rotations.steps(*middles)
+        steps = rng.uniform(0.0, 1.5, (half, 1)) * space.rotations.steps(*centers)
         steps += spread * rng.uniform(-1.0, 1.0, steps.shape)
-        # A step into another rotation cell need not turn the robot, if the passage allows for no turn.
+        # Half of the steps do not turn the robot, because a passage may leave no room to turn.
         steps[rng.random(half) < 0.5, space.grid.dim :] = 0.0
         near = space.rotations.moved(along, steps)
         return np.concatenate([near, around])
 
     def _centers(self, cells: Cells) -> Floats:
-        """Middles of cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``, shape (..., size)."""
+        """Return the centers of cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``, shape (..., size)."""
         space = self.edges.space
-        turns = space.rotations.centers[cells[..., 0]]
-        return np.concatenate([space.grid.center_of(cells[..., 1:]), turns], axis=-1)
+        rotations = space.rotations.centers[cells[..., 0]]
+        return np.concatenate([space.grid.center_of(cells[..., 1:]), rotations], axis=-1)
 
     def _size(self, cell: Cells) -> Floats:
-        """Sides of a cell, metres and radians."""
-        space: CSpace = self.edges.space
+        """Return the sides of a cell, metres and radians."""
+        space = self.edges.space
         center = self._centers(cell)
         steps = space.rotations.steps(center, center)
         steps[: space.grid.dim] = space.grid.spacing
@@ -259,24 +274,28 @@ class Passages:
         return steps
 
 
-def shortened(
-    space: ConfigurationSpace, path: Floats, ahead: int, *, exact: bool = False, until: float = math.inf
+def skip_waypoints(
+    space: ConfigurationSpace, path: Floats, max_skipped: int, *, exact: bool = False, until: float = math.inf
 ) -> Floats:
-    """A path without the waypoints that a free edge to one of the next ``ahead`` can skip, as far as time allows."""
+    """Return a path without the waypoints that free edges can skip, as far as time allows.
+
+    From each waypoint that is kept, the free edge to the farthest of the next ``max_skipped`` waypoints is taken.
+    ``until`` is a reading of the clock.
+    """
     indices, at = [0], 0
     while at < len(path) - 1:
         if clock() > until:
             return path[[*indices, *range(at + 1, len(path))]]
-        after = np.arange(at + 1, min(at + 1 + ahead, len(path)))
+        after = np.arange(at + 1, min(at + 1 + max_skipped, len(path)))
         free = np.asarray(space.motion_is_free(path[at], path[after], exact=exact))
-        free[0] = True  # the path itself
+        free[0] = True  # the edge of the path itself is kept
         at = int(after[np.flatnonzero(free)[-1]])
         indices.append(at)
     return path[indices]
 
 
-def _runs(mixed: NDArray[Any], more: int) -> list[tuple[int, int]]:
-    """First and last index of the runs of MIXED cells, widened by ``more`` on both sides and merged where they meet."""
-    wide = np.convolve(mixed, np.ones(2 * more + 1), mode="full")[more : more + len(mixed)] > 0
+def _find_runs(mixed: NDArray[Any], margin: int) -> list[tuple[int, int]]:
+    """Return the first and last index of each run of True, widened by ``margin`` on both sides and merged."""
+    wide = np.convolve(mixed, np.ones(2 * margin + 1), mode="full")[margin : margin + len(mixed)] > 0
     edges = np.flatnonzero(np.diff(wide.astype(np.int8), prepend=0, append=0))
     return [(int(first), int(stop) - 1) for first, stop in zip(edges[::2], edges[1::2], strict=True)]

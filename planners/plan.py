@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -13,54 +13,65 @@ from numpy.typing import ArrayLike
 
 from cspace.check import check_count, check_flag, check_positive
 from cspace.compiling import clock
-from cspace.configuration_space import ConfigurationSpace, Leg
+from cspace.configuration_space import ConfigurationSpace, TileSubproblem
 from cspace.errors import InputError
 from cspace.space import CSpace
 from planners.catalogue import (
     BIRRT,
+    BUILT_IN_SEARCHES,
     GRID,
-    IGNORE_OBJECTIVES,
     MAX_CLEARANCE,
-    OWN,
-    SECOND_THREAD,
+    PLANNERS_WITHOUT_OBJECTIVE,
+    THREADED_PLANNERS,
     planner_named,
     planner_names,
 )
-from planners.local_planner import CAR_AXES, CURVES, DRIVES, HOLONOMIC, ON_THE_SPOT, LocalPlanner, local_planner, text
+from planners.local_planner import (
+    CAR_AXES,
+    CURVES,
+    DRIVES,
+    HOLONOMIC,
+    ON_THE_SPOT,
+    EdgesOnMap,
+    Endpoints,
+    LocalPlanner,
+    format_point,
+    local_planner,
+)
 from planners.objectives import ClearanceObjective, OverlapObjective, WeightedLength, edges_on_map, overlap_field
-from planners.passages import Passages, shortened
+from planners.passages import Passages, skip_waypoints
 from planners.result import Plan, Times
 from planners.search import Search, SearchResult
 from planners.setup import MakeObjective
-from planners.states import Configuration, kind_of
+from planners.states import kind_of
 
 MAX_SEED: Final = 2**32 - 2
 """Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
 
-AHEAD: Final = 32
-"""Waypoints that one edge may skip, at most, to shorten a path."""
+MAX_SKIPPED_WAYPOINTS: Final = 32
+"""Largest number of waypoints that one edge may skip to shorten a path through tiles."""
 
 NO_CHAIN: Final = "no chain of FREE cells joins start and goal"
-"""Status of a plan without a search, which could only follow such a chain."""
+"""Status of a plan without a search, because every path would follow such a chain."""
 
-_BY_NAME: Final[dict[str, type[ClearanceObjective | OverlapObjective]]] = {
+_OBJECTIVES: Final[dict[str, type[ClearanceObjective | OverlapObjective]]] = {
     "clearance": ClearanceObjective,
     "overlap": OverlapObjective,
 }
-"""What can be optimised beside the length."""
+"""Objectives other than the length, by name."""
 
 
 class Choices(NamedTuple):
-    """What :func:`plan` can be given on a space.
+    """Options of :func:`plan` that a space supports.
 
     Attributes
     ----------
     planners : tuple of str
-        Names of planners: OMPL's, and the searches of our own that there are.
+        Names of OMPL's planners and of the built-in searches.
     drives : tuple of str
         Names of drives, "holonomic" first.
     curves : tuple of str
-        Those of the drives that need a turning radius.
+        Names of the drives that need a turning radius.
     """
 
     planners: tuple[str, ...]
@@ -69,7 +80,7 @@ class Choices(NamedTuple):
 
 
 def choices(space: ConfigurationSpace) -> Choices:
-    """What :func:`plan` can be given on a space, as for a panel or a form.
+    """List the options of :func:`plan` that a space supports, e.g. for a form.
 
     Parameters
     ----------
@@ -82,7 +93,7 @@ def choices(space: ConfigurationSpace) -> Choices:
     Raises
     ------
     InputError
-        If ``space`` is none.
+        If ``space`` is neither a map nor the space of an arm.
 
     Examples
     --------
@@ -92,11 +103,11 @@ def choices(space: ConfigurationSpace) -> Choices:
     >>> choices.planners[-2:], choices.drives, choices.curves
     (('Grid', 'MaxClearance'), ('holonomic',), ())
     """
-    own = local_planner(space).own
+    searches = local_planner(space).built_in_searches
     if not isinstance(space, CSpace):
-        own = tuple(name for name in own if name != MAX_CLEARANCE)  # which takes a map in memory
-    turns = space.axes == CAR_AXES
-    return Choices((*planner_names(), *own), DRIVES if turns else DRIVES[:1], CURVES if turns else ())
+        searches = tuple(name for name in searches if name != MAX_CLEARANCE)  # it needs a map in memory
+    is_car = space.axes == CAR_AXES
+    return Choices((*planner_names(), *searches), DRIVES if is_car else DRIVES[:1], CURVES if is_car else ())
 
 
 def plan(
@@ -114,98 +125,98 @@ def plan(
     drive: str = HOLONOMIC,
     turning_radius: float | None = None,
 ) -> Plan:
-    """Find a path on a map, with any geometric planner of OMPL, and check it; in SE(2) for any ``drive``.
+    """Find a path on a map or for an arm, with any geometric planner of OMPL, and prove it.
 
-    On a map of (x, y, yaw), paths are those of a robot that also moves sideways, unless ``drive`` says otherwise:
-    "differential" for one that turns on the spot and drives straight on, as most mobile robots do.
+    On a map of (x, y, yaw) the robot may move sideways, unless ``drive`` restricts it: "differential" is for robots
+    that turn on the spot and drive straight on, as most mobile robots do.
 
-    No search is run where the map proves that no path exists, or where the shortest path is wanted and is the single
-    edge from start to goal. OMPL's messages are held back while it runs.
+    No search is run if the map proves that no path exists, or if the objective is the length and the single edge from
+    start to goal is free. OMPL's messages are held back while it runs.
 
-    *Time.* The search and the simplification of its path end within the time limit and a quarter of a second. What the
-    map computes once, at the first plan (components, free blocks, compiled functions), comes on top and is listed
-    separately in :attr:`Plan.times`.
+    *Time.* The search and the simplification of its path end within the time limit plus 0.25 s. The first plan on a map
+    also computes components and free blocks and compiles functions. These times are not limited, and are listed in
+    :attr:`Plan.times`.
 
-    *What the map knows.* Unless ``exact``, a path of any drive leads through FREE cells. So a plan ends at once if no
-    chain of them joins start and goal, and says what to try. If the drive is not holonomic and no path is found,
-    :attr:`Plan.status` names the yaws that are proven free at start and goal, where these are not all.
+    *FREE cells.* Unless ``exact``, a path of any drive leads through FREE cells. So a plan ends at once if no chain of
+    FREE cells joins start and goal, and :attr:`Plan.hint` says what to try. If a drive that is not holonomic finds no
+    path, :attr:`Plan.status` names the yaws that are proven free at start and goal, unless all are.
 
-    *Maps in a store.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile, of which only those on the way
-    are opened, through the middle of the FREE part of each common face. The planner has the time limit in each tile.
-    Without a drive, the map's own search takes its place where it finds no path, or where no planner is named and the
-    objective is the length; straight paths are shortened once more as a whole. Objectives and drives apply tile by
-    tile; ``exact``, and "overlap", need a map in memory.
+    *Maps in a store.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile, through the middle of the FREE
+    part of each common face. Only tiles on the way are opened, and the time limit holds for each tile. If the drive is
+    holonomic, "Grid" takes over in tiles where the planner finds no path, or from the start if no planner is named, the
+    objective is the length and ``iterations`` is not given. Straight paths are then shortened as a whole. Objectives
+    and drives apply tile by tile; ``exact`` and "overlap" need a map in memory.
 
-    *Arms.* In the space of an arm (:func:`cspace.build_arm_space`), an edge moves all joints in step, continuous ones
-    the shorter way, and is proven all along by the geometry itself, so that ``exact`` changes nothing. Its path counts
-    whole turns, so that straight motions join the rows. Drives, "Grid", "MaxClearance", "clearance" and "overlap" are
-    for maps.
+    *Arms.* In the space of an arm (:func:`cspace.build_arm_space`), an edge moves all joints in step, continuous joints
+    the shorter way. The geometry itself proves every edge, so ``exact`` changes nothing. Angles of continuous joints in
+    the path are not wrapped, so that straight motions join its rows. Drives, "Grid", "MaxClearance", "clearance" and
+    "overlap" are for maps.
 
-    *Long tails.* If FREE cells join start and goal, RRTConnect mostly ends at once, and sometimes takes very long. So,
-    if ``planner`` is left out, the drive is holonomic and the objective is the length, it has ten thousand iterations,
-    or ``iterations``; then the map's own search takes over, see "Grid". That has the rest of the time limit, and a
-    tenth of a second at least. A planner that is named keeps the search to itself.
-
-    Planners that go on improving their path (BITstar, InformedRRTstar, PRMstar, RRTstar, SORRTstar) use up the time
-    limit.
+    *Long searches.* If FREE cells join start and goal, RRTConnect mostly ends at once, but sometimes takes very long.
+    So "Grid" takes over after ten thousand iterations (or ``iterations``) if no planner is named, the drive is
+    holonomic and the objective is the length. It has the rest of the time limit, and at least 0.1 s. A named planner
+    keeps the whole search. Planners that go on improving their path (BITstar, InformedRRTstar, PRMstar, RRTstar,
+    SORRTstar) use up the time limit.
 
     *Repeatable runs.* A seed sets OMPL's global seed generator, from which every planner, sampler and simplifier made
-    afterwards draws its own seed; so the same call with the same seed gives the same path, also with other plans in
-    between and in another process. That does not hold where the clock decides: for planners that use up the time limit
-    (give ``iterations``, and a time limit that is not reached), for a search that the time limit cuts off, and for PRM
-    and PRMstar, which look for the solution from a second thread. Nor does it hold where other threads of the process
-    use OMPL at the same time.
+    afterwards draws its own seed. So the same call with the same seed gives the same path, in any process and after any
+    other plans. Exceptions are searches that the clock ends (give ``iterations`` to planners that use up the time
+    limit), PRM and PRMstar, which search in a second thread, and OMPL used by other threads at the same time.
 
     Parameters
     ----------
     space : CSpace, TiledCSpace or ArmSpace
     start, goal : array-like, shape (size,)
-        Configurations, of an arm one number for each joint, or in metres: ``(x, y)``, ``(x, y, yaw)``, ``(x, y, z)``,
-        ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)``; yaw in radians, wrapped.
+        Configurations: one number for each joint of an arm, or ``(x, y)``, ``(x, y, yaw)``, ``(x, y, z)``,
+        ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)`` in metres; yaw in radians, wrapped.
     planner : str, optional
-        Name of a planner, in upper or lower case; :func:`planners.planner_names` lists OMPL's. If left out, RRTConnect;
-        but for Dubins curves RRT, for RRTConnect's tree at the goal grows by curves that leave the goal, where a car
-        that cannot reverse needs those that arrive, so it often fails among obstacles. Planners that also follow edges
-        backwards are refused for Dubins curves, and for "differential" get edges that are free both ways. Or a search
-        of our own. "Grid", :meth:`cspace.CSpace.find_path` of a map, moves the robot in any direction and turns it on
-        the spot; it finds a path in milliseconds wherever FREE cells join start and goal, and is deterministic.
-        "MaxClearance", :meth:`cspace.CSpace.find_widest_path`, gives the path of the largest clearance, and then the
-        shortest; it is deterministic, unless the time limit ends it; not on a map in a store. "BiRRT",
-        :meth:`cspace.ArmSpace.find_path`, is the default for an arm: two trees in compiled code, whose motions are
-        proven only where a path may be.
+        Name of a planner of OMPL (:func:`planners.planner_names`) or of a built-in search, in upper or lower case. The
+        default is RRTConnect, for Dubins curves RRT, and for an arm BiRRT.
+
+        - "Grid", :meth:`cspace.CSpace.find_path`: a holonomic path in milliseconds if FREE cells join start and goal;
+          deterministic.
+        - "MaxClearance", :meth:`cspace.CSpace.find_widest_path`: the path of largest clearance, and of these the
+          shortest; deterministic unless the time limit ends it; not for maps in a store.
+        - "BiRRT", :meth:`cspace.ArmSpace.find_path`: two trees of an arm's motions, in compiled code.
+
+        RRTConnect often fails for Dubins curves, because its tree at the goal grows by curves that leave the goal.
+        Planners that also follow edges backwards are refused for Dubins curves; for "differential" their edges must be
+        free both ways.
     time_limit : float
-        Seconds after which the search gives up. Where it uses them up, a tenth of a second more goes to simplification.
-        What a map computes once, and what is compiled, is not within them; see :class:`planners.Times`.
+        Seconds after which the search gives up. Simplification then has another 0.1 s. Caches of the map and
+        compilation are not limited; see :class:`planners.Times`.
     iterations : int, optional
-        Stop the planner also after so many checks of OMPL's termination condition, about one for each iteration. The
-        map's own search counts none. Not for PRM and PRMstar.
+        Largest number of checks of OMPL's termination condition, about one for each iteration of the planner. Not for
+        PRM, PRMstar and the built-in searches.
     simplify : bool
-        Whether the path shall be shortened, by OMPL also smoothed. The outcome is kept only where it is certified and
-        no worse by the objective.
+        Whether to shorten the path; OMPL also smooths it. The result is kept only if it is certified and no worse by
+        the objective.
     seed : int, optional
-        From 0 to 2^32 - 2. The map's own search draws no numbers: its path is the same for every seed.
+        From 0 to 2^32 - 2. Grid and MaxClearance ignore it.
     objective : {"length", "clearance", "overlap"} or callable
-        What to optimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults, and "overlap"
-        :class:`planners.OverlapObjective` with the field that the map carries. A callable is given the space
-        information and returns an ``ompl.base.OptimizationObjective``. Anything but the length is for planners that
-        heed it: BITstar, InformedRRTstar, RRTstar, SORRTstar, and, with a time limit of many seconds, FMT and
-        BFMT, which ask for the cost between all pairs of near samples. They have to beat the cheapest of a few paths
-        that RRTConnect finds in a tenth of the time, so that there is one where it finds any. BKPIECE1, KPIECE1,
-        LBKPIECE1, RRT and RRTConnect stop at the first path; PRM and PRMstar cannot call Python from their second
-        thread. The length counts a radian of turn as half a metre, but for curves; see :attr:`Plan.total_rotation`.
+        Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults, and "overlap"
+        :class:`planners.OverlapObjective` with the field that the map carries. A callable takes the space information
+        and returns an ``ompl.base.OptimizationObjective``. The length counts a radian of rotation as half a metre,
+        except along curves; see :attr:`Plan.total_rotation`.
+
+        Objectives other than the length are for BITstar, InformedRRTstar, RRTstar and SORRTstar, and with a time limit
+        of many seconds for FMT and BFMT, which compute the cost between all pairs of near samples. Each of these must
+        beat the cheapest of a few paths that RRTConnect finds in a tenth of the time. BKPIECE1, KPIECE1, LBKPIECE1, RRT
+        and RRTConnect stop at the first path, and PRM and PRMstar cannot call Python from their second thread.
     exact : bool
-        Decide MIXED cells by the geometry itself, so that passages are solved which are a hair wider than the robot.
-        Slower there; edges are no less proven. Where the map cannot decide whether a path exists, the planner joins the
-        FREE stretches of a chain of undecided cells, and the others are crossed by samples of their own, if the robot
-        is holonomic; that can take seconds, so give it time. Not for curves.
+        Whether the geometry itself decides MIXED cells, which finds passages hardly wider than the robot; slower. If
+        the map is undecided and the robot holonomic, samples cross the MIXED cells of a chain of cells, and the planner
+        joins its FREE stretches; this can take seconds. Not for curves.
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
-        How the robot moves along an edge, which is proven along what is really driven. "holonomic": straight, turning
-        evenly the shorter way. "differential": it turns on the spot, drives straight ahead along its x axis, and turns
-        again, each time the shorter way; "differential-reverse" drives backwards where that takes less turning.
-        "dubins" and "reeds-shepp" are the shortest curves of a car, ahead alone, or in reverse too. All but the first
-        are for maps of (x, y, yaw), with the reference point in the middle of the axle that does not steer.
+        Motion of the robot along an edge, which is proven along that motion. All but the first are for maps of
+        (x, y, yaw), with the reference point in the middle of the axle that does not steer.
+
+        - "holonomic": straight, turning evenly the shorter way.
+        - "differential": it turns on the spot, drives straight ahead along its x axis, and turns again.
+        - "differential-reverse": also backwards, when that takes less rotation.
+        - "dubins", "reeds-shepp": the shortest curve of a car, forwards only, or also in reverse.
     turning_radius : float, optional
-        Of the car, in metres; for curves, which need it.
+        Smallest turning radius of the car, in metres; needed by curves alone.
 
     Returns
     -------
@@ -214,19 +225,19 @@ def plan(
     Raises
     ------
     ConfigurationError
-        If start or goal lies outside the map, is not FREE, or lies on the border of a cell that is not FREE; or, with
-        ``exact``, is not proven free by the geometry either. The message says which, and names the nearest FREE
-        configuration, which is also its ``nearest``.
+        If start or goal lies outside the map, is not FREE, or lies on the border of a cell that is not FREE; with
+        ``exact``, if the geometry does not prove it free either. The message names the nearest FREE configuration,
+        which is also the error's ``nearest``.
     InputError
-        If a number is NaN, infinite or out of range, start or goal has the wrong dimension, a name is unknown, or the
-        planner does not go together with ``objective``, ``iterations`` or ``drive``, or the objective is "overlap" and
-        the map carries no overlap field. Also if a drive is unknown, the map is not one of (x, y, yaw), the turning
-        radius is missing or not above zero, or ``exact`` is wanted along a curve.
+        If a number is NaN, infinite or out of range; start or goal has the wrong length; a name is unknown; the planner
+        does not support ``objective``, ``iterations`` or ``drive``; the objective is "overlap" and the map carries no
+        overlap field; a drive is given for other axes than (x, y, yaw); the turning radius is missing or not above
+        zero; or ``exact`` is set for curves.
 
     Warns
     -----
     AngleWarning
-        If the yaw, or the angle of a continuous joint, of start or goal is beyond a whole turn, as degrees are.
+        If the yaw of start or goal, or the angle of a continuous joint, is beyond 2 pi, as degrees are.
 
     Examples
     --------
@@ -241,144 +252,199 @@ def plan(
     4.0
     """
     began = time.perf_counter()
-    name = planner_named(planner, drive)
-    # The search and its proofs go by parts of a map in a store, in memory.
-    edges = local_planner(space, exact, drive, turning_radius)
-    name = edges.quickest if planner is None else name
-    check_flag(simplify, "simplify")
-
-    def search_on(part: CSpace) -> Search:
-        return Search(
-            planner=name,
-            objective=_objective(part, objective, name, drive, turning_radius),
-            iterations=_iterations(iterations, name),
-            simplify=simplify,
-            seed=None if seed is None else check_count(seed, "seed", 0, MAX_SEED),
-            falls_back=planner is None and objective == "length",
-        )
-
-    search = search_on(edges.space)
-    limit = check_positive(time_limit, "time_limit", "seconds")
-    endpoints = edges.endpoint(start, "start"), edges.endpoint(goal, "goal")
-    if name in OWN:
-        if name not in edges.own:
-            rule = f"{BIRRT} is for arms, {GRID} and {MAX_CLEARANCE} follow the cells of a map"
-            hint = "leave planner out, or choose e.g. planner='RRTConnect'"
-            raise InputError("planner", f"is {name!r}, and space is {space!r}", rule, hint, value=name)
-        asks = exact and edges.follows_cells  # without cells, the geometry is asked anyway
-        _check_own(name, objective=objective, exact=asks, drive=drive, iterations=iterations)
-    if name == MAX_CLEARANCE and not isinstance(space, CSpace):
-        rule, hint = "a path there is found part by part", "choose another, or plan on space.window(lower, upper)"
-        raise InputError("planner", f"is {name!r}, on a map in a store", rule, hint, value=name)
-    exists = edges.prove_existence(endpoints)
-    legs = space._tile_subproblems(*endpoints) if edges.may_join(exists) else []
-    if planner is None and len(legs) > 1 and (objective, drive, iterations) == ("length", HOLONOMIC, None):
-        name = GRID
-    result = _search(search_on, edges, legs, exists, limit)
-    searched = time.perf_counter()
-    waypoints = edges.corners(result.path)
-    solved = len(waypoints) > 0
-    path, direction = edges.dense(waypoints)
-    first, last = map(np.array, endpoints)
-    for array in (path, waypoints, first, last, direction):
-        if array is not None:
-            array.flags.writeable = False
-    if len(result.path):
-        status, hint = "path found" + (f": {result.note}" if result.note else ""), ""
-    elif exists is False:
-        status, hint = "no path exists: proven", ""
-    elif not legs:
-        status = f"{NO_CHAIN}; {edges.known(exists)}"
-        hint = _either(edges.decide(name))
-    else:
-        status = "; ".join([_gave_up(result, limit), edges.known(exists), *edges.limits_at(endpoints)])
-        refused = {"exact=True": exact, "objective": objective != "length", "iterations": iterations is not None}
-        without = [option for option, given in refused.items() if given]
-        hint = _either(edges.advise(exists, name, planner is not None, f"time_limit={10 * limit:g}", without))
-    clamping = edges.explain_clamping(start, "start"), edges.explain_clamping(goal, "goal")
-    status = "; ".join(filter(None, (status, *clamping)))
-    certified = solved and result.proven and kind_of(space).same(result.path[[0, -1]], np.array(endpoints))
-    length, rotation = edges.measured(waypoints) if solved else (math.nan, math.nan)
-    setup = searched - began - result.planning - result.simplification
-    return Plan(
-        path=path,
-        waypoints=waypoints,
-        start=first,
-        goal=last,
-        axes=space.axes,
-        units=space.units,
-        length_unit=edges.length_unit,
-        distance_unit=edges.distance_unit,
-        direction=direction,
-        solved=solved,
-        certified=certified,
-        status=status,
-        hint=hint,
-        length=length,
-        total_rotation=rotation,
-        is_connected=exists is True,
-        is_disconnected=exists is False,
-        planner=name,
-        objective=objective if isinstance(objective, str) else "custom",
-        drive=drive,
-        turning_radius=None if turning_radius is None else float(turning_radius),
-        exact=edges.exact,
-        seed=search.seed,
-        time_limit=limit,
-        times=Times(setup, result.planning, result.simplification, time.perf_counter() - searched),
-        space=space,
+    task = _check_arguments(
+        space, start, goal, planner, time_limit, iterations, simplify, seed, objective, exact, drive, turning_radius
     )
+    exists = task.edges.prove_existence(task.endpoints)
+    subproblems = space._tile_subproblems(*task.endpoints) if task.edges.may_join(exists) else []
+    if len(subproblems) > 1:
+        task = _prefer_grid_for_tiles(task)
+    result = _search_tile_by_tile(task, subproblems, exists)
+    searched = time.perf_counter()
+    status, hint = _describe_outcome(task, result, exists, bool(subproblems))
+    clamping = task.edges.explain_clamping(start, "start"), task.edges.explain_clamping(goal, "goal")
+    return _make_plan(task, result, exists, "; ".join(filter(None, (status, *clamping))), hint, began, searched)
 
 
-def _search(
-    search_on: Callable[[CSpace], Search],
-    edges: LocalPlanner,
-    legs: Sequence[Leg],
-    exists: bool | None,
-    limit: float,
-) -> SearchResult:
-    """What the search finds, part by part of the map, or what is known without one."""
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """The checked arguments of a plan.
+
+    Attributes
+    ----------
+    edges : LocalPlanner
+        Edges on the whole space.
+    endpoints : tuple of configurations
+        Start and goal as OMPL holds them.
+    search : Search
+        Search on the whole space; :meth:`search_on` adapts it to a part.
+    objective : str or callable
+        As for :func:`plan`.
+    time_limit : float
+        Seconds.
+    is_named : bool
+        Whether the user chose the planner.
+    """
+
+    edges: LocalPlanner
+    endpoints: Endpoints
+    search: Search
+    objective: str | MakeObjective
+    time_limit: float
+    is_named: bool
+
+    def search_on(self, part: ConfigurationSpace) -> Search:
+        """Return the search, with the objective of a part of the space."""
+        return replace(self.search, objective=_make_objective(part, self.objective, self.search.planner, self.edges))
+
+
+def _check_arguments(
+    space: ConfigurationSpace,
+    start: ArrayLike,
+    goal: ArrayLike,
+    planner: str | None,
+    time_limit: float,
+    iterations: int | None,
+    simplify: bool,
+    seed: int | None,
+    objective: str | MakeObjective,
+    exact: bool,
+    drive: str,
+    turning_radius: float | None,
+) -> _Task:
+    """Check the arguments of :func:`plan`, and that they go together."""
+    name = planner_named(planner, drive)
+    edges = local_planner(space, exact, drive, turning_radius)
+    name = edges.default_planner if planner is None else name
+    check_flag(simplify, "simplify")
+    search = Search(
+        planner=name,
+        objective=_make_objective(space, objective, name, edges),
+        iterations=_check_iterations(iterations, name),
+        simplify=simplify,
+        seed=None if seed is None else check_count(seed, "seed", 0, MAX_SEED),
+        falls_back=planner is None and objective == "length",
+    )
+    limit = check_positive(time_limit, "time_limit", "seconds")
+    endpoints = edges.check_endpoint(start, "start"), edges.check_endpoint(goal, "goal")
+    task = _Task(edges, endpoints, search, objective, limit, planner is not None)
+    if name in BUILT_IN_SEARCHES:
+        _check_built_in_search(task)
+    return task
+
+
+def _check_built_in_search(task: _Task) -> None:
+    """Raise InputError if a built-in search does not support the space or another option."""
+    edges, name = task.edges, task.search.planner
+    if name not in edges.built_in_searches:
+        rule, hint = f"{BIRRT} is for arms, {GRID} and {MAX_CLEARANCE} are for maps", "leave planner out"
+        raise InputError("planner", f"is {name!r} and space is {edges.space!r}", rule, hint, value=name)
+    options = {
+        "objective": task.objective,
+        "exact": edges.exact and edges.follows_cells,  # without cells, the geometry decides anyway
+        "drive": edges.drive,
+        "iterations": task.search.iterations,
+    }
+    for option, value in options.items():
+        if value not in (None, False, "length", HOLONOMIC):
+            problem = f"is {value!r} and planner is {name!r}"
+            rule = f"{name} supports only holonomic straight edges and objective='length'"
+            raise InputError(option, problem, rule, f"leave {option} out, or use planner='RRTConnect'", value=value)
+    if name == MAX_CLEARANCE and not isinstance(edges.space, CSpace):
+        rule, hint = "it needs a map in memory", "choose another, or plan on space.window(lower, upper)"
+        raise InputError("planner", f"is {name!r} and the map is in a store", rule, hint, value=name)
+
+
+def _check_iterations(value: int | None, planner: str) -> int | None:
+    """Return the number of iterations; raise InputError if it is none, or the planner cannot count them."""
+    if value is None:
+        return None
+    count = check_count(value, "iterations", 1, 2**62)
+    if planner in THREADED_PLANNERS:
+        problem, rule = f"is {count} and planner is {planner!r}", f"{planner} cannot call Python from its second thread"
+        raise InputError("iterations", problem, rule, "leave iterations out or choose another planner", value=count)
+    return count
+
+
+def _make_objective(
+    space: ConfigurationSpace, objective: str | MakeObjective, planner: str, edges: LocalPlanner
+) -> MakeObjective | None:
+    """Return the function that makes the objective; None for OMPL's own, the length."""
+    drive, radius = edges.drive, edges.turning_radius
+    if objective == "length":
+        if drive not in ON_THE_SPOT:
+            return None
+        plane = edges_on_map(space, drive, radius).space
+        return lambda si: WeightedLength(si, plane, drive=drive)
+    kind = _OBJECTIVES.get(objective) if isinstance(objective, str) else None
+    if kind is None and not callable(objective):
+        rule = f"it must be 'length', {', '.join(map(repr, _OBJECTIVES))}, or a function that makes OMPL's objective"
+        raise InputError("objective", f"is {objective!r}", rule, "choose one of them", value=objective)
+    cells = edges_on_map(space, drive, radius).space if kind is not None else None
+    if cells is not None and kind is OverlapObjective:
+        overlap_field(cells)
+    if planner in PLANNERS_WITHOUT_OBJECTIVE | THREADED_PLANNERS:
+        without = planner in PLANNERS_WITHOUT_OBJECTIVE
+        rule = f"{planner} {'ignores objectives' if without else 'cannot call Python from its second thread'}"
+        problem, hint = f"is {objective!r} and planner is {planner!r}", "choose one that optimises: planner='RRTstar'"
+        raise InputError("objective", problem, rule, hint, value=objective)
+    if kind is None or cells is None:
+        return objective  # type: ignore[return-value]  # unknown strings were refused above
+    return lambda si: kind(si, cells, drive=drive, turning_radius=radius)
+
+
+def _prefer_grid_for_tiles(task: _Task) -> _Task:
+    """Choose the planner "Grid" for a path through several tiles, unless another option needs OMPL."""
+    search = task.search
+    options = task.objective, task.edges.drive, search.iterations
+    if task.is_named or options != ("length", HOLONOMIC, None):
+        return task
+    return replace(task, search=replace(search, planner=GRID))
+
+
+def _search_tile_by_tile(task: _Task, subproblems: Sequence[TileSubproblem], exists: bool | None) -> SearchResult:
+    """Search one part of the space after the other, join the paths, and prove their edges.
+
+    The first part without a proven path ends the search. There are no parts if a path cannot exist.
+    """
+    edges, is_tiled = task.edges, len(subproblems) > 1
     path, planning, simplification = np.empty((0, edges.space.size)), 0.0, 0.0
-    for opened, first, last in legs:
-        part = replace(edges, space=opened())
+    for open_part, first, last in subproblems:
+        part = replace(edges, space=open_part())
         endpoints = tuple(first.tolist()), tuple(last.tolist())
-        result = _leg(search_on(part.space), part, endpoints, exists, limit)
-        if len(legs) > 1 and not len(result.path) and edges.drive == HOLONOMIC:
-            result = _leg(replace(search_on(part.space), planner=GRID), part, endpoints, exists, limit)
+        search = task.search_on(part.space)
+        result = _plan_subproblem(search, part, endpoints, exists, task.time_limit)
+        if is_tiled and not len(result.path) and edges.drive == HOLONOMIC:
+            result = _plan_subproblem(replace(search, planner=GRID), part, endpoints, exists, task.time_limit)
         planning, simplification = planning + result.planning, simplification + result.simplification
         result = replace(result, path=edges.wrap_yaws(result.path))
-        waypoints = edges.corners(result.path)
+        waypoints = edges.breakpoints(result.path)
         result = replace(result, proven=len(waypoints) > 0 and part.are_free(waypoints))
-        if len(legs) == 1 or not result.proven:
-            where = f" from {text(endpoints[0])} to {text(endpoints[1])}" if len(legs) > 1 else ""
+        if not is_tiled or not result.proven:
+            where = f" from {format_point(endpoints[0])} to {format_point(endpoints[1])}" * is_tiled
             return replace(result, where=where, planning=planning, simplification=simplification)
         path = np.concatenate([path[:-1], result.path])
-    if not legs:
+    if not subproblems:
         return SearchResult(path)
     began = clock()
-    search = search_on(edges.space)
-    if search.simplify and search.objective is None and edges.drive == HOLONOMIC:
-        path = shortened(edges.space, path, AHEAD)
-    return SearchResult(path, f"through {len(legs)} tiles", planning, simplification + clock() - began, True)
+    if task.search.simplify and task.search.objective is None and edges.drive == HOLONOMIC:
+        path = skip_waypoints(edges.space, path, MAX_SKIPPED_WAYPOINTS)
+    return SearchResult(path, f"through {len(subproblems)} tiles", planning, simplification + clock() - began, True)
 
 
-def _leg(
-    search: Search,
-    edges: LocalPlanner,
-    endpoints: tuple[Configuration, Configuration],
-    exists: bool | None,
-    limit: float,
+def _plan_subproblem(
+    search: Search, edges: LocalPlanner, endpoints: Endpoints, exists: bool | None, limit: float
 ) -> SearchResult:
-    """What the search finds on one map in memory."""
+    """Search a path in a space in memory: by a built-in search, along a chain of cells, or by OMPL."""
     if endpoints[0] == endpoints[1]:
         return SearchResult(np.array(endpoints[:1]), "the start is the goal")
-    if search.planner in OWN:
-        # What a map keeps of a first search is made here, and not within the time limit.
+    if search.planner in BUILT_IN_SEARCHES:
+        # A search from the start to itself fills the caches of the map, which the time limit leaves out.
         edges.search(search.planner, (endpoints[0], endpoints[0]), search.simplify, search.seed, limit)
         began = clock()
         path = edges.search(search.planner, endpoints, search.simplify, search.seed, limit)
         return SearchResult(path, "", clock() - began)
-    if edges.follows_cells:
+    if isinstance(edges, EdgesOnMap) and edges.follows_cells:
         passages = Passages(search, edges, limit)
         if edges.exact and exists is None:
             return passages.run(*endpoints)
@@ -387,59 +453,83 @@ def _leg(
     return search.run(edges, *endpoints, limit, joined=exists is True)
 
 
-def _gave_up(result: SearchResult, limit: float) -> str:
+def _describe_outcome(task: _Task, result: SearchResult, exists: bool | None, searched: bool) -> tuple[str, str]:
+    """Return the status of a plan, and a hint if no path was found though one may exist."""
+    edges, planner = task.edges, task.search.planner
+    if len(result.path):
+        return "path found" + (f": {result.note}" if result.note else ""), ""
+    if exists is False:
+        return "no path exists: proven", ""
+    existence = edges.describe_existence(exists)
+    if not searched:
+        return f"{NO_CHAIN}; {existence}", _join_hints(edges.hints_without_chain(planner))
+    given = {
+        "exact=True": edges.exact,
+        "objective": task.objective != "length",
+        "iterations": task.search.iterations is not None,
+    }
+    unsupported = [option for option, is_given in given.items() if is_given]
+    longer = f"time_limit={10 * task.time_limit:g}"
+    hints = edges.hints_after_search(exists, planner, task.is_named, longer, unsupported)
+    status = [_describe_failure(result, task.time_limit), existence, *edges.describe_limits(task.endpoints)]
+    return "; ".join(status), _join_hints(hints)
+
+
+def _describe_failure(result: SearchResult, limit: float) -> str:
     """Say how a search ended that found no path."""
     if result.planning >= 0.95 * limit:
         return f"no path found within {limit:g} s{result.where}"
     return f"no path found: {result.note or 'the planner gave up'} after {result.planning:.2g} s{result.where}"
 
 
-def _either(hints: list[str]) -> str:
+def _join_hints(hints: list[str]) -> str:
     """Join alternatives: "a, b, or c"."""
     return ", or ".join(filter(None, [", ".join(hints[:-1]), *hints[-1:]]))
 
 
-def _objective(
-    space: CSpace, objective: str | MakeObjective, planner: str, drive: str, turning_radius: float | None
-) -> MakeObjective | None:
-    """What makes the objective; None for OMPL's own, the length."""
-    if objective == "length":
-        return (lambda si: WeightedLength(si, space, drive=drive)) if drive in ON_THE_SPOT else None
-    kind = _BY_NAME.get(objective) if isinstance(objective, str) else None
-    if kind is None and not callable(objective):
-        rule = (
-            f"it must be 'length', {', '.join(map(repr, _BY_NAME))}, or a function from the space information to an "
-            "ompl.base.OptimizationObjective"
-        )
-        raise InputError("objective", f"is {objective!r}", rule, "choose one of them", value=objective)
-    if kind is not None:
-        edges_on_map(space, drive, turning_radius)
-    if kind is OverlapObjective:
-        overlap_field(space)
-    if planner in IGNORE_OBJECTIVES | SECOND_THREAD:
-        why = "heeds no objective" if planner in IGNORE_OBJECTIVES else "cannot call Python from its second thread"
-        problem, hint = f"is {objective!r} and planner is {planner!r}", "choose one that optimises: planner='RRTstar'"
-        raise InputError("objective", problem, f"{planner} {why}", hint, value=objective)
-    if kind is None:
-        return objective  # type: ignore[return-value]  # a string was refused above
-    return lambda si: kind(si, space, drive=drive, turning_radius=turning_radius)
+def _make_plan(
+    task: _Task, result: SearchResult, exists: bool | None, status: str, hint: str, began: float, searched: float
+) -> Plan:
+    """Make the plan of a search, with the measures of its path.
 
-
-def _check_own(planner: str, **options: object) -> None:
-    """Refuse what a search of the map's own cannot do."""
-    for name, value in options.items():
-        if value not in (None, False, "length", HOLONOMIC):
-            problem = f"is {value!r} and planner is {planner!r}"
-            rule = f"{planner} looks for the shortest of straight edges, to any side, in its own way"
-            raise InputError(name, problem, rule, f"leave {name} out, or use planner='RRTConnect'", value=value)
-
-
-def _iterations(value: int | None, planner: str) -> int | None:
-    if value is None:
-        return None
-    count = check_count(value, "iterations", 1, 2**62)
-    if planner in SECOND_THREAD:
-        problem = f"is {count} and planner is {planner!r}"
-        rule = f"{planner} asks whether to go on from a second thread, which cannot call Python"
-        raise InputError("iterations", problem, rule, "leave iterations out or choose another planner", value=count)
-    return count
+    ``began`` and ``searched`` are readings of ``time.perf_counter`` before the checks and after the search.
+    """
+    edges, search = task.edges, task.search
+    waypoints = edges.breakpoints(result.path)
+    solved = len(waypoints) > 0
+    path, direction = edges.resample(waypoints)
+    start, goal = map(np.array, task.endpoints)
+    for array in (path, waypoints, start, goal, direction):
+        if array is not None:
+            array.flags.writeable = False
+    ends_match = solved and kind_of(edges.space).are_equal(result.path[[0, -1]], np.array(task.endpoints))
+    length, rotation = edges.measure(waypoints) if solved else (math.nan, math.nan)
+    setup = searched - began - result.planning - result.simplification
+    return Plan(
+        path=path,
+        waypoints=waypoints,
+        start=start,
+        goal=goal,
+        axes=edges.space.axes,
+        units=edges.space.units,
+        length_unit=edges.length_unit,
+        distance_unit=edges.distance_unit,
+        direction=direction,
+        solved=solved,
+        certified=ends_match and result.proven,
+        status=status,
+        hint=hint,
+        length=length,
+        total_rotation=rotation,
+        is_connected=exists is True,
+        is_disconnected=exists is False,
+        planner=search.planner,
+        objective=task.objective if isinstance(task.objective, str) else "custom",
+        drive=edges.drive,
+        turning_radius=edges.turning_radius,
+        exact=edges.exact,
+        seed=search.seed,
+        time_limit=task.time_limit,
+        times=Times(setup, result.planning, result.simplification, time.perf_counter() - searched),
+        space=edges.space,
+    )

@@ -187,7 +187,7 @@ class Plan:
         access; the first one on a map takes longer.
         """
         edges = self._edges
-        return edges.distance(self.waypoints) if edges else self._obstacle_distance
+        return edges.obstacle_distance(self.waypoints) if edges else self._obstacle_distance
 
     @property
     def shown_distance(self) -> tuple[str, float]:

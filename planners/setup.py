@@ -1,4 +1,4 @@
-"""OMPL's state space and set-up for a map."""
+"""OMPL's state space and SimpleSetup for a map or an arm."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
-from cspace.arms.space import ArmSpace
 from cspace.check import check_rng
+from cspace.configuration_space import ConfigurationSpace
 from cspace.errors import InputError
 from cspace.space import CSpace
 from planners.callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
-from planners.local_planner import HOLONOMIC, LocalPlanner, local_planner
+from planners.local_planner import HOLONOMIC, EdgesOnMap, LocalPlanner, local_planner
 from planners.states import Configuration, kind_of
 
 MakeObjective = Callable[[ob.SpaceInformation], ob.OptimizationObjective]
@@ -21,11 +21,12 @@ MakeSampler = Callable[[ob.SpaceInformation], ob.ValidStateSampler]
 
 
 def state_space(
-    space: CSpace | ArmSpace, *, drive: str = HOLONOMIC, turning_radius: float | None = None
+    space: ConfigurationSpace, *, drive: str = HOLONOMIC, turning_radius: float | None = None
 ) -> ob.StateSpace:
-    """OMPL's state space of a map, R^2, R^3, SE(2), R^3 x SO(2) or SE(3): the box of its grid, and every rotation.
+    """Make OMPL's state space of a map or an arm, with bounds.
 
-    Of an arm, all joints within their limits.
+    A map gives R^2, R^3, SE(2), R^3 x SO(2) or SE(3), bounded by the box of its grid. An arm gives the limits of its
+    joints.
 
     Parameters
     ----------
@@ -38,55 +39,60 @@ def state_space(
     Returns
     -------
     ompl.base.StateSpace
-        ``RealVectorStateSpace`` of x and y, and in space z, in metres. For a robot that turns in the plane,
-        ``SE2StateSpace``; for one that turns freely in space ``SE3StateSpace``, and about z alone a
-        ``CompoundStateSpace`` of a ``RealVectorStateSpace``, of weight 1, and an ``SO2StateSpace``, of weight 0.5. In
-        each of these a radian counts as half a metre. For a drive ``DubinsStateSpace``, or, where it reverses,
-        ``ReedsSheppStateSpace``. Those of a differential drive turn on a point: what they interpolate lies on the edge
-        that is proven, but for a hundred-millionth of the map's side, and their distance is in metres alone.
+        By the axes of a map, lengths in metres:
 
-        Of an arm ``RealVectorStateSpace``, or, with continuous joints, a ``CompoundStateSpace`` of one of the others
-        and an ``SO2StateSpace`` for each of them, all of weight 1.
+        - x, y and x, y, z: ``RealVectorStateSpace``;
+        - x, y, yaw: ``SE2StateSpace``; with a drive ``DubinsStateSpace``, or ``ReedsSheppStateSpace`` if it reverses;
+        - x, y, z, yaw: ``CompoundStateSpace`` of a ``RealVectorStateSpace``, weight 1, and an ``SO2StateSpace``, weight
+          0.5;
+        - x, y, z and a quaternion: ``SE3StateSpace``.
+
+        A radian counts as half a metre, except with a drive. State spaces of a differential drive have a turning radius
+        of almost zero: their distance is in metres alone, and their interpolation stays within 1e-8 of the map's side
+        of the edge that is proven.
+
+        For an arm, ``RealVectorStateSpace``; with continuous joints, a ``CompoundStateSpace`` of it and an
+        ``SO2StateSpace`` for each continuous joint, all of weight 1.
 
     Raises
     ------
     InputError
-        If a drive is unknown, or set on a map that is not one of x, y and yaw, or the turning radius is missing,
-        unwanted, or not above zero.
+        If the drive is unknown, or given for a space without the axes x, y, yaw; or the turning radius is missing,
+        given without a curve, or not above zero.
     """
-    return _bounded(local_planner(space, False, drive, turning_radius))
+    return _make_bounded_states(local_planner(space, False, drive, turning_radius))
 
 
-def _bounded(edges: LocalPlanner) -> ob.StateSpace:
-    states = edges.states()
+def _make_bounded_states(edges: LocalPlanner) -> ob.StateSpace:
+    states = edges.make_states()
     lower, upper = edges.bounds
     kind_of(edges.space).set_bounds(states, lower.tolist(), upper.tolist())
     if not states.getType():
-        states.setup()  # else OMPL crashes where it prints the projection of a space that is composed of others
+        states.setup()  # otherwise OMPL crashes when it prints the projection of a compound space
     return states
 
 
 def _set_resolution(si: ob.SpaceInformation, edges: LocalPlanner) -> None:
-    """Say how far apart OMPL looks at states, where it steps along a motion by itself."""
-    si.setStateValidityCheckingResolution(edges.step / si.getStateSpace().getMaximumExtent())
+    """Set the distance between states that OMPL checks when it steps along a motion by itself."""
+    si.setStateValidityCheckingResolution(edges.checking_step / si.getStateSpace().getMaximumExtent())
 
 
-def narrow(setup: og.SimpleSetup, edges: LocalPlanner, start: Configuration) -> None:
-    """Keep the states of a set-up to the box around all that FREE cells join to the start.
+def narrow_bounds(setup: og.SimpleSetup, edges: EdgesOnMap, start: Configuration) -> None:
+    """Bound the states of a set-up by the box around the start's component of FREE cells.
 
-    Nothing is lost: a path through FREE cells of the grid does not leave it.
+    This loses no path: a path through FREE cells of the grid stays in that box.
     """
     space = edges.space
     lower, upper = space.reachable_bounds(start)
-    place = start[: len(lower)]
+    position = start[: len(lower)]
     # The rounding of a cell's corner must not put the start outside.
-    box = np.minimum(lower, place).tolist(), np.maximum(upper, place).tolist()
+    box = np.minimum(lower, position).tolist(), np.maximum(upper, position).tolist()
     kind_of(space).set_bounds(setup.getStateSpace(), *box)
     _set_resolution(setup.getSpaceInformation(), edges)
 
 
 def simple_setup(
-    space: CSpace | ArmSpace,
+    space: ConfigurationSpace,
     *,
     objective: MakeObjective | None = None,
     rng: np.random.Generator | None = None,
@@ -96,7 +102,7 @@ def simple_setup(
     turning_radius: float | None = None,
     bidirectional: bool = False,
 ) -> og.SimpleSetup:
-    """OMPL's set-up with everything that a map, or an arm, provides: states, motions, samples, checking resolution.
+    """Make OMPL's SimpleSetup with the states, proofs of motions and samples of a map or an arm.
 
     Choose a planner, set start and goal, and solve::
 
@@ -111,11 +117,11 @@ def simple_setup(
     rng : numpy.random.Generator, optional
         Source of randomness of the valid state sampler; see :class:`FreeStateSampler`.
     valid_state_sampler : callable, optional
-        Given the space information, returns an ``ompl.base.ValidStateSampler``, to be used in place of
+        Given the space information, returns an ``ompl.base.ValidStateSampler`` that replaces
         :class:`FreeStateSampler`.
     exact : bool
-        Whether the geometry itself decides where the map cannot. Valid states are then drawn from the whole map and
-        tested, since they need not lie in FREE cells.
+        Whether the geometry itself decides states and motions that the map does not. Valid states are then drawn from
+        the whole map and tested, because they need not lie in FREE cells.
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
         As for :func:`planners.plan`.
     turning_radius : float, optional
@@ -126,72 +132,71 @@ def simple_setup(
     Returns
     -------
     ompl.geometric.SimpleSetup
-        States are checked at half a cell, or a hundredth of a radian, where OMPL steps along a motion by itself.
+        When OMPL steps along a motion by itself, it checks a state every half cell, or every 0.01 rad of an arm.
 
     Raises
     ------
     InputError
         If the sampler is OMPL's ObstacleBasedValidStateSampler, which needs the last valid state of a motion: a motion
-        validator in Python cannot return it, and invalid states would come out. Or if ``objective`` or the sampler is
-        of another type than OMPL's, or both ``rng`` and a sampler are given, or ``rng`` and ``exact``. And as
-        :func:`state_space`.
+        validator in Python cannot return it, and the samples would be invalid. Or if ``objective`` or the sampler is
+        not of OMPL's type, or ``rng`` is given with a sampler or with ``exact``. And as :func:`state_space`.
     """
     edges = local_planner(space, exact, drive, turning_radius, bidirectional)
-    return set_up(edges, objective, rng, valid_state_sampler)
+    return make_setup(edges, objective, rng, valid_state_sampler)
 
 
-def set_up(
+def make_setup(
     edges: LocalPlanner,
     objective: MakeObjective | None = None,
     rng: np.random.Generator | None = None,
     sampler: MakeSampler | None = None,
 ) -> og.SimpleSetup:
-    """As :func:`simple_setup`, for edges that are known."""
-    space, setup = edges.space, og.SimpleSetup(_bounded(edges))
+    """Make the set-up of :func:`simple_setup` for a local planner."""
+    space, setup = edges.space, og.SimpleSetup(_make_bounded_states(edges))
     si = setup.getSpaceInformation()
     setup.setStateValidityChecker(StateValidityChecker(si, space, exact=edges.exact))
     si.setMotionValidator(MotionValidator(si, space, **edges.options))
     _set_resolution(si, edges)
-    si.setValidStateSamplerAllocator(_sampler_maker(si, edges, rng, sampler))
+    si.setValidStateSamplerAllocator(_choose_sampler(si, edges, rng, sampler))
     if objective is not None:
-        setup.setOptimizationObjective(_made(objective, si, ob.OptimizationObjective, "objective"))
+        setup.setOptimizationObjective(_make_checked(objective, si, ob.OptimizationObjective, "objective"))
     elif not setup.getStateSpace().getType():
-        # OMPL's length draws informed samples, and refuses to in a space of no known type; a sum of one does not.
+        # OMPL's length draws informed samples and fails in a state space of unknown type. A sum of one objective does
+        # not draw them.
         length = ob.MultiOptimizationObjective(si)
         length.addObjective(ob.PathLengthOptimizationObjective(si), 1.0)
         setup.setOptimizationObjective(length)
     return setup
 
 
-def _sampler_maker(
+def _choose_sampler(
     si: ob.SpaceInformation, edges: LocalPlanner, rng: np.random.Generator | None, sampler: MakeSampler | None
 ) -> MakeSampler:
-    """What makes the valid state samplers. It must not hold ``si``, which holds it."""
+    """Return the function that makes the valid state samplers. It must not hold ``si``, which holds it."""
     space, exact = edges.space, edges.exact
     if rng is not None:
         check_rng(rng)
         if sampler is not None or exact:
-            other = "exact is True" if exact else "valid_state_sampler is given"
-            rule = "it is for FreeStateSampler, which keeps to FREE cells"
-            raise InputError("rng", f"is given and {other}", rule, "leave one of the two out", value=rng)
+            problem = "is given and exact is True" if exact else "is given and valid_state_sampler is given"
+            raise InputError("rng", problem, "it is for FreeStateSampler", "leave one of the two out", value=rng)
     if sampler is None:
-        return ob.UniformValidStateSampler if exact else lambda info: FreeStateSampler(info, space, rng)
-    made = _made(sampler, si, ob.ValidStateSampler, "valid_state_sampler")
+        if isinstance(space, CSpace) and not exact:
+            return lambda info: FreeStateSampler(info, space, rng)
+        return lambda info: ob.UniformValidStateSampler(info)
+    made = _make_checked(sampler, si, ob.ValidStateSampler, "valid_state_sampler")
     if isinstance(made, ob.ObstacleBasedValidStateSampler):
-        rule = (
-            "it needs the last valid state of a motion, which OMPL's Python bindings cannot pass on, and would return "
-            "invalid states"
-        )
-        hint = "leave it out to sample the free cells, or use e.g. ompl.base.UniformValidStateSampler"
+        rule = "it needs the last valid state of a motion, which OMPL's Python bindings cannot return"
+        hint = "leave it out to sample FREE cells, or use ompl.base.UniformValidStateSampler"
         raise InputError("valid_state_sampler", "makes an ObstacleBasedValidStateSampler", rule, hint, value=made)
     return sampler
 
 
-def _made(make: Callable[[ob.SpaceInformation], object], si: ob.SpaceInformation, kind: type, name: str) -> object:
-    """What a function of the user's makes for a space information, checked."""
+def _make_checked(
+    make: Callable[[ob.SpaceInformation], object], si: ob.SpaceInformation, kind: type, name: str
+) -> object:
+    """Call the user's function and check the type of the object that it makes."""
     made = make(si)
     if not isinstance(made, kind):
-        rule = f"it must return an ompl.base.{kind.__name__}"
-        hint = "pass a class or function that takes the space information and returns one"
+        rule, hint = f"it must return an ompl.base.{kind.__name__}", "pass a function that takes the space information"
         raise InputError(name, f"returned {made!r}", rule, hint, value=made)
     return made

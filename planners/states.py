@@ -1,4 +1,4 @@
-"""How a configuration becomes a state of OMPL and back: all that the planners know about a kind of space."""
+"""Conversion between configurations and states of OMPL, for each kind of space."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ from cspace.rotations.base import shorter
 Configuration = tuple[float, ...]
 T = TypeVar("T")
 
-SAME: Final = 1e-12
-"""Radians that whole turns, added or taken, may cost."""
+WRAP_TOLERANCE: Final = 1e-12
+"""Rounding error, in radians, allowed between angles that are equal modulo 2 pi."""
 
-TURN_WEIGHT: Final = 0.5
-"""Metres that a radian of turn counts as: in OMPL's SE(2) and SE(3), and so in R^3 x SO(2)."""
+METRES_PER_RADIAN: Final = 0.5
+"""Metres that a radian of rotation counts as in a length, by OMPL's SE(2) and SE(3), and so in R^3 x SO(2)."""
 
 
 @dataclass(frozen=True, slots=True)
 class StateKind:
-    """A kind of states.
+    """Functions that convert between configurations of a space and OMPL's states.
 
     Attributes
     ----------
     make : callable
         Makes OMPL's state space for straight edges, without bounds.
     set_bounds : callable
-        Keeps the positions in such a space, which must be bounded, to a box, given by its lowest and highest numbers.
+        Bounds the positions of such a state space by the lower and upper corner of a box.
     read : callable
-        Reads a configuration off a state.
+        Reads a configuration from a state.
     write : callable
-        Sets a state to a configuration, given as its numbers.
+        Writes the numbers of a configuration to a state.
     of_state, of_states : callable
-        Make a function of one state, or of two, from one of the numbers of one configuration, or of two. OMPL calls
-        them a million times, so that the commonest are written out.
-    endless : tuple of bool
-        Which numbers are of continuous joints; empty if none is.
+        Turn a function of the numbers of one configuration, or of two, into one of OMPL's states. OMPL calls the
+        result a million times, so the commonest are written out.
+    periodic_axes : tuple of bool
+        Which numbers are angles of continuous joints; empty if none is.
     """
 
     make: Callable[[], ob.StateSpace]
@@ -54,41 +54,41 @@ class StateKind:
     periodic_axes: tuple[bool, ...] = ()
 
     def unwind(self, path: Floats) -> Floats:
-        """A path of OMPL's, shape (n, size), as edges join its rows, where whole turns count."""
+        """Return a path, shape (n, size), whose continuous joints move the shorter way from row to row."""
         if not self.periodic_axes:
             return path
-        unwind, steps = path.copy(), np.diff(path, axis=0)
-        unwind[1:] += np.cumsum(shorter(steps, self.periodic_axes) - steps, axis=0)
-        return unwind
+        unwound, steps = path.copy(), np.diff(path, axis=0)
+        unwound[1:] += np.cumsum(shorter(steps, self.periodic_axes) - steps, axis=0)
+        return unwound
 
-    def same(self, one: Floats, other: Floats) -> bool:
-        """Whether configurations are the same, shape (..., size)."""
+    def are_equal(self, first: Floats, second: Floats) -> bool:
+        """Return True if all configurations, shape (..., size), are equal, angles of continuous joints modulo 2 pi."""
         if not self.periodic_axes:
-            return np.array_equal(one, other)
-        return bool((np.abs(shorter(one - other, self.periodic_axes)) <= SAME * np.array(self.periodic_axes)).all())
+            return np.array_equal(first, second)
+        return bool(
+            (np.abs(shorter(first - second, self.periodic_axes)) <= WRAP_TOLERANCE * np.array(self.periodic_axes)).all()
+        )
 
 
 def kind_of(space: ConfigurationSpace) -> StateKind:
-    """The kind of states that a space has."""
-    known = None if any(space.periodic_axes) else _KINDS.get(space.axes)
-    return known or _joints(space.periodic_axes)
+    """Return the conversions between a space's configurations and OMPL's states."""
+    rigid_body = None if any(space.periodic_axes) else _STATE_KINDS.get(space.axes)
+    return rigid_body or _make_joint_kind(space.periodic_axes)
 
 
 def check_space(space: object) -> None:
-    """Refuse, by an InputError, what is no map and no space of an arm, as where arguments are swapped."""
+    """Raise InputError unless ``space`` is a map or the space of an arm, e.g. if arguments are swapped."""
     if not isinstance(space, ConfigurationSpace):
+        hint = "pass the result of cspace.build, cspace.open or cspace.build_arm_space; check the order of arguments"
         rule = "it must be a CSpace or an ArmSpace"
-        hint = (
-            "pass what cspace.build, cspace.open or cspace.build_arm_space returns, and mind the order of the arguments"
-        )
         raise InputError("space", f"is a {type(space).__name__}", rule, hint, value=space)
 
 
 def check_information(si: object, space: object) -> None:
-    """Refuse, by an InputError, what is no space information of OMPL's, or no map."""
+    """Raise InputError unless ``si`` is OMPL's space information and ``space`` a map or the space of an arm."""
     if not isinstance(si, ob.SpaceInformation):
-        given, hint = type(si).__name__, "pass e.g. setup.getSpaceInformation()"
-        raise InputError("si", f"is a {given}", "it must be an ompl.base.SpaceInformation", hint, value=si)
+        rule, hint = "it must be an ompl.base.SpaceInformation", "pass e.g. setup.getSpaceInformation()"
+        raise InputError("si", f"is a {type(si).__name__}", rule, hint, value=si)
     check_space(space)
 
 
@@ -116,15 +116,15 @@ def _write_r3_so2(state: ob.State, x: float, y: float, z: float, yaw: float) -> 
 
 
 def _read_r3_so2(state: ob.State) -> Configuration:
-    place = state[0]
-    return place[0], place[1], place[2], state[1].value
+    position = state[0]
+    return position[0], position[1], position[2], state[1].value
 
 
 def _make_r3_so2() -> ob.StateSpace:
     states = ob.CompoundStateSpace()
     states.addSubspace(ob.RealVectorStateSpace(3), 1.0)
-    states.addSubspace(ob.SO2StateSpace(), TURN_WEIGHT)
-    # OMPL knows no projection of such a space by itself, and KPIECE asks for one.
+    states.addSubspace(ob.SO2StateSpace(), METRES_PER_RADIAN)
+    # OMPL has no default projection of such a space, and KPIECE needs one.
     states.registerDefaultProjection(ob.SubspaceProjectionEvaluator(states, 0))
     return states
 
@@ -140,14 +140,14 @@ def _read_se3(state: ob.State) -> Configuration:
     return state.getX(), state.getY(), state.getZ(), rotation.x, rotation.y, rotation.z, rotation.w
 
 
-def _by_reading(
+def _make_reading_kind(
     make: Callable[[], ob.StateSpace],
     set_bounds: Callable[[ob.StateSpace, Sequence[float], Sequence[float]], None],
     read: Callable[[ob.State], Configuration],
     write: Callable[..., None],
     periodic_axes: tuple[bool, ...] = (),
 ) -> StateKind:
-    """Make a kind of states whose queries cost more than reading a state."""
+    """Make the conversions of a space whose queries take longer than reading a state."""
     return StateKind(
         make=make,
         set_bounds=set_bounds,
@@ -159,7 +159,7 @@ def _by_reading(
     )
 
 
-_KINDS: Final[dict[tuple[str, ...], StateKind]] = {
+_STATE_KINDS: Final[dict[tuple[str, ...], StateKind]] = {
     ("x", "y"): StateKind(
         make=lambda: ob.RealVectorStateSpace(2),
         set_bounds=_bound,
@@ -184,23 +184,23 @@ _KINDS: Final[dict[tuple[str, ...], StateKind]] = {
         of_state=lambda query: lambda s: query(s[0], s[1], s[2]),
         of_states=lambda query: lambda a, b: query(a[0], a[1], a[2], b[0], b[1], b[2]),
     ),
-    ("x", "y", "z", "yaw"): _by_reading(
+    ("x", "y", "z", "yaw"): _make_reading_kind(
         make=_make_r3_so2,
         set_bounds=lambda states, lower, upper: _bound(states.getSubspace(0), lower, upper),
         read=_read_r3_so2,
         write=_write_r3_so2,
     ),
-    ("x", "y", "z", "qx", "qy", "qz", "qw"): _by_reading(
+    ("x", "y", "z", "qx", "qy", "qz", "qw"): _make_reading_kind(
         make=lambda: ob.SE3StateSpace(), set_bounds=_bound, read=_read_se3, write=_write_se3
     ),
 }
-"""By the names of the numbers of a configuration."""
+"""Conversions for rigid bodies, by the axes of the space."""
 
 
-def _joints(periodic_axes: tuple[bool, ...]) -> StateKind:
-    """States of joints, of which some are continuous: a vector, or what is composed of one and of circles.
+def _make_joint_kind(periodic_axes: tuple[bool, ...]) -> StateKind:
+    """Make the conversions for joints: a vector, with a circle for each continuous joint.
 
-    All count alike: a radian as much as a metre.
+    All joints have the same weight: a radian counts as much as a metre.
     """
     size, circles = len(periodic_axes), np.flatnonzero(periodic_axes).tolist()
     if not circles:
@@ -209,9 +209,9 @@ def _joints(periodic_axes: tuple[bool, ...]) -> StateKind:
         def read_vector(state: ob.State) -> Configuration:
             return tuple([state[k] for k in numbers])
 
-        return _by_reading(lambda: ob.RealVectorStateSpace(size), _bound, read_vector, _write_vector)
+        return _make_reading_kind(lambda: ob.RealVectorStateSpace(size), _bound, read_vector, _write_vector)
     limited = np.flatnonzero(~np.array(periodic_axes)).tolist()
-    first = bool(limited)  # the subspace of those that have limits comes first, if there are any
+    first = bool(limited)  # index of the first circle: the joints with limits, if any, share subspace 0
 
     def make() -> ob.StateSpace:
         states = ob.CompoundStateSpace()
@@ -242,4 +242,4 @@ def _joints(periodic_axes: tuple[bool, ...]) -> StateKind:
         for n, k in enumerate(circles):
             state[first + n].value = q[k]
 
-    return _by_reading(make, set_bounds, read, write, periodic_axes)
+    return _make_reading_kind(make, set_bounds, read, write, periodic_axes)

@@ -12,6 +12,7 @@ from ompl import base as ob
 import planners
 from cspace import ArmSpace, InputError, Robot
 from cspace.arms import Arm, PosedShape, build_arm_space
+from planners.states import kind_of
 from refusals import refusals
 from tests.urdfs import joint, link, planar, written
 
@@ -114,6 +115,19 @@ def test_setup_of_ones_own(tmp_path: Path) -> None:
         setup.setStartAndGoalStates(*states)
 
 
+def test_validity_checker_returns_the_obstacle_distance_as_clearance(tmp_path: Path) -> None:
+    space = space_of(tmp_path)
+    setup = planners.simple_setup(space)
+    checker, state = setup.getStateValidityChecker(), setup.getSpaceInformation().allocState()
+    for q in (START, GOAL, (0.37, 0.0)):  # the last one is in collision
+        kind_of(space).write(state, *q)
+        assert checker.clearance(state) == space.obstacle_distance(q) and (checker.clearance(state) > 0.0) == (
+            q != (0.37, 0.0)
+        )
+    kind_of(space).write(state, 0.0, 9.0)  # beyond the limits of the elbow
+    assert checker.clearance(state) == 0.0
+
+
 @refusals(
     "options, message",
     ({"start": (0.0, 9.0)}, "start has elbow at 9; its limits are -3 and 3"),
@@ -125,8 +139,8 @@ def test_setup_of_ones_own(tmp_path: Path) -> None:
     ({"goal": (0.0, np.nan)}, "nan"),
     ({"planner": "Grid"}, "BiRRT is for arms, Grid"),
     ({"planner": "MaxClearance"}, "MaxClearance follow the cells of a map"),
-    ({"objective": "clearance"}, "the objective weighs the cells of a map"),
-    ({"objective": "overlap"}, "the objective weighs the cells of a map"),
+    ({"objective": "clearance"}, "objective is for maps.*weighs cells"),
+    ({"objective": "overlap"}, "objective is for maps"),
     ({"drive": "differential"}, "drives and turns in the plane"),
     ({"turning_radius": 1.0}, "a radius is for curves"),
     ({"time_limit": 0.0}, "time_limit"),

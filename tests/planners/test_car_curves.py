@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 import planners
 from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
-from planners.car_curves import shortest
+from planners.car_curves import shortest_word
 from planners.local_planner import CURVES, CarCurves, local_planner
 from planning import room, turn_between, with_state
 
@@ -78,7 +78,7 @@ def test_curves_are_as_short_as_ompls(name: str, radius: float) -> None:
 @pytest.mark.parametrize("name", CURVES)
 def test_a_word_driven_in_small_steps_gets_there(name: str) -> None:
     for a, b in pairs(300, 0.7, seed=1):
-        word = shortest(CURVES.index(name), 0.7, tuple(a.tolist()), tuple(b.tolist()))
+        word = shortest_word(CURVES.index(name), 0.7, tuple(a.tolist()), tuple(b.tolist()))
         end = drive(a, word, 0.7)
         assert np.abs(end[:2] - b[:2]).max() < 1e-5 and abs(turn_between(end[2], b[2])) < 2e-6
         assert word[2] < 2e-8
@@ -273,7 +273,7 @@ def test_not_a_number_is_not_proven(space: CSpace) -> None:
 def test_a_dense_path_lies_on_the_curve_and_holds_the_waypoints(space: CSpace, name: str) -> None:
     own = curve(name, 0.5, space)
     waypoints = np.concatenate([pairs(20, 0.5, seed=6).reshape(-1, 3)])
-    path, direction = own.dense(waypoints)
+    path, direction = own.resample(waypoints)
     assert direction is not None and len(direction) == len(path)
     rows = [tuple(row) for row in path.tolist()]
     places = [rows.index(tuple(q)) for q in waypoints.tolist()]
@@ -295,7 +295,7 @@ def test_a_dense_path_lies_on_the_curve_and_holds_the_waypoints(space: CSpace, n
 def test_a_robot_that_is_there_has_a_path_of_itself(space: CSpace) -> None:
     q = np.array([[1.0, 1.0, 0.0]])
     assert all(curve(name, 0.5).metres(q[0], q[0]) == 0.0 for name in CURVES)
-    path, direction = curve("dubins", 0.5, space).dense(q)
+    path, direction = curve("dubins", 0.5, space).resample(q)
     assert path.tolist() == q.tolist() and direction is not None and direction.tolist() == [1]
-    path, direction = curve("dubins", 0.5, space).dense(np.concatenate([q, q]))
+    path, direction = curve("dubins", 0.5, space).resample(np.concatenate([q, q]))
     assert path[0].tolist() == path[-1].tolist() == q[0].tolist()

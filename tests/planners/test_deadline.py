@@ -9,7 +9,7 @@ import pytest
 
 import planners
 from cspace import MIXED, Robot, Workspace, build
-from planners.catalogue import IGNORE_OBJECTIVES, REFUSED, SECOND_THREAD
+from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE, PLANNERS_WITHOUT_OBJECTIVE, THREADED_PLANNERS
 from planners.local_planner import CURVES
 from planners.search import Deadline, OutOfTime
 from planning import ANYTIME, CAR, ENDPOINTS, SPACES, compile_for, halves, room
@@ -44,7 +44,7 @@ def warm(name: str) -> tuple[tuple[Any, Any, Any], ...]:
 @pytest.mark.parametrize(("name", "curve"), [*((n, None) for n in SPACES), *(("turning", c) for c in CURVES)])
 @pytest.mark.parametrize("planner", planners.planner_names())
 def test_every_planner_ends_in_time(planner: str, name: str, curve: str | None) -> None:
-    if planner in REFUSED.get(curve or "", {}):
+    if planner in PLANNERS_REFUSED_BY_DRIVE.get(curve or "", {}):
         return
     options: dict[str, Any] = {"planner": planner} | ({"drive": curve, **CAR} if curve else {})
     (space, *endpoints), (parted, *others) = warm(name)
@@ -52,7 +52,7 @@ def test_every_planner_ends_in_time(planner: str, name: str, curve: str | None) 
     plan = in_time(space, endpoints, SHORT, **options)
     # One that goes on improving uses its time, and has the path that it found meanwhile.
     assert planner not in ANYTIME or not plan.solved or plan.times.planning >= 0.9 * SHORT
-    if planner not in IGNORE_OBJECTIVES | SECOND_THREAD:
+    if planner not in PLANNERS_WITHOUT_OBJECTIVE | THREADED_PLANNERS:
         in_time(space, endpoints, SHORT, objective="clearance", **options)
 
 

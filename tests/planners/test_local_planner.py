@@ -95,19 +95,19 @@ def test_a_path_is_proven_by_the_map_itself(drive: str, exact: bool) -> None:
     edges = local_planner(space, exact, drive)
     assert isinstance(edges, TurnDriveTurn)
     for first, last in pairs(space, 60, 1):
-        corners = edges.corners(np.array([first, last]))
+        corners = edges.breakpoints(np.array([first, last]))
         assert corners[0].tolist() == first.tolist() and corners[-1].tolist() == last.tolist() and len(corners) <= 4
-        assert np.array_equal(edges.corners(corners), corners)
+        assert np.array_equal(edges.breakpoints(corners), corners)
         proven = bool(space.certify_path(corners, exact=exact).all())
         assert proven == edges.are_free(corners) == edges.edge_checker()(*first, *last)
-        dense, direction = edges.dense(corners)
+        dense, direction = edges.resample(corners)
         assert direction is not None and len(direction) == len(dense)
-        steps = edges.pieces(corners, math.inf, math.inf)
+        steps = edges.split_path(corners, math.inf, math.inf)
         turned = np.abs(np.diff(driven(first, last, drive)[:, 2])).reshape(-1)
         assert steps.lengths.sum() == pytest.approx(np.hypot(*(last - first)[:2]))
         inside = np.r_[turned[:59], turned[60:119], turned[120:]]
-        assert steps.turns.sum() == pytest.approx(inside.sum(), abs=1e-9)
-        length = edges.lengths(first[None], last[None])[0]
+        assert steps.rotations.sum() == pytest.approx(inside.sum(), abs=1e-9)
+        length = edges.edge_lengths(first[None], last[None])[0]
         assert length == pytest.approx(steps.lengths.sum() + 0.5 * inside.sum(), abs=1e-9)
 
 
@@ -216,11 +216,11 @@ def test_no_point_of_a_path_collides(drive: str) -> None:
 def test_waypoints_are_left_as_they_are_come_to(drive: str) -> None:
     edges = local_planner(open_map("turning"), drive=drive)
     path = np.array([(1.0, 1.0, 0.5), (3.0, 1.5, -2.0), (5.0, 4.0, 1.0), (5.0, 6.0, 0.0)])
-    settled = edges.settled(path)
+    settled = edges.remove_turns(path)
     assert np.array_equal(settled[[0, -1]], path[[0, -1]]) and np.array_equal(settled[:, :2], path[:, :2])
-    turns = [edges.pieces(rows, math.inf, math.inf).turns.sum() for rows in (settled, path)]
+    turns = [edges.split_path(rows, math.inf, math.inf).rotations.sum() for rows in (settled, path)]
     assert turns[0] < turns[1] - 1.0
-    corners = edges.corners(settled)
+    corners = edges.breakpoints(settled)
     assert len(corners) == 8 and edges.are_free(settled)  # three lines, and a turn at each of the four places
 
 

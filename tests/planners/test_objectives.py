@@ -89,6 +89,6 @@ def test_a_differential_drive_pays_for_each_turn_and_each_straight(drive: str) -
         headings = [way, -way] if drive == "differential-reverse" else [way]
         turns = [abs(np.angle(h / np.exp(1j * a[2]))) + abs(np.angle(np.exp(1j * b[2]) / h)) for h in headings]
         assert length.motionCost(first, second).value() == pytest.approx(abs(way) + 0.5 * min(turns))
-        rows = [state_at(space, si, q) for q in edges.corners(np.array([a, b]))]
+        rows = [state_at(space, si, q) for q in edges.breakpoints(np.array([a, b]))]
         total = sum(parts.motionCost(p, q).value() for p, q in itertools.pairwise(rows))
         assert driven.motionCost(first, second).value() == pytest.approx(total) and total > abs(way)

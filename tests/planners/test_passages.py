@@ -22,7 +22,7 @@ WIDTH = 0.5
 @pytest.fixture
 def soon_chains(monkeypatch):
     """The planner, which would not find the passage in the second that it has to itself, has a tenth of one."""
-    monkeypatch.setattr(planners.passages, "FIRST", 0.001)
+    monkeypatch.setattr(planners.passages, "FIRST_SLOT_SHARE", 0.001)
 
 
 def corridor(gap, robot, rotations=72, spacing=WIDTH / 5):
@@ -113,7 +113,7 @@ def test_what_a_planner_does_not_soon_find_goes_along_free_cells(monkeypatch, ro
     space = doors(robot, rotations)
     endpoints = (*np.full(robot.dim, 0.35), *turn), (3.6, *np.full(robot.dim - 1, 0.35), *turn)
     assert space.is_connected(*endpoints)
-    monkeypatch.setattr(planners.passages, "SOON", 1)
+    monkeypatch.setattr(planners.passages, "MAX_ITERATIONS_BEFORE_GRID", 1)
     plan = planners.plan(space, *endpoints, exact=exact, seed=0, time_limit=20)
     assert plan.solved and plan.certified and plan.status == "path found: along FREE cells"
     assert plan.path[[0, -1]] == pytest.approx(np.array(endpoints)) and space.certify_path(plan.path, exact=exact).all()

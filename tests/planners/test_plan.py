@@ -15,7 +15,12 @@ from ompl import util as ou
 
 import planners
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, CSpace, InputError, Robot, Workspace, build
-from planners.catalogue import IGNORE_OBJECTIVES, REFUSED, SECOND_THREAD, SETTINGS
+from planners.catalogue import (
+    PLANNER_SETTINGS,
+    PLANNERS_REFUSED_BY_DRIVE,
+    PLANNERS_WITHOUT_OBJECTIVE,
+    THREADED_PLANNERS,
+)
 from planners.local_planner import CURVES
 from planning import (
     ANYTIME,
@@ -38,7 +43,7 @@ NAMES = planners.planner_names()
 JOINED = [*((name, None) for name in SPACES), *(("turning", curve) for curve in CURVES)]
 """Spaces, and how configurations are joined in them."""
 
-HEEDING = sorted(set(NAMES) - IGNORE_OBJECTIVES - SECOND_THREAD - {"FMT", "BFMT"})
+HEEDING = sorted(set(NAMES) - PLANNERS_WITHOUT_OBJECTIVE - THREADED_PLANNERS - {"FMT", "BFMT"})
 
 
 def options_for(curve: str | None) -> dict[str, Any]:
@@ -49,7 +54,7 @@ def options_for(curve: str | None) -> dict[str, Any]:
 def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
     """For FMT and BFMT, of which OMPL alone measures all distances: of a thousand, along curves, for two seconds."""
     few = dict.fromkeys(("FMT", "BFMT"), lambda planner: planner.setNumSamples(300))
-    monkeypatch.setattr("planners.catalogue.SETTINGS", SETTINGS | few)
+    monkeypatch.setattr("planners.catalogue.PLANNER_SETTINGS", PLANNER_SETTINGS | few)
 
 
 def endpoints_in(name: str, curve: str | None) -> tuple[Any, Any]:
@@ -73,7 +78,7 @@ def patient(space: CSpace, endpoints: Any, limits: tuple[float, ...], **options:
 @pytest.mark.parametrize(("name", "curve"), JOINED)
 @pytest.mark.parametrize("planner", NAMES)
 def test_every_planner_finds_a_certified_path(planner: str, name: str, curve: str | None) -> None:
-    if planner in REFUSED.get(curve or "", {}):
+    if planner in PLANNERS_REFUSED_BY_DRIVE.get(curve or "", {}):
         with pytest.raises(InputError, match="choose another planner"):
             planners.plan(room(name), *ENDPOINTS[name], planner=planner, **options_for(curve))
         return
@@ -90,7 +95,7 @@ def test_every_planner_finds_a_certified_path(planner: str, name: str, curve: st
 def test_every_planner_takes_the_single_edge_where_it_is_free(planner: str) -> None:
     # OMPL's SORRTstar would never return from here.
     for objective in ("length", ob.PathLengthOptimizationObjective):
-        if objective != "length" and planner in IGNORE_OBJECTIVES | SECOND_THREAD:
+        if objective != "length" and planner in PLANNERS_WITHOUT_OBJECTIVE | THREADED_PLANNERS:
             continue
         for name, goal in (
             ("plane", (2.0, 4.0)),
@@ -264,7 +269,7 @@ def test_the_widest_path_has_more_room_than_others(name: str) -> None:
 def test_a_proof_that_no_path_exists_spares_the_search(
     name: str, curve: str | None, planner: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if planner in REFUSED.get(curve or "", {}):
+    if planner in PLANNERS_REFUSED_BY_DRIVE.get(curve or "", {}):
         return
     space, start, goal = halves(name, BLOCKED)
     monkeypatch.setattr(og.SimpleSetup, "solve", lambda *_: pytest.fail("OMPL was run"))
@@ -424,7 +429,7 @@ def test_wrong_input_is_named(name: str, wrong: dict[str, Any], message: str) ->
 
 
 @pytest.mark.usefixtures("few_samples")
-@pytest.mark.parametrize("planner", sorted(set(NAMES) - SECOND_THREAD))
+@pytest.mark.parametrize("planner", sorted(set(NAMES) - THREADED_PLANNERS))
 def test_a_seed_repeats_a_run_with_others_in_between(planner: str) -> None:
     limits: dict[str, Any] = {"time_limit": 60.0} | ({"iterations": 200} if planner in ANYTIME else {})
     for name, curve in JOINED:
@@ -438,7 +443,7 @@ def test_a_seed_repeats_a_run_with_others_in_between(planner: str) -> None:
             path: list[list[float]] = plan.path.tolist()
             return path
 
-        if planner in REFUSED.get(curve or "", {}):
+        if planner in PLANNERS_REFUSED_BY_DRIVE.get(curve or "", {}):
             continue
         first = run(7)
         planners.plan(room("plane"), ENDPOINTS["plane"][0], (5.0, 3.0), planner="RRT")

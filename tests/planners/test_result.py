@@ -47,7 +47,7 @@ def test_the_clearance_of_a_path_is_a_bound_for_each_of_its_points(name: str, cu
     for a in space.sample_free(40, rng):
         path = usable(space, np.array([a, *(a + rng.uniform(-0.3, 0.3, (2, len(a))))]))
         bound = edges.clearance(path)
-        points = edges.pieces(path, 0.01, 0.01).middles
+        points = edges.split_path(path, 0.01, 0.01).centers
         if not space.grid.contains(points[:, :dim]).all():
             assert bound == 0.0
             continue
@@ -123,9 +123,9 @@ def test_the_distance_from_obstacles_is_the_least_along_the_path(name: str, curv
     space = room(name)
     plan = planners.plan(space, *ENDPOINTS[name], seed=4, time_limit=20.0, **({"drive": curve, **CAR} if curve else {}))
     edges = local_planner(space, False, plan.drive, plan.turning_radius)
-    dense = edges.pieces(plan.waypoints, 0.02, 0.05)
-    least = min(map(oracle(name), dense.middles))
-    between = 0.5 * float((dense.lengths + 0.4 * dense.turns).max())  # by how much it may be less between them
+    dense = edges.split_path(plan.waypoints, 0.02, 0.05)
+    least = min(map(oracle(name), dense.centers))
+    between = 0.5 * float((dense.lengths + 0.4 * dense.rotations).max())  # by how much it may be less between them
     assert least - between - 0.25 * space.grid.spacing - 1e-6 <= plan.obstacle_distance <= least + 1e-6
     assert plan.obstacle_distance > plan.clearance or plan.clearance == 0.0
 

@@ -11,7 +11,7 @@ from ompl import geometric as og
 import planners
 from cspace import InputError
 from missing import output_without
-from planners.catalogue import REFUSED, make_planner, planner_named
+from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE, make_planner, planner_named
 from planners.local_planner import CURVES, DRIVES
 from planning import CAR, SPACES, room
 from refusals import refusals
@@ -149,7 +149,7 @@ def test_a_wrong_name_lists_the_right_ones_and_the_likely_one(wrong: Any, meant:
     *[(drive, "AORRTC", r"planner is 'AORRTC'.*ends the process") for drive in DRIVES],
     *[
         (drive, name, rf"planner is '{name}' and drive is '{drive}'.*RRT")
-        for drive, names in REFUSED.items()
+        for drive, names in PLANNERS_REFUSED_BY_DRIVE.items()
         for name in names
     ],
 )

@@ -15,7 +15,7 @@ import planners
 from cspace import FREE, MIXED, CSpace, Robot, Workspace, build
 from handmade import KINDS, components, configurations, made, random_states
 from maps import proven_paths
-from planners.catalogue import REFUSED
+from planners.catalogue import PLANNERS_REFUSED_BY_DRIVE
 from planners.local_planner import CURVES, DRIVES, local_planner
 from planning import CAR, SPACES, check_none, halves, room
 from strategies import seeds
@@ -65,7 +65,7 @@ def test_the_maps_own_search_takes_over_in_a_store(tmp_path: Path, monkeypatch: 
     occupied = np.zeros((40, 16), dtype=bool)
     occupied[[12, 26]] = True
     occupied[12, 2:6] = occupied[26, 9:13] = False
-    monkeypatch.setattr(planners.passages, "SOON", 1)
+    monkeypatch.setattr(planners.passages, "MAX_ITERATIONS_BEFORE_GRID", 1)
     for tile in (100, 20):
         store = tmp_path / f"{tile}.zarr"
         tiled = build(Workspace.from_array(occupied, 0.1), Robot.disc(0.04), store=store, tile=tile)
@@ -81,7 +81,7 @@ def test_the_maps_own_search_takes_over_in_a_store(tmp_path: Path, monkeypatch: 
 def test_a_plan_ends_at_once_if_no_chain_of_free_cells_joins_start_and_goal(
     name: str, drive: str, planner: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if planner in REFUSED.get(drive, {}):
+    if planner in PLANNERS_REFUSED_BY_DRIVE.get(drive, {}):
         return
     space, start, goal = halves(name, MIXED)
     monkeypatch.setattr(og.SimpleSetup, "solve", lambda *_: pytest.fail("OMPL was run"))

@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.report import Report
 from cspace import FREE
 from cspace.arrays import Floats
-from planners.car_curves import shortest
+from planners.car_curves import shortest_word
 from planners.local_planner import CURVES, CarCurves, local_planner
 from tests.soak.maps import ALONG, nearly_snapped, not_free_along
 from tests.soak.plane import draw_case
@@ -143,7 +143,7 @@ class _Oracle:
 
     def _driven(self, first: Floats, last: Floats, length: float) -> Floats:
         radius = self._way.radius
-        turns, lengths, _ = shortest(self._way.kind, radius, tuple(first.tolist()), tuple(last.tolist()))
+        turns, lengths, _ = shortest_word(self._way.kind, radius, tuple(first.tolist()), tuple(last.tolist()))
         whole = radius * lengths
         begin = np.cumsum(np.abs(whole)) - np.abs(whole)
         parts = np.clip(np.linspace(0.0, length, ALONG)[:, None] - begin, 0.0, np.abs(whole)) * np.sign(whole)
