@@ -678,9 +678,15 @@ class JointMotions(LocalPlanner):
         return self.space.point_checker()
 
     def clearance_checker(self) -> Callable[..., float]:
-        """Make ``clearance(*q)``, a lower bound of the obstacle distance in metres; 0 if q is not proven free."""
-        is_free, distance = self.space.point_checker(), self.space.obstacle_distance
-        return lambda *q: float(distance(q)) if is_free(*q) else 0.0
+        """Make ``clearance(*q)``, a lower bound of the obstacle distance in metres; 0 beyond the joints' limits."""
+
+        def clearance(*q: float) -> float:
+            try:
+                return float(self.space.obstacle_distance(q))
+            except ConfigurationError:  # beyond the limits
+                return 0.0
+
+        return clearance
 
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which returns True if the motion is proven free."""
