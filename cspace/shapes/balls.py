@@ -107,7 +107,7 @@ class Balls(ExactShape):
     def rasters(
         self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
     ) -> tuple[Raster, Raster]:
-        """Compute the outer and inner raster; see :meth:`Shape.rasters`."""
+        """Compute the outer and inner raster; see ``Shape.rasters``."""
         from cspace.raster.boxes import RoundedBoxes, rounded_rasters
 
         growth = rotation.displacement(self.centers)
@@ -115,13 +115,13 @@ class Balls(ExactShape):
         return rounded_rasters(RoundedBoxes(centers, centers, self.radii), spacing, margin + growth, growth)
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
-        """Compute the outer and inner cells; see :meth:`Shape.cells`."""
+        """Compute the outer and inner cells; see ``Shape.cells``."""
         from cspace.raster.boxes import RoundedBoxes, rounded_cells
 
         return rounded_cells(RoundedBoxes(self.centers, self.centers, self.radii), grid)
 
     def contains(self, points: ArrayLike) -> Bools:
-        """Return a mask of the points in the shape; see :meth:`ExactShape.contains`."""
+        """Return a mask of the points in the shape; see ``ExactShape.contains``."""
         from scipy.spatial import cKDTree
 
         array = check_points(points, "points", self.dim)
