@@ -19,7 +19,7 @@ from benchmarks.suites.outer_maps import METHODS, across, named, ours, peers
 from benchmarks.timing import Timing, interleave
 from cspace import Robot, Workspace
 from cspace.arrays import Bools, Floats, Ints, States
-from cspace.engines import ENGINES, choose
+from cspace.engines import ENGINES, choose_engine
 from tests.soak.solids import merged_cells
 
 Checker = Callable[[Floats, float], Bools]
@@ -153,7 +153,7 @@ def _point(
     unequal = f"; not so: {', '.join(others)}" if others else ""
     report.check(not others, f"{len(timings)} results are equal, cell for cell{unequal}")
     _sample(report, workspace, radius, about, rng)
-    chosen = choose([raster])
+    chosen = choose_engine([raster])
     engines = {method: timings[named(method)].median for method in ENGINES}
     report.figure(f'"auto" took "{chosen}": its time / the quicker one\'s', _regret(chosen, engines))
     report.mark(**about, chosen=chosen, taken=engines)
