@@ -1,4 +1,4 @@
-"""Robots: rigid shapes whose reference point is the origin of their own frame."""
+"""Rigid robots, whose reference point is the origin of their frame."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 GROWN: Final = "it grows the robot, in metres"
-"""What a margin is, for messages."""
+"""Hint of messages about an invalid margin."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -41,15 +41,15 @@ class Robot(NotebookPicture):
     Make one with :meth:`polygon`, :meth:`rectangle`, :meth:`disc`, :meth:`ellipse`, :meth:`from_footprint` or
     :meth:`from_nav2` in the plane, :meth:`from_mesh`, :meth:`box`, :meth:`ball`, :meth:`cylinder`, :meth:`capsule` or
     :meth:`from_urdf` in space, and :meth:`from_balls`, :meth:`from_bitmap`, :meth:`parse` or :meth:`open` in either.
-    The reference point, whose position is the configuration, is the origin; it may lie anywhere, also outside the
-    shape.
+    A configuration is the position of the reference point, which is the origin of the robot's frame. The origin need
+    not lie in the shape.
 
     Attributes
     ----------
     name : str
-        A short text for people, such as ``"disc 0.3 m"``.
+        Description for people, such as ``"disc 0.3 m"``.
     shape : Shape
-        In the robot's frame.
+        Shape in the robot's frame.
 
     Examples
     --------
@@ -68,36 +68,37 @@ class Robot(NotebookPicture):
         object.__setattr__(self, "shape", as_shape(shape))
 
     def __repr__(self) -> str:
+        """Return name and dimension."""
         return f"Robot({self.name}, in {self.shape.place})"
 
     @property
     def dim(self) -> int:
-        """2 in the plane, 3 in space."""
+        """Dimension: 2 in the plane, 3 in space."""
         return self.shape.dim
 
     @property
     def span(self) -> float:
-        """Largest absolute value of the numbers that the shape was computed from, metres."""
+        """Largest absolute value of the numbers that define the shape, metres."""
         return self.shape.span
 
     @property
     def spec(self) -> dict[str, object]:
-        """Plain numbers, strings and lists from which :meth:`from_spec` makes the same robot again."""
+        """Description in plain numbers, strings and lists, for :meth:`from_spec`."""
         return {"name": self.name, **self.shape.spec}
 
     @property
-    def definition(self) -> str:
+    def _definition(self) -> str:
         """JSON of :attr:`spec`."""
         return json.dumps(self.spec, sort_keys=True)
 
     @classmethod
     def polygon(cls, shape: ArrayLike | BaseGeometry | Sequence[BaseGeometry], *, name: str | None = None) -> Robot:
-        """A polygon, convex or not, with or without holes, or several of them.
+        """Make a robot of one or more polygons, convex or not, with or without holes.
 
         Parameters
         ----------
         shape : shapely Polygon or MultiPolygon, a sequence of them, or array-like of shape (n, 2)
-            Metres; an array holds the vertices in order, closed or not. Parts may overlap.
+            Metres; an array lists the vertices in order, closed or not. Parts may overlap.
 
         Raises
         ------
@@ -114,22 +115,22 @@ class Robot(NotebookPicture):
 
     @classmethod
     def rectangle(cls, length: float, width: float, center: ArrayLike = (0.0, 0.0)) -> Robot:
-        """A rectangle, ``length`` along x and ``width`` along y around ``center`` in the robot's frame (metres)."""
+        """Make a rectangle: ``length`` along x, ``width`` along y, around ``center`` in the robot's frame (metres)."""
         return cls(*primitives.rectangle(length, width, center))
 
     @classmethod
     def ellipse(cls, radius_x: float, radius_y: float, center: ArrayLike = (0.0, 0.0)) -> Robot:
-        """An ellipse with semi-axes along x and y.
+        """Make an ellipse with semi-axes along x and y.
 
-        It is known by two polygons of 64 corners, one around it, whose corners reach at most 0.13 % farther, and one
-        within: FREE is proven for the first and BLOCKED for the second, so that both hold for the ellipse.
+        FREE is proven for a polygon of 64 corners around the ellipse, which reaches at most 0.13 % farther, and BLOCKED
+        for a polygon of 64 corners inside it, so that both hold for the ellipse.
 
         Parameters
         ----------
         radius_x, radius_y : float
-            Semi-axes, half the length along x and along y, metres, above zero.
+            Semi-axes along x and y, metres, above zero.
         center : array-like, shape (2,)
-            Middle of the ellipse in the robot's frame, metres.
+            Center of the ellipse in the robot's frame, metres.
 
         Raises
         ------
@@ -146,88 +147,88 @@ class Robot(NotebookPicture):
 
     @classmethod
     def disc(cls, radius: float, center: ArrayLike = (0.0, 0.0)) -> Robot:
-        """A disc of ``radius`` around ``center`` in the robot's frame (metres)."""
+        """Make a disc of ``radius`` around ``center`` in the robot's frame (metres)."""
         return cls(*primitives.disc(radius, center))
 
     @classmethod
     def ball(cls, radius: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
-        """A ball of ``radius`` around ``center`` in the robot's frame (metres)."""
+        """Make a ball of ``radius`` around ``center`` in the robot's frame (metres)."""
         return cls(*primitives.ball(radius, center))
 
     @classmethod
     def from_balls(cls, centers: ArrayLike | BallSet, radii: ArrayLike | None = None) -> Robot:
-        """A union of discs in the plane, or of balls in space.
+        """Make a union of discs in the plane or of balls in space.
 
         Parameters
         ----------
         centers : array-like, shape (n, 2) or (n, 3), or BallDecomposition
-            Metres, in the robot's frame. A decomposition brings its radii.
+            Metres, in the robot's frame. A decomposition has its own radii.
         radii : array-like, shape (n,), or one number
             Metres, above zero.
 
         Raises
         ------
         InputError
-            If there is no ball, the shapes do not fit, a value is not finite, or a radius is not above zero.
+            If there is no ball, shapes of arrays disagree, a value is not finite, or a radius is not above zero.
         """
         balls = Balls.of(centers, radii)
-        least = float(balls.radii.min())
-        if least <= 0.0:
-            hint = "drop balls that have no volume"
-            raise InputError("radii", f"holds {least:g}", "each must be above zero", hint, value=least)
+        smallest = float(balls.radii.min())
+        if smallest <= 0.0:
+            hint = "drop balls without volume"
+            raise InputError("radii", f"contains {smallest:g}", "each must be above zero", hint, value=smallest)
         count = len(balls.radii)
         return cls(f"{balls.noun} {balls.radii[0]:g} m" if count == 1 else f"{count} {balls.noun}s", balls)
 
     @classmethod
     def box(cls, extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
-        """A box along the axes.
+        """Make a box along the axes.
 
         Parameters
         ----------
         extents : array-like, shape (3,)
             Lengths along x, y and z, metres, above zero.
         center : array-like, shape (3,)
-            Middle of the box in the robot's frame, metres.
+            Center of the box in the robot's frame, metres.
         """
         return cls(*primitives.box(extents, center))
 
     @classmethod
     def cylinder(cls, radius: float, height: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
-        """An upright cylinder, around the direction of z through ``center``, its middle (metres).
+        """Make an upright cylinder around ``center`` (metres).
 
-        It is bounded by two prisms of 64 sides, one around it, whose radius is 0.12 % larger, and one within: FREE is
-        proven for the first and BLOCKED for the second, so that both hold for the cylinder.
+        FREE is proven for a prism of 64 sides around the cylinder, whose radius is 0.12 % larger, and BLOCKED for a
+        prism inside it, so that both hold for the cylinder.
         """
         return cls(*primitives.cylinder(radius, height, center))
 
     @classmethod
     def capsule(cls, radius: float, length: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
-        """An upright capsule, all within ``radius`` of a segment ``length`` long, whose middle is ``center`` (metres).
+        """Make an upright capsule around ``center``, ``length + 2 * radius`` high (metres).
 
-        It is ``length + 2 * radius`` high. It is bounded by two polyhedra, as a :meth:`cylinder` is; the outer one
-        reaches 0.24 % of the radius farther.
+        It contains all points within ``radius`` of a vertical segment. Two polyhedra bound it, as a :meth:`cylinder`;
+        the outer one reaches 0.24 % of the radius farther.
         """
         return cls(*primitives.capsule(radius, length, center))
 
     @classmethod
     def from_mesh(cls, shape: MeshLike, *, solid: Solid = "auto", name: str | None = None) -> Robot:
-        """A triangle mesh.
+        """Make a robot of a triangle mesh.
 
         Parameters
         ----------
         shape : trimesh.Trimesh, trimesh.Scene, cspace.Mesh, path-like, or (vertices, faces)
             Metres, in the robot's frame; files are ``.stl``, ``.obj``, ``.ply``, ``.off``, ``.glb``, ``.gltf`` and
-            ``.dae``. A warning names a mesh that lies off its origin by more than its own size.
+            ``.dae``. A warning is given if the mesh is farther from its origin than its own size.
         solid : {"auto", "surface", "fill"}
-            What has an inside; see :class:`cspace.Mesh`, "auto" keeps what a ``cspace.Mesh`` says itself.
+            Parts with an interior; see :class:`cspace.Mesh`. "auto" keeps the setting of a ``cspace.Mesh``.
 
         Raises
         ------
         GeometryError
-            If there is no triangle, or the mesh lies so far from its origin, by more than a hundred times its size,
-            that the reference point can hardly be meant.
+            If there is no triangle, or the mesh is farther from its origin than a hundred times its size, so that the
+            origin can hardly be the reference point.
         InputError
-            If a coordinate is NaN or infinite, or ``solid`` is another word.
+            If a coordinate is NaN or infinite, or ``solid`` is unknown.
         FileError
             If the file cannot be read.
         """
@@ -237,14 +238,16 @@ class Robot(NotebookPicture):
 
     @classmethod
     def from_bitmap(cls, occupied: ArrayLike, spacing: float, lower: ArrayLike | None = None) -> Robot:
-        """A bitmap: the union of the closed cells ``lower + spacing * (i + [0, 1]^d)`` where ``occupied[i]`` is set.
+        """Make a robot of a bitmap: the union of the closed cells that are set.
+
+        Cell i is ``lower + spacing * (i + [0, 1]^d)``.
 
         Parameters
         ----------
         occupied : array-like of bool, shape (nx, ny) or (nx, ny, nz)
             Indexed ``[x, y]`` or ``[x, y, z]``.
         spacing : float
-            Side of a cell of the bitmap, metres; it need not be the map's.
+            Side of a cell of the bitmap, metres; it may differ from the map's.
         lower : array-like, shape (d,), optional
             Lower corner of the first cell in the robot's frame, metres; the origin if left out.
 
@@ -253,27 +256,26 @@ class Robot(NotebookPicture):
         GeometryError
             If no cell is occupied.
         InputError
-            If ``occupied`` is not boolean with two or three axes (0 and 1 are accepted), or another value is not as
-            stated.
+            If ``occupied`` is not boolean with two or three axes (0 and 1 are accepted), or another value is invalid.
         """
         voxels = Voxels.of(occupied, spacing, lower)
         return cls(f"bitmap {' x '.join(map(str, voxels.occupied.shape))} cells of {voxels.side:g} m", voxels)
 
     @classmethod
     def from_footprint(cls, footprint: str | ArrayLike, *, padding: float = 0.0, name: str | None = None) -> Robot:
-        """A polygon in the plane, given as Nav2's ``footprint`` is.
+        """Make a polygon of a Nav2 ``footprint``.
 
         Parameters
         ----------
         footprint : str or array-like, shape (n, 2)
-            Corners in order, metres; a text is ``"[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"``.
+            Corners in order, metres; as text e.g. ``"[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"``.
         padding : float
-            Metres by which each coordinate of a corner is moved away from zero, as by ``footprint_padding``.
+            Metres by which each coordinate of a corner moves away from zero, as with ``footprint_padding``.
 
         Raises
         ------
         GeometryError
-            If it is no list of points, or they make no polygon.
+            If the footprint is no list of points, or the points make no polygon.
         InputError
             If the padding is negative.
         """
@@ -282,21 +284,21 @@ class Robot(NotebookPicture):
 
     @classmethod
     def from_nav2(cls, path: str | os.PathLike[str], costmap: str | None = None) -> Robot:
-        """The robot of a YAML file of Nav2's parameters, or of a ``costmap_common_params.yaml`` of ROS 1.
+        """Read the robot of Nav2's YAML parameters, or of a ``costmap_common_params.yaml`` of ROS 1.
 
-        A ``footprint`` is the polygon of :meth:`from_footprint`; without one, ``robot_radius`` is that of a disc. Both
-        are padded by ``footprint_padding``, 0.01 m where the file does not say, as in Nav2; a disc all around.
+        A ``footprint`` becomes a polygon, as in :meth:`from_footprint`; otherwise ``robot_radius`` becomes a disc. Both
+        are padded by ``footprint_padding``, which is 0.01 m by default, as in Nav2.
 
         Parameters
         ----------
         path : path-like
         costmap : str, optional
-            Whose robot, such as "local_costmap"; needed where the costmaps of the file differ in it.
+            Name of a costmap, such as "local_costmap"; needed if the costmaps of the file have different robots.
 
         Raises
         ------
         FileError
-            If the file is missing or malformed, holds no robot, or several, or not of that costmap.
+            If the file is missing or malformed, or has no robot, several, or none for that costmap.
         GeometryError
             If the corners make no polygon.
         """
@@ -316,10 +318,9 @@ class Robot(NotebookPicture):
         solid: Solid = "auto",
         package_dirs: PackageDirs = (),
     ) -> Robot:
-        """The collision geometry of a URDF: of a link, of several, or of all that is fixed to the root.
+        """Read the collision geometry of a URDF: of some links, or of all links fixed to the root.
 
-        Boxes and meshes are taken as they are; cylinders and spheres are bounded by two polyhedra, as :meth:`cylinder`
-        is.
+        Boxes and meshes are exact; cylinders and spheres are bounded by two polyhedra, as in :meth:`cylinder`.
 
         A mesh named ``package://PACKAGE/REST`` is the file ``PACKAGE/REST`` in the first of these folders that has it:
 
@@ -335,21 +336,21 @@ class Robot(NotebookPicture):
         ----------
         path : path-like
         link : str or sequence of str, optional
-            Whose geometry to take, with the joints at zero; its reference point is the origin of the (first) link. If
-            left out, that of the root and of the links that fixed joints join to it, in the frame of the root; a
-            warning names those that have geometry and are left out because they move, such as wheels.
+            Links to read, with all joints at zero; the reference point is the origin of the first one. If left out,
+            the root and all links fixed to it, in the frame of the root; a warning names links with geometry that are
+            left out because they move, such as wheels.
         solid : {"auto", "surface", "fill"}
-            What of the geometry has an inside, as for :meth:`from_mesh`. Boxes, cylinders and spheres are solid, so
-            that "surface" is for links of meshes alone.
+            Parts with an interior, as for :meth:`from_mesh`. "surface" is only for links whose geometry is meshes,
+            because boxes, cylinders and spheres are solid.
         package_dirs : path-like or sequence of path-like, optional
             Folders that hold the folders of ROS packages.
 
         Raises
         ------
         FileError
-            If the file or a mesh is missing or malformed, or several files could be meant by the name of a mesh.
+            If the file or a mesh is missing or malformed, or the name of a mesh is ambiguous.
         InputError
-            If there is no such folder or link, the links have no collision geometry, a size is not above zero, or
+            If a folder or link does not exist, the links have no collision geometry, a size is not above zero, or
             ``solid`` is "surface" and a link has a box, a cylinder or a sphere.
         MissingPackageError
             If yourdfpy is not installed.
@@ -363,21 +364,21 @@ class Robot(NotebookPicture):
         return cls(f"{Path(path).name}{names}", BoundedShape(Mesh.of(outer), inner[0]) if inner else Mesh.of(outer))
 
     def footprint(self) -> Robot:
-        """The projection of this robot onto the ground, for maps in the plane.
+        """Project the robot onto the ground, for maps in the plane.
 
-        What is proven FREE or BLOCKED for it holds for the robot's true projection, which lies between the two sides of
-        it: grown by a micrometre, which covers rounding, and shrunk by as much. A robot in the plane is its own.
+        FREE is proven for the projection grown by a micrometre and BLOCKED for the projection shrunk by a micrometre,
+        which covers rounding. A robot in the plane is returned unchanged.
 
         Raises
         ------
         GeometryError
-            If it has no area, seen from above.
+            If the projection has no area.
         """
         return Robot(f"footprint of {self.name}", self.shape.project_to_plane()) if self.dim == 3 else self
 
     @classmethod
     def from_spec(cls, spec: Mapping[str, object]) -> Robot:
-        """The robot that :attr:`spec` describes.
+        """Make a robot from its :attr:`spec`.
 
         Raises
         ------
@@ -387,14 +388,14 @@ class Robot(NotebookPicture):
         try:
             robot = cls(str(spec["name"]), shape_from_spec(spec))
         except (KeyError, TypeError, ValueError) as error:
-            rule = f"it must be one that Robot.spec makes: {error}"
+            rule = f"it must be a value of Robot.spec: {error}"
             raise InputError("spec", f"is {str(spec)[:80]}", rule, "write it again", value=spec) from error
         robot.shape.check_origin()
         return robot
 
     @classmethod
     def parse(cls, text: str) -> Robot:
-        """Make the robot that a short text describes; :meth:`open` reads files.
+        """Parse a short text; :meth:`open` reads files.
 
         Parameters
         ----------
@@ -416,9 +417,8 @@ class Robot(NotebookPicture):
         Robot(rectangle 0.7 m x 0.5 m, in the plane)
         """
         if not isinstance(text, str) or not primitives.is_short_text(text):
-            forms = ", ".join(primitives.SHORT_TEXTS)
-            rule = "it must be a short text such as 'ball:0.3' (metres)"
-            raise InputError("robot", f"is {text!r}", rule, f"pass {forms}; Robot.open reads files", value=text)
+            hint = f"pass {', '.join(primitives.SHORT_TEXTS)}; Robot.open reads files"
+            raise InputError("robot", f"is {text!r}", "it must be a short text such as 'ball:0.3'", hint, value=text)
         return cls(*primitives.parse_short_text(text, "robot"))
 
     @classmethod
@@ -434,7 +434,7 @@ class Robot(NotebookPicture):
             ``.gltf``, ``.dae``; a robot's description: ``.urdf``, links of it as ``FILE.urdf#LINK,LINK``; or Nav2's
             parameters: ``.yaml``, those of one costmap as ``FILE.yaml#COSTMAP``.
         solid : {"auto", "surface", "fill"}, optional
-            For a mesh, or those of a URDF: what has an inside; "auto" if left out.
+            Parts of a mesh, or of the meshes of a URDF, with an interior; "auto" if left out.
         package_dirs : path-like or sequence of path-like, optional
             For a URDF: folders that hold the folders of ROS packages, as for :meth:`from_urdf`.
 
@@ -449,9 +449,8 @@ class Robot(NotebookPicture):
         try:
             text = os.fspath(path)
         except TypeError as error:
-            raise InputError(
-                "robot", f"is {path!r}", "it must be a file name", "pass a string or a pathlib.Path", value=path
-            ) from error
+            hint = "pass a string or a pathlib.Path"
+            raise InputError("robot", f"is {path!r}", "it must be a file name", hint, value=path) from error
         files = _files()
         name, mark, part = text.rpartition("#")
         if not mark or Path(text).suffix.lower() in files:
@@ -460,52 +459,50 @@ class Robot(NotebookPicture):
         if primitives.is_short_text(text) and not Path(name).exists():
             raise InputError("robot", f"is {text!r}", "it must be a file", f"use Robot.parse({text!r})", value=path)
         if suffix not in files:
-            forms, known = ", ".join(primitives.SHORT_TEXTS), ", ".join(files)
+            known = ", ".join(files)
             if name and Path(name).exists():
-                raise FileError(name, f"has the suffix {suffix!r}", f"a robot's are {known}", "convert the file")
-            rule, hint = "it must be a file that describes a robot", f"pass {known}; Robot.parse takes {forms}"
-            raise InputError("robot", f"is {text!r}", rule, hint, value=path)
+                raise FileError(name, f"has suffix {suffix!r}", f"robots are read from {known}", "convert the file")
+            hint = f"pass {known}; Robot.parse takes {', '.join(primitives.SHORT_TEXTS)}"
+            raise InputError("robot", f"is {text!r}", "it must be a file that describes a robot", hint, value=path)
         reader, taken = files[suffix]
         given = {"solid": solid, "package_dirs": package_dirs}
         options = {option: value for option, value in given.items() if value is not None}
         for option, value in options.items():
             if option not in taken:
-                rule = f"it is for {', '.join(known for known, (_, names) in files.items() if option in names)}"
+                rule = f"it applies to {', '.join(known for known, (_, names) in files.items() if option in names)}"
                 raise InputError(option, f"is {value!r} for {text}", rule, "leave it out", value=value)
         return reader(Path(name), *[part] if part else [], **options)
 
     @property
     def geometry(self) -> BaseGeometry:
-        """The shape of a robot in the plane, in its frame, as a shapely geometry in metres, for drawing.
+        """Outline of a robot in the plane as a shapely geometry, metres, for drawing only.
 
-        Discs are drawn as polygons of 128 corners. A shape that is known by an outer and an inner shape, such as a
-        :meth:`footprint`, is drawn as the outer one. The rasters never use this.
+        Discs become polygons of 128 corners. A shape with an outer and an inner bound, such as an ellipse, is drawn as
+        the outer one.
         """
         return self.shape.outer.outline
 
     @property
     def surface(self) -> Surface:
-        """The shape of a robot in space, in its frame, as vertices (V, 3) and triangles (F, 3), for drawing.
+        """Surface of a robot in space as vertices (V, 3) and triangles (F, 3), metres, for drawing only.
 
-        Balls are drawn with flat faces; a shape that is known by an outer and an inner shape, such as a
-        :meth:`cylinder`, is drawn as the outer one. The rasters never use this.
+        Balls get flat faces. A shape with an outer and an inner bound, such as a cylinder, is drawn as the outer one.
         """
         return self.shape.outer.surface
 
     @property
     def inscribed_radius(self) -> float:
-        """Radius of a circle around the reference point that lies in a robot in the plane, metres; 0 if there is none.
+        """Radius of the largest circle around the reference point inside a robot in the plane, metres; 0 if none.
 
-        It is the largest such circle within rounding, with two exceptions, of which a lower bound is given: several
-        discs, and a robot that is known by an outer and an inner shape, such as a :meth:`footprint`, whose inner shape
-        counts.
+        The value is a lower bound for several discs, and for a robot with an outer and an inner bound, such as an
+        ellipse, because the circle lies in the inner one.
         """
         return self.shape.inner.inscribed_radius
 
     def rasters(
         self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
     ) -> tuple[Raster, Raster]:
-        """The discrete robot at a spacing, as two sets of offsets.
+        """Rasterize the robot into two sets of offsets.
 
         Parameters
         ----------
@@ -514,7 +511,7 @@ class Robot(NotebookPicture):
         margin : float
             Metres by which the robot is grown, on the outer side only.
         rotation : RotationCell
-            The rotations about the reference point for which the rasters are to hold.
+            Rotations about the reference point for which the rasters hold.
 
         Returns
         -------
@@ -526,12 +523,12 @@ class Robot(NotebookPicture):
         Raises
         ------
         InputError
-            If the spacing is not above zero, the margin is negative, or the robot is absurdly large or far from its
-            reference point at that spacing.
+            If the spacing is not above zero, the margin is negative, or the robot is too large or too far from its
+            reference point for that spacing.
         """
         side = check_positive(spacing, "spacing")
         grown = check_not_negative(margin, "margin", GROWN)
-        # A corner of the box round the origin is farther away than its sides, and may be turned onto an axis.
+        # A rotation may move a corner of the robot's box, which is farther from the origin than a side, onto an axis.
         far = (self.span * (1.0 if rotation.matrix is None else math.sqrt(self.dim)) + grown) / side
         hint = "use a larger spacing, or check the robot's units (metres) and origin"
         check_reach(far, "robot", "its reference point", hint)

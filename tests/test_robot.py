@@ -61,7 +61,7 @@ def test_opens_polygon_files(tmp_path, data):
     (lambda: Robot.rectangle(1.0, 0.0), "width is 0.0"),
     (lambda: Robot.from_balls([], []), "centers"),
     (lambda: Robot.from_balls([(0, 0)], [1, 2]), "radii"),
-    (lambda: Robot.from_balls([(0, 0), (1, 1)], [1, 0]), "radii holds 0"),
+    (lambda: Robot.from_balls([(0, 0), (1, 1)], [1, 0]), "radii contains 0"),
     (lambda: Robot.polygon(shapely.Polygon()), "empty"),
     (lambda: Robot.polygon([(0, 0), (1, 1)]), "at least 3"),
     (lambda: Robot.polygon([(0, 0), (1, 1), (1, 0), (0, 1)]), "Self-intersection"),

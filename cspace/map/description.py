@@ -174,7 +174,7 @@ def describe_map(
         "margin": float(margin),
         "rotations": rotations.count,
         "slices": slices,
-        "robot": robot.definition,
+        "robot": robot._definition,
         "workspace_source": source,
     }
 

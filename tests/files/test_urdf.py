@@ -184,7 +184,7 @@ def test_a_mesh_of_a_missing_package_is_read_with_a_warning_if_only_one_file_cou
 def test_bad_package_dirs_are_refused(cell, value, message):
     with pytest.raises(InputError, match=message):
         Robot.from_urdf(cell, package_dirs=value)
-    with pytest.raises(InputError, match=r"package_dirs is .*it is for .urdf"):
+    with pytest.raises(InputError, match=r"package_dirs is .*it applies to .urdf"):
         Robot.open(Path(cell).with_name("robot.stl"), package_dirs=value)
 
 
