@@ -1,4 +1,4 @@
-"""Plan: what a search found, and what is proven of it."""
+"""Plan: the path that a search found, and its proofs."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Times:
-    """How long the steps of :func:`planners.plan` took, in seconds.
+    """Seconds that the steps of :func:`planners.plan` took.
 
     The time limit is for planning and simplification. The other two are mostly a millisecond; at the first plan on a
     map they include what the map caches for all later ones: components, blocks of FREE cells, and, for the planner
@@ -42,8 +42,8 @@ class Times:
     Attributes
     ----------
     setup : float
-        Checks of the input, the look-up whether a path exists, OMPL's set-up, what is cached before a search, and
-        what is compiled until it ends.
+        Checks of the input, the look-up whether a path exists, OMPL's set-up, caches of the map, and compilation until
+        the search ends.
     planning : float
         The search.
     simplification : float
@@ -60,21 +60,21 @@ class Times:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Plan:
-    """A path and what is proven of it, or why there is none.
+    """A path and its proofs, or the reason why there is none.
 
     Attributes
     ----------
     path : ndarray of float64, shape (n, size), read-only
-        Configurations from start to goal, in metres; shape (0, size) where not solved. Where the robot turns on the
-        way, they are dense enough to drive and to draw: rows lie at most a cell and 5 degrees apart, on the edges
-        between the waypoints. Yaw is in radians, in [-pi, pi): it jumps by a turn where it passes pi.
+        Configurations from start to goal, in metres; shape (0, size) if not solved. If the robot turns on the way, rows
+        are added on the edges between waypoints, at most a cell and 5 degrees apart, so that the path can be driven and
+        drawn. Yaw is in radians, in [-pi, pi): it jumps by 2 pi when it passes pi.
     waypoints : ndarray of float64, shape (m, size), read-only
-        The configurations that edges join, which are rows of the path: all of them, where the robot does not turn. Of a
-        differential drive, those where it begins to turn or to drive: straight edges join them, so that
-        :meth:`cspace.CSpace.certify_path` proves waypoints and path alike.
+        Configurations that edges join, which are rows of the path. For a differential drive, they include those at
+        which it begins to turn or to drive: straight edges join them, so that :meth:`cspace.CSpace.certify_path` proves
+        waypoints and path alike.
     start, goal : ndarray of float64, shape (size,), read-only
-        What a path was looked for between, as planners hold it: yaw in [-pi, pi), a quaternion's norm 1, the joints of
-        an arm within their limits.
+        Endpoints of the search, as planners hold them: yaw in [-pi, pi), a quaternion of norm 1, the joints of an arm
+        within their limits.
     axes : tuple of str
         Names of the columns of the path, those of :attr:`cspace.CSpace.axes`.
     units : tuple of str
@@ -84,39 +84,39 @@ class Plan:
     distance_unit : str
         Unit of :attr:`clearance` and :attr:`obstacle_distance`: "m", or in a map of joints theirs.
     direction : ndarray of int8, shape (n,), read-only, or None
-        How the robot gets to each row from the one before: 1 ahead, -1 in reverse, 0 turning on the spot; the first row
-        has that of the second. None of a holonomic robot.
+        Motion of the robot from the row before to each row: 1 ahead, -1 in reverse, 0 turning on the spot; the first
+        row has that of the second. None for a holonomic robot.
     solved : bool
-        Whether the path reaches the goal. What OMPL calls an approximate solution does not, and is not kept.
+        Whether the path reaches the goal. Approximate solutions of OMPL do not, and are not kept.
     certified : bool
         Whether every edge between the waypoints was proven free **when it was planned**, by the map, or with ``exact``
         by the map and the geometry, checked again after OMPL was done; curves are proven along the real curve. It stays
         as it is when obstacles change afterwards: :meth:`recheck` proves the edges now.
     status : str
-        The result in a line: that a path was found, or what is known where none was; and, for an arm, how far the start
-        or goal was moved onto limits that it exceeded.
+        The result in a line: that a path was found, or whether one is proven to exist; and for an arm, how far the
+        start or goal was moved onto limits that it exceeded.
     hint : str
-        What to try where the search found no path though there may be one; otherwise empty.
+        Advice if the search found no path though one may exist; otherwise empty.
     length : float
-        Metres that the reference point moves, along curves too; turning on the spot counts nothing. Of an arm, the
-        length in its joints, a radian counting as a metre. NaN where not solved.
+        Metres that the reference point moves, along curves too; turning on the spot counts nothing. For an arm, the
+        length in its joints, in which a radian counts as a metre. NaN if not solved.
     total_rotation : float
-        Radians that the robot turns along the path. Planners minimise the length and half a metre for
-        each of these; but along curves the length alone. Zero of an arm, and NaN where not solved.
+        Radians that the robot turns along the path. Planners minimise the length plus half a metre for each radian, but
+        along curves the length alone. Zero for an arm, NaN if not solved.
     is_connected : bool
-        Whether the map proves that a path from start to goal exists, for a holonomic robot, whatever the drive.
+        Whether the map proves that a path from start to goal exists for a holonomic robot.
     is_disconnected : bool
         Whether the map proves that no path exists. If both are False, the map does not decide.
     planner : str
         Name of the planner.
     objective : str
-        What was optimised: ``"length"``, ``"clearance"``, ``"overlap"`` or ``"custom"``.
+        Quantity that was minimised: ``"length"``, ``"clearance"``, ``"overlap"`` or ``"custom"``.
     drive : str
-        How the robot moves along edges; see :func:`planners.plan`.
+        Motion of the robot along edges; see :func:`planners.plan`.
     turning_radius : float or None
         Of the curves, in metres.
     exact : bool
-        Whether the geometry itself decided where the map cannot; for an arm it always does.
+        Whether the geometry itself decided what the map cannot; for an arm it always does.
     seed : int or None
     time_limit : float
         Seconds that the search was given.
@@ -156,6 +156,7 @@ class Plan:
     _obstacle_distance: float = math.nan
 
     def __getstate__(self) -> list[Any]:
+        """Return the state for pickling, without the map."""
         left = {"space": None, "_clearance": self.clearance}
         if math.isnan(self.clearance):
             left["_obstacle_distance"] = self.obstacle_distance
@@ -163,7 +164,7 @@ class Plan:
 
     @property
     def clearance(self) -> float:
-        """Proven lower bound of the clearance in the map, all along the path.
+        """Proven lower bound of the clearance along the path.
 
         Metres from any configuration on it to the nearest one that is not FREE, be it in collision or undecided, in the
         map as it is now; :attr:`obstacle_distance` is that of the robot from the obstacles. For a robot that turns, the
@@ -176,7 +177,7 @@ class Plan:
 
     @property
     def obstacle_distance(self) -> float:
-        """Proven lower bound of the robot's distance from the obstacles in the workspace, all along the path.
+        """Proven lower bound of the robot's distance from obstacles along the path.
 
         Metres between the robot itself, without margin, and the obstacles as they are now: their shapes where the map
         has them, else the outer cells; and, unless the map is open, its border. It is a quarter of a cell below the
@@ -191,7 +192,7 @@ class Plan:
 
     @property
     def shown_distance(self) -> tuple[str, float]:
-        """Name and value of the distance that a plan prints: the obstacle distance, or else the clearance."""
+        """Name and value of the distance that a plan prints: obstacle distance, or else clearance."""
         distance = self.obstacle_distance
         return ("clearance", self.clearance) if math.isnan(distance) else ("obstacle_distance", distance)
 
@@ -209,7 +210,7 @@ class Plan:
 
     @property
     def _edges(self) -> LocalPlanner | None:
-        """The local planner of the path's edges on the map; None without a path, and without a map."""
+        """Local planner of the path's edges on the map; None without a path or a map."""
         return self._edges_on(self.space) if self.solved and self.space is not None else None
 
     def _edges_on(self, space: ConfigurationSpace) -> LocalPlanner:
@@ -264,16 +265,17 @@ class Plan:
         return self._edges_on(space).edges_are_free(self.waypoints)
 
     def __repr__(self) -> str:
+        """Return a summary in a few lines."""
         return "Plan(" + "\n     ".join(self._lines()) + ")"
 
     def _repr_html_(self) -> str:
-        """The repr, and a small picture of the path from above, or of start and goal, for notebooks."""
+        """Return the repr with a small picture, for notebooks."""
         from cspace.plot import as_html
 
         return as_html(self, self._lines())
 
     def _lines(self) -> list[str]:
-        """The plan in a few lines."""
+        """Return a summary of the plan in a few lines."""
         if not self.solved:
             between = f"from {_point(self.start)} to {_point(self.goal)} ({', '.join(self.axes)})"
             return [f"{self.planner}: {self.status}", between, *([f"try {self.hint}"] if self.hint else [])]
@@ -291,7 +293,7 @@ class Plan:
 
     @property
     def _proof(self) -> str:
-        """What is proven of the path: when it was planned, and now."""
+        """Proof of the path when it was planned, and now, in words."""
         if not self.certified:
             return "not certified"
         if self.space is None:
@@ -493,17 +495,17 @@ class Plan:
 
     @property
     def _moves_joints(self) -> bool:
-        """Whether a configuration is that of joints, and not a pose."""
+        """Whether configurations are joint positions, not poses."""
         known = {"x", "y", "z", *Rotations.all_names()}
         return isinstance(self.space, ArmSpace) or not set(self.axes) <= known
 
     def _check_solved(self, rule: str) -> None:
-        """Refuse a plan without a path."""
+        """Raise InputError if the plan has no path."""
         if not self.solved:
             raise InputError("plan", f"has no path: {self.status}", rule, "check plan.solved first")
 
     def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write the path as CSV: a row of names, then a row for each configuration, in full precision.
+        """Write the path as CSV, with a row of names, in full precision.
 
         The columns are the :attr:`axes`, metres and radians, and, but for a holonomic robot, direction, 1, -1 or 0.
 
@@ -531,7 +533,7 @@ class Plan:
         _write(path, overwrite, write)
 
     def to_json(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write everything but the map as JSON, one key for each attribute; NaN and infinity become null.
+        """Write all attributes except the map as JSON; NaN and infinity become null.
 
         Parameters
         ----------
@@ -551,7 +553,7 @@ class Plan:
 
 
 def _plain(value: object) -> object:
-    """A value as JSON knows it."""
+    """Convert a value to one that JSON can hold."""
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, Times):

@@ -370,7 +370,7 @@ def test_a_map_without_free_cells_has_no_nearest_one() -> None:
     ("plane", {"objective": "speed"}, "objective is 'speed'.*'clearance'"),
     ("plane", {"objective": None}, "objective is None"),
     ("plane", {"objective": lambda si: 3, "planner": "RRTstar"}, "objective returned 3"),
-    ("plane", {"objective": "clearance"}, "RRTConnect heeds no objective.*RRTstar"),
+    ("plane", {"objective": "clearance"}, "RRTConnect ignores objectives.*RRTstar"),
     ("plane", {"objective": "clearance", "planner": "PRM"}, "second thread"),
     ("plane", {"objective": "overlap", "planner": "RRTstar"}, "carries none.*with_overlap_field"),
     ("plane", {"iterations": 10, "planner": "prmstar"}, "second thread"),

@@ -77,7 +77,7 @@ def test_plans_on_tiles_refuse(tmp_path):
         planners.plan(tiled, [0.7, 0.7], [0.7, 5.0], exact=True)
     with pytest.raises(ConfigurationError, match="overlap_field needs a map in memory"):
         planners.plan(tiled, [0.7, 0.7], [0.7, 5.0], objective="overlap", planner="RRTstar")
-    with pytest.raises(InputError, match="turns in the plane"):
+    with pytest.raises(InputError, match=r"it is for the axes .x, y, yaw."):
         planners.plan(tiled, [0.7, 0.7], [0.7, 5.0], drive="dubins", turning_radius=1.0)
     with pytest.raises(ConfigurationError, match="needs a map in memory"):
         planners.simple_setup(tiled)

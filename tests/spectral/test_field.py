@@ -349,7 +349,7 @@ def test_overlap_objective_refuses_a_map_without_field() -> None:
             planners.plan(plain, start, end, planner="RRTstar", objective="overlap")
     with pytest.raises(InputError, match="another map"):
         planners.OverlapObjective(si, plain, carried.overlap_field)
-    with pytest.raises(InputError, match="RRT heeds no objective"):
+    with pytest.raises(InputError, match="RRT ignores objectives"):
         planners.plan(carried, start, goal, planner="RRT", objective="overlap")
 
 
