@@ -102,11 +102,15 @@ def test_yaml_holds_plain_values(tmp_path: Path, changes: dict[str, str], messag
 
 
 # YAML escapes characters beyond these otherwise, and a key of it has at most 1,024 characters, escapes included.
-TEXT = st.text(st.characters(max_codepoint=0xD7FF), max_size=100)
+YAML_TEXT = st.text(st.characters(max_codepoint=0xD7FF), max_size=100)
 SCALARS = (
-    st.none() | st.booleans() | st.integers(-(10**17), 10**17) | st.floats(allow_nan=False, allow_infinity=False) | TEXT
+    st.none()
+    | st.booleans()
+    | st.integers(-(10**17), 10**17)
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | YAML_TEXT
 )
-DOCUMENTS = st.recursive(SCALARS, lambda item: st.lists(item) | st.dictionaries(TEXT, item), max_leaves=9)
+DOCUMENTS = st.recursive(SCALARS, lambda item: st.lists(item) | st.dictionaries(YAML_TEXT, item), max_leaves=9)
 
 
 @settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])

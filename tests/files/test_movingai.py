@@ -12,12 +12,12 @@ from refusals import refusals
 
 MAPS = ["AR0011SR", "Berlin_1_1024", "arena", "brc504d", "maze512-32-0", "random512-10-0"]
 
-TINY = "type octile\nheight 2\nwidth 3\nmap\n.GS\n@.W\n"
+TINY_MAP = "type octile\nheight 2\nwidth 3\nmap\n.GS\n@.W\n"
 
 
 def test_a_tiny_map_is_read(tmp_path: Path) -> None:
     path = tmp_path / "tiny.map"
-    path.write_text(TINY)
+    path.write_text(TINY_MAP)
     workspace = Workspace.from_movingai(path, 0.5)
     assert workspace.grid == Grid((0.0, 0.0), 0.5, (3, 2))
     assert workspace.outer.tolist() == [[True, False], [False, False], [True, False]]
@@ -31,7 +31,7 @@ def test_every_letter_has_its_meaning(tmp_path: Path) -> None:
 
 
 def test_windows_line_ends_are_read(tmp_path: Path) -> None:
-    (tmp_path / "tiny.map").write_bytes(TINY.replace("\n", "\r\n").encode() + b"\r\n\r\n")
+    (tmp_path / "tiny.map").write_bytes(TINY_MAP.replace("\n", "\r\n").encode() + b"\r\n\r\n")
     assert read_movingai_map(tmp_path / "tiny.map").sum() == 2
 
 

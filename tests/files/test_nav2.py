@@ -7,7 +7,7 @@ import shapely
 from cspace import FileError, GeometryError, InputError, Robot
 from refusals import refusals
 
-TEXT = "[[0.3, .2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"
+FOOTPRINT_TEXT = "[[0.3, .2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"
 
 NAV2 = """
 amcl:
@@ -28,9 +28,9 @@ def written(folder, local, world):
 
 
 def test_a_footprint_is_its_polygon():
-    robot = Robot.from_footprint(TEXT)
+    robot = Robot.from_footprint(FOOTPRINT_TEXT)
     assert robot.geometry.equals(shapely.box(-0.3, -0.2, 0.3, 0.2))
-    assert Robot.parse(f"footprint:{TEXT}").geometry.equals(robot.geometry)
+    assert Robot.parse(f"footprint:{FOOTPRINT_TEXT}").geometry.equals(robot.geometry)
     assert Robot.from_footprint([(0, 0), (1, 0), (0, 1)]).geometry.area == 0.5
 
 
@@ -68,7 +68,7 @@ def test_read_nav2_reads_ros_1_files_and_several_robots(tmp_path):
 
 
 def test_costmaps_that_differ_are_both_named(tmp_path):
-    path = written(tmp_path, "{robot_radius: 0.2}", f'{{footprint: "{TEXT}"}}')
+    path = written(tmp_path, "{robot_radius: 0.2}", f'{{footprint: "{FOOTPRINT_TEXT}"}}')
     with pytest.raises(FileError) as caught:
         Robot.from_nav2(path)
     for message in (
@@ -108,4 +108,4 @@ def test_invalid_footprints_are_refused(footprint):
     with pytest.raises(GeometryError, match="at least three points"):
         Robot.from_footprint(footprint)
     with pytest.raises(InputError, match="padding is -1"):
-        Robot.from_footprint(TEXT, padding=-1)
+        Robot.from_footprint(FOOTPRINT_TEXT, padding=-1)

@@ -236,21 +236,21 @@ end_header
 4 0 1 2 3
 """
 
-TEXT = "\n".join(" ".join(map(str, row)) for row in CLOUD.tolist())
+CLOUD_TEXT = "\n".join(" ".join(map(str, row)) for row in CLOUD.tolist())
 
 
 @pytest.mark.parametrize("name", ["cloud.xyz", "cloud.txt", "cloud.csv", "CLOUD.XYZ"])
 @pytest.mark.parametrize(
     "text",
     [
-        TEXT,
-        "# x y z\n\n" + TEXT + "\n\n",
-        TEXT.replace(" ", ", "),
-        TEXT.replace(" ", ","),
-        TEXT.replace(" ", "\t"),
-        TEXT.replace("\n", "\r\n") + "\r\n",
-        TEXT.replace("\n", " 0.5 255 # noise\n") + " 1 2",
-        "  " + TEXT.replace("\n", "\n   "),
+        CLOUD_TEXT,
+        "# x y z\n\n" + CLOUD_TEXT + "\n\n",
+        CLOUD_TEXT.replace(" ", ", "),
+        CLOUD_TEXT.replace(" ", ","),
+        CLOUD_TEXT.replace(" ", "\t"),
+        CLOUD_TEXT.replace("\n", "\r\n") + "\r\n",
+        CLOUD_TEXT.replace("\n", " 0.5 255 # noise\n") + " 1 2",
+        "  " + CLOUD_TEXT.replace("\n", "\n   "),
     ],
 )
 def test_text_is_read_with_any_separator(tmp_path, name, text):
@@ -259,15 +259,15 @@ def test_text_is_read_with_any_separator(tmp_path, name, text):
 
 @refusals(
     "text, message",
-    (TEXT + "\n1 2", "line 6 is '1 2'; it must hold 3 columns"),
-    (TEXT + "\n\n1 2 3 4", "line 7 is '1 2 3 4'; it must hold 3 columns"),
-    ("x y z\n" + TEXT, "line 1 is 'x y z'; it must hold only numbers"),
+    (CLOUD_TEXT + "\n1 2", "line 6 is '1 2'; it must hold 3 columns"),
+    (CLOUD_TEXT + "\n\n1 2 3 4", "line 7 is '1 2 3 4'; it must hold 3 columns"),
+    ("x y z\n" + CLOUD_TEXT, "line 1 is 'x y z'; it must hold only numbers"),
     ("# head\n1 2 3\n1 2 abc", "line 3 is '1 2 abc'; it must hold only numbers"),
     ("1,2,3\n4 5 6", "line 2 is '4 5 6'"),
     ("1,2,3\n4,,6", "line 2 is '4,,6'"),
     ("1;2;3", "line 1 is '1;2;3'"),
     ("1 2\n3 4", "has 2 columns"),
-    (TEXT.encode() + b"\xff", "not text"),
+    (CLOUD_TEXT.encode() + b"\xff", "not text"),
     ("ply\nformat ascii 1.0\nelement vertex 1\nproperty float a\nend_header\n1\n", "x, y and z"),
     (STRIPS.replace("vertex 4", "vertex " + "9" * 5000), "no whole PLY header"),
 )

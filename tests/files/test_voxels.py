@@ -18,7 +18,7 @@ from strategies import seeds
 
 BINARY = "# Octomap OcTree binary file\n# a comment\nid OcTree\nsize {}\nres 0.1\ndata\n"
 FULL = "# Octomap OcTree file\nid OcTree\nsize {}\nres 0.1\ndata\n"
-TINY = "voxel 2 3 4\n0 0 0\n1 2 3\n1 0 2\n"
+TINY_3DMAP = "voxel 2 3 4\n0 0 0\n1 2 3\n1 0 2\n"
 
 
 def read_octomap(path: Path, unknown: str = "occupied") -> tuple[Grid, Bools, Bools]:
@@ -28,13 +28,15 @@ def read_octomap(path: Path, unknown: str = "occupied") -> tuple[Grid, Bools, Bo
 
 
 def test_a_tiny_voxel_map_has_the_expected_cells(tmp_path: Path) -> None:
-    (tmp_path / "tiny.3dmap").write_text(TINY)
+    (tmp_path / "tiny.3dmap").write_text(TINY_3DMAP)
     blocked = read_movingai_voxels(tmp_path / "tiny.3dmap")
     assert blocked.shape == (2, 3, 4)
     assert np.argwhere(blocked).tolist() == [[0, 0, 0], [1, 0, 2], [1, 2, 3]]
 
 
-@pytest.mark.parametrize("text", [TINY.replace("\n", "\r\n"), TINY + "\n\n", TINY + "1 0 2", TINY.replace(" ", "  ")])
+@pytest.mark.parametrize(
+    "text", [TINY_3DMAP.replace("\n", "\r\n"), TINY_3DMAP + "\n\n", TINY_3DMAP + "1 0 2", TINY_3DMAP.replace(" ", "  ")]
+)
 def test_a_tiny_voxel_map_is_read_in_every_layout(tmp_path: Path, text: str) -> None:
     (tmp_path / "tiny.3dmap").write_bytes(text.encode())
     assert read_movingai_voxels(tmp_path / "tiny.3dmap").sum() == 3
@@ -52,18 +54,18 @@ def test_a_voxel_map_may_have_no_obstacle(tmp_path: Path) -> None:
     ("voxel 2 3\n", "line 1 is 'voxel 2 3'"),
     ("voxel 2 3 -4\n", "line 1 is 'voxel 2 3 -4'"),
     ("voxel " + "9" * 5000 + " 3 4\n", "line 1 is 'voxel 999"),
-    (TINY + "1 2 " + "9" * 5000 + "\n", "line 5 is '1 2 999"),
+    (TINY_3DMAP + "1 2 " + "9" * 5000 + "\n", "line 5 is '1 2 999"),
     ("voxel 2 0 4\n", "line 1 is 'voxel 2 0 4'"),
     ("voxel 2 3 4.0\n", "line 1 is 'voxel 2 3 4.0'"),
-    (TINY + "1 2\n", "line 5 is '1 2'; it must hold 'x y z'"),
-    (TINY + "1 2 3 0\n", "line 5 is '1 2 3 0'"),
-    (TINY + "1 2.5 3\n", "line 5 is '1 2.5 3'"),
-    (TINY + "1 -2 3\n", "line 5 is '1 -2 3'"),
-    (TINY + "1 two 3\n", "line 5 is '1 two 3'"),
-    (TINY + "\n\n2 0 0\n", "line 7 is '2 0 0'; it must hold a voxel inside 2 x 3 x 4"),
-    (TINY + "0 3 0\n", "line 5 is '0 3 0'; it must hold a voxel inside"),
-    (TINY + "0 0 4\n0 0 5\n", "line 5 is '0 0 4'; it must hold a voxel inside"),
-    (TINY + "99999999999999999999999 0 4\n", "line 5 is '99999999999999999999999 0 4'"),
+    (TINY_3DMAP + "1 2\n", "line 5 is '1 2'; it must hold 'x y z'"),
+    (TINY_3DMAP + "1 2 3 0\n", "line 5 is '1 2 3 0'"),
+    (TINY_3DMAP + "1 2.5 3\n", "line 5 is '1 2.5 3'"),
+    (TINY_3DMAP + "1 -2 3\n", "line 5 is '1 -2 3'"),
+    (TINY_3DMAP + "1 two 3\n", "line 5 is '1 two 3'"),
+    (TINY_3DMAP + "\n\n2 0 0\n", "line 7 is '2 0 0'; it must hold a voxel inside 2 x 3 x 4"),
+    (TINY_3DMAP + "0 3 0\n", "line 5 is '0 3 0'; it must hold a voxel inside"),
+    (TINY_3DMAP + "0 0 4\n0 0 5\n", "line 5 is '0 0 4'; it must hold a voxel inside"),
+    (TINY_3DMAP + "99999999999999999999999 0 4\n", "line 5 is '99999999999999999999999 0 4'"),
     ("voxel 2 3 4\n1 2\n1 2\n", "line 2 is '1 2'"),
     ("voxel 2 3 4\n\u0661 2 3\n", "line 2 is"),
 )
