@@ -172,7 +172,7 @@ def test_a_map_without_a_boundary_is_refused(
     with pytest.raises(InputError, match=r"rotation has shape .*the robot does not turn"):
         ball.export(tmp_path / "free.stl", rotation=0.5)
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1000)
-    with pytest.raises(InputError, match=r"the border of the free space .* of memory; at most"):
+    with pytest.raises(InputError, match=r"the boundary of the free space .* of memory; at most"):
         ball.export(tmp_path / "free.stl")
     assert not list(tmp_path.iterdir())
 
