@@ -159,10 +159,10 @@ def connect_cluster(address: str | None) -> Iterator[Any]:
     if address is None:
         yield None
         return
-    from cspace.tiles.work import CLUSTER
+    from cspace.tiles.work import DASK_USE
 
     try:
-        client = import_optional("distributed", CLUSTER, "distributed").Client(address, timeout=10)
+        client = import_optional("distributed", DASK_USE, "distributed").Client(address, timeout=10)
     except (OSError, ValueError, TimeoutError) as error:
         problem = f"is {address!r}, which does not answer ({error})"
         hint = "start one with: dask scheduler"

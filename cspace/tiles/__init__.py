@@ -1,1 +1,1 @@
-"""Maps that do not fit into memory: built, stored and looked up tile by tile, on one machine or on many."""
+"""Maps larger than memory: built, stored and queried tile by tile, on one machine or a cluster."""

@@ -1,9 +1,8 @@
-"""Decoded tiles in memory, up to a number of bytes, as compiled look-ups take them.
+"""Cache of decoded tiles, and queries that load the tiles they read.
 
-Look-ups are compiled for the whole map, whose cells they read by :func:`cspace.map.storage.state_in`; here is what it
-does for cells that lie in tiles: a cell of a tile that is not there counts as FREE, and the tile is marked. So a
-look-up is repeated, with other tiles loaded, until none is marked: each cell that it reads was then there at least
-once, and its answer is the worst of all passes.
+Kernels read cells by :func:`cspace.map.storage.state_in`. It returns FREE for a cell of a missing tile and marks the
+tile. The query loads marked tiles and runs again until none is marked. By then each cell was read from a loaded tile at
+least once, and the result is the worst of all passes; so no missing tile makes a result FREE.
 """
 
 from __future__ import annotations
@@ -29,66 +28,72 @@ from cspace.store import Record, Store, unfinished_map_error
 from cspace.threads import MIN_ITEMS_PER_THREAD, in_chunks
 from cspace.tiles.work import Job
 
-ROWS_IN_A_PIECE: Final = 2**18
-"""Configurations, or edges, of a batch that are copied and answered at a time."""
+ROWS_PER_PIECE: Final = 2**18
+"""Configurations or edges that are copied and evaluated at a time."""
 
 
-class Cache:
-    """Room for as many chunks as a number of bytes holds, the least recently used of which goes first.
+class ChunkCache:
+    """Least-recently-used cache of packed chunks.
 
-    ``shape`` and ``sides`` are slices and cells of the map, and of a chunk. ``limit`` is in bytes; there is room for
-    one chunk at least. ``load`` gives the states of a chunk, by its number.
+    Parameters
+    ----------
+    shape, sides : tuple of int
+        Slices and cells of the map, and of a chunk.
+    limit : int
+        Memory in bytes; the cache holds at least one chunk.
+    load : callable
+        Returns the states of a chunk, given its number.
     """
 
     def __init__(
         self, shape: tuple[int, ...], sides: tuple[int, ...], limit: int, load: Callable[[int], Bytes]
     ) -> None:
         counts = tuple(-(-n // side) for n, side in zip(shape, sides, strict=True))
-        self._each, self._load = -(-prod(sides) // 4), load
-        self.room = max(1, min(limit // self._each, prod(counts)))
+        self._chunk_bytes, self._load = -(-prod(sides) // 4), load
+        self.capacity = max(1, min(limit // self._chunk_bytes, prod(counts)))
         self._packed = np.zeros(0, dtype=np.uint8)
-        self._places, self._wanted = np.full(prod(counts), MISSING), np.zeros(prod(counts) + 1, dtype=np.int64)
-        self._used: OrderedDict[int, int] = OrderedDict()
+        self._places, self._marks = np.full(prod(counts), MISSING), np.zeros(prod(counts) + 1, dtype=np.int64)
+        self._slots: OrderedDict[int, int] = OrderedDict()
         self._shape = tuple(map(int, shape)), tuple(map(int, sides)), counts
 
     @property
     def cells(self) -> TileCells:
-        """What compiled code takes, until the next chunk is loaded."""
-        return TileCells(read_only(self._packed.view()), self._places, self._wanted, *self._shape)
+        """Cells for kernels; valid until the next chunk is loaded."""
+        return TileCells(read_only(self._packed.view()), self._places, self._marks, *self._shape)
 
     def begin(self) -> None:
-        """Begin a look-up: what earlier ones evicted or wanted counts as missing, like all that is not there."""
+        """Begin a query: reset the marks of chunks that earlier queries evicted or requested."""
         self._places[self._places < 0] = MISSING
-        self._wanted[:] = 0
+        self._marks[:] = 0
 
-    def wanted(self, most: int) -> list[int]:
-        """The chunks that were read and are missing, in the order of reading, as many as there is room for."""
-        for chunk in np.flatnonzero(self._wanted[:-1] == USED).tolist():
-            self._used.move_to_end(chunk)
-        marked = np.flatnonzero(self._wanted[:-1] > 0)
-        first: list[int] = marked[np.argsort(self._wanted[marked])][: min(most, self.room)].tolist()
-        self._wanted[:] = 0
-        return first
+    def requested(self, max_count: int) -> list[int]:
+        """Return missing chunks that the kernel read, in reading order, at most ``capacity`` of them."""
+        for chunk in np.flatnonzero(self._marks[:-1] == USED).tolist():
+            self._slots.move_to_end(chunk)
+        marked = np.flatnonzero(self._marks[:-1] > 0)
+        chunks: list[int] = marked[np.argsort(self._marks[marked])][: min(max_count, self.capacity)].tolist()
+        self._marks[:] = 0
+        return chunks
 
     def load(self, chunks: Iterable[int]) -> None:
-        """Load chunks; the least recently used ones make room for them."""
+        """Load chunks, evicting the least recently used ones."""
         for chunk in chunks:
             states = self._load(chunk)
-            if len(self._used) < self.room:
-                place = len(self._used)
-                if (place + 1) * self._each > len(self._packed):
-                    size = min(max(2 * place, 4), self.room) * self._each
+            if len(self._slots) < self.capacity:
+                slot = len(self._slots)
+                if (slot + 1) * self._chunk_bytes > len(self._packed):
+                    size = min(max(2 * slot, 4), self.capacity) * self._chunk_bytes
                     self._packed = np.concatenate([self._packed, np.empty(size - len(self._packed), dtype=np.uint8)])
             else:
-                oldest, place = self._used.popitem(last=False)
+                oldest, slot = self._slots.popitem(last=False)
                 self._places[oldest] = ASIDE
-            pack(states.reshape(-1), self._packed[place * self._each : (place + 1) * self._each])
-            self._used[chunk] = place
-            self._places[chunk] = 4 * place * self._each
+            pack(states.reshape(-1), self._packed[slot * self._chunk_bytes : (slot + 1) * self._chunk_bytes])
+            self._slots[chunk] = slot
+            self._places[chunk] = 4 * slot * self._chunk_bytes
 
 
 class TileBackend:
-    """The cells of a map in a store, over which kernels are run as its tiles are read.
+    """Backend that runs kernels on a stored map and loads tiles as they are read.
 
     Parameters
     ----------
@@ -99,42 +104,42 @@ class TileBackend:
 
     def __init__(self, store: Store, cache_bytes: int) -> None:
         self.lock, self.limit = Lock(), int(cache_bytes)
-        self._take(store)
+        self._open(store)
 
-    def _take(self, store: Store) -> None:
+    def _open(self, store: Store) -> None:
         self.__dict__.pop("exterior", None)
         self.store, self._records = store, {}  # type: tuple[Store, dict[tuple[int, ...], Record]]
         shape = (store.slices, *store.grid.shape)
-        self._cache = Cache(shape, (store.depth, *store.tile), self.limit, self._chunk)
+        self._cache = ChunkCache(shape, (store.depth, *store.tile), self.limit, self._read_chunk)
         self.job = Job(store, CellsInMemory(np.empty(0, np.bool_), np.empty(0, np.bool_)))
 
     @property
     def latest(self) -> Store:
-        """The store as it is now, opened again if another process has changed it."""
+        """The current store, reopened if another process has changed it."""
         with self.lock:
             if self.store.is_past:
-                self._take(Store.open(self.store.path))
+                self._open(Store.open(self.store.path))
             return self.store
 
     @property
-    def done(self) -> float:
-        """Share of the tiles that are done."""
+    def share_done(self) -> float:
+        """Fraction of the tiles that are done."""
         return self.latest.share_done
 
     def check_done(self) -> None:
         """Raise FileError unless all tiles are done."""
         if not self.latest.is_done:
-            raise unfinished_map_error(self.store.path, self.done)
+            raise unfinished_map_error(self.store.path, self.share_done)
 
     def at_one_moment(self, work: Callable[[], Result]) -> Result:
-        """Return the result of some work, all of which saw the store as it was at one moment."""
+        """Run ``work`` on one version of the store; run it again if the store changes meanwhile."""
         with self.lock:
             while True:
                 store = self.latest
                 self.check_done()
                 try:
                     result = work()
-                except FileError:  # as where a file was replaced
+                except FileError:  # an update may have replaced a file
                     if not self.store.is_past:
                         raise
                 else:
@@ -142,77 +147,79 @@ class TileBackend:
                         return result
 
     def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = MIN_ITEMS_PER_THREAD) -> Query:
-        """See :meth:`cspace.map.backend.Backend.query`; rows are copied in pieces."""
+        """Return a query for a kernel; see :meth:`cspace.map.backend.Backend.query`."""
 
         def run(*rows_and_out: Any) -> int:
             *rows, out = rows_and_out
-            return self._run_in_turns(partial(_run, kernel, arguments), rows, out, passed, least)
+            return self._run_until_loaded(partial(_run_on_rows, kernel, arguments), rows, out, passed, least)
 
         return lambda parts, out: self.at_one_moment(lambda: fill_in_pieces(run, parts, out))
 
-    def _run_in_turns(self, kernel: Kernel, rows: list[Floats], out: NDArray[Any], passed: object, least: int) -> int:
-        """Run a kernel until each tile that it reads was there; return the index of the first bad row, or -1.
+    def _run_until_loaded(
+        self, kernel: Kernel, rows: list[Floats], out: NDArray[Any], passed: object, least: int
+    ) -> int:
+        """Run a kernel until every tile that it reads was loaded; return the first bad row, or -1.
 
-        Rows that did not pass are known. The others are run again, with some of the tiles that were not there.
+        A result other than ``passed`` is final. The other rows run again, with some of the missing tiles loaded.
         """
-        cache, live = self._cache, np.arange(len(out))
+        cache, pending = self._cache, np.arange(len(out))
         cache.begin()
-        while len(live):
-            whole = len(live) == len(out)
-            left = rows if whole else [part[live] for part in rows]
-            values = np.empty(len(live), dtype=out.dtype)
-            bad = in_chunks(partial(kernel, self._map, left, values), len(live), least)
+        while len(pending):
+            is_whole = len(pending) == len(out)
+            pending_rows = rows if is_whole else [part[pending] for part in rows]
+            values = np.empty(len(pending), dtype=out.dtype)
+            bad = in_chunks(partial(kernel, self._map, pending_rows, values), len(pending), least)
             if bad >= 0:
                 return bad
-            out[live] = values
-            live = live[values == passed]
-            # A few rows may well fail in the first tiles that they come to.
-            wanted = cache.wanted(len(live))
-            if not wanted:
+            out[pending] = values
+            pending = pending[values == passed]
+            # Load at most one tile per pending row: few rows often fail in the first tiles that they read.
+            requested = cache.requested(len(pending))
+            if not requested:
                 break
-            cache.load(wanted)
+            cache.load(requested)
         return -1
 
     @property
     def _map(self) -> Map:
-        """The record that compiled look-ups take; its tiles are those that are there now."""
+        """The map for kernels, with the tiles that are loaded now."""
         grid, cells = self.store.grid, self._cache.cells
         rotations = self.store.rotations.compiled(self.store.slice_of)
         return Map(cells, cells, rotations, grid.lower, grid.spacing, grid.upper, self.exterior.table)
 
     @cached_property
     def exterior(self) -> Exterior:
-        """What is known outside the map."""
+        """Known states outside the map."""
         if "exterior" in self.store.names:
             return Exterior(self.store.array("exterior"))
         box, outside = np.array(self.store.metadata["box"]), str(self.store.metadata["outside"])
         return Exterior.around(self.store.grid.shape, box, self.job.pairs, outside)
 
-    def _chunk(self, number: int) -> Bytes:
-        """States of a chunk, by its number."""
+    def _read_chunk(self, number: int) -> Bytes:
+        """Return the states of a chunk, given its number."""
         store = self.store
         layer, *index = np.unravel_index(number, (store.layers, *store.counts))
         tile = tuple(int(i) for i in index)
         return store.states(tile, int(layer), self.record(tile))
 
     def record(self, tile: tuple[int, ...]) -> Record:
-        """What is known of a tile."""
+        """Return the record of a tile, cached."""
         if tile not in self._records:
             self._records[tile] = self.store.known(tile)
         return self._records[tile]
 
 
 def fill_in_pieces(kernel: Kernel, parts: Sequence[Any], out: NDArray[Any]) -> int:
-    """Fill ``out`` by a kernel of rows, which are copied a piece at a time; return the first bad row, or -1."""
-    for start in range(0, len(out), ROWS_IN_A_PIECE):
-        piece = slice(start, start + ROWS_IN_A_PIECE)
+    """Fill ``out`` by a kernel, copying rows a piece at a time; return the first bad row, or -1."""
+    for start in range(0, len(out), ROWS_PER_PIECE):
+        piece = slice(start, start + ROWS_PER_PIECE)
         bad = kernel(*(as_contiguous(part[piece]) for part in parts), out[piece])
         if bad >= 0:
             return start + bad
     return -1
 
 
-def _run(
+def _run_on_rows(
     kernel: Kernel, arguments: tuple[Any, ...], map_: Map, rows: list[Floats], out: NDArray[Any], start: int, stop: int
 ) -> int:
     return kernel(map_, *arguments, *(part[start:stop] for part in rows), out[start:stop])

@@ -1,8 +1,8 @@
-"""Which cells of a stored map chains join: components of each tile, and what joins them over their faces.
+"""Connected components of a stored map: labels of each tile, merged across tile faces.
 
-A task labels the components of one tile, over all of its rotation cells, and keeps the labels of the cells on its
-faces. Where two tiles share a face, labels that lie on either side of it are one component; one reduction over these
-pairs joins all of them. What lies outside the map is one more component of each rotation cell, as in memory.
+A task labels the components of one tile over all rotation cells and stores the labels on its faces. Two labels that
+touch across a face common to two tiles belong to one component; the graph of these pairs gives the components of the
+map. As for maps in memory, the exterior is one more component for each rotation cell.
 """
 
 from __future__ import annotations
@@ -20,33 +20,33 @@ from cspace.map.components import Components
 from cspace.map.exterior import Exterior
 from cspace.map.storage import read_only_of
 from cspace.store import LABEL_HEADER_LENGTH, Index, Store
-from cspace.tiles.work import Job, run
+from cspace.tiles.work import Job, run_tasks
 
 if TYPE_CHECKING:
     from distributed import Client
 
 Labels = NDArray[np.int32]
 
-FREE_ONES, OPEN_ONES = 0, 1
-"""The two kinds of components: of FREE cells, and of cells that are not BLOCKED."""
+FREE_KIND, OPEN_KIND = 0, 1
+"""Kinds of components: of FREE cells, and of open cells, which are FREE or MIXED."""
 
-DEEP: Final = 8.0
-"""Cells from the border of a common face beyond which a crossing lies well enough."""
+MAX_CROSSING_DEPTH_CELLS: Final = 8.0
+"""Crossings this far from the boundary of a common face are equally good, in cells."""
 
-HELD: Final = 4
-"""Tiles whose components are kept for further look-ups."""
+MAX_CACHED_TILES: Final = 4
+"""Number of tiles whose components are cached between queries."""
 
 
-def faces_of(dim: int) -> list[tuple[int, bool]]:
-    """The faces of a tile, in the order in which their labels are kept: their axes, and whether they are the far ones.
+def tile_faces(dim: int) -> list[tuple[int, bool]]:
+    """Return (axis, is upper face) for each face of a tile, in the order of their labels.
 
-    That across an axis is number ``2 * axis``, and the far one comes next.
+    The lower face across an axis has index ``2 * axis``, and the upper face the next one.
     """
     return [(axis, far) for axis in range(dim) for far in (False, True)]
 
 
-class Tile:
-    """The components of one tile."""
+class TileComponents:
+    """Connected components of one tile."""
 
     def __init__(self, store: Store, index: Index) -> None:
         self.store, self.cells = store, store.cells(index)
@@ -56,177 +56,182 @@ class Tile:
         self.components = Components(states, store.slice_of, store.rotations.neighbors, closed)
 
     def roots(self) -> tuple[Ints, Ints]:
-        """Components of both kinds on all faces, one face after the other; -1 where a cell has none.
+        """Return the components of both kinds of the cells on all faces; -1 for a cell without one.
 
-        Those of a face are in the order of an array of shape (rotations, *cells of the face).
+        Faces follow each other; the cells of a face are in the order of an array of shape (rotations, *cells).
         """
         sides = self.store.label_count, *self.shape
         faces = []
-        for across, far in faces_of(len(self.shape)):
+        for axis, far in tile_faces(len(self.shape)):
             spans = list(map(range, sides))
-            spans[1 + across] = spans[1 + across][-1:] if far else spans[1 + across][:1]
+            spans[1 + axis] = spans[1 + axis][-1:] if far else spans[1 + axis][:1]
             faces.append(np.stack(np.meshgrid(*spans, indexing="ij"), axis=-1).reshape(-1, len(sides)))
         cells = np.concatenate(faces).astype(np.int64)
         return self.components.of(cells), self.components.of(cells, mixed=True)
 
 
-def label(job: Job, index: Index) -> None:
-    """The task: label a tile, and write what lies on its faces."""
+def label_tile(job: Job, index: Index) -> None:
+    """Label a tile and write the labels on its faces; a task."""
     store = job.store
-    for kind, flat in enumerate(Tile(store, index).roots()):
-        _, numbers = np.unique(flat, return_inverse=True)
-        labels = numbers - numbers[flat < 0].max(initial=-1) - 1  # -1 comes first
-        labels[flat < 0] = -1
+    for kind, roots in enumerate(TileComponents(store, index).roots()):
+        _, ranks = np.unique(roots, return_inverse=True)
+        labels = ranks - ranks[roots < 0].max(initial=-1) - 1  # -1 has rank 0, if it is there
+        labels[roots < 0] = -1
         store.write(f"labels_{kind}", (*index, 0), _row(store, index, labels))
 
 
 def _row(store: Store, index: Index, labels: Ints) -> NDArray[np.int32]:
-    """What is written of a tile: the digest of what it was made from, then its labels."""
-    made_from = np.frombuffer(store.known(index).mark, dtype="<i4")
-    return np.concatenate([made_from, labels]).astype(np.int32).reshape(*(1,) * store.grid.dim, -1)
+    """Return the stored row of a tile: the digest of its states, then its labels."""
+    digest = np.frombuffer(store.known(index).mark, dtype="<i4")
+    return np.concatenate([digest, labels]).astype(np.int32).reshape(*(1,) * store.grid.dim, -1)
 
 
 def read_labels(store: Store, index: Index) -> list[list[Labels]] | None:
-    """Labels on the faces of a tile, of both kinds; None where they are not there.
+    """Return the labels on the faces of a tile, for both kinds; None if missing or outdated.
 
-    One array for each face, shape (rotations, *cells).
+    There is one array for each face, shape (rotations, *cells).
     """
-    mark, kinds = store.known(index).mark, list[list[Labels]]()
+    digest, kinds = store.known(index).mark, list[list[Labels]]()
     shape = [part.stop - part.start for part in store.cells(index)]
-    for kind in (FREE_ONES, OPEN_ONES):
+    for kind in (FREE_KIND, OPEN_KIND):
         row = store.optional(f"labels_{kind}", (*index, 0))
-        if row is None or row.reshape(-1)[:LABEL_HEADER_LENGTH].astype("<i4").tobytes() != mark:
+        if row is None or row.reshape(-1)[:LABEL_HEADER_LENGTH].astype("<i4").tobytes() != digest:
             return None
-        rest, made = row.reshape(-1)[LABEL_HEADER_LENGTH:], []
-        for across, _ in faces_of(store.grid.dim):
+        rest, faces = row.reshape(-1)[LABEL_HEADER_LENGTH:], []
+        for across, _ in tile_faces(store.grid.dim):
             sides = (store.label_count, *(n for axis, n in enumerate(shape) if axis != across))
             count = math.prod(sides)
-            made.append(rest[:count].reshape(sides))
+            faces.append(rest[:count].reshape(sides))
             rest = rest[count:]
-        kinds.append(made)
+        kinds.append(faces)
     return kinds
 
 
 class TiledLabels:
-    """The components of a whole map.
+    """Connected components of a stored map, all of whose tiles are labelled.
 
-    All tiles of its store are labelled.
+    A node is a component of one tile that reaches a face; nodes of a tile have consecutive numbers. The last nodes are
+    the exterior, one for each rotation cell.
     """
 
     def __init__(self, store: Store, exterior: Exterior) -> None:
         self.store = store
         self._slice_of = store.slice_of[: store.label_count]
         self._open = ~exterior.is_all_blocked(store.grid.shape)[self._slice_of]
-        self._tiles: OrderedDict[Index, tuple[Tile, list[tuple[Ints, Ints]]]] = OrderedDict()
+        self._tiles: OrderedDict[Index, tuple[TileComponents, list[tuple[Ints, Ints]]]] = OrderedDict()
         none = np.empty((0, 1 + store.grid.dim), dtype=np.int64)
-        self._last = none, np.empty((2, 0), dtype=np.int64)  # who asks for one kind often asks for the other next
-        self.first = [np.zeros(len(store) + 1, dtype=np.int64) for _ in (FREE_ONES, OPEN_ONES)]
+        # Callers often query both kinds of the same cells, one after the other.
+        self._last = none, np.empty((2, 0), dtype=np.int64)
+        self.offsets = [np.zeros(len(store) + 1, dtype=np.int64) for _ in (FREE_KIND, OPEN_KIND)]
         self.pairs = self._pairs()
         self.roots = [
-            _united(int(first[-1]) + len(self._slice_of), pairs)
-            for first, pairs in zip(self.first, self.pairs, strict=True)
+            _label_nodes(int(offsets[-1]) + len(self._slice_of), pairs)
+            for offsets, pairs in zip(self.offsets, self.pairs, strict=True)
         ]
 
     def labels(self, index: Index) -> list[list[Labels]]:
-        """Those on the faces of a tile, of both kinds."""
+        """Return the labels on the faces of a tile, for both kinds.
+
+        Raises LookupError if the tile is not labelled.
+        """
         labels = read_labels(self.store, index)
         if labels is None:
             raise LookupError(index)
         return labels
 
-    def number(self, index: Index) -> int:
-        """Number of a tile."""
+    def tile_number(self, index: Index) -> int:
+        """Return the number of a tile in C order."""
         return int(np.ravel_multi_index(index, self.store.counts))
 
     def _pairs(self) -> list[Ints]:
-        """Pairs of nodes that are one component, of both kinds; notes the first node of each tile.
-
-        The last nodes are outside the map.
-        """
-        store, faces, turns = self.store, faces_of(self.store.grid.dim), np.arange(len(self._slice_of))
-        joined: list[list[Ints]] = [[np.empty((0, 2), dtype=np.int64)] for _ in self.first]
-        outside = list[Ints]()
-        behind: dict[tuple[int, int, int], Labels] = {}  # labels on far faces, until the tile behind them comes
+        """Return the pairs of touching nodes, for both kinds, and fill ``offsets``."""
+        store, faces, rotations = self.store, tile_faces(self.store.grid.dim), np.arange(len(self._slice_of))
+        pairs: list[list[Ints]] = [[np.empty((0, 2), dtype=np.int64)] for _ in self.offsets]
+        exterior_pairs = list[Ints]()
+        upper_faces: dict[tuple[int, int, int], Labels] = {}  # labels, until the tile on the other side comes
         for number, index in enumerate(store):
-            for kind, own in enumerate(self.labels(index)):
-                first, begin = self.first[kind], self.first[kind][number]
-                first[number + 1] = begin + max(int(face.max(initial=-1)) for face in own) + 1
-                for (across, far), labels in zip(faces, own, strict=True):
-                    beside = [n + (1 if far else -1) * (axis == across) for axis, n in enumerate(index)]
-                    if not 0 <= beside[across] < store.counts[across]:
-                        if kind == OPEN_ONES:
-                            along = np.broadcast_to(turns.reshape(-1, *(1,) * (labels.ndim - 1)), labels.shape)
-                            touch = (labels >= 0) & self._open[along]
-                            outside.append(_unique(labels[touch] + begin, along[touch]))
+            for kind, tile_labels in enumerate(self.labels(index)):
+                offsets, offset = self.offsets[kind], self.offsets[kind][number]
+                offsets[number + 1] = offset + max(int(face.max(initial=-1)) for face in tile_labels) + 1
+                for (across, far), labels in zip(faces, tile_labels, strict=True):
+                    neighbor = [n + (1 if far else -1) * (axis == across) for axis, n in enumerate(index)]
+                    if not 0 <= neighbor[across] < store.counts[across]:
+                        # Only open components include the exterior.
+                        if kind == OPEN_KIND:
+                            rotation = np.broadcast_to(rotations.reshape(-1, *(1,) * (labels.ndim - 1)), labels.shape)
+                            touch = (labels >= 0) & self._open[rotation]
+                            exterior_pairs.append(_unique_pairs(labels[touch] + offset, rotation[touch]))
                     elif far:
-                        behind[kind, across, number] = labels.copy()  # and not all of its tile
+                        upper_faces[kind, across, number] = labels.copy()  # a view would keep all labels of the tile
                     else:
-                        before = self.number(tuple(beside))
-                        other = behind.pop((kind, across, before))
+                        before = self.tile_number(tuple(neighbor))
+                        other = upper_faces.pop((kind, across, before))
                         touch = (labels >= 0) & (other >= 0)
-                        joined[kind].append(_unique(other[touch] + first[before], labels[touch] + begin))
-        last = self.first[OPEN_ONES][-1]
-        joined[OPEN_ONES] += [np.add(pairs, (0, last)) for pairs in outside]
-        if len(turns) > 1:
-            near = store.rotations.neighbors
-            one, other = np.nonzero(near >= 0)[0], near[near >= 0].astype(np.int64)
+                        pairs[kind].append(_unique_pairs(other[touch] + offsets[before], labels[touch] + offset))
+        # The exterior's nodes follow those of all tiles, whose number is known only now.
+        exterior = self.offsets[OPEN_KIND][-1]
+        pairs[OPEN_KIND] += [np.add(touching, (0, exterior)) for touching in exterior_pairs]
+        if len(rotations) > 1:
+            neighbors = store.rotations.neighbors
+            one, other = np.nonzero(neighbors >= 0)[0], neighbors[neighbors >= 0].astype(np.int64)
             both = self._open[one] & self._open[other]
-            joined[OPEN_ONES].append(last + _unique(one[both], other[both]))
-        return [np.concatenate(pairs) for pairs in joined]
+            pairs[OPEN_KIND].append(exterior + _unique_pairs(one[both], other[both]))
+        return [np.concatenate(touching) for touching in pairs]
 
     def nodes_of(self, cells: Ints) -> Ints:
-        """Nodes of cells ``(rotation, x, y(, z))``, shape (n, 1 + d), in the map or not, of both kinds, shape (2, n).
+        """Return the nodes of cells, for both kinds, shape (2, n); -1 for a cell without a component.
 
-        -1 where a cell has none. A component that reaches no face of its tile has a node of its own, below that.
+        Cells are ``(rotation, x, y(, z))``, shape (n, 1 + d), inside or outside the map. A component that reaches no
+        face of its tile gets a unique number below -1.
         """
         store, nodes = self.store, np.full((2, len(cells)), -1, dtype=np.int64)
-        turns = np.minimum(cells[:, 0], len(self._slice_of) - 1)
+        rotations = np.minimum(cells[:, 0], len(self._slice_of) - 1)
         inside = ((cells[:, 1:] >= 0) & (cells[:, 1:] < store.grid.shape)).all(axis=1)
-        outside = ~inside & self._open[turns]
-        nodes[OPEN_ONES, outside] = self.first[OPEN_ONES][-1] + turns[outside]
+        outside = ~inside & self._open[rotations]
+        nodes[OPEN_KIND, outside] = self.offsets[OPEN_KIND][-1] + rotations[outside]
         tiles = cells[:, 1:] // store.tile
         for index in np.unique(tiles[inside], axis=0):
-            own = np.flatnonzero(inside & (tiles == index).all(axis=1))
+            rows = np.flatnonzero(inside & (tiles == index).all(axis=1))
             tile, faces = self._tile(tuple(index.tolist()))
-            local = cells[own] - [0, *(part.start for part in tile.cells)]
-            local[:, 0] = turns[own]
-            number = self.number(tuple(index.tolist()))
-            for kind in (FREE_ONES, OPEN_ONES):
-                roots, (known, labels) = tile.components.of(local, kind == OPEN_ONES), faces[kind]
-                place = np.minimum(np.searchsorted(known, roots), max(len(known) - 1, 0))
-                there = known[place] == roots if len(known) else np.zeros(len(roots), dtype=np.bool_)
-                own_nodes = -2 - (number * 2**32 + roots)  # its own, unless it reaches a face
-                own_nodes[there] = self.first[kind][number] + labels[place[there]]
-                nodes[kind, own] = np.where(roots < 0, -1, own_nodes)
+            local = cells[rows] - [0, *(part.start for part in tile.cells)]
+            local[:, 0] = rotations[rows]
+            number = self.tile_number(tuple(index.tolist()))
+            for kind in (FREE_KIND, OPEN_KIND):
+                roots, (face_roots, labels) = tile.components.of(local, kind == OPEN_KIND), faces[kind]
+                position = np.minimum(np.searchsorted(face_roots, roots), max(len(face_roots) - 1, 0))
+                on_face = face_roots[position] == roots if len(face_roots) else np.zeros(len(roots), dtype=np.bool_)
+                tile_nodes = -2 - (number * 2**32 + roots)  # for components that reach no face
+                tile_nodes[on_face] = self.offsets[kind][number] + labels[position[on_face]]
+                nodes[kind, rows] = np.where(roots < 0, -1, tile_nodes)
         return nodes
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
-        """Components of FREE cells, or of all that are not BLOCKED; -1 where a cell has none."""
-        asked, nodes = self._last
-        if not np.array_equal(asked, cells):
+        """Return the components of FREE cells, or with ``mixed`` of open ones; -1 for none."""
+        last_cells, nodes = self._last
+        if not np.array_equal(last_cells, cells):
             self._last = cells.copy(), (nodes := self.nodes_of(cells))
         components: Ints = nodes[int(mixed)].copy()
         components[components >= 0] = self.roots[int(mixed)][components[components >= 0]]
         return components
 
     def chain(self, start: Ints, goal: Ints) -> tuple[list[Index], Ints]:
-        """The fewest tiles that lead from a cell to another through FREE ones, and where one crosses into the next.
+        """Return the shortest chain of tiles that connects two cells through FREE cells, and its crossings.
 
-        Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)``, in the map. The tiles are none where nothing leads
-        there; the crossings, shape (len(tiles) - 1, 1 + d), are the first cell of each tile but the first one, beside a
-        FREE one of the tile before.
+        Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)``, in the map. The chain is empty if no FREE cells
+        connect them. The crossings, shape (len(tiles) - 1, 1 + d), are the first cell in each tile except the first
+        tile; a crossing is FREE, and so is the cell across the face, in the tile before.
         """
         from scipy.sparse import coo_matrix
         from scipy.sparse.csgraph import dijkstra
 
-        first, pairs = self.first[FREE_ONES], self.pairs[FREE_ONES]
-        nodes = self.nodes_of(np.stack([start, goal]))[FREE_ONES]
+        offsets, pairs = self.offsets[FREE_KIND], self.pairs[FREE_KIND]
+        nodes = self.nodes_of(np.stack([start, goal]))[FREE_KIND]
         tiles = [tuple((cell[1:] // self.store.tile).tolist()) for cell in (start, goal)]
         if nodes[0] == nodes[1] != -1:
             return tiles[:1], np.empty((0, len(start)), dtype=np.int64)
         if (nodes < 0).any():
             return [], np.empty((0, len(start)), dtype=np.int64)
-        count = int(first[-1]) + len(self._slice_of)
+        count = int(offsets[-1]) + len(self._slice_of)
         graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
         before = dijkstra(graph, directed=False, indices=nodes[0], unweighted=True, return_predecessors=True)[1]
         chain = [int(nodes[1])]
@@ -235,67 +240,70 @@ class TiledLabels:
         if chain[-1] != nodes[0]:
             return [], np.empty((0, len(start)), dtype=np.int64)
         chain.reverse()
-        numbers = np.searchsorted(first, chain, side="right") - 1
+        numbers = np.searchsorted(offsets, chain, side="right") - 1
         tiles = [tuple(int(i) for i in np.unravel_index(number, self.store.counts)) for number in numbers]
-        crossings, at = [], start
+        crossings, crossing = [], start
         for k in range(len(tiles) - 1):
-            labels = [chain[k] - int(first[numbers[k]]), chain[k + 1] - int(first[numbers[k + 1]])]
-            at = self._crossing(tiles[k], tiles[k + 1], labels, at, goal)
-            crossings.append(at)
+            labels = [chain[k] - int(offsets[numbers[k]]), chain[k + 1] - int(offsets[numbers[k + 1]])]
+            crossing = self._find_crossing(tiles[k], tiles[k + 1], labels, crossing, goal)
+            crossings.append(crossing)
         return tiles, np.array(crossings).reshape(-1, len(start))
 
-    def _crossing(self, one: Index, other: Index, labels: list[int], at: Ints, goal: Ints) -> Ints:
-        """The first cell behind the face of two tiles, in the middle of those of two components, on a short way."""
+    def _find_crossing(self, tile: Index, next_tile: Index, labels: list[int], start: Ints, goal: Ints) -> Ints:
+        """Return the cell of ``next_tile`` at which to cross a face, given the label on each side.
+
+        Minimizes the distance to ``start`` and ``goal`` over the cells far from the boundary of the common area.
+        """
         from scipy.ndimage import distance_transform_edt
 
-        axis = next(k for k in range(len(one)) if one[k] != other[k])
-        far = other[axis] > one[axis]
-        here = self.labels(one)[FREE_ONES][2 * axis + far] == labels[0]
-        there = self.labels(other)[FREE_ONES][2 * axis + (not far)] == labels[1]
-        deep = distance_transform_edt(np.pad(here & there, 1))[(slice(1, -1),) * here.ndim]
-        places = np.argwhere(deep >= min(DEEP, deep.max()))
-        cells = self.store.cells(one)
-        border = cells[axis].stop - 1 if far else cells[axis].start
-        cells_here = np.insert(places, 1 + axis, border, axis=1)
-        for k, part in enumerate(cells):
+        axis = next(k for k in range(len(tile)) if tile[k] != next_tile[k])
+        far = next_tile[axis] > tile[axis]
+        before = self.labels(tile)[FREE_KIND][2 * axis + far] == labels[0]
+        after = self.labels(next_tile)[FREE_KIND][2 * axis + (not far)] == labels[1]
+        depth = distance_transform_edt(np.pad(before & after, 1))[(slice(1, -1),) * before.ndim]
+        face_cells = np.argwhere(depth >= min(MAX_CROSSING_DEPTH_CELLS, depth.max()))
+        box = self.store.cells(tile)
+        boundary = box[axis].stop - 1 if far else box[axis].start
+        cells = np.insert(face_cells, 1 + axis, boundary, axis=1)
+        for k, part in enumerate(box):
             if k != axis:
-                cells_here[:, 1 + k] += part.start
-        detour = sum(np.linalg.norm((cells_here - end)[:, 1:].astype(float), axis=1) for end in (at, goal))
-        best: Ints = cells_here[int(np.argmin(detour))]
+                cells[:, 1 + k] += part.start
+        detour = sum(np.linalg.norm((cells - end)[:, 1:].astype(float), axis=1) for end in (start, goal))
+        best: Ints = cells[int(np.argmin(detour))]
         best[1 + axis] += 1 if far else -1
         return best
 
-    def _tile(self, index: Index) -> tuple[Tile, list[tuple[Ints, Ints]]]:
-        """A tile, and of each kind the components on its faces, ascending, with the label of each."""
+    def _tile(self, index: Index) -> tuple[TileComponents, list[tuple[Ints, Ints]]]:
+        """Return a tile and, for each kind, its components on faces, ascending, with their labels."""
         if index not in self._tiles:
-            tile, pairs = Tile(self.store, index), []
-            for flat, faces in zip(tile.roots(), self.labels(index), strict=True):
+            tile, pairs = TileComponents(self.store, index), []
+            for roots, faces in zip(tile.roots(), self.labels(index), strict=True):
                 labels = np.concatenate([face.ravel() for face in faces])
-                known, place = np.unique(flat, return_index=True)
-                pairs.append((known[known >= 0], labels[place][known >= 0].astype(np.int64)))
+                face_roots, positions = np.unique(roots, return_index=True)
+                pairs.append((face_roots[face_roots >= 0], labels[positions][face_roots >= 0].astype(np.int64)))
             self._tiles[index] = tile, pairs
-            if len(self._tiles) > HELD:
+            if len(self._tiles) > MAX_CACHED_TILES:
                 self._tiles.popitem(last=False)
         self._tiles.move_to_end(index)
         return self._tiles[index]
 
 
-def label_all(job: Job, client: Client | None, progress: Callable[[int], None] | None = None) -> None:
-    """Label the tiles that are not labelled, or not as they are now."""
+def label_tiles(job: Job, client: Client | None, progress: Callable[[int], None] | None = None) -> None:
+    """Label all tiles without labels or with outdated ones."""
     store = job.store
     store.add_labels()
-    todo = [index for index in store if read_labels(store, index) is None]
-    run(label, job, todo, client, None, progress)
+    unlabelled = [index for index in store if read_labels(store, index) is None]
+    run_tasks(label_tile, job, unlabelled, client, None, progress)
 
 
-def _unique(one: NDArray[Any], other: NDArray[Any]) -> Ints:
-    """Pairs, each once, shape (n, 2)."""
+def _unique_pairs(one: NDArray[Any], other: NDArray[Any]) -> Ints:
+    """Return the distinct pairs of two arrays, shape (n, 2)."""
     pairs = np.stack([one, other], axis=-1).astype(np.int64).reshape(-1, 2)
     return np.unique(pairs, axis=0)
 
 
-def _united(count: int, pairs: Ints) -> Ints:
-    """Component of each of some nodes that pairs join."""
+def _label_nodes(count: int, pairs: Ints) -> Ints:
+    """Return the component of each of ``count`` nodes, given pairs of adjacent nodes."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 

@@ -1,9 +1,9 @@
-"""Parts of a stored map, and all of it in larger cells, as maps in memory: as proven as the map itself."""
+"""Windows and coarse overviews of a stored map, as certified maps in memory."""
 
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,35 +15,33 @@ from cspace.map.exterior import UNKNOWN
 from cspace.shapes import Shape, Voxels
 from cspace.space import CSpace
 from cspace.store import Index, RecordReader, Store
-from cspace.tiles.work import Job, run
+from cspace.tiles.work import Job, run_tasks
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
     from distributed import Client
 
-_MEND: Final = "ask for a smaller window"
 
+def extract_window(store: Store, known: RecordReader, table: Ints, start: Ints, stop: Ints) -> CSpace:
+    """Return the map of the cells [start, stop), or the whole map if they contain it.
 
-def window_of(store: Store, known: RecordReader, table: Ints, first: Ints, stop: Ints) -> CSpace:
-    """The part of a map from a first cell up to the one before another; all of it, if it has no cell beyond.
-
-    ``known`` gives the records of tiles, and ``table``, shape (slices, 2 d + 1), what is known outside the whole map
-    (:attr:`cspace.map.exterior.Exterior.table`). Raises InputError if the part does not fit into memory.
+    ``known`` returns the record of a tile. ``table``, shape (slices, 2 d + 1), holds the states outside the whole map
+    (:attr:`cspace.map.exterior.Exterior.table`). Raises InputError if the window exceeds the memory.
     """
     whole, outside = store.grid, str(store.metadata["outside"])
-    if (first > 0).any() or (stop < whole.shape).any():
-        # Cells of the window say what lies beyond the map's border; what lies farther is not known.
+    if (start > 0).any() or (stop < whole.shape).any():
+        # The window's own cells hold the states just outside the map; beyond the window nothing is known.
         outside = UNKNOWN
     else:
-        first, stop = np.zeros_like(first), np.array(whole.shape)
-    lower = np.array(whole.lower) + whole.spacing * first
-    grid = Grid(tuple(lower.tolist()), whole.spacing, tuple((stop - first).tolist()), whole.axes, whole.units)
+        start, stop = np.zeros_like(start), np.array(whole.shape)
+    lower = np.array(whole.lower) + whole.spacing * start
+    grid = Grid(tuple(lower.tolist()), whole.spacing, tuple((stop - start).tolist()), whole.axes, whole.units)
     needed = map_bytes(grid.shape, store.slices) + WORKSPACE_CELL_BYTES * grid.size
-    check_memory(needed, "the window", grid, hint=_MEND)
-    box = tuple(map(slice, first.tolist(), stop.tolist()))
+    check_memory(needed, "the window", grid, hint="use a smaller window")
+    box = tuple(map(slice, start.tolist(), stop.tolist()))
     outer, inner = store.obstacles_in(box, known)
-    source, shapes = f"a part of {store.path.name}", _shapes(store, grid, box)
-    workspace = Workspace(grid, outer, inner, source=source, unknown=_unknown(store, box), shapes=shapes)
+    source, shapes = f"a window of {store.path.name}", _shapes_in(store, grid, box)
+    workspace = Workspace(grid, outer, inner, source=source, unknown=_unknown_in(store, box), shapes=shapes)
     return CSpace(
         Contents(
             workspace,
@@ -59,18 +57,21 @@ def window_of(store: Store, known: RecordReader, table: Ints, first: Ints, stop:
     )
 
 
-def _unknown(store: Store, box: Box) -> Bools | None:
-    """Return which cells of a box nothing is known of; None if the map does not say it of its cells."""
+def _unknown_in(store: Store, box: Box) -> Bools | None:
+    """Return a mask of the unknown cells in a box; None if the map has no such mask."""
     if "unknown" not in store.names:
         return None
     unknown = np.zeros(tuple(part.stop - part.start for part in box), dtype=np.bool_)
-    here, there = intersect_boxes(box, tuple(slice(0, n) for n in store.grid.shape))
-    unknown[here] = store.array("unknown")[there]
+    in_box, in_map = intersect_boxes(box, tuple(slice(0, n) for n in store.grid.shape))
+    unknown[in_box] = store.array("unknown")[in_map]
     return unknown
 
 
-def _shapes(store: Store, grid: Grid, box: Box) -> tuple[Shape, ...] | None:
-    """The obstacles on a grid of some cells, as shapes; None where only their cells are known."""
+def _shapes_in(store: Store, grid: Grid, box: Box) -> tuple[Shape, ...] | None:
+    """Return the obstacles of a window as shapes; None if only their cells are known.
+
+    ``grid`` is the window's grid and ``box`` its cells in the map.
+    """
     sides = list(zip(box, store.grid.shape, strict=True))
     if store.shapes is None or all(part.start >= 0 and part.stop <= n for part, n in sides):
         return store.shapes
@@ -79,71 +80,72 @@ def _shapes(store: Store, grid: Grid, box: Box) -> tuple[Shape, ...] | None:
         around[tuple(slice(max(0, -part.start), n - part.start) for part, n in sides)] = False
         return (*store.shapes, Voxels(around, grid.spacing, np.asarray(grid.lower)))
     whole, bounds = store.grid, [shape.outer.bounds for shape in store.shapes]
-    # What of them lies beyond a map that is free around it does not count.
+    # If the exterior is free, parts of shapes beyond the map do not count, so shapes that stick out cannot be used.
     inside = all((low >= whole.lower).all() and (high <= whole.upper).all() for low, high in bounds)
     return store.shapes if inside else None
 
 
-class Reduced(NamedTuple):
-    """A tile in larger cells, of which those at its border may lie in part in other tiles.
+class ReducedTile(NamedTuple):
+    """A tile in coarse cells; those at its boundary may lie partly in other tiles.
 
     Attributes
     ----------
-    first : tuple of int
-        Its first larger cell.
-    least, most : ndarray of uint8, shape (slices, ...)
-        The least and the greatest state in each.
+    start : tuple of int
+        First coarse cell.
+    min_states, max_states : ndarray of uint8, shape (slices, ...)
+        Smallest and greatest state in each coarse cell.
     outer : ndarray of bool
-        Whether some cell in it meets an obstacle.
+        True for coarse cells with an occupied outer cell.
     """
 
-    first: tuple[int, ...]
-    least: Bytes
-    most: Bytes
+    start: tuple[int, ...]
+    min_states: Bytes
+    max_states: Bytes
     outer: Bools
 
 
-def overview_of(job: Job, most: int, client: Client | None) -> CSpace:
-    """A map of at most so many cells along each axis: FREE where all cells are FREE, BLOCKED where all are.
+def build_overview(job: Job, max_cells: int, client: Client | None) -> CSpace:
+    """Return the map in coarse cells, at most ``max_cells`` along each axis.
 
-    Each tile is reduced in a task.
+    A coarse cell is FREE or BLOCKED if all its cells are, else MIXED. Each tile is reduced in a task.
     """
     store, grid = job.store, job.store.grid
-    factor = max(1, -(-max(grid.shape) // most))
+    factor = max(1, -(-max(grid.shape) // max_cells))
     shape = tuple(-(-n // factor) for n in grid.shape)
-    least = np.full((store.slices, *shape), BLOCKED, dtype=np.uint8)
-    greatest = np.zeros_like(least)
+    min_states = np.full((store.slices, *shape), BLOCKED, dtype=np.uint8)
+    max_states = np.zeros_like(min_states)
     outer = np.zeros(shape, dtype=np.bool_)
-    for part in run(partial(_reduce, factor=factor), job, list(store), client, None):
-        box = tuple(slice(low, low + n) for low, n in zip(part.first, part.outer.shape, strict=True))
-        least[(slice(None), *box)] = np.minimum(least[(slice(None), *box)], part.least)
-        greatest[(slice(None), *box)] = np.maximum(greatest[(slice(None), *box)], part.most)
-        outer[box] |= part.outer
-    states = np.where(greatest == FREE, FREE, np.where(least == BLOCKED, BLOCKED, MIXED)).astype(np.uint8)
+    for tile in run_tasks(partial(_reduce_tile, factor=factor), job, list(store), client, None):
+        box = tuple(slice(low, low + n) for low, n in zip(tile.start, tile.outer.shape, strict=True))
+        min_states[(slice(None), *box)] = np.minimum(min_states[(slice(None), *box)], tile.min_states)
+        max_states[(slice(None), *box)] = np.maximum(max_states[(slice(None), *box)], tile.max_states)
+        outer[box] |= tile.outer
+    states = np.where(max_states == FREE, FREE, np.where(min_states == BLOCKED, BLOCKED, MIXED)).astype(np.uint8)
     for axis, n in enumerate(grid.shape):
-        if n % factor:  # what lies beyond the map is not known here
-            rim = np.moveaxis(states, 1 + axis, 0)[-1]
-            rim[...] = MIXED
-    larger = Grid(grid.lower, grid.spacing * factor, shape, grid.axes, grid.units)
-    none = np.zeros_like(outer) if factor > 1 else outer
-    workspace = Workspace(larger, outer, none, source=f"{store.path.name}, from afar")
+        if n % factor:  # the last coarse cells extend beyond the map, where nothing is known
+            last_cells = np.moveaxis(states, 1 + axis, 0)[-1]
+            last_cells[...] = MIXED
+    coarse = Grid(grid.lower, grid.spacing * factor, shape, grid.axes, grid.units)
+    # Obstacles fill no coarse cell for certain, so the inner cells are empty.
+    inner = np.zeros_like(outer) if factor > 1 else outer
+    workspace = Workspace(coarse, outer, inner, source=f"overview of {store.path.name}")
     margin = float(store.metadata["margin"])
     return CSpace(Contents(workspace, store.robot, store.rotations, store.slice_of, states, UNKNOWN, margin))
 
 
-def _reduce(job: Job, index: Index, factor: int) -> Reduced:
-    """The task: a tile in larger cells."""
+def _reduce_tile(job: Job, index: Index, factor: int) -> ReducedTile:
+    """Reduce a tile to coarse cells; a task."""
     store, cells = job.store, job.store.cells(index)
     record = store.known(index)
-    own = tuple(slice(0, part.stop - part.start) for part in cells)
+    inside = tuple(slice(0, part.stop - part.start) for part in cells)
     cuts = [np.unique([part.start, *range(-(-part.start // factor) * factor, part.stop, factor)]) for part in cells]
-    begins = [cut - part.start for cut, part in zip(cuts, cells, strict=True)]
-    least, most = [], []
+    cell_starts = [cut - part.start for cut, part in zip(cuts, cells, strict=True)]
+    min_states, max_states = [], []
     for layer in range(store.layers):
-        block = store.states(index, layer, record)[(slice(0, len(store.numbers(layer))), *own)]
-        starts = [np.arange(len(block)), *begins]
-        least.append(reduce_blocks(block, starts, np.minimum))
-        most.append(reduce_blocks(block, starts))
-    outer = reduce_blocks(store.obstacles(index, record)[0], begins)
-    first = tuple(part.start // factor for part in cells)
-    return Reduced(first, np.concatenate(least), np.concatenate(most), outer)
+        block = store.states(index, layer, record)[(slice(0, len(store.numbers(layer))), *inside)]
+        starts = [np.arange(len(block)), *cell_starts]
+        min_states.append(reduce_blocks(block, starts, np.minimum))
+        max_states.append(reduce_blocks(block, starts))
+    outer = reduce_blocks(store.obstacles(index, record)[0], cell_starts)
+    start = tuple(part.start // factor for part in cells)
+    return ReducedTile(start, np.concatenate(min_states), np.concatenate(max_states), outer)

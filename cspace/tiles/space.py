@@ -1,4 +1,4 @@
-"""TiledCSpace: a map in a store, looked up where it lies."""
+"""TiledCSpace: a map that stays in its store and is read tile by tile."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from cspace.map.batches import Query
 from cspace.space import CSpace
 from cspace.store import UNTILED, Store
 from cspace.tiles.cache import TileBackend, fill_in_pieces
-from cspace.tiles.labels import TiledLabels, label_all
-from cspace.tiles.parts import overview_of, window_of
+from cspace.tiles.labels import TiledLabels, label_tiles
+from cspace.tiles.parts import build_overview, extract_window
 from cspace.tiles.update import update_store
 from cspace.update import Patch, Update
 
@@ -30,45 +30,45 @@ if TYPE_CHECKING:
     from cspace.exact.proofs import ExactQueries
 
 
-AROUND: Final = {2: 1024, 3: 256}
-"""Cells along an axis of what is opened around configurations, by the number of axes."""
+WINDOW_CELLS: Final = {2: 1024, 3: 256}
+"""Cells per axis of the windows that clearance queries open, by the dimension of the grid."""
 
-CACHE_BYTES: Final = 2**29
-"""Memory for decoded tiles, unless ``cache_bytes`` says otherwise: 2 x 10^9 states."""
+DEFAULT_CACHE_BYTES: Final = 2**29
+"""Default memory for decoded tiles, in bytes; holds 2 x 10^9 states."""
 
-IN_A_PART: Final = "ask a part of it: space.window(lower, upper)"
+WINDOW_HINT: Final = "use a part of it: space.window(lower, upper)"
 
-BY_CELLS: Final = "change its cells: space.update(cells, lower)"
+UPDATE_HINT: Final = "change its cells: space.update(cells, lower)"
 
 ONLY_IN_MEMORY: Final = {
-    "workspace precision overlap_counts cell_states states_at": IN_A_PART,
-    "overlap_count contains_robot obstacle_distance overlap_field with_overlap_field": IN_A_PART,
-    "point_checker edge_checker clearance_checker": IN_A_PART,
-    "reachable_bounds find_path find_widest_path sample_free": IN_A_PART,
-    "save export to_xarray to_occupancy_grid to_costmap": IN_A_PART,
-    "add_obstacle obstacles remove_obstacle": BY_CELLS,
+    "workspace precision overlap_counts cell_states states_at": WINDOW_HINT,
+    "overlap_count contains_robot obstacle_distance overlap_field with_overlap_field": WINDOW_HINT,
+    "point_checker edge_checker clearance_checker": WINDOW_HINT,
+    "reachable_bounds find_path find_widest_path sample_free": WINDOW_HINT,
+    "save export to_xarray to_occupancy_grid to_costmap": WINDOW_HINT,
+    "add_obstacle obstacles remove_obstacle": UPDATE_HINT,
 }
-"""What :class:`cspace.CSpace` can do and :class:`TiledCSpace` cannot, with the hint of the error; besides, ``exact``.
+"""Names of :class:`cspace.CSpace` that :class:`TiledCSpace` refuses, and the hint of the error.
 
-``docs/reference/stores.md`` lists them.
+``exact`` is refused too. ``docs/reference/stores.md`` lists the names.
 """
 
 
 class TiledCSpace(ConfigurationMap):
-    """A certified map that stays in its store; look-ups read it tile by tile.
+    """A certified map that stays in its store; queries read it tile by tile.
 
-    :func:`cspace.build` makes it with a ``store``, and :func:`cspace.open` opens it. Its answers are those of the same
-    map in memory, :class:`cspace.CSpace`, look-up by look-up. It takes one configuration, shape (size,), or any batch,
-    shape (..., size); a batch is answered in pieces of 262,144 configurations, each of which reads a tile at most once.
-    :meth:`window` gives a part of it as a map in memory, for everything else: the page on large maps has the list.
+    :func:`cspace.build` with a ``store`` builds it, and :func:`cspace.open` opens it. Queries return the results of the
+    same map in memory, :class:`cspace.CSpace`. They take one configuration, shape (size,), or any batch, shape
+    (..., size). Batches are processed in pieces of 262,144 configurations; each piece reads a tile at most once.
+    :meth:`window` returns a part as a map in memory, which has all other methods; the page on large maps lists them.
 
-    A store that is half done opens too: :attr:`progress` is the share, and look-ups refuse.
+    A partial store opens too: :attr:`progress` is the fraction done, and queries raise FileError.
 
     Parameters
     ----------
     store : cspace.store.Store
     cache_bytes : int
-        Memory for decoded tiles, of which there is always one; a state takes two bits.
+        Memory for decoded tiles, at least one; a state takes two bits.
 
     Examples
     --------
@@ -81,41 +81,41 @@ class TiledCSpace(ConfigurationMap):
     True
     """
 
-    def __init__(self, store: Store, cache_bytes: int = CACHE_BYTES) -> None:
-        self._tiles, self._parts = TileBackend(store, cache_bytes), None  # type: tuple[TileBackend, TiledLabels | None]
+    def __init__(self, store: Store, cache_bytes: int = DEFAULT_CACHE_BYTES) -> None:
+        self._tiles, self._labels = TileBackend(store, cache_bytes), None  # type: tuple[TileBackend, TiledLabels | None]
 
     @staticmethod
     def holds(store: Store) -> bool:
-        """Return whether a map may stay in its store: not one with periodic axes, overlap counts or a field."""
+        """Return True unless the map has periodic axes, overlap counts or an overlap field."""
         return "periodic_axes" not in store.metadata and not store.names.intersection(UNTILED)
 
     @classmethod
-    def open(cls, path: str | os.PathLike[str], cache_bytes: int = CACHE_BYTES) -> TiledCSpace:
-        """Open a stored map, whole or half done, and leave it in its store; see :func:`cspace.open`."""
+    def open(cls, path: str | os.PathLike[str], cache_bytes: int = DEFAULT_CACHE_BYTES) -> TiledCSpace:
+        """Open a stored map, complete or partial; see :func:`cspace.open`."""
         return cls.of_store(Store.open(path), cache_bytes)
 
     @classmethod
-    def of_store(cls, store: Store, cache_bytes: int = CACHE_BYTES) -> TiledCSpace:
-        """Return the map of an open store, after a check of its files except those of tiles.
+    def of_store(cls, store: Store, cache_bytes: int = DEFAULT_CACHE_BYTES) -> TiledCSpace:
+        """Return the map of an open store, after a check of all files except tiles.
 
         Raises ConfigurationError if the map must be in memory, and FileError if a file is missing or damaged.
         """
         if not cls.holds(store):
-            what = (
-                "has periodic axes"
-                if "periodic_axes" in store.metadata
-                else "carries overlap counts or an overlap field"
+            content = "periodic axes" if "periodic_axes" in store.metadata else "overlap counts or an overlap field"
+            raise ConfigurationError(
+                "in_memory",
+                f"is False, but {store.path} has {content}",
+                "only a map in memory supports them",
+                "open it with in_memory=True",
             )
-            problem, rule = f"is False and {store.path} {what}", "only a map in memory can hold that"
-            raise ConfigurationError("in_memory", problem, rule, "open it with in_memory=True")
         store.check_files()
         return cls(store, cache_bytes)
 
-    # ---- what the map is ---------------------------------------------------------------------------------------------
+    # ---- properties --------------------------------------------------------------------------------------------------
 
     @property
     def path(self) -> str:
-        """The store's folder."""
+        """Folder of the store."""
         return str(self._kept.path)
 
     @property
@@ -125,12 +125,12 @@ class TiledCSpace(ConfigurationMap):
 
     @property
     def progress(self) -> float:
-        """Share of the tiles that are done; 1 for a map that may be looked up."""
-        return self._tiles.done
+        """Fraction of the tiles that are done; queries need 1."""
+        return self._tiles.share_done
 
     @property
     def version(self) -> int:
-        """How many updates the map has seen."""
+        """Number of updates since the build."""
         return int(self._tiles.latest.metadata["version"])
 
     @property
@@ -138,6 +138,7 @@ class TiledCSpace(ConfigurationMap):
         return self._tiles.store
 
     def count(self) -> tuple[int, int, int]:
+        """Return the number of FREE, MIXED and BLOCKED cells."""
         self._tiles.check_done()
         store = self._tiles.latest
         free, mixed, blocked = np.array(store.metadata["counts"])[store.slice_of].sum(axis=0).tolist()
@@ -159,42 +160,46 @@ class TiledCSpace(ConfigurationMap):
         }
 
     def __reduce__(self) -> tuple[Callable[..., TiledCSpace], tuple[str, int]]:
+        """Pickle the path, not the content of the store."""
         return TiledCSpace.open, (self.path, self._tiles.limit)
 
-    # ---- what FREE cells join ----------------------------------------------------------------------------------------
+    # ---- connectivity ------------------------------------------------------------------------------------------------
 
     def compute_components(self, client: Client | None = None, progress: Progress | None = None) -> None:
-        """Compute the components of the map, tile by tile, and keep them in the store.
+        """Compute the connected components tile by tile, and store them.
 
-        :meth:`is_connected` does it at the first call, in threads of this process; here it is done beforehand, or on a
-        cluster. After an update only the tiles that it changed are labelled again.
+        The first :meth:`is_connected` calls this in threads of this process; call it to do so earlier or on a cluster.
+        After an update only the changed tiles are labelled again.
 
         Parameters
         ----------
         client : dask.distributed.Client, optional
             As for :func:`cspace.build`.
         progress : callable, optional
-            Called with (tiles done, tiles in all).
+            Called with (tiles done, number of tiles).
         """
 
-        def advance(number: int) -> None:
+        def advance(count: int) -> None:
             if progress is not None:
-                progress(number, len(self._kept))
+                progress(count, len(self._kept))
 
-        self._tiles.at_one_moment(lambda: self._join(client, advance))
+        self._tiles.at_one_moment(lambda: self._update_labels(client, advance))
 
-    def _join(self, client: Client | None = None, progress: Callable[[int], None] | None = None) -> TiledLabels:
-        if self._parts is None or self._parts.store is not self._kept:
-            label_all(self._tiles.job, client, progress)
-            self._parts = TiledLabels(self._kept, self._tiles.exterior)
-        return self._parts
+    def _update_labels(
+        self, client: Client | None = None, progress: Callable[[int], None] | None = None
+    ) -> TiledLabels:
+        """Return the labels of the current store, computing missing ones."""
+        if self._labels is None or self._labels.store is not self._kept:
+            label_tiles(self._tiles.job, client, progress)
+            self._labels = TiledLabels(self._kept, self._tiles.exterior)
+        return self._labels
 
     @property
     def _components(self) -> TiledLabels:
-        return self._join()
+        return self._update_labels()
 
     def _tile_subproblems(self, q0: ArrayLike, q1: ArrayLike) -> list[tuple[Callable[[], CSpace], Floats, Floats]]:
-        """The tiles through which FREE cells join two configurations, one after the other, for a planner of your own.
+        """Split a planning problem into one subproblem per tile, along a chain of tiles joined by FREE cells.
 
         Parameters
         ----------
@@ -204,113 +209,109 @@ class TiledCSpace(ConfigurationMap):
         Returns
         -------
         list of (callable, ndarray of float64, ndarray of float64)
-            What opens the tile as a map in memory, and the configurations, shape (size,), from which and to which a
-            path leads through it, yaw in [-pi, pi); the last one is the first one of the next tile. Empty where FREE
-            cells do not join the two.
+            For each tile, a function that returns it as a map in memory, and the start and goal in it, shape (size,),
+            yaw in [-pi, pi). Each goal is the start of the next tile. Empty if no FREE cells connect q0 and q1.
         """
         q0, q1 = (
             self.rotations.canonical(self._check_configurations(q, name), name) for q, name in ((q0, "q0"), (q1, "q1"))
         )
         cells = [self._cells_of(q) for q in (q0, q1)]
-        tiles, crossings = self._tiles.at_one_moment(lambda: self._join().chain(*cells))
+        tiles, crossings = self._tiles.at_one_moment(lambda: self._update_labels().chain(*cells))
         if not tiles:
             return []
-        turns = self.rotations.centers[crossings[:, 0]]
-        points = [q0, *np.concatenate([self.grid.center_of(crossings[:, 1:]), turns], axis=1), q1]
+        rotations = self.rotations.centers[crossings[:, 0]]
+        points = [q0, *np.concatenate([self.grid.center_of(crossings[:, 1:]), rotations], axis=1), q1]
         next_cells = [*crossings[:, 1:], cells[1][1:]]
         return [
-            (partial(self._opened, tile, cell), points[k], points[k + 1])
+            (partial(self._open_tile, tile, cell), points[k], points[k + 1])
             for k, (tile, cell) in enumerate(zip(tiles, next_cells, strict=True))
         ]
 
-    def _opened(self, tile: tuple[int, ...], cell: Ints) -> CSpace:
-        """A tile as a map in memory, with a cell that lies in it or beside it."""
+    def _open_tile(self, tile: tuple[int, ...], cell: Ints) -> CSpace:
+        """Return a tile as a map in memory, extended by a cell in it or beside it."""
         low, high = np.array([[part.start, part.stop] for part in self._kept.cells(tile)]).T
-        return self._part(np.minimum(low, cell), np.maximum(high, cell + 1))
+        return self._window_of_cells(np.minimum(low, cell), np.maximum(high, cell + 1))
 
     def nearest_free(self, q: ArrayLike) -> Floats:
-        """As :meth:`cspace.CSpace.nearest_free`, of the FREE cells near there: half a tile to each side at most."""
+        """Return the nearest FREE configuration within half a tile on each side.
+
+        See :meth:`cspace.CSpace.nearest_free`.
+        """
         point = self._check_configurations(q)
-        middle = np.clip(point[: self.grid.dim], self.grid.lower, self.grid.upper)
-        around = 0.5 * self.grid.spacing * np.minimum(self.tile, AROUND[self.grid.dim])
-        return self.window(middle - around, middle + around).nearest_free(point)
+        center = np.clip(point[: self.grid.dim], self.grid.lower, self.grid.upper)
+        half_side = 0.5 * self.grid.spacing * np.minimum(self.tile, WINDOW_CELLS[self.grid.dim])
+        return self.window(center - half_side, center + half_side).nearest_free(point)
 
-    def _part(self, first: Ints, stop: Ints) -> CSpace:
-        """The cells from a first one up to the one before another, in memory."""
+    def _window_of_cells(self, start: Ints, stop: Ints) -> CSpace:
+        """Return the cells [start, stop) as a map in memory."""
         tiles = self._tiles
-        return tiles.at_one_moment(lambda: window_of(tiles.store, tiles.record, tiles.exterior.table, first, stop))
+        return tiles.at_one_moment(lambda: extract_window(tiles.store, tiles.record, tiles.exterior.table, start, stop))
 
-    # ---- parts, and changes ------------------------------------------------------------------------------------------
+    # ---- windows and updates -----------------------------------------------------------------------------------------
 
     def window(self, lower: ArrayLike, upper: ArrayLike) -> CSpace:
-        """A part of the map, in memory, with the answers of the whole map within a box.
+        """Return a map in memory that agrees with the whole map within a box.
 
-        It holds the cells of the box and as many around it as the robot reaches, also beyond the border of the map.
-        Everything farther away is unknown: it is MIXED, and ``outside`` is "unknown". So a path is only proven not to
-        exist where none does in the whole map, and a clearance ends at the window's border. A window of the whole map
-        is the map, with its own ``outside``. With ``exact=True`` it uses the obstacles that the map was built on, where
-        these are shapes, and else, as after an update, the outer cells; so it does at the border of a map that is free
-        around it, where a shape sticks out of it.
+        It holds the cells of the box and those that the robot reaches from it, also beyond the boundary of the map. All
+        other cells count as MIXED, and ``outside`` is "unknown". So the window proves two configurations disconnected
+        only if they are so in the whole map, and clearances end at the window's boundary. A window of the whole map is
+        the map, with its own ``outside``.
+
+        With ``exact=True`` the window uses the shapes that the map was built on. It uses the outer cells instead if the
+        map was built on cells, after an update, and if a shape extends beyond a map with a free exterior.
 
         Parameters
         ----------
         lower, upper : array-like, shape (d,)
-            Corners of the box, metres; what lies beyond the map is cut off.
+            Corners of the box, metres; the box is clipped to the map.
 
         Returns
         -------
         CSpace
-            Updates of the stored map do not reach it.
+            Independent of later updates of the stored map.
 
         Raises
         ------
         InputError
-            If the box shares no cell with the map, or does not fit into memory.
+            If the box shares no cell with the map, or exceeds the memory.
         """
         grid = self.grid
         corners = [grid.coordinates(corner, name) for corner, name in ((lower, "lower"), (upper, "upper"))]
+        problem = f"is from {lower!r} to {upper!r}"
         if any(corner.ndim != 1 for corner in corners) or (corners[0] > corners[1]).any():
             rule = f"it must be a lower and an upper corner of {grid.dim} numbers each"
-            raise InputError(
-                "window", f"is from {lower!r} to {upper!r}", rule, "pass them in metres", value=(lower, upper)
-            )
-        first, last = map(grid.cell_of, corners)
-        first, stop = np.maximum(first, 0), np.minimum(last + 1, grid.shape)
-        if (first >= stop).any():
-            rule = f"the map reaches from {grid.lower} to {grid.upper}"
-            raise InputError(
-                "window",
-                f"from {lower!r} to {upper!r} holds no cell of the map",
-                rule,
-                "pass a part of that",
-                value=(lower, upper),
-            )
-        return self._part(first + self._tiles.job.reach[0], stop + self._tiles.job.reach[1])
+            raise InputError("window", problem, rule, "pass them in metres", value=(lower, upper))
+        start, last = map(grid.cell_of, corners)
+        start, stop = np.maximum(start, 0), np.minimum(last + 1, grid.shape)
+        if (start >= stop).any():
+            rule = f"it must overlap the map, from {grid.lower} to {grid.upper}"
+            raise InputError("window", problem, rule, "pass a part of the map", value=(lower, upper))
+        return self._window_of_cells(start + self._tiles.job.reach[0], stop + self._tiles.job.reach[1])
 
     def overview(self, max_cells: int = 1024, client: Client | None = None) -> CSpace:
-        """The whole map in larger cells, in memory: to be drawn, and to be looked up roughly.
+        """Return the whole map in coarse cells, in memory, for plots and rough queries.
 
-        A cell is FREE where all that it is made of is FREE, BLOCKED where all is BLOCKED, and otherwise MIXED; so it is
-        as proven as the map itself. Tiles are reduced in tasks.
+        A coarse cell is FREE if all its cells are FREE, BLOCKED if all are BLOCKED, and else MIXED; so the overview is
+        certified like the map.
 
         Parameters
         ----------
         max_cells : int
-            Cells along an axis, at most.
+            Maximum number of cells along an axis.
         client : dask.distributed.Client, optional
             As for :func:`cspace.build`.
         """
         count = check_count(max_cells, "max_cells", 1, hint="pass e.g. 1024")
-        return self._tiles.at_one_moment(lambda: overview_of(self._tiles.job, count, client))
+        return self._tiles.at_one_moment(lambda: build_overview(self._tiles.job, count, client))
 
     def update(
         self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None, client: Client | None = None
     ) -> Update:
-        """Change a box of workspace cells, and with it the stored map, to what a build would give.
+        """Replace a box of workspace cells and update the stored map.
 
-        Only the tiles that the change reaches are made anew. They take the place of the old ones at one moment, and
-        :attr:`version` grows: look-ups, in this process or another, see the map before or after, and never between. An
-        update that is killed has either not taken place, or has. Updates wait for each other.
+        The result equals a new build; only the affected tiles are rebuilt. They replace the old tiles atomically, and
+        :attr:`version` grows: queries, in any process, see the map before or after the update, even if it is killed.
+        Concurrent updates wait for each other.
 
         Parameters
         ----------
@@ -338,40 +339,44 @@ class TiledCSpace(ConfigurationMap):
         return partial(fill_in_pieces, self._clearances_in_windows)
 
     def _clearances_in_windows(self, rows: Floats, out: Floats) -> int:
-        near = AROUND[self.grid.dim] // 16
+        """Fill ``out`` with clearances, from a window around the rows of each block of cells."""
+        max_distance = WINDOW_CELLS[self.grid.dim] // 16
         bad = self._classify()([rows], np.empty(len(rows), dtype=np.uint8))
         if bad >= 0:
             return bad
         cells = self.grid.cell_of(rows[:, : self.grid.dim])
-        blocks, block = np.unique(cells // AROUND[self.grid.dim], axis=0, return_inverse=True)
-        for number in range(len(blocks)):
-            own = np.flatnonzero(block.reshape(-1) == number)
-            part = self._part(cells[own].min(axis=0) - near, cells[own].max(axis=0) + near + 1)
-            out[own] = np.minimum(part.clearance(rows[own]), near * self.grid.spacing)
+        blocks, block_of = np.unique(cells // WINDOW_CELLS[self.grid.dim], axis=0, return_inverse=True)
+        for block in range(len(blocks)):
+            chosen = np.flatnonzero(block_of.reshape(-1) == block)
+            lower, upper = cells[chosen].min(axis=0), cells[chosen].max(axis=0)
+            window = self._window_of_cells(lower - max_distance, upper + max_distance + 1)
+            # Beyond `max_distance` the window's boundary may be nearer than any cell that is not FREE.
+            out[chosen] = np.minimum(window.clearance(rows[chosen]), max_distance * self.grid.spacing)
         return -1
 
     @property
     def _exact(self) -> ExactQueries:
-        raise needs_memory("exact")
+        raise in_memory_error("exact")
 
 
-class OnlyInMemory:
-    """Attribute of :class:`cspace.CSpace` that a map in a store refuses, with a hint."""
+class RefusedAttribute:
+    """Descriptor for an attribute of :class:`cspace.CSpace` that stored maps refuse."""
 
     def __init__(self, name: str, hint: str) -> None:
         self._refused = name, hint
 
     def __get__(self, space: TiledCSpace | None, kind: type[TiledCSpace]) -> NoReturn:
+        """Raise ConfigurationError for a map, and AttributeError for the class."""
         if space is None:
             raise AttributeError(f"type object 'TiledCSpace' has no attribute {self._refused[0]!r}")
-        raise needs_memory(*self._refused)
+        raise in_memory_error(*self._refused)
 
 
-def needs_memory(name: str, hint: str = IN_A_PART) -> ConfigurationError:
-    """Return the error for what only a map in memory can do."""
+def in_memory_error(name: str, hint: str = WINDOW_HINT) -> ConfigurationError:
+    """Return the error for a method that needs a map in memory."""
     return ConfigurationError(name, "needs a map in memory", "this one stays in its store", hint)
 
 
 for _names, _hint in ONLY_IN_MEMORY.items():
     for _name in _names.split():
-        setattr(TiledCSpace, _name, OnlyInMemory(_name, _hint))
+        setattr(TiledCSpace, _name, RefusedAttribute(_name, _hint))

@@ -105,7 +105,7 @@ def test_unfinished_store_is_reported_and_resumed(city, monkeypatch):
     assert "run the same build again" in refused.stderr
     options = ("--robot", "disc:0.2", "--spacing", "0.1", "--tile", "20", "-o", str(out))
     other = run("map", str(folder / "city.npy"), *options)
-    assert "was another one" in other.stderr
+    assert "built on other obstacles" in other.stderr
     run("map", str(folder / "city.npy"), *options, "--overwrite")
     assert cspace.open(out).progress == 1.0
 

@@ -124,7 +124,7 @@ def test_a_worker_with_another_cspace(live, code, version, tmp_path):
             cspace.build(workspace, CAR, store=tmp_path / "m", client=client)
         assert client.scheduler_info()["workers"]  # it has not gone down with what it was sent
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("cspace.tiles.work.PATIENCE", 0.5)
+            patch.setattr("cspace.tiles.work.WORKER_TIMEOUT_SECONDS", 0.5)
             patch.setattr(client, "run", lambda function: {"tcp://there-before": (cspace.__version__, None)})
             other.kill()
             other.wait()
@@ -153,7 +153,7 @@ import pathlib, time
 import cspace.tiles.work as work
 
 def dask_setup(worker):
-    made, perform = [], work.perform
+    made, perform = [], work.perform_task
 
     def wait(content, index):
         end = time.monotonic() + 30.0
@@ -164,7 +164,7 @@ def dask_setup(worker):
         made.append(index)
         return perform(content, index)
 
-    work.perform = wait
+    work.perform_task = wait
 """
 """Told to a worker: make some tiles slowly, and no more until there is a file; an interrupt comes before the end."""
 
@@ -242,7 +242,7 @@ def test_the_scheduler_is_killed(live, tmp_path):
 
     with dask.config.set({"distributed.comm.timeouts.connect": "2s"}):
         client = live.client(1)
-        with pytest.raises(CspaceError, match="run the same again"):
+        with pytest.raises(CspaceError, match="repeat the call"):
             cspace.build(workspace, CAR, rotations=8, store=tmp_path / "m", tile=30, client=client, progress=kill)
         client.close()
     assert 0.0 < cspace.open(tmp_path / "m").progress < 1.0

@@ -139,7 +139,7 @@ def test_a_source_that_changes(tmp_path):
         cspace.build(workspace, CAR, store=tmp_path / "m", tile=5, workers=1, progress=change)
     assert 0.0 < cspace.open(tmp_path / "m").progress < 1.0
     changed = cspace.Workspace.from_array(tmp_path / "a.npy", 0.1, lazy=True)
-    with pytest.raises(FileError, match="was another one"):
+    with pytest.raises(FileError, match="built on other obstacles"):
         cspace.build(changed, CAR, store=tmp_path / "m", tile=5)
 
 

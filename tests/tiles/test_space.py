@@ -13,7 +13,7 @@ import cspace
 import cspace.tiles.cache
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.store import Store
-from cspace.tiles.cache import Cache
+from cspace.tiles.cache import ChunkCache
 from cspace.tiles.space import ONLY_IN_MEMORY
 from handmade import exterior_blocked
 from tiles.test_build import SPACES, random_workspace
@@ -57,7 +57,7 @@ def test_a_cache_of_any_size_answers_as_the_map_in_memory(tmp_path):
 def test_clearance_as_far_as_it_is_looked_for(name, tmp_path, monkeypatch):
     space, tiled = pair(name, tmp_path, "free")
     q = configurations(space, 60, np.random.default_rng(2))
-    monkeypatch.setattr("cspace.tiles.space.AROUND", {2: 48, 3: 48})
+    monkeypatch.setattr("cspace.tiles.space.WINDOW_CELLS", {2: 48, 3: 48})
     expected = np.minimum(space.clearance(q), 3 * space.grid.spacing)
     np.testing.assert_allclose(tiled.clearance(q), expected, atol=1e-12)
     assert 0.0 < np.mean(expected > 0.0) < 1.0
@@ -66,7 +66,7 @@ def test_clearance_as_far_as_it_is_looked_for(name, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("limit", [1, 100, 2**29])
 def test_decoded_tiles_take_no_more_memory_than_they_may(limit):
-    cache = Cache((2, 40, 40), (1, 7, 7), limit, lambda number: np.full(49, number % 3, np.uint8))
+    cache = ChunkCache((2, 40, 40), (1, 7, 7), limit, lambda number: np.full(49, number % 3, np.uint8))
     for number in np.random.default_rng(0).permutation(72).tolist():
         cache.begin()
         cache.load([number])
@@ -89,7 +89,7 @@ def test_batches_in_pieces_answer_as_one(tmp_path, monkeypatch):
     q = configurations(space, 3000, np.random.default_rng(1))
     edges = np.random.default_rng(2).integers(0, 3000, (2000, 2))
     whole = [tiled.classify(q), tiled.certify_path(q, edges), tiled.clearance(q[:300])]
-    monkeypatch.setattr(cspace.tiles.cache, "ROWS_IN_A_PIECE", 77)
+    monkeypatch.setattr(cspace.tiles.cache, "ROWS_PER_PIECE", 77)
     pieces = [tiled.classify(q), tiled.certify_path(q, edges), tiled.clearance(q[:300])]
     for one, other in zip(whole, pieces, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -137,7 +137,7 @@ def test_what_is_opened(tmp_path):
     for name in ("sample_free", "reachable_bounds", "cell_states"):
         with pytest.raises(ConfigurationError, match="window"):
             getattr(opened, name)
-    with pytest.raises(ConfigurationError, match=r"place needs a map in memory.*update"):
+    with pytest.raises(ConfigurationError, match=r"add_obstacle needs a map in memory.*update"):
         opened.add_obstacle("cart", [(0.0, 0.0)], radius=0.1)
     q = np.zeros(3)
     for look_up in (opened.is_free, lambda q, **exact: opened.motion_is_free(q, q, **exact)):

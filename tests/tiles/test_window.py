@@ -112,5 +112,5 @@ def test_an_overview_is_proven(name, tmp_path):
         free, blocked = (pieces == cspace.FREE).all(axis=axes), (pieces == cspace.BLOCKED).all(axis=axes)
         expected = np.where(free, cspace.FREE, np.where(blocked, cspace.BLOCKED, cspace.MIXED))
         np.testing.assert_array_equal(seen._kernel_map.states, expected)
-    with pytest.raises(InputError, match="most"):
+    with pytest.raises(InputError, match="max_cells"):
         tiled.overview(0)
