@@ -1,4 +1,4 @@
-"""The map against its definition on tiny grids, against shapely, pyclipper and manifold3d, and under its laws."""
+"""Maps agree with their definition on tiny grids, and with shapely, pyclipper and manifold3d; laws of maps hold."""
 
 import itertools
 import math
@@ -32,7 +32,7 @@ L_SHAPE = [(-0.1, -0.1), (0.6, -0.1), (0.6, 0.1), (0.1, 0.1), (0.1, 0.4), (-0.1,
 
 @st.composite
 def problems(draw, size=0.25, side=(9, 7)):
-    """Outer and inner cells, and a robot, in the plane or in space."""
+    """Draw outer and inner cells, and a robot, in the plane or in space."""
     dim = draw(st.integers(2, 3))
     shape = draw(st.tuples(*[st.integers(1, side[dim - 2])] * dim))
     outer, part = (draw(hnp.arrays(np.bool_, shape)) for _ in range(2))
@@ -42,8 +42,8 @@ def problems(draw, size=0.25, side=(9, 7)):
 
 @settings(max_examples=60)
 @given(problems(), st.sampled_from([None, None, 1, 3, 4, 6, "any way"]), POLICIES, st.sampled_from([0.0, 0.03]))
-def test_states_are_those_of_the_definition(problem, rotations, outside, margin):
-    """Overlaps of each slice summed shift by shift; neither engines nor what is asked for besides change a state."""
+def test_states_match_the_definition(problem, rotations, outside, margin):
+    """Sum the overlaps of each slice shift by shift; engines and options change no state."""
     outer, inner, robot = problem
     if rotations == "any way":
         rotations = Rotations.quaternions(2) if outer.ndim == 3 else None
@@ -73,7 +73,7 @@ def test_states_are_those_of_the_definition(problem, rotations, outside, margin)
     np.array([(0.1, 0.1), (-0.3, 0.3), (0.2, 0.0)]), np.array([(-0.308, -0.044), (0.412, -0.765), (0.939, 0.0)])
 )
 @given(stars(0.5), stars(1.0))
-def test_agrees_with_the_exact_minkowski_sum(robot, obstacle):
+def test_states_agree_with_the_exact_minkowski_sum(robot, obstacle):
     """pyclipper adds the obstacle and the reflected robot in integers; FREE lies outside the sum, BLOCKED inside.
 
     A cell is BLOCKED if the robot, with its reference point in the cell, covers a point of an inner cell of the
@@ -105,7 +105,7 @@ def test_agrees_with_the_exact_minkowski_sum(robot, obstacle):
 @pytest.mark.filterwarnings("ignore:the robot's mesh is")  # farther from its origin than it is wide
 @settings(max_examples=20)
 @given(seeds, POLICIES, st.sampled_from([0.0, 0.1]), st.booleans())
-def test_no_false_answer_of_boxes_that_turn_in_space(seed, outside, margin, as_mesh):
+def test_states_of_boxes_rotating_in_space_are_never_wrong(seed, outside, margin, as_mesh):
     """Footprints by shapely, heights by subtraction; yaws anywhere and on borders of rotation cells."""
     rng = np.random.default_rng(seed)
     occupied = rng.random((10, 9, 6)) < rng.choice([0.01, 0.04])
@@ -169,7 +169,7 @@ def cspace_mesh(solid):
 
 
 def minkowski_sum(first, second):
-    """The sum of two convex solids; manifold3d 3.5 has some of them wrong in one order, which qhull's volume tells."""
+    """Return the Minkowski sum of convex solids; qhull's volume detects errors of manifold3d 3.5 in one order."""
     points = [cspace_mesh(solid)[0] for solid in (first, second)]
     volume = ConvexHull((points[0][:, None] + points[1]).reshape(-1, 3)).volume
     sums = [first.minkowski_sum(second), second.minkowski_sum(first)]
@@ -179,13 +179,13 @@ def minkowski_sum(first, second):
 
 
 def depth(solid, points):
-    """How far points lie within a convex solid, along the normal of the nearest face; below zero outside."""
+    """Return the depth of points in a convex solid, along the nearest face's normal; negative outside."""
     planes = ConvexHull(cspace_mesh(solid)[0]).equations
     return -(points @ planes[:, :3].T + planes[:, 3]).max(axis=1)
 
 
 def thin(points):
-    """How far the deepest point of a convex hull can be from having a whole cell around it: its inner radius."""
+    """Return the radius of the largest ball inside a convex hull."""
     hull = ConvexHull(points)
     return 3.0 * hull.volume / hull.area
 
@@ -217,7 +217,7 @@ def test_maps_obey_monotony_union_and_translation(problem, rotations, shift, dat
 
 @settings(max_examples=20)
 @given(robots(0.4), st.sampled_from([4, 8, 12]), seeds)
-def test_a_quarter_turn_of_the_world_is_a_quarter_turn_of_the_map(robot, count, seed):
+def test_quarter_turn_of_the_workspace_turns_the_map(robot, count, seed):
     occupied = np.random.default_rng(seed).random((9, 12)) < 0.1
     state = cspace.build(Workspace.from_array(occupied, 0.2), robot, rotations=count).cell_states
     # (x, y) goes to (-y, x): entry [x, y] of the turned bitmap is entry [y, -x] of the bitmap.
@@ -227,7 +227,7 @@ def test_a_quarter_turn_of_the_world_is_a_quarter_turn_of_the_map(robot, count, 
 
 @settings(max_examples=12)
 @given(solid_robots(0.3), st.sampled_from([8, Rotations.quaternions(1), Rotations.quaternions(2)]), seeds, POLICIES)
-def test_a_turn_of_the_world_in_space_is_a_turn_of_the_map(body, rotations, seed, outside):
+def test_rotating_a_workspace_in_space_rotates_the_map(body, rotations, seed, outside):
     """Quarter turns about z with yaw; with all rotations half turns about each axis, given by where quaternions go."""
     occupied, options = np.random.default_rng(seed).random((6, 5, 4)) < 0.1, {"outside": outside}
     space = cspace.build(Workspace.from_array(occupied, H), body[0], rotations=rotations, **options)
@@ -245,7 +245,7 @@ def test_a_turn_of_the_world_in_space_is_a_turn_of_the_map(body, rotations, seed
 
 @pytest.mark.parametrize("count", [2, 3, 5, 9, 17, 34])
 @pytest.mark.parametrize("size", [0.3, 1.0, 4.0])
-def test_slices_made_together_are_each_their_own(count, size):
+def test_slices_built_together_equal_separate_builds(count, size):
     """However many share a transform: counts against sums of the rasters' rows, states against a map of each alone."""
     occupied = np.random.default_rng(4).random((60, 50)) < 0.02
     workspace, robot = Workspace.from_array(occupied, 0.1), Robot.polygon(size * np.array(L_SHAPE))
@@ -267,7 +267,7 @@ def test_slices_made_together_are_each_their_own(count, size):
 @pytest.mark.parametrize("fill", [0, 1])
 @pytest.mark.parametrize("radius", [0.03, 0.3, 30.0])
 @pytest.mark.parametrize("outside", ["blocked", "free"])
-def test_thin_empty_and_full_maps_and_giant_robots(shape, fill, radius, outside):
+def test_build_handles_thin_empty_and_full_maps_and_giant_robots(shape, fill, radius, outside):
     workspace = Workspace.from_array(np.full(shape, bool(fill)), 0.1)
     space = cspace.build(workspace, Robot.disc(radius), outside=outside)
     if fill:
@@ -279,7 +279,7 @@ def test_thin_empty_and_full_maps_and_giant_robots(shape, fill, radius, outside)
         assert (space.cell_states == BLOCKED).any() == (radius > 0.1)
 
 
-def test_the_example_of_a_wall():
+def test_wall_example_has_the_documented_states():
     """A disc of radius 0.3 on cells of 0.1: FREE from four cells off the wall, BLOCKED up to two."""
     occupied = np.zeros((21, 3), dtype=bool)
     occupied[10] = True
@@ -314,7 +314,7 @@ def test_progress_reaches_the_end(rotations, counts):
         assert (np.diff(done) >= 0).all() and done[-1] == steps[-1] and len(set(steps.tolist())) == 1
 
 
-def test_a_build_can_be_broken_off():
+def test_build_can_be_interrupted():
     workspace = Workspace.from_array(np.zeros((40, 40), dtype=bool), 0.1)
 
     def stop(done, steps):
@@ -335,7 +335,7 @@ def test_a_build_can_be_broken_off():
     ],
     ids=["shapely", "corners", "disc", "trimesh", "box"],
 )
-def test_shape_is_a_robot_with_its_origin_as_reference_point(shape, robot):
+def test_build_accepts_a_shape_as_robot(shape, robot):
     workspace = Workspace.from_array(np.random.default_rng(1).random((12,) * robot.dim) < 0.05, 0.1)
     space, expected = cspace.build(workspace, shape, rotations=4), cspace.build(workspace, robot, rotations=4)
     np.testing.assert_array_equal(space.cell_states, expected.cell_states)
@@ -363,13 +363,13 @@ WORKSPACE = Workspace.from_array(np.eye(4, dtype=bool), 0.1)
     ({"workspace": np.eye(3)}, "workspace is a ndarray"),
     ({"workspace": Workspace.from_array(np.zeros((2, 2, 2), bool), 0.1)}, "2 dimensions but the workspace has 3"),
 )
-def test_build_refuses(arguments, message):
+def test_build_rejects_invalid_arguments(arguments, message):
     options = {"workspace": WORKSPACE, "robot": Robot.disc(0.1), **arguments}
     with pytest.raises(InputError, match=message):
         cspace.build(options.pop("workspace"), options.pop("robot"), **options)
 
 
-def test_a_map_that_does_not_fit_is_refused_before_any_work(monkeypatch):
+def test_build_rejects_maps_that_exceed_the_memory(monkeypatch):
     workspace = Workspace.from_array(np.zeros((30, 20, 10), bool), 0.1)
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**8)
     with pytest.raises(

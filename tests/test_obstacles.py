@@ -1,4 +1,4 @@
-"""Obstacles that are placed by name: as a build with them, whatever was placed, moved and removed before."""
+"""Named obstacles: maps after adding, moving and removing them equal a new build."""
 
 import copy
 import pickle
@@ -29,14 +29,14 @@ CART = shapely.box(1.83, 1.33, 2.21, 1.72)
 
 
 class Stage:
-    """A world in which obstacles are placed, written down here too."""
+    """A map with named obstacles, and a separate record of them."""
 
     def __init__(self, world: World) -> None:
         self.world, self.placed = world, dict[str, Shape]()
         self.low, self.size = np.array(world.lower), np.array(world.outer.shape) * SPACING
 
     def obstacle(self) -> tuple[Any, Any]:
-        """Something of a kind, within the grid, half beyond it, or far away; and the radius of its points."""
+        """Draw a shape inside, across or far outside the grid, and the radius of its points."""
         rng, dim = self.world.rng, len(self.size)
         middle = self.low + self.size * rng.uniform(-0.2, 1.2, dim) + rng.choice([0.0, 0.0, 0.0, 60.0])
         sides = rng.uniform(0.1, 0.2 + 0.5 * self.size.max(), dim)
@@ -52,7 +52,7 @@ class Stage:
         return (box.vertices @ turn + middle, box.faces), None
 
     def step(self, space: cspace.CSpace) -> cspace.CSpace:
-        """Place, move or remove something, or change cells that stay; and the map that is built anew."""
+        """Add, move or remove an obstacle, or update cells; return a new build."""
         rng = self.world.rng
         name, way = str(rng.choice(["cart", "dog", "door"])), rng.random()
         if way < 0.25 and name in self.placed:
@@ -83,7 +83,7 @@ class Stage:
 
 @settings(max_examples=30)
 @given(worlds(), st.booleans())
-def test_whatever_is_placed_and_moved_equals_a_rebuild(world: World, asked: bool) -> None:
+def test_added_moved_and_removed_obstacles_equal_a_rebuild(world: World, asked: bool) -> None:
     stage, space = Stage(world), world.build()
     if asked:
         check(space, stage.build(), world)
@@ -96,7 +96,7 @@ def test_whatever_is_placed_and_moved_equals_a_rebuild(world: World, asked: bool
 
 @settings(max_examples=16)
 @given(worlds())
-def test_checkers_and_exact_answers_follow(world: World) -> None:
+def test_checkers_and_exact_queries_follow_obstacles(world: World) -> None:
     stage, space = Stage(world), world.build()
     ours, exactly = checkers(space), checkers(space, exact=True)
     for _ in range(2):
@@ -108,7 +108,7 @@ def test_checkers_and_exact_answers_follow(world: World) -> None:
 
 
 @pytest.mark.parametrize("rotations", [None, 24])
-def test_a_move_across_the_map_returns_what_it_changed(rotations: int | None) -> None:
+def test_move_returns_the_changed_cells(rotations: int | None) -> None:
     space = room(robot=Robot.rectangle(0.5, 0.3, (0.1, 0.0)), rotations=rotations)
     space.is_connected((1.0, 1.0), (2.0, 2.0)) if rotations is None else space.clearance((1.0, 1.0, 0.0))
     space.add_obstacle("cart", shapely.box(0.52, 0.52, 0.98, 0.98))
@@ -120,8 +120,8 @@ def test_a_move_across_the_map_returns_what_it_changed(rotations: int | None) ->
         assert (changed[:, -2:] >= update.lower).all() and (changed[:, -2:] < update.upper).all()
 
 
-def test_polygons_of_a_workspace_stay_what_they_are() -> None:
-    """Static shapes and placed ones are asked together; what a wall hides and shows again is the wall itself."""
+def test_obstacles_leave_workspace_polygons_unchanged() -> None:
+    """Exact queries use static and added shapes; a shape that an obstacle covers is exact again afterwards."""
     wall, bounds = shapely.Point(1.0, 1.0).buffer(0.32), (0.0, 0.0, 4.0, 3.0)
     space = cspace.build(Workspace.from_polygons(wall, 0.1, bounds), Robot.disc(0.3))
     q = np.random.default_rng(0).uniform((0.3, 0.3), (3.7, 2.7), (400, 2))
@@ -135,7 +135,7 @@ def test_polygons_of_a_workspace_stay_what_they_are() -> None:
     assert space.workspace.shapes is not None and not space.obstacles
 
 
-def test_a_move_too_small_for_the_cells_is_seen_by_exact_answers() -> None:
+def test_exact_queries_see_moves_within_a_cell() -> None:
     space = room()
     free = space.point_checker(exact=True)
     space.add_obstacle("cart", shapely.box(1.83, 1.33, 2.17, 1.67))
@@ -144,7 +144,7 @@ def test_a_move_too_small_for_the_cells_is_seen_by_exact_answers() -> None:
     assert not free(2.0, 1.98) and free(2.0, 2.0)
 
 
-def test_updates_go_below_what_is_placed() -> None:
+def test_updates_keep_added_obstacles() -> None:
     space, empty = room(), room()
     space.add_obstacle("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
     state = space.cell_states.copy()
@@ -156,7 +156,7 @@ def test_updates_go_below_what_is_placed() -> None:
     np.testing.assert_array_equal(space.cell_states, empty.cell_states)
 
 
-def test_what_is_unknown_is_known_where_something_is_placed_or_updated() -> None:
+def test_obstacles_and_updates_make_unknown_cells_known() -> None:
     unknown = np.zeros((40, 30), dtype=bool)
     unknown[:, 10:] = True
     workspace = Workspace(cspace.Grid((0, 0), 0.1, (40, 30)), unknown, unknown, unknown=unknown)
@@ -176,7 +176,7 @@ def test_what_is_unknown_is_known_where_something_is_placed_or_updated() -> None
 
 
 @pytest.mark.parametrize("rotations", [None, 12])
-def test_exact_answers_agree_with_shapely(rotations: int | None) -> None:
+def test_exact_queries_agree_with_shapely(rotations: int | None) -> None:
     rng, walls = np.random.default_rng(3), np.zeros((30, 30), dtype=bool)
     walls[3:6, 4:20] = True
     still = shapely.union_all(
@@ -203,7 +203,7 @@ def test_exact_answers_agree_with_shapely(rotations: int | None) -> None:
 
 
 @pytest.mark.parametrize("rotations", [None, 6, cspace.Rotations.quaternions(2)])
-def test_exact_answers_agree_with_fcl(rotations: Any) -> None:
+def test_exact_queries_agree_with_fcl(rotations: Any) -> None:
     rng, size, sides = np.random.default_rng(1), np.array([0.5, 0.2, 0.3]), np.array([0.8, 0.4, 0.6])
     space = cspace.build(
         Workspace.from_array(np.zeros((16, 16, 16), dtype=bool), 0.15), Robot.box(size), rotations=rotations
@@ -232,7 +232,7 @@ def test_exact_answers_agree_with_fcl(rotations: Any) -> None:
 # ---- what is taken ---------------------------------------------------------------------------------------------------
 
 
-def test_shapes_may_be_given_in_many_ways() -> None:
+def test_obstacles_accept_every_kind_of_shape() -> None:
     square = [(1.8, 1.3), (2.2, 1.3), (2.2, 1.7), (1.8, 1.7)]
     obstacles: list[tuple[Any, Any]] = [
         (shapely.Polygon(square), None),
@@ -262,7 +262,7 @@ def test_shapes_may_be_given_in_many_ways() -> None:
     assert (solid.cell_states == states[0]).all() and list(solid.obstacles) == ["box"]
 
 
-def test_robots_and_their_short_texts_are_obstacles() -> None:
+def test_obstacles_accept_robots_and_specs() -> None:
     space, other = room(), room()
     for text in ("disc:0.3@1,1", "rect:0.5x0.3@2,1", "ellipse:0.5,0.3@2,2", "footprint:[[1,1],[2,1],[1,2]]"):
         space.add_obstacle("e", text)
@@ -303,7 +303,7 @@ def test_robots_and_their_short_texts_are_obstacles() -> None:
     ("cart", [(1e9, 0.0)], 0.1, "reaches 1e\\+10 cells"),
     ("cart", "no such file.stl", None, "does not exist"),
 )
-def test_what_is_refused_changes_nothing(name: Any, obstacle: Any, radius: Any, message: str) -> None:
+def test_rejected_obstacles_change_nothing(name: Any, obstacle: Any, radius: Any, message: str) -> None:
     space = room()
     space.add_obstacle("cart", CART)
     state, shape = space.cell_states.copy(), space.obstacles["cart"]
@@ -313,7 +313,7 @@ def test_what_is_refused_changes_nothing(name: Any, obstacle: Any, radius: Any, 
     assert space.obstacles == {"cart": shape} and not space.is_free((2.0, 1.5), exact=True)
 
 
-def test_unknown_names_and_parts_of_maps_are_refused() -> None:
+def test_unknown_names_and_windows_are_rejected() -> None:
     space = room()
     with pytest.raises(InputError, match="there is no named obstacle"):
         space.remove_obstacle("cart")
@@ -327,7 +327,7 @@ def test_unknown_names_and_parts_of_maps_are_refused() -> None:
     assert not solid.obstacles
 
 
-def test_maps_in_tiles_refuse(tmp_path: Path) -> None:
+def test_tiled_maps_refuse_obstacles(tmp_path: Path) -> None:
     workspace = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
     tiled = cspace.build(workspace, Robot.disc(0.3), store=tmp_path / "map.zarr", tile=16)
     with pytest.raises(ConfigurationError, match="add_obstacle needs a map in memory"):
@@ -340,7 +340,7 @@ def test_maps_in_tiles_refuse(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, lambda space: pickle.loads(pickle.dumps(space))])
-def test_copies_know_the_names_and_go_their_own_way(again: Any) -> None:
+def test_copies_keep_names_and_change_independently(again: Any) -> None:
     space, empty = room(), room()
     space.add_obstacle("cart", CART)
     other = again(space)
@@ -354,7 +354,7 @@ def test_copies_know_the_names_and_go_their_own_way(again: Any) -> None:
     np.testing.assert_array_equal(space.cell_states, empty.cell_states)
 
 
-def test_files_hold_obstacles_and_no_names(tmp_path: Path) -> None:
+def test_files_keep_obstacles_but_no_names(tmp_path: Path) -> None:
     space = room()
     space.add_obstacle("cart", CART)
     space.save(tmp_path / "map.zarr")
@@ -398,7 +398,7 @@ def test_obstacles_from_threads_wait_for_each_other() -> None:
         np.testing.assert_array_equal(proven_paths(space, q[:150], q[150:]), proven_paths(other, q[:150], q[150:]))
 
 
-def test_an_interrupted_move_leaves_a_map_that_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupted_move_leaves_a_correct_map(monkeypatch: pytest.MonkeyPatch) -> None:
     space, calls, real = room(), [], Components.refresh
     space.add_obstacle("cart", shapely.box(0.5, 0.5, 0.9, 0.9))
     space.is_connected((1.0, 1.0), (2.0, 2.0))

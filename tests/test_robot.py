@@ -9,7 +9,7 @@ from refusals import refusals
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 
 
-def test_the_geometry_is_the_shape():
+def test_robots_have_the_given_geometry():
     hole = shapely.box(0, 0, 4, 4).difference(shapely.box(1, 1, 2, 2))
     assert Robot.polygon(hole).geometry.equals(hole)
     assert Robot.polygon(SQUARE).geometry.equals(shapely.box(0, 0, 1, 1))
@@ -35,12 +35,12 @@ def test_the_geometry_is_the_shape():
         ("footprint:cylinder:0.3x1.2", Robot.cylinder(0.3, 1.2).footprint()),
     ],
 )
-def test_short_texts_make_robots_and_shapes(text, robot):
+def test_parse_reads_robots_and_shapes(text, robot):
     assert Robot.parse(text).spec == robot.spec
     assert as_shape(text).spec == as_shape(robot).spec == robot.shape.spec
 
 
-def test_opens_polygon_files(tmp_path, data):
+def test_open_reads_polygon_files(tmp_path, data):
     (tmp_path / "robot.wkt").write_text("POLYGON ((0 0, 2 0, 0 1, 0 0))")
     assert Robot.open(tmp_path / "robot.wkt").geometry.area == 1.0
     car = Robot.open(data / "polygons" / "car.geojson").geometry
@@ -89,12 +89,12 @@ def test_opens_polygon_files(tmp_path, data):
     (lambda: Robot.from_bitmap(np.ones((2, 2), bool), 1e-9, (4e6, 0)).rasters(0.05), "from its reference point"),
     (lambda: Robot.from_bitmap(np.ma.array(np.ones((2, 2), bool), mask=True), 0.1), "4 masked"),
 )
-def test_robots_refuse(make, message):
+def test_robots_reject_invalid_arguments(make, message):
     with pytest.raises(InputError, match=message):
         make()
 
 
-def test_a_bitmap_of_odd_bytes_is_what_numpy_shows():
+def test_bitmap_of_odd_bytes_matches_numpy():
     """Viewed as boolean, all of these bytes are True."""
     odd = np.full((6, 5), 100, np.uint8)
     odd[2:4] = 101
@@ -103,18 +103,18 @@ def test_a_bitmap_of_odd_bytes_is_what_numpy_shows():
     assert mine.spec == plain.spec
 
 
-def test_the_spec_is_a_copy():
+def test_spec_returns_a_copy():
     robot = Robot.disc(1.0)
     robot.spec["radii"][0] = 0.1
     assert robot.spec["radii"] == [1.0]
 
 
-def test_a_shape_without_area_is_a_geometry_error():
+def test_shape_without_area_raises_geometry_error():
     with pytest.raises(GeometryError):
         Robot.polygon(shapely.Polygon())
 
 
-def test_a_missing_file_is_a_file_error(tmp_path):
+def test_missing_file_raises_file_error(tmp_path):
     with pytest.raises(FileError, match=r"robot\.wkt"):
         Robot.open(tmp_path / "robot.wkt")
     (tmp_path / "robot.stl").touch()
@@ -125,7 +125,7 @@ def test_a_missing_file_is_a_file_error(tmp_path):
 TETRAHEDRON = (np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1.0)]), [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
 
 
-def test_a_mesh_off_its_reference_point_is_a_single_warning():
+def test_mesh_off_its_reference_point_warns_once():
     vertices, faces = TETRAHEDRON
     Robot.from_mesh((vertices + 1.0, faces))
     with pytest.warns(UserWarning, match=r"lies 17.3205 m from its origin.* by \(-10.5, -10.5, -10.5\) m"):
@@ -139,7 +139,7 @@ def test_a_mesh_off_its_reference_point_is_a_single_warning():
         Robot.from_spec(spec)
 
 
-def test_drawings_of_the_other_dimension_are_refused() -> None:
+def test_drawings_of_the_other_dimension_are_rejected() -> None:
     with pytest.raises(GeometryError, match="ask for its surface"):
         _ = Robot.ball(0.1).geometry
     with pytest.raises(GeometryError, match="ask for its outline"):

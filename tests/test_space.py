@@ -17,7 +17,7 @@ def made(rotations=None):
 
 @pytest.mark.parametrize("rotations", [None, 8])
 @pytest.mark.parametrize("twin", [copy.copy, copy.deepcopy, lambda space: pickle.loads(pickle.dumps(space))])
-def test_copies_are_maps_of_their_own(rotations, twin):
+def test_copies_change_independently(rotations, twin):
     space = made(rotations)
     space.is_connected(np.ones(space.size), np.ones(space.size))
     space.update(np.ones((2, 2), dtype=bool), (3, 4))
@@ -49,5 +49,5 @@ def test_dof_counts_degrees_of_freedom_and_size_coordinates(side, rotations, dof
     assert (space.dof, space.size, len(space.axes)) == (dof, size, size)
 
 
-def test_notebooks_get_a_picture():
+def test_notebooks_show_a_picture():
     assert made()._repr_html_().count("data:image/png;base64,") == 1

@@ -1,4 +1,4 @@
-"""A map that follows its workspace answers as one that is built anew."""
+"""Updated maps equal new builds."""
 
 import importlib
 import threading
@@ -40,7 +40,7 @@ def test_a_stream_of_updates_equals_a_rebuild(world: World, asked: bool) -> None
 
 @settings(max_examples=20)
 @given(worlds())
-def test_checkers_that_were_handed_out_follow(world: World) -> None:
+def test_existing_checkers_follow_updates(world: World) -> None:
     space = world.build()
     ours = checkers(space)
     for fresh in world.stream(space, 3):
@@ -50,7 +50,7 @@ def test_checkers_that_were_handed_out_follow(world: World) -> None:
 @pytest.mark.parametrize("kinds", [("plane", "turning"), ("space", "turning in space", "turning in space any way")])
 @settings(max_examples=10)
 @given(st.data())
-def test_exact_look_ups_and_their_checkers_follow(kinds: tuple[str, ...], data: st.DataObject) -> None:
+def test_exact_queries_and_checkers_follow_updates(kinds: tuple[str, ...], data: st.DataObject) -> None:
     world = data.draw(worlds(kinds))
     space = world.build()
     ours = checkers(space, exact=True)
@@ -79,7 +79,7 @@ def test_map_saved_and_opened_between_updates_equals_a_build(
 
 
 @pytest.mark.parametrize(("bare", "outside"), [(False, "blocked"), (True, "free")])
-def test_without_inner_nothing_becomes_blocked(bare: bool, outside: str) -> None:
+def test_updates_without_inner_cells_block_nothing(bare: bool, outside: str) -> None:
     occupied = np.zeros((30, 30), dtype=bool)
     occupied[3:5, 3:20] = not bare
     workspace, options = Workspace.from_array(occupied, 0.1), {"inner": False, "outside": outside}
@@ -91,7 +91,7 @@ def test_without_inner_nothing_becomes_blocked(bare: bool, outside: str) -> None
     assert set(np.unique(space.cell_states)) == {FREE, MIXED}
 
 
-def test_a_state_made_by_hand_may_be_read_only() -> None:
+def test_update_copies_read_only_states() -> None:
     made = room()
     given_state = made.cell_states
     assert not given_state.flags.writeable
@@ -103,7 +103,7 @@ def test_a_state_made_by_hand_may_be_read_only() -> None:
 # ---- what is told ----------------------------------------------------------------------------------------------------
 
 
-def test_an_update_returns_what_it_looked_at() -> None:
+def test_update_returns_the_examined_box() -> None:
     space = room()
     before = space.cell_states.copy()
     update = space.update(BLOCK, (18, 13))
@@ -115,7 +115,7 @@ def test_an_update_returns_what_it_looked_at() -> None:
     assert (changed >= update.lower).all() and (changed < update.upper).all()
 
 
-def test_only_what_differs_is_looked_at() -> None:
+def test_update_examines_only_differing_cells() -> None:
     space = room()
     cells = np.zeros((40, 30), dtype=bool)
     cells[18:22, 13:17] = True
@@ -124,7 +124,7 @@ def test_only_what_differs_is_looked_at() -> None:
     assert (nothing.occupied, nothing.changed, nothing.lower, nothing.upper) == (0, 0, (0, 0), (0, 0))
 
 
-def test_cells_count_in_every_rotation() -> None:
+def test_update_counts_cells_of_every_rotation() -> None:
     space = room(robot=Robot.rectangle(0.8, 0.4), rotations=8)  # of which four slices are stored
     before = space.cell_states.copy()
     update = space.update(BLOCK, (18, 13))
@@ -141,7 +141,7 @@ def test_a_robot_larger_than_the_map_changes_nothing() -> None:
 # ---- whose cells change ----------------------------------------------------------------------------------------------
 
 
-def test_the_workspace_and_other_maps_of_it_stay() -> None:
+def test_update_leaves_the_workspace_and_its_other_maps_unchanged() -> None:
     workspace = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
     space, other = (cspace.build(workspace, Robot.disc(0.3)) for _ in range(2))
     state = other.cell_states.copy()
@@ -152,7 +152,7 @@ def test_the_workspace_and_other_maps_of_it_stay() -> None:
     assert space.workspace.source == workspace.source and not space.cell_states.flags.writeable
 
 
-def test_a_map_of_the_current_workspace_stays_when_the_first_goes_on() -> None:
+def test_later_updates_leave_maps_of_the_current_workspace_unchanged() -> None:
     space = cspace.build(Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1), Robot.disc(0.3))
     space.update(BLOCK, (18, 13))
     other = cspace.build(space.workspace, Robot.disc(0.2))
@@ -162,7 +162,7 @@ def test_a_map_of_the_current_workspace_stays_when_the_first_goes_on() -> None:
     assert (other.cell_states == state).all() and not other.is_free((2.0, 1.5), exact=True)
 
 
-def test_shapes_are_replaced_by_cells() -> None:
+def test_update_replaces_shapes_by_cells() -> None:
     workspace = Workspace.from_polygons(shapely.Point(1.0, 1.0).buffer(0.32), 0.1, (0.0, 0.0, 4.0, 3.0))
     space = cspace.build(workspace, Robot.disc(0.3))
     shown = space.point_checker(exact=True)
@@ -178,7 +178,7 @@ def test_shapes_are_replaced_by_cells() -> None:
 
 
 @pytest.mark.parametrize("rotations", [None, 8])
-def test_ompl_asks_about_the_new_world(rotations: int | None) -> None:
+def test_ompl_queries_the_updated_map(rotations: int | None) -> None:
     space = room(robot=Robot.rectangle(0.6, 0.4), rotations=rotations)
     setup = planners.simple_setup(space)
     si, inside = setup.getSpaceInformation(), setup.getStateSpace().allocState()
@@ -195,7 +195,7 @@ def test_ompl_asks_about_the_new_world(rotations: int | None) -> None:
 
 
 @pytest.mark.parametrize("rotations", [None, 8])
-def test_samples_drawn_in_advance_are_asked_again(rotations: int | None) -> None:
+def test_prefetched_samples_are_checked_again(rotations: int | None) -> None:
     space = room(robot=Robot.rectangle(0.6, 0.4), rotations=rotations)
     si = planners.simple_setup(space).getSpaceInformation()
     sampler, state = planners.FreeStateSampler(si, space, np.random.default_rng(3)), si.allocState()
@@ -205,7 +205,7 @@ def test_samples_drawn_in_advance_are_asked_again(rotations: int | None) -> None
         assert sampler.sample(state) and si.isValid(state)
 
 
-def test_a_door_closes_and_opens() -> None:
+def test_plans_follow_a_door_that_closes_and_opens() -> None:
     occupied = np.zeros((40, 30), dtype=bool)
     occupied[20] = True
     occupied[20, 10:20] = False
@@ -239,7 +239,7 @@ def test_a_door_closes_and_opens() -> None:
     (BLOCK, (0, 0), np.ones((4, 3), dtype=bool), "they must be equal"),
     (~BLOCK, (0, 0), BLOCK, "which is not in cells"),
 )
-def test_what_is_refused_changes_nothing(cells, lower, inner, message) -> None:
+def test_rejected_updates_change_nothing(cells, lower, inner, message) -> None:
     space = room()
     workspace, state = space.workspace, space.cell_states.copy()
     with pytest.raises(InputError, match=message):
@@ -254,7 +254,7 @@ def test_what_is_refused_changes_nothing(cells, lower, inner, message) -> None:
     np.testing.assert_array_equal(space.cell_states, held[1])
 
 
-def test_cells_of_any_kind_are_taken() -> None:
+def test_update_accepts_cells_of_any_type() -> None:
     expected = room()
     expected.update(BLOCK, (18, 13))
     odd = np.full((4, 4), 2, dtype=np.uint8).view(np.bool_)  # true, but not 1
@@ -279,7 +279,7 @@ def test_cells_of_any_kind_are_taken() -> None:
         ("mip.Mip", 4),
     ],
 )
-def test_an_interrupted_update_leaves_a_map_that_is_right(
+def test_interrupted_update_leaves_a_correct_map(
     keeper: str, rotations: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     outer, rng = np.zeros((20, 18), dtype=bool), np.random.default_rng(0)
@@ -380,8 +380,8 @@ def test_updates_from_threads_wait_for_each_other() -> None:
 
 
 @pytest.mark.parametrize("name", ["map.npz", "map.yaml"])
-def test_what_is_saved_is_of_one_moment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """An update waits, or the states would be those of obstacles that have gone."""
+def test_saved_map_has_one_version(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Updates wait for saves, so states and obstacles in a file agree."""
     space = room()
     changing = threading.Thread(target=lambda: space.update(BLOCK, (10, 10)))
     module: Any = np if name == "map.npz" else images
@@ -401,7 +401,7 @@ def test_what_is_saved_is_of_one_moment(tmp_path: Path, monkeypatch: pytest.Monk
     assert (space.cell_states != FREE).sum() > (room().cell_states != FREE).sum()
 
 
-def test_paths_are_of_before_an_update_or_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_paths_match_the_map_before_or_after_an_update(monkeypatch: pytest.MonkeyPatch) -> None:
     # A cell that becomes FREE amid others, away from the rest, in a block that had one component.
     space = cspace.build(Workspace.from_array(exterior_blocked((40, 40), np.s_[10:20, 10:20]), 0.1), Robot.disc(0.01))
     pocket, corner, answers = (1.55, 1.55), (3.5, 3.5), []

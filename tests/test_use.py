@@ -14,7 +14,7 @@ raise SystemExit(len(report.failures))
 """
 
 
-def test_saves_processes_threads_and_long_use() -> None:
+def test_saves_processes_threads_and_long_use_have_no_failures() -> None:
     command, root = [sys.executable, "-c", CODE], Path(__file__).parents[1]
     done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

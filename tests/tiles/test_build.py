@@ -1,4 +1,4 @@
-"""Maps built tile by tile: equal cell for cell, whatever the tiles, and whatever is killed on the way."""
+"""Tiled builds equal the map in memory cell for cell, for any tile size and after interruptions."""
 
 import multiprocessing
 import os
@@ -29,7 +29,7 @@ SPACES = {
 
 
 def random_workspace(shape, seed=0, two=False):
-    """Obstacles that a robot finds its way between, some of which fill no cell."""
+    """Build a workspace of sparse random obstacles; with ``two``, some of them fill no cell."""
     rng = np.random.default_rng(seed)
     outer = rng.random(shape) < (0.01 if len(shape) == 2 else 0.003)
     inner = outer & (rng.random(shape) < 0.5) if two else None
@@ -37,7 +37,7 @@ def random_workspace(shape, seed=0, two=False):
 
 
 def stored_states(path):
-    """All states of a store, by slice, read by Zarr itself."""
+    """Read all states of a store with Zarr, by slice."""
     return zarr.open_group(str(path), mode="r")["cell_states"][...]
 
 
@@ -47,7 +47,7 @@ def same_states(path, space):
 
 @pytest.mark.parametrize("name", SPACES)
 @pytest.mark.parametrize("outside", ["blocked", "free"])
-def test_equals_the_map_in_memory(name, outside, tmp_path):
+def test_tiled_build_equals_the_map_in_memory(name, outside, tmp_path):
     shape, robot, rotations = SPACES[name]
     workspace = random_workspace(shape, two=outside == "free")
     space = cspace.build(workspace, robot, rotations=rotations, outside=outside)
@@ -63,7 +63,7 @@ def test_equals_the_map_in_memory(name, outside, tmp_path):
 
 @settings(max_examples=10)
 @given(seed=st.integers(0, 2**16), tile=st.tuples(st.integers(1, 50), st.integers(1, 50)), data=st.data())
-def test_any_tile_any_method(seed, tile, data, tmp_path_factory):
+def test_tiled_build_equals_the_map_in_memory_for_any_tile_and_method(seed, tile, data, tmp_path_factory):
     shape = data.draw(st.tuples(st.integers(1, 24), st.integers(1, 24)))
     workspace = random_workspace(shape, seed, two=data.draw(st.booleans()))
     options = {
@@ -78,7 +78,7 @@ def test_any_tile_any_method(seed, tile, data, tmp_path_factory):
     same_states(store, cspace.build(workspace, CAR, **options))
 
 
-def test_a_real_map_with_unknown_cells(data, tmp_path):
+def test_tiled_build_of_a_real_map_keeps_unknown_cells(data, tmp_path):
     file = next(iter(sorted(data.rglob("*.yaml"))))
     for unknown in ("occupied", "free"):
         workspace = cspace.Workspace.from_ros_map(file, unknown=unknown)
@@ -91,7 +91,7 @@ def test_a_real_map_with_unknown_cells(data, tmp_path):
 
 
 def check_half_done(path, space, known=()):
-    """Fail unless what is done, and was not known before, is right, and the store says what it is."""
+    """Fail unless all finished tiles that are not in ``known`` are correct; return the finished tiles."""
     store = Store.open(path)
     for index in set(store.done()) - set(known):
         record = store.known(index)
@@ -109,8 +109,8 @@ def build_in_a_child(workspace, robot, path):
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_killed_twenty_times(tmp_path):
-    """A process that builds is killed at random moments; the same call again does what is missing, and no more."""
+def test_killed_builds_resume_without_rebuilding_tiles(tmp_path):
+    """Kill a build at random moments; repeating the call builds only the missing tiles."""
     workspace = random_workspace((900, 800))
     space = cspace.build(workspace, CAR, rotations=8)
     rng, path, kills, done, longest = np.random.default_rng(0), tmp_path / "m", 0, set(), 0.08
@@ -147,7 +147,7 @@ def test_killed_twenty_times(tmp_path):
     assert not list(path.rglob(".cspace-*"))
 
 
-def test_a_full_disk(tmp_path, monkeypatch):
+def test_build_resumes_after_a_full_disk(tmp_path, monkeypatch):
     workspace, written = random_workspace((40, 33)), []
     plain = Path.write_bytes
 
@@ -173,13 +173,13 @@ def test_a_full_disk(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("tile", [0, -3, 2.5, "9", (4, 4, 4), None, (3, 0)])
-def test_tiles_that_are_none(tile, tmp_path):
+def test_build_rejects_invalid_tiles(tile, tmp_path):
     with pytest.raises(InputError, match="tile"):
         cspace.build(random_workspace((9, 9)), CAR, store=tmp_path / "m", tile=tile)
     assert not (tmp_path / "m").exists()
 
 
-def test_stores_of_something_else(tmp_path):
+def test_build_rejects_stores_of_other_maps(tmp_path):
     workspace = random_workspace((9, 9))
     space = cspace.build(workspace, CAR)
     space.save(tmp_path / "saved.zarr")
@@ -211,7 +211,7 @@ def test_stores_of_something_else(tmp_path):
         cspace.build(workspace, CAR, store=tmp_path / "m", tile=4, counts=True)
 
 
-def test_a_task_that_does_not_fit(tmp_path, monkeypatch):
+def test_build_rejects_tiles_that_exceed_the_memory(tmp_path, monkeypatch):
     monkeypatch.setattr("cspace.tiles.work.free_bytes", lambda: 10_000)
     with pytest.raises(InputError, match="use a smaller tile"):
         cspace.build(random_workspace((90, 90)), CAR, store=tmp_path / "m")

@@ -1,4 +1,4 @@
-"""Tiles made on the workers of a cluster, some of which are killed."""
+"""Tiled builds on the workers of a cluster, some of which are killed."""
 
 import json
 import os
@@ -36,7 +36,7 @@ import json, os, signal, sys
 import numba, scipy, shapely, zarr
 from distributed.cli import dask_scheduler, dask_worker
 
-signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # who has ended leaves nothing behind
+signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # ended children leave no zombies
 for line in sys.stdin:
     name, options, code, log = json.loads(line)
     if process := os.fork():
@@ -51,11 +51,11 @@ for line in sys.stdin:
         os.dup2(here, there)
     {"scheduler": dask_scheduler, "worker": dask_worker}[name].main(options)
 """
-"""Runs schedulers and workers in processes that have imported dask, and nothing of ours."""
+"""Fork schedulers and workers from a process that has imported dask but not cspace."""
 
 
 class Process:
-    """One of them."""
+    """A scheduler or a worker."""
 
     def __init__(self, number):
         self.number = number
@@ -69,7 +69,7 @@ class Process:
 
 
 class Live:
-    """A scheduler and workers, each of them a process of its own."""
+    """A scheduler and workers, each in its own process."""
 
     def __init__(self, folder):
         self.folder, self.processes = folder, []
@@ -81,7 +81,7 @@ class Live:
         self.address = json.loads((folder / "scheduler").read_text())["address"]
 
     def start(self, name, *options, code=ROOT):
-        """Run a scheduler or a worker, somewhere else than here, with a folder of code."""
+        """Start a scheduler or a worker in the root folder, with a folder of code."""
         request = [name, [*options, "--no-dashboard"], str(code), str(self.folder / "log")]
         print(json.dumps(request), file=self.forks.stdin, flush=True)
         self.processes.append(Process(int(self.forks.stdout.readline())))
@@ -109,8 +109,8 @@ def live(tmp_path_factory):
 @pytest.mark.parametrize(
     ("code", "version"), [('__version__ = "0.0.9"', r"0\.0\.9"), ("raise ImportError", "none")], ids=["older", "none"]
 )
-def test_a_worker_with_another_cspace(live, code, version, tmp_path):
-    """One that is there is told of before any work; one that comes later, when it is given a tile."""
+def test_workers_with_another_version_are_rejected(live, code, version, tmp_path):
+    """Present workers are rejected before any work, later ones when they get a tile."""
     (tmp_path / "cspace").mkdir()
     (tmp_path / "cspace" / "__init__.py").write_text(code)
     workspace = random_workspace((90, 90))
@@ -122,7 +122,7 @@ def test_a_worker_with_another_cspace(live, code, version, tmp_path):
         with pytest.MonkeyPatch.context() as patch, pytest.raises(InputError, match=message):
             patch.setattr(client, "run", lambda function: {"tcp://there-before": (cspace.__version__, None)})
             cspace.build(workspace, CAR, store=tmp_path / "m", client=client)
-        assert client.scheduler_info()["workers"]  # it has not gone down with what it was sent
+        assert client.scheduler_info()["workers"]  # the worker survived what it was sent
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("cspace.tiles.work.WORKER_TIMEOUT_SECONDS", 0.5)
             patch.setattr(client, "run", lambda function: {"tcp://there-before": (cspace.__version__, None)})
@@ -133,14 +133,14 @@ def test_a_worker_with_another_cspace(live, code, version, tmp_path):
 
 
 def press_control_c(command, cwd, text):
-    """Run a command on a terminal and interrupt it once it has told something; what it told, and its exit code."""
+    """Run a command on a terminal, interrupt it once it prints ``text``, return its output and exit code."""
     process, terminal = pytest.importorskip("pty").fork()
     if process == 0:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)  # which shells have what runs in the background ignore
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # shells make background processes ignore it
         os.chdir(cwd)
         os.execve(command[0], command, {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120", "TERM": "xterm"})
     seen, pressed = "", False
-    with suppress(OSError):  # on Linux, what the end of a terminal is
+    with suppress(OSError):  # Linux raises at the end of a terminal
         while part := os.read(terminal, 65536):
             seen += part.decode(errors="replace")
             if not pressed and text in seen:
@@ -166,11 +166,11 @@ def dask_setup(worker):
 
     work.perform_task = wait
 """
-"""Told to a worker: make some tiles slowly, and no more until there is a file; an interrupt comes before the end."""
+"""Preload of a worker: build 20 tiles slowly, then wait for a file, so that the interrupt comes before the end."""
 
 
-def test_the_command_on_a_live_cluster(live, tmp_path, monkeypatch):
-    """With a bar of tiles and cells; interrupted, and gone on with; from a folder that is not the workers' own."""
+def test_command_resumes_an_interrupted_build_on_a_cluster(live, tmp_path, monkeypatch):
+    """The command shows a progress bar, and runs in another folder than the workers."""
     workspace = random_workspace((300, 250))
     zarr.create_array(tmp_path / "site.zarr", data=workspace.outer, config={"write_empty_chunks": True})
     (tmp_path / "waits.py").write_text(WAITS.format(str(tmp_path / "go on")))
@@ -191,7 +191,7 @@ def test_the_command_on_a_live_cluster(live, tmp_path, monkeypatch):
     same_states(tmp_path / "m.zarr", cspace.build(cells, robot, rotations=8))
 
 
-def test_on_a_cluster(live, tmp_path):
+def test_cluster_build_equals_the_map_in_memory(live, tmp_path):
     workspace, steps = random_workspace((200, 150)), []
     live.worker()
     with live.client(2) as client:
@@ -212,8 +212,8 @@ def test_on_a_cluster(live, tmp_path):
     same_states(tmp_path / "lazy", cspace.build(cspace.Workspace.from_array(workspace.outer, 0.1), CAR))
 
 
-def test_a_worker_is_killed(live, tmp_path):
-    """What it had is made by those that are left."""
+def test_remaining_workers_finish_the_build(live, tmp_path):
+    """The remaining workers build the tiles of a killed worker."""
     workspace = random_workspace((300, 250))
 
     def kill(done, total):
@@ -226,14 +226,14 @@ def test_a_worker_is_killed(live, tmp_path):
     same_states(tmp_path / "m", cspace.build(workspace, CAR, rotations=8))
 
 
-def test_a_tile_that_a_worker_has_no_memory_for_is_refused(live, tmp_path, monkeypatch):
+def test_tile_that_exceeds_the_memory_of_a_worker_is_rejected(live, tmp_path, monkeypatch):
     monkeypatch.setattr("cspace.tiles.work.Job.bytes_needed", lambda job: 3e9)  # a worker has 2e9
     with live.client(1) as client, pytest.raises(InputError, match="use a smaller tile"):
         cspace.build(random_workspace((40, 30)), CAR, store=tmp_path / "b", tile=20, client=client)
 
 
-def test_the_scheduler_is_killed(live, tmp_path):
-    """The cluster goes while tiles are made: one clear error, and the rest is made without it."""
+def test_build_resumes_after_the_scheduler_is_killed(live, tmp_path):
+    """A lost cluster raises one clear error; the next call builds the rest without it."""
     workspace = random_workspace((300, 250))
 
     def kill(done, total):

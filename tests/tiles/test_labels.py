@@ -1,4 +1,4 @@
-"""Components over tiles: the answers of the same map in memory."""
+"""Components of stored maps equal those of the same map in memory."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -11,7 +11,7 @@ from tiles.test_build import CAR, random_workspace
 
 
 def endpoints(space, n, rng):
-    """Pairs of configurations, in the grid and around it."""
+    """Draw pairs of configurations in and around the grid."""
     grid = space.grid
     position = rng.uniform(np.array(grid.lower) - 0.3, np.array(grid.upper) + 0.3, (2, n, grid.dim))
     turn = rng.normal(size=(2, n, space.size - grid.dim)) * 3.0
@@ -30,7 +30,7 @@ def same_answers(tiled, space, rng, n=300):
 
 @settings(max_examples=4)
 @given(seed=st.integers(0, 2**16), tile=st.integers(4, 20), density=st.sampled_from([0.05, 0.3, 0.5]))
-def test_mazes(seed, tile, density, tmp_path_factory):
+def test_tiled_components_equal_those_in_memory(seed, tile, density, tmp_path_factory):
     """Walls that wind through many tiles; a robot smaller than a cell leaves all three answers."""
     rng = np.random.default_rng(seed)
     outer = rng.random((22, 17)) < density
@@ -46,7 +46,7 @@ def test_mazes(seed, tile, density, tmp_path_factory):
     same_answers(tiled, space, rng)
 
 
-def test_an_update_labels_again_what_it_changed(tmp_path):
+def test_update_relabels_only_changed_tiles(tmp_path):
     workspace = cspace.Workspace.from_array(exterior_blocked((60, 60), np.s_[30]), 0.1)
     tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "m", tile=10)
     assert tiled.is_disconnected([1.0, 1.0], [5.0, 5.0])
@@ -57,7 +57,7 @@ def test_an_update_labels_again_what_it_changed(tmp_path):
     assert 0 < len(changed) <= 4
 
 
-def test_damaged_labels_are_made_again(tmp_path):
+def test_damaged_labels_are_recomputed(tmp_path):
     workspace = random_workspace((40, 33))
     tiled = cspace.build(workspace, CAR, rotations=4, store=tmp_path / "m", tile=9)
     tiled.compute_components()

@@ -1,4 +1,4 @@
-"""What a map in tiles is made from: arrays that stay in their files, and shapes, of which a tile asks those near it."""
+"""Sources of tiled builds: arrays read from files tile by tile, and shapes found by an index."""
 
 import os
 import pickle
@@ -20,7 +20,7 @@ FILLED = {"write_empty_chunks": True}
 
 
 def lazy_arrays(cells, folder):
-    """The same cells as arrays of every kind that is not read before it is indexed."""
+    """Return the same cells as every kind of lazy array."""
     da, xarray = pytest.importorskip("dask.array"), pytest.importorskip("xarray")
     np.save(folder / "a.npy", cells)
     mapped = np.load(folder / "a.npy", mmap_mode="r")
@@ -45,7 +45,7 @@ def in_hdf5(cells, path):
 
 
 def in_geotiff(cells, path):
-    """As a GeoTIFF has it: rows from the north, of shades."""
+    """Write cells as a GeoTIFF, with rows from the north, and open it lazily."""
     rasterio, rioxarray = pytest.importorskip("rasterio"), pytest.importorskip("rioxarray")
     about = {"width": cells.shape[0], "height": cells.shape[1], "count": 1, "dtype": "uint8", "crs": "EPSG:32633"}
     north_west = rasterio.Affine(0.1, 0.0, 0.0, 0.0, -0.1, 0.1 * cells.shape[1])
@@ -85,7 +85,7 @@ def test_arrays_are_read_tile_by_tile(tmp_path):
         np.testing.assert_array_equal(workspace.outer, own)
 
 
-def test_shapes_are_cut_tile_by_tile(tmp_path):
+def test_shapes_are_rasterized_tile_by_tile(tmp_path):
     rng = np.random.default_rng(0)
     boxes = [
         shapely.box(x, y, x + w, y + h) for x, y, w, h in rng.integers(0, 40, (30, 4)) * [0.1, 0.1, 0.02, 0.02] + 0.1
@@ -106,8 +106,8 @@ def test_shapes_are_cut_tile_by_tile(tmp_path):
 
 @settings(max_examples=10)
 @given(seed=st.integers(0, 2**16), spacing=st.sampled_from([0.05, 0.07, 1 / 3]), tile=st.integers(3, 40))
-def test_shapes_with_borders_on_cell_borders(seed, spacing, tile, tmp_path_factory):
-    """A tile has a lower corner of its own, which is rounded: no cell is told otherwise for that."""
+def test_aligned_shapes_give_the_same_cells_in_every_tile(seed, spacing, tile, tmp_path_factory):
+    """Rounding of a tile's lower corner changes no cell."""
     rng = np.random.default_rng(seed)
     shape = rng.integers(8, 40, 2)
     lower = spacing * rng.integers(-1000, 1000, 2)
@@ -126,7 +126,7 @@ def test_shapes_with_borders_on_cell_borders(seed, spacing, tile, tmp_path_facto
     np.testing.assert_array_equal(group["inner"][...], whole.inner)
 
 
-def test_a_source_that_changes(tmp_path):
+def test_build_stops_if_its_source_changes(tmp_path):
     np.save(tmp_path / "a.npy", np.zeros((30, 30), dtype=bool))
 
     def change(done, total):
@@ -143,14 +143,14 @@ def test_a_source_that_changes(tmp_path):
         cspace.build(changed, CAR, store=tmp_path / "m", tile=5)
 
 
-def test_dimensions_in_another_order():
+def test_lazy_arrays_with_swapped_dimensions_are_rejected():
     xarray, da = pytest.importorskip("xarray"), pytest.importorskip("dask.array")
     with pytest.raises(InputError, match="transpose"):
         cspace.Workspace.from_array(xarray.DataArray(da.zeros((4, 5), dtype=bool), dims=("y", "x")), 0.1)
 
 
 def boxes_in_the_plane(rng):
-    """Many polygons, some in collections of collections, a line and a point."""
+    """Build a workspace of polygons, nested collections, a line and points."""
     corners = rng.uniform(0, 4, (60, 2))
     parts = [shapely.box(*corner, *(corner + rng.uniform(0.02, 0.5, 2))) for corner in corners]
     nested = shapely.GeometryCollection(
@@ -161,7 +161,7 @@ def boxes_in_the_plane(rng):
 
 
 def balls_in_space(rng):
-    """Closed bodies, some in others, and triangles that hang on nothing."""
+    """Build a workspace of closed bodies, some nested, and loose triangles."""
     trimesh = pytest.importorskip("trimesh")
     balls = [
         trimesh.creation.icosphere(2, radius).apply_translation(at)
@@ -173,8 +173,8 @@ def balls_in_space(rng):
 
 @pytest.mark.filterwarnings("ignore::cspace.shapes.MeshWarning")
 @pytest.mark.parametrize("make", [boxes_in_the_plane, balls_in_space])
-def test_a_part_is_that_of_the_whole(make):
-    """Whatever part is asked for, found by an index or not, its cells are those of the whole."""
+def test_parts_of_a_source_equal_the_whole(make):
+    """Every part has the cells of the whole, with or without an index."""
     rng = np.random.default_rng(0)
     workspace = make(rng)
     shape = np.array(workspace.grid.shape)
@@ -189,8 +189,8 @@ def test_a_part_is_that_of_the_whole(make):
             np.testing.assert_array_equal(own, all_of_it[box])
 
 
-def test_an_index_finds_what_is_near():
-    """Few of many triangles are looked at for a tile, and those that meet it are among them."""
+def test_index_finds_all_triangles_near_a_box():
+    """The index returns few triangles, and all that meet the box."""
     rng = np.random.default_rng(1)
     triangles = rng.uniform(0, 50, (3000, 1, 3)) + rng.normal(size=(3000, 3, 3)) * rng.choice([0.1, 5.0], (3000, 1, 1))
     index = Buckets.of(triangles)

@@ -1,4 +1,4 @@
-"""Look-ups on a map that stays in its store: those of the same map in memory."""
+"""Queries on stored maps equal those on the same map in memory."""
 
 import itertools
 import pickle
@@ -20,7 +20,7 @@ from tiles.test_build import SPACES, random_workspace
 
 
 def pair(name, folder, outside="blocked", tile=7, seed=0):
-    """A map in memory, and the same in a store."""
+    """Build a map in memory and the same map in a store."""
     shape, robot, rotations = SPACES[name]
     workspace, options = random_workspace(shape, seed), {"rotations": rotations, "outside": outside}
     space = cspace.build(workspace, robot, **options)
@@ -28,7 +28,7 @@ def pair(name, folder, outside="blocked", tile=7, seed=0):
 
 
 def configurations(space, n, rng):
-    """Configurations in and around a grid, some of them on borders of its cells."""
+    """Draw configurations in and around a grid, half of them on cell boundaries."""
     grid = space.grid
     position = rng.uniform(np.array(grid.lower) - 1.0, np.array(grid.upper) + 1.0, (n, grid.dim))
     position[: n // 2] = np.array(grid.lower) + grid.spacing * np.round(
@@ -40,7 +40,7 @@ def configurations(space, n, rng):
     return np.hstack([position, turn])
 
 
-def test_a_cache_of_any_size_answers_as_the_map_in_memory(tmp_path):
+def test_queries_with_any_cache_size_equal_the_map_in_memory(tmp_path):
     space, tiled = pair("space yaw", tmp_path, "free")
     rng = np.random.default_rng(1)
     q = configurations(space, 3000, rng)
@@ -54,7 +54,7 @@ def test_a_cache_of_any_size_answers_as_the_map_in_memory(tmp_path):
 
 
 @pytest.mark.parametrize("name", SPACES)
-def test_clearance_as_far_as_it_is_looked_for(name, tmp_path, monkeypatch):
+def test_clearance_equals_the_map_in_memory_up_to_its_maximum(name, tmp_path, monkeypatch):
     space, tiled = pair(name, tmp_path, "free")
     q = configurations(space, 60, np.random.default_rng(2))
     monkeypatch.setattr("cspace.tiles.space.WINDOW_CELLS", {2: 48, 3: 48})
@@ -65,7 +65,7 @@ def test_clearance_as_far_as_it_is_looked_for(name, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("limit", [1, 100, 2**29])
-def test_decoded_tiles_take_no_more_memory_than_they_may(limit):
+def test_cache_stays_within_its_memory_limit(limit):
     cache = ChunkCache((2, 40, 40), (1, 7, 7), limit, lambda number: np.full(49, number % 3, np.uint8))
     for number in np.random.default_rng(0).permutation(72).tolist():
         cache.begin()
@@ -74,7 +74,7 @@ def test_decoded_tiles_take_no_more_memory_than_they_may(limit):
 
 
 @pytest.mark.parametrize("name", ["plane", "yaw", "space yaw"])
-def test_slices_are_those_of_the_map(name, tmp_path):
+def test_slice_rotations_match_slice_of(name, tmp_path):
     space, tiled = pair(name, tmp_path)
     for each in (space, tiled, pickle.loads(pickle.dumps(space))):
         assert each.slice_rotations.shape == (each.slice_of.max() + 1, space.size - space.grid.dim)
@@ -84,7 +84,7 @@ def test_slices_are_those_of_the_map(name, tmp_path):
             each.slice_of[0] = 7
 
 
-def test_batches_in_pieces_answer_as_one(tmp_path, monkeypatch):
+def test_batches_in_pieces_equal_whole_batches(tmp_path, monkeypatch):
     space, tiled = pair("yaw", tmp_path)
     q = configurations(space, 3000, np.random.default_rng(1))
     edges = np.random.default_rng(2).integers(0, 3000, (2000, 2))
@@ -99,8 +99,8 @@ def test_batches_in_pieces_answer_as_one(tmp_path, monkeypatch):
             look_up(q)
 
 
-def test_a_roadmap_of_many_edges_is_copied_a_piece_at_a_time(tmp_path):
-    """Whole, the ends of two million edges take 96 MB, and what the look-up copies of them again as much."""
+def test_large_roadmaps_are_copied_in_pieces(tmp_path):
+    """The endpoints of two million edges take 96 MB, and a copy as much again."""
     space, tiled = pair("yaw", tmp_path)
     vertices = configurations(space, 200, np.random.default_rng(1))
     edges = np.random.default_rng(2).integers(0, 200, (2_000_000, 2))
@@ -113,7 +113,7 @@ def test_a_roadmap_of_many_edges_is_copied_a_piece_at_a_time(tmp_path):
     np.testing.assert_array_equal(answers[:500], space.certify_path(vertices, edges[:500]))
 
 
-def test_an_edge_reads_the_tiles_that_it_passes(tmp_path, monkeypatch):
+def test_edge_queries_read_only_the_tiles_they_cross(tmp_path, monkeypatch):
     read, states = [], Store.states
     monkeypatch.setattr(Store, "states", lambda *what: read.append(what[1]) or states(*what))
     workspace = cspace.Workspace.from_array(np.zeros((100, 100), dtype=bool), 0.1)
@@ -127,7 +127,7 @@ def test_an_edge_reads_the_tiles_that_it_passes(tmp_path, monkeypatch):
     assert len(read) == 2  # it stops at the wall
 
 
-def test_what_is_opened(tmp_path):
+def test_opened_map_keeps_its_properties_and_refuses_exact_queries(tmp_path):
     space, _ = pair("yaw", tmp_path)
     opened = cspace.open(tmp_path / "m.zarr")
     for each in (opened, pickle.loads(pickle.dumps(opened))):
@@ -147,7 +147,7 @@ def test_what_is_opened(tmp_path):
         opened.nothing_of_this_name  # noqa: B018
 
 
-def test_all_that_only_maps_in_memory_can_do_is_refused_and_documented(tmp_path):
+def test_methods_of_maps_in_memory_are_refused_and_documented(tmp_path):
     _, tiled = pair("yaw", tmp_path)
     listed = {name: hint for names, hint in ONLY_IN_MEMORY.items() for name in names.split()}
     public = {name for name in dir(cspace.CSpace) if not name.startswith("_")}
@@ -160,8 +160,8 @@ def test_all_that_only_maps_in_memory_can_do_is_refused_and_documented(tmp_path)
     assert not [name for name in listed if f"`{name}`" not in page]
 
 
-def test_what_a_planner_of_ones_own_needs(tmp_path):
-    """Tiles in turn, each a map in memory in which a path leads on; and FREE configurations near others."""
+def test_tile_subproblems_join_to_a_certified_path(tmp_path):
+    """Paths through the tiles' maps in memory join; `nearest_free` equals the map in memory."""
     walls = np.zeros((60, 40), dtype=bool)
     walls[30:32, 7:] = True
     workspace = cspace.Workspace.from_array(walls, 0.1)
@@ -184,7 +184,7 @@ def test_what_a_planner_of_ones_own_needs(tmp_path):
         cspace.build(workspace, cspace.Robot.disc(9.0), store=tmp_path / "n", tile=15).nearest_free(start)
 
 
-def test_configurations_that_are_none(tmp_path):
+def test_queries_reject_invalid_configurations(tmp_path):
     _, tiled = pair("yaw", tmp_path)
     look_ups = tiled.classify, tiled.is_free, lambda q: tiled.motion_is_free(q, q), lambda q: tiled.certify_path([q, q])
     for q, look_up in itertools.product(([np.nan, 0.0, 0.0], [0.0, 0.0], [[0.0, 0.0, np.inf]]), look_ups):
@@ -193,7 +193,7 @@ def test_configurations_that_are_none(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["cell_states", "record", "zarr.json", "slice_of"])
-def test_a_damaged_file_is_no_answer(name, tmp_path):
+def test_damaged_files_raise(name, tmp_path):
     space, _ = pair("yaw", tmp_path)
     file = tmp_path / "m.zarr" / name
     file = (
@@ -213,7 +213,7 @@ def test_a_damaged_file_is_no_answer(name, tmp_path):
         opened.classify(configurations(space, 500, np.random.default_rng(0)))
 
 
-def test_swapped_chunks_are_no_answer(tmp_path):
+def test_swapped_chunks_raise(tmp_path):
     space, tiled = pair("plane", tmp_path)
     first, last = (tmp_path / "m.zarr" / "cell_states" / "c" / "0" / part for part in ("0/0", "3/2"))
     one, two = first.read_bytes(), last.read_bytes()
@@ -223,7 +223,7 @@ def test_swapped_chunks_are_no_answer(tmp_path):
         tiled.classify(np.array(space.grid.lower) + 0.05)
 
 
-def test_several_threads_at_once(tmp_path):
+def test_concurrent_queries_equal_serial_ones(tmp_path):
     space, _ = pair("plane", tmp_path)
     tiled = cspace.TiledCSpace.open(tmp_path / "m.zarr", cache_bytes=60)
     q = configurations(space, 400, np.random.default_rng(0))

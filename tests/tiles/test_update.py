@@ -1,4 +1,4 @@
-"""Updates of a stored map: what a build would give, and never anything between before and after."""
+"""Updates of stored maps equal new builds and are atomic."""
 
 import multiprocessing
 import os
@@ -18,7 +18,7 @@ from tiles.test_build import CAR, random_workspace, same_states
 
 @settings(max_examples=4)
 @given(seed=st.integers(0, 2**16), outside=st.sampled_from(["blocked", "free"]), two=st.booleans())
-def test_equals_a_build(seed, outside, two, tmp_path_factory):
+def test_update_equals_a_new_build(seed, outside, two, tmp_path_factory):
     rng, path = np.random.default_rng(seed), tmp_path_factory.mktemp("update") / "m"
     workspace = random_workspace((40, 33), seed, two)
     tiled = cspace.build(workspace, CAR, rotations=4, outside=outside, store=path, tile=8)
@@ -38,7 +38,7 @@ def test_equals_a_build(seed, outside, two, tmp_path_factory):
     assert not list(path.glob(".cspace-*"))
 
 
-def test_only_the_tiles_that_are_reached(tmp_path):
+def test_update_writes_only_affected_tiles(tmp_path):
     workspace = random_workspace((200, 200))
     tiled = cspace.build(workspace, cspace.Robot.disc(0.3), store=tmp_path / "m", tile=20)
     before = {file: file.stat().st_mtime_ns for file in (tmp_path / "m" / "cell_states").rglob("*") if file.is_file()}
@@ -48,8 +48,8 @@ def test_only_the_tiles_that_are_reached(tmp_path):
     assert changed
 
 
-def test_readers_see_before_or_after(tmp_path):
-    """While one wall comes and goes, a batch over many tiles is of one map, and so is one of another process's."""
+def test_readers_see_the_map_before_or_after_an_update(tmp_path):
+    """While a wall appears and disappears, every batch over many tiles sees one version."""
     workspace = cspace.Workspace.from_array(np.zeros((120, 120), dtype=bool), 0.1)
     tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "m", tile=24)
     wall = np.ones((120, 3), dtype=bool)
@@ -81,7 +81,7 @@ def change(path, value):
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_an_update_that_is_killed(tmp_path):
+def test_killed_update_leaves_the_old_or_the_new_map(tmp_path):
     workspace = random_workspace((120, 130))
     tiled = cspace.build(workspace, CAR, rotations=4, store=tmp_path / "m", tile=16)
     before = cspace.build(workspace, CAR, rotations=4)
@@ -103,7 +103,7 @@ def test_an_update_that_is_killed(tmp_path):
     same_states(tmp_path / "m", after)
 
 
-def test_updates_that_are_none(tmp_path):
+def test_update_rejects_invalid_arguments(tmp_path):
     tiled = cspace.build(random_workspace((20, 20)), CAR, store=tmp_path / "m", tile=8)
     cells = np.ones((2, 2), bool)
     for arguments in ((cells, (19, 19)), (np.full((2, 2), 3), (0, 0)), (cells, (0,))):

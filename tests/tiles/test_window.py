@@ -1,4 +1,4 @@
-"""Parts of a stored map: within the box that was asked for, they answer as the whole map does."""
+"""Windows of a stored map agree with the whole map within their box."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def build_both(name, outside, folder):
 
 
 def within(space, lower, upper, n, rng):
-    """Configurations in a box, off the borders of cells, where rounding may choose either."""
+    """Draw configurations in a box; almost surely none is on a cell boundary, where rounding decides."""
     position = rng.uniform(lower, upper, (n, len(lower)))
     return np.hstack([position, rng.uniform(-4, 4, (n, space.size - len(lower)))])
 
@@ -43,8 +43,8 @@ def box():
     [(triangles, CAR, 6), (box, cspace.Robot.ball(0.13), None)],
     ids=["plane", "space"],
 )
-def test_a_window_asks_the_obstacles_themselves(obstacles, robot, rotations, outside, tmp_path):
-    """In cells that are MIXED, and until an update; from then on it asks the outer cells."""
+def test_window_uses_exact_shapes_until_an_update(obstacles, robot, rotations, outside, tmp_path):
+    """After an update a window uses the outer cells instead."""
     workspace = obstacles()
     space = cspace.build(workspace, robot, rotations=rotations, outside=outside)
     tiled = cspace.build(workspace, robot, rotations=rotations, outside=outside, store=tmp_path / "m", tile=11)
@@ -65,7 +65,7 @@ def test_a_window_asks_the_obstacles_themselves(obstacles, robot, rotations, out
     assert (after != free).any()
 
 
-def test_a_window_of_all_is_the_map(tmp_path):
+def test_window_of_the_whole_map_equals_it(tmp_path):
     space, tiled = build_both("yaw", "blocked", tmp_path)
     window = tiled.window(space.grid.lower, space.grid.upper)
     assert (window.outside, window.grid) == (space.outside, space.grid)
@@ -75,7 +75,7 @@ def test_a_window_of_all_is_the_map(tmp_path):
     np.testing.assert_array_equal(window.clearance(q), space.clearance(q))
 
 
-def test_a_window_is_saved_as_what_it_is(tmp_path):
+def test_saved_window_keeps_its_unknown_exterior(tmp_path):
     _, tiled = build_both("plane", "free", tmp_path)
     window = tiled.window(np.add(tiled.grid.lower, 1.0), np.add(tiled.grid.lower, 1.5))
     window.save(tmp_path / "part.zarr")
@@ -88,7 +88,7 @@ def test_a_window_is_saved_as_what_it_is(tmp_path):
         cspace.build(window.workspace, CAR, outside="unknown")
 
 
-def test_windows_that_are_none(tmp_path):
+def test_window_rejects_invalid_boxes(tmp_path):
     _, tiled = build_both("plane", "blocked", tmp_path)
     for lower, upper in (((1, 1), (0, 0)), ((90, 90), (99, 99)), ((0,), (1,)), ((0, np.nan), (1, 1))):
         with pytest.raises(InputError):
@@ -96,8 +96,8 @@ def test_windows_that_are_none(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["plane", "space yaw"])
-def test_an_overview_is_proven(name, tmp_path):
-    """FREE where all that a larger cell is made of is FREE, BLOCKED where all is, MIXED elsewhere, also at the rim."""
+def test_overview_states_are_proven(name, tmp_path):
+    """A coarse cell is FREE or BLOCKED if all its cells are, else MIXED, also at the boundary."""
     space, tiled = build_both(name, "free", tmp_path)
     for most in (5, 12, 1000):
         seen = tiled.overview(most)
