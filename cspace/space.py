@@ -434,7 +434,7 @@ class CSpace(ConfigurationMap, MapExport):
     def _free_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """Find a path as :meth:`find_path`; raise TimeoutError if time runs out."""
         from cspace.map.paths import in_time, pulled_straight, unwind, waypoints
-        from cspace.map.search import GREED, TURN_COST, Graph
+        from cspace.map.search import GREEDY_WEIGHT, TURN_COST, Graph
 
         until, dim, neighbors = clock() + seconds, self.grid.dim, self.rotations.neighbors
         endpoints = np.stack([self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))])
@@ -443,7 +443,7 @@ class CSpace(ConfigurationMap, MapExport):
         def chain(neighbors: Ints) -> Ints:
             turns = np.full(neighbors.shape, TURN_COST)
             graph = Graph.of(self._seen, self._slice_of, neighbors, turns, self.periodic_axes[:dim])
-            return graph.chain(first, last, until, greed=GREED)
+            return graph.chain(first, last, until, greed=GREEDY_WEIGHT)
 
         still = not self.rotations.steps(*endpoints)[dim:].any()
         if straight and still and dim == 2 and not any(self.periodic_axes):
@@ -525,17 +525,17 @@ class CSpace(ConfigurationMap, MapExport):
 
     def _widest_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
         """Find a path as :meth:`find_widest_path`; raise TimeoutError if time runs out."""
-        from cspace.map.widest import BYTES, find_widest_path
+        from cspace.map.widest import BYTES_PER_CELL, find_widest_path
 
         endpoints = np.stack([self._one_free(q, name) for q, name in ((q0, "q0"), (q1, "q1"))])
         # Levels cover the unrolled map: half a period more at either end of a periodic axis.
         cells = self.grid.size * self.rotations.count * 2 ** sum(self.periodic_axes)
-        needed, fewer = BYTES * cells, self.rotations.fewer
+        needed, fewer = BYTES_PER_CELL * cells, self.rotations.fewer
         check_memory(needed, "the map, to find its widest path,", self.grid, fewer=fewer)
         kernel_map = self._grid_kernel_map
         with self._lock:
             # A new object, because searches in other threads may still read the old levels.
-            widest = vars(self)["_widest"] = self._widest.renewed(kernel_map, self._seen)
+            widest = vars(self)["_widest"] = self._widest.updated(kernel_map, self._seen)
         until = clock() + seconds
         both = endpoints, self._cells_of(endpoints)
         join = partial(self._components_of, exterior_open=np.zeros(len(self._seen), dtype=np.bool_))
@@ -847,13 +847,13 @@ class CSpace(ConfigurationMap, MapExport):
 
         Values above ``limit`` become infinite.
         """
-        from cspace.map.clearance import clearances_of
+        from cspace.map.clearance import slice_clearances
 
         whole, periodic = self._unrolled, self._contents.periodic
         if number is None:
             clearances = whole._inflation.clearances(limit)
         else:
-            clearances = clearances_of(whole._seen[number], whole._exterior.table[number], limit)
+            clearances = slice_clearances(whole._seen[number], whole._exterior.table[number], limit)
         return clearances[periodic.middle] if periodic else clearances
 
     def _flat_state(self) -> States:
@@ -1030,9 +1030,9 @@ class CSpace(ConfigurationMap, MapExport):
         return in_spatial_order(query, self.grid.lower, self.grid.upper)
 
     def _blocks(self, number: int) -> Words | None:
-        from cspace.map.mip import CELLS_AN_EDGE
+        from cspace.map.mip import MAX_CELLS_PER_EDGE
 
-        if CSpace._mip.cached(self._unrolled) is None and number * CELLS_AN_EDGE < self._seen.size:
+        if CSpace._mip.cached(self._unrolled) is None and number * MAX_CELLS_PER_EDGE < self._seen.size:
             return None
         return self._marks(cells=False).blocks
 

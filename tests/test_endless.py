@@ -22,7 +22,7 @@ import cspace
 import planners
 from cspace import FREE, MIXED, Grid, Workspace
 from cspace.errors import InputError
-from cspace.map.components import SHIFTS, PeriodicComponents
+from cspace.map.components import BLOCK_SHIFTS, PeriodicComponents
 from cspace.map.contents import Contents
 from cspace.map.widest import Widest
 from cspace.plot import save_plot
@@ -94,7 +94,7 @@ def test_paths_lead_across_the_seam(data: st.DataObject, periodic_axes: tuple[bo
     for one, other in itertools.pairwise(range(len(q))):
         same = free[at[one]] >= 0 and free[at[one]] == free[at[other]]
         apart = passable[at[one]] < 0 or passable[at[one]] != passable[at[other]]
-        with mock.patch.dict(SHIFTS, {2: (0, 2, 2), 3: (1, 1, 1)}):
+        with mock.patch.dict(BLOCK_SHIFTS, {2: (0, 2, 2), 3: (1, 1, 1)}):
             assert proven_paths(space, q[one], q[other]) is (True if same else False if apart else None)
         if states[at[one]] == FREE and states[at[other]] == FREE and stays[[one, other]].all():
             path = space.find_path(q[one], q[other])

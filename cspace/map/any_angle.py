@@ -18,7 +18,7 @@ import numpy as np
 
 from cspace.arrays import FREE, Floats, Ints
 from cspace.compiling import jit, kernel
-from cspace.map.search import keep_on
+from cspace.map.search import check_deadline
 from cspace.map.storage import Cells, row_in, state_in, zeros_below
 
 NODES_PER_STEP: Final = 2**13
@@ -128,9 +128,9 @@ def shortest_path(
         return np.stack([start, goal])
     front = _first_front()
     begin_search(runs, front, begin, end, home, aim)
-    keep_on(until)
+    check_deadline(until)
     while not expand_nodes(runs, front, end, aim):
-        keep_on(until)
+        check_deadline(until)
         front = _with_room(front)
     return _traced(front, start, goal)
 

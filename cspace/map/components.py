@@ -1,4 +1,4 @@
-"""Components: which cells chains of FREE cells join, and which not even chains of undecided cells do."""
+"""Connected components of FREE cells, and of cells that are not BLOCKED."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import reduce
 from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
-import scipy  # its parts are read when they are first used
+import scipy  # its modules are loaded at their first use
 from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Ints, Words
@@ -20,61 +20,66 @@ from cspace.threads import cores, in_threads
 Nodes = NDArray[np.int32]
 Numbers = TypeVar("Numbers", Nodes, Words)
 
-SHIFTS: Final = {2: (0, 6, 6), 3: (3, 3, 6)}
-"""Cells of a block along each axis, as powers of two, by dimension: 64 rows of 64 cells. A plane has one layer."""
+BLOCK_SHIFTS: Final = {2: (0, 6, 6), 3: (3, 3, 6)}
+"""Binary logarithm of the cells of a block along each axis, by dimension: 64 rows of 64 cells."""
 
-BITS: Final = 11
-MOST: Final = 1 << BITS
-"""Runs in a block, at most, and so components: 64 rows of 32."""
+COMPONENT_BITS: Final = 11
+"""Bits of a component index within a block."""
+MAX_COMPONENTS_PER_BLOCK: Final = 1 << COMPONENT_BITS
+"""Maximum number of runs, and so of components, in a block: 64 rows of 32 runs."""
 
 UNLABELLED: Final = -2
-"""Stands for cells whose component takes the labels of their block; less the number of the block, and of the cell's row
-in it and place in the row, 6 bits each."""
+"""Marks a cell whose component requires its block's labels. From it are subtracted the block index, and 6 bits each for
+the row in the block and the bit in the row."""
 
-TASK: Final = 4096
-"""Blocks that a thread takes at a time."""
+BLOCKS_PER_TASK: Final = 4096
+"""Maximum number of blocks labelled at a time by one thread."""
 
-LEAST: Final = 256
-"""Blocks for which a thread of their own pays."""
+MIN_BLOCKS_PER_THREAD: Final = 256
+"""Number of blocks below which another thread costs more than it saves."""
 
-TALL: Final = 12
-"""Slices among them, where there are so many."""
+MIN_SLICES_PER_TILE: Final = 12
+"""Minimum number of slices per work tile, if the map has that many."""
 
-STRUCK: Final = -1
-"""Marks a face that is no more."""
+DELETED: Final = -1
+"""Marks a deleted face."""
 
-FEW_STRUCK: Final = 4
-"""Part of the faces, its reciprocal, that may be struck out and still be there."""
+FACES_PER_DELETED: Final = 4
+"""Compact the face array once more than 1/4 of its faces are deleted."""
 
-AHEAD: Final = 12
-"""Rows of a block that are fetched ahead of the one that is read."""
+PREFETCH_ROWS: Final = 12
+"""Rows of a block between the row that is prefetched and the row that is read."""
 
-FEW: Final = 16
-"""Blocks that are looked at first for the box around a component."""
+FIRST_BOX_BLOCKS: Final = 16
+"""Number of blocks in the first batch that is labelled to find a component's box."""
 
-HINTS: Final = 8
-"""Slices that hint at whether a path joins two cells, where there are at least twice as many."""
+HINT_SLICES: Final = 8
+"""Number of slices merged to guess whether a path exists; maps with fewer than twice as many give no guess."""
 
-SHORT: Final = 3
-"""Part of the blocks of a slice, its reciprocal, that are few enough to be labelled before all are."""
+MIN_BLOCKS_PER_PATH_BLOCK: Final = 3
+"""Label a block path first only if it has at most 1/3 of the blocks of a slice."""
 
 _ONE, _LAST = np.uint64(1), np.uint64(63)
 
 
 class Blocks(NamedTuple):
-    """The cells of a map that are of one kind, cut into blocks, numbered slice by slice.
+    """Cells of one kind, FREE or not BLOCKED, cut into blocks.
 
+    Blocks are numbered slice by slice, and in C order within a slice.
+
+    Attributes
+    ----------
     cells : ndarray of uint8, or TwoBits
-        The states, all slices in a row.
+        States of all slices in a row.
     grid : tuple of int, length 4
-        Slices, and cells of the grid.
+        Number of slices, then cells of the grid along three axes.
     shifts, shape : tuple of int, length 3
-        Cells of a block, as powers of two, and number of blocks, along each axis. At least one layer of cells lies
-        beyond the last ones of the grid; it stands for all that is outside, so that the first cells are beside it too.
+        Binary logarithm of the cells of a block, and number of blocks, along each axis. Each axis has at least one
+        layer of cells beyond the grid. It stands for the whole exterior, so the first cells are next to it too.
     mixed : bool
-        Whether the cells that are not BLOCKED are meant, and else those that are FREE.
-    rim_is_open : ndarray of bool, shape (slices,)
-        Whether any configuration outside the grid is of that kind.
+        True for the cells that are not BLOCKED, False for the FREE cells.
+    exterior_open : ndarray of bool, shape (slices,)
+        True where a configuration outside the grid is of that kind.
     """
 
     cells: Cells
@@ -86,16 +91,19 @@ class Blocks(NamedTuple):
 
 
 class Labels(NamedTuple):
-    """The components of some blocks, each by itself.
+    """Components within each of several blocks.
 
+    Attributes
+    ----------
     words : ndarray of uint64, shape (blocks * rows,)
-        The cells of each row, by bits.
+        Cells of each row, one bit each.
     bounds : ndarray of int32, shape (blocks * rows + 1,)
-        Where the numbers of each row begin, and where those of the last one end.
+        Start of each row in ``numbers``, then the end of the last row.
     numbers : ndarray of int32
-        The component of each run of a row, from the lowest cell on; or of all of them, where they are one.
+        Component of each run of a row, in ascending order of cells; a single entry if all runs of the row have the
+        same.
     counts : ndarray of int32, shape (blocks,)
-        Number of components.
+        Number of components of each block.
     """
 
     words: Words
@@ -105,17 +113,23 @@ class Labels(NamedTuple):
 
 
 class SliceAdjacency(NamedTuple):
-    """How slices are joined, from one rotation cell to the next.
+    """Adjacency of slices, derived from adjacent rotation cells.
 
+    Adjacent rotation cells with the same slice form one copy of that slice, since each of its cells is joined to
+    itself.
+
+    Attributes
+    ----------
     copy_of : ndarray of int64, shape (rotations,)
-        Neighbours that share a slice are one copy of it, in which all is joined to itself.
+        Copy of each rotation cell.
     slice_of : ndarray of int64, shape (copies,)
+        Slice of each copy.
     links : ndarray of int64, shape (slices, n)
-        Later slices that copies of each slice have for neighbours; -1 fills up.
+        Adjacent slices with a higher index, for each slice; padded with -1.
     uses : ndarray of int64, shape (m, 2)
-        The copies, group by group, that are joined where components of their slices meet.
+        Pairs of copies whose components are joined where their slices meet, sorted by group.
     bounds : ndarray of int64, shape (slices * (1 + n) + 1,)
-        Where the groups of each slice end, of which the first one is for faces within it and the others for its links.
+        End of each group in ``uses``. Each slice has one group for faces within it, then one for each of its links.
     """
 
     copy_of: Ints
@@ -126,43 +140,48 @@ class SliceAdjacency(NamedTuple):
 
     @classmethod
     def of(cls, slice_of: Ints, neighbors: Ints, slices: int) -> SliceAdjacency:
-        """From the slice of each rotation cell, and its neighbours."""
-        first, place = np.nonzero(neighbors >= 0)
-        near = np.stack([first, neighbors[first, place]])
-        near = np.hstack([near, near[::-1]])
-        one, other = slice_of[near]
-        low = np.arange(len(slice_of))
+        """Build from the slice and the neighbors of each rotation cell."""
+        cell, column = np.nonzero(neighbors >= 0)
+        adjacent = np.stack([cell, neighbors[cell, column]])
+        adjacent = np.hstack([adjacent, adjacent[::-1]])
+        slice_a, slice_b = slice_of[adjacent]
+        lowest_cell = np.arange(len(slice_of))
+        cell, neighbor = adjacent[:, slice_a == slice_b]
         while True:
-            lower = low.copy()
-            np.minimum.at(lower, near[0, one == other], low[near[1, one == other]])
-            if (lower == low).all():
+            new_lowest = lowest_cell.copy()
+            np.minimum.at(new_lowest, cell, lowest_cell[neighbor])
+            if (new_lowest == lowest_cell).all():
                 break
-            low = lower[lower]
-        lowest, copy_of = np.unique(low, return_inverse=True)
-        copies, own = slice_of[lowest], np.arange(len(lowest))
-        a, b = divmod(np.unique(copy_of[near[0, one < other]] * len(own) + copy_of[near[1, one < other]]), len(own))
-        pairs, link = np.unique(copies[a] * slices + copies[b], return_inverse=True)
-        s, later = divmod(pairs, slices)
-        place = np.arange(len(s)) - np.searchsorted(s, s)
-        links = np.full((slices, place.max(initial=-1) + 1), -1)
-        links[s, place] = later
+            lowest_cell = new_lowest[new_lowest]
+        first_of_copy, copy_of = np.unique(lowest_cell, return_inverse=True)
+        copies, copy_index = slice_of[first_of_copy], np.arange(len(first_of_copy))
+        copy_a, copy_b = copy_of[adjacent[:, slice_a < slice_b]]
+        a, b = divmod(np.unique(copy_a * len(copies) + copy_b), len(copies))
+        slice_pairs, link = np.unique(copies[a] * slices + copies[b], return_inverse=True)
+        s, later = divmod(slice_pairs, slices)
+        column = np.arange(len(s)) - np.searchsorted(s, s)
+        links = np.full((slices, column.max(initial=-1) + 1), -1)
+        links[s, column] = later
         groups = np.concatenate([copies, copies[a]]) * (1 + links.shape[1])
-        groups[len(own) :] += 1 + place[link]
-        uses = np.stack([np.append(own, a), np.append(own, b)], axis=1)[np.argsort(groups, kind="stable")]
+        groups[len(copy_index) :] += 1 + column[link]
+        uses = np.stack([np.append(copy_index, a), np.append(copy_index, b)], axis=1)[np.argsort(groups, kind="stable")]
         bounds = np.cumsum(np.bincount(groups + 1, minlength=slices * (1 + links.shape[1]) + 1))
         return cls(copy_of, copies, links, uses, bounds)
 
 
 class GlobalLabels(NamedTuple):
-    """The components over the whole map.
+    """Components of the whole map.
 
-    Component c of a layer is the node ``start + base[layer] + c``.
+    Component c of a block is node ``start + base[block] + c``.
 
-    base : ndarray of int32, shape (layers + 1,)
+    Attributes
+    ----------
+    base : ndarray of int32, shape (blocks + 1,)
+        Number of components in all blocks before.
     starts, slices : ndarray of int64, shape (rotations,)
-        The start of each rotation cell, and its slice.
+        First node, less the base of the slice, and slice of each rotation cell.
     roots : ndarray of int32
-        The component of each node.
+        Component of each node.
     """
 
     base: Nodes
@@ -176,131 +195,139 @@ class GlobalLabels(NamedTuple):
 
 @kernel
 def pack(blocks: Blocks, segment: int, words: Words) -> None:
-    """Pack the cells of blocks that follow each other along the last axis, a word for each row.
+    """Pack blocks that are consecutive along the last axis into words, one word a row.
 
-    Row by row through all of them, as they lie in memory, which is several times quicker than block by block; and what
-    is to come is fetched meanwhile, or each row would be waited for.
+    Rows are read across all blocks, in memory order, which is several times faster than block by block. Later rows are
+    prefetched; otherwise each row would wait for memory.
     """
-    (_, nx, ny, nz), (deep, wide, long), (layers, rows, columns) = blocks.grid, blocks.shifts, blocks.shape
-    first_x, first_y = segment // (columns * rows) % layers << deep, segment // columns % rows << wide
-    s, z = segment // (columns * rows * layers), segment % columns << long
-    rim = ~high_bits(1 << long) if blocks.exterior_open[s] else np.uint64(0)
-    height = 1 << (deep + wide)
-    count = len(words) // height
-    for row in range(-AHEAD, height):
-        x, y = first_x + ((row + AHEAD) >> wide), first_y + ((row + AHEAD) & ((1 << wide) - 1))
+    (_, nx, ny, nz), (x_shift, y_shift, z_shift), (layers, rows, columns) = blocks.grid, blocks.shifts, blocks.shape
+    first_x, first_y = segment // (columns * rows) % layers << x_shift, segment // columns % rows << y_shift
+    s, z = segment // (columns * rows * layers), segment % columns << z_shift
+    exterior = ~high_bits(1 << z_shift) if blocks.exterior_open[s] else np.uint64(0)
+    rows_per_block = 1 << (x_shift + y_shift)
+    count = len(words) // rows_per_block
+    for row in range(-PREFETCH_ROWS, rows_per_block):
+        x, y = first_x + ((row + PREFETCH_ROWS) >> y_shift), first_y + ((row + PREFETCH_ROWS) & ((1 << y_shift) - 1))
         for n in range(count + 1):
-            prefetch_cell(blocks.cells, ((s * nx + x) * ny + y) * nz + z + (n << long))
+            prefetch_cell(blocks.cells, ((s * nx + x) * ny + y) * nz + z + (n << z_shift))
         if row < 0:
             continue
-        x, y = first_x + (row >> wide), first_y + (row & ((1 << wide) - 1))
+        x, y = first_x + (row >> y_shift), first_y + (row & ((1 << y_shift) - 1))
         stop = nz if (x < nx) & (y < ny) else 0
         for n in range(count):
-            first = z + (n << long)
-            inside = max(0, min(1 << long, stop - first))
+            first = z + (n << z_shift)
+            inside = max(0, min(1 << z_shift, stop - first))
             taken, blocked = row_in(blocks.cells, ((s * nx + x) * ny + y) * nz + first, inside)
-            words[n * height + row] = ~(blocked if blocks.mixed else taken) | (rim & high_bits(inside))
+            words[n * rows_per_block + row] = ~(blocked if blocks.mixed else taken) | (exterior & high_bits(inside))
 
 
 @always_inline
-def runs_in(word: np.uint64) -> int:
-    """Number of runs of a word."""
-    number: int = popcount(word & ~(word << _ONE))
-    return number
+def count_runs(word: np.uint64) -> int:
+    """Count the runs of set bits in a word."""
+    count: int = popcount(word & ~(word << _ONE))
+    return count
 
 
 @always_inline
-def number_at(labels: Labels, row: int, bit: np.uint64) -> int:
-    """The component of a cell of a row, given as its bit."""
-    run = runs_in(labels.words[row] & (bit | (bit - _ONE))) - 1
-    number: int = np.int64(labels.numbers[min(labels.bounds[row] + run, labels.bounds[row + 1] - 1)])  # type: ignore[assignment]
-    return number
+def component_at(labels: Labels, row: int, bit: np.uint64) -> int:
+    """Return the component of the cell of a row at ``bit``."""
+    run = count_runs(labels.words[row] & (bit | (bit - _ONE))) - 1
+    component: int = np.int64(labels.numbers[min(labels.bounds[row] + run, labels.bounds[row + 1] - 1)])  # type: ignore[assignment]
+    return component
 
 
 @always_inline
 def disjoint_run_ends(word: np.uint64, other: np.uint64) -> np.uint64:
-    """The last cells of those runs of a word that have no cell in another one."""
-    # A carry from the first cell of each run ends where the other has a cell, or behind the run, or leaves the word.
+    """Return the last bits of runs in ``word`` disjoint from ``other``."""
+    # Add the first bit of each run to the run without ``other``. The carry passes through the whole run only if no bit
+    # of it is in ``other``. A run at the end of the word carries out of it.
     apart = word & ~other
     carried = apart + (word & ~(word << _ONE))
     return ((carried & ~word) >> _ONE) | (np.uint64(carried < apart) << _LAST)
 
 
 @kernel
-def continue_row(labels: Labels, at: int, before: tuple[int, int], parent: Nodes, components: int) -> int:
-    """Number the runs of a row by those of two rows before it that they touch; the number of components.
+def label_row(labels: Labels, at: int, before: tuple[int, int], parent: Nodes, components: int) -> int:
+    """Label the runs of a row from two neighbor rows.
 
-    Where there is no such row, it is the row itself. Runs that touch none begin components, for union-find, which joins
-    them where a run touches several.
+    Return the number of components. A missing neighbor row is given as the row itself. A run that touches no earlier
+    run starts a component; if it touches several, union-find merges them.
     """
     words, bounds, numbers, _ = labels
     first = stop = np.int64(bounds[at])
-    left, one = words[at], True
+    left, uniform = words[at], True
     while left != 0:
         rest = left & (left + (left & (~left + _ONE)))
-        number: int = np.int64(-1)  # type: ignore[assignment]
+        component: int = np.int64(-1)  # type: ignore[assignment]
         for k in range(2):
             touch = (left ^ rest) & words[before[k]] if before[k] != at else np.uint64(0)
             while touch != 0:
                 bit = touch & (~touch + _ONE)
                 touch &= touch + bit
-                other = number_at(labels, before[k], bit)
-                if number < 0:
-                    number = other
-                elif parent[number] != parent[other]:
-                    merge_sets(parent, number, other)
-        if number < 0:
-            number, parent[components], components = components, components, components + 1
-        one = one and parent[number] == parent[numbers[first] if stop > first else number]
-        numbers[stop], stop, left = number, stop + 1, rest
-    bounds[at + 1] = min(first + 1, stop) if one else stop
+                neighbor = component_at(labels, before[k], bit)
+                if component < 0:
+                    component = neighbor
+                elif parent[component] != parent[neighbor]:
+                    merge_sets(parent, component, neighbor)
+        if component < 0:
+            component, parent[components], components = components, components, components + 1
+        uniform = uniform and parent[component] == parent[numbers[first] if stop > first else component]
+        numbers[stop], stop, left = component, stop + 1, rest
+    bounds[at + 1] = min(first + 1, stop) if uniform else stop
     return components
 
 
 @kernel
 def label_blocks(blocks: Blocks, segments: Ints, starts: Ints, labels: Labels, parent: Nodes) -> None:
-    """Label the cells of blocks, given by their numbers; ``parent``, shape (MOST,), is room for their components.
+    """Label the cells of the blocks ``segments``.
 
-    ``starts`` has the place of each that does not follow the one before it along the last axis, and how many there are.
+    ``starts`` has the index of each block that does not directly follow the one before it along the last axis, then the
+    number of blocks. ``parent``, shape (MAX_COMPONENTS_PER_BLOCK,), is scratch.
     """
     words, bounds, numbers, counts = labels
     rows, wide = len(words) // len(segments), 1 << blocks.shifts[1]
-    zero: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
+    zero: int = np.int64(0)  # type: ignore[assignment]  # numba requires one type from the start
     for n in range(len(starts) - 1):
         first_block, stop_block = starts[n], starts[n + 1]
         pack(blocks, segments[first_block], words[first_block * rows : stop_block * rows])
         for block in range(first_block, stop_block):
             components = zero
             for row in range(rows):
-                at = block * rows + row
-                beside, below = at - 1 if row & (wide - 1) > 0 else at, at - wide if row >= wide else at
-                before, begin = min(beside, below), np.int64(bounds[at])
-                word, other, first = words[at], words[before], np.int64(bounds[before])
-                bounds[at + 1] = begin
+                row_index = block * rows + row
+                beside = row_index - 1 if row & (wide - 1) > 0 else row_index
+                below = row_index - wide if row >= wide else row_index
+                before, begin = min(beside, below), np.int64(bounds[row_index])
+                word, other, first = words[row_index], words[before], np.int64(bounds[before])
+                bounds[row_index + 1] = begin
                 count = bounds[before + 1] - first
-                alike = (
-                    (beside == at or below == at) and word != 0 and count > 0 and disjoint_run_ends(word, other) == 0
+                same_runs = (
+                    (beside == row_index or below == row_index)
+                    and word != 0
+                    and count > 0
+                    and disjoint_run_ends(word, other) == 0
                 )
-                if alike and count > 1:  # so they are where runs touch one each, and all of them are touched
-                    alike = (
-                        runs_in(word) == count
-                        and runs_in(word & other) == count
+                # If each run touches exactly one run of the row before, and touches them all, the components are those
+                # of that row, and they are copied.
+                if same_runs and count > 1:
+                    same_runs = (
+                        count_runs(word) == count
+                        and count_runs(word & other) == count
                         and disjoint_run_ends(other, word) == 0
                     )
-                if alike:
+                if same_runs:
                     for m in range(count):
                         numbers[begin + m] = numbers[first + m]
-                    bounds[at + 1] = begin + count
+                    bounds[row_index + 1] = begin + count
                 else:
-                    components = continue_row(labels, at, (beside, below), parent, components)
+                    components = label_row(labels, row_index, (beside, below), parent, components)
             total = zero
-            for number in range(components):
-                # The lower root is on top, so that it has its number by now.
-                if parent[number] == number:
-                    parent[number] = total
+            for node in range(components):
+                # Roots are the lowest node of their set, so a root has its final index by now.
+                if parent[node] == node:
+                    parent[node] = total
                     total += 1
                 else:
-                    parent[number] = parent[parent[number]]
+                    parent[node] = parent[parent[node]]
             if components > 1:
                 for m in range(bounds[block * rows], bounds[(block + 1) * rows]):
                     numbers[m] = parent[numbers[m]]
@@ -308,14 +335,14 @@ def label_blocks(blocks: Blocks, segments: Ints, starts: Ints, labels: Labels, p
 
 
 class Faces(NamedTuple):
-    """What meets where two blocks share a side, or a place in neighbouring rotation cells, face after face.
+    """Contacts of components across block faces, and between rotation cells.
 
     Attributes
     ----------
     rows : ndarray of int32, shape (n, 4)
-        Block, other block, which of :attr:`SliceAdjacency.bounds` is meant, or STRUCK, and number of pairs.
+        Block a, block b, group in :attr:`SliceAdjacency.bounds` or DELETED, and number of pairs.
     pairs : ndarray of int32
-        Those of the faces, one after the other, ``component * MOST + other component``.
+        Touching components of all faces, face by face, as ``component_a * MAX_COMPONENTS_PER_BLOCK + component_b``.
     """
 
     rows: Nodes
@@ -323,65 +350,68 @@ class Faces(NamedTuple):
 
 
 @kernel
-def meet_blocks(
+def find_faces(
     labels: Labels, shifts: tuple[int, int, int], beside: Ints, parent: Nodes, faces: Faces
 ) -> tuple[int, int]:
-    """Fill in the faces of blocks that lie beside each other; how many of them, and pairs, there are.
+    """Find the touching components of adjacent blocks.
 
-    A row of ``beside`` has a block, another one and its group, as a face has them, the axis along which the other
-    follows, 3 and more where it has the same place, and another rotation, and the place of each among the labels.
-    Pairs that follow from others are left out. ``parent``, shape (3 * MOST,), is room for union-find.
+    Return the number of faces and of pairs. Each row of ``beside`` has block a, block b, their group as in
+    :class:`Faces`, the axis from a to b, and the indices of both blocks in ``labels``. An axis of 3 or more means the
+    same position at another rotation. Pairs implied by others are omitted. ``parent``, shape (3 *
+    MAX_COMPONENTS_PER_BLOCK,), is scratch for union-find.
     """
     words, counts = labels.words, labels.counts
-    n_faces: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
+    n_faces: int = np.int64(0)  # type: ignore[assignment]  # numba requires one type from the start
     n_pairs = n_faces
-    wide, rows, long = 1 << shifts[1], 1 << (shifts[0] + shifts[1]), 1 << shifts[2]
+    rows_per_layer, rows, long = 1 << shifts[1], 1 << (shifts[0] + shifts[1]), 1 << shifts[2]
     for n in range(len(beside)):
-        pair, face = beside[n], faces.rows[n_faces]
-        axis, ours, theirs, begin = pair[3], pair[4], pair[5], n_pairs
+        block_pair, face = beside[n], faces.rows[n_faces]
+        axis, ours, theirs, begin = block_pair[3], block_pair[4], block_pair[5], n_pairs
         if counts[ours] == 0 or counts[theirs] == 0:
             continue
-        most = counts[ours] + counts[theirs] - 1  # at least as many as either
-        for node in range(most):
-            parent[node], parent[MOST + node] = node, MOST + node
-        # The rows where the two touch: the last ones and the first, or, beside each other or in two slices, all.
-        skipped = rows - wide if axis == 0 else (wide - 1 if axis == 1 else 0)
-        ahead = np.uint64(long - 1 if axis == 2 else 0)  # the first cell of a row is beside the last one
-        for row in range(skipped, rows, wide if axis == 1 else 1):
-            own, other = ours * rows + row, theirs * rows + row - skipped
-            touch, before = (words[own] >> ahead) & words[other], np.uint64(0)
+        max_pairs = counts[ours] + counts[theirs] - 1  # pairs of a spanning tree
+        for node in range(max_pairs):
+            parent[node], parent[MAX_COMPONENTS_PER_BLOCK + node] = node, MAX_COMPONENTS_PER_BLOCK + node
+        # Rows that touch: the last layer or row of one and the first of the other, or all, along z or between slices.
+        skipped = rows - rows_per_layer if axis == 0 else (rows_per_layer - 1 if axis == 1 else 0)
+        z_shift = np.uint64(long - 1 if axis == 2 else 0)  # along z the last cell touches the first one
+        for row in range(skipped, rows, rows_per_layer if axis == 1 else 1):
+            our_row, their_row = ours * rows + row, theirs * rows + row - skipped
+            touch, before = (words[our_row] >> z_shift) & words[their_row], np.uint64(0)
             if touch == 0:
                 continue
-            if axis != 1 and row & (wide - 1) > 0:
-                before |= (words[own - 1] >> ahead) & words[other - 1]
-            if axis != 0 and row >= wide:
-                before |= (words[own - wide] >> ahead) & words[other - wide]
-            # What touches behind cells that touch is joined by these; of each other run, the last cell stands for it.
+            if axis != 1 and row & (rows_per_layer - 1) > 0:
+                before |= (words[our_row - 1] >> z_shift) & words[their_row - 1]
+            if axis != 0 and row >= rows_per_layer:
+                before |= (words[our_row - rows_per_layer] >> z_shift) & words[their_row - rows_per_layer]
+            # Contacts that continue contacts of the row before are joined already. The last cell of each other run of
+            # contacts stands for the run.
             left = disjoint_run_ends(touch, before)
             while left != 0:
                 bit = left & (~left + _ONE)
                 left ^= bit
-                one, two = number_at(labels, own, bit << ahead), number_at(labels, other, bit)
-                if merge_sets(parent, one, MOST + two):
-                    faces.pairs[n_pairs] = one * MOST + two
+                our_label = component_at(labels, our_row, bit << z_shift)
+                their_label = component_at(labels, their_row, bit)
+                if merge_sets(parent, our_label, MAX_COMPONENTS_PER_BLOCK + their_label):
+                    faces.pairs[n_pairs] = our_label * MAX_COMPONENTS_PER_BLOCK + their_label
                     n_pairs += 1
-            if n_pairs == begin + most:
-                break  # all are joined
+            if n_pairs == begin + max_pairs:
+                break  # all components are joined
         if n_pairs > begin:
-            face[0], face[1], face[2], face[3] = pair[0], pair[1], pair[2], n_pairs - begin
+            face[0], face[1], face[2], face[3] = block_pair[0], block_pair[1], block_pair[2], n_pairs - begin
             n_faces += 1
     return n_faces, n_pairs
 
 
 @kernel
-def drop_struck(faces: Faces) -> tuple[int, int]:
-    """Move the faces that were not struck out to the front; how many rows and pairs there are of them."""
+def compact_faces(faces: Faces) -> tuple[int, int]:
+    """Remove deleted faces in place; return the number of faces and pairs."""
     rows, pairs = faces
-    n_faces: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
+    n_faces: int = np.int64(0)  # type: ignore[assignment]  # numba requires one type from the start
     begin = n_pairs = n_faces
     for n in range(len(rows)):
         count = rows[n, 3]
-        if rows[n, 2] != STRUCK:
+        if rows[n, 2] != DELETED:
             for k in range(4):
                 rows[n_faces, k] = rows[n, k]
             for k in range(count):
@@ -393,55 +423,56 @@ def drop_struck(faces: Faces) -> tuple[int, int]:
 
 @kernel
 def join_nodes(roots: Nodes, base: Nodes, faces: Faces, fresh: int, changed: Bools, starts: Ints, bounds: Ints) -> int:
-    """Join the nodes of components that meet: each becomes the lowest one of those that it is joined to.
+    """Replace each node by the lowest node of its component.
 
-    ``roots`` are all nodes, in order, for union-find; ``base`` is as in :class:`GlobalLabels`. Faces of blocks that
-    have ``changed`` are struck out, but for those from number ``fresh`` on, read since; how many are struck out
-    by then. ``starts`` and ``bounds``, shapes (m, 2) and (k + 1,), are where nodes start, of one rotation cell and of
-    the other, for all of them that have these slices.
+    Return the number of deleted faces. ``roots`` are all nodes, in order; ``base`` is as in :class:`GlobalLabels`.
+    Faces before index ``fresh`` are deleted if one of their blocks has ``changed``; later faces are new. ``starts``,
+    shape (m, 2), and ``bounds``, shape (k + 1,), have the first nodes of the copies that each group joins.
     """
     rows, pairs = faces
-    begin: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
-    struck = begin
+    begin: int = np.int64(0)  # type: ignore[assignment]  # numba requires one type from the start
+    n_deleted = begin
     for n in range(len(rows)):
         face = rows[n]
         if n < fresh and (changed[face[0]] or changed[face[1]]):
-            face[2] = STRUCK
+            face[2] = DELETED
         group, last = face[2], begin + face[3]
-        if group == STRUCK:
-            struck += 1
+        if group == DELETED:
+            n_deleted += 1
         else:
             ours, theirs = base[face[0]], base[face[1]]
             for use in range(bounds[group], bounds[group + 1]):
-                own, other = starts[use, 0] + ours, starts[use, 1] + theirs
+                our_start, their_start = starts[use, 0] + ours, starts[use, 1] + theirs
                 for k in range(begin, last):
-                    one, two = own + (pairs[k] >> BITS), other + (pairs[k] & (MOST - 1))
-                    if roots[one] != roots[two]:  # most are joined by now
-                        merge_sets(roots, one, two)
+                    our_node = our_start + (pairs[k] >> COMPONENT_BITS)
+                    their_node = their_start + (pairs[k] & (MAX_COMPONENTS_PER_BLOCK - 1))
+                    if roots[our_node] != roots[their_node]:  # cheap test first: most nodes are joined by now
+                        merge_sets(roots, our_node, their_node)
         begin = last
     for node in range(len(roots)):
-        roots[node] = roots[roots[node]]  # which is no higher, and is a root by now
-    return struck
+        roots[node] = roots[roots[node]]  # the parent is not higher, so it points to its root by now
+    return n_deleted
 
 
 @kernel
-def look_up(blocks: Blocks, joined: GlobalLabels, cells: Ints, components: Ints) -> int:
-    """Components of cells ``(rotation, x, y)`` or ``(rotation, x, y, z)``, by their states; how many are left.
+def look_up(blocks: Blocks, labels: GlobalLabels, cells: Ints, components: Ints) -> int:
+    """Look up components of cells by state; return how many remain undecided.
 
-    States decide where all components of a block are one over the whole map; cells of other blocks get UNLABELLED less
-    their place, and those without a component -1.
+    Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)``. The state decides if all components of the cell's block
+    are one component of the map. Other cells get UNLABELLED less their block, row and bit; cells of another kind get
+    -1.
     """
     (_, nx, ny, nz), (deep, wide, long), (layers, rows, columns) = blocks.grid, blocks.shifts, blocks.shape
-    asked: int = np.int64(0)  # type: ignore[assignment]  # of one type for the compiler from the start
+    n_undecided: int = np.int64(0)  # type: ignore[assignment]  # numba requires one type from the start
     solid = cells.shape[1] == 4
     for n in range(len(cells)):
         cell = cells[n]
         rotation, x, y, z = cell[0], cell[1], cell[-2], cell[-1]
         if not solid:
             x = 0
-        start, s = joined.starts[rotation], joined.slices[rotation]
+        start, s = labels.starts[rotation], labels.slices[rotation]
         if (x >= 0) & (x < nx) & (y >= 0) & (y < ny) & (z >= 0) & (z < nz):
-            # FREE, MIXED and BLOCKED count up.
+            # FREE < MIXED < BLOCKED.
             ours = state_in(blocks.cells, ((s * nx + x) * ny + y) * nz + z) <= np.int64(blocks.mixed)
         else:
             ours, x, y, z = blocks.exterior_open[s], nx if solid else 0, ny, nz
@@ -449,444 +480,484 @@ def look_up(blocks: Blocks, joined: GlobalLabels, cells: Ints, components: Ints)
         if not ours:
             continue
         segment = ((s * layers + (x >> deep)) * rows + (y >> wide)) * columns + (z >> long)
-        first, stop = start + joined.base[segment], start + joined.base[segment + 1]
-        components[n] = joined.roots[first]
+        first, stop = start + labels.base[segment], start + labels.base[segment + 1]
+        components[n] = labels.roots[first]
         for node in range(first + 1, stop):
-            if joined.roots[node] != components[n]:
+            if labels.roots[node] != components[n]:
                 row = ((x & ((1 << deep) - 1)) << wide) | (y & ((1 << wide) - 1))
                 components[n] = UNLABELLED - ((segment << 12) | (row << 6) | (z & ((1 << long) - 1)))
-                asked += 1
+                n_undecided += 1
                 break
-    return asked
+    return n_undecided
 
 
 @kernel
-def look_into(joined: GlobalLabels, cells: Ints, places: Nodes, labels: Labels, components: Ints) -> None:
-    """Components of the cells that :func:`look_up` left, in blocks that have labels.
+def look_up_labelled(
+    global_labels: GlobalLabels, cells: Ints, label_index: Nodes, labels: Labels, components: Ints
+) -> None:
+    """Look up the cells that :func:`look_up` left undecided, in labelled blocks.
 
-    ``places`` has the place of each block among the labels, or -1.
+    ``label_index`` has the index of each block in ``labels``, or -1.
     """
     rows = len(labels.words) // len(labels.counts)
     for n in range(len(cells)):
         left = UNLABELLED - components[n]
         segment, row, z = left >> 12, (left >> 6) & 63, left & 63
-        if left >= 0 and places[segment] >= 0:
-            number = number_at(labels, places[segment] * rows + row, _ONE << np.uint64(z))
-            components[n] = joined.roots[joined.starts[cells[n, 0]] + joined.base[segment] + number]
+        if left >= 0 and label_index[segment] >= 0:
+            component = component_at(labels, label_index[segment] * rows + row, _ONE << np.uint64(z))
+            components[n] = global_labels.roots[
+                global_labels.starts[cells[n, 0]] + global_labels.base[segment] + component
+            ]
 
 
-# ---- the part of a map -----------------------------------------------------------------------------------------------
+# ---- components of a map ---------------------------------------------------------------------------------------------
 
 
 class Components:
-    """The components of a map: of its FREE cells, and of those that are not BLOCKED. Either are made at need.
+    """Connected components of a map's FREE cells, and of its non-BLOCKED cells.
 
-    What lies outside the grid is a layer of cells beyond its last ones and before its first ones, which are the same;
-    none of it is FREE.
+    Either kind is computed at its first use. Cells that share a side are joined. Between FREE cells of one component a
+    path exists. Between components of cells that are not BLOCKED no path exists: if a path crosses an edge or a corner,
+    all cells around it are not BLOCKED, and they are joined by their sides.
 
-    Cells that share a side are joined. For FREE cells that is a path. For the others it loses none: a path goes from
-    one closed cell to the next through a side, or through an edge or corner, all of whose cells are then not BLOCKED
-    and are joined by their sides.
+    The exterior is one layer of cells that follows the last cells and precedes the first cells along each axis; none of
+    it is FREE.
 
-    The states are shared, not copied; :meth:`refresh` notes changes. ``neighbors``, shape (rotations, n), are the
-    rotation cells that each one shares a border with; -1 fills up. ``exterior_open``, shape (slices,), is whether any
-    configuration outside the grid is not BLOCKED.
+    The states are shared, not copied; call :meth:`refresh` after changes. ``neighbors``, shape (rotations, n), are the
+    adjacent rotation cells, padded with -1. ``exterior_open``, shape (slices,), is True where a configuration outside
+    the grid is not BLOCKED.
     """
 
     def __init__(self, states: Stack, slice_of: Ints, neighbors: Ints, exterior_open: Bools) -> None:
-        self._states, self._turns = states, SliceAdjacency.of(slice_of, neighbors, len(states))
-        self._rims = np.zeros(len(states), dtype=np.bool_), np.asarray(exterior_open, dtype=np.bool_)
+        self._states, self._adjacency = states, SliceAdjacency.of(slice_of, neighbors, len(states))
+        self._exterior_open = np.zeros(len(states), dtype=np.bool_), np.asarray(exterior_open, dtype=np.bool_)
         self._kinds: dict[bool, StateComponents] = {}
 
     def refresh(self, boxes: Ints) -> None:
-        """Note which cells have changed: those of a box for each slice, shape (slices, 6)."""
+        """Mark the cells in a box of each slice as changed, shape (slices, 6)."""
         for kind in self._kinds.values():
             kind.refresh(boxes)
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
-        """Numbers of the components of FREE cells, or also MIXED ones, that cells belong to; or -1.
+        """Return the component of each cell, or -1.
 
-        Within one of the FREE cells, a collision-free path exists; between two of the others, none does. Cells are
-        ``(rotation, x, y)`` or ``(rotation, x, y, z)``, shape (..., 1 + d). One outside the grid counts as MIXED where
-        any of them is not BLOCKED. The numbers hold until the next change.
+        Components are those of FREE cells, or if ``mixed`` those of FREE and MIXED cells. Cells are ``(rotation, x,
+        y)`` or ``(rotation, x, y, z)``, shape (..., 1 + d). Within a FREE component a collision-free path exists;
+        between two components of FREE and MIXED cells none does. A cell outside the grid counts as MIXED if any
+        configuration there is not BLOCKED. Components keep their indices until the next change.
         """
         return self._kind(mixed).of(cells)
 
     def hint(self, cells: Ints) -> tuple[bool, Callable[[], bool]]:
-        """Whether to ask first what MIXED cells join, for two cells, shape (2, 1 + d): most likely no path does.
+        """Guess whether two cells, shape (2, 1 + d), are disconnected.
 
-        A few slices, laid upon each other, tell it. Where components of one kind alone are made, they are asked first.
-        Besides, what tells whether MIXED cells join the two, as far as a few blocks show it: those along a way through
-        what the slices leave open.
+        If so, the caller tests the components of non-BLOCKED cells first. The guess merges a few slices; if only one
+        kind of components exists already, that kind comes first. Also return a function that returns True if
+        non-BLOCKED cells join the two along a short block path of the merged slices; False proves nothing.
         """
         slices = len(self._states)
-        if self._kinds or slices < 2 * HINTS:
+        if self._kinds or slices < 2 * HINT_SLICES:
             return list(self._kinds) == [True], lambda: False
-        states = read_only(reduce(np.minimum, (self._states[k] for k in range(0, slices, slices // HINTS))))
-        alone = SliceAdjacency.of(np.zeros(1, dtype=np.int64), np.empty((1, 0), dtype=np.int64), 1)
-        places = cells.copy()
-        places[:, 0] = 0
-        open_ones = StateComponents(states[None], alone, True, np.array([self._rims[True].any()]))
-        one, other = open_ones.of(places).tolist()
+        states = read_only(reduce(np.minimum, (self._states[k] for k in range(0, slices, slices // HINT_SLICES))))
+        no_adjacency = SliceAdjacency.of(np.zeros(1, dtype=np.int64), np.empty((1, 0), dtype=np.int64), 1)
+        merged_cells = cells.copy()
+        merged_cells[:, 0] = 0
+        merged = StateComponents(states[None], no_adjacency, True, np.array([self._exterior_open[True].any()]))
+        component_a, component_b = merged.of(merged_cells).tolist()
 
-        def few_join() -> bool:
-            if not -1 != one == other:
+        def joined_along_path() -> bool:
+            """Return True if a short block path joins the two cells."""
+            if not -1 != component_a == component_b:
                 return False
-            blocks = open_ones.way(places)
-            self._kind(mixed=True)  # so that these are asked from now on
-            if SHORT * len(blocks) > open_ones.count:
+            path_blocks = merged.block_path(merged_cells)
+            self._kind(mixed=True)  # later queries test these first
+            if MIN_BLOCKS_PER_PATH_BLOCK * len(path_blocks) > merged.count:
                 return False
-            few = StateComponents(self._states, self._turns, True, self._rims[True], blocks)
-            first, second = few.of(cells).tolist()
+            path_components = StateComponents(
+                self._states, self._adjacency, True, self._exterior_open[True], path_blocks
+            )
+            first, second = path_components.of(cells).tolist()
             return bool(-1 != first == second)
 
-        return bool(-1 != one != other != -1), few_join
+        return bool(-1 != component_a != component_b != -1), joined_along_path
 
     def box(self, cell: Ints) -> Ints:
-        """First and last cell, shape (2, d), of the box around the component of a FREE cell, shape (1 + d,)."""
+        """Return the first and last cell of a FREE component's box.
+
+        ``cell``, shape (1 + d,), is one cell of the component; the result has shape (2, d).
+        """
         return self._kind(mixed=False).box(cell)
 
     def _kind(self, mixed: bool) -> StateComponents:
         if mixed not in self._kinds:
-            self._kinds[mixed] = StateComponents(self._states, self._turns, mixed, self._rims[mixed])
+            self._kinds[mixed] = StateComponents(self._states, self._adjacency, mixed, self._exterior_open[mixed])
         return self._kinds[mixed]
 
 
 class PeriodicComponents(Components):
-    """Components of the cells of one turn, joined across the seams of periodic axes."""
+    """Components of one period, joined across the seams of periodic axes."""
 
     def __init__(
         self, states: Stack, slice_of: Ints, neighbors: Ints, exterior_open: Bools, periodic: Sequence[bool]
     ) -> None:
         super().__init__(states, slice_of, neighbors, exterior_open)
-        sides, shape = [], states.shape[1:]
+        seams, shape = [], states.shape[1:]
         for axis in np.flatnonzero(periodic).tolist():
-            first = np.indices((*shape[:axis], 1, *shape[axis + 1 :])).reshape(len(shape), -1).T
-            sides.append((first, first + (shape[axis] - 1) * np.eye(len(shape), dtype=np.int64)[axis]))
-        first, last = (np.concatenate(each) for each in zip(*sides, strict=True))
-        # The one rotation cell has number 0.
-        self._pairs = np.insert(np.stack([last, first]), 0, 0, axis=2)
-        self._met: dict[bool, tuple[Ints, Ints]] = {}
+            low_cells = np.indices((*shape[:axis], 1, *shape[axis + 1 :])).reshape(len(shape), -1).T
+            seams.append((low_cells, low_cells + (shape[axis] - 1) * np.eye(len(shape), dtype=np.int64)[axis]))
+        low_cells, high_cells = (np.concatenate(each) for each in zip(*seams, strict=True))
+        # Maps with periodic axes have one rotation cell, number 0.
+        self._seam_cells = np.insert(np.stack([high_cells, low_cells]), 0, 0, axis=2)
+        self._seam_classes: dict[bool, tuple[Ints, Ints]] = {}
 
     def refresh(self, boxes: Ints) -> None:
+        """Mark the cells in a box of each slice as changed, shape (slices, 6)."""
         super().refresh(boxes)
-        self._met.clear()
+        self._seam_classes.clear()
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
-        if mixed not in self._met:
-            self._met[mixed] = _join_across_seams(super().of(self._pairs, mixed))
-        numbers, (names, lowest) = super().of(cells, mixed), self._met[mixed]
-        if not len(names):
-            return numbers
-        place = np.minimum(np.searchsorted(names, numbers), len(names) - 1)
-        return np.where(names[place] == numbers, lowest[place], numbers)
+        """Return the component of each cell; see :meth:`Components.of`."""
+        if mixed not in self._seam_classes:
+            self._seam_classes[mixed] = _join_across_seams(super().of(self._seam_cells, mixed))
+        components, (seam_components, merged) = super().of(cells, mixed), self._seam_classes[mixed]
+        if not len(seam_components):
+            return components
+        position = np.minimum(np.searchsorted(seam_components, components), len(seam_components) - 1)
+        return np.where(seam_components[position] == components, merged[position], components)
 
     def box(self, cell: Ints) -> Ints:
-        number = self.of(cell)
-        flat = self._pairs.reshape(-1, self._pairs.shape[-1])
-        one_each = flat[np.unique(super().of(self._pairs), return_index=True)[1]]
-        ours = one_each[self.of(one_each) == number]
-        boxes = np.stack([super(PeriodicComponents, self).box(each) for each in (cell, *ours)])
+        """Return the first and last cell of a FREE component's box, shape (2, d)."""
+        component = self.of(cell)
+        seam_cells = self._seam_cells.reshape(-1, self._seam_cells.shape[-1])
+        one_cell_each = seam_cells[np.unique(super().of(self._seam_cells), return_index=True)[1]]
+        our_cells = one_cell_each[self.of(one_cell_each) == component]
+        boxes = np.stack([super(PeriodicComponents, self).box(each) for each in (cell, *our_cells)])
         return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
 
-def _join_across_seams(numbers: Ints) -> tuple[Ints, Ints]:
-    """Return the components that meet across seams, ascending, and the lowest component of the class of each.
+def _join_across_seams(components: Ints) -> tuple[Ints, Ints]:
+    """Merge components across seams; return components and their replacements.
 
-    ``numbers``, shape (2, n), are those of the cells on either side of the seams, -1 for none.
+    ``components``, shape (2, n), are those of the cells on either side of the seams; -1 for none. Return the components
+    that touch a seam, ascending, and the lowest component joined to each.
     """
-    names, pairs = np.unique(numbers[:, (numbers >= 0).all(axis=0)], return_inverse=True)
+    seam_components, pairs = np.unique(components[:, (components >= 0).all(axis=0)], return_inverse=True)
     pairs = pairs.reshape(2, -1)
-    graph = scipy.sparse.coo_array((np.ones(pairs.shape[1]), pairs), shape=(len(names), len(names)))
+    graph = scipy.sparse.coo_array((np.ones(pairs.shape[1]), pairs), shape=(len(seam_components), len(seam_components)))
     classes = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-    return names, names[np.unique(classes, return_index=True)[1]][classes]
+    return seam_components, seam_components[np.unique(classes, return_index=True)[1]][classes]
 
 
 class StateComponents:
-    """The components of cells of one kind, in two levels, so that a change reads few cells, and no cell has a label.
+    """Connected components of one kind of cells, FREE or not BLOCKED.
 
-    The cells of each block are joined by themselves, along the runs of its rows, and so are the components of blocks
-    that share a side, or the same place in neighbouring rotation cells. Union-find joins them over the whole map. Only
-    what joins blocks is kept; labels of cells are made again, block by block, for each look-up.
+    There are two levels, so that a change reads few cells. Runs of cells are joined within each block. Union-find joins
+    the components of adjacent blocks over the whole map. Only contacts between blocks are kept; cell labels are
+    computed again for each look-up.
 
-    Of some blocks alone, ``among``, numbers within a slice, all that is joined is so in the whole map too.
+    If ``among`` gives block indices within a slice, only cells of those blocks are joined; whatever is joined then is
+    joined in the whole map too.
     """
 
     def __init__(
-        self, states: Stack, turns: SliceAdjacency, mixed: bool, exterior_open: Bools, among: Ints | None = None
+        self, states: Stack, adjacency: SliceAdjacency, mixed: bool, exterior_open: Bools, among: Ints | None = None
     ) -> None:
         slices, self._dim = len(states), states.ndim - 1
-        flat, shifts = (1,) * (3 - self._dim), SHIFTS[self._dim]
-        # Each axis has room for the layer beyond; the first one of a plane has none.
+        flat, shifts = (1,) * (3 - self._dim), BLOCK_SHIFTS[self._dim]
+        # Each axis has one layer for the exterior, except the first axis of a plane.
         shape = *flat, *(1 + (n >> shift) for n, shift in zip(states.shape[1:], shifts[len(flat) :], strict=True))
         grid = (slices, *flat, *states.shape[1:])
         self._blocks = Blocks(cells_of(states), grid, shifts, shape, mixed, exterior_open)
-        self._turns = turns
+        self._adjacency = adjacency
         numbers = np.arange(math.prod(shape)).reshape(shape)
-        # From the number of a block to that of the next one along each axis, and in each of the later slices, or none.
+        # Offsets from a block's index to the next block along each axis, and to the same block in later slices.
         after = [(np.roll(numbers, -1, axis) - numbers).ravel() for axis in range(3 - self._dim, 3)]
-        later = (turns.links - np.arange(slices)[:, None]) * numbers.size
-        self._steps = np.stack(after, axis=1), np.where(turns.links >= 0, later, -slices * numbers.size)
+        later = (adjacency.links - np.arange(slices)[:, None]) * numbers.size
+        self._strides = np.stack(after, axis=1), np.where(adjacency.links >= 0, later, -slices * numbers.size)
         self._changed = np.ones((slices, *shape), dtype=np.bool_)
         self._among = np.full(self._changed.shape, among is None)
         if among is not None:
             self._among.reshape(slices, -1)[:, among] = True
         self._counts = np.zeros(self._changed.size, dtype=np.int32)
         self._faces: Faces | None = None
-        self._struck = 0
-        self._joined: GlobalLabels | None = None
+        self._deleted = 0
+        self._labels: GlobalLabels | None = None
         self._boxes: dict[int, Ints] = {}
-        self._cached = self._nothing()
+        self._cached = self._empty_labels()
 
     def refresh(self, boxes: Ints) -> None:
-        """Note which blocks have to be joined anew at the next call: those of a box for each slice, (slices, 6)."""
+        """Mark the blocks that meet a box of each slice as changed, shape (slices, 6)."""
         slices = np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1))
-        places, bounds = self._cached[0].reshape(self._changed.shape), boxes[slices].reshape(-1, 2, 3)
+        label_index, bounds = self._cached[0].reshape(self._changed.shape), boxes[slices].reshape(-1, 2, 3)
         for s, (first, last) in zip(slices.tolist(), (bounds >> self._blocks.shifts).tolist(), strict=True):
-            own = tuple(slice(low, high + 1) for low, high in zip(first, last, strict=True))
-            self._changed[s][own], places[s][own] = True, -1
-            self._joined = None
+            block_box = tuple(slice(low, high + 1) for low, high in zip(first, last, strict=True))
+            self._changed[s][block_box], label_index[s][block_box] = True, -1
+            self._labels = None
             self._boxes.clear()
 
     def of(self, cells: Ints) -> Ints:
-        """Numbers of the components that cells belong to, shape (..., 1 + d), or -1. They hold until a change."""
+        """Return the component of each cell, shape (..., 1 + d), or -1."""
         flat = np.ascontiguousarray(cells.reshape(-1, cells.shape[-1]))
-        joined, components = self._join(), np.empty(len(flat), dtype=np.int64)
-        if look_up(self._blocks, joined, flat, components):
-            self._ask(joined, flat, components)
+        global_labels, components = self._global_labels(), np.empty(len(flat), dtype=np.int64)
+        if look_up(self._blocks, global_labels, flat, components):
+            self._look_up_labelled(global_labels, flat, components)
         return components.reshape(cells.shape[:-1])
 
     def box(self, cell: Ints) -> Ints:
-        """First and last cell, shape (2, d), of the box around the component of a cell, shape (1 + d,)."""
-        number = int(self.of(cell))
-        if number not in self._boxes:
-            self._boxes[number] = self._around(number)
-        return self._boxes[number]
+        """Return the first and last cell of a component's box, shape (2, d)."""
+        component = int(self.of(cell))
+        if component not in self._boxes:
+            self._boxes[component] = self._compute_box(component)
+        return self._boxes[component]
 
     @property
     def count(self) -> int:
-        """How many blocks a slice has, with those beyond the grid."""
+        """Number of blocks of a slice, including those beyond the grid."""
         return int(self._changed[0].size)
 
-    def way(self, cells: Ints) -> Ints:
-        """The blocks of the shortest chain of them between two cells that are joined, shape (2, 1 + d), and beside it.
+    def block_path(self, cells: Ints) -> Ints:
+        """Return the blocks on and beside a shortest block path.
 
-        Of the cells of a single slice.
+        The path leads between two joined cells, shape (2, 1 + d), of a map with a single slice.
         """
-        number, joined, faces = int(self.of(cells[0])), self._join(), self._faces
-        base, (rows, pairs) = joined.base, faces or _no_faces()
-        ours = np.repeat(base[rows[:, 0]], rows[:, 3]) + (pairs >> BITS)
-        theirs = np.repeat(base[rows[:, 1]], rows[:, 3]) + (pairs & (MOST - 1))
-        first, last = (np.arange(*base[[block, block + 1]]) for block in self._places(cells).tolist())
-        begin, end = (own[joined.roots[own] == number][0] for own in (first, last))
+        component, global_labels, faces = int(self.of(cells[0])), self._global_labels(), self._faces
+        base, (rows, pairs) = global_labels.base, faces or _no_faces()
+        ours = np.repeat(base[rows[:, 0]], rows[:, 3]) + (pairs >> COMPONENT_BITS)
+        theirs = np.repeat(base[rows[:, 1]], rows[:, 3]) + (pairs & (MAX_COMPONENTS_PER_BLOCK - 1))
+        start_nodes, goal_nodes = (np.arange(*base[[block, block + 1]]) for block in self._block_of(cells).tolist())
+        start, goal = (nodes[global_labels.roots[nodes] == component][0] for nodes in (start_nodes, goal_nodes))
         graph = scipy.sparse.coo_array((np.ones(len(ours)), (ours, theirs)), shape=(base[-1], base[-1]))
-        before = scipy.sparse.csgraph.breadth_first_order(graph.tocsr(), begin, directed=False)[1]
-        way = [end]
-        while before[way[-1]] >= 0:
-            way.append(before[way[-1]])
-        blocks = np.searchsorted(base, way, side="right") - 1
+        predecessors = scipy.sparse.csgraph.breadth_first_order(graph.tocsr(), start, directed=False)[1]
+        path_nodes = [goal]
+        while predecessors[path_nodes[-1]] >= 0:
+            path_nodes.append(predecessors[path_nodes[-1]])
+        blocks = np.searchsorted(base, path_nodes, side="right") - 1
         return np.unique(np.append(blocks, rows[np.isin(rows[:, :2], blocks).any(axis=1), :2]))
 
-    def _places(self, cells: Ints) -> Ints:
-        """Numbers, within a slice, of the blocks of cells, shape (n, 1 + d); the last one is beyond the grid."""
-        flat, places = 3 - self._dim, cells[:, 1:]
+    def _block_of(self, cells: Ints) -> Ints:
+        """Return the block of each cell within its slice.
+
+        Cells outside the grid are in the last block.
+        """
+        flat, positions = 3 - self._dim, cells[:, 1:]
         shape = self._changed.shape[1 + flat :]
-        inside = ((places >= 0) & (places < self._blocks.grid[1 + flat :])).all(axis=1, keepdims=True)
-        blocks = np.where(inside, places >> self._blocks.shifts[flat:], np.array(shape) - 1)
+        inside = ((positions >= 0) & (positions < self._blocks.grid[1 + flat :])).all(axis=1, keepdims=True)
+        blocks = np.where(inside, positions >> self._blocks.shifts[flat:], np.array(shape) - 1)
         return np.asarray(np.ravel_multi_index(tuple(blocks.T), shape))
 
-    def _members(self, number: int) -> tuple[Bools, Ints]:
-        """Which components of blocks, of all slices, belong to a component of the map, and the blocks they are in."""
-        joined, per = self._join(), self._changed[0].size
-        ours = np.zeros(joined.base[-1], dtype=np.bool_)
-        for start, s in set(zip(joined.starts.tolist(), joined.slices.tolist(), strict=True)):
-            nodes = slice(*joined.base[[s * per, (s + 1) * per]].tolist())
-            ours[nodes] |= joined.roots[start + nodes.start : start + nodes.stop] == number
-        return ours, np.flatnonzero(np.diff(np.append(0, np.cumsum(ours))[joined.base]))
+    def _members(self, component: int) -> tuple[Bools, Ints]:
+        """Return the block components and blocks of a component of the map."""
+        global_labels, blocks_per_slice = self._global_labels(), self._changed[0].size
+        ours = np.zeros(global_labels.base[-1], dtype=np.bool_)
+        for start, s in set(zip(global_labels.starts.tolist(), global_labels.slices.tolist(), strict=True)):
+            nodes = slice(*global_labels.base[[s * blocks_per_slice, (s + 1) * blocks_per_slice]].tolist())
+            ours[nodes] |= global_labels.roots[start + nodes.start : start + nodes.stop] == component
+        return ours, np.flatnonzero(np.diff(np.append(0, np.cumsum(ours))[global_labels.base]))
 
-    def _around(self, number: int) -> Ints:
-        """The box around a component; of its blocks those are labelled that may widen it, some of all sides first."""
-        (deep, wide, _), base, (ours, has) = self._blocks.shifts, self._join().base, self._members(number)
-        segments = np.random.default_rng(0).permutation(has)
-        low, high, size = np.array(self._blocks.grid[1:]), np.full(3, -1), FEW
+    def _compute_box(self, component: int) -> Ints:
+        """Compute the box around a component, labelling only blocks that may widen it.
+
+        Random blocks come first, because they reach most of the box at once.
+        """
+        (deep, wide, _), base = self._blocks.shifts, self._global_labels().base
+        ours, members = self._members(component)
+        segments = np.random.default_rng(0).permutation(members)
+        low, high, batch_size = np.array(self._blocks.grid[1:]), np.full(3, -1), FIRST_BOX_BLOCKS
         while len(segments):
-            few = np.sort(segments[:size])
-            labels = self._label(few)
-            nodes, mine, n = base[few], np.zeros_like(labels.words), 0
+            batch = np.sort(segments[:batch_size])
+            labels = self._label(batch)
+            nodes, in_component, n = base[batch], np.zeros_like(labels.words), 0
             row = np.flatnonzero(labels.words)
             left = labels.words[row]
             while len(row):
                 at = labels.bounds[row] + n
-                # All that is left of a row has its last number.
+                # If the row has no further label, all remaining runs have the last one.
                 rest = np.where(at + 1 < labels.bounds[row + 1], left & (left + (left & (~left + _ONE))), 0)
-                here = ours[nodes[row >> (deep + wide)] + labels.numbers[at]]
-                mine[row[here]] |= (left ^ rest)[here]
+                inside = ours[nodes[row >> (deep + wide)] + labels.numbers[at]]
+                in_component[row[inside]] |= (left ^ rest)[inside]
                 row, left, n = row[rest != 0], rest[rest != 0], n + 1
-            row = np.flatnonzero(mine)
-            cells, (x, y, z) = mine[row], self._corners(few)[:, row >> (deep + wide)]
+            row = np.flatnonzero(in_component)
+            cells, (x, y, z) = in_component[row], self._first_cells(batch)[:, row >> (deep + wide)]
             x, y = x + (row >> wide & ((1 << deep) - 1)), y + (row & ((1 << wide) - 1))
             low = np.minimum(low, [x.min(), y.min(), (z + np.bitwise_count(~cells & (cells - _ONE))).min()])
             for k in range(6):
                 cells |= cells >> (_ONE << np.uint64(k))
             high = np.maximum(high, [x.max(), y.max(), (z + np.bitwise_count(cells)).max() - 1])
-            segments, size = segments[size:], min(4 * size, TASK)
-            first = self._corners(segments).T
+            segments, batch_size = segments[batch_size:], min(4 * batch_size, BLOCKS_PER_TASK)
+            first = self._first_cells(segments).T
             last = np.minimum(first + (1 << np.array(self._blocks.shifts)), self._blocks.grid[1:]) - 1
             segments = segments[((first < low) | (last > high)).any(axis=1)]
         return np.stack([low, high])[:, 3 - self._dim :]
 
-    def _ask(self, joined: GlobalLabels, cells: Ints, components: Ints) -> None:
-        """Look up the cells that are left in the labels of their blocks."""
+    def _look_up_labelled(self, global_labels: GlobalLabels, cells: Ints, components: Ints) -> None:
+        """Label the blocks of undecided cells, and look those cells up."""
         wanted = np.unique((UNLABELLED - components[components <= UNLABELLED]) >> 12)
-        for first in range(0, len(wanted), TASK):
-            self._remember(wanted[first : first + TASK])
-            look_into(joined, cells, *self._cached, components)
+        for first in range(0, len(wanted), BLOCKS_PER_TASK):
+            self._cache_labels(wanted[first : first + BLOCKS_PER_TASK])
+            look_up_labelled(global_labels, cells, *self._cached, components)
 
-    def _remember(self, segments: Ints) -> None:
-        """Label blocks, but for those whose labels are cached; the cache is dropped where it would become too large."""
-        places, labels = self._cached
-        missing = segments[places[segments] < 0]
+    def _cache_labels(self, segments: Ints) -> None:
+        """Label blocks that are not cached; clear a full cache first."""
+        label_index, labels = self._cached
+        missing = segments[label_index[segments] < 0]
         if not len(missing):
             return
         known = len(labels.counts)
-        if known + len(missing) > TASK:
-            known, missing, (places, labels) = 0, segments, self._nothing()
-        made = self._label(missing)
+        if known + len(missing) > BLOCKS_PER_TASK:
+            known, missing, (label_index, labels) = 0, segments, self._empty_labels()
+        new_labels = self._label(missing)
         labels = Labels(
-            _append_rows(labels.words, len(labels.words), [made.words]),
-            _append_rows(labels.bounds, len(labels.bounds), [made.bounds[1:] + labels.bounds[-1]]),
-            _append_rows(labels.numbers, len(labels.numbers), [made.numbers[: made.bounds[-1]].copy()]),
-            _append_rows(labels.counts, len(labels.counts), [made.counts]),
+            _append_rows(labels.words, len(labels.words), [new_labels.words]),
+            _append_rows(labels.bounds, len(labels.bounds), [new_labels.bounds[1:] + labels.bounds[-1]]),
+            _append_rows(labels.numbers, len(labels.numbers), [new_labels.numbers[: new_labels.bounds[-1]].copy()]),
+            _append_rows(labels.counts, len(labels.counts), [new_labels.counts]),
         )
-        self._cached = places, labels
-        places[missing] = np.arange(known, known + len(missing))  # last, so that no interrupt leaves one without labels
+        self._cached = label_index, labels
+        # Last, so that an interrupt leaves no index without labels.
+        label_index[missing] = np.arange(known, known + len(missing))
 
-    def _nothing(self) -> tuple[Nodes, Labels]:
-        """No labels of any block."""
+    def _empty_labels(self) -> tuple[Nodes, Labels]:
+        """Return an empty label cache."""
         none, bounds = np.empty(0, dtype=np.int32), np.zeros(1, dtype=np.int32)
         labels = Labels(np.empty(0, dtype=np.uint64), bounds, none, none)
         return np.full(self._changed.size, -1, dtype=np.int32), labels
 
-    def _join(self) -> GlobalLabels:
-        """The components over the whole map; blocks that changed are read again."""
-        if self._joined is None:
+    def _global_labels(self) -> GlobalLabels:
+        """Return the components of the map; read only changed blocks again."""
+        if self._labels is None:
             stale = self._changed.copy()
-            for axis in range(4 - self._dim, 4):  # the block before has the face that it shares with this one
+            for axis in range(4 - self._dim, 4):  # a shared face belongs to the first of two blocks
                 before, changed = stale.swapaxes(0, axis), self._changed.swapaxes(0, axis)
                 before[:-1] |= changed[1:]
                 before[-1] |= changed[0]
-            for later in self._turns.links.T:
+            for later in self._adjacency.links.T:
                 stale[later >= 0] |= self._changed[later[later >= 0]]
             stale &= self._among
-            faces, self._faces = self._faces, None  # none are right while some are made
+            faces, self._faces = self._faces, None  # an interrupt leaves none rather than wrong faces
             if faces is None:
-                self._changed[...], stale[...], self._struck = True, self._among, 0
+                self._changed[...], stale[...], self._deleted = True, self._among, 0
                 faces = _no_faces()
             sizes = len(faces.rows), len(faces.pairs)
-            if self._struck * FEW_STRUCK > sizes[0]:
-                sizes = drop_struck(faces)
-            parts, rooms = self._parts(np.flatnonzero(stale)), list[Labels]()
-            made = in_threads(lambda own: self._read(own, rooms), parts, cores())
-            faces = Faces(*map(_append_rows, faces, sizes, zip(*made, strict=True)))
-            joined = self._nodes(faces, sizes[0])
+            if self._deleted * FACES_PER_DELETED > sizes[0]:
+                sizes = compact_faces(faces)
+            tasks, scratch = self._split_blocks(np.flatnonzero(stale)), list[Labels]()
+            new_faces = in_threads(lambda blocks: self._find_faces(blocks, scratch), tasks, cores())
+            faces = Faces(*map(_append_rows, faces, sizes, zip(*new_faces, strict=True)))
+            global_labels = self._join_blocks(faces, sizes[0])
             self._changed[...] = False
-            self._faces, self._joined = faces, joined
-        return self._joined
+            self._faces, self._labels = faces, global_labels
+        return self._labels
 
-    def _parts(self, own: Ints) -> list[Ints]:
-        """Blocks in parts for a thread each; those of a part lie together, where there are more than a few."""
-        if len(own) <= min(TASK, self._changed.size // 2):
-            parts = max(1, min(cores(), len(own) // LEAST))
-            return [own[len(own) * k // parts : len(own) * (k + 1) // parts] for k in range(parts)]
-        slices, columns, each = len(self._changed), self._changed.shape[3], self._changed[0].size
-        tall = max(TALL, TASK // each)
-        wide = max(1, TASK // min(tall, slices) // columns) * columns
-        tiles = own // each // tall * each + own % each // wide
-        order = np.argsort(tiles, kind="stable")
-        return np.split(own[order], np.flatnonzero(np.diff(tiles[order])) + 1)
+    def _split_blocks(self, blocks: Ints) -> list[Ints]:
+        """Split blocks into compact parts, one for each task.
 
-    def _read(self, own: Ints, rooms: list[Labels]) -> Faces:
-        """The faces of blocks, where they or those beside them have changed.
-
-        Room for labels is taken from ``rooms``, where there is any, and left there: new memory takes as long as they.
+        Few blocks are split in order instead, into one part for each thread.
         """
-        others, changed, among = self._beside(own), self._changed.reshape(-1), self._among.reshape(-1)
-        n, face = ((others >= 0) & among[others] & (changed[own][:, None] | changed[others])).nonzero()
-        own, other = own[n], others[n, face]
-        # Marks and places of all blocks from the first one on, which is quicker than to sort these and to search them.
-        begin = min(own.min(initial=changed.size), other.min(initial=changed.size))
-        wanted = np.zeros(max(own.max(initial=begin), other.max(initial=begin)) + 1 - begin, dtype=np.bool_)
-        wanted[own - begin] = wanted[other - begin] = True
+        if len(blocks) <= min(BLOCKS_PER_TASK, self._changed.size // 2):
+            n_parts = max(1, min(cores(), len(blocks) // MIN_BLOCKS_PER_THREAD))
+            return [blocks[len(blocks) * k // n_parts : len(blocks) * (k + 1) // n_parts] for k in range(n_parts)]
+        slices, columns, blocks_per_slice = len(self._changed), self._changed.shape[3], self._changed[0].size
+        slices_per_tile = max(MIN_SLICES_PER_TILE, BLOCKS_PER_TASK // blocks_per_slice)
+        blocks_per_tile = max(1, BLOCKS_PER_TASK // min(slices_per_tile, slices) // columns) * columns
+        s, block = np.divmod(blocks, blocks_per_slice)
+        tiles = s // slices_per_tile * blocks_per_slice + block // blocks_per_tile
+        order = np.argsort(tiles, kind="stable")
+        return np.split(blocks[order], np.flatnonzero(np.diff(tiles[order])) + 1)
+
+    def _find_faces(self, blocks: Ints, scratch: list[Labels]) -> Faces:
+        """Find the changed faces between blocks and their later neighbors.
+
+        Label buffers are popped from ``scratch`` and pushed back, because allocating memory takes as long as labelling.
+        """
+        others, changed, among = self._next_blocks(blocks), self._changed.reshape(-1), self._among.reshape(-1)
+        n, face = ((others >= 0) & among[others] & (changed[blocks][:, None] | changed[others])).nonzero()
+        blocks, other = blocks[n], others[n, face]
+        # A mask over all blocks in between is faster than sorting and searching.
+        begin = min(blocks.min(initial=changed.size), other.min(initial=changed.size))
+        wanted = np.zeros(max(blocks.max(initial=begin), other.max(initial=begin)) + 1 - begin, dtype=np.bool_)
+        wanted[blocks - begin] = wanted[other - begin] = True
         segments = np.flatnonzero(wanted)
-        place_of = np.empty(len(wanted), dtype=np.int64)
-        place_of[segments] = np.arange(len(segments))
-        room = rooms.pop() if rooms else None
-        labels = self._label(segments + begin, room)
+        position_of = np.empty(len(wanted), dtype=np.int64)
+        position_of[segments] = np.arange(len(segments))
+        buffer = scratch.pop() if scratch else None
+        labels = self._label(segments + begin, buffer)
         self._counts[segments + begin] = labels.counts
-        groups = own // self._changed[0].size * (1 + self._turns.links.shape[1]) + np.maximum(face + 1 - self._dim, 0)
-        places = place_of[own - begin], place_of[other - begin]
-        beside = np.stack([own, other, groups, face + 3 - self._dim, *places], axis=1)
-        faces = Faces(np.empty((len(own), 4), np.int32), np.empty(labels.counts[beside[:, 4:]].sum(), np.int32))
-        sizes = meet_blocks(labels, self._blocks.shifts, beside, np.empty(3 * MOST, np.int32), faces)
-        rooms.append(labels if room is None or len(labels.counts) > len(room.counts) else room)
+        groups = blocks // self._changed[0].size * (1 + self._adjacency.links.shape[1])
+        groups += np.maximum(face + 1 - self._dim, 0)
+        positions = position_of[blocks - begin], position_of[other - begin]
+        beside = np.stack([blocks, other, groups, face + 3 - self._dim, *positions], axis=1)
+        faces = Faces(np.empty((len(blocks), 4), np.int32), np.empty(labels.counts[beside[:, 4:]].sum(), np.int32))
+        sizes = find_faces(labels, self._blocks.shifts, beside, np.empty(3 * MAX_COMPONENTS_PER_BLOCK, np.int32), faces)
+        scratch.append(labels if buffer is None or len(labels.counts) > len(buffer.counts) else buffer)
         return Faces(*(array[:count].copy() for array, count in zip(faces, sizes, strict=True)))
 
-    def _beside(self, own: Ints) -> Ints:
-        """The block that follows each of some along each axis, and those in its place in later slices; -1 fills up."""
-        (after, later), per = self._steps, self._changed[0].size
-        steps = np.concatenate([after[own % per], later[own // per]], axis=1)
-        return np.asarray(np.maximum(own[:, None] + steps, -1))
+    def _next_blocks(self, blocks: Ints) -> Ints:
+        """Return the next block along each axis and in each later slice.
 
-    def _corners(self, segments: Ints) -> Ints:
-        """The first cells of some blocks, shape (3, n)."""
-        places = np.unravel_index(segments, self._changed.shape)[1:]
-        return np.stack([place << shift for place, shift in zip(places, self._blocks.shifts, strict=True)])
+        The result has shape (n, k), padded with -1.
+        """
+        (after, later), blocks_per_slice = self._strides, self._changed[0].size
+        steps = np.concatenate([after[blocks % blocks_per_slice], later[blocks // blocks_per_slice]], axis=1)
+        return np.asarray(np.maximum(blocks[:, None] + steps, -1))
 
-    def _label(self, segments: Ints, room: Labels | None = None) -> Labels:
-        """Label the cells of some blocks, in a room, where they fit into it."""
+    def _first_cells(self, segments: Ints) -> Ints:
+        """Return the first cell of each block, shape (3, n)."""
+        positions = np.unravel_index(segments, self._changed.shape)[1:]
+        return np.stack([position << shift for position, shift in zip(positions, self._blocks.shifts, strict=True)])
+
+    def _label(self, segments: Ints, scratch: Labels | None = None) -> Labels:
+        """Label the cells of blocks, in ``scratch`` if they fit."""
         deep, wide, long = self._blocks.shifts
         count, rows = len(segments), len(segments) << (deep + wide)
         runs = rows * ((1 + (1 << long)) // 2)
-        if room is None or len(room.counts) < count:
+        if scratch is None or len(scratch.counts) < count:
             bounds, numbers, counts = (np.empty(size, dtype=np.int32) for size in (rows + 1, runs, count))
-            room = Labels(np.empty(rows, dtype=np.uint64), bounds, numbers, counts)
-        labels = Labels(room.words[:rows], room.bounds[: rows + 1], room.numbers[:runs], room.counts[:count])
+            scratch = Labels(np.empty(rows, dtype=np.uint64), bounds, numbers, counts)
+        words, bounds = scratch.words[:rows], scratch.bounds[: rows + 1]
+        labels = Labels(words, bounds, scratch.numbers[:runs], scratch.counts[:count])
         labels.bounds[0] = 0
         first = np.ones(count, dtype=np.bool_)
         first[1:] = (segments[1:] != segments[:-1] + 1) | (segments[1:] % self._changed.shape[3] == 0)
         starts = np.append(np.flatnonzero(first), count)
-        label_blocks(self._blocks, segments, starts, labels, np.empty(MOST, dtype=np.int32))
+        label_blocks(self._blocks, segments, starts, labels, np.empty(MAX_COMPONENTS_PER_BLOCK, dtype=np.int32))
         return labels
 
-    def _nodes(self, faces: Faces, fresh: int) -> GlobalLabels:
-        """Join the components of blocks over the whole map; faces are as they are now from number ``fresh`` on."""
-        turns, per = self._turns, self._changed[0].size
+    def _join_blocks(self, faces: Faces, fresh: int) -> GlobalLabels:
+        """Join block components over the whole map.
+
+        Faces from index ``fresh`` on are up to date.
+        """
+        adjacency, blocks_per_slice = self._adjacency, self._changed[0].size
         base = np.zeros(self._counts.size + 1, dtype=np.int32)
         np.cumsum(self._counts, out=base[1:])
-        begins = base[::per].astype(np.int64)
-        sizes = (begins[1:] - begins[:-1])[turns.slice_of]
+        first_node = base[::blocks_per_slice].astype(np.int64)
+        sizes = (first_node[1:] - first_node[:-1])[adjacency.slice_of]
         bounds = np.cumsum(sizes)
-        starts = bounds - sizes - begins[turns.slice_of]
+        starts = bounds - sizes - first_node[adjacency.slice_of]
         roots = np.arange(bounds[-1], dtype=np.int32)
-        uses, changed = starts[turns.uses], self._changed.reshape(-1)
-        self._struck = join_nodes(roots, base, faces, fresh, changed, uses, turns.bounds)
-        return GlobalLabels(base, starts[turns.copy_of], turns.slice_of[turns.copy_of], roots)
+        uses, changed = starts[adjacency.uses], self._changed.reshape(-1)
+        self._deleted = join_nodes(roots, base, faces, fresh, changed, uses, adjacency.bounds)
+        return GlobalLabels(base, starts[adjacency.copy_of], adjacency.slice_of[adjacency.copy_of], roots)
 
 
 def _no_faces() -> Faces:
+    """Return an empty face array."""
     return Faces(np.empty((0, 4), dtype=np.int32), np.empty(0, dtype=np.int32))
 
 
 def _append_rows(array: Numbers, count: int, parts: Sequence[Numbers]) -> Numbers:
-    """The first rows of an array and, behind them, others; in its own memory, where there is room."""
+    """Append parts to the first ``count`` rows of an array.
+
+    Work in place if the array's buffer has room.
+    """
     size = count + sum(map(len, parts))
     if size == len(parts[0]):
         return parts[0]
-    room = array if array.base is None else array.base
-    if size > len(room):
-        room = np.empty((size + size // 8, *array.shape[1:]), dtype=array.dtype)
-        room[:count] = array[:count]
+    buffer = array if array.base is None else array.base
+    if size > len(buffer):
+        buffer = np.empty((size + size // 8, *array.shape[1:]), dtype=array.dtype)
+        buffer[:count] = array[:count]
     for part in parts:
-        room[count : count + len(part)] = part
+        buffer[count : count + len(part)] = part
         count += len(part)
-    return room[:size]
+    return buffer[:size]

@@ -13,7 +13,7 @@ import numpy as np
 from cspace.arrays import FREE, Bools, Floats, Words
 from cspace.compiling import always_inline, kernel
 from cspace.grid import SLACK
-from cspace.map.mip import ONE, SHIFT, SIDE
+from cspace.map.mip import BLOCK_SHIFT, BLOCK_SIDE, ONE
 from cspace.map.points import (
     MAX_PLACE,
     Cell,
@@ -193,24 +193,24 @@ def blocks_are_free(part: Slice, blocks: Words, number: int, p: Numbers, q: Numb
     nx, ny, nz = part.shape
     first, last = cells_between(p[0], q[0], 0.0, 1.0)
     first, last = max(first, 0), min(last, nx - 1)
-    for a in range(first >> SHIFT, (last >> SHIFT) + 1):
-        begin, end = max(first, a << SHIFT), min(last, (a << SHIFT) + SIDE - 1)
+    for a in range(first >> BLOCK_SHIFT, (last >> BLOCK_SHIFT) + 1):
+        begin, end = max(first, a << BLOCK_SHIFT), min(last, (a << BLOCK_SHIFT) + BLOCK_SIDE - 1)
         start, stop = slab_times(p[0], q[0], begin, end)
         if start > stop:
             continue
-        layer = blocks[number, a >> SHIFT, :, :, a & (SIDE - 1)]
+        layer = blocks[number, a >> BLOCK_SHIFT, :, :, a & (BLOCK_SIDE - 1)]
         near, far = cells_between(p[1], q[1], start, stop)
         near, far = max(near, 0), min(far, ny - 1)
-        for b in range(near >> SHIFT, (far >> SHIFT) + 1):
-            left, right = max(near, b << SHIFT), min(far, (b << SHIFT) + SIDE - 1)
+        for b in range(near >> BLOCK_SHIFT, (far >> BLOCK_SHIFT) + 1):
+            left, right = max(near, b << BLOCK_SHIFT), min(far, (b << BLOCK_SHIFT) + BLOCK_SIDE - 1)
             enter, leave = slab_times(p[1], q[1], left, right)
             enter, leave = max(enter, start), min(leave, stop)
             if enter > leave:
                 continue
             bottom, top = cells_between(p[2], q[2], enter, leave)
-            line, bit, marked = layer[np.uint64(b >> SHIFT)], b & (SIDE - 1), np.uint64(0)
-            for c in range(max(bottom, 0) >> SHIFT, (min(top, nz - 1) >> SHIFT) + 1):
-                marked |= line[np.uint64(c >> SHIFT)] >> np.uint64(((c & (SIDE - 1)) << SHIFT) + bit)
+            line, bit, marked = layer[np.uint64(b >> BLOCK_SHIFT)], b & (BLOCK_SIDE - 1), np.uint64(0)
+            for c in range(max(bottom, 0) >> BLOCK_SHIFT, (min(top, nz - 1) >> BLOCK_SHIFT) + 1):
+                marked |= line[np.uint64(c >> BLOCK_SHIFT)] >> np.uint64(((c & (BLOCK_SIDE - 1)) << BLOCK_SHIFT) + bit)
             if marked & ONE and not slabs_are_free(part, p, q, (begin, left, ground), (end, right, nz - 1)):
                 return False
     return True

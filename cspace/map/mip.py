@@ -1,7 +1,7 @@
-"""Marks beside the map: bits for what is not FREE, at three scales.
+"""Marks of cells that are not FREE, as bits at three scales.
 
-An edge through blocks of FREE cells need not be walked cell by cell, and the nearest cell that is not FREE is searched
-in marked blocks alone. Places are counted along three axes; the plane is space with one layer of cells.
+With them, an edge through blocks of FREE cells is not walked cell by cell, and the nearest cell that is not FREE is
+searched in marked blocks only. Positions are along three axes; the plane is space with one layer of cells.
 """
 
 from __future__ import annotations
@@ -16,46 +16,46 @@ from cspace.map.derived import Lock
 from cspace.map.storage import Stack, read_only
 from cspace.threads import in_chunks
 
-SHIFT: Final = 3
+BLOCK_SHIFT: Final = 3
+"""Binary logarithm of :data:`BLOCK_SIDE`."""
 
-SIDE: Final = 1 << SHIFT
-"""Cells along each side of a block, and blocks along each side of a node; a power of two, so that they are a shift
-away."""
+BLOCK_SIDE: Final = 1 << BLOCK_SHIFT
+"""Cells along each side of a block, and blocks along each side of a node."""
 
-ROWS: Final = SIDE + 1
-"""Rows of bits of the plane from one row of blocks to the next."""
+ROWS_PER_BLOCK_ROW: Final = BLOCK_SIDE + 1
+"""Rows of bits in the plane for each row of blocks: eight rows of cells and one of blocks."""
 
-CELLS_AN_EDGE: Final = 4_000
-"""Cells of a map for each edge of a look-up, below which marks pay; making them takes some hundredths of a
-nanosecond for each cell, and they save a few hundred nanoseconds for each edge."""
+MAX_CELLS_PER_EDGE: Final = 4_000
+"""Cells of a map, for each edge of a query, below which marks pay. They cost some hundredths of a nanosecond a cell and
+save a few hundred nanoseconds an edge."""
 
-CELLS_A_THREAD: Final = 10_000_000
-"""Cells below which a second thread costs more than it saves."""
+MIN_MARKED_CELLS_PER_THREAD: Final = 10_000_000
+"""Number of cells below which a second thread costs more than it saves."""
 
-PIECES: Final = 64
-"""Parts that a map is marked in by threads, at least."""
+MIN_BOX_PIECES: Final = 64
+"""Minimum number of pieces into which boxes are cut for threads."""
 
-LAST: Final = SIDE - 1
+SIDE_MASK: Final = BLOCK_SIDE - 1
 
-ZERO, ONE, BYTE = np.uint64(0), np.uint64(1), np.uint64(255)
+NO_BIT, ONE, LOW_BYTE = np.uint64(0), np.uint64(1), np.uint64(255)
 
-MOST_NOTED: Final = 32
-"""Changes that are noted one by one; of more, the box around all is."""
+MAX_DIRTY_BOXES: Final = 32
+"""Changes recorded separately; beyond that number, their bounding box is."""
 
 
 class SpaceMarks(NamedTuple):
-    """What is not FREE in space, at three scales, as compiled code takes it; not to be written.
+    """Cells of space that are not FREE, at three scales, for kernels; read-only.
 
-    A word has 8 x 8 bits, a byte for each place along z, and in it a bit for each one along y.
+    A word has 8 x 8 bits: a byte for each position along z, and in it a bit for each position along y.
 
     Attributes
     ----------
     cells : ndarray of uint64, shape (*number of blocks along each axis of (slices, x, y, z), layers)
-        A bit for each cell; a word for each of the 8 layers of cells in a block. Of size 0 until they are needed.
+        A bit for each cell; a word for each of the 8 layers of cells in a block. Empty until needed.
     blocks : ndarray of uint64, shape (*number of nodes, layers)
-        A bit for each block, alike: whether one of its cells is marked.
+        A bit for each block, in the same order: set if one of its cells is marked.
     nodes : ndarray of uint64
-        A byte for each node, eight along the last axis in a word: whether one of its blocks is marked.
+        A byte for each node, eight along the last axis in a word: non-zero if one of its blocks is marked.
     """
 
     cells: Words
@@ -64,14 +64,17 @@ class SpaceMarks(NamedTuple):
 
 
 class PlaneMarks(NamedTuple):
-    """The same in the plane, which is one layer: of another type, so that neither is compiled for both.
+    """Cells of the plane that are not FREE, at three scales.
+
+    This is a type of its own so that no kernel is compiled for both.
 
     Attributes
     ----------
     cells : ndarray of uint64, shape (slices, y, words)
-        Rows of bits along z, between a word of zeros before and behind: eight rows of cells, and the row of their
-        blocks, and so on. Of size 0 until they are needed.
+        Rows of bits along z, with a word of zeros before and behind: eight rows of cells, then the row of their blocks,
+        and so on. Empty until needed.
     blocks, nodes : ndarray of uint64
+        As in :class:`SpaceMarks`, with one layer.
     """
 
     cells: Words
@@ -81,169 +84,178 @@ class PlaneMarks(NamedTuple):
 
 OccupancyBits = SpaceMarks | PlaneMarks
 
-_KINDS: Final[dict[int, tuple[type[OccupancyBits], int]]] = {3: (PlaneMarks, 1), 4: (SpaceMarks, SIDE)}
-"""The kind of the marks of a map, by the number of axes of its states, and how many layers its words have."""
+_MARKS_BY_NDIM: Final[dict[int, tuple[type[OccupancyBits], int]]] = {3: (PlaneMarks, 1), 4: (SpaceMarks, BLOCK_SIDE)}
+"""Type of the marks and number of layers of their words, by the number of axes of the states."""
 
 
 class OccupancyPyramid:
-    """The marks of all slices. Changes are noted, and followed at the next call of :meth:`marks`.
+    """Marks of all slices; changes are flushed at the next call of :meth:`marks`.
 
-    The states, in one piece, in C order, are shared, not copied; the lock is held while they change, and while the
-    marks follow.
+    The states, contiguous in C order, are shared, not copied. The lock is held while they change, and while marks are
+    updated.
     """
 
     def __init__(self, states: Stack, lock: Lock) -> None:
         self._states, self._lock = states, lock
         self._shape = (*(1,) * (4 - states.ndim), *states.shape[1:])
-        self._blocks_shape = tuple(-(-n // SIDE) for n in self._shape)
-        nodes = tuple(-(-n // SIDE) for n in self._blocks_shape)
-        self._kind, layers = _KINDS[states.ndim]
-        rows = ROWS * self._blocks_shape[1], -(-self._shape[2] // 64) + 2
+        self._blocks_shape = tuple(-(-n // BLOCK_SIDE) for n in self._shape)
+        nodes = tuple(-(-n // BLOCK_SIDE) for n in self._blocks_shape)
+        self._kind, layers = _MARKS_BY_NDIM[states.ndim]
+        rows = ROWS_PER_BLOCK_ROW * self._blocks_shape[1], -(-self._shape[2] // 64) + 2
         self._cells_shape = (len(states), *((*self._blocks_shape, layers) if layers > 1 else rows))
         self._cells = np.zeros((0,) * len(self._cells_shape), dtype=np.uint64)
         self._blocks = np.zeros((len(states), *nodes, layers), dtype=np.uint64)
-        self._nodes = np.zeros((len(states), *nodes[:2], -(-nodes[2] // SIDE) * SIDE), dtype=np.uint8)
-        self._noted, self._eager = [self._whole()], False
+        self._nodes = np.zeros((len(states), *nodes[:2], -(-nodes[2] // BLOCK_SIDE) * BLOCK_SIDE), dtype=np.uint8)
+        self._dirty_boxes, self._eager = [self._whole()], False
 
     def refresh(self, boxes: Ints) -> None:
-        """Note the box in which states of each slice have changed, shape (slices, 6)."""
-        self._noted.append(boxes)
-        if len(self._noted) > MOST_NOTED:
-            noted = np.array(self._noted)
-            self._noted = [np.concatenate([noted[..., :3].min(axis=0), noted[..., 3:].max(axis=0)], axis=1)]
+        """Record the box of changed states of each slice, shape (slices, 6)."""
+        self._dirty_boxes.append(boxes)
+        if len(self._dirty_boxes) > MAX_DIRTY_BOXES:
+            dirty = np.array(self._dirty_boxes)
+            self._dirty_boxes = [np.concatenate([dirty[..., :3].min(axis=0), dirty[..., 3:].max(axis=0)], axis=1)]
         if self._eager:
-            self._follow()
+            self._flush()
 
     def marks(self, cells: bool, eager: bool = False) -> OccupancyBits:
-        """The marks as of now, with those of ``cells`` or not; ``eager`` ones follow each change at once."""
-        if self._noted or cells > bool(self._cells.size) or eager > self._eager:
+        """Return the current marks; ``eager`` marks follow each change at once.
+
+        Marks of single cells are included if ``cells`` is True.
+        """
+        if self._dirty_boxes or cells > bool(self._cells.size) or eager > self._eager:
             with self._lock:
                 if cells and not self._cells.size:
                     self._cells = np.zeros(self._cells_shape, dtype=np.uint64)
-                    self._noted = [self._whole()]
+                    self._dirty_boxes = [self._whole()]
                 self._eager |= eager
-                self._follow()
+                self._flush()
         return self._kind(*map(read_only, (self._cells, self._blocks, self._nodes.view(np.uint64))))
 
     def _whole(self) -> Ints:
+        """Return the box of all cells for each slice."""
         return np.array([[0, 0, 0, *(n - 1 for n in self._shape)]] * len(self._states), dtype=np.int64)
 
-    def _follow(self) -> None:
-        """Mark what has changed; it stays noted until all is done."""
-        for boxes in self._noted:
+    def _flush(self) -> None:
+        """Mark all dirty boxes; they stay dirty until all are done."""
+        for boxes in self._dirty_boxes:
             self._mark(boxes)
-        self._noted = []
+        self._dirty_boxes = []
 
     def _mark(self, boxes: Ints) -> None:
+        """Mark the boxes of all slices."""
         if isinstance(self._states, np.ndarray):
-            self._mark_of(self._states, slice(None), boxes)
-        else:  # bytes are made of some slices at a time
+            self._mark_slices(self._states, slice(None), boxes)
+        else:  # unpack one slice at a time
             for s in np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1)).tolist():
-                self._mark_of(self._states[s], slice(s, s + 1), boxes)
+                self._mark_slices(self._states[s], slice(s, s + 1), boxes)
 
-    def _mark_of(self, states: States, part: slice, boxes: Ints) -> None:
-        """Mark a part of the slices, in threads where that pays."""
+    def _mark_slices(self, states: States, part: slice, boxes: Ints) -> None:
+        """Mark the boxes of some slices, in threads if that pays."""
         states = read_only(states.reshape(-1, *self._shape))
         marks = self._kind(self._cells[part], self._blocks[part], self._nodes[part].view(np.uint64))
         rows = np.flatnonzero((boxes[part, :3] <= boxes[part, 3:]).all(axis=1))
         if not len(rows):
             return
-        its = boxes[part][rows]
-        size = float(np.prod(its[:, 3:] - its[:, :3] + SIDE, axis=1).sum())
-        # Each box is cut along y, between nodes, into as many pieces as threads may want.
-        cuts = 1 if size < CELLS_A_THREAD else -(-PIECES // len(rows))
-        its, number = np.repeat(np.column_stack([rows, its]), cuts, axis=0), np.tile(np.arange(cuts), len(rows))
-        first, last = its[:, 2] >> 2 * SHIFT, its[:, 5] >> 2 * SHIFT
-        low, stop = (first + (last + 1 - first) * (number + end) // cuts << 2 * SHIFT for end in (0, 1))
-        its[:, 2], its[:, 5] = np.maximum(its[:, 2], low), np.minimum(its[:, 5], stop - 1)
+        parts = boxes[part][rows]
+        size = float(np.prod(parts[:, 3:] - parts[:, :3] + BLOCK_SIDE, axis=1).sum())
+        # Boxes are cut along y, between nodes, because threads must not share nodes.
+        cuts = 1 if size < MIN_MARKED_CELLS_PER_THREAD else -(-MIN_BOX_PIECES // len(rows))
+        parts, piece = np.repeat(np.column_stack([rows, parts]), cuts, axis=0), np.tile(np.arange(cuts), len(rows))
+        first, last = parts[:, 2] >> 2 * BLOCK_SHIFT, parts[:, 5] >> 2 * BLOCK_SHIFT
+        low, stop = (first + (last + 1 - first) * (piece + end) // cuts << 2 * BLOCK_SHIFT for end in (0, 1))
+        parts[:, 2], parts[:, 5] = np.maximum(parts[:, 2], low), np.minimum(parts[:, 5], stop - 1)
 
-        def work(start: int, stop: int) -> int:
+        def mark_parts(start: int, stop: int) -> int:
             line = np.zeros(self._blocks_shape[2], dtype=np.uint64)
-            mark(states, marks, (line.view(np.uint8), line, line.copy()), its[start:stop])
+            mark_boxes(states, marks, (line.view(np.uint8), line, line.copy()), parts[start:stop])
             return -1
 
-        in_chunks(work, len(its), min_items=1 + int(len(its) * CELLS_A_THREAD / max(size, 1.0)))
-        every = (
+        in_chunks(mark_parts, len(parts), min_items=1 + int(len(parts) * MIN_MARKED_CELLS_PER_THREAD / max(size, 1.0)))
+        touched = (
             slice(None),
-            *map(slice, its[:, 1:4].min(axis=0) >> 2 * SHIFT, (its[:, 4:].max(axis=0) >> 2 * SHIFT) + 1),
+            *map(
+                slice, parts[:, 1:4].min(axis=0) >> 2 * BLOCK_SHIFT, (parts[:, 4:].max(axis=0) >> 2 * BLOCK_SHIFT) + 1
+            ),
         )
-        self._nodes[part][every] = marks.blocks[every].any(axis=-1)
+        self._nodes[part][touched] = marks.blocks[touched].any(axis=-1)
 
 
 @always_inline
-def flipped(word: np.uint64) -> np.uint64:
-    """The bits of eight bytes, bit i of byte k as bit k of byte i (Warren, Hacker's Delight, 2012)."""
+def transpose_bits(word: np.uint64) -> np.uint64:
+    """Transpose 8 x 8 bits: bit i of byte k becomes bit k of byte i.
+
+    Source: Warren, Hacker's Delight, 2012.
+    """
     for shift, mask in ((7, 0x00AA00AA00AA00AA), (14, 0x0000CCCC0000CCCC), (28, 0x00000000F0F0F0F0)):
         swap = (word ^ (word >> np.uint64(shift))) & np.uint64(mask)
         word ^= swap ^ (swap << np.uint64(shift))
     return word
 
 
-def mark_layer(marks: OccupancyBits, s: int, i: int, b: int, first: int, depth: int, eights: Words) -> None:
-    """Mark the cells of a layer, in blocks that follow each other along z, by each word of the bits."""
+def mark_layer(marks: OccupancyBits, s: int, i: int, b: int, first: int, depth: int, words: Words) -> None:
+    """Mark a layer of cells in consecutive blocks along z, one word a block."""
     raise NotImplementedError
 
 
-def _mark_layer_in_space(marks: SpaceMarks, s: int, i: int, b: int, first: int, depth: int, eights: Words) -> None:
+def _mark_layer_in_space(marks: SpaceMarks, s: int, i: int, b: int, first: int, depth: int, words: Words) -> None:
     for c in range(depth):
-        marks.cells[s, i >> SHIFT, b, first + c, i & LAST] = eights[c]
+        marks.cells[s, i >> BLOCK_SHIFT, b, first + c, i & SIDE_MASK] = words[c]
 
 
-def _mark_layer_in_plane(marks: PlaneMarks, s: int, i: int, b: int, first: int, depth: int, eights: Words) -> None:
+def _mark_layer_in_plane(marks: PlaneMarks, s: int, i: int, b: int, first: int, depth: int, words: Words) -> None:
     for c in range(depth):
-        z, eight = first + c, flipped(eights[c])
-        put(marks.cells[s, ROWS * b + SIDE], z, ONE, ONE if eight != 0 else ZERO)
-        for j in range(ROWS * b, ROWS * b + SIDE):
-            put(marks.cells[s, j], z << SHIFT, BYTE, eight & BYTE)
-            eight >>= np.uint64(SIDE)
+        z, word = first + c, transpose_bits(words[c])
+        put_bits(marks.cells[s, ROWS_PER_BLOCK_ROW * b + BLOCK_SIDE], z, ONE, ONE if word != 0 else NO_BIT)
+        for j in range(ROWS_PER_BLOCK_ROW * b, ROWS_PER_BLOCK_ROW * b + BLOCK_SIDE):
+            put_bits(marks.cells[s, j], z << BLOCK_SHIFT, LOW_BYTE, word & LOW_BYTE)
+            word >>= np.uint64(BLOCK_SIDE)
 
 
 dispatch_on_type(mark_layer, {SpaceMarks: _mark_layer_in_space, PlaneMarks: _mark_layer_in_plane})
 
 
 @kernel
-def mark(states: States, marks: OccupancyBits, room: tuple[States, Words, Words], boxes: Ints) -> None:
-    """Mark what boxes of cells touch; see :class:`SpaceMarks`.
+def mark_boxes(states: States, marks: OccupancyBits, scratch: tuple[States, Words, Words], boxes: Ints) -> None:
+    """Mark the blocks that boxes of cells touch; see :class:`SpaceMarks`.
 
-    ``room`` is for its own use: a row of blocks along z, as bytes and as the same words, and as many words again.
-
-    A box, shape (7,), is given by its slice, its first cell and its last one, along three axes; there is none where one
-    is above the other. Each mark is written once, those of cells first; threads may take boxes that share no node.
+    A box, shape (7,), has its slice, first cell and last cell, along three axes; it is empty if first > last. Each mark
+    is written once, cells first. Threads may take boxes that share no node. ``scratch`` has a row of blocks along z as
+    bytes, the same memory as words, and as many words again.
     """
     nx, ny, nz = states.shape[1], states.shape[2], states.shape[3]
-    line, eights, met = room
+    line, words, marked = scratch
     for n in range(len(boxes)):
         box = boxes[n]
-        s, first, depth = box[0], box[3] >> SHIFT, (box[6] >> SHIFT) - (box[3] >> SHIFT) + 1
-        low, high = first << SHIFT, min((first + depth) << SHIFT, nz)
-        for a in range(box[1] >> SHIFT, (box[4] >> SHIFT) + 1):
-            for b in range(box[2] >> SHIFT, (box[5] >> SHIFT) + 1):
-                met[:] = 0
-                for i in range(a << SHIFT, min((a + 1) << SHIFT, nx)):
+        s, first, n_blocks = box[0], box[3] >> BLOCK_SHIFT, (box[6] >> BLOCK_SHIFT) - (box[3] >> BLOCK_SHIFT) + 1
+        low, high = first << BLOCK_SHIFT, min((first + n_blocks) << BLOCK_SHIFT, nz)
+        for a in range(box[1] >> BLOCK_SHIFT, (box[4] >> BLOCK_SHIFT) + 1):
+            for b in range(box[2] >> BLOCK_SHIFT, (box[5] >> BLOCK_SHIFT) + 1):
+                marked[:] = 0
+                for i in range(a << BLOCK_SHIFT, min((a + 1) << BLOCK_SHIFT, nx)):
                     line[:] = 0
-                    for j in range(b << SHIFT, min((b + 1) << SHIFT, ny)):
-                        add_bit(line, states[s, i, j, low:high], np.uint8(1 << (j & LAST)))
-                    for c in range(depth):
-                        met[c] |= eights[c]
+                    for j in range(b << BLOCK_SHIFT, min((b + 1) << BLOCK_SHIFT, ny)):
+                        add_bit(line, states[s, i, j, low:high], np.uint8(1 << (j & SIDE_MASK)))
+                    for c in range(n_blocks):
+                        marked[c] |= words[c]
                     if len(marks.cells) > 0:
-                        mark_layer(marks, s, i, b, first, depth, eights)
-                layer = marks.blocks[s, a >> SHIFT, b >> SHIFT, :, a & LAST]
-                for c in range(depth):
+                        mark_layer(marks, s, i, b, first, n_blocks, words)
+                layer = marks.blocks[s, a >> BLOCK_SHIFT, b >> BLOCK_SHIFT, :, a & SIDE_MASK]
+                for c in range(n_blocks):
                     z = first + c
-                    bit = ONE << np.uint64(((z & LAST) << SHIFT) + (b & LAST))
-                    word = layer[z >> SHIFT]
-                    layer[z >> SHIFT] = word | bit if met[c] != 0 else word & ~bit
+                    bit = ONE << np.uint64(((z & SIDE_MASK) << BLOCK_SHIFT) + (b & SIDE_MASK))
+                    word = layer[z >> BLOCK_SHIFT]
+                    layer[z >> BLOCK_SHIFT] = word | bit if marked[c] != 0 else word & ~bit
 
 
 @kernel
-def put(row: Words, number: int, mask: np.uint64, bits: np.uint64) -> None:
-    """Replace bits of a row, from the one of a number on; they lie in one word."""
-    shift = np.uint64(number & 63)
-    row[(number >> 6) + 1] = (row[(number >> 6) + 1] & ~(mask << shift)) | bits << shift
+def put_bits(row: Words, index: int, mask: np.uint64, bits: np.uint64) -> None:
+    """Replace bits of a row from an index on; they must lie in one word."""
+    shift = np.uint64(index & 63)
+    row[(index >> 6) + 1] = (row[(index >> 6) + 1] & ~(mask << shift)) | bits << shift
 
 
 @kernel
 def add_bit(into: States, cells: States, bit: np.uint8) -> None:
-    """Set a bit of the bytes whose cells are not FREE."""
+    """Set a bit in each byte whose cell is not FREE."""
     for k in range(cells.shape[0]):
         into[k] |= bit if cells[k] != FREE else np.uint8(0)

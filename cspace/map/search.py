@@ -1,4 +1,4 @@
-"""Searches over cells: FREE chains, and chains that are not BLOCKED with the fewest MIXED cells."""
+"""Searches over cells: shortest FREE chains, and non-BLOCKED chains with the fewest MIXED cells."""
 
 from __future__ import annotations
 
@@ -14,71 +14,72 @@ from cspace.compiling import clock, jit, kernel
 from cspace.map.storage import Cells, Map, Stack, cells_of, check_bytes, state_in
 
 Costs = NDArray[np.float32]
-Place = tuple[int, int, int]
-Spot = tuple[int, int, int, int]
-"""Rotation cell, and place along three axes."""
+Position = tuple[int, int, int]
+GridCell = tuple[int, int, int, int]
+"""Rotation cell, and position along three axes."""
 
-GREED: Final = 8.0
-"""Weight of the way ahead against the way behind where any chain will do: above 1 it is found sooner, and is longer."""
+GREEDY_WEIGHT: Final = 8.0
+"""Weight of the remaining length if any chain will do; above 1, chains are found sooner but are longer."""
 
 TURN_COST: Final = 4.0
-"""Cells of way that a turn into the next rotation cell counts as there: straight on is tried first."""
+"""Cost of rotating into the next rotation cell, in cells, if any chain will do; straight moves are tried first."""
 
-MARGIN: Final = 16.0
-"""Cells by which a chain may be longer than without its turns before it is led less well."""
+MAX_DETOUR_CELLS: Final = 16.0
+"""Cells by which a chain may exceed the shortest chain over positions before the heuristic weakens."""
 
-FAR: Final = 2**30
-"""In place of the number of cells around an axis that does not close in a circle."""
+NOT_PERIODIC: Final = 2**30
+"""Stands for the period of an axis that is not periodic."""
 
-STEPS: Final = 2**11
-"""Cells that a search takes between two looks at the clock: half a millisecond, or 100 where all memory is new."""
+CELLS_PER_CLOCK_CHECK: Final = 2**11
+"""Cells expanded between two looks at the clock: half a millisecond, or up to 100 ms if all memory is new."""
 
-ENTRIES: Final = 4096
-"""Entries that there is room for in the beginning."""
+INITIAL_ENTRIES: Final = 4096
+"""Initial capacity of the queue."""
 
-SAME: Final = 1e-6
-"""Share of a cost that rounding may make of nothing, in single precision."""
+ROUNDING_SHARE: Final = 1e-6
+"""Relative difference of costs that may be single-precision rounding."""
 
-FIRST, TAKEN = 127, 128
-"""How the start was reached; and the bit of cells that wait no more."""
+REACHED_START, EXPANDED = 127, 128
+"""Bit in ``reached_by`` of cells that were expanded."""
 
-LISTS: Final = 8
-"""Lists of what waits for each cell of way: within one of them, order does not count."""
+BUCKETS_PER_CELL: Final = 8
+"""Buckets of the queue per cell of cost; within a bucket, order is ignored."""
 
-RING: Final = 4096
-"""Lists that there are. What costs more than they hold waits in the last one: then order does not count either."""
+BUCKETS: Final = 4096
+"""Number of buckets. Costs beyond them share the last bucket, whose order is ignored too."""
 
 
 class Graph(NamedTuple):
-    """The cells of a map, and what leads from one to the next.
+    """Graph of the cells of a map.
 
-    Cells are numbered in a row, rotation cell by rotation cell, along three axes; the plane has one layer along x.
+    Cells are indexed in a row, rotation cell by rotation cell, along three axes; the plane has one layer along x.
 
     Attributes
     ----------
     cells : ndarray of uint8, shape (n,), or TwoBits
         States of all slices in a row.
     shape : tuple of int, length 3
-        Of a slice.
+        Shape of a slice.
     slice_of : ndarray of int64, shape (rotations,)
+        Slice of each rotation cell.
     neighbors : ndarray of int64, shape (rotations, n)
-        Of rotation cells; -1 fills up.
+        Adjacent rotation cells, padded with -1.
     turns : ndarray of float64, shape (rotations, n)
-        What it costs to turn to each of them, in cells.
+        Cost of rotating to each neighbor, in cells.
     moves : ndarray of int64, shape (m, 3)
-        Steps from cell to cell: across sides, and then across edges and corners; the first ones lead to each cell that
-        the last ones touch.
+        Offsets to adjacent cells, across sides first, then across edges and corners. Cells touched by a move are
+        reached by earlier moves.
     steps, lengths : ndarray, shape (m,)
-        Of moves: by how much the number of the cell changes, and cells of way.
+        Change of the cell's index, and length in cells, of each move.
     parts : ndarray of int64, shape (m,)
-        For each move, the bits of those that lead to the cells that it touches.
-    rings : tuple of int, length 3
-        Cells around the axes that close in a circle, so that the last one along them is a neighbour of the first;
-        :data:`FAR` of others.
+        Bit mask of the moves to the cells that each move touches.
+    periods : tuple of int, length 3
+        Number of cells along each periodic axis, whose last cell is next to its first; :data:`NOT_PERIODIC` for other
+        axes.
     """
 
     cells: Cells
-    shape: Place
+    shape: Position
     slice_of: Ints
     neighbors: Ints
     turns: Floats
@@ -86,140 +87,157 @@ class Graph(NamedTuple):
     steps: Ints
     lengths: Floats
     parts: Ints
-    rings: Place
+    periods: Position
 
     @classmethod
     def of(cls, states: Stack, slice_of: Ints, neighbors: Ints, turns: Floats, periodic_axes: Sequence[bool]) -> Graph:
-        """From states by slice, shape (slices, *cells); some axes of the grid close in a circle."""
+        """Build from states by slice, of shape (slices, ...)."""
         dim = states.ndim - 1
         nx, ny, nz = (1,) * (3 - dim) + tuple(states.shape[1:])
-        around = [(-1, 0, 1)] * dim
-        moves = np.stack(np.meshgrid(*[[0]] * (3 - dim), *around, indexing="ij"), axis=-1).reshape(-1, 3)
+        offsets = [(-1, 0, 1)] * dim
+        moves = np.stack(np.meshgrid(*[[0]] * (3 - dim), *offsets, indexing="ij"), axis=-1).reshape(-1, 3)
         moves = moves[np.argsort(np.abs(moves).sum(axis=1), kind="stable")][1:]
         touched = ((moves == 0) | (moves == moves[:, None])).all(axis=2)
         parts, steps = (touched << np.arange(len(moves))).sum(axis=1), (moves * (ny * nz, nz, 1)).sum(axis=1)
-        closed = (False,) * (3 - dim) + tuple(periodic_axes)
-        rings = nx if closed[0] else FAR, ny if closed[1] else FAR, nz if closed[2] else FAR
-        lengths = np.linalg.norm(moves, axis=1)
-        return cls(cells_of(states), (nx, ny, nz), slice_of, neighbors, turns, moves, steps, lengths, parts, rings)
+        periodic = (False,) * (3 - dim) + tuple(periodic_axes)
+        i, j, k = (n if wraps else NOT_PERIODIC for n, wraps in zip((nx, ny, nz), periodic, strict=True))
+        cells, lengths = cells_of(states), np.linalg.norm(moves, axis=1)
+        return cls(cells, (nx, ny, nz), slice_of, neighbors, turns, moves, steps, lengths, parts, (i, j, k))
 
-    def chain(self, start: Ints, goal: Ints, until: float, *, greed: float = 1.0, places: Graph | None = None) -> Ints:
-        """The shortest chain of FREE cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` from one to another.
+    def chain(
+        self, start: Ints, goal: Ints, until: float, *, greed: float = 1.0, free_positions: Graph | None = None
+    ) -> Ints:
+        """Return the shortest chain of FREE cells from start to goal.
 
-        Shape (n, 1 + d), where n is 0 if there is none. With more ``greed``, it is one that is found sooner. The search
-        is led by the lengths of the shortest chains over ``places``, those of the map that are FREE at any rotation.
-        TimeoutError is raised from a time on, in seconds of :data:`cspace.compiling.clock`.
+        Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)``. The chain has shape (n, 1 + d), where n is 0 if none
+        exists. If ``greed`` is above 1, return a longer chain sooner. ``free_positions`` has the positions that are
+        FREE at any rotation; lengths of shortest chains over them are the heuristic. Raises TimeoutError after
+        ``until``, in seconds of :data:`cspace.compiling.clock`.
         """
         shape, size, bound = (len(self.slice_of), *self.shape[4 - len(start) :]), math.prod(self.shape), 0.0
-        first, last = (int(np.ravel_multi_index(tuple(cell), shape)) for cell in (start, goal))
-        flat = np.empty(0, dtype=np.float32)
-        if first == last:
+        start_index, goal_index = (int(np.ravel_multi_index(tuple(cell), shape)) for cell in (start, goal))
+        costs = np.empty(0, dtype=np.float32)
+        if start_index == goal_index:
             return start[None]
-        if places is not None:
-            task = Task(last % size, first % size, 1.0, MARGIN, flat, bound, np.zeros(1))
-            flat = places._searched(task, until).far
-            bound = float(flat[first % size]) + MARGIN
-        trace = self._searched(Task(first, last, greed, 0.0, flat, bound, self._turns_to(goal[0])), until)
-        numbers = np.empty(back(self, trace.came, first, last, np.empty(0, dtype=np.int64)), dtype=np.int64)
-        back(self, trace.came, first, last, numbers)
-        return np.stack(np.unravel_index(numbers, shape), axis=-1)
+        if free_positions is not None:
+            task = Task(goal_index % size, start_index % size, 1.0, MAX_DETOUR_CELLS, costs, bound, np.zeros(1))
+            costs = free_positions._search(task, until).cost
+            bound = float(costs[start_index % size]) + MAX_DETOUR_CELLS
+        task = Task(start_index, goal_index, greed, 0.0, costs, bound, self._rotation_costs(goal[0]))
+        trace, indices = self._search(task, until), np.empty(0, dtype=np.int64)
+        indices = np.empty(trace_back(self, trace.reached_by, start_index, goal_index, indices), dtype=np.int64)
+        trace_back(self, trace.reached_by, start_index, goal_index, indices)
+        return np.stack(np.unravel_index(indices, shape), axis=-1)
 
-    def _searched(self, task: Task, until: float) -> Trace:
+    def _search(self, task: Task, until: float) -> Trace:
+        """Expand cells until the search ends, growing the queue as needed."""
         trace = Trace.of(len(self.slice_of) * math.prod(self.shape), task.start, task.greed > 1.0)
-        while not best_first(self, task, trace):
-            keep_on(until)
-            if trace.state[3] + len(self.moves) + self.neighbors.shape[1] >= len(trace.after):
-                waiting, after, costs = (np.concatenate([each, each]) for each in trace[3:6])
-                trace = trace._replace(waiting=waiting, after=after, costs=costs)
+        while not expand_cells(self, task, trace):
+            check_deadline(until)
+            if trace.state[3] + len(self.moves) + self.neighbors.shape[1] >= len(trace.next_entry):
+                waiting, next_entry, costs = (np.concatenate([each, each]) for each in trace[3:6])
+                trace = trace._replace(waiting=waiting, next_entry=next_entry, costs=costs)
         return trace
 
-    def _turns_to(self, goal: int) -> Floats:
-        """The least cost of turns from each rotation cell to one of them."""
-        costs, before = np.full(len(self.slice_of), np.inf), np.empty(0)
+    def _rotation_costs(self, goal: int) -> Floats:
+        """Return the minimum cost of rotating from each rotation cell to ``goal``."""
+        costs, previous = np.full(len(self.slice_of), np.inf), np.empty(0)
         costs[goal] = 0.0
-        while self.neighbors.size and not np.array_equal(costs, before):
-            before = costs
-            beside = np.where(self.neighbors < 0, np.inf, costs[self.neighbors] + self.turns)
-            costs = np.minimum(costs, beside.min(axis=1))
+        while self.neighbors.size and not np.array_equal(costs, previous):
+            previous = costs
+            neighbor_costs = np.where(self.neighbors < 0, np.inf, costs[self.neighbors] + self.turns)
+            costs = np.minimum(costs, neighbor_costs.min(axis=1))
         return costs
 
 
 class Task(NamedTuple):
-    """What is searched.
+    """Parameters of a search.
 
     Attributes
     ----------
     start, goal : int
-        Cells.
+        Indices of cells.
     greed : float
-        Weight of the way ahead against the way behind.
+        Weight of the remaining length relative to the length so far.
     margin : float
-        Cells by which chains may be longer than the shortest to the goal for their cells to be looked at.
-    flat : ndarray of float32
-        Length of the shortest chain from the place of each cell to the goal's, at any rotation, and zero where it was
-        not looked at; none where that is not known.
-    bound : float
-        Length that chains over such places have at least.
-    ahead : ndarray of float64, shape (rotations,)
-        The least cost of turns from each rotation cell to the goal's.
+        Expand cells on chains up to this many cells longer than the shortest chain.
+    position_costs : ndarray of float32
+        Length of the shortest chain from each position to the goal's, at any rotation; zero where not computed. Empty
+        if unknown.
+    min_length : float
+        Lower bound of the length of chains over positions that were not computed.
+    rotation_costs : ndarray of float64, shape (rotations,)
+        Minimum cost of rotating from each rotation cell to the goal's.
     """
 
     start: int
     goal: int
     greed: float
     margin: float
-    flat: Costs
-    bound: float
-    ahead: Floats
+    position_costs: Costs
+    min_length: float
+    rotation_costs: Floats
 
 
 class Trace(NamedTuple):
-    """How far a search has come.
+    """State of a search.
 
     Attributes
     ----------
-    far : ndarray of float32, shape (cells,)
-        The least cost of a chain to each cell; none with greed. Memory is taken where this, and the next one, are
-        written.
-    came : ndarray of uint8, shape (cells,)
-        Zero of a cell that was not reached, else 1 and the move that led there, or the turn that leads back, with
-        :data:`TAKEN` once the search went on from there.
-    heads : ndarray of int64, shape (RING,)
-        What waits, in lists by its cost: the first entry of each; -1 for none.
-    waiting, after, costs : ndarray of int64, int64 and float64, shape (n,)
-        Entries: a cell, the next entry of its list, or of those that are free, and the cost that it had.
+    cost : ndarray of float32, shape (cells,)
+        Lowest cost found of a chain to each cell; empty in greedy searches. Like ``reached_by``, it takes memory only
+        where written.
+    reached_by : ndarray of uint8, shape (cells,)
+        How each cell was reached: 0 if not at all, else 1 plus the index of the move that led there, or of the rotation
+        that leads back; with the bit :data:`EXPANDED` once the cell was expanded.
+    buckets : ndarray of int64, shape (BUCKETS,)
+        First entry of each bucket of the queue; -1 if empty.
+    waiting, next_entry, costs : ndarray of int64, int64 and float64, shape (n,)
+        Cell of each entry, next entry of its bucket or of the free list, and cost at which it was queued.
     state : ndarray of float64, shape (5,)
-        How many wait, the lowest list of them, the first entry that is free, how many were used, and the cost of the
-        goal.
+        Number of waiting entries, lowest bucket, first free entry, number of entries used, and cost of the goal.
     """
 
-    far: Costs
-    came: Bytes
-    heads: Ints
+    cost: Costs
+    reached_by: Bytes
+    buckets: Ints
     waiting: Ints
-    after: Ints
+    next_entry: Ints
     costs: Floats
     state: Floats
 
     @classmethod
     def of(cls, cells: int, start: int, greedy: bool) -> Trace:
-        """Of a start, among so many cells."""
-        far, came = np.zeros(0 if greedy else cells, dtype=np.float32), np.zeros(cells, dtype=np.uint8)
-        heads, waiting, after = np.full(RING, -1), np.full(ENTRIES, start), np.full(ENTRIES, -1)
-        came[start], heads[0] = FIRST, 0
-        return cls(far, came, heads, waiting, after, np.zeros(ENTRIES), np.array([1.0, 0.0, -1.0, 1.0, np.inf]))
+        """Return a trace of ``cells`` cells with only the start queued."""
+        cost, reached_by = np.zeros(0 if greedy else cells, dtype=np.float32), np.zeros(cells, dtype=np.uint8)
+        buckets, waiting, next_entry = (
+            np.full(BUCKETS, -1),
+            np.full(INITIAL_ENTRIES, start),
+            np.full(INITIAL_ENTRIES, -1),
+        )
+        reached_by[start], buckets[0] = REACHED_START, 0
+        return cls(
+            cost,
+            reached_by,
+            buckets,
+            waiting,
+            next_entry,
+            np.zeros(INITIAL_ENTRIES),
+            np.array([1.0, 0.0, -1.0, 1.0, np.inf]),
+        )
 
 
-def keep_on(until: float) -> None:
-    """Raise TimeoutError from a time on, in seconds of :data:`cspace.compiling.clock`."""
+def check_deadline(until: float) -> None:
+    """Raise TimeoutError after ``until``, in seconds of :data:`cspace.compiling.clock`."""
     if clock() > until:
         raise TimeoutError
 
 
 @kernel
-def _spot(graph: Graph, cell: int) -> Spot:
+def _split_index(graph: Graph, cell: int) -> GridCell:
+    """Split a cell's index into its rotation cell and position."""
     nx, ny, nz = graph.shape
-    # A division takes as long as all else; in the plane, and of one rotation, one is enough.
+    # Divisions dominate the time; in the plane, or with one rotation, one division is enough.
     rotation = cell // (nx * ny * nz) if cell >= nx * ny * nz else 0
     cell -= rotation * nx * ny * nz
     i = cell // (ny * nz) if cell >= ny * nz else 0
@@ -228,31 +246,38 @@ def _spot(graph: Graph, cell: int) -> Spot:
 
 
 @kernel
-def _moved(graph: Graph, at: Spot, move: int, sign: int) -> Place:
-    """Where a move leads, or leads from: in again along axes that close; -1 along others where there is no cell."""
+def _apply_move(graph: Graph, at: GridCell, move: int, sign: int) -> Position:
+    """Return the position that a move leads to, or from if ``sign`` is -1.
+
+    Positions wrap around periodic axes; -1 along other axes means that there is no cell.
+    """
     (nx, ny, nz), moves = graph.shape, graph.moves
     i, j, k = at[1] + sign * moves[move, 0], at[2] + sign * moves[move, 1], at[3] + sign * moves[move, 2]
     if 0 <= i < nx and 0 <= j < ny and 0 <= k < nz:
         return i, j, k
-    return _around(i, nx, graph.rings[0]), _around(j, ny, graph.rings[1]), _around(k, nz, graph.rings[2])
+    return _wrap(i, nx, graph.periods[0]), _wrap(j, ny, graph.periods[1]), _wrap(k, nz, graph.periods[2])
 
 
 @kernel
-def _around(i: int, count: int, ring: int) -> int:
+def _wrap(i: int, count: int, ring: int) -> int:
+    """Wrap an index along a periodic axis; return -1 if it is past the end of another axis."""
     return i % count if ring == count else i if i < count else -1
 
 
 @kernel
-def _open(graph: Graph, first: int, at: Spot) -> int:
-    """The moves from a place of a slice, which begins with a cell, that touch FREE cells alone, by bits."""
-    (nx, ny, nz), (_, i, j, k), place = graph.shape, at, (at[1] * graph.shape[1] + at[2]) * graph.shape[2] + at[3]
-    free, allowed, deep = 0, 0, 1 if len(graph.moves) > 8 else 0
-    if deep <= i < nx - deep and 0 < j < ny - 1 and 0 < k < nz - 1:
+def _free_moves(graph: Graph, first: int, at: GridCell) -> int:
+    """Return a bit mask of the moves from a cell that touch FREE cells only.
+
+    ``first`` is the index of the first cell of the slice.
+    """
+    (nx, ny, nz), (_, i, j, k), position = graph.shape, at, (at[1] * graph.shape[1] + at[2]) * graph.shape[2] + at[3]
+    free, allowed, x_layers = 0, 0, 1 if len(graph.moves) > 8 else 0
+    if x_layers <= i < nx - x_layers and 0 < j < ny - 1 and 0 < k < nz - 1:
         for move in range(len(graph.moves)):
-            free |= (state_in(graph.cells, first + place + graph.steps[move]) == FREE) << move
+            free |= (state_in(graph.cells, first + position + graph.steps[move]) == FREE) << move
     else:
         for move in range(len(graph.moves)):
-            u, v, w = _moved(graph, at, move, 1)
+            u, v, w = _apply_move(graph, at, move, 1)
             if min(u, v, w) >= 0:
                 free |= (state_in(graph.cells, first + (u * ny + v) * nz + w) == FREE) << move
     if free == (1 << len(graph.moves)) - 1:
@@ -263,217 +288,222 @@ def _open(graph: Graph, first: int, at: Spot) -> int:
 
 
 @kernel
-def _on_empty_grid(graph: Graph, one: Place, other: Place) -> float:
-    """Length of the shortest chain of moves with nothing between."""
-    i, j, k = abs(one[0] - other[0]), abs(one[1] - other[1]), abs(one[2] - other[2])
-    i, j, k = min(i, graph.rings[0] - i), min(j, graph.rings[1] - j), min(k, graph.rings[2] - k)
-    most, least = max(i, j, k), min(i, j, k)
-    middle = i + j + k - most - least
-    return most + (math.sqrt(2.0) - 1.0) * middle + (math.sqrt(3.0) - math.sqrt(2.0)) * least
+def _empty_grid_distance(graph: Graph, a: Position, b: Position) -> float:
+    """Return the length of the shortest chain of moves on an empty grid."""
+    i, j, k = abs(a[0] - b[0]), abs(a[1] - b[1]), abs(a[2] - b[2])
+    i, j, k = min(i, graph.periods[0] - i), min(j, graph.periods[1] - j), min(k, graph.periods[2] - k)
+    largest, smallest = max(i, j, k), min(i, j, k)
+    between = i + j + k - largest - smallest
+    return largest + (math.sqrt(2.0) - 1.0) * between + (math.sqrt(3.0) - math.sqrt(2.0)) * smallest
 
 
 @kernel
-def _to_come(graph: Graph, task: Task, start: Place, goal: Place, rotation: int, at: Place) -> float:
-    """The least that the way from a cell to the goal can cost."""
-    ahead = _on_empty_grid(graph, at, goal)
-    if len(task.flat):
-        known = task.flat[(at[0] * graph.shape[1] + at[1]) * graph.shape[2] + at[2]]
-        more = task.bound - _on_empty_grid(graph, at, start)
-        ahead = max(ahead, min(known, more) if known > 0.0 or at == goal else more)
-    return ahead + float(task.ahead[rotation])
+def _heuristic(graph: Graph, task: Task, start: Position, goal: Position, rotation: int, at: Position) -> float:
+    """Return a lower bound of the cost from a cell to the goal."""
+    remaining = _empty_grid_distance(graph, at, goal)
+    if len(task.position_costs):
+        exact = task.position_costs[(at[0] * graph.shape[1] + at[1]) * graph.shape[2] + at[2]]
+        fallback = task.min_length - _empty_grid_distance(graph, at, start)
+        remaining = max(remaining, min(exact, fallback) if exact > 0.0 or at == goal else fallback)
+    return remaining + float(task.rotation_costs[rotation])
 
 
 @kernel
-def best_first(graph: Graph, task: Task, trace: Trace) -> bool:
-    """Whether a search is through; else it goes on from there: it also ends where there is no room, and now and then.
+def expand_cells(graph: Graph, task: Task, trace: Trace) -> bool:
+    """Expand queued cells; return True once the search is complete.
 
-    The way ahead is not taken for longer than it is (P. Hart, N. Nilsson and B. Raphael, "A formal basis for the
-    heuristic determination of minimum cost paths", 1968), but for greed; then each cell is reached but once.
+    Return False if the queue is full or a clock check is due; the next call goes on from there. The heuristic never
+    overestimates (P. Hart, N. Nilsson and B. Raphael, "A formal basis for the heuristic determination of minimum cost
+    paths", 1968), except in greedy searches, which reach each cell only once.
     """
     size, straight = graph.shape[0] * graph.shape[1] * graph.shape[2], len(graph.moves)
-    far, came, heads, waiting, after, costs, state = trace
-    count, lowest, spare, used, best = int(state[0]), int(state[1]), int(state[2]), int(state[3]), state[4]
+    cost_to, reached_by, buckets, waiting, next_entry, costs, state = trace
+    n_waiting, lowest, free_entry, n_used = int(state[0]), int(state[1]), int(state[2]), int(state[3])
+    goal_cost = state[4]
     degree, greedy = straight + graph.neighbors.shape[1], task.greed > 1.0
-    _, si, sj, sk = _spot(graph, task.start % size)
-    _, gi, gj, gk = _spot(graph, task.goal % size)
-    for _ in range(STEPS):
-        # What waits is kept in lists by cost, in a circle, instead of in a heap: the next one is found without
-        # comparing any (R. Dial, "Algorithm 360: Shortest-path forest with topological ordering", 1969).
-        while count > 0 and heads[lowest % RING] < 0:
+    _, si, sj, sk = _split_index(graph, task.start % size)
+    _, gi, gj, gk = _split_index(graph, task.goal % size)
+    for _ in range(CELLS_PER_CLOCK_CHECK):
+        # The queue has a circle of buckets by cost instead of a heap, so the next entry is found without comparisons
+        # (R. Dial, "Algorithm 360: Shortest-path forest with topological ordering", 1969).
+        while n_waiting > 0 and buckets[lowest % BUCKETS] < 0:
             lowest += 1
-        if count == 0 or lowest >= LISTS * (best + task.margin):
+        if n_waiting == 0 or lowest >= BUCKETS_PER_CELL * (goal_cost + task.margin):
             return True
-        if used + degree >= len(after):
+        if n_used + degree >= len(next_entry):
             break
-        # The entry is spare from here on, for what comes to wait next: memory grows with the front alone.
-        entry = heads[lowest % RING]
-        cell, heads[lowest % RING], after[entry] = waiting[entry], after[entry], spare
-        count, spare = count - 1, entry
-        # An entry stays where it is when a shorter way to its cell is found, which waits beside it, and is taken first.
-        if came[cell] & TAKEN:
+        # The entry returns to the free list, so memory grows with the front only.
+        entry = buckets[lowest % BUCKETS]
+        cell, buckets[lowest % BUCKETS], next_entry[entry] = waiting[entry], next_entry[entry], free_entry
+        n_waiting, free_entry = n_waiting - 1, entry
+        # If a shorter chain to a queued cell is found, the cell is queued again and the cheaper entry comes first. So
+        # a later entry may belong to an expanded cell.
+        if reached_by[cell] & EXPANDED:
             continue
-        came[cell] |= TAKEN
-        at, way = _spot(graph, cell), costs[entry] if greedy else float(far[cell])
+        reached_by[cell] |= EXPANDED
+        at, cost_here = _split_index(graph, cell), costs[entry] if greedy else float(cost_to[cell])
         rotation, i, j, k = at
-        allowed = _open(graph, graph.slice_of[rotation] * size, at)
+        allowed = _free_moves(graph, graph.slice_of[rotation] * size, at)
         for move in range(degree):
-            turn, u, v, w, arrival = rotation, i, j, k, move
+            next_rotation, u, v, w, arrival = rotation, i, j, k, move
             if move < straight:
                 if not (allowed >> move) & 1:
                     continue
-                u, v, w = _moved(graph, at, move, 1)
-                cost = way + graph.lengths[move]
+                u, v, w = _apply_move(graph, at, move, 1)
+                cost = cost_here + graph.lengths[move]
             else:
-                turn, arrival = graph.neighbors[rotation, move - straight], straight
-                if turn < 0:
+                next_rotation, arrival = graph.neighbors[rotation, move - straight], straight
+                if next_rotation < 0:
                     continue
-                cost = way + graph.turns[rotation, move - straight]
-            place = (u * graph.shape[1] + v) * graph.shape[2] + w
-            other = turn * size + place
-            if came[other] and (greedy or cost >= far[other] * (1.0 - SAME)):
+                cost = cost_here + graph.turns[rotation, move - straight]
+            position = (u * graph.shape[1] + v) * graph.shape[2] + w
+            next_cell = next_rotation * size + position
+            if reached_by[next_cell] and (greedy or cost >= cost_to[next_cell] * (1.0 - ROUNDING_SHARE)):
                 continue
             if move >= straight:
-                if state_in(graph.cells, graph.slice_of[turn] * size + place) != FREE:
+                if state_in(graph.cells, graph.slice_of[next_rotation] * size + position) != FREE:
                     continue
-                # As the place in which the other rotation cell has this one, for the way back.
-                while graph.neighbors[turn, arrival - straight] != rotation:
+                # Store the column in which the next rotation cell has this one as neighbor, for tracing back.
+                while graph.neighbors[next_rotation, arrival - straight] != rotation:
                     arrival += 1
-            ahead = _to_come(graph, task, (si, sj, sk), (gi, gj, gk), turn, (u, v, w))
-            if cost + ahead >= best + task.margin:
+            remaining = _heuristic(graph, task, (si, sj, sk), (gi, gj, gk), next_rotation, (u, v, w))
+            if cost + remaining >= goal_cost + task.margin:
                 continue
-            came[other] = arrival + 1
+            reached_by[next_cell] = arrival + 1
             if not greedy:
-                far[other] = cost
-            if other == task.goal:
-                best = cost
+                cost_to[next_cell] = cost
+            if next_cell == task.goal:
+                goal_cost = cost
                 if greedy:
                     return True
-            if spare >= 0:
-                entry, spare = spare, after[spare]
+            if free_entry >= 0:
+                entry, free_entry = free_entry, next_entry[free_entry]
             else:
-                entry, used = used, used + 1
-            # Costs only rise, but for greed; where they fall, lists are mixed up at worst.
-            number = min(int(LISTS * (cost + task.greed * ahead)), lowest + RING - 1)
-            waiting[entry], costs[entry], after[entry], heads[number % RING] = other, cost, heads[number % RING], entry
-            count, lowest = count + 1, min(lowest, number)
-    state[0], state[1], state[2], state[3], state[4] = count, lowest, spare, used, best
+                entry, n_used = n_used, n_used + 1
+            # Costs only rise, except in greedy searches, where a falling cost merely disturbs the order of buckets.
+            bucket = min(int(BUCKETS_PER_CELL * (cost + task.greed * remaining)), lowest + BUCKETS - 1)
+            waiting[entry], costs[entry], next_entry[entry] = next_cell, cost, buckets[bucket % BUCKETS]
+            buckets[bucket % BUCKETS] = entry
+            n_waiting, lowest = n_waiting + 1, min(lowest, bucket)
+    state[0], state[1], state[2], state[3], state[4] = n_waiting, lowest, free_entry, n_used, goal_cost
     return False
 
 
 @kernel
-def back(graph: Graph, came: Bytes, start: int, goal: int, cells: Ints) -> int:
-    """How many cells lead from one to another, by the moves that each was reached by; written where there is room."""
+def trace_back(graph: Graph, reached_by: Bytes, start: int, goal: int, cells: Ints) -> int:
+    """Count the cells from start to goal, and write as many as fit."""
     cell, count, straight = goal, 0, len(graph.moves)
-    while came[cell]:
+    while reached_by[cell]:
         count += 1
         if count <= len(cells):
             cells[len(cells) - count] = cell
         if cell == start:
             break
-        at, move = _spot(graph, cell), int(came[cell] & (TAKEN - 1)) - 1
+        at, move = _split_index(graph, cell), int(reached_by[cell] & (EXPANDED - 1)) - 1
         rotation, i, j, k = at
         if move < straight:
-            i, j, k = _moved(graph, at, move, -1)
+            i, j, k = _apply_move(graph, at, move, -1)
         else:
             rotation = graph.neighbors[rotation, move - straight]
         cell = ((rotation * graph.shape[0] + i) * graph.shape[1] + j) * graph.shape[2] + k
     return count
 
 
-START, CLOSED = 254, 255
-"""How a cell was reached: not at all, if 0; by the steps from 1 to 6, down and up along x, y and z; from 7 on, out of
-the rotation cell that its own has for a neighbour in that place; or these."""
+FRONT_START, EXCLUDED = 254, 255
+"""Marks an excluded cell in ``reached_by`` of :func:`trace_chain`."""
 
-TURNS = 7
+FIRST_ROTATION_STEP = 7
+"""Index of the first step that rotates."""
 
 
 @jit
-def trace_chain(cells: Cells, slice_of: Ints, neighbors: Ints, start: Ints, goal: Ints, came: Bytes) -> bool:
-    """Search a chain of cells ``(rotation, x, y, z)`` from start to goal, none BLOCKED, with the fewest MIXED ones.
+def trace_chain(cells: Cells, slice_of: Ints, neighbors: Ints, start: Ints, goal: Ints, reached_by: Bytes) -> bool:
+    """Search a chain without BLOCKED cells and with the fewest MIXED cells.
 
-    Breadth first, all FREE cells that can be reached before the next MIXED ones; only the front is held. ``came`` is 0,
-    or CLOSED where a cell is left out, and is given the step by which each cell was reached. In the plane x has a
-    single cell.
+    Cells are ``(rotation, x, y, z)``; in the plane x has a single cell. The search is breadth first: it expands all
+    FREE cells in reach before the next MIXED ones, and holds only the front. ``reached_by`` is 0, or EXCLUDED, on
+    input; it receives the step by which each cell was reached.
     """
-    _, nx, ny, nz = came.shape
-    size, most = nx * ny * nz, neighbors.shape[1]
-    reached = came.reshape(-1)
-    origin = ((start[0] * nx + start[1]) * ny + start[2]) * nz + start[3]
-    if state_in(cells, slice_of[start[0]] * size + origin % size) == BLOCKED:
+    _, nx, ny, nz = reached_by.shape
+    size, n_neighbors = nx * ny * nz, neighbors.shape[1]
+    reached = reached_by.reshape(-1)
+    start_cell = ((start[0] * nx + start[1]) * ny + start[2]) * nz + start[3]
+    if state_in(cells, slice_of[start[0]] * size + start_cell % size) == BLOCKED:
         return False
-    target = ((goal[0] * nx + goal[1]) * ny + goal[2]) * nz + goal[3]
-    # Breadth first where a step costs 0 or 1: a MIXED cell costs one more than all that FREE cells still lead to. So it
-    # waits in ``later``, which becomes the front when nothing else is left. As the cost of a step is that of the cell
-    # that it enters, the first way into a cell is a cheapest one.
-    front, ahead, later = [origin], [origin], [origin]
-    ahead.clear()
+    goal_cell = ((goal[0] * nx + goal[1]) * ny + goal[2]) * nz + goal[3]
+    # Breadth-first search with steps of cost 0 (into FREE cells) and 1 (into MIXED cells). MIXED cells wait in
+    # ``later``, which becomes the front when no FREE cell is left. The cost of a step depends only on the cell entered,
+    # so the first way into a cell is a cheapest one.
+    front, next_front, later = [start_cell], [start_cell], [start_cell]
+    next_front.clear()
     later.clear()
-    reached[origin] = START
+    reached[start_cell] = FRONT_START
     strides = (ny * nz, nz, 1)
     while len(front) > 0:
         for cell in front:
-            if cell == target:
+            if cell == goal_cell:
                 return True
-            r, place = cell // size, cell % size
-            at = (place // (ny * nz), place // nz % ny, place % nz)
-            for step in range(1, TURNS + most):
-                a, near = r, place
-                if step < TURNS:
+            r, position = cell // size, cell % size
+            at = (position // (ny * nz), position // nz % ny, position % nz)
+            for step in range(1, FIRST_ROTATION_STEP + n_neighbors):
+                next_rotation, next_position = r, position
+                if step < FIRST_ROTATION_STEP:
                     axis, up = (step - 1) // 2, (step - 1) % 2
-                    if at[axis] == (came.shape[1 + axis] - 1 if up else 0):
+                    if at[axis] == (reached_by.shape[1 + axis] - 1 if up else 0):
                         continue
-                    near += strides[axis] if up else -strides[axis]
+                    next_position += strides[axis] if up else -strides[axis]
                 else:
-                    a = neighbors[r, step - TURNS]
-                    if a < 0:
+                    next_rotation = neighbors[r, step - FIRST_ROTATION_STEP]
+                    if next_rotation < 0:
                         continue
-                there = a * size + near
-                if reached[there] != 0:
+                next_cell = next_rotation * size + next_position
+                if reached[next_cell] != 0:
                     continue
-                state = state_in(cells, slice_of[a] * size + near)
+                state = state_in(cells, slice_of[next_rotation] * size + next_position)
                 if state != FREE and state != MIXED:
                     continue
-                reached[there] = step
-                if step >= TURNS:
-                    # As the place in which the other rotation cell has this one, for the way back.
-                    for back in range(most):
-                        if neighbors[a, back] == r:
-                            reached[there] = TURNS + back
+                reached[next_cell] = step
+                if step >= FIRST_ROTATION_STEP:
+                    # Store the column in which the next rotation cell has this one as neighbor, for tracing back.
+                    for trace_back in range(n_neighbors):
+                        if neighbors[next_rotation, trace_back] == r:
+                            reached[next_cell] = FIRST_ROTATION_STEP + trace_back
                 if state == FREE:
-                    ahead.append(there)
+                    next_front.append(next_cell)
                 else:
-                    later.append(there)
-        front, ahead = ahead, front
-        ahead.clear()
+                    later.append(next_cell)
+        front, next_front = next_front, front
+        next_front.clear()
         if len(front) == 0:
             front, later = later, front
     return False
 
 
-def open_chain(map_: Map, neighbors: Ints, start: Ints, goal: Ints, closed: Bools | None = None) -> Ints:
-    """A chain of FREE and MIXED cells, each sharing a side with the next, with as few MIXED ones as can be.
+def open_chain(map_: Map, neighbors: Ints, start: Ints, goal: Ints, excluded: Bools | None = None) -> Ints:
+    """Return a chain of FREE and MIXED cells with the fewest MIXED cells.
 
-    If a map proves neither that a path exists nor that none does, a path has to be looked for along this chain, with
-    ``exact=True``.
-    Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)`` in the grid, and the chain has the shape (n, 1 + d), from
-    start to goal; n is 0 where there is none. ``neighbors``, shape (rotations, n), are the rotation cells that each one
-    shares a border with; -1 fills up. Cells that are ``closed``, shape (rotations, *cells), are left out.
+    Each cell shares a side with the next. If a map proves neither that a path exists nor that none does, look for a
+    path along this chain, with ``exact=True``. Cells are ``(rotation, x, y)`` or ``(rotation, x, y, z)`` in the grid.
+    The chain has shape (n, 1 + d), from start to goal; n is 0 if none exists. ``neighbors``, shape (rotations, n), are
+    the adjacent rotation cells, padded with -1. Cells that are ``closed``, of the shape of all cells, are excluded.
     """
     shape, slice_of = map_.states.shape[1:], map_.slice_of
-    flat = (1,) * (3 - len(shape))  # the plane is space with one layer
+    position_costs = (1,) * (3 - len(shape))  # the plane is space with one layer
     check_bytes(len(slice_of) * math.prod(shape))
-    came = np.zeros((len(slice_of), *flat, *shape), dtype=np.uint8)
-    if closed is not None:
-        came[closed.reshape(came.shape)] = CLOSED
-    first, last = (np.array([cell[0], *[0] * len(flat), *cell[1:]], dtype=np.int64) for cell in (start, goal))
-    if not trace_chain(map_.cells, slice_of, neighbors, first, last, came):
+    reached_by = np.zeros((len(slice_of), *position_costs, *shape), dtype=np.uint8)
+    if excluded is not None:
+        reached_by[excluded.reshape(reached_by.shape)] = EXCLUDED
+    start_cell, goal_cell = (
+        np.array([cell[0], *[0] * len(position_costs), *cell[1:]], dtype=np.int64) for cell in (start, goal)
+    )
+    if not trace_chain(map_.cells, slice_of, neighbors, start_cell, goal_cell, reached_by):
         return np.empty((0, 1 + len(shape)), dtype=np.int64)
-    cell, cells = last.tolist(), [last.tolist()]
-    while (step := int(came[tuple(cell)])) != START:
-        if step < TURNS:
+    cell, cells = goal_cell.tolist(), [goal_cell.tolist()]
+    while (step := int(reached_by[tuple(cell)])) != FRONT_START:
+        if step < FIRST_ROTATION_STEP:
             cell[1 + (step - 1) // 2] -= 2 * ((step - 1) % 2) - 1
         else:
-            cell[0] = int(neighbors[cell[0], step - TURNS])
+            cell[0] = int(neighbors[cell[0], step - FIRST_ROTATION_STEP])
         cells.append(cell.copy())
     rows = np.array(cells[::-1], dtype=np.int64)
-    return np.delete(rows, 1, axis=1) if flat else rows
+    return np.delete(rows, 1, axis=1) if position_costs else rows

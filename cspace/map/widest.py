@@ -1,12 +1,13 @@
-"""The widest path between two configurations: the one whose smallest clearance is the largest, and then the shortest.
+"""Paths of maximum bottleneck clearance, and among these of minimum length.
 
-Each FREE cell has a *level*, the distance from its middle to the nearest cell that is not FREE, in parts of a cell. The
-largest level that the smallest one of a path can have is the *bottleneck* of its endpoints: the highest one of which
-cells of that level or above join them. Among these, the shortest chain is searched; where the robot turns, it is led by
-the lengths of the shortest ones over places that are as wide at any rotation.
+The *level* of a FREE cell is the distance from its center to the nearest cell that is not FREE. The *bottleneck* of two
+configurations is the highest level at which FREE cells of that level or above connect them. Among these cells, the
+shortest chain is searched. If the robot rotates, the heuristic is the length of the shortest chain over positions that
+are as wide at any rotation.
 
-Where the start or the goal itself is the narrowest place, as beside a wall, all paths are as narrow as that. So both
-are left the steepest way up, and the bottleneck is that between the tops; the path is among the widest all the same.
+If the start or the goal is itself the narrowest place, as beside a wall, every path is that narrow. So the path first
+climbs steeply from both, and the bottleneck is that of the two local maxima. The result is still among the widest
+paths.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from cspace.map.components import Components
 from cspace.map.derived import Lock
 from cspace.map.paths import in_time, pulled_straight, unwind, waypoints
 from cspace.map.periodic import below_half_a_turn
-from cspace.map.search import Graph, keep_on
+from cspace.map.search import Graph, check_deadline
 from cspace.map.storage import Map, Stack, read_only
 from cspace.rotations import Rotations
 from cspace.threads import cores, in_chunks, in_threads
@@ -36,54 +37,54 @@ from cspace.threads import cores, in_chunks, in_threads
 Levels = NDArray[np.uint16]
 Squares = NDArray[np.int32]
 Join = Callable[[Bytes], Components]
-"""The components of some states."""
+"""Returns the components of states."""
 
-LEVELS: Final = 64
-"""Levels to a cell."""
+LEVELS_PER_CELL: Final = 64
+"""Levels per cell of clearance."""
 
-TOP: Final = 65535
-"""The highest level: 1024 cells of clearance; more does not count."""
+MAX_LEVEL: Final = 65535
+"""Highest level, which is 1024 cells of clearance; larger clearances count as this."""
 
-FAR: Final = 2**30
-"""Square of a distance, in half cells, that stands for infinity."""
+INFINITE_SQUARE: Final = 2**30
+"""Squared distance, in half cells, that stands for infinity."""
 
-BYTES: Final = 28
-"""For each cell: its level, which stays, and what searches and components take. Measured: 10 to 25 at most at a
-time."""
+BYTES_PER_CELL: Final = 28
+"""Bytes of memory per cell: its level, and what searches and components use at a time (measured: 10 to 25)."""
 
-METRES_A_RADIAN: Final = 0.5
-"""What a turn counts as in the length, as in OMPL's SE(2)."""
+METRES_PER_RADIAN: Final = 0.5
+"""Length that a rotation by one radian adds to a path, as in OMPL's SE(2)."""
 
-LINES: Final = 64
+MIN_LINES_PER_THREAD: Final = 64
 """Lines of cells below which a second thread costs more than it saves."""
 
-CACHED: Final = 8
-"""Levels whose components stay, in 1.1 bytes for each cell of a slice."""
+MAX_CACHED_LEVELS: Final = 8
+"""Number of levels whose components are cached, at 1.1 bytes per cell of a slice."""
 
-NO_WALLS: Final = np.zeros(3, dtype=np.bool_)
+NO_BLOCKED_AXES: Final = np.zeros(3, dtype=np.bool_)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Widest:
-    """What widest paths derive from a map.
+    """Levels of a map, and cached components of its wide cells.
 
     Attributes
     ----------
     levels : ndarray of uint16, shape (slices, nx, ny) or (slices, nx, ny, nz)
+        Level of each cell.
     slice_of : ndarray of int64, shape (rotations,)
+        Slice of each rotation cell.
     rotations : Rotations
+        Rotation cells.
     turns : ndarray of float64, shape (rotations, n)
-        What it costs to turn to each neighbour, in cells.
-    endless : sequence of bool
-        Which axes close in a circle.
-    walls : ndarray of bool, shape (slices, 3)
-        As of :func:`walls_of`.
-    noted : list of ndarray of int64, shape (slices, 6)
-        Boxes of each slice in which states have changed since.
+        Cost of rotating to each neighbor, in cells.
+    periodic_axes : sequence of bool
+        True for each periodic axis.
+    blocked_axes : ndarray of bool, shape (slices, 3)
+        Result of :func:`find_blocked_axes`.
     cached : dict of int to Components
-        Those of the levels between which the last bottlenecks were found.
+        Components of the levels around the last bottlenecks.
     lock : Lock
-        Held while these are used.
+        Guards ``cached``.
     """
 
     levels: Levels
@@ -91,149 +92,162 @@ class Widest:
     rotations: Rotations
     turns: Floats
     periodic_axes: Sequence[bool]
-    walls: Bools
-    noted: list[Ints] = field(default_factory=list)
+    blocked_axes: Bools
+    dirty_boxes: list[Ints] = field(default_factory=list)
     cached: dict[int, Components] = field(default_factory=dict)
     lock: Lock = field(default_factory=Lock)
 
     @classmethod
     def of(cls, map_: Map, states: Iterable[Bytes], rotations: Rotations, periodic_axes: Sequence[bool]) -> Widest:
-        """Of a map, by the states of each slice; some axes of it close in a circle."""
-        levels, walls = np.empty(map_.states.shape, dtype=np.uint16), walls_of(map_)
-        layered, closed = _layered(levels), _in_space(periodic_axes)
+        """Compute the levels of a map from the states of each slice."""
+        levels, blocked_axes = np.empty(map_.states.shape, dtype=np.uint16), find_blocked_axes(map_)
+        layered, periodic = _with_three_axes(levels), _three_axes(periodic_axes)
 
         def fill(item: tuple[int, Bytes]) -> None:
-            number, state = item
-            layered[number] = levels_around(state.reshape(layered.shape[1:]), walls[number], closed)
+            s, state = item
+            layered[s] = compute_periodic_levels(state.reshape(layered.shape[1:]), blocked_axes[s], periodic)
 
         in_threads(fill, list(enumerate(states)), cores())
-        middles = np.column_stack([np.zeros((rotations.count, levels.ndim - 1)), rotations.centers])
-        turns = np.linalg.norm(rotations.steps(middles[:, None], middles[rotations.neighbors]), axis=-1)
-        costs = METRES_A_RADIAN / map_.spacing * turns
-        return cls(levels, map_.slice_of, rotations, costs, periodic_axes, walls)
+        centers = np.column_stack([np.zeros((rotations.count, levels.ndim - 1)), rotations.centers])
+        turns = np.linalg.norm(rotations.steps(centers[:, None], centers[rotations.neighbors]), axis=-1)
+        costs = METRES_PER_RADIAN / map_.spacing * turns
+        return cls(levels, map_.slice_of, rotations, costs, periodic_axes, blocked_axes)
 
     def refresh(self, boxes: Ints) -> None:
-        """Note the box in which states of each slice have changed, shape (slices, 6)."""
-        self.noted.append(boxes)
+        """Record the box of changed states of each slice, shape (slices, 6)."""
+        self.dirty_boxes.append(boxes)
 
-    def renewed(self, map_: Map, states: Stack) -> Widest:
-        """The same with all changes followed; this one stays as it is, for searches that still use it."""
-        if not self.noted:
+    def updated(self, map_: Map, states: Stack) -> Widest:
+        """Return a copy with all changes applied.
+
+        Searches may still use this one, which stays as it is.
+        """
+        if not self.dirty_boxes:
             return self
-        levels, walls, noted = self.levels.copy(), walls_of(map_), np.array(self.noted)
-        layered, closed = _layered(levels), _in_space(self.periodic_axes)
-        boxes = np.concatenate([noted[..., :3].min(axis=0), noted[..., 3:].max(axis=0)], axis=1)
-        boxes[(walls != self.walls).any(axis=1)] = 0, 0, 0, *(n - 1 for n in layered.shape[1:])
+        levels, blocked_axes, dirty = self.levels.copy(), find_blocked_axes(map_), np.array(self.dirty_boxes)
+        layered, periodic = _with_three_axes(levels), _three_axes(self.periodic_axes)
+        boxes = np.concatenate([dirty[..., :3].min(axis=0), dirty[..., 3:].max(axis=0)], axis=1)
+        boxes[(blocked_axes != self.blocked_axes).any(axis=1)] = 0, 0, 0, *(n - 1 for n in layered.shape[1:])
 
-        def follow(number: int) -> None:
-            state = states[number].reshape(layered.shape[1:])
-            if closed.any():
-                layered[number] = levels_around(state, walls[number], closed)
+        def refresh_slice(s: int) -> None:
+            state = states[s].reshape(layered.shape[1:])
+            if periodic.any():
+                layered[s] = compute_periodic_levels(state, blocked_axes[s], periodic)
             else:
-                refresh_levels(layered[number], state, boxes[number], walls[number])
+                refresh_levels(layered[s], state, boxes[s], blocked_axes[s])
 
-        in_threads(follow, np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1)).tolist(), cores())
-        return replace(self, levels=levels, walls=walls, noted=[], cached={})
+        in_threads(refresh_slice, np.flatnonzero((boxes[:, :3] <= boxes[:, 3:]).all(axis=1)).tolist(), cores())
+        return replace(self, levels=levels, blocked_axes=blocked_axes, dirty_boxes=[], cached={})
 
     def level(self, cell: Sequence[int] | Ints) -> int:
-        """Level of a cell, ``(rotation, x, y)`` or ``(rotation, x, y, z)``."""
+        """Return the level of a cell, ``(rotation, x, y)`` or ``(rotation, x, y, z)``."""
         return int(self.levels[self.slice_of[cell[0]], *cell[1:]])
 
-    def states(self, least: int) -> Bytes:
-        """States in which cells of a level or above are FREE, and no others."""
-        return read_only((self.levels < least).view(np.uint8))  # FREE is 0, and MIXED 1
+    def states(self, min_level: int) -> Bytes:
+        """Return states in which exactly the cells of ``min_level`` or above are FREE."""
+        return read_only((self.levels < min_level).view(np.uint8))  # FREE is 0, and MIXED 1
 
     def climb(self, cell: Ints) -> Ints:
-        """Cells from one up to a top, each the highest beside the one before; of one level, the later is higher."""
+        """Follow the steepest ascent of clearance to a local maximum.
+
+        Return the cells, from ``cell`` on. Ties go to the larger cell index.
+        """
         shape, path = self.levels.shape[1:], [tuple(cell.tolist())]
         while True:
-            rotation, *place = path[-1]
-            beside = [(other, *place) for other in self.rotations.neighbors[rotation].tolist() if other >= 0]
+            rotation, *position = path[-1]
+            candidates = [(other, *position) for other in self.rotations.neighbors[rotation].tolist() if other >= 0]
             for axis, step in product(range(len(shape)), (-1, 1)):
-                at = place[axis] + step
-                if self.periodic_axes[axis] or 0 <= at < shape[axis]:
-                    beside.append((rotation, *place[:axis], at % shape[axis], *place[axis + 1 :]))
-            above = max([path[-1], *beside], key=lambda each: (self.level(each), each))
-            if above == path[-1]:
+                coordinate = position[axis] + step
+                if self.periodic_axes[axis] or 0 <= coordinate < shape[axis]:
+                    candidates.append((rotation, *position[:axis], coordinate % shape[axis], *position[axis + 1 :]))
+            best = max([path[-1], *candidates], key=lambda each: (self.level(each), each))
+            if best == path[-1]:
                 return np.array(path)
-            path.append(above)
+            path.append(best)
 
     def bottleneck(self, start: Ints, goal: Ints, join: Join, until: float) -> int:
-        """The largest level that the lowest cell of a chain from one to the other can have; 0 where there is none.
+        """Return the largest minimum level of a chain between two cells.
 
-        TimeoutError is raised from a time on.
+        Bisect on the level; return 0 if no chain exists. Raises TimeoutError after ``until``.
         """
-        known, most = 0, min(self.level(start), self.level(goal))
-        top, sides = most, dict[bool, tuple[int, Components]]()
-        while known < most:
-            keep_on(until)
+        low, high = 0, min(self.level(start), self.level(goal))
+        upper, tested = high, dict[bool, tuple[int, Components]]()
+        while low < high:
+            check_deadline(until)
             with self.lock:
-                inside = sorted(level for level in self.cached if known < level <= most)
-                ask = inside[len(inside) // 2] if inside else top if most == top else (known + most + 1) // 2
-                components = self.cached.get(ask) or join(self.states(ask))
+                levels = sorted(cached_level for cached_level in self.cached if low < cached_level <= high)
+                level = levels[len(levels) // 2] if levels else upper if high == upper else (low + high + 1) // 2
+                components = self.cached.get(level) or join(self.states(level))
                 first, last = components.of(np.stack([start, goal])).tolist()
-            joined = first == last
-            known, most = (ask, most) if joined else (known, ask - 1)
-            sides[joined] = ask, components  # those asked before are asked no more
+            connected = first == last
+            low, high = (level, high) if connected else (low, level - 1)
+            tested[connected] = level, components  # keep only the last level tested on each side
         with self.lock:
-            for level, components in sides.values():
-                self.cached.pop(level, None)
-                self.cached[level] = components
-            for level in list(self.cached)[:-CACHED]:
-                del self.cached[level]
-        return known
+            for cached_level, components in tested.values():
+                self.cached.pop(cached_level, None)
+                self.cached[cached_level] = components
+            for cached_level in list(self.cached)[:-MAX_CACHED_LEVELS]:
+                del self.cached[cached_level]
+        return low
 
-    def shortest(self, start: Ints, goal: Ints, least: int, until: float) -> Ints:
-        """The shortest chain of cells of a level or above from one to another, shape (n, 1 + d).
+    def shortest(self, start: Ints, goal: Ints, min_level: int, until: float) -> Ints:
+        """Return the shortest chain of cells of ``min_level`` or above.
 
-        TimeoutError is raised from a time on.
+        The result has shape (n, 1 + d). Raises TimeoutError after ``until``.
         """
-        states, places = self.states(least), None
+        states, free_positions = self.states(min_level), None
         graph = Graph.of(states, self.slice_of, self.rotations.neighbors, self.turns, self.periodic_axes)
         if len(self.slice_of) > 1:
-            alone = np.zeros(1, dtype=np.int64), self.rotations.neighbors[:1, :0], self.turns[:1, :0]
-            places = Graph.of(read_only(states.min(axis=0, keepdims=True)), *alone, self.periodic_axes)
-        return graph.chain(start, goal, until, places=places)
+            no_rotations = np.zeros(1, dtype=np.int64), self.rotations.neighbors[:1, :0], self.turns[:1, :0]
+            free_positions = Graph.of(read_only(states.min(axis=0, keepdims=True)), *no_rotations, self.periodic_axes)
+        return graph.chain(start, goal, until, free_positions=free_positions)
 
 
-def _layered(levels: Levels) -> Levels:
-    """The same, shape (slices, nx, ny, nz); a plane has one layer along x."""
+def _with_three_axes(levels: Levels) -> Levels:
+    """Return levels with three grid axes; a plane has one layer."""
     slices, *shape = levels.shape
     return levels.reshape(slices, *[1] * (3 - len(shape)), *shape)
 
 
-def _in_space(periodic_axes: Sequence[bool]) -> Bools:
-    """Which of three axes close in a circle; a plane has no x."""
+def _three_axes(periodic_axes: Sequence[bool]) -> Bools:
+    """Return which of three axes are periodic; a plane has no x."""
     return np.array([*[False] * (3 - len(periodic_axes)), *periodic_axes])
 
 
-def levels_of(state: Bytes, walls: Bools) -> Levels:
-    """Levels of cells, shape (nx, ny, nz); along which axes what lies around them is not FREE, shape (3,)."""
+def compute_levels(state: Bytes, blocked_axes: Bools) -> Levels:
+    """Compute the levels of cells, shape (nx, ny, nz).
+
+    ``blocked_axes``, shape (3,), are the axes beyond whose ends cells are not FREE.
+    """
     squares, (nx, ny, nz) = np.empty(state.shape, dtype=np.int32), state.shape
-    in_x, in_y, in_z = walls.tolist()
-    in_chunks(partial(begin, state.reshape(-1, nz), squares.reshape(-1, nz), in_z), nx * ny, LINES)
-    in_chunks(partial(extend, squares, in_y), nx * nz, LINES)
-    if nx > 1 or in_x:
-        in_chunks(partial(extend, squares.reshape(1, nx, ny * nz), in_x), ny * nz, LINES)
-    return np.minimum(LEVELS / 2 * np.sqrt(squares, dtype=np.float32), TOP).astype(np.uint16)
+    x_blocked, y_blocked, z_blocked = blocked_axes.tolist()
+    write_rows = partial(write_row_squares, state.reshape(-1, nz), squares.reshape(-1, nz), z_blocked)
+    in_chunks(write_rows, nx * ny, MIN_LINES_PER_THREAD)
+    in_chunks(partial(extend_squares, squares, y_blocked), nx * nz, MIN_LINES_PER_THREAD)
+    if nx > 1 or x_blocked:
+        in_chunks(partial(extend_squares, squares.reshape(1, nx, ny * nz), x_blocked), ny * nz, MIN_LINES_PER_THREAD)
+    return np.minimum(LEVELS_PER_CELL / 2 * np.sqrt(squares, dtype=np.float32), MAX_LEVEL).astype(np.uint16)
 
 
-def levels_around(state: Bytes, walls: Bools, closed: Bools) -> Levels:
-    """As :func:`levels_of`, where some axes close in a circle, shape (3,)."""
-    if not closed.any():
-        return levels_of(state, walls)
-    # Along a circle, what is nearest is no farther than half a turn.
-    padding = np.where(closed, np.array(state.shape) // 2 + 1, walls)
-    around = state
+def compute_periodic_levels(state: Bytes, blocked_axes: Bools, periodic: Bools) -> Levels:
+    """Compute levels as :func:`compute_levels` does, on a grid with periodic axes."""
+    if not periodic.any():
+        return compute_levels(state, blocked_axes)
+    # Along a periodic axis, the nearest cell is at most half a period away.
+    padding = np.where(periodic, np.array(state.shape) // 2 + 1, blocked_axes)
+    padded = state
     for axis, width in enumerate(padding.tolist()):
         sides = [(width, width) if each == axis else (0, 0) for each in range(3)]
-        around = np.pad(around, sides, "wrap") if closed[axis] else np.pad(around, sides, constant_values=MIXED)
+        padded = np.pad(padded, sides, "wrap") if periodic[axis] else np.pad(padded, sides, constant_values=MIXED)
     inner = tuple(slice(width, width + n) for width, n in zip(padding, state.shape, strict=True))
-    return levels_of(around, NO_WALLS)[inner]
+    return compute_levels(padded, NO_BLOCKED_AXES)[inner]
 
 
-def walls_of(map_: Map) -> Bools:
-    """Of each slice, along which axes what lies around its cells is not FREE, shape (slices, 3); a plane has no x."""
+def find_blocked_axes(map_: Map) -> Bools:
+    """Return the axes beyond whose ends cells are not FREE.
+
+    The result has shape (slices, 3). A plane has no x, so its x is False.
+    """
     _, *shape = map_.states.shape
     boxes, dim = map_.exterior[:, :-1], len(shape)
     empty = (boxes[:, :dim] > boxes[:, dim:]).any(axis=1)
@@ -242,98 +256,108 @@ def walls_of(map_: Map) -> Bools:
     return exterior_blocked[:, None] & (np.arange(3) >= 3 - dim)
 
 
-def refresh_levels(levels: Levels, state: Bytes, box: Ints, walls: Bools) -> None:
-    """Bring the levels of a slice up to date where states have changed within a box, its first and last cell.
+def refresh_levels(levels: Levels, state: Bytes, box: Ints, blocked_axes: Bools) -> None:
+    """Update the levels of a slice after states changed within a box.
 
-    A cell whose level was below its distance from the box keeps it, and none was farther than the highest level.
+    ``box`` has the first and last changed cell. Cells whose level was below their distance from the box keep it, and no
+    distance was above the highest level.
     """
-    shape, most = np.array(levels.shape), int(levels.max())
-    reach = most // LEVELS + 2
+    shape, highest = np.array(levels.shape), int(levels.max())
+    reach = highest // LEVELS_PER_CELL + 2
     low, high = np.maximum(box[:3] - reach, 0), np.minimum(box[3:] + 1 + reach, shape)
     first, stop = np.maximum(low - reach, 0), np.minimum(high + reach, shape)
-    around = np.ascontiguousarray(state[tuple(map(slice, first, stop))])
-    # What lies around the window is taken as FREE, and where it is the grid's side, as what it is.
-    sides = np.stack([walls & (first == 0), walls & (stop == shape)], axis=1).astype(int)
-    fresh = levels_of(np.pad(around, sides, constant_values=MIXED), NO_WALLS)
-    inner = tuple(map(slice, low - first + sides[:, 0], high - first + sides[:, 0]))
-    if most == TOP or fresh[inner].max() >= LEVELS * reach:  # what is outside the window may count
-        levels[...] = levels_of(np.ascontiguousarray(state), walls)
+    window = np.ascontiguousarray(state[tuple(map(slice, first, stop))])
+    # Cells around the window count as FREE; at the sides of the grid the true exterior is padded.
+    padding = np.stack([blocked_axes & (first == 0), blocked_axes & (stop == shape)], axis=1).astype(int)
+    fresh = compute_levels(np.pad(window, padding, constant_values=MIXED), NO_BLOCKED_AXES)
+    inner = tuple(map(slice, low - first + padding[:, 0], high - first + padding[:, 0]))
+    if highest == MAX_LEVEL or fresh[inner].max() >= LEVELS_PER_CELL * reach:  # cells outside the window may be nearer
+        levels[...] = compute_levels(np.ascontiguousarray(state), blocked_axes)
     else:
         levels[tuple(map(slice, low, high))] = fresh[inner]
 
 
 # ---- distances -------------------------------------------------------------------------------------------------------
 #
-# Squares of distances from the middle of a cell to the cells that are not FREE, as closed squares or cubes, in half
-# cells: along an axis, two cells are 2 |k| - 1 half cells apart, or none. Line by line, as of A. Meijster, J. Roerdink
-# and W. Hesselink, "A general algorithm for computing distance transforms in linear time", 2000.
+# Squared distances from the center of a cell to cells that are not FREE, as closed squares or cubes, in half cells.
+# Along an axis, cells k apart are 2 |k| - 1 half cells apart, and a cell is 0 from itself. The algorithm works line by
+# line (A. Meijster, J. Roerdink and W. Hesselink, "A general algorithm for computing distance transforms in linear
+# time", 2000).
 
 
 @kernel
-def begin(states: Bytes, squares: Squares, exterior_blocked: bool, start: int, stop: int) -> int:
-    """Write squares of the distances within each row from ``start`` on and before ``stop``."""
+def write_row_squares(states: Bytes, squares: Squares, exterior_blocked: bool, start: int, stop: int) -> int:
+    """Write squared distances within each row, from row ``start`` to ``stop``."""
     n = states.shape[1]
     for row in range(start, stop):
         for backwards in range(2):
-            last = -1 if exterior_blocked else -FAR
+            nearest = -1 if exterior_blocked else -INFINITE_SQUARE
             for step in range(n):
                 k = step if backwards == 0 else n - 1 - step
                 if states[row, k] != FREE:
-                    last = step
-                apart = np.int64(step - last)
-                square = 0 if apart == 0 else min((2 * apart - 1) ** 2, FAR) if apart < 2**14 else FAR
-                squares[row, k] = square if backwards == 0 else min(square, squares[row, k])  # type: ignore[assignment]
+                    nearest = step
+                distance = np.int64(step - nearest)
+                # From 2**14 on, squares would exceed the one that stands for infinity.
+                square = INFINITE_SQUARE if distance >= 2**14 else (2 * distance - 1) ** 2 if distance > 0 else 0
+                squares[row, k] = square if backwards == 0 else min(square, squares[row, k])
     return -1
 
 
 @jit
-def extend(squares: Squares, exterior_blocked: bool, start: int, stop: int) -> int:
-    """Make squares of distances within rows those along one more axis, the middle one, of lines from ``start`` on."""
+def extend_squares(squares: Squares, exterior_blocked: bool, first_line: int, stop_line: int) -> int:
+    """Extend squared distances within rows to the middle axis, line by line."""
     n = squares.shape[1]
-    values, cells, firsts = np.empty(n + 2, np.int64), np.empty(n + 2, np.int64), np.empty(n + 2, np.int64)
-    border = 0 if exterior_blocked else FAR
-    for line in range(start, stop):
+    values, cells, starts = np.empty(n + 2, np.int64), np.empty(n + 2, np.int64), np.empty(n + 2, np.int64)
+    border_square = 0 if exterior_blocked else INFINITE_SQUARE
+    for line in range(first_line, stop_line):
         a, b = line // squares.shape[2], line % squares.shape[2]
-        values[0] = values[n + 1] = border
+        values[0] = values[n + 1] = border_square
         for k in range(n):
             values[k + 1] = squares[a, k, b]
-        # The cells that are nearest somewhere, and from which place on.
-        top, cells[0], firsts[0] = 0, 0, 0
+        # Stack of the cells that are nearest at some position, and the position from which on.
+        top, cells[0], starts[0] = 0, 0, 0
         for v in range(1, n + 2):
-            while top >= 0 and _square(values, cells[top], firsts[top]) > _square(values, v, firsts[top]):
+            while top >= 0 and _square(values, cells[top], starts[top]) > _square(values, v, starts[top]):
                 top -= 1
             if top < 0:
-                top, cells[0], firsts[0] = 0, v, 0
+                top, cells[0], starts[0] = 0, v, 0
                 continue
-            after = _last_of(cells[top], v, values[v] - values[cells[top]]) + 1
-            if after < n + 2:
+            start_of_v = _last_closer(cells[top], v, values[v] - values[cells[top]]) + 1
+            if start_of_v < n + 2:
                 top += 1
-                cells[top], firsts[top] = v, after
+                cells[top], starts[top] = v, start_of_v
         for k in range(n + 1, 0, -1):
             if k <= n:
-                squares[a, k - 1, b] = min(_square(values, cells[top], k), FAR)
-            if k == firsts[top]:
+                squares[a, k - 1, b] = min(_square(values, cells[top], k), INFINITE_SQUARE)
+            if k == starts[top]:
                 top -= 1
     return -1
 
 
 @jit
 def _square(values: Ints, cell: int, k: int) -> int:
-    apart: int = max(2 * abs(k - cell) - 1, 0)
-    return int(values[cell]) + apart * apart
+    """Return the squared distance from position k by way of a cell.
+
+    ``values`` has the squared distance of each cell across the line.
+    """
+    half_cells: int = max(2 * abs(k - cell) - 1, 0)
+    return int(values[cell]) + half_cells * half_cells
 
 
 @jit
-def _last_of(u: int, v: int, more: int) -> int:
-    """The last place at which cell u < v is no farther than v, of which the square is larger by ``more``."""
-    apart, reach = v - u, (2 * (v - u) - 1) ** 2
+def _last_closer(u: int, v: int, more: int) -> int:
+    """Return the last position at which cell u < v is no farther than v.
+
+    ``more`` is the square of v minus the square of u.
+    """
+    distance, reach = v - u, (2 * (v - u) - 1) ** 2
     if more >= reach:  # beyond v
-        return max(v, (more + 4 * apart * (u + v + 1)) // (8 * apart))
+        return max(v, (more + 4 * distance * (u + v + 1)) // (8 * distance))
     if more < -reach:  # before u
-        return min(u - 1, (more + 4 * apart * (u + v - 1)) // (8 * apart))
-    if apart == 1:
+        return min(u - 1, (more + 4 * distance * (u + v - 1)) // (8 * distance))
+    if distance == 1:
         return u
-    return min(max(u, (more + 4 * (apart - 1) * (u + v)) // (8 * (apart - 1))), v - 1)
+    return min(max(u, (more + 4 * (distance - 1) * (u + v)) // (8 * (distance - 1))), v - 1)
 
 
 # ---- paths -----------------------------------------------------------------------------------------------------------
@@ -348,43 +372,47 @@ def find_widest_path(
     straight: bool,
     until: float,
 ) -> Floats:
-    """Waypoints of the widest path between two configurations and their cells, shapes (2, size) and (2, 1 + d).
+    """Return waypoints of the widest path between two configurations.
 
-    Of length 0 where there is none; TimeoutError from a time on. If not ``straight``, they are all the middles of cells
-    that it passes. Along axes that close, rows count whole turns.
+    ``endpoints`` are the configurations, shape (2, size), and their cells, shape (2, 1 + d). The result has length 0 if
+    no path exists. If not ``straight``, waypoints are the centers of the cells passed. Values of periodic axes are
+    unwrapped. Raises TimeoutError after ``until``.
     """
-    rotations, ends, starts = widest.rotations, widest.rotations.canonical(endpoints[0]), endpoints[1]
-    climbs = [widest.climb(cell) for cell in starts]
+    rotations, q, cells_of_q = widest.rotations, widest.rotations.canonical(endpoints[0]), endpoints[1]
+    climbs = [widest.climb(cell) for cell in cells_of_q]
     level = widest.bottleneck(climbs[0][-1], climbs[1][-1], join, until)
     if not level:
-        return np.empty((0, ends.shape[1]))
-    up, down = (climb[[widest.level(cell) < level for cell in climb]] for climb in climbs)
-    chain = widest.shortest(climbs[0][len(up)], climbs[1][len(down)], level, until)
-    cells = unwind(np.concatenate([up, chain, down[::-1]]), grid.shape, widest.periodic_axes)
-    path = waypoints(grid, rotations, ends, cells, widest.periodic_axes)
+        return np.empty((0, q.shape[1]))
+    ascent, descent = (climb[[widest.level(cell) < level for cell in climb]] for climb in climbs)
+    chain = widest.shortest(climbs[0][len(ascent)], climbs[1][len(descent)], level, until)
+    cells = unwind(np.concatenate([ascent, chain, descent[::-1]]), grid.shape, widest.periodic_axes)
+    path = waypoints(grid, rotations, q, cells, widest.periodic_axes)
     if not straight:
         return path
-    # Each part keeps to the cells that are as wide as its own narrowest one.
-    first, last = len(up) + 1 if len(up) else 0, len(up) + len(chain) if len(down) else len(path) - 1
-    low, high = map(widest.level, starts)
+    # Each of the three parts is shortened within cells at least as wide as its own narrowest cell.
+    first, last = len(ascent) + 1 if len(ascent) else 0, len(ascent) + len(chain) if len(descent) else len(path) - 1
+    low, high = map(widest.level, cells_of_q)
     pieces = [path[:1]]
-    for begin, end, least in ((0, first, low), (first, last, level), (last, len(path) - 1, high)):
+    for begin, end, min_level in ((0, first, low), (first, last, level), (last, len(path) - 1, high)):
         if begin < end:
-            wide = _wide_part(widest, map_, cells[max(begin - 1, 0) : end, 1:], least)
-            shorter = in_time(below_half_a_turn(edge_checker(wide, path.shape[1]), widest.periodic_axes), until)
-            pieces.append(pulled_straight(path[begin : end + 1], grid.dim, shorter, 2.0 * grid.spacing)[1:])
+            wide_map = _cut_wide_map(widest, map_, cells[max(begin - 1, 0) : end, 1:], min_level)
+            is_free = in_time(below_half_a_turn(edge_checker(wide_map, path.shape[1]), widest.periodic_axes), until)
+            pieces.append(pulled_straight(path[begin : end + 1], grid.dim, is_free, 2.0 * grid.spacing)[1:])
     return np.concatenate(pieces)
 
 
-def _wide_part(widest: Widest, map_: Map, places: Ints, least: int) -> Map:
-    """The map around places, shape (n, d), in which cells of a level or above are FREE, and no others."""
-    levels, first, stop = widest.levels, places.min(axis=0) - 1, places.max(axis=0) + 2
-    for axis, turns in enumerate(widest.periodic_axes):
-        if turns:
+def _cut_wide_map(widest: Widest, map_: Map, positions: Ints, min_level: int) -> Map:
+    """Return the map around positions, shape (n, d), with only wide cells FREE.
+
+    Cells of ``min_level`` or above are FREE.
+    """
+    levels, first, stop = widest.levels, positions.min(axis=0) - 1, positions.max(axis=0) + 2
+    for axis, periodic in enumerate(widest.periodic_axes):
+        if periodic:
             levels = levels.take(np.arange(first[axis], stop[axis]), axis=axis + 1, mode="wrap")
         else:
             first[axis], stop[axis] = max(first[axis], 0), min(stop[axis], levels.shape[axis + 1])
             levels = np.moveaxis(np.moveaxis(levels, axis + 1, 0)[first[axis] : stop[axis]], 0, axis + 1)
-    states = read_only((levels < least).view(np.uint8))
+    states = read_only((levels < min_level).view(np.uint8))
     lower, upper = (tuple((map_.lower + map_.spacing * cell).tolist()) for cell in (first, stop))
     return map_._replace(states=states, cells=states.reshape(-1), lower=lower, upper=upper)

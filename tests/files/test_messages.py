@@ -273,7 +273,7 @@ SOLID = Workspace.from_array(np.zeros((3, 3, 3), bool), 0.1)
     ),
     (
         lambda car: cspace.build(ROW, Robot.disc(0.05)).to_costmap(inflation_radius=1e6),
-        "inflation_radius reaches 16001 cells .*; at most 16000 cells are searched",
+        "inflation_radius reaches 16001 cells .*; the maximum is 16000 cells",
     ),
     (lambda car: car.to_occupancy_grid(object()), r"msg has no header\.frame_id"),
     (lambda car: cspace.build(SOLID, Robot.ball(0.05)).to_occupancy_grid(), "the map is one in space"),

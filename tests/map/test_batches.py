@@ -12,7 +12,7 @@ import cspace
 from cspace import InputError, Robot, Workspace
 from cspace.map import mip
 from cspace.map.batches import MIN_EDGES_PER_THREAD, ROWS, evaluate_pairs
-from cspace.map.mip import CELLS_AN_EDGE
+from cspace.map.mip import MAX_CELLS_PER_EDGE
 from cspace.rotations import Rotations
 from cspace.threads import MIN_ITEMS_PER_THREAD
 from handmade import configurations, map_of
@@ -182,7 +182,7 @@ def test_edges_of_many_are_those_of_each(make, seed, outside):
     space = make(rng, outside=outside)
     q0 = draw_configurations(space, rng, 2 * MIN_EDGES_PER_THREAD + 3, far=True)
     q1 = near(space, q0, rng)
-    assert space._kernel_map.states.size <= len(q0) * CELLS_AN_EDGE
+    assert space._kernel_map.states.size <= len(q0) * MAX_CELLS_PER_EDGE
     many = space.motion_is_free(q0, q1)
     check = space.edge_checker()
     assert many.tolist() == [check(*edge) for edge in np.hstack([q0, q1]).tolist()]

@@ -1,4 +1,4 @@
-"""Components against scipy's labels, after any stream of changes; paths against graphs of cells."""
+"""Components against scipy's labels after random changes, and paths against graphs of cells."""
 
 import itertools
 import math
@@ -13,7 +13,7 @@ from scipy import ndimage, sparse
 import cspace
 import handmade
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError, Robot, Workspace
-from cspace.map.components import SHIFTS, Components
+from cspace.map.components import BLOCK_SHIFTS, Components
 from cspace.map.storage import read_only
 from cspace.rotations import Rotations
 from maps import proven_paths
@@ -27,13 +27,13 @@ KINDS = [(2, 1, 1), (3, 1, 1), (2, 1, 4), (2, 2, 2), (2, 3, 3), (2, 2, 4), (2, 3
 ALONE = np.zeros(1, dtype=np.int64)
 
 
-def ring(turns):
-    return (np.arange(turns)[:, None] + [-1, 1]) % turns
+def ring(rotations):
+    return (np.arange(rotations)[:, None] + [-1, 1]) % rotations
 
 
-def components(stack, slice_of=ALONE, rim=False, blocks="as they are"):
-    with mock.patch.dict(SHIFTS, BLOCKS[blocks]):
-        return Components(read_only(stack), slice_of, ring(len(slice_of)), np.full(len(stack), rim))
+def components(stack, slice_of=ALONE, exterior_open=False, blocks="as they are"):
+    with mock.patch.dict(BLOCK_SHIFTS, BLOCKS[blocks]):
+        return Components(read_only(stack), slice_of, ring(len(slice_of)), np.full(len(stack), exterior_open))
 
 
 def random_stack(rng, dim, slices):
@@ -41,25 +41,25 @@ def random_stack(rng, dim, slices):
     return rng.choice(3, (slices, *shape), p=rng.dirichlet([1.0, 1.0, 1.0])).astype(np.uint8)
 
 
-def same_partition(mine, other):
-    """Fail unless two labellings, -1 for none, put the same cells together."""
-    np.testing.assert_array_equal(mine < 0, other < 0)
-    pairs = mine.astype(np.int64) * (int(other.max()) + 2) + other
-    assert distinct(mine) == distinct(other) == distinct(pairs)
+def assert_same_partition(labels, expected):
+    """Fail unless two labellings, with -1 for none, group the cells alike."""
+    np.testing.assert_array_equal(labels < 0, expected < 0)
+    pairs = labels.astype(np.int64) * (int(expected.max()) + 2) + expected
+    assert count_distinct(labels) == count_distinct(expected) == count_distinct(pairs)
 
 
-def distinct(numbers):
-    """How many there are, some 20 times as soon as by ``np.unique``."""
+def count_distinct(numbers):
+    """Count distinct values, some 20 times faster than ``np.unique``."""
     return np.count_nonzero(np.diff(np.sort(numbers, axis=None))) + 1
 
 
-def all_cells(stack, turns, around=2):
-    axes = [np.arange(turns), *(np.arange(-around, n + around) for n in stack.shape[1:])]
+def all_cells(stack, rotations, around=2):
+    axes = [np.arange(rotations), *(np.arange(-around, n + around) for n in stack.shape[1:])]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, stack.ndim)
 
 
-def by_scipy(stack, slice_of, exterior_open, cells):
-    """Numbers of the components of cells, from labels of the whole map with a rim around, its turns in a ring."""
+def label_with_scipy(stack, slice_of, exterior_open, cells):
+    """Label cells by scipy on the whole map, with a rim around it and its rotations in a ring."""
     order = slice_of if len(stack) > 1 else [0]
     numbers = []
     for kind, member in enumerate((stack == FREE, stack != BLOCKED)):
@@ -71,27 +71,27 @@ def by_scipy(stack, slice_of, exterior_open, cells):
         first, last = labels[0].ravel(), labels[-1].ravel()
         both = (first > 0) & (last > 0) & (len(order) > 1)
         links = sparse.coo_array((both[both], (first[both], last[both])), shape=(count + 1, count + 1))
-        middle = np.where(labels > 0, sparse.csgraph.connected_components(links, directed=False)[1][labels] + 1, 0)
+        merged = np.where(labels > 0, sparse.csgraph.connected_components(links, directed=False)[1][labels] + 1, 0)
         inside = np.clip(cells[:, 1:] + 2, 0, np.array(framed.shape[1:]) - 1)
-        numbers.append(middle[(np.minimum(cells[:, 0], len(middle) - 1), *inside.T)] - 1)
+        numbers.append(merged[(np.minimum(cells[:, 0], len(merged) - 1), *inside.T)] - 1)
     return numbers
 
 
 @settings(max_examples=100)
 @given(seeds, st.sampled_from(KINDS), st.sampled_from(list(BLOCKS)), st.sampled_from([5, 2048]))
 def test_labels_follow_a_stream_of_changes(seed, kind, blocks, task):
-    """Some cells are asked for before all are, so that labels of some blocks are there, more than are kept or fewer."""
-    dim, slices, turns = kind
+    """Query a few cells first, so that fewer or more labels are cached than fit."""
+    dim, slices, rotations = kind
     rng = np.random.default_rng(seed)
     stack = random_stack(rng, dim, slices)
-    rim, slice_of = rng.random(slices) < 0.5, np.arange(turns) % slices
-    labels, cells = components(stack, slice_of, rim, blocks), all_cells(stack, turns)
+    exterior_open, slice_of = rng.random(slices) < 0.5, np.arange(rotations) % slices
+    labels, cells = components(stack, slice_of, exterior_open, blocks), all_cells(stack, rotations)
     for _ in range(4):
-        with mock.patch("cspace.map.components.TASK", task):
+        with mock.patch("cspace.map.components.BLOCKS_PER_TASK", task):
             for mixed, count in itertools.product((False, True), (3, 9)):
                 labels.of(rng.choice(cells, count), mixed)
-            for mixed, other in enumerate(by_scipy(stack, slice_of, rim, cells)):
-                same_partition(labels.of(cells, bool(mixed)), other)
+            for mixed, other in enumerate(label_with_scipy(stack, slice_of, exterior_open, cells)):
+                assert_same_partition(labels.of(cells, bool(mixed)), other)
         boxes = np.tile(np.repeat([0, -1], 3), (slices, 1))
         for s in np.flatnonzero(rng.random(slices) < 0.7):
             first = [int(rng.integers(0, n)) for n in stack.shape[1:]]
@@ -105,27 +105,27 @@ def test_labels_follow_a_stream_of_changes(seed, kind, blocks, task):
 
 @settings(max_examples=60)
 @given(seeds, st.sampled_from(KINDS), st.sampled_from(list(BLOCKS)))
-def test_the_box_holds_its_component(seed, kind, blocks):
-    dim, slices, turns = kind
+def test_box_encloses_its_component(seed, kind, blocks):
+    dim, slices, rotations = kind
     rng = np.random.default_rng(seed)
     stack = random_stack(rng, dim, slices)
-    labels = components(stack, np.arange(turns) % slices, blocks=blocks)
-    cells = all_cells(stack, turns, 0)
+    labels = components(stack, np.arange(rotations) % slices, blocks=blocks)
+    cells = all_cells(stack, rotations, 0)
     free = labels.of(cells)
-    # One rotation cell stands for all where they share one slice.
-    for cell, number in list(zip(cells[free >= 0], free[free >= 0], strict=True))[:20]:
-        ours = cells[free == number][:, 1:]
+    # Rotation cells that share a slice have the same components.
+    for cell, component in list(zip(cells[free >= 0], free[free >= 0], strict=True))[:20]:
+        ours = cells[free == component][:, 1:]
         np.testing.assert_array_equal(labels.box(cell), [ours.min(axis=0), ours.max(axis=0)])
 
 
 @pytest.mark.parametrize("blocks", BLOCKS)
-def test_many_components_fit_in_every_block(blocks):
+def test_chessboard_has_a_component_per_free_cell(blocks):
     state = (np.indices((150, 140)).sum(axis=0) % 2 * BLOCKED).astype(np.uint8)  # a chessboard
-    labels = components(state[None], rim=True, blocks=blocks)
+    labels = components(state[None], exterior_open=True, blocks=blocks)
     cells = all_cells(state[None], 1, 0)
     free, passable = labels.of(cells), labels.of(cells, mixed=True)
     assert len(np.unique(free)) - 1 == np.count_nonzero(state == FREE)
-    assert len(np.unique(passable)) - 1 < np.count_nonzero(state == FREE)  # the rim joins those at the border
+    assert len(np.unique(passable)) - 1 < np.count_nonzero(state == FREE)  # the exterior joins the cells at the border
     state[...] = FREE
     labels.refresh(np.array([[0, 0, 0, 0, 149, 139]]))
     assert len(np.unique(labels.of(cells))) == 1
@@ -137,19 +137,19 @@ def test_many_components_fit_in_every_block(blocks):
 @pytest.mark.parametrize("kind", [(2, 1, 1), (2, 3, 3), (3, 1, 1)])
 @pytest.mark.parametrize("grain", [0.0, 1.0, 3.0])
 def test_shapes_across_whole_blocks_are_labelled(kind, grain):
-    """Runs of all lengths, up to the last bit of a word; what a row leaves apart, a later one joins, or none does."""
-    dim, slices, turns = kind
+    """Runs have all lengths up to the last bit of a word; later rows join some components, and none joins others."""
+    dim, slices, rotations = kind
     shape, rng = ((150, 200) if dim == 2 else (20, 30, 140)), np.random.default_rng(dim)
     for share in (0.1, 0.4, 0.7):
         noise = ndimage.gaussian_filter(rng.random((slices, *shape)), (0, *[grain] * dim))
         stack = np.digitize(noise, np.quantile(noise, [share, share + 0.1])).astype(np.uint8)
-        rim, cells = np.zeros(slices, dtype=bool), all_cells(stack, turns, 1)
-        labels = components(stack, np.arange(turns))
-        for mixed, other in enumerate(by_scipy(stack, np.arange(turns), rim, cells)):
-            same_partition(labels.of(cells, bool(mixed)), other)
+        exterior_open, cells = np.zeros(slices, dtype=bool), all_cells(stack, rotations, 1)
+        labels = components(stack, np.arange(rotations))
+        for mixed, other in enumerate(label_with_scipy(stack, np.arange(rotations), exterior_open, cells)):
+            assert_same_partition(labels.of(cells, bool(mixed)), other)
 
 
-def test_a_door_joins_a_wall_across_many_blocks():
+def test_one_cell_opens_and_closes_a_wall():
     state = np.zeros((300, 200), dtype=np.uint8)
     state[150] = BLOCKED
     labels = components(state[None])
@@ -160,23 +160,23 @@ def test_a_door_joins_a_wall_across_many_blocks():
         assert tuple(len(np.unique(labels.of(cells, mixed))) for mixed in (False, True)) == expected
 
 
-def test_a_few_slices_hint_that_a_room_is_closed():
+def test_hint_guesses_that_a_room_is_closed():
     stack = np.zeros((16, 40, 30), dtype=np.uint8)
     stack[:, [10, 20], 10:21] = stack[:, 10:21, [10, 20]] = BLOCKED
     stack[:, 11:20, [11, 19]] = MIXED
     cells = np.array([[3, 15, 15], [5, 2, 2]])
     for outside in ([], [[5, -9, 2]]):
         for one, other in itertools.product([cells[0], cells[0] - [2, 0, 1]], [cells[1], *np.array(outside)]):
-            labels = components(stack, np.arange(16), rim=True)
+            labels = components(stack, np.arange(16), exterior_open=True)
             assert labels.hint(np.array([one, other]))[0]
             assert labels.hint(np.array([other, one]))[0]
             assert not labels.hint(np.array([one, one]))[0]
             assert not labels.hint(np.array([other, other]))[0]
     assert not components(stack[:15], np.arange(15)).hint(cells)[0]
-    stack[3, 20, 15] = MIXED  # in a slice that is not looked at
+    stack[3, 20, 15] = MIXED  # in a slice that the hint skips
     assert labels.hint(cells)[0]
     assert len(np.unique(labels.of(cells, mixed=True))) == 1
-    assert labels.hint(cells[[1, 1]])[0]  # what is made is asked first
+    assert labels.hint(cells[[1, 1]])[0]  # existing components are tested first
     labels.of(cells)
     assert not labels.hint(cells)[0]
     stack[4, 20, 15] = MIXED
@@ -185,59 +185,63 @@ def test_a_few_slices_hint_that_a_room_is_closed():
 
 @settings(max_examples=60)
 @given(seeds, st.sampled_from(KINDS), st.sampled_from(list(BLOCKS)))
-def test_what_a_few_blocks_join_is_joined(seed, kind, blocks):
-    dim, slices, turns = kind
+def test_block_path_joins_only_joined_cells(seed, kind, blocks):
+    dim, slices, rotations = kind
     rng = np.random.default_rng(seed)
-    stack, rim, slice_of = random_stack(rng, dim, slices), rng.random(slices) < 0.5, np.arange(turns) % slices
-    cells = all_cells(stack, turns)
-    expected = by_scipy(stack, slice_of, rim, cells)[1]
-    with mock.patch.multiple("cspace.map.components", HINTS=1, SHORT=0):
+    stack, exterior_open, slice_of = (
+        random_stack(rng, dim, slices),
+        rng.random(slices) < 0.5,
+        np.arange(rotations) % slices,
+    )
+    cells = all_cells(stack, rotations)
+    expected = label_with_scipy(stack, slice_of, exterior_open, cells)[1]
+    with mock.patch.multiple("cspace.map.components", HINT_SLICES=1, MIN_BLOCKS_PER_PATH_BLOCK=0):
         for one, other in rng.integers(0, len(cells), (8, 2)):
-            few_join = components(stack, slice_of, rim, blocks).hint(cells[[one, other]])[1]
-            assert not few_join() or expected[one] == expected[other] >= 0
+            joined_along_path = components(stack, slice_of, exterior_open, blocks).hint(cells[[one, other]])[1]
+            assert not joined_along_path() or expected[one] == expected[other] >= 0
 
 
-@pytest.mark.parametrize("short", [0, 3])
-def test_a_few_blocks_show_that_mixed_cells_join(short, monkeypatch):
-    """Through a door that is open at one rotation alone, or around the map; they are looked at once, and if few."""
-    monkeypatch.setattr("cspace.map.components.SHORT", short)
+@pytest.mark.parametrize("min_blocks", [0, 3])
+def test_block_path_proves_that_mixed_cells_join(min_blocks, monkeypatch):
+    """Paths lead through a door open at one rotation only, or around the map; only short block paths are labelled."""
+    monkeypatch.setattr("cspace.map.components.MIN_BLOCKS_PER_PATH_BLOCK", min_blocks)
     stack = np.zeros((16, 700, 600), dtype=np.uint8)
     stack[:, 350] = BLOCKED
     cells = np.array([[0, 20, 30], [7, 690, 500]])
     assert components(stack, np.arange(16)).hint(cells)[0]
-    labels = components(stack, np.arange(16), rim=True)
-    apart, few_join = labels.hint(cells)
-    assert not apart and few_join() and few_join()
+    labels = components(stack, np.arange(16), exterior_open=True)
+    apart, joined_along_path = labels.hint(cells)
+    assert not apart and joined_along_path() and joined_along_path()
     assert labels.hint(cells)[0]
     for slices, joined in (([4, 5], True), ([4], True), ([], False)):
         stack[:, 350, 200] = BLOCKED
         stack[slices, 350, 200] = MIXED
-        assert components(stack, np.arange(16)).hint(cells)[1]() is (joined and short == 0)
+        assert components(stack, np.arange(16)).hint(cells)[1]() is (joined and min_blocks == 0)
     stack[4, 350, 200], stack[8, 349, 200], stack[4, 349, 200] = MIXED, MIXED, BLOCKED
-    assert not components(stack, np.arange(16)).hint(cells)[1]()  # the slices are open together, and none alone
+    assert not components(stack, np.arange(16)).hint(cells)[1]()  # merged slices are open, but no single one is
 
 
-# ---- as a map answers ------------------------------------------------------------------------------------------------
+# ---- queries of maps -------------------------------------------------------------------------------------------------
 
 
 @settings(max_examples=30)
 @given(seeds, st.sampled_from(handmade.KINDS), st.sampled_from(["free", "blocked"]))
 def test_connectivity_agrees_with_components_of_a_graph(seed, kind, outside):
-    """Pairs of cells of a small map; beyond the grid all is FREE, or BLOCKED."""
+    """Pairs of cells of a small map, whose exterior is FREE or BLOCKED."""
     states = handmade.random_states(np.random.default_rng(seed), kind, 4, (FREE, MIXED, BLOCKED, BLOCKED))
     space, cells = handmade.made(states, kind, outside), handmade.all_cells(states)
     cells = np.random.default_rng(seed).permutation(cells)[:150]
     q = handmade.middles(space, cells)
     away = np.array(q[0])
     away[: space.grid.dim] = -99.0
-    rim = space.classify(away) != BLOCKED
-    framed = np.pad(states != BLOCKED, [(0, 0)] + [(1, 1)] * space.grid.dim, constant_values=rim)
+    exterior_open = space.classify(away) != BLOCKED
+    framed = np.pad(states != BLOCKED, [(0, 0)] + [(1, 1)] * space.grid.dim, constant_values=exterior_open)
     free = handmade.components(states == FREE, kind)[tuple(cells.T)]
     passable = handmade.components(framed, kind)[(cells[:, 0], *(cells[:, 1:] + 1).T)]
     joined, maybe = (np.equal.outer(one, one) & (one >= 0) for one in (free, passable))
     expected = np.where(joined, True, np.where(maybe, None, False))
     assert proven_paths(space, q[:, None], q[None]).tolist() == expected.tolist()
-    with mock.patch("cspace.map.components.HINTS", 1):  # slices hint at it, rightly or wrongly
+    with mock.patch("cspace.map.components.HINT_SLICES", 1):  # the hint may be right or wrong
         for one, other in itertools.pairwise(range(min(len(q), 6))):
             space = handmade.made(states, kind, outside)
             assert proven_paths(space, q[one], q[other]) is expected[one, other]
@@ -245,8 +249,8 @@ def test_connectivity_agrees_with_components_of_a_graph(seed, kind, outside):
 
 @settings(max_examples=10)
 @given(seeds, st.sampled_from(handmade.KINDS))
-def test_free_reach_is_the_box_of_the_component(seed, kind):
-    """All cells that free cells join to one lie in the box, and every side of it has one of them."""
+def test_reachable_bounds_are_the_box_of_the_component(seed, kind):
+    """The box holds all joined cells, and each of its sides touches one."""
     states = handmade.random_states(np.random.default_rng(seed), kind)
     space = handmade.made(states, kind, spacing=1.0)
     numbers = handmade.components(states == FREE, kind)
@@ -264,7 +268,7 @@ BAR = Robot.rectangle(1e-6, 1e-7)
 
 
 @pytest.mark.parametrize(
-    ("robot", "turns"),
+    ("robot", "rotations"),
     [
         (BAR, 2),
         (BAR, 6),
@@ -274,8 +278,8 @@ BAR = Robot.rectangle(1e-6, 1e-7)
         (Robot.box((1e-6, 1e-7, 1e-7)), Rotations.quaternions(2)),
     ],
 )
-def test_rotation_cells_that_share_slices_are_joined(robot, turns):
-    cells, shape = Rotations.of(turns), (4, 3, 2)[: robot.dim]
+def test_rotation_cells_that_share_slices_are_joined(robot, rotations):
+    cells, shape = Rotations.of(rotations), (4, 3, 2)[: robot.dim]
     kind, slice_of = "turning any way" if len(cells.names) == 4 else "", cells.slices_for(robot.shape)
     workspace = Workspace.from_array(np.zeros(shape, dtype=bool), 0.25)
     for seed in range(6):
@@ -290,48 +294,48 @@ def test_rotation_cells_that_share_slices_are_joined(robot, turns):
 
 
 def exterior_blocked(gap, outside="blocked"):
-    """A room of 40 x 20 cells with a wall that has a gap of so many cells."""
+    """Build a room of 40 x 20 cells with a wall that has a gap of ``gap`` cells."""
     occupied = np.zeros((40, 20), dtype=bool)
     occupied[20, gap:] = True
     return cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.25), outside=outside)
 
 
-def test_a_door_decides():
+def test_door_width_decides_connectivity():
     assert exterior_blocked(12).is_connected((1.0, 1.0), (3.0, 1.0))
     assert exterior_blocked(3).is_disconnected((1.0, 1.0), (3.0, 1.0))
     assert proven_paths(exterior_blocked(5), (1.0, 1.0), (3.0, 1.0)) is None  # 0.5 m for a disc 0.5 m across
 
 
-def test_a_way_around_the_map_is_no_proof_of_absence():
+def test_free_exterior_leaves_connectivity_undecided():
     assert proven_paths(exterior_blocked(0, "free"), (1.0, 1.0), (3.0, 1.0)) is None
     assert exterior_blocked(0).is_disconnected((1.0, 1.0), (3.0, 1.0))
 
 
-def test_what_collides_has_no_path():
+def test_blocked_configurations_are_disconnected():
     space = exterior_blocked(12)
     assert space.is_disconnected((2.05, 1.8), (2.05, 1.8))
     assert space.is_disconnected((1.0, 1.0), (-5.0, 1.0))
     assert space.is_connected((1.0, 1.0), (1.0, 1.0))
 
 
-def test_a_passage_decides():
-    """A bar fits through lengthwise, and turns around behind the passage, but not in it."""
+def test_bar_passes_only_lengthwise():
+    """A bar fits through a passage lengthwise; it can turn beyond the passage, but not inside."""
     occupied = np.zeros((160, 80), dtype=bool)
     occupied[50:110, :34] = occupied[50:110, 46:] = True  # a passage 0.6 m wide and 3 m long
     robot = Robot.rectangle(1.2, 0.2, (0.1, 0.0))
     space = cspace.build(Workspace.from_array(occupied, 0.05), robot, rotations=36)
-    left, middle, right = (1.2, 2.0), (4.0, 2.0), (6.8, 2.0)
+    left, center, right = (1.2, 2.0), (4.0, 2.0), (6.8, 2.0)
     assert space.is_connected((*left, 0.0), (*right, 0.0))
     assert space.is_connected((*left, 0.0), (*right, math.pi))
-    assert space.is_connected((*middle, 0.0), (*middle, math.pi))
-    assert space.is_disconnected((*left, 0.0), (*middle, math.pi / 2))
+    assert space.is_connected((*center, 0.0), (*center, math.pi))
+    assert space.is_disconnected((*left, 0.0), (*center, math.pi / 2))
     occupied[[50, 109]] = True
     closed = cspace.build(Workspace.from_array(occupied, 0.05), robot, rotations=36)
-    assert closed.is_free([(*middle, 0.0), (*middle, math.pi)]).all()
-    assert closed.is_disconnected((*middle, 0.0), (*middle, math.pi))
+    assert closed.is_free([(*center, 0.0), (*center, math.pi)]).all()
+    assert closed.is_disconnected((*center, 0.0), (*center, math.pi))
 
 
-def test_turning_on_the_spot_wraps():
+def test_rotations_in_place_wrap_around():
     states = np.full((6, 1, 1), BLOCKED)
     states[[0, 1, 5]] = FREE
     space = handmade.made(states, "turning")
@@ -340,7 +344,7 @@ def test_turning_on_the_spot_wraps():
     assert space.is_disconnected((0.1, 0.1, 0.0), (0.1, 0.1, math.pi))
 
 
-def test_connectivity_broadcasts_and_names_what_it_refuses():
+def test_connectivity_broadcasts_and_refuses_nan():
     space = exterior_blocked(12)
     assert proven_paths(space, np.full((2, 1, 2), 1.0), np.full((3, 2), 1.1)).tolist() == [[True] * 3] * 2
     assert proven_paths(space, np.empty((0, 2)), (0.1, 0.1)).shape == (0,)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import cspace
 from cspace import FREE, Robot, Workspace
 from cspace.map.derived import Lock
-from cspace.map.mip import MOST_NOTED, ROWS, SIDE, OccupancyPyramid
+from cspace.map.mip import BLOCK_SIDE, MAX_DIRTY_BOXES, ROWS_PER_BLOCK_ROW, OccupancyPyramid
 from cspace.map.storage import PackedStates
 from strategies import seeds
 from waiting import while_two_ask
@@ -17,16 +17,18 @@ from waiting import while_two_ask
 def bits_of(words):
     """The bits of words, shape (slices, a, b, c, layers), as an array of places, shape (slices, x, y, z)."""
     slices, a, b, c, layers = words.shape
-    bits = words[..., None] >> np.arange(SIDE * SIDE, dtype=np.uint64) & np.uint64(1)
-    bits = bits.reshape(slices, a, b, c, layers, SIDE, SIDE)  # the last are z and y
-    return bits.transpose(0, 1, 4, 2, 6, 3, 5).reshape(slices, a * layers, b * SIDE, c * SIDE)
+    bits = words[..., None] >> np.arange(BLOCK_SIDE * BLOCK_SIDE, dtype=np.uint64) & np.uint64(1)
+    bits = bits.reshape(slices, a, b, c, layers, BLOCK_SIDE, BLOCK_SIDE)  # the last are z and y
+    return bits.transpose(0, 1, 4, 2, 6, 3, 5).reshape(slices, a * layers, b * BLOCK_SIDE, c * BLOCK_SIDE)
 
 
 def rows_of(words, which):
     """Some of each nine rows of the plane, shape (slices, y, words), as an array of places."""
     slices, rows, count = words.shape
     assert not words[..., [0, -1]].any()
-    part = np.ascontiguousarray(words[..., 1:-1]).reshape(slices, rows // ROWS, ROWS, count - 2)[:, :, which]
+    part = np.ascontiguousarray(words[..., 1:-1]).reshape(
+        slices, rows // ROWS_PER_BLOCK_ROW, ROWS_PER_BLOCK_ROW, count - 2
+    )[:, :, which]
     bits = np.unpackbits(part.view(np.uint8), axis=-1, bitorder="little")
     return bits.reshape(slices, 1, -1, bits.shape[-1])
 
@@ -41,13 +43,13 @@ def check(marks, stack, cells):
     assert bool(marks.cells.size) == cells
     if cells:
         plane = marks.blocks.shape[-1] == 1
-        assert marked(rows_of(marks.cells, slice(0, SIDE)) if plane else bits_of(marks.cells)) == expected
+        assert marked(rows_of(marks.cells, slice(0, BLOCK_SIDE)) if plane else bits_of(marks.cells)) == expected
     nodes = marks.nodes.view(np.uint8)
     for places in (bits_of(marks.blocks), nodes):
-        expected = {(s, *(n // SIDE for n in place)) for s, *place in expected}
+        expected = {(s, *(n // BLOCK_SIDE for n in place)) for s, *place in expected}
         assert marked(places) == expected
         if cells and plane and places is not nodes:
-            assert marked(rows_of(marks.cells, slice(SIDE, ROWS))) == expected
+            assert marked(rows_of(marks.cells, slice(BLOCK_SIDE, ROWS_PER_BLOCK_ROW))) == expected
 
 
 def random_box(part, rng):
@@ -60,7 +62,7 @@ def random_box(part, rng):
 
 
 @settings(max_examples=60)
-@given(st.integers(2, 3), seeds, st.sampled_from([1, 3, MOST_NOTED + 2]), st.booleans(), st.booleans())
+@given(st.integers(2, 3), seeds, st.sampled_from([1, 3, MAX_DIRTY_BOXES + 2]), st.booleans(), st.booleans())
 def test_marks_tell_what_is_not_free_and_follow_changes(dim, seed, changes, eager, packed):
     rng = np.random.default_rng(seed)
     side = int(rng.choice([9, 20, 70] if dim == 2 else [9, 20]))
