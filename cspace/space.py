@@ -39,10 +39,10 @@ from cspace.map.storage import (
     Stack,
     cells_of,
     check_bytes,
-    counts_of,
+    count_states,
+    kernel_states,
     read_only,
     read_only_of,
-    record_of,
 )
 from cspace.raster import Raster
 from cspace.rotations import Rotations
@@ -179,7 +179,7 @@ class CSpace(ConfigurationMap, MapExport):
     def count(self) -> tuple[int, int, int]:
         """Count the FREE, MIXED and BLOCKED cells over all rotation cells."""
         shares = np.bincount(self._slice_of, minlength=len(self._seen))
-        free, mixed, blocked = (shares @ counts_of(self._seen)).tolist()
+        free, mixed, blocked = (shares @ count_states(self._seen)).tolist()
         return free, mixed, blocked
 
     @property
@@ -193,7 +193,7 @@ class CSpace(ConfigurationMap, MapExport):
         arrays: list[Any] = [states, *fields.values()] + ([] if self.overlap_counts is None else [self.overlap_counts])
         measure = f"{('area', 'volume')[grid.dim - 2]}_{grid.measure_unit.replace(' ', '_')}"
         filled = "mean_" * bool(rotations.names) + f"free_{measure}"
-        free = counts_of(states)[:, FREE][self._slice_of]
+        free = count_states(states)[:, FREE][self._slice_of]
         periodic = self._contents.periodic
         mean = float(free @ rotations.volumes / rotations.volumes.sum()) * grid.spacing**grid.dim
         return {
@@ -885,7 +885,7 @@ class CSpace(ConfigurationMap, MapExport):
         """The map as input of compiled functions, without unrolling."""
         grid, rotations = self.grid, self.rotations.compiled(self._slice_of)
         return Map(
-            record_of(self._seen),
+            kernel_states(self._seen),
             cells_of(self._seen),
             rotations,
             grid.lower,

@@ -409,7 +409,7 @@ def test_interrupted_move_leaves_a_correct_map(monkeypatch: pytest.MonkeyPatch) 
             raise KeyboardInterrupt
         real(self, change)
 
-    monkeypatch.setattr(Components, "renew", interrupt)
+    monkeypatch.setattr(Components, "refresh", interrupt)
     with pytest.raises(KeyboardInterrupt):
         space.add_obstacle("cart", shapely.box(3.0, 2.0, 3.4, 2.4))  # two changes
     fresh = room()

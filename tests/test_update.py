@@ -297,7 +297,7 @@ def test_interrupted_update_leaves_a_correct_map(
             raise KeyboardInterrupt
         real(*args)
 
-    monkeypatch.setattr(part, "renew", interrupt)
+    monkeypatch.setattr(part, "refresh", interrupt)
     cells = np.ones((3, 3), dtype=bool)
     world.outer[4:7, 5:8] = world.inner[4:7, 5:8] = True
     with pytest.raises(KeyboardInterrupt):
@@ -415,7 +415,7 @@ def test_paths_match_the_map_before_or_after_an_update(monkeypatch: pytest.Monke
         asking.join(0.2)
         refresh(self, boxes)
 
-    monkeypatch.setattr(Components, "renew", in_the_midst)
+    monkeypatch.setattr(Components, "refresh", in_the_midst)
     ring = np.ones((10, 10), dtype=bool)
     ring[3:8, 3:8] = False
     space.update(ring, (10, 10))

@@ -1,6 +1,6 @@
-"""How a map stores its states: in a byte a cell, or in two bits where there are very many.
+"""Storage of states: one byte a cell, or two bits in large maps.
 
-Compiled code takes either by its type, and Python sees both slice by slice, as bytes.
+Kernels take either by its type; Python sees both slice by slice, as bytes.
 """
 
 from __future__ import annotations
@@ -24,27 +24,33 @@ from cspace.kernels import load_word
 from cspace.limits import MAX_MEMORY_FRACTION, bytes_text, free_bytes
 from cspace.rotations import CompiledRotations
 
-Halves = tuple[np.uint64, np.uint64]
+WordPair = tuple[np.uint64, np.uint64]
 
-SPARE: Final = 16
-"""Bytes behind the last cell, so that a word may be read from any cell on."""
+PADDING_BYTES: Final = 16
+"""Bytes after the last cell, so that a word can be read from any cell on."""
 
 _ONE, _ONES = np.uint64(1), np.uint64(0x0101010101010101)
 _TWO, _THREE = np.uint64(2), np.uint64(3)
 _LOWER = np.uint64(0xFFFFFFFF)
-_SWAPPED: Final = (0x2222222222222222, 0x0C0C0C0C0C0C0C0C, 0x00F000F000F000F0, 0x0000FF000000FF00, 0x00000000FFFF0000)
+_UNSHUFFLE_MASKS: Final = (
+    0x2222222222222222,
+    0x0C0C0C0C0C0C0C0C,
+    0x00F000F000F000F0,
+    0x0000FF000000FF00,
+    0x00000000FFFF0000,
+)
 
-zeros_below: Callable[[np.uint64], np.uint64] = trailing_zeros  # type: ignore[assignment]  # what it is when compiled
+zeros_below: Callable[[np.uint64], np.uint64] = trailing_zeros  # type: ignore[assignment]  # the type it has in compiled code
 zeros_above: Callable[[np.uint64], np.uint64] = leading_zeros  # type: ignore[assignment]
 
 
 class TwoBits(NamedTuple):
-    """States in two bits a cell, as compiled code takes them.
+    """States in two bits a cell, for kernels.
 
     Attributes
     ----------
     packed : ndarray of uint8
-        Cell i has the bits from ``2 * (i & 3)`` on of byte ``i >> 2``; :data:`SPARE` bytes follow.
+        Cell i has the bits from ``2 * (i & 3)`` on of byte ``i >> 2``; :data:`PADDING_BYTES` bytes follow.
     shape : tuple of int
         Slices, and cells of the grid.
     """
@@ -54,28 +60,28 @@ class TwoBits(NamedTuple):
 
 
 MISSING, ASIDE = -1, -2
-"""In place of where a tile is: it is not there; it was, in this look-up."""
+"""Positions of tiles that are not in memory: absent, or set aside during this query."""
 
 USED = -1
-"""Mark of a tile that was there and read."""
+"""Marks a tile that was in memory and read."""
 
 
 class TileCells(NamedTuple):
-    """The states of a map in tiles, as compiled code takes them.
+    """States of a tiled map, for kernels.
 
     Attributes
     ----------
     packed : ndarray of uint8
-        States of the tiles that are there, four in a byte.
+        States of the tiles in memory, four in a byte.
     places : ndarray of int64, shape (chunks,)
-        Where the states of each chunk begin, or MISSING, or ASIDE.
+        Start of each chunk in ``packed``, or MISSING, or ASIDE.
     wanted : ndarray of int64, shape (chunks + 1,)
-        Gets, for each chunk that was MISSING, which of them it was in turn, and how many they were; for others that
-        were read, USED.
+        Output. For a chunk that was read but MISSING, its rank among such chunks from 1 on; for other chunks read,
+        USED. The last entry is the number of missing chunks.
     shape : tuple of int
         Slices, and cells of the grid.
     sides, counts : tuple of int
-        Slices and cells of a chunk, and number of chunks, along the same axes.
+        Size of a chunk, and number of chunks, along the same axes.
     """
 
     packed: Bytes
@@ -89,28 +95,31 @@ class TileCells(NamedTuple):
 Cells = Bytes | TwoBits | TileCells
 
 
-def _prefetch(context: Any, cells: Any, number: Any) -> Any:
-    """Have the memory around a byte of an array come near, for it is read soon; it need not lie in the array."""
+def _prefetch(context: Any, cells: Any, index: Any) -> Any:
+    """Prefetch the memory around a byte of an array, which may lie outside it."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
         octet, whole = ir.IntType(8).as_pointer(), ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [octet, whole, whole, whole])
         prefetch = declare(builder.module, kind, "llvm.prefetch.p0i8")
-        # To be read, into the caches of this core, as data.
+        # Arguments: for reading, into all caches of this core, as data.
         builder.call(prefetch, [builder.gep(data, [arguments[1]]), whole(0), whole(3), whole(1)])
         return context.get_dummy_value()
 
     return types.void(cells, types.int64), generate
 
 
-def _compare_bytes(context: Any, cells: Any, number: Any) -> Any:
-    """Which of 64 bytes of an array, from one on, are 1 or more, and which 2 or more, by bits."""
+def _compare_bytes(context: Any, cells: Any, index: Any) -> Any:
+    """Compare 64 bytes of an array to 1 and to 2; return two bit masks.
+
+    Bit k of the first mask is set if byte k is 1 or more, bit k of the second if it is 2 or more.
+    """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         data, row = context.make_array(signature.args[0])(context, builder, arguments[0]).data, ir.VectorType(octet, 64)
         states = builder.load(builder.bitcast(builder.gep(data, [arguments[1]]), row.as_pointer()), align=1)
-        halves = [builder.icmp_unsigned(">=", states, ir.Constant(row, [least] * 64)) for least in (1, 2)]
+        halves = [builder.icmp_unsigned(">=", states, ir.Constant(row, [threshold] * 64)) for threshold in (1, 2)]
         return context.make_tuple(
             builder, signature.return_type, [builder.bitcast(each, ir.IntType(64)) for each in halves]
         )
@@ -120,7 +129,7 @@ def _compare_bytes(context: Any, cells: Any, number: Any) -> Any:
 
 
 def _count(context: Any, word: Any) -> Any:
-    """Number of bits of a word that are set."""
+    """Count the set bits of a word."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.ctpop(arguments[0])
@@ -135,123 +144,129 @@ popcount: Any = intrinsic(_count)
 
 
 @always_inline
-def word_at(packed: Bytes, number: int) -> np.uint64:
-    """The word that begins with a cell."""
-    shift = np.uint64(2 * (number & 3))
-    word: np.uint64 = load_word(packed, number >> 2) >> shift
-    return word | np.uint64(packed[(number >> 2) + 8]) << _ONE << (np.uint64(63) - shift)
+def read_pairs(packed: Bytes, index: int) -> np.uint64:
+    """Read the 32 pairs of bits that begin with a cell."""
+    shift = np.uint64(2 * (index & 3))
+    word: np.uint64 = load_word(packed, index >> 2) >> shift
+    return word | np.uint64(packed[(index >> 2) + 8]) << _ONE << (np.uint64(63) - shift)
 
 
 @always_inline
-def spread(word: np.uint64) -> np.uint64:
-    """The eight pairs of bits that a word begins with, each in a byte of its own."""
+def spread_pairs(word: np.uint64) -> np.uint64:
+    """Spread the eight lowest pairs of bits to one byte each."""
     word = (word & np.uint64(0xFF)) | ((word & np.uint64(0xFF00)) << np.uint64(24))
     word = (word & np.uint64(0xF0000000F)) | ((word & np.uint64(0xF0000000F0)) << np.uint64(12))
     return (word & np.uint64(0x3000300030003)) | ((word & np.uint64(0xC000C000C000C)) << np.uint64(6))
 
 
 @always_inline
-def parted(word: np.uint64) -> np.uint64:
-    """The even bits of a word, side by side, and then the odd ones (Warren, Hacker's Delight, 2012)."""
+def unshuffle(word: np.uint64) -> np.uint64:
+    """Gather the even bits of a word in its low half, the odd bits in its high half.
+
+    Source: Warren, Hacker's Delight, 2012.
+    """
     for k in range(5):
         shift = np.uint64(1) << np.uint64(k)
-        swap = (word ^ (word >> shift)) & np.uint64(_SWAPPED[k])
+        swap = (word ^ (word >> shift)) & np.uint64(_UNSHUFFLE_MASKS[k])
         word ^= swap ^ (swap << shift)
     return word
 
 
-# ---- what compiled code calls ----------------------------------------------------------------------------------------
+# ---- access from kernels ---------------------------------------------------------------------------------------------
 
 
-def state_in(cells: Cells, number: int) -> int:
-    """State of a cell, by its number in the map."""
+def state_in(cells: Cells, index: int) -> int:
+    """Return the state of a cell, by its index in the map."""
     raise NotImplementedError
 
 
-def prefetch_cell(cells: Cells, number: int) -> None:
-    """Have what surrounds a cell come near, for it is read soon; it need not be in the map."""
+def prefetch_cell(cells: Cells, index: int) -> None:
+    """Prefetch the cache line of a cell; the cell may lie outside the map."""
     raise NotImplementedError
 
 
-def row_in(cells: Cells, number: int, count: int) -> Halves:
-    """Which of up to 64 cells from one on are not FREE, and which are BLOCKED, by bits; the rest are set."""
+def row_in(cells: Cells, index: int, count: int) -> WordPair:
+    """Return bit masks of non-FREE and of BLOCKED cells among ``count`` <= 64 cells.
+
+    Bits from ``count`` on are set.
+    """
     raise NotImplementedError
 
 
-def _byte_soon(cells: Bytes, number: int) -> None:
-    prefetch(cells, number)
+def _prefetch_byte(cells: Bytes, index: int) -> None:
+    prefetch(cells, index)
 
 
-def _bits_soon(cells: TwoBits, number: int) -> None:
-    prefetch(cells.packed, number >> 2)
+def _prefetch_pair(cells: TwoBits, index: int) -> None:
+    prefetch(cells.packed, index >> 2)
 
 
-def _byte_in(cells: Bytes, number: int) -> int:
-    state: int = cells[np.uint64(number)]
+def _state_in_bytes(cells: Bytes, index: int) -> int:
+    state: int = cells[np.uint64(index)]
     return state
 
 
-def _bits_in(cells: TwoBits, number: int) -> int:
-    place = np.uint64(number)
-    return int((np.uint64(cells.packed[place >> _TWO]) >> (_TWO * (place & _THREE))) & _THREE)
+def _state_in_pairs(cells: TwoBits, index: int) -> int:
+    position = np.uint64(index)
+    return int((np.uint64(cells.packed[position >> _TWO]) >> (_TWO * (position & _THREE))) & _THREE)
 
 
-def _tiled_in(cells: TileCells, number: int) -> int:
-    rest, chunk, inside = np.uint64(number), np.uint64(0), np.uint64(0)
+def _state_in_tiles(cells: TileCells, index: int) -> int:
+    rest, chunk, inside = np.uint64(index), np.uint64(0), np.uint64(0)
     chunks, size = np.uint64(1), np.uint64(1)
     for k in range(len(cells.shape)):
         axis = len(cells.shape) - 1 - k
         length, side = np.uint64(cells.shape[axis]), np.uint64(cells.sides[axis])
         above = rest // length
-        place = rest - above * length
-        own = place // side
-        chunk += own * chunks
-        inside += (place - own * side) * size
+        coordinate = rest - above * length
+        tile = coordinate // side
+        chunk += tile * chunks
+        inside += (coordinate - tile * side) * size
         chunks *= np.uint64(cells.counts[axis])
         size *= side
         rest = above
-    begin = cells.places[chunk]
-    if begin >= 0:
+    start = cells.places[chunk]
+    if start >= 0:
         cells.wanted[chunk] = USED
     else:
-        if begin == MISSING and cells.wanted[chunk] == 0:
+        if start == MISSING and cells.wanted[chunk] == 0:
             cells.wanted[-1] += 1
             cells.wanted[chunk] = cells.wanted[-1]
         return FREE
-    place = np.uint64(begin) + inside
-    return int((np.uint64(cells.packed[place >> _TWO]) >> (_TWO * (place & _THREE))) & _THREE)
+    coordinate = np.uint64(start) + inside
+    return int((np.uint64(cells.packed[coordinate >> _TWO]) >> (_TWO * (coordinate & _THREE))) & _THREE)
 
 
 @always_inline
-def high_bits(number: int) -> np.uint64:
-    """The bits of a word from a number on, which may be 64."""
-    return ~np.uint64(0) << np.uint64(number) if number < 64 else np.uint64(0)
+def high_bits(start: int) -> np.uint64:
+    """Return a word with all bits from ``start`` on set; ``start`` may be 64."""
+    return ~np.uint64(0) << np.uint64(start) if start < 64 else np.uint64(0)
 
 
-def _row_of_bytes(cells: Bytes, number: int, count: int) -> Halves:
+def _row_of_bytes(cells: Bytes, index: int, count: int) -> WordPair:
     taken, blocked = np.uint64(0), np.uint64(0)
-    if number + 64 <= cells.size:
-        taken, blocked = compare_bytes(cells, number)
+    if index + 64 <= cells.size:
+        taken, blocked = compare_bytes(cells, index)
     else:
         for k in range(count):
-            state, place = np.uint64(cells[number + k]), np.uint64(k)
-            taken |= ((state | (state >> _ONE)) & _ONE) << place
-            blocked |= (state >> _ONE) << place
+            state, position = np.uint64(cells[index + k]), np.uint64(k)
+            taken |= ((state | (state >> _ONE)) & _ONE) << position
+            blocked |= (state >> _ONE) << position
     return taken | high_bits(count), blocked | high_bits(count)
 
 
-def _row_of_bits(cells: TwoBits, number: int, count: int) -> Halves:
+def _row_of_pairs(cells: TwoBits, index: int, count: int) -> WordPair:
     taken, blocked = np.uint64(0), np.uint64(0)
     for first in range(0, count, 32):
-        word, place = parted(word_at(cells.packed, number + first)), np.uint64(first)
-        taken |= ((word | (word >> np.uint64(32))) & _LOWER) << place
-        blocked |= (word >> np.uint64(32)) << place
+        word, position = unshuffle(read_pairs(cells.packed, index + first)), np.uint64(first)
+        taken |= ((word | (word >> np.uint64(32))) & _LOWER) << position
+        blocked |= (word >> np.uint64(32)) << position
     return taken | high_bits(count), blocked | high_bits(count)
 
 
-dispatch_on_type(state_in, {np.ndarray: _byte_in, TwoBits: _bits_in, TileCells: _tiled_in})
-dispatch_on_type(row_in, {np.ndarray: _row_of_bytes, TwoBits: _row_of_bits})
-dispatch_on_type(prefetch_cell, {np.ndarray: _byte_soon, TwoBits: _bits_soon})
+dispatch_on_type(state_in, {np.ndarray: _state_in_bytes, TwoBits: _state_in_pairs, TileCells: _state_in_tiles})
+dispatch_on_type(row_in, {np.ndarray: _row_of_bytes, TwoBits: _row_of_pairs})
+dispatch_on_type(prefetch_cell, {np.ndarray: _prefetch_byte, TwoBits: _prefetch_pair})
 
 
 # ---- packing ---------------------------------------------------------------------------------------------------------
@@ -259,7 +274,7 @@ dispatch_on_type(prefetch_cell, {np.ndarray: _byte_soon, TwoBits: _bits_soon})
 
 @kernel
 def pack(states: Bytes, packed: Bytes) -> None:
-    """Pack states into bytes, four into each; what is left of the last one is 0."""
+    """Pack four states into each byte; unused bits of the last byte are 0."""
     eights, pairs = states[: len(states) // 8 * 8].view(np.uint64), packed[: len(states) // 8 * 2].view(np.uint16)
     for k in range(len(eights)):
         word = eights[k]
@@ -274,25 +289,30 @@ def pack(states: Bytes, packed: Bytes) -> None:
 
 @kernel
 def unpack(packed: Bytes, states: Bytes) -> None:
-    """Write the states that bytes hold, four each."""
+    """Unpack four states from each byte."""
     pairs, eights = packed[: len(packed) // 2 * 2].view(np.uint16), states[: len(packed) // 2 * 8].view(np.uint64)
     for k in range(len(pairs)):
-        eights[k] = spread(np.uint64(pairs[k]))
+        eights[k] = spread_pairs(np.uint64(pairs[k]))
     for k in range(8 * len(pairs), len(states)):
         states[k] = (packed[k >> 2] >> np.uint8(2 * (k & 3))) & np.uint8(3)
 
 
 class PackedStates:
-    """States in two bits a cell, slice by slice as bytes: what is read of an array of states along its first axis.
+    """States in two bits a cell, read slice by slice as bytes.
 
-    Of a shape, slices and cells of the grid, all are FREE at first, and to be written.
+    It has the reading interface of an array of states along its first axis. All states are FREE at first.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Slices, and cells of the grid.
     """
 
     dtype: Final = np.dtype(np.uint8)
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self.shape, self._each = tuple(map(int, shape)), prod(shape[1:])
-        self._packed = np.zeros(-(-self.size // 4) + SPARE, dtype=np.uint8)
+        self._packed = np.zeros(-(-self.size // 4) + PADDING_BYTES, dtype=np.uint8)
 
     @property
     def ndim(self) -> int:
@@ -306,51 +326,53 @@ class PackedStates:
 
     @property
     def nbytes(self) -> int:
-        """Bytes that the states take."""
+        """Size in bytes."""
         return self._packed.nbytes
 
     @property
     def cells(self) -> TwoBits:
-        """What compiled code takes; it follows what is written."""
+        """States as kernels take them; they follow writes."""
         return TwoBits(read_only(self._packed), self.shape)
 
     def __len__(self) -> int:
+        """Return the number of slices."""
         return self.shape[0]
 
     def __iter__(self) -> Iterator[Bytes]:
+        """Iterate over slices as bytes."""
         return map(self.__getitem__, range(len(self)))
 
-    def __getitem__(self, number: int | slice) -> Bytes:
-        """The states of a slice, or of several, a new array, which is not to be written."""
-        if isinstance(number, slice):
-            return np.stack([self[k] for k in range(len(self))[number]])
-        number = range(len(self))[number]  # also from the end, and no further
-        first, last, begin = self._around(number * self._each, self._each)
+    def __getitem__(self, index: int | slice) -> Bytes:
+        """Return the states of one or several slices as a new read-only array."""
+        if isinstance(index, slice):
+            return np.stack([self[k] for k in range(len(self))[index]])
+        index = range(len(self))[index]  # accepts negative indices, and raises IndexError
+        first, last, begin = self._byte_range(index * self._each, self._each)
         states = np.empty(4 * (last - first), dtype=np.uint8)
         unpack(self._packed[first:last], states)
         return read_only(states[begin : begin + self._each].reshape(self.shape[1:]))
 
-    def write(self, number: int, states: Bytes) -> None:
-        """Replace the states of a slice; one thread at a time."""
-        first, last, begin = self._around(number * self._each, self._each)
+    def write(self, index: int, states: Bytes) -> None:
+        """Replace the states of a slice; call from one thread at a time."""
+        first, last, begin = self._byte_range(index * self._each, self._each)
         row = states.reshape(-1)
-        if 4 * (last - first) != len(row):  # the slices before and after have a part of its first and last byte
+        if 4 * (last - first) != len(row):  # the first and last byte are shared with other slices
             row = np.empty(4 * (last - first), dtype=np.uint8)
             unpack(self._packed[first:last], row)
             row[begin : begin + self._each] = states.reshape(-1)
         pack(row, self._packed[first:last])
 
     def copy(self) -> PackedStates:
-        """The same states, to be written by themselves."""
+        """Return an independent copy."""
         other = PackedStates(self.shape)
         other._packed[...] = self._packed
         return other
 
     def counts(self) -> Ints:
-        """Number of FREE, MIXED and BLOCKED cells of each slice, shape (slices, 3)."""
+        """Count the FREE, MIXED and BLOCKED cells of each slice, shape (slices, 3)."""
         counts = np.empty((len(self), 3), dtype=np.int64)
-        for number, row in enumerate(counts):
-            first, last, begin = self._around(number * self._each, self._each)
+        for index, row in enumerate(counts):
+            first, last, begin = self._byte_range(index * self._each, self._each)
             part = self._packed[first:last]
             if 4 * len(part) != self._each:
                 part = part.copy()
@@ -361,80 +383,81 @@ class PackedStates:
         return counts
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
-        """All states as bytes.
+        """Return all states as bytes.
 
         Raises InputError if they do not fit into memory.
         """
         check_bytes(self.size)
         return np.stack(list(self)).astype(self.dtype if dtype is None else dtype, copy=False)
 
-    def _around(self, start: int, count: int) -> tuple[int, int, int]:
-        """First byte of some cells, the one after their last, and which cell of it is the first of them."""
+    def _byte_range(self, start: int, count: int) -> tuple[int, int, int]:
+        """Return the byte range of some cells, and the index of the first cell in its byte."""
         return start // 4, -(-(start + count) // 4), start % 4
 
 
 Stack = Bytes | PackedStates
-"""States by slice, as Python holds them."""
+"""States by slice, as Python stores them."""
 
 
 def cells_of(states: Stack) -> Cells:
-    """All states in a row, as compiled code takes them."""
+    """Return all states in a row, as kernels take them."""
     return states.cells if isinstance(states, PackedStates) else states.reshape(-1)
 
 
-def record_of(states: Stack) -> Cells:
-    """All states, of which compiled code reads the shape."""
+def kernel_states(states: Stack) -> Cells:
+    """Return all states as kernels take them, with their shape."""
     return states.cells if isinstance(states, PackedStates) else states
 
 
 def read_only_of(states: Stack) -> Stack:
-    """The states, not to be written; those in two bits never are through what they give."""
+    """Return the states, read-only; slices of packed states always are."""
     return states if isinstance(states, PackedStates) else read_only(states)
 
 
-def counts_of(states: Stack) -> Ints:
-    """Number of FREE, MIXED and BLOCKED cells of each slice, shape (slices, 3)."""
+def count_states(states: Stack) -> Ints:
+    """Count the FREE, MIXED and BLOCKED cells of each slice, shape (slices, 3)."""
     if isinstance(states, PackedStates):
         return states.counts()
     return np.array([np.bincount(part.reshape(-1), minlength=3) for part in states])
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """A view of the array, in one piece, that is not to be written."""
+    """Return a contiguous read-only view of an array."""
     return frozen(np.ascontiguousarray(array).view())
 
 
 def check_bytes(states: int) -> None:
-    """Refuse to make a byte of each of so many states where they do not fit into memory."""
+    """Raise InputError if one byte for each state exceeds the free memory."""
     free = free_bytes()
     if states > MAX_MEMORY_FRACTION * free:
         raise InputError(
             "the state of every cell",
             f"takes {bytes_text(states)}, a byte for each",
             f"at most {bytes_text(MAX_MEMORY_FRACTION * free)} of memory may be used",
-            "ask for one rotation at a time, with states_at",
+            "read one rotation at a time, with states_at",
             value=states,
         )
 
 
 class Map(NamedTuple):
-    """States over rotation cells times cells of a grid, in the plane or in space, whether the robot turns or not.
+    """States over rotation cells times grid cells, in 2D or 3D, for kernels.
 
-    The arrays are views of the map's own: an update of the workspace is seen through the record.
+    The arrays are views of the map's own arrays, so workspace updates are visible here.
 
     Attributes
     ----------
     states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz), or TwoBits
-        FREE, MIXED or BLOCKED; read-only, in C order. Compiled code reads its shape alone.
+        FREE, MIXED or BLOCKED; read-only, in C order. Kernels read only its shape.
     cells : ndarray of uint8, shape (slices * nx * ny,) or (slices * nx * ny * nz,), or TwoBits
-        The same in a row; compiled code reads it by :mod:`cspace.map.storage` alone.
+        The same states in a row; kernels read them through :mod:`cspace.map.storage` only.
     rotations : NamedTuple
-        The rotation cells, and the slice that each has; look-ups call its methods alone.
+        Rotation cells and their slices; kernels call its methods only.
     lower, upper : tuple of float, length d
         Corners of the grid, metres.
     spacing : float
+        Side of a cell, metres.
     exterior : ndarray of int64, shape (slices, 2 d + 1)
-        What lies outside the grid: :attr:`cspace.map.exterior.Exterior.table`.
+        States outside the grid: :attr:`cspace.map.exterior.Exterior.table`.
     """
 
     states: Cells
@@ -447,5 +470,5 @@ class Map(NamedTuple):
 
     @property
     def slice_of(self) -> Ints:
-        """The slice of each rotation cell, shape (rotations,)."""
+        """Slice of each rotation cell, shape (rotations,)."""
         return np.asarray(self.rotations.slice_of)
