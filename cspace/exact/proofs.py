@@ -22,7 +22,7 @@ from cspace.grid import MAX_COORDINATE
 from cspace.kernels import apply_pose, dot, minus, rotate_back, row_at
 from cspace.map.batches import as_contiguous
 from cspace.map.edges import along, edge_is_free, edges_are_free
-from cspace.map.points import Numbers, classify, configuration, halves, state_at
+from cspace.map.points import Numbers, classify, configuration, split_pair, state_at
 from cspace.map.storage import Map
 from cspace.shapes import Box, Pieces
 from cspace.threads import in_chunks
@@ -363,7 +363,7 @@ def prove_edges(inputs: ProofInputs, first: Floats, second: Floats, scratch: Scr
 @jit
 def prove_edge(inputs: ProofInputs, both: Numbers) -> int:
     """Return :func:`edge_state` of an edge given as one row."""
-    q0, q1 = halves(inputs.map, both)
+    q0, q1 = split_pair(inputs.map, both)
     rotations = inputs.map.rotations
     if not (rotations.is_usable(q0) and rotations.is_usable(q1)):
         return BLOCKED

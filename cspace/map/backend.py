@@ -1,4 +1,4 @@
-"""Backends of a map: where its cells are kept, and how compiled kernels are run over them."""
+"""Backends of a map: storage of its cells, and execution of kernels over them."""
 
 from __future__ import annotations
 
@@ -17,28 +17,29 @@ Result = TypeVar("Result")
 
 
 class Backend(Protocol):
-    """The cells of a map, over which compiled kernels are run."""
+    """Cells of a map, over which compiled kernels run."""
 
     def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = MIN_ITEMS_PER_THREAD) -> Query:
         """Return a query that runs a kernel over the rows of a batch.
 
         The kernel is called as ``kernel(map_, *arguments, *rows, out)`` with the record of the map. ``passed`` is its
-        answer for a row if all cells that it reads are FREE. Each thread gets at least ``least`` rows.
+        result for a row if all cells it reads are FREE. Each thread gets at least ``least`` rows.
         """
 
     def at_one_moment(self, work: Callable[[], Result]) -> Result:
-        """Return the result of some work, all of which sees the map as it is at one moment."""
+        """Run ``work`` on a consistent state of the map and return its result."""
 
 
 @dataclass(frozen=True, slots=True)
 class MemoryBackend:
-    """Cells in memory, in a byte or in two bits each; some axes may be periodic.
+    """Cells in memory, in a byte or in two bits each; axes may be periodic.
 
     Attributes
     ----------
     map_ : Map
-        The record of the map, with periodic axes unrolled; it follows updates.
+        Record of the map, with periodic axes unrolled; it follows updates.
     periodic : Periodic
+        Periodic axes.
     lock : Lock
         Held by an update while it changes cells.
     """
@@ -48,11 +49,11 @@ class MemoryBackend:
     lock: Lock
 
     def query(self, kernel: Kernel, *arguments: Any, passed: object = None, least: int = MIN_ITEMS_PER_THREAD) -> Query:
-        """See :meth:`Backend.query`."""
+        """Return a query; see :meth:`Backend.query`."""
         run = partial(kernel, self.map_, *arguments)
         return in_threaded_chunks(self.periodic.wrap_rows(run) if self.periodic else run, least)
 
     def at_one_moment(self, work: Callable[[], Result]) -> Result:
-        """See :meth:`Backend.at_one_moment`."""
+        """Run ``work`` under the lock; see :meth:`Backend.at_one_moment`."""
         with self.lock:
             return work()

@@ -1,6 +1,6 @@
-"""Look-ups of single floats, for callbacks that are called a million times: no arrays, no errors, one compiled call.
+"""Callbacks on single floats, called a million times: one compiled call, no arrays, no errors.
 
-What is no number, or no rotation that look-ups take, is not FREE. A position that is none is in no cell.
+NaN, infinity and unusable rotations are not FREE, because such a position is in no cell.
 """
 
 from __future__ import annotations
@@ -18,43 +18,45 @@ from cspace.map.storage import Map
 
 
 def point_checker(map_: Map, size: int) -> Callable[..., bool]:
-    """``check(*q)``: whether a configuration is FREE."""
-    # Looking up a point is too short to let go of the interpreter for.
+    """Return ``check(*q)``, True if a configuration is FREE."""
+    # A point query is shorter than releasing the interpreter lock.
     return callback(Point(map_), size, nogil=False)
 
 
 def edge_checker(map_: Map, size: int) -> Callable[..., bool]:
-    """``check(*q0, *q1)``: whether an edge is FREE all along."""
+    """Return ``check(*q0, *q1)``, True if an edge is FREE."""
     return bind_kernel(_compiled(_OF_TWO[size], nogil=True), (Edge(map_),), 2 * size)
 
 
 def callback(query: Any, size: int, nogil: bool = True) -> Callable[..., Any]:
-    """``call(*q)``: the method ``answer`` of a record, for the floats of one configuration."""
+    """Return ``call(*q)``, the method ``evaluate`` of a record on a configuration's floats."""
     return bind_kernel(_compiled(_OF_ONE[size], nogil), (query,), size)
 
 
 @compilable
 class Point(NamedTuple):
-    """Whether a configuration is FREE."""
+    """Query for whether a configuration is FREE."""
 
     map_: Map
 
     def evaluate(self, q: Numbers) -> bool:
+        """Return True if the configuration is usable and FREE."""
         return self.map_.rotations.is_usable(q) and state_at(self.map_, q) == FREE
 
 
 @compilable
 class Edge(NamedTuple):
-    """Whether an edge is FREE all along."""
+    """Query for whether an edge is FREE."""
 
     map_: Map
 
     def evaluate_edge(self, q0: Numbers, q1: Numbers) -> bool:
+        """Return True if both configurations are usable and the edge is FREE."""
         rotations = self.map_.rotations
         return rotations.is_usable(q0) and rotations.is_usable(q1) and edge_is_free(self.map_, None, q0, q1)
 
 
-# Numba calls a function of so many floats quicker than one that takes a tuple of them.
+# Numba calls a function of several floats faster than a function of one tuple.
 
 _OF_ONE: Final[dict[int, Any]] = {
     2: lambda query, a, b: query.evaluate((a, b)),
@@ -70,12 +72,12 @@ _OF_TWO: Final[dict[int, Any]] = {
         (a, b, c, d, e, f, g), (h, i, j, k, m, n, o)
     ),
 }
-"""What numba compiles for a query, by the length of a configuration."""
+"""Functions that numba compiles for a query, by the length of a configuration."""
 
 
 @cache
 def _compiled(written: FunctionType, nogil: bool) -> Any:
-    """One of these; numba keeps it by its name."""
+    """Compile one of these functions, under a name that numba caches it by."""
     named = FunctionType(written.__code__, written.__globals__)
     named.__qualname__ = f"spread_{'without' if nogil else 'with'}_lock"
     return jit(named, _nrt=False, nogil=nogil)

@@ -27,7 +27,7 @@ from cspace.grid import SLACK
 from cspace.map.callbacks import callback
 from cspace.map.derived import Lock
 from cspace.map.mip import BLOCK_SHIFT, BLOCK_SIDE, ROWS_PER_BLOCK_ROW, OccupancyBits, PlaneMarks, SpaceMarks
-from cspace.map.points import FAR, Cell, Numbers, configuration, is_usable, replaced, state_at
+from cspace.map.points import MAX_CELL, Cell, Numbers, configuration, is_usable, replaced, state_at
 from cspace.map.storage import Map, Stack, zeros_above, zeros_below
 from cspace.threads import in_chunks
 
@@ -77,7 +77,7 @@ def clearance_at(map_: Map, marks: OccupancyBits, q: Numbers, upper_bound: float
     to_border = math.inf
     for axis in range(dim):
         # Positions beyond the limit are equally far from everything.
-        coordinate = min(max((q[axis] - map_.lower[axis]) / map_.spacing, -FAR), FAR)
+        coordinate = min(max((q[axis] - map_.lower[axis]) / map_.spacing, -MAX_CELL), MAX_CELL)
         to_border = min(to_border, coordinate, map_.states.shape[axis + 1] - coordinate)
         position = replaced(position, 3 - dim + axis, coordinate)
     # In cluttered maps the nearest cells suffice.

@@ -1,4 +1,4 @@
-"""Attributes of a map that are computed at the first access and follow its changes."""
+"""Attributes of a map that are computed at first access and follow its changes."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ class Refreshable(Protocol[P]):
     """A cached part of a map that follows its changes."""
 
     def refresh(self, *args: P.args, **kwargs: P.kwargs) -> None:
-        """Become what would be made from the map now; to renew twice after one change does no harm."""
+        """Update to the map's current state; a repeated call changes nothing."""
 
 
 class Lock:
-    """A lock for the parts of one map, which one thread may take several times; a copy gets a lock of its own.
+    """Reentrant lock for the parts of one map; a copy gets a new lock.
 
-    A process is forked when no other thread holds one: the child has none of those threads, so that it would wait for
-    them forever, and find parts half made.
+    A process forks only while no other thread holds a lock. The child has none of those threads, so it would wait
+    forever, or find parts half made.
     """
 
     _all: ClassVar[set[ReferenceType[Lock]]] = set()
@@ -35,30 +35,35 @@ class Lock:
         self._all.add(ref(self, self._all.discard))
 
     @classmethod
-    def _hold(cls) -> None:
+    def _acquire_all(cls) -> None:
+        """Acquire all locks, before a fork."""
         cls._held.locks = [lock for each in tuple(cls._all) if (lock := each()) is not None]
         for lock in cls._held.locks:
             lock.__enter__()
 
     @classmethod
-    def _let_go(cls) -> None:
+    def _release_all(cls) -> None:
+        """Release all locks, after a fork."""
         for lock in cls._held.__dict__.pop("locks"):
             lock.__exit__(None, None, None)
 
     def __enter__(self) -> None:
+        """Acquire the lock."""
         self._lock.acquire()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        """Release the lock."""
         self._lock.release()
 
     def __reduce__(self) -> tuple[type[Lock], tuple[()]]:
+        """Pickle as a new lock."""
         return Lock, ()
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(before=Lock._hold, after_in_parent=Lock._let_go, after_in_child=Lock._let_go)
+    os.register_at_fork(before=Lock._acquire_all, after_in_parent=Lock._release_all, after_in_child=Lock._release_all)
 
 
 class Locked(Protocol):
@@ -68,11 +73,11 @@ class Locked(Protocol):
 
 
 class lazy(Generic[T]):  # noqa: N801 - used as a decorator
-    """Turn a method into an attribute that is computed at the first access and cached.
+    """Turn a method into an attribute that is computed at first access and cached.
 
-    One thread computes the part, however many ask for it, and the others wait. All parts of an object share the lock
-    ``_lock`` of the object. An update holds the lock while it changes the object. Copies and pickles of the object must
-    leave its ``__dict__``, where parts are cached, behind.
+    One thread computes the part and any others wait. All parts of an object share its lock ``_lock``. An update holds
+    the lock while it changes the object. Copies and pickles of the object must omit its ``__dict__``, where parts are
+    cached.
     """
 
     def __init__(self, make: Callable[[Any], T]) -> None:
@@ -84,9 +89,10 @@ class lazy(Generic[T]):  # noqa: N801 - used as a decorator
     @overload
     def __get__(self, owner: Locked, kind: type | None = None) -> T: ...
     def __get__(self, owner: Locked | None, kind: type | None = None) -> Self | T:
+        """Return the cached part, computed at first access."""
         if owner is None:
             return self
-        # Python finds a cached part in __dict__ before it comes here.
+        # Python looks in __dict__ before it calls __get__, so cached parts cost nothing.
         parts = vars(owner)
         with owner._lock:
             if self._name not in parts:
@@ -107,6 +113,9 @@ class lazy(Generic[T]):  # noqa: N801 - used as a decorator
                 part.refresh(*args, **kwargs)
 
     def drop(self, owner: Locked) -> None:
-        """Forget the part, after waiting for a thread that computes it; the next access computes it again."""
+        """Remove the part from the cache; the next access computes it again.
+
+        Waits for a thread that is computing it.
+        """
         with owner._lock:
             vars(owner).pop(self._name, None)

@@ -15,15 +15,15 @@ from cspace.compiling import always_inline, kernel
 from cspace.grid import SLACK
 from cspace.map.mip import BLOCK_SHIFT, BLOCK_SIDE, ONE
 from cspace.map.points import (
-    MAX_PLACE,
+    MAX_POSITION,
     Cell,
     Numbers,
     Slice,
     configuration,
+    get_slice,
     is_usable,
     replaced,
     run_is_free,
-    slice_of,
 )
 from cspace.map.storage import Map, state_in
 
@@ -91,7 +91,7 @@ def between(first: float, second: float, t: float) -> float:
 @always_inline
 def segment_is_free(map_: Map, blocks: Words | None, number: int, first: Numbers, last: Numbers) -> bool:
     """The same of a segment in one slice, by the positions of its endpoints."""
-    inside: bool = np.bool_(True)  # type: ignore[assignment]  # of one type for the compiler from the start
+    inside: bool = np.bool_(True)  # type: ignore[assignment]  # numba requires one type from the start
     dim, total = len(map_.lower), 0.0
     p, q = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)
     for axis in range(dim):
@@ -100,12 +100,12 @@ def segment_is_free(map_: Map, blocks: Words | None, number: int, first: Numbers
         inside &= (min(a, b) >= lower) & (max(a, b) <= upper)
         total += abs(u) + abs(v)
         p, q = replaced(p, 3 - dim + axis, u), replaced(q, 3 - dim + axis, v)
-    if not total <= MAX_PLACE:  # nor is NaN
+    if not total <= MAX_POSITION:  # nor is NaN
         return False
     # A segment that leaves the grid is proven only where all is FREE outside the grid and the box.
     if not inside and map_.exterior[number, 2 * dim] != FREE:
         return False
-    part = slice_of(map_, number, inside)
+    part = get_slice(map_, number, inside)
     if inside:
         if len(first) == 3 and not probes_are_free(part, p, q):  # in the plane none are compiled
             return False

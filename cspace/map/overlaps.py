@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cspace.arrays import Bools, Floats, Ints
 from cspace.compiling import kernel
-from cspace.map.points import Numbers, cell_of, configuration, is_usable, layered
+from cspace.map.points import Numbers, cell_of, configuration, drop_slice, is_usable
 from cspace.map.storage import Map
 from cspace.raster import Raster, extract_runs
 
@@ -84,7 +84,7 @@ def overlap_at(map_: Map, counts: Counts, runs: Runs, outside: int, q: Numbers) 
     """The same at one configuration, summed run by run."""
     nx, ny, nz = counts.shape[0], counts.shape[1], counts.shape[2] - 1
     _, _, cell = cell_of(map_, q)
-    i, j, k = layered(cell, 0)
+    i, j, k = drop_slice(cell, 0)
     number = map_.rotations.states_at(q)
     total = 0
     for r in range(runs.stops[number - 1] if number > 0 else 0, runs.stops[number]):

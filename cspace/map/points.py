@@ -1,7 +1,7 @@
-"""Compiled look-ups of configurations: their cells, their states, and whether all around them is FREE.
+"""Compiled look-ups of configurations: cells, states, and free neighborhoods.
 
 Every function takes the record of a map, and a configuration as a tuple or configurations as an array, shape (n, size).
-Loops over axes are unrolled by the compiler, and what is written for one axis here becomes code for two or for three.
+The compiler unrolls loops over axes, so the same code serves two and three axes.
 """
 
 from __future__ import annotations
@@ -23,26 +23,29 @@ Entries = TypeVar("Entries", bound=tuple[float, ...])
 
 
 class Replaced(Protocol):
-    """A tuple with another entry at an index."""
+    """Type of a function that replaces one entry of a tuple."""
 
-    def __call__(self, entries: Entries, index: int, entry: float, /) -> Entries: ...
+    def __call__(self, entries: Entries, index: int, entry: float, /) -> Entries:
+        """Return the tuple with another entry at an index."""
+        ...
 
 
-replaced: Replaced = tuple_setitem  # type: ignore[assignment]  # this is what it is to compiled code
+replaced: Replaced = tuple_setitem  # type: ignore[assignment]  # the type it has in compiled code
 
-FAR = 2.0**62
+MAX_CELL = 2.0**62
+"""Largest coordinate, in cells; larger ones are clamped so that they fit 64-bit integers."""
 
-MAX_PLACE = 8.0 * MAX_COORDINATE
-"""Farthest place, in cells, of which edges and boxes are answered; all axes and both ends together."""
+MAX_POSITION = 8.0 * MAX_COORDINATE
+"""Maximum sum of coordinates, in cells, of the ends of an edge or box that is not refused."""
 
-BLOCK = 1024
-"""Points that are looked up at a time; what is noted of them stays in a core's nearest cache."""
+POINTS_PER_BLOCK = 1024
+"""Points looked up at a time, so that their scratch fits a core's first cache."""
 
-FEW = 32
-"""Points up to which each is looked up on its own; what is quicker for more takes a second to compile."""
+MAX_POINTS_ONE_BY_ONE = 32
+"""Number of points up to which each is looked up alone; the faster kernel for more takes a second to compile."""
 
-INSIDE, UNSURE = 255, 254
-"""Codes of points in the grid, and of those that need a closer look; all others are states."""
+INSIDE, UNDECIDED = 255, 254
+"""Codes of points in the grid, and of points that need a closer look; all other codes are states."""
 
 
 # ---- one configuration -----------------------------------------------------------------------------------------------
@@ -50,7 +53,7 @@ INSIDE, UNSURE = 255, 254
 
 @always_inline
 def configuration(map_: Map, points: Floats, k: int) -> Numbers:
-    """Row k of an array of configurations as a tuple."""
+    """Return row k of an array of configurations as a tuple."""
     q = map_.lower + map_.rotations.zeros()
     for axis in range(len(q)):
         q = replaced(q, axis, points[k, axis])
@@ -58,8 +61,8 @@ def configuration(map_: Map, points: Floats, k: int) -> Numbers:
 
 
 @always_inline
-def halves(map_: Map, both: Numbers) -> tuple[Numbers, Numbers]:
-    """Two configurations that are given in a row."""
+def split_pair(map_: Map, both: Numbers) -> tuple[Numbers, Numbers]:
+    """Split the coordinates of two configurations in a row into two tuples."""
     q0 = map_.lower + map_.rotations.zeros()
     q1, size = q0, len(q0)
     for axis in range(size):
@@ -69,7 +72,7 @@ def halves(map_: Map, both: Numbers) -> tuple[Numbers, Numbers]:
 
 @always_inline
 def is_usable(map_: Map, q: Numbers) -> bool:
-    """Whether all is finite, and the rotation exact enough."""
+    """Return True if all coordinates are finite and the rotation is exact enough."""
     usable = map_.rotations.is_usable(q)
     for axis in range(len(map_.lower)):
         usable &= math.isfinite(q[axis])
@@ -78,31 +81,32 @@ def is_usable(map_: Map, q: Numbers) -> bool:
 
 @kernel
 def cell_of(map_: Map, q: Numbers) -> tuple[bool, int, Cell]:
-    """Whether a configuration lies in the grid, its cell's number, all slices in a row, and the cell.
+    """Return whether a configuration is in the grid, its cell's index, and the cell.
 
-    That is ``(slice, x, y)`` or ``(slice, x, y, z)``; along an axis it is that of ``Grid.cell_of``.
+    The index counts all slices in a row. The cell is ``(slice, x, y)`` or ``(slice, x, y, z)``; along each axis it
+    agrees with ``Grid.cell_of``.
     """
-    inside: bool = np.bool_(True)  # type: ignore[assignment]  # of one type for the compiler from the start
-    number = map_.rotations.states_at(q)
-    cell: Cell = replaced(map_.states.shape, 0, number)
+    inside: bool = np.bool_(True)  # type: ignore[assignment]  # numba requires one type from the start
+    index = map_.rotations.states_at(q)
+    cell: Cell = replaced(map_.states.shape, 0, index)
     for axis in range(len(map_.lower)):
         n = map_.states.shape[axis + 1]
-        i = math.floor(min(max((q[axis] - map_.lower[axis]) / map_.spacing, -FAR), FAR))
+        i = math.floor(min(max((q[axis] - map_.lower[axis]) / map_.spacing, -MAX_CELL), MAX_CELL))
         if i == n and q[axis] <= map_.upper[axis]:
             i = n - 1
         inside &= (i >= 0) & (i < n)
-        number = number * n + i
+        index = index * n + i
         cell = replaced(cell, axis + 1, i)
-    return inside, number, cell
+    return inside, index, cell
 
 
-@always_inline  # a call takes as long as what it does
+@always_inline  # a call would take as long as its body
 def state_at(map_: Map, q: Numbers) -> int:
-    """State of one configuration."""
+    """Return the state of one configuration."""
     inside, number, cell = cell_of(map_, q)
     if inside:
         return state_in(map_.cells, number)
-    boxed: bool = np.bool_(True)  # type: ignore[assignment]  # of one type for the compiler from the start
+    boxed: bool = np.bool_(True)  # type: ignore[assignment]  # numba requires one type from the start
     exterior, dim, finite = map_.exterior[cell[0]], len(map_.lower), boxed
     for axis in range(dim):
         boxed &= (exterior[axis] <= cell[axis + 1]) & (cell[axis + 1] <= exterior[axis + dim])
@@ -114,52 +118,53 @@ def state_at(map_: Map, q: Numbers) -> int:
 
 
 @kernel
-def codes_of(map_: Map, numbers: Floats, slices: Ints, cells: Ints, codes: States) -> int:
-    """Cells of configurations, whose numbers are in a row, and a code for each; how many are UNSURE.
+def compute_codes(map_: Map, coordinates: Floats, slices: Ints, cells: Ints, codes: States) -> int:
+    """Compute cells and codes of configurations; return the number of UNDECIDED ones.
 
-    A point in the grid gets its cell's number in ``cells`` and the code INSIDE; one that is plainly outside gets its
-    state for a code, where the robot does not turn; and what is left UNSURE: not usable, or so near the grid's upper
-    border that rounding may decide. There are no branches, and all numbers are read, so that the loop becomes wide
-    instructions.
+    ``coordinates`` has all configurations in a row. A point in the grid gets its cell's index in ``cells`` and the code
+    INSIDE. A point clearly outside gets its state, if the robot does not rotate. All others are UNDECIDED: unusable, or
+    so near the grid's upper border that rounding may decide. There are no branches and all coordinates are read, so
+    that the loop is vectorized.
     """
     dim, shape = len(map_.lower), map_.states.shape
     size = dim + len(map_.rotations.zeros())
-    # As tuples: what lies in arrays would be read again after every write.
+    # Tuples, because array entries would be read again after every write.
     sizes, first, last = map_.lower, map_.lower, map_.lower
     for axis in range(dim):
         sizes = replaced(sizes, axis, float(shape[axis + 1]))
         first = replaced(first, axis, float(map_.exterior[0, axis]))
         last = replaced(last, axis, float(map_.exterior[0, axis + dim]) + 1.0)
-    # Which is known to the compiler: it leaves out the rest.
-    exterior, several = np.uint8(map_.exterior[0, 2 * dim]), size > dim
-    left = 0
+    # ``rotates`` is known at compile time, so dead code is removed.
+    exterior, rotates = np.uint8(map_.exterior[0, 2 * dim]), size > dim
+    n_undecided = 0
     q = map_.lower + map_.rotations.zeros()
     for k in range(cells.shape[0]):
         for axis in range(size):
-            q = replaced(q, axis, numbers[np.uint64(size * k + axis)])  # unsigned: no index is counted from the end
-        cell, inside, border = map_.rotations.slice_among(slices, k), map_.rotations.is_usable(q), several
+            q = replaced(
+                q, axis, coordinates[np.uint64(size * k + axis)]
+            )  # unsigned indices need no check for negative ones
+        cell, inside, near_border = map_.rotations.slice_among(slices, k), map_.rotations.is_usable(q), rotates
         boxed, total = True, 0.0
         for axis in range(dim):
             u, n = (q[axis] - map_.lower[axis]) / map_.spacing, sizes[axis]
             inside &= (u >= 0.0) & (u < n)
-            border |= (n <= u) & (u < n + 1.0)
+            near_border |= (n <= u) & (u < n + 1.0)
             boxed &= (first[axis] <= u) & (u < last[axis])
             total += abs(u)
             cell = cell * shape[axis + 1] + int(np.int64(u))
         cells[k] = cell if inside else 0
-        unsure = border | (not (total < FAR))
-        code = INSIDE if inside else (UNSURE if unsure else (MIXED if boxed else exterior))
+        unsure = near_border | (not (total < MAX_CELL))
+        code = INSIDE if inside else (UNDECIDED if unsure else (MIXED if boxed else exterior))
         codes[k] = code
-        left += code == UNSURE
-    return left
+        n_undecided += code == UNDECIDED
+    return n_undecided
 
 
 @kernel
 def read_states(flat: Cells, cells: Ints, codes: States, out: States) -> None:
-    """States of points with given cells and codes.
+    """Write the states of points from their cells and codes.
 
-    The map is read in a loop of its own and without a branch, so that many reads of a map larger than the cache are
-    under way at once.
+    A separate loop without branches reads the map, so that many reads of a map larger than the cache overlap.
     """
     for k in range(cells.shape[0]):
         out[k] = state_in(flat, cells[k])
@@ -168,15 +173,15 @@ def read_states(flat: Cells, cells: Ints, codes: States, out: States) -> None:
 
 
 def classify(map_: Map, points: Floats, out: States) -> int:
-    """States of configurations; the index of the first one that is not usable, or -1."""
-    few = len(points) <= FEW or isinstance(map_.cells, TileCells)
-    kernel = classify_few if few else classify_many
+    """Write the states of configurations; return the first unusable one, or -1."""
+    one_by_one = len(points) <= MAX_POINTS_ONE_BY_ONE or isinstance(map_.cells, TileCells)
+    kernel = classify_few if one_by_one else classify_many
     return kernel(map_, points, out)
 
 
 @kernel
 def classify_few(map_: Map, points: Floats, out: States) -> int:
-    """The same, one by one."""
+    """Write the states of configurations one by one; see :func:`classify`."""
     for k in range(points.shape[0]):
         q = configuration(map_, points, k)
         if not is_usable(map_, q):
@@ -187,20 +192,24 @@ def classify_few(map_: Map, points: Floats, out: States) -> int:
 
 @jit
 def classify_many(map_: Map, points: Floats, out: States) -> int:
-    """The same, step by step for all of a block."""
-    # As the length of a tuple, which the compiler knows: it takes numbers of several points at once.
-    size, numbers, count = len(map_.lower + map_.rotations.zeros()), points.reshape(-1), min(BLOCK, len(points))
+    """Write the states of configurations block by block; see :func:`classify`."""
+    # The length of a tuple is known at compile time, which lets the compiler vectorize.
+    size, coordinates, count = (
+        len(map_.lower + map_.rotations.zeros()),
+        points.reshape(-1),
+        min(POINTS_PER_BLOCK, len(points)),
+    )
     cells, codes, slices = np.empty(count, np.int64), np.empty(count, np.uint8), np.empty(count, np.int64)
-    for first in range(0, points.shape[0], BLOCK):
-        last = min(first + BLOCK, points.shape[0])
-        part = numbers[size * first : size * last]
+    for first in range(0, points.shape[0], POINTS_PER_BLOCK):
+        last = min(first + POINTS_PER_BLOCK, points.shape[0])
+        part = coordinates[size * first : size * last]
         map_.rotations.slices_at(part, size, slices[: last - first])
-        left = codes_of(map_, part, slices, cells[: last - first], codes)
+        n_undecided = compute_codes(map_, part, slices, cells[: last - first], codes)
         read_states(map_.cells, cells[: last - first], codes, out[first:last])
-        if left == 0:
+        if n_undecided == 0:
             continue
         for k in range(first, last):
-            if codes[k - first] == UNSURE:
+            if codes[k - first] == UNDECIDED:
                 q = configuration(map_, points, k)
                 if not is_usable(map_, q):
                     return k
@@ -210,12 +219,15 @@ def classify_many(map_: Map, points: Floats, out: States) -> int:
 
 # ---- boxes of cells --------------------------------------------------------------------------------------------------
 #
-# What walks over cells is written for three axes; the plane is space with one layer of cells along the first.
+# Loops over cells are written for three axes; the plane is space with one layer of cells along the first axis.
 
 
 @kernel
-def layered(cell: Cell, layer: int) -> Cell:
-    """A cell ``(slice, x, y)`` or ``(slice, x, y, z)`` along three axes, without the slice."""
+def drop_slice(cell: Cell, layer: int) -> Cell:
+    """Return the position of a cell along three axes, without its slice.
+
+    Cells are ``(slice, x, y)`` or ``(slice, x, y, z)``; ``layer`` fills the missing axis.
+    """
     three = (layer, layer, layer)
     for axis in range(len(cell) - 1):
         three = replaced(three, 4 - len(cell) + axis, cell[axis + 1])
@@ -228,12 +240,13 @@ class Slice(NamedTuple):
     Attributes
     ----------
     cells : ndarray of uint8, shape (n,), or TwoBits
-        The states of all slices in a row.
+        States of all slices in a row.
     start : int
-        Where those of this one begin.
+        Index of the first cell of this slice.
     shape : tuple of int, length 3
+        Cells along each axis.
     low, high : tuple of int, length 3
-        First and last cell of a box; what of it lies outside the grid is not FREE, and all else there is.
+        First and last cell of a box. Its cells outside the grid are not FREE; all other cells outside the grid are.
     """
 
     cells: Cells
@@ -244,26 +257,30 @@ class Slice(NamedTuple):
 
 
 @always_inline
-def slice_of(map_: Map, number: int, inside: bool) -> Slice:
-    """A slice by its number, as if all were FREE outside the grid, or with the box of cells there that are MIXED.
+def get_slice(map_: Map, s: int, inside: bool) -> Slice:
+    """Return a slice by its index.
 
-    All else there must be FREE.
+    If ``inside``, everything outside the grid counts as FREE. Otherwise the box of MIXED cells is included, and all
+    other cells outside the grid must be FREE.
     """
-    one: int = np.int64(1)  # type: ignore[assignment]  # of one type for the compiler from the start
+    one: int = np.int64(1)  # type: ignore[assignment]  # numba requires one type from the start
     dim, size, last = len(map_.lower), one, -one if inside else one - one
     shape, low, high = (one, one, one), (one - one, one - one, one - one), (last, last, last)
     for axis in range(dim):
         size *= map_.states.shape[axis + 1]
         shape = replaced(shape, 3 - dim + axis, map_.states.shape[axis + 1])
         if not inside:
-            low = replaced(low, 3 - dim + axis, map_.exterior[number, axis])
-            high = replaced(high, 3 - dim + axis, map_.exterior[number, axis + dim])
-    return Slice(map_.cells, number * size, shape, low, high)
+            low = replaced(low, 3 - dim + axis, map_.exterior[s, axis])
+            high = replaced(high, 3 - dim + axis, map_.exterior[s, axis + dim])
+    return Slice(map_.cells, s * size, shape, low, high)
 
 
 @always_inline
 def run_is_free(part: Slice, i: int, j: int, first: int, last: int) -> bool:
-    """Whether the cells ``first <= k <= last`` of the column (i, j) are FREE, if all outside grid and box is."""
+    """Return True if the cells ``first <= k <= last`` of column (i, j) are FREE.
+
+    Cells outside both grid and box count as FREE.
+    """
     nx, ny, nz = part.shape
     in_grid = (i >= 0) & (i < nx) & (j >= 0) & (j < ny)
     if in_grid:
@@ -279,22 +296,25 @@ def run_is_free(part: Slice, i: int, j: int, first: int, last: int) -> bool:
 
 
 @kernel
-def box_is_free(map_: Map, number: int, q: Numbers, distance: float) -> bool:
-    """Whether every closed cell within SLACK of all positions within ``distance`` along each axis is FREE."""
+def box_is_free(map_: Map, s: int, q: Numbers, distance: float) -> bool:
+    """Return True if all cells within ``distance`` along each axis are FREE.
+
+    The cells are closed, and SLACK is added to the distance.
+    """
     dim, reach, total, inside = len(map_.lower), distance / map_.spacing + SLACK, 0.0, True
     first, last = (0, 0, 0), (0, 0, 0)
     for axis in range(dim):
-        place = (q[axis] - map_.lower[axis]) / map_.spacing
-        total += abs(place)
-        if total <= MAX_PLACE:  # nor is NaN
-            low, high = math.ceil(place - reach) - 1, math.floor(place + reach)
+        position = (q[axis] - map_.lower[axis]) / map_.spacing
+        total += abs(position)
+        if total <= MAX_POSITION:  # False for NaN
+            low, high = math.ceil(position - reach) - 1, math.floor(position + reach)
             inside &= (low >= 0) & (high < map_.states.shape[axis + 1])
             first, last = replaced(first, 3 - dim + axis, low), replaced(last, 3 - dim + axis, high)
-    if not total + reach <= MAX_PLACE:
+    if not total + reach <= MAX_POSITION:
         return False
-    if not inside and map_.exterior[number, 2 * dim] != FREE:
+    if not inside and map_.exterior[s, 2 * dim] != FREE:
         return False
-    part = slice_of(map_, number, inside)
+    part = get_slice(map_, s, inside)
     if not inside:
         for axis in range(3):
             first = replaced(first, axis, max(first[axis], min(part.low[axis], 0)))
@@ -308,9 +328,9 @@ def box_is_free(map_: Map, number: int, q: Numbers, distance: float) -> bool:
 
 @kernel
 def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out: Bools) -> int:
-    """Whether all is FREE within a distance along each axis and within an angle of configurations.
+    """Write whether all is FREE within a distance and an angle of configurations.
 
-    Gives the index of the first configuration that is not usable, or -1.
+    Return the index of the first unusable configuration, or -1. The distance is along each axis.
     """
     for k in range(points.shape[0]):
         q = configuration(map_, points, k)
@@ -322,11 +342,11 @@ def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out
 
 @kernel
 def around_is_free(map_: Map, q: Numbers, distance: float, angle: float) -> bool:
-    """The same of one configuration that is usable."""
+    """Return True where every configuration within `distance` and `angle` of q is proven free."""
     cursor = map_.rotations.first_around(q, angle)
     while True:
-        more, number, cursor = map_.rotations.next_around(cursor)
+        more, s, cursor = map_.rotations.next_around(cursor)
         if not more:
             return True
-        if not box_is_free(map_, number, q, distance):
+        if not box_is_free(map_, s, q, distance):
             return False

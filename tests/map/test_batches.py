@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import cspace
 from cspace import InputError, Robot, Workspace
 from cspace.map import mip
-from cspace.map.batches import MIN_EDGES_PER_THREAD, ROWS, evaluate_pairs
+from cspace.map.batches import MIN_EDGES_PER_THREAD, ROWS_PER_COPY, evaluate_pairs
 from cspace.map.mip import MAX_CELLS_PER_EDGE
 from cspace.rotations import Rotations
 from cspace.threads import MIN_ITEMS_PER_THREAD
@@ -90,7 +90,7 @@ def test_numbers_of_any_type_get_the_same_answers(make):
     rng = np.random.default_rng(3)
     space = made(make, 3)
     for dtype in ("float64", "float32", "float16", "int64", "int8", "uint16", "bool", "longdouble"):
-        q = rng.uniform(0, 3, (ROWS + 7, space.size)).astype(dtype)
+        q = rng.uniform(0, 3, (ROWS_PER_COPY + 7, space.size)).astype(dtype)
         if len(space.rotations.names) == 4:
             q[:, 3:] = np.eye(4)[rng.integers(0, 4, len(q))]
         wide = q.astype(np.float64)
@@ -104,7 +104,7 @@ def test_numbers_of_any_type_get_the_same_answers(make):
 def test_arrays_of_any_layout_get_the_same_answers(make):
     rng = np.random.default_rng(4)
     space = make(rng)
-    q = draw_configurations(space, rng, 3 * ROWS, far=True).reshape(3, ROWS, space.size)
+    q = draw_configurations(space, rng, 3 * ROWS_PER_COPY, far=True).reshape(3, ROWS_PER_COPY, space.size)
     states, free = space.classify(q), space.motion_is_free(q, q[::-1])
     layouts = [
         np.asfortranarray(q),
@@ -117,7 +117,7 @@ def test_arrays_of_any_layout_get_the_same_answers(make):
         assert (space.classify(other) == states).all()
         assert (space.classify(other[1]) == states[1]).all()
         assert (space.motion_is_free(other, q[::-1]) == free).all()
-    chosen = rng.integers(0, ROWS, 50)
+    chosen = rng.integers(0, ROWS_PER_COPY, 50)
     one_by_one = [[space.motion_is_free(q[0, 0], p) for p in row] for row in q[:, chosen]]
     assert space.motion_is_free(q[0, 0], q)[:, chosen].tolist() == one_by_one
 
@@ -128,17 +128,17 @@ def test_arrays_of_any_layout_get_the_same_answers(make):
 def test_the_first_bad_number_is_named(make, dtype, value):
     rng = np.random.default_rng(5)
     space = made(make, 5)
-    half = {"q": MIN_ITEMS_PER_THREAD + 2, "edge": max(ROWS, MIN_EDGES_PER_THREAD) + 2}
+    half = {"q": MIN_ITEMS_PER_THREAD + 2, "edge": max(ROWS_PER_COPY, MIN_EDGES_PER_THREAD) + 2}
     ask = {"q": space.classify, "edge": partial(space.motion_is_free, np.full(space.size, 0.5))}
     for name, middle in half.items():
         last = 2 * middle
-        for first, second in ((0, 1), (1023, 1024), (ROWS + 1, ROWS), (last, middle + 1), (last, 7)):
+        for first, second in ((0, 1), (1023, 1024), (ROWS_PER_COPY + 1, ROWS_PER_COPY), (last, middle + 1), (last, 7)):
             q = np.full((last + 1, space.size), 0.5, dtype)
             q[first, rng.integers(space.size)] = q[second, rng.integers(space.size)] = value
             with pytest.raises(InputError, match=f"{name} number {min(first, second)} is .*(nan|inf)"):
                 ask[name](q)
-    outside = configurations(space, np.full((ROWS + 100, space.size), -7.0))
-    outside[[ROWS, 70], [0, 1]] = value
+    outside = configurations(space, np.full((ROWS_PER_COPY + 100, space.size), -7.0))
+    outside[[ROWS_PER_COPY, 70], [0, 1]] = value
     for query in (space.classify, space.clearance):
         with pytest.raises(InputError, match="q number 70 is"):
             query(outside)
@@ -231,7 +231,7 @@ def test_a_large_roadmap_in_threads(make):
     rng = np.random.default_rng(7)
     space = make(rng)
     vertices = space.sample_free(5000, rng)
-    edges = rng.integers(0, len(vertices), (3 * ROWS + 1, 2))
+    edges = rng.integers(0, len(vertices), (3 * ROWS_PER_COPY + 1, 2))
     free = space.certify_path(vertices, edges)
     assert (free == space.motion_is_free(vertices[edges[:, 0]], vertices[edges[:, 1]])).all()
     assert (free == space.certify_path(vertices[:, ::-1][:, ::-1], edges.astype(np.uint16))).all()
