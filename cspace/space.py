@@ -854,7 +854,7 @@ class CSpace(ConfigurationMap, MapExport):
             clearances = whole._inflation.clearances(limit)
         else:
             clearances = slice_clearances(whole._seen[number], whole._exterior.table[number], limit)
-        return clearances[periodic.middle] if periodic else clearances
+        return clearances[periodic.center_period] if periodic else clearances
 
     def _flat_state(self) -> States:
         """Return each cell's state over all rotations: FREE or BLOCKED if all agree, otherwise MIXED."""

@@ -1,7 +1,7 @@
-"""Compiled walks along edges: whether every closed cell that an edge touches is FREE.
+"""Compiled tests of edges: whether every closed cell that an edge touches is FREE.
 
-An edge is cut where it leaves a rotation cell, and each piece is walked in that cell's slice, from slab to slab of
-cells. Places are counted in cells, along three axes; the plane is space with one layer of cells along the first.
+An edge is cut where it leaves a rotation cell. Each piece is walked in that cell's slice, slab by slab. Positions are
+in cells along three axes; the plane is space with one layer of cells along the first.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from cspace.map.points import (
 )
 from cspace.map.storage import Map, state_in
 
-FINEST = 1.0 / 16.0
-"""Least distance of points that are looked at before an edge is walked, as a part of the edge."""
+MIN_PROBE_SHARE = 1.0 / 16.0
+"""Minimum distance of probes on an edge, as a share of the edge."""
 
-NEAREST = 2.0
-"""The same, in cells."""
+MIN_PROBE_SPACING_CELLS = 2.0
+"""Minimum distance of probes on an edge, in cells."""
 
-UPRIGHT = 2.0**-500
-"""Cells between two places that count as one: what is divided by less would overflow."""
+MIN_EXTENT_CELLS = 2.0**-500
+"""Extent of a segment along an axis, in cells, below which it counts as zero, because dividing by it would overflow."""
 
 
 @kernel
 def edges_are_free(map_: Map, blocks: Words | None, first: Floats, second: Floats, out: Bools) -> int:
-    """``edge_is_free`` of edges, shapes (n, size); the index of the first edge that is not usable, or -1."""
+    """Test edges, shapes (n, size); return the first unusable edge, or -1."""
     for k in range(first.shape[0]):
         q0, q1 = configuration(map_, first, k), configuration(map_, second, k)
         if not (is_usable(map_, q0) and is_usable(map_, q1)):
@@ -50,10 +50,10 @@ def edges_are_free(map_: Map, blocks: Words | None, first: Floats, second: Float
 
 @always_inline
 def edge_is_free(map_: Map, blocks: Words | None, q0: Numbers, q1: Numbers) -> bool:
-    """Whether every closed cell within SLACK of an edge is FREE.
+    """Return True if every closed cell within SLACK of an edge is FREE.
 
-    Along an edge the position goes straight, and the rotation the shortest way. ``blocks`` are those of
-    :class:`cspace.map.mip.OccupancyBits`, or None, so that no walk among them is compiled.
+    Along an edge the position moves straight and the rotation takes the shortest arc. ``blocks`` are those of
+    :class:`cspace.map.mip.OccupancyBits`; if None, the walk over blocks is not compiled.
     """
     cursor = map_.rotations.first_piece(q0, q1)
     while True:
@@ -70,7 +70,10 @@ def edge_is_free(map_: Map, blocks: Words | None, q0: Numbers, q1: Numbers) -> b
 
 @kernel
 def along(map_: Map, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
-    """The configuration at t in [0, 1] along one of the shortest arcs, see ``arc_count``."""
+    """Return the configuration at t in [0, 1] along a shortest arc.
+
+    ``arc`` selects one of several shortest arcs; see ``arc_count``.
+    """
     q = map_.rotations.turned(q0, q1, arc, t)
     for axis in range(len(map_.lower)):
         q = replaced(q, axis, between(q0[axis], q1[axis], t))
@@ -79,7 +82,7 @@ def along(map_: Map, q0: Numbers, q1: Numbers, arc: int, t: float) -> Numbers:
 
 @always_inline
 def between(first: float, second: float, t: float) -> float:
-    """The number at t in [0, 1] on the way from one to another, never outside."""
+    """Interpolate between two numbers at t in [0, 1]; never leave their range."""
     if t == 0.0:
         return first
     if t == 1.0:
@@ -90,7 +93,7 @@ def between(first: float, second: float, t: float) -> float:
 
 @always_inline
 def segment_is_free(map_: Map, blocks: Words | None, number: int, first: Numbers, last: Numbers) -> bool:
-    """The same of a segment in one slice, by the positions of its endpoints."""
+    """Return True if a segment in one slice is FREE, given the positions of its ends."""
     inside: bool = np.bool_(True)  # type: ignore[assignment]  # numba requires one type from the start
     dim, total = len(map_.lower), 0.0
     p, q = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)
@@ -100,14 +103,14 @@ def segment_is_free(map_: Map, blocks: Words | None, number: int, first: Numbers
         inside &= (min(a, b) >= lower) & (max(a, b) <= upper)
         total += abs(u) + abs(v)
         p, q = replaced(p, 3 - dim + axis, u), replaced(q, 3 - dim + axis, v)
-    if not total <= MAX_POSITION:  # nor is NaN
+    if not total <= MAX_POSITION:  # True for NaN
         return False
-    # A segment that leaves the grid is proven only where all is FREE outside the grid and the box.
+    # A segment that leaves the grid is proven only if all cells outside both grid and box are FREE.
     if not inside and map_.exterior[number, 2 * dim] != FREE:
         return False
     part = get_slice(map_, number, inside)
     if inside:
-        if len(first) == 3 and not probes_are_free(part, p, q):  # in the plane none are compiled
+        if len(first) == 3 and not probes_are_free(part, p, q):  # planar maps compile no probes
             return False
         if blocks is not None:
             return blocks_are_free(part, blocks, number, p, q)
@@ -120,16 +123,16 @@ def segment_is_free(map_: Map, blocks: Words | None, number: int, first: Numbers
 
 @kernel
 def probes_are_free(part: Slice, p: Numbers, q: Numbers) -> bool:
-    """Whether some points of a segment in the grid lie in FREE cells: its end, its middle, its quarters, ...
+    """Test some points of a segment in the grid: its end, middle, quarters, and so on.
 
-    Most edges of a planner meet an obstacle, and this shows it sooner than a walk from one end to the other. Where it
-    is False, so is the walk: the points lie on the segment but for rounding, which is far below SLACK.
+    Most edges of a planner collide, and probes show it sooner than a walk. If a probe fails, the walk fails too: probes
+    lie on the segment up to rounding, which is far below SLACK.
     """
     nx, ny, nz = part.shape
     dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     cells = max(max(abs(dx), abs(dy)), abs(dz))
     step = 1.0
-    while step >= FINEST and step * cells >= NEAREST:
+    while step >= MIN_PROBE_SHARE and step * cells >= MIN_PROBE_SPACING_CELLS:
         t = step
         while t <= 1.0:
             i, j = min(math.floor(p[0] + t * dx), nx - 1), min(math.floor(p[1] + t * dy), ny - 1)
@@ -143,12 +146,12 @@ def probes_are_free(part: Slice, p: Numbers, q: Numbers) -> bool:
 
 @always_inline
 def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]:
-    """The first and last t in [0, 1] at which ``p + t (q - p)`` lies in some cells of a line, widened by SLACK.
+    """Return the first and last t in [0, 1] at which ``p + t (q - p)`` is in some cells.
 
-    The first is above the last where it never does. Every operation rounds monotonically, so that the times of several
-    cells hold those of each; and what rounding moves, which is the more the longer the segment, SLACK makes up for.
+    The range is widened by SLACK; first > last if there is none. Every operation rounds monotonically, so the range of
+    several cells contains the range of each. SLACK covers rounding, which grows with the length of the segment.
     """
-    if abs(q - p) < UPRIGHT:
+    if abs(q - p) < MIN_EXTENT_CELLS:
         return 0.0, 1.0
     scale = 1.0 / (q - p)
     a, b = (first - SLACK - p) * scale, (last + 1 + SLACK - p) * scale
@@ -157,17 +160,16 @@ def slab_times(p: float, q: float, first: int, last: int) -> tuple[float, float]
 
 @always_inline
 def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, int]:
-    """First and last cell that ``p + t (q - p)`` is in for t in [start, stop], with SLACK."""
+    """Return the first and last cell of ``p + t (q - p)`` for t in [start, stop], with SLACK."""
     a, b = p + start * (q - p), p + stop * (q - p)
     return math.ceil(min(a, b) - SLACK) - 1, math.floor(max(a, b) + SLACK)
 
 
 @kernel
 def slabs_are_free(part: Slice, p: Numbers, q: Numbers, low: Cell, high: Cell) -> bool:
-    """Whether the cells of a segment from ``low`` to ``high`` are FREE.
+    """Return True if a segment's cells between ``low`` and ``high`` are FREE.
 
-    It is cut into slabs of cells along x, each part into slabs along y, and what is left of it there meets a run of
-    cells along z.
+    The segment is cut into slabs along x, and each slab along y; each part meets a run of cells along z.
     """
     first, last = cells_between(p[0], q[0], 0.0, 1.0)
     for i in range(max(low[0], first), min(high[0], last) + 1):
@@ -188,8 +190,8 @@ def slabs_are_free(part: Slice, p: Numbers, q: Numbers, low: Cell, high: Cell) -
 
 @kernel
 def blocks_are_free(part: Slice, blocks: Words, number: int, p: Numbers, q: Numbers) -> bool:
-    """The same of a segment in the grid: it is cut into slabs of blocks, and walked only in those that are not FREE."""
-    ground: int = np.int64(0)  # type: ignore[assignment]  # the compiler gets one type for all three
+    """Return True if a segment in the grid is FREE, walking marked blocks only."""
+    ground: int = np.int64(0)  # type: ignore[assignment]  # numba requires one type for all three
     nx, ny, nz = part.shape
     first, last = cells_between(p[0], q[0], 0.0, 1.0)
     first, last = max(first, 0), min(last, nx - 1)

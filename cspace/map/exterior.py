@@ -1,4 +1,4 @@
-"""What is known of configurations outside the grid."""
+"""Proven states of configurations outside the grid."""
 
 from __future__ import annotations
 
@@ -12,30 +12,31 @@ from cspace.arrays import BLOCKED, FREE, MIXED, Bools, Ints
 from cspace.raster import Raster
 
 OUTSIDES: Final = ("blocked", "free")
-"""What lies outside the grid."""
+"""Assumptions about the workspace outside its grid."""
 
 UNKNOWN: Final = "unknown"
-"""What lies outside a part of a larger map: nothing is known of it, and so all there is MIXED."""
+"""Outside a part of a larger map nothing is known, so all cells there are MIXED."""
 
 
 @dataclass(frozen=True, slots=True)
 class Exterior:
-    """For each slice one state for all cells outside the grid, but for a box in which they are MIXED.
+    """State of all cells outside the grid for each slice, except a box of MIXED cells.
 
     Attributes
     ----------
     table : ndarray of int64, shape (slices, 2 d + 1)
-        The box's first cell, its last cell, and the state of every cell that lies neither in the grid nor in the box.
-        A box is empty where a first number is above the last. An update of the workspace changes it in place.
+        First cell of the box, its last cell, and the state of cells outside both grid and box. A box is empty if first
+        > last along an axis. Workspace updates change the table in place.
     """
 
     table: Ints
 
     @classmethod
     def of(cls, occupied: Bools, rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
-        """What is proven outside the grid, from the outer cells of a workspace and the robot's rasters, of each slice.
+        """Compute the exterior from a workspace's outer cells and the robot's rasters.
 
-        ``policy`` is what lies outside the workspace: "blocked", "free" or "unknown".
+        ``rasters`` are those of each slice. ``policy`` is the space outside the workspace: "blocked", "free" or
+        "unknown".
         """
         box = np.zeros((2, occupied.ndim), dtype=np.int64)
         if policy == "free":
@@ -45,13 +46,16 @@ class Exterior:
 
     @classmethod
     def around(cls, shape: Sequence[int], box: Ints, rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
-        """The same of a workspace of a shape, by the first and last cell of its obstacles, which only "free" reads."""
+        """Compute the exterior of a workspace from its shape and obstacle box.
+
+        ``box`` has the first and last obstacle cell; only policy "free" reads it.
+        """
         if policy == UNKNOWN:
             nowhere = np.repeat([0, -1], len(shape))
             return cls(np.array([[*nowhere, MIXED]] * len(rasters), dtype=np.int64))
         if policy == "free":
-            return cls(np.array([[*reached(box.ravel(), outer), FREE] for outer, _ in rasters], dtype=np.int64))
-        # BLOCKED is proven where an inner offset falls outside the workspace.
+            return cls(np.array([[*reached_box(box.ravel(), outer), FREE] for outer, _ in rasters], dtype=np.int64))
+        # BLOCKED is proven if an inner offset falls outside the workspace.
         last = np.asarray(shape) - 1
         rows = [
             [*-np.asarray(inner.lower), *(last - inner.upper), BLOCKED if inner.count else MIXED]
@@ -65,17 +69,17 @@ class Exterior:
         return self.table[:, :-1]
 
     def is_all_blocked(self, shape: tuple[int, ...]) -> Bools:
-        """Whether every cell outside a grid of this shape is BLOCKED, for each slice."""
+        """Return, for each slice, True if every cell outside a grid is BLOCKED."""
         first, last = self.boxes[:, : len(shape)], self.boxes[:, len(shape) :]
         hidden = (first > last).any(axis=1) | ((first >= 0) & (last < shape)).all(axis=1)
         return np.asarray((self.table[:, -1] == BLOCKED) & hidden)
 
 
-def reached(obstacles: Ints, outer: Raster) -> Ints:
-    """The box from whose cells some offset can fall on a box of obstacle cells; outside it FREE is proven.
+def reached_box(obstacles: Ints, outer: Raster) -> Ints:
+    """Return the box of cells from which an offset may reach an obstacle box.
 
-    Both boxes are first cells along each axis, then last ones, shape (2 d,); empty where a first one is above the
-    last.
+    Outside the result FREE is proven. Both boxes have the first cell, then the last one, shape (2 d,); a box is empty
+    if first > last.
     """
     dim = len(obstacles) // 2
     low, high = obstacles[:dim], obstacles[dim:]

@@ -1,4 +1,4 @@
-"""Overlaps at single configurations, without a stored grid of them: the robot's rows are summed."""
+"""Overlaps at single configurations, summed over the robot's rows without a stored grid."""
 
 from __future__ import annotations
 
@@ -18,41 +18,43 @@ Counts = NDArray[np.int16] | NDArray[np.int32]
 
 
 class Sums:
-    """Running counts of a workspace's obstacle cells along the last axis.
+    """Running counts of obstacle cells along the last axis.
 
     Attributes
     ----------
     counts : ndarray of int16 or int32, shape (nx, ny, nz + 1)
-        Entry ``[i, j, k]`` counts the first k cells of its column; the plane has one layer. Of 16 bits where they
-        suffice.
+        Entry ``[i, j, k]`` counts the first k cells of its column; the plane has one layer. The type is int16 if it
+        suffices.
     """
 
     def __init__(self, cells: Bools) -> None:
-        cells = _spatial(cells)
+        cells = _with_three_axes(cells)
         kind = np.int16 if cells.shape[2] <= np.iinfo(np.int16).max else np.int32
         self.counts: Counts = np.zeros((*cells.shape[:2], cells.shape[2] + 1), dtype=kind)
-        for part, into in zip(cells, self.counts, strict=True):  # one by one: numpy would first copy all to that type
+        for part, into in zip(
+            cells, self.counts, strict=True
+        ):  # slice by slice, because numpy would first copy all to that type
             np.cumsum(part, axis=-1, dtype=kind, out=into[..., 1:])
 
     def refresh(self, cells: Bools, box: Ints) -> None:
-        """Count again in a box, shape (6,), in which cells have changed."""
-        refresh_counts(self.counts, _spatial(cells), box)
+        """Count again in a box of changed cells, shape (6,)."""
+        refresh_counts(self.counts, _with_three_axes(cells), box)
 
 
-def _spatial(cells: Bools) -> Bools:
-    """Cells with three axes."""
+def _with_three_axes(cells: Bools) -> Bools:
+    """Return cells with three axes."""
     return cells.reshape(*(1,) * (3 - cells.ndim), *cells.shape)
 
 
 class Runs(NamedTuple):
-    """The offsets of a robot's slices in rows along the last axis.
+    """Offsets of a robot's slices, as rows along the last axis.
 
     Attributes
     ----------
     rows : ndarray of int64, shape (n, 4)
-        ``(dx, dy, first dz, number of dz)``; in the plane dx is 0, and the others stand for the two axes.
+        ``(dx, dy, first dz, number of dz)``; in the plane dx is 0, and dy and dz stand for the two axes.
     stops : ndarray of int64, shape (slices,)
-        Where the rows of each slice end.
+        End of the rows of each slice.
     """
 
     rows: Ints
@@ -67,9 +69,9 @@ class Runs(NamedTuple):
 
 @kernel
 def overlaps(map_: Map, counts: Counts, runs: Runs, outside: int, points: Floats, out: Ints) -> int:
-    """Overlaps of the robot with obstacle cells at configurations; the first one that is not usable, or -1.
+    """Compute overlaps with obstacle cells; return the first unusable row, or -1.
 
-    ``outside`` is 1 where cells outside the grid are obstacles, otherwise 0.
+    ``outside`` is 1 if cells outside the grid are obstacles, otherwise 0.
     """
     for k in range(points.shape[0]):
         q = configuration(map_, points, k)
@@ -81,27 +83,30 @@ def overlaps(map_: Map, counts: Counts, runs: Runs, outside: int, points: Floats
 
 @kernel
 def overlap_at(map_: Map, counts: Counts, runs: Runs, outside: int, q: Numbers) -> int:
-    """The same at one configuration, summed run by run."""
+    """Return the overlap at one configuration, summed run by run."""
     nx, ny, nz = counts.shape[0], counts.shape[1], counts.shape[2] - 1
     _, _, cell = cell_of(map_, q)
     i, j, k = drop_slice(cell, 0)
-    number = map_.rotations.states_at(q)
+    s = map_.rotations.states_at(q)
     total = 0
-    for r in range(runs.stops[number - 1] if number > 0 else 0, runs.stops[number]):
+    for r in range(runs.stops[s - 1] if s > 0 else 0, runs.stops[s]):
         a, b = i + runs.rows[r, 0], j + runs.rows[r, 1]
-        first, hidden = k + runs.rows[r, 2], runs.rows[r, 3]
+        first, uncounted = k + runs.rows[r, 2], runs.rows[r, 3]
         if 0 <= a < nx and 0 <= b < ny:
             begin = min(max(first, 0), nz)
-            end = min(max(first + hidden, 0), nz)
+            end = min(max(first + uncounted, 0), nz)
             total += counts[a, b, end] - counts[a, b, begin]
-            hidden -= end - begin
-        total += hidden * outside
+            uncounted -= end - begin
+        total += uncounted * outside
     return total
 
 
 @kernel
 def refresh_counts(counts: Counts, cells: Bools, box: Ints) -> None:
-    """Running counts of columns through a box whose cells have changed, given by its first cell and its last one."""
+    """Update running counts after cells changed within a box.
+
+    ``box`` has the first and last changed cell, shape (6,).
+    """
     for x in range(box[0], box[3] + 1):
         for y in range(box[1], box[4] + 1):
             row, into = cells[x, y], counts[x, y]

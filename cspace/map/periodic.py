@@ -1,8 +1,8 @@
-"""Periodic axes of a map: angles of continuous joints, where the map begins again after a turn.
+"""Periodic axes of a map: angles of continuous joints.
 
-The cells of a map are those of one turn. Look-ups see them *unrolled*, with half a turn more at either end. A
-configuration is first brought into the middle turn, and an edge goes the shorter way from there, so that all cells that
-it touches are there without a seam. Components are those of the cells of one turn, joined across the seams.
+A map holds the cells of one period. Look-ups see them *unrolled*, with half a period more at either end. A
+configuration is first wrapped into the center period, and an edge takes the shorter arc from there, so it touches no
+seam. Components are those of one period, joined across the seams.
 """
 
 from __future__ import annotations
@@ -27,29 +27,30 @@ from cspace.workspace import Workspace
 
 T = TypeVar("T")
 
-BYTES_PER_CELL: Final = 3
-"""Memory for each unrolled cell: its state, and whether it meets an obstacle or lies in one."""
+BYTES_PER_UNROLLED_CELL: Final = 3
+"""Bytes per unrolled cell: its state, and its outer and inner obstacle bits."""
 
 _quiet: Final = np.errstate(invalid="ignore")
-"""Numbers that are not finite are refused later, by the kernels."""
+"""Silences warnings about non-finite numbers, which kernels refuse later."""
 
 
 @dataclass(frozen=True, slots=True)
 class Periodic(OneRotation):
-    """The periodic axes of a map whose robot does not rotate.
+    """Periodic axes of a map whose robot does not rotate.
 
     Attributes
     ----------
     axes : tuple of bool
-        Whether each number of a configuration is the angle of a continuous joint.
+        True for each coordinate that is the angle of a continuous joint.
     counts : tuple of int
-        Cells of the map along each axis; along a periodic one they make a turn.
+        Cells of the map along each axis; along a periodic axis they make one period.
     """
 
     axes: tuple[bool, ...] = ()
     counts: tuple[int, ...] = ()
 
     def __bool__(self) -> bool:
+        """Return True if any axis is periodic."""
         return any(self.axes)
 
     # ---- configurations ----------------------------------------------------------------------------------------------
@@ -74,10 +75,10 @@ class Periodic(OneRotation):
         return shorter(q1 - q0, self.axes)
 
     def wrap_rows(self, kernel: Kernel) -> Kernel:
-        """Wrap a kernel of configurations or edges so that it gets them in the middle turn."""
+        """Wrap a kernel of configurations or edges so that it gets wrapped angles."""
 
         @_quiet
-        def wrapping(given: Floats, *others_and_out: NDArray[Any]) -> int:
+        def run_wrapped(given: Floats, *others_and_out: NDArray[Any]) -> int:
             *others, out = others_and_out
             first, *lasts = map(self.canonical, (given, *others))
             ends = (
@@ -85,10 +86,10 @@ class Periodic(OneRotation):
             )
             return kernel(first, *ends, out)
 
-        return wrapping
+        return run_wrapped
 
     def begin_at(self, path: Floats, q0: Floats) -> Floats:
-        """Return a path by as many whole turns further as it takes to begin at a configuration."""
+        """Shift a path by whole turns so that it begins at a configuration."""
         return path + (q0 - path[:1] - self.steps(path[:1], q0))
 
     def names_among(self, axes: Sequence[str]) -> list[str]:
@@ -99,82 +100,82 @@ class Periodic(OneRotation):
 
     @property
     def padding(self) -> Ints:
-        """Cells that are unrolled at either end of each axis: half a turn, and what edges touch there."""
+        """Cells unrolled at either end of each axis: half a period, and two more for edges."""
         return np.where(self.axes, np.array(self.counts) // 2 + 2, 0)
 
     @property
-    def middle(self) -> tuple[slice, ...]:
-        """The cells of the middle turn in an array of the unrolled ones."""
+    def center_period(self) -> tuple[slice, ...]:
+        """Cells of the center period within an unrolled array."""
         return tuple(slice(pad, pad + n) for pad, n in zip(self.padding.tolist(), self.counts, strict=True))
 
     def cells_in_turn(self, unrolled: Grid, q: Floats) -> Ints:
-        """Return the cells of configurations, shape (..., d), rounded on borders as look-ups round."""
+        """Return cells of configurations, shape (..., d), rounded on borders as look-ups round."""
         cells = unrolled.cell_of(self.canonical(q)) - self.padding
         return np.where(self.axes, cells % self.counts, cells)
 
     def unroll(
         self, workspace: Workspace, states: NDArray[np.uint8], first: Ints, stop: Ints
     ) -> tuple[Workspace, NDArray[np.uint8]]:
-        """Return workspace and states of the cells from ``first`` to before ``stop``, counted on along periodic axes.
+        """Unroll workspace and states over cells [first, stop), repeating cells as needed.
 
         Raises InputError if they do not fit into memory.
         """
         whole = workspace.grid
         lower, shape = np.asarray(whole.lower) + whole.spacing * first, (stop - first).tolist()
         grid = Grid(lower, whole.spacing, shape, whole.axes, whole.units)
-        check_memory(BYTES_PER_CELL * grid.size, "the map, unrolled,", grid)
+        check_memory(BYTES_PER_UNROLLED_CELL * grid.size, "the map, unrolled,", grid)
 
-        def taken(cells: NDArray[Any]) -> NDArray[Any]:
+        def unroll_array(cells: NDArray[Any]) -> NDArray[Any]:
             for axis in np.flatnonzero(self.axes).tolist():
                 cells = cells.take(np.arange(first[axis], stop[axis]) % whole.shape[axis], axis=axis)
             return cells
 
-        outer = taken(workspace.outer)
-        inner = outer if workspace.inner is workspace.outer else taken(workspace.inner)
-        return Workspace(grid, outer, inner, workspace.source), taken(states)
+        outer = unroll_array(workspace.outer)
+        inner = outer if workspace.inner is workspace.outer else unroll_array(workspace.inner)
+        return Workspace(grid, outer, inner, workspace.source), unroll_array(states)
 
     def appearances(self, low: Ints, high: Ints) -> Iterator[tuple[Ints, tuple[slice, ...]]]:
-        """Yield where a box of cells, from ``low`` to ``high``, appears in the unrolled ones.
+        """Yield the places where a box of cells appears in the unrolled map.
 
-        That is the first unrolled cell of each appearance, and the part of the map that appears there.
+        Each is the first unrolled cell, and the part of the map that appears there.
         """
         counts, padding = np.array(self.counts), self.padding
         if (low > high).any():
             return
-        most = -(-padding // counts)
-        for turns in product(*(range(-n, n + 1) for n in most.tolist())):
-            shift = padding + counts * turns
+        max_periods = -(-padding // counts)
+        for periods in product(*(range(-n, n + 1) for n in max_periods.tolist())):
+            shift = padding + counts * periods
             first, stop = np.maximum(low + shift, 0), np.minimum(high + 1 + shift, counts + 2 * padding)
             if (first < stop).all():
                 yield first, tuple(map(slice, first - shift, stop - shift))
 
 
 NOT_PERIODIC: Final = Periodic()
-"""The periodic axes of a map that has none."""
+"""Stands for a map without periodic axes."""
 
 
 def with_wrapped_angles(check: Callable[..., T], periodic_axes: Sequence[bool]) -> Callable[..., T]:
-    """Wrap a function of one or two configurations, as floats, so that it gets angles of periodic axes in [-pi, pi).
+    """Wrap a function of one or two configurations so that angles are in [-pi, pi).
 
-    Angles of the second configuration are those within half a turn of the first. Angles that look-ups refuse become
-    NaN, where no configuration is free.
+    The function takes floats. Angles of the second configuration are within half a turn of the first. Angles that
+    look-ups refuse become NaN, where no configuration is free.
     """
-    circles, size = [k for k, turns in enumerate(periodic_axes) if turns], len(periodic_axes)
-    if not circles:
+    periodic, size = [k for k, turns in enumerate(periodic_axes) if turns], len(periodic_axes)
+    if not periodic:
         return check
 
-    # Python finds local names sooner than global ones.
-    most, turn, half, remainder = MAX_JOINT_ANGLE, TWO_PI, math.pi, math.remainder
+    # Local names are faster than global ones.
+    limit, period, half, remainder = MAX_JOINT_ANGLE, TWO_PI, math.pi, math.remainder
 
     def wrapped(*numbers: float) -> T:
         near = list(numbers)
-        for k in circles:
-            first = numbers[k] if -most <= numbers[k] <= most else math.nan
-            here = remainder(first, turn)
+        for k in periodic:
+            first = numbers[k] if -limit <= numbers[k] <= limit else math.nan
+            here = remainder(first, period)
             near[k] = here = here if here != half else -half
             if len(near) > size:
                 angle = numbers[size + k]
-                near[size + k] = here + remainder(angle - first, turn) if -most <= angle <= most else math.nan
+                near[size + k] = here + remainder(angle - first, period) if -limit <= angle <= limit else math.nan
         return check(*near)
 
     return wrapped
@@ -185,7 +186,7 @@ def below_half_a_turn(check: Callable[..., bool], periodic_axes: Sequence[bool])
 
     The check takes the shorter arc, which is then another motion.
     """
-    circles, size = [k for k, turns in enumerate(periodic_axes) if turns], len(periodic_axes)
-    if not circles:
+    periodic, size = [k for k, turns in enumerate(periodic_axes) if turns], len(periodic_axes)
+    if not periodic:
         return check
-    return lambda *both: all(abs(both[size + k] - both[k]) < 0.499 * TWO_PI for k in circles) and check(*both)
+    return lambda *both: all(abs(both[size + k] - both[k]) < 0.499 * TWO_PI for k in periodic) and check(*both)

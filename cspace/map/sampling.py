@@ -1,4 +1,4 @@
-"""The set of FREE cells: drawing from it, and the member nearest to a place."""
+"""Sampling of FREE cells, and the FREE cell nearest to a configuration."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from cspace.rotations import Rotations
 
 Chunks = NDArray[np.int32]
 
-EDGE: Final = 2.0**-20
-"""Part of a cell, along its border, that samples keep off, so that rounding never puts one into the next cell."""
+BORDER_MARGIN: Final = 2.0**-20
+"""Share of a cell, along its border, without samples, so that rounding never moves one into the next cell."""
 
-CHUNK: Final = 8
-"""Cells that are drawn from where one of them is FREE."""
+CELLS_PER_CHUNK: Final = 8
+"""Cells of a chunk; chunks with a FREE cell are drawn from."""
 
-SPARE: Final = 4
-"""Draws more than are needed where all are FREE."""
+EXTRA_DRAWS: Final = 4
+"""Draws in addition to those needed if all cells are FREE."""
 
-TRIES: Final = 2**12
-"""Rounds of draws; cells that are missing after them are 0. While no other thread changes the map and takes the last
-FREE cell away, as many never fail."""
+MAX_DRAW_ROUNDS: Final = 2**12
+"""Maximum rounds of draws; cells still missing are 0. All rounds fail only if another thread removes the last FREE cell
+meanwhile."""
 
 _ONE, _ONES, _TOPS = np.uint64(1), np.uint64(0x0101010101010101), np.uint64(0x8080808080808080)
 
@@ -36,20 +36,20 @@ _ONE, _ONES, _TOPS = np.uint64(1), np.uint64(0x0101010101010101), np.uint64(0x80
 
 @kernel
 def find_chunks(states: Bytes, each: bool, chunks: Chunks, stops: Ints) -> None:
-    """Numbers of the chunks of slices, shape (slices, cells), that have a FREE cell; with ``each``, of the FREE cells.
+    """List the chunks of slices with a FREE cell, or if ``each`` the FREE cells.
 
-    ``stops`` gets where those of each slice end.
+    ``states`` has shape (slices, cells). ``stops`` receives the end of each slice's list.
     """
     count = 0
     for s in range(len(states)):
         cells = states[s]
-        eights = cells[: len(cells) // CHUNK * CHUNK].view(np.uint64)
-        for chunk in range((len(cells) + CHUNK - 1) // CHUNK):
-            if chunk < len(eights):
-                eight = eights[chunk]
-                if ((eight - _ONES) & ~eight & _TOPS) == 0:  # no byte is 0, which is FREE
+        words = cells[: len(cells) // CELLS_PER_CHUNK * CELLS_PER_CHUNK].view(np.uint64)
+        for chunk in range((len(cells) + CELLS_PER_CHUNK - 1) // CELLS_PER_CHUNK):
+            if chunk < len(words):
+                word = words[chunk]
+                if ((word - _ONES) & ~word & _TOPS) == 0:  # no byte is 0, which is FREE
                     continue
-            for cell in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(cells))):
+            for cell in range(chunk * CELLS_PER_CHUNK, min((chunk + 1) * CELLS_PER_CHUNK, len(cells))):
                 if cells[cell] == FREE:
                     chunks[count] = cell if each else chunk
                     count += 1
@@ -59,10 +59,11 @@ def find_chunks(states: Bytes, each: bool, chunks: Chunks, stops: Ints) -> None:
 
 
 @kernel
-def pick(states: Bytes, each: bool, chunks: Chunks, stops: Ints, slices: Ints, draws: Floats, drawn: Ints) -> int:
-    """Go on with drawing FREE cells, ``drawn[0]`` of which are there, by numbers from 0 to 1; how many there are now.
+def draw_cells(states: Bytes, each: bool, chunks: Chunks, stops: Ints, slices: Ints, draws: Floats, drawn: Ints) -> int:
+    """Continue drawing FREE cells; return the number of cells drawn so far.
 
-    Each number gives one cell of the chunks of a slice; what is not FREE is passed over.
+    ``draws`` are random numbers in [0, 1); each gives one cell of the chunks of a slice, and cells that are not FREE
+    are skipped. ``drawn[0]`` is the number of cells drawn.
     """
     done, size = drawn[0], states.shape[1]
     for draw in draws:
@@ -70,11 +71,11 @@ def pick(states: Bytes, each: bool, chunks: Chunks, stops: Ints, slices: Ints, d
             break
         s = slices[done]
         first = stops[s - 1] if s > 0 else 0
-        place = draw * (stops[s] - first)
-        chunk = int(place)
+        position = draw * (stops[s] - first)
+        chunk = int(position)
         cell = np.int64(chunks[first + chunk])
         if not each:
-            cell = CHUNK * cell + int((place - chunk) * CHUNK)
+            cell = CELLS_PER_CHUNK * cell + int((position - chunk) * CELLS_PER_CHUNK)
         if cell < size and states[s, cell] == FREE:
             done += 1
             drawn[done] = cell
@@ -84,7 +85,7 @@ def pick(states: Bytes, each: bool, chunks: Chunks, stops: Ints, slices: Ints, d
 
 @kernel
 def find_ranks(cells: Cells, size: int, slices: Ints, ranks: Ints, drawn: Ints) -> None:
-    """The FREE cells of slices of a size that have so many FREE ones before them; 0 where there is none left."""
+    """Find the FREE cell of each given rank in its slice; 0 if there is none."""
     for n in range(len(slices)):
         left, begin = ranks[n], slices[n] * size
         for first in range(0, size, 64):
@@ -99,11 +100,11 @@ def find_ranks(cells: Cells, size: int, slices: Ints, ranks: Ints, drawn: Ints) 
 
 
 class FreeCells:
-    """The FREE cells of each slice, to be drawn from.
+    """FREE cells of each slice, for sampling.
 
-    Where few are FREE, their numbers are stored. Otherwise a cell is drawn from all cells of the chunks of CHUNK that
-    have a FREE one, until it is FREE itself: that takes half of the map's memory, and rarely more than two draws. Of
-    states in two bits nothing is stored, and the FREE cells of the slice are counted up to the one that is drawn.
+    If few cells are FREE, their indices are stored. Otherwise cells are drawn from all chunks with a FREE cell until
+    one is FREE, which takes half of the map's memory, and rarely more than two draws. For packed states nothing is
+    stored; the FREE cells of the slice are counted up to the one drawn.
 
     Attributes
     ----------
@@ -120,22 +121,25 @@ class FreeCells:
         slices, cells = self._states.shape
         self.counts = np.array([cells - np.count_nonzero(part) for part in self._states], dtype=np.int64)
         free = int(self.counts.sum())
-        self._each = free * CHUNK <= self._states.size
-        chunks = np.empty(free if self._each else slices * -(-cells // CHUNK), dtype=np.int32)
+        self._each = free * CELLS_PER_CHUNK <= self._states.size
+        chunks = np.empty(free if self._each else slices * -(-cells // CELLS_PER_CHUNK), dtype=np.int32)
         self._stops = np.empty(slices, dtype=np.int64)
         find_chunks(self._states, self._each, chunks, self._stops)
         self._chunks = chunks[: self._stops[-1]].copy()
 
     def draw(self, slices: Ints, rng: np.random.Generator) -> Ints:
-        """Flat indices of cells drawn uniformly from the FREE ones of slices, each of which must have one."""
+        """Return flat indices of cells drawn uniformly from the FREE cells of slices.
+
+        Each slice must have a FREE cell.
+        """
         if self._packed is not None:
             cells, ranks = np.zeros(len(slices), dtype=np.int64), rng.integers(0, self.counts[slices])
             find_ranks(self._packed.cells, self._packed.size // len(self._packed), slices, ranks, cells)
             return cells
         drawn, done = np.zeros(len(slices) + 1, dtype=np.int64), 0
-        for _ in range(TRIES):
-            draws = rng.random(len(slices) - done + SPARE)
-            done = pick(self._states, self._each, self._chunks, self._stops, slices, draws, drawn)
+        for _ in range(MAX_DRAW_ROUNDS):
+            draws = rng.random(len(slices) - done + EXTRA_DRAWS)
+            done = draw_cells(self._states, self._each, self._chunks, self._stops, slices, draws, drawn)
             if done == len(slices):
                 break
         return drawn[1:]
@@ -144,48 +148,55 @@ class FreeCells:
 def sample(
     free: FreeCells, slice_of: Ints, rotations: Rotations, grid: Grid, n: int, rng: np.random.Generator
 ) -> Floats:
-    """Configurations uniform over the volume of the FREE cells of all rotations, of which there must be one."""
-    turns = rotations.draw_cells(free.counts[slice_of], n, rng)
-    cells, place = free.draw(slice_of[turns], rng), np.empty((n, grid.dim))
-    for axis in range(grid.dim - 1, 0, -1):  # sooner than numpy.unravel_index
+    """Return configurations uniform over the FREE cells of all rotations.
+
+    There must be at least one FREE cell.
+    """
+    rotation_cells = rotations.draw_cells(free.counts[slice_of], n, rng)
+    cells, positions = free.draw(slice_of[rotation_cells], rng), np.empty((n, grid.dim))
+    for axis in range(grid.dim - 1, 0, -1):  # faster than numpy.unravel_index
         rows = cells // grid.shape[axis]
-        place[:, axis], cells = cells - rows * grid.shape[axis], rows
-    place[:, 0] = cells
-    place += rng.uniform(EDGE, 1.0 - EDGE, size=place.shape)
-    place *= grid.spacing
-    place += grid.lower
-    return np.concatenate([place, rotations.sample(turns, EDGE, rng)], axis=1)
+        positions[:, axis], cells = cells - rows * grid.shape[axis], rows
+    positions[:, 0] = cells
+    positions += rng.uniform(BORDER_MARGIN, 1.0 - BORDER_MARGIN, size=positions.shape)
+    positions *= grid.spacing
+    positions += grid.lower
+    return np.concatenate([positions, rotations.sample(rotation_cells, BORDER_MARGIN, rng)], axis=1)
 
 
 # ---- the nearest one -------------------------------------------------------------------------------------------------
 
 
 @jit
-def nearest_cell(cells: Bytes, place: Floats, low: Ints, high: Ints) -> Ints:
-    """The FREE cell of a slice, shape (nx, ny, nz), whose middle is nearest to a place, in cells; of length 0 if none.
+def nearest_cell(cells: Bytes, position: Floats, low: Ints, high: Ints) -> Ints:
+    """Return the FREE cell of a slice nearest to a position; of length 0 if none.
 
-    Rows along the last axis are looked at by their distance along the first two, those within reach of the best cell so
-    far, and each row from the nearest cell outwards. What is far from the place is not read. ``low`` and ``high`` are
-    for its own use, shape (2,).
+    ``cells`` has shape (nx, ny, nz); the distance is to the center, in cells. Rows along the last axis are visited in
+    order of their distance along the first two, while within reach of the best cell so far, and each row from the
+    nearest cell outwards. Distant cells are not read. ``low`` and ``high``, shape (2,), are scratch.
 
-    Costs are squared distances less what they share, scaled: those of places very far off would overflow.
+    Costs are squared distances less a common term, and scaled, because distances from far positions would overflow.
     """
     sizes = cells.shape
     scale = 1.0
     for axis in range(3):
-        scale = max(scale, abs(place[axis] - sizes[axis] / 2.0))
+        scale = max(scale, abs(position[axis] - sizes[axis] / 2.0))
     cell = np.empty(0, np.int64)
     best = math.inf
-    i, j, k = middle_of(place[0], sizes[0]), middle_of(place[1], sizes[1]), middle_of(place[2], sizes[2])
-    least_y, least_z = cost(j, place[1], sizes[1], scale), cost(k, place[2], sizes[2], scale)
+    i, j, k = (
+        nearest_index(position[0], sizes[0]),
+        nearest_index(position[1], sizes[1]),
+        nearest_index(position[2], sizes[2]),
+    )
+    least_y, least_z = axis_cost(j, position[1], sizes[1], scale), axis_cost(k, position[2], sizes[2], scale)
     low[0], high[0] = i, i + 1
     while True:
-        x, x_cost = next_layer(low, high, 0, place[0], sizes[0], scale)
+        x, x_cost = next_layer(low, high, 0, position[0], sizes[0], scale)
         if x < 0 or not x_cost + least_y + least_z < best:
             return cell
         low[1], high[1] = j, j + 1
         while True:
-            y, y_cost = next_layer(low, high, 1, place[1], sizes[1], scale)
+            y, y_cost = next_layer(low, high, 1, position[1], sizes[1], scale)
             if y < 0 or not x_cost + y_cost + least_z < best:
                 break
             row = cells[x, y]
@@ -193,38 +204,38 @@ def nearest_cell(cells: Bytes, place: Floats, low: Ints, high: Ints) -> Ints:
                 z = k if side == 0 else k - 1
                 while 0 <= z < sizes[2]:
                     if row[z] == FREE:
-                        total = x_cost + y_cost + cost(z, place[2], sizes[2], scale)
+                        total = x_cost + y_cost + axis_cost(z, position[2], sizes[2], scale)
                         if total < best:
                             best, cell = total, np.array([x, y, z])
                         break
-                    # Far from the best cell it is enough to look where the row still comes near.
-                    if best < math.inf and not x_cost + y_cost + cost(z, place[2], sizes[2], scale) < best:
+                    # Leave the row where it gets farther than the best cell.
+                    if best < math.inf and not x_cost + y_cost + axis_cost(z, position[2], sizes[2], scale) < best:
                         break
                     z += 1 if side == 0 else -1
 
 
 @kernel
-def middle_of(value: float, count: int) -> int:
-    """The cell along an axis whose middle is nearest to a value."""
+def nearest_index(value: float, count: int) -> int:
+    """Return the cell along an axis whose center is nearest to a value."""
     return int(min(max(math.floor(min(max(value, 0.0), float(count))), 0), count - 1))
 
 
 @kernel
-def cost(cell: int, value: float, count: int, scale: float) -> float:
-    """What a cell along an axis adds to the squared distance, but for what all cells share; over a scale."""
-    middle = count / 2.0
-    offset = cell + 0.5 - middle
-    return offset * offset / scale - 2.0 * offset * ((value - middle) / scale)
+def axis_cost(cell: int, value: float, count: int, scale: float) -> float:
+    """Return an axis's share of a squared distance, less a common term, scaled."""
+    center = count / 2.0
+    offset = cell + 0.5 - center
+    return offset * offset / scale - 2.0 * offset * ((value - center) / scale)
 
 
 @kernel
 def next_layer(low: Ints, high: Ints, axis: int, value: float, count: int, scale: float) -> tuple[int, float]:
-    """The next cell along an axis by its cost, and the cost; -1 after the last.
+    """Return the next cell along an axis in order of cost, and its cost; -1 at the end.
 
-    What lies from ``low + 1`` to before ``high`` has been taken.
+    Cells from ``low + 1`` to before ``high`` are done.
     """
-    below = cost(low[axis], value, count, scale) if low[axis] >= 0 else math.inf
-    above = cost(high[axis], value, count, scale) if high[axis] < count else math.inf
+    below = axis_cost(low[axis], value, count, scale) if low[axis] >= 0 else math.inf
+    above = axis_cost(high[axis], value, count, scale) if high[axis] < count else math.inf
     if below == math.inf and above == math.inf:
         return -1, math.inf
     if below <= above:
@@ -235,29 +246,29 @@ def next_layer(low: Ints, high: Ints, axis: int, value: float, count: int, scale
 
 
 def nearest(states: Stack, slice_of: Ints, rotations: Rotations, grid: Grid, q: Floats) -> Floats | None:
-    """Middle of the FREE cell nearest to a configuration, shape (size,), half a metre counting as much as a radian.
+    """Return the center of the FREE cell nearest to a configuration, or None.
 
-    None where there is no FREE cell. What is far from the configuration is not looked at.
+    Half a metre counts as much as a radian. Distant cells are not read.
     """
     dim = grid.dim
-    place = np.full(3, 0.5)
-    place[3 - dim :] = (q[:dim] - grid.lower) / grid.spacing
-    apart = rotations.distances(q) / 2.0
-    best, least = None, math.inf
+    position = np.full(3, 0.5)
+    position[3 - dim :] = (q[:dim] - grid.lower) / grid.spacing
+    angular = rotations.distances(q) / 2.0
+    best, min_distance = None, math.inf
     seen: set[int] = set()
-    for r in np.argsort(apart, kind="stable").tolist():
+    for r in np.argsort(angular, kind="stable").tolist():
         s = int(slice_of[r])
-        if apart[r] >= least:
+        if angular[r] >= min_distance:
             break
-        if s in seen:  # of rotation cells that share a slice, the nearest one
+        if s in seen:  # the nearest rotation cell of this slice was tested
             continue
         seen.add(s)
         cell = nearest_cell(
-            states[s].reshape(*(1,) * (3 - dim), *grid.shape), place, np.empty(2, np.int64), np.empty(2, np.int64)
+            states[s].reshape(*(1,) * (3 - dim), *grid.shape), position, np.empty(2, np.int64), np.empty(2, np.int64)
         )
         if len(cell):
             center = grid.center_of(cell[3 - dim :])
-            distance = math.hypot(*(center - q[:dim])) + apart[r]
-            if distance < least:
-                best, least = np.array([*center, *rotations.centers[r]]), distance
+            distance = math.hypot(*(center - q[:dim])) + angular[r]
+            if distance < min_distance:
+                best, min_distance = np.array([*center, *rotations.centers[r]]), distance
     return best
