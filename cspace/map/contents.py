@@ -1,4 +1,4 @@
-"""What a map is, in one record: a build makes it, files hold it, and a pickle carries it."""
+"""Contents of a map in one record, as made by a build, stored in files and carried by pickles."""
 
 from __future__ import annotations
 
@@ -100,25 +100,28 @@ class Contents:
 
     @property
     def grid(self) -> Grid:
-        """Cells of positions; the workspace's grid."""
+        """Grid of positions, which is the workspace's grid."""
         return self.workspace.grid
 
     @property
     def periodic(self) -> Periodic:
-        """The periodic axes; False if there are none."""
+        """Periodic axes; false if there are none."""
         return self.rotations if isinstance(self.rotations, Periodic) else NOT_PERIODIC
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Names of the numbers in a configuration."""
+        """Names of the coordinates of a configuration."""
         return (*self.grid.axes, *self.rotations.names)
 
     def leading(self, n: int) -> tuple[int, ...]:
-        """Shape of an array over n slices and the cells; over the cells alone where the robot does not turn."""
+        """Return the shape of an array over n slices and the cells.
+
+        If the robot does not rotate, it is the shape of the cells alone.
+        """
         return (*self.rotations.leading(n), *self.grid.shape)
 
     def copy(self) -> Contents:
-        """A copy in arrays of its own, but for those that are never written."""
+        """Return a copy with its own arrays; arrays that are never written are shared."""
         from cspace.workspace import copy_workspace
 
         return replace(
@@ -132,10 +135,10 @@ class Contents:
 
 
 def checked_fields(fields: Mapping[str, Floats], dim: int, shape: tuple[int, ...]) -> dict[str, Floats]:
-    """The arrays of an overlap field, in the order of :data:`cspace.arrays.FIELD_NAMES`, not to be written.
+    """Check the arrays of an overlap field; return them read-only, in order.
 
-    Raises InputError if one is missing or there are others, or one has another shape or type, or holds what is not
-    finite.
+    The order is that of :data:`cspace.arrays.FIELD_NAMES`. Raises InputError if an array is missing, unknown, of
+    another shape or type, or not finite.
     """
     names, hint = FIELD_NAMES[: 1 + dim], "use OverlapField.of, or CSpace.with_overlap_field"
     if set(fields) != set(names):
@@ -151,6 +154,6 @@ def checked_fields(fields: Mapping[str, Floats], dim: int, shape: tuple[int, ...
 
 
 def _writable(array: NDArray[Any]) -> NDArray[Any]:
-    """The array in one piece, and to be written; a copy only where it is not."""
+    """Return the array contiguous and writeable, copied only if it is not."""
     array = np.ascontiguousarray(array)
     return array if array.flags.writeable else array.copy()

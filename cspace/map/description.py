@@ -1,4 +1,4 @@
-"""What a map holds, for files and for analysis: its arrays with names, types, axes and units, and its metadata."""
+"""Description of a map for files and analysis: names, types, axes and units of arrays, and metadata."""
 
 from __future__ import annotations
 
