@@ -74,7 +74,7 @@ def test_states_match_the_definition(problem, rotations, outside, margin):
 )
 @given(stars(0.5), stars(1.0))
 def test_states_agree_with_the_exact_minkowski_sum(robot, obstacle):
-    """pyclipper adds the obstacle and the reflected robot in integers; FREE lies outside the sum, BLOCKED inside.
+    """FREE cells lie outside the Minkowski sum computed by pyclipper in integers, BLOCKED cells inside.
 
     A cell is BLOCKED if the robot, with its reference point in the cell, covers a point of an inner cell of the
     obstacle by the same offset, a whole number of cells along each axis.
@@ -106,7 +106,7 @@ def test_states_agree_with_the_exact_minkowski_sum(robot, obstacle):
 @settings(max_examples=20)
 @given(seeds, POLICIES, st.sampled_from([0.0, 0.1]), st.booleans())
 def test_states_of_boxes_rotating_in_space_are_never_wrong(seed, outside, margin, as_mesh):
-    """Footprints by shapely, heights by subtraction; yaws anywhere and on borders of rotation cells."""
+    """The oracle intersects footprints with shapely and compares heights, also at boundaries of rotation cells."""
     rng = np.random.default_rng(seed)
     occupied = rng.random((10, 9, 6)) < rng.choice([0.01, 0.04])
     extents, middle = rng.uniform(0.1, 0.9, 3), rng.uniform(-0.3, 0.3, 3) * rng.integers(0, 2)
@@ -152,13 +152,13 @@ def test_convex_pairs_agree_with_the_exact_minkowski_sum(first, second):
     workspace = Workspace.from_mesh(made[1], h, (-4, -4, -4, 4, 4, 4))
     space = cspace.build(workspace, Robot.from_mesh(made[0]), outside="free")
     total = minkowski_sum(*hulls)
-    # A cell whose lower corner is p meets the sum where p lies in the sum and the reflected cell together.
+    # A cell with lower corner p meets the sum if p lies in the Minkowski sum of it and the reflected cell.
     reach = minkowski_sum(total, manifold3d.Manifold.cube((h, h, h)).translate((-h, -h, -h)))
     lower = np.stack(np.meshgrid(*map(np.arange, space.grid.shape), indexing="ij"), -1) * h + space.grid.lower
     assert depth(reach, lower[space.cell_states == FREE]).max(initial=-np.inf) <= 1e-5
     corners = lower[space.cell_states == BLOCKED][:, None] + h * np.array(list(itertools.product((0, 1), repeat=3)))
     assert depth(total, corners.reshape(-1, 3)).min(initial=np.inf) >= -1e-5
-    # What is undecided is a band along the border of the sum.
+    # MIXED cells form a thin band along the boundary of the sum.
     middles = lower[space.cell_states == MIXED] + h / 2
     assert np.abs(depth(total, middles)).max(initial=0.0) <= 2.5 * np.sqrt(3) * h + thin(robot) + thin(obstacle)
 
@@ -193,7 +193,7 @@ def thin(points):
 @settings(max_examples=30)
 @given(problems(0.3), st.sampled_from([None, 5, "any way"]), st.integers(-3, 3), st.data())
 def test_maps_obey_monotony_union_and_translation(problem, rotations, shift, data):
-    """More obstacles or margin: never more FREE, never less BLOCKED. Union of obstacles: the worse of the maps."""
+    """More obstacles or margin never free a cell; the map of a union of obstacles is the maximum of the maps."""
     first, second, robot = problem
     second = np.roll(second, 1, axis=0)
     if rotations == "any way":
@@ -228,13 +228,13 @@ def test_quarter_turn_of_the_workspace_turns_the_map(robot, count, seed):
 @settings(max_examples=12)
 @given(solid_robots(0.3), st.sampled_from([8, Rotations.quaternions(1), Rotations.quaternions(2)]), seeds, POLICIES)
 def test_rotating_a_workspace_in_space_rotates_the_map(body, rotations, seed, outside):
-    """Quarter turns about z with yaw; with all rotations half turns about each axis, given by where quaternions go."""
+    """Test quarter turns about z for yaw maps, and half turns about each axis for maps with all rotations."""
     occupied, options = np.random.default_rng(seed).random((6, 5, 4)) < 0.1, {"outside": outside}
     space = cspace.build(Workspace.from_array(occupied, H), body[0], rotations=rotations, **options)
     cells, yaws = space.rotations, len(space.rotations.names) == 1
     for axis in (2,) if yaws else (0, 1, 2):
         turn = Rotation.from_rotvec((math.pi / 2 if yaws else math.pi) * np.eye(3)[axis])
-        # Of an array the turned entry [x, y, z] comes from where the inverse takes it.
+        # Entry [x, y, z] of the turned array is the entry at the inverse rotation of [x, y, z].
         turned = [part.swapaxes(-3, -2) if yaws else part for part in (occupied, space.cell_states)]
         flips = (-3,) if yaws else tuple({-3, -2, -1} - {axis - 3})
         world, wanted = (np.ascontiguousarray(np.flip(part, flips)) for part in turned)
@@ -246,7 +246,7 @@ def test_rotating_a_workspace_in_space_rotates_the_map(body, rotations, seed, ou
 @pytest.mark.parametrize("count", [2, 3, 5, 9, 17, 34])
 @pytest.mark.parametrize("size", [0.3, 1.0, 4.0])
 def test_slices_built_together_equal_separate_builds(count, size):
-    """However many share a transform: counts against sums of the rasters' rows, states against a map of each alone."""
+    """For any number of slices per transform, counts match sums of raster rows and states match single-slice maps."""
     occupied = np.random.default_rng(4).random((60, 50)) < 0.02
     workspace, robot = Workspace.from_array(occupied, 0.1), Robot.polygon(size * np.array(L_SHAPE))
     space = cspace.build(workspace, robot, rotations=count, method="fft")
@@ -275,7 +275,7 @@ def test_build_handles_thin_empty_and_full_maps_and_giant_robots(shape, fill, ra
     elif outside == "free":
         assert (space.cell_states == FREE).all()
     else:
-        assert (space.cell_states != FREE).all()  # nowhere does the robot fit within a map one cell wide
+        assert (space.cell_states != FREE).all()  # the robot fits nowhere in a map one cell wide
         assert (space.cell_states == BLOCKED).any() == (radius > 0.1)
 
 

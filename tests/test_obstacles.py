@@ -41,7 +41,7 @@ class Stage:
         middle = self.low + self.size * rng.uniform(-0.2, 1.2, dim) + rng.choice([0.0, 0.0, 0.0, 60.0])
         sides = rng.uniform(0.1, 0.2 + 0.5 * self.size.max(), dim)
         kind = int(rng.integers(3))
-        if kind == 0:  # on the borders of cells, too
+        if kind == 0:  # also on cell boundaries
             points = np.round((middle + rng.normal(0.0, 1.0, (int(rng.integers(1, 5)), dim))) / SPACING) * SPACING
             return points, rng.choice([0.0, 0.4])
         turn = Rotation.random(random_state=int(rng.integers(2**31))).as_matrix() if kind == 1 else np.eye(3)
@@ -148,7 +148,7 @@ def test_updates_keep_added_obstacles() -> None:
     space, empty = room(), room()
     space.add_obstacle("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
     state = space.cell_states.copy()
-    assert space.update(BLOCK & False, (18, 13)).changed == 0  # nothing was there to be cleared
+    assert space.update(BLOCK & False, (18, 13)).changed == 0  # there was nothing to clear
     np.testing.assert_array_equal(space.cell_states, state)
     space.update(BLOCK, (18, 13))
     space.remove_obstacle("cart")
@@ -172,7 +172,7 @@ def test_obstacles_and_updates_make_unknown_cells_known() -> None:
     assert workspace.unknown is not None and workspace.unknown[:4, 20:24].all()
 
 
-# ---- against other people's geometry ---------------------------------------------------------------------------------
+# ---- against shapely and FCL ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rotations", [None, 12])
@@ -229,7 +229,7 @@ def test_exact_queries_agree_with_fcl(rotations: Any) -> None:
                 assert free == (spare > 0.0)
 
 
-# ---- what is taken ---------------------------------------------------------------------------------------------------
+# ---- accepted and rejected shapes -------------------------------------------------------------------------------------
 
 
 def test_obstacles_accept_every_kind_of_shape() -> None:

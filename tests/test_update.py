@@ -32,7 +32,7 @@ from waiting import while_two_ask
 @given(worlds(), st.booleans())
 def test_a_stream_of_updates_equals_a_rebuild(world: World, asked: bool) -> None:
     space = world.build()
-    if asked:  # so that everything that is kept has to be kept up to date
+    if asked:  # queries fill all caches, which the updates must then refresh
         check(space, world.build(), world)
     for fresh in world.stream(space, 4):
         check(space, fresh, world)
@@ -97,17 +97,17 @@ def test_update_copies_read_only_states() -> None:
     assert not given_state.flags.writeable
     space = handmade.map_in(made.workspace, made.robot, given_state)
     space.update(BLOCK, (18, 13))
-    assert not np.array_equal(space.cell_states, given_state)  # which belongs to the other map
+    assert not np.array_equal(space.cell_states, given_state)  # the array belongs to the other map
 
 
-# ---- what is told ----------------------------------------------------------------------------------------------------
+# ---- results of updates ----------------------------------------------------------------------------------------------
 
 
 def test_update_returns_the_examined_box() -> None:
     space = room()
     before = space.cell_states.copy()
     update = space.update(BLOCK, (18, 13))
-    reach = 4  # cells: three of the disc's own, and one more as any point of a cell may meet it
+    reach = 4  # cells: three of the disc, and one more because the reference point may be anywhere in its cell
     assert update.occupied == 16
     assert (update.lower, update.upper) == ((18 - reach, 13 - reach), (22 + reach, 17 + reach))
     changed = np.argwhere(space.cell_states != before)
@@ -125,7 +125,7 @@ def test_update_examines_only_differing_cells() -> None:
 
 
 def test_update_counts_cells_of_every_rotation() -> None:
-    space = room(robot=Robot.rectangle(0.8, 0.4), rotations=8)  # of which four slices are stored
+    space = room(robot=Robot.rectangle(0.8, 0.4), rotations=8)  # four slices are stored
     before = space.cell_states.copy()
     update = space.update(BLOCK, (18, 13))
     assert update.changed == np.count_nonzero(space.cell_states != before)
@@ -138,7 +138,7 @@ def test_a_robot_larger_than_the_map_changes_nothing() -> None:
     assert (space.cell_states == BLOCKED).all()
 
 
-# ---- whose cells change ----------------------------------------------------------------------------------------------
+# ---- other maps and shapes -------------------------------------------------------------------------------------------
 
 
 def test_update_leaves_the_workspace_and_its_other_maps_unchanged() -> None:
@@ -402,7 +402,7 @@ def test_saved_map_has_one_version(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_paths_match_the_map_before_or_after_an_update(monkeypatch: pytest.MonkeyPatch) -> None:
-    # A cell that becomes FREE amid others, away from the rest, in a block that had one component.
+    # One cell becomes FREE, apart from the others, in a block that had one component.
     space = cspace.build(Workspace.from_array(exterior_blocked((40, 40), np.s_[10:20, 10:20]), 0.1), Robot.disc(0.01))
     pocket, corner, answers = (1.55, 1.55), (3.5, 3.5), []
     asking = threading.Thread(target=lambda: answers.append(space.is_disconnected(pocket, corner)))

@@ -46,7 +46,7 @@ SIZES = (0.03, 0.1, 0.3, 1.0)
 
 @dataclass(frozen=True)
 class Scene(Drawn):
-    """An arm among obstacles, in this library and in coal, and configurations to draw others around."""
+    """An arm among obstacles, in this library and in coal, and configurations near which others are drawn."""
 
     space: ArmSpace
     meshes: Meshes

@@ -110,14 +110,14 @@ def drive(q: Floats, turns: Any, lengths: Floats, radius: float) -> Floats:
 
 
 class _Oracle:
-    """Points of curves from OMPL, or from driving the pieces of our curve if OMPL's is another one."""
+    """Points of curves from OMPL, or from driving the pieces of our curve if OMPL's differs."""
 
     def __init__(self, way: CarCurves) -> None:
         self._way, self._states = way, way.states()
         self._first, self._last, self._at = (self._states.allocState() for _ in range(3))
 
     def follow(self, first: Floats, last: Floats, length: float) -> tuple[Floats, bool, bool]:
-        """Return points of a curve, shape (ALONG, 3), whether ours miss them, and whether OMPL's curve differs."""
+        """Return points of a curve, shape (ALONG, 3), whether ours deviate, and whether OMPL's curve differs."""
         ours = self._way.points(first, last, np.linspace(0.0, length, ALONG))
         for state, q in ((self._first, first), (self._last, last)):
             state.setXY(float(q[0]), float(q[1]))
