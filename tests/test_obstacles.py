@@ -172,7 +172,7 @@ def test_obstacles_and_updates_make_unknown_cells_known() -> None:
     assert workspace.unknown is not None and workspace.unknown[:4, 20:24].all()
 
 
-# ---- against shapely and FCL ------------------------------------------------------------------------------------------
+# ---- against shapely and FCL -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rotations", [None, 12])
@@ -229,7 +229,7 @@ def test_exact_queries_agree_with_fcl(rotations: Any) -> None:
                 assert free == (spare > 0.0)
 
 
-# ---- accepted and rejected shapes -------------------------------------------------------------------------------------
+# ---- accepted and rejected shapes ------------------------------------------------------------------------------------
 
 
 def test_obstacles_accept_every_kind_of_shape() -> None:
