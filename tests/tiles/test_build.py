@@ -207,7 +207,7 @@ def test_build_rejects_stores_of_other_maps(tmp_path):
     cspace.build(first, CAR, store=tmp_path / "p", tile=4)
     with pytest.raises(FileError, match="built on other obstacles"):
         cspace.build(other, CAR, store=tmp_path / "p", tile=4)
-    with pytest.raises(InputError, match="overlap_counts"):
+    with pytest.raises(InputError, match="counts"):
         cspace.build(workspace, CAR, store=tmp_path / "m", tile=4, counts=True)
 
 
