@@ -14,7 +14,7 @@ import cspace
 import planners
 from cspace import AngleWarning, CSpace, Robot, Workspace
 from planners.states import kind_of
-from test_endless import made
+from test_periodic_axes import made
 
 Call = Callable[[CSpace, tuple[float, ...]], object]
 

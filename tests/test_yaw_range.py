@@ -24,7 +24,7 @@ from maps import proven_paths
 from planners.states import kind_of
 from planning import ENDPOINTS, room
 from strategies import rotation_cells, seeds
-from test_endless import maps
+from test_periodic_axes import maps
 
 ROOMS = {"plane": ((16, 12), Robot.rectangle(0.3, 0.1)), "space": ((9, 8, 6), Robot.box((0.2, 0.1, 0.1)))}
 CIRCLE = (True, False)

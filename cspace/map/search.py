@@ -27,7 +27,7 @@ TURN_COST: Final = 4.0
 MAX_DETOUR_CELLS: Final = 16.0
 """Cells by which a chain may exceed the shortest chain over positions before the heuristic weakens."""
 
-NOT_PERIODIC: Final = 2**30
+INFINITE_PERIOD: Final = 2**30
 """Stands for the period of an axis that is not periodic."""
 
 CELLS_PER_CLOCK_CHECK: Final = 2**11
@@ -74,7 +74,7 @@ class Graph(NamedTuple):
     parts : ndarray of int64, shape (m,)
         Bit mask of the moves to the cells that each move touches.
     periods : tuple of int, length 3
-        Number of cells along each periodic axis, whose last cell is next to its first; :data:`NOT_PERIODIC` for other
+        Number of cells along each periodic axis, whose last cell is next to its first; :data:`INFINITE_PERIOD` for other
         axes.
     """
 
@@ -100,7 +100,7 @@ class Graph(NamedTuple):
         touched = ((moves == 0) | (moves == moves[:, None])).all(axis=2)
         parts, steps = (touched << np.arange(len(moves))).sum(axis=1), (moves * (ny * nz, nz, 1)).sum(axis=1)
         periodic = (False,) * (3 - dim) + tuple(periodic_axes)
-        i, j, k = (n if wraps else NOT_PERIODIC for n, wraps in zip((nx, ny, nz), periodic, strict=True))
+        i, j, k = (n if wraps else INFINITE_PERIOD for n, wraps in zip((nx, ny, nz), periodic, strict=True))
         cells, lengths = cells_of(states), np.linalg.norm(moves, axis=1)
         return cls(cells, (nx, ny, nz), slice_of, neighbors, turns, moves, steps, lengths, parts, (i, j, k))
 
