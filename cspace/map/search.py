@@ -74,7 +74,7 @@ class Graph(NamedTuple):
     parts : ndarray of int64, shape (m,)
         Bit mask of the moves to the cells that each move touches.
     periods : tuple of int, length 3
-        Number of cells along each periodic axis, whose last cell is next to its first; :data:`INFINITE_PERIOD` for other
+        Number of cells along each periodic axis, next to each other at the ends; :data:`INFINITE_PERIOD` for other
         axes.
     """
 
